@@ -271,3 +271,13 @@ def test_modes_below_a_closed_folder(tmp_path):
     assert cache.open_to_others(inside.parent / "turn") == inside.parent / "turn"
     before = cache.open_to_others(outside)  # None where temporary files are in a folder that is closed
     assert [cache.open_to_others(inside.parent / x) for x in ("absolute", "relative")] == [before, outside]
+
+
+def test_a_compiler_may_come_with_a_package(monkeypatch):
+    """Where the system has none; one of the system goes before it."""
+    assert "ziglang" not in compiler.command()
+    with monkeypatch.context() as without:
+        without.setattr(compiler.shutil, "which", lambda _: None)
+        for there, wanted in ((object(), [sys.executable, "-m", "ziglang", "cc"]), (None, None)):
+            without.setattr(compiler.importlib.util, "find_spec", {"ziglang": there}.get)
+            assert compiler.command() == wanted

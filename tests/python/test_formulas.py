@@ -231,7 +231,6 @@ def in_numpy_of(model):
 def test_without_a_compiler_numpy_computes_the_same(monkeypatch):
     known = mixed()
     monkeypatch.setattr(compiler, "command", lambda: None)
-    monkeypatch.setattr("symsde.model.formulas.llvm.engine.binding", lambda: None)
     with pytest.warns(errors.SlowFormulaWarning, match="there is no C compiler.* 40 to 70 times as long .*: install"):
         mine = mixed()
     assert mine.formula.backend == "NumPy" and mine.in_python and mine.traits == known.traits

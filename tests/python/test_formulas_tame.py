@@ -10,7 +10,7 @@ from symsde import errors
 sympy = pytest.importorskip("sympy")
 mpmath = pytest.importorskip("mpmath")
 
-from symsde.model.formulas import backends  # noqa: E402
+from symsde.model.formulas import compiler  # noqa: E402
 from symsde.model.formulas.derivatives import Derivatives  # noqa: E402
 from symsde.model.formulas.in_numpy import InNumpy  # noqa: E402
 from symsde.model.formulas.named_formulas import make_problem  # noqa: E402
@@ -59,7 +59,7 @@ def test_nothing_overflows_inside(text):
         np.testing.assert_allclose(given, truth(text, times), rtol=1e-8, atol=1e-12, err_msg=f"{times} derivatives")
 
 
-@pytest.mark.skipif(not backends.is_there(), reason="no compiler")
+@pytest.mark.skipif(compiler.command() is None, reason="no compiler")
 @pytest.mark.parametrize("text", TAME[:3])
 def test_runs_far_out(text):
     """Beyond the step of a potential a path flies freely or falls evenly; every lane has the bits of one alone."""

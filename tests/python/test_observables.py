@@ -172,7 +172,6 @@ def test_functions_are_watched_too(found):
 def test_without_a_compiler(found, monkeypatch):
     monkeypatch.setenv("SYMSDE_CC", "")
     monkeypatch.setattr("symsde.model.formulas.compiler.command", lambda: None)
-    monkeypatch.setattr("symsde.model.formulas.llvm.engine.binding", lambda: None)
     from symsde.model.formulas import formula_observables
 
     formula_observables._read.cache_clear()

@@ -95,7 +95,6 @@ def test_lanes_far_away(beta):
 def test_without_a_compiler(beta, monkeypatch):
     fast = ss.moments(beta, observables=MIXED, **RUN, **start(5))
     monkeypatch.setattr("symsde.model.formulas.compiler.command", lambda: None)
-    monkeypatch.setattr("symsde.model.formulas.llvm.engine.binding", lambda: None)
     formulas._read.cache_clear()
     try:
         slow = ss.moments(beta, observables=MIXED, **RUN, **start(5))
@@ -120,7 +119,6 @@ def test_without_a_compiler_at_the_ends(ends, monkeypatch):
     pairs["periodic"] = q * np.roll(p, -1, axis=0)
     np.testing.assert_allclose(fast[1], (2 + pairs[ends]).sum(axis=0), rtol=1e-13)
     monkeypatch.setattr("symsde.model.formulas.compiler.command", lambda: None)
-    monkeypatch.setattr("symsde.model.formulas.llvm.engine.binding", lambda: None)
     formulas._read.cache_clear()
     try:
         slow = formulas.FormulaObservables(model, {"h": H, **PAIRS})(0.0, q, p)

@@ -10,8 +10,7 @@ emit_c         C for the callbacks of the library
 sites          sums over the sites of a chain; site_loops, emit_sites, emit_rows their C
 collective     functions of such sums; emit_collective their C
 compiler       the system's compiler, and a cache on disk
-llvm           LLVM in its place
-in_numpy       the same callbacks without either
+in_numpy       the same callbacks without one
 observables    values of the state, of any model
 model          `model_from_sympy`
 """

@@ -10,12 +10,14 @@ from __future__ import annotations
 
 import functools
 import hashlib
+import importlib.util
 import os
 import platform
 import re
 import shlex
 import shutil
 import subprocess
+import sys
 import time
 from dataclasses import dataclass
 from pathlib import Path
@@ -43,25 +45,24 @@ class Compiled:
     """A compiled file."""
 
     library: Any  #: functions by their names
-    path: Path | None  #: None = in this process alone
+    path: Path
     seconds: float  #: of compilation; 0 = it was there
-    backend: str = "C"
 
 
 def command() -> list[str] | None:
-    """The C compiler: SYMSDE_CC, CC, or the system's cc, gcc or clang; None where there is none."""
+    """SYMSDE_CC, CC, the system's cc, gcc or clang, or that of the package ziglang; None where there is none."""
     for given in (os.environ.get("SYMSDE_CC"), os.environ.get("CC"), "cc", "gcc", "clang"):
         words = shlex.split(given) if given else []
         if words and shutil.which(words[0]):
             return words
-    return None
+    return [sys.executable, "-m", "ziglang", "cc"] if importlib.util.find_spec("ziglang") else None
 
 
-def build(source: str) -> Compiled:
-    """The library of a C text, compiled unless that was done before."""
+def build(source: str) -> Compiled | None:
+    """The library of a C text, compiled unless that was done before; None where there is no compiler."""
     compiler = command()
     if compiler is None:
-        raise InvalidArgumentError("there is no C compiler: install gcc or clang, or set SYMSDE_CC to one")
+        return None
     target = cache.folder() / f"{_key(source, tuple(compiler))}.so"
     library, seconds = cache.load(target), 0.0
     if library is None:

@@ -15,7 +15,7 @@ import numpy as np
 from ...errors import IncompatibleError, InvalidArgumentError, SlowFormulaWarning
 from ...native import callbacks, checks
 from ..definition import Model
-from . import backends, compiler, emit_c, emit_flow, emit_sites, in_numpy
+from . import compiler, emit_c, emit_flow, emit_sites, in_numpy
 from .derivatives import Derivatives
 from .named_formulas import make_problem, quoted, several
 from .parse import folded
@@ -31,7 +31,7 @@ class Formula:
 
     hamiltonians: tuple[str, ...]  #: H, H_1 .. H_m as given
     structure: Structure | None  #: what was derived from them; of sums over sites see the traits
-    backend: str  #: "C"; "LLVM" where there is no compiler, but llvmlite; "NumPy" where that is missing, too
+    backend: str  #: "C"; "NumPy" where there is no compiler
     source: str  #: the generated code
     seconds_derivatives: float  #: for derivatives and code
     seconds_compilation: float  #: 0 = it was compiled before
@@ -128,9 +128,8 @@ def model_from_sympy(
     noises as "-sigma*q[k]", one for each site; ends: "free", "fixed" (zero beyond the ends) or "periodic".
 
     Derivatives and traits are derived, C code is generated, compiled by the system's compiler and kept on disk
-    (SYMSDE_CACHE; without a compiler LLVM takes its place, if llvmlite is installed); values of parameters are given
-    when it runs. ``model.formula`` tells all that. Errors are InvalidArgumentError with a sentence that quotes the
-    formula.
+    (SYMSDE_CACHE); values of parameters are given when it runs. ``model.formula`` tells all that. Errors are
+    InvalidArgumentError with a sentence that quotes the formula.
     """
     given = {
         "H": H,
@@ -176,11 +175,11 @@ def _made(given: dict[str, Any]) -> FormulaModel:
     formula = Formula(
         hamiltonians=texts,
         structure=structure,
-        backend=compiled.backend if compiled else "NumPy",
+        backend="C" if compiled else "NumPy",
         source=source,
         seconds_derivatives=derived,
         seconds_compilation=compiled.seconds if compiled else 0.0,
-        file=str(compiled.path) if compiled and compiled.path else "",
+        file=str(compiled.path) if compiled else "",
     )
     model = FormulaModel(ndof=ndof, nnoise=nnoise, name=given["name"], derived=True, **traits, **functions)
     model.formula, model._derivatives, model._chain = formula, derivatives, chain
@@ -201,13 +200,11 @@ def _shown(state: np.ndarray) -> str:
 
 def _compiled(source: str, is_chain: bool) -> compiler.Compiled | None:
     """The compiled code; None, with a sentence about the cost, where nothing compiles."""
-    compiled = backends.build(source)
+    compiled = compiler.build(source)
     if compiled is not None:
         return compiled
     if is_chain:
-        raise InvalidArgumentError(
-            "sums over sites need a C compiler, or llvmlite: install gcc or clang, or pip install llvmlite"
-        )
+        raise InvalidArgumentError("sums over sites need a C compiler: install gcc or clang, or pip install ziglang")
     checks.warn(in_numpy.SENTENCE, SlowFormulaWarning)
     return None
 

@@ -22,7 +22,7 @@ from ...errors import InvalidArgumentError
 from ...native import abi, checks
 from ...native.files import optional
 from ..definition import Model
-from . import backends, compiler, sums
+from . import compiler, sums
 from .derivatives import engine, free
 from .emit_c import MACROS, Loops, lane_functions
 from .graph import Graph
@@ -149,7 +149,7 @@ def _read(
     if made.sums:
         source += ["#include <stdlib.h>\n#include <string.h>\n", sums.source(made.sums, ends)]
     body = WITH_SUMS.replace("COUNT", str(len(made.sums))) if made.sums else PLAIN
-    return dataclasses.replace(made, compiled=backends.build("\n".join([*source, CALLBACK.replace("BODY", body)])))
+    return dataclasses.replace(made, compiled=compiler.build("\n".join([*source, CALLBACK.replace("BODY", body)])))
 
 
 def _known(formulas: tuple, names: tuple, parameters: tuple[str, ...], time: object) -> Names:

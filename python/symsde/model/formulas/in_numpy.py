@@ -15,8 +15,8 @@ from .emit_c import reachable
 from .graph import Graph
 
 SENTENCE = (
-    "there is no C compiler and no llvmlite, so that the formulas are evaluated by NumPy on one thread, which takes 40 "
-    "to 70 times as long for many paths and 800 to 2000 times for one: install gcc or clang, or pip install llvmlite"
+    "there is no C compiler, so that the formulas are evaluated by NumPy on one thread, which takes 40 to 70 times as "
+    "long for many paths and 800 to 2000 times for one: install gcc or clang, or pip install ziglang"
 )
 _OPERATIONS: dict[str, Callable] = {
     "+": operator.add,

@@ -11,7 +11,7 @@ import numpy as np
 
 from ...errors import InvalidArgumentError, WrongTypeError
 from ...model.definition import Model
-from ...model.formulas import backends
+from ...model.formulas import compiler
 from ...model.formulas.formula_observables import FormulaObservables, is_formula
 from ...native import callbacks, checks
 
@@ -68,7 +68,7 @@ def are_in_python(observables: Mapping[str, Observable]) -> bool:
     """Whether the library calls Python for them, which only one thread at a time can be in."""
     if not observables:
         return False
-    return not backends.is_there() or not all(is_formula(x) for x in observables.values())
+    return compiler.command() is None or not all(is_formula(x) for x in observables.values())
 
 
 def described(observables: Mapping[str, Observable] | Iterable[str]) -> dict[str, str]:
