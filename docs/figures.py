@@ -18,10 +18,10 @@ from symsde.native import files
 from symsde.reports import study
 from symsde.reports.paper import symplecticity
 from symsde.reports.stability import bifurcation, long_time, mean_square_map, stability_figure
-from symsde.reports.study import horizons
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "bench"))
 sys.path.insert(0, str(Path(__file__).resolve().parent))
+import horizons
 import weak_orders
 from peers import page as peers
 

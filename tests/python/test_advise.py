@@ -16,7 +16,6 @@ from symsde.answers.expectation.candidates import commutes
 from symsde.answers.expectation.longest_step import frequency
 from symsde.answers.expectation.problem import make_problem
 from symsde.batch import scene
-from symsde.reports.study import horizons
 from symsde.schemes import as_scheme
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -199,9 +198,12 @@ def test_advice_is_stable_where_noise_makes_the_motion_faster(hardening):
     assert hardening.value(blown.q[-1], blown.p[-1]).mean() > 1e6
 
 
-def test_kicks_keep_h_without_noise_in_the_figure_of_horizons():
+def test_kicks_keep_h_without_noise_in_the_figure_of_horizons(monkeypatch):
     """Steps to 10 that keep H to 1 %, as halvings and a power law between them give; doubled steps keep it, half of
     them do not."""
+    monkeypatch.syspath_prepend(ROOT / "bench")
+    import horizons
+
     found = {name: horizons.cost(Invariants, 0.01, 10.0, name) for name in ("midpoint", "chin4a", "gauss_dkdkd")}
     assert {name: row["steps"] for name, row in found.items()} == {"midpoint": 23, "chin4a": 17, "gauss_dkdkd": 25}
     assert all(row["microseconds"] > 0 for row in found.values())

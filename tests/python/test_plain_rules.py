@@ -3,13 +3,18 @@
 
 import json
 import math
+import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
 import symsde as ss
 from symsde.answers.expectation.problem import make_problem
-from symsde.reports.study import horizons, plain_rules
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "bench"))
+
+import horizons
+import plain_rules
 
 STRONG = (2.0, 0.4, 0.3)
 

@@ -6,8 +6,7 @@ from __future__ import annotations
 from types import SimpleNamespace
 
 import numpy as np
-
-from ...answers.expectation.problem import Problem
+from symsde.answers.expectation.problem import Problem
 
 RULES = ("heun", "taylor15")
 _SEED = 7

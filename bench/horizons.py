@@ -11,16 +11,15 @@ import time
 from pathlib import Path
 
 import numpy as np
-
-from ...answers.advice.ladder import Ladder
-from ...answers.advice.wants import Invariants, Moments, Paths, Seen
-from ...answers.expectation.longest_step import fewest_steps
-from ...answers.expectation.problem import make_problem
-from ...models import kubo, synchrotron
-from ...run.simulate import Run
-from ...schemes import as_scheme
-from .. import look
-from .plain_rules import RULES, Plain
+from plain_rules import RULES, Plain
+from symsde.answers.advice.ladder import Ladder
+from symsde.answers.advice.wants import Invariants, Moments, Paths, Seen
+from symsde.answers.expectation.longest_step import fewest_steps
+from symsde.answers.expectation.problem import make_problem
+from symsde.models import kubo, synchrotron
+from symsde.reports import look
+from symsde.run.simulate import Run
+from symsde.schemes import as_scheme
 
 SCHEMES = ("midpoint", "stormer_verlet", "gauss_dkdkd", "chin4a", "heun", "taylor15")
 ON_KUBO = ("midpoint", "stormer_verlet", "gauss2", "heun", "taylor15")  #: whose noise is on p, too
