@@ -26,8 +26,9 @@ from pathlib import Path
 import numba
 import numpy as np
 import symsde as ss
-from symsde.answers.coupled_errors import References, end, measure, rms, squares, strong_error
-from symsde.answers.error_plan import halvings, make_plan
+from symsde.answers.coupled import end, halvings, rms, squares
+from symsde.answers.coupled_errors import References, measure, strong_error
+from symsde.answers.error_plan import make_plan
 from symsde.reports.study import orders
 
 FILE = Path(__file__).with_name("measured.json")

@@ -19,12 +19,12 @@ from types import ModuleType
 
 from . import diagnose, errors, models, observe, schemes
 from .answers.advice.advise import Advice, advise
+from .answers.coupled import LevelSampler, level_sampler
 from .answers.expectation.answer import Alternative, Answer
 from .answers.expectation.expect import expect
+from .answers.expectation.mlmc import mlmc
+from .answers.expectation.multilevel_answer import Multilevel
 from .answers.mean_square import MeanSquare, mean_square
-from .answers.multilevel.mlmc import mlmc
-from .answers.multilevel.multilevel_answer import Multilevel
-from .answers.multilevel.sampler import LevelSampler, level_sampler
 from .batch.ensemble import ensemble
 from .batch.opened import OpenRun, load, open_run
 from .cli.selftest import selftest

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 import symsde as ss
 from symsde import observe
+from symsde.answers.coupled import LevelSampler
 from symsde.answers.expectation.estimators import Antithetic, Extrapolated
 from symsde.answers.expectation.problem import make_problem
-from symsde.answers.multilevel.sampler import LevelSampler
 from symsde.batch import error_check, execute, merged_results
 from symsde.batch import pieces as plan
 from symsde.native import abi, callbacks

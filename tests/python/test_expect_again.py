@@ -8,6 +8,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 import symsde as ss
+from symsde.answers.coupled import LevelSampler
 from symsde.answers.expectation import choice, variants
 from symsde.answers.expectation.candidates import suitable
 from symsde.answers.expectation.carry_out import Work, _more
@@ -19,7 +20,6 @@ from symsde.answers.expectation.quasi import Quasi
 from symsde.answers.expectation.tally import Tally
 from symsde.answers.expectation.tolerance import make_tolerance
 from symsde.answers.expectation.watch import Watch
-from symsde.answers.multilevel.sampler import LevelSampler
 from symsde.schemes import as_scheme
 
 START = {"q0": 1.0, "p0": 0.0, "horizon": 2.0}

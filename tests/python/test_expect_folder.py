@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 import symsde as ss
 from sent_at import PLACED, words
+from symsde.answers.coupled import LevelSampler
 from symsde.answers.expectation import choice, draw_store
 from symsde.answers.expectation.carry_out import FIRST
 from symsde.answers.expectation.draw_store import InFolder, open_folder
@@ -19,7 +20,6 @@ from symsde.answers.expectation.estimators import Drawn, Plain
 from symsde.answers.expectation.problem import make_problem
 from symsde.answers.expectation.tally import Tally
 from symsde.answers.expectation.watch import Watch
-from symsde.answers.multilevel.sampler import LevelSampler
 from symsde.batch.folder import RunFolder
 from symsde.batch.shard_file import read
 from symsde.cli.command_line import main

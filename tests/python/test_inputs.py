@@ -15,8 +15,8 @@ import numpy as np
 import pytest
 import sympy
 import symsde as ss
+from symsde.answers.coupled import Draw
 from symsde.answers.expectation.problem import make_problem
-from symsde.answers.multilevel.sampler import Draw
 
 OMITTED = object()  #: a parameter that another case of the function gives, or that cannot be changed
 PATHS, STEPS = 3, 8

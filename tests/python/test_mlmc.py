@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 import symsde as ss
 from clock import Clock
+from symsde.answers.coupled import LevelSampler
 from symsde.answers.expectation import bias
+from symsde.answers.expectation.rates import fall
 from symsde.answers.expectation.tally import Tally
-from symsde.answers.multilevel.rates import fall
-from symsde.answers.multilevel.sampler import LevelSampler
 
 PLACE = {"q0": 1.0, "p0": 0.0}
 

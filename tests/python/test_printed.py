@@ -15,8 +15,8 @@ import pytest
 import symsde as ss
 from symsde.answers.advice.advise import Advice, Option
 from symsde.answers.expectation.answer import Alternative, Answer
-from symsde.answers.multilevel.multilevel_answer import Level, Multilevel
-from symsde.answers.multilevel.rates import Rate
+from symsde.answers.expectation.multilevel_answer import Level, Multilevel
+from symsde.answers.expectation.rates import Rate
 from symsde.batch import dry, show
 from symsde.batch.execute import Task
 from symsde.batch.pieces import Piece

@@ -12,7 +12,7 @@ import symsde as ss
 from conftest import rotation_gradient, rotation_hessian, rotation_value
 from sender import HandledError, Sender, handled, raises, sent
 from symsde.answers.expectation.answer import Answer
-from symsde.answers.multilevel.multilevel_answer import Multilevel
+from symsde.answers.expectation.multilevel_answer import Multilevel
 
 LAST = getattr(signal, "SIGRTMAX", signal.SIGUSR2)
 PLACE = {"q0": 1.0, "p0": 0.0}

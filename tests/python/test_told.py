@@ -13,21 +13,21 @@ import pytest
 import symsde as ss
 from symsde.answers.advice.ladder import Ladder
 from symsde.answers.advice.wants import Invariants, Moments, Paths, Seen
+from symsde.answers.coupled import Draw, LevelSampler
 from symsde.answers.expectation import choice
 from symsde.answers.expectation.answer import Alternative
 from symsde.answers.expectation.candidates import suitable
 from symsde.answers.expectation.carry_out import Work, _failures, _Outcome
 from symsde.answers.expectation.estimators import Drawn
 from symsde.answers.expectation.longest_step import frequency
+from symsde.answers.expectation.mlmc import Estimate, _doubts
+from symsde.answers.expectation.multilevel_answer import Level, Multilevel
 from symsde.answers.expectation.pilot import Pilot
 from symsde.answers.expectation.problem import make_problem
+from symsde.answers.expectation.rates import UNSEEN
 from symsde.answers.expectation.tally import Tally
 from symsde.answers.expectation.tolerance import make_tolerance, quantile
 from symsde.answers.expectation.watch import Watch
-from symsde.answers.multilevel.mlmc import Estimate, _doubts
-from symsde.answers.multilevel.multilevel_answer import Level, Multilevel
-from symsde.answers.multilevel.rates import UNSEEN
-from symsde.answers.multilevel.sampler import Draw, LevelSampler
 from symsde.schemes import as_scheme
 
 PLACE = {"q0": 1.0, "p0": 0.0, "horizon": 2.0}

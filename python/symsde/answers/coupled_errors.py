@@ -8,6 +8,7 @@ import numpy as np
 from .. import diagnose
 from ..errors import NumericalError
 from ..model.definition import Model
+from .coupled import end, rms, squares
 from .error_plan import BATCHES, Plan, Reference
 from .expectation.tolerance import quantile
 
@@ -155,19 +156,3 @@ def _commutes(model: Model, points: np.ndarray, t: float) -> bool:
         if (bracket > CONSERVED * scale).any():
             return False
     return True
-
-
-def end(run) -> np.ndarray:
-    """Final state (2, dof, path)."""
-    return np.stack([run.q[-1], run.p[-1]])
-
-
-def squares(one: np.ndarray, other: np.ndarray) -> np.ndarray:
-    """Squared distance of each path; overflow counts as not finite."""
-    with np.errstate(over="ignore", invalid="ignore"):
-        return np.square(one - other).sum(axis=(0, 1))
-
-
-def rms(square: np.ndarray) -> float:
-    """Root of the mean of squares."""
-    return float(np.sqrt(np.mean(square)))

@@ -21,6 +21,7 @@ from ..run import provenance
 from ..run.moments import try_out
 from ..run.simulate import simulate
 from ..schemes import Scheme, as_scheme
+from .coupled import halvings
 
 BATCHES = 20  #: groups of paths whose scatter gives the interval of an order
 LEAST_REPEATS = 5
@@ -226,11 +227,6 @@ def check_paths(paths: int, interval: float | None) -> int:
             "give more paths or a wider interval"
         )
     return count
-
-
-def halvings(fine: int, coarse: int) -> int:
-    """How often the step of `coarse` steps is halved to make `fine` ones."""
-    return (fine // coarse).bit_length() - 1
 
 
 def uses_integrals(scheme: Scheme) -> bool:

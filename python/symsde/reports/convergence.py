@@ -9,7 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from ..answers.coupled_errors import References, end, squares, strong_error
+from ..answers.coupled import end, squares
+from ..answers.coupled_errors import References, strong_error
 from ..answers.error_plan import BATCHES, OPTIONS, Plan, check_options, make_plan
 from ..errors import NumericalError, ReferenceWarning
 from ..model.definition import Model

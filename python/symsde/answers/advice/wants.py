@@ -4,12 +4,14 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
 
 from ...errors import InvalidArgumentError
 from ...run.simulate import Run
+from ..coupled import end, rms, runs_of, squares
 from ..coupled_errors import conserves_energy, depends_on_time
 from ..expectation.problem import Problem
 
@@ -49,9 +51,12 @@ class Paths:
 
     def see(self, scheme, steps: int) -> Seen:
         """These steps, twice and four times as many."""
-        ends = [np.stack([run.q[-1], run.p[-1]]) for run in _three(self.problem, scheme, steps, self.count)]
-        apart = (math.sqrt(np.square(a - b).sum(axis=(0, 1)).mean()) for a, b in _differences(ends))
-        return Seen(*apart)
+        ends = [end(run) for run in self._runs(scheme, steps)]
+        return Seen(*(rms(squares(a, b)) for a, b in _differences(ends)))
+
+    def _runs(self, scheme, steps: int) -> Iterator[Run]:
+        """The steps, twice and four times as many, on one Brownian path each."""
+        return runs_of(self.problem, scheme, (steps, 2 * steps, 4 * steps), paths=self.count)
 
 
 class Moments(Paths):
@@ -63,7 +68,7 @@ class Moments(Paths):
 
     def see(self, scheme, steps: int) -> Seen:
         """The means of the differences, which share their noise."""
-        ends = [self._observed(run) for run in _three(self.problem, scheme, steps, self.count)]
+        ends = [self._observed(run) for run in self._runs(scheme, steps)]
         apart = [a - b for a, b in _differences(ends)]
         noise = max(x.std(axis=1, ddof=1).max() for x in apart) / math.sqrt(self.count)
         return Seen(*(float(np.abs(x.mean(axis=1)).max()) for x in apart), noise=float(noise))
@@ -115,11 +120,6 @@ class Invariants:
         change = np.abs(energy - energy[0]).max(axis=0) / np.abs(energy[0])
         size = math.sqrt(np.mean(change**2))
         return Seen(size, 0.0, size)
-
-
-def _three(problem: Problem, scheme, steps: int, count: int) -> list[Run]:
-    """The steps, twice and four times as many, on one Brownian path each."""
-    return [problem.run(scheme, steps << i, paths=count, refine=2 - i) for i in range(3)]
 
 
 def _differences(ends: list[np.ndarray]) -> list[tuple[np.ndarray, np.ndarray]]:

@@ -13,19 +13,19 @@ import numpy as np
 from ...errors import BudgetWarning, NumericalError
 from ...native import checks
 from ...native.signals import carry
-from ..multilevel.mlmc import Estimate
-from ..multilevel.multilevel_answer import Multilevel
-from ..multilevel.sampler import MOST_LEVELS, LevelSampler
+from ..coupled import MOST_LEVELS, LevelSampler
 from .answer import Alternative, Answer
 from .choice import EVEN_LEVELS, Plan
-from .draw_store import LEAST, InFolder, KeptPilot, KeptPlan, Nowhere
+from .draw_store import InFolder, KeptPilot, KeptPlan, Nowhere
 from .estimators import NOTHING, Drawn, Estimator
+from .mlmc import Estimate
+from .multilevel_answer import Multilevel
 from .pilot import Pilot
 from .quasi import MOST_POINTS, Quasi
 from .tails import Doubt
 from .tally import Tally
 from .tolerance import BIAS_SHARE, NORMAL, half_width_when_stopped, quantile
-from .unseen import doubt, unseen
+from .unseen import widened
 
 FIRST = 2**46  #: path that answers begin at; of multilevel, index within a level
 FIRST_OF_LEVEL = 2**40
@@ -63,7 +63,7 @@ class Work:
     ):
         """The first of the plans is carried out; its draws are kept in the store."""
         self.pilot, self.plan, self.others = pilot, plans[0], plans[1:]
-        self.store = Nowhere() if store is None else store
+        self.store = Nowhere(pilot.watch) if store is None else store
         self.tolerance, self.watch = pilot.tolerance, pilot.watch
         self._begin = self.watch.seconds
         left = max(self.watch.max_time - self.watch.elapsed, 0.0)
@@ -101,7 +101,7 @@ class Work:
                 missing = wanted - drawn.units.n
                 if drawn.units.n >= least and self._is_doubled(estimator, drawn, missing):
                     drawn = _with_twice_the_points(estimator, drawn)
-                elif (part := self._next_part(estimator, drawn, missing)) is not None:
+                elif (part := self._more(estimator, drawn, missing)) is not None:
                     drawn += part
                 else:
                     break
@@ -125,7 +125,7 @@ class Work:
         try:
             for i, level in enumerate(levels):
                 while drawn[i].units.n < least:
-                    part = self._next_part(level, drawn[i], least - drawn[i].units.n, f"even-{i:02d}")
+                    part = self._more(level, drawn[i], least - drawn[i].units.n, f"even-{i:02d}")
                     if part is None:
                         break  # of this level: each has as few as an interval takes
                     drawn[i] += part
@@ -136,7 +136,7 @@ class Work:
                 missing = drawn[i].units.n * excess / max(_noise(drawn[i]) - excess, 1e-3 * excess)
                 if self._is_doubled(levels[i], drawn[i], missing):
                     drawn[i] = _with_twice_the_points(levels[i], drawn[i])
-                elif (part := self._next_part(levels[i], drawn[i], _more(missing), f"even-{i:02d}")) is not None:
+                elif (part := self._more(levels[i], drawn[i], _more(missing), f"even-{i:02d}")) is not None:
                     drawn[i] += part
                 else:
                     break
@@ -177,26 +177,9 @@ class Work:
         half = half_width_when_stopped(error, bias, _units_of(drawn), self.tolerance.half_width(value))
         return self._finished(_Outcome(value, half, error, bias, paths, notes))
 
-    def _next_part(
-        self, estimator: Estimator, drawn: Drawn, missing: int, name: str = "units"
-    ) -> Drawn | None:  # fmt: skip
+    def _more(self, estimator: Estimator, drawn: Drawn, missing: int, name: str = "units") -> Drawn | None:
         """The next units, of as many as are missing; None where the time is over."""
-        first = drawn.units.n + drawn.failed
-        count = self.store.grain(estimator.part, missing, drawn.seconds / first if first else -1.0)
-        if isinstance(self.store, Nowhere):
-            count = self._in_time(min(count, missing), drawn)
-            if count < 1:
-                self.watch.end()
-                return None
-        return self.store.part(name, first, count, missing, estimator.draw_from)
-
-    def _in_time(self, count: int, drawn: Drawn) -> int:
-        """Units of `count` that fit into what is left of the time, by what those took; as few as an interval takes are
-        drawn whatever the time."""
-        missing = max(0, LEAST - drawn.units.n)
-        if missing:
-            return min(count, missing) if self.watch.over else count
-        return int(min(count, self.watch.room(drawn.seconds / (drawn.units.n + drawn.failed))))
+        return self.store.more(name, drawn, missing, estimator.part, estimator.draw_from)
 
     def _planned(self) -> int:
         """Units to begin with, by what the pilot knows of their variance; no more than a moment takes.
@@ -225,11 +208,8 @@ class Work:
         error = math.sqrt(self._variance(units) / units.n)
         wanted, notes = self.tolerance.half_width(units.mean), _failures(drawn)
         half = half_width_when_stopped(error, bias, units.n, wanted)
-        seen = self._seen(drawn)
-        hidden = unseen(self.pilot.problem, self.plan.scheme, self.plan.steps, seen)
-        if hidden > half or (seen.m2 == 0 and self.pilot.problem.model.nnoise):
-            notes.append(doubt(seen, hidden))
-        return self._finished(_Outcome(units.mean, max(half, hidden), error, bias, drawn.paths, notes))
+        half = widened(half, self.pilot.problem, self.plan.scheme, self.plan.steps, self._seen(drawn), notes)
+        return self._finished(_Outcome(units.mean, half, error, bias, drawn.paths, notes))
 
     def _seen(self, drawn: Drawn) -> Tally:
         """Values of f; each unit counts as one, but means over many points do not tell how few carry them."""

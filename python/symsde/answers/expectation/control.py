@@ -16,7 +16,7 @@ import math
 import numpy as np
 
 from ...schemes import Scheme
-from ..multilevel.sampler import coupled
+from ..coupled import values_of
 from . import quasi
 from .estimators import Estimator
 from .longest_step import fewest_steps
@@ -72,7 +72,7 @@ class Control(Estimator):
         paths = {"first_path": first, "paths": count}
         if not self._differences:
             return self.problem.values(self.problem.run(self.scheme, self.steps, **paths))
-        fine, coarse, ok = coupled(self.problem, self.scheme, self.steps, paths)
+        fine, coarse, ok = values_of(self.problem, self.scheme, self.steps, paths)
         return fine - coarse, ok
 
     def _controls(self, first: int, count: int) -> np.ndarray:

@@ -24,7 +24,7 @@ from ...batch.shard_file import Shard
 from ...native import durable, files
 from ...run import provenance
 from ...schemes import Scheme
-from ..multilevel.sampler import Draw
+from ..coupled import Draw
 from .answer import Answer
 from .choice import Plan, estimator_of, even_level_of
 from .estimators import Drawn, Estimator
@@ -78,18 +78,28 @@ class KeptPilot:
 
 
 class Nowhere:
-    """Draws are made when they are wanted, and not kept."""
+    """Draws are made when they are wanted, as far as the time goes, and not kept."""
 
     seconds = 0.0  #: of the processor, of parts that other processes drew
 
-    def grain(self, usual: int, _count: int, _seconds: float) -> int:
-        """Units of a part, of `count` that are wanted, each of so many seconds; seconds < 0: not known yet."""
-        return usual
+    def __init__(self, watch: Watch):
+        """The watch tells how many units fit into what is left."""
+        self._watch = watch
 
-    def part(
-        self, _name: str, first: int, count: int, _ahead: int, draw: Callable[[int, int], Part]
+    def more(
+        self, _name: str, drawn: Part, missing: int, usual: int, draw: Callable[[int, int], Part], *,
+        exactly: bool = True,
     ) -> Part | None:  # fmt: skip
-        """Units from the first on; `ahead` of them are wanted as far as is known. None where the time is over."""
+        """The next of the units that are missing, `usual` at a time; None where the time is over, by what those took.
+        As few as an interval takes are drawn whatever the time."""
+        first, count, least = drawn.units.n + drawn.failed, min(usual, missing), LEAST - drawn.units.n
+        if least <= 0:
+            count = int(min(count, self._watch.room(drawn.seconds / first)))
+        elif self._watch.over:
+            count = min(count, least)
+        if count < 1:
+            self._watch.end()
+            return None
         return draw(first, count)
 
 
@@ -100,6 +110,15 @@ class InFolder:
         """Parts that are there are read, others are drawn until the time is over."""
         self.folder, self._watch, self.seconds = folder, watch, 0.0
         self._name = uuid.uuid4().hex  # of this work: its own parts are in its own seconds
+
+    def more(
+        self, name: str, drawn: Part, missing: int, usual: int, draw: Callable[[int, int], Part], *,
+        exactly: bool = False,
+    ) -> Part | None:  # fmt: skip
+        """The next of the units that are missing; a part may hold more than these, unless exactly these are wanted."""
+        first = drawn.units.n + drawn.failed
+        count = self.grain(usual, missing, drawn.seconds / first if first else -1.0)
+        return self.part(name, first, min(count, missing) if exactly else count, missing, draw)
 
     def grain(self, usual: int, count: int, seconds: float) -> int:
         """Units that take long enough for a file, and not longer than a kill should cost."""

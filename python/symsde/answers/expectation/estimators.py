@@ -10,6 +10,7 @@ import numpy as np
 
 from ...run.step import increments
 from ...schemes import Scheme
+from ..coupled import values_of
 from .problem import Problem
 from .tally import Tally
 
@@ -131,10 +132,9 @@ class Extrapolated(Estimator):
         self._share = 1 / (2**order - 1)
 
     def _units(self, first: int, count: int) -> tuple[np.ndarray, np.ndarray]:
-        run, paths = self.problem.run, {"first_path": first, "paths": count}
-        fine, ok = self.problem.values(run(self.scheme, self.steps, **paths))
-        coarse, also = self.problem.values(run(self.scheme, self.steps // 2, refine=1, **paths))
-        return fine + self._share * (fine - coarse), ok & also
+        paths = {"first_path": first, "paths": count}
+        fine, coarse, ok = values_of(self.problem, self.scheme, self.steps, paths)
+        return fine + self._share * (fine - coarse), ok
 
 
 class Antithetic(Estimator):

@@ -9,7 +9,6 @@ from typing import Any
 from ...model.definition import Model
 from ...native import checks
 from ...native.progress import Progress
-from ...native.signals import carry
 from ...schemes import Scheme, as_scheme
 from .answer import Answer
 from .candidates import suitable
@@ -65,7 +64,7 @@ def expect(
     scale of f, `reached` is false where that is more than was asked for, and a note says so.
     """
     watch = Watch(max_time, progress)
-    try:
+    with watch.carrying(Answer):
         problem = make_problem(model, f, q0=q0, p0=p0, horizon=horizon, seed=seed, **options)
         tolerance = make_tolerance(abs, rel)
         if method is not None:
@@ -85,9 +84,3 @@ def expect(
             answer = Work(*chosen, store).answer()
             store.save(answer)
             return answer
-    except BaseException as stop:
-        if not isinstance(getattr(stop, "partial", None), Answer):
-            carry(stop, lambda: None)  # not a run of the pilot
-        raise
-    finally:
-        watch.close()

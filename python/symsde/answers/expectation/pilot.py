@@ -18,7 +18,7 @@ from .estimators import Antithetic, Plain
 from .longest_step import fewest_steps
 from .problem import Problem
 from .quasi import Quasi
-from .tolerance import SEEN, Tolerance
+from .tolerance import SEEN, Tolerance, may_be_zero
 from .trial import LEVELS, UNSTABLE, Trial
 from .unseen import look
 from .watch import Watch
@@ -118,10 +118,7 @@ class Pilot:
         self.tolerance.check(seen.mean, math.sqrt(seen.mean**2 + seen.m2 / seen.n))
         while self._may_be_zero():
             if self.looked_at.units.n > _MOST_LOOKED_AT or self.watch.over:
-                raise InvalidArgumentError(
-                    f"the mean of f is {self.value:.3g} +- {self.looked_at.units.error:.3g}: a half width relative to "
-                    "it cannot be kept where it may be 0; give abs, the half width itself"
-                )
+                raise may_be_zero(self.value, self.looked_at.units.error)
             self.looked_at += plain.draw(self.looked_at.units.n)
         for x in self.trials:
             x.known = self.looked_at.units

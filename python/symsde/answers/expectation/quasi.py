@@ -19,7 +19,7 @@ import numpy as np
 
 from ...native.files import optional
 from ...schemes import Scheme
-from ..multilevel.sampler import coupled
+from ..coupled import values_of
 from .estimators import Drawn, Estimator
 from .problem import Problem
 from .tally import Tally
@@ -115,7 +115,7 @@ class Quasi(Estimator):
         driven = {"increments": dw, "paths": dw.shape[2]}
         if not self._differences:
             return [self.problem.values(self.problem.run(self.scheme, self.steps, **driven))]
-        fine, coarse, ok = coupled(self.problem, self.scheme, self.steps, driven)
+        fine, coarse, ok = values_of(self.problem, self.scheme, self.steps, driven)
         return [(fine, ok), (fine - coarse, ok)]
 
 

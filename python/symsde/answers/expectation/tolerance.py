@@ -61,6 +61,14 @@ def make_tolerance(absolute: object, relative: object) -> Tolerance:
     return Tolerance(number, None) if relative is None else Tolerance(None, number)
 
 
+def may_be_zero(value: float, error: float) -> InvalidArgumentError:
+    """What is wrong with a relative half width of this value."""
+    return InvalidArgumentError(
+        f"the mean of f is {value:.3g} +- {error:.3g}: a half width relative to it cannot be kept where it may be 0; "
+        "give abs, the half width itself"
+    )
+
+
 #: of Student's law at 97.5 % with 1, 2, .. degrees of freedom
 _STUDENT = (12.7062, 4.3027, 3.1824, 2.7764, 2.5706, 2.4469, 2.3646, 2.3060, 2.2622, 2.2281)
 

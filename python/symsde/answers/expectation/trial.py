@@ -7,8 +7,7 @@ import math
 import time
 
 from ...schemes import Scheme
-from ..multilevel.sampler import NOTHING, Draw, LevelSampler
-from . import bias as weak
+from ..coupled import NOTHING, Levels, LevelSampler
 from . import quasi
 from .candidates import of_phases, weak_order
 from .estimators import Estimator, Plain
@@ -28,15 +27,14 @@ _NEARER = 0.75  #: times the mean square at one halving, that at the next may be
 UNSTABLE = 4  #: coarsest steps that are tried, each half of the one before, where paths fail
 
 
-class Trial:
+class Trial(Levels):
     """A scheme on a ladder of steps, each half of the one before."""
 
     def __init__(self, problem: Problem, scheme: Scheme, coarsest: int, paths: int):
         """Try the ladder with few paths; `usable` tells whether any of it holds."""
+        super().__init__(weak_order(problem, scheme), Tally())
         self.problem, self.scheme = problem, scheme
-        self.order = weak_order(problem, scheme)
         self.seconds_spent = 0.0
-        self.known = Tally()  #: values of f that were looked at
         self.loading = 0.0  #: seconds of packages, once a process
         self.usable = False
         self.doubled = 0  #: times
@@ -46,7 +44,7 @@ class Trial:
         self.changes: dict[int, Tally | None] = {}  #: of f from the level before, with a control variate
         for _ in range(UNSTABLE):
             self.sampler, self._first = LevelSampler(problem, scheme, coarsest), 0
-            self.draws: list[Draw] = [NOTHING] * LEVELS
+            self.draws = [NOTHING] * LEVELS
             self.more(paths)
             if self._holds():
                 self.usable = True
@@ -88,7 +86,7 @@ class Trial:
         """
         fewest = fewest_steps(self.problem)
         turned = fewest * SHARPEST * (SHARPEST * fewest / self.steps(LEVELS - 1)) ** of_phases(self.scheme, self.order)
-        nearer = self._apart(LEVELS - 1) < _NEARER * self._apart(LEVELS - 2)
+        nearer = self.square_of(LEVELS - 1) < _NEARER * self.square_of(LEVELS - 2)
         return not self.settled and self._first < MOST_HALVINGS and (turned > _TURNED or nearer)
 
     def seconds_to_tell(self, error: float) -> float:
@@ -96,11 +94,6 @@ class Trial:
         seconds = sum(draw.seconds for draw in self.draws[1:])
         noise = self.bias(LEVELS - 1)[1]
         return seconds if self.may_go_finer else seconds * (noise / error) ** 2
-
-    def _apart(self, level: int) -> float:
-        """Mean square of the change of f from the level before."""
-        draw = self.draws[level]
-        return draw.error_by(self.known.size) ** 2 * draw.difference.n + draw.difference.mean**2
 
     def _draw(self, level: int, paths: int) -> None:
         self._biases.clear()
@@ -155,15 +148,9 @@ class Trial:
         return math.ceil(self.sampler.coarsest * 2.0 ** (self._first + level) * _NEARLY)
 
     @property
-    def variance(self) -> float:
-        """Of f; at least that of the values looked at, where few of the trial's own differ."""
-        own = self.draws[-1].fine
-        return max(own.variance, self.known.variance) if own.few and self.known.n else own.variance
-
-    @property
     def settled(self) -> bool:
-        """Powers of h may be counted on: paths of the two finest levels end near each other, or means fall so."""
-        return weak.settled(self._apart(LEVELS - 1), self.variance, *self._differences(), self.order)
+        """Powers of h may be counted on."""
+        return self.are_settled(*self._differences(), self.order)
 
     def bias(self, level: float) -> tuple[float, float]:
         """E f - E f(x_h) at a level of the ladder, and the standard error of this estimate.
@@ -196,7 +183,7 @@ class Trial:
     def _differences(self) -> tuple[list[float], list[float]]:
         """Means of f(x_h) - f(x_2h) at levels above 0, and their errors."""
         means = [draw.difference.mean for draw in self.draws[1:]]
-        errors = [draw.error_by(self.known.size) for draw in self.draws[1:]]
+        errors = [self.error_of(level) for level in range(1, LEVELS)]
         known = [(level, x.change[x.most].mean, x.error) for level, x in self.even.items() if x and x.error > 0]
         known += [(level, x.mean, x.error) for level, x in self.changes.items() if x is not None]
         for level, mean, error in known:  # the best known
@@ -214,8 +201,7 @@ class Trial:
 
     def _left(self, means: list[float], errors: list[float], level: int) -> tuple[float, float]:
         """What all finer levels add to a level, and its error, from differences up to the last level that was tried."""
-        extra = max(level - LEVELS + 1, 0)
-        second = weak.second_powers(self._apart(LEVELS - 1), self.variance, self.order, self.draws[-1].difference.size)
-        tail, noise = weak.left(means, errors, self.order, extra, settled=self.settled, second=second)
+        halved = max(level - LEVELS + 1, 0)
+        tail, noise = self.left_by(means, errors, self.order, phases=self.order, settled=self.settled, halved=halved)
         finer = LEVELS - 1 - level
         return (tail + sum(means[-finer:]), math.hypot(noise, *errors[-finer:])) if finer > 0 else (tail, noise)

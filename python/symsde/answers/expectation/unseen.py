@@ -53,6 +53,16 @@ def unseen(problem: Problem, scheme: Scheme, steps: int, seen: Tally) -> float:
     return _share(seen) * scale
 
 
+def widened(  # noqa: PLR0917
+    half: float, problem: Problem, scheme: Scheme, steps: int, seen: Tally, notes: list[str]
+) -> float:
+    """The half width of an interval that holds what was not seen, with a note where that decides."""
+    hidden = unseen(problem, scheme, steps, seen)
+    if hidden > half or (seen.m2 == 0 and problem.model.nnoise):
+        notes.append(doubt(seen, hidden))
+    return max(half, hidden)
+
+
 def _share(seen: Tally) -> float:
     """Probability by which what differs may be off the share of it that was seen."""
     differ = seen.n / seen.kurtosis if seen.kurtosis > 0 else 0.0

@@ -3,12 +3,15 @@
 
 from __future__ import annotations
 
+import contextlib
 import math
 import time
+from collections.abc import Iterator
 
 from ...errors import InvalidArgumentError
 from ...native import checks
 from ...native.progress import Progress, told_by
+from ...native.signals import carry
 
 _TICKS = 1000  #: of the whole, told to a progress function
 
@@ -62,6 +65,18 @@ class Watch:
         """This share of the work is done."""
         if self._tell:
             self._stopped |= bool(self._tell(round(_TICKS * min(1.0, share)), _TICKS))
+
+    @contextlib.contextmanager
+    def carrying(self, kind: type) -> Iterator[None]:
+        """Work whose exceptions carry what there is of this kind, as `partial`, or None: no run within it."""
+        try:
+            yield
+        except BaseException as stop:
+            if not isinstance(getattr(stop, "partial", None), kind):
+                carry(stop, lambda: None)
+            raise
+        finally:
+            self.close()
 
     def close(self) -> None:
         """End the line of the bar."""

@@ -1,31 +1,79 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Samples of the levels of a multilevel estimate: the same Brownian path at the step h and at 2h.
+"""One Brownian path at several steps: what halving the step changes, and what it costs.
 
-The coarse path is driven by the sums of the increments of the fine one (`refine=1`), with dZ, K and areas merged by the
-library, and is truncated, where that is asked for, by its own step. So what is subtracted at level l has the law of
-what is added at level l - 1, and the sum over the levels telescopes. Levels and calls use paths of their own.
+Level l has n_l = n_0 2^l steps of the size h_l = T/n_l. One path drives all: increments are sums of finer ones,
+
+    dW_n^l = dW_{2n}^{l+1} + dW_{2n+1}^{l+1},
+
+and dZ, K and areas are merged likewise, by the library (`refine` = halvings from a level to that whose path is drawn).
+Truncation, where it is asked for, is that of each level's own step. Of ends x_l of these paths, and of a function f,
+
+    D_l^2 = E |x_l - x_{l-1}|^2                                                      strong, of whole states
+    d_0 = f(x_0),   d_l = f(x_l) - f(x_{l-1}),   E f(x_L) = sum_l E d_l              weak, telescoping
+    E d_l ~ h_l^a,   V_l = Var d_l,   C_l = seconds of a path,   error^2 = sum_l V_l/N_l
+
+with N_l samples of each level, from paths of its own. What a step leaves, E f(x) - E f(x_l), follows from the means of
+the finest d_l (`expectation/bias.py`); N_l ~ (V_l/C_l)^(1/2) costs least (Giles 2008, Oper. Res. 56, 607).
+
+`runs_of` and `values_of` follow one path at several steps, `LevelSampler` draws samples of d_l, `Levels` holds them.
 """
 
 from __future__ import annotations
 
 import math
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
-from ...errors import InvalidArgumentError, PathsFailedWarning
-from ...native import checks
-from ...run.step import increments
-from ...schemes import Scheme, as_scheme
-from ..expectation.problem import OPTIONS, Problem, make_problem
-from ..expectation.tally import Tally
+from ..errors import InvalidArgumentError, PathsFailedWarning
+from ..native import checks
+from ..run.simulate import Run
+from ..run.step import increments
+from ..schemes import Scheme, as_scheme
+from .expectation import bias
+from .expectation.problem import OPTIONS, Problem, make_problem
+from .expectation.tally import Tally
 
 MOST_LEVELS = 31
 _STRIDE = 2**41  #: path indices of a level; there are 2^47
 _NUMBERS = 2**20  #: of the increments that are held at a time
+
+
+def halvings(fine: int, coarse: int) -> int:
+    """How often the step of `coarse` steps is halved to make `fine` ones."""
+    return (fine // coarse).bit_length() - 1
+
+
+def runs_of(problem: Any, scheme: Any, counts: Sequence[int], **paths: Any) -> Iterator[Run]:
+    """Runs with so many steps each, all driven by the path that is drawn for the most of them."""
+    return (problem.run(scheme, n, refine=halvings(max(counts), n), **paths) for n in counts)
+
+
+def values_of(
+    problem: Problem, scheme: Scheme, steps: int, paths: dict[str, Any]
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """f at so many steps, an even number, and at half of them, on the same paths, and which are ok in both."""
+    (fine, ok), (coarse, also) = map(problem.values, runs_of(problem, scheme, (steps, steps // 2), **paths))
+    return fine, coarse, ok & also
+
+
+def end(run: Run) -> np.ndarray:
+    """Final state (2, dof, path)."""
+    return np.stack([run.q[-1], run.p[-1]])
+
+
+def squares(one: np.ndarray, other: np.ndarray) -> np.ndarray:
+    """|x - y|^2 of each path; overflow counts as not finite."""
+    with np.errstate(over="ignore", invalid="ignore"):
+        return np.square(one - other).sum(axis=(0, 1))
+
+
+def rms(square: np.ndarray) -> float:
+    """Root of the mean of squares."""
+    return float(np.sqrt(np.mean(square)))
 
 
 @dataclass(frozen=True)
@@ -37,6 +85,11 @@ class Draw:
     coarse: Tally
     seconds: float  #: of the processor
     failed: int  #: paths that failed at one of the two steps, left out
+
+    @property
+    def units(self) -> Tally:
+        """What is wanted: the differences."""
+        return self.difference
 
     def error_by(self, size: float) -> float:
         """Standard error of the mean difference, of an f whose values that differ lie so far from the rest.
@@ -164,7 +217,7 @@ class LevelSampler:
         if level == 0:
             fine, ok = problem.values(problem.run(self.scheme, steps, **paths))
             return fine, np.zeros_like(fine), ok
-        fine, coarse, ok = coupled(problem, self.scheme, steps, paths)
+        fine, coarse, ok = values_of(problem, self.scheme, steps, paths)
         if self.antithetic:
             paths["increments"] = self._swapped(steps, **paths)
             swapped, also = problem.values(problem.run(self.scheme, steps, **paths))
@@ -184,13 +237,52 @@ class LevelSampler:
         return dw.reshape(steps // 2, 2, *dw.shape[1:])[:, ::-1].reshape(dw.shape)
 
 
-def coupled(
-    problem: Problem, scheme: Scheme, steps: int, paths: dict[str, Any]
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """f at so many steps, an even number, and at half of them, on the same paths, and which are ok in both."""
-    fine, ok = problem.values(problem.run(scheme, steps, **paths))
-    coarse, also = problem.values(problem.run(scheme, steps // 2, refine=1, **paths))
-    return fine, coarse, ok & also
+class Levels:
+    """Samples of the levels of one scheme: E d_l, V_l, Var f, and what the finest level leaves of E f."""
+
+    def __init__(self, order: float, known: Tally):
+        """Nothing is drawn yet. order: the weak one; known: values of f on other paths."""
+        self.order, self.known = order, known
+        self.draws: list[Draw] = []
+
+    @property
+    def begun(self) -> int:
+        """Levels that have values: all, but for the last one where it was interrupted."""
+        return sum(draw.difference.n > 1 for draw in self.draws)
+
+    @property
+    def variance(self) -> float:
+        """Var f by the finest level; at least that of the known values, where few of its own differ."""
+        own = self.draws[self.begun - 1].fine
+        return max(own.variance, self.known.variance) if own.few and self.known.n > 1 else own.variance
+
+    def error_of(self, level: int) -> float:
+        """Standard error of the mean of d_l."""
+        return self.draws[level].error_by(self.known.size)
+
+    def variance_of(self, level: int) -> float:
+        """V_l, by that error."""
+        return self.error_of(level) ** 2 * self.draws[level].difference.n
+
+    def square_of(self, level: int) -> float:
+        """E d_l^2 of a level above 0: how far paths end from each other, as f sees it."""
+        return self.variance_of(level) + self.draws[level].difference.mean ** 2
+
+    def are_settled(self, means: Sequence[float], errors: Sequence[float], order: float) -> bool:
+        """Powers of h may be counted on: the two finest levels end near each other, or means of d_l fall as they do."""
+        return bias.settled(self.square_of(self.begun - 1), self.variance, means, errors, order)
+
+    def left_by(
+        self, means: Sequence[float], errors: Sequence[float], order: float, *, phases: float, settled: bool,
+        halved: float = 0,
+    ) -> tuple[float, float]:  # fmt: skip
+        """E f - E f(x_l) and its standard error, from means of d_l up to the finest; `halved` times finer than that.
+
+        phases: the power of h by which these are off.
+        """
+        last = self.begun - 1
+        second = bias.second_powers(self.square_of(last), self.variance, phases, self.draws[last].difference.size)
+        return bias.left(means, errors, order, halved, settled=settled, second=second)
 
 
 def driven_by_more(scheme: Scheme) -> bool:

@@ -8,27 +8,27 @@ import os
 from functools import partial
 from typing import Any
 
-from ...errors import InvalidArgumentError, NumericalError
+from ...errors import NumericalError
 from ...model.definition import Model
 from ...native import checks
 from ...native.progress import Progress
 from ...native.signals import carry
 from ...schemes import Scheme, as_scheme
-from ..expectation import bias as weak
-from ..expectation.candidates import best_coupled, of_phases, weak_order
-from ..expectation.draw_store import inputs_of, open_folder
-from ..expectation.estimators import Plain
-from ..expectation.longest_step import fewest_steps, mild_steps
-from ..expectation.problem import OPTIONS, make_problem
-from ..expectation.tails import Doubt
-from ..expectation.tally import Tally
-from ..expectation.target import Function
-from ..expectation.tolerance import BIAS_SHARE, SEEN, Tolerance, half_width, make_tolerance, quantile
-from ..expectation.unseen import doubt, look, unseen
-from ..expectation.watch import Watch
+from ..coupled import MOST_LEVELS, NOTHING, Levels, LevelSampler
+from . import bias as weak
+from .candidates import best_coupled, of_phases, weak_order
+from .draw_store import InFolder, Nowhere, inputs_of, open_folder
+from .estimators import Plain
+from .longest_step import fewest_steps, mild_steps
 from .multilevel_answer import Level, Multilevel
+from .problem import OPTIONS, make_problem
 from .rates import fall
-from .sampler import MOST_LEVELS, NOTHING, Draw, LevelSampler
+from .tails import Doubt
+from .tally import Tally
+from .target import Function
+from .tolerance import BIAS_SHARE, SEEN, Tolerance, half_width, make_tolerance, may_be_zero, quantile
+from .unseen import look, widened
+from .watch import Watch
 
 FIRST_LEVELS = 3  #: that are drawn before anything is judged, where so many are allowed
 _LOOKED_AT_FROM = 2**46 + 2**45  #: path that these begin at
@@ -80,7 +80,7 @@ def mlmc(
     of f is in the interval, as in `expect`.
     """
     watch = Watch(max_time, progress)
-    try:
+    with watch.carrying(Multilevel):
         problem = make_problem(model, f, q0=q0, p0=p0, horizon=horizon, seed=seed, **options)
         tolerance = make_tolerance(abs, rel)
         chosen = best_coupled(problem) if scheme is None else as_scheme(scheme)
@@ -95,32 +95,28 @@ def mlmc(
         inputs["mlmc"] = {"steps": sampler.coarsest, "levels": most, "first": first, "antithetic": sampler.antithetic}
         with open_folder(out, inputs, problem.seed, watch) as store:
             return Estimate(sampler, tolerance, **given, store=store).run()
-    except BaseException as stop:
-        if not isinstance(getattr(stop, "partial", None), Multilevel):
-            carry(stop, lambda: None)  # nothing was begun
-        raise
 
 
-class Estimate:
+class Estimate(Levels):
     """A multilevel estimate that grows until it is narrow enough."""
 
     def __init__(
         self, sampler: LevelSampler, tolerance: Tolerance, *, levels: int, first: int, watch: Watch,
-        known: Tally | None = None, store: Any = None,
+        known: Tally | None = None, store: Nowhere | InFolder | None = None,
     ):  # fmt: skip
         """Nothing is drawn yet. known: values of f that were looked at already; without them, some are first. store:
-        where draws are kept, as `symsde.answers.expectation.draw_store` has it."""
+        where draws are kept."""
+        super().__init__(weak_order(sampler.problem, sampler.scheme), known or Tally())
         self.sampler, self.tolerance, self.watch = sampler, tolerance, watch
-        self.most, self.first, self.known, self.store = levels, first, known, store
-        self.order = weak_order(sampler.problem, sampler.scheme)
+        self.most, self.first = levels, first
+        self.store = Nowhere(watch) if store is None else store
         self._tails = Doubt(sampler.problem)
-        self.draws: list[Draw] = []
         self.notes: list[str] = []
 
     def run(self) -> Multilevel:
         """Draw until the interval is narrow enough, the levels or the time are used up."""
         try:
-            if self.known is None:
+            if not self.known.n:
                 self.known = self._look_at_f()
             for _ in range(min(FIRST_LEVELS, self.most)):
                 self._add_level()
@@ -129,20 +125,14 @@ class Estimate:
                 pass
             return self.answer()
         except BaseException as stop:
-            carry(stop, lambda: self.answer() if self._begun() else None)
+            carry(stop, lambda: self.answer() if self.begun else None)
             raise
-        finally:
-            self.watch.close()
 
     def _look_at_f(self) -> Tally:
         """Values of f at a step of moderate length; refused where they have no variance."""
         sampler, level = self.sampler, min(FIRST_LEVELS, self.most) - 1
         plain = Plain(sampler.problem, sampler.scheme, sampler.steps(level), _LOOKED_AT_FROM)
         return look(plain, self.tolerance, self.watch).units
-
-    def _begun(self) -> int:
-        """Levels that have values: all, but for the last one where it was interrupted."""
-        return sum(draw.difference.n > 1 for draw in self.draws)
 
     def _work(self) -> bool:
         """Draw what is missing, or add a level; false where nothing is left to do."""
@@ -185,30 +175,15 @@ class Estimate:
 
     def _draw(self, level: int, count: int) -> None:
         """So many samples more, in parts between which the clock is looked at."""
-        usual = max(256, self.sampler.problem.chunk)
-        drawn = self.draws[level]
-        known = drawn.difference.n + drawn.failed
-        part = usual if self.store is None else self.store.grain(usual, count, drawn.seconds / known if known else -1.0)
+        usual, name = max(256, self.sampler.problem.chunk), f"level-{level:02d}"
+        draw = partial(self.sampler.draw_from, level)
         while count > 0 and not (self.watch.over and self.draws[level].difference.n > 1):
-            if self.store is None and self.draws[level].difference.n > 1:
-                room = self.watch.room(self._seconds(level))
-                if room < 1:
-                    self.watch.end()
-                    return
-                part = int(min(part, room))
-            found = self._drawn(level, min(part, count), count)
+            found = self.store.more(name, self.draws[level], count, usual, draw, exactly=True)
             if found is None:
                 return
             self.draws[level] += found
-            count -= part
+            count -= found.difference.n + found.failed
         self._tails.look(self.draws[level].fine, self.sampler.scheme, self.sampler.steps(level))
-
-    def _drawn(self, level: int, part: int, count: int) -> Draw | None:
-        """So many samples of `count` that are wanted; None where the time is over."""
-        if self.store is None:
-            return self.sampler.draw(level, part)
-        first = self.draws[level].difference.n + self.draws[level].failed
-        return self.store.part(f"level-{level:02d}", first, part, count, partial(self.sampler.draw_from, level))
 
     def _finest_is_cheap(self) -> bool:
         """Twice the paths of the finest level cost less than a fifth of what was spent."""
@@ -219,10 +194,7 @@ class Estimate:
         fine, (value, error) = self.draws[0].fine, self._told()
         self.tolerance.check(value, math.sqrt(fine.mean**2 + fine.variance))
         if self.tolerance.relative is not None and math.fabs(value) < error:
-            raise InvalidArgumentError(
-                f"the mean of f is {value:.3g} +- {error:.3g}: a half width relative to it cannot be kept "
-                "where it may be 0; give abs, the half width itself"
-            )
+            raise may_be_zero(value, error)
 
     def _told(self) -> tuple[float, float]:
         """The value and its error; where levels do not tell it from 0, those of the values looked at if these do."""
@@ -246,10 +218,9 @@ class Estimate:
         return self.tolerance.half_width(self._told()[0]) / quantile(fewest)
 
     def _variance(self, level: int) -> float:
-        """Of a value; of level 0 at least that of the values looked at, where few of its own differ."""
-        draw = self.draws[level]
-        known = self.known.variance if level == 0 and draw.difference.few and self.known.n > 1 else 0.0
-        return max(draw.error_by(self.known.size) ** 2 * draw.difference.n, known)
+        """V_l; of level 0 at least that of the values looked at, where few of its own differ."""
+        few = level == 0 and self.draws[0].difference.few and self.known.n > 1
+        return max(self.variance_of(level), self.known.variance if few else 0.0)
 
     def _error(self, level: int) -> float:
         """Standard error of the mean of a level."""
@@ -275,38 +246,30 @@ class Estimate:
 
     def _left(self) -> tuple[float, float]:
         """What is left of the error of the step, and its standard error."""
-        finer = range(1, max(self._begun(), 1))
+        finer = range(1, max(self.begun, 1))
         means, errors = [self.draws[i].difference.mean for i in finer], [self._error(i) for i in finer]
         order = self.order if len(means) >= weak.TERMS else weak.order_of(means, errors, self.order)
-        square, fine = self._variance(finer[-1]) + means[-1] ** 2, self.draws[finer[-1]].fine
-        variance = max(fine.variance, self.known.variance) if fine.few and self.known.n > 1 else fine.variance
-        settled = weak.settled(square, variance, means, errors, order)
-        second = weak.second_powers(
-            square, variance, of_phases(self.sampler.scheme, order), self.draws[finer[-1]].difference.size
-        )
-        return weak.left(means, errors, order, settled=settled, second=second)
+        settled = self.are_settled(means, errors, order)
+        return self.left_by(means, errors, order, phases=of_phases(self.sampler.scheme, order), settled=settled)
 
     @property
     def value(self) -> float:
         """Sum of the means."""
-        return math.fsum(draw.difference.mean for draw in self.draws[: self._begun()])
+        return math.fsum(draw.difference.mean for draw in self.draws[: self.begun])
 
     @property
     def error(self) -> float:
         """Its standard error."""
-        return math.sqrt(math.fsum(self._error(i) ** 2 for i in range(self._begun())))
+        return math.sqrt(math.fsum(self._error(i) ** 2 for i in range(self.begun)))
 
     def answer(self) -> Multilevel:
         """What is known so far, by the levels that were begun: there is one at least."""
-        value, error, begun = self.value, self.error, self._begun()
+        value, error, begun = self.value, self.error, self.begun
         bias = math.hypot(*self._left()) if begun > 1 else math.inf
         half = half_width(error, bias, min(draw.difference.n for draw in self.draws[:begun]))
         seen = sum((draw.fine for draw in self.draws), self.known)
-        hidden = unseen(self.sampler.problem, self.sampler.scheme, self.sampler.steps(0), seen)
         notes = [*self.notes]
-        if hidden > half or (seen.m2 == 0 and self.sampler.problem.model.nnoise):
-            notes.append(doubt(seen, hidden))
-        half = max(half, hidden)
+        half = widened(half, self.sampler.problem, self.sampler.scheme, self.sampler.steps(0), seen, notes)
         reached = half <= 1.05 * self.tolerance.half_width(value)
         levels = tuple(self._level(i) for i in range(begun))
         finer = range(1, len(levels))
@@ -332,7 +295,7 @@ class Estimate:
             **slopes,
             reached=reached,
             notes=tuple(notes),
-            cost=self.watch.seconds + (0.0 if self.store is None else self.store.seconds),
+            cost=self.watch.seconds + self.store.seconds,
         )
 
     def _level(self, i: int) -> Level:
