@@ -14,7 +14,7 @@ from symsde.answers.expectation.longest_step import SHARPEST
 from symsde.answers.expectation.problem import make_problem
 from symsde.answers.expectation.tally import Tally
 from symsde.answers.expectation.trial import Trial
-from symsde.reports.stability.limits import stable_up_to
+from symsde.answers.linear_stability import stable_up_to
 from symsde.schemes import as_scheme
 from test_expect import FakeTrial, units
 

@@ -9,6 +9,7 @@ import re
 import numpy as np
 import pytest
 import symsde as ss
+from symsde.answers import linear_stability
 from symsde.cli import command_line
 from symsde.reports import look
 from symsde.reports.expectations import Expectations
@@ -74,9 +75,9 @@ def replaced(value):
 
 
 FAULTS = [
-    (limits.stability_limits, limits, "step_matrix", lambda real: lambda scheme, x: real(scheme, 1.001 * x)),
+    (limits.stability_limits, linear_stability, "step_matrix", lambda real: lambda scheme, x: real(scheme, 1.001 * x)),
     (limits.stability_limits, limits, "rate", times(1.05)),
-    (limits.stability_limits, limits, "is_stable", replaced(lambda matrix: bool(np.abs(matrix).max() < 2))),
+    (limits.stability_limits, linear_stability, "is_stable", replaced(lambda matrix: bool(np.abs(matrix).max() < 2))),
     (limits.stability_limits, limits, "sizes", lambda real: lambda scheme, x, **n: real("heun", x, **n)),
     (bifurcation.bifurcations, bifurcation, "trace_of_cycle", times(1.01)),
     (bifurcation.bifurcations, bifurcation, "cycle_of_kicks", lambda real: lambda name, x: real(name, 1.001 * x)),

@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-import importlib
 import math
 from dataclasses import dataclass
 from typing import Any
@@ -17,6 +16,7 @@ from ...native import checks
 from ...schemes import Scheme, as_scheme
 from ..expectation.longest_step import frequency
 from ..expectation.problem import OPTIONS, Problem, make_problem
+from ..linear_stability import stable_up_to
 from .ladder import Ladder
 from .wants import KINDS
 
@@ -112,14 +112,9 @@ def advise(
     return Advice(best.scheme, best.step, best.steps, best.seconds, reasons, others)
 
 
-def stable_up_to(scheme: Scheme) -> float:
-    """omega h up to which a scheme is stable on an oscillator, by the matrices of its own steps."""
-    return importlib.import_module("symsde.reports.stability.limits").stable_up_to(scheme.name)[0]
-
-
 def _fewest_steps(problem: Problem, scheme: Scheme, fastest: float) -> int:
     """To the horizon, with which the fastest motion is stable."""
-    longest = min(_ROOM * stable_up_to(scheme), _LONGEST)
+    longest = min(_ROOM * stable_up_to(scheme.name)[0], _LONGEST)
     return max(1, math.ceil(problem.horizon * fastest / longest))
 
 
@@ -170,7 +165,7 @@ def _reasons(
     problem: Problem, ladder: Ladder, fastest: float, best: Option, others: tuple[Option, ...]
 ) -> tuple[str, ...]:  # fmt: skip
     """Sentences: pilot, stability, brackets, cost."""
-    limit = stable_up_to(ladder.scheme)
+    limit = stable_up_to(ladder.scheme.name)[0]
     until = "is stable at every step" if limit == math.inf else f"is stable up to {limit:.3g}"
     made = "explicit here" if "solver: the step is explicit" in problem.try_out(ladder.scheme).left_out else "implicit"
     reasons = [

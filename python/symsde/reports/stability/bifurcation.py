@@ -14,10 +14,10 @@ import numpy as np
 
 import symsde as ss
 
+from ...answers.linear_stability import stable_up_to
 from ...answers.mean_square import mean_square
 from .. import look
 from ..expectations import Expectations
-from .limits import stable_up_to
 from .one_step_map import FixedPoint, fixed_points
 from .scenario import simulate
 from .systems import double_well

@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-import functools
 import math
 from collections.abc import Iterable
 from dataclasses import dataclass
@@ -12,13 +11,12 @@ import numpy as np
 
 import symsde as ss
 
+from ...answers.linear_stability import is_stable, stable_up_to, step_matrix
 from ...errors import SymsdeError
 from ..expectations import Expectations
 from .scenario import simulate
 
-SCAN = np.append(np.geomspace(0.1, 100, 300), (1e3, 1e4))  #: omega h; narrow windows of instability may lie between
 NEXT = np.linspace(1.0, 1.1, 201)[1:]  #: of a limit: where growth beyond it is looked for
-ROUNDING = 1e-9  #: of determinants and traces
 LONG = 3.0  #: omega h at which the turn of a step is told
 SHORT = 0.1  #: omega h at which growth is told where no step is stable
 KNOWN = {"midpoint": math.inf, "lobatto3": math.sqrt(8), "symplectic_euler": 2.0, "stormer_verlet": 2.0, "heun": 0.0}
@@ -44,19 +42,6 @@ class Limit:
         return f"n steps grow by exp({self.rate:.2g} n) at omega h = {self.beyond:.3g}{again}"
 
 
-def step_matrix(scheme: str, omega_h: float) -> np.ndarray:
-    """Matrix (2, 2) of a step, of z = (q, p)."""
-    start = {"q0": np.array([[1.0, 0.0]]), "p0": np.array([[0.0, 1.0]]), "paths": 2}
-    run = simulate(ss.models.linear_oscillator(sigma=0.0), scheme=scheme, step=omega_h, steps=1, **start)
-    return np.concatenate([run.q[-1], run.p[-1]])
-
-
-def is_stable(matrix: np.ndarray) -> bool:
-    """No eigenvalue outside the unit circle: |det| <= 1 and |trace| <= 1 + det."""
-    determinant = np.linalg.det(matrix)
-    return bool(abs(determinant) <= 1 + ROUNDING and abs(np.trace(matrix)) <= 1 + determinant + ROUNDING)
-
-
 def limit(scheme: str) -> Limit:
     """The first step of the scan that is unstable, refined, and how fast runs grow next to it."""
     low, high = stable_up_to(scheme)
@@ -69,22 +54,6 @@ def limit(scheme: str) -> Limit:
     worst = int(np.argmax(rates))
     again = next((x for x in near[worst:] if is_stable(step_matrix(scheme, x))), math.inf)
     return Limit(scheme, low, float(near[worst]), rates[worst], float(again))
-
-
-@functools.cache
-def stable_up_to(scheme: str) -> tuple[float, float]:
-    """omega h below which every step is stable, and one just above it that is not; 0 where none, infinite where all."""
-    low = 0.0
-    for high in SCAN.tolist():
-        if not is_stable(step_matrix(scheme, high)):
-            break
-        low = high
-    else:
-        return math.inf, math.inf
-    while low > 0 and high - low > 1e-6 * high:
-        middle = (low + high) / 2
-        low, high = (middle, high) if is_stable(step_matrix(scheme, middle)) else (low, middle)
-    return low, high
 
 
 def rate(scheme: str, omega_h: float) -> float:

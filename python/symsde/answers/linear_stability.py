@@ -1,0 +1,55 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Up to which step a scheme is stable on H = (p^2 + q^2)/2, where h is omega h.
+
+A step is z -> M z with z = (q, p). It is stable where no eigenvalue of M lies outside the unit circle,
+
+    |det M| <= 1,   |tr M| <= 1 + det M,
+
+and of a symplectic scheme, det M = 1, where |tr M| <= 2. M comes from runs of one step.
+"""
+
+from __future__ import annotations
+
+import functools
+import math
+import warnings
+
+import numpy as np
+
+from ..errors import PathsFailedWarning
+from ..models import linear_oscillator
+from ..run.simulate import simulate
+
+SCAN = np.append(np.geomspace(0.1, 100, 300), (1e3, 1e4))  #: omega h; narrow windows of instability may lie between
+ROUNDING = 1e-9  #: of determinants and traces
+
+
+def step_matrix(scheme: str, omega_h: float) -> np.ndarray:
+    """M (2, 2) of a step."""
+    start = {"q0": np.array([[1.0, 0.0]]), "p0": np.array([[0.0, 1.0]]), "paths": 2}
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", PathsFailedWarning)
+        run = simulate(linear_oscillator(sigma=0.0), scheme=scheme, step=omega_h, steps=1, **start)
+    return np.concatenate([run.q[-1], run.p[-1]])
+
+
+def is_stable(matrix: np.ndarray) -> bool:
+    """No eigenvalue outside the unit circle."""
+    determinant = np.linalg.det(matrix)
+    return bool(abs(determinant) <= 1 + ROUNDING and abs(np.trace(matrix)) <= 1 + determinant + ROUNDING)
+
+
+@functools.cache
+def stable_up_to(scheme: str) -> tuple[float, float]:
+    """omega h below which every step is stable, and one just above it that is not; 0 where none, infinite where all."""
+    low = 0.0
+    for high in SCAN.tolist():
+        if not is_stable(step_matrix(scheme, high)):
+            break
+        low = high
+    else:
+        return math.inf, math.inf
+    while low > 0 and high - low > 1e-6 * high:
+        middle = (low + high) / 2
+        low, high = (middle, high) if is_stable(step_matrix(scheme, middle)) else (low, middle)
+    return low, high
