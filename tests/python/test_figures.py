@@ -20,7 +20,7 @@ def drawn(monkeypatch, tmp_path):
 
     def draw(save, data):
         save(tmp_path / "figure.png", data)
-        return pages[-1].axes
+        return pages[-1]
 
     return draw
 

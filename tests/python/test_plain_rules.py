@@ -109,8 +109,8 @@ def test_the_figure_of_horizons_shows_its_rows(monkeypatch, tmp_path):
     pages = []
     monkeypatch.setattr("symsde.reports.look.readable", pages.append)
     horizons.save(tmp_path / "figure.png", data)
-    assert [axes.get_title() for axes in pages[0].axes] == [words for _, _, words in horizons.WANTS]
-    for axes in pages[0].axes:
+    assert [axes.get_title() for axes in pages[0]] == [words for _, _, words in horizons.WANTS]
+    for axes in pages[0]:
         expected = {}
         for row in data["rows"]:
             if row["want"] == axes.get_title() and row["steps"]:
