@@ -4,7 +4,7 @@ Error against the step
 ======================
 
 The figure shows strong errors of symplectic schemes on one model; all steps follow the same Brownian paths.
-Schemes that take increments alone have order one. With one more integral of the path, dZ, they have a higher order.
+Schemes that take increments alone have order one. With one more integral of the path, :math:`dZ`, the order is higher.
 """
 
 import matplotlib.pyplot as plt
@@ -23,4 +23,5 @@ for scheme, low, high in (
     plt.loglog(table.step, table.error, label=f"{scheme}: {table.order:.2f}", **of_scheme(scheme))
 plt.xlabel("h")
 plt.ylabel("root mean square error at t = 2")
-plt.legend(title="order")
+plt.ylim(top=2.0)
+plt.legend(title="order", loc="upper left", ncols=2)

@@ -23,6 +23,7 @@ def area(q, p):
 
 
 figure, (left, right) = plt.subplots(1, 2)
+figure.get_layout_engine().set(wspace=0.1)
 change = {}
 for scheme in ("midpoint", "heun"):
     run = ss.simulate(

@@ -3,7 +3,7 @@
 Loss of a beam
 ==============
 
-Particles of a bunch scatter until they reach the edge of the chamber at \\|q\\| = 1, where they are lost. The
+Particles of a bunch scatter until they reach the edge of the chamber at :math:`|q| = 1`, where they are lost. The
 passage observer checks q after every step. If noise acts on q, it also checks between two steps, by the law of a
 Brownian bridge. The paths themselves are never stored.
 """

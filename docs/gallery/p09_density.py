@@ -3,9 +3,8 @@
 Phase-space density of an ensemble
 ==================================
 
-A hundred thousand particles start at one place in the bucket of a synchrotron. The
-frequency falls with the amplitude. So the noise first spreads them along the orbit into a ring, and then slowly
-across orbits.
+A hundred thousand particles start at one place in the bucket of a synchrotron. The frequency falls with the amplitude.
+So the noise first spreads the particles along the orbit into a ring, and then slowly across orbits.
 """
 
 import matplotlib.pyplot as plt
@@ -20,9 +19,11 @@ figure, panels = plt.subplots(1, 3, sharex=True, sharey=True, figsize=(8, 3))
 for panel, n in zip(panels, (1, 2, 3), strict=True):
     count, *_ = panel.hist2d(run.q[n, 0], run.p[n, 0], bins=120, range=[[-3, 3], [-2.5, 2.5]], cmap="magma")
     panel.set_title(f"t = {run.t[n]:g}")
+    panel.collections[-1].set_clim(0, 50)
     panel.set_xlabel("q")
     panel.grid(False)
 panels[0].set_ylabel("p")
+figure.colorbar(panels[2].collections[-1], ax=panels, label="particles in a bin", extend="max")
 
 # %%
 # No particle has failed, the ring has closed, and its energy has hardly changed:

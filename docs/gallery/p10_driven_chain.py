@@ -18,6 +18,7 @@ path = ss.simulate(model, **common)
 mom = ss.moments(model, paths=2000, **common)
 
 figure, (left, right) = plt.subplots(1, 2, figsize=(8, 3.5))
+figure.get_layout_engine().set(wspace=0.12)
 picture = left.imshow(path.q[:, :, 0].T, aspect="auto", origin="lower", extent=[0, path.t[-1], 1, n], cmap="RdBu")
 left.set_xlabel("t")
 left.set_ylabel("mass")

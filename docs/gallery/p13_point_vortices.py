@@ -3,8 +3,10 @@
 Three point vortices, from a formula
 ====================================
 
-The Hamiltonian is not separable. It is given as a text, from which symsde derives derivatives and compiled code.
-The vortices are in a frame that rotates at random. The midpoint rule keeps their moment of inertia to rounding.
+The Hamiltonian :math:`H = -\\frac{1}{4\\pi}\\sum_{i<j}\\ln\\bigl((q_i-q_j)^2+(p_i-p_j)^2\\bigr)` is not separable.
+It is given as a text, from which symsde derives derivatives and compiled code. The noise
+:math:`H_1 = -\\frac{\\sigma}{2}\\sum_i (q_i^2+p_i^2)` rotates the frame at random. The midpoint rule keeps the moment
+of inertia to rounding.
 """
 
 import matplotlib.pyplot as plt
@@ -18,9 +20,11 @@ run = ss.simulate(model, q0=[1.0, -0.4, -0.5], p0=[0.0, 0.9, -0.7], step=0.05, s
 for i in range(3):
     plt.plot(run.q[:, i, 0], run.p[:, i, 0], label=f"vortex {i + 1}")
 plt.gca().set_aspect("equal")
+plt.xticks([-1, 0, 1])
+plt.yticks([-1, 0, 1])
 plt.xlabel("x")
 plt.ylabel("y")
-plt.legend()
+plt.legend(loc="upper left", bbox_to_anchor=(1.02, 1))
 
 moment = (run.q**2 + run.p**2).sum(axis=1)
 assert np.abs(moment - moment[0]).max() < 1e-12

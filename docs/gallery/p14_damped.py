@@ -3,8 +3,9 @@
 Damping, by a Hamiltonian that depends on time
 ==============================================
 
-Friction is not Hamiltonian, but the Hamiltonians of Caldirola and Kanai give the same motion of q: its
-variance tends to :math:`\\sigma^2/(2\\gamma\\omega^2)`.
+The Langevin equation :math:`\\ddot q = -\\gamma\\dot q - \\omega^2 q + \\sigma\\dot W` has friction, which is not
+Hamiltonian. But the Hamiltonians of Caldirola and Kanai, which depend on time, give the same motion of q. Its variance
+tends to :math:`\\sigma^2/(2\\gamma\\omega^2)`.
 """
 
 import matplotlib.pyplot as plt
@@ -22,7 +23,7 @@ limit = sigma**2 / (2 * gamma * omega**2)
 plt.fill_between(mom.t, *(mom.mean_q[:, 0] + s * np.sqrt(mom.var_q[:, 0]) for s in (-1, 1)), alpha=0.3)
 plt.plot(mom.t, mom.mean_q[:, 0], label="mean of q and one standard deviation")
 for s in (-1, 1):
-    plt.axhline(s * np.sqrt(limit), color="k", linestyle=":")
+    plt.axhline(s * np.sqrt(limit), color="k", linestyle=":", label="stationary deviation" if s > 0 else None)
 plt.xlabel("t")
 plt.ylabel("q")
 plt.legend()

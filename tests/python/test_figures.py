@@ -124,6 +124,10 @@ def test_points_of_the_step(drawn):
         np.testing.assert_allclose(y[below], sign * np.sqrt(4 / x[below] ** 2 - 1), rtol=1e-12)
         assert np.isnan(y[~below]).all() and not below.all()
     assert all(points(axis.lines[-1]) == [[2, 0], [2, 1]] for axis in axes)
+    told = [text.get_text() for text in axes[0].figure.legends[0].get_texts()]
+    assert told[:3] == ["cycle of two steps, stable", "cycle of two steps, unstable", "fixed point, unstable"]
+    shown_in = [not axis.texts for axis in axes]
+    assert shown_in == [name in ("stormer_verlet", "heun") for name in bifurcation.DRAWN] + [False] * 4
     assert [axis.get_title() for axis in axes[:4]] == list(bifurcation.DRAWN)
     assert [axes[i].get_ylabel() for i in (0, 4)] == ["hardening spring\n$q$", "pendulum\n$q$"]
     assert {axis.get_xlabel() for axis in axes[4:]} == {r"$\omega h$"}
@@ -132,6 +136,12 @@ def test_points_of_the_step(drawn):
 def test_labels_of_energy_over_a_long_time(drawn):
     names = [prefix + scheme for prefix in ("", "kubo_") for scheme in long_time.SCHEMES]
     curves = {"t": [1.0, 10.0], "kubo_t": [1.0, 20.0], **{name: [1e-3, 2e-3] for name in names}}
+    curves["heun"] = [1e-3, 1e4]
+    curves["euler_maruyama"] = [1e4, 1e5]
     energy, kubo = drawn(long_time.save, curves)
+    ends = {line.get_label(): (points(line), line.get_marker()) for line in energy.lines}
+    assert ends["heun"] == ([[1.0, 1e-3]], "X") and ends["midpoint"][1] == "None" and ends["euler_maruyama"][0] == []
+    told = [text.get_text() for text in energy.figure.legends[0].get_texts()]
+    assert told == [*long_time.SCHEMES, "lost from here on"]
     assert (energy.get_xlabel(), energy.get_ylabel()) == ("$t$", "$|H/H_0-1|$")
     assert (kubo.get_xlabel(), kubo.get_ylabel()) == ("$t$", "rms change of $p^2+q^2$")

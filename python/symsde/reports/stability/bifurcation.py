@@ -7,7 +7,9 @@ q_{n+1} - 2 q_n + q_{n-1} = -h^2 U'(q_n). Its multipliers are those of the matri
 
 from __future__ import annotations
 
+import importlib
 import math
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -35,7 +37,7 @@ NOISE = 0.1  #: sigma sqrt(h), in units of omega
 HEAD = (
     *("scheme", "linear theory"),
     *(f"orbits from q = {size:g}" for size in SIZES),
-    *("points of its own: spring", "pendulum", "second moments at rest"),
+    *("spurious points: spring", "pendulum", "second moments at rest"),
 )
 
 
@@ -220,7 +222,7 @@ def table(curves: dict) -> list[list[str]]:
 
 def save(path: Path, curves: dict) -> None:
     """Draw q of the points against omega h: full where they are stable; lines are the cycles of kicks."""
-    with look.drawing(path, 9.5, 5.0, 120) as page:
+    with look.drawing(path, 9.5, 5.4, 120) as page:
         axes = page.subplots(len(MODELS), len(DRAWN), sharex=True, sharey="row")
         for row, (name, schemes) in enumerate(curves["points"].items()):
             for axis, scheme in zip(axes[row], DRAWN, strict=True):
@@ -233,10 +235,17 @@ def save(path: Path, curves: dict) -> None:
                     theory = np.array([cycle_of_kicks(name, float(x)) for x in line])
                     for sign in (-1, 1):
                         axis.plot(line, sign * theory, color=look.GREY, lw=0.9)
-                axis.axvline(2, color=look.GREY, ls=":", lw=0.9)
+                if not schemes[scheme]:
+                    axis.text(0.5, 0.6, "none", ha="center", transform=axis.transAxes)
+                limit = axis.axvline(2, color=look.GREY, ls=":", lw=0.9)
                 axis.set(xlim=(SCAN[0], SCAN[-1]), ylim=(-4, 4))
                 if not row:
                     axis.set_title(scheme)
             axes[row, 0].set_ylabel(f"{name}\n$q$")
         for axis in axes[-1]:
             axis.set_xlabel(r"$\omega h$")
+        key = partial(importlib.import_module("matplotlib.lines").Line2D, [], [], ls="", ms=4, color=look.BLACK)
+        keys = {"cycle of two steps, stable": key(marker="o"), "cycle of two steps, unstable": key(marker="o", mfc="w")}
+        keys |= {"fixed point, unstable": key(marker="s", mfc="w"), "cycle by hand": key(ls="-", color=look.GREY)}
+        keys[r"linear limit of stormer_verlet, $\omega h = 2$"] = limit
+        page.legend(keys.values(), keys.keys(), loc="outside lower center", ncols=5)

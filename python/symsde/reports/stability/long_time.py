@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import importlib
 from pathlib import Path
 
 import numpy as np
@@ -79,13 +80,19 @@ def kubo_change(scheme: str, steps: int) -> np.ndarray:
 
 
 def save(path: Path, curves: dict) -> None:
-    """Draw both; points beyond the edge are left out."""
-    with look.panels(path, [["energy", "kubo"]], 10.0, 3.6, 130) as axes:
+    """Draw both; points beyond the edge are left out, and a cross ends a curve that goes there."""
+    with look.panels(path, [["energy", "kubo"]], 10.0, 4.0, 130) as axes:
         for scheme in SCHEMES:
             for axis, time, key in ((axes["energy"], "t", scheme), (axes["kubo"], "kubo_t", f"kubo_{scheme}")):
                 t, change = np.array(curves[time], dtype=float), np.array(curves[key], dtype=float)
                 seen = change < 1e3
-                axis.plot(t[seen], np.maximum(change[seen], 1e-17), color=look.colour(scheme), label=scheme)
+                dashed = "--" if scheme == "gauss2" else "-"  # which lies on midpoint in (b)
+                lost = {"markevery": [-1], "marker": "X", "ms": 7} if seen.any() and not seen.all() else {}
+                shown = t[seen], np.maximum(change[seen], 1e-17)
+                axis.plot(*shown, ls=dashed, color=look.colour(scheme), label=scheme, **lost)
         axes["energy"].set(xscale="log", yscale="log", xlabel="$t$", ylabel="$|H/H_0-1|$", ylim=(1e-12, 1e3))
         axes["kubo"].set(xscale="log", yscale="log", xlabel="$t$", ylabel="rms change of $p^2+q^2$", ylim=(1e-17, 1e3))
-        axes["energy"].legend(ncols=2)
+        line = importlib.import_module("matplotlib.lines").Line2D
+        cross = line([], [], ls="", marker="X", ms=7, color=look.BLACK, label="lost from here on")
+        names = [*axes["kubo"].get_lines(), cross]
+        axes["kubo"].figure.legend(names, [x.get_label() for x in names], loc="outside lower center", ncols=7)

@@ -23,27 +23,28 @@ Multiplicative noise has other limits: see [mean-square stability](expect.md#mea
 """
 BIFURCATIONS = (
     "The limits in the table are values of omega h, where omega is the frequency at rest. The models are the hardening"
-    " spring H = p^2/2 + q^2 + q^4/2 and the pendulum H = p^2/2 - cos q, without noise. 'Orbits' gives the longest "
-    "step up to which, at this and every shorter step, orbits of the spring that start at rest at q are not lost "
-    "within 10^4 steps. Points of the scheme's own are fixed points at which the equation does not rest, and cycles of"
-    " two steps. They were found by Newton's iteration from 588 points of |q|, |p| <= 4 "
-    "(`symsde.reports.stability.fixed_points`). In the figure, circles are cycles, and full circles are stable cycles."
-    " On the lines, splittings have the cycle q, -q: (omega h)^2 U'(q) = 4 omega^2 q. A hardening spring has this "
-    "cycle at every step below omega h = 2. The cycle is unstable, and orbits beyond it are lost: for q = 1 long "
-    "before linear theory says so. A pendulum has it from 2 on; it is stable up to sqrt(2 pi). midpoint has no such "
-    "points at any step, because z' = z and z'' = z both imply that the gradient vanishes at its node. gauss2 has no "
-    "fixed points of its own for the same reason, and its cycles have large amplitudes. Heun's rule has fixed points "
-    "of its own from 2 on. Second moments: the noise H_1 = sigma (p^2 + q^2)/2 keeps the pendulum at rest; the table "
-    "gives the omega h up to which a step near rest adds less than 1 % to E |z|^2, at sigma sqrt(h) = 0.1. The steps "
-    "that `symsde.advise` tries are at most 0.65 of the linear limit over the fastest frequency of an orbit."
+    " spring H = p^2/2 + q^2 + q^4/2 and the pendulum H = p^2/2 - cos q, without noise. The columns of orbits give the"
+    " longest step up to which, at this and every shorter step, no orbit of the spring that starts at rest at q is "
+    "lost within 10^4 steps. Spurious points are fixed points of the scheme at which the equation does not rest, and "
+    "cycles of two steps. They were found by Newton's iteration from 588 points with |q|, |p| <= 4 "
+    "(`symsde.reports.stability.fixed_points`). The full line in the figure is the cycle q, -q of splittings: "
+    "(omega h)^2 U'(q) = 4 omega^2 q. The hardening spring has it at every step below omega h = 2. There the cycle is "
+    "unstable, and orbits beyond it are lost: for q = 1 at much shorter steps than linear theory says. The pendulum "
+    "has it from 2 on, and it is stable up to sqrt(2 pi). midpoint has no spurious points at any step, because z' = z "
+    "and z'' = z both imply that the gradient vanishes at its node. For the same reason gauss2 has no spurious fixed "
+    "points, and its cycles have large amplitudes. Heun's rule has spurious fixed points from 2 on. The last column is"
+    " for the noise H_1 = sigma (p^2 + q^2)/2, which keeps the pendulum at rest. It gives the omega h up to which a "
+    "step near rest adds less than 1 % to E |z|^2, at sigma sqrt(h) = 0.1. `symsde.advise` tries steps up to 0.65 of "
+    "the linear limit over the fastest frequency of an orbit."
 )
 LONG_TIME = """\
 (a) The energy H of the Henon-Heiles system without noise, h = 0.1. With symplectic schemes it changes no more in the
-second half of the time than in the first. Heun's rule loses it, and Euler-Maruyama loses it before the first point.
-(b) The root mean square change of p^2 + q^2 over 32 paths of the Kubo oscillator, whose noise does not change p^2 +
-q^2. Schemes that keep quadratic invariants keep it to rounding. With other symplectic schemes it wanders as the
-square root of time, because each step has its own noise and so keeps another modified Hamiltonian. With schemes that
-are not symplectic it grows without bound.
+second half of the time than in the first. With Heun's rule it is lost where the cross stands; with Euler-Maruyama it is
+lost before the first point that is shown.
+(b) The root mean square change of p^2 + q^2 over 32 paths of the Kubo oscillator, whose noise keeps p^2 + q^2. Schemes
+that keep quadratic invariants keep it to rounding. With other symplectic schemes it wanders as the square root of time,
+because each step has its own noise and so keeps another modified Hamiltonian. With schemes that are not symplectic it
+grows without bound.
 """
 FIGURE = """\
 (a) Energy that additive noise puts into an oscillator, relative to the exact equation. At long steps the midpoint
@@ -69,7 +70,7 @@ def write(target: Path, found: list[Expectations], quick: bool) -> None:
         kept = curves.pop("bifurcations")
         page.add("## Orbits of some size, fixed points and cycles")
         page.add(pages.markdown(bifurcation.HEAD, bifurcation.table(kept)))
-        page.figure("fixed-points", kept, bifurcation.save, "Points of the step that the equation has not")
+        page.figure("fixed-points", kept, bifurcation.save, "Fixed points and cycles of a step that the equation does not have")
         page.add(pages.wrapped(BIFURCATIONS))
     if "long_time" in curves:
         page.add("## Energy over a long time")

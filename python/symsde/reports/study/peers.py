@@ -7,6 +7,8 @@ import itertools
 import math
 from collections.abc import Iterable
 
+from .. import look
+
 OURS = "symsde"
 #: the scene of examples/scenes that a problem of the packages is, up to first state and horizon
 SCENES = {
@@ -108,14 +110,16 @@ def lesson(rows: list[dict]) -> str:
 
 
 def draw(axes, rows: list[dict]) -> None:
-    """Error over run time of every scheme of one problem: symsde's on full lines, the others' on dashed ones."""
+    """Error over run time of every scheme of one problem: symsde's on full lines, the others' on broken ones.
+
+    Colours are those of schemes, in every figure; markers and dashes are those of packages.
+    """
     for name, points in sorted(curves(rows, rows[0]["problem"]).items(), key=lambda found: _rank(found[0])):
         errors, seconds = zip(*points, strict=True)
-        axes.plot(seconds, errors, label=" ".join(name), ms=4, **_style(name))
+        axes.plot(seconds, errors, label=" ".join(name), ms=5, **_style(name))
     axes.set(xscale="log", yscale="log", xlabel="run time of a path [s]")
 
 
-#: the same look of a scheme in every panel
 _ORDER = (
     ("symsde, given", "heun"), ("symsde, given", "midpoint"), ("symsde, given", "stormer_verlet"),
     ("symsde, own", "chin4a"), ("symsde, own", "gauss3"), ("numba_loop", "Heun"), ("numpy_steps", "Heun"),
@@ -124,11 +128,22 @@ _ORDER = (
 )  # fmt: skip
 
 
+_LINES = {
+    "numba_loop": ("P", "--"), "numpy_steps": ("X", ":"), "diffrax": ("*", "-."), "torchsde": (">", (0, (6, 2))),
+    "sdeint": ("d", "--"), "jitcsde": ("p", "--"), "xmds2": ("H", "--"),
+}  # fmt: skip
+_COLOURS = dict.fromkeys(("Heun", "heun", "stratHeun"), look.colour("heun")) | {
+    "ShARK": look.TEAL,
+    "adaptive": look.GREY,
+}
+
+
 def _rank(name: tuple[str, str]) -> int:
     return _ORDER.index(name) if name in _ORDER else len(_ORDER)
 
 
 def _style(name: tuple[str, str]) -> dict[str, str]:
-    i = _rank(name)
-    line = "-" if name[0].startswith(OURS) else "--"
-    return {"ls": line, "marker": "osD^vPX*<>dphH"[i], "color": f"C{i % 10}"}
+    if name[0].startswith(OURS):
+        return {"ls": "-", **look.of_scheme(name[1])}
+    marker, line = _LINES.get(name[0], (".", "--"))
+    return {"ls": line, "marker": marker, "color": _COLOURS.get(name[1], look.BLACK)}

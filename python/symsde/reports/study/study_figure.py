@@ -40,17 +40,15 @@ def _draw_all(path: Path | None, study, *, pdf: bool):
             beside = page.add_subplot(grid[1, 1], sharex=right, sharey=below)
             beside.tick_params(labelleft=False)
             draw_weak(study, below, beside)
+        legend = dict(zip(*reversed(left.get_legend_handles_labels()), strict=True))
         if study.peers:
-            others = page.add_subplot(grid[0, 2])
+            others = page.add_subplot(grid[:, 2])
             peers.draw(others, study.peers)
             others.set_title(f"other packages: {peers.TITLES[study.peers[0]['problem']]}", loc="left", fontsize=9)
-            key = page.add_subplot(grid[1, 2]) if rows == 2 else others
-            if rows == 2:
-                key.axis("off")
-            key.legend(
-                *others.get_legend_handles_labels(), loc="upper left" if rows == 2 else "upper right", fontsize=7
-            )
-        page.legend(*left.get_legend_handles_labels(), loc="outside lower center", ncols=4)
+            shown = dict(zip(*reversed(others.get_legend_handles_labels()), strict=True))
+            ours = {f"{peers.OURS}, {kind} {scheme}" for kind in ("given", "own") for scheme in study.schemes}
+            legend |= {name: line for name, line in shown.items() if name not in ours}  # those look as in the others
+        page.legend(legend.values(), legend.keys(), loc="outside lower center", ncols=5)
     return page
 
 
