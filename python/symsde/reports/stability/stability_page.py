@@ -70,7 +70,9 @@ def write(target: Path, found: list[Expectations], quick: bool) -> None:
         kept = curves.pop("bifurcations")
         page.add("## Orbits of some size, fixed points and cycles")
         page.add(pages.markdown(bifurcation.HEAD, bifurcation.table(kept)))
-        page.figure("fixed-points", kept, bifurcation.save, "Fixed points and cycles of a step that the equation does not have")
+        page.figure(
+            "fixed-points", kept, bifurcation.save, "Fixed points and cycles of a step that the equation does not have"
+        )
         page.add(pages.wrapped(BIFURCATIONS))
     if "long_time" in curves:
         page.add("## Energy over a long time")
