@@ -39,12 +39,18 @@ module symsde_base_record
       integer :: nlane = 0, nnoise = 0
       integer :: nreal = 0                                   !! lanes past it are padding, and need not be computed
       integer :: nstep = 0                                   !! a multiple of every
+      integer :: most = 0                                    !! steps that such a record has at most
       integer :: every = 1
       real(wp) :: t = 0                                      !! when the first step begins [time]
+      real(wp) :: t0 = 0                                     !! when step 0 of the run begins [time]
+      integer(i8) :: first = 0                               !! absolute number of the first step
       real(wp) :: h = 0                                      !! each step, with its sign [time]
       integer :: max_iter = 0                                !! bound of a solver's iterations in a step
       real(wp), pointer, contiguous :: w(:, :, :) => null()  !! h, dW_1 .. dW_m (nlane, 0:nnoise, nstep)
       type(functional_run) :: of(nfunctional)                !! of(path_dz)%x, ..; null where not asked for
+   contains
+      procedure :: show => show_one
+      procedure :: leave_one
    end type steps_record
 
    !> Steps that follow each other.
@@ -157,6 +163,7 @@ contains
       steps%nlane = self%nlane
       steps%nnoise = self%nnoise
       steps%nstep = nstep
+      steps%most = self%capacity
       steps%t = t
       steps%h = self%h
       steps%w(1:, 0:, 1:) => self%w(:, :, i:i + nstep - 1)
@@ -165,5 +172,38 @@ contains
          if (self%asked%has(f)) steps%of(f)%x => self%of(f)%x(:, :, i:i + nstep - 1)
       end do
    end subroutine show_several
+
+   !> Step k of several, as a record of its own. Its time is t0 + n h, never accumulated.
+   subroutine show_one(self, k, step)
+      class(steps_record), intent(in) :: self
+      integer, intent(in) :: k                  !! 1 .. nstep
+      type(step_record), intent(inout) :: step  !! the last one shown of these, or a new one
+      integer :: f
+
+      step%t = self%t0 + real(self%first + k - 1, wp)*self%h
+      step%h = self%h
+      step%w(1:, 0:) => self%w(:, :, k)
+      do f = 1, nfunctional
+         if (associated(self%of(f)%x)) step%of(f)%x => self%of(f)%x(:, :, k)
+      end do
+   end subroutine show_one
+
+   !> Of several steps the k-th alone.
+   subroutine leave_one(self, k, one)
+      class(steps_record), intent(in) :: self
+      integer, intent(in) :: k                 !! 1 .. nstep
+      type(steps_record), intent(out) :: one
+      integer :: f
+
+      one = self
+      one%nstep = 1
+      one%every = 1
+      one%first = self%first + k - 1
+      one%t = self%t0 + real(one%first, wp)*self%h
+      one%w(1:, 0:, 1:) => self%w(:, :, k:k)
+      do f = 1, nfunctional
+         if (associated(self%of(f)%x)) one%of(f)%x => self%of(f)%x(:, :, k:k)
+      end do
+   end subroutine leave_one
 
 end module symsde_base_record

@@ -1,9 +1,11 @@
 ! SPDX-License-Identifier: BSD-3-Clause
 !> The abstract stepper: it finds the increment of q and p over one step, for a block of paths.
 !>
-!> Increments, not new states, so that one place adds them (with or without compensation), checks that
-!> they are finite and freezes failed paths. A stepper that takes lanes in small groups may add theirs itself
-!> while they are near (`moves`). A stepper owns its workspace: every thread has its own.
+!> A run asks for one thing, "these steps of this state" (`advance`): by default a loop over increments, which are
+!> added, with or without compensation, checked, and refused for failed paths in step/block/state. A stepper that takes
+!> lanes in small groups may add theirs itself while they are near (`moves`); a model that takes whole steps has an
+!> `advance` of its own. It is the same for a block of a thousand paths and for a path by itself, which is a block of
+!> one lane. A stepper owns its workspace: every thread has its own.
 !>
 !> A stepper describes itself: which tasks it fits (a function beside its type, asked before there is one, where a form
 !> or frame of its own does not say it), how it is made for one, and what it leaves out. The factory keeps them in
@@ -11,16 +13,17 @@
 module symsde_step_stepper
    use symsde_base_counters, only: counters_type, add_counters
    use symsde_base_kinds, only: wp, i8
-   use symsde_base_record, only: step_record
+   use symsde_base_record, only: step_record, steps_record
    use symsde_model_abstract, only: model_type
    use symsde_scheme_scheme, only: scheme_type, bracket_terms, tableau_form, correction_none, frame_none
    use symsde_solve_newton, only: newton_options
+   use symsde_step_block_state, only: lane_state, passed_states
    use symsde_step_lone, only: lone_stepper
    use symsde_step_hamiltonian_brackets, only: active_brackets
    use symsde_step_hamiltonian_one_step, only: one_step_hamiltonian
    implicit none
    private
-   public :: stepper_type, stepper_task
+   public :: stepper_type, stepper_task, advance_by_increments
 
    !> What a stepper is wanted for: of a run, all but the lanes is found once (`resolve_task` of step/factory).
    type :: stepper_task
@@ -48,10 +51,14 @@ module symsde_step_stepper
                                              !! of a lane of many; 0: there is none
       character(:), allocatable :: left_out    !! what else it does without, for the run report
       type(one_step_hamiltonian) :: ham
+      type(step_record) :: record                      !! the last step of a run that was tried
+      real(wp), allocatable :: last_dq(:, :), last_dp(:, :)  !! its increments, made for the first one (nlane, ndof)
    contains
       procedure(make_interface), deferred :: make
       procedure(increment_interface), deferred :: increment
+      procedure :: advance => advance_by_increments
       procedure :: move
+      procedure :: make_room
       procedure :: offer_lone
       procedure :: tally
    end type stepper_type
@@ -78,6 +85,48 @@ module symsde_step_stepper
    end interface
 
 contains
+
+   !> Steps that follow each other, from the state of a block, which is moved; where several states are wanted on the
+   !> way they are put down in passed. The step in which a lane fails is the last one that is taken: then the lane is
+   !> where it was, with a status, and others have gone on. Who asked sees to it that the lane is rescued, or its
+   !> failure recorded.
+   subroutine advance_by_increments(self, steps, state, passed, ntaken, failed)
+      class(stepper_type), intent(inout) :: self
+      type(steps_record), intent(inout) :: steps
+      type(lane_state), intent(inout) :: state
+      type(passed_states), intent(inout) :: passed
+      integer, intent(out) :: ntaken    !! steps, with that in which a lane failed
+      logical, intent(out) :: failed    !! one has
+      integer :: left
+
+      call self%make_room()
+      passed%n = 0
+      left = steps%every
+      do ntaken = 1, steps%nstep
+         call steps%show(ntaken, self%record)
+         if (self%moves .and. .not. allocated(state%q_low)) then
+            call self%move(self%record, state%q, state%p, state%status)
+            failed = state%has_new_failures()
+         else
+            call self%increment(self%record, state%q, state%p, self%last_dq, self%last_dp, state%status)
+            call state%advance(self%last_dq, self%last_dp, failed)
+         end if
+         if (failed) return
+         left = left - 1
+         if (left > 0) cycle
+         left = steps%every
+         if (steps%nstep > steps%every) call passed%put(state)
+      end do
+      ntaken = steps%nstep
+   end subroutine advance_by_increments
+
+   !> Room for the increments of a step.
+   subroutine make_room(self)
+      class(stepper_type), intent(inout) :: self
+
+      if (allocated(self%last_dq)) return
+      allocate (self%last_dq(self%ham%nlane, self%ham%ndof), self%last_dp(self%ham%nlane, self%ham%ndof))
+   end subroutine make_room
 
    !> One step of the states themselves, with the bits of the sums of q, p and the increments. Lanes that fail, by a
    !> state that is not finite, too, get a status; what has one stays where it is.

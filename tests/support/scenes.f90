@@ -7,18 +7,17 @@ module scenes
    use symsde_base_counters, only: counters_type
    use symsde_base_kinds, only: wp, i8
    use symsde_base_status, only: error_type
+   use symsde_ensemble_block_single_path, only: new_single_path
    use symsde_model_abstract, only: model_type
    use symsde_model_catalogue_by_name, only: get_model, parameter_names
    use symsde_noise_brownian, only: brownian_noise, new_brownian_noise
    use symsde_scheme_catalogue, only: get_scheme
    use symsde_scheme_scheme, only: scheme_type
-   use symsde_step_block_one_lane, only: lone_lane, new_lone_lane
-   use symsde_step_factory, only: stepper_options, new_stepper
-   use symsde_step_lone, only: lone_stepper
-   use symsde_step_stepper, only: stepper_type
+   use symsde_step_factory, only: stepper_options, new_stepper, resolve_task
+   use symsde_step_stepper, only: stepper_type, stepper_task
    implicit none
    private
-   public :: model_of, make_model, scheme_of, stepper_of, lone_of, require, draw_weights, hermite_nodes, slope_of
+   public :: model_of, make_model, scheme_of, stepper_of, single_path_of, require, draw_weights, hermite_nodes, slope_of
    public :: hash_of
 
 contains
@@ -161,21 +160,19 @@ contains
       end do
    end function hash_of
 
-   !> What takes paths of a model one by one: what the stepper of their block offers, or a stepper of one lane.
-   subroutine lone_of(stepper, model, scheme, lone)
-      class(stepper_type), intent(in) :: stepper
+   !> What takes one path of a model by itself, as increments; not allocated where nothing does. The task is kept by who
+   !> asks, as a target.
+   subroutine single_path_of(single, task, model, scheme)
+      class(stepper_type), allocatable, intent(out) :: single
+      type(stepper_task), intent(inout), target :: task
       class(model_type), intent(in), target :: model
-      character(*), intent(in) :: scheme
-      class(lone_stepper), allocatable, intent(out) :: lone
-      class(stepper_type), allocatable :: single
-      type(lone_lane), allocatable :: made
+      type(scheme_type), intent(in), target :: scheme
+      type(error_type), allocatable :: error
 
-      call stepper%offer_lone(lone)
-      if (allocated(lone)) return
-      call stepper_of(single, model, scheme, stepper_options(as_increments=.true.), 1)
-      allocate (made)
-      call new_lone_lane(made, single)
-      call move_alloc(made, lone)
-   end subroutine lone_of
+      call resolve_task(task, model, scheme, stepper_options(as_increments=.true.), error)
+      call require(error)
+      call new_single_path(single, task, 1_i8, error)
+      call require(error)
+   end subroutine single_path_of
 
 end module scenes

@@ -1,12 +1,12 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> What drives the steps of a block: drawn several pairs of steps ahead, and shown one step at a time.
+!> What drives the steps of a block: drawn several pairs of steps ahead, and shown as many at a time as are taken at
+!> once.
 module symsde_ensemble_block_noise_buffer
    use symsde_base_functionals, only: functional_set
    use symsde_base_interrupt, only: interrupt_type
    use symsde_base_kinds, only: wp, i8
-   use symsde_base_record, only: step_record, step_store, step_request, describe_step_store
+   use symsde_base_record, only: steps_record, step_store, step_request, describe_step_store
    use symsde_ensemble_block_prefetch, only: pairs_ahead, pairs_of
-   use symsde_ensemble_block_few, only: few_paths
    use symsde_noise_source, only: noise_type
    implicit none
    private
@@ -15,13 +15,12 @@ module symsde_ensemble_block_noise_buffer
    type :: noise_buffer
       class(noise_type), pointer :: noise => null()
       type(step_request) :: request        !! paths of the block, and the pairs of steps in the store
-      type(step_store) :: store            !! steps drawn ahead, or brought one by one; without room at first
+      type(step_store) :: store            !! steps drawn ahead; without room at first
       integer(i8) :: normals_of_pair = 0   !! drawn for one path in a pair of steps
       integer, private :: nahead = 0, npair = 1       !! pairs in the store, and the most that fit
    contains
       procedure :: begin
       procedure :: draw
-      procedure :: ahead
       procedure :: left
       procedure :: show
    end type noise_buffer
@@ -29,15 +28,14 @@ module symsde_ensemble_block_noise_buffer
 contains
 
    !> For blocks of nlane lanes, and so many noises, steps of a run and functionals beside increments.
-   subroutine new_noise_buffer(self, nlane, nnoise, nstep, h, asked, brings)
+   subroutine new_noise_buffer(self, nlane, nnoise, nstep, h, asked)
       type(noise_buffer), intent(inout) :: self
       integer, intent(in) :: nlane, nnoise
       integer(i8), intent(in) :: nstep
       real(wp), intent(in) :: h                      !! step with its sign [time]
       type(functional_set), intent(in) :: asked
-      logical, intent(in) :: brings                  !! steps are brought from the stores of few paths, if at all
 
-      self%npair = merge(1, pairs_of(nstep, pairs_ahead(nlane, asked%columns(nnoise))), brings)
+      self%npair = pairs_of(nstep, pairs_ahead(nlane, asked%columns(nnoise)))
       call describe_step_store(self%store, nlane, nnoise, 2*self%npair, h, asked)
       self%request%nlane = nlane
       allocate (self%request%path(nlane))
@@ -54,30 +52,22 @@ contains
       self%request%path = path
    end subroutine begin
 
-   !> Have what drives a step: drawn ahead, or asked for, several pairs from an even one on; few paths have stores of
-   !> their own. Nothing is had where the interrupt is wanted.
-   subroutine draw(self, step, nstep, few, alone, interrupt)
+   !> Have what drives a step: drawn ahead, or asked for, several pairs from an even one on. Nothing is had where the
+   !> interrupt is wanted.
+   subroutine draw(self, step, nstep, interrupt)
       class(noise_buffer), intent(inout) :: self
       integer(i8), intent(in) :: step, nstep       !! absolute, counted from 0; that with which the run ends
-      type(few_paths), intent(inout) :: few
-      logical, intent(in) :: alone                 !! the paths are those
       class(interrupt_type), intent(inout), optional :: interrupt
       integer(i8) :: pair, drawn
-      integer :: room
 
       pair = step/2
       if (self%nahead > 0 .and. pair < self%request%pair + self%nahead) return
-      room = merge(few%npair, self%npair, alone)
-      self%request%pair = pair - mod(pair, min(2_i8, int(room, i8)))
-      self%nahead = int(min(int(room, i8), (nstep - 1)/2 - self%request%pair + 1))
+      self%request%pair = pair - mod(pair, min(2_i8, int(self%npair, i8)))
+      self%nahead = int(min(int(self%npair, i8), (nstep - 1)/2 - self%request%pair + 1))
       self%request%npair = self%nahead
       drawn = 0
-      if (alone) then
-         if (self%noise%nnoise > 0) call few%fill(self%noise, self%request, drawn, interrupt)
-      else
-         call self%store%make_room()
-         if (self%noise%nnoise > 0) call self%noise%fill(self%request, self%store, drawn, interrupt)
-      end if
+      call self%store%make_room()
+      if (self%noise%nnoise > 0) call self%noise%fill(self%request, self%store, drawn, interrupt)
       if (present(interrupt)) then
          if (interrupt%wanted) then
             self%nahead = 0
@@ -87,14 +77,6 @@ contains
       self%normals_of_pair = drawn/self%nahead
    end subroutine draw
 
-   !> Steps from the first one that was drawn to this one.
-   pure integer function ahead(self, step)
-      class(noise_buffer), intent(in) :: self
-      integer(i8), intent(in) :: step
-
-      ahead = int(step - 2*self%request%pair)
-   end function ahead
-
    !> Steps from this one on that were drawn.
    pure integer(i8) function left(self, step)
       class(noise_buffer), intent(in) :: self
@@ -103,20 +85,16 @@ contains
       left = 2*(self%request%pair + self%nahead) - step
    end function left
 
-   !> A step of the block, which begins at the time t; that of few paths is brought to its store.
-   subroutine show(self, step, t, few, alone, record)
-      class(noise_buffer), intent(inout) :: self
+   !> So many steps of the block, from this one on; the first begins at the time t.
+   subroutine show(self, step, nstep, t, steps)
+      class(noise_buffer), intent(in) :: self
       integer(i8), intent(in) :: step
+      integer, intent(in) :: nstep
       real(wp), intent(in) :: t
-      type(few_paths), intent(in) :: few
-      logical, intent(in) :: alone
-      type(step_record), intent(inout) :: record
+      type(steps_record), intent(inout) :: steps
 
-      if (alone) then
-         call self%store%make_room()
-         call few%bring(self%ahead(step), self%request%nreal, self%store)
-      end if
-      call self%store%show(merge(0, self%ahead(step), alone), t, record)
+      call self%store%show_several(int(step - 2*self%request%pair), nstep, t, steps)
+      steps%first = step
    end subroutine show
 
 end module symsde_ensemble_block_noise_buffer

@@ -5,15 +5,13 @@ module symsde_ensemble_block_runner_factory
    use symsde_base_kinds, only: i8
    use symsde_base_status, only: error_type
    use symsde_ensemble_block_runner, only: block_runner, new_block_runner
-   use symsde_ensemble_block_few, only: has_few, most_alone
    use symsde_ensemble_options, only: run_options
    use symsde_model_abstract, only: model_type
    use symsde_model_user_callback, only: callback_model
    use symsde_model_user_real_lanes, only: real_lanes_model, new_real_lanes
    use symsde_scheme_scheme, only: frame_none
+   use symsde_ensemble_block_single_path, only: new_single_path
    use symsde_step_factory, only: make_stepper
-   use symsde_step_lone, only: lone_stepper
-   use symsde_step_block_one_lane, only: lone_lane, new_lone_lane
    use symsde_step_implicit_rescue, only: new_rescue
    use symsde_step_stepper, only: stepper_type, stepper_task
    implicit none
@@ -32,68 +30,33 @@ module symsde_ensemble_block_runner_factory
 contains
 
    !> A runner for blocks of nlane lanes.
-   subroutine new_runner(self, runner, nlane, has_padding, error, takes_few)
+   subroutine new_runner(self, runner, nlane, has_padding, error, single)
       class(runner_factory), intent(in), target :: self   !! must live as long as the runner
       type(block_runner), intent(out) :: runner
       integer, intent(in) :: nlane
       logical, intent(in) :: has_padding        !! some block will not be full
       type(error_type), allocatable, intent(inout) :: error
-      logical, intent(in), optional :: takes_few  !! a block of few paths one by one, where the stepper can
+      class(stepper_type), allocatable, intent(inout), optional :: single  !! of one lane, if it is there; taken over
       class(stepper_type), allocatable :: stepper
-      class(lone_stepper), allocatable :: lone
-      integer :: most  ! paths of a block that are taken one by one
       type(real_lanes_model), pointer :: view
       class(model_type), pointer :: seen
 
       call look_at_real_lanes(self%task%model, has_padding, view, seen)
-      call make_stepper(stepper, self%task, seen, nlane, error)
+      if (present(single)) call move_alloc(single, stepper)
+      if (nlane > 1) then
+         call make_stepper(stepper, self%task, seen, nlane, error)
+      else if (.not. allocated(stepper)) then
+         call new_single_path(stepper, self%task, self%options%npath, error)
+      end if
       if (allocated(error)) then
          if (associated(view)) deallocate (view)
          return
       end if
-      most = 0
-      if (present(takes_few)) then
-         if (takes_few) call offer_few(self, stepper, nlane, lone, most, error)
-      end if
-      call new_block_runner(runner, self%options, nlane, stepper, self%asked, &
-                            brings=min(self%options%npath, int(nlane, i8)) <= most)
-      if (most > 0) call runner%set_lone(lone, self%task%model)
+      call new_block_runner(runner, self%options, nlane, stepper, self%asked)
       runner%real_lanes => view
       if (self%task%scheme%frame == frame_none) &  ! else a step inside of the frame is rescued, by its stepper
          call new_rescue(runner%rescue, self%task, runner%stepper)
    end subroutine new_runner
-
-   !> What takes the paths of a block of few one by one, and how many are few; none where the run has no such block.
-   subroutine offer_few(self, stepper, nlane, lone, most, error)
-      type(runner_factory), intent(in) :: self
-      class(stepper_type), intent(in) :: stepper
-      integer, intent(in) :: nlane
-      class(lone_stepper), allocatable, intent(out) :: lone
-      integer, intent(out) :: most
-      type(error_type), allocatable, intent(inout) :: error
-
-      call stepper%offer_lone(lone)
-      if (.not. allocated(lone) .and. has_few(self%options%npath, nlane, stepper%most_single)) &
-         call offer_lane(self, stepper, lone, error)
-      most = most_alone(stepper, lone)
-      if (.not. has_few(self%options%npath, nlane, most)) most = 0
-   end subroutine offer_few
-
-   !> A path by itself by a stepper of one lane, where that has the bits of others.
-   subroutine offer_lane(self, stepper, lone, error)
-      class(runner_factory), intent(in) :: self
-      class(stepper_type), intent(in) :: stepper  !! of the block
-      class(lone_stepper), allocatable, intent(out) :: lone
-      type(error_type), allocatable, intent(inout) :: error
-      class(stepper_type), allocatable :: single
-      type(lone_lane), allocatable :: made
-
-      call make_stepper(single, self%task, self%task%model, 1, error)
-      if (allocated(error)) return
-      allocate (made)
-      call new_lone_lane(made, single)
-      call move_alloc(made, lone)
-   end subroutine offer_lane
 
    !> The model as a stepper sees it: padding is kept from functions whose lanes do not need it.
    subroutine look_at_real_lanes(model, has_padding, view, seen)

@@ -36,7 +36,7 @@ contains
    elemental integer function narrower_width(nlane)
       integer, intent(in) :: nlane
 
-      narrower_width = max(lane_unit, padded((nlane + 1)/2))
+      narrower_width = min(nlane, max(lane_unit, padded((nlane + 1)/2)))
    end function narrower_width
 
    !> Give the paths of a block to a narrower runner if half of its lanes have a status; else say when that will be.
@@ -49,7 +49,7 @@ contains
 
       associate (nlane => active%state%nlane)
          active%enough = nlane
-         if (.not. recipe%narrows .or. wide%alone .or. narrower_width(nlane) == nlane) return
+         if (.not. recipe%narrows .or. narrower_width(nlane) == nlane) return
          if (wide%options%first_step + wide%options%nstep - active%step < worth_while) return
          active%enough = nlane - narrower_width(nlane)
          if (active%state%nfailed < active%enough) return
@@ -203,10 +203,10 @@ contains
    ! ---- the observer of a narrower block ---------------------------------------------------------
 
    !> The wide block has begun before.
-   subroutine begin_block(self, first, nreal)
+   subroutine begin_block(self, first, nreal, nlane)
       class(spreading_observer), intent(inout) :: self
       integer(i8), intent(in) :: first
-      integer, intent(in) :: nreal
+      integer, intent(in) :: nreal, nlane
    end subroutine begin_block
 
    !> Show the wide block; lanes that its observer retires are retired here.

@@ -7,6 +7,7 @@
 !> same values; where one of them watches every step, every step is shown here, and saved times are some of these.
 module symsde_ensemble_observe_moment_collector
    use symsde_base_kinds, only: wp, i4, i8
+   use symsde_base_lanes, only: padded
    use symsde_base_status, only: absorbed, error_type
    use symsde_ensemble_observe_observables, only: observables_type
    use symsde_ensemble_observe_observer, only: observer_type
@@ -45,7 +46,8 @@ module symsde_ensemble_observe_moment_collector
       class(model_type), pointer :: model => null()
       class(observables_type), pointer :: observables => null()
       type(moment_store), pointer :: store => null()
-      integer, public :: nvalue = 0
+      integer, public :: nvalue = 0                 !! of all, and those that are not the user's
+      integer :: nown = 0
       type(observer_plan), pointer :: plan => null() !! of streaming observers
       type(observer_list) :: list                   !! those of this thread
       integer(i8) :: every = 1                      !! steps shown between saved times
@@ -86,33 +88,45 @@ contains
       self%ntime = ntime
       self%nvalue = 2*model%traits%ndof
       if (model%traits%has_value) self%nvalue = self%nvalue + 1
-      allocate (self%values(nlane, self%nvalue), self%w(nlane, 0:model%traits%nnoise))
+      self%nown = self%nvalue
       nullify (self%observables)
       if (present(observables)) then
          self%observables => observables
          self%nvalue = self%nvalue + observables%nvalue
-         self%waiting%nplace = max(1, min(observables%most_lanes/nlane, ntime))
       end if
-      self%w = 0
-      self%w(:, 0) = 1
+      call make_room(self, nlane)
       nullify (self%plan)
       if (.not. present(plan)) return
       self%plan => plan
       if (plan%watches_steps) self%every = every
    end subroutine new_moment_collector
 
-   subroutine begin_block(self, first, nreal)
+   !> Room for blocks of so many lanes.
+   subroutine make_room(self, nlane)
+      class(moment_collector), intent(inout) :: self
+      integer, intent(in) :: nlane
+
+      if (allocated(self%values)) deallocate (self%values, self%w)
+      allocate (self%values(nlane, self%nown), self%w(nlane, 0:self%model%traits%nnoise))
+      self%w = 0
+      self%w(:, 0) = 1
+      if (.not. associated(self%observables)) return
+      self%waiting%nplace = max(1, min(self%observables%most_lanes/nlane, self%ntime))
+   end subroutine make_room
+
+   subroutine begin_block(self, first, nreal, nlane)
       class(moment_collector), intent(inout) :: self
       integer(i8), intent(in) :: first
-      integer, intent(in) :: nreal
+      integer, intent(in) :: nreal, nlane
 
       self%first = first
       self%nreal = nreal
+      if (size(self%values, 1) /= nlane) call make_room(self, nlane)
       call dyadic_pieces(first, nreal, self%npiece, self%offset, self%level)
       if (allocated(self%pieces)) deallocate (self%pieces)
       if (associated(self%plan)) then
          if (.not. allocated(self%list%slots)) call new_observer_list(self%list, self%plan)
-         call self%list%begin_block(first, nreal)
+         call self%list%begin_block(first, nreal, nlane)
       end if
    end subroutine begin_block
 
@@ -238,22 +252,24 @@ contains
       self%counts(:, self%n) = counts
    end subroutine let_wait
 
-   !> The user's observables of all states that wait, as lanes side by side. Never under a lock: a function may run the
-   !> library itself.
+   !> The user's observables of all states that wait, as lanes side by side, in whole vectors: the last one is repeated.
+   !> Never under a lock: a function may run the library itself.
    subroutine ask_observables(self, nlane, ndof)
       class(moment_collector), intent(inout) :: self
       integer, intent(in) :: nlane, ndof
-      real(wp) :: values(nlane, self%waiting%n, self%observables%nvalue)
+      real(wp) :: values(nlane, padded(self%waiting%n*nlane)/nlane, self%observables%nvalue)
       real(wp), allocatable :: q(:, :, :), p(:, :, :), of_time(:, :)
-      integer :: i, n, nown
+      integer :: i, n, whole
 
       n = self%waiting%n
-      nown = size(self%values, 2)
-      allocate (of_time(nlane, self%nvalue))
-      associate (w => self%waiting)
-         q = w%own(:, :n, 1:ndof)
-         p = w%own(:, :n, ndof + 1:2*ndof)
-         call self%observables%evaluate(nlane*n, ndof, w%t, q, p, values)
+      whole = size(values, 2)
+      allocate (of_time(nlane, self%nvalue), q(nlane, whole, ndof), p(nlane, whole, ndof))
+      associate (w => self%waiting, nown => self%nown)
+         do i = 1, whole
+            q(:, i, :) = w%own(:, min(i, n), 1:ndof)
+            p(:, i, :) = w%own(:, min(i, n), ndof + 1:2*ndof)
+         end do
+         call self%observables%evaluate(nlane*whole, ndof, w%t, q, p, values)
          do i = 1, n
             of_time(:, :nown) = w%own(:, i, :)
             of_time(:, nown + 1:) = values(:, i, :)

@@ -26,12 +26,12 @@ module symsde_ensemble_observe_observer
    end type observer_type
 
    abstract interface
-      !> A block of nreal paths from global path `first` on is about to run.
-      subroutine begin_interface(self, first, nreal)
+      !> A block of nreal paths from global path `first` on, in nlane lanes, is about to run.
+      subroutine begin_interface(self, first, nreal, nlane)
          import :: observer_type, i8
          class(observer_type), intent(inout) :: self
          integer(i8), intent(in) :: first
-         integer, intent(in) :: nreal
+         integer, intent(in) :: nreal, nlane
       end subroutine begin_interface
 
       !> The state at saved time number isave (0 is t0). Lanes with a status have failed before t. It may retire lanes
@@ -55,13 +55,12 @@ module symsde_ensemble_observe_observer
 contains
 
    !> States at saved times number isave and following, of lanes with the status of state; it holds the last of them
-   !> afterwards: the first after which a lane is retired, if any. This default shows them one by one. Of a block of one
-   !> path they may be given without padding.
+   !> afterwards: the first after which a lane is retired, if any. This default shows them one by one.
    subroutine observe_each(self, isave, nsave, t, nlane, q, p, state)
       class(observer_type), intent(inout) :: self
       integer(i8), intent(in) :: isave
       integer, intent(inout) :: nsave            !! states; those that were shown
-      integer, intent(in) :: nlane               !! those of q and p: state%nlane, or 1
+      integer, intent(in) :: nlane               !! that of state
       real(wp), intent(in) :: t(nsave)
       type(lane_state), intent(inout) :: state
       real(wp), intent(in) :: q(nlane, state%ndof, nsave), p(nlane, state%ndof, nsave)

@@ -206,15 +206,15 @@ contains
       if (allocated(self%slots)) is_empty = size(self%slots) == 0
    end function is_empty
 
-   subroutine begin_block(self, first, nreal)
+   subroutine begin_block(self, first, nreal, nlane)
       class(observer_list), intent(inout) :: self
       integer(i8), intent(in) :: first
-      integer, intent(in) :: nreal
+      integer, intent(in) :: nreal, nlane
       integer :: i
 
       if (self%is_empty()) return
       do i = 1, size(self%slots)
-         call self%slots(i)%observer%begin_block(first, nreal)
+         call self%slots(i)%observer%begin_block(first, nreal, nlane)
       end do
    end subroutine begin_block
 

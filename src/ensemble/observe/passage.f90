@@ -110,8 +110,8 @@ contains
       class(passage_observer), intent(inout) :: self
       integer :: lane
 
-      associate (n => self%run%nlane)
-         if (.not. allocated(self%side)) call new_workspace(self, n)
+      associate (n => padded(self%run%nlane))  ! the model is asked for whole vectors
+         if (.not. allocated(self%side)) call new_workspace(self, self%run%nlane, n)
          self%side = 0
          self%rate = 0
          self%nlook = self%nreal
@@ -121,13 +121,13 @@ contains
       end associate
    end subroutine open_block
 
-   !> Room for what is kept of a block.
-   subroutine new_workspace(self, n)
+   !> Room for what is kept of a block, and for n lanes that are looked at.
+   subroutine new_workspace(self, nlane, n)
       class(passage_observer), intent(inout) :: self
-      integer, intent(in) :: n
+      integer, intent(in) :: nlane, n
 
-      allocate (self%side(n), self%step(n), self%lanes(n), self%left(n, self%ncolumn))
-      allocate (self%x(n), self%before(n), self%rate(n), self%path(n), self%by(n))
+      allocate (self%side(nlane), self%step(nlane), self%left(nlane, self%ncolumn))
+      allocate (self%lanes(n), self%x(n), self%before(n), self%rate(n), self%path(n), self%by(n))
       if (self%is_coordinate() .and. .not. self%bridges) return
       allocate (self%q(n*self%run%ndof), self%p(n*self%run%ndof), self%w(n*(self%run%nnoise + 1)))
       if (self%bridges) allocate (self%hq(n*self%run%ndof), self%hp(n*self%run%ndof), self%words(4*n), &
@@ -135,11 +135,11 @@ contains
       if (associated(self%run%observables)) allocate (self%own(n*self%run%observables%nvalue))
    end subroutine new_workspace
 
-   !> Whether no lane of the block was left out.
+   !> Whether no lane of the block was left out, and vectors of them are whole.
    pure logical function looks_at_all(self)
       class(passage_observer), intent(in) :: self
 
-      looks_at_all = self%nlook == self%nreal
+      looks_at_all = self%nlook == self%nreal .and. self%run%nlane > 1
    end function looks_at_all
 
    !> Whether the value is a coordinate or a momentum.

@@ -33,10 +33,10 @@ module symsde_ensemble_observe_recorder
 
 contains
 
-   subroutine begin_block(self, first, nreal)
+   subroutine begin_block(self, first, nreal, nlane)
       class(path_recorder), intent(inout) :: self
       integer(i8), intent(in) :: first
-      integer, intent(in) :: nreal
+      integer, intent(in) :: nreal, nlane
 
       self%offset = first - self%first_path
       self%nreal = nreal

@@ -128,13 +128,14 @@ module symsde_ensemble_observe_streaming
 contains
 
    !> A block of nreal paths from global path `first` on is about to run.
-   subroutine begin_block(self, first, nreal)
+   subroutine begin_block(self, first, nreal, nlane)
       class(streaming_observer), intent(inout) :: self
       integer(i8), intent(in) :: first
-      integer, intent(in) :: nreal
+      integer, intent(in) :: nreal, nlane
 
       self%first = first
       self%nreal = nreal
+      self%run%nlane = nlane
       if (.not. allocated(self%counts)) then
          allocate (self%counts(self%ncount), self%singles(self%nsingle))
          call self%clear(self%counts, self%singles)

@@ -16,7 +16,7 @@ module symsde_ensemble_run_driver
    use symsde_base_text, only: to_text
    use symsde_ensemble_run_areas, only: choose_areas, check_area_counters
    use symsde_ensemble_block_runner, only: block_runner
-   use symsde_ensemble_block_few, only: has_few
+   use symsde_ensemble_block_single_path, only: new_single_path, most_single
    use symsde_ensemble_block_initial_state, only: initial_state, new_initial_state
    use symsde_ensemble_monitor, only: monitor_type
    use symsde_ensemble_observe_observer, only: observer_type
@@ -37,7 +37,7 @@ module symsde_ensemble_run_driver
    use symsde_scheme_scheme, only: scheme_type
    use symsde_solve_lapack, only: blas_single_thread, blas_restore_threads
    use symsde_step_factory, only: resolve_task
-   use symsde_step_lone, only: most_lone
+   use symsde_step_stepper, only: stepper_type
    implicit none
    private
    public :: ensemble_type, new_ensemble, run_ensemble, choose_nlane, new_noise, check_state
@@ -114,6 +114,7 @@ contains
       class(observer_type), intent(in) :: observer    !! like those that will look on
       type(error_type), allocatable, intent(inout) :: error
       real(wp), intent(in), target, contiguous, optional :: dw(:, :, :)  !! increments (npath or 1, nnoise, rows)
+      class(stepper_type), allocatable :: single  ! of one lane, where paths go one by one
       real(wp), pointer, contiguous :: given(:, :, :)
       real(wp) :: start
 
@@ -124,14 +125,14 @@ contains
       self%options = options
       call check_state(options, model%traits%ndof, q0, p0, error)
       if (.not. allocated(error)) call resolve_task(self%recipe%task, model, scheme, steppers_of(options), error)
-      if (.not. allocated(error)) call plan_run(self, observer, error)
+      if (.not. allocated(error)) call plan_run(self, observer, single, error)
       call probe_declared(model, options%t0, q0(1, :), p0(1, :), error)
       call observer%probe(options%t0, q0(1, :), p0(1, :), error)
       if (allocated(error)) return
       nullify (given)
       if (present(dw)) given => dw
       call new_noise(self%noise, model, options, self%report%lost_variance, error, given, scheme)
-      if (.not. allocated(error)) call new_runners(self, scheme, error)
+      if (.not. allocated(error)) call new_runners(self, scheme, single, error)
       if (allocated(error)) return
       call probe_whole_steps(self%runners(1)%stepper, model, scheme, options%t0, options%step, q0(1, :), p0(1, :), &
                              error)
@@ -203,10 +204,12 @@ contains
                         scheme=self%recipe%task%scheme)
    end subroutine renumber
 
-   !> Lanes of a block, and threads: as many as are asked for, have blocks to do, and find memory.
-   subroutine plan_run(self, observer, error)
+   !> Lanes of a block, one where paths go one by one, and threads: as many as are asked for, have blocks to do, and
+   !> find memory.
+   subroutine plan_run(self, observer, single, error)
       type(ensemble_type), intent(inout) :: self
       class(observer_type), intent(in) :: observer
+      class(stepper_type), allocatable, intent(out) :: single
       type(error_type), allocatable, intent(inout) :: error
       integer(i8) :: nblock
       integer :: nthread
@@ -215,6 +218,10 @@ contains
       if (allocated(error)) return
       associate (report => self%report)
          report%nlane = choose_nlane(self%options, self%model)
+         if (self%options%npath <= most_single .and. has_any_lanes(self%model)) &
+            call new_single_path(single, self%recipe%task, self%options%npath, error)
+         if (allocated(error)) return
+         if (allocated(single)) report%nlane = 1
          nblock = (self%options%npath + report%nlane - 1)/report%nlane
          report%nthread = int(min(int(nthread, i8), nblock))
          call fit_threads(self%recipe%task, self%options, observer, report%nlane, report%nthread, &
@@ -223,9 +230,10 @@ contains
    end subroutine plan_run
 
    !> One runner for every thread.
-   subroutine new_runners(self, scheme, error)
+   subroutine new_runners(self, scheme, single, error)
       type(ensemble_type), intent(inout), target :: self
       type(scheme_type), intent(in) :: scheme   !! as it was asked for
+      class(stepper_type), allocatable, intent(inout) :: single  !! for the first of them, if it is there; taken over
       type(error_type), allocatable, intent(inout) :: error
       logical :: has_padding
       integer :: i, info
@@ -241,8 +249,7 @@ contains
          end if
          has_padding = mod(self%options%npath, int(report%nlane, i8)) > 0
          do i = 1, report%nthread
-            call self%recipe%new_runner(self%runners(i), report%nlane, has_padding, error, &
-                                        has_few(self%options%npath, report%nlane, most_lone) .and. has_any_lanes(model))
+            call self%recipe%new_runner(self%runners(i), report%nlane, has_padding, error, single)
             if (allocated(error)) return
          end do
          report%stepper = self%runners(1)%stepper%name

@@ -3,16 +3,14 @@
 module symsde_ensemble_run_memory
    use symsde_base_functionals, only: functional_set, path_areas
    use symsde_base_kinds, only: wp
-   use symsde_base_lanes, only: padded
+   use symsde_base_lanes, only: lane_unit, padded
    use symsde_base_memory, only: memory_for, require_memory
    use symsde_base_status, only: error_type
    use symsde_base_text, only: to_text
    use symsde_ensemble_block_prefetch, only: pairs_ahead, states_ahead
-   use symsde_ensemble_block_few, only: has_few, lone_numbers
    use symsde_ensemble_block_shrink_block, only: narrower_width
    use symsde_ensemble_observe_observer, only: observer_type
    use symsde_ensemble_options, only: run_options
-   use symsde_step_lone, only: most_lone
    use symsde_step_memory, only: step_memory, find_step_memory
    use symsde_step_stepper, only: stepper_task
    implicit none
@@ -88,10 +86,10 @@ contains
       ahead = 2*pairs_ahead(nlane, ncolumn)
       kept = 2*states_ahead(nlane, ndof)
       numbers = step%numbers(nlane) + nlane*((12.0_wp + kept)*ndof + ahead*(ncolumn + 1)) &
-                + noise_numbers(nnoise, asked, nlane) + lone_numbers(options%npath, nlane, ncolumn)
-      if (has_few(options%npath, nlane, most_lone)) &  ! a stepper of one lane
-         numbers = numbers + step%lane + step%once
-      if (has_few(options%npath, nlane, most_lone) .and. .not. asked%is_empty()) &  ! pairs of steps are lanes
+                + noise_numbers(nnoise, asked, nlane)
+      if (nlane > 1) return
+      numbers = numbers + step%numbers(lane_unit)  ! of the block that takes unusual steps
+      if (.not. asked%is_empty()) &                ! pairs of steps are lanes
          numbers = numbers + noise_numbers(nnoise, asked, 2*padded(pairs_ahead(1, ncolumn)/2))
    end function block_numbers
 

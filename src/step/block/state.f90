@@ -1,11 +1,15 @@
 ! SPDX-License-Identifier: BSD-3-Clause
 !> The state of a block: where increments are added, checked and, for a failed path, refused.
+!>
+!> A block has several lanes, or one: a path by itself, whose numbers lie side by side.
 module symsde_step_block_state
    use symsde_base_kinds, only: wp, i8
    use symsde_base_status, only: nonfinite
    implicit none
    private
-   public :: lane_state, new_lane_state
+   public :: lane_state, new_lane_state, passed_states
+
+   integer, parameter :: narrow = 4  !! degrees of freedom of a path whose numbers are added one by one
 
    !> A failed path keeps its last good state, its status and the step in which it failed.
    type :: lane_state
@@ -15,19 +19,25 @@ module symsde_step_block_state
       real(wp), allocatable :: q_low(:, :), p_low(:, :)      !! low parts, if compensated (nlane, ndof)
       integer(i8), allocatable :: status(:)        !! 0 = ok, else a code of base/status (nlane)
       integer(i8), allocatable :: failed_step(:)   !! absolute step that failed, -1 = none (nlane)
-      real(wp), allocatable, private :: bad(:)
+      real(wp), allocatable, private :: bad(:)     !! 1 in lanes whose increments were refused, 0 in others (nlane)
    contains
       procedure :: advance
       procedure :: take_rescued
       procedure :: record
       procedure :: has_new_failures
       procedure :: judge
-      procedure :: is_sound_alone
-      procedure :: settle
+      procedure :: take_sound
       procedure :: retire
-      procedure :: repeat_last
       procedure :: take_first
    end type lane_state
+
+   !> States between steps that are taken at once, kept until they are shown.
+   type :: passed_states
+      integer :: n = 0                                   !! that are there
+      real(wp), allocatable :: q(:, :, :), p(:, :, :)    !! (nlane, ndof, as many as fit)
+   contains
+      procedure :: put
+   end type passed_states
 
 contains
 
@@ -47,25 +57,29 @@ contains
    end subroutine new_lane_state
 
    !> Add the increments of one step where the result is finite and the lane is still ok. Where that is not so in a lane
-   !> that went on until now, refused says so, for someone to rescue it and to `record` what became of it.
-   subroutine advance(self, step, dq, dp, refused)
+   !> that went on until now, failed says so, and the lane has a status: for someone to rescue it, and to `record` in
+   !> which step it failed.
+   subroutine advance(self, dq, dp, failed)
       class(lane_state), intent(inout) :: self
-      integer(i8), intent(in) :: step                        !! absolute step, for the record of a failure
       real(wp), intent(in) :: dq(self%nlane, self%ndof), dp(self%nlane, self%ndof)
-      logical, intent(out), optional :: refused              !! absent: nobody rescues, and it is recorded here
+      logical, intent(out) :: failed
       integer :: nbad
 
-      if (self%ndof == 1 .and. .not. allocated(self%q_low)) then
-         call advance_one(self%nlane, dq, dp, self%q, self%p, self%status, nbad)
+      if (allocated(self%q_low)) then
+         call find_bad(self%nlane, self%ndof, dq, dp, self%q, self%p, self%status, self%bad, nbad)
+         call add_increments(self, dq, dp)
+      else if (self%nlane == 1) then
+         call advance_path(self%ndof, dq, dp, self%q, self%p, self%status(1), nbad)
+      else if (self%ndof == 1) then
+         call advance_one(self%nlane, dq, dp, self%q, self%p, self%status, self%bad, nbad)
       else
          call find_bad(self%nlane, self%ndof, dq, dp, self%q, self%p, self%status, self%bad, nbad)
          call add_increments(self, dq, dp)
       end if
-      if (present(refused)) then
-         refused = nbad > self%nfailed
-      else if (nbad > self%nfailed) then
-         call self%record(step, dq, dp)
-      end if
+      failed = nbad > self%nfailed
+      if (.not. failed) return
+      if (self%nlane == 1) self%bad = 1
+      where (self%status == 0 .and. self%bad > 0) self%status = nonfinite
    end subroutine advance
 
    !> Add the increments in lanes that had a status in this step and have none now.
@@ -76,6 +90,7 @@ contains
       integer :: nbad
 
       call find_bad(self%nlane, self%ndof, dq, dp, self%q, self%p, self%status, self%bad, nbad)
+      where (status /= 0 .and. self%status == 0 .and. self%bad > 0) self%status = nonfinite
       self%bad = merge(self%bad, 1.0_wp, status /= 0)
       call add_increments(self, dq, dp)
    end subroutine take_rescued
@@ -114,8 +129,8 @@ contains
       logical, intent(out) :: taken
       integer :: nbad
 
-      if (nreal == 1) then
-         nbad = merge(0, 1, are_finite(self%ndof*nout, q(1, :, :), p(1, :, :)) .and. status(1) == 0)
+      if (self%nlane == 1) then
+         nbad = merge(0, 1, are_finite(self%ndof*nout, q, p) .and. status(1) == 0)
       else
          call find_bad_states(self%nlane, self%ndof*nout, nreal, status, q, p, self%bad, nbad)
       end if
@@ -123,37 +138,26 @@ contains
       if (taken .and. nbad > 0) call keep(self%nlane, self%ndof, nout, self%q, self%p, self%status, q, p)
    end subroutine judge
 
-   !> The same of the one path of a block: whether it has not failed.
-   pure logical function is_sound_alone(self, nout, status, q, p) result(is_sound)
-      class(lane_state), intent(in) :: self
-      integer, intent(in) :: nout
-      integer(i8), intent(in) :: status(1)                  !! as the model left it
-      real(wp), intent(in) :: q(1, self%ndof, nout), p(1, self%ndof, nout)
-
-      is_sound = status(1) == 0 .and. are_finite(self%ndof*nout, q, p)
-   end function is_sound_alone
-
-   !> Take the states after one step where they are finite and the lane is still ok.
-   subroutine settle(self, step, q, p)
+   !> Take the states that a model took one whole step to, where they are finite and the lane is still ok; others get a
+   !> status, for someone to rescue them, and to `record` in which step they failed.
+   subroutine take_sound(self, status, q, p)
       class(lane_state), intent(inout) :: self
-      integer(i8), intent(in) :: step                       !! absolute step, for the record of a failure
+      integer(i8), intent(in) :: status(self%nlane)         !! as the model left it
       real(wp), intent(in) :: q(self%nlane, self%ndof), p(self%nlane, self%ndof)
       integer :: lane
 
       do lane = 1, self%nlane
-         if (self%failed_step(lane) >= 0) cycle
-         if (self%status(lane) == 0) then
-            if (all(abs(q(lane, :)) <= huge(q)) .and. all(abs(p(lane, :)) <= huge(p))) then
-               self%q(lane, :) = q(lane, :)
-               self%p(lane, :) = p(lane, :)
-               cycle
-            end if
+         if (self%status(lane) /= 0) cycle
+         self%status(lane) = status(lane)
+         if (status(lane) /= 0) cycle
+         if (all(abs(q(lane, :)) <= huge(q)) .and. all(abs(p(lane, :)) <= huge(p))) then
+            self%q(lane, :) = q(lane, :)
+            self%p(lane, :) = p(lane, :)
+         else
             self%status(lane) = nonfinite
          end if
-         self%failed_step(lane) = step
       end do
-      self%nfailed = count(self%status /= 0)
-   end subroutine settle
+   end subroutine take_sound
 
    !> Take lanes out that are ok: from here on they are like those that failed, with a status of their own.
    subroutine retire(self, leaves, status, step)
@@ -168,18 +172,6 @@ contains
       self%nfailed = count(self%status /= 0)
    end subroutine retire
 
-   !> Padding is looked at again: it repeats the last real path, which came here without it.
-   subroutine repeat_last(self, nreal)
-      class(lane_state), intent(inout) :: self
-      integer, intent(in) :: nreal
-      integer :: i
-
-      do i = 1, self%ndof
-         self%q(nreal + 1:, i) = self%q(nreal, i)
-         self%p(nreal + 1:, i) = self%p(nreal, i)
-      end do
-   end subroutine repeat_last
-
    !> The states of the first lanes, from where these alone are.
    pure subroutine take_first(self, nlane, q, p)
       class(lane_state), intent(inout) :: self
@@ -193,33 +185,42 @@ contains
       end do
    end subroutine take_first
 
-   !> Give the lanes that failed in this step their status and step.
-   subroutine record(self, step, dq, dp)
+   !> Lanes that have a status since this step failed in it.
+   subroutine record(self, step)
       class(lane_state), intent(inout) :: self
-      integer(i8), intent(in) :: step
-      real(wp), intent(in) :: dq(self%nlane, self%ndof), dp(self%nlane, self%ndof)
-      integer :: lane
+      integer(i8), intent(in) :: step   !! absolute
 
-      do lane = 1, self%nlane
-         if (self%failed_step(lane) >= 0) cycle
-         if (self%status(lane) == 0) then
-            if (all(abs(self%q(lane, :) + dq(lane, :)) <= huge(dq)) .and. &
-                all(abs(self%p(lane, :) + dp(lane, :)) <= huge(dp))) cycle
-            self%status(lane) = nonfinite
-         end if
-         self%failed_step(lane) = step
-      end do
+      where (self%status /= 0 .and. self%failed_step < 0) self%failed_step = step
       self%nfailed = count(self%status /= 0)
    end subroutine record
+
+   !> Keep one more state.
+   subroutine put(self, state)
+      class(passed_states), intent(inout) :: self
+      type(lane_state), intent(in) :: state
+      integer :: lane, i
+
+      self%n = self%n + 1
+      associate (n => self%n)
+         !GCC$ novector  ! few numbers, far from each other
+         do i = 1, state%ndof
+            do lane = 1, state%nlane
+               self%q(lane, i, n) = state%q(lane, i)
+               self%p(lane, i, n) = state%p(lane, i)
+            end do
+         end do
+      end associate
+   end subroutine put
 
    ! ---- kernels ----------------------------------------------------------------------------------
 
    !> VEC One degree of freedom: check and add in one pass.
-   pure subroutine advance_one(nlane, dq, dp, q, p, status, nbad)
+   pure subroutine advance_one(nlane, dq, dp, q, p, status, bad, nbad)
       integer, intent(in) :: nlane
       real(wp), intent(in) :: dq(nlane), dp(nlane)
       real(wp), intent(inout) :: q(nlane), p(nlane)
       integer(i8), intent(in) :: status(nlane)
+      real(wp), intent(out) :: bad(nlane)
       integer, intent(out) :: nbad
       real(wp) :: qn, pn
       integer(i8) :: count
@@ -233,10 +234,51 @@ contains
          ok = status(lane) == 0 .and. abs(qn) <= huge(qn) .and. abs(pn) <= huge(pn)
          q(lane) = merge(qn, q(lane), ok)
          p(lane) = merge(pn, p(lane), ok)
+         bad(lane) = merge(0.0_wp, 1.0_wp, ok)
          count = count + merge(0_i8, 1_i8, ok)
       end do
       nbad = int(count)
    end subroutine advance_one
+
+   !> VEC A path by itself: check and add in passes over its numbers. Few have just been written one by one: a vector of
+   !> them would wait until they are in memory.
+   pure subroutine advance_path(n, dq, dp, q, p, status, nbad)
+      integer, intent(in) :: n
+      real(wp), intent(in) :: dq(n), dp(n)
+      real(wp), intent(inout) :: q(n), p(n)
+      integer(i8), intent(in) :: status
+      integer, intent(out) :: nbad
+      logical :: ok
+      integer(i8) :: count
+      integer :: i
+
+      if (n <= narrow) then
+         ok = status == 0
+         !GCC$ novector
+         do i = 1, n
+            ok = ok .and. abs(q(i) + dq(i)) <= huge(q) .and. abs(p(i) + dp(i)) <= huge(p)
+         end do
+         nbad = merge(0, 1, ok)
+         if (.not. ok) return
+         !GCC$ novector
+         do i = 1, n
+            q(i) = q(i) + dq(i)
+            p(i) = p(i) + dp(i)
+         end do
+         return
+      end if
+      count = merge(0_i8, 1_i8, status == 0)
+      do i = 1, n
+         count = count + merge(0_i8, 1_i8, abs(q(i) + dq(i)) <= huge(q)) + &
+                 merge(0_i8, 1_i8, abs(p(i) + dp(i)) <= huge(p))
+      end do
+      nbad = int(min(count, 1_i8))
+      if (nbad > 0) return
+      do i = 1, n
+         q(i) = q(i) + dq(i)
+         p(i) = p(i) + dp(i)
+      end do
+   end subroutine advance_path
 
    !> VEC Whether a lane has a status.
    pure logical function any_status(nlane, status)

@@ -7,6 +7,7 @@
 module symsde_step_flow_model_flow
    use symsde_base_kinds, only: wp, i8
    use symsde_base_laws, only: law_gaussian
+   use symsde_base_counters, only: counters_type
    use symsde_base_record, only: step_record, steps_record
    use symsde_base_status, only: error_type
    use symsde_base_text, only: name_length
@@ -14,6 +15,7 @@ module symsde_step_flow_model_flow
    use symsde_model_abstract, only: corrected
    use symsde_scheme_scheme, only: scheme_type, bracket_terms, correction_none, correction_increments, tableau_form, &
                                    splitting_form, frame_none
+   use symsde_step_block_state, only: lane_state, passed_states
    use symsde_step_implicit_euler_pair, only: is_euler_pair
    use symsde_step_hamiltonian_one_step, only: new_one_step_hamiltonian
    use symsde_step_stepper, only: stepper_type, stepper_task
@@ -25,8 +27,10 @@ module symsde_step_flow_model_flow
       private
       character(:), allocatable :: scheme   !! as the model knows it
       integer, public :: max_iter = 0
+      integer(i8), allocatable :: status(:)   !! of the lanes, as the model leaves it (nlane)
    contains
       procedure :: make
+      procedure :: advance
       procedure :: increment
       procedure :: flow
    end type model_flow_stepper
@@ -87,6 +91,7 @@ contains
       if (.not. plain) self%name = 'whole corrected steps of '//self%scheme//' by the model'
       self%scheme = self%scheme//suffix(task)
       self%max_iter = task%newton%max_iter
+      self%most_single = 1
       self%explicit = plain .and. (task%follows .or. task%scheme%form == splitting_form)
       self%one_solve = task%model%traits%one_solve(.false.) .and. .not. self%explicit
       call new_one_step_hamiltonian(self%ham, task%model, task%nlane, task%correction, &
@@ -190,6 +195,51 @@ contains
          call ham%model%flow(self%scheme, steps, ham%ndof, q, p, qn, pn, status, ham%counters)
       end associate
    end subroutine flow
+
+   !> Several steps of the model at once, as far as no lane fails: of several it is not known in which one did, so they
+   !> are taken again one by one until it does.
+   recursive subroutine advance(self, steps, state, passed, ntaken, failed)
+      class(model_flow_stepper), intent(inout) :: self
+      type(steps_record), intent(inout) :: steps
+      type(lane_state), intent(inout) :: state
+      type(passed_states), intent(inout) :: passed
+      integer, intent(out) :: ntaken
+      logical, intent(out) :: failed
+      type(counters_type) :: before
+      type(passed_states) :: one
+      type(steps_record) :: single
+      integer :: nout
+      logical :: sound
+
+      before = self%ham%counters
+      nout = steps%nstep/steps%every
+      steps%max_iter = self%max_iter
+      self%status = state%status
+      call self%flow(steps, state%q, state%p, passed%q, passed%p, self%status)
+      call state%judge(steps%nreal, nout, self%status, passed%q, passed%p, sound)
+      failed = .not. sound
+      ntaken = steps%nstep
+      passed%n = nout
+      if (sound) then
+         call state%take_first(state%nlane, passed%q(1, 1, nout), passed%p(1, 1, nout))
+      else if (steps%nstep == 1) then
+         passed%n = 0
+         call self%make_room()
+         call steps%show(1, self%record)
+         call state%take_sound(self%status, passed%q, passed%p)
+      else
+         self%ham%counters = before  ! no step counts twice, however many went together
+         passed%n = 0
+         allocate (one%q(state%nlane, state%ndof, 1), one%p(state%nlane, state%ndof, 1))
+         do ntaken = 1, steps%nstep
+            call steps%leave_one(ntaken, single)
+            call self%advance(single, state, one, nout, failed)
+            if (failed) exit
+            if (mod(ntaken, steps%every) == 0) call passed%put(state)
+         end do
+         ntaken = min(ntaken, steps%nstep)
+      end if
+   end subroutine advance
 
    !> One step as an increment, for those who ask for one: the last place is that of the states.
    subroutine increment(self, step, q, p, dq, dp, status)

@@ -66,21 +66,22 @@ contains
       self%max_iter = task%newton%max_iter
    end subroutine new_rescue
 
-   !> Increments with which a lane could not go on: it is rescued where that is possible, or gets its status and step.
+   !> A step in which a lane failed, of a state that others have taken it from: the lane is rescued where that is
+   !> possible, or it has failed in this step.
    subroutine settle(self, n, step, state, dq, dp)
       class(rescue_type), intent(inout) :: self
       integer(i8), intent(in) :: n                   !! absolute step
       type(step_record), intent(in) :: step
-      type(lane_state), intent(inout) :: state       !! others have taken the step
-      real(wp), intent(inout) :: dq(:, :), dp(:, :)
+      type(lane_state), intent(inout) :: state
+      real(wp), intent(inout) :: dq(:, :), dp(:, :)  !! room for increments (nlane, ndof)
       integer(i8) :: status(state%nlane)
 
-      if (self%available .and. state%has_new_failures()) then
+      if (self%available) then
          status = state%status
          call self%attempt(state%nlane, step, state%q, state%p, state%failed_step, dq, dp, state%status)
          call state%take_rescued(status, dq, dp)
       end if
-      call state%record(n, dq, dp)
+      call state%record(n)
    end subroutine settle
 
    !> Try the lanes that failed in this step; those that are saved get their increments and status ok.

@@ -5,8 +5,9 @@
 !> With one degree of freedom, sine and cosine of an angle are found once a kick, for all Hamiltonians.
 module symsde_step_splitting_lone
    use symsde_base_counters, only: counters_type, add_counters
+   use symsde_base_functionals, only: functional_set
    use symsde_base_kinds, only: wp
-   use symsde_base_record, only: step_record, step_store, new_step_store
+   use symsde_base_record, only: step_record, steps_record, step_store, new_step_store
    use symsde_base_sincos, only: sincos_one
    use symsde_base_vectors, only: add, subtract, add_times
    use symsde_model_abstract, only: angle_terms
@@ -29,8 +30,6 @@ module symsde_step_splitting_lone
       type(constant_mass), allocatable :: mass         !! what is known of it
       type(kick_weights), private :: weights    !! of the steps ahead, a lane for each
       type(step_store), private :: ahead        !! what drives these: one step, a lane for each
-      integer, private :: place = 0             !! where the first of them stands among those of the path
-      integer, private :: lane = 0              !! the one to be taken
       real(wp), allocatable, private :: w(:, :, :)         !! weights of each kick, side by side (0:m, nkick, step)
       real(wp), allocatable, private :: unit(:)            !! weights of one Hamiltonian alone (0:m)
       real(wp), allocatable, private :: still(:)           !! weights of a midpoint step: no noise (0:m)
@@ -41,7 +40,6 @@ module symsde_step_splitting_lone
       real(wp), allocatable, private :: v(:), g(:, :)      !! weights of V (0:m), H_k,q (n, m)
    contains
       procedure :: foresee
-      procedure :: show
       procedure :: collect
       procedure :: take
    end type lone_splitting
@@ -49,43 +47,46 @@ module symsde_step_splitting_lone
 contains
 
    !> The weights of all steps at once.
-   subroutine foresee(self, own, place, nstep)
+   subroutine foresee(self, steps)
       class(lone_splitting), intent(inout) :: self
-      type(step_store), intent(in) :: own
-      integer, intent(in) :: place, nstep
+      type(steps_record), intent(in) :: steps
       type(step_record) :: record
       integer :: i, k, f
 
-      if (.not. allocated(self%unit)) call make_room(self, own)
-      self%place = place
-      associate (last => place + nstep - 1)
+      if (.not. allocated(self%unit)) call make_room(self, steps)
+      associate (nstep => steps%nstep)
          do k = 1, self%m
-            self%ahead%w(:nstep, k, 0) = own%w(1, k, place:last)
+            self%ahead%w(:nstep, k, 0) = steps%w(1, k, :)
          end do
-         do f = 1, size(own%of)
-            if (.not. allocated(own%of(f)%x)) cycle
-            do k = 1, size(own%of(f)%x, 2)
-               self%ahead%of(f)%x(:nstep, k, 0) = own%of(f)%x(1, k, place:last)
+         do f = 1, size(steps%of)
+            if (.not. associated(steps%of(f)%x)) cycle
+            do k = 1, size(steps%of(f)%x, 2)
+               self%ahead%of(f)%x(:nstep, k, 0) = steps%of(f)%x(1, k, :)
+            end do
+         end do
+         call self%ahead%show(0, 0.0_wp, record)
+         call self%weights%weigh(nstep, record)
+         do i = 1, size(self%w, 2)
+            do k = 0, self%m
+               self%w(k, i, :nstep) = self%weights%w(:nstep, k, i)
             end do
          end do
       end associate
-      call self%ahead%show(0, 0.0_wp, record)
-      call self%weights%weigh(nstep, record)
-      do i = 1, size(self%w, 2)
-         do k = 0, self%m
-            self%w(k, i, :nstep) = self%weights%w(:nstep, k, i)
-         end do
-      end do
    end subroutine foresee
 
-   subroutine make_room(self, own)
+   subroutine make_room(self, steps)
       type(lone_splitting), intent(inout) :: self
-      type(step_store), intent(in) :: own
+      type(steps_record), intent(in) :: steps
+      type(functional_set) :: asked
+      integer :: f
 
-      call new_step_store(self%ahead, own%capacity, own%nnoise, 2, own%h, own%asked)
-      call new_kick_weights(self%weights, self%kicks, self%model%traits, own%capacity)
+      do f = 1, size(steps%of)
+         asked%has(f) = associated(steps%of(f)%x)
+      end do
+      call new_step_store(self%ahead, steps%most, self%m, 2, steps%h, asked)
+      call new_kick_weights(self%weights, self%kicks, self%model%traits, steps%most)
       associate (n => self%n, m => self%m)
-         allocate (self%w(0:m, size(self%kicks%c), own%capacity))
+         allocate (self%w(0:m, size(self%kicks%c), steps%most))
          allocate (self%unit(0:m), self%still(0:m), self%zero(n), source=0.0_wp)
          allocate (self%v(0:m), self%x(n), self%y(n), self%f(n), self%s(n), self%u(n), self%up(n))
          if (n == 1) allocate (self%slope(0:m), self%curvature(0:m), source=0.0_wp)
@@ -94,14 +95,6 @@ contains
       end associate
       if (allocated(self%midpoint)) call self%midpoint%lead(self%model)
    end subroutine make_room
-
-   subroutine show(self, own, i)
-      class(lone_splitting), intent(inout) :: self
-      type(step_store), intent(in), target :: own
-      integer, intent(in) :: i
-
-      self%lane = i - self%place + 1
-   end subroutine show
 
    !> What midpoint steps counted.
    subroutine collect(self)
@@ -136,12 +129,12 @@ contains
             if (.not. taken) return
             reached = c(i)
             if (n > 1 .or. self%by_mass) then
-               call find_force(self, i, t + reached*h, h, p, self%w(:, i, self%lane))
+               call find_force(self, i, t + reached*h, h, p, self%w(:, i, self%now))
             else if (self%weights%has_products(i)) then
                call find_derivatives(self, self%m, t + reached*h, self%x, p, self%unit, self%slope, self%curvature)
-               self%f(1) = self%weights%join_alone(self%lane, i, h, self%w(:, i, self%lane), self%slope, self%curvature)
+               self%f(1) = self%weights%join_alone(self%now, i, h, self%w(:, i, self%now), self%slope, self%curvature)
             else
-               call find_slope(self, i, t + reached*h, h, p, self%w(:, i, self%lane))
+               call find_slope(self, i, t + reached*h, h, p, self%w(:, i, self%now))
             end if
          end do
          if (reached < 1) then
@@ -302,7 +295,7 @@ contains
          if (flow%rotates) call flow%remove_linear(kicks%b(i)*h, 1, n, self%x, self%f)
          if (.not. weights%has_products(i)) return
          if (abs(kicks%kappa(i)) > 0) then
-            self%v(:) = weights%v(self%lane, :)
+            self%v(:) = weights%v(self%now, :)
             call self%model%gradient(1, n, self%m, t, self%v, self%x, p, hq=self%s)
             if (flow%rotates) call flow%remove_linear(h, 1, n, self%x, self%s)
             if (self%by_mass) call divide_by_mass(self, t, self%x)
@@ -332,7 +325,7 @@ contains
             self%s = 0
             if (weights%kicks%samples) then
                do l = 1, size(noisy)
-                  call add_times(n, weights%d(self%lane, weights%at(noisy(k), noisy(l))), self%g(:, noisy(l)), self%s)
+                  call add_times(n, weights%d(self%now, weights%at(noisy(k), noisy(l))), self%g(:, noisy(l)), self%s)
                end do
             else
                call add_times(n, weights%c*h*abs(h), self%g(:, noisy(k)), self%s)

@@ -193,10 +193,6 @@ contains
                                   self%outcome)
             end if
             if (.not. any(self%outcome > solved)) cycle
-            if (self%ham%nlane == 1) then  ! matrices of one lane round otherwise: the block takes what is not mild
-               status = not_converged
-               return
-            end if
             if (self%leaves) then
                self%left = merge(0_i8, self%left, self%outcome > solved)
             else
