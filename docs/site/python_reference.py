@@ -37,6 +37,12 @@ INTERNAL = {
     "LevelSampler": ("draw", "draw_from"),
     "WorkPrecision": ("about", "data", "peers", "resumed"),
 }
+INTERNAL_OF_MODULES = {
+    "diagnose": ("driving_increments", "exact_of"),
+    "errors": ("from_code", "shortened"),
+    "observe": ("fields", "names", "remarks", "struct", "variables"),
+    "schemes": ("as_scheme",),
+}
 MODULES = ("models", "schemes", "observe", "diagnose", "errors")
 SKIPPED = ("__version__", *MODULES)
 
@@ -52,7 +58,11 @@ def page():
     for title, names in (GROUPS | (others if others["Further"] else {})).items():
         found += [f"## {title}\n", *map(_entry, names)]
     for name in MODULES:
-        found += [f"## `symsde.{name}`\n", _block(f".. automodule:: symsde.{name}\n   :members:\n   :no-index:")]
+        without = f"\n   :exclude-members: {', '.join(INTERNAL_OF_MODULES.get(name, ()))}" * (
+            name in INTERNAL_OF_MODULES
+        )
+        block = f".. automodule:: symsde.{name}\n   :members:\n   :no-index:{without}"
+        found += [f"## `symsde.{name}`\n", _block(block)]
     return "\n".join(found)
 
 

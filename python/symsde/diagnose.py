@@ -32,10 +32,10 @@ def symplecticity(
     t: float = 0.0,
     **options: Any,
 ) -> np.ndarray:
-    """max |M^T J M - J| of the tangent map M of one step with frozen increments, at each point: (point,).
+    """max |M^T J M - J|, where M is the tangent map of one step with frozen increments, at each point: (point,).
 
-    q, p: a number, (dof,) or (dof, point); dw: (noise,) or (noise, point), without it those of `seed`.
-    Zero up to rounding for symplectic schemes.
+    q, p: a number, (dof,) or (dof, point); dw: (noise,) or (noise, point), by default those of `seed`. The result is
+    zero up to rounding for symplectic schemes.
     """
     decided = {"steps": "it makes one", "paths": "the points are those of q, p and dw", "t0": "give t"}
     checks.not_given("symplecticity", options, decided)
@@ -59,10 +59,10 @@ def action(run: Run) -> np.ndarray:
 
 
 def euler_lagrange_residual(run: Run) -> np.ndarray:
-    """Largest residuals over the steps of a run with save_every = 1, to rounding zero: (4, path).
+    """Largest residuals over the steps of a run with save_every = 1, zero up to rounding: (4, path).
 
-    Discrete Euler-Lagrange equations in q (47) and p (48), Legendre transforms at the left (53)-(54) and the
-    right end (57)-(58) of a step.
+    The four are the discrete Euler-Lagrange equations in q, [WHSB] (47), and p, [WHSB] (48), and the Legendre
+    transforms at the left end, [WHSB] (53)-(54), and at the right end of a step, [WHSB] (57)-(58).
     """
     values = np.empty((4, _setup_of(run).paths))
     _examine("euler_lagrange_residual", run, values)
@@ -92,11 +92,11 @@ def stationary_path(
 ) -> StationaryPath:
     """The stochastic Hamilton principle: the path from q_start to q_end that makes the discrete action stationary.
 
-    It is the path that the scheme itself takes from (q_start, p[0]), [WHSB] Theorem 2.3 and (46)-(48), on the
-    increments of a run with these `options` of `simulate` (step, steps, paths, seed, ...) or on given ones,
-    (step, noise) or (step, noise, path). q_start, q_end: a number, (dof,) or (dof, path); guesses to begin with:
-    (time, dof, path), by default a straight line. Promised below the first conjugate point (an oscillator of unit
-    frequency: times below pi).
+    It is the path that the scheme itself takes from (q_start, p[0]), Theorem 2.3 and [WHSB] (46)-(48). The increments
+    are those of a run with these `options` of `simulate` (step, steps, paths, seed, ...), or given ones, (step, noise)
+    or (step, noise, path). q_start, q_end: a number, (dof,) or (dof, path); guesses to begin with: (time, dof, path),
+    by default a straight line. It is found for times below the first conjugate point (pi for an oscillator of unit
+    frequency).
     """
     chosen = make_options(model, **options)
     shape = (chosen.steps + 1, model.ndof, chosen.paths)
@@ -136,9 +136,9 @@ def _guess(name: str, value: object, shape: tuple[int, ...]) -> np.ndarray | Non
 def exact(run: Run) -> tuple[np.ndarray, np.ndarray]:
     """Exact solution q, p on the Brownian path of a run, each (time, dof, path), for the models that have one.
 
-    kubo, linear_oscillator, additive_oscillator, and all quadratic models whose flows commute, from formulas and of a
-    user's own too; MissingOperationError for the others. It takes the very dW, and dZ, that drive the run.
-    IncompatibleError for schemes with two- or three-point increments.
+    These are kubo, linear_oscillator, additive_oscillator, and all quadratic models whose flows commute, also your own.
+    Other models raise MissingOperationError. The solution is driven by the same dW and dZ as the run. Schemes with two-
+    or three-point increments raise IncompatibleError.
     """
     return exact_of(_setup_of(run))
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Exceptions of symsde. Misuse is a ValueError too, so that `except ValueError` catches it."""
+"""Exceptions of symsde. Those for bad input are ValueErrors too, so `except ValueError` catches them."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ def shortened(text: str) -> str:
 
 
 class SymsdeError(Exception):
-    """Base of all errors of symsde; `code` is the status of the C interface, 0 where none applies."""
+    """Base class of all exceptions of symsde. `code` is the status code of the C interface, or 0 if there is none."""
 
     code: int = 0
 
@@ -58,7 +58,7 @@ class WrongShapeError(SymsdeError, ValueError):
 
 
 class TooLargeError(SymsdeError, ValueError):
-    """Sizes beyond what the library can count or address, or what the memory of the machine can hold."""
+    """Sizes beyond what the library can count or address, or more than the memory of the machine."""
 
     code = -5
 
@@ -88,7 +88,7 @@ class MissingOperationError(SymsdeError, ValueError):
 
 
 class NumericalError(SymsdeError, ArithmeticError):
-    """A computation that failed as a whole; failures of single paths are in their status instead."""
+    """A computation that failed as a whole. Failures of single paths are in their status instead."""
 
 
 class CallbackError(SymsdeError, RuntimeError):
@@ -98,7 +98,7 @@ class CallbackError(SymsdeError, RuntimeError):
 
 
 class SceneError(InvalidArgumentError):
-    """A scene that cannot be run; names the file and the key."""
+    """A scene that cannot be run; the message names the file and the key."""
 
 
 class NotWrittenError(SymsdeError, OSError):
@@ -110,23 +110,23 @@ class MissingPackageError(SymsdeError, ImportError):
 
 
 class PathsFailedWarning(RuntimeWarning):
-    """Some paths of a run failed; they are NaN from there on and left out of moments."""
+    """Some paths of a run failed. Their later values are NaN, and moments leave them out."""
 
 
 class NotANumberWarning(RuntimeWarning):
-    """A value was no finite number for some path that counts, so that its means are none, either."""
+    """A value was not a finite number for a path that counts. So its means are not finite either."""
 
 
 class SlowFormulaWarning(UserWarning):
-    """Formulas are evaluated without a compiler, at a cost that the sentence tells."""
+    """Formulas are evaluated without a compiler; the message says how slow this is."""
 
 
 class BudgetWarning(UserWarning):
-    """The time that was given is too short for the interval that was asked for."""
+    """The time limit was too short for the interval that was asked for."""
 
 
 class ReferenceWarning(UserWarning):
-    """An error that was asked for is not above that of the reference it is measured against."""
+    """An error is not larger than that of the reference with which it was compared."""
 
 
 _BY_CODE = {

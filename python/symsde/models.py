@@ -1,11 +1,11 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The built-in models. Parameters are real numbers, everything is dimensionless.
+"""The built-in models. All quantities are dimensionless.
 
-Each integrates (Stratonovich; [WHSB] are the equation numbers of the paper)
+Each model stands for the Stratonovich equations
 
     dp = -H_q dt - sum_k H_{k,q} o dW_k        dq = H_p dt + sum_k H_{k,p} o dW_k
 
-Parameters that are not finite raise InvalidArgumentError.
+[WHSB] are equation numbers of the paper. Parameters that are not finite raise InvalidArgumentError.
 """
 
 from __future__ import annotations

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Schemes: from the catalogue, from a quadrature of the action, from a tableau of your own, from other schemes."""
+"""Schemes by name, from a quadrature of the action, from your own tableau, or composed of other schemes."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ ORDERS = ("additive", "commutative", "general", "commuting", "weak")  #: keys of
 
 @dataclass(frozen=True)
 class Measured:
-    """An order as it was measured: the slope of the error over the step."""
+    """A measured order: the slope of the error over the step."""
 
     order: float
     half_width: float  #: of its 95 % interval; of weak orders, without sampling, what the last two slopes differ by
@@ -92,7 +92,7 @@ class Tableau:
 
 
 class Certificate(str):
-    """The lines of a certificate, which notebooks show as they stand."""
+    """The text of a certificate; notebooks show it line by line."""
 
     __slots__ = ()
 
@@ -134,15 +134,15 @@ class Scheme:
         return self.info.name
 
     def certificate(self) -> Certificate:
-        """What is proved, claimed and measured about the scheme, as readable lines; `info` has the same as values."""
+        """What is proved, claimed and measured about the scheme, as text. `info` holds the same as values."""
         return Certificate(_handles.text("scheme_certificate", self._handle.pointer, has_error=True))
 
     def tableau(self) -> Tableau | None:
-        """The coefficients; None of schemes that have none: Galerkin, kicks and drifts.
+        """The coefficients; None for schemes without a tableau: Galerkin schemes, and drifts and kicks.
 
-        Without the brackets that some schemes add to the Hamiltonian, and without what surrounds the tableau of others
-        (a rotation, kicks), which `beside` tells: of gauss2_strong32, verlet_dz, exact_rotation and their like
-        `from_tableau` makes another scheme.
+        Some schemes add brackets to the Hamiltonian (gauss2_strong32); others put the tableau between further maps,
+        such as a rotation or kicks (verlet_dz, exact_rotation). The tableau does not contain these additions; its
+        `beside` names them. For such schemes `from_tableau` makes another scheme.
         """
         size = self.info.nstage
         arrays = [np.empty((size,) * rank) for rank in (1, 2, 2, 1, 2, 2, 1)]
@@ -201,7 +201,7 @@ def _order(given: abi.SchemeInfo, i: int) -> Order:
 
 
 def names() -> list[str]:
-    """Names of the catalogue; `get` also knows families with a parameter, 'dirk:0.25', 'lambda:0.3'."""
+    """Names of the catalogue. `get` also knows families with a parameter, such as 'dirk:0.25' and 'lambda:0.3'."""
     return _handles.text("scheme_names").split()
 
 
@@ -233,11 +233,11 @@ def _by_name(name: str) -> Scheme:
 
 
 def from_quadrature(nodes, weights, degree: int, name: str | None = None, noise_weights=None) -> Scheme:
-    """The symplectic scheme of a quadrature of the action, from [WHSB] (49), (53)-(58).
+    """The symplectic scheme that follows from a quadrature of the action, [WHSB] (49), (53)-(58).
 
     nodes, weights: (node,) on the unit interval; degree: of the polynomials, at most the number of nodes;
-    noise_weights: (node,), where the noise has weights of its own. IncompatibleError or InvalidArgumentError
-    say why a quadrature gives no scheme.
+    noise_weights: (node,), if the noise has weights of its own. IncompatibleError or InvalidArgumentError say why a
+    quadrature gives no scheme.
     """
     nodes, weights = (_vector(key, x) for key, x in (("nodes", nodes), ("weights", weights)))
     own = None if noise_weights is None else _vector("noise_weights", noise_weights)
@@ -271,8 +271,8 @@ def from_tableau(  # noqa: PLR0917 - a tableau reads like its formula
 ) -> Scheme:
     """The partitioned Runge-Kutta scheme with these coefficients: a for q, abar for p.
 
-    a, abar: (stage, stage), row i = stage i; alpha: (stage,); b, bbar, beta: those of the noise, by default the
-    same. A tableau that is not symplectic is refused unless `allow_nonsymplectic`.
+    a, abar: (stage, stage), row i belongs to stage i; alpha: (stage,); b, bbar, beta: coefficients of the noise, by
+    default the same. A tableau that is not symplectic is refused unless you pass `allow_nonsymplectic`.
     """
     alpha = _vector("alpha", alpha)
     size = len(alpha)
@@ -295,22 +295,22 @@ def from_tableau(  # noqa: PLR0917 - a tableau reads like its formula
 
 
 def adjoint(scheme: str | Scheme, name: str | None = None) -> Scheme:
-    """The adjoint: the inverse map of a step back in time. That of symplectic_euler is symplectic_euler_adjoint."""
+    """The adjoint: the inverse of a step back in time. That of symplectic_euler is symplectic_euler_adjoint."""
     return _derived(adjoint, scheme, name)
 
 
 def symmetric_composition(scheme: str | Scheme, name: str | None = None) -> Scheme:
-    """Half a step of a scheme, then half a step of its adjoint. That of symplectic_euler is stormer_verlet."""
+    """Half a step of a scheme, then half a step of its adjoint. From symplectic_euler this makes stormer_verlet."""
     return _derived(symmetric_composition, scheme, name)
 
 
 def triple_jump(scheme: str | Scheme, name: str | None = None) -> Scheme:
-    """Three steps of a symmetric scheme, the second one back: two orders more without noise."""
+    """Three steps of a symmetric scheme, the second one backwards; raises the order without noise by two."""
     return _derived(triple_jump, scheme, name)
 
 
 def composition(parts: Sequence[str | Scheme], fractions, name: str = "composition") -> Scheme:
-    """Steps of several schemes one after the other, each with its fraction of the step and of all increments.
+    """Steps of several schemes one after the other, each with its fraction of the step and of the increments.
 
     fractions: (part,), their sum is one.
     """

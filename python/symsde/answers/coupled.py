@@ -127,15 +127,15 @@ NOTHING = Draw(Tally(), Tally(), Tally(), 0.0, 0)
 
 
 class LevelSampler:
-    """Calls give new samples of a level, in the form that drivers of multilevel Monte Carlo take.
+    """Draws new samples of a level at each call, in the form that drivers of multilevel Monte Carlo expect.
 
         sampler = ss.level_sampler(model, "q**2", q0=1.0, p0=0.0, horizon=2.0, scheme="midpoint", steps=4)
         sums, cost = sampler(level, count)
 
-    sums: (6,), of d, d^2, d^3, d^4 with d = f fine - f coarse (f alone at level 0), of f fine, and of its square, as
-    `mlmc_fn(l, N)` of M. B. Giles' programs returns them; cost: seconds of the processor. Level l has steps 2^l steps
-    of the size horizon/(steps 2^l). Path i of level l is path l 2^41 + i of the seed. Paths that fail are not in the
-    sums; a PathsFailedWarning tells how many.
+    sums has the shape (6,). Let d be f on the fine path minus f on the coarse path (f itself at level 0). sums holds
+    the sums of d, d^2, d^3, d^4, of f on the fine path and of its square, as `mlmc_fn(l, N)` in the programs of M. B.
+    Giles. cost is in seconds of the processor. If level 0 has n steps, level l has n 2^l. Path i of level l is path l
+    2^41 + i of the seed. Paths that fail are not in the sums; a PathsFailedWarning says how many failed.
     """
 
     def __init__(
@@ -187,7 +187,7 @@ class LevelSampler:
         return self.draw(level, count)
 
     def steps(self, level: int) -> int:
-        """Steps of a level."""
+        """Number of steps of a level."""
         return self.coarsest << checks.integer("level", level, (0, MOST_LEVELS))
 
     def _samples(self, level: int, count: int) -> Iterator[tuple[np.ndarray, np.ndarray, int, float]]:
@@ -296,10 +296,10 @@ def level_sampler(
     model, f, *, q0: Any, p0: Any, horizon: float, scheme: str | Scheme = "midpoint", steps: int = 1, seed: int = 0,
     antithetic: bool = False, **options: Any,
 ) -> LevelSampler:  # fmt: skip
-    """A `LevelSampler` for drivers of multilevel Monte Carlo of your own; `mlmc` is one in symsde.
+    """A `LevelSampler` for your own driver of multilevel Monte Carlo; symsde's driver is `mlmc`.
 
-    steps: of level 0. antithetic: fine paths come in pairs whose halves of every coarse step are exchanged, for noises
-    that do not commute. The other arguments are those of `mlmc`.
+    steps: number of steps of level 0. antithetic: fine paths come in pairs whose increments are exchanged within every
+    coarse step, for noises that do not commute. The other arguments are those of `mlmc`.
     """
     return LevelSampler(
         make_problem(model, f, q0=q0, p0=p0, horizon=horizon, seed=seed, **options), scheme, steps,

@@ -35,7 +35,10 @@ _OF_SHAPE = np.linalg.pinv(np.stack([np.ones(_ROWS), 0.5 - _MIDDLES, (_MIDDLES**
 
 @dataclass(frozen=True)
 class MeanSquare:
-    """Second moments S = E z z^T without the constant terms go to E M S M^T in a step."""
+    """How second moments S = E z z^T change in one step: to E M S M^T, where M is the linear map of the step.
+
+    Constant terms are left out.
+    """
 
     growth: float  #: spectral radius of that map; infinite where a step has no second moments
     exact: float  #: the same of the equations themselves over the step; of a negative one, backward along their noise
@@ -44,23 +47,24 @@ class MeanSquare:
 
     @property
     def excess(self) -> float:
-        """log(growth/exact): what the scheme adds in a step."""
+        """log(growth/exact): the growth that the scheme adds in one step."""
         return math.log(self.growth / self.exact) if self.growth > 0 else -math.inf
 
 
 @checks.hinted()
 def mean_square(model: Model, scheme: str | Scheme = "midpoint", *, step: float, t: float = 0.0) -> MeanSquare:
-    """How second moments grow in one step of a scheme, exactly, for a model whose Hamiltonians are quadratic.
+    """How second moments grow in one step of a scheme, exactly, for a model with quadratic Hamiltonians.
 
-    The step is the library's own: its linear map M at the nodes of the law of its increments (Gauss-Hermite rules where
-    they are Gaussian, of what dZ and K say beside them, too) gives E M, E M x M. Noise of H_k bilinear in (q, p) makes
-    M random; linear terms of additive noise add constants, which do not matter for stability, and M is one matrix: such
-    models may be chains. Where a step may meet a singular matrix, as midpoint's under noise on the stiffness, its
-    second moments are infinite: growth says so where increments that matter do it, two rules disagreeing; truncate them
-    then. Everything is dimensionless.
+    A step of such a model is a linear map M. It is computed by the library's own steps at the nodes of the law of the
+    increments (Gauss-Hermite nodes for Gaussian ones, and also for dZ and K). The result has the mean of M and the mean
+    of the Kronecker product of M with itself. Noise with H_k bilinear in (q, p) makes M random. Additive noise only
+    adds constants, which do not matter for stability; M is then one matrix, and the model may be a chain. If the matrix
+    of a step can be singular, as that of midpoint under noise on the stiffness, its second moments are infinite.
+    `growth` says so if such increments are likely enough that two rules disagree; then truncate the increments. All
+    quantities are dimensionless.
 
-    IncompatibleError for other models, for schemes that take J or areas, and for more than two noises that are not
-    additive; TooLargeError for these beyond 32 degrees of freedom.
+    IncompatibleError is raised for other models, for schemes that take J or areas, and for more than two noises that
+    are not additive. TooLargeError is raised if these have more than 32 degrees of freedom.
     """
     require_model(model)
     chosen = as_scheme(scheme)

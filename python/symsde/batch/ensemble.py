@@ -80,16 +80,19 @@ def ensemble(
     progress: Progress = False,
     **options: Any,
 ) -> Moments:
-    """Moments as by `moments`, bit for bit, of an ensemble that is computed in shards, wherever there is room for them.
+    """Compute the moments of `moments`, bit for bit, in shards that run wherever an executor puts them.
 
-    executor: of `concurrent.futures`, or what acts like one: a process pool, mpi4py.futures.MPIPoolExecutor, Dask's
-    client.get_executor(). It gets a task a shard, single-threaded; model and observables must be picklable for other
-    processes. Without one: threads of this process. It is not shut down.
+    - executor: one of `concurrent.futures`, or something with the same interface: a process pool,
+      mpi4py.futures.MPIPoolExecutor, Dask's client.get_executor(). Each shard is one task on one thread. Model and
+      observables must be picklable for other processes. By default threads of this process are used. The executor is
+      not shut down.
+    - shard_paths: paths of a shard, 256 times a power of two; by default some seconds of work
+    - progress: True, or a function f(done, total) of path-steps that may return True to stop
+    - the other arguments are those of `moments`
 
-    shard_paths: paths of a shard, 256 times a power of two; by default some seconds of work. The other arguments are
-    those of `moments`. progress: True, or a function f(done, total) in path-steps that may return True to stop; then
-    the moments are those of the shards that were done, and `report.stopped` counts the paths that were not. So are
-    those that Ctrl-C, or what the handler of another signal raises, carries as `partial`; None before the first.
+    After a stop the moments are those of the finished shards, and `report.stopped` counts the paths that are missing.
+    Ctrl-C, or a signal whose handler raises, gives the exception these moments as `partial` (None if no shard was
+    finished).
     """
     bar, tell = told_by(progress)
     if executor is not None and not callable(getattr(executor, "submit", None)):

@@ -24,7 +24,7 @@ from .scene_pieces import Batch
 
 
 class OpenRun:
-    """A run folder: its manifest and scene, and results of the shards that are there, which are all or some."""
+    """A run folder: its manifest and scene, and the results of those shards that are there."""
 
     def __init__(self, path: str | os.PathLike):
         """Open a folder; see `open_run`."""
@@ -45,7 +45,7 @@ class OpenRun:
 
     @property
     def missing(self) -> list[str]:
-        """Names of shards that are not there yet; empty where the run is complete."""
+        """Names of shards that are not there yet. The list is empty if the run is complete."""
         return [piece.name for piece in self._folder.missing()]
 
     def _there(self, kind: str) -> list[Piece]:
@@ -99,11 +99,11 @@ def load(path: str | os.PathLike) -> LoadedRun | LoadedMoments | OpenRun:
 
 
 def open_run(path: str | os.PathLike) -> OpenRun:
-    """The run that `symsde run SCENE.toml --out DIR` keeps in a folder, also while it is computed.
+    """Open a folder of `symsde run SCENE.toml --out DIR`, also while the run is in progress.
 
-    found = ss.open_run(DIR)
-    found.manifest["seed"], found.missing      # which run it is, and what is not there yet
-    found.moments.mean_q, found.run.q          # over the shards that are there
+        found = ss.open_run(DIR)
+        found.manifest["seed"], found.missing      # which run it is, and which shards are not there yet
+        found.moments.mean_q, found.run.q          # over the shards that are there
 
     Damaged shards are left out, with a line in the log.
     """

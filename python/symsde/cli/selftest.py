@@ -123,7 +123,7 @@ def checks() -> Iterator[Check]:
 
 
 def selftest() -> bool:
-    """Print what was found, a line each; whether all is well."""
+    """Print one line for each check of the installed library, and return whether all are well."""
     start, wrong = time.monotonic(), []
     for check in checks():
         print(f"{'ok' if check.good else 'FAILED':8s}{check.name:11s}{check.found}", flush=True)

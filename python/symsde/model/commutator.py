@@ -18,7 +18,7 @@ from .definition import Model, require_model
 
 @dataclass(frozen=True)
 class Commutator:
-    """What the brackets of a model's Hamiltonians say at sample points; points can refute, not prove."""
+    """What the Poisson brackets of a model's Hamiltonians are at sample points. Points can refute, but not prove."""
 
     commutative: bool  #: every {H_k,H_l} is constant: increments alone reach strong order 1, dZ 3/2
     flows_commute: bool  #: every {H,H_k} is constant too, and no noise changes in time
@@ -32,9 +32,9 @@ class Commutator:
 
 
 def commutator(model: Model, q: Any = None, p: Any = None, t: float = 0.0) -> Commutator:
-    """Test whether the noises commute by the gradients of their Poisson brackets {F,G} = F_q.G_p - F_p.G_q.
+    """Test whether the noises commute, by the gradients of their Poisson brackets {F,G} = F_q.G_p - F_p.G_q.
 
-    q, p: sample points, a number, (dof,) or (dof, point); without them 16 points spread over [-1.5, 1.5].
+    q, p: sample points, a number, (dof,) or (dof, point); by default 16 points spread over [-1.5, 1.5].
     """
     require_model(model)
     if (q is None) != (p is None):

@@ -27,7 +27,7 @@ _AT_ONCE = contextlib.nullcontext()
 
 @dataclass(frozen=True)
 class Traits:
-    """What a model declares about its Hamiltonians H_0 = H, H_1 .. H_m, so that little is paid for."""
+    """Properties that a model declares of its Hamiltonians H_0 = H, H_1 .. H_m; they decide what is skipped."""
 
     ndof: int  #: degrees of freedom
     nnoise: int  #: noises m
@@ -63,46 +63,50 @@ class ModelHandle(handles.Handle):
 
 
 class Model:
-    """A stochastic Hamiltonian system of your own (Stratonovich), everything dimensionless.
+    """A stochastic Hamiltonian system of your own (Stratonovich). All quantities are dimensionless.
 
         dp = -H_q dt - sum_k H_{k,q} o dW_k        dq = H_p dt + sum_k H_{k,p} o dW_k     [WHSB] (3)-(4)
 
-    All functions work on weighted sums S = sum_j w[j] H_j of the Hamiltonians H_0 = H, H_1 .. H_m and on
-    many lanes (paths) at once, each lane from its own numbers alone:
+    Each function evaluates the weighted sum S = sum_j w[j] H_j of the Hamiltonians H_0 = H, H_1 .. H_m for many lanes
+    at once. A lane is a path; each lane must be computed from its own numbers alone.
 
-    - ``gradient(t, w, q, p) -> (S_q, S_p)``, required
-    - ``value(t, w, q, p) -> S``, shape (lane,)
-    - ``hessian(t, w, q, p) -> (S_qq, S_qp, S_pp)``, shapes (dof, dof, lane), S_qp[j, i] = d2S/dq_i dp_j
+    - ``gradient(t, w, q, p) -> (S_q, S_p)`` is required.
+    - ``value(t, w, q, p) -> S`` returns the shape (lane,).
+    - ``hessian(t, w, q, p) -> (S_qq, S_qp, S_pp)`` returns shapes (dof, dof, lane). ``S_qp[j, i]`` is the derivative by
+      q_i and p_j.
     - ``hessian_vector(t, w, q, p, vq, vp) -> (S_qq vq + S_qp vp, S_pq vq + S_pp vp)``
-    - ``gradient_hessian(t, w, q, p) -> (S_q, S_p, S_qq, S_qp, S_pp)``, where the two share work; it is called where
-      a scheme wants both at one point, and stands in for a ``hessian`` that is not given
-    - ``third_derivative(t, w, q, p, aq, ap, bq, bp) -> (uq, up)``, the gradient of a^T S'' b for two vectors: nested
-      brackets (``gauss2_strong32`` and its kin) are exact then, and no differences of gradients
-    - ``chain_rows``, compiled only (`symsde_chain_rows` in symsde.h): rows of the force and of the tridiagonal
-      stiffness of a chain H = p.p/2 + U(q), noise in position or additive; ``midpoint`` of a chain of one's own is then
-      as fast as of the built-in one
+    - ``gradient_hessian(t, w, q, p) -> (S_q, S_p, S_qq, S_qp, S_pp)`` computes both at one point, for models in which
+      they share work. It also replaces a ``hessian`` that is not given.
+    - ``third_derivative(t, w, q, p, aq, ap, bq, bp) -> (uq, up)`` is the gradient of a^T S'' b for two vectors a and b.
+      With it the nested brackets of ``gauss2_strong32`` and related schemes are exact. Without it they are approximated
+      by differences of gradients.
+    - ``chain_rows`` must be compiled (`symsde_chain_rows` in symsde.h). It gives rows of the force and of the
+      tridiagonal stiffness of a chain H = p.p/2 + U(q) with noise in position or additive noise. With it ``midpoint``
+      is as fast on your chain as on the built-in one.
 
-    with w of shape (nnoise + 1, lane), q, p, vq, vp, aq .. bp and gradients of shape (dof, lane). A lane fails by NaN.
-    Everything is float64: results of other real types are converted, and those computed in float32 keep its error
-    of 1e-7, below which Newton and differences of such a gradient find nothing.
-    They are Python functions on NumPy arrays (then runs use one thread unless told otherwise), or compiled
-    functions of the C signature in symsde.h: a ``numba.cfunc`` (see `numba_signature`), a ctypes function
-    pointer, or a ``scipy.LowLevelCallable``. Compiled functions write all their outputs, or, with ``accepts_null``,
-    those whose pointer is not NULL: what is not wanted need not be computed then.
+    w has the shape (nnoise + 1, lane); q, p, vq, vp, aq .. bp and gradients have the shape (dof, lane). A lane fails if
+    its result is NaN. All numbers are float64, and results of other real types are converted. A gradient computed in
+    float32 keeps its error of 1e-7. Newton's iteration cannot get below this error, and neither can differences of such
+    a gradient.
 
-    ``flows`` maps names of schemes to whole steps of these, several at once: compiled functions of the signature
-    ``symsde_flow``. A run by such a scheme (without correction) calls nothing else; at set-up it is compared with the
-    library's own steps, and refused where it differs. ``any_lanes`` says of compiled functions that a lane has the same
-    bits whatever the number of lanes; they are given the paths alone then, without the lanes that fill a vector, and
-    one path takes an eighth of the time. It is found out for numba functions (no fastmath, no SVML), and to be declared
-    for others.
+    The functions are Python functions of NumPy arrays; runs then use one thread unless you ask for more. Or they are
+    compiled functions with the C signature in symsde.h: a ``numba.cfunc`` (see `numba_signature`), a ctypes function
+    pointer, or a ``scipy.LowLevelCallable``. Compiled functions write all their outputs. With ``accepts_null`` the
+    pointers of unwanted outputs are NULL, and the function need not compute these.
 
-    The other arguments declare traits, see `Traits` (silent: numbers k of noises with H_k = 0); runs probe
-    them, and refuse a false one by name
-    (`FalseTraitError`). ``derived`` says of functions that a program derived them from formulas, and that nothing they
-    read ever changes: runs then probe them once for each binary order of state and time, and flows for each of the
-    step, not every time. Without a Hessian it is formed by differences of gradients. An exception raised in
-    a Python function stops the run and is raised by the run.
+    ``flows`` maps names of schemes to compiled functions with the signature ``symsde_flow``, which compute whole steps,
+    several in one call. A run with such a scheme (without correction) calls nothing else. Before the run these steps
+    are compared with the library's own, and refused if they differ.
+
+    ``any_lanes`` says that the results of a lane have the same bits for any number of lanes. The functions are then
+    called with the paths alone, without lanes that fill a vector. This makes one path eight times as fast. numba
+    functions are checked automatically (no fastmath, no SVML); for others, declare it.
+
+    The other arguments declare traits, see `Traits`; silent holds the numbers k of noises with H_k = 0. Runs probe the
+    traits and refuse a false one by name (`FalseTraitError`). ``derived`` says that a program derived the functions
+    from formulas and that nothing they read ever changes. Then they are probed once for each power of two of state and
+    time (flows: also of the step), and not before every run. Without a Hessian, it is approximated by differences of
+    gradients. An exception in a Python function stops the run and is raised again from it.
     """
 
     def __init__(
@@ -238,7 +242,7 @@ class Model:
 
     @property
     def parameters(self) -> Mapping[str, float]:
-        """Values of the parameters, to be read: a model never changes."""
+        """Values of the parameters, to be read. A model never changes."""
         return types.MappingProxyType(self._parameters)
 
     ndof = property(lambda self: self.traits.ndof, doc="Degrees of freedom.")
@@ -274,7 +278,7 @@ class Model:
         """Refuse an initial state of all paths, (dof, 1), from which no run can begin: formulas know."""
 
     def value(self, q, p, w=None, t: float = 0.0) -> np.ndarray:
-        """sum_j w[j] H_j at many points: shape (path,). Without w: H alone.
+        """sum_j w[j] H_j at many points, shape (path,). Without w it is H.
 
         q, p: a number, (dof,) or (dof, path); w: (nnoise + 1,) or (nnoise + 1, path).
         """
@@ -302,7 +306,7 @@ class Model:
         return out
 
     def probe(self, q0=1.0, p0=0.5, t: float = 0.0) -> None:
-        """Check declared traits and Hessians at three points around (q0, p0); FalseTraitError names a false one."""
+        """Check declared traits and Hessians at three points around (q0, p0). FalseTraitError names a false one."""
         q, p = checks.state("q0", q0, self.ndof, 1), checks.state("p0", p0, self.ndof, 1)
         address = checks.address
         self.call("model_probe", checks.number("t", t), address(q), address(p))

@@ -9,7 +9,7 @@ from . import handles
 
 
 def build_info() -> dict[str, str]:
-    """Version, compiler and options of the library, version of the counter map of its noise."""
+    """Version, compiler and options of the library, and the version of the counter map of its noise."""
     return dict(_build_info())
 
 

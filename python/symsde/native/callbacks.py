@@ -220,15 +220,15 @@ def takes_any_lanes(functions: Iterable[object]) -> bool:
 
 
 def numba_signature(kind: str):
-    """Signature of a callback (gradient, value, hessian, .., third_derivative, flow, chain_rows) for numba.cfunc.
+    """Signature of a function of a model (gradient, value, hessian, .., flow, chain_rows) for numba.cfunc.
 
     Inside the function, with the shapes of `Model`:
 
         x, out = numba.carray(q, (ndof, nlane)), numba.carray(hq, (ndof, nlane))
         out[0] = ...
 
-    Every output is to be written. A model that is made with accepts_null=True is given NULL for those that are not
-    wanted: `if out.ctypes.data != 0`; without this test writing there ends the process.
+    Write every output. If the model is made with accepts_null=True, the pointers of unwanted outputs are NULL. Then
+    test `if out.ctypes.data != 0` before you write; writing to NULL ends the process.
     """
     checks.choice("kind", kind, list(abi.CALLBACKS))
     types = optional("numba", "fast").types
@@ -241,7 +241,7 @@ def numba_signature(kind: str):
 
 
 def numba_sincos():
-    """The library's sine and cosine as a function that numba.cfunc can call, several times as fast as math.sin.
+    """The library's sine and cosine as a function for numba.cfunc, several times as fast as math.sin.
 
     sincos = symsde.numba_sincos()           # outside the cfunc; inside it, with n real numbers each:
     sincos(n, x, sine, cosine)               # pointers, or array.ctypes; an int, 0 = ok

@@ -51,7 +51,7 @@ def text(name: str, *before, has_error: bool = False) -> str:
 
 
 def status_text(code: int) -> str:
-    """Text of a status code, of a call or of a path."""
+    """Text of a status code of a call or of a path."""
     return _text_of(checks.integer("code", code, checks.INT32))
 
 

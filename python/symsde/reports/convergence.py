@@ -100,11 +100,13 @@ def convergence(
 ) -> Convergence:
     """Strong errors at time `horizon` (> 0) for several numbers of steps, all on the same Brownian paths.
 
-    steps: each is the largest one divided by a power of two. reference: "exact", the name of a scheme, or "auto":
-    the exact solution where the model has one, else a better scheme with `reference_steps` steps (a power of two
-    times the largest), whose own error is estimated and shown. Steps whose error is not four times that are marked,
-    never counted, and warned of (ReferenceWarning). Further options are t0, seed, correction, truncation,
-    compensated and threads of `simulate`. Paths that fail anywhere are left out and not counted.
+    - steps: numbers of steps, each the largest one divided by a power of two
+    - reference: "exact", the name of a scheme, or "auto": the exact solution if the model has one, else a better scheme
+      with `reference_steps` steps (a power of two times the largest), whose own error is estimated and shown
+    - options: t0, seed, correction, truncation, compensated and threads of `simulate`
+
+    Steps whose error is less than four times that of the reference are marked and do not count for the order; a
+    ReferenceWarning names them. Paths that fail at any step are left out.
     """
     check_options(options)
     plan = make_plan(

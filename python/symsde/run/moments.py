@@ -31,7 +31,7 @@ from .setup import OPTIONS, Setup, make_setup
 
 
 class Moments(MomentTables, Reported):
-    """Means, unbiased variances and standard errors of means over the paths that are ok up to each time."""
+    """Means, unbiased variances and standard errors of means, at each time over the paths that are ok until then."""
 
     mean_q: np.ndarray  #: (time, dof); likewise var_q, se_mean_q
     mean_p: np.ndarray  #: (time, dof); likewise var_p, se_mean_p
@@ -193,11 +193,11 @@ class Moments(MomentTables, Reported):
         return found
 
     def to_xarray(self):
-        """An xarray.Dataset with dims time and dof; t is the same as time."""
+        """An xarray.Dataset with dims time and dof; t is another name of time."""
         return files.dataset(self._variables(), files.axes(self.t, self.mean_q.shape[1]), self.attributes())
 
     def save(self, path: str | os.PathLike) -> None:
-        """Write a .csv table below lines of # that tell what made it, or a .nc (xarray and netCDF4) or .npz file."""
+        """Write a .csv table, or a .nc (needs xarray and netCDF4) or .npz file. Lines with # say what made it."""
         target = files.path_of("path", path)
         if target.suffix == ".csv":
             files.replace(target, self._write_csv)
@@ -236,16 +236,17 @@ def moments(
     progress: Progress = False,
     **options: Any,
 ) -> Moments:
-    """Moments of q, p, the energy H and observables, in memory that does not depend on paths and steps.
+    """Integrate paths and keep moments of q, p, the energy H and observables, in memory independent of paths and steps.
 
-    The options are those of `simulate`. observables: name -> a formula, a text as "q_1**2 + p_1**2" or an expression of
-    sympy in the model's own names and parameters, which is compiled; or a function of q, p, (dof, lane) each, that
-    returns (lane,) values; lanes are paths, of several saved times where these are few. observers: name -> what else is
-    kept of these values, one of `symsde.observe`; the results are in `observed`. first_path is a multiple of 256, so
-    that parts of an ensemble merge to the same bits.
+    - observables: name -> a formula or a function. A formula is a text such as "q_1**2 + p_1**2" or an expression of
+      sympy, in the model's own names and parameters; it is compiled. A function of q, p, (dof, lane) each, returns
+      (lane,) values. The lanes are paths; if there are few paths, those of several saved times
+    - observers: name -> further statistics of these values, one of `symsde.observe`; the results are in `observed`
+    - the other arguments are those of `simulate`; first_path is a multiple of 256, so that shards merge to the same
+      bits
 
-    Misuse raises a ValueError (`symsde.errors`); an exception of an observable stops the run and is raised. Where a
-    value is no finite number for a path that counts, a NotANumberWarning says so: its means are none, either.
+    Bad input raises a ValueError (`symsde.errors`). An exception of an observable stops the run and is raised again. If
+    a value is not a finite number for a path that counts, a NotANumberWarning says so; its means are not finite either.
     """
     result = None
     try:

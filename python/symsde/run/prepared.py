@@ -64,11 +64,11 @@ def _release(pointer: ctypes.c_void_p, pool: handles.Pool, model_handle: handles
 
 
 class PreparedRun:
-    """Paths that are stepped whenever you want; made by `prepare`. It serves one thread at a time.
+    """Paths that advance whenever you ask; made by `prepare`. It serves one thread at a time.
 
-    q, p (and q_low, p_low of a compensated run) are the state itself, not copies: what you write there is where the
-    next step begins. Steps in several calls give the same bits as in one. A path that fails keeps its status, step and
-    last good state until `reset`.
+    q, p (and q_low, p_low of a compensated run) are the state itself, not copies: what you write there is the state
+    from which the next step begins. Steps in several calls give the same bits as in one call. A path that fails keeps
+    its status, step and last good state until `reset`.
     """
 
     def __init__(self, setup: Setup):
@@ -104,25 +104,25 @@ class PreparedRun:
 
     @property
     def next_step(self) -> int:
-        """Absolute index of the step that comes next; of a stopped run, after `resume`."""
+        """Absolute index of the next step; for a stopped run, the index after `resume`."""
         self._read_state()
         return self._state.next_step
 
     @property
     def t(self) -> float:
-        """Time before that step: t0 + next_step*step."""
+        """Time before the next step: t0 + next_step*step."""
         self._read_state()
         return self._state.t
 
     @property
     def report(self) -> Report:
-        """Counters and seconds of all calls, the outcome of the last one; warnings are for a million steps."""
+        """Counters and seconds of all calls, and the outcome of the last one. Warnings are for a million steps."""
         report = handles.new(abi.Report, "report")
         handles.call("run_report", self._pointer, ctypes.byref(report))
         return make_report(report)
 
     def step(self, dw: Any = None) -> None:
-        """One step, on the run's own noise, or with increments dw: a number, (noise,) or (noise, path)."""
+        """One step with the run's own noise, or with increments dw: a number, (noise,) or (noise, path)."""
         given = None if dw is None else self._one_step(dw)
         advance = self._advance_by_python if self._in_python else library.symsde_run_advance
         status = advance(self._pointer, 1, 1, given, None, self._error_address)
@@ -130,10 +130,10 @@ class PreparedRun:
             self._judge(status)
 
     def run(self, steps: int, save_every: int = 1, *, increments: Any = None, progress: Progress = False) -> Run:
-        """So many steps more, saved every `save_every` steps, the state before them included.
+        """Take so many more steps. Save the first state and the state after every `save_every` steps.
 
-        increments: dW of your own, (steps*2^refine, noise, path), or (steps*2^refine, noise) for all paths. Ctrl-C, or
-        a progress function that returns True, stops: `resume` goes on from there.
+        increments: your own dW, shape (steps*2^refine, noise, path), or (steps*2^refine, noise) for all paths. Ctrl-C
+        stops the run, and so does a progress function that returns True. `resume` then completes it.
         """
         setup = self._setup_of(
             checks.integer("steps", steps, (0, 2**47)), checks.integer("save_every", save_every, (1, 2**47))
@@ -143,7 +143,7 @@ class PreparedRun:
         return self._fill(Run(setup), "run_advance", setup.options.steps, setup.options.save_every, progress=progress)
 
     def resume(self, *, progress: Progress = False) -> Run:
-        """The rest of a `run` that was stopped: its result, complete now."""
+        """Complete a `run` that was stopped, and return its whole result."""
         if self._stopped is None:
             raise IncompatibleError("no call of run was stopped: there is nothing to resume")
         return self._fill(self._stopped, "run_resume", progress=progress)
@@ -159,7 +159,7 @@ class PreparedRun:
         first_path: int | None = None,
         first_step: int | None = None,
     ) -> None:
-        """Begin anew: all paths are ok again. What is not given is as it was prepared, or at the last reset."""
+        """Start again: all paths are ok. What you do not give is as it was prepared, or as at the last reset."""
         old = self._setup
         given = {"q0": q0, "p0": p0, "q0_low": q0_low, "p0_low": p0_low}
         chosen = {name: getattr(old, name) for name in given}
@@ -293,7 +293,7 @@ def _put_increments(given: abi.Input, increments: np.ndarray) -> None:
 
 @checks.hinted(*OPTIONS)
 def prepare(model: Model, scheme: str | Scheme = "midpoint", *, step: float, q0: Any, p0: Any, **options: Any):
-    """A `PreparedRun`: everything is checked, the model probed at (q0, p0), and memory taken, once.
+    """A `PreparedRun`: checks the input, probes the model at (q0, p0) and allocates memory once.
 
         run = ss.prepare(model, "midpoint", step=0.01, q0=1.0, p0=0.0, paths=100, seed=1)
         for _ in range(1000):
@@ -302,9 +302,9 @@ def prepare(model: Model, scheme: str | Scheme = "midpoint", *, step: float, q0:
         saved = run.run(500, save_every=10)   # like simulate, from where the paths are
         run.reset()
 
-    q0, p0, step and the options mean what they mean in `simulate` (steps, save_every, increments and progress are given
-    to the methods). Model and scheme are kept alive by the run. With `threads` above 1, a step of few paths pays for
-    waking them.
+    q0, p0, step and the options are those of `simulate`. steps, save_every, increments and progress are given to the
+    methods instead. The run keeps model and scheme alive. With `threads` above 1, waking the threads takes longer than
+    a step of few paths.
     """
     checks.not_given("prepare", options, _DECIDED)
     return PreparedRun(make_setup(model, q0=q0, p0=p0, step=step, scheme=scheme, steps=0, **options))

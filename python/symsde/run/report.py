@@ -15,7 +15,7 @@ from .setup import Setup
 
 @dataclass(frozen=True)
 class Report:
-    """Stepper, what was left out, counters, failures, timings and versions of a run."""
+    """How a run was computed: stepper, what was left out, counters, failures, timings and versions."""
 
     outcome: str  #: ok, or what happened
     status: int  #: its code; 0 = ok

@@ -41,7 +41,7 @@ def _two_of(shape: tuple[int, ...]) -> tuple[np.ndarray, np.ndarray]:
 
 
 class Run(PathTables, Reported):
-    """Saved paths: arrays as the library filled them, without a copy. Values after a failure are NaN."""
+    """Saved paths: the arrays that the library filled, without a copy. Values after a failure are NaN."""
 
     q: np.ndarray  #: (time, dof, path)
     p: np.ndarray  #: (time, dof, path)
@@ -145,7 +145,7 @@ class Run(PathTables, Reported):
         return tabular.html_of_run(self)
 
     def to_xarray(self):
-        """An xarray.Dataset with dims time, dof, path; t is the same as time, path is the global index."""
+        """An xarray.Dataset with dims time, dof, path; t is another name of time, path is the global index."""
         coordinates = {**files.axes(self.t, self.q.shape[1]), "path": (("path",), self.path)}
         return files.dataset(self._variables(), coordinates, self.attributes())
 
@@ -195,37 +195,39 @@ def simulate(
     q0_low: Any = None,
     p0_low: Any = None,
 ) -> Run:
-    """Integrate paths and save them every `save_every` steps. Everything is dimensionless.
+    """Integrate paths and save them every `save_every` steps. All quantities are dimensionless.
 
-    Path i depends on (seed, i, model, initial state, t0, scheme, step, refine, options) and the build alone:
-    not on threads, lanes or the number of paths, bit for bit.
+    Path i depends on (seed, i, model, initial state, t0, scheme, step, refine, options) and on the build alone.
+    Threads, lanes and the number of paths change no bit of it.
 
     - q0, p0: initial state, a number, (dof,) for all paths, or (dof, path)
-    - step: h, may be negative; steps: how many, a multiple of save_every; t0: time of step 0
+    - step: h, may be negative; steps: their number, a multiple of save_every; t0: time of step 0
     - scheme: a name (`symsde.schemes.names()`) or a Scheme
     - paths, first_path: global indices first_path .. first_path + paths - 1
     - seed: 0 .. 2^64 - 1
-    - increments: dW of your own, (steps*2^refine, noise, path), or (steps*2^refine, noise) for all paths; for schemes
-      that take them dZ of all noises as further columns, and K
-    - refine: l > 0 drives a step by the sum of 2^l draws; l < 0 halves increments -l times by the bridge
-    - first_step: absolute index of the first step; with q0, p0 = last_q, last_p of an earlier run it resumes
+    - increments: your own dW, (steps*2^refine, noise, path), or (steps*2^refine, noise) for all paths; for schemes that
+      take them, dZ of all noises as further columns, and then K
+    - refine: l > 0 drives a step by the sum of 2^l draws; l < 0 halves increments -l times by the Brownian bridge
+    - first_step: absolute index of the first step; with q0, p0 = last_q, last_p of an earlier run it resumes that run
     - correction: of one-sided schemes, "auto", "none", "mean" or "increments"
     - truncation: (order, time scale) of truncated increments
-    - areas: how schemes with Levy areas draw them: "path", those of the path, or "law", right in law at bounded cost
-    - area_time: time scale of areas by the path, area_time/(12 step) sub-increments a step; derived from the model if
-      None
-    - common_noise: noises k, from 1 to 64, of which every path gets the W_k of path 0, with all that belongs to it; the
-      other noises are each path's own. Standard errors of moments are then those of paths given the common noises
-    - compensated: compensated summation of the state; q0_low, p0_low, (dof, path), resume it
-    - threads: default SYMSDE_NUM_THREADS, else OpenMP's; one for Python callbacks and in forked processes
-    - progress: True shows a bar; a function f(done, total) may return True to stop
-    - general: the general stepper; fixed_point: that many fixed-point iterations instead of Newton; max_iter:
-      iterations of Newton a step; lanes: of a block, never changes a result
+    - areas: how Levy areas are drawn: "path", from the Brownian path, or "law", which has the right law at bounded cost
+    - area_time: time scale of areas from the path, area_time/(12 step) sub-increments a step; by default derived from
+      the model
+    - common_noise: numbers k, 1 to 64, of noises that all paths share: every path gets the W_k of path 0 and what
+      belongs to it. The other noises are each path's own. Standard errors of moments are then those given the common
+      noises
+    - compensated: compensated summation of the state; q0_low, p0_low, (dof, path), resume such a run
+    - threads: by default SYMSDE_NUM_THREADS, else the choice of OpenMP; one for Python functions and in forked
+      processes
+    - progress: True shows a bar; a function f(done, total) may return True to stop the run
+    - general: use the general stepper; fixed_point: so many fixed-point iterations instead of Newton's; max_iter:
+      Newton iterations in a step; lanes: size of a block, never changes a result
 
-    Misuse raises a ValueError (`symsde.errors`) with a sentence, and computes nothing. Ctrl-C stops the run and
-    raises KeyboardInterrupt, whose attribute `partial` is the Run until then, NaN where no path came, None before it
-    began; so does what the handler of another signal raises. Paths that fail are NaN from there on; a
-    PathsFailedWarning tells how many.
+    Bad input raises a ValueError (`symsde.errors`) that says what is allowed; nothing is computed. Ctrl-C stops the run
+    and raises KeyboardInterrupt. Its attribute `partial` is the Run until then, with NaN where no path came, or None
+    before the run began. An exception raised by the handler of another signal has `partial` too. Paths that fail are
+    NaN from then on, and a PathsFailedWarning says how many failed.
     """
     given = locals()  # all of the above, by name
     del given["progress"]

@@ -34,8 +34,8 @@ def step(  # noqa: PLR0917 - the step reads like its formula
 ) -> tuple[np.ndarray, np.ndarray]:
     """The state after one step of size `step` from (q, p) with increments dw: two arrays (dof, point).
 
-    q, p: a number, (dof,) or (dof, point); dw: a number, (noise,) or (noise, point); t: time before the step.
-    Options of `simulate` (correction, general, fixed_point, ...) are passed on. A point whose step fails is NaN.
+    q, p: a number, (dof,) or (dof, point); dw: a number, (noise,) or (noise, point); t: time before the step. Options
+    are those of `simulate` (correction, general, fixed_point, ...). A point whose step fails is NaN.
     """
     checks.not_given("step", options, _DECIDED)
     alone = type(q) is type(p) is type(dw) is float  # as in a loop of one's own
@@ -68,7 +68,7 @@ def increments(
     truncation: tuple[float, float] | None = None,
     scheme: str | Scheme = "midpoint",
 ) -> np.ndarray:
-    """The increments dW that drive a run of the scheme with these options of `simulate`: (step, noise, path)."""
+    """The increments dW that drive a run of the scheme with these options of `simulate`, shape (step, noise, path)."""
     options = make_options(
         model,
         step=step,

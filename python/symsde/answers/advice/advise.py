@@ -44,7 +44,7 @@ class Option:
 
 @dataclass(frozen=True)
 class Advice:
-    """What to run."""
+    """A scheme and a step, with the reasons for them; made by `advise`."""
 
     scheme: str
     step: float
@@ -68,17 +68,17 @@ def advise(
     model: Model, *, q0: Any, p0: Any, horizon: float, tolerance: float, want: str = "paths", seed: int = 0,
     **options: Any,
 ) -> Advice:  # fmt: skip
-    """The scheme and the step that keep a tolerance at the least cost a path, from short runs.
+    """Find the scheme and the step that keep a tolerance at the lowest cost of a path, from short runs.
 
-    - tolerance: of the error at t0 + horizon; dimensionless, of invariants relative to H
+    - tolerance: bound of the error at t0 + horizon; for invariants, relative to H
     - want: "paths", the root mean square distance in (q, p); "moments", the largest error of the means of q, p and H;
-      "invariants", the largest change of H on the way: with noise where that keeps H, else with all increments zero
+      "invariants", the largest change of H up to the horizon (with noise if the noise keeps H, else without)
     - q0, p0: initial state, a number or (dof,); options: those of `expect`
 
-    Errors come from differences to half the step on the same Brownian paths, cost from timed runs on one thread; steps
-    are never longer than 0.65 of where a scheme becomes unstable for the fastest motion that 64 paths come to. Schemes
-    that are not symplectic are no candidates. Everything is dimensionless. Misuse raises a ValueError; NumericalError
-    tells that no scheme keeps the tolerance.
+    Errors are differences to runs with half the step on the same Brownian paths. Costs are timed on one thread. A step
+    is at most 0.65 of the scheme's stability limit for the fastest motion that 64 paths reach. Schemes that are not
+    symplectic are not tried. All quantities are dimensionless. Bad input raises a ValueError. If no scheme keeps the
+    tolerance, a NumericalError says so.
     """
     checks.choice("want", want, list(KINDS))
     problem = make_problem(model, _nothing, q0=q0, p0=p0, horizon=horizon, seed=seed, **options)

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class Alternative:
-    """A way that was not taken."""
+    """A method that was not chosen."""
 
     method: str
     scheme: str
@@ -22,7 +22,7 @@ class Alternative:
 
 @dataclass(frozen=True)
 class Answer:
-    """E f with a 95 % interval; everything dimensionless."""
+    """E f with a 95 % interval; made by `expect`. All quantities are dimensionless."""
 
     value: float
     interval: tuple[float, float]  #: low, high, 95 %; noise and bias together
@@ -41,7 +41,7 @@ class Answer:
 
     @property
     def half_width(self) -> float:
-        """Of the interval."""
+        """Half width of the interval."""
         return (self.interval[1] - self.interval[0]) / 2
 
     def __str__(self) -> str:

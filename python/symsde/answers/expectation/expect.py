@@ -40,28 +40,28 @@ def expect(
     out: str | os.PathLike | None = None,
     **options: Any,
 ) -> Answer:
-    """E f(q, p) at t0 + horizon, with a 95 % interval of the half width asked for, by the cheapest way there is.
+    """Estimate E f(q, p) at t0 + horizon with a 95 % interval of the half width that you ask for, in the cheapest way.
 
     - f: a function of q, p, (dof, path) each, that returns (path,); or a formula as text, such as "q**2"
     - q0, p0: initial state of all paths, a number or (dof,)
-    - abs, rel: half width of the interval, or that over the value; one of the two
-    - scheme, method: to take that one; method is plain, antithetic, extrapolated, control variate, multilevel or
+    - abs, rel: half width of the interval, or half width over the value; give one of the two
+    - scheme, method: use this one; methods are plain, antithetic, extrapolated, control variate, multilevel and
       quasi-Monte Carlo
-    - max_time: seconds of the clock after which the interval is given as it is then
-    - out: a folder that keeps the choice and the draws; the same call goes on in it, also beside other processes
+    - max_time: seconds of the clock after which the interval reached so far is returned
+    - out: a folder that keeps the choice and the draws; the same call resumes it, and several processes can share it
     - options: t0, correction, truncation, areas, area_time, compensated and threads of `simulate`
 
-    A pilot measures variance, weak error and cost of a few schemes that suit the model, or of the one given; then the
-    plan is taken that is reckoned to need the fewest seconds. The answer tells the choice, why, and what the others
-    would have cost. The choice depends on measured seconds, even the step and the number of paths of a given scheme and
-    method: the bits of two answers differ.
+    A pilot measures variance, weak error and cost of a few schemes that suit the model, or of the given one. Then the
+    plan with the shortest estimated time is carried out. The answer says what was chosen and why, and what the
+    alternatives would have cost. The choice depends on measured times, even the step and the number of paths of a given
+    scheme and method. So two answers differ in their bits.
 
-    Misuse raises a ValueError with a sentence before long work: f of another shape, no number, or of infinite variance,
-    a tolerance below rounding. Ctrl-C raises KeyboardInterrupt, whose attribute `partial` is the answer until then,
-    None where the pilot was not done, or of quasi-Monte Carlo fewer than two scramblings. max_time shortens these.
+    Bad input raises a ValueError before long work: f of the wrong shape, with infinite variance or with values that are
+    not numbers, or a tolerance below rounding. Ctrl-C raises KeyboardInterrupt. Its attribute `partial` is the answer
+    until then, or None if the pilot was not finished or fewer than two scramblings were drawn.
 
-    Where too few paths carry the variation of f to tell of it, the interval holds what was not seen, 3/paths of the
-    scale of f, `reached` is false where that is more than was asked for, and a note says so.
+    If too few paths carry the variation of f, the interval includes what was not seen: 3/paths times the scale of f. If
+    this makes the interval wider than asked, `reached` is false, and a note says so.
     """
     watch = Watch(max_time, progress)
     with watch.carrying(Answer):

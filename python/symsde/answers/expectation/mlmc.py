@@ -59,25 +59,26 @@ def mlmc(
     out: str | os.PathLike | None = None,
     **options: Any,
 ) -> Multilevel:
-    """E f(q, p) at t0 + horizon by multilevel Monte Carlo, with a 95 % interval of the half width asked for.
+    """Estimate E f(q, p) at t0 + horizon by multilevel Monte Carlo, with a 95 % interval of the half width asked for.
 
     - f: a function of q, p, (dof, path) each, that returns (path,); or a formula as text, such as "q**2"
     - q0, p0: initial state of all paths, a number or (dof,)
-    - abs, rel: half width of the interval, or that over the value; one of the two
-    - scheme: default gauss_dkdkd where noises depend on position and H = p.p/2 + U(q), else midpoint
-    - steps: of level 0, by default as few as the fastest frequency and the noise in implicit steps allow; level l has
-      steps 2^l
-    - levels: the most there may be, 2 .. 31; first: paths that a new level begins with, 16 .. 2^30
-    - antithetic: fine paths in pairs with the halves of each coarse step exchanged, for noises that do not commute
-    - max_time: seconds of the clock after which the interval is given as it is then
-    - out: a folder that keeps the draws; the same call goes on in it, also beside other processes
+    - abs, rel: half width of the interval, or half width over the value; give one of the two
+    - scheme: by default gauss_dkdkd if the noises depend on position and H = p.p/2 + U(q), else midpoint
+    - steps: number of steps of level 0; by default as few as the fastest frequency, and the noise in implicit steps,
+      allow. Level l has 2^l times as many
+    - levels: the largest number of levels, 2 .. 31; first: paths with which a new level begins, 16 .. 2^30
+    - antithetic: fine paths come in pairs whose increments are exchanged within every coarse step, for noises that do
+      not commute
+    - max_time: seconds of the clock after which the interval reached so far is returned
+    - out: a folder that keeps the draws; the same call resumes it, and several processes can share it
     - options: t0, correction, truncation, areas, area_time, compensated and threads of `simulate`
 
-    The paths of each level are as many as its measured variance and cost ask for. Levels are added until the bias,
-    estimated from the means of the finest ones, is small beside the noise; both are in the interval. Everything is
-    dimensionless. Misuse raises a ValueError with a sentence before long work. Ctrl-C raises KeyboardInterrupt, whose
-    attribute `partial` is the estimate by the levels that were begun, None before the first. What too few paths showed
-    of f is in the interval, as in `expect`.
+    The number of paths of each level follows from its measured variance and cost. Levels are added until the bias,
+    estimated from the means of the finest levels, is small beside the noise. The interval includes both. All quantities
+    are dimensionless. Bad input raises a ValueError before long work. Ctrl-C raises KeyboardInterrupt. Its attribute
+    `partial` is the estimate of the levels begun so far, or None before the first. If too few paths carry the variation
+    of f, the interval includes what was not seen, as in `expect`.
     """
     watch = Watch(max_time, progress)
     with watch.carrying(Multilevel):

@@ -27,7 +27,7 @@ class Level:
 
 @dataclass(frozen=True)
 class Multilevel:
-    """E f with its 95 % interval, the levels that gave it, and what they show."""
+    """E f with its 95 % interval, and the levels that gave it; made by `mlmc`."""
 
     value: float
     interval: tuple[float, float]  #: low, high, 95 %
@@ -44,7 +44,7 @@ class Multilevel:
 
     @property
     def half_width(self) -> float:
-        """Of the interval."""
+        """Half width of the interval."""
         return (self.interval[1] - self.interval[0]) / 2
 
     def __str__(self) -> str:

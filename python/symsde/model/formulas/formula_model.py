@@ -39,7 +39,7 @@ class Formula:
 
 
 class FormulaModel(Model):
-    """A model from formulas; `formula` says what was derived and generated."""
+    """A model from formulas. `formula` says what was derived and generated."""
 
     formula: Formula
     _derivatives: Derivatives | None  #: nodes of all derivatives; None of sums over sites
@@ -88,7 +88,7 @@ class FormulaModel(Model):
         return ", ".join([*texts, *(["..."] if len(self.formula.hamiltonians) > 4 else [])])
 
     def with_parameters(self, **values: float) -> FormulaModel:
-        """The same model with other values of some parameters; nothing is compiled again."""
+        """The same model with other values of some parameters. Nothing is compiled again."""
         _, (given,) = self._remade
         chosen = {self._parameter(key): value for key, value in values.items()}
         if len(chosen) < len(values):
@@ -114,22 +114,24 @@ def model_from_sympy(
     ends: str = "free",
     name: str = "formula",
 ) -> FormulaModel:
-    """A model from its Hamiltonians H(q, p, t) and H_1 .. H_m (noise), expressions of sympy or texts; dimensionless.
+    """A model from its Hamiltonians H(q, p, t) and H_1 .. H_m (noise), given as expressions of sympy or as texts.
 
         dp = -H_q dt - sum_k H_{k,q} o dW_k        dq = H_p dt + sum_k H_{k,p} o dW_k     [WHSB] (3)-(4)
 
-    q, p: symbols of coordinates and momenta, or their names (without them q and p, or q1, q2, .. and p1, p2, .. as
-    the texts have them); functions of time as of `dynamicsymbols` too. Texts as "p**2/2 - omega**2*cos(q)" are read by
-    a parser of arithmetic alone, which executes nothing. params:
-    values of all other symbols, by name; t: the symbol of time, t unless told. invariants: candidates I, of each of
-    which I_t + {I, H} = 0 and {I, H_k} = 0 is proved or not (``model.formula.structure.invariants``).
+    - q, p: symbols of coordinates and momenta, or their names; functions of time as from `dynamicsymbols` work too. By
+      default they are q and p, or q1, q2, .. and p1, p2, .. as the texts use them
+    - params: values of all other symbols, by name
+    - t: the symbol of time, by default t
+    - invariants: candidates I. For each it is proved, or not, that I_t + {I, H} = 0 and {I, H_k} = 0
+      (``model.formula.structure.invariants``)
+    - n: the formulas are texts about n sites: sums such as `Sum((q[i+1] - q[i])**2/2, i)`, which stay loops for any n,
+      and noises such as "-sigma*q[k]", one for each site
+    - ends: "free", "fixed" (zero beyond the ends) or "periodic"
 
-    With n, the formulas are texts about n sites: sums `Sum((q[i+1] - q[i])**2/2, i)`, which stay loops for any n, and
-    noises as "-sigma*q[k]", one for each site; ends: "free", "fixed" (zero beyond the ends) or "periodic".
-
-    Derivatives and traits are derived, C code is generated, compiled by the system's compiler and kept on disk
-    (SYMSDE_CACHE); values of parameters are given when it runs. ``model.formula`` tells all that. Errors are
-    InvalidArgumentError with a sentence that quotes the formula.
+    Texts such as "p**2/2 - omega**2*cos(q)" are read by a parser of arithmetic, which executes nothing. Derivatives and
+    traits are derived. C code is generated, compiled by the system's compiler and kept on disk (SYMSDE_CACHE). Values
+    of parameters are passed to it when it runs. ``model.formula`` describes all of this. An InvalidArgumentError quotes
+    the formula that is wrong. All quantities are dimensionless.
     """
     given = {
         "H": H,

@@ -41,7 +41,7 @@ class WorkPrecision:
     peers: list[dict] = field(default_factory=list)  #: of other packages on the same problem, measured beside symsde
 
     def words(self) -> str:
-        """For this error use this scheme at this step."""
+        """Which scheme and step to use for which error, as text."""
         return words.paragraph(self.rows, self.orders)
 
     def __str__(self) -> str:
@@ -56,7 +56,7 @@ class WorkPrecision:
         return known | ({"peers": self.peers} if self.peers else {})
 
     def save(self, directory: str | os.PathLike) -> None:
-        """Write work-precision.csv, and work-precision.png and .pdf, for which matplotlib must be installed."""
+        """Write work-precision.csv, and with matplotlib also work-precision.png and .pdf."""
         with files.folder(directory) as target:
             table.write_csv(target / "work-precision.csv", self.rows, self.about)
             self.plot(target / "work-precision.png", pdf=True)
@@ -90,20 +90,20 @@ def work_precision(
 ) -> WorkPrecision:
     """Error against run time of several schemes at several steps, all on the same Brownian paths.
 
-    - schemes: names or Schemes; by default midpoint, symplectic_euler, stormer_verlet, gauss2 and heun, and gauss_dkdkd
-      and chin4a where the model is one of drifts and kicks
-    - steps: numbers of steps to the horizon, each the largest divided by a power of two
-    - horizon: time at which errors are taken; paths: of the error runs, at least 40
-    - reference: "exact", the name of a scheme, or "auto": the exact solution where the model has one, else a better
-      scheme with `reference_steps` steps (a power of two times the finest), whose own error is estimated and shown
+    - schemes: names or Schemes; by default midpoint, symplectic_euler, stormer_verlet, gauss2 and heun, and also
+      gauss_dkdkd and chin4a if the model suits them
+    - steps: numbers of steps to the horizon, each the largest one divided by a power of two
+    - horizon: time at which errors are measured; paths: number of paths of the error runs, at least 40
+    - reference: "exact", the name of a scheme, or "auto": the exact solution if the model has one, else a better scheme
+      with `reference_steps` steps (a power of two times the largest), whose own error is estimated and shown
     - repeats: timed runs of a point, at least 5, on one thread
     - interval: relative half width wanted of the strong errors; too few paths for it are refused
-    - invariants: {name: f(q, p)}; without any, H where every noise Hamiltonian commutes with it
-    - out: directory for the table, the figure and the finished points; a rerun goes on where an earlier one stopped
-    - about: names and texts that the head of the table shall repeat, beside model, first states and options
-    - further options are t0, seed, correction, truncation, compensated and threads (of the error runs) of `simulate`
+    - invariants: {name: f(q, p)}; by default H if every noise Hamiltonian commutes with it
+    - out: directory for the table, the figure and the finished points; the same call resumes an interrupted study
+    - about: names and texts that the head of the table repeats, beside model, initial states and options
+    - options: t0, seed, correction, truncation, compensated and threads (of the error runs) of `simulate`
 
-    Misuse raises a ValueError with a sentence before the first long run. Points whose paths fail are marked.
+    Bad input raises a ValueError before the first long run. Points whose paths fail are marked.
     """
     progress = checks.flag("progress", progress)
     plan = make_plan(

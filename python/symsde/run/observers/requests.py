@@ -70,7 +70,7 @@ class Observer:
 
 @dataclass(frozen=True)
 class Histogram(Observer):
-    """Counts of one value in bins of one width from low to high, and below and above, at every saved time."""
+    """Counts of one value in bins of equal width from low to high, and below and above, at every saved time."""
 
     KIND: ClassVar[str] = "histogram"
     of: str
@@ -85,11 +85,11 @@ class Histogram(Observer):
 
 @dataclass(frozen=True)
 class Quantiles(Observer):
-    """Quantiles of one value at every saved time, from counts in bins of one relative width, on both sides of zero.
+    """Quantiles of one value at every saved time, from counts in bins of equal relative width on both sides of zero.
 
-    shares: of the paths below, as 0.5 for the median. A quantile is known to half a bin, 1/(2 parts) of it, beside
-    chance; the errors of the result hold both. Magnitudes below low are counted as zero, those above high as outside.
-    Every power of two between them takes `parts` (a power of two) integers, each sign and saved time.
+    shares: of the paths below, such as 0.5 for the median. The bins determine a quantile to 1/(2 parts) of its value;
+    the standard errors include this. Magnitudes below low count as zero, those above high as outside. Each power of two
+    between low and high needs `parts` (a power of two) integers for each sign and saved time.
     """
 
     KIND: ClassVar[str] = "quantiles"
@@ -119,10 +119,10 @@ class Covariance(Observer):
 
 @dataclass(frozen=True)
 class Autocorrelation(Observer):
-    """Autocovariance and autocorrelation of one value of a stationary process along time.
+    """Autocovariance and autocorrelation of one value of a stationary process over time.
 
     For lags of 0 .. `lags` saved points: averages over time along each path that is ok to the end, then over paths.
-    about: a number near the mean, which spares digits where the mean is large.
+    about: a number near the mean; it saves digits if the mean is large.
     """
 
     KIND: ClassVar[str] = "autocorrelation"
@@ -137,7 +137,7 @@ class Autocorrelation(Observer):
 
 @dataclass(frozen=True)
 class Extremes(Observer):
-    """Lowest and highest value that each path has reached at saved times until each of them: means, and of all."""
+    """Lowest and highest value of each path at the saved times so far: their means, and those over all paths."""
 
     KIND: ClassVar[str] = "extremes"
     of: str
@@ -145,13 +145,13 @@ class Extremes(Observer):
 
 @dataclass(frozen=True)
 class Passage(Observer):
-    """Paths whose value leaves an interval: how many until when, through which end, when and in what state.
+    """Paths whose value leaves an interval: how many by which time, through which end, when and in what state.
 
-    The value is looked at after every step, not only where it is saved; a path of which it is no number fails there.
-    within=a stands for low=-a, high=a; one end may be infinite. absorb: a path that leaves ends there, and counts
-    nowhere from then on. bridge: where noise acts on a coordinate or momentum, paths may leave between two steps too,
-    by the law of a Brownian bridge; the result says whether that was so (`bridged`). Two-point and three-point
-    increments have no such law: schemes that draw them are refused, unless bridge=False.
+    The value is checked after every step, not only at saved times. If it is not a number, the path fails. within=a
+    stands for low=-a, high=a; one end may be infinite. absorb: a path that leaves ends there and does not count from
+    then on. bridge: if noise acts on a coordinate or momentum, paths may also leave between two steps, by the law of a
+    Brownian bridge; the result says whether this was used (`bridged`). Two-point and three-point increments have no
+    such law, so schemes that draw them are refused unless bridge=False.
     """
 
     KIND: ClassVar[str] = "passage"
@@ -177,7 +177,7 @@ class Passage(Observer):
 
 @dataclass(frozen=True)
 class Paths(Observer):
-    """Values of chosen paths, by their global indices, at every saved time; all of q and p unless told."""
+    """Values of chosen paths, by their global indices, at every saved time; by default all of q and p."""
 
     KIND: ClassVar[str] = "paths"
     paths: tuple[int, ...]
