@@ -5,17 +5,17 @@
  *    dp = -H_q dt - sum_k H_{k,q} o dW_k      dq = H_p dt + sum_k H_{k,p} o dW_k     (Stratonovich)
  *
  * This header is the whole C interface.
- * - Every function returns a status: 0 ok, < 0 misuse (nothing was computed), > 0 a numerical outcome. The last
- *   argument, which may be NULL, receives the code and a sentence.
- * - Handles are opaque. They own copies of what they are made from, and are deleted by symsde_<noun>_delete, which
- *   accepts NULL and sets the handle to NULL. Callback functions and their `user` pointers must outlive the handle.
- * - Arrays belong to the caller, those of symsde_state excepted. Shapes are written as in C, last index fastest: the
+ * - Every function returns a status: 0 ok, < 0 bad input (nothing was computed), > 0 a numerical outcome. The last
+ *   argument receives the code and a sentence; it may be NULL.
+ * - Handles are opaque and own copies of what they are made from. symsde_<noun>_delete deletes them; it accepts NULL
+ *   and sets the handle to NULL. Callback functions and their `user` pointers must live longer than the handle.
+ * - Arrays belong to the caller, except those of symsde_state. Shapes are written as in C, last index fastest: the
  *   path (or the lane of a block) is always the last index.
- * - Structs begin with struct_size; fill them with their _init function before setting members.
- * - Any function may be called by several threads at once, also on handles that they share, as long as none deletes or
- *   alters a handle that another one uses.
- * - A process forked after the library was loaded computes on one thread: OpenMP's are gone. dlclose unloads nothing.
- * - Floating-point traps may be on: good input sets off none, paths that fail may. Threads round as the calling one.
+ * - Structs begin with struct_size. Fill them with their _init function before you set members.
+ * - Several threads may call any function at once, also on handles that they share, but no thread may delete or change
+ *   a handle while another one uses it.
+ * - A process forked after the library was loaded computes on one thread. dlclose does not unload the library.
+ * - Floating-point traps may be on: good input raises none, paths that fail may. All threads round as the calling one.
  * - Quantities are dimensionless unless a comment names a unit.
  */
 #ifndef SYMSDE_H
@@ -57,7 +57,7 @@ typedef struct symsde_error {
    char message[SYMSDE_MESSAGE_SIZE]; /* what was given, what is allowed, what to do; ends with 0 */
 } symsde_error;
 
-/* Texts are copied into buffer (at most size bytes, terminated); *needed, if not NULL, receives the whole text's size */
+/* Texts are copied into buffer: at most size bytes, terminated. *needed, if not NULL, receives the size of the text. */
 int symsde_status_text(int code, char *buffer, size_t size, size_t *needed);
 /* version of the library */
 int symsde_version(char *buffer, size_t size, size_t *needed);
@@ -86,9 +86,9 @@ typedef struct symsde_traits {
    int32_t constant_mass;  /* H = p.M^-1 p/2 + U(q) with a constant matrix M */
 } symsde_traits;
 
-/* Callbacks work on whole blocks: arrays [..][nlane], each lane from its own numbers alone. w[nham][nlane] are the
- * weights of H_0 .. H_m (nham = nnoise + 1). They return 0; nonzero aborts the run (SYMSDE_CALLBACK_FAILED); one lane
- * fails by NaN. Outputs are not NULL, unless symsde_model_accept_null allows it. Several threads call at once, or one. */
+/* Callbacks compute whole blocks, arrays [..][nlane], each lane from its own numbers alone. w[nham][nlane] are the
+ * weights of H_0 .. H_m (nham = nnoise + 1). They return 0; another value ends the run (SYMSDE_CALLBACK_FAILED). A lane
+ * fails if its result is NaN. Outputs are never NULL without symsde_model_accept_null. Several threads call at once. */
 /* gradient of sum_j w[j] H_j: hq[ndof][nlane], hp[ndof][nlane] */
 typedef int (*symsde_gradient)(int nlane, int ndof, int nham, double t, const double *w, const double *q,
                                const double *p, double *hq, double *hp, void *user);
@@ -106,18 +106,18 @@ typedef int (*symsde_hessian_vector)(int nlane, int ndof, int nham, double t, co
 typedef int (*symsde_gradient_hessian)(int nlane, int ndof, int nham, double t, const double *w, const double *q,
                                        const double *p, double *hq, double *hp, double *hqq, double *hqp, double *hpp,
                                        void *user);
-/* whole steps of one scheme, from q, p [ndof][nlane] to qn, pn [nstep/every][ndof][nlane] after every `every`-th step
- * (nstep is a multiple of it). t is when the first step begins, h the step with its sign; w[nstep][nham][nlane] are the
- * weights (h, dW_1 .. dW_m). functionals[0] .. [3] are dZ, areas, K and J, [nstep][columns][nlane], NULL where the scheme
- * does not ask for them. max_iter bounds a solver's iterations in a step. status[nlane]: lanes whose status is not 0 have
- * failed and may be left alone; a lane that fails gets SYMSDE_NOT_CONVERGED, or another status of a path, or values that
- * are not finite and stay so. Promised: the same bits whether steps are asked for one by one or many at once */
+/* whole steps of one scheme, from q, p [ndof][nlane] to qn, pn [nstep/every][ndof][nlane] after every `every`-th step;
+ * nstep is a multiple of `every`. t is the time before the first step, h the step with its sign. w[nstep][nham][nlane]
+ * are the weights (h, dW_1 .. dW_m). functionals[0] .. [3] are dZ, areas, K and J, [nstep][columns][nlane]; those that
+ * the scheme does not use are NULL. max_iter bounds a solver's iterations in a step. Lanes whose status[nlane] is not 0
+ * have failed: skip them. If a lane fails, set SYMSDE_NOT_CONVERGED or another status of a path, or return values that
+ * are not finite and remain so. The bits must not depend on the number of steps in one call. */
 typedef int (*symsde_flow)(int nlane, int ndof, int nham, int nstep, int every, int max_iter, double t, double h,
                            const double *w, const double *const *functionals, const double *q, const double *p,
                            double *qn, double *pn, int64_t *status, void *user);
-/* rows first .. last, counted from 0, of the chain H = p.p/2 + U(q), noise in position or additive, whose Hessian is
- * tridiagonal: q[row][nlane] from row first - 1 to row last + 1 (zero beyond the ends); hq[row][nlane], the gradient of
- * sum_j w[j] H_j in q; hqq[row][2][nlane], its derivative by q of the row, and by q of the next one */
+/* rows first .. last, counted from 0, of a chain H = p.p/2 + U(q) with noise in position or additive noise, whose
+ * Hessian is tridiagonal. q[row][nlane] has rows first - 1 to last + 1 (zero beyond the ends); hq[row][nlane] is the
+ * gradient of sum_j w[j] H_j in q; hqq[row][2][nlane] its derivatives by q of this row and by q of the next one */
 typedef int (*symsde_chain_rows)(int nlane, int ndof, int nham, int first, int last, double t, const double *w,
                                  const double *q, double *hq, double *hqq, void *user);
 /* third derivatives along two vectors: uq, up [ndof][nlane] is the gradient of a^T (the Hessian) b */
@@ -133,31 +133,31 @@ int symsde_model_parameters(const char *name, char *buffer, size_t size, size_t 
 /* a built-in model; parameters that are not given keep their defaults */
 int symsde_model_get(const char *name, int nparameter, const char *const *keys, const double *values,
                      symsde_model *model, symsde_error *error);
-/* a model of the user's own; value, hessian and hessian_vector may be NULL */
+/* your own model; value, hessian and hessian_vector may be NULL */
 int symsde_model_new(const char *name, const symsde_traits *traits, symsde_gradient gradient, symsde_value value,
                      symsde_hessian hessian, symsde_hessian_vector hessian_vector, void *user, symsde_model *model,
                      symsde_error *error);
-/* Further functions for a model of symsde_model_new, with its user pointer; NULL = without. They are probed. */
-/* called where a scheme wants gradient and Hessian at one point; it also stands in for a hessian that is NULL */
+/* Further functions for a model of symsde_model_new, with its user pointer; NULL = none. They are probed. */
+/* called if a scheme needs gradient and Hessian at one point; it also replaces a hessian that is NULL */
 int symsde_model_set_gradient_hessian(symsde_model model, symsde_gradient_hessian joint, symsde_error *error);
-/* for bandwidth 1, identity_mass, and position_noise or additive: midpoint then stores neither force nor matrix as a
- * whole. The rows must agree with the gradient to rounding */
+/* for models with bandwidth 1, identity_mass, and position_noise or additive: midpoint then stores neither the whole
+ * force nor the whole matrix. The rows must agree with the gradient to rounding */
 int symsde_model_set_chain_rows(symsde_model model, symsde_chain_rows chain_rows, symsde_error *error);
-/* schemes with nested brackets take these as they are then, and not by differences */
+/* makes nested brackets exact; without it schemes approximate them by differences of gradients */
 int symsde_model_set_third_derivative(symsde_model model, symsde_third_derivative third, symsde_error *error);
-/* the functions look for NULL: from now on outputs that are not wanted are, else they are room that is thrown away */
+/* declares that the functions test for NULL: from now on unwanted outputs are NULL, not arrays that nobody reads */
 int symsde_model_accept_null(symsde_model model, symsde_error *error);
-/* whole steps of a scheme of the catalogue, without correction; runs by it call nothing else, and are refused where
- * they are not the library's. The names of midpoint, symplectic Euler and Verlet stand for all that are these */
+/* whole steps of a scheme of the catalogue, without correction. Runs with it call nothing else. Steps that differ from
+ * the library's are refused. midpoint, symplectic_euler and stormer_verlet stand for equal schemes of other names, too */
 int symsde_model_set_flow(symsde_model model, const char *scheme, symsde_flow flow, symsde_error *error);
-/* the functions give a lane the same bits whatever nlane is: from now on they are given the paths alone, and not the
- * lanes that fill a block. True of loops without contraction that call the C library; one path then is faster */
+/* declares that the bits of a lane do not depend on nlane: from now on the functions get the paths alone, without lanes
+ * that fill a block, and one path is faster. It holds for loops without contraction that call the C library */
 int symsde_model_accept_any_lanes(symsde_model model, symsde_error *error);
-/* a program derived the functions from formulas, and neither they nor what user points to change: runs probe the model
- * once for each binary order of state and time (flows: and step), and after every function set, not every time */
+/* declares that a program derived the functions from formulas and that neither they nor what user points to change: the
+ * model is then probed once for each power of two of state and time (flows: also step), not before every run */
 int symsde_model_set_derived(symsde_model model, symsde_error *error);
 int symsde_model_delete(symsde_model *model);
-/* its traits; rotation and silent point into the model and live as long */
+/* its traits; rotation and silent point into the model and live as long as it */
 int symsde_model_traits(symsde_model model, symsde_traits *traits, symsde_error *error);
 /* check declared traits and Hessians at three points around q0[ndof], p0[ndof] */
 int symsde_model_probe(symsde_model model, double t, const double *q0, const double *p0, symsde_error *error);
@@ -169,19 +169,19 @@ int symsde_model_gradient(symsde_model model, int64_t npath, double t, const dou
 int symsde_model_hessian(symsde_model model, int64_t npath, double t, const double *w, const double *q, const double *p,
                          double *hqq, double *hqp, double *hpp, symsde_error *error);
 
-/* sine[n] and cosine[n] of x[n] radians, for callbacks: several times as fast as the C library lane by lane. Within
- * 1 ulp for |x| <= 1e5, with the same bits on every x86-64 processor where the library is built without contraction;
- * beyond, those of the C library. A lane depends on its own x alone. The arrays must not overlap. It takes no
- * symsde_error, since a callback has nowhere to show a sentence: SYMSDE_INVALID_ARGUMENT where an array is NULL or
- * n < 0. Any thread may call it at any time */
+/* sine[n] and cosine[n] of x[n] radians, for callbacks: several times as fast as the C library lane by lane. For
+ * |x| <= 1e5 they are within 1 ulp, with the same bits on every x86-64 processor if the library is built without
+ * contraction; for larger |x| they are those of the C library. A lane depends on its own x alone. The arrays must not
+ * overlap. SYMSDE_INVALID_ARGUMENT if an array is NULL or n < 0; there is no symsde_error, because a callback could not
+ * show its sentence. Any thread may call it at any time */
 int symsde_sincos(int n, const double *x, double *sine, double *cosine);
 
 /* ---- schemes ----------------------------------------------------------------------------------- */
 
 typedef struct symsde_scheme_handle *symsde_scheme;
 
-/* what an order, or the structure of a scheme, rests on: order conditions that the coefficients meet, or the word of an
- * author; measurements come besides */
+/* the evidence for an order or for the structure of a scheme: derived from conditions on its coefficients, or claimed by
+ * its authors; measured orders are given in addition */
 enum symsde_evidence { SYMSDE_EVIDENCE_NONE = 0, SYMSDE_EVIDENCE_CLAIMED = 1, SYMSDE_EVIDENCE_DERIVED = 2 };
 
 /* orders[i]: strong order for 0 additive noise, 1 commutative noise, 2 general noise, 3 flows that commute with each
@@ -195,10 +195,10 @@ typedef struct symsde_scheme_info {
    int32_t degree; /* of the polynomial; 0 = not from one */
    int32_t symplectic, symmetric;
    int32_t keeps_quadratic, keeps_bilinear; /* invariants exactly: quadratic ones; those of the form q^T D p */
-   int32_t structure_evidence; /* of these four: derived from the coefficients, or claimed by a special scheme */
+   int32_t structure_evidence; /* for these four: derived from the coefficients, or claimed (special schemes) */
    double symplecticity_residual, symmetry_residual, quadratic_residual; /* of the coefficients; 0 = holds */
    double stratonovich_sum;       /* beta^T b e; 1/2 = consistent with the Stratonovich equation */
-   double correction_coefficient; /* 1/2 - beta^T b e, 1/2 - lambda; 0 = consistent as it stands */
+   double correction_coefficient; /* 1/2 - beta^T b e, which is 1/2 - lambda; 0 = needs no correction */
    int32_t correction_needed, correction_exists;
    double order[SYMSDE_ORDERS]; /* corrected where needed; 0 = none */
    int32_t order_evidence[SYMSDE_ORDERS]; /* enum symsde_evidence */
@@ -222,17 +222,17 @@ int symsde_scheme_get(const char *name, symsde_scheme *scheme, symsde_error *err
  * [nnode] are the weights of the noise, NULL = those of the drift */
 int symsde_scheme_from_quadrature(int nnode, const double *nodes, const double *weights, const double *noise_weights,
                                   int degree, const char *name, symsde_scheme *scheme, symsde_error *error);
-/* a tableau of the user's own: a, abar [nstage][nstage] (row i = stage i), alpha[nstage] for the drift; b, bbar, beta
+/* your own tableau: a, abar [nstage][nstage] (row i = stage i), alpha[nstage] for the drift; b, bbar, beta
  * for the noise, each NULL = as for the drift */
 int symsde_scheme_from_tableau(int nstage, const double *a, const double *abar, const double *alpha, const double *b,
                                const double *bbar, const double *beta, const char *name, int allow_nonsymplectic,
                                symsde_scheme *scheme, symsde_error *error);
-/* its coefficients: nodes c and what symsde_scheme_from_tableau takes; arrays that are NULL are not wanted. Without
- * brackets and whatever surrounds the tableau. SYMSDE_MISSING_OPERATION where there are none */
+/* its coefficients: nodes c and what symsde_scheme_from_tableau takes; NULL = not wanted. Brackets and maps around the
+ * tableau are not part of it. SYMSDE_MISSING_OPERATION if the scheme has no tableau */
 int symsde_scheme_tableau(symsde_scheme scheme, double *c, double *a, double *abar, double *alpha, double *b,
                           double *bbar, double *beta, symsde_error *error);
-/* the inverse map of a step back in time; half a step of base, then half a step of its adjoint; three steps of a
- * symmetric base, the second one back, of two orders more without noise. name = NULL: that of base with a suffix */
+/* the inverse of a step back in time; half a step of base, then half a step of its adjoint; three steps of a symmetric
+ * base, the second backwards, which raises the order without noise by two. name = NULL: that of base with a suffix */
 int symsde_scheme_adjoint(symsde_scheme base, const char *name, symsde_scheme *scheme, symsde_error *error);
 int symsde_scheme_symmetric_composition(symsde_scheme base, const char *name, symsde_scheme *scheme,
                                         symsde_error *error);
@@ -248,7 +248,7 @@ int symsde_scheme_certificate(symsde_scheme scheme, char *buffer, size_t size, s
 /* ---- runs -------------------------------------------------------------------------------------- */
 
 enum symsde_correction {
-   SYMSDE_CORRECTION_AUTO = 0, /* increments form, or none where the traits prove it vanishes */
+   SYMSDE_CORRECTION_AUTO = 0, /* the increments form, or none if the traits prove that it vanishes */
    SYMSDE_CORRECTION_NONE = 1,
    SYMSDE_CORRECTION_MEAN = 2,
    SYMSDE_CORRECTION_INCREMENTS = 3
@@ -256,12 +256,12 @@ enum symsde_correction {
 
 /* How Levy areas are drawn, by schemes that use them. */
 enum symsde_areas {
-   SYMSDE_AREAS_PATH = 0, /* those of the path, to a mean-square error below |h|^3/area_time */
-   SYMSDE_AREAS_LAW = 1   /* right in law given dW and dZ, at bounded cost; of no path that refine < 0 could halve */
+   SYMSDE_AREAS_PATH = 0, /* those of the path, with a mean-square error below |h|^3/area_time */
+   SYMSDE_AREAS_LAW = 1   /* the right law given dW and dZ, at bounded cost; no path, so refine < 0 is refused */
 };
 
-/* Told now and then how much is done of how much - path-steps of a run, parts of a diagnosis - on the calling thread, at
- * most twenty times a second; nonzero stops the work. A stopped run gives what it had reached, a diagnosis nothing. */
+/* Called on the calling thread, at most twenty times a second, with the work done and the total: path-steps of a run,
+ * parts of a diagnosis. Nonzero stops the work. A stopped run returns what it has reached, a diagnosis nothing. */
 typedef int (*symsde_progress)(int64_t done, int64_t total, void *user);
 
 typedef struct symsde_options {
@@ -274,17 +274,17 @@ typedef struct symsde_options {
    int64_t save_every;     /* steps between saved points */
    int64_t first_path;     /* global index of the first path */
    int64_t first_step;     /* absolute index of the first step: to resume */
-   int32_t refine;         /* l > 0: a step sums 2^l draws; l < 0: Brownian bridge of all that the scheme draws */
+   int32_t refine;         /* l > 0: a step sums 2^l draws; l < 0: halved by the Brownian bridge -l times */
    int32_t correction;     /* enum symsde_correction */
    double truncation;      /* order l of truncated increments; 0 = none */
    double truncation_time; /* time scale of the truncation [time] */
    int32_t compensated;    /* compensated summation of the state */
-   int32_t general;        /* use the general stepper, the oracle */
-   int32_t max_iter;       /* Newton iterations a step */
+   int32_t general;        /* use the general stepper */
+   int32_t max_iter;       /* Newton iterations in a step */
    int32_t fixed_point;    /* n > 0: n fixed-point iterations instead of Newton */
-   int32_t lanes;          /* lanes of a block, a multiple of 8; 0 = chosen; never changes a result */
+   int32_t lanes;          /* lanes of a block, a multiple of 8; 0 = automatic; never changes a result */
    int32_t threads;        /* 0 = SYMSDE_NUM_THREADS, else OpenMP's default; always one in a forked process */
-   symsde_progress progress; /* of diagnoses; that of a run stands in its input. May be NULL */
+   symsde_progress progress; /* for diagnoses; runs take that of their input. May be NULL */
    void *progress_user;
    double area_time;       /* time scale of areas by the path; 0 = derived from the model [time] */
    int32_t areas;          /* enum symsde_areas */
@@ -293,7 +293,7 @@ typedef struct symsde_options {
 
 int symsde_options_init(symsde_options *options);
 
-/* Everything that goes into a run besides model, scheme and options. */
+/* The input of a run besides model, scheme and options. */
 typedef struct symsde_input {
    size_t struct_size;
    const double *q0, *p0;         /* [ndof][q0_paths], [ndof][p0_paths] */
@@ -310,13 +310,13 @@ int symsde_input_init(symsde_input *input);
 typedef struct symsde_report {
    size_t struct_size;
    int32_t status;      /* the outcome of the whole run, also returned */
-   int32_t correction;  /* the correction that was active */
-   /* path_steps: before paths failed, were absorbed or stopped; normals: drawn for these */
+   int32_t correction;  /* the correction that was used */
+   /* path_steps: steps until paths failed, were absorbed or stopped; normals: numbers drawn for these steps */
    int64_t path_steps, normals, gradients, hessians, hessian_vectors, iterations, solves, lapack_solves;
-   int64_t failures, damped, continued; /* not solved from zero increments; of these, by damping, by continuation */
+   int64_t failures, damped, continued; /* steps not solved from zero increments; then by damping, by continuation */
    int64_t failed, stopped; /* paths */
    int32_t threads, lanes;
-   double lost_variance;    /* of a normal, by truncation */
+   double lost_variance;    /* that truncation takes from a normal number */
    double seconds_setup, seconds_run;
    char stepper[64];
    char left_out[512];
@@ -339,18 +339,18 @@ int symsde_paths_init(symsde_paths *paths);
 int symsde_simulate(symsde_model model, symsde_scheme scheme, const symsde_options *options, const symsde_input *input,
                     symsde_paths *paths, symsde_report *report, symsde_error *error);
 
-/* values[nvalue][nlane] of the user's own observables, refused where they mix lanes; nonzero aborts the run */
+/* values[nvalue][nlane] of your own observables; those that mix lanes are refused; nonzero ends the run */
 typedef int (*symsde_observables)(int nlane, int ndof, double t, const double *q, const double *p, double *values,
                                   void *user);
 
 /* Streaming observers: statistics that a run of moments keeps in memory independent of paths and steps (docs/observers.md) */
 enum symsde_observer_kind {
-   SYMSDE_OBSERVE_HISTOGRAM = 1,       /* a value in `bins` bins of one width from low to high */
-   SYMSDE_OBSERVE_QUANTILES = 2,       /* magnitudes from low to high in bins of one relative width, both signs */
+   SYMSDE_OBSERVE_HISTOGRAM = 1,       /* a value in `bins` bins of equal width from low to high */
+   SYMSDE_OBSERVE_QUANTILES = 2,       /* magnitudes from low to high in bins of equal relative width, both signs */
    SYMSDE_OBSERVE_COVARIANCE = 3,      /* of nvalue values */
    SYMSDE_OBSERVE_AUTOCORRELATION = 4, /* of a value along time, lags 0 .. `bins` saved points; low: near its mean */
-   SYMSDE_OBSERVE_EXTREMES = 5,        /* lowest and highest of a value on each path until each saved time */
-   SYMSDE_OBSERVE_PASSAGE = 6,         /* paths whose value leaves low < x < high; looked at after every step */
+   SYMSDE_OBSERVE_EXTREMES = 5,        /* lowest and highest value of each path until each saved time */
+   SYMSDE_OBSERVE_PASSAGE = 6,         /* paths whose value leaves low < x < high; checked after every step */
    SYMSDE_OBSERVE_PATHS = 7            /* nvalue values of the paths with the indices `paths`, ascending */
 };
 typedef struct symsde_observer {
@@ -358,22 +358,22 @@ typedef struct symsde_observer {
    int32_t kind, nvalue;
    const int32_t *values; /* [nvalue] which of those of symsde_moments, counted from 0 */
    double low, high;
-   int32_t bins, nshare; /* nshare: quantiles that the answer of a histogram has, in the place of shares */
+   int32_t bins, nshare; /* nshare: the number of quantiles that a histogram answers instead of shares */
    const double *shares; /* [nshare], 0 .. 1 */
    int64_t npath;
    const int64_t *paths; /* [npath] global indices */
-   int32_t absorbs, bridges; /* passage: paths that leave end there; they may leave between two steps (default 1) */
-   int64_t *counts;          /* output, as sums: by these parts merge; NULL = not wanted */
+   int32_t absorbs, bridges; /* passage: whether paths end there; whether they may leave between steps (default 1) */
+   int64_t *counts;          /* output, like sums: parts merge by these; NULL = not wanted */
    double *sums;
 } symsde_observer;
 int symsde_observer_init(symsde_observer *observer);
-/* sizes[3]: of counts, of sums, of an answer, in a run with these options and observables of the user's own */
+/* sizes[3]: of counts, of sums and of an answer, in a run with these options and so many observables */
 int symsde_observer_sizes(symsde_model model, const symsde_options *options, int nobservable,
                           const symsde_observer *observer, int64_t *sizes, symsde_error *error);
 /* two siblings of the tree of symsde_merge_moments: the left part becomes both */
 int symsde_observer_merge(symsde_model model, const symsde_options *options, int nobservable, symsde_observer *left,
                           const symsde_observer *right, symsde_error *error);
-/* what has been kept says, with standard errors, [answers]; NaN where nothing is known */
+/* the results with standard errors, [answers], from what was kept; NaN if nothing is known */
 int symsde_observer_answer(symsde_model model, const symsde_options *options, int nobservable,
                            const symsde_observer *observer, double *values, double *errors, symsde_error *error);
 
@@ -394,9 +394,9 @@ typedef struct symsde_moments {
    int32_t failed_status[SYMSDE_MAX_FAILED_LISTED];
    int64_t failed_step[SYMSDE_MAX_FAILED_LISTED];
    double *m2; /* [ntime][nvalue]: sums of squared deviations, by which parts merge; may be NULL */
-   int32_t observables_lanes; /* input: n > 0 where the observables do not depend on t: they are given the paths of
-                                 several saved times as up to n lanes (one time at least), and t of the first one */
-   int32_t nobserver; /* what is kept besides: */
+   int32_t observables_lanes; /* input: n > 0 if the observables do not depend on t: one call may get the paths of
+                                 several saved times, up to n lanes (one time at least), with t of the first */
+   int32_t nobserver; /* number of streaming observers */
    symsde_observer *const *observers; /* [nobserver] */
 } symsde_moments;
 
@@ -405,56 +405,56 @@ int symsde_compute_moments(symsde_model model, symsde_scheme scheme, const symsd
                            const symsde_input *input, symsde_moments *moments, symsde_report *report,
                            symsde_error *error);
 
-/* Parts of an ensemble merge to the bits of the whole: a part is the paths j 2^k .. (j+1) 2^k - 1 with k >= 8, by their
- * global indices (the last one may end earlier), and two siblings, j even on the left and j + 1 on the right, merge into
- * the part j/2 of 2^(k+1) paths. n_ok[ntime], mean and m2[ntime][nvalue] of the left part become those of both. */
+/* Parts of an ensemble merge to the bits of the whole. A part consists of the paths j 2^k .. (j+1) 2^k - 1, k >= 8, by
+ * global index (the last part may end earlier). Two siblings, j even on the left and j + 1 on the right, merge into part
+ * j/2 of 2^(k+1) paths: n_ok[ntime], mean and m2[ntime][nvalue] of the left part become those of both. */
 int symsde_merge_moments(int64_t ntime, int64_t nvalue, int64_t *n_ok, double *mean, double *m2,
                          const int64_t *n_ok_right, const double *mean_right, const double *m2_right,
                          symsde_error *error);
 
-/* A prepared run: checks, probes and allocations once; then as many calls as wanted, of one step or of many, from host
- * loops too. Steps in several calls give the same bits as in one. The handle owns copies of model and scheme, which may
- * be deleted afterwards. A run serves one call at a time: a second one, of another thread or of a callback, is refused
- * (SYMSDE_INCOMPATIBLE); it is deleted when none is at work. */
+/* A prepared run checks, probes and allocates once. Then it takes steps in as many calls as you want. Steps in several
+ * calls give the same bits as in one. The handle owns copies of model and scheme, so these may be deleted. A run serves
+ * one call at a time and refuses a second one, from another thread or from a callback (SYMSDE_INCOMPATIBLE). Delete it
+ * when no call is in progress. */
 typedef struct symsde_run_handle *symsde_run;
 
-/* Where the paths of a prepared run are: arrays of the library, which stay where they are until the run is deleted.
- * Between calls the caller may read them, and change q, p and their low parts. */
+/* The state of a prepared run: arrays of the library, which do not move until the run is deleted. Between calls you may
+ * read them, and change q, p and their low parts. */
 typedef struct symsde_state {
    size_t struct_size;
    double *q, *p;              /* [ndof][paths] */
    double *q_low, *p_low;      /* [ndof][paths]; NULL unless compensated */
    const int32_t *status;      /* [paths]: 0 or a status above 0, which a path keeps until the run is reset */
-   const int64_t *failed_step; /* [paths]: absolute step that failed, or that a stopped path comes to next; -1 = none */
+   const int64_t *failed_step; /* [paths]: absolute step that failed, or the next one of a stopped path; -1 = none */
    int64_t paths;
    int32_t ndof, nnoise;
-   int64_t next_step; /* absolute index of the step that comes next, after resuming if stopped */
-   double t; /* time before it [time] */
+   int64_t next_step; /* absolute index of the next step; after a stop, of the next one after resuming */
+   double t; /* time before that step [time] */
 } symsde_state;
 
 int symsde_state_init(symsde_state *state);
-/* prepare; steps and save_every of the options mean nothing here, nor do increments and progress of the input */
+/* prepare a run; steps and save_every of the options and increments and progress of the input are ignored */
 int symsde_run_new(symsde_model model, symsde_scheme scheme, const symsde_options *options, const symsde_input *input,
                    symsde_run *run, symsde_error *error);
-/* so many steps more. input = NULL: on the run's own noise; else its increments [steps*2^refine] and its progress count,
- * not its state. paths = NULL: nothing is saved; else t, q and p are, every save_every steps, the first state included.
- * Returns SYMSDE_PATHS_FAILED where some paths are not ok, of whichever call */
+/* so many steps more. input = NULL: with the run's own noise; else with its increments [steps*2^refine] and progress (its
+ * state is ignored). paths = NULL: nothing is saved; else t, q and p of the first state and after every save_every steps.
+ * Returns SYMSDE_PATHS_FAILED if some paths are not ok, also from an earlier call */
 int symsde_run_advance(symsde_run run, int64_t steps, int64_t save_every, const symsde_input *input,
                        symsde_paths *paths, symsde_error *error);
-/* the rest of an advance that was stopped, with the increments and the arrays that it was given; until then, or until
- * it is reset, the run does not advance */
+/* complete an advance that was stopped, with the increments and the arrays of that call; before that, or a reset, the
+ * run does not advance */
 int symsde_run_resume(symsde_run run, const symsde_input *input, symsde_paths *paths, symsde_error *error);
-/* begin anew from the state of an input; all paths are ok again */
+/* start again from the state of an input; all paths are ok */
 int symsde_run_reset(symsde_run run, const symsde_input *input, uint64_t seed, int64_t first_path, int64_t first_step,
                      symsde_error *error);
 int symsde_run_state(symsde_run run, symsde_state *state, symsde_error *error);
-/* counters and seconds of all calls, outcome of the last one; warnings are for a million steps */
+/* counters and seconds of all calls, and the outcome of the last one; warnings are for a million steps */
 int symsde_run_report(symsde_run run, symsde_report *report, symsde_error *error);
 int symsde_run_delete(symsde_run *run);
 /* t[ntime] of the saved points of a run with these options, as symsde_simulate has them */
 int symsde_saved_times(const symsde_options *options, double *t, symsde_error *error);
-/* the increments that drive a run of this scheme with these options: dw[steps][nnoise][paths]; scheme = NULL: of any
- * scheme that asks for Gaussian increments alone */
+/* the increments that drive a run of this scheme with these options: dw[steps][nnoise][paths]; scheme = NULL: for any
+ * scheme that takes Gaussian increments alone */
 int symsde_increments(symsde_model model, symsde_scheme scheme, const symsde_options *options, double *dw,
                       symsde_error *error);
 
@@ -468,28 +468,28 @@ int symsde_symplecticity(symsde_model model, symsde_scheme scheme, const symsde_
  * with save_every = 1 and its increments dw[steps][nnoise][paths] */
 int symsde_discrete_action(symsde_model model, symsde_scheme scheme, const symsde_options *options, const double *q,
                            const double *p, const double *dw, double *action, symsde_error *error);
-/* largest residual over steps and degrees of freedom, residual[4][paths]: discrete Euler-Lagrange equations in
- * q (47) and p (48), Legendre transforms at the left (53)-(54) and right end (57)-(58) of a step */
+/* largest residuals over steps and degrees of freedom, residual[4][paths]: discrete Euler-Lagrange equations in q,
+ * [WHSB] (47), and p, (48); Legendre transforms at the left end, (53)-(54), and the right end of a step, (57)-(58) */
 int symsde_euler_lagrange_residual(symsde_model model, symsde_scheme scheme, const symsde_options *options,
                                    const double *q, const double *p, const double *dw, double *residual,
                                    symsde_error *error);
-/* the path from q_start to q_end [ndof][paths] that makes the discrete action stationary, [WHSB] (46)-(48), on the
+/* the path from q_start to q_end [ndof][paths] that makes the discrete action stationary, [WHSB] (46)-(48), with the
  * increments of a run with these options, or dw[steps*2^refine][nnoise][paths]: q, p [steps+1][ndof][paths] and
- * path_status[paths], SYMSDE_SINGULAR where the end points are conjugate; paths that are not ok are NaN. dw and the
- * guesses [steps+1][ndof][paths] to begin with may be NULL. Returns SYMSDE_PATHS_FAILED where some paths are not ok */
+ * path_status[paths], SYMSDE_SINGULAR if the end points are conjugate. Paths that are not ok are NaN. dw and the first
+ * guesses [steps+1][ndof][paths] may be NULL. Returns SYMSDE_PATHS_FAILED if some paths are not ok */
 int symsde_stationary_path(symsde_model model, symsde_scheme scheme, const symsde_options *options,
                            const double *q_start, const double *q_end, const double *dw, const double *guess_q,
                            const double *guess_p, double *q, double *p, int32_t *path_status, symsde_error *error);
-/* whether the noises commute, from brackets at points q, p [ndof][npoint]: gradients[2] = the largest relative
- * gradients of {H_k,H_l} and of {H,H_k}; commute[2] = whether the noises, and the noises with the drift, commute
- * there; text (size bytes, may be NULL) = which strong order to expect from which scheme. progress (may be NULL, with
- * its user) is asked before each of the nnoise (nnoise + 1)/2 brackets; SYMSDE_STOPPED where it wants a stop */
+/* whether the noises commute, from brackets at points q, p [ndof][npoint]. gradients[2]: the largest relative gradients
+ * of {H_k,H_l} and of {H,H_k}; commute[2]: whether the noises commute there, and whether the noises commute with the
+ * drift; text (size bytes, may be NULL): which strong order to expect from which scheme. progress (may be NULL) is
+ * called before each of the nnoise (nnoise + 1)/2 brackets; SYMSDE_STOPPED if it returns nonzero */
 int symsde_commutator(symsde_model model, double t, int64_t npoint, const double *q, const double *p, double *gradients,
                       int32_t *commute, char *text, size_t size, symsde_progress progress, void *user,
                       symsde_error *error);
-/* exact solution on the run's own Brownian path where the model has one (quadratic with flows that commute;
- * linear_oscillator and additive_oscillator, from what drives the run, dW, dZ, K, and two more draws a step): q, p
- * [ntime][ndof][paths]. SYMSDE_INCOMPATIBLE for schemes with two- or three-point increments */
+/* exact solution q, p [ntime][ndof][paths] on the run's own Brownian path, if the model has one: quadratic models with
+ * flows that commute; linear_oscillator and additive_oscillator, from dW, dZ, K of the run and two more draws a step.
+ * SYMSDE_INCOMPATIBLE for schemes with two- or three-point increments */
 int symsde_exact_solution(symsde_model model, symsde_scheme scheme, const symsde_options *options,
                           const symsde_input *input, double *q, double *p, symsde_error *error);
 

@@ -4,10 +4,10 @@
  *
  * - Handles free themselves. They are moved, not copied. What is not wrapped here is called with handle.get().
  * - Functions of a model, observables and progress are lambdas with captures, or anything else that can be called. The
- *   functions of a model are called from several threads at once, unless options.threads = 1. An exception that leaves
- *   one ends the run and arrives at the caller as it was thrown.
- * - What the library refuses is thrown as symsde::error, with the library's sentence and code. Runs in which paths
- *   failed, or which progress stopped, are not thrown: look at status(), which the compiler asks for.
+ *   functions of a model are called from several threads at once unless options.threads = 1. If one throws, the run ends
+ *   and the exception arrives at the caller.
+ * - What the library refuses is thrown as symsde::error, with its sentence and code. If paths fail or progress stops a
+ *   run, nothing is thrown: status() says so, and the compiler warns if you ignore it.
  * - Structs are those of symsde.h, already filled with their defaults. Results own their arrays and hand out spans.
  */
 #ifndef SYMSDE_HPP
@@ -22,10 +22,10 @@ namespace symsde {
 
 // ---- runs -------------------------------------------------------------------------------------------
 
-/// Told how much is done of how much; true stops the run.
+/// Called with the work done and the total work; returning true stops the run.
 using progress = std::function<bool(std::int64_t done, std::int64_t total)>;
 
-/// q and p [ndof] for all paths, or [ndof][paths]. It looks at numbers of the caller, which live as long as the call.
+/// q and p [ndof] for all paths, or [ndof][paths]: views of the caller's numbers, which must live as long as the call.
 struct start {
    span<const double> q, p;
 };
@@ -151,7 +151,7 @@ class paths {
    return found;
 }
 
-/// Values of one's own: values[i] is a span over the lanes of q and p.
+/// Your own observables: values[i] is a span over the lanes of q and p.
 struct observables {
    std::size_t count = 0;
    std::function<void(double t, rows<const double> q, rows<const double> p, rows<double> values)> take;
@@ -253,7 +253,7 @@ class run {
       handle_.reset(handle);
    }
 
-   /// so many steps more; SYMSDE_OK, or SYMSDE_PATHS_FAILED where some paths are not ok, of whichever call
+   /// so many steps more; SYMSDE_OK, or SYMSDE_PATHS_FAILED if some paths are not ok, also from an earlier call
    [[nodiscard]] int advance(std::int64_t steps) {
       symsde_error failure;
       const int status = symsde_run_advance(get(), steps, 1, nullptr, nullptr, &failure);
@@ -265,7 +265,7 @@ class run {
    [[nodiscard]] symsde_run get() const noexcept {
       return handle_.get();
    }
-   /// where the paths are; between calls q and p may be changed
+   /// the state; between calls q and p may be changed
    [[nodiscard]] symsde_state state() const {
       symsde_state found;
       symsde_error failure;

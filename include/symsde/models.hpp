@@ -23,7 +23,7 @@ namespace symsde {
 
 // ---- errors -----------------------------------------------------------------------------------------
 
-/// What the library refuses: what() is its sentence, code() one of enum symsde_status.
+/// What the library refuses: what() is the sentence, code() one of enum symsde_status.
 class error : public std::runtime_error {
  public:
    error(int code, const std::string &sentence) : std::runtime_error(sentence), code_(code) {
@@ -115,7 +115,7 @@ inline std::string build_info() {
 
 // ---- views ------------------------------------------------------------------------------------------
 
-/// Numbers of somebody else, in a row.
+/// A view of contiguous numbers that it does not own.
 template <class T> class span {
  public:
    constexpr span() noexcept = default;
@@ -123,7 +123,7 @@ template <class T> class span {
    }
    template <std::size_t Size> constexpr span(T (&array)[Size]) noexcept : data_(array), size_(Size) {
    }
-   /// of a vector, an array, another span; not of a temporary, whose numbers would be gone
+   /// of a vector, an array or another span; not of a temporary, whose numbers would be gone
    template <class Container,
              class = std::enable_if_t<std::is_convertible_v<decltype(std::declval<Container &>().data()), T *>>>
    constexpr span(Container &container) noexcept : data_(container.data()), size_(container.size()) {
@@ -191,7 +191,7 @@ struct options : symsde_options {
 
 // ---- models -----------------------------------------------------------------------------------------
 
-/// The functions of a model of one's own: sums over j of w[j] H_j and derivatives. All but gradient may be left empty.
+/// The functions of your own model: sums over j of w[j] H_j and derivatives. All but gradient may be left empty.
 struct functions {
    std::function<void(const block &, rows<double> hq, rows<double> hp)> gradient;
    std::function<void(const block &, span<double> value)> value;
@@ -206,7 +206,7 @@ class model {
  public:
    using parameters = std::vector<std::pair<std::string, double>>;
 
-   /// a built-in one; parameters that are not given keep their defaults
+   /// a built-in model; parameters that are not given keep their defaults
    explicit model(const std::string &name, const parameters &given = {}) {
       std::vector<const char *> keys;
       std::vector<double> values;
@@ -222,7 +222,7 @@ class model {
       handle_.reset(handle);
    }
 
-   /// one's own
+   /// your own model
    model(const std::string &name, const traits &declared, functions given)
        : own_(std::make_shared<own>(std::move(given))) {
       if (!own_->given.gradient) {
@@ -246,7 +246,7 @@ class model {
       check(symsde_model_traits(get(), &found, &failure), failure);
       return found;
    }
-   /// for a call that may have called this model's functions: throws what these threw, or what the library refused
+   /// after a call that may have called this model's functions: throws what these threw, or what the library refused
    void check_call(int status, const symsde_error &failure) const {
       calls{own_}.check_call(status, failure);
    }
