@@ -418,8 +418,9 @@ def test_a_method_that_is_asked_for_is_taken_where_it_is_not_needed(nonlinear):
 
 def work_of(nonlinear, seconds: float, **more) -> Work:
     """A plan that is reckoned to take so many seconds, by what `more` says."""
-    given = {"method": "plain", "seconds": seconds, "variance": 1.0, "bias": (0.0, 0.0), **more}
-    pilot = {"tolerance": tolerance.make_tolerance(1e-2, None), "watch": Watch(3600.0, False)}
+    given = {"method": "plain", "seconds": seconds, "variance": 1.0, "bias": (0.0, 0.0), "steps": 4, **more}
+    given["scheme"] = as_scheme("midpoint")
+    pilot = {"seconds": 0.0, "tolerance": tolerance.make_tolerance(1e-2, None), "watch": Watch(3600.0, False)}
     pilot |= {"problem": make_problem(nonlinear, "q", **PLACE), "looked_at": Drawn(Tally(), 0.0, 0, 0)}
     return Work(SimpleNamespace(**pilot), [SimpleNamespace(**given)])
 

@@ -35,9 +35,10 @@ def test_sobol_points_end_at_2_to_the_30():
     more points than 2^30. Of a variance that falls by 8 each time the slope is taken for 2.13, and for 2.6
     where it does so six times."""
     units = even_of((1.0, 1.0)).fine
-    assert choice._points(units, 2.0**-21) == 30 and choice._points(units, 2.0**-22) is None
-    assert choice._points(even_of((1.0, 2.0**-9)).fine, 2.0**-9 * 2.0**-4.25) == 11
-    assert choice._points(even_of((1.0, 2.0**-9)).fine, 2.0**-9 * 2.0**-4.28) == 12
+    assert choice._points(units, 2.0**-21) == 30 and choice._points(units, 2.0**-22) > quasi.MOST_POINTS
+    assert 10.9 < choice._points(even_of((1.0, 2.0**-9)).fine, 2.0**-9 * 2.0**-4.25) <= 11
+    assert 11 < choice._points(even_of((1.0, 2.0**-9)).fine, 2.0**-9 * 2.0**-4.28) < 11.1
+    assert choice._points(units, 2.0**9) == 7  # work begins with a quarter, and that may be enough
     wide = {6: Tally(8, 0.0, 7.0), 12: Tally(8, 0.0, 7 * 2.0**-18)}
     assert variants.fall(wide) == pytest.approx(2.617, abs=1e-3)
 
@@ -68,7 +69,7 @@ def test_points_of_an_f_that_jumps_gain_less():
     units = even_of((1.0, 2.0**-4.5)).fine
     assert variants.fall(units) == pytest.approx(1.5)
     assert variants.fall(units, variants._OF_JUMPS) == pytest.approx((1.5 * 8.01 + 1.1 * 11) / 19.01, abs=1e-3)
-    assert [choice._points(units, 2.0**-11.9, usual) for usual in (1.5, 1.1)] == [14, 15]
+    assert [math.ceil(choice._points(units, 2.0**-11.9, usual)) for usual in (1.5, 1.1)] == [14, 15]
     model, place = ss.models.linear_oscillator(), {"q0": 1.0, "p0": 0.0, "horizon": 2.0}
     for f, usual in ((lambda q, p: q[0] > 0.5, 1.1), ("q", 1.5)):
         trial = Trial(make_problem(model, f, **place, threads=1), as_scheme("chin4a"), 2, 256)

@@ -15,6 +15,7 @@ from ..answers.expectation.problem import OPTIONS
 from ..batch import scene
 from ..errors import SceneError, SymsdeError
 from ..model.definition import Model
+from .run_command import logged
 
 HELP = "Compute the mean of a function of the final state to a tolerance, by the cheapest way there is."
 STOPPED = 4  #: exit code where an interval is wider than asked
@@ -41,7 +42,8 @@ def run(options: argparse.Namespace) -> int:
         if options.out is not None:
             arguments["out"] = Path(options.out, f"mean-{number}") if len(wanted) > 1 else options.out
         try:
-            answer = _answer(options.scene, model, f, arguments)
+            with logged(options.quiet):
+                answer = _answer(options.scene, model, f, arguments)
         except KeyboardInterrupt as stop:
             if stop.partial is not None:
                 _show(f, stop.partial, options.quiet)

@@ -88,6 +88,11 @@ class Work:
 
     def answer(self) -> Answer:
         """Carry the plan out; Ctrl-C carries the answer until then, None where there is none."""
+        plan, step = self.plan, self.pilot.problem.horizon / self.plan.steps
+        done = f"{self.pilot.seconds:.2g} s for the pilot"
+        self.watch.announce(
+            f"plan after {done}: {plan.method} by {plan.scheme.name}, h = {step:.4g}, {self._why()}", plan.seconds
+        )
         ways = {"multilevel": self._multilevel, EVEN_LEVELS: self._even_levels}
         return ways.get(self.plan.method, self._one_step)()
 

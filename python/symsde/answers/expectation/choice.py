@@ -21,6 +21,7 @@ _BEGUN_WITH = 256  #: paths of every level, before anything is known of it
 _A_LEVEL = 1.5e-3  #: seconds that a level takes beside its paths, about: calls, tallies, allocation
 _NEAR = 1.5  #: levels below a step, at which the variance of its units is not known from theirs
 _BISECTIONS = 10  #: of a halving of the step
+_BEYOND = 0.5  #: log2 of the points that doubling takes over those that are needed, as often more as less
 _FEWEST = 5  #: log2 of the points of a level
 
 
@@ -36,6 +37,8 @@ class Plan:
     coarsest: int = 0  #: level of the ladder that multilevel begins with
     variance: float = 0.0  #: of a unit, as far as the pilot knows it
     options: dict = field(default_factory=dict)
+    parts: list[tuple[float, float]] = field(default_factory=list)  #: of each level: units, and seconds of one
+    is_rehearsed: bool = False  #: its seconds are those of a part of the work itself
 
     @property
     def steps(self) -> int:
@@ -118,7 +121,8 @@ def plain(trial: Trial, error: float) -> Plan | None:
     if level is None:
         return None
     units = max(2.0, trial.variance / ((1 - BIAS_SHARE) * error**2)) if trial.variance > 0 else 2.0
-    return Plan(Plain.name, trial, level, units * trial.seconds(level), variance=trial.variance)
+    unit = trial.seconds(level)
+    return Plan(Plain.name, trial, level, units * unit, variance=trial.variance, parts=[(units, unit)])
 
 
 def extrapolated(trial: Trial, error: float) -> Plan | None:
@@ -127,8 +131,10 @@ def extrapolated(trial: Trial, error: float) -> Plan | None:
     if level is None or trial.variance <= 0:
         return None
     spread = (math.sqrt(trial.variance) + math.sqrt(trial.spread(level)) / (2**trial.order - 1)) ** 2
-    seconds = spread / ((1 - BIAS_SHARE) * error**2) * (trial.seconds(level) + trial.seconds(level - 1))
-    return Plan(Extrapolated.name, trial, level, seconds, variance=trial.variance, options={"order": trial.order})
+    units, unit = spread / _allowed(error), trial.seconds(level) + trial.seconds(level - 1)
+    plan = Plan(Extrapolated.name, trial, level, units * unit, variance=trial.variance, parts=[(units, unit)])
+    plan.options = {"order": trial.order}
+    return plan
 
 
 def multilevel(trial: Trial, error: float) -> Plan | None:
@@ -139,14 +145,15 @@ def multilevel(trial: Trial, error: float) -> Plan | None:
     finest = max(finest, 1)
     best = None
     for coarsest in range(finest):
-        total, begun = math.sqrt(trial.variance * trial.seconds(coarsest)), 0.0
+        levels = [(trial.variance, trial.seconds(coarsest))]
         for level in range(coarsest + 1, finest + 1):
-            pair = trial.seconds(level) + trial.seconds(level - 1)
-            total += math.sqrt(trial.spread(level) * pair)
-            begun += _BEGUN_WITH * pair + _A_LEVEL
-        seconds = total**2 / ((1 - BIAS_SHARE) * error**2) + begun
+            levels.append((trial.spread(level), trial.seconds(level) + trial.seconds(level - 1)))
+        total = sum(math.sqrt(variance * unit) for variance, unit in levels)
+        begun = sum(_BEGUN_WITH * unit + _A_LEVEL for _, unit in levels[1:])
+        seconds = total**2 / _allowed(error) + begun
         if best is None or seconds < best.seconds:
             best = Plan("multilevel", trial, finest, seconds, coarsest=coarsest)
+            best.parts = [(math.sqrt(variance / unit) * total / _allowed(error), unit) for variance, unit in levels]
     return best
 
 
@@ -155,8 +162,8 @@ def of_variant(trial: Trial, method: str, error: float) -> Plan | None:
     variant, level = trial.measured.get(method), longest(trial.bias, error)
     if variant is None or level is None or math.isinf(variants.price(trial, method, level)):
         return None
-    seconds = _seconds_of(trial, variant, level, error, method)
-    plan = Plan(method, trial, level, seconds, variance=variant.variance)
+    seconds, units = _seconds_of(trial, variant, level, error, method), _units(variant, error)
+    plan = Plan(method, trial, level, seconds, variance=variant.variance, parts=[(units, seconds / units)])
     if method == control.Control.name:
         plan.options = {"fit": control.fit_for(_units(variant, error))}
     return plan
@@ -190,24 +197,23 @@ def even(trial: Trial, error: float) -> Plan | None:
     if level is None or not known or not quasi.applies(trial.problem, trial.scheme, trial.steps(level)):
         return None
     near = min(known, key=lambda x: abs(x.level - level))
-    points = _points(near.fine, _allowed(error) * Quasi.least_units, near.usual)
-    if points is None:
+    exact = _points(near.fine, _allowed(error) * Quasi.least_units, near.usual)
+    if exact > quasi.MOST_POINTS:
         return None
+    points = max(*near.fine, math.ceil(exact))
     longer = trial.steps(level) / trial.steps(near.level)
-    plan = Plan(Quasi.name, trial, level, longer * (near.once + Quasi.least_units * near.path * 2.0**points))
+    unit = longer * (near.once / Quasi.least_units + near.path * 2.0 ** (exact + _BEYOND))
+    plan = Plan(Quasi.name, trial, level, Quasi.least_units * unit, parts=[(Quasi.least_units, unit)])
     plan.options, plan.variance = {"log2_points": points}, trial.variance / 2.0**points
     return plan
 
 
-def _points(units: dict[int, Tally], needed: float, usual: float = variants.USUAL) -> int | None:
-    """log2 of the points of a unit, from those that were tried on, whose variance is what is needed."""
-    points = known = max(units)
-    slope = variants.fall(units, usual)
-    while units[known].variance * 2.0 ** (-slope * (points - known)) > needed:
-        points += 1
-        if points > quasi.MOST_POINTS:
-            return None
-    return points
+def _points(units: dict[int, Tally], needed: float, usual: float = variants.USUAL) -> float:
+    """log2 of the points of a unit, from those that were tried on, whose variance is what is needed: work begins with
+    a quarter of the next power of two, and takes twice as many, or more units, as it sees how their variance falls."""
+    known = max(units)
+    more = math.log2(max(units[known].variance, 1e-300) / needed) / variants.fall(units, usual)
+    return known + max(more, -2.0)
 
 
 def even_levels(trial: Trial, error: float) -> Plan | None:
@@ -225,7 +231,7 @@ def even_levels(trial: Trial, error: float) -> Plan | None:
 
 def _even_levels(trial: Trial, coarsest: int, finest: int, needed: float) -> Plan | None:
     """Points are doubled where the variance of a unit over its seconds is largest, until its sum is what is needed."""
-    variance, slope, path, once = [], [], [], 0.0
+    variance, slope, path, once = [], [], [], []
     for level in range(coarsest, finest + 1):
         near = max((x for x in trial.even.values() if x and x.level <= level), key=lambda x: x.level)
         if level > coarsest and near.level == 0:  # nothing is known of changes
@@ -239,7 +245,7 @@ def _even_levels(trial: Trial, coarsest: int, finest: int, needed: float) -> Pla
         variance.append(known * slope[-1] ** (_FEWEST - near.most))
         longer = trial.steps(level) / trial.steps(near.level)
         path.append(near.path * longer)
-        once += near.once * longer
+        once.append(near.once * longer / Quasi.least_units)
     points = [_FEWEST] * len(path)
     while sum(variance) > needed:
         i = max(range(len(path)), key=lambda j: variance[j] / (path[j] * 2.0 ** points[j]))
@@ -247,6 +253,7 @@ def _even_levels(trial: Trial, coarsest: int, finest: int, needed: float) -> Pla
         variance[i] *= slope[i]
         if points[i] > quasi.MOST_POINTS:
             return None
-    seconds = once + Quasi.least_units * sum(x * 2.0**n for x, n in zip(path, points, strict=True))
-    options = {"log2_points": points}
-    return Plan(EVEN_LEVELS, trial, finest, seconds, coarsest=coarsest, variance=trial.variance, options=options)
+    parts = [(Quasi.least_units, x + y * 2.0**n) for x, y, n in zip(once, path, points, strict=True)]
+    plan = Plan(EVEN_LEVELS, trial, finest, sum(n * unit for n, unit in parts), coarsest=coarsest, parts=parts)
+    plan.variance, plan.options = trial.variance, {"log2_points": points}
+    return plan

@@ -18,6 +18,7 @@ from .estimators import Antithetic, Plain
 from .longest_step import fewest_steps
 from .problem import Problem
 from .quasi import Quasi
+from .rehearsal import slower
 from .tolerance import SEEN, Tolerance, may_be_zero
 from .trial import LEVELS, UNSTABLE, Trial
 from .unseen import look
@@ -44,6 +45,8 @@ _NEAR = 0.5  #: levels, within which the variance of a method is taken to be the
 _DOUBLINGS = 12
 _WIDER = 20  #: doublings of the error that is asked for
 _LONG = 600.0  #: seconds of a plan, above which the pilot is made no longer
+_REHEARSALS = 3  #: at most
+_AT_ONCE = 5e-3  #: seconds of work that is done before anybody has read of it
 _FIRST = 2**45 + 2**44  #: path that values of f are looked at from
 _VARIES = "; {} needs an f that varies"
 _DRIVEN = "; {} needs noise, no truncation, {}"
@@ -147,8 +150,20 @@ class Pilot:
         while not self.watch.over and (task := self._next(plans)) is not None:
             task()
             plans = self.plans()
+        plans = self._rehearsed(plans or self._best_known())
         self.seconds = self.watch.seconds
-        return plans or self._best_known()
+        return plans
+
+    def _rehearsed(self, plans: list[Plan]) -> list[Plan]:
+        """With the seconds that a part of the work takes, of the cheapest, as long as that is another one then."""
+        for _ in range(_REHEARSALS):
+            best = plans[0]
+            if best.is_rehearsed or best.seconds < _AT_ONCE or self.watch.over or not self.problem.model.nnoise:
+                break
+            best.seconds *= slower(best, self.problem)
+            best.is_rehearsed = True
+            plans = sorted(plans, key=lambda plan: plan.seconds)
+        return plans
 
     def _best_known(self) -> list[Plan]:
         """Where the bias is not known as well as asked for: the plans for the least error that there are any for."""

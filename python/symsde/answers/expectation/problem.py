@@ -4,6 +4,8 @@
 from __future__ import annotations
 
 import dataclasses
+import math
+import time
 import warnings
 from dataclasses import dataclass, field
 from typing import Any
@@ -22,6 +24,7 @@ from .target import Function, Target, require_numbers
 
 OPTIONS = ("t0", "correction", "truncation", "areas", "area_time", "compensated", "threads")  #: of `simulate`
 _GONE = 1e100  #: states beyond this have left, whatever f makes of them
+_WORTH = 3e-3  #: seconds of a call, below which threads that wait for each other cost more than they give
 _NUMBERS = 2**17  #: of the saved states of one call of `simulate`: what a cache holds
 
 
@@ -36,7 +39,7 @@ class Problem:
     horizon: float
     seed: int
     options: dict[str, Any] = field(default_factory=dict)  #: of `simulate`
-    known: dict[str, int] = field(default_factory=dict)  #: of the motion, whatever seed and threads: found once
+    known: dict[str, float] = field(default_factory=dict)  #: of the motion, whatever seed and threads: found once
 
     @property
     def chunk(self) -> int:
@@ -46,12 +49,19 @@ class Problem:
     def run(self, scheme: str | Scheme, steps: int, **more: Any) -> Run:
         """Paths to the horizon, of which the last state is kept."""
         options = {"save_every": steps, "seed": self.seed, **self.options, **more}
+        work, unit = steps * more.get("paths", 1), f"seconds of a step of {getattr(scheme, 'name', scheme)}"
+        if self.options.get("threads") is None and work * self.known.get(unit, 0.0) < _WORTH:
+            options["threads"] = 1
         if "increments" in more:
             options["increments"] = more["increments"].view(Lent)
         step = self.horizon / steps
+        begin = time.process_time()
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", PathsFailedWarning)  # counted, and judged by who asked
-            return simulate(self.model, q0=self.q0, p0=self.p0, scheme=scheme, step=step, steps=steps, **options)
+            found = simulate(self.model, q0=self.q0, p0=self.p0, scheme=scheme, step=step, steps=steps, **options)
+        if options.get("threads") == 1:
+            self.known[unit] = min(self.known.get(unit, math.inf), (time.process_time() - begin) / work)
+        return found
 
     def on_one_thread(self) -> Problem:
         """The same question: short runs are not worth waking threads, and their seconds tell more on one."""

@@ -4,16 +4,20 @@
 from __future__ import annotations
 
 import contextlib
+import logging
 import math
 import time
 from collections.abc import Iterator
 
-from ...errors import InvalidArgumentError
+from ...errors import BudgetWarning, InvalidArgumentError
 from ...native import checks
-from ...native.progress import Progress, told_by
+from ...native.progress import Progress, say, told_by
 from ...native.signals import carry
 
+log = logging.getLogger("symsde")
+
 _TICKS = 1000  #: of the whole, told to a progress function
+_LONGER, _MOMENT = 1.5, 0.5  #: times the seconds that were told, and seconds beside them, that nobody is warned of
 
 
 class Watch:
@@ -27,6 +31,7 @@ class Watch:
             raise InvalidArgumentError(f"max_time = {self.max_time:g} is not allowed: give seconds above 0")
         self._begin, self._begin_of_work = time.monotonic(), time.process_time()
         self._stopped = self._ended = False
+        self._reckoned, self._announced = math.inf, 0.0
 
     @property
     def elapsed(self) -> float:
@@ -61,8 +66,27 @@ class Watch:
         end = "leaves no time for more" if self._ended else "was over"
         return f"max_time = {self.max_time:g} s {end}"
 
+    def announce(self, plan: str, seconds: float) -> None:
+        """What is to be done now, and the seconds of the processor that it is reckoned to take."""
+        self._reckoned, self._announced = seconds, self.seconds
+        log.info("%s", plan)
+        if self._bar is not None and not log.isEnabledFor(logging.INFO):
+            say(f"symsde: {plan}\n")
+
+    def _warn_of_more(self, share: float) -> None:
+        """Once, where the work takes much longer than was told."""
+        spent = self.seconds - self._announced
+        if self._reckoned > 0 and spent > _LONGER * self._reckoned + _MOMENT:
+            checks.warn(
+                f"the work takes longer than the {self._reckoned:.3g} s of the processor that were reckoned: "
+                f"{spent:.3g} s so far, about {spent / max(share, 1e-3):.3g} s in all; max_time ends it earlier",
+                BudgetWarning,
+            )
+            self._reckoned = math.inf
+
     def tell(self, share: float) -> None:
         """This share of the work is done."""
+        self._warn_of_more(share)
         if self._tell:
             self._stopped |= bool(self._tell(round(_TICKS * min(1.0, share)), _TICKS))
 

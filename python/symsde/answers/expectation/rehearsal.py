@@ -1,0 +1,61 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""A small part of the work of a plan, as the work draws it: what a pilot times in few paths on one thread may take
+several times as long in large arrays, at far more steps, or on threads that wait for each other."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Callable, Iterator
+from typing import TYPE_CHECKING
+
+from ..multilevel.sampler import LevelSampler
+from .problem import Problem
+from .quasi import Quasi
+
+if TYPE_CHECKING:
+    from .choice import Plan
+
+FIRST = 2**45 + 2**43  #: path that rehearsals begin at, far from those of levels and of answers
+FIRST_OF_LEVEL = 2**39  #: of multilevel, index within a level
+_SHARE = 0.04  #: of the work
+_LEAST = 6  #: log2 of the units, or points of one
+
+
+def slower(plan: Plan, problem: Problem) -> float:
+    """Seconds of the work, by some of it, over what the pilot reckons."""
+    seconds = sum(_of_levels(plan, problem) if plan.method == "multilevel" else _of_units(plan, problem))
+    told = sum(units * unit for units, unit in plan.parts)
+    return seconds / told if told > 0 else 1.0
+
+
+def _of_levels(plan: Plan, problem: Problem) -> Iterator[float]:
+    """Of each level of multilevel."""
+    sampler = LevelSampler(problem, plan.scheme, plan.coarsest_steps, first=FIRST_OF_LEVEL)
+    for level, (units, _) in enumerate(plan.parts):
+        yield _seconds(lambda count, level=level: sampler.draw(level, count).seconds, units, problem.chunk)
+
+
+def _of_units(plan: Plan, problem: Problem) -> Iterator[float]:
+    """Of an estimator, or of the estimator of each level."""
+    for i, (units, _) in enumerate(plan.parts):
+        begin = time.process_time()
+        estimator = plan.even_level(i, FIRST + i, problem) if len(plan.parts) > 1 else plan.estimator(FIRST, problem)
+        yield time.process_time() - begin
+        if isinstance(estimator, Quasi):
+            yield units * _seconds(lambda count, quasi=estimator: _of_points(quasi, count), 1 << estimator.log2_points)
+        else:
+            yield _seconds(lambda count, plain=estimator: plain.draw(count).seconds, units, estimator.part)
+
+
+def _of_points(estimator: Quasi, count: int) -> float:
+    estimator.log2_points = round(math.log2(count))
+    return estimator.draw(1).seconds
+
+
+def _seconds(draw: Callable[[int], float], units: float, part: float = math.inf) -> float:
+    """Of so many units, by two draws of a few, in calls for a part each: what a unit takes, and what a call does."""
+    most = 1 << max(_LEAST, math.ceil(math.log2(max(min(_SHARE * units, part), 1))))
+    few, many = draw(most >> 2), draw(most)
+    unit = min(max(many - few, 0.0) / (most - (most >> 2)), many / most)
+    return math.ceil(units / part if part < math.inf else 1) * (many - unit * most) + units * unit
