@@ -9,7 +9,7 @@ import time
 from collections.abc import Callable, Iterator
 from typing import TYPE_CHECKING
 
-from ..multilevel.sampler import LevelSampler
+from ..coupled import LevelSampler
 from .problem import Problem
 from .quasi import Quasi
 
