@@ -1,0 +1,123 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""The main path of CONTRIBUTING: a force that is asked for says who called it, for one path and for a thousand."""
+
+import bisect
+import ctypes
+import os
+import re
+import shutil
+import subprocess
+from pathlib import Path
+
+import numpy as np
+import pytest
+import symsde as ss
+
+ROOT = Path(__file__).parents[2]
+LIBRARY = os.path.realpath(ss.native.library.library._name)
+DEEPEST = 12  # calls from simulate to the model
+Numbers = ctypes.POINTER(ctypes.c_double)
+Gradient = ctypes.CFUNCTYPE(ctypes.c_int, *3 * [ctypes.c_int], ctypes.c_double, *5 * [Numbers], ctypes.c_void_p)
+Both = ctypes.CFUNCTYPE(ctypes.c_int, *3 * [ctypes.c_int], ctypes.c_double, *8 * [Numbers], ctypes.c_void_p)
+
+
+def symbols():
+    """Addresses and names of the library's procedures, in order; none of a library that was stripped."""
+    if shutil.which("nm") is None:
+        return []
+    told = subprocess.run(["nm", "-n", LIBRARY], capture_output=True, text=True, check=False).stdout
+    rows = [line.split() for line in told.splitlines()]
+    return [(int(row[0], 16), row[2]) for row in rows if len(row) == 3 and row[1] in "tT"]
+
+
+SYMBOLS = symbols()
+if not any("_MOD_" in name for _, name in SYMBOLS):
+    pytest.skip("the library has no names of procedures, or there is no nm", allow_module_level=True)
+
+
+def callers():
+    """The library's procedures that wait for this call, the outermost first."""
+    found = (ctypes.c_void_p * 64)()
+    n = ctypes.CDLL(None).backtrace(found, 64)
+    maps = Path("/proc/self/maps").read_text(encoding="utf-8").splitlines()
+    begin = min(int(line.split("-")[0], 16) for line in maps if LIBRARY in line)
+    end = max(int(line.split()[0].split("-")[1], 16) for line in maps if LIBRARY in line)
+    starts = [start for start, _ in SYMBOLS]
+    inside = [at - begin for at in found[:n] if at is not None and begin <= at < end]
+    return [SYMBOLS[bisect.bisect(starts, at) - 1][1] for at in reversed(inside)]
+
+
+def traced(scheme, paths):
+    """Who called the force of a pendulum in every call of it during steps."""
+    seen = []
+
+    def gradient(nlane, ndof, nham, t, w, q, p, hq, hp, user):  # noqa: PLR0917 - as C calls it
+        seen.append(tuple(callers()))
+        for lane in range(nlane):
+            if hq:
+                hq[lane] = w[lane] * np.sin(q[lane]) + w[nlane + lane] * np.cos(q[lane])
+            if hp:
+                hp[lane] = w[lane] * p[lane]
+        return 0
+
+    def gradient_hessian(nlane, ndof, nham, t, w, q, p, hq, hp, hqq, hqp, hpp, user):  # noqa: PLR0917 - as C calls it
+        gradient(nlane, ndof, nham, t, w, q, p, hq, hp, user)
+        for lane in range(nlane):
+            if hqq:
+                hqq[lane] = w[lane] * np.cos(q[lane]) - w[nlane + lane] * np.sin(q[lane])
+            if hqp:
+                hqp[lane] = 0
+            if hpp:
+                hpp[lane] = w[lane]
+        return 0
+
+    model = ss.Model(
+        ndof=1,
+        nnoise=1,
+        gradient=Gradient(gradient),
+        gradient_hessian=Both(gradient_hessian),
+        separable=True,
+        position_noise=True,
+        identity_mass=True,
+        any_lanes=True,
+    )
+    seen.clear()
+    run = ss.simulate(model, q0=0.3, p0=0.1, step=0.1, steps=4, scheme=scheme, paths=paths, threads=1)
+    assert run.report.lanes == (1 if paths == 1 else 256)
+    return [calls for calls in seen if any("advance" in name for name in calls)]
+
+
+def module_of(name):
+    """The module of a procedure, that of blocks for its instance of one lane."""
+    found = re.match(r"__(symsde_\w+?)_MOD_", name)
+    return found[1].removesuffix("_single_path") if found else name
+
+
+def page():
+    """Modules of the table, in its order."""
+    text = (ROOT / "CONTRIBUTING.md").read_text(encoding="utf-8")
+    table = text.split("## The main path")[1].split("\n## ")[0]
+    files = re.findall(r"^\| `src/([\w/]+)\.f90`", table, re.MULTILINE)
+    assert all((ROOT / "src" / f"{file}.f90").is_file() for file in files)
+    return ["symsde_" + file.replace("/", "_") for file in files]
+
+
+@pytest.mark.parametrize("scheme", ["midpoint", "stormer_verlet"])
+def test_the_page_is_the_way_of_a_step(scheme):
+    known = page()
+    ways = set()
+    for paths in (1, 1000):
+        calls = traced(scheme, paths)
+        assert calls
+        for call in calls:
+            modules = [module_of(name) for name in call]
+            first = next(i for i, module in enumerate(modules) if module.startswith("symsde_ensemble"))
+            model = next(i for i, module in enumerate(modules) if module.startswith("symsde_model"))
+            assert model - first < DEEPEST, modules
+            at = [known.index(module) for module in modules[first:model] if module in known]
+            assert at == sorted(at), modules
+            ways.add(tuple(dict.fromkeys(known[place] for place in at)))
+    assert len({way[: way.index("symsde_step_stepper")] for way in ways}) == 1
+    assert {"symsde_ensemble_run_driver", "symsde_ensemble_run_threads", "symsde_ensemble_block_runner"} < set(
+        ways.pop()
+    )
