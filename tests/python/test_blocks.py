@@ -52,7 +52,17 @@ paths = [0]
 """
 OWN = "def far(q, p):\n    return (abs(q[0]) > 0.9) * 1.0\n"
 #: First words of lines for a shell that other tests run (install_readme, install_consumers), or that every build runs.
-ELSEWHERE = ("#", "pip install ", "cmake ", "export ", "./bootstrap ", ".venv/bin/")
+ELSEWHERE = (
+    "#",
+    '. "$HOME/venv',
+    "array=$(sbatch ",
+    "sbatch ",
+    "pip install ",
+    "cmake ",
+    "export ",
+    "./bootstrap ",
+    ".venv/bin/",
+)
 
 
 @pytest.fixture

@@ -308,6 +308,22 @@ def test_memory_and_disk_of_a_dry_run(monkeypatch, kind, disk, memory):
     )
 
 
+def test_a_dry_run_compares_disk_with_what_is_free(monkeypatch, tmp_path):
+    """Where the folder will be, also while it and its parents are not there yet."""
+    monkeypatch.setattr(dry, "_rate", lambda task, piece: 100.0)
+    task = Task(ss.models.kubo(), {"q0": 0.1, "p0": 0.0, "step": 0.1, "steps": 4, "threads": 1, "paths": 256})
+    asked = []
+    for free, words in {2e9: ", 2 GB are free\n", 1e3: ", but 1 kB are free: save fewer paths or less often"}.items():
+        monkeypatch.setattr(
+            dry.shutil, "disk_usage", lambda place, n=free: asked.append(place) or SimpleNamespace(free=n)
+        )
+        found = dry.need(task, [Piece("x", "paths", 0, 256, 1024)], 256, 5, tmp_path / "not" / "there")
+        assert f"disk       about {dry._bytes(found.disk)}{words}" in str(found)
+    assert asked == [tmp_path, tmp_path]
+    monkeypatch.undo()
+    assert 0 < dry._free(tmp_path) < 1e18
+
+
 @pytest.mark.parametrize(("threads", "pieces", "seconds"), [(1, 4, 40.0), (2, 4, 20.0), (6, 3, 5.0), (8, 2, 2.5)])
 def test_the_time_of_a_dry_run_is_that_of_all_threads(monkeypatch, threads, pieces, seconds):
     """Pieces of 10 seconds each on one thread; where there are fewer of them than threads, these share them."""

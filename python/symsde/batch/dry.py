@@ -3,7 +3,10 @@
 
 from __future__ import annotations
 
+import math
+import shutil
 from dataclasses import dataclass
+from pathlib import Path
 
 from ..native.checks import counted
 from ..run.moments import Moments, moments
@@ -29,6 +32,7 @@ class Need:
     memory: float  #: bytes, of this process, about
     disk: float  #: bytes
     seconds: float  #: on the threads of this process
+    free: float = math.inf  #: bytes where the results go; infinite where that is not known
 
     def __str__(self) -> str:
         """A line for each."""
@@ -36,14 +40,30 @@ class Need:
             "path-steps": f"{self.path_steps:.4g}",
             "shards": f"{self.shards}, of {counted(self.shard_paths, 'path')} at most",
             "memory": f"about {_bytes(self.memory)}",
-            "disk": f"about {_bytes(self.disk)}",
+            "disk": f"about {_bytes(self.disk)}{self._of_what_is_free()}",
             "time": f"about {_time(self.seconds)} here, {counted(self.workers, 'shard')} at a time",
         }
         return "\n".join(f"{key:11s}{value}" for key, value in lines.items())
 
+    def _of_what_is_free(self) -> str:
+        if self.free == math.inf:
+            return ""
+        if self.disk <= self.free:
+            return f", {_bytes(self.free)} are free"
+        return f", but {_bytes(self.free)} are free: save fewer paths or less often (save_every), or give another --out"
 
-def need(task: Task, pieces: list[Piece], shard_paths: int, saved: int) -> Need:
-    """What the pieces take; saved: times that are saved."""
+
+def _free(folder: Path) -> float:
+    """Bytes that are free where a folder is or will be, as far as the system tells."""
+    there = next((place for place in (folder, *folder.parents) if place.exists()), None)
+    try:
+        return math.inf if there is None else float(shutil.disk_usage(there).free)
+    except OSError:
+        return math.inf
+
+
+def need(task: Task, pieces: list[Piece], shard_paths: int, saved: int, out: Path | None = None) -> Need:
+    """What the pieces take; saved: times that are saved; out: the folder of the results."""
     ndof = task.model.ndof
     numbers = saved * (2 * (2 * ndof + task.model.traits.has_value) + 2) + _observed(task)
     of_moments = [piece for piece in pieces if piece.kind == "moments"]
@@ -60,6 +80,7 @@ def need(task: Task, pieces: list[Piece], shard_paths: int, saved: int) -> Need:
         memory=_BASE + 8.0 * numbers * levels + 16.0 * saved * ndof * (2 * paths + 3 * workers * largest),
         disk=_FILES + len(pieces) * _FILE + 8.0 * numbers * (len(of_moments) + 8) + 32.0 * saved * ndof * paths,
         seconds=steps / (_rate(task, pieces[0]) * workers * (threads or 1)) if steps else 0.0,
+        free=math.inf if out is None else _free(out.absolute()),
     )
 
 

@@ -64,7 +64,7 @@ def run(options: argparse.Namespace) -> int:
         raise InvalidArgumentError("--out is empty: give a folder, or leave it out")
     batch = Batch.of(options.scene, options.out or Path(options.scene).stem, options.shard_paths)
     if options.dry_run:
-        print(need(batch.task, part.of(batch.pieces), batch.size, extent_of(batch.scene).saved))
+        print(need(batch.task, part.of(batch.pieces), batch.size, extent_of(batch.scene).saved, Path(batch.out)))
         if options.error_check:
             print("not counted: --error-check, some of the paths again, at the step and at half of it")
         return OK
