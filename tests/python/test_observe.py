@@ -10,7 +10,7 @@ import pytest
 import symsde as ss
 from symsde import observe
 from symsde.errors import InvalidArgumentError, SymsdeError, UnknownNameError, WrongTypeError
-from symsde.run.observers import kept
+from symsde.run.observers import partial_statistics
 
 RUN = {"q0": [0.1, 0.2], "p0": [0.1, 0.0], "step": 0.1, "steps": 120, "save_every": 20, "paths": 700, "seed": 3}
 OBSERVERS = {
@@ -281,9 +281,9 @@ def test_parts_merge_to_the_bits_of_the_whole(absorb):
             parts.append(ss.moments(model(), observers=wanted, **here))
     for name, observer in wanted.items():
         left, right = parts[0].kept[name].copy(), parts[2].kept[name].copy()
-        kept.merge(whole.scope, observer, right, parts[3].kept[name])
-        kept.merge(whole.scope, observer, left, parts[1].kept[name])
-        kept.merge(whole.scope, observer, left, right)
+        partial_statistics.merge(whole.scope, observer, right, parts[3].kept[name])
+        partial_statistics.merge(whole.scope, observer, left, parts[1].kept[name])
+        partial_statistics.merge(whole.scope, observer, left, right)
         np.testing.assert_array_equal(left.counts, whole.kept[name].counts, err_msg=name)
         np.testing.assert_array_equal(left.sums, whole.kept[name].sums, err_msg=name)
 

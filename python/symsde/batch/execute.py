@@ -16,8 +16,9 @@ import numpy as np
 from ..errors import NotANumberWarning, PathsFailedWarning
 from ..model.definition import Model
 from ..run.moments import Moments, moments
-from ..run.observers import kept, requests
+from ..run.observers import requests
 from ..run.observers.observables import Observable
+from ..run.observers.partial_statistics import PartialStatistics
 from ..run.report import Report
 from ..run.simulate import Run, simulate
 from .pieces import Piece
@@ -102,7 +103,7 @@ def _moments(task: Task, piece: Piece, threads: int | None, tell: Tell) -> Shard
     return Shard({**arrays, **kept_arrays(found.kept)}, facts)
 
 
-def kept_arrays(parts: dict[str, kept.Kept]) -> dict[str, np.ndarray]:
+def kept_arrays(parts: dict[str, PartialStatistics]) -> dict[str, np.ndarray]:
     """What observers have kept, as arrays of a shard."""
     return {
         f"observed.{name}.{what}": getattr(part, what) for name, part in parts.items() for what in ("counts", "sums")

@@ -12,7 +12,7 @@ from ..native import abi
 from ..native.build import build_info
 from ..native.handles import status_text
 from ..run.moments import Moments
-from ..run.observers import kept
+from ..run.observers.partial_statistics import PartialStatistics, merge
 from ..run.report import Report
 from ..run.setup import make_setup
 from ..run.simulate import Run
@@ -45,14 +45,16 @@ class MomentsInWork:
         self._failed.append(np.stack([arrays[name] for name in ("failed", "failed_status", "failed_step")]))
         self._reports.append((piece.first, dict(shard.facts)))
 
-    def _kept_of(self, arrays: Mapping[str, np.ndarray]) -> dict[str, kept.Kept]:
+    def _kept_of(self, arrays: Mapping[str, np.ndarray]) -> dict[str, PartialStatistics]:
         return {
-            name: kept.Kept(*(np.array(arrays[f"observed.{name}.{what}"]) for what in ("counts", "sums")), room.answers)
+            name: PartialStatistics(
+                *(np.array(arrays[f"observed.{name}.{what}"]) for what in ("counts", "sums")), room.answers
+            )
             for name, room in self._found.kept.items()
         }
 
-    def _merge_kept(self, name: str, left: kept.Kept, right: kept.Kept) -> None:
-        kept.merge(self._found.scope, self._task.observers[name], left, right)
+    def _merge_kept(self, name: str, left: PartialStatistics, right: PartialStatistics) -> None:
+        merge(self._found.scope, self._task.observers[name], left, right)
 
     def result(self, seconds: float = 0.0, threads: int = 1) -> Moments:
         """Moments of all paths that came, with the bits of one run over them."""

@@ -10,7 +10,7 @@ import numpy as np
 
 from ..native import handles
 from ..native.checks import address
-from ..run.observers import kept
+from ..run.observers.partial_statistics import PartialStatistics
 
 
 @dataclass
@@ -20,10 +20,10 @@ class Node:
     n_ok: np.ndarray  #: (time,)
     mean: np.ndarray  #: (time, value)
     m2: np.ndarray  #: (time, value)
-    kept: dict[str, kept.Kept] = field(default_factory=dict)  #: by observers
+    kept: dict[str, PartialStatistics] = field(default_factory=dict)  #: by observers
 
 
-MergeKept = Callable[[str, kept.Kept, kept.Kept], None]
+MergeKept = Callable[[str, PartialStatistics, PartialStatistics], None]
 
 
 class Tree:

@@ -23,8 +23,9 @@ from ..native.checks import address, counted
 from ..native.progress import Monitor, Progress
 from ..native.signals import carry
 from . import provenance, tabular
-from .observers import kept, observer_results, requests
+from .observers import observer_results, requests
 from .observers.observables import Observable, are_in_python, bind, check_observables, described, refuse_coordinates
+from .observers.partial_statistics import Kinds, PartialStatistics, Scope, structs
 from .report import Reported, filled
 from .saved import MomentTables
 from .setup import OPTIONS, Setup, make_setup
@@ -39,13 +40,13 @@ class Moments(MomentTables, Reported):
     mean: dict[str, np.ndarray]  #: (time,) of each observable; likewise var, se_mean
     m2: np.ndarray  #: (time, value), sums of squared deviations, by which parts of an ensemble merge exactly
     failed: np.ndarray  #: global indices of the first 1000 failed paths; likewise failed_status, failed_step
-    kept: dict[str, kept.Kept]  #: what each observer has kept, by which parts of an ensemble merge exactly
+    kept: dict[str, PartialStatistics]  #: of each observer, by which parts of an ensemble merge exactly
 
     def __init__(
         self,
         setup: Setup,
         observables: Mapping[str, Observable] | Iterable[str],
-        observers: kept.Kinds | None = None,
+        observers: Kinds | None = None,
     ):
         """Room for the moments, of these observables too, and for these observers; `fill` computes them."""
         self.setup = setup
@@ -86,9 +87,9 @@ class Moments(MomentTables, Reported):
         self._name_columns(self.setup.model.ndof, self._has_energy, self._observables)
 
     @property
-    def scope(self) -> kept.Scope:
+    def scope(self) -> Scope:
         """What observers look at."""
-        return kept.Scope(self.setup, self.columns(), len(self._observables))
+        return Scope(self.setup, self.columns(), len(self._observables))
 
     @functools.cached_property
     def observed(self) -> dict[str, observer_results.Observed]:
@@ -104,7 +105,7 @@ class Moments(MomentTables, Reported):
             setattr(moments, member, address(self._tables[kind]))
         _bound = bind(observables, self.setup.model, moments, failures)
         if self.observers:
-            addresses, _made = kept.structs(self.scope, self.observers, self.kept)
+            addresses, _made = structs(self.scope, self.observers, self.kept)
             moments.nobserver, moments.observers = len(self.observers), ctypes.addressof(addresses)
         report = handles.new(abi.Report, "report")
         with Monitor(progress) as monitor:

@@ -45,7 +45,7 @@ Part = Drawn | Draw
 
 
 @dataclass
-class KeptPlan:
+class StoredPlan:
     """A plan as a folder keeps it."""
 
     method: str
@@ -67,7 +67,7 @@ class KeptPlan:
 
 
 @dataclass
-class KeptPilot:
+class StoredPilot:
     """What work takes of a pilot."""
 
     problem: Problem
@@ -167,14 +167,14 @@ class InFolder:
 
     def read_choice(
         self, problem: Problem, tolerance: Tolerance, schemes: dict[str, Scheme]
-    ) -> tuple[KeptPilot, list[KeptPlan]]:
+    ) -> tuple[StoredPilot, list[StoredPlan]]:
         """What was chosen, whoever did so."""
         shard = self.folder.read(CHOICE)
-        pilot = KeptPilot(problem, tolerance, self._watch, _part_of(shard), shard.facts["seconds"])
+        pilot = StoredPilot(problem, tolerance, self._watch, _part_of(shard), shard.facts["seconds"])
         plans = []
         for plan in shard.facts["plans"]:
             scheme = schemes[plan["scheme"]]
-            plans.append(KeptPlan(**{**plan, "scheme": scheme, "bias": tuple(plan["bias"])}))
+            plans.append(StoredPlan(**{**plan, "scheme": scheme, "bias": tuple(plan["bias"])}))
         return pilot, plans
 
     def save(self, answer: Answer) -> None:

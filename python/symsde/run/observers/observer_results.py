@@ -11,7 +11,7 @@ import numpy as np
 
 from ...native.checks import counted
 from ...native.files import Variables
-from .kept import Kept, Scope, read
+from .partial_statistics import PartialStatistics, Scope, read
 from .requests import Observer
 
 
@@ -20,9 +20,9 @@ class Observed:
 
     observer: Observer  #: what was asked for
     t: np.ndarray  #: (time,), saved times
-    kept: Kept  #: integers and sums as in symsde.h, by which parts of an ensemble merge
+    kept: PartialStatistics  #: integers and sums as in symsde.h, by which parts of an ensemble merge
 
-    def __init__(self, scope: Scope, t: np.ndarray, observer: Observer, kept: Kept):
+    def __init__(self, scope: Scope, t: np.ndarray, observer: Observer, kept: PartialStatistics):
         """The answer of the library to what was kept."""
         self.observer, self.t, self.kept = observer, t, kept
         self._names = observer.names(scope.columns)
@@ -303,7 +303,7 @@ RESULTS = {
 
 
 def observed(
-    scope: Scope, t: np.ndarray, observers: Mapping[str, Observer], kept: Mapping[str, Kept]
+    scope: Scope, t: np.ndarray, observers: Mapping[str, Observer], kept: Mapping[str, PartialStatistics]
 ) -> dict[str, Observed]:
     """The results of all observers of a run, by their names."""
     return {name: RESULTS[observer.KIND](scope, t, observer, kept[name]) for name, observer in observers.items()}

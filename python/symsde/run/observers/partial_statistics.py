@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""What observers have kept of a run: arrays that the library fills, merges and reads."""
+"""Partial statistics: what observers have of some paths, in arrays that the library fills, merges and reads."""
 
 from __future__ import annotations
 
@@ -16,16 +16,16 @@ Kinds = Mapping[str, Observer]
 
 
 @dataclass
-class Kept:
+class PartialStatistics:
     """Integers and sums of one observer, as of symsde_observer in symsde.h."""
 
     counts: np.ndarray
     sums: np.ndarray
     answers: int  #: numbers of its answer
 
-    def copy(self) -> Kept:
+    def copy(self) -> PartialStatistics:
         """With arrays of its own."""
-        return Kept(self.counts.copy(), self.sums.copy(), self.answers)
+        return PartialStatistics(self.counts.copy(), self.sums.copy(), self.answers)
 
 
 @dataclass(frozen=True)
@@ -40,32 +40,29 @@ class Scope:
         """A function of the C interface that begins with model, options and observables."""
         self.setup.model.call(name, ctypes.byref(self.setup.options), self.observables, *arguments)
 
-    def room(self, observer: Observer) -> Kept:
+    def room(self, observer: Observer) -> PartialStatistics:
         """Arrays for what an observer will keep; refuses what it cannot observe."""
         sizes = np.zeros(3, np.int64)
         self.call("observer_sizes", ctypes.byref(observer.struct(self.columns)), sizes.ctypes.data)
-        return Kept(np.zeros(sizes[0], np.int64), np.zeros(sizes[1]), int(sizes[2]))
+        return PartialStatistics(np.zeros(sizes[0], np.int64), np.zeros(sizes[1]), int(sizes[2]))
 
 
-def structs(scope: Scope, observers: Kinds, kept: Mapping[str, Kept]):
+def structs(scope: Scope, observers: Kinds, kept: Mapping[str, PartialStatistics]):
     """The list of observers of symsde_moments: an array of addresses, and what must live as long."""
     made = [observer.struct(scope.columns, kept[name].counts, kept[name].sums) for name, observer in observers.items()]
     addresses = (ctypes.c_void_p * len(made))(*(ctypes.addressof(struct) for struct in made))
     return addresses, made
 
 
-def merge(scope: Scope, observer: Observer, left: Kept, right: Kept) -> None:
+def merge(scope: Scope, observer: Observer, left: PartialStatistics, right: PartialStatistics) -> None:
     """The left part becomes both."""
     both = [observer.struct(scope.columns, part.counts, part.sums) for part in (left, right)]
     scope.call("observer_merge", *(ctypes.byref(struct) for struct in both))
 
 
-def read(scope: Scope, observer: Observer, kept: Kept) -> tuple[np.ndarray, np.ndarray]:
+def read(scope: Scope, observer: Observer, kept: PartialStatistics) -> tuple[np.ndarray, np.ndarray]:
     """The answer of an observer, and its standard errors."""
     values, errors = np.empty(kept.answers), np.empty(kept.answers)
     struct = observer.struct(scope.columns, kept.counts, kept.sums)
     scope.call("observer_answer", ctypes.byref(struct), values.ctypes.data, errors.ctypes.data)
     return values, errors
-
-
-__all__ = ["Kept", "Kinds", "Scope", "merge", "read", "structs"]
