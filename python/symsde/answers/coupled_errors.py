@@ -1,5 +1,11 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Errors of one scheme at one step, on the Brownian paths that all points of a study share."""
+"""Errors of one scheme at one step, on the Brownian paths that all points of a study share.
+
+    strong (E |x_h - x|^2)^(1/2) over (q, p) at the end,    weak E q_h - E q, E p_h - E p, E H(x_h) - E H(x)
+
+with x the exact solution on the same path, or a better scheme at a finer step, whose own error is its distance to that
+at twice this step.
+"""
 
 from __future__ import annotations
 

@@ -1,5 +1,11 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""One scheme on steps that are halved: its error by the step, and the longest step that keeps a tolerance."""
+"""One scheme on steps that are halved: its error by the step, and the longest step that keeps a tolerance.
+
+With x_h, x_{h/2}, x_{h/4} on one path the order is a = log2(|x_h - x_{h/2}|/|x_{h/2} - x_{h/4}|). Between the last rung
+that misses the tolerance and the next, n and 2 n steps, the error is a power of the step; beyond the last one, h^a:
+
+    steps = n (error_n/tolerance)^(1/b),    b = log2(error_n/error_2n)
+"""
 
 from __future__ import annotations
 

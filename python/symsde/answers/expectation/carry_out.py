@@ -1,5 +1,9 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The work that a plan asks for, and the interval that it gives."""
+"""The work that a plan asks for, and the interval that it gives.
+
+Units are drawn until Var/N <= (1 - s) (half/t_N)^2, their variance being estimated from themselves as they come, half
+the half width that is wanted, t_N of Student's law and s the share of the bias.
+"""
 
 from __future__ import annotations
 
@@ -16,7 +20,7 @@ from ...native.signals import carry
 from ..coupled import MOST_LEVELS, LevelSampler
 from .answer import Alternative, Answer
 from .choice import EVEN_LEVELS, Plan
-from .draw_store import InFolder, KeptPilot, KeptPlan, Nowhere
+from .draw_store import InFolder, Nowhere, StoredPilot, StoredPlan
 from .estimators import NOTHING, Drawn, Estimator
 from .mlmc import Estimate
 from .multilevel_answer import Multilevel
@@ -59,7 +63,7 @@ class Work:
     """Draws until the interval is narrow enough, or the time is over."""
 
     def __init__(
-        self, pilot: Pilot | KeptPilot, plans: Sequence[Plan | KeptPlan], store: Nowhere | InFolder | None = None
+        self, pilot: Pilot | StoredPilot, plans: Sequence[Plan | StoredPlan], store: Nowhere | InFolder | None = None
     ):
         """The first of the plans is carried out; its draws are kept in the store."""
         self.pilot, self.plan, self.others = pilot, plans[0], plans[1:]

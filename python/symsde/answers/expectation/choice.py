@@ -1,5 +1,16 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""What every way to the interval would cost, and the cheapest."""
+"""What every way to the interval would cost, and the cheapest.
+
+The error e that the tolerance allows is shared, e^2 = Var/N + bias^2 with bias^2 <= s e^2, s = BIAS_SHARE. The step is
+the longest whose bias keeps that; then with V = Var f, V_l, C_l as in `coupled.py` and a the weak order
+
+    plain          N = V/((1 - s) e^2),                                    N C(h)
+    extrapolated   N = (V^(1/2) + V_l^(1/2)/(2^a - 1))^2/((1 - s) e^2),    N (C_l + C_{l-1})
+    multilevel     (sum_l (V_l (C_l + C_{l-1}))^(1/2))^2/((1 - s) e^2)     over levels from the best coarsest one
+
+Antithetic paths and control variates cost as plain ones do, with the variance of their units; of quasi-Monte Carlo the
+variance of a unit falls as a power of its points, as few and more of them show.
+"""
 
 from __future__ import annotations
 

@@ -1,5 +1,11 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Multilevel Monte Carlo (Giles 2008, Oper. Res. 56, 607; 2015, Acta Numerica 24, 259)."""
+"""Multilevel Monte Carlo (Giles 2008, Oper. Res. 56, 607; 2015, Acta Numerica 24, 259).
+
+    E f ~ sum_l mean d_l,    N_l = (V_l/C_l)^(1/2) sum_k (V_k C_k)^(1/2)/((1 - s) e^2)
+
+with d_l, V_l, C_l as in `coupled.py`, e the error that the tolerance allows and s the share of its bias. A level is
+added while what the finest one leaves is more than s^(1/2) e.
+"""
 
 from __future__ import annotations
 

@@ -1,5 +1,10 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Does f have a variance? Without one no interval holds, however many paths there are."""
+"""Does f have a variance? Without one no interval holds, however many paths there are.
+
+P(|f| > x) ~ x^-a has one where a > 2. Hill's estimate by the k largest of the values, y_1 >= y_2 >= ..,
+
+    1/a = (1/k) sum_{i=1}^{k} log(y_i/y_{k+1}),    standard error a/k^(1/2)
+"""
 
 from __future__ import annotations
 

@@ -1,5 +1,10 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""What half width of a 95 % interval is wanted, and how it is shared between noise and bias."""
+"""What half width of a 95 % interval is wanted, and how it is shared between noise and bias.
+
+    half^2 = (t error)^2 + (1.96 bias)^2,    bias^2 <= s (half/1.96)^2,    s = BIAS_SHARE
+
+with t of Student's law by the number of units, error the standard error of the value.
+"""
 
 from __future__ import annotations
 

@@ -1,5 +1,11 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""What a pilot knows of one scheme: weak error and cost by the step, from coupled paths of few levels."""
+"""What a pilot knows of one scheme: weak error and cost by the step, from coupled paths of few levels.
+
+    E f - E f(x_l) = sum_{k=l+1}^{L} E d_k + (what is left at the finest level L),    C(n) = a + b n seconds of a path
+
+with d_k as in `coupled.py`; between two levels the bias is taken for a multiple of h^a and a number, and a level beyond
+the finest one for what bias.py makes of the differences.
+"""
 
 from __future__ import annotations
 
