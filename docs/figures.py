@@ -17,11 +17,12 @@ from pathlib import Path
 from symsde.native import files
 from symsde.reports import study
 from symsde.reports.paper import symplecticity
-from symsde.reports.stability import bifurcation, long_time, mean_square_map, stability_figure
+from symsde.reports.stability import bifurcation, long_time, stability_figure
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "bench"))
 sys.path.insert(0, str(Path(__file__).resolve().parent))
 import horizons
+import mean_square_map
 import weak_orders
 from peers import page as peers
 

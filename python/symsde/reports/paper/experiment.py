@@ -22,9 +22,9 @@ class Experiment(Expectations):
 panels = partial(look.panels, width=5.5, dpi=200, pdf=True)  # [in], [1/in]
 
 
-def strong_order(experiment, about, case, model, scheme, *, paths, least, most, time, seed, **start):
-    """Errors at 2^least .. 2^most steps on the same paths against the exact solution, as numbers; expect order one."""
-    steps = [2**level for level in range(least, most + 1)]
+def strong_order(experiment, about, case, model, scheme, *, paths, levels, time, seed, **start):
+    """Errors at 2^level steps on the same paths against the exact solution, as numbers; expect order one."""
+    steps = [2**level for level in levels]
     found = ss.convergence(model, scheme, horizon=time, steps=steps, paths=paths, seed=seed, reference="exact", **start)
     text = f"strong order, 95 % interval +- {found.order_high - found.order:.3f}, {len(steps)} steps{case}"
     experiment.near(about, text, found.order, 1.0, 0.05)

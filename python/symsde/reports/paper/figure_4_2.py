@@ -33,7 +33,7 @@ def run(quick):
         _growth(experiment, model, case, order_paths)
         for scheme, equations in SCHEMES.items():
             experiment.numbers[case][scheme] |= strong_order(
-                experiment, equations, f", {_text(case)}", model, scheme, paths=order_paths, least=6, most=12,
+                experiment, equations, f", {_text(case)}", model, scheme, paths=order_paths, levels=range(6, 13),
                 time=10.24, seed=SEED + 2, q0=0.0, p0=0.0,
             )  # fmt: skip
     return experiment

@@ -70,7 +70,7 @@ def _order(experiment, model, paths):
     A step lags by x - 2 atan(x/2) = x^3/12 + ..; with x = a h + sigma dW the sum over t/h steps has mean square
     (h/12)^2 [(3 a sigma^2 t)^2 + 15 sigma^6 t] to leading order in h.
     """
-    found = strong_order(experiment, "(71)-(72)", "", model, "midpoint", paths=paths, least=7, most=13, time=1.0,
+    found = strong_order(experiment, "(71)-(72)", "", model, "midpoint", paths=paths, levels=range(7, 14), time=1.0,
                          seed=SEED + 1, q0=1.0, p0=0.0)  # fmt: skip
     expected = np.sqrt((3 * A * SIGMA**2) ** 2 + 15 * SIGMA**6) / 12
     constant = found["order_rms_errors"][-1] / found["order_steps"][-1]

@@ -7,13 +7,12 @@ import functools
 from pathlib import Path
 
 import numpy as np
-
-from ...answers.mean_square import mean_square
-from ...errors import SymsdeError
-from ...models import kubo, linear_oscillator
-from ...schemes import names
-from .. import look
-from .systems import noisy_spring, soft
+from symsde.answers.mean_square import mean_square
+from symsde.errors import SymsdeError
+from symsde.models import kubo, linear_oscillator
+from symsde.reports import look
+from symsde.reports.stability.systems import noisy_spring, soft
+from symsde.schemes import names
 
 SCHEMES = ("symplectic_euler", "stormer_verlet", "midpoint", "gauss2", "heun")
 STABLE = 0.01  #: log of the growth beyond the exact one, in a step, up to which a scheme counts as stable
