@@ -34,7 +34,7 @@ import numpy as np
 import symsde as ss
 from symsde.answers.expectation import choice, variants
 from symsde.answers.expectation.candidates import suitable
-from symsde.answers.expectation.carry_out import Work
+from symsde.answers.expectation.carry_out import Execution
 from symsde.answers.expectation.choice import Plan
 from symsde.answers.expectation.pilot import MEASURED, Pilot
 from symsde.answers.expectation.problem import make_problem
@@ -187,7 +187,7 @@ def repeat(case: Case, repeats: int, pilots: int) -> dict:
         plans = pilot.choose()
         for seed in range(repeats // pilots):
             pilot.problem = dataclasses.replace(problem, seed=(first + 1) * 10**6 + seed)
-            answer = Work(pilot, plans).answer()
+            answer = Execution(pilot, plans).answer()
             found.append(answer)
             chosen[f"{answer.method} by {answer.scheme}"] += 1
     held = np.array([x.interval[0] <= case.exact <= x.interval[1] for x in found])
@@ -248,7 +248,7 @@ def by_hand(case: Case, tolerance: Tolerance, repeats: int) -> tuple[list[float]
         for seed in range(repeats):
             pilot.problem = dataclasses.replace(problem, seed=10**9 + 1 + seed)
             begin = time.process_time()
-            Work(pilot, [plan]).answer()
+            Execution(pilot, [plan]).answer()
             taken.append(time.process_time() - begin)
         spent[f"{plan.method} by {plan.trial.scheme.name}, {plan.steps} steps"] = taken
     best = min(spent, key=lambda name: np.median(spent[name]))

@@ -11,7 +11,7 @@ import symsde as ss
 from clock import Clock, WorkClock
 from symsde.answers.expectation import choice, control, quasi, tails, tolerance
 from symsde.answers.expectation.answer import Answer
-from symsde.answers.expectation.carry_out import Work
+from symsde.answers.expectation.carry_out import Execution
 from symsde.answers.expectation.choice import Plan
 from symsde.answers.expectation.estimators import Antithetic, Drawn, Extrapolated, Plain
 from symsde.answers.expectation.longest_step import frequency
@@ -416,13 +416,13 @@ def test_a_method_that_is_asked_for_is_taken_where_it_is_not_needed(nonlinear):
         ss.expect(nonlinear, "q", **PLACE, abs=1e-2, method="antithetic", scheme="chin4a")
 
 
-def work_of(nonlinear, seconds: float, **more) -> Work:
+def work_of(nonlinear, seconds: float, **more) -> Execution:
     """A plan that is reckoned to take so many seconds, by what `more` says."""
     given = {"method": "plain", "seconds": seconds, "variance": 1.0, "bias": (0.0, 0.0), "steps": 4, **more}
     given["scheme"] = as_scheme("midpoint")
     pilot = {"seconds": 0.0, "tolerance": tolerance.make_tolerance(1e-2, None), "watch": Watch(3600.0, False)}
     pilot |= {"problem": make_problem(nonlinear, "q", **PLACE), "looked_at": Drawn(Tally(), 0.0, 0, 0)}
-    return Work(SimpleNamespace(**pilot), [SimpleNamespace(**given)])
+    return Execution(SimpleNamespace(**pilot), [SimpleNamespace(**given)])
 
 
 def test_long_work_within_its_time_is_announced_as_that(nonlinear):

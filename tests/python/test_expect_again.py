@@ -11,7 +11,7 @@ import symsde as ss
 from symsde.answers.coupled import LevelSampler
 from symsde.answers.expectation import choice, variants
 from symsde.answers.expectation.candidates import suitable
-from symsde.answers.expectation.carry_out import Work, _more
+from symsde.answers.expectation.carry_out import Execution, _more
 from symsde.answers.expectation.control import Control
 from symsde.answers.expectation.estimators import Drawn, Plain
 from symsde.answers.expectation.pilot import Pilot
@@ -63,7 +63,7 @@ def test_points_are_doubled_where_units_are_too_few(pilot, method, points):
     pytest.importorskip("scipy")
     pilot.tolerance = make_tolerance(4e-3, None)
     plan = plan_of(pilot.trials[0], method, level=3, coarsest=2, options={"log2_points": points})
-    answer = Work(pilot, [plan]).answer()
+    answer = Execution(pilot, [plan]).answer()
     assert answer.error < 0.0019 and answer.paths <= 2**16
     assert plan.options == {"log2_points": points}
 
@@ -74,7 +74,7 @@ def test_work_begins_with_a_quarter_of_the_points(pilot):
     pilot.tolerance = make_tolerance(1.0, None)
     for planned, begun in ((11, 9), (9, 8), (7, 7)):
         plan = plan_of(pilot.trials[0], Quasi.name, level=3, options={"log2_points": planned})
-        assert Work(pilot, [plan]).answer().paths == 16 * 2**begun
+        assert Execution(pilot, [plan]).answer().paths == 16 * 2**begun
 
 
 def test_what_is_done_once_is_scaled_to_the_step(pilot):
@@ -270,7 +270,7 @@ def test_no_unit_is_begun_that_does_not_fit_into_the_time(pilot, left, units):
     pilot.watch, pilot.tolerance = watch, make_tolerance(1e-9, None)
     plan = SimpleNamespace(method="plain", scheme=as_scheme("midpoint"), seconds=0.0, variance=1.0, steps=1)
     plan.bias, plan.estimator = (0.0, 0.0), lambda *_: Slow(watch)
-    answer = Work(pilot, [plan]).answer()
+    answer = Execution(pilot, [plan]).answer()
     assert answer.paths == units and not answer.reached
     assert any("max_time = 3600 s" in note for note in answer.notes)
 
@@ -286,7 +286,7 @@ def test_skew_units_are_as_many_as_the_pilot_knows(pilot):
     plan.estimator = lambda *_: squares
     values = []
     for _ in range(4000):
-        work = Work(pilot, [plan])
+        work = Execution(pilot, [plan])
         values.append(work.answer().value)
     assert abs(np.mean(values)) < 4.5 * np.std(values) / len(values) ** 0.5
 
@@ -324,7 +324,7 @@ def test_intervals_hold_where_work_ends_by_their_own_scatter(pilot):
     held = 0
     for i in range(8000):
         size = (2.5, 4.0)[i % 2]
-        answer = Work(pilot, [plan]).answer()
+        answer = Execution(pilot, [plan]).answer()
         held += answer.interval[0] <= 0.0 <= answer.interval[1]
         assert answer.half_width <= 1.0 + 1e-12
     assert held > 0.95 * 8000

@@ -17,7 +17,7 @@ from symsde.answers.coupled import Draw, LevelSampler
 from symsde.answers.expectation import choice
 from symsde.answers.expectation.answer import Alternative
 from symsde.answers.expectation.candidates import suitable
-from symsde.answers.expectation.carry_out import Work, _failures, _Outcome
+from symsde.answers.expectation.carry_out import Execution, _failures, _Outcome
 from symsde.answers.expectation.estimators import Drawn
 from symsde.answers.expectation.longest_step import frequency
 from symsde.answers.expectation.mlmc import Estimate, _doubts
@@ -45,11 +45,11 @@ def test_why_a_plan_was_taken_and_which_were_not(pilot):
     trial = pilot.trials[0]
     taken, other = choice.Plan("plain", trial, 1, 0.5), choice.Plan("extrapolated", trial, 3, 2.0)
     name, far = trial.scheme.name, 2.0 / trial.steps(3)
-    answer = Work(pilot, [taken, other]).answer()
+    answer = Execution(pilot, [taken, other]).answer()
     assert (answer.method, answer.scheme, answer.step) == ("plain", name, 2.0 / trial.steps(1))
     assert answer.alternatives == (Alternative("extrapolated", name, far, 2.0),) and far < answer.step
     assert answer.why == f"reckoned at 0.5 s, 4 times less than the next (extrapolated by {name}, h = {far:.4g})"
-    assert Work(pilot, [taken]).answer().why == "plain: reckoned at 0.5 s, nothing else to compare"
+    assert Execution(pilot, [taken]).answer().why == "plain: reckoned at 0.5 s, nothing else to compare"
 
 
 def test_paths_of_levels_are_all_that_were_computed(pilot):
@@ -60,14 +60,14 @@ def test_paths_of_levels_are_all_that_were_computed(pilot):
     )
     rates = {"alpha": UNSEEN, "beta": UNSEEN, "gamma": UNSEEN}
     found = Multilevel(2.0, (1.99, 2.01), 0.005, 0.001, "heun", levels, **rates, reached=True, notes=(), cost=1.0)
-    answer = Work(pilot, [choice.Plan("multilevel", pilot.trials[0], 2, 1.0)])._of_levels(found)
+    answer = Execution(pilot, [choice.Plan("multilevel", pilot.trials[0], 2, 1.0)])._of_levels(found)
     assert (answer.paths, answer.step) == (101 + 2 * 52 + 2 * 20, 2.0 / 16)
     assert (answer.error, answer.bias, answer.interval) == (0.005, 0.001, pytest.approx((1.99, 2.01)))
 
 
 def test_what_was_reached_and_what_an_interval_is(pilot):
     """Within a twentieth of the width that was asked for, 0.02; with less noise than a fifth of the bias, a bound."""
-    work = Work(pilot, [choice.Plan("plain", pilot.trials[0], 1, 0.5)])
+    work = Execution(pilot, [choice.Plan("plain", pilot.trials[0], 1, 0.5)])
 
     def finished(half, error, bias):
         return work._finished(_Outcome(2.0, half, error, bias, 100, []))
@@ -85,7 +85,7 @@ def test_what_was_reached_and_what_an_interval_is(pilot):
 
 def test_the_cost_of_an_answer_holds_its_pilot(pilot, monkeypatch):
     """2.5 seconds for the choice, 1.5 for the draws."""
-    work = Work(pilot, [choice.Plan("plain", pilot.trials[0], 1, 0.5)])
+    work = Execution(pilot, [choice.Plan("plain", pilot.trials[0], 1, 0.5)])
     monkeypatch.setattr(pilot, "seconds", 2.5)
     work.watch = SimpleNamespace(seconds=work._begin + 1.5)
     answer = work._finished(_Outcome(2.0, 0.02, 0.01, 0.01, 100, []))

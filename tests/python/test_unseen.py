@@ -10,7 +10,7 @@ import pytest
 import symsde as ss
 from symsde.answers.expectation import tails
 from symsde.answers.expectation import unseen as looking
-from symsde.answers.expectation.carry_out import Work, _Outcome
+from symsde.answers.expectation.carry_out import Execution, _Outcome
 from symsde.answers.expectation.choice import Plan
 from symsde.answers.expectation.problem import make_problem
 from symsde.answers.expectation.quasi import Quasi
@@ -70,7 +70,7 @@ def test_a_bias_is_blamed_where_the_noise_is_as_wanted(kubo):
     """A half width of 1: noise of 0.9 and bias of 0.6 are 1.08; noise of 1.1 is too few paths."""
     plan = Plan("plain", SimpleNamespace(scheme=as_scheme("midpoint"), steps=lambda _: 4), 0, 1.0)
     pilot = {"tolerance": make_tolerance(1.0, None), "watch": Watch(None, False), "seconds": 0.0}
-    work = Work(SimpleNamespace(problem=make_problem(kubo, "q", **PLACE), **pilot), [plan])
+    work = Execution(SimpleNamespace(problem=make_problem(kubo, "q", **PLACE), **pilot), [plan])
     for noise, bias, why in ((0.9, 0.6, "the error that the step leaves"), (1.1, 0.3, "paths were too few")):
         found = _Outcome(0.0, math.hypot(noise, bias), noise / 1.96, bias / 1.96, 100, [])
         assert work._finished(found).notes[0].startswith(why)
@@ -175,7 +175,7 @@ def test_scramblings_fit_into_the_time(kubo):
         trial = SimpleNamespace(variance=1.0)
         plan = Plan(Quasi.name, trial, 0, 80.0, options={"log2_points": 14})
         pilot = {"tolerance": make_tolerance(1e-2, None), "watch": Watch(max_time, False)}
-        Work(SimpleNamespace(problem=make_problem(kubo, "q", **PLACE), **pilot), [plan])
+        Execution(SimpleNamespace(problem=make_problem(kubo, "q", **PLACE), **pilot), [plan])
         return plan.options["log2_points"]
 
     assert points(100.0) == 14

@@ -37,7 +37,6 @@ _LONG = 600.0  #: seconds that are announced
 _LEAST_POINTS = 6  #: log2 of the points of a scrambling that the time cuts short
 _LEAST = 256  #: paths of a new level
 _SILENT = 0.2  #: noise over bias, below which an interval is a bound: 1.96 biases are then five of its errors and more
-_NEARLY = 1.05  #: times the half width that was asked for, that count as reached
 _FEWER = 2  #: halvings of the points that are planned, which work begins with, to double them where that is too few
 _LOWEST = 8  #: log2 of the points that are not halved: a call takes as long as these
 _AT_ONCE = 4096  #: units that are begun with at most
@@ -59,7 +58,7 @@ class _Outcome:
     steps: int | None = None  #: where they are not those of the plan
 
 
-class Work:
+class Execution:
     """Draws until the interval is narrow enough, or the time is over."""
 
     def __init__(
@@ -252,7 +251,7 @@ class Work:
     def _finished(self, found: _Outcome) -> Answer:
         horizon = self.pilot.problem.horizon
         wanted = self.tolerance.half_width(found.value)
-        reached, unknown = found.half <= _NEARLY * wanted, NORMAL * found.bias > wanted
+        reached, unknown = self.tolerance.is_reached(found.half, found.value), NORMAL * found.bias > wanted
         if not reached and not any("asked was" in note for note in found.notes):
             over = self.watch.why if self.watch.over else "paths were too few"
             enough = not self.watch.over and NORMAL * found.error <= wanted < NORMAL * math.hypot(

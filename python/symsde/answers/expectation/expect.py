@@ -12,7 +12,7 @@ from ...native.progress import Progress
 from ...schemes import Scheme, as_scheme
 from .answer import Answer
 from .candidates import suitable
-from .carry_out import Work
+from .carry_out import Execution
 from .choice import Plan
 from .draw_store import inputs_of, open_folder
 from .pilot import METHODS, Pilot
@@ -76,11 +76,11 @@ def expect(
             return pilot, pilot.choose()
 
         if out is None:
-            return Work(*choose()).answer()
+            return Execution(*choose()).answer()
         inputs = inputs_of(problem, tolerance, None if scheme is None else schemes[0], method)
         with open_folder(out, inputs, problem.seed, watch) as store:
             store.choice(choose)
             chosen = store.read_choice(problem, tolerance, {scheme.name: scheme for scheme in schemes})
-            answer = Work(*chosen, store).answer()
+            answer = Execution(*chosen, store).answer()
             store.save(answer)
             return answer

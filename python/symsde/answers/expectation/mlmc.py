@@ -277,7 +277,7 @@ class Estimate(Levels):
         seen = sum((draw.fine for draw in self.draws), self.known)
         notes = [*self.notes]
         half = widened(half, self.sampler.problem, self.sampler.scheme, self.sampler.steps(0), seen, notes)
-        reached = half <= 1.05 * self.tolerance.half_width(value)
+        reached = self.tolerance.is_reached(half, value)
         levels = tuple(self._level(i) for i in range(begun))
         finer = range(1, len(levels))
         spread = [math.sqrt(max(levels[i].kurtosis - 1, 0) / levels[i].paths) * levels[i].variance for i in finer]

@@ -20,6 +20,7 @@ NORMAL = 1.96  #: half width of a 95 % interval, in standard errors
 SEEN = 3.0  #: standard errors by which a mean is told from 0
 BIAS_SHARE = 0.1  #: of the squared error that the bias may have: so little that the interval holds with or without it
 _SCATTER = 0.75  #: standard errors of a standard error, by which that of work that ends by it is taken larger
+_NEARLY = 1.05  #: times the half width that was asked for, that count as reached
 _ROUNDING = 64 * np.finfo(float).eps  #: relative half width that sums and steps can be trusted to
 _LARGEST = 1e70  #: whose fourth power does not overflow
 
@@ -38,6 +39,10 @@ class Tolerance:
     def error(self, value: float) -> float:
         """Root mean square error of noise and bias together that gives this half width."""
         return self.half_width(value) / NORMAL
+
+    def is_reached(self, half: float, value: float) -> bool:
+        """This half width is as small as asked, or a little larger."""
+        return half <= _NEARLY * self.half_width(value)
 
     def check(self, value: float, size: float) -> None:
         """Refuse what rounding makes impossible: `size` is that of the values of f."""
