@@ -31,7 +31,6 @@ import numpy as np
 from ..errors import InvalidArgumentError, PathsFailedWarning
 from ..native import checks
 from ..run.simulate import Run
-from ..run.step import increments
 from ..schemes import Scheme, as_scheme
 from .expectation import bias
 from .expectation.problem import OPTIONS, Problem, make_problem
@@ -39,7 +38,6 @@ from .expectation.tally import Tally
 
 MOST_LEVELS = 31
 _STRIDE = 2**41  #: path indices of a level; there are 2^47
-_NUMBERS = 2**20  #: of the increments that are held at a time
 
 
 def halvings(fine: int, coarse: int) -> int:
@@ -205,10 +203,7 @@ class LevelSampler:
 
     def _part(self, level: int) -> int:
         """Paths that are computed at a time."""
-        if not self.antithetic:
-            return self.problem.chunk
-        row = self.steps(level) * max(1, self.problem.model.nnoise)
-        return max(8, min(self.problem.chunk, _NUMBERS // row))
+        return self.problem.chunk_of(self.steps(level)) if self.antithetic else self.problem.chunk
 
     def _pair(self, level: int, first: int, count: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """f fine, f coarse, and which paths are ok in both."""
@@ -219,21 +214,18 @@ class LevelSampler:
             return fine, np.zeros_like(fine), ok
         fine, coarse, ok = values_of(problem, self.scheme, steps, paths)
         if self.antithetic:
-            paths["increments"] = self._swapped(steps, **paths)
+            paths["increments"] = self._swapped(steps, paths)
             swapped, also = problem.values(problem.run(self.scheme, steps, **paths))
             fine, ok = (fine + swapped) / 2, ok & also
         return fine, coarse, ok
 
-    def _swapped(self, steps: int, **paths: int) -> np.ndarray:
+    def _swapped(self, steps: int, paths: dict[str, int]) -> np.ndarray:
         """The fine increments, the two of each coarse step exchanged: the same coarse path, areas of the other sign.
 
         Giles and Szpruch 2014, Ann. Appl. Probab. 24: the mean of both fine paths is nearer to the coarse one where
         noises do not commute.
         """
-        problem = self.problem
-        truncation = problem.options.get("truncation")
-        step = problem.horizon / steps
-        dw = increments(problem.model, step=step, steps=steps, seed=problem.seed, truncation=truncation, **paths)
+        dw = self.problem.increments(self.scheme, steps, paths["first_path"], paths["paths"])
         return dw.reshape(steps // 2, 2, *dw.shape[1:])[:, ::-1].reshape(dw.shape)
 
 

@@ -9,6 +9,8 @@ at twice this step.
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 
 from .. import diagnose
@@ -71,7 +73,7 @@ def _judge(plan: Plan, run, reference: np.ndarray, own_error: float) -> dict:
     if ok.sum() < 2 * BATCHES:
         return row
     row |= strong_error(square[ok], reference[:, :, ok])
-    row |= weak_errors(plan.model, found[:, :, ok], reference[:, :, ok], _times(plan)[-1])
+    row |= weak_errors(plan.model, found[:, :, ok], reference[:, :, ok], times_of(plan)[-1])
     row["drift"] = drift(plan, found[:, :, ok], ok)
     return row
 
@@ -106,7 +108,7 @@ def weak_errors(model: Model, found: np.ndarray, reference: np.ndarray, t: float
 def drift(plan: Plan, found: np.ndarray, ok: np.ndarray) -> float | None:
     """Largest over invariants of the rms change over the paths, relative where they are not 0; None without any."""
     functions = dict(plan.invariants)
-    if not functions and conserves_energy(plan.model, _times(plan)):
+    if not functions and conserves_energy(plan.model, times_of(plan)):
         functions["H"] = plan.model.value
     changes = []
     for function in functions.values():
@@ -123,9 +125,9 @@ def start(state, ndof: int, ok: np.ndarray) -> np.ndarray:
     return np.ascontiguousarray(np.broadcast_to(array, (ndof, ok.size))[:, ok])
 
 
-def _times(plan: Plan) -> list[float]:
-    """Where a Hamiltonian is looked at: the times of a study at its beginning, between, and at its end."""
-    return [plan.options.get("t0", 0.0) + part * plan.horizon for part in (0.0, 0.3, 0.7, 1.0)]
+def times_of(asked: Any) -> list[float]:
+    """Where a Hamiltonian is looked at: the times of a study or a problem at its beginning, between, and at its end."""
+    return [asked.options.get("t0", 0.0) + part * asked.horizon for part in (0.0, 0.3, 0.7, 1.0)]
 
 
 def conserves_energy(model: Model, times: list[float]) -> bool:

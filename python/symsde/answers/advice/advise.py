@@ -9,11 +9,12 @@ from typing import Any
 
 import numpy as np
 
-from ...errors import InvalidArgumentError, MissingOperationError, NumericalError, SymsdeError
+from ...errors import InvalidArgumentError, MissingOperationError, NumericalError
 from ...model.commutator import commutator
 from ...model.definition import Model
 from ...native import checks
-from ...schemes import Scheme, as_scheme
+from ...schemes import Scheme
+from ..expectation.candidates import fitting
 from ..expectation.longest_step import frequency
 from ..expectation.problem import OPTIONS, Problem, make_problem
 from ..linear_stability import stable_up_to
@@ -120,8 +121,7 @@ def _fewest_steps(problem: Problem, scheme: Scheme, fastest: float) -> int:
 
 def candidates(problem: Problem) -> list[Scheme]:
     """Symplectic schemes that the traits of a model let in, each set up once."""
-    names = scheme_names(problem.model, problem.options.get("t0", 0.0))
-    return [scheme for scheme in map(as_scheme, names) if _fits(problem, scheme)]
+    return fitting(problem, scheme_names(problem.model, problem.options.get("t0", 0.0)))
 
 
 def scheme_names(model: Model, t0: float = 0.0) -> list[str]:
@@ -146,14 +146,6 @@ def scheme_names(model: Model, t0: float = 0.0) -> list[str]:
     elif not traits.kicked:
         names.append("gauss2_strong32")
     return names
-
-
-def _fits(problem: Problem, scheme: Scheme) -> bool:
-    try:
-        problem.try_out(scheme)
-    except SymsdeError:
-        return False
-    return True
 
 
 def _nothing(q: np.ndarray, p: np.ndarray) -> np.ndarray:

@@ -12,7 +12,7 @@ import numpy as np
 from ...errors import InvalidArgumentError
 from ...run.simulate import Run
 from ..coupled import end, rms, runs_of, squares
-from ..coupled_errors import conserves_energy, depends_on_time
+from ..coupled_errors import conserves_energy, depends_on_time, times_of
 from ..expectation.problem import Problem
 
 _MOST_SAVED = 2**20  #: numbers that are saved to look at invariants: every step, unless there are more
@@ -92,8 +92,7 @@ class Invariants:
     def __init__(self, problem: Problem):
         """See whether there is an H to keep, and whether the noises keep it."""
         self.problem = problem
-        begin = float(problem.options.get("t0", 0.0))
-        times = [begin + part * problem.horizon for part in (0.0, 0.3, 0.7, 1.0)]
+        times = times_of(problem)
         if depends_on_time(problem.model, times):
             raise InvalidArgumentError("want = 'invariants': H depends on time here, nothing is to be kept")
         if problem.model.value(problem.q0, problem.p0)[0] == 0:

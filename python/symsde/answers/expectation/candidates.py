@@ -3,6 +3,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+
 from ...errors import SymsdeError
 from ...model.commutator import commutator
 from ...model.definition import Model, Traits
@@ -11,8 +13,13 @@ from .problem import Problem
 
 
 def suitable(problem: Problem) -> list[Scheme]:
-    """Schemes worth trying; each was set up once for this problem."""
-    return [scheme for scheme in map(as_scheme, _names(problem.model.traits)) if _fits(problem, scheme)]
+    """Schemes worth trying."""
+    return fitting(problem, _names(problem.model.traits))
+
+
+def fitting(problem: Problem, names: Iterable[str]) -> list[Scheme]:
+    """Those of these schemes that the library takes for this model and these options; each was set up once."""
+    return [scheme for scheme in map(as_scheme, names) if _fits(problem, scheme)]
 
 
 def best_coupled(problem: Problem) -> Scheme:

@@ -62,7 +62,7 @@ class Control(Estimator):
     @property
     def part(self) -> int:
         """Units that are computed at a time."""
-        return self._part_with_increments
+        return self.problem.chunk_of(self.steps)
 
     def _units(self, first: int, count: int) -> tuple[np.ndarray, np.ndarray]:
         values, ok = self._values(first, count)
@@ -77,7 +77,7 @@ class Control(Estimator):
 
     def _controls(self, first: int, count: int) -> np.ndarray:
         """(control, path), each of mean zero and of size one."""
-        dw = self._increments(first, count)
+        dw = self.problem.increments(self.scheme, self.steps, first, count)
         z = self._response @ dw.reshape(-1, count)
         c = self._covariance
         rows = [z[i] / np.sqrt(c[i, i]) for i in range(len(z))]

@@ -8,13 +8,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ...run.step import increments
 from ...schemes import Scheme
 from ..coupled import values_of
 from .problem import Problem
 from .tally import Tally
-
-_NUMBERS = 2**20  #: of the increments that are held at a time
 
 
 @dataclass(frozen=True)
@@ -93,20 +90,6 @@ class Estimator:
         """Values of units, and which of them are ok."""
         raise NotImplementedError
 
-    def _increments(self, first: int, count: int) -> np.ndarray:
-        """dW (step, noise, path) of these paths."""
-        problem = self.problem
-        truncation = problem.options.get("truncation")
-        return increments(
-            problem.model, step=self.step, steps=self.steps, paths=count, first_path=first, seed=problem.seed,
-            truncation=truncation, scheme=self.scheme,
-        )  # fmt: skip
-
-    @property
-    def _part_with_increments(self) -> int:
-        row = self.steps * max(1, self.problem.model.nnoise)
-        return max(8, min(self.problem.chunk, _NUMBERS // row))
-
 
 class Plain(Estimator):
     """The mean over independent paths."""
@@ -146,10 +129,10 @@ class Antithetic(Estimator):
     @property
     def part(self) -> int:
         """Units that are computed at a time."""
-        return self._part_with_increments
+        return self.problem.chunk_of(self.steps)
 
     def _units(self, first: int, count: int) -> tuple[np.ndarray, np.ndarray]:
-        dw = self._increments(first, count)
+        dw = self.problem.increments(self.scheme, self.steps, first, count)
         one, ok = self._driven(dw)
         np.negative(dw, out=dw)
         other, also = self._driven(dw)

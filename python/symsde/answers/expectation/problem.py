@@ -19,6 +19,7 @@ from ...run.moments import try_out
 from ...run.report import Report
 from ...run.setup import Lent
 from ...run.simulate import Run, simulate
+from ...run.step import increments
 from ...schemes import Scheme
 from .target import Function, Target, require_numbers
 
@@ -26,6 +27,7 @@ OPTIONS = ("t0", "correction", "truncation", "areas", "area_time", "compensated"
 _GONE = 1e100  #: states beyond this have left, whatever f makes of them
 _WORTH = 3e-3  #: seconds of a call, below which threads that wait for each other cost more than they give
 _NUMBERS = 2**17  #: of the saved states of one call of `simulate`: what a cache holds
+_DRAWN = 2**20  #: numbers of the increments that are held at a time
 
 
 @dataclass(frozen=True)
@@ -45,6 +47,17 @@ class Problem:
     def chunk(self) -> int:
         """Paths of one call."""
         return max(256, _NUMBERS // (4 * self.model.ndof) // 256 * 256)
+
+    def chunk_of(self, steps: int) -> int:
+        """The same of paths whose increments are held."""
+        return max(8, min(self.chunk, _DRAWN // (steps * max(1, self.model.nnoise))))
+
+    def increments(self, scheme: Scheme, steps: int, first: int, count: int) -> np.ndarray:
+        """dW (step, noise, path) that drive so many paths from the first on."""
+        return increments(
+            self.model, step=self.horizon / steps, steps=steps, paths=count, first_path=first, seed=self.seed,
+            truncation=self.options.get("truncation"), scheme=scheme,
+        )  # fmt: skip
 
     def run(self, scheme: str | Scheme, steps: int, **more: Any) -> Run:
         """Paths to the horizon, of which the last state is kept."""

@@ -81,7 +81,7 @@ class Quasi(Estimator):
     @property
     def _at_a_time(self) -> int:
         """Paths, whole blocks of the sequence."""
-        most = max(8, self._part_with_increments // self._columns)
+        most = max(8, self.problem.chunk_of(self.steps) // self._columns)
         return 1 << (most.bit_length() - 1)
 
     def _units(self, first: int, count: int) -> tuple[np.ndarray, np.ndarray]:
