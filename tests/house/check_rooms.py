@@ -9,8 +9,9 @@ A room is a folder below an area (src/step/midpoint); a file that stands directl
 Arrows between rooms make no circle. An area that has rooms holds at most five files beside them. A module whose
 header says "Private to its family." is used in its room alone.
 
-The rooms of the Python package are its folders: arrows between them, whether imported at once or when needed, make no
-circle, and no two of its files have the same name.
+The rooms of the Python package are its folders: arrows between them, whether imported at once, when needed or by name,
+make no circle, and no two of its files have the same name. What objects are shown and drawn by may be imported by name
+from anywhere.
 """
 
 import ast
@@ -23,6 +24,7 @@ from pathlib import Path
 
 MOST_BESIDE = 5
 PRIVATE = re.compile(r"^!> Private to its family\.$", re.M)
+BY_NAME = re.compile(r'import_module\("symsde\.(\w+)\.(?!html"|plot")[\w.]+"\)')
 BEGIN, END = "<!-- rooms: written by tests/house/check_rooms.py -->\n", "<!-- end of rooms -->\n"
 
 
@@ -67,7 +69,8 @@ def packages(root):
         parts = file.relative_to(top).parts
         names[file.stem] += not file.stem.startswith("__")
         if len(parts) > 1:
-            used_here = {path[0] for path in imported(file.read_text(encoding="utf-8"), parts[:-1])}
+            text = file.read_text(encoding="utf-8")
+            used_here = {path[0] for path in imported(text, parts[:-1])} | set(BY_NAME.findall(text))
             graph[parts[0]] |= {name for name in used_here if (top / name).is_dir()} - {parts[0]}
     return graph, names
 
@@ -165,9 +168,11 @@ def self_test():
     }
     python = {"run/x.py": "from ..model.y import z\n", "model/y.py": ""}
     circle = {**python, "model/y.py": "def f():\n    from .. import run\n"}
+    named = {**python, "model/y.py": 'import_module("symsde.run.html"), import_module("symsde.run.x")\n'}
     twice = {**python, "run/y.py": ""}
     cases = {wanted: (files, python) for wanted, files in cases.items()}
     cases |= {"packages in a circle": (sound, circle), "2 files of the name y": (sound, twice)}
+    cases |= {"model -> run": (sound, named)}
     for wanted, (files, modules) in cases.items():
         with tempfile.TemporaryDirectory() as folder:
             planted(Path(folder), files, modules)
