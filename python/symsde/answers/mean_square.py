@@ -1,5 +1,14 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Mean-square stability of a scheme on linear stochastic equations: how second moments grow in one step."""
+"""Mean-square stability of a scheme on linear stochastic equations: how second moments grow in one step.
+
+A step is z -> M z with M random. Of S = E z z^T, written as a vector, a step and the equations themselves make
+
+    vec S -> (E M x M) vec S,    vec S -> exp(G) vec S
+    G = h (A x 1 + 1 x A) + |h| sum_k (B_k x B_k + C_k x 1 + 1 x C_k)
+
+with x Kronecker's product, A = J H'', B_k = J H_k'' and C_k = B_k^2/2 of Stratonovich's equations. Growth is the
+spectral radius of either matrix.
+"""
 
 from __future__ import annotations
 

@@ -1,6 +1,10 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """How long a step may be: the fastest frequency of the Hessian along the way that a path takes without noise.
 
+    omega = max_t max |eigenvalues of J H''(z(t))|,    steps >= T omega/SHARPEST
+
+where z' = J H'(z), and small changes follow z' = J H'' z.
+
 With `paths`, along the ways of so many paths with noise, too: these may come to where the motion is faster.
 """
 
