@@ -9,7 +9,7 @@ import pytest
 import symsde as ss
 from clock import WorkClock
 from symsde.answers.expectation import pilot, problem
-from symsde.answers.expectation.carry_out import Work
+from symsde.answers.expectation.carry_out import Execution
 from symsde.answers.expectation.problem import make_problem
 from symsde.answers.expectation.watch import Watch
 from symsde.run.simulate import Run
@@ -66,8 +66,8 @@ def test_the_plan_is_said_before_the_work(monkeypatch, plans, capsys):
     def stop(_work):
         raise RuntimeError("at work")
 
-    monkeypatch.setattr(Work, "_one_step", stop)
-    monkeypatch.setattr(Work, "_multilevel", stop)
+    monkeypatch.setattr(Execution, "_one_step", stop)
+    monkeypatch.setattr(Execution, "_multilevel", stop)
     asked = {"abs": 0.02, "method": "plain"}
     with pytest.raises(RuntimeError, match="at work"):
         ss.expect(ss.models.kubo(), "q", **PLACE, **asked)
