@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Write docs/models.md, schemes.md and which-scheme.md from the library and docs/figures.
+"""Write docs/models.md, schemes.md and which-scheme.md from the library and docs/figures, and a notebook from a page.
 
     .venv/bin/python docs/generate.py
 
@@ -11,6 +11,7 @@ import sys
 from pathlib import Path
 
 import measured_module
+import notebook
 import which_scheme
 from symsde.reports import tables
 
@@ -29,6 +30,7 @@ def main() -> int:
         return 1
     for name, page in PAGES.items():
         Path(__file__).with_name(name).write_text(page(), encoding="utf-8")
+    notebook.TARGET.write_text(notebook.notebook(), encoding="utf-8")
     return 0
 
 

@@ -1,5 +1,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Execute a notebook, whose cells check what they say: run_notebook.py FILE.ipynb; 77 without nbclient."""
+"""Execute a notebook, whose cells check what they say: run_notebook.py FILE.ipynb FIGURES TABLES; 77 without nbclient.
+
+FIGURES and TABLES: how many pictures and representations in HTML it shows at least.
+"""
 
 import importlib.util
 import os
@@ -24,7 +27,8 @@ def main():
     nbclient.NotebookClient(notebook, timeout=None, kernel_name="python3").execute()
     kinds = [kind for cell in notebook.cells for found in cell.get("outputs", []) for kind in found.get("data", {})]
     print({kind: kinds.count(kind) for kind in sorted(set(kinds))})
-    return 0 if kinds.count("image/png") >= 4 and kinds.count("text/html") >= 4 else 1
+    figures, tables = map(int, sys.argv[2:])
+    return 0 if kinds.count("image/png") >= figures and kinds.count("text/html") >= tables else 1
 
 
 if __name__ == "__main__":

@@ -2,7 +2,8 @@
 """Every code block of every page runs, in the order of the page; a block in a language that is not known here fails.
 
 Python blocks of a page share their names. A block of text is what a block before it, or a program that the page shows,
-prints. Scenes are checked, those that are parts of one with the rest of BASE. Of a block for the shell, the lines that
+prints. Scenes are checked, and stay under the name in their first line; those that are parts of one get the rest of
+BASE. Of a block for the shell, the lines that
 call symsde are run; the others must begin with a word of ELSEWHERE.
 """
 
@@ -28,12 +29,14 @@ WORDS = {
     "first-ten-minutes": ("(501, 1, 100)", "midpiont", "save_every"),
     "formulas": ("formula(omega=2, sigma=0.4) 0.0", "separable=True", "True", "'x': False"),
     "own-model": ("True True True", "E q = -0.758176 +- 0.006346 at t = 10", "order"),
+    "project": ("stays within 5e-07", "0.856 +- 0.030", "0.811", "0.05: 0.4195", "share of 0.420 +- 0.003"),
     "python": ("(11, 1, 100)", "10.0 20.0", "weights sum to 1.1", "increments", "midpoint", "order"),
     "reproducibility": ("version",),
     "results": ("E q =", "outcome"),
     "which-scheme": ("us a path", "others:"),
 }
-NEEDS = {"own-model": "sympy", "formulas": "sympy", "README": "sympy", "expect": "scipy"}
+NEEDS = dict.fromkeys(("README", "formulas", "own-model", "scenes"), ("sympy",))
+NEEDS |= {"expect": ("scipy",), "project": ("sympy", "matplotlib")}
 #: The folder in which a page is read: this scene, one part of its run, and functions of one's own.
 BASE = """\
 [model]
@@ -111,8 +114,9 @@ class Page:
     def do_toml(self, body, _argument):
         given = tomllib.loads(body)
         rest = [table for table in BASE.split("\n[") if table.strip("[").partition("]")[0] not in given]
-        Path("block.toml").write_text(body + "".join(f"\n[{table.removeprefix('[')}" for table in rest))
-        self.command(["check", "block.toml", "--allow-python"])
+        name = re.match(r"# (\w+\.toml)\n", body) or ("", "block.toml")
+        Path(name[1]).write_text(body + "".join(f"\n[{table.removeprefix('[')}" for table in rest))
+        self.command(["check", name[1], "--allow-python"])
 
     def do_sh(self, body, _argument):
         for line in body.splitlines():
@@ -158,8 +162,8 @@ def expanded(word):
 @pytest.mark.parametrize("path", PAGES, ids=lambda path: path.stem)
 def test_blocks_of_a_page(path, folder):
     page = Page(path)
-    if page.name in NEEDS and FENCE.search(page.text):
-        pytest.importorskip(NEEDS[page.name])
+    for package in NEEDS.get(page.name, ()):
+        pytest.importorskip(package)
     kinds = page.read()
     assert kinds or page.name not in {*WORDS, *NEEDS}
     rest = "".join(page.printed)

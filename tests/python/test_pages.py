@@ -14,10 +14,13 @@ ROOT = Path(__file__).parents[2]
 sys.path[:0] = [str(ROOT / "docs"), str(ROOT / "docs" / "site")]
 import c_reference  # noqa: E402
 import fortran_reference  # noqa: E402
+import notebook  # noqa: E402
 import plain  # noqa: E402
 import python_reference  # noqa: E402
 import which_scheme  # noqa: E402
 from symsde.answers.advice import advise  # noqa: E402
+from symsde.batch import scene  # noqa: E402
+from symsde.model.formulas import formula_scenes  # noqa: E402
 from symsde.reports import typeset  # noqa: E402
 
 
@@ -44,6 +47,17 @@ def test_the_table_names_the_cheapest_points(data):
             continue
         seconds, scheme, h = min(good)
         assert f"[{scheme}, h = {h:.3g}, {1e6 * seconds:.3g} us]" in cell
+
+
+def test_the_notebook_of_the_project_is_current():
+    assert notebook.TARGET.read_text(encoding="utf-8") == notebook.notebook(), "docs/generate.py writes it again"
+
+
+def test_the_page_of_scenes_explains_every_key():
+    page = (ROOT / "docs" / "scenes.md").read_text(encoding="utf-8")
+    words = set(re.findall(r"`(\w+)", page))
+    for keys in (scene.RUN_KEYS, scene.OUTPUT_KEYS, scene.STUDY_KEYS, scene.EXPECT_KEYS, formula_scenes.KEYS):
+        assert set(keys) - words <= {"q", "p", "t"}, set(keys) - words
 
 
 def test_every_scheme_has_a_use():
