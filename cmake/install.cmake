@@ -3,8 +3,12 @@
 include(CMakePackageConfigHelpers)
 
 if(SKBUILD)
-   # A wheel holds the library only, beside the Python files that load it.
-   install(TARGETS symsde LIBRARY DESTINATION symsde)
+   # A package for Python holds the library only, beside or below the files that load it.
+   set(_folder symsde)
+   if(SYMSDE_LEVEL)
+      set(_folder symsde/glibc-hwcaps/${SYMSDE_LEVEL})
+   endif()
+   install(TARGETS symsde LIBRARY DESTINATION ${_folder})
    return()
 endif()
 

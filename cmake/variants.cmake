@@ -13,6 +13,7 @@ endif()
 set(_beside ${CMAKE_INSTALL_LIBDIR})
 if(SKBUILD)
    set(_beside symsde)
+   target_compile_options(symsde PRIVATE -march=x86-64-v2)  # what NumPy's wheels need, too
 endif()
 get_target_property(_sources symsde SOURCES)
 foreach(_level x86-64-v3 x86-64-v4)

@@ -1,7 +1,9 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """check_wheel.py ROOT WORK: build the wheel, unpack it elsewhere, and run the variants of the library that it contains.
 
-Every variant that this processor can run computes the same bits, and holds the vector registers of its level.
+Every variant that this processor can run computes the same bits, and holds the vector registers of its level. What pip
+makes without being asked for variants holds one library, that of this processor, with the same bits; README runs with
+it.
 
 check_wheel.py --self-test: lists of files with licences that are missing, or libraries that are not known, are refused,
 and so are variants with other bits or narrower registers.
@@ -60,19 +62,12 @@ def main():
     if importlib.util.find_spec("scikit_build_core") is None:
         print("skipped: scikit-build-core is not installed; ./bootstrap test installs it in .venv")
         return 77
-    shutil.rmtree(work / "site", ignore_errors=True)  # the build directory stays: nothing is compiled twice
-    for old in work.glob("*.whl"):
-        old.unlink()
-    pip = [sys.executable, "-m", "pip", "wheel", "--no-deps", "--no-build-isolation", "--no-index", "-q"]
-    subprocess.run([*pip, f"--config-settings=build-dir={work}/build", "-w", work, root], check=True)
-    (wheel,) = work.glob("*.whl")
+    wheel = build(root, work / "all", "cmake.define.SYMSDE_VARIANTS=ON")
     if "-py3-none-" not in wheel.name:
         print(f"{wheel.name} is bound to one version of Python")
         return 1
-    with zipfile.ZipFile(wheel) as archive:
-        archive.extractall(work / "site")
     version = re.search("library_version = '(.*)'", (root / "src/base/version.f90").read_text())[1]
-    environment = {**os.environ, "PYTHONPATH": str(work / "site")}
+    environment = {**os.environ, "PYTHONPATH": str(work / "all/site")}
     del environment["SYMSDE_LIBRARY"]  # it must find its own
     first = run_trial(environment, work)
     print(*first, sep="\n")
@@ -85,8 +80,31 @@ def main():
         code = subprocess.run(["objdump", "-d", found[1]], check=True, capture_output=True, text=True).stdout
         faults += variant_faults(level, found[2] == first[2], code)
     faults += repaired_faults(wheel, work)
+    build(root, work / "one")
+    libraries = [str(path.relative_to(work / "one/site")) for path in (work / "one/site").rglob("libsymsde.so")]
+    single = run_trial({**environment, "PYTHONPATH": str(work / "one/site")}, work)
+    if single[1:3] != [str(work / "one/site" / libraries[0]), first[2]] or len(libraries) > 1:
+        faults.append(f"by default pip makes {libraries} and says {single}, where the wheel says {first}")
+    if single[1].removeprefix(str(work / "one")) != first[1].removeprefix(str(work / "all")):
+        faults.append(f"by default pip makes {libraries}, where the wheel takes {first[1]}")
+    readme = [sys.executable, Path(__file__).with_name("check_readme.py"), root, work / "readme", work / "one/site"]
+    faults += ["README does not run with what pip makes"] * (subprocess.run(readme, check=False).returncode != 0)
     print(*faults or ["every variant as it should be"], sep="\n")
     return len(faults)
+
+
+def build(root: Path, work: Path, *settings: str) -> Path:
+    """The wheel that pip makes with these settings, unpacked in work/site; what is compiled stays for another time."""
+    shutil.rmtree(work / "site", ignore_errors=True)
+    for old in work.glob("*.whl"):
+        old.unlink()
+    pip = [sys.executable, "-m", "pip", "wheel", "--no-deps", "--no-build-isolation", "--no-index", "-q"]
+    options = [f"--config-settings={setting}" for setting in (f"build-dir={work}/build", *settings)]
+    subprocess.run([*pip, *options, "-w", work, root], check=True)
+    (wheel,) = work.glob("*.whl")
+    with zipfile.ZipFile(wheel) as archive:
+        archive.extractall(work / "site")
+    return wheel
 
 
 def variant_faults(level: str, same: bool, code: str) -> list[str]:

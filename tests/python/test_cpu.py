@@ -112,6 +112,25 @@ def test_a_command_says_in_one_line_what_is_wrong_with_the_library(case, tmp_pat
     assert done.returncode == 1 and done.stderr.startswith("Traceback") and sentence in done.stderr
 
 
+def test_a_package_for_another_processor_says_so(tmp_path):
+    """Its one library lies in the folder of its level, which no lower processor looks into."""
+    if not cpu.levels():
+        pytest.skip("processors have no levels here")
+    package = tmp_path / "symsde"
+    shutil.copytree(Path(cpu.__file__).parents[1], package)
+    (package / "glibc-hwcaps" / "x86-64-v9").mkdir(parents=True)
+    environment = {key: value for key, value in os.environ.items() if key not in ("SYMSDE_LIBRARY", "SYMSDE_CPU")}
+    done = subprocess.run(
+        [sys.executable, "-c", "import symsde"],
+        env={**environment, "PYTHONPATH": str(tmp_path)},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 1
+    assert f"for x86-64-v9 alone, and wanted here is at most {cpu.levels()[0]}: install it" in done.stderr
+
+
 def test_a_variant_that_is_not_there_is_an_error():
     """Never another one in its place: the tree's own build has no variants."""
     environment = {key: value for key, value in os.environ.items() if key != "SYMSDE_LIBRARY"}

@@ -80,6 +80,11 @@ def folders(package: Path) -> list[Path]:
     return [package if level == BASELINE else package / "glibc-hwcaps" / f"x86-64-{level}" for level in chosen]
 
 
+def alone(package: Path) -> list[str]:
+    """The levels that a package was compiled for where they are not all: by default pip compiles for one processor."""
+    return [] if not levels() else sorted(folder.name for folder in (package / "glibc-hwcaps").glob("x86-64-v*"))
+
+
 def _flags_here() -> set[str]:
     described = Path("/proc/cpuinfo")
     return flags(described.read_text(encoding="utf-8", errors="replace")) if described.exists() else set()

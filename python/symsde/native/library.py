@@ -42,6 +42,12 @@ def load() -> ctypes.CDLL:
             f"SYMSDE_LIBRARY = {chosen!r} is not a file: give the path of libsymsde.so (./bootstrap build makes one), "
             "or unset it"
         )
+    if path is None and (levels := cpu.alone(package())):
+        raise LibraryNotFoundError(
+            f"this package was compiled for {', '.join(levels)} alone, and wanted here is at most "
+            f"{os.environ.get('SYMSDE_CPU') or cpu.levels()[0]}: install it again on this machine, or for every level "
+            "by pip install . -C cmake.define.SYMSDE_VARIANTS=ON"
+        )
     if path is None:
         places = ", ".join(str(path) for path in candidates())
         raise LibraryNotFoundError(
