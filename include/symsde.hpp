@@ -4,8 +4,8 @@
  *
  * - Handles free themselves. They are moved, not copied. What is not wrapped here is called with handle.get().
  * - Functions of a model, observables and progress are lambdas with captures, or anything else that can be called. The
- *   functions of a model are called from several threads at once unless options.threads = 1. If one throws, the run ends
- *   and the exception arrives at the caller.
+ *   functions of a model are called from several threads at once unless options.threads = 1. If one throws, the run
+ *   ends and the exception arrives at the caller.
  * - What the library refuses is thrown as symsde::error, with its sentence and code. If paths fail or progress stops a
  *   run, nothing is thrown: status() says so, and the compiler warns if you ignore it.
  * - Structs are those of symsde.h, already filled with their defaults. Results own their arrays and hand out spans.

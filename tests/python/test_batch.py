@@ -326,7 +326,7 @@ def test_a_signal_ends_the_run_cleanly(number, tmp_path):
     done = subprocess.run(given, capture_output=True, text=True, check=False)
     shown = done.stderr
     assert done.returncode == command_line.STOPPED
-    assert f"stopped by {number.name}; " in shown and "go on with `symsde run " in shown and "Traceback" not in shown
+    assert f"stopped by {number.name}; " in shown and "resume with `symsde run " in shown and "Traceback" not in shown
     assert not (out / "moments.csv").exists()
     assert all(path.suffix == ".npz" for path in (out / "shards").iterdir())
     again = shown.partition("`symsde run ")[2].partition("`")[0].split()

@@ -154,9 +154,7 @@ def test_a_scene_that_is_not_that_of_its_shards(place, capsys):
     path.write_text(SCENE.replace("step = 0.1", "step = 0.2"))
     assert merge(place) == command_line.BAD_INPUT
     assert "part1 holds another run: run.step = 0.1 there, 0.2 here" in capsys.readouterr().err
-    with pytest.raises(
-        ss.errors.SceneError, match=r"not the scene that the shards are of: run.step = 0.1 there, 0.2 in"
-    ):
+    with pytest.raises(ss.errors.SceneError, match=r"not the scene of the shards: run.step = 0.1 there, 0.2 in"):
         ss.open_run(place / "part1")
     path.unlink()
     assert merge(place) == command_line.BAD_INPUT

@@ -103,4 +103,4 @@ def test_one_interval_that_is_too_wide_is_enough(asked, tmp_path, capsys):
     out = str(tmp_path / "out")
     assert main(["expect", scene, "--quiet", "--out", out, "--allow-python"]) == 4
     assert [str(arguments["out"]) for _, arguments in calls] == [f"{out}/mean-1", f"{out}/mean-2"]
-    assert f"go on with `symsde expect {scene} --out {out} --allow-python`" in capsys.readouterr().err
+    assert f"resume with `symsde expect {scene} --out {out} --allow-python`" in capsys.readouterr().err

@@ -234,7 +234,7 @@ def test_the_command_says_how_to_go_on(tmp_path, capsys):
     arguments = ["expect", str(scene), "--out", str(out), "--quiet", "--abs", "0.004"]
     assert main([*arguments, "--max-time", "1e-9"]) == 4
     said = capsys.readouterr().err
-    assert "go on with" in said and f"--out {out} --abs 0.004" in said
+    assert "resume with" in said and f"--out {out} --abs 0.004" in said
     assert main(arguments) == 0
     assert (out / "mean-1" / "answer.json").exists() and (out / "mean-2" / "answer.json").exists()
     values = [json.loads((out / f"mean-{i}" / "answer.json").read_text())["value"] for i in (1, 2)]

@@ -114,7 +114,7 @@ def test_an_error_that_no_work_tells_is_in_the_interval(problem, monkeypatch):
     answer = ss.expect(problem.model, "q**2", **given)
     assert not answer.reached and answer.half_width > 0.5
     assert answer.interval[0] <= exact_square(LONG) <= answer.interval[1]
-    assert "the error that the step leaves is known to" in str(answer)
+    assert "the bias of the step is known only to" in str(answer)
 
 
 def test_without_noise_an_interval_is_as_wide_as_its_bias():

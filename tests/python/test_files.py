@@ -101,7 +101,7 @@ def test_a_file_of_paths_holds_the_run(run, ending, tmp_path):
 
 
 def test_numbers_as_json():
-    """Seven digits, or all that there are; what is no finite number is null."""
+    """Seven digits, or all that there are; what is not a finite number is null."""
     data = {"x": np.array([1 / 3, math.inf]), 2: (True, np.int64(12345678), None)}
     assert json_text(data) == '{"x": [0.3333333, null], "2": [true, 12345678, null]}\n'
     assert json_text(data, digits=None).startswith('{"x": [0.3333333333333333, null]')

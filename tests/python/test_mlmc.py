@@ -264,7 +264,7 @@ def test_progress_function_may_stop():
         ({"abs": -1.0}, ss.errors.InvalidArgumentError, "above 0"),
         ({"abs": 1e-18}, ss.errors.InvalidArgumentError, "double precision"),
         ({"abs": None, "rel": 1e-2, "f": "p", "q0": 0.0}, ss.errors.InvalidArgumentError, "give abs"),
-        ({"scheme": "gauss2_weak2"}, ss.errors.InvalidArgumentError, "law of its own"),
+        ({"scheme": "gauss2_weak2"}, ss.errors.InvalidArgumentError, "follow no Brownian path"),
         ({"scheme": "gauss_dkdkd", "antithetic": True}, ss.errors.InvalidArgumentError, "increments alone"),
         ({"horizon": 0.0}, ss.errors.InvalidArgumentError, "above 0"),
         ({"levels": 1}, ss.errors.InvalidArgumentError, "levels"),

@@ -186,7 +186,7 @@ def test_files_that_cannot_be_loaded(file, module, tmp_path, capsys):
     (tmp_path / "json.py").write_text(OWN)
     file.write_text(SCENE.replace("MODULE", "json"))
     assert command_line.main(["check", str(file), "--allow-python"]) == command_line.BAD_INPUT
-    assert f"{tmp_path / 'json.py'} is not what json is here already" in capsys.readouterr().err
+    assert f"{tmp_path / 'json.py'} differs from the json that is here already" in capsys.readouterr().err
 
 
 def test_a_function_that_fails_on_the_way(file, module, tmp_path, capsys):

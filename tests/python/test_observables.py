@@ -213,7 +213,7 @@ BAD = {
     "q1 +": "written as a formula",
     "": "written as a formula",
     "q[1]": "index in brackets",
-    "1/0": "no finite real number",
+    "1/0": "not a finite real number",
     "sqrt(-1)": "real",
     "I*q1": "holds I, which is not given: there are q_1",
     "q1 > 0": "comparison",
@@ -253,8 +253,8 @@ def test_what_is_no_number_is_said():
         found = ss.moments(pendulum, observables=wanted, observers={"hist": watched["hist"]}, **run)
     told = [str(w.message) for w in warned]
     assert len(told) == 2 and told == found.doubts()
-    assert told[0].startswith("log is no finite number for some paths at 3 of 3 saved times, first at t = 0:")
-    assert "late is no finite number for some paths at 1 of 3 saved times, first at t = 0.2" in told[1]
+    assert told[0].startswith("log is not a finite number for some paths at 3 of 3 saved times, first at t = 0:")
+    assert "late is not a finite number for some paths at 1 of 3 saved times, first at t = 0.2" in told[1]
     assert np.isnan(found.mean["log"]).all() and np.isfinite(found.mean["fine"]).all()
     np.testing.assert_array_equal(found.observed["hist"].not_a_number, 1)
     with pytest.warns(ss.NotANumberWarning, match="log|late"):
@@ -361,7 +361,7 @@ def test_scenes_say_what_is_no_number(tmp_path, capsys):
     text = (tmp_path / "scene.toml").read_text().partition("[[observe]]")[0]
     file = write(tmp_path / "scene.toml", text)
     assert command_line.main(["run", file, "--out", str(tmp_path / "out"), "--quiet"]) == command_line.PATHS_FAILED
-    assert "symsde: r^2 is no finite number for some paths at 4 of 4 saved times" in capsys.readouterr().err
+    assert "symsde: r^2 is not a finite number for some paths at 4 of 4 saved times" in capsys.readouterr().err
 
 
 HOSTILE = {

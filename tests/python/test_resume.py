@@ -157,7 +157,7 @@ def test_a_helper_of_another_scene_is_not_taken(tmp_path, monkeypatch):
     try:
         assert scene.load(tmp_path / "one" / "scene.toml").model.parameters["sigma"] == 0.1
         with pytest.raises(
-            SceneError, match=r"two/common_helper.py is not what common_helper is here already \(.*one/"
+            SceneError, match=r"two/common_helper.py differs from the common_helper that is here already \(.*one/"
         ):
             scene.load(tmp_path / "two" / "scene.toml")
     finally:
@@ -179,8 +179,10 @@ def test_folders_of_before(tmp_path, monkeypatch, capsys):
     assert found.missing == [] and found.moments.report.failed == 0
     assert command_line.main(words) == command_line.BAD_INPUT
     told = capsys.readouterr().err
-    assert f"{out} was begun by a version of symsde that did not note what a run is computed with" in told
-    assert "read it by symsde.open_run, or go on with that version; for this one give another folder with --out" in told
+    assert f"{out} was begun by a version of symsde that did not record how a run is computed" in told
+    assert (
+        "read it by symsde.open_run, or continue with that version; for this one give another folder with --out" in told
+    )
     (out / "manifest.json").write_text(text.replace('"format": 1', '"format": 3'))
     with pytest.raises(SceneError, match="has format 3, this symsde knows 2: use the version that made it"):
         ss.open_run(out)

@@ -322,7 +322,7 @@ def test_failed_paths(output, file, tmp_path, capsys):
     if "moments = false" in output:
         assert not more
     else:  # of a path that is about to fail
-        assert [line[:47] for line in more] == ["symsde: energy is no finite number for some pat"]
+        assert [line[:47] for line in more] == ["symsde: energy is not a finite number for some "]
         last = (tmp_path / "out" / "moments.csv").read_text().splitlines()[-1]
         assert last.split(",")[1] == "1"
 
@@ -359,7 +359,7 @@ def stopped_by(number, command, folder):
 def test_a_stopped_run_keeps_its_checkpoint(number, file, tmp_path):
     path = file(*LONG, ("moments = true", "moments = false"), ("[0, 1, 7]", "[0, 1]"))
     code, shown = stopped_by(number, ["run", str(path), "--out", "out"], tmp_path)
-    assert code == command_line.STOPPED and f"stopped by {number.name}; 0 of 1 shards are in out: go on with" in shown
+    assert code == command_line.STOPPED and f"stopped by {number.name}; 0 of 1 shards are in out: resume with" in shown
     assert "Traceback" not in shown
     assert results(tmp_path / "out") == [] and os.listdir(tmp_path / "out" / "shards") == ["paths-000001.checkpoint"]
 

@@ -117,7 +117,7 @@ BAD = [
     ({"reference_steps": 96, "reference": "gauss2"}, "not finer"),
     ({"reference": "exact", "model": "pendulum"}, "no exact"),
     ({"schemes": ["P1N2Q4Gau"]}, "P1N2Q4Gau with 8 steps"),
-    ({"schemes": ["gauss2_weak2"]}, "law of its own"),
+    ({"schemes": ["gauss2_weak2"]}, "follow no Brownian path"),
     ({"schemes": ["midpoint", "midpoint"]}, "twice"),
     ({"schemes": []}, "not a list"),
     ({"schemes": ["midpiont"]}, "midpoint"),

@@ -48,8 +48,8 @@ def test_why_a_plan_was_taken_and_which_were_not(pilot):
     answer = Execution(pilot, [taken, other]).answer()
     assert (answer.method, answer.scheme, answer.step) == ("plain", name, 2.0 / trial.steps(1))
     assert answer.alternatives == (Alternative("extrapolated", name, far, 2.0),) and far < answer.step
-    assert answer.why == f"reckoned at 0.5 s, 4 times less than the next (extrapolated by {name}, h = {far:.4g})"
-    assert Execution(pilot, [taken]).answer().why == "plain: reckoned at 0.5 s, nothing else to compare"
+    assert answer.why == f"estimated at 0.5 s, 4 times less than the next (extrapolated by {name}, h = {far:.4g})"
+    assert Execution(pilot, [taken]).answer().why == "plain: estimated at 0.5 s, nothing else to compare"
 
 
 def test_paths_of_levels_are_all_that_were_computed(pilot):
@@ -74,10 +74,12 @@ def test_what_was_reached_and_what_an_interval_is(pilot):
 
     assert finished(0.0208, 0.01, 0.01).reached and finished(0.0208, 0.01, 0.01).notes == ()
     wide, biased = finished(0.0212, 0.01, 0.001), finished(0.0212, 0.01, 0.01)
-    assert not wide.reached and wide.notes == ("paths were too few: the half width is 0.0212, asked was 0.02",)
-    assert not biased.reached and biased.notes[0].startswith("the error that the step leaves is known to 0.01 alone")
+    assert not wide.reached and wide.notes == ("paths were too few: the half width is 0.0212, not 0.02, as asked",)
+    assert not biased.reached and biased.notes[0].startswith("the bias of the step is known only to 0.01")
     work.watch = Watch(1e-9, False)
-    assert finished(0.03, 0.01, 0.01).notes == ("max_time = 1e-09 s was over: the half width is 0.03, asked was 0.02",)
+    assert finished(0.03, 0.01, 0.01).notes == (
+        "max_time = 1e-09 s was over: the half width is 0.03, not 0.02, as asked",
+    )
     (bound,) = finished(0.02, 0.0019, 0.01).notes
     assert bound.startswith("the method leaves no noise beside the bias of the step (0.002 of 0.01): the interval is a")
     assert finished(0.02, 0.0021, 0.01).notes == ()

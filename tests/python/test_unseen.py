@@ -71,7 +71,7 @@ def test_a_bias_is_blamed_where_the_noise_is_as_wanted(kubo):
     plan = Plan("plain", SimpleNamespace(scheme=as_scheme("midpoint"), steps=lambda _: 4), 0, 1.0)
     pilot = {"tolerance": make_tolerance(1.0, None), "watch": Watch(None, False), "seconds": 0.0}
     work = Execution(SimpleNamespace(problem=make_problem(kubo, "q", **PLACE), **pilot), [plan])
-    for noise, bias, why in ((0.9, 0.6, "the error that the step leaves"), (1.1, 0.3, "paths were too few")):
+    for noise, bias, why in ((0.9, 0.6, "the bias of the step is known only to"), (1.1, 0.3, "paths were too few")):
         found = _Outcome(0.0, math.hypot(noise, bias), noise / 1.96, bias / 1.96, 100, [])
         assert work._finished(found).notes[0].startswith(why)
 

@@ -147,8 +147,8 @@ class LevelSampler:
         self._first, self._used = first, {}
         if self.scheme.info.law != "Gaussian":
             raise InvalidArgumentError(
-                f"scheme {self.scheme.name} draws increments of a law of its own and follows no Brownian path, so that "
-                "its steps cannot be coupled: give another scheme, such as midpoint"
+                f"scheme {self.scheme.name} draws two- or three-point increments, which follow no Brownian path, so "
+                "that its steps cannot be coupled: give another scheme, such as midpoint"
             )
         if antithetic and driven_by_more(self.scheme):
             raise InvalidArgumentError(

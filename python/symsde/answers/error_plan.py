@@ -246,8 +246,8 @@ def _schemes(schemes: Sequence[str | Scheme]) -> list[Scheme]:
             raise InvalidArgumentError(f"schemes: {scheme.name} is there twice: give each scheme once")
         if scheme.info.law != "Gaussian":
             raise InvalidArgumentError(
-                f"scheme {scheme.name} draws increments of a law of its own and follows no Brownian path, so it has no "
-                "strong error: leave it out of the study"
+                f"scheme {scheme.name} draws two- or three-point increments, which follow no Brownian path, so it has "
+                "no strong error: leave it out of the study"
             )
     return chosen
 

@@ -93,13 +93,13 @@ def mean_square(model: Model, scheme: str | Scheme = "midpoint", *, step: float,
 
 def _refuse(model: Model, scheme: Scheme) -> None:
     if not model.traits.quadratic:
-        raise IncompatibleError(f"model {model.name} is not quadratic: linear equations alone have such a matrix")
+        raise IncompatibleError(f"model {model.name} is not quadratic: only linear equations have such a matrix")
     if model.traits.additive or model.nnoise == 0:
         return
     info = scheme.info
     if info.uses_magnus or (info.uses_areas and model.nnoise > 1 and not model.traits.position_noise):
         raise IncompatibleError(
-            f"scheme {scheme.name} takes J or areas of the path, over which this does not average: give midpoint"
+            f"scheme {scheme.name} takes J or areas of the path, which cannot be averaged here: give midpoint"
         )
     if model.nnoise > MOST_NOISES:
         raise IncompatibleError(f"model {model.name} has {model.nnoise} noises: {MOST_NOISES} are allowed")

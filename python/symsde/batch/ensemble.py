@@ -122,7 +122,7 @@ def ensemble(
         if bar:
             bar.close()
     if not memory.paths:
-        raise SymsdeError("the ensemble was stopped before any of its shards was done: nothing is known of it")
+        raise SymsdeError("the ensemble was stopped before any of its shards was done: there are no moments")
     found = _found(work, 0 if done else setup.paths - memory.paths, begin)
     if found.report.failed:
         checks.warn(

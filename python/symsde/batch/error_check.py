@@ -101,7 +101,7 @@ def _timed(task: Task, options: dict, tell: Tell) -> tuple[Run, float]:
 
 def compare(full: Run, half: Run, seconds: tuple[float, float], own: Rows | None = None) -> ErrorCheck:
     """Differences of two runs of the same paths, saved at the same times; own: gives names and values of observables.
-    What is no finite number for a path that counts has no mean, as in the run."""
+    What is not a finite number for a path that counts has no mean, as in the run."""
     ndof = full.q.shape[1]
     with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
         names, values = _values(full, own)

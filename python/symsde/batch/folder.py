@@ -188,7 +188,7 @@ def _require_no_results(target: Path) -> None:
     for name in ("moments.csv", "run.nc", "run.npz", "shards"):
         if (target / name).exists():
             raise SceneError(
-                f"{target} holds {name} but no {manifest.NAME}, so that it is not known of which run: give another "
+                f"{target} holds {name} but no {manifest.NAME}, so it is unclear of which run: give another "
                 "folder with --out, or remove that one"
             )
 

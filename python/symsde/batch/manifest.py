@@ -143,9 +143,9 @@ def _flat(manifest: dict[str, Any], before: str = "") -> Iterator[tuple[str, Any
 def require_run(there: dict[str, Any], folder: Path) -> None:
     """Refuse the folder of an expectation, where that of a run is meant."""
     if "expect" in there["inputs"]:
-        how = f"`symsde expect SCENE.toml --out {folder}` goes on in it, its answer is answer.json"
+        how = f"`symsde expect SCENE.toml --out {folder}` resumes it; its answer is answer.json"
         if "mlmc" in there["inputs"]:
-            how = "the call of `symsde.mlmc` that made it goes on in it"
+            how = "the call of `symsde.mlmc` that made it resumes it"
         raise SceneError(f"{folder} holds an expectation: {how}; give a folder that `symsde run` has written")
 
 
@@ -153,8 +153,8 @@ def require_same(there: dict[str, Any], here: dict[str, Any], folder: Path) -> N
     """Refuse another run by name."""
     if there["format"] != FORMAT:
         raise SceneError(
-            f"{folder} was begun by a version of symsde that did not note what a run is computed with, so that its "
-            "shards may not fit to new ones: read it by symsde.open_run, or go on with that version; for this one give "
+            f"{folder} was begun by a version of symsde that did not record how a run is computed, so its "
+            "shards may not fit new ones: read it by symsde.open_run, or continue with that version; for this one give "
             "another folder with --out"
         )
     if found := differences(there, here):
@@ -170,6 +170,6 @@ def require_scene(there: dict[str, Any], scene: Scene, folder: Path) -> None:
     for key, value in _flat(there["inputs"]):
         if here.get(key) != value:
             raise SceneError(
-                f"{folder}/scene.toml is not the scene that the shards are of: {key} = {_shown(value)} there, "
+                f"{folder}/scene.toml is not the scene of the shards: {key} = {_shown(value)} there, "
                 f"{_shown(here.get(key))} in the file: put back what was changed"
             )

@@ -62,7 +62,8 @@ def _imported(folder: Path, module: str) -> Any:
         there = getattr(here, "__file__", None)
         if there is None or Path(there).read_bytes() != path.read_bytes():
             raise InvalidArgumentError(
-                f"{path} is not what {name} is here already ({there or 'a part of Python'}): give it another name"
+                f"{path} differs from the {name} that is here already ({there or 'a part of Python'}): give it another "
+                "name"
             )
     return found
 

@@ -32,8 +32,8 @@ from .output import patient_output
 OK, INTERNAL, BAD_INPUT, PATHS_FAILED, STOPPED, NOT_WRITTEN = 0, 1, 2, 3, 4, 5
 _WITH_SCENES = ("run", "merge", "plot", "check", "study", "expect")
 _EPILOG = (
-    "exit codes: 0 ok, 1 internal error, 2 bad input, 3 some paths failed or a value was no finite number, 4 stopped, "
-    "5 a file or folder failed"
+    "exit codes: 0 ok, 1 internal error, 2 bad input, 3 some paths failed or a value was not a finite number, "
+    "4 stopped, 5 a file or folder failed"
 )
 
 
@@ -91,7 +91,7 @@ def _parser() -> argparse.ArgumentParser:
             sub.add_argument("--allow-python", action="store_true", help="let scenes name Python functions")
         return sub
 
-    run = add("run", batch.run, "Run a scene in a folder of shards, or go on with it; moments.csv and run.nc.")
+    run = add("run", batch.run, "Run a scene in a folder of shards, or resume it; moments.csv and run.nc.")
     batch.arguments(run)
     merge_command.arguments(add("merge", merge_command.run, merge_command.HELP))
     plot.arguments(add("plot", plot.run, plot.HELP))

@@ -27,7 +27,7 @@ def arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--abs", metavar="X", type=float, help="half width of the 95 %% interval")
     parser.add_argument("--rel", metavar="X", type=float, help="the same, over the value")
     parser.add_argument("--max-time", metavar="S", type=float, help="seconds, after which the interval is given as is")
-    parser.add_argument("--out", metavar="DIR", help="folder that keeps the work: the same command goes on in it")
+    parser.add_argument("--out", metavar="DIR", help="folder that keeps the work: the same command resumes it")
     parser.add_argument("--quiet", action="store_true", help="value and interval alone, no progress")
 
 
@@ -65,7 +65,7 @@ def _say_how_to_go_on(options: argparse.Namespace) -> None:
                 again += [f"--{name}", repr(value)]
         if options.allow_python:
             again.append("--allow-python")
-        print(f"symsde: what was drawn is in {options.out}: go on with `{shlex.join(again)}`", file=sys.stderr)
+        print(f"symsde: what was drawn is in {options.out}: resume with `{shlex.join(again)}`", file=sys.stderr)
 
 
 def _show(f: str, answer: Answer, quiet: bool) -> None:

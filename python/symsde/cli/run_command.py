@@ -183,7 +183,7 @@ def _stopped(stop: Stop, options: argparse.Namespace, folder: RunFolder, missing
     again += [f"--{name}" for name in ("allow-python", "error-check") if getattr(options, name.replace("-", "_"))]
     print(
         f"symsde: stopped by {stop.reason}; {done} of {len(folder.pieces)} shards are in {folder.path}: "
-        f"go on with `{shlex.join(again)}`",
+        f"resume with `{shlex.join(again)}`",
         file=sys.stderr,
     )
     if partial:

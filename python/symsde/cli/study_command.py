@@ -60,7 +60,7 @@ def _one(scenes, file: Path, directory: Path, given: dict, quiet: bool):
     try:
         study = scenes.study(file, out=directory, **given)
     except KeyboardInterrupt:
-        print(f"\nfinished points are kept in {directory}: the same command goes on from there", file=sys.stderr)
+        print(f"\nfinished points are kept in {directory}: the same command resumes from there", file=sys.stderr)
         raise
     if not quiet:
         print(f"{study}\n{study.words()}")

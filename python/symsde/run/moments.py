@@ -180,7 +180,7 @@ class Moments(MomentTables, Reported):
         return [f"{name}: {text}" for name, result in self.observed.items() for text in result.remarks()]
 
     def doubts(self) -> list[str]:
-        """Sentences about values that were no finite number for some path that counts: means do not leave these out."""
+        """Sentences about values that were not finite for some path that counts: means do not leave these out."""
         found, finite = [], np.isfinite(self._tables["mean"])
         if finite.all():
             return found
@@ -188,7 +188,7 @@ class Moments(MomentTables, Reported):
         for value in np.unique(values):
             bad = times[values == value]
             found.append(
-                f"{self.columns()[value]} is no finite number for some paths at {bad.size} of {len(self.t)} saved "
+                f"{self.columns()[value]} is not a finite number for some paths at {bad.size} of {len(self.t)} saved "
                 f"times, first at t = {self.t[bad[0]]:g}: neither are its means there"
             )
         return found

@@ -71,11 +71,11 @@ class Execution:
         self._begin = self.watch.seconds
         left = max(self.watch.max_time - self.watch.elapsed, 0.0)
         if self.plan.seconds > min(left, _LONG):
-            what = "give a larger tolerance, or max_time, after which the interval is given as it is then"
+            what = "give a larger tolerance, or max_time, after which the interval reached so far is returned"
             if self.plan.seconds > left:
                 what = f"{left:.3g} s of max_time are left, and the interval may be wider"
             checks.warn(
-                f"the interval that was asked for ({self.tolerance}) is reckoned to take {self.plan.seconds:.3g} s of "
+                f"the interval that was asked for ({self.tolerance}) is estimated to take {self.plan.seconds:.3g} s of "
                 f"the processor: {what}",
                 BudgetWarning,
             )
@@ -252,22 +252,22 @@ class Execution:
         horizon = self.pilot.problem.horizon
         wanted = self.tolerance.half_width(found.value)
         reached, unknown = self.tolerance.is_reached(found.half, found.value), NORMAL * found.bias > wanted
-        if not reached and not any("asked was" in note for note in found.notes):
+        if not reached and not any(", as asked" in note for note in found.notes):
             over = self.watch.why if self.watch.over else "paths were too few"
             enough = not self.watch.over and NORMAL * found.error <= wanted < NORMAL * math.hypot(
                 found.error, found.bias
             )
             if unknown or enough:
                 over = (
-                    f"the error that the step leaves is known to {found.bias:.2g} alone: halving it changes the ends "
+                    f"the bias of the step is known only to {found.bias:.2g}: halving the step changes the ends "
                     "of paths too much, or too few paths show that; give a larger tolerance, a shorter horizon or "
                     "another scheme"
                 )
-            found.notes.append(f"{over}: the half width is {found.half:.3g}, asked was {wanted:.3g}")
+            found.notes.append(f"{over}: the half width is {found.half:.3g}, not {wanted:.3g}, as asked")
         if found.error < _SILENT * found.bias and not unknown and self.pilot.problem.model.nnoise:
             found.notes.append(
                 f"the method leaves no noise beside the bias of the step ({found.error:.1g} of {found.bias:.1g}): the "
-                "interval is a bound, which holds whatever the seed, not with 95 %"
+                "interval is a bound that holds for every seed, not with 95 %"
             )
         others = (Alternative(x.method, x.scheme.name, horizon / x.steps, x.seconds) for x in self.others)
         return Answer(
@@ -289,7 +289,7 @@ class Execution:
 
     def _why(self) -> str:
         plan = self.plan
-        reckoned = f"reckoned at {plan.seconds:.2g} s"
+        reckoned = f"estimated at {plan.seconds:.2g} s"
         if not self.others:
             return f"{plan.method}: {reckoned}, nothing else to compare"
         other = self.others[0]

@@ -290,7 +290,7 @@ class Estimate(Levels):
         notes += _doubts(levels)
         if not reached and self.watch.over:
             notes.append(
-                f"{self.watch.why}: the half width is {half:.3g}, asked was {self.tolerance.half_width(value):.3g}"
+                f"{self.watch.why}: the half width is {half:.3g}, not {self.tolerance.half_width(value):.3g}, as asked"
             )
         return Multilevel(
             value=value,

@@ -71,7 +71,9 @@ class Pilot:
         """Try the first scheme that works; refuse what no work could answer."""
         self.problem, self.tolerance, self.watch, self.method = problem, tolerance, watch, method
         if not schemes:
-            raise InvalidArgumentError("no scheme that is tried by itself fits these options: give scheme")
+            raise InvalidArgumentError(
+                "none of the schemes that are tried automatically fits these options: give a scheme"
+            )
         self._coarsest, self._untried = fewest_steps(problem), list(schemes)
         self.seconds = 0.0  #: of the processor, until there is a choice
         self.trials: list[Trial] = []

@@ -61,7 +61,9 @@ class Tolerance:
 def make_tolerance(absolute: object, relative: object) -> Tolerance:
     """From the arguments abs and rel, one of which is given."""
     if (absolute is None) == (relative is None):
-        raise WrongTypeError("give one of abs and rel: the half width of the 95 % interval, or that over the value")
+        raise WrongTypeError(
+            "give one of abs and rel: the half width of the 95 % interval, or this half width over the value"
+        )
     name, value = ("abs", absolute) if relative is None else ("rel", relative)
     number = checks.finite(name, value)
     if not 0 < number <= _LARGEST:

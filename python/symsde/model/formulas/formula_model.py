@@ -92,7 +92,7 @@ class FormulaModel(Model):
         _, (given,) = self._remade
         chosen = {self._parameter(key): value for key, value in values.items()}
         if len(chosen) < len(values):
-            raise InvalidArgumentError(f"of {', '.join(values)} some are one name: give each value once")
+            raise InvalidArgumentError(f"of {', '.join(values)} some are the same name: give each value once")
         return _made({**given, "params": {**self.parameters, **chosen}})
 
     def _parameter(self, name: str) -> str:

@@ -211,7 +211,9 @@ def constant(e: Any) -> float:
     except (TypeError, ValueError, RuntimeError, OverflowError, ZeroDivisionError):
         value = float("nan")
     if not math.isfinite(value):
-        raise InvalidArgumentError(f"the constant {e!s:.40} in a formula is no finite real number: formulas are real")
+        raise InvalidArgumentError(
+            f"the constant {e!s:.40} in a formula is not a finite real number: formulas are real"
+        )
     return value
 
 

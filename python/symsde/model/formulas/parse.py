@@ -195,7 +195,7 @@ class Reader:
         except (TypeError, ValueError, OverflowError):
             value = math.nan
         if not math.isfinite(value):
-            raise FormulaTextError("it holds a constant that is no finite real number")
+            raise FormulaTextError("it holds a constant that is not a finite real number")
         return value
 
     def _power(self, base: Any, exponent: Any) -> Any:
@@ -213,7 +213,7 @@ class Reader:
         except (OverflowError, ZeroDivisionError):
             value = math.nan
         if isinstance(value, complex) or not math.isfinite(value):
-            raise FormulaTextError("it holds a power or quotient of constants that is no finite real number")
+            raise FormulaTextError("it holds a power or quotient of constants that is not a finite real number")
         return self._small(base**exponent) if exponent.is_Integer and base.is_Rational else self._float(value)
 
     def _called(self, node: ast.Call, depth: int) -> Any:
@@ -232,7 +232,7 @@ class Reader:
         try:
             return self._float(getattr(math, name)(self._real(argument)))
         except (ValueError, OverflowError):
-            raise FormulaTextError(f"it holds {name} of a constant, which is no finite real number") from None
+            raise FormulaTextError(f"it holds {name} of a constant, which is not a finite real number") from None
 
 
 def folded(name: Any) -> str:
