@@ -205,3 +205,14 @@ def test_what_is_wrong_with_a_page_is_found(folder):
         with pytest.raises((AssertionError, pytest.fail.Exception)) as caught:
             Page(folder / "page.md").read()
         assert says in f"{caught.type.__name__} {caught.value}", block
+
+
+def test_files_for_slurm_set_up_what_they_need():
+    """Each has an environment, and as many threads as Slurm gives; the merge waits for the array."""
+    text = (ROOT / "docs/cluster.md").read_text(encoding="utf-8")
+    files = [body for kind, _, body in FENCE.findall(text) if "#SBATCH --array" in body]
+    assert len(files) == 2
+    for body in files:
+        assert '. "$HOME/venv/bin/activate"' in body and "#SBATCH --cpus-per-task=" in body
+        assert "export SYMSDE_NUM_THREADS=$SLURM_CPUS_PER_TASK\n" in body
+    assert "array=$(sbatch --parsable parts.sbatch)" in text and '--dependency="afterany:$array" merge.sbatch' in text
