@@ -11,12 +11,14 @@ import pickle
 import socket
 import subprocess
 import sys
+from multiprocessing.reduction import ForkingPickler
 
 import numpy as np
 import pytest
 import symsde as ss
 from conftest import rotation_gradient, rotation_value, table_of, told
 from symsde.cli import command_line
+from symsde.errors import WrongTypeError
 from symsde.native.files import json_text
 
 START = np.full((2, 300), 0.1)
@@ -276,6 +278,23 @@ def test_a_model_of_the_user_can_be_pickled():
 
 def free(t, w, q, p):
     return 4.0 * w[0] * q, w[0] * p
+
+
+def test_pickles_of_lambdas_are_refused_with_a_sentence():
+    """Of a model, and of what it gave; picklers that write code themselves, as cloudpickle, take them."""
+    own = ss.Model(ndof=1, nnoise=0, gradient=lambda t, w, q, p: (w[0] * q, w[0] * p), separable=True)
+    found = ss.simulate(own, q0=1.0, p0=0.0, step=0.1, steps=2)
+    for thing in (own, found, ss.moments(own, q0=1.0, p0=0.0, step=0.1, steps=2)):
+        for dumps in (pickle.dumps, pickle._dumps, ForkingPickler.dumps):
+            with pytest.raises(
+                WrongTypeError, match=r"holds the function .*<lambda>, which pickle cannot find by name"
+            ):
+                dumps(thing)
+        assert copy.copy(thing) is not None and copy.deepcopy(thing) is not None
+    cloudpickle = pytest.importorskip("numba.cloudpickle")
+    again = pickle.loads(cloudpickle.dumps(found))
+    np.testing.assert_array_equal(again.q, found.q)
+    assert again.model.traits == own.traits
 
 
 def test_compiled_functions_cannot_be_pickled():

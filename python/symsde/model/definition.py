@@ -18,6 +18,7 @@ from ..errors import IncompatibleError, InvalidArgumentError, SymsdeError, Wrong
 from ..native import abi, checks, handles
 from ..native import callbacks as _callbacks
 from ..native.signals import held
+from .named import require_names
 
 #: traits that are true or false; a property of the Hamiltonians each
 FLAGS = ("separable", "additive", "position_noise", "quadratic", "identity_mass", "constant_mass")
@@ -215,6 +216,8 @@ class Model:
                 f"model {self.name!r} holds compiled functions, whose addresses mean nothing in another process: "
                 "make the model where it is used"
             )
+        if isinstance(given := self._remade[1][0], dict):
+            require_names(self.name, given.values())
         return self._remade
 
     def __copy__(self) -> Model:
