@@ -11,7 +11,7 @@ module symsde_model_catalogue_henon_heiles
    use symsde_base_status, only: error_type
    use symsde_base_text, only: name_length
    use symsde_base_traits, only: model_traits
-   use symsde_model_flows_henon_heiles, only: henon_heiles_flow, henon_heiles_has_flow
+   use symsde_model_flows_henon_heiles, only: henon_heiles_terms, henon_heiles_flow, henon_heiles_has_flow
    use symsde_model_parameters, only: require_finite, is_zero
    use symsde_model_separable, only: separable_model
    implicit none
@@ -263,7 +263,8 @@ contains
       integer(i8), intent(inout) :: status(steps%nlane)
       type(counters_type), intent(inout) :: counters
 
-      call henon_heiles_flow(scheme, self%alpha, self%sigma1, self%sigma2, steps, q, p, qn, pn, counters)
+      call henon_heiles_flow(scheme, henon_heiles_terms(self%alpha, self%sigma1, self%sigma2), steps, q, p, qn, pn, &
+                             counters)
    end subroutine flow
 
 end module symsde_model_catalogue_henon_heiles

@@ -14,10 +14,14 @@ module symsde_model_flows_henon_heiles
    use symsde_base_record, only: steps_record
    implicit none
    private
-   public :: henon_heiles_flow, henon_heiles_has_flow
+   public :: henon_heiles_terms, henon_heiles_flow, henon_heiles_has_flow
 
    integer, parameter :: tile = 64  !! lanes that go through all of their steps together
    integer, parameter :: group = 4  !! steps in registers
+
+   type :: henon_heiles_terms
+      real(wp) :: alpha = 0, sigma1 = 0, sigma2 = 0
+   end type henon_heiles_terms
 
    !> Two kicks, of which some schemes leave out one: its part is zero.
    type :: kick_plan
@@ -27,7 +31,9 @@ module symsde_model_flows_henon_heiles
       real(wp) :: shape(2) = 0    !! gamma_i/b_i
       real(wp) :: linear = 1      !! factor of the linear force
       logical :: rotates = .false.  !! drifts have that
-      ! for steps of one length
+      ! for steps of one length, of one system
+      real(wp) :: h = 0
+      type(henon_heiles_terms) :: of
       real(wp) :: tau(3) = 0      !! drifts
       real(wp) :: cosine_less_one(3) = 0, sine(3) = 0
    end type kick_plan
@@ -72,9 +78,9 @@ contains
    end subroutine find_plan
 
    !> The contract of model_type%flow.
-   subroutine henon_heiles_flow(scheme, alpha, sigma1, sigma2, steps, q, p, qn, pn, counters)
+   subroutine henon_heiles_flow(scheme, terms, steps, q, p, qn, pn, counters)
       character(*), intent(in) :: scheme
-      real(wp), intent(in) :: alpha, sigma1, sigma2
+      type(henon_heiles_terms), intent(in) :: terms
       type(steps_record), intent(in) :: steps
       real(wp), intent(in) :: q(steps%nlane, 2), p(steps%nlane, 2)
       real(wp), intent(out) :: qn(steps%nlane, 2, steps%nstep/steps%every), pn(steps%nlane, 2, steps%nstep/steps%every)
@@ -84,6 +90,8 @@ contains
       integer :: first
 
       call find_plan(scheme, plan)
+      plan%h = steps%h
+      plan%of = terms
       plan%tau = plan%drift*steps%h
       plan%cosine_less_one = -2*sin(0.5_wp*plan%tau)**2
       plan%sine = sin(plan%tau)
@@ -91,34 +99,32 @@ contains
       dz => w  ! without weight, or of noises that are all silent
       if (any(abs(plan%shape) > 0) .and. associated(steps%of(path_dz)%x)) dz => steps%of(path_dz)%x
       if (steps%nreal == 1) then
-         call pass_alone(steps%nlane, steps%nstep, steps%every, steps%h, plan, alpha, sigma1, sigma2, w, dz, q, p, &
-                         qn, pn)
+         call pass_alone(plan, steps, w, dz, q, p, qn, pn)
       else
          do first = 1, steps%nlane, tile
-            call pass(steps%nlane, first, min(tile, steps%nlane - first + 1), steps%nstep, steps%every, steps%h, plan, &
-                      alpha, sigma1, sigma2, w, dz, q, p, qn, pn)
+            call pass(plan, steps, first, w, dz, q, p, qn, pn)
          end do
       end if
       counters%gradients = counters%gradients + (plan%nvelocity + count(plan%part > 0))*steps%nstep*steps%nreal
    end subroutine henon_heiles_flow
 
    !> Steps of lane 1 alone: each waits for the one before it.
-   pure subroutine pass_alone(nlane, nstep, every, h, plan, alpha, sigma1, sigma2, w, dz, q, p, qn, pn)
-      integer, intent(in) :: nlane, nstep, every
+   pure subroutine pass_alone(plan, steps, w, dz, q, p, qn, pn)
       type(kick_plan), intent(in) :: plan
-      real(wp), intent(in) :: h, alpha, sigma1, sigma2, w(nlane, 0:2, nstep), dz(nlane, 2, nstep)
-      real(wp), intent(in) :: q(nlane, 2), p(nlane, 2)
-      real(wp), intent(inout) :: qn(nlane, 2, nstep/every), pn(nlane, 2, nstep/every)
+      type(steps_record), intent(in) :: steps
+      real(wp), intent(in) :: w(steps%nlane, 0:2, steps%nstep), dz(steps%nlane, 2, steps%nstep)
+      real(wp), intent(in) :: q(steps%nlane, 2), p(steps%nlane, 2)
+      real(wp), intent(inout), dimension(steps%nlane, 2, steps%nstep/steps%every) :: qn, pn
       real(wp) :: x1, x2, y1, y2, u1, u2, rate
       integer :: i, step, out
 
-      rate = 1/h
+      rate = 1/plan%h
       x1 = q(1, 1)
       x2 = q(1, 2)
       y1 = p(1, 1)
       y2 = p(1, 2)
-      do out = 1, nstep/every
-         do step = (out - 1)*every + 1, out*every
+      do out = 1, steps%nstep/steps%every
+         do step = (out - 1)*steps%every + 1, out*steps%every
             !GCC$ unroll 3
             do i = 1, 3
                if (plan%rotates) then
@@ -132,7 +138,7 @@ contains
                if (.not. plan%part(i) > 0) cycle
                u1 = weight(plan%shape(i), rate, w(1, 1, step), dz(1, 1, step))
                u2 = weight(plan%shape(i), rate, w(1, 2, step), dz(1, 2, step))
-               call kick(plan%part(i), plan%linear, h, alpha, sigma1, sigma2, u1, u2, x1, x2, y1, y2)
+               call kick(plan, plan%part(i), u1, u2, x1, x2, y1, y2)
             end do
          end do
          qn(1, 1, out) = x1
@@ -142,44 +148,40 @@ contains
       end do
    end subroutine pass_alone
 
-   !> All steps of n lanes from `first` on.
-   pure subroutine pass(nlane, first, n, nstep, every, h, plan, alpha, sigma1, sigma2, w, dz, q, p, qn, pn)
-      integer, intent(in) :: nlane, first, n, nstep, every
+   !> All steps of a tile of lanes from `first` on.
+   pure subroutine pass(plan, steps, first, w, dz, q, p, qn, pn)
       type(kick_plan), intent(in) :: plan
-      real(wp), intent(in) :: h, alpha, sigma1, sigma2, w(nlane, 0:2, nstep), dz(nlane, 2, nstep)
-      real(wp), intent(in) :: q(nlane, 2), p(nlane, 2)
-      real(wp), intent(inout) :: qn(nlane, 2, nstep/every), pn(nlane, 2, nstep/every)
-      real(wp), dimension(tile) :: x1, x2, y1, y2
-      integer :: i, step, out, several
+      type(steps_record), intent(in) :: steps
+      integer, intent(in) :: first
+      real(wp), intent(in) :: w(steps%nlane, 0:2, steps%nstep), dz(steps%nlane, 2, steps%nstep)
+      real(wp), intent(in) :: q(steps%nlane, 2), p(steps%nlane, 2)
+      real(wp), intent(inout), dimension(steps%nlane, 2, steps%nstep/steps%every) :: qn, pn
+      real(wp), dimension(tile, 2) :: x, y
+      integer :: i, n, step, out, several
       logical :: plain  ! two kicks by dW, and a drift between them
 
       plain = all(plan%part > 0) .and. .not. (any(plan%drift([1, 3]) > 0) .or. any(abs(plan%shape) > 0))
-      associate (last => first + n - 1)
-         x1(:n) = q(first:last, 1)
-         x2(:n) = q(first:last, 2)
-         y1(:n) = p(first:last, 1)
-         y2(:n) = p(first:last, 2)
-         do out = 1, nstep/every
+      n = min(tile, steps%nlane - first + 1)
+      associate (last => first + n - 1, every => steps%every)
+         x(:n, :) = q(first:last, :)
+         y(:n, :) = p(first:last, :)
+         do out = 1, steps%nstep/every
             step = (out - 1)*every
             do while (plain .and. step < out*every)
                several = merge(group, 1, out*every - step >= group)
-               call swing(several, plan, nlane, first - 1, n, h, alpha, sigma1, sigma2, w(1, 0, step + 1), x1, x2, &
-                          y1, y2)
+               call swing(several, plan, first - 1, n, w(:, :, step + 1:step + several), x, y)
                step = step + several
             end do
             do step = step + 1, out*every
                do i = 1, 3
-                  if (plan%drift(i) > 0) call drift_lanes(i, plan, n, x1, x2, y1, y2)
+                  if (plan%drift(i) > 0) call drift_lanes(i, plan, n, x, y)
                   if (i == 3) cycle
                   if (plan%part(i) > 0) &
-                     call kick_lanes(i, plan, n, h, alpha, sigma1, sigma2, w(first, 1, step), w(first, 2, step), &
-                                     dz(first, 1, step), dz(first, 2, step), x1, x2, y1, y2)
+                     call kick_lanes(i, plan, steps%nlane, n, w(first, 1, step), dz(first, 1, step), x, y)
                end do
             end do
-            qn(first:last, 1, out) = x1(:n)
-            qn(first:last, 2, out) = x2(:n)
-            pn(first:last, 1, out) = y1(:n)
-            pn(first:last, 2, out) = y2(:n)
+            qn(first:last, :, out) = x(:n, :)
+            pn(first:last, :, out) = y(:n, :)
          end do
       end associate
    end subroutine pass
@@ -187,71 +189,64 @@ contains
    ! ---- kernels ----------------------------------------------------------------------------------
 
    !> VEC Kicks and a drift between them of n lanes: one step, or a group that goes on in registers.
-   pure subroutine swing(nstep, plan, nlane, before_first, n, h, alpha, sigma1, sigma2, w, x1, x2, y1, y2)
-      integer, intent(in) :: nstep, nlane, before_first, n  !! lanes before these
+   pure subroutine swing(nstep, plan, before_first, n, w, x, y)
+      integer, intent(in) :: nstep, before_first, n    !! lanes before these
       type(kick_plan), intent(in) :: plan
-      real(wp), intent(in) :: h, alpha, sigma1, sigma2
-      real(wp), intent(in) :: w(nlane, 0:2, nstep)
-      real(wp), intent(inout), dimension(n) :: x1, x2, y1, y2
-      real(wp) :: before, after, tau
+      real(wp), intent(in), contiguous :: w(:, 0:, :)  !! (nlane, 0:2, nstep)
+      real(wp), intent(inout), dimension(tile, 2) :: x, y
       integer :: lane, step
 
-      before = plan%part(1)
-      after = plan%part(2)
-      tau = plan%tau(2)
       if (nstep == group) then
          do lane = 1, n
             !GCC$ unroll 4
             do step = 1, group
-               call kick_drift_kick(before, tau, after, h, alpha, sigma1, sigma2, w(before_first + lane, 1, step), &
-                                    w(before_first + lane, 2, step), x1(lane), x2(lane), y1(lane), y2(lane))
+               call kick_drift_kick(plan, w(before_first + lane, 1, step), w(before_first + lane, 2, step), &
+                                    x(lane, 1), x(lane, 2), y(lane, 1), y(lane, 2))
             end do
          end do
       else
          do lane = 1, n
-            call kick_drift_kick(before, tau, after, h, alpha, sigma1, sigma2, w(before_first + lane, 1, 1), &
-                                 w(before_first + lane, 2, 1), x1(lane), x2(lane), y1(lane), y2(lane))
+            call kick_drift_kick(plan, w(before_first + lane, 1, 1), w(before_first + lane, 2, 1), x(lane, 1), &
+                                 x(lane, 2), y(lane, 1), y(lane, 2))
          end do
       end if
    end subroutine swing
 
    !> VEC The i-th drift of n lanes.
-   pure subroutine drift_lanes(i, plan, n, x1, x2, y1, y2)
+   pure subroutine drift_lanes(i, plan, n, x, y)
       integer, intent(in) :: i, n
       type(kick_plan), intent(in) :: plan
-      real(wp), intent(inout), dimension(n) :: x1, x2, y1, y2
-      integer :: lane
+      real(wp), intent(inout), dimension(tile, 2) :: x, y
+      integer :: lane, k
 
-      if (plan%rotates) then
-         do lane = 1, n
-            call rotate(plan%cosine_less_one(i), plan%sine(i), x1(lane), y1(lane))
-            call rotate(plan%cosine_less_one(i), plan%sine(i), x2(lane), y2(lane))
-         end do
-      else
-         do lane = 1, n
-            x1(lane) = x1(lane) + plan%tau(i)*y1(lane)
-            x2(lane) = x2(lane) + plan%tau(i)*y2(lane)
-         end do
-      end if
+      do k = 1, 2
+         if (plan%rotates) then
+            do lane = 1, n
+               call rotate(plan%cosine_less_one(i), plan%sine(i), x(lane, k), y(lane, k))
+            end do
+         else
+            do lane = 1, n
+               x(lane, k) = x(lane, k) + plan%tau(i)*y(lane, k)
+            end do
+         end if
+      end do
    end subroutine drift_lanes
 
-   !> VEC The i-th kick of n lanes.
-   pure subroutine kick_lanes(i, plan, n, h, alpha, sigma1, sigma2, w1, w2, z1, z2, x1, x2, y1, y2)
-      integer, intent(in) :: i, n
+   !> VEC The i-th kick of n lanes, whose weights stand among those of nlane: one noise, then the other.
+   pure subroutine kick_lanes(i, plan, nlane, n, w, dz, x, y)
+      integer, intent(in) :: i, nlane, n
       type(kick_plan), intent(in) :: plan
-      real(wp), intent(in) :: h, alpha, sigma1, sigma2
-      real(wp), intent(in), dimension(n) :: w1, w2, z1, z2, x1, x2
-      real(wp), intent(inout), dimension(n) :: y1, y2
-      real(wp) :: part, shape, rate, linear
+      real(wp), intent(in) :: w(nlane + n), dz(nlane + n), x(tile, 2)
+      real(wp), intent(inout) :: y(tile, 2)
+      real(wp) :: shape, rate
       integer :: lane
 
-      part = plan%part(i)
       shape = plan%shape(i)
-      rate = 1/h
-      linear = plan%linear
+      rate = 1/plan%h
       do lane = 1, n
-         call kick(part, linear, h, alpha, sigma1, sigma2, weight(shape, rate, w1(lane), z1(lane)), &
-                   weight(shape, rate, w2(lane), z2(lane)), x1(lane), x2(lane), y1(lane), y2(lane))
+         call kick(plan, plan%part(i), weight(shape, rate, w(lane), dz(lane)), &
+                   weight(shape, rate, w(nlane + lane), dz(nlane + lane)), x(lane, 1), x(lane, 2), y(lane, 1), &
+                   y(lane, 2))
       end do
    end subroutine kick_lanes
 
@@ -263,14 +258,15 @@ contains
       weight = w + shape*(rate*dz - (0.5_wp*w))
    end function weight
 
-   pure subroutine kick_drift_kick(before, tau, after, h, alpha, sigma1, sigma2, w1, w2, x1, x2, y1, y2)
-      real(wp), intent(in) :: before, tau, after, h, alpha, sigma1, sigma2, w1, w2
+   pure subroutine kick_drift_kick(plan, w1, w2, x1, x2, y1, y2)
+      type(kick_plan), intent(in) :: plan   !! whose linear force is all of it
+      real(wp), intent(in) :: w1, w2
       real(wp), intent(inout) :: x1, x2, y1, y2
 
-      call kick(before, 1.0_wp, h, alpha, sigma1, sigma2, w1, w2, x1, x2, y1, y2)
-      x1 = x1 + tau*y1
-      x2 = x2 + tau*y2
-      call kick(after, 1.0_wp, h, alpha, sigma1, sigma2, w1, w2, x1, x2, y1, y2)
+      call kick(plan, plan%part(1), w1, w2, x1, x2, y1, y2)
+      x1 = x1 + plan%tau(2)*y1
+      x2 = x2 + plan%tau(2)*y2
+      call kick(plan, plan%part(2), w1, w2, x1, x2, y1, y2)
    end subroutine kick_drift_kick
 
    pure subroutine rotate(cosine_less_one, sine, x, y)
@@ -283,12 +279,15 @@ contains
       x = moved
    end subroutine rotate
 
-   pure subroutine kick(part, linear, h, alpha, sigma1, sigma2, u1, u2, x1, x2, y1, y2)
-      real(wp), intent(in) :: part, linear, h, alpha, sigma1, sigma2, u1, u2, x1, x2
+   pure subroutine kick(plan, part, u1, u2, x1, x2, y1, y2)
+      type(kick_plan), intent(in) :: plan
+      real(wp), intent(in) :: part, u1, u2, x1, x2
       real(wp), intent(inout) :: y1, y2
 
-      y1 = y1 - part*(h*(x1*(linear + 2*alpha*x2)) + (sigma1*u1))
-      y2 = y2 - part*(h*(merge(x2, 0.0_wp, linear > 0) + alpha*(x1*x1 - (x2*x2))) + (sigma2*u2))
+      associate (h => plan%h, linear => plan%linear, alpha => plan%of%alpha)
+         y1 = y1 - part*(h*(x1*(linear + 2*alpha*x2)) + (plan%of%sigma1*u1))
+         y2 = y2 - part*(h*(merge(x2, 0.0_wp, linear > 0) + alpha*(x1*x1 - (x2*x2))) + (plan%of%sigma2*u2))
+      end associate
    end subroutine kick
 
 end module symsde_model_flows_henon_heiles

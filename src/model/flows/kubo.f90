@@ -29,9 +29,9 @@ contains
       w => steps%w  ! contiguous, as gfortran 12 does not see of a component
       associate (s => steps, n => steps%nstep*steps%nreal)
          if (s%nreal == 1) then
-            call turn_one_lane(s%nlane, s%nstep, s%every, a*s%h, sigma, w, q(1), p(1), qn, pn)
+            call turn_one_lane(s, a*s%h, sigma, w, q(1), p(1), qn, pn)
          else
-            call turn_lanes(s%nlane, s%nstep, s%every, a*s%h, sigma, w, q, p, qn, pn)
+            call turn_lanes(s, a*s%h, sigma, w, q, p, qn, pn)
          end if
          counters%iterations = counters%iterations + n
          counters%solves = counters%solves + n
@@ -39,26 +39,28 @@ contains
    end subroutine kubo_flow
 
    !> Steps in groups as long as there are enough up to the next state that is asked for.
-   pure subroutine turn_lanes(nlane, nstep, every, turn, sigma, w, q, p, qn, pn)
-      integer, intent(in) :: nlane, nstep, every
-      real(wp), intent(in) :: turn, sigma, w(nlane, 0:1, nstep), q(nlane), p(nlane)
-      real(wp), intent(out) :: qn(nlane, nstep/every), pn(nlane, nstep/every)
+   pure subroutine turn_lanes(steps, turn, sigma, w, q, p, qn, pn)
+      type(steps_record), intent(in) :: steps
+      real(wp), intent(in) :: turn, sigma, w(steps%nlane, 0:1, steps%nstep), q(steps%nlane), p(steps%nlane)
+      real(wp), intent(out) :: qn(steps%nlane, steps%nstep/steps%every), pn(steps%nlane, steps%nstep/steps%every)
       integer :: out, first, last, step
 
-      do out = 1, nstep/every
-         qn(:, out) = q
-         pn(:, out) = p
-         if (out > 1) qn(:, out) = qn(:, out - 1)
-         if (out > 1) pn(:, out) = pn(:, out - 1)
-         first = (out - 1)*every + 1
-         last = out*every
-         do step = first, last - group + 1, group
-            call turn_group(nlane, turn, sigma, w(1, 0, step), qn(1, out), pn(1, out))
+      associate (every => steps%every)
+         do out = 1, steps%nstep/every
+            qn(:, out) = q
+            pn(:, out) = p
+            if (out > 1) qn(:, out) = qn(:, out - 1)
+            if (out > 1) pn(:, out) = pn(:, out - 1)
+            first = (out - 1)*every + 1
+            last = out*every
+            do step = first, last - group + 1, group
+               call turn_group(steps%nlane, turn, sigma, w(1, 0, step), qn(1, out), pn(1, out))
+            end do
+            do step = last - mod(every, group) + 1, last
+               call turn_once(steps%nlane, turn, sigma, w(1, 1, step), qn(1, out), pn(1, out))
+            end do
          end do
-         do step = last - mod(every, group) + 1, last
-            call turn_once(nlane, turn, sigma, w(1, 1, step), qn(1, out), pn(1, out))
-         end do
-      end do
+      end associate
    end subroutine turn_lanes
 
    !> VEC One step.
@@ -101,10 +103,10 @@ contains
    end subroutine turn_group
 
    !> Steps of the one path of a block.
-   pure subroutine turn_one_lane(nlane, nstep, every, turn, sigma, w, q, p, qn, pn)
-      integer, intent(in) :: nlane, nstep, every
-      real(wp), intent(in) :: turn, sigma, w(nlane, 0:1, nstep), q, p
-      real(wp), intent(inout) :: qn(nlane, nstep/every), pn(nlane, nstep/every)
+   pure subroutine turn_one_lane(steps, turn, sigma, w, q, p, qn, pn)
+      type(steps_record), intent(in) :: steps
+      real(wp), intent(in) :: turn, sigma, w(steps%nlane, 0:1, steps%nstep), q, p
+      real(wp), intent(inout) :: qn(steps%nlane, steps%nstep/steps%every), pn(steps%nlane, steps%nstep/steps%every)
       integer, parameter :: chunk = 128
       real(wp) :: half(chunk), factor(chunk), x, y
       integer :: step, i, n, first, out, left
@@ -112,9 +114,9 @@ contains
       x = q
       y = p
       out = 0
-      left = every
-      do first = 0, nstep - 1, chunk
-         n = min(chunk, nstep - first)
+      left = steps%every
+      do first = 0, steps%nstep - 1, chunk
+         n = min(chunk, steps%nstep - first)
          do step = 1, n
             call find_factor(turn + sigma*w(1, 1, first + step), half(step), factor(step))
          end do
@@ -128,7 +130,7 @@ contains
             left = left - step
             if (left > 0) cycle
             out = out + 1
-            left = every
+            left = steps%every
             qn(1, out) = x
             pn(1, out) = y
          end do

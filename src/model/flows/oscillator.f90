@@ -20,18 +20,11 @@ module symsde_model_flows_oscillator
    use symsde_base_kinds, only: wp
    use symsde_base_record, only: steps_record
    use symsde_model_abstract, only: corrected
-   use symsde_model_flows_oscillator_quotients, only: step_quotients, has_quotients, quotients_of, quotient_pass, &
-                                                      quotient_alone
+   use symsde_model_flows_oscillator_quotients, only: oscillator_terms, step_quotients, has_quotients, quotients_of, &
+                                                      quotient_pass, quotient_alone
    implicit none
    private
    public :: oscillator_terms, oscillator_flow, oscillator_has_flow
-
-   !> The angular velocity r; strengths of the noises, and which they are, 0 where the strength is zero.
-   type :: oscillator_terms
-      real(wp) :: rate = 1
-      real(wp) :: a = 0, b = 0, c = 0, e = 0
-      integer :: noise_a = 0, noise_b = 0, noise_c = 0, noise_e = 0
-   end type oscillator_terms
 
    enum, bind(c)
       enumerator :: euler = 1, adjoint = 2, verlet = 3, swapped_verlet = 4, additive_euler = 5, additive_adjoint = 6
@@ -117,23 +110,13 @@ contains
       which = index_of(scheme)
       if (which == quotients) by = quotients_of(scheme)
       if (steps%nreal == 1 .and. which == corrected_euler) then
-         associate (r => terms%rate*steps%h, t => terms)
-            call corrected_alone(steps%nlane, steps%nnoise, steps%nstep, steps%every, r, t%a, t%c, t%noise_a, &
-                                 t%noise_c, w, q(1), p(1), qn, pn)
-         end associate
+         call corrected_alone(terms, steps, terms%rate*steps%h, w, q(1), p(1), qn, pn)
       else if (steps%nreal == 1 .and. which == corrected_adjoint) then
-         associate (r => terms%rate*steps%h, t => terms)
-            call corrected_alone(steps%nlane, steps%nnoise, steps%nstep, steps%every, -r, -t%c, -t%a, t%noise_c, &
-                                 t%noise_a, w, p(1), q(1), pn, qn)
-         end associate
+         call corrected_alone(turned(terms), steps, -terms%rate*steps%h, w, p(1), q(1), pn, qn)
       else if (steps%nreal == 1 .and. which == quotients) then
-         associate (t => terms)
-            call quotient_alone(by, t%rate*steps%h, t%a, t%b, t%c, t%e, t%noise_a, t%noise_b, t%noise_c, t%noise_e, &
-                                steps%nlane, steps%nnoise, steps%nstep, steps%every, w, q(1), p(1), qn, pn)
-         end associate
+         call quotient_alone(by, terms, steps, w, q(1), p(1), qn, pn)
       else if (steps%nreal == 1) then
-         call advance_alone(terms, which, steps%nlane, steps%nnoise, steps%nstep, steps%every, terms%rate*steps%h, w, &
-                            q(1), p(1), qn, pn)
+         call advance_alone(terms, which, steps, w, q(1), p(1), qn, pn)
       else
          if (terms%noise_a == 0 .and. terms%noise_c == 0) then
             if (which == euler) which = additive_euler
@@ -147,8 +130,8 @@ contains
                qn(:, out) = qn(:, out - 1)
                pn(:, out) = pn(:, out - 1)
             end if
-            call advance(terms, which, by, steps%nlane, steps%nnoise, steps%every, terms%rate*steps%h, &
-                         w(:, :, (out - 1)*steps%every + 1:out*steps%every), qn(:, out), pn(:, out))
+            call advance(terms, which, by, steps, w(:, :, (out - 1)*steps%every + 1:out*steps%every), qn(:, out), &
+                         pn(:, out))
          end do
       end if
       n = steps%nstep*steps%nreal
@@ -160,46 +143,52 @@ contains
       end if
    end subroutine oscillator_flow
 
-   !> Steps in place, in groups as long as there are enough.
-   pure subroutine advance(terms, which, by, nlane, nnoise, nstep, h, w, q, p)
+   !> The oscillator with (q, p) -> (p, -q), whose scheme is the adjoint of its own; its steps have the other sign.
+   pure type(oscillator_terms) function turned(t)
+      type(oscillator_terms), intent(in) :: t
+
+      turned = oscillator_terms(rate=t%rate, a=-t%c, b=-t%e, c=-t%a, e=-t%b, noise_a=t%noise_c, noise_b=t%noise_e, &
+                                noise_c=t%noise_a, noise_e=t%noise_b)
+   end function turned
+
+   !> `every` steps in place, in groups as long as there are enough.
+   pure subroutine advance(terms, which, by, steps, w, q, p)
       type(oscillator_terms), intent(in) :: terms
       type(step_quotients), intent(in) :: by   !! of the schemes that have them
-      integer, intent(in) :: which, nlane, nnoise, nstep
-      real(wp), intent(in) :: h, w(nlane, 0:nnoise, nstep)
-      real(wp), intent(inout) :: q(nlane), p(nlane)
+      integer, intent(in) :: which
+      type(steps_record), intent(in) :: steps
+      real(wp), intent(in) :: w(steps%nlane, 0:steps%nnoise, steps%every)
+      real(wp), intent(inout) :: q(steps%nlane), p(steps%nlane)
+      real(wp) :: h
       integer :: first, n
 
+      h = terms%rate*steps%h
       first = 1
-      do while (first <= nstep)
+      do while (first <= steps%every)
          n = merge(short, group, which >= midpoint)
-         if (nstep - first + 1 < n) n = 1
-         associate (t => terms)
+         if (steps%every - first + 1 < n) n = 1
+         associate (t => terms, nlane => steps%nlane, m => steps%nnoise)
             select case (which)
             case (euler)
-               call euler_pass(h, t%a, t%b, t%c, t%e, t%noise_a, t%noise_b, t%noise_c, t%noise_e, nlane, nnoise, &
-                               n, w(:, :, first:), q, p)
-            case (adjoint)  ! the scheme itself with (q, p) -> (p, -q)
-               call euler_pass(-h, -t%c, -t%e, -t%a, -t%b, t%noise_c, t%noise_e, t%noise_a, t%noise_b, nlane, nnoise, &
-                               n, w(:, :, first:), p, q)
+               call euler_pass(t, nlane, m, n, h, w(:, :, first:), q, p)
+            case (adjoint)
+               call euler_pass(turned(t), nlane, m, n, -h, w(:, :, first:), p, q)
             case (additive_euler)
-               call additive_pass(h, t%b, t%e, t%noise_b, t%noise_e, nlane, nnoise, n, w(:, :, first:), q, p)
+               call additive_pass(t, nlane, m, n, h, w(:, :, first:), q, p)
             case (additive_adjoint)
-               call additive_pass(-h, -t%e, -t%b, t%noise_e, t%noise_b, nlane, nnoise, n, w(:, :, first:), p, q)
+               call additive_pass(turned(t), nlane, m, n, -h, w(:, :, first:), p, q)
             case (corrected_euler)
-               call corrected_pass(h, t%a, t%c, t%noise_a, t%noise_c, nlane, nnoise, n, w(:, :, first:), q, p)
+               call corrected_pass(t, nlane, m, n, h, w(:, :, first:), q, p)
             case (corrected_adjoint)
-               call corrected_pass(-h, -t%c, -t%a, t%noise_c, t%noise_a, nlane, nnoise, n, w(:, :, first:), p, q)
+               call corrected_pass(turned(t), nlane, m, n, -h, w(:, :, first:), p, q)
             case (verlet)
-               call verlet_pass(t, nlane, nnoise, n, h, w(:, :, first:), q, p)
+               call verlet_pass(t, nlane, m, n, h, w(:, :, first:), q, p)
             case (swapped_verlet)
-               call verlet_pass(oscillator_terms(a=-t%c, b=-t%e, c=-t%a, e=-t%b, noise_a=t%noise_c, noise_b=t%noise_e, &
-                                                 noise_c=t%noise_a, noise_e=t%noise_b), &
-                                nlane, nnoise, n, -h, w(:, :, first:), p, q)
+               call verlet_pass(turned(t), nlane, m, n, -h, w(:, :, first:), p, q)
             case (quotients)
-               call quotient_pass(by, h, t%a, t%b, t%c, t%e, t%noise_a, t%noise_b, t%noise_c, t%noise_e, nlane, &
-                                  nnoise, n, w(:, :, first:), q, p)
+               call quotient_pass(by, t, nlane, m, n, h, w(:, :, first:), q, p)
             case default
-               call gauss_pass(t, pade(which), nlane, nnoise, n, h, w(:, :, first:), q, p)
+               call gauss_pass(t, pade(which), nlane, m, n, h, w(:, :, first:), q, p)
             end select
          end associate
          first = first + n
@@ -207,20 +196,22 @@ contains
    end subroutine advance
 
    !> Steps of a path that is alone, in lane 1: each waits for the one before it.
-   pure subroutine advance_alone(terms, which, nlane, nnoise, nstep, every, h, w, q, p, qn, pn)
+   pure subroutine advance_alone(terms, which, steps, w, q, p, qn, pn)
       type(oscillator_terms), intent(in) :: terms
-      integer, intent(in) :: which, nlane, nnoise, nstep, every
-      real(wp), intent(in) :: h, w(nlane, 0:nnoise, nstep), q, p
-      real(wp), intent(inout) :: qn(nlane, nstep/every), pn(nlane, nstep/every)
+      integer, intent(in) :: which
+      type(steps_record), intent(in) :: steps
+      real(wp), intent(in) :: w(steps%nlane, 0:steps%nnoise, steps%nstep), q, p
+      real(wp), intent(inout) :: qn(steps%nlane, steps%nstep/steps%every), pn(steps%nlane, steps%nstep/steps%every)
       type(pade_terms) :: by
-      real(wp) :: x, y, a, c
+      real(wp) :: x, y, a, c, h
       integer :: step, out
 
+      h = terms%rate*steps%h
       x = q
       y = p
       by = pade(max(which, midpoint))
-      do out = 1, nstep/every
-         do step = (out - 1)*every + 1, out*every
+      do out = 1, steps%nstep/steps%every
+         do step = (out - 1)*steps%every + 1, out*steps%every
             associate (b => terms%b, e => terms%e, wb => w(1, terms%noise_b, step), we => w(1, terms%noise_e, step))
                a = h + terms%a*w(1, terms%noise_a, step)
                c = h + terms%c*w(1, terms%noise_c, step)
@@ -244,18 +235,19 @@ contains
    end subroutine advance_alone
 
    !> Steps of the corrected scheme for a path that is alone, in lane 1.
-   pure subroutine corrected_alone(nlane, nnoise, nstep, every, h, ca, cc, i, k, w, q, p, qn, pn)
-      integer, intent(in) :: nlane, nnoise, nstep, every, i, k
-      real(wp), intent(in) :: h, ca, cc, w(nlane, 0:nnoise, nstep), q, p
-      real(wp), intent(inout) :: qn(nlane, nstep/every), pn(nlane, nstep/every)
+   pure subroutine corrected_alone(terms, steps, h, w, q, p, qn, pn)
+      type(oscillator_terms), intent(in) :: terms
+      type(steps_record), intent(in) :: steps
+      real(wp), intent(in) :: h, w(steps%nlane, 0:steps%nnoise, steps%nstep), q, p
+      real(wp), intent(inout) :: qn(steps%nlane, steps%nstep/steps%every), pn(steps%nlane, steps%nstep/steps%every)
       real(wp) :: x, y
       integer :: step, out
 
       x = q
       y = p
-      do out = 1, nstep/every
-         do step = (out - 1)*every + 1, out*every
-            call corrected_step(h, ca*w(1, i, step), cc*w(1, k, step), x, y)
+      do out = 1, steps%nstep/steps%every
+         do step = (out - 1)*steps%every + 1, out*steps%every
+            call corrected_step(h, terms%a*w(1, terms%noise_a, step), terms%c*w(1, terms%noise_c, step), x, y)
          end do
          qn(1, out) = x
          pn(1, out) = y
@@ -265,15 +257,22 @@ contains
    ! ---- kernels: nstep is 1 or a group ----------------------------------
 
    !> VEC Force at x, then velocity at y.
-   pure subroutine euler_pass(h, ca, cb, cc, ce, i, j, k, l, nlane, nnoise, nstep, w, q, p)
-      real(wp), intent(in) :: h, ca, cb, cc, ce   !! strengths of the noises i, j, k, l
-      integer, intent(in) :: i, j, k, l
+   pure subroutine euler_pass(terms, nlane, nnoise, nstep, h, w, q, p)
+      type(oscillator_terms), intent(in) :: terms
       integer, intent(in) :: nlane, nnoise, nstep
-      real(wp), intent(in) :: w(nlane, 0:nnoise, nstep)
+      real(wp), intent(in) :: h, w(nlane, 0:nnoise, nstep)
       real(wp), intent(inout) :: q(nlane), p(nlane)
-      real(wp) :: x, y
-      integer :: lane, step
+      real(wp) :: x, y, ca, cb, cc, ce
+      integer :: lane, step, i, j, k, l
 
+      ca = terms%a
+      cb = terms%b
+      cc = terms%c
+      ce = terms%e
+      i = terms%noise_a
+      j = terms%noise_b
+      k = terms%noise_c
+      l = terms%noise_e
       if (nstep == group) then
          do lane = 1, nlane
             x = q(lane)
@@ -297,15 +296,19 @@ contains
       end if
    end subroutine euler_pass
 
-   !> VEC The corrected scheme, for noises i and k of strengths ca and cc.
-   pure subroutine corrected_pass(h, ca, cc, i, k, nlane, nnoise, nstep, w, q, p)
-      real(wp), intent(in) :: h, ca, cc
-      integer, intent(in) :: i, k, nlane, nnoise, nstep
-      real(wp), intent(in) :: w(nlane, 0:nnoise, nstep)
+   !> VEC The corrected scheme, where noises are of a and c alone.
+   pure subroutine corrected_pass(terms, nlane, nnoise, nstep, h, w, q, p)
+      type(oscillator_terms), intent(in) :: terms
+      integer, intent(in) :: nlane, nnoise, nstep
+      real(wp), intent(in) :: h, w(nlane, 0:nnoise, nstep)
       real(wp), intent(inout) :: q(nlane), p(nlane)
-      real(wp) :: x, y
-      integer :: lane, step
+      real(wp) :: x, y, ca, cc
+      integer :: lane, step, i, k
 
+      ca = terms%a
+      cc = terms%c
+      i = terms%noise_a
+      k = terms%noise_c
       if (nstep == short) then
          do lane = 1, nlane
             x = q(lane)
@@ -329,15 +332,18 @@ contains
    end subroutine corrected_pass
 
    !> VEC The same where a = c = h.
-   pure subroutine additive_pass(h, cb, ce, j, l, nlane, nnoise, nstep, w, q, p)
-      real(wp), intent(in) :: h, cb, ce   !! strengths of the noises j, l
-      integer, intent(in) :: j, l
+   pure subroutine additive_pass(terms, nlane, nnoise, nstep, h, w, q, p)
+      type(oscillator_terms), intent(in) :: terms
       integer, intent(in) :: nlane, nnoise, nstep
-      real(wp), intent(in) :: w(nlane, 0:nnoise, nstep)
+      real(wp), intent(in) :: h, w(nlane, 0:nnoise, nstep)
       real(wp), intent(inout) :: q(nlane), p(nlane)
-      real(wp) :: x, y
-      integer :: lane, step
+      real(wp) :: x, y, cb, ce
+      integer :: lane, step, j, l
 
+      cb = terms%b
+      ce = terms%e
+      j = terms%noise_b
+      l = terms%noise_e
       if (nstep == group) then
          do lane = 1, nlane
             x = q(lane)

@@ -10,9 +10,17 @@
 !> Private to its family.
 module symsde_model_flows_oscillator_quotients
    use symsde_base_kinds, only: wp
+   use symsde_base_record, only: steps_record
    implicit none
    private
-   public :: step_quotients, has_quotients, quotients_of, quotient_pass, quotient_alone
+   public :: oscillator_terms, step_quotients, has_quotients, quotients_of, quotient_pass, quotient_alone
+
+   !> The angular velocity r; strengths of the noises, and which they are, 0 where the strength is zero.
+   type :: oscillator_terms
+      real(wp) :: rate = 1
+      real(wp) :: a = 0, b = 0, c = 0, e = 0
+      integer :: noise_a = 0, noise_b = 0, noise_c = 0, noise_e = 0
+   end type oscillator_terms
 
    !> Coefficients from x on: those before are 1, and 1/2 of B.
    type :: step_quotients
@@ -56,18 +64,25 @@ contains
    end function quotients_of
 
    !> VEC One step or `short` of them: a = h + ca w_i, and so on.
-   pure subroutine quotient_pass(quotients, h, ca, cb, cc, ce, i, j, k, l, nlane, nnoise, nstep, w, q, p)
+   pure subroutine quotient_pass(quotients, terms, nlane, nnoise, nstep, h, w, q, p)
       type(step_quotients), intent(in) :: quotients
-      real(wp), intent(in) :: h, ca, cb, cc, ce   !! strengths of the noises i, j, k, l
-      integer, intent(in) :: i, j, k, l
+      type(oscillator_terms), intent(in) :: terms
       integer, intent(in) :: nlane, nnoise, nstep
-      real(wp), intent(in) :: w(nlane, 0:nnoise, nstep)
+      real(wp), intent(in) :: h, w(nlane, 0:nnoise, nstep)
       real(wp), intent(inout) :: q(nlane), p(nlane)
       type(step_quotients) :: by  ! a copy stays in registers
-      real(wp) :: x, y, a, c
-      integer :: lane, step
+      real(wp) :: x, y, a, c, ca, cb, cc, ce
+      integer :: lane, step, i, j, k, l
 
       by = quotients
+      ca = terms%a
+      cb = terms%b
+      cc = terms%c
+      ce = terms%e
+      i = terms%noise_a
+      j = terms%noise_b
+      k = terms%noise_c
+      l = terms%noise_e
       if (nstep == short) then
          do lane = 1, nlane
             x = q(lane)
@@ -95,26 +110,27 @@ contains
    end subroutine quotient_pass
 
    !> Steps of a path that is alone, in lane 1.
-   pure subroutine quotient_alone(quotients, h, ca, cb, cc, ce, i, j, k, l, nlane, nnoise, nstep, every, w, q, p, &
-                                  qn, pn)
+   pure subroutine quotient_alone(quotients, terms, steps, w, q, p, qn, pn)
       type(step_quotients), intent(in) :: quotients
-      real(wp), intent(in) :: h, ca, cb, cc, ce   !! strengths of the noises i, j, k, l
-      integer, intent(in) :: i, j, k, l
-      integer, intent(in) :: nlane, nnoise, nstep, every
-      real(wp), intent(in) :: w(nlane, 0:nnoise, nstep), q, p
-      real(wp), intent(inout) :: qn(nlane, nstep/every), pn(nlane, nstep/every)
+      type(oscillator_terms), intent(in) :: terms
+      type(steps_record), intent(in) :: steps
+      real(wp), intent(in) :: w(steps%nlane, 0:steps%nnoise, steps%nstep), q, p
+      real(wp), intent(inout) :: qn(steps%nlane, steps%nstep/steps%every), pn(steps%nlane, steps%nstep/steps%every)
       type(step_quotients) :: by
-      real(wp) :: x, y, a, c
+      real(wp) :: x, y, a, c, h
       integer :: step, out
 
       by = quotients
+      h = terms%rate*steps%h
       x = q
       y = p
-      do out = 1, nstep/every
-         do step = (out - 1)*every + 1, out*every
-            a = h + ca*w(1, i, step)
-            c = h + cc*w(1, k, step)
-            call quotient_step(by, a, c, a*x + cb*w(1, j, step), c*y + ce*w(1, l, step), x, y)
+      do out = 1, steps%nstep/steps%every
+         do step = (out - 1)*steps%every + 1, out*steps%every
+            associate (t => terms)
+               a = h + t%a*w(1, t%noise_a, step)
+               c = h + t%c*w(1, t%noise_c, step)
+               call quotient_step(by, a, c, a*x + t%b*w(1, t%noise_b, step), c*y + t%e*w(1, t%noise_e, step), x, y)
+            end associate
          end do
          qn(1, out) = x
          pn(1, out) = y

@@ -33,11 +33,10 @@ contains
       w => steps%w  ! contiguous, as gfortran 12 does not see of a component
       associate (s => steps, n => steps%nstep*steps%nreal)
          if (s%nreal == 1) then
-            call step_alone(adjoint, sigma, s%nlane, s%nstep, s%every, s%h, w, q(1), p(1), qn, pn)
+            call step_alone(adjoint, sigma, s, w, q(1), p(1), qn, pn)
          else
             do first = 1, s%nlane, sincos_tile
-               call step_lanes(adjoint, sigma, s%nlane, s%nstep, s%every, first, &
-                               min(sincos_tile, s%nlane - first + 1), s%h, w, q(first), p(first), qn, pn)
+               call step_lanes(adjoint, sigma, s, first, w, q(first), p(first), qn, pn)
             end do
          end if
          counters%iterations = counters%iterations + n
@@ -45,26 +44,29 @@ contains
       end associate
    end subroutine pendulum_euler_flow
 
-   !> All steps of n lanes from `first` on.
-   subroutine step_lanes(adjoint, sigma, nlane, nstep, every, first, n, h, w, q, p, qn, pn)
+   !> All steps of a tile of lanes from `first` on.
+   subroutine step_lanes(adjoint, sigma, steps, first, w, q, p, qn, pn)
       logical, intent(in) :: adjoint
-      integer, intent(in) :: nlane, nstep, every, first, n
-      real(wp), intent(in) :: sigma, h, w(nlane, 0:1, nstep), q(n), p(n)
-      real(wp), intent(inout) :: qn(nlane, nstep/every), pn(nlane, nstep/every)
+      type(steps_record), intent(in) :: steps
+      integer, intent(in) :: first
+      real(wp), intent(in) :: sigma, w(steps%nlane, 0:1, steps%nstep)
+      real(wp), intent(in), dimension(min(sincos_tile, steps%nlane - first + 1)) :: q, p
+      real(wp), intent(inout) :: qn(steps%nlane, steps%nstep/steps%every), pn(steps%nlane, steps%nstep/steps%every)
       real(wp), dimension(sincos_tile) :: x, y, sine, cosine
-      integer :: step, out
+      integer :: step, out, n
 
+      n = size(q)
       x(:n) = q
       y(:n) = p
-      do out = 1, nstep/every
-         do step = (out - 1)*every + 1, out*every
+      do out = 1, steps%nstep/steps%every
+         do step = (out - 1)*steps%every + 1, out*steps%every
             if (adjoint) then
-               call solve_for_angles(n, sigma, h, w(first, 1, step), y, x)
+               call solve_for_angles(n, sigma, steps%h, w(first, 1, step), y, x)
                call sincos_lanes(n, x, sine, cosine)
-               call move_momenta(n, sigma, h, w(first, 1, step), x, sine, y)
+               call move_momenta(n, sigma, steps%h, w(first, 1, step), x, sine, y)
             else
                call sincos_lanes(n, x, sine, cosine)
-               call solve_and_drift(n, sigma, h, w(first, 1, step), sine, x, y)
+               call solve_and_drift(n, sigma, steps%h, w(first, 1, step), sine, x, y)
             end if
          end do
          qn(first:first + n - 1, out) = x(:n)
@@ -73,18 +75,19 @@ contains
    end subroutine step_lanes
 
    !> All steps of lane 1.
-   subroutine step_alone(adjoint, sigma, nlane, nstep, every, h, w, q, p, qn, pn)
+   subroutine step_alone(adjoint, sigma, steps, w, q, p, qn, pn)
       logical, intent(in) :: adjoint
-      integer, intent(in) :: nlane, nstep, every
-      real(wp), intent(in) :: sigma, h, w(nlane, 0:1, nstep), q, p
-      real(wp), intent(inout) :: qn(nlane, nstep/every), pn(nlane, nstep/every)
-      real(wp) :: x, y, cosine
+      type(steps_record), intent(in) :: steps
+      real(wp), intent(in) :: sigma, w(steps%nlane, 0:1, steps%nstep), q, p
+      real(wp), intent(inout) :: qn(steps%nlane, steps%nstep/steps%every), pn(steps%nlane, steps%nstep/steps%every)
+      real(wp) :: x, y, cosine, h
       integer :: step, out
 
+      h = steps%h
       x = q
       y = p
-      do out = 1, nstep/every
-         do step = (out - 1)*every + 1, out*every
+      do out = 1, steps%nstep/steps%every
+         do step = (out - 1)*steps%every + 1, out*steps%every
             if (adjoint) then
                call solve_for_angle(h, sigma*w(1, 1, step), y, x)
                call move_momentum(h, sigma*w(1, 1, step), x, sincos_one(x, cosine), y)

@@ -36,33 +36,33 @@ contains
 
       w => steps%w  ! contiguous, as gfortran 12 does not see of a component
       if (steps%nreal == 1) then
-         call verlet_alone(terms, steps%nlane, steps%nnoise, steps%nstep, steps%every, terms%rate*steps%h, &
-                           steps%h, w, q(1), p(1), qn, pn)
+         call verlet_alone(terms, steps, w, q(1), p(1), qn, pn)
       else
          do first = 1, steps%nlane, sincos_tile
-            call verlet(terms, steps%nlane, steps%nnoise, steps%nstep, steps%every, first, &
-                        min(sincos_tile, steps%nlane - first + 1), terms%rate*steps%h, steps%h, w, q(first), p(first), &
-                        qn, pn)
+            call verlet(terms, steps, first, min(sincos_tile, steps%nlane - first + 1), w, q(first), p(first), qn, pn)
          end do
       end if
       counters%gradients = counters%gradients + 3*steps%nstep*steps%nreal
    end subroutine sine_flow
 
    !> All steps of n lanes from `first` on.
-   subroutine verlet(terms, nlane, nnoise, nstep, every, first, n, rate, h, w, q, p, qn, pn)
+   subroutine verlet(terms, steps, first, n, w, q, p, qn, pn)
       type(sine_terms), intent(in) :: terms
-      integer, intent(in) :: nlane, nnoise, nstep, every, first, n
-      real(wp), intent(in) :: rate, h, w(nlane, 0:nnoise, nstep), q(n), p(n)
-      real(wp), intent(inout) :: qn(nlane, nstep/every), pn(nlane, nstep/every)
+      type(steps_record), intent(in) :: steps
+      integer, intent(in) :: first, n
+      real(wp), intent(in) :: w(steps%nlane, 0:steps%nnoise, steps%nstep), q(n), p(n)
+      real(wp), intent(inout) :: qn(steps%nlane, steps%nstep/steps%every), pn(steps%nlane, steps%nstep/steps%every)
       real(wp), dimension(sincos_tile) :: x, y, sine, cosine, a, b, c
+      real(wp) :: rate
       integer :: step, out
 
+      rate = terms%rate*steps%h
       x(:n) = q
       y(:n) = p
       call sincos_lanes(n, x, sine, cosine)
-      do out = 1, nstep/every
-         do step = (out - 1)*every + 1, out*every
-            call to_the_angle(n, terms, rate, h, w(first, terms%noise_a, step), w(first, terms%noise_b, step), &
+      do out = 1, steps%nstep/steps%every
+         do step = (out - 1)*steps%every + 1, out*steps%every
+            call to_the_angle(n, terms, rate, steps%h, w(first, terms%noise_a, step), w(first, terms%noise_b, step), &
                               w(first, terms%noise_c, step), w(first, terms%noise_e, step), sine, cosine, a, b, c, x, y)
             call sincos_lanes(n, x, sine, cosine)
             call from_the_angle(n, a, b, c, sine, cosine, x, y)
@@ -73,19 +73,21 @@ contains
    end subroutine verlet
 
    !> All steps of lane 1.
-   subroutine verlet_alone(terms, nlane, nnoise, nstep, every, rate, h, w, q, p, qn, pn)
+   subroutine verlet_alone(terms, steps, w, q, p, qn, pn)
       type(sine_terms), intent(in) :: terms
-      integer, intent(in) :: nlane, nnoise, nstep, every
-      real(wp), intent(in) :: rate, h, w(nlane, 0:nnoise, nstep), q, p
-      real(wp), intent(inout) :: qn(nlane, nstep/every), pn(nlane, nstep/every)
-      real(wp) :: x, y, sine, cosine, a, b, c
+      type(steps_record), intent(in) :: steps
+      real(wp), intent(in) :: w(steps%nlane, 0:steps%nnoise, steps%nstep), q, p
+      real(wp), intent(inout) :: qn(steps%nlane, steps%nstep/steps%every), pn(steps%nlane, steps%nstep/steps%every)
+      real(wp) :: x, y, sine, cosine, a, b, c, rate, h
       integer :: step, out
 
+      rate = terms%rate*steps%h
+      h = steps%h
       x = q
       y = p
       sine = sincos_one(x, cosine)
-      do out = 1, nstep/every
-         do step = (out - 1)*every + 1, out*every
+      do out = 1, steps%nstep/steps%every
+         do step = (out - 1)*steps%every + 1, out*steps%every
             associate (t => terms)
                call find_weights(rate, t%a, t%b, t%c, w(1, t%noise_a, step), w(1, t%noise_b, step), &
                                  w(1, t%noise_c, step), a, b, c)
