@@ -4,7 +4,7 @@ module symsde_solve_fixed_point_single_path
    use symsde_base_kinds, only: wp, i8
    implicit none
    private
-   public :: take, take_alone, judge_sweep, judge_ahead, sweep_verdict
+   public :: take_first, take, take_alone, judge_sweep, judge_ahead, sweep_verdict
    public :: most_sweeps, stiff_rate, done, left
 
    integer, parameter :: nbeside = 8  !! numbers that are compared side by side
@@ -42,6 +42,19 @@ module symsde_solve_fixed_point_single_path
       change(1) = moved + zero  ! NaN stays
       extent(1) = largest
    end subroutine take
+
+   !> x = sign*f of the first sweep, before which x is not known.
+   pure subroutine take_first(nlane, n, sign, f, x, change)
+      integer, intent(in) :: nlane, n
+      real(wp), intent(in) :: sign, f(n)
+      real(wp), intent(out) :: x(n)
+      real(wp), intent(inout) :: change(1)
+      real(wp) :: extent(1)
+
+      x = 0
+      extent = 0
+      call take(nlane, n, sign, f, [0.0_wp], x, change, extent)
+   end subroutine take_first
 
    !> The same of nbeside at a time, each of which has its own largest: one for all would wait for itself.
    pure subroutine take_beside(n, sign, f, x, change, extent, zero)

@@ -30,7 +30,8 @@ module symsde_solve_newton
    use symsde_solve_damping, only: damping_type, new_damping, start_damping, reject, accept
    implicit none
    private
-   public :: newton_type, newton_options, new_newton, check_newton, patience, update
+   public :: newton_type, newton_options, new_newton, check_newton, patience
+   public :: update, judge, first_scalar, update_scalar
 
    !> Iterations after which one unknown is tested for rounding that cycles, too, as several are from the start. Few
    !> lanes take as many, and the test of the others is shorter without.
@@ -58,7 +59,7 @@ module symsde_solve_newton
       real(wp), allocatable :: last(:)  !! size of the last correction, or done, or failed; >= 0 runs (nlane)
       real(wp), allocatable :: step(:)  !! size of this correction (nlane)
       real(wp), allocatable :: size(:)  !! size of the unknowns (nlane)
-      logical, private :: exact = .false.    !! matrix and residual belong together, to rounding
+      logical :: exact = .false.        !! matrix and residual belong together, to rounding
       type(stopping_test) :: test = linear
       logical, allocatable, private :: active(:)
       integer(i8), allocatable, private :: verdict(:)

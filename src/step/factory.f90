@@ -13,11 +13,13 @@ module symsde_step_factory
    use symsde_solve_newton, only: newton_options, check_newton
    use symsde_step_midpoint_mean_path, only: mean_path_stepper
    use symsde_step_midpoint_mean_force, only: mean_force_stepper, mean_force_fits
+   use symsde_step_midpoint_mean_force_single_path, only: mean_force_single_path => mean_force_stepper
    use symsde_step_explicit_euler_maruyama, only: euler_maruyama_stepper
    use symsde_step_explicit_tableau, only: explicit_stepper, explicit_fits
    use symsde_step_implicit_galerkin, only: galerkin_stepper
    use symsde_step_implicit_general, only: general_stepper
    use symsde_step_midpoint_eliminated, only: midpoint_stepper, midpoint_fits
+   use symsde_step_midpoint_eliminated_single_path, only: midpoint_single_path => midpoint_stepper
    use symsde_step_midpoint_full, only: midpoint_full_stepper, midpoint_full_fits
    use symsde_step_midpoint_full_single_path, only: midpoint_full_single_path => midpoint_full_stepper
    use symsde_step_midpoint_one_dof, only: midpoint_one_dof_stepper, midpoint_one_dof_fits
@@ -61,8 +63,16 @@ contains
       case (verlet_dz); if (task%scheme%frame == frame_shift) allocate (verlet_dz_stepper :: stepper)
       case (mean_path); if (task%scheme%frame == frame_mean_path) allocate (mean_path_stepper :: stepper)
       case (explicit); if (explicit_fits(task)) allocate (explicit_stepper :: stepper)
-      case (mean_force); if (mean_force_fits(task)) allocate (mean_force_stepper :: stepper)
-      case (midpoint); if (midpoint_fits(task)) allocate (midpoint_stepper :: stepper)
+      case (mean_force)
+         if (mean_force_fits(task)) then
+            if (task%nlane == 1) allocate (mean_force_single_path :: stepper)
+            if (task%nlane > 1) allocate (mean_force_stepper :: stepper)
+         end if
+      case (midpoint)
+         if (midpoint_fits(task)) then
+            if (task%nlane == 1) allocate (midpoint_single_path :: stepper)
+            if (task%nlane > 1) allocate (midpoint_stepper :: stepper)
+         end if
       case (midpoint_one_dof); if (midpoint_one_dof_fits(task)) allocate (midpoint_one_dof_stepper :: stepper)
       case (midpoint_full)
          if (midpoint_full_fits(task)) then

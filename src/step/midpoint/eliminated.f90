@@ -1,21 +1,6 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> Implicit midpoint for H = p.p/2 + U(q) with noise in position or additive: the momenta are eliminated.
-!>
-!>    p_{n+1} = p_n - Hhat_q(Q),   q_{n+1} = q_n + h (p_n + p_{n+1})/2 + g,   Q = (q_n + q_{n+1})/2
-!>
-!> ([WHSB] (82)-(83) for the synchrotron), g the constant part of Hhat_p from additive noise. The unknown
-!> is V = p_{n+1} - p_n, half as many as in general:  V + Hhat_q(q_n + (h p_n + g)/2 + h V/4) = 0.
-!>
-!> Where a frequency is fast, (h omega)^2/4 > 1, dq = h (p_n + V/2) + g would cancel and lose h omega ulps of
-!> q a step. In such lanes Newton goes on from there with dq as the unknown:
-!>
-!>    dq - (h p_n + g) + (h/2) Hhat_q(q_n + dq/2) = 0,   dp = 2 (dq - h p_n - g)/h
-!>
-!> with the same matrix. A lane is called stiff by its own first Hessian, never by its neighbours'.
-!>
-!> The equations, the switch and the increments stand here, once. What solves the linear systems is a part:
-!> matrices eliminated across lanes (closed form, dense, banded), rows of a tridiagonal Hessian, or products
-!> with the Hessian alone, for lanes that step/stages/stepper has not solved by iteration. They find the same root.
+!> The implicit midpoint rule without momenta for blocks of paths. The equations stand in the body, eliminated.inc; here
+!> is what solves them, and which lanes of a block go together: those of a strip where a chain is taken row by row.
 module symsde_step_midpoint_eliminated
    use symsde_base_kinds, only: wp, i8
    use symsde_base_record, only: step_record
@@ -24,23 +9,22 @@ module symsde_step_midpoint_eliminated
    use symsde_model_abstract, only: model_type
    use symsde_scheme_scheme, only: correction_none
    use symsde_solve_newton, only: newton_options
-   use symsde_step_lone, only: lone_stepper, few_of
-   use symsde_step_midpoint_lone_eliminated, only: lone_midpoint
-   use symsde_step_midpoint_lone_tridiagonal, only: lone_midpoint_rows
+   use symsde_step_hamiltonian_one_step, only: new_one_step_hamiltonian
+   use symsde_step_implicit_newton_krylov, only: does_without_matrices
+   use symsde_step_lone, only: few_of
    use symsde_step_midpoint_dense, only: dense_midpoint, new_dense_midpoint
+   use symsde_step_midpoint_equation, only: midpoint_equation, new_midpoint_equation, midpoint_part
    use symsde_step_midpoint_krylov, only: krylov_midpoint, new_krylov_midpoint
    use symsde_step_midpoint_tridiagonal, only: tridiagonal_midpoint, new_tridiagonal_midpoint
-   use symsde_step_midpoint_equation, only: midpoint_equation, new_midpoint_equation, midpoint_part
    use symsde_step_midpoint_update, only: find_bad_sums, add_in_place, find_bad
-   use symsde_step_implicit_newton_krylov, only: does_without_matrices
-   use symsde_step_hamiltonian_one_step, only: new_one_step_hamiltonian
    use symsde_step_stepper, only: stepper_type, stepper_task
    implicit none
    private
-   public :: midpoint_stepper, midpoint_fits, new_midpoint_stepper, midpoint_serves
+   public :: midpoint_stepper, midpoint_fits, new_midpoint_stepper, midpoint_serves, choose_way
    public :: by_matrix, by_rows, by_products
 
    integer, parameter :: by_matrix = 1, by_rows = 2, by_products = 3  !! what solves
+   integer, parameter :: unit = lane_unit    !! lanes of a vector
    integer(i8), parameter :: copy_rests = 1  !! status of the copies that fill up lanes: any but 0
 
    type, extends(stepper_type) :: midpoint_stepper
@@ -48,7 +32,7 @@ module symsde_step_midpoint_eliminated
       class(midpoint_part), allocatable :: part
       type(midpoint_equation) :: eq            !! of the lanes that take the step together
       logical :: has_shift = .false.           !! additive noise moves the positions: g /= 0
-      real(wp), allocatable :: extent(:)       !! the largest of q and p in a lane (eq%nlane)
+      real(wp), allocatable :: extent(:)       !! the largest of q and p in a lane, where states are moved (eq%nlane)
       real(wp), allocatable :: shift(:, :)     !! g (eq%nlane, ndof)
       real(wp), allocatable :: w(:, :)         !! where not all lanes go together: their w (eq%nlane, 0:nnoise)
       real(wp), allocatable, dimension(:, :) :: q, p, dq, dp  !! where lanes are taken out (eq%nlane, ndof)
@@ -56,10 +40,17 @@ module symsde_step_midpoint_eliminated
       procedure :: make
       procedure :: increment
       procedure :: move
-      procedure :: offer_lone
    end type midpoint_stepper
 
 contains
+
+   include 'eliminated.inc'
+
+   pure integer function lanes(nlane)
+      integer, intent(in) :: nlane
+
+      lanes = nlane
+   end function lanes
 
    !> Whether this stepper executes the task.
    logical function midpoint_fits(task) result(fits)
@@ -75,101 +66,6 @@ contains
 
       midpoint_serves = model%traits%eliminates_momenta() .and. choose_way(model, options) /= by_products
    end function midpoint_serves
-
-   subroutine make(self, task)
-      class(midpoint_stepper), intent(inout) :: self
-      type(stepper_task), intent(in) :: task
-
-      call new_midpoint_stepper(self, task%model, task%nlane, task%newton)
-      self%one_solve = self%part%newton%affine
-      self%left_out = 'half of the unknowns: identity mass'
-   end subroutine make
-
-   !> A midpoint stepper for blocks of nlane lanes.
-   subroutine new_midpoint_stepper(self, model, nlane, options, way)
-      type(midpoint_stepper), intent(out) :: self
-      class(model_type), intent(in), target :: model
-      integer, intent(in) :: nlane
-      type(newton_options), intent(in) :: options
-      integer, intent(in), optional :: way  !! by_matrix, by_rows or by_products, if not the fastest
-      integer :: chosen, together
-
-      chosen = choose_way(model, options)
-      if (present(way)) chosen = way
-      together = nlane
-      self%name = 'midpoint, momenta eliminated'
-      select case (chosen)
-      case (by_rows)
-         self%name = 'midpoint, momenta eliminated, tridiagonal'
-         if (model%traits%has_chain_rows .or. modulo(nlane, strip_lanes) /= 0) together = strip_lanes
-         allocate (tridiagonal_midpoint :: self%part)
-      case (by_products)
-         self%name = 'midpoint, momenta eliminated, matrix-free'
-         allocate (krylov_midpoint :: self%part)
-      case default
-         allocate (dense_midpoint :: self%part)
-      end select
-      select type (part => self%part)
-      type is (tridiagonal_midpoint)
-         call new_tridiagonal_midpoint(part, model, together, options)
-      type is (krylov_midpoint)
-         call new_krylov_midpoint(part, model, together, options)
-      type is (dense_midpoint)
-         call new_dense_midpoint(part, model, together, options)
-      end select
-      call new_one_step_hamiltonian(self%ham, model, nlane, correction_none, 0.0_wp)
-      associate (n => model%traits%ndof, m => model%traits%nnoise)
-         call new_midpoint_equation(self%eq, together, n, m)
-         self%has_shift = m > 0 .and. .not. model%traits%position_noise
-         self%moves = chosen == by_rows .and. modulo(nlane, together) == 0 .and. .not. self%has_shift
-      end associate
-   end subroutine new_midpoint_stepper
-
-   !> Room for lanes, made for the first step: that of a large system takes as long as some runs, and where lone paths
-   !> take all steps it is not needed.
-   subroutine make_room(self)
-      type(midpoint_stepper), intent(inout) :: self
-
-      call self%eq%make_room()
-      associate (nlane => self%ham%nlane, together => self%eq%nlane, n => self%eq%n)
-         if (self%moves) allocate (self%extent(together))
-         if (self%has_shift) allocate (self%shift(together, n))
-         if (self%moves .or. modulo(nlane, together) /= 0) &
-            allocate (self%q(together, n), self%p(together, n), self%dq(together, n), self%dp(together, n))
-         if (together /= nlane) allocate (self%w(together, 0:self%eq%m))
-      end associate
-   end subroutine make_room
-
-   !> Paths one by one, where matrices or rows solve, noise is in position, one unknown or two have their derivatives.
-   subroutine offer_lone(self, lone)
-      class(midpoint_stepper), intent(in) :: self
-      class(lone_stepper), allocatable, intent(out) :: lone
-      type(lone_midpoint), allocatable :: made
-      type(lone_midpoint_rows), allocatable :: rows
-
-      if (self%has_shift) return
-      select type (part => self%part)
-      type is (dense_midpoint)
-         if (.not. part%newton%options%is_free()) return
-         if (self%eq%n == 1 .and. .not. self%ham%model%traits%has_hessian) return
-         if (self%eq%n == 2 .and. .not. (part%iterates .or. self%ham%model%traits%has_hessian)) return
-         if (self%eq%n > 1 .and. .not. (part%iterates .or. part%pairs)) return
-         allocate (made)
-         if (self%eq%n == 2 .and. self%ham%model%traits%has_lone_pair) made%most = 5  ! six take 1.06 of the time
-         if (self%eq%n > 2) made%most = 6  ! seven take 0.8 to 1.0, eight 1.4 to 1.9
-         made%affine = part%newton%affine
-         made%iterates = part%iterates
-         made%max_iter = part%newton%options%max_iter
-         call move_alloc(made, lone)
-      type is (tridiagonal_midpoint)
-         if (self%ham%model%traits%has_chain_rows .and. .not. self%ham%model%traits%has_lone_rows) return
-         allocate (rows)
-         rows%most = few_of(self%eq%n, 4, 6)  ! five take 0.9 to 1.0
-         rows%test = part%newton%test
-         rows%max_iter = part%newton%options%max_iter
-         call move_alloc(rows, lone)
-      end select
-   end subroutine offer_lone
 
    !> What solves the linear systems of a model fastest.
    pure integer function choose_way(model, options) result(way)
@@ -187,6 +83,47 @@ contains
       end associate
    end function choose_way
 
+   !> What solves, for the lanes of a block that go together.
+   subroutine make_part(self, way, model, nlane, options, together)
+      type(midpoint_stepper), intent(inout) :: self
+      integer, intent(in) :: way, nlane
+      class(model_type), intent(in) :: model
+      type(newton_options), intent(in) :: options
+      integer, intent(out) :: together
+
+      together = nlane
+      select case (way)
+      case (by_rows)
+         if (model%traits%has_chain_rows .or. modulo(nlane, strip_lanes) /= 0) together = strip_lanes
+         allocate (tridiagonal_midpoint :: self%part)
+      case (by_products)
+         allocate (krylov_midpoint :: self%part)
+      case default
+         allocate (dense_midpoint :: self%part)
+      end select
+      self%moves = way == by_rows .and. modulo(nlane, together) == 0 .and. .not. self%has_shift
+      select type (part => self%part)
+      type is (tridiagonal_midpoint)
+         call new_tridiagonal_midpoint(part, model, together, options)
+      type is (krylov_midpoint)
+         call new_krylov_midpoint(part, model, together, options)
+      type is (dense_midpoint)
+         call new_dense_midpoint(part, model, together, options)
+      end select
+   end subroutine make_part
+
+   !> Room for the lanes of a strip, and for states that are moved while they are near.
+   subroutine make_room_of_strips(self)
+      type(midpoint_stepper), intent(inout) :: self
+
+      associate (nlane => self%ham%nlane, together => self%eq%nlane, n => self%eq%n)
+         if (self%moves) allocate (self%extent(together))
+         if (self%moves .or. modulo(nlane, together) /= 0) &
+            allocate (self%q(together, n), self%p(together, n), self%dq(together, n), self%dp(together, n))
+         if (together /= nlane) allocate (self%w(together, 0:self%eq%m))
+      end associate
+   end subroutine make_room_of_strips
+
    subroutine increment(self, step, q, p, dq, dp, status)
       class(midpoint_stepper), intent(inout) :: self
       type(step_record), intent(in) :: step
@@ -195,6 +132,7 @@ contains
       integer(i8), intent(inout) :: status(self%ham%nlane)
       integer :: before
 
+      if (.not. allocated(self%eq%x)) call make_room_of_strips(self)
       call begin(self, step)
       associate (nlane => self%ham%nlane, together => self%eq%nlane)
          if (together == nlane) then
@@ -211,16 +149,7 @@ contains
       end associate
    end subroutine increment
 
-   subroutine begin(self, step)
-      type(midpoint_stepper), intent(inout) :: self
-      type(step_record), intent(in) :: step
-
-      if (.not. allocated(self%eq%x)) call make_room(self)
-      self%eq%h = step%h
-      self%eq%t = step%t + 0.5_wp*step%h
-   end subroutine begin
-
-   !> Lanes that go together get their new state while the old one is near.
+   !> Update (q, p) strip by strip, in cache.
    subroutine move(self, step, q, p, status)
       class(midpoint_stepper), intent(inout) :: self
       type(step_record), intent(in) :: step
@@ -228,6 +157,7 @@ contains
       integer(i8), intent(inout) :: status(self%ham%nlane)
       integer :: before
 
+      if (.not. allocated(self%eq%x)) call make_room_of_strips(self)
       call begin(self, step)
       associate (nlane => self%ham%nlane, together => self%eq%nlane)
          do before = 0, nlane - together, together
@@ -270,50 +200,6 @@ contains
       end associate
    end subroutine fill_up
 
-   !> One step of the lanes that go together.
-   subroutine step_together(self, nlane, before, w, q, p, dq, dp, status)
-      class(midpoint_stepper), intent(inout) :: self
-      integer, intent(in) :: nlane, before  !! lanes of the block, and of them before these
-      real(wp), intent(in) :: w(self%eq%nlane, 0:self%eq%m), q(nlane, self%eq%n), p(nlane, self%eq%n)
-      real(wp), intent(inout) :: dq(nlane, self%eq%n), dp(nlane, self%eq%n)
-      integer(i8), intent(inout) :: status(self%eq%nlane)
-
-      call solve_mild(self, nlane, before, w, q, p, status)
-      call finish_increments(self, nlane, before, w, q, p, dq, dp, status)
-   end subroutine step_together
-
-   !> V of the lanes that go together.
-   subroutine solve_mild(self, nlane, before, w, q, p, status)
-      class(midpoint_stepper), intent(inout) :: self
-      integer, intent(in) :: nlane, before
-      real(wp), intent(in) :: w(self%eq%nlane, 0:self%eq%m), q(nlane, self%eq%n), p(nlane, self%eq%n)
-      integer(i8), intent(inout) :: status(self%eq%nlane)
-
-      associate (eq => self%eq)
-         eq%for_dq = .false.
-         eq%stiff = .false.
-         eq%c = 0.25_wp*eq%h
-         call half_drift(nlane, eq%n, before, eq%nlane, eq%h, q, p, eq%base(1, 1), self%extent)
-         if (self%has_shift) call add_shift(self, w)
-         call self%part%solve(self%ham, eq, w, status)
-      end associate
-   end subroutine solve_mild
-
-   !> Their increments, from V, and in stiff lanes from dq.
-   subroutine finish_increments(self, nlane, before, w, q, p, dq, dp, status)
-      class(midpoint_stepper), intent(inout) :: self
-      integer, intent(in) :: nlane, before
-      real(wp), intent(in) :: w(self%eq%nlane, 0:self%eq%m), q(nlane, self%eq%n), p(nlane, self%eq%n)
-      real(wp), intent(inout) :: dq(nlane, self%eq%n), dp(nlane, self%eq%n)
-      integer(i8), intent(inout) :: status(self%eq%nlane)
-
-      associate (eq => self%eq, first => before + 1, last => before + self%eq%nlane)
-         call find_increments(nlane, eq%n, before, eq%nlane, eq%h, p, eq%x, dq, dp)
-         if (self%has_shift) dq(first:last, :) = dq(first:last, :) + self%shift
-         if (eq%stiff) call step_stiff(self, nlane, before, w, q, p, dq, dp, status)
-      end associate
-   end subroutine finish_increments
-
    !> One step of the states of lanes that go together.
    subroutine move_together(self, nlane, before, w, q, p, status)
       class(midpoint_stepper), intent(inout) :: self
@@ -344,85 +230,6 @@ contains
          end if
       end associate
    end subroutine move_together
-
-   !> Half of g to the positions; g does not depend on where it is read.
-   subroutine add_shift(self, w)
-      class(midpoint_stepper), intent(inout) :: self
-      real(wp), intent(in) :: w(self%eq%nlane, 0:self%eq%m)
-
-      associate (eq => self%eq)
-         call self%ham%model%gradient(eq%nlane, eq%n, eq%m, eq%t, w, eq%base(1, 1), eq%still, hp=self%shift)
-         self%ham%counters%gradients = self%ham%counters%gradients + eq%nreal
-         eq%base(:, 1:eq%n) = eq%base(:, 1:eq%n) + 0.5_wp*self%shift
-      end associate
-   end subroutine add_shift
-
-   !> In the stiff lanes, dq as the unknown, from what V gave.
-   subroutine step_stiff(self, nlane, before, w, q, p, dq, dp, status)
-      class(midpoint_stepper), intent(inout) :: self
-      integer, intent(in) :: nlane, before
-      real(wp), intent(in) :: w(self%eq%nlane, 0:self%eq%m), q(nlane, self%eq%n), p(nlane, self%eq%n)
-      real(wp), intent(inout) :: dq(nlane, self%eq%n), dp(nlane, self%eq%n)
-      integer(i8), intent(inout) :: status(self%eq%nlane)
-      integer(i8) :: lane_status(self%eq%nlane)
-      integer :: i
-
-      associate (eq => self%eq, n => self%eq%n, first => before + 1, last => before + self%eq%nlane)
-         lane_status = merge(0_i8, -1_i8, eq%stiff_ratio > 1 .and. status == 0)
-         if (all(lane_status < 0)) return
-         eq%for_dq = .true.
-         eq%c = 0.5_wp
-         eq%base(:, 1:n) = q(first:last, :)
-         eq%drift = eq%h*p(first:last, :)
-         if (self%has_shift) eq%drift = eq%drift + self%shift
-         eq%x = dq(first:last, :)
-         call self%part%solve(self%ham, eq, w, lane_status)
-         do i = 1, n
-            dq(first:last, i) = merge(eq%x(:, i), dq(first:last, i), lane_status == 0)
-            dp(first:last, i) = merge(2*(eq%x(:, i) - eq%drift(:, i))/eq%h, dp(first:last, i), lane_status == 0)
-         end do
-         where (lane_status > 0) status = lane_status
-      end associate
-   end subroutine step_stiff
-
-   ! ---- kernels: lanes before+1 .. before+together of a block, a vector at a time
-
-   !> VEC base = q + h p/2
-   pure subroutine half_drift(nlane, n, before, together, h, q, p, base, extent)
-      integer, intent(in) :: nlane, n, before, together
-      real(wp), intent(in) :: h, q(nlane, n), p(nlane, n)
-      real(wp), intent(out) :: base(together, n)
-      real(wp), intent(out), optional :: extent(together)  !! the largest of q and p
-      real(wp) :: largest(lane_unit)
-      integer :: i, done, lane
-
-      do done = 0, together - lane_unit, lane_unit
-         largest = 0
-         do i = 1, n
-            !GCC$ unroll 8
-            do lane = 1, lane_unit
-               base(done + lane, i) = q(before + done + lane, i) + 0.5_wp*(h*p(before + done + lane, i))
-               largest(lane) = max(max(abs(q(before + done + lane, i)), abs(p(before + done + lane, i))), largest(lane))
-            end do
-         end do
-         if (present(extent)) extent(done + 1:done + lane_unit) = largest
-      end do
-   end subroutine half_drift
-
-   !> VEC dp = V and dq = h (p + V/2)
-   pure subroutine find_increments(nlane, n, before, together, h, p, v, dq, dp)
-      integer, intent(in) :: nlane, n, before, together
-      real(wp), intent(in) :: h, p(nlane, n), v(together, n)
-      real(wp), intent(inout) :: dq(nlane, n), dp(nlane, n)
-      integer :: i, lane
-
-      do i = 1, n
-         do lane = 1, together
-            dp(before + lane, i) = v(lane, i)
-            dq(before + lane, i) = h*(p(before + lane, i) + 0.5_wp*v(lane, i))
-         end do
-      end do
-   end subroutine find_increments
 
    !> VEC Rows of a strip.
    pure subroutine take_rows(nlane, nrow, before, x, y)

@@ -14,14 +14,12 @@
 !> Private to its family.
 module symsde_step_midpoint_equation
    use symsde_base_kinds, only: wp, i8
-   use symsde_model_abstract, only: model_type
    use symsde_solve_newton, only: newton_type
-   use symsde_solve_stagnation, only: quadratic, verdict_of
    use symsde_step_hamiltonian_one_step, only: one_step_hamiltonian
    implicit none
    private
    public :: midpoint_equation, new_midpoint_equation, midpoint_part, solve_by_iterations
-   public :: position, correct_pair, correction_of, solve_pair
+   public :: position, correct_pair
 
    !> The equations of the lanes that are taken through a step together.
    type :: midpoint_equation
@@ -40,7 +38,6 @@ module symsde_step_midpoint_equation
       procedure :: make_room
       procedure :: starts
       procedure :: weigh
-      procedure :: note_stiff_ratio
    end type midpoint_equation
 
    !> How the equation is solved.
@@ -117,126 +114,15 @@ contains
       if (self%for_dq) call weigh_force((last - first + 1)*self%nlane, 0.5_wp*self%h, self%drift(1, first), f)
    end subroutine weigh
 
-   !> Take in a slope of f, (h/4) Hhat_ii, of every lane; the first one of a step has `first` true.
-   subroutine note_stiff_ratio(self, slope, first)
-      class(midpoint_equation), intent(inout) :: self
-      real(wp), intent(in) :: slope(self%nlane)
-      logical, intent(in) :: first
-
-      if (first) self%stiff_ratio = 0
-      call take_larger(self%nlane, slope, self%stiff_ratio)
-   end subroutine note_stiff_ratio
-
-   !> Two unknowns of a path by itself, from V = 0, or from dq: the iterations that were taken, none where it does not
-   !> converge, or where something is not finite. Whether the step is mild is for the caller to say: products with
-   !> h/4 are contracted here as in lanes, since nothing else asks for them.
-   subroutine solve_pair(model, m, max_iter, affine, t, h, w, base, x, slope, iteration, drift)
-      class(model_type), intent(in) :: model
-      integer, intent(in) :: m, max_iter   !! noises, iterations
-      logical, intent(in) :: affine        !! one is all
-      real(wp), intent(in) :: t, h, w(0:m), base(2)
-      real(wp), intent(inout) :: x(2)      !! V or dq
-      real(wp), intent(out) :: slope(2)    !! the first Hhat_ii
-      integer, intent(out) :: iteration
-      real(wp), intent(in), optional :: drift(2)  !! the unknown is dq
-      real(wp) :: f1, f2, k11, k21, k12, k22, q1, q2, x1, x2, d1, d2, c, last, step, size
-
-      c = merge(0.5_wp, 0.25_wp*h, present(drift))
-      x1 = x(1)
-      x2 = x(2)
-      q1 = base(1)
-      q2 = base(2)
-      if (present(drift)) then
-         q1 = q1 + c*x1
-         q2 = q2 + c*x2
-      end if
-      last = 0
-      do iteration = 1, max_iter
-         call model%pair(m, t, w, q1, q2, f1, f2, k11, k21, k12, k22)
-         if (iteration == 1) then
-            slope(1) = k11
-            slope(2) = k22
-         end if
-         if (present(drift)) then
-            f1 = 0.5_wp*h*f1 - drift(1)
-            f2 = 0.5_wp*h*f2 - drift(2)
-         end if
-         call correction(0.25_wp*h, f1, f2, k11, k21, k12, k22, x1, x2, d1, d2)
-         x1 = x1 - d1
-         x2 = x2 - d2
-         step = max(abs(d1), abs(d2)) + 0*(d1 + d2)  ! NaN stays
-         size = max(abs(x1), abs(x2))
-         if (.not. step + size <= huge(c)) exit
-         last = verdict_of(quadratic, step, size, last)
-         if (affine .or. last < 0) then
-            x(1) = x1
-            x(2) = x2
-            return
-         end if
-         q1 = base(1) + c*x1
-         q2 = base(2) + c*x2
-      end do
-      iteration = 0
-   end subroutine solve_pair
-
    ! ---- kernels ----------------------------------------------------------------------------------
 
-   !> VEC Q = base + c x
-   pure subroutine position(n, c, base, x, q)
-      integer, intent(in) :: n
-      real(wp), intent(in) :: c, base(n), x(n)
-      real(wp), intent(out) :: q(n)
-      integer :: i
-
-      do i = 1, n
-         q(i) = base(i) + c*x(i)
-      end do
-   end subroutine position
-
-   !> VEC Two unknowns: x = x - (I + c K)^{-1} (x + f) in running lanes, with the size of correction and unknowns in
-   !> each.
-   pure subroutine correct_pair(nlane, c, f, k, last, x, step, size)
+   pure integer function lanes(nlane)
       integer, intent(in) :: nlane
-      real(wp), intent(in) :: c, f(nlane, 2), k(nlane, 2, 2), last(nlane)
-      real(wp), intent(inout) :: x(nlane, 2)
-      real(wp), intent(out) :: step(nlane), size(nlane)
-      real(wp) :: d1, d2
-      integer :: lane
 
-      do lane = 1, nlane
-         call correction(c, f(lane, 1), f(lane, 2), k(lane, 1, 1), k(lane, 2, 1), k(lane, 1, 2), k(lane, 2, 2), &
-                         x(lane, 1), x(lane, 2), d1, d2)
-         x(lane, 1) = merge(x(lane, 1) - d1, x(lane, 1), last(lane) >= 0)
-         x(lane, 2) = merge(x(lane, 2) - d2, x(lane, 2), last(lane) >= 0)
-         step(lane) = max(abs(d1), abs(d2)) + 0*(d1 + d2)  ! NaN stays
-         size(lane) = max(abs(x(lane, 1)), abs(x(lane, 2)))
-      end do
-   end subroutine correct_pair
+      lanes = nlane
+   end function lanes
 
-   !> (I + c K)^{-1} (x + f), by Cramer's rule, which needs no pivots.
-   pure subroutine correction(c, f1, f2, k11, k21, k12, k22, x1, x2, d1, d2)
-      real(wp), intent(in) :: c, f1, f2, k11, k21, k12, k22, x1, x2
-      real(wp), intent(out) :: d1, d2
-      real(wp) :: a, b, e, d, r1, r2, inverse
-
-      a = 1 + c*k11
-      b = c*k12
-      e = c*k21
-      d = 1 + c*k22
-      r1 = x1 + f1
-      r2 = x2 + f2
-      inverse = 1/(a*d - b*e)
-      d1 = (d*r1 - b*r2)*inverse
-      d2 = (a*r2 - e*r1)*inverse
-   end subroutine correction
-
-   !> The same for other modules: what they see is not inlined in the loop above.
-   pure subroutine correction_of(c, f1, f2, k11, k21, k12, k22, x1, x2, d1, d2)
-      real(wp), intent(in) :: c, f1, f2, k11, k21, k12, k22, x1, x2
-      real(wp), intent(out) :: d1, d2
-
-      call correction(c, f1, f2, k11, k21, k12, k22, x1, x2, d1, d2)
-   end subroutine correction_of
+   include 'equation.inc'
 
    !> VEC (h/2) Hhat_q - (h p + g)
    pure subroutine weigh_force(n, half, drift, f)
@@ -249,17 +135,5 @@ contains
          f(i) = half*f(i) - drift(i)
       end do
    end subroutine weigh_force
-
-   !> VEC
-   pure subroutine take_larger(nlane, slope, stiff_ratio)
-      integer, intent(in) :: nlane
-      real(wp), intent(in) :: slope(nlane)
-      real(wp), intent(inout) :: stiff_ratio(nlane)
-      integer :: lane
-
-      do lane = 1, nlane
-         stiff_ratio(lane) = merge(slope(lane), stiff_ratio(lane), slope(lane) > stiff_ratio(lane))
-      end do
-   end subroutine take_larger
 
 end module symsde_step_midpoint_equation

@@ -20,8 +20,10 @@ module symsde_step_midpoint_mean_path
    use symsde_model_abstract, only: model_type
    use symsde_model_probe_noise_time, only: noise_changes_in_time
    use symsde_scheme_scheme, only: bracket_terms, correction_none
-   use symsde_step_lone, only: lone_stepper, few_of
+   use symsde_step_lone, only: few_of
    use symsde_step_midpoint_eliminated, only: midpoint_stepper, new_midpoint_stepper, midpoint_serves
+   use symsde_step_midpoint_eliminated_single_path, only: eliminated_single_path => midpoint_stepper, &
+                                                          new_eliminated_single_path => new_midpoint_stepper
    use symsde_step_midpoint_full, only: midpoint_full_stepper, new_midpoint_full_stepper
    use symsde_step_midpoint_full_single_path, only: full_single_path => midpoint_full_stepper, &
                                                     new_full_single_path => new_midpoint_full_stepper
@@ -34,7 +36,7 @@ module symsde_step_midpoint_mean_path
    private
    public :: mean_path_stepper
 
-   !> What is around the midpoint, for a block of paths or for one.
+   !> What is around the midpoint.
    type :: mean_path
       integer :: nlane = 0, n = 0
       type(noise_shift) :: shift
@@ -51,21 +53,8 @@ module symsde_step_midpoint_mean_path
    contains
       procedure :: make
       procedure :: increment
-      procedure :: offer_lone
       procedure :: tally
    end type mean_path_stepper
-
-   !> A path by itself.
-   type, extends(lone_stepper) :: lone_mean_path
-      private
-      type(mean_path) :: mean
-      class(lone_stepper), allocatable :: inner
-      real(wp), allocatable, dimension(:) :: x, y    !! (n)
-   contains
-      procedure :: lead
-      procedure :: collect
-      procedure :: take
-   end type lone_mean_path
 
 contains
 
@@ -73,6 +62,7 @@ contains
       class(mean_path_stepper), intent(inout) :: self
       type(stepper_task), intent(in) :: task
       type(midpoint_stepper), allocatable :: eliminated
+      type(eliminated_single_path), allocatable :: eliminated_single
       type(midpoint_full_stepper), allocatable :: full
       type(full_single_path), allocatable :: single
       type(bracket_terms) :: brackets
@@ -81,9 +71,15 @@ contains
       brackets = active_brackets(bracket_terms(nested=.true.), task%model%traits)
       if (midpoint_serves(task%model, task%newton) .and. .not. brackets%are_added()) then
          self%left_out = 'half of the unknowns: identity mass'
-         allocate (eliminated)
-         call new_midpoint_stepper(eliminated, task%model, task%nlane, task%newton)
-         call move_alloc(eliminated, self%inner)
+         if (task%nlane == 1) then
+            allocate (eliminated_single)
+            call new_eliminated_single_path(eliminated_single, task%model, 1, task%newton)
+            call move_alloc(eliminated_single, self%inner)
+         else
+            allocate (eliminated)
+            call new_midpoint_stepper(eliminated, task%model, task%nlane, task%newton)
+            call move_alloc(eliminated, self%inner)
+         end if
       else if (task%nlane == 1) then
          allocate (single)
          call new_full_single_path(single, task%model, 1, task%newton, brackets=brackets)
@@ -93,7 +89,7 @@ contains
          call new_midpoint_full_stepper(full, task%model, task%nlane, task%newton, brackets=brackets)
          call move_alloc(full, self%inner)
       end if
-      self%most_single = self%inner%most_single
+      self%most_single = min(self%inner%most_single, few_of(task%model%traits%ndof, 3, 6))  ! four take 1.1 of a block
       call new_rescue(self%rescue, task, self%inner)
       call new_one_step_hamiltonian(self%ham, task%model, task%nlane, correction_none, 0.0_wp)
       call new_mean_path(self%mean, task%model, task%nlane, noise_changes_in_time(task%model))
@@ -195,56 +191,5 @@ contains
       call self%inner%tally(total)
       call self%rescue%tally(total)
    end subroutine tally
-
-   ! ---- a path by itself -------------------------------------------------------------------------
-
-   !> Paths one by one, where those of the midpoint within are.
-   subroutine offer_lone(self, lone)
-      class(mean_path_stepper), intent(in) :: self
-      class(lone_stepper), allocatable, intent(out) :: lone
-      type(lone_mean_path), allocatable :: made
-
-      allocate (made)
-      call self%inner%offer_lone(made%inner)
-      if (.not. allocated(made%inner)) return
-      made%wants_record = .true.
-      made%most = few_of(self%ham%ndof, 3, 6)  ! four take 1.1 of the time
-      call new_mean_path(made%mean, self%ham%model, 1, self%mean%time_dependent)
-      call move_alloc(made, lone)
-   end subroutine offer_lone
-
-   subroutine lead(self, model)
-      class(lone_mean_path), intent(inout) :: self
-      class(model_type), intent(in), target :: model
-
-      self%model => model
-      self%n = model%traits%ndof
-      self%m = model%traits%nnoise
-      allocate (self%x(self%n), self%y(self%n))
-      call self%inner%lead(model)
-   end subroutine lead
-
-   subroutine collect(self)
-      class(lone_mean_path), intent(inout) :: self
-
-      call add_counters(self%counters, self%inner%counters)
-      self%inner%counters = counters_type()
-      self%counters%gradients = self%counters%gradients + self%mean%shift%asked
-      self%mean%shift%asked = 0
-   end subroutine collect
-
-   subroutine take(self, t, h, w, q, p, dq, dp, taken)
-      class(lone_mean_path), intent(inout) :: self
-      real(wp), intent(in) :: t, h, w(0:self%m), q(self%n), p(self%n)
-      real(wp), intent(out) :: dq(self%n), dp(self%n)
-      logical, intent(out) :: taken
-
-      self%step%t = t
-      self%x = q
-      self%y = p
-      call begin(self%mean, self%model, self%step, self%x, self%y)
-      call self%inner%take(t, h, self%mean%drift, self%x, self%y, dq, dp, taken)
-      if (taken) call finish(self%mean, self%model, self%step, dq, dp)
-   end subroutine take
 
 end module symsde_step_midpoint_mean_path

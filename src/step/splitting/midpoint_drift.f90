@@ -12,7 +12,9 @@ module symsde_step_splitting_midpoint_drift
    use symsde_scheme_scheme, only: scheme_type
    use symsde_step_implicit_general, only: general_stepper
    use symsde_step_midpoint_eliminated, only: midpoint_stepper, midpoint_fits
+   use symsde_step_midpoint_eliminated_single_path, only: midpoint_single_path => midpoint_stepper
    use symsde_step_midpoint_full, only: midpoint_full_stepper, midpoint_full_fits
+   use symsde_step_midpoint_full_single_path, only: midpoint_full_single_path => midpoint_full_stepper
    use symsde_step_midpoint_one_dof, only: midpoint_one_dof_stepper, midpoint_one_dof_fits
    use symsde_step_implicit_rescue, only: rescue_type, new_rescue
    use symsde_step_stepper, only: stepper_type, stepper_task
@@ -49,11 +51,13 @@ contains
       if (whole%general) then
          allocate (general_stepper :: self%stepper)
       else if (midpoint_fits(task)) then
-         allocate (midpoint_stepper :: self%stepper)
+         if (task%nlane == 1) allocate (midpoint_single_path :: self%stepper)
+         if (task%nlane > 1) allocate (midpoint_stepper :: self%stepper)
       else if (midpoint_one_dof_fits(task)) then
          allocate (midpoint_one_dof_stepper :: self%stepper)
       else if (midpoint_full_fits(task)) then
-         allocate (midpoint_full_stepper :: self%stepper)
+         if (task%nlane == 1) allocate (midpoint_full_single_path :: self%stepper)
+         if (task%nlane > 1) allocate (midpoint_full_stepper :: self%stepper)
       else
          allocate (general_stepper :: self%stepper)
       end if

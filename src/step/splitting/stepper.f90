@@ -81,6 +81,7 @@ contains
       self%name = 'kicks between midpoint steps'
       self%explicit = .false.
       self%one_solve = self%midpoint%stepper%one_solve
+      self%most_single = min(2, self%midpoint%stepper%most_single)
       if (allocated(self%midpoint%stepper%left_out)) self%left_out = self%midpoint%stepper%left_out
    end subroutine make
 
@@ -90,11 +91,8 @@ contains
       class(lone_stepper), allocatable, intent(out) :: lone
       type(lone_splitting), allocatable :: made
 
+      if (allocated(self%midpoint)) return  ! by a stepper of one lane
       allocate (made)
-      if (allocated(self%midpoint)) then
-         call self%midpoint%stepper%offer_lone(made%midpoint)
-         if (.not. allocated(made%midpoint)) return
-      end if
       made%by_mass = self%by_mass
       if (self%by_mass .and. allocated(self%ham%mass)) then
          allocate (made%mass)

@@ -1,0 +1,80 @@
+! SPDX-License-Identifier: BSD-3-Clause
+!> The implicit midpoint rule without momenta for a single path: eliminated.inc with one lane.
+module symsde_step_midpoint_eliminated_single_path
+   use symsde_base_kinds, only: wp, i8
+   use symsde_base_record, only: step_record
+   use symsde_model_abstract, only: model_type
+   use symsde_scheme_scheme, only: correction_none
+   use symsde_solve_newton, only: newton_options
+   use symsde_step_hamiltonian_one_step, only: new_one_step_hamiltonian
+   use symsde_step_lone, only: few_of
+   use symsde_step_midpoint_dense_single_path, only: dense_midpoint, new_dense_midpoint
+   use symsde_step_midpoint_eliminated, only: choose_way, by_rows, by_products
+   use symsde_step_midpoint_equation, only: midpoint_equation, new_midpoint_equation, midpoint_part
+   use symsde_step_midpoint_tridiagonal_single_path, only: tridiagonal_midpoint, new_tridiagonal_midpoint
+   use symsde_step_stepper, only: stepper_type, stepper_task
+   implicit none
+   private
+   public :: midpoint_stepper, new_midpoint_stepper
+
+   integer, parameter :: unit = 1  !! lanes of a vector
+
+   type, extends(stepper_type) :: midpoint_stepper
+      private
+      class(midpoint_part), allocatable :: part
+      type(midpoint_equation) :: eq            !! of the one lane
+      logical :: has_shift = .false.           !! additive noise moves the positions: g /= 0
+      real(wp), allocatable :: extent(:)       !! not allocated: states of a block are moved
+      real(wp), allocatable :: shift(:, :)     !! g (eq%nlane, ndof)
+   contains
+      procedure :: make
+      procedure :: increment
+   end type midpoint_stepper
+
+contains
+
+   include 'eliminated.inc'
+
+   pure integer function lanes(nlane)
+      integer, intent(in) :: nlane
+
+      lanes = 1
+   end function lanes
+
+   !> What solves: products are for blocks alone.
+   subroutine make_part(self, way, model, nlane, options, together)
+      type(midpoint_stepper), intent(inout) :: self
+      integer, intent(in) :: way, nlane
+      class(model_type), intent(in) :: model
+      type(newton_options), intent(in) :: options
+      integer, intent(out) :: together
+      type(tridiagonal_midpoint), allocatable :: rows
+      type(dense_midpoint), allocatable :: matrix
+
+      together = 1
+      if (way == by_rows) then
+         allocate (rows)
+         call new_tridiagonal_midpoint(rows, model, options)
+         call move_alloc(rows, self%part)
+      else
+         allocate (matrix)
+         call new_dense_midpoint(matrix, model, 1, options)
+         call move_alloc(matrix, self%part)
+      end if
+   end subroutine make_part
+
+   subroutine increment(self, step, q, p, dq, dp, status)
+      class(midpoint_stepper), intent(inout) :: self
+      type(step_record), intent(in) :: step
+      real(wp), intent(in) :: q(self%ham%nlane, self%ham%ndof), p(self%ham%nlane, self%ham%ndof)
+      real(wp), intent(out) :: dq(self%ham%nlane, self%ham%ndof), dp(self%ham%nlane, self%ham%ndof)
+      integer(i8), intent(inout) :: status(self%ham%nlane)
+      real(wp), pointer, contiguous :: w(:, :)  ! a name that gfortran 12 knows to be contiguous
+
+      call begin(self, step)
+      w => step%w
+      self%eq%nreal = 1
+      call step_together(self, 1, 0, w, q, p, dq, dp, status)
+   end subroutine increment
+
+end module symsde_step_midpoint_eliminated_single_path

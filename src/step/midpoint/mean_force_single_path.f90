@@ -1,0 +1,21 @@
+! SPDX-License-Identifier: BSD-3-Clause
+!> The energy-drift-preserving scheme for a single path: mean_force.inc with one lane.
+module symsde_step_midpoint_mean_force_single_path
+   use symsde_base_kinds, only: wp, i8
+   use symsde_base_record, only: step_record
+   use symsde_base_traits, only: dense
+   use symsde_base_vectors, only: add_times
+   use symsde_scheme_scheme, only: correction_none
+   use symsde_step_lone, only: few_of
+   use symsde_step_midpoint_dense_single_path, only: dense_midpoint, new_dense_midpoint, solve_mildly
+   use symsde_step_midpoint_equation, only: midpoint_equation, new_midpoint_equation, solve_by_iterations, position
+   use symsde_step_hamiltonian_noise_shift, only: noise_shift, new_noise_shift
+   use symsde_step_hamiltonian_one_step, only: one_step_hamiltonian, new_one_step_hamiltonian
+   use symsde_step_stepper, only: stepper_type, stepper_task
+   implicit none
+   private
+   public :: mean_force_stepper
+
+   include 'mean_force.inc'
+
+end module symsde_step_midpoint_mean_force_single_path

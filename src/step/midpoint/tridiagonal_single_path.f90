@@ -1,0 +1,97 @@
+! SPDX-License-Identifier: BSD-3-Clause
+!> The eliminated midpoint of a chain for a single path. In step/midpoint/tridiagonal, for strips of lanes, each row
+!> waits for the one before it; here the rows of both ends are eliminated in turn (solve_lane), in half the time.
+!>
+!> Private to its family.
+module symsde_step_midpoint_tridiagonal_single_path
+   use symsde_base_kinds, only: wp, i4, i8
+   use symsde_base_status, only: status_ok
+   use symsde_base_vectors, only: add_times
+   use symsde_model_abstract, only: model_type
+   use symsde_solve_lapack, only: solve_banded_lane_lapack
+   use symsde_solve_newton, only: newton_options, new_newton
+   use symsde_solve_newton_single_path, only: judge
+   use symsde_solve_tridiagonal, only: solve_lane
+   use symsde_step_hamiltonian_one_step, only: one_step_hamiltonian
+   use symsde_step_midpoint_equation, only: midpoint_equation, midpoint_part, position
+   implicit none
+   private
+   public :: tridiagonal_midpoint, new_tridiagonal_midpoint
+
+   type, extends(midpoint_part) :: tridiagonal_midpoint
+      private
+      real(wp), allocatable, dimension(:) :: q, f, before, factor, rhs  !! Q, f, x before its correction, room (n)
+      real(wp), allocatable :: k(:, :)                                  !! Hhat_qq, row 0 is not read (0:1, 0:n)
+   contains
+      procedure :: iterate
+   end type tridiagonal_midpoint
+
+contains
+
+   subroutine new_tridiagonal_midpoint(self, model, options)
+      type(tridiagonal_midpoint), intent(out) :: self
+      class(model_type), intent(in) :: model
+      type(newton_options), intent(in) :: options
+
+      associate (t => model%traits, n => model%traits%ndof, &
+                 exact => model%traits%has_chain_rows .or. model%traits%has_hessian_vector)
+         call new_newton(self%newton, 1, n, options, t%quadratic .and. exact, -1, -1, judge_only=.true., exact=exact)
+         allocate (self%q(n), self%f(n), self%before(n), self%factor(n), self%rhs(n), self%k(0:1, 0:n))
+      end associate
+   end subroutine new_tridiagonal_midpoint
+
+   subroutine iterate(self, ham, eq, w, status)
+      class(tridiagonal_midpoint), intent(inout) :: self
+      type(one_step_hamiltonian), intent(inout) :: ham
+      type(midpoint_equation), intent(inout) :: eq
+      real(wp), intent(in) :: w(eq%nlane, 0:eq%m)
+      integer(i8), intent(inout) :: status(eq%nlane)
+      real(wp) :: trusted, largest
+
+      associate (n => eq%n, c => 0.25_wp*eq%h, newton => self%newton)
+         call position(n, merge(0.0_wp, eq%c, eq%starts(newton)), eq%base(1, 1), eq%x, self%q)
+         call ham%model%force_stiffness(1, n, eq%m, 1, eq%t, w, self%q, eq%still, self%f, self%k(0, 1))
+         call eq%weigh(1, n, self%f)
+         self%before = eq%x(1, :)
+         call solve_lane(n, c, self%f, self%k, self%factor, self%rhs, eq%x, trusted, largest, newton%step(1), &
+                         newton%size(1))
+         if (eq%starts(newton)) then
+            eq%stiff_ratio = largest - 1
+            eq%stiff = largest - 1 > 1
+         end if
+         if (trusted <= 0) call solve_suspect(self, ham, eq, status)
+      end associate
+      ham%counters%gradients = ham%counters%gradients + 1
+      ham%counters%hessians = ham%counters%hessians + 1
+      call judge(self%newton, status, ham%counters)
+   end subroutine iterate
+
+   !> x + f is solved for by LAPACK where pivots are not trusted.
+   subroutine solve_suspect(self, ham, eq, status)
+      type(tridiagonal_midpoint), intent(inout) :: self
+      type(one_step_hamiltonian), intent(inout) :: ham
+      type(midpoint_equation), intent(inout) :: eq
+      integer(i8), intent(inout) :: status(1)
+      real(wp) :: bands(1, -1:1, eq%n), r(1, eq%n)
+      integer(i4) :: info
+
+      associate (n => eq%n, c => 0.25_wp*eq%h, newton => self%newton)
+         r(1, :) = self%f
+         call add_times(n, 1.0_wp, self%before, r)
+         bands(1, 0, :) = 1 + c*self%k(0, 1:)
+         bands(1, 1, :) = c*self%k(1, 1:)
+         bands(1, -1, 2:) = bands(1, 1, :n - 1)
+         bands(1, -1, 1) = 0
+         call solve_banded_lane_lapack(1, n, 1, 1, 1, bands, r, info)
+         ham%counters%lapack_solves = ham%counters%lapack_solves + 1
+         if (info /= status_ok) then
+            r = 0
+            call newton%fail(1, int(info, i8), status, ham%counters)
+         end if
+         eq%x(1, :) = self%before - r(1, :)
+         newton%step(1) = maxval(abs(r)) + 0*sum(r)  ! NaN stays
+         newton%size(1) = maxval(abs(eq%x))
+      end associate
+   end subroutine solve_suspect
+
+end module symsde_step_midpoint_tridiagonal_single_path
