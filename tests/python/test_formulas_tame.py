@@ -35,6 +35,10 @@ TAME = (
     "log(1 + 2*sinh(q)**2)",
     "log(exp(0.7*q) + exp(q) + exp(-q/2) + 3)",
     "1/(1 + exp(a*q)*cosh(q))",
+    "asinh(exp(q))",
+    "asinh(sinh(a*q)*exp(q/3))",
+    "tanh(exp(q))",
+    "exp(q/2)*(1 - tanh(q)**2)",
 )
 PLACES = (-1e4, -800.0, -40.3, -3.0, -0.3, 0.0, 0.01, 0.5, 2.0, 37.0, 39.73, 40.0, 720.0, 800.0, 1e4)
 PARAMS = {"a": 0.7}

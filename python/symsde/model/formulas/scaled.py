@@ -27,6 +27,8 @@ class Scaled:
         if kind == "log" and self.grows(e.args[0]):
             exponent, mantissa = self._parts(e.args[0])
             return self.graph.sum((self._total(exponent), self.graph.node("log", self._product(mantissa))))
+        if kind == "asinh" and self.grows(e.args[0]):
+            return self._asinh(*self._parts(e.args[0]))
         if (kind == "Pow" and not _whole(e.args[1]) and not self._is_exponential(e) and self.grows(e.args[0])) or (
             kind == "Mul" and self._may_overflow(e.args)
         ):
@@ -38,7 +40,7 @@ class Scaled:
         """Whether an expression holds an exponential of the state, as a term, a factor or a power of such."""
         kind = type(e).__name__
         if kind in ("Add", "Mul"):
-            return any(self.grows(x) for x in e.args)
+            return any(self.grows(x) for x in e.args) or self._falls(e) is not None
         return self._is_exponential(e) or (kind == "Pow" and self.grows(e.args[0]))
 
     def _is_exponential(self, e: Any) -> bool:
@@ -46,6 +48,15 @@ class Scaled:
         if kind == "Pow":
             return self._moves(e.args[1]) and not self._moves(e.args[0])
         return kind in ("exp", "cosh", "sinh") and self._moves(e.args[0])
+
+    def _falls(self, e: Any) -> Any:
+        """The u of 1 - tanh(u)**2, which is cosh(u)**(-2), as derivatives of tanh are written; else None."""
+        if type(e).__name__ == "Add" and len(e.args) == 2:
+            for one, other in (e.args, e.args[::-1]):
+                square = -other
+                if one == 1 and type(square).__name__ == "Pow" and square.args[1] == 2 and self._moves(square):
+                    return square.args[0].args[0] if type(square.args[0]).__name__ == "tanh" else None
+        return None
 
     def _moves(self, e: Any) -> bool:
         return any(self.leaves[x.name] for x in e.free_symbols)
@@ -66,18 +77,36 @@ class Scaled:
             for x in e.args:
                 _join(self._parts(x), (exponent, mantissa))
             return exponent, mantissa
+        if (u := self._falls(e)) is not None:
+            return tuple({x: -2 * n for x, n in part.items()} for part in self._hyperbolic(e, u))
         if kind == "Add":
             return self._sum(e.args)
-        return self._hyperbolic(e) if kind in ("cosh", "sinh") else self._power(e)
+        return self._hyperbolic(e, e.args[0]) if kind in ("cosh", "sinh") else self._power(e)
 
-    def _hyperbolic(self, e: Any) -> tuple[Powers, Powers]:
+    def _asinh(self, exponent: Powers, mantissa: Powers) -> int:
+        """Of m exp(E), with F = max(0, E) and y = m exp(E - F), which is moderate: asinh y and, with its sign,
+        F + log((|y| + sqrt(y^2 + exp(-2 F)))/(|y| + sqrt(y^2 + 1)))."""
+        graph, number, sqrt = self.graph, self.graph.number, lambda x: self.graph.node("sqrt", x)
+        total = self._total(exponent)
+        size, half = graph.node("fabs", total), number(0.5)
+        more = graph.multiply(half, graph.sum((total, size)))
+        rest = graph.node("exp", graph.multiply(half, graph.sum((total, graph.negative(size)))))
+        y = graph.multiply(rest, self._product(mantissa))
+        away, square = graph.node("fabs", y), graph.multiply(y, y)
+        above = graph.sum((away, sqrt(graph.sum((square, self._exp({more: -2.0}))))))
+        below = graph.sum((away, sqrt(graph.sum((square, number(1.0))))))
+        sign = graph.quotient(y, graph.sum((away, number(1e-300))))
+        far = graph.sum((more, graph.node("log", graph.quotient(above, below))))
+        return graph.sum((graph.node("asinh", y), graph.multiply(sign, far)))
+
+    def _hyperbolic(self, e: Any, u: Any) -> tuple[Powers, Powers]:
         """cosh u = exp |u| (1 + exp(-2 |u|))/2, sinh = tanh cosh."""
         graph = self.graph
-        [(u, n)] = self._exponent(e.args[0]).items()
+        odd = {graph.node("tanh", graph.add(u, self.leaves)): 1.0} if type(e).__name__ == "sinh" else {}
+        [(u, n)] = self._exponent(u).items()
         size = graph.node("fabs", u)
         other = self._exp({size: -2 * abs(n)})
         half = graph.multiply(graph.number(0.5), graph.sum((graph.number(1.0), other)))
-        odd = {graph.node("tanh", graph.add(e.args[0], self.leaves)): 1.0} if type(e).__name__ == "sinh" else {}
         return {size: abs(n)}, {half: 1.0} | odd
 
     def _power(self, e: Any) -> tuple[Powers, Powers]:
