@@ -429,8 +429,8 @@ def test_lessons_give_the_numbers(monkeypatch):
         row.setdefault("drift", 1e-14)
     schemes = [row["scheme"] for row in rows]
     lines = "\n".join(learned.learned([SimpleNamespace(name="toy", rows=rows, schemes=schemes)]))
-    assert "within 15 %, on toy (stormer_verlet costs 8 times less than the dearest)" in lines
-    assert "less time on toy (4.0 times, error 9e-03): midpoint pays" in lines
+    assert "within 15 %, on toy (stormer_verlet is cheapest, by up to 8 times)" in lines
+    assert "less time on toy (4.0 times, error 9e-03), because midpoint needs" in lines
     assert (
         "toy (3 gradients and 2.5 iterations a step, 7 times the cost of stormer_verlet for 2.0 times its error)"
         in lines
@@ -452,6 +452,6 @@ def test_the_lesson_on_integrals_gives_the_gain():
     for row in rows:
         row |= {"drift": None, "iterations": 0.0}
     study = SimpleNamespace(name="toy", rows=rows, schemes=["midpoint", "verlet_dz"])
-    assert list(learned._integrals(study)) == ["toy, verlet_dz: 5 times cheaper than midpoint at 1e-03"]
+    assert list(learned._integrals(study)) == ["toy to 1e-03, beside midpoint: verlet_dz is 5 times cheaper"]
     rows[1]["seconds"] = 25e-6
-    assert list(learned._integrals(study)) == ["toy, verlet_dz: 2.5 times dearer than midpoint at 1e-03"]
+    assert list(learned._integrals(study)) == ["toy to 1e-03, beside midpoint: verlet_dz is 2.5 times dearer"]

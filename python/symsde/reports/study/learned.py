@@ -57,22 +57,25 @@ def _same_errors(study) -> Iterator[str]:
     if len(rows) > 1 and max(errors) <= SAME * min(errors):
         seconds = [row["seconds"] for row in rows]
         cheap = min(rows, key=lambda row: row["seconds"])["scheme"]
-        yield f"{study.name} ({cheap} costs {max(seconds) / min(seconds):.2g} times less than the dearest)"
+        times = max(seconds) / min(seconds)
+        how = f"{cheap} is cheapest, by up to {times:.2g} times" if times >= 1.05 else "all take the same time"
+        yield f"{study.name} ({how})"
 
 
 def _integrals(study) -> Iterator[str]:
-    for name in study.schemes:
-        others = [row for row in _usable(study) if not _beyond(row["scheme"])]
-        if not _beyond(name) or not others or point(study, name) is None:
-            continue
-        least = min(row["err_strong"] for row in others)
-        best = min((row for row in others if row["err_strong"] <= SAME * least), key=lambda row: row["seconds"])
-        mine = cheapest(_usable(study, name), best["err_strong"])
-        if mine:
+    others = [row for row in _usable(study) if not _beyond(row["scheme"])]
+    if not others:
+        return
+    least = min(row["err_strong"] for row in others)
+    best = min((row for row in others if row["err_strong"] <= SAME * least), key=lambda row: row["seconds"])
+    found = []
+    for name in filter(_beyond, study.schemes):
+        if mine := cheapest(_usable(study, name), best["err_strong"]):
             gain = best["seconds"] / mine[0]["seconds"]
-            word = f"{gain:.2g} times cheaper than" if gain >= 1 else f"{1 / gain:.2g} times dearer than"
-            word = "costs the same as" if 1 / SAME <= gain <= SAME else word
-            yield f"{study.name}, {name}: {word} {best['scheme']} at {best['err_strong']:.0e}"
+            word = f"{gain:.2g} times cheaper" if gain >= 1 else f"{1 / gain:.2g} times dearer"
+            found.append(f"{name} is {'as cheap' if 1 / SAME <= gain <= SAME else word}")
+    if found:
+        yield f"{study.name} to {best['err_strong']:.0e}, beside {best['scheme']}: {', '.join(found)}"
 
 
 def _losses(study) -> Iterator[str]:
@@ -125,7 +128,9 @@ def _long_steps(study) -> Iterator[str]:
     if lost and "midpoint" in study.schemes and "midpoint" not in lost:
         coarse = max(row["h"] for row in study.rows)
         row = next(r for r in study.rows if r["scheme"] == "midpoint" and r["h"] == coarse)
-        quality = f"with an error of {row['err_strong']:.0e}" + ("" if row["status"] == "ok" else ", all of it")
+        quality = f"with an error of {row['err_strong']:.0e}" + (
+            "" if row["status"] == "ok" else ", as large as the motion itself"
+        )
         yield f"{study.name} (h = {coarse:g}, midpoint stable {quality})"
 
 
@@ -134,35 +139,35 @@ LESSONS = (
     (
         _same_errors,
         listed,
-        "**Stages alone buy no accuracy.** Symplectic schemes that are driven by increments alone end with the same "
-        "error at the finest step, within 15 %, on {}: there the cheapest step wins.",
+        "**More stages alone give no accuracy.** At the finest step, symplectic schemes that are driven by increments "
+        "alone have the same error, within 15 %, on {}. There the scheme with the cheapest step wins.",
     ),
     (
         _integrals,
         "; ".join,
-        "**Integrals beyond increments.** Schemes that also draw dZ or areas, at the smallest error that any scheme "
-        "reaches without them: {}. Below that error their order gains more and more, far above it what they compute on "
-        "top is lost.",
+        "**Integrals beyond increments.** Some schemes also draw dZ or areas. Their cost at the smallest error that "
+        "the others reach: {}. For smaller errors their higher order gains more and more; for much larger errors the "
+        "extra work does not pay.",
     ),
     (
         _losses,
         listed,
         "**Where midpoint loses.** On separable Hamiltonians the explicit stormer_verlet reaches the same error in "
-        "less time on {}: midpoint pays for its Newton iterations.",
+        "less time on {}, because midpoint needs Newton iterations.",
     ),
     (_wins, listed, "**Where midpoint wins** against stormer_verlet: {}."),
     (
         _correction,
         listed,
-        "**Corrected one-sided schemes lose.** Where symplectic_euler needs its Stratonovich correction it is no "
-        "longer explicit: {}.",
+        "**Corrected one-sided schemes lose.** If symplectic_euler needs its Stratonovich correction, it is not "
+        "explicit: {}.",
     ),
     (
         _contrast,
         listed,
-        "**Where symsde's symplectic schemes lose to plain ones.** Over horizons as short as these, schemes that are "
-        "not symplectic hold a part of the front on {}. Errors over a short horizon are not what symplectic schemes "
-        "are for: see the drift of invariants, and docs/stability.md for long times.",
+        "**Where symplectic schemes lose to others.** Over these short horizons, schemes that are not symplectic are "
+        "among the best on {}. The strength of symplectic schemes is long times: see the drift of invariants, and "
+        "[Stiff and extreme cases](stability.md).",
     ),
     (_invariants, "; ".join, "**Invariants that are lost**, largest rms change over the steps measured: {}."),
     (_long_steps, listed, "**Stable is not accurate.** At the longest steps explicit schemes fail or diverge on {}."),
