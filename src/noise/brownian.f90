@@ -24,7 +24,7 @@ module symsde_noise_brownian
    use symsde_noise_integral_draws, only: integral_draws, fill_direct
    use symsde_noise_integrals, only: fill_pair
    use symsde_noise_levels, only: normals_of, sum_finer, halve_coarser, carry
-   use symsde_noise_normal, only: scaled_normal_steps, scaled_normals_at, pairs_of_steps
+   use symsde_noise_normal, only: normal_stream, scaled_normal_steps, scaled_normals_at, pairs_of_steps
    use symsde_noise_source, only: noise_type
    implicit none
    private
@@ -174,8 +174,8 @@ contains
 
       from = merge(0_i8, path, self%common(k))
       do j = 0, npair - 1, pairs_of_steps
-         call scaled_normal_steps(nlane, self%seed, from, pair + j, min(pairs_of_steps, npair - j), k, 0, &
-                                  purpose_increment, sqrt(self%h), self%nnoise, w(1, 0, 2*j))
+         call scaled_normal_steps(nlane, normal_stream(self%seed, k, 0, purpose_increment, sqrt(self%h)), from, &
+                                  pair + j, min(pairs_of_steps, npair - j), self%nnoise, w(1, 0, 2*j))
       end do
       if (.not. self%bound < huge(1.0_wp)) return
       do step = 0, 2*npair - 1
@@ -221,7 +221,8 @@ contains
          paths(used + 1:m) = paths(used)
          draws(used + 1:m) = draws(used)
          noises(used + 1:m) = noises(used)
-         call scaled_normals_at(m, self%seed, paths, draws, noises, 0, purpose_increment, sqrt(self%h), x)
+         call scaled_normals_at(m, normal_stream(self%seed, 0, 0, purpose_increment, sqrt(self%h)), paths, draws, &
+                                noises, x)
          if (self%bound < huge(1.0_wp)) call clip_increments(4*m, self%bound, x)
          do i = 0, used - 1, n
             call spread_few(nlane, nreal, self%nnoise, noises(i + 1), npair, i, m, x, w)

@@ -12,7 +12,8 @@ module symsde_noise_integral_draws
    use symsde_base_lanes, only: padded
    use symsde_base_laws, only: law_gaussian
    use symsde_base_record, only: step_request, step_store
-   use symsde_noise_normal, only: scaled_normal_pairs, scaled_normal_column, scaled_normals_at, scaled_pairs_at, &
+   use symsde_noise_normal, only: normal_stream, &
+                                  scaled_normal_pairs, scaled_normal_column, scaled_normals_at, scaled_pairs_at, &
                                   pairs_of_steps
    implicit none
    private
@@ -134,8 +135,8 @@ contains
          real(wp), intent(in) :: scale
          real(wp), intent(inout) :: x(request%nlane*(ncolumn*(2*n - 1) + 1))
 
-         call scaled_normal_column(request%nlane, d%seed, from, request%pair + j, n, k, 0, purpose, scale, &
-                                   ncolumn, x)
+         call scaled_normal_column(request%nlane, normal_stream(d%seed, k, 0, purpose, scale), from, request%pair + j, &
+                                   n, ncolumn, x)
          drawn = drawn + 2*n
       end subroutine draw_column
 
@@ -186,7 +187,8 @@ contains
             if (d%silent(k) .or. d%silent(l)) cycle
             kl = area_index(k, l)
             from = merge(0_i8, path, d%common(k) .and. d%common(l))
-            call draw_one(d, nlane, from, pair, kl, 0, purpose_rest, scale, even(:, kl), odd(:, kl))
+            call draw_one(d, normal_stream(d%seed, kl, 0, purpose_rest, scale), nlane, from, pair, even(:, kl), &
+                          odd(:, kl))
             drawn = drawn + 2
          end do
       end do
@@ -200,17 +202,19 @@ contains
       real(wp), intent(out) :: hh(nlane, 0:1), kk(nlane, 0:1)
       integer(i8), intent(inout) :: drawn
 
-      call scaled_normal_pairs(nlane, seed, path, pair, k, 0, purpose_shape, sqrt(abs(h)/12), hh(:, 0), hh(:, 1))
-      call scaled_normal_pairs(nlane, seed, path, pair, k, 0, purpose_stt_area, sqrt(abs(h)/720), kk(:, 0), kk(:, 1))
+      call scaled_normal_pairs(nlane, normal_stream(seed, k, 0, purpose_shape, sqrt(abs(h)/12)), path, pair, hh(:, 0), &
+                               hh(:, 1))
+      call scaled_normal_pairs(nlane, normal_stream(seed, k, 0, purpose_stt_area, sqrt(abs(h)/720)), path, pair, &
+                               kk(:, 0), kk(:, 1))
       drawn = drawn + 4
    end subroutine shape_draws
 
    !> Scaled normals of all noises for the intervals 2*pair and 2*pair+1; zero for silent noises.
-   subroutine draw(d, nlane, path, pair, level, purpose, scale, even, odd, drawn)
+   subroutine draw(d, of, nlane, path, pair, even, odd, drawn)
       type(integral_draws), intent(in) :: d
-      integer, intent(in) :: nlane, level, purpose
+      type(normal_stream), intent(in) :: of   !! whose seed is theirs, and whose noise is each of these
+      integer, intent(in) :: nlane
       integer(i8), intent(in) :: path(nlane), pair
-      real(wp), intent(in) :: scale
       real(wp), allocatable, intent(inout) :: even(:, :), odd(:, :)  !! (nlane, nnoise)
       integer(i8), intent(inout) :: drawn
       integer(i8) :: from(nlane)
@@ -224,31 +228,32 @@ contains
             cycle
          end if
          from = merge(0_i8, path, d%common(k))
-         call draw_one(d, nlane, from, pair, k, level, purpose, scale, even(:, k), odd(:, k))
+         call draw_one(d, normal_stream(d%seed, k, of%level, of%purpose, of%scale), nlane, from, pair, even(:, k), &
+                       odd(:, k))
          drawn = drawn + 2
       end do
    end subroutine draw
 
    !> Those of one noise, or of one pair of noises.
-   subroutine draw_one(d, nlane, path, pair, noise, level, purpose, scale, even, odd)
+   subroutine draw_one(d, of, nlane, path, pair, even, odd)
       type(integral_draws), intent(in) :: d
-      integer, intent(in) :: nlane, noise, level, purpose
+      type(normal_stream), intent(in) :: of
+      integer, intent(in) :: nlane
       integer(i8), intent(in) :: path(nlane), pair
-      real(wp), intent(in) :: scale
       real(wp), intent(out) :: even(nlane), odd(nlane)
       integer(i8) :: at(nlane)  ! pairs of intervals of this length
       integer :: noises(nlane), finer
 
       if (.not. allocated(d%ahead)) then
-         call scaled_normal_pairs(nlane, d%seed, path, pair, noise, level, purpose, scale, even, odd)
+         call scaled_normal_pairs(nlane, of, path, pair, even, odd)
          return
       end if
-      finer = d%refine + max(level - 1, 0)
+      finer = d%refine + max(of%level - 1, 0)
       at = pair + ishft(d%ahead, finer)
       if (finer > 0) then
-         call scaled_pairs_at(nlane, d%seed, path, at, noise, level, purpose, scale, even, odd)
+         call scaled_pairs_at(nlane, of, path, at, even, odd)
       else
-         noises = noise
+         noises = of%noise
          call share_draws(nlane, padded(int(at(nlane)/2 - at(1)/2) + 1))
       end if
 
@@ -264,7 +269,7 @@ contains
          do i = 1, ndraw
             draws(i) = at(1)/2 + i - 1
          end do
-         call scaled_normals_at(ndraw, d%seed, path(:ndraw), draws, noises(:ndraw), level, purpose, scale, x)
+         call scaled_normals_at(ndraw, of, path(:ndraw), draws, noises(:ndraw), x)
          do lane = 1, nlane
             i = int(at(lane)/2 - at(1)/2) + 1
             even(lane) = x(i, 2*mod(at(lane), 2_i8))

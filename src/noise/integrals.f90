@@ -31,6 +31,7 @@ module symsde_noise_integrals
    use symsde_base_laws, only: law_gaussian
    use symsde_noise_discrete, only: discrete_pairs, sign_pairs
    use symsde_noise_functionals, only: path_interval, new_path_interval, shape_values, merge_intervals
+   use symsde_noise_normal, only: normal_stream
    use symsde_noise_integral_draws, only: integral_draws, draw, draw_rests, purpose_increment, purpose_shape, &
                                           purpose_halving, purpose_halves, purpose_stt_area, purpose_stt_halving
    implicit none
@@ -174,10 +175,13 @@ contains
       type(path_shape), intent(out) :: even, odd
       integer(i8), intent(inout) :: drawn
 
-      call draw(d, nlane, path, pair, 0, purpose_increment, sqrt(abs(length)), even%w, odd%w, drawn)
-      call draw(d, nlane, path, pair, 0, purpose_shape, sqrt(abs(length)/12), even%hh, odd%hh, drawn)
+      call draw(d, normal_stream(purpose=purpose_increment, scale=sqrt(abs(length))), nlane, path, pair, &
+                even%w, odd%w, drawn)
+      call draw(d, normal_stream(purpose=purpose_shape, scale=sqrt(abs(length)/12)), nlane, path, pair, &
+                even%hh, odd%hh, drawn)
       if (d%needs_stt_area()) &
-         call draw(d, nlane, path, pair, 0, purpose_stt_area, sqrt(abs(length)/720), even%kk, odd%kk, drawn)
+         call draw(d, normal_stream(purpose=purpose_stt_area, scale=sqrt(abs(length)/720)), nlane, path, pair, &
+                   even%kk, odd%kk, drawn)
       if (d%in_law()) call draw_rests(d, nlane, path, pair, abs(length)/sqrt(20.0_wp), even%rest, odd%rest, drawn)
    end subroutine draw_shapes
 
@@ -335,12 +339,15 @@ contains
       real(wp) :: parts
 
       parts = 12
-      call draw(d, nlane, path, pair, level, purpose_halving, sqrt(abs(length)/16), even%z, odd%z, drawn)
+      call draw(d, normal_stream(level=level, purpose=purpose_halving, scale=sqrt(abs(length)/16)), nlane, path, pair, &
+                even%z, odd%z, drawn)
       if (d%needs_stt_area()) then
          parts = 192
-         call draw(d, nlane, path, pair, level, purpose_stt_halving, sqrt(abs(length)/180), even%d, odd%d, drawn)
+         call draw(d, normal_stream(level=level, purpose=purpose_stt_halving, scale=sqrt(abs(length)/180)), nlane, &
+                   path, pair, even%d, odd%d, drawn)
       end if
-      call draw(d, nlane, path, pair, level, purpose_halves, sqrt(abs(length)/parts), even%n, odd%n, drawn)
+      call draw(d, normal_stream(level=level, purpose=purpose_halves, scale=sqrt(abs(length)/parts)), nlane, path, &
+                pair, even%n, odd%n, drawn)
    end subroutine draw_halving
 
 end module symsde_noise_integrals

@@ -6,7 +6,7 @@ module symsde_noise_levels
    use symsde_base_interrupt, only: interrupt_type
    use symsde_base_kinds, only: wp, i8
    use symsde_base_lanes, only: padded, lane_unit
-   use symsde_noise_normal, only: scaled_normal_column, scaled_normals_at, pairs_of_steps
+   use symsde_noise_normal, only: normal_stream, scaled_normal_column, scaled_normals_at, pairs_of_steps
    implicit none
    private
    public :: normals_of, sum_finer, halve_coarser, carry
@@ -159,28 +159,29 @@ contains
       integer(i8), intent(in) :: first
       real(wp), intent(in) :: scale
       real(wp), intent(inout) :: x(nlane, 0:nstep - 1)
-      integer :: purpose, i, n
+      type(normal_stream) :: of
+      integer :: i, n
 
-      purpose = merge(purpose_increment, purpose_bridge, level == 0)
+      of = normal_stream(self%seed, self%noise, level, merge(purpose_increment, purpose_bridge, level == 0), scale)
       if (self%nreal <= lane_unit) then
          do i = 0, nstep - 1, 4*(most_ahead/self%nreal)
             n = min(nstep - i, 4*(most_ahead/self%nreal))
-            call draw_few(self, nlane, first + i, n, level, purpose, scale, x(1, i))
+            call draw_few(self, of, nlane, first + i, n, x(1, i))
          end do
       else
          do i = 0, nstep - 1, 2*pairs_of_steps
-            call scaled_normal_column(nlane, self%seed, self%path, (first + i)/2, min(pairs_of_steps, (nstep - i)/2), &
-                                      self%noise, level, purpose, scale, 1, x(1, i))
+            call scaled_normal_column(nlane, of, self%path, (first + i)/2, min(pairs_of_steps, (nstep - i)/2), 1, &
+                                      x(1, i))
          end do
       end if
    end subroutine draw_steps
 
    !> The same of few paths: every four steps of a path are a lane of the generator.
-   subroutine draw_few(self, nlane, first, nstep, level, purpose, scale, x)
+   subroutine draw_few(self, of, nlane, first, nstep, x)
       type(normals_of), intent(in) :: self
-      integer, intent(in) :: nlane, nstep, level, purpose
+      type(normal_stream), intent(in) :: of
+      integer, intent(in) :: nlane, nstep
       integer(i8), intent(in) :: first
-      real(wp), intent(in) :: scale
       real(wp), intent(inout) :: x(nlane, 0:nstep - 1)
       integer(i8) :: paths(most_ahead), draws(most_ahead)
       integer :: noises(most_ahead), n, i
@@ -192,7 +193,7 @@ contains
          paths(i) = self%path(1 + mod(i - 1, self%nreal))
          draws(i) = first/4 + (i - 1)/self%nreal
       end do
-      call scaled_normals_at(n, self%seed, paths, draws, noises, level, purpose, scale, drawn)
+      call scaled_normals_at(n, of, paths, draws, noises, drawn)
       call spread(n, self%nreal, nlane, nstep, drawn, x)
    end subroutine draw_few
 

@@ -18,7 +18,7 @@ module symsde_noise_normal
    use symsde_noise_philox, only: philox_tile, philox_lanes, philox_two_lanes, philox_lanes_at
    implicit none
    private
-   public :: uniform_open_lanes, normal_pair_lanes, normal_pairs
+   public :: normal_stream, uniform_open_lanes, normal_pair_lanes, normal_pairs
    public :: scaled_normal_pairs, scaled_normal_steps, scaled_normal_column, scaled_normals_at, scaled_pairs_at
 
    integer(i4), parameter, public :: pairs_of_steps = 4  !! most pairs of scaled_normal_steps: two draws
@@ -49,6 +49,15 @@ module symsde_noise_normal
                           c3 = -0.0208634684012751_wp*unit2**3, c4 = 0.0009191629221169082_wp*unit2**4, &
                           c5 = -2.4852206943562213e-05_wp*unit2**5
 
+   !> Which numbers are meant, of those that belong to a path and a pair of fine steps.
+   type :: normal_stream
+      integer(i8) :: seed = 0          !! the 64-bit key
+      integer(i4) :: noise = 0         !! 0 .. 2**20-1
+      integer(i4) :: level = 0         !! 0 .. 63
+      integer(i4) :: purpose = 0       !! 0 .. 31
+      real(wp) :: scale = 1            !! standard deviation
+   end type normal_stream
+
 contains
 
    !> The two independent standard normals of the fine steps 2 pair and 2 pair + 1 for each path of a block.
@@ -63,15 +72,14 @@ contains
       real(wp), intent(out) :: even(nlane)     !! N(0,1)
       real(wp), intent(out) :: odd(nlane)      !! N(0,1), independent of even
 
-      call scaled_normal_pairs(nlane, seed, path, pair, noise, level, purpose, 1.0_wp, even, odd)
+      call scaled_normal_pairs(nlane, normal_stream(seed, noise, level, purpose), path, pair, even, odd)
    end subroutine normal_pairs
 
-   !> The same with standard deviation `scale`.
-   subroutine scaled_normal_pairs(nlane, seed, path, pair, noise, level, purpose, scale, even, odd)
+   !> Those of a stream.
+   subroutine scaled_normal_pairs(nlane, of, path, pair, even, odd)
       integer(i4), intent(in) :: nlane
-      integer(i8), intent(in) :: seed, path(nlane), pair
-      integer(i4), intent(in) :: noise, level, purpose
-      real(wp), intent(in) :: scale            !! standard deviation
+      type(normal_stream), intent(in) :: of
+      integer(i8), intent(in) :: path(nlane), pair
       real(wp), intent(out) :: even(nlane), odd(nlane)
       integer(i8) :: words(4*philox_tile), draw(philox_tile)
       integer(i4) :: first, n, word
@@ -80,43 +88,38 @@ contains
       word = 2*int(mod(pair, 2_i8))  ! words before those of this pair
       do first = 1, nlane, philox_tile
          n = min(philox_tile, nlane - first + 1)
-         call philox_lanes(n, seed, path(first), pair/2, noise, level, purpose, words)
+         call philox_lanes(n, of%seed, path(first), pair/2, of%noise, of%level, of%purpose, words)
          associate (radius => words(word*n + 1:(word + 1)*n), angle => words((word + 1)*n + 1:(word + 2)*n))
-            call normal_pair_lanes(n, radius, angle, scale, even(first), odd(first), tails)
+            call normal_pair_lanes(n, radius, angle, of%scale, even(first), odd(first), tails)
             if (.not. tails) cycle
             draw = pair/2
-            call mend_tails(n, seed, path(first), draw, noise, level, purpose, word + 1, &
-                            radius, angle, scale, even(first), odd(first))
+            call mend_tails(n, of, path(first), draw, word + 1, radius, angle, even(first), odd(first))
          end associate
       end do
    end subroutine scaled_normal_pairs
 
-   !> Standard deviation `scale`, npair pairs of fine steps from an even pair on, into column k of w.
-   subroutine scaled_normal_steps(nlane, seed, path, pair, npair, noise, level, purpose, scale, nnoise, w)
+   !> Those of npair pairs of fine steps from an even pair on, into the column of w that belongs to their noise.
+   subroutine scaled_normal_steps(nlane, of, path, pair, npair, nnoise, w)
       integer(i4), intent(in) :: nlane
-      integer(i8), intent(in) :: seed, path(nlane)
+      type(normal_stream), intent(in) :: of    !! of noise 1 .. nnoise
+      integer(i8), intent(in) :: path(nlane)
       integer(i8), intent(in) :: pair          !! first pair of fine steps, even
       integer(i4), intent(in) :: npair         !! 1 .. pairs_of_steps
-      integer(i4), intent(in) :: noise         !! k, 1 .. nnoise
-      integer(i4), intent(in) :: level, purpose
-      real(wp), intent(in) :: scale
       integer(i4), intent(in) :: nnoise
-      real(wp), intent(inout) :: w(nlane, 0:nnoise, 0:2*npair - 1)  !! N(0,scale**2) in w(:,k,:)
+      real(wp), intent(inout) :: w(nlane, 0:nnoise, 0:2*npair - 1)
 
-      call scaled_normal_column(nlane, seed, path, pair, npair, noise, level, purpose, scale, nnoise + 1, &
-                                w(1, noise, 0))
+      call scaled_normal_column(nlane, of, path, pair, npair, nnoise + 1, w(1, of%noise, 0))
    end subroutine scaled_normal_steps
 
    !> The same into one column of several, with which x begins: the way of long runs, in which no word is left over.
-   subroutine scaled_normal_column(nlane, seed, path, pair, npair, noise, level, purpose, scale, ncolumn, x)
+   subroutine scaled_normal_column(nlane, of, path, pair, npair, ncolumn, x)
       integer(i4), intent(in) :: nlane
-      integer(i8), intent(in) :: seed, path(nlane)
+      type(normal_stream), intent(in) :: of
+      integer(i8), intent(in) :: path(nlane)
       integer(i8), intent(in) :: pair          !! first pair of fine steps, even
       integer(i4), intent(in) :: npair         !! 1 .. pairs_of_steps
-      integer(i4), intent(in) :: noise, level, purpose
-      real(wp), intent(in) :: scale
       integer(i4), intent(in) :: ncolumn       !! columns of a step
-      real(wp), intent(inout) :: x(nlane*(ncolumn*(2*npair - 1) + 1))  !! N(0,scale**2) every nlane*ncolumn
+      real(wp), intent(inout) :: x(nlane*(ncolumn*(2*npair - 1) + 1))  !! numbers every nlane*ncolumn
       integer(i8) :: words(philox_tile, 2, 0:3), draw(philox_tile)
       integer(i4) :: first, n, j
       logical :: tails
@@ -124,15 +127,15 @@ contains
       first = 1
       do while (first <= nlane)
          n = neighbours(min(philox_tile, nlane - first + 1), path(first))
-         call philox_two_lanes(n, seed, path(first), ishft(path(first), -32), pair/2, noise, level, purpose, words)
+         call philox_two_lanes(n, of%seed, path(first), ishft(path(first), -32), pair/2, of%noise, of%level, &
+                               of%purpose, words)
          do j = 0, npair - 1
-            call normal_pair_lanes(n, words(1, 1, j), words(1, 2, j), scale, x(first + 2*j*nlane*ncolumn), &
+            call normal_pair_lanes(n, words(1, 1, j), words(1, 2, j), of%scale, x(first + 2*j*nlane*ncolumn), &
                                    x(first + (2*j + 1)*nlane*ncolumn), tails)
             if (.not. tails) cycle
             draw = (pair + j)/2
-            call mend_tails(n, seed, path(first), draw, noise, level, purpose, 1 + 2*mod(j, 2), &
-                            words(1, 1, j), words(1, 2, j), scale, x(first + 2*j*nlane*ncolumn), &
-                            x(first + (2*j + 1)*nlane*ncolumn))
+            call mend_tails(n, of, path(first), draw, 1 + 2*mod(j, 2), words(1, 1, j), words(1, 2, j), &
+                            x(first + 2*j*nlane*ncolumn), x(first + (2*j + 1)*nlane*ncolumn))
          end do
          first = first + n
       end do
@@ -159,56 +162,56 @@ contains
       end do
    end function neighbours
 
-   !> Standard deviation `scale`, a draw of a noise for each lane: the normals of the fine steps 4 draw .. 4 draw + 3.
-   subroutine scaled_normals_at(nlane, seed, path, draw, noise, level, purpose, scale, x)
+   !> A draw of a noise for each lane, whatever that of the stream: the normals of the fine steps 4 draw .. 4 draw + 3.
+   subroutine scaled_normals_at(nlane, of, path, draw, noise, x)
       integer(i4), intent(in) :: nlane         !! lanes, any number
-      integer(i8), intent(in) :: seed, path(nlane), draw(nlane)
-      integer(i4), intent(in) :: noise(nlane), level, purpose
-      real(wp), intent(in) :: scale
-      real(wp), intent(out) :: x(nlane, 0:3)   !! N(0,scale**2)
+      type(normal_stream), intent(in) :: of
+      integer(i8), intent(in) :: path(nlane), draw(nlane)
+      integer(i4), intent(in) :: noise(nlane)
+      real(wp), intent(out) :: x(nlane, 0:3)
+      type(normal_stream) :: own
       integer(i8) :: words(nlane, 4)
       integer(i4) :: j, lane
       logical :: tails
 
-      call philox_lanes_at(nlane, seed, path, draw, noise, level, purpose, words)
+      call philox_lanes_at(nlane, of%seed, path, draw, noise, of%level, of%purpose, words)
       do j = 0, 2, 2
-         call normal_pair_lanes(nlane, words(1, j + 1), words(1, j + 2), scale, x(1, j), x(1, j + 1), tails)
+         call normal_pair_lanes(nlane, words(1, j + 1), words(1, j + 2), of%scale, x(1, j), x(1, j + 1), tails)
          if (.not. tails) cycle
          do lane = 1, nlane
-            call mend_tails(1, seed, path(lane), draw(lane), noise(lane), level, purpose, j + 1, words(lane, j + 1), &
-                            words(lane, j + 2), scale, x(lane, j), x(lane, j + 1))
+            own = of
+            own%noise = noise(lane)
+            call mend_tails(1, own, path(lane), draw(lane), j + 1, words(lane, j + 1), words(lane, j + 2), x(lane, j), &
+                            x(lane, j + 1))
          end do
       end do
    end subroutine scaled_normals_at
 
    !> The two normals of a pair of fine steps for each lane; all of these pairs are even, or all are odd.
-   subroutine scaled_pairs_at(nlane, seed, path, pair, noise, level, purpose, scale, even, odd)
+   subroutine scaled_pairs_at(nlane, of, path, pair, even, odd)
       integer(i4), intent(in) :: nlane         !! lanes, any number
-      integer(i8), intent(in) :: seed, path(nlane), pair(nlane)
-      integer(i4), intent(in) :: noise, level, purpose
-      real(wp), intent(in) :: scale
-      real(wp), intent(out) :: even(nlane), odd(nlane)   !! N(0,scale**2)
+      type(normal_stream), intent(in) :: of
+      integer(i8), intent(in) :: path(nlane), pair(nlane)
+      real(wp), intent(out) :: even(nlane), odd(nlane)
       integer(i8) :: words(nlane, 4), draw(nlane)
       integer(i4) :: noises(nlane), word
       logical :: tails
 
       draw = pair/2
-      noises = noise
+      noises = of%noise
       word = 1 + 2*int(mod(pair(1), 2_i8))
-      call philox_lanes_at(nlane, seed, path, draw, noises, level, purpose, words)
-      call normal_pair_lanes(nlane, words(1, word), words(1, word + 1), scale, even, odd, tails)
-      if (tails) call mend_tails(nlane, seed, path, draw, noise, level, purpose, word, words(1, word), &
-                                 words(1, word + 1), scale, even, odd)
+      call philox_lanes_at(nlane, of%seed, path, draw, noises, of%level, of%purpose, words)
+      call normal_pair_lanes(nlane, words(1, word), words(1, word + 1), of%scale, even, odd, tails)
+      if (tails) call mend_tails(nlane, of, path, draw, word, words(1, word), words(1, word + 1), even, odd)
    end subroutine scaled_pairs_at
 
    !> The pairs whose radius lies in the tail once more, with the further bits of their draw.
-   subroutine mend_tails(nlane, seed, path, draw, noise, level, purpose, word, radius, angle, scale, even, odd)
+   subroutine mend_tails(nlane, of, path, draw, word, radius, angle, even, odd)
       integer(i4), intent(in) :: nlane
-      integer(i8), intent(in) :: seed, path(nlane), draw(nlane)
-      integer(i4), intent(in) :: noise, level, purpose
+      type(normal_stream), intent(in) :: of
+      integer(i8), intent(in) :: path(nlane), draw(nlane)
       integer(i4), intent(in) :: word          !! which word of the further bits, that of the radius
       integer(i8), intent(in) :: radius(nlane), angle(nlane)
-      real(wp), intent(in) :: scale
       real(wp), intent(inout) :: even(nlane), odd(nlane)
       integer(i8) :: words(1, 4)
       real(wp) :: size
@@ -216,8 +219,8 @@ contains
 
       do lane = 1, nlane
          if (radius(lane) >= tail_words) cycle
-         call philox_lanes(1, seed, path(lane), draw(lane), noise, level, purpose + tail_purpose, words)
-         call normal_pair(real(ishft(radius(lane), 32) + words(1, word), wp) + 0.5_wp, 64, angle(lane), scale, &
+         call philox_lanes(1, of%seed, path(lane), draw(lane), of%noise, of%level, of%purpose + tail_purpose, words)
+         call normal_pair(real(ishft(radius(lane), 32) + words(1, word), wp) + 0.5_wp, 64, angle(lane), of%scale, &
                           even(lane), odd(lane), size)
       end do
    end subroutine mend_tails
