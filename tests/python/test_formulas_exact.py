@@ -9,7 +9,7 @@ from symsde import errors
 from symsde.model.formulas import emit_flow
 from symsde.model.formulas.derivatives import Derivatives
 from symsde.model.formulas.named_formulas import make_problem
-from symsde.model.formulas.structure import Prover, structure_of
+from symsde.model.formulas.structure import Prover
 
 pytest.importorskip("sympy")
 
@@ -94,7 +94,7 @@ def test_a_noise_for_each_of_many_degrees_of_freedom():
     energy = [f"p{i}**2/2" for i in range(1, n + 1)] + [f"cos(q{i}-q{i + 1})" for i in range(1, n)]
     given = {"H": "+".join(energy), "noise": [f"s*sin(q{i})" for i in range(1, n + 1)], "params": {"s": 0.3}}
     found = []
-    calls = calls_of(lambda: found.append(structure_of(make_problem(**given, q=None, p=None, t=None))))
+    calls = calls_of(lambda: found.append(Prover(make_problem(**given, q=None, p=None, t=None)).structure()))
     assert calls < 3e7  # 1.2e7; ten times that where every derivative of every Hamiltonian was taken
     (structure,) = found
     assert structure.noises_commute and not structure.flows_commute

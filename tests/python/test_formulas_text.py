@@ -324,7 +324,7 @@ def test_what_is_costly_but_allowed_is_derived_soon():
 
     def derived(text):
         given = named_formulas.make_problem(H=text, noise=[], q=None, p=None, params=None, t=None)
-        structure.structure_of(given)
+        structure.Prover(given).structure()
         derivatives.Derivatives(given)
 
     for text in (

@@ -53,11 +53,6 @@ class Structure:
         return told | {"bandwidth": self.bandwidth if banded else None}
 
 
-def structure_of(problem: Problem) -> Structure:
-    """Derive all that can be."""
-    return Prover(problem).structure()
-
-
 def _place(symbol: Any) -> int:
     """A number for a symbol, the same in every process."""
     return sum(symbol.name.encode())
