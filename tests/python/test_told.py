@@ -157,6 +157,17 @@ def test_rates_and_consistency_of_levels():
         assert estimate.answer().reached is reached
 
 
+def test_a_level_on_which_few_values_differ_varies_as_those_that_were_looked_at():
+    """Level 0 at least as the values of f; a finer one as if one more of its differences were as far from the rest."""
+    sampler = LevelSampler(make_problem(ss.models.synchrotron(), "q", **PLACE), as_scheme("midpoint"), 4)
+    known = Tally.of(np.arange(1000) % 2.0)
+    estimate = Estimate(sampler, make_tolerance(1e-2, None), levels=5, first=16, watch=Watch(None, False), known=known)
+    one = Tally.of(np.eye(64)[0])
+    estimate.draws = [Draw(one, one, one, 1.0, 0)] * 2
+    assert estimate._variance(0) == known.variance > 5 * estimate._variance(1)
+    assert estimate._variance(1) == pytest.approx(64 * math.hypot(one.error, one.size / 64) ** 2)
+
+
 def test_reasons_of_advice_hold_its_numbers():
     model, place = ss.models.fpu_chain(n=8), {"q0": 0.1, "p0": 0.0, "horizon": 8.0}
     advice = ss.advise(model, **place, tolerance=1e-2)

@@ -226,7 +226,7 @@ class Estimate(Levels):
 
     def _variance(self, level: int) -> float:
         """V_l; of level 0 at least that of the values looked at, where few of its own differ."""
-        few = level == 0 and self.draws[0].difference.few and self.known.n > 1
+        few = level == 0 and self.draws[level].difference.few and self.known.n > 1
         return max(self.variance_of(level), self.known.variance if few else 0.0)
 
     def _error(self, level: int) -> float:
