@@ -116,3 +116,35 @@ def test_products_of_noises_that_do_not_commute_are_not_refused():
     for seed in range(5):
         found = ss.mlmc(ss.models.noncommutative_oscillator(), "q*p", q0=1.0, p0=0.0, horizon=1.0, abs=0.02, seed=seed)
         assert found.reached
+
+
+def test_peaks_have_a_variance(monkeypatch):
+    """exp(-c (1 - q)^2) is at most 1, however far its flanks fall off; powers of index 1 and 1.5 are refused still, all
+    of 20 samples but two of the 1 % each that look like a peak by chance (one in 10^3 sets of samples has more)."""
+    rng = np.random.default_rng(1)
+    peaks = [np.exp(-c * (1 - rng.standard_normal(2**16)) ** 2) for c in (1e5, 1e6, 1e7)]
+    for values in peaks:
+        assert tails.tail_index(values, 256)[0] < 1
+        tails.require_variance(values, "f", 256)
+    refused = 0
+    for index in (1.0, 1.5) * 10:
+        try:
+            tails.require_variance(rng.pareto(index, 2**16), "f", 256)
+        except ss.errors.NumericalError:
+            refused += 1
+    assert refused >= 18
+    monkeypatch.setattr(tails, "_ends", lambda *_: False)
+    with pytest.raises(ss.errors.NumericalError, match="no finite variance"):
+        tails.require_variance(peaks[1], "f", 256)
+
+
+@pytest.mark.parametrize("seed", [1, 2])
+def test_the_mean_of_a_peak(seed):
+    """q ~ N(m, s^2) at t = 2: E = (v/(v + s^2))^(1/2) exp(-(1 - m)^2/(2 (v + s^2))), v = 1/(2 c). Four standard errors
+    fail once in 10^4."""
+    c, m, spread = 1e5, math.cos(2.0), 1 - math.sin(4.0) / 4
+    v = 1 / (2 * c)
+    exact = math.sqrt(v / (v + spread)) * math.exp(-((1 - m) ** 2) / (2 * (v + spread)))
+    peak, start = f"exp(-{c}*(1 - q)**2)", {"q0": 1.0, "p0": 0.0, "horizon": 2.0}
+    found = ss.expect(ss.models.linear_oscillator(), peak, **start, rel=0.1, seed=seed)
+    assert abs(found.value - exact) < 2 * found.half_width < 0.5 * exact

@@ -4,6 +4,10 @@
 P(|f| > x) ~ x^-a has one where a > 2. Hill's estimate by the k largest of the values, y_1 >= y_2 >= ..,
 
     1/a = (1/k) sum_{i=1}^{k} log(y_i/y_{k+1}),    standard error a/k^(1/2)
+
+takes them for a power law, whose logarithms log(y_i/y_{k+1}) are exponential: the mean of their squares over the square
+of their mean is 2, with a standard error of 2/k^(1/2). Where it is less, the law falls off faster than any power, as
+below an end that few values come near: on the flanks of a peak exp(-c (1 - q)^2), which is at most 1, it is 6/5.
 """
 
 from __future__ import annotations
@@ -28,16 +32,25 @@ LEAST = 256  #: values below which nothing can be told
 _DOUBT = 2.0  #: standard errors of the index that decide
 
 
-def tail_index(values: np.ndarray, count: int = 0) -> tuple[float, float]:
-    """Hill's estimate of a with P(|f| > x) ~ x^-a from so many of the largest values, the root of their number where
-    none is given, and its standard error."""
+def _logarithms(values: np.ndarray, count: int) -> np.ndarray:
+    """Of so many of the largest values over the next one, of the root of their number where none is given; none where
+    that is zero."""
     size = np.sort(np.abs(values - np.median(values)))[::-1]
     count = count or int(np.sqrt(size.size))
-    if size[count] <= 0:
-        return np.inf, 0.0
-    mean = float(np.log(size[:count] / size[count]).mean())
-    index = 1 / mean if mean > 0 else np.inf
-    return index, index / np.sqrt(count)
+    return np.log(size[:count] / size[count]) if size[count] > 0 else np.zeros(0)
+
+
+def tail_index(values: np.ndarray, count: int = 0) -> tuple[float, float]:
+    """Hill's estimate of a with P(|f| > x) ~ x^-a from so many of the largest values, and its standard error."""
+    logarithms = _logarithms(values, count)
+    index = 1 / logarithms.mean() if logarithms.any() else np.inf
+    return index, index / np.sqrt(logarithms.size) if np.isfinite(index) else 0.0
+
+
+def _ends(values: np.ndarray, count: int) -> bool:
+    """Whether the largest values fall off faster than by any power."""
+    logarithms = _logarithms(values, count)
+    return (logarithms**2).mean() / logarithms.mean() ** 2 < 2 - _DOUBT * 2 / math.sqrt(logarithms.size)
 
 
 def require_variance(values: np.ndarray, name: str, count: int = 0) -> None:
@@ -54,7 +67,7 @@ def require_variance(values: np.ndarray, name: str, count: int = 0) -> None:
             f"hold: give it in a unit in which it is larger than {_SMALLEST:g}"
         )
     index, error = tail_index(values, count)
-    if index + _DOUBT * error < 2:
+    if index + _DOUBT * error < 2 and not _ends(values, count):
         raise NumericalError(
             f"f = {name} seems to have no finite variance: of {values.size} values the largest fall off as "
             f"x^-{index:.2g} (below 2), and the variance grows with the number of paths, so that no interval would "
