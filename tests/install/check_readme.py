@@ -16,8 +16,6 @@ import tomllib
 from importlib import metadata
 from pathlib import Path
 
-from packaging.requirements import Requirement
-
 PIP = re.compile(r"pip install [^\n]*?(?:\.|symsde)\[([\w,]+)\]")
 
 
@@ -35,7 +33,7 @@ def main() -> int:
     for folder, needed in (("with", [*project["dependencies"], *wanted]), ("without", project["dependencies"])):
         try:
             links(work / folder, needed)
-        except metadata.PackageNotFoundError as error:
+        except ModuleNotFoundError as error:  # also of metadata that are not found
             print(f"skipped: {error.name} is not installed; ./bootstrap test installs it in .venv")
             return 77
     code = re.findall(r"^```python\n(.*?)^```", page, re.M | re.S)
@@ -60,6 +58,8 @@ def main() -> int:
 def links(folder: Path, needed: list[str]) -> None:
     """Links to the packages that the requirements name, and that these require on this machine."""
     folder.mkdir(parents=True, exist_ok=True)
+    from packaging.requirements import Requirement
+
     found, left = set(), list(needed)
     while left:
         requirement = Requirement(left.pop())
