@@ -310,7 +310,7 @@ def test_schemes_with_areas_are_taken_when_asked_for():
     place = {"q0": 1.0, "p0": 0.0, "horizon": 0.5, "areas": "law"}
     answer = ss.expect(model, "q", **place, abs=2e-2, scheme="midpoint_areas", method="plain")
     assert answer.reached and answer.scheme == "midpoint_areas"
-    with pytest.raises(ss.errors.InvalidArgumentError, match="give scheme"):
+    with pytest.raises(ss.errors.InvalidArgumentError, match="give a scheme"):
         ss.expect(model, "q", **place, abs=2e-2)
 
 

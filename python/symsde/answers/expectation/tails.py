@@ -37,7 +37,7 @@ def _logarithms(values: np.ndarray, count: int) -> np.ndarray:
     that is zero."""
     size = np.sort(np.abs(values - np.median(values)))[::-1]
     count = count or int(np.sqrt(size.size))
-    return np.log(size[:count] / size[count]) if size[count] > 0 else np.zeros(0)
+    return np.log(size[:count]) - np.log(size[count]) if size[count] > 0 else np.zeros(0)
 
 
 def tail_index(values: np.ndarray, count: int = 0) -> tuple[float, float]:
