@@ -14,8 +14,9 @@ module symsde_step_factory
    use symsde_step_midpoint_mean_path, only: mean_path_stepper
    use symsde_step_midpoint_mean_force, only: mean_force_stepper, mean_force_fits
    use symsde_step_midpoint_mean_force_single_path, only: mean_force_single_path => mean_force_stepper
-   use symsde_step_explicit_euler_maruyama, only: euler_maruyama_stepper
+   use symsde_step_explicit_angle_steps_single_path, only: explicit_angle_stepper => explicit_stepper, angle_steps_fit
    use symsde_step_explicit_tableau, only: explicit_stepper, explicit_fits
+   use symsde_step_explicit_tableau_single_path, only: explicit_single_path => explicit_stepper
    use symsde_step_implicit_galerkin, only: galerkin_stepper
    use symsde_step_implicit_general, only: general_stepper
    use symsde_step_midpoint_eliminated, only: midpoint_stepper, midpoint_fits
@@ -62,7 +63,7 @@ contains
       case (model_flow); if (model_flow_fits(task)) allocate (model_flow_stepper :: stepper)
       case (verlet_dz); if (task%scheme%frame == frame_shift) allocate (verlet_dz_stepper :: stepper)
       case (mean_path); if (task%scheme%frame == frame_mean_path) allocate (mean_path_stepper :: stepper)
-      case (explicit); if (explicit_fits(task)) allocate (explicit_stepper :: stepper)
+      case (explicit); if (explicit_fits(task)) call offer_explicit(task, stepper)
       case (mean_force)
          if (mean_force_fits(task)) then
             if (task%nlane == 1) allocate (mean_force_single_path :: stepper)
@@ -83,13 +84,27 @@ contains
       case (one_dof); if (one_dof_fits(task)) allocate (one_dof_stepper :: stepper)
       case (stages); if (stages_fits(task)) allocate (stages_stepper :: stepper)
       case (general); if (task%is_tableau()) allocate (general_stepper :: stepper)
-      case (euler_maruyama); if (task%scheme%form == ito_form) allocate (euler_maruyama_stepper :: stepper)
+      case (euler_maruyama); if (task%scheme%form == ito_form) call offer_explicit(task, stepper)
       case (galerkin); if (task%scheme%form == galerkin_form) allocate (galerkin_stepper :: stepper)
       case default  ! splitting
          if (task%scheme%form == splitting_form .or. task%scheme%frame == frame_rotation) &
             allocate (splitting_stepper :: stepper)
       end select
    end subroutine offer
+
+   !> Explicit steps of a single path by terms, of a single path, or of a block.
+   subroutine offer_explicit(task, stepper)
+      type(stepper_task), intent(in) :: task
+      class(stepper_type), allocatable, intent(inout) :: stepper
+
+      if (angle_steps_fit(task)) then
+         allocate (explicit_angle_stepper :: stepper)
+      else if (task%nlane == 1) then
+         allocate (explicit_single_path :: stepper)
+      else
+         allocate (explicit_stepper :: stepper)
+      end if
+   end subroutine offer_explicit
 
    !> A stepper for blocks of nlane lanes.
    subroutine new_stepper(stepper, model, scheme, options, nlane, error)

@@ -10,7 +10,7 @@ module symsde_step_explicit_evaluation_order
    use symsde_scheme_scheme, only: scheme_type
    implicit none
    private
-   public :: evaluation_order, evaluation, new_explicit_plan, add_slopes, to_q, to_p
+   public :: evaluation_order, new_explicit_plan, add_slopes, to_q, to_p
 
    integer, parameter :: narrow = 4  !! numbers that are summed one by one
 

@@ -1,0 +1,158 @@
+! SPDX-License-Identifier: BSD-3-Clause
+!> Explicit steps of a single path with one degree of freedom whose model has terms: tableau.inc with one lane and one
+!> number. Nothing but its terms is asked of the model, once a step, or once a stage where it depends on time:
+!>
+!>    Hhat_q = a sin q + (b cos q + (c q + d)),   Hhat_p = e p + f
+!>
+!> Its arrays have constant bounds, so that the compiler keeps their numbers in registers: a step takes half the time of
+!> that by gradients and arrays that are allocated.
+module symsde_step_explicit_angle_steps_single_path
+   use symsde_base_sincos, only: sincos_one
+   use symsde_base_kinds, only: wp, i8
+   use symsde_base_record, only: step_record
+   use symsde_base_traits, only: model_traits
+   use symsde_model_abstract, only: angle_terms
+   use symsde_scheme_scheme, only: scheme_type, correction_none, ito_form
+   use symsde_step_explicit_evaluation_order, only: evaluation_order, new_explicit_plan, to_q, to_p
+   use symsde_step_hamiltonian_one_step, only: new_one_step_hamiltonian
+   use symsde_step_implicit_euler_pair, only: is_euler_pair
+   use symsde_step_lone, only: few_of
+   use symsde_step_stepper, only: stepper_type, stepper_task
+   implicit none
+   private
+   public :: explicit_stepper, angle_steps_fit
+
+   !> The slopes of two stages, a place, and what is known of the model.
+   type :: room_type
+      real(wp) :: f(1, 1, 2), v(1, 1, 2), x(1, 1), y(1, 1)
+      type(angle_terms) :: terms                   !! of Hhat at the time of a stage
+      type(angle_terms), allocatable :: noises(:)  !! of each H_k by itself (nnoise)
+      real(wp) :: sine = 0, cosine = 0             !! of the last angle
+   contains
+      procedure :: make => make_room
+   end type room_type
+
+   include 'tableau.inc'
+
+   !> Whether an explicit stepper asks terms alone of a model.
+   logical function angle_steps_fit(task) result(fits)
+      type(stepper_task), intent(in) :: task
+
+      fits = task%nlane == 1 .and. (task%model%traits%has_angle_terms .or. task%model%traits%has_linear_terms)
+   end function angle_steps_fit
+
+   pure integer function lanes(self)
+      type(explicit_stepper), intent(in) :: self
+
+      lanes = 1
+   end function lanes
+
+   pure integer function degrees(self)
+      type(explicit_stepper), intent(in) :: self
+
+      degrees = 1
+   end function degrees
+
+   !> Nothing: it is there.
+   subroutine make_room(self, nlane, ndof)
+      class(room_type), intent(inout) :: self
+      integer, intent(in) :: nlane, ndof
+   end subroutine make_room
+
+   !> The terms at the time of stage i: those of the first one serve all where time does not matter.
+   subroutine begin_stage(self, i, t, w)
+      type(explicit_stepper), intent(inout) :: self
+      integer, intent(in) :: i
+      real(wp), intent(in) :: t, w(0:self%ham%nnoise)
+
+      if (i > 1 .and. self%ham%model%traits%autonomous) return
+      call self%ham%model%angle(self%ham%nnoise, t, w, self%room%terms)
+   end subroutine begin_stage
+
+   !> Hhat_q
+   subroutine find_force(self, t, w, q, p, hq)
+      type(explicit_stepper), intent(inout) :: self
+      real(wp), intent(in) :: t, w(0:self%ham%nnoise), q(1, 1), p(1, 1)
+      real(wp), intent(out) :: hq(1, 1)
+
+      associate (terms => self%room%terms, sine => self%room%sine, cosine => self%room%cosine)
+         if (self%ham%model%traits%has_angle_terms) then
+            sine = sincos_one(q(1, 1), cosine)
+            hq = terms%a*sine + (terms%b*cosine + (terms%c*q + terms%d))
+         else
+            hq = terms%c*q + terms%d
+         end if
+      end associate
+      self%ham%counters%gradients = self%ham%counters%gradients + 1
+   end subroutine find_force
+
+   !> Hhat_p
+   subroutine find_velocity(self, t, w, q, p, hp)
+      type(explicit_stepper), intent(inout) :: self
+      real(wp), intent(in) :: t, w(0:self%ham%nnoise), q(1, 1), p(1, 1)
+      real(wp), intent(out) :: hp(1, 1)
+
+      hp = self%room%terms%e*p + self%room%terms%f
+      self%ham%counters%gradients = self%ham%counters%gradients + 1
+   end subroutine find_velocity
+
+   !> Both slopes, which count as one gradient.
+   subroutine find_both(self, t, w, q, p, hq, hp)
+      type(explicit_stepper), intent(inout) :: self
+      real(wp), intent(in) :: t, w(0:self%ham%nnoise), q(1, 1), p(1, 1)
+      real(wp), intent(out) :: hq(1, 1), hp(1, 1)
+
+      call find_force(self, t, w, q, p, hq)
+      hp = self%room%terms%e*p + self%room%terms%f
+   end subroutine find_both
+
+   !> u = Hess H_k (H_k,p, -H_k,q), from the terms of each H_k, which do not depend on time: of noise in position, which
+   !> might, there is no Ito drift. The place is that of the last force.
+   subroutine find_noise_product(self, k, t, q, p)
+      type(explicit_stepper), intent(inout) :: self
+      integer, intent(in) :: k
+      real(wp), intent(in) :: t, q(1, 1), p(1, 1)
+      integer :: j
+
+      if (.not. allocated(self%room%noises)) then
+         allocate (self%room%noises(self%ham%nnoise))
+         do j = 1, self%ham%nnoise
+            self%e(:, j) = 1
+            call self%ham%model%angle(self%ham%nnoise, t, self%e(1, :), self%room%noises(j))
+            self%e(:, j) = 0
+         end do
+      end if
+      associate (of => self%room%noises(k), sine => self%room%sine, cosine => self%room%cosine, c => self%ham%counters)
+         self%uq = (of%a*cosine + (of%c - of%b*sine))*(of%e*p + of%f)
+         self%up = -of%e*(of%a*sine + (of%b*cosine + (of%c*q + of%d)))
+         c%gradients = c%gradients + 1
+         c%hessians = c%hessians + 1
+      end associate
+   end subroutine find_noise_product
+
+   !> Sum k of a plan for one number, as step/explicit/evaluation_order adds it.
+   pure subroutine add_slopes(n, plan, kind, k, slope, total, start)
+      integer, intent(in) :: n, kind, k
+      type(evaluation_order), intent(in) :: plan
+      real(wp), intent(in) :: slope(plan%nstage)
+      real(wp), intent(inout) :: total(1)
+      real(wp), intent(in), optional :: start(1)
+      real(wp) :: x
+      integer :: j, first
+
+      associate (stage => plan%stage(:, k, kind), c => plan%weight(:, k, kind))
+         first = merge(1, 2, present(start))
+         if (present(start)) then
+            x = start(1)
+         else
+            x = (c(1)*slope(stage(1)))
+         end if
+         !GCC$ novector
+         do j = first, plan%many(k, kind)
+            x = x + c(j)*slope(stage(j))
+         end do
+         total(1) = x
+      end associate
+   end subroutine add_slopes
+
+end module symsde_step_explicit_angle_steps_single_path

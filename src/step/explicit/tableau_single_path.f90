@@ -1,0 +1,42 @@
+! SPDX-License-Identifier: BSD-3-Clause
+!> Explicit steps of a single path: tableau.inc with one lane. Loops over lanes are gone, and no pass is padded to the
+!> width of a vector.
+module symsde_step_explicit_tableau_single_path
+   use symsde_base_kinds, only: wp, i8
+   use symsde_base_record, only: step_record
+   use symsde_base_traits, only: model_traits
+   use symsde_scheme_scheme, only: scheme_type, correction_none, ito_form
+   use symsde_step_explicit_evaluation_order, only: evaluation_order, new_explicit_plan, add_slopes, to_q, &
+                                                    to_p
+   use symsde_step_hamiltonian_one_step, only: new_one_step_hamiltonian
+   use symsde_step_implicit_euler_pair, only: is_euler_pair
+   use symsde_step_lone, only: few_of
+   use symsde_step_stepper, only: stepper_type, stepper_task
+   implicit none
+   private
+   public :: explicit_stepper
+
+   !> The slopes of two stages, and a place.
+   type :: room_type
+      real(wp), allocatable :: f(:, :, :), v(:, :, :)  !! (nlane, ndof, 2)
+      real(wp), allocatable :: x(:, :), y(:, :)        !! (nlane, ndof)
+   contains
+      procedure :: make => make_room
+   end type room_type
+
+   include 'tableau.inc'
+   include 'tableau_gradients.inc'
+
+   pure integer function lanes(self)
+      type(explicit_stepper), intent(in) :: self
+
+      lanes = 1
+   end function lanes
+
+   pure integer function degrees(self)
+      type(explicit_stepper), intent(in) :: self
+
+      degrees = self%ham%ndof
+   end function degrees
+
+end module symsde_step_explicit_tableau_single_path
