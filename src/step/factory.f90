@@ -27,6 +27,7 @@ module symsde_step_factory
    use symsde_step_implicit_euler_pair, only: euler_pair_stepper, euler_pair_fits
    use symsde_step_splitting_stepper, only: splitting_stepper
    use symsde_step_stages_stepper, only: stages_stepper, stages_fits
+   use symsde_step_stages_stepper_single_path, only: stages_single_path => stages_stepper
    use symsde_step_one_dof_stepper, only: one_dof_stepper, one_dof_fits
    use symsde_step_stepper, only: stepper_type, stepper_task
    use symsde_step_explicit_verlet_dz, only: verlet_dz_stepper
@@ -82,7 +83,11 @@ contains
          end if
       case (euler_pair); if (euler_pair_fits(task)) allocate (euler_pair_stepper :: stepper)
       case (one_dof); if (one_dof_fits(task)) allocate (one_dof_stepper :: stepper)
-      case (stages); if (stages_fits(task)) allocate (stages_stepper :: stepper)
+      case (stages)
+         if (stages_fits(task)) then
+            if (task%nlane == 1) allocate (stages_single_path :: stepper)
+            if (task%nlane > 1) allocate (stages_stepper :: stepper)
+         end if
       case (general); if (task%is_tableau()) allocate (general_stepper :: stepper)
       case (euler_maruyama); if (task%scheme%form == ito_form) call offer_explicit(task, stepper)
       case (galerkin); if (task%scheme%form == galerkin_form) allocate (galerkin_stepper :: stepper)

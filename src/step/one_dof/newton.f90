@@ -146,8 +146,8 @@ contains
          if (self%s == 2) then
             call stage_point(self%nlane, i, self%a, self%abar, q, p, self%x, self%qs, self%ps)
          else
-            call add_slopes(self%nlane, self%s, 1, 1.0_wp, self%a(i, :), self%x, q, self%qs)
-            call add_slopes(self%nlane, self%s, 1, 1.0_wp, self%abar(i, :), self%x(:, self%s + 1:), p, self%ps)
+            call add_slopes(self%nlane, self%s, 1, self%a(i, :), self%x, q, self%qs)
+            call add_slopes(self%nlane, self%s, 1, self%abar(i, :), self%x(:, self%s + 1:), p, self%ps)
          end if
          call evaluate(self, ham, i, step%t + self%c(i)*step%h, step, self%qs, self%ps)
       end do

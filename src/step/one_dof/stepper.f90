@@ -112,8 +112,8 @@ contains
             end if
             call solver%iterate(self%ham, step, q, p, status)
          end do
-         call add_slopes(self%ham%nlane, s, 1, 1.0_wp, self%alpha, solver%x, self%zero, dq)
-         call add_slopes(self%ham%nlane, s, 1, 1.0_wp, self%alpha, solver%x(:, s + 1:), self%zero, dp)
+         call add_slopes(self%ham%nlane, s, 1, self%alpha, solver%x, self%zero, dq)
+         call add_slopes(self%ham%nlane, s, 1, self%alpha, solver%x(:, s + 1:), self%zero, dp)
       end associate
    end subroutine increment
 

@@ -15,11 +15,11 @@ module symsde_step_stages_slope_sums
 
 contains
 
-   !> total = start + factor sum_j coefficient_j slope_j, from slope `first` on and around: of a stage itself, so that
-   !> the newest slope, of the stage before it, is added last. A path by itself waits for that alone.
-   pure subroutine add_slopes(n, nstage, first, factor, coefficient, slope, start, total)
+   !> total = start + sum_j c_j slope_j, from slope `first` on and around: of a stage itself, so that the newest slope,
+   !> of the stage before it, is added last. A path by itself waits for that alone.
+   pure subroutine add_slopes(n, nstage, first, c, slope, start, total)
       integer, intent(in) :: n, nstage, first
-      real(wp), intent(in) :: factor, coefficient(nstage), slope(n, nstage), start(n)
+      real(wp), intent(in) :: c(nstage), slope(n, nstage), start(n)
       real(wp), intent(out) :: total(n)
       integer :: used(at_once), m, k, j
 
@@ -27,32 +27,31 @@ contains
       used = first
       do k = first, first + nstage - 1
          j = merge(k - nstage, k, k > nstage)
-         if (abs(coefficient(j)) <= 0) cycle
+         if (abs(c(j)) <= 0) cycle
          m = m + 1
          if (m > at_once) exit
          used(m) = j
       end do
-      associate (i => used(1), j => used(2), l => used(3), c => coefficient)
+      associate (i => used(1), j => used(2), l => used(3))
          select case (m)
          case (0)
             total = start
          case (1)
-            call add_one(n, factor*c(i), slope(1, i), start, total)
+            call add_one(n, c(i), slope(1, i), start, total)
          case (2)
-            call add_two(n, factor*c(i), slope(1, i), factor*c(j), slope(1, j), start, total)
+            call add_two(n, c(i), slope(1, i), c(j), slope(1, j), start, total)
          case default
-            call add_three(n, factor*c(i), slope(1, i), factor*c(j), slope(1, j), factor*c(l), slope(1, l), start, &
-                           total)
+            call add_three(n, c(i), slope(1, i), c(j), slope(1, j), c(l), slope(1, l), start, total)
          end select
       end associate
       if (m <= at_once) return
       do k = k, first + nstage - 1
          j = merge(k - nstage, k, k > nstage)
-         if (abs(coefficient(j)) > 0) call add_times(n, factor*coefficient(j), slope(1, j), total)
+         if (abs(c(j)) > 0) call add_times(n, c(j), slope(1, j), total)
       end do
    end subroutine add_slopes
 
-   !> The same of slopes that are all known, with coefficients that hold the factor, for a path by itself.
+   !> The same of slopes that are all known, for a path by itself: those with the coefficient zero are added, too.
    pure subroutine weigh_slopes(n, nstage, first, c, slope, start, total)
       integer, intent(in) :: n, nstage, first
       real(wp), intent(in) :: c(nstage), slope(n, nstage), start(n)

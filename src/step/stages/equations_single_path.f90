@@ -1,0 +1,122 @@
+! SPDX-License-Identifier: BSD-3-Clause
+!> The equations of implicit stages for a path by itself, and their fixed-point iteration: what it has of its own.
+!>
+!> Nothing is copied that a lane by itself does not need: the step is pointed to, the model writes new slopes where they
+!> stand, and a sweep is judged once, at its end. Sums hold the slopes of all stages: those that are not known yet are
+!> zero, and those that do not count have the coefficient zero.
+!>
+!> Private to its family.
+module symsde_step_stages_equations_single_path
+   use symsde_base_functionals, only: functional_set, nfunctional, path_dz, path_areas
+   use symsde_base_kinds, only: wp, i8
+   use symsde_base_record, only: step_record, step_store, new_step_store
+   use symsde_model_abstract, only: model_type
+   use symsde_scheme_scheme, only: scheme_type, correction_none
+   use symsde_solve_fixed_point_single_path, only: take_alone, sweep_verdict, most_sweeps, done, left
+   use symsde_step_hamiltonian_mass, only: constant_mass, new_constant_mass
+   use symsde_step_hamiltonian_noise_shift, only: noise_shift, new_noise_shift
+   use symsde_step_hamiltonian_one_step, only: one_step_hamiltonian, new_one_step_hamiltonian
+   use symsde_step_stages_groups, only: stage_plan, stage_group, new_stage_plan
+   use symsde_step_stages_slope_sums, only: add_slopes, sum_slopes => weigh_slopes
+   use symsde_step_stages_sweeps_ahead, only: sweeps_ahead, new_sweeps_ahead
+   implicit none
+   private
+   public :: stage_equations, new_stage_equations, iterate_group, solved, slow, stiff, untried
+
+   include 'equations.inc'
+   include 'fixed_point.inc'
+
+   ! ---- what a path by itself does otherwise than a block ------------------------------------------
+
+   pure integer function lanes(self)
+      class(stage_equations), intent(in) :: self
+
+      lanes = 1
+   end function lanes
+
+   !> What drives the path, which begins without slopes.
+   subroutine take_step(self, first, step)
+      type(stage_equations), intent(inout) :: self
+      integer, intent(in) :: first
+      type(step_record), intent(in), target :: step
+
+      self%step => step
+      self%t = step%t
+      self%w => step%w
+      call set_zero(size(self%f), self%f)
+      if (.not. self%eliminated) call set_zero(size(self%c), self%c)
+   end subroutine take_step
+
+   pure subroutine set_zero(n, x)
+      integer, intent(in) :: n
+      real(wp), intent(out) :: x(n)
+
+      x = 0
+   end subroutine set_zero
+
+   !> The new slopes of the group's stages.
+   subroutine sweep_stages(self, group, sweep)
+      type(stage_equations), intent(inout) :: self
+      type(stage_group), intent(in) :: group
+      integer, intent(in) :: sweep
+      integer :: m
+
+      associate (s => group%nmember, n => self%ham%ndof, c => self%ham%counters)
+         if (self%eliminated .and. .not. allocated(self%mass)) then
+            call sweep_positions(self%ham%model, n, self%plan%nstage, self%ham%nnoise, s, group%stage, self%times, &
+                                 self%w, self%p, self%b(:, :, min(sweep, 2)), self%base, self%qs, self%f)
+            c%gradients = c%gradients + s
+            return
+         end if
+         do m = 1, s
+            associate (i => group%stage(m))
+               call self%place(i, min(sweep, 2))
+               if (self%eliminated) then
+                  call self%evaluate(i, self%f(:, :, i))
+               else
+                  call self%evaluate(i, self%f(:, :, i), self%c(:, :, i))
+               end if
+            end associate
+         end do
+      end associate
+   end subroutine sweep_stages
+
+   !> place and evaluate where momenta are eliminated by an identity mass, all of whose numbers stay in registers.
+   subroutine sweep_positions(model, n, s, m, nmember, stage, times, w, p, b, base, x, f)
+      class(model_type), intent(in) :: model
+      integer, intent(in) :: n, s, m, nmember, stage(nmember)
+      real(wp), intent(in) :: times(s), w(0:m), p(n), b(s, s), base(n, s)
+      real(wp), intent(inout) :: x(n), f(n, s)
+      integer :: k, i
+
+      do k = 1, nmember
+         i = stage(k)
+         call sum_slopes(n, s, i, b(1, i), f, base(1, i), x)
+         call model%gradient(1, n, m, times(i), w, x, p, hq=f(1, i))
+      end do
+   end subroutine sweep_positions
+
+   !> Whether the path is done after a sweep, left, or given up. Stages that follow each other are looked at as one.
+   subroutine judge(self, group, sweep, too_slow, too_stiff, nrunning)
+      type(stage_equations), intent(inout) :: self
+      type(stage_group), intent(in) :: group
+      integer, intent(in) :: sweep
+      real(wp), intent(in) :: too_slow, too_stiff
+      integer, intent(out) :: nrunning
+      integer :: m, together
+
+      associate (n => self%ham%ndof, s => group%nmember, d => self%change(1), x => self%extent(1))
+         together = merge(s, 1, group%stage(s) - group%stage(1) == s - 1)
+         do m = 1, s, together
+            associate (i => group%stage(m))
+               call take_alone(n*together, sweep == 1, self%f(1, 1, i), self%was(1, i, 1), d, x)
+               if (.not. self%eliminated) &
+                  call take_alone(n*together, sweep == 1, self%c(1, 1, i), self%was(1, i, 2), d, x)
+            end associate
+         end do
+         self%last(1) = sweep_verdict(sweep, too_slow, too_stiff, d, x, self%last(1))
+      end associate
+      nrunning = merge(1, 0, self%last(1) >= 0)
+   end subroutine judge
+
+end module symsde_step_stages_equations_single_path

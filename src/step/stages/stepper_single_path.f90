@@ -1,0 +1,64 @@
+! SPDX-License-Identifier: BSD-3-Clause
+!> Implicit schemes of several stages for a path by itself.
+module symsde_step_stages_stepper_single_path
+   use symsde_base_counters, only: counters_type, add_counters
+   use symsde_base_kinds, only: wp, i8
+   use symsde_base_memory, only: memory_for
+   use symsde_base_record, only: step_record
+   use symsde_base_status, only: not_converged
+   use symsde_base_traits, only: model_traits
+   use symsde_model_abstract, only: model_type
+   use symsde_scheme_scheme, only: scheme_type, tableau_form, correction_none
+   use symsde_solve_fixed_point, only: stiff_rate
+   use symsde_solve_newton, only: newton_options
+   use symsde_step_hamiltonian_one_step, only: new_one_step_hamiltonian
+   use symsde_step_implicit_general, only: general_stepper, new_general_stepper
+   use symsde_step_implicit_newton_krylov, only: does_without_matrices
+   use symsde_step_lone, only: few_of, most_lone
+   use symsde_step_midpoint_eliminated, only: midpoint_stepper, new_midpoint_stepper, by_products
+   use symsde_step_midpoint_full, only: midpoint_full_stepper, new_midpoint_full_stepper
+   use symsde_step_stages_equations_single_path, only: stage_equations, new_stage_equations, iterate_group, solved, &
+                                                       untried
+   use symsde_step_stages_groups, only: stage_group
+   use symsde_step_stages_newton_single_path, only: stage_newton, new_stage_newton
+   use symsde_step_stages_tridiagonal_single_path, only: tridiagonal_stages, new_tridiagonal_stages, &
+                                                         fits_tridiagonal_stages, solves_at_once
+   use symsde_step_stepper, only: stepper_type, stepper_task
+   implicit none
+   private
+   public :: stages_stepper, stages_fits, fits_stages
+
+   include 'stepper.inc'
+
+   ! ---- what a path by itself does otherwise than a block ------------------------------------------
+
+   pure integer function lanes(self)
+      class(stages_stepper), intent(in) :: self
+
+      lanes = 1
+   end function lanes
+
+   pure integer function width_of(nlane, traits) result(width)
+      integer, intent(in) :: nlane
+      type(model_traits), intent(in) :: traits
+
+      width = 1
+   end function width_of
+
+   subroutine increment(self, step, q, p, dq, dp, status)
+      class(stages_stepper), intent(inout) :: self
+      type(step_record), intent(in) :: step
+      real(wp), intent(in) :: q(self%ham%nlane, self%ham%ndof), p(self%ham%nlane, self%ham%ndof)
+      real(wp), intent(out) :: dq(self%ham%nlane, self%ham%ndof), dp(self%ham%nlane, self%ham%ndof)
+      integer(i8), intent(inout) :: status(self%ham%nlane)
+
+      logical :: taken
+
+      if (allocated(self%equations%ahead)) then
+         call self%equations%ahead%take(self%ham, step, too_stiff_for(self), q, p, dq, dp, taken)
+         if (taken) return
+      end if
+      call take_part(self, 1, step, q, p, dq, dp, status)
+   end subroutine increment
+
+end module symsde_step_stages_stepper_single_path

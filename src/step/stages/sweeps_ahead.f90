@@ -1,0 +1,248 @@
+! SPDX-License-Identifier: BSD-3-Clause
+!> Steps of a path by itself where a sweep costs little: of one angle, whose force follows from four terms, or where the
+!> model takes sweeps itself. As many sweeps are taken at once as the step before took, which mostly is enough, and
+!> judged then; sweeps that were in vain are not looked at. The operations are those of step/stages/equations in their
+!> order, for momenta that are eliminated by an identity mass and noise in position:
+!>
+!>    Q_i = q_n + h r_i p_n - h sum_k B_ik F_k,   F_i <- Hhat_q(Q_i)          k = i, i+1, .. and around
+!>    dq  = h p_n - h sum_k v_k F_k,   dp = -sum_k alpha_k F_k
+!>
+!> All numbers stand in arrays of four stages, where what is not there is zero: loops of a known length stay in
+!> registers. A step that these sweeps do not end is left to step/stages/stepper, which begins it anew.
+!>
+!> Private to its family.
+module symsde_step_stages_sweeps_ahead
+   use symsde_base_kinds, only: wp
+   use symsde_base_record, only: step_record
+   use symsde_base_sincos, only: sincos_one
+   use symsde_model_abstract, only: model_type, angle_terms
+   use symsde_solve_fixed_point_single_path, only: judge_ahead, done
+   use symsde_step_hamiltonian_noise_shift, only: noise_shift, new_noise_shift
+   use symsde_step_hamiltonian_one_step, only: one_step_hamiltonian
+   use symsde_step_stages_groups, only: stage_plan
+   implicit none
+   private
+   public :: sweeps_ahead, new_sweeps_ahead
+
+   integer, parameter :: most = 24    !! sweeps of a group: enough for stiff_rate of solve/fixed_point
+   integer, parameter :: nstage = 4   !! at most
+
+   !> A group of stages.
+   type :: group_slot
+      integer :: i1 = 1, i2 = 1       !! its stages
+      logical :: explicit = .false.
+      integer :: ahead = 1            !! sweeps that it took in the step before
+   end type group_slot
+
+   type :: sweeps_ahead
+      private
+      type(stage_plan) :: plan
+      type(noise_shift), allocatable :: shift   !! of p_n, see step/stages/equations
+      logical :: angles = .false.               !! the force is that of an angle
+      type(group_slot) :: slot(nstage)          !! of each group
+      real(wp) :: h = 0                         !! of the coefficients
+      real(wp) :: all = 0                       !! h sum_j alpha_j
+      real(wp), dimension(nstage) :: c = 0, r = 0, v = 0, alpha = 0
+      real(wp) :: b(nstage, nstage, 2) = 0      !! of F in the stages: first sweep, and others
+      type(angle_terms) :: terms(nstage)
+      real(wp) :: times(nstage) = 0, base(nstage, 2) = 0
+      real(wp) :: f(nstage, 2, 0:most*nstage) = 0  !! F after every sweep of one group after the other (.., ndof, ..)
+   contains
+      procedure :: take
+   end type sweeps_ahead
+
+contains
+
+   !> Not allocated where this way does not serve the model and the scheme.
+   subroutine new_sweeps_ahead(self, model, plan, shifts)
+      type(sweeps_ahead), allocatable, intent(out) :: self
+      class(model_type), intent(in) :: model
+      type(stage_plan), intent(in) :: plan
+      logical, intent(in) :: shifts  !! brackets shift the momenta
+      integer :: g
+
+      associate (t => model%traits)
+         if (.not. (t%has_angle_terms .or. (t%ndof <= 2 .and. t%has_lone_sweeps))) return
+      end associate
+      if (plan%nstage > nstage .or. .not. plan%in_order()) return
+      allocate (self)
+      self%plan = plan
+      self%angles = model%traits%has_angle_terms
+      do g = 1, plan%ngroup
+         associate (group => plan%group(g))
+            self%slot(g) = group_slot(group%stage(1), group%stage(group%nmember), group%explicit)
+         end associate
+      end do
+      if (.not. shifts) return
+      allocate (self%shift)
+      call new_noise_shift(self%shift, model, 1)
+   end subroutine new_sweeps_ahead
+
+   pure subroutine find_coefficients(self, h)
+      type(sweeps_ahead), intent(inout) :: self
+      real(wp), intent(in) :: h
+
+      self%h = h
+      associate (plan => self%plan, s => self%plan%nstage)
+         self%all = h*sum(plan%alpha)
+         self%c(:s) = plan%c
+         self%r(:s) = h*plan%r
+         self%v(:s) = -h*plan%v
+         self%alpha(:s) = -plan%alpha
+         self%b(:s, :s, 1) = -h*plan%first_b
+         self%b(:s, :s, 2) = -h*plan%b
+      end associate
+   end subroutine find_coefficients
+
+   !> One step; where it is not taken nothing is known, and nothing is counted.
+   subroutine take(self, ham, step, too_stiff, q, p, dq, dp, taken)
+      class(sweeps_ahead), intent(inout) :: self
+      type(one_step_hamiltonian), intent(inout) :: ham
+      type(step_record), intent(in) :: step
+      real(wp), intent(in) :: too_stiff   !! contraction from which a step is given up
+      real(wp), intent(in) :: q(ham%ndof), p(ham%ndof)
+      real(wp), intent(out) :: dq(ham%ndof), dp(ham%ndof)
+      logical, intent(out) :: taken
+      real(wp), pointer, contiguous :: w(:, :)  ! a name that gfortran 12 knows to be contiguous
+      real(wp) :: x(2), y(2)
+
+      if (abs(step%h - self%h) > 0) call find_coefficients(self, step%h)
+      w => step%w
+      associate (n => ham%ndof)
+         if (.not. allocated(self%shift)) then
+            call move(self, ham, n, self%plan%nstage, step%t, w, too_stiff, q, p, dq, dp, taken)
+            return
+         end if
+         x(:n) = q
+         y(:n) = p
+         call self%shift%weigh(-0.5_wp, 1.0_wp, step)
+         call self%shift%add(ham%model, step%t, 1.0_wp, x, y)
+         call move(self, ham, n, self%plan%nstage, step%t, w, too_stiff, q, y, dq, dp, taken)
+         if (taken) ham%counters%gradients = ham%counters%gradients + self%shift%asked
+         self%shift%asked = 0
+      end associate
+   end subroutine take
+
+   !> The step where positions move with these momenta.
+   subroutine move(self, ham, n, s, t, w, too_stiff, q, p, dq, dp, taken)
+      type(sweeps_ahead), intent(inout) :: self
+      type(one_step_hamiltonian), intent(inout) :: ham
+      integer, intent(in) :: n, s
+      real(wp), intent(in) :: t, w(0:ham%nnoise), too_stiff, q(n), p(n)
+      real(wp), intent(out) :: dq(n), dp(n)
+      logical, intent(out) :: taken
+      real(wp) :: moved, kicked
+      integer :: i, k, g, nsweep, before, evaluations
+
+      do i = 1, s
+         self%times(i) = t + self%c(i)*self%h
+      end do
+      do k = 1, n
+         !GCC$ novector  ! few numbers
+         do i = 1, s
+            self%base(i, k) = q(k) + self%r(i)*p(k)
+         end do
+      end do
+      before = 0
+      evaluations = 0
+      do g = 1, self%plan%ngroup
+         call sweep(self, ham%model, s, g, w, p, too_stiff, before, nsweep)
+         taken = nsweep > 0
+         if (.not. taken) return
+         before = before + nsweep
+         evaluations = evaluations + nsweep*(self%slot(g)%i2 - self%slot(g)%i1 + 1)
+      end do
+      do k = 1, n
+         moved = (self%all*p(k))  ! in parentheses: not contracted with what follows
+         kicked = 0
+         !GCC$ novector  ! sums in order, contracted as in lanes
+         do i = 1, s
+            moved = moved + self%v(i)*self%f(i, k, before)
+            kicked = kicked + self%alpha(i)*self%f(i, k, before)
+         end do
+         dq(k) = moved
+         dp(k) = kicked
+      end do
+      ham%counters%gradients = ham%counters%gradients + evaluations
+      ham%counters%iterations = ham%counters%iterations + before
+   end subroutine move
+
+   !> The slopes of a group, after so many sweeps of others: as many sweeps as the step before took, then one by one.
+   subroutine sweep(self, model, s, g, w, p, too_stiff, before, nsweep)
+      type(sweeps_ahead), intent(inout) :: self
+      class(model_type), intent(in) :: model
+      integer, intent(in) :: s, g, before
+      real(wp), intent(in) :: w(0:model%traits%nnoise), p(model%traits%ndof), too_stiff
+      integer, intent(out) :: nsweep   !! that ended it; 0: none
+      real(wp) :: change(most), extent(most), last
+      integer :: first, i
+
+      last = 0
+      first = 1
+      associate (slot => self%slot(g), ahead => self%slot(g)%ahead, m => model%traits%nnoise)
+         if (self%angles) then
+            do i = slot%i1, slot%i2
+               call model%angle(m, self%times(i), w, self%terms(i))
+            end do
+         end if
+         do while (last >= 0 .and. ahead <= most)
+            if (self%angles) then
+               call swing(slot%i1, slot%i2, first, ahead, self%terms, self%base, self%b, self%f(1, 1, before), change, &
+                          extent)
+            else
+               call model%sweeps(m, s, slot%i1, slot%i2, first, ahead, self%times, w, p, self%base, self%b, most, &
+                                 self%f(1, 1, before), change, extent)
+            end if
+            call judge_ahead(first, ahead, too_stiff, too_stiff, most, change, extent, last, nsweep)
+            first = ahead + 1
+            if (last >= 0 .and. slot%explicit) then
+               nsweep = 1
+               last = done
+            else if (last >= 0) then
+               ahead = first
+            end if
+         end do
+         ahead = min(nsweep, most)
+      end associate
+      if (abs(last - done) > 0) nsweep = 0
+   end subroutine sweep
+
+   !> Sweeps of an angle, as those of a model. Sums are those of four stages, whatever their number: how gcc contracts a
+   !> loop must not depend on it.
+   subroutine swing(i1, i2, first, last, terms, base, b, f, change, extent)
+      integer, value :: i1, i2, first, last
+      type(angle_terms), intent(in) :: terms(nstage)
+      real(wp), intent(in) :: base(nstage), b(nstage, nstage, 2)
+      real(wp), intent(inout) :: f(nstage, 2, 0:most)
+      real(wp), intent(inout), dimension(most) :: change, extent
+      real(wp) :: x, sine, cosine, force, moved, size, now(nstage)
+      integer :: i, k, m, at
+
+      now = f(:, 1, first - 1)
+      do k = first, last
+         at = min(k, 2)
+         moved = 0
+         size = 0
+         !GCC$ unroll 4
+         do i = 1, nstage
+            if (i >= i1 .and. i <= i2) then
+               x = base(i)
+               !GCC$ unroll 4
+               !GCC$ novector  ! sums in order, contracted as in lanes
+               do m = i - 1, i + nstage - 2
+                  x = x + b(modulo(m, nstage) + 1, i, at)*now(modulo(m, nstage) + 1)
+               end do
+               sine = sincos_one(x, cosine)
+               force = terms(i)%a*sine + (terms(i)%b*cosine + (terms(i)%c*x + terms(i)%d))  ! as force_at of step/lone
+               moved = max(moved, abs(force - now(i)))
+               size = max(size, abs(force))
+               now(i) = force
+            end if
+            f(i, 1, k) = now(i)
+         end do
+         change(k) = moved
+         extent(k) = size
+      end do
+   end subroutine swing
+
+end module symsde_step_stages_sweeps_ahead
