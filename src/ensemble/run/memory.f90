@@ -88,7 +88,7 @@ contains
       numbers = step%numbers(nlane) + nlane*((12.0_wp + kept)*ndof + ahead*(ncolumn + 1)) &
                 + noise_numbers(nnoise, asked, nlane)
       if (nlane > 1) return
-      numbers = numbers + step%numbers(lane_unit)  ! of the block that takes unusual steps
+      numbers = numbers + lane_unit*step%lane + step%once  ! of the block that takes unusual steps
       if (.not. asked%is_empty()) &                ! pairs of steps are lanes
          numbers = numbers + noise_numbers(nnoise, asked, 2*padded(pairs_ahead(1, ncolumn)/2))
    end function block_numbers
