@@ -6,7 +6,7 @@ import pytest
 import symsde as ss
 from clock import calls_of
 from symsde import errors
-from symsde.model.formulas import emit_flow
+from symsde.model.formulas import compiler, emit_flow
 from symsde.model.formulas.derivatives import Derivatives
 from symsde.model.formulas.named_formulas import make_problem
 from symsde.model.formulas.structure import Prover
@@ -117,3 +117,24 @@ def test_what_leaves_floating_point_is_not_simplified():
 def test_too_many_noises():
     with pytest.raises(errors.InvalidArgumentError, match=r"257 noises beside 'p\*\*2/2': .* 256 at most"):
         ss.model_from_sympy("p**2/2", ["q"] * 257)
+
+
+@pytest.mark.skipif(compiler.command() is None, reason="no compiler")
+def test_long_texts_are_compiled_in_less_time(monkeypatch, tmp_path):
+    """At the first level, beyond a length that 35 nested exp have and no formula of this suite; with the same bits."""
+    monkeypatch.setenv("SYMSDE_CACHE", str(tmp_path))
+    asked = []
+    compile_ = compiler._compile
+    monkeypatch.setattr(compiler, "_compile", lambda *a: asked.append(compiler.flags(a[1])) or compile_(*a))
+    run = {"q0": np.linspace(-1, 1, 9)[None], "p0": 0.3, "step": 0.1, "steps": 10, "paths": 9, "scheme": "gauss2"}
+    ends = []
+    for longest in (compiler.LONG, 10**4):
+        monkeypatch.setattr(compiler, "LONG", longest)
+        ends.append(ss.simulate(ss.model_from_sympy("p**2/2 + log(1 + exp(sin(q)))*q**2"), **run))
+    assert ["-O1" in flags for flags in asked] == [False, True] and all("-O3" not in x or "-O1" not in x for x in asked)
+    np.testing.assert_array_equal(ends[0].q, ends[1].q)
+    monkeypatch.undo()
+    monkeypatch.setenv("SYMSDE_CACHE", str(tmp_path))
+    monkeypatch.setattr(compiler, "_compile", lambda *a: asked.append(compiler.flags(a[1])) or compile_(*a))
+    ss.model_from_sympy(f"p**2/2 + {'exp(' * 35}q/9{')' * 35}", noise=["sin(q)"])
+    assert "-O1" in asked[-1] and len(asked) == 3

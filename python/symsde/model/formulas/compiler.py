@@ -36,6 +36,9 @@ if platform.machine() in ("x86_64", "AMD64"):
     FLAGS += ("-mprefer-vector-width=512",)  # where the processor has them: 1.0 instead of 1.12 of the built-in's time
 if re.findall(r"-ffp-contract=(\w+)", build_info().get("compile options", ""))[-1:] == ["fast"]:
     FLAGS += ("-DCONTRACTS",)
+LONG = (
+    300_000  #: characters of a text, of which 60000 are functions, beyond which it is compiled for less time: bits stay
+)
 TIME_LIMIT = 120.0  #: seconds of processor time of one compilation: a busy machine is no reason to refuse a formula
 PATIENCE = 3600.0  #: seconds by the clock
 
@@ -56,6 +59,11 @@ def command() -> list[str] | None:
         if words and shutil.which(words[0]):
             return words
     return [sys.executable, "-m", "ziglang", "cc"] if importlib.util.find_spec("ziglang") else None
+
+
+def flags(source: str) -> tuple[str, ...]:
+    """Of the compiler for a text: what is long would take it several times as long at the highest level."""
+    return tuple("-O1" if flag == "-O3" and len(source) > LONG else flag for flag in FLAGS)
 
 
 def build(source: str) -> Compiled | None:
@@ -81,7 +89,7 @@ def _compile(compiler: list[str], source: str, target: Path) -> None:
         with _parts.beside(target) as made:
             text = made.with_suffix(".c")
             text.write_text(source, encoding="utf-8")
-            words = [*compiler, *FLAGS, "-o", str(made), str(text), "-lm"]
+            words = [*compiler, *flags(source), "-o", str(made), str(text), "-lm"]
             done = _bounded(words)
             if done is None or "CPU time limit" in done.stderr:
                 raise InvalidArgumentError(
@@ -109,7 +117,7 @@ def _bounded(words: list[str]) -> subprocess.CompletedProcess[str] | None:
 
 
 def _key(source: str, compiler: tuple[str, ...]) -> str:
-    parts = (source, *compiler, _version(compiler), *FLAGS, _processor())
+    parts = (source, *compiler, _version(compiler), *flags(source), _processor())
     return hashlib.sha256("\0".join(parts).encode()).hexdigest()[:32]
 
 
