@@ -24,6 +24,7 @@ module symsde_step_factory
    use symsde_step_midpoint_full, only: midpoint_full_stepper, midpoint_full_fits
    use symsde_step_midpoint_full_single_path, only: midpoint_full_single_path => midpoint_full_stepper
    use symsde_step_midpoint_one_dof, only: midpoint_one_dof_stepper, midpoint_one_dof_fits
+   use symsde_step_midpoint_one_dof_single_path, only: midpoint_one_dof_single_path => midpoint_one_dof_stepper
    use symsde_step_implicit_euler_pair, only: euler_pair_stepper, euler_pair_fits
    use symsde_step_splitting_stepper, only: splitting_stepper
    use symsde_step_stages_stepper, only: stages_stepper, stages_fits
@@ -75,7 +76,11 @@ contains
             if (task%nlane == 1) allocate (midpoint_single_path :: stepper)
             if (task%nlane > 1) allocate (midpoint_stepper :: stepper)
          end if
-      case (midpoint_one_dof); if (midpoint_one_dof_fits(task)) allocate (midpoint_one_dof_stepper :: stepper)
+      case (midpoint_one_dof)
+         if (midpoint_one_dof_fits(task)) then
+            if (task%nlane == 1) allocate (midpoint_one_dof_single_path :: stepper)
+            if (task%nlane > 1) allocate (midpoint_one_dof_stepper :: stepper)
+         end if
       case (midpoint_full)
          if (midpoint_full_fits(task)) then
             if (task%nlane == 1) allocate (midpoint_full_single_path :: stepper)

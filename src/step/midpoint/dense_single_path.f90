@@ -4,12 +4,12 @@
 !> Private to its family.
 module symsde_step_midpoint_dense_single_path
    use symsde_base_kinds, only: wp, i8
-   use symsde_base_sincos, only: sincos_one
    use symsde_base_traits, only: dense
    use symsde_base_vectors, only: add_times
    use symsde_model_abstract, only: model_type, angle_terms
    use symsde_solve_newton, only: newton_options, new_newton
    use symsde_solve_newton_single_path, only: update, judge, first_scalar, update_scalar
+   use symsde_step_midpoint_angle, only: find_angle_force
    use symsde_step_midpoint_equation, only: midpoint_equation, midpoint_part, solve_by_iterations
    use symsde_step_hamiltonian_one_step, only: one_step_hamiltonian
    use symsde_solve_fixed_point_single_path, only: take_first, take, judge_sweep, most_sweeps, &
@@ -35,15 +35,10 @@ module symsde_step_midpoint_dense_single_path
       type(midpoint_equation), intent(in) :: eq
       real(wp), intent(in) :: w(0:eq%m), q(eq%n)
       real(wp), intent(out) :: hq(eq%n), hqq(eq%n, eq%n)
-      real(wp) :: sine, cosine
 
       if (model%traits%has_angle_terms) then
          if (self%newton%iteration == 0 .and. .not. eq%for_dq) call model%angle(eq%m, eq%t, w, self%terms)
-         sine = sincos_one(q(1), cosine)
-         associate (u => self%terms)
-            hq(1) = u%a*sine + (u%b*cosine + (u%c*q(1) + u%d))
-            hqq(1, 1) = u%a*cosine + (u%c - u%b*sine)
-         end associate
+         call find_angle_force(self%terms, q(1), hq(1), hqq(1, 1))
       else if (eq%n == 2) then
          call model%pair(eq%m, eq%t, w, q(1), q(2), hq(1), hq(2), hqq(1, 1), hqq(2, 1), hqq(1, 2), hqq(2, 2))
       else

@@ -16,6 +16,7 @@ module symsde_step_splitting_midpoint_drift
    use symsde_step_midpoint_full, only: midpoint_full_stepper, midpoint_full_fits
    use symsde_step_midpoint_full_single_path, only: midpoint_full_single_path => midpoint_full_stepper
    use symsde_step_midpoint_one_dof, only: midpoint_one_dof_stepper, midpoint_one_dof_fits
+   use symsde_step_midpoint_one_dof_single_path, only: midpoint_one_dof_single_path => midpoint_one_dof_stepper
    use symsde_step_implicit_rescue, only: rescue_type, new_rescue
    use symsde_step_stepper, only: stepper_type, stepper_task
    implicit none
@@ -54,7 +55,8 @@ contains
          if (task%nlane == 1) allocate (midpoint_single_path :: self%stepper)
          if (task%nlane > 1) allocate (midpoint_stepper :: self%stepper)
       else if (midpoint_one_dof_fits(task)) then
-         allocate (midpoint_one_dof_stepper :: self%stepper)
+         if (task%nlane == 1) allocate (midpoint_one_dof_single_path :: self%stepper)
+         if (task%nlane > 1) allocate (midpoint_one_dof_stepper :: self%stepper)
       else if (midpoint_full_fits(task)) then
          if (task%nlane == 1) allocate (midpoint_full_single_path :: self%stepper)
          if (task%nlane > 1) allocate (midpoint_full_stepper :: self%stepper)

@@ -1,0 +1,40 @@
+! SPDX-License-Identifier: BSD-3-Clause
+!> Force and slope of a single path whose Hamiltonian is that of an angle, from its terms:
+!>
+!>    Hhat_q = a sin q + (b cos q + (c q + d)),   Hhat_qq = a cos q + (c - b sin q),   Hhat_p = e p,   Hhat_pp = e
+!>
+!> A module of its own: where callers saw its products the compiler would contract them with their sums, and a path by
+!> itself would have other bits than one of a block, whose numbers come from memory.
+!>
+!> Private to its family.
+module symsde_step_midpoint_angle
+   use symsde_base_kinds, only: wp
+   use symsde_base_sincos, only: sincos_one
+   use symsde_model_abstract, only: angle_terms
+   implicit none
+   private
+   public :: find_angle_force, find_angle_velocity
+
+contains
+
+   subroutine find_angle_force(terms, q, hq, hqq)
+      type(angle_terms), intent(in) :: terms
+      real(wp), intent(in) :: q
+      real(wp), intent(out) :: hq, hqq
+      real(wp) :: sine, cosine
+
+      sine = sincos_one(q, cosine)
+      hq = terms%a*sine + (terms%b*cosine + (terms%c*q + terms%d))
+      hqq = terms%a*cosine + (terms%c - terms%b*sine)
+   end subroutine find_angle_force
+
+   pure subroutine find_angle_velocity(terms, p, hp, hpp)
+      type(angle_terms), intent(in) :: terms
+      real(wp), intent(in) :: p
+      real(wp), intent(out) :: hp, hpp
+
+      hp = terms%e*p
+      hpp = terms%e
+   end subroutine find_angle_velocity
+
+end module symsde_step_midpoint_angle

@@ -1,0 +1,67 @@
+! SPDX-License-Identifier: BSD-3-Clause
+!> The implicit midpoint rule for any model of one degree of freedom and a single path: one_dof.inc with one lane.
+module symsde_step_midpoint_one_dof_single_path
+   use symsde_base_kinds, only: wp, i8
+   use symsde_base_record, only: step_record
+   use symsde_model_abstract, only: angle_terms
+   use symsde_scheme_scheme, only: correction_none
+   use symsde_solve_newton, only: newton_type, new_newton
+   use symsde_solve_newton_single_path, only: judge
+   use symsde_solve_stagnation, only: seen, restart_lanes
+   use symsde_step_midpoint_angle, only: find_angle_force, find_angle_velocity
+   use symsde_step_midpoint_equation, only: position
+   use symsde_step_hamiltonian_one_step, only: new_one_step_hamiltonian
+   use symsde_step_stepper, only: stepper_type, stepper_task
+   implicit none
+   private
+   public :: midpoint_one_dof_stepper
+
+   include 'one_dof.inc'
+
+   pure integer function lanes(nlane)
+      integer, intent(in) :: nlane
+
+      lanes = 1
+   end function lanes
+
+   !> Hhat_p of separable Hamiltonians.
+   subroutine find_velocity(self, tm, w, q, p, hp)
+      type(midpoint_one_dof_stepper), intent(inout) :: self
+      real(wp), intent(in) :: tm, w(1, 0:self%ham%nnoise), q(1, 1), p(1, 1)
+      real(wp), intent(out) :: hp(1, 1)
+      real(wp) :: unused
+
+      if (self%ham%model%traits%has_angle_terms) then
+         call self%ham%model%angle(self%ham%nnoise, tm, w, self%terms)
+         call find_angle_velocity(self%terms, p(1, 1), hp(1, 1), unused)
+         self%ham%counters%gradients = self%ham%counters%gradients + 1
+      else
+         call self%ham%velocity(tm, w, q, p, hp)
+      end if
+   end subroutine find_velocity
+
+   !> Gradient and Hessian at (q, p), by the terms of an angle, which are asked for once a step. The Hessian is zero for
+   !> a fixed-point iteration, as the mixed derivative of a separable model is.
+   subroutine evaluate(self, tm, w, q, p, first)
+      type(midpoint_one_dof_stepper), intent(inout) :: self
+      real(wp), intent(in) :: tm, w(1, 0:self%ham%nnoise), q(1, 1), p(1, 1)
+      logical, intent(in) :: first  !! of this step
+
+      if (self%newton%options%fixed_point > 0) then
+         call self%ham%gradient(tm, w, q, p, self%hq, self%hp)
+         self%hqq = 0
+         self%hpp = 0
+      else if (self%separable .and. self%ham%model%traits%has_angle_terms) then
+         if (first) call self%ham%model%angle(self%ham%nnoise, tm, w, self%terms)
+         self%ham%counters%gradients = self%ham%counters%gradients + 1
+         self%ham%counters%hessians = self%ham%counters%hessians + 1
+         call find_angle_force(self%terms, q(1, 1), self%hq(1, 1), self%hqq(1, 1, 1))
+         call find_angle_velocity(self%terms, p(1, 1), self%hp(1, 1), self%hpp(1, 1, 1))
+      else if (self%separable) then
+         call self%ham%gradient_hessian(tm, w, q, p, self%hq, self%hp, hqq=self%hqq, hpp=self%hpp)
+      else
+         call self%ham%gradient_hessian(tm, w, q, p, self%hq, self%hp, self%hqq, self%hqp, self%hpp)
+      end if
+   end subroutine evaluate
+
+end module symsde_step_midpoint_one_dof_single_path
