@@ -28,7 +28,7 @@ class Measured:
     """A measured order: the slope of the error over the step."""
 
     order: float
-    half_width: float  #: of its 95 % interval; of weak orders, without sampling, what the last two slopes differ by
+    half_width: float  #: of its 95 % interval; for weak orders (no sampling) the difference of the last two slopes
     floor: float  #: error of the reference over the smallest error that counts; 0 = exact
 
 
@@ -38,7 +38,7 @@ class Order:
 
     value: float  #: 0 = does not converge, or is not made for such noise
     evidence: str  #: derived: from the coefficients that are executed; claimed; none
-    measured: Measured | None  #: on a problem that the certificate names; None = was not
+    measured: Measured | None  #: on the problem that the certificate names; None = not measured
 
 
 @dataclass(frozen=True)
@@ -49,17 +49,17 @@ class SchemeInfo:
     reference: str
     form: str  #: tableau, Galerkin, Euler-Maruyama, or drifts and kicks
     nstage: int
-    degree: int  #: of the polynomial of the quadrature; 0 = not from one
+    degree: int  #: of the polynomial; 0 = the scheme is not from a quadrature
     symplectic: bool
     symmetric: bool
     keeps_quadratic: bool  #: quadratic invariants are kept exactly
-    keeps_bilinear: bool  #: invariants q^T D p, as angular momentum, are
-    structure_evidence: str  #: of these four: derived, or claimed by schemes with a stepper of their own
+    keeps_bilinear: bool  #: invariants q^T D p, such as angular momentum, are kept exactly
+    structure_evidence: str  #: for these four: derived, or claimed (schemes with a special stepper)
     symplecticity_residual: float  #: of the coefficients; 0 = the conditions hold
     symmetry_residual: float
     quadratic_residual: float
     stratonovich_sum: float  #: beta^T b e; 1/2 = consistent
-    correction_coefficient: float  #: 1/2 - lambda; 0 = consistent as it stands
+    correction_coefficient: float  #: 1/2 - lambda; 0 = needs no correction
     correction_needed: bool
     correction_exists: bool
     orders: dict[str, Order]  #: strong: additive, commutative, general, commuting (flows); weak
@@ -69,10 +69,10 @@ class SchemeInfo:
     uses_stt_area: bool  #: K, the space-time-time Levy area
     uses_magnus: bool  #: J, the second Magnus term of the kicks
     uses_nested_bracket: bool  #: {{H, H_k}, H_k}
-    crosses_noises: bool  #: {{H_l, H_k}, H_k}, too: its weak order is that of every noise
+    crosses_noises: bool  #: {{H_l, H_k}, H_k} too: its weak order holds for every noise
     law: str  #: of the increments: Gaussian, three-point or two-point
     explicit_for: str  #: never, separable models, every model
-    gradients_per_step: int  #: of each iteration where implicit
+    gradients_per_step: int  #: for implicit schemes in each iteration
     unknowns: int  #: of the solver, for each degree of freedom
     unknowns_if_separable: int
 
@@ -88,7 +88,7 @@ class Tableau:
     b: np.ndarray  #: (stage, stage), of q for the noise
     bbar: np.ndarray  #: (stage, stage), of p for the noise
     beta: np.ndarray  #: (stage,), weights of the noise
-    beside: str  #: what the scheme does that these do not say; empty: from_tableau makes the scheme again
+    beside: str  #: what the scheme does beside the tableau; if empty, from_tableau makes the same scheme
 
 
 class Certificate(str):

@@ -49,10 +49,10 @@ class MeanSquare:
     Constant terms are left out.
     """
 
-    growth: float  #: spectral radius of that map; infinite where a step has no second moments
-    exact: float  #: the same of the equations themselves over the step; of a negative one, backward along their noise
+    growth: float  #: spectral radius of the map of second moments; infinite if there are none
+    exact: float  #: the same for the exact equations; for a negative step, backward along their noise
     mean: float  #: spectral radius of E M
-    matrix: np.ndarray | None  #: E M x M, ((2 dof)^2, (2 dof)^2), of z = (q, p); None beyond 32 degrees of freedom
+    matrix: np.ndarray | None  #: map of second moments of z = (q, p), ((2 dof)^2, (2 dof)^2); None beyond 32 dof
 
     @property
     def excess(self) -> float:

@@ -30,14 +30,14 @@ class Convergence:
     scheme: str
     model: str
     reference: str  #: what the paths are compared with
-    reference_error: float  #: its own rms error, the floor of what can be seen; 0 = exact
+    reference_error: float  #: rms error of the reference itself, the floor; 0 = exact
     steps: np.ndarray  #: (level,), number of steps
     step: np.ndarray  #: (level,), h
     error: np.ndarray  #: (level,)
     low: np.ndarray  #: (level,), ends of the intervals
     high: np.ndarray
     status: tuple[str, ...]  #: (level,), ok; reference: at the floor; rounding, saturated, diverged: not counted
-    order: float  #: fitted slope of log error over log h of the points that count; NaN where there are fewer than two
+    order: float  #: fitted slope of log error over log h of the points that count; NaN if there are fewer than two
     order_low: float
     order_high: float
     paths: int  #: paths that count

@@ -18,17 +18,17 @@ class Report:
     """How a run was computed: stepper, what was left out, counters, failures, timings and versions."""
 
     outcome: str  #: ok, or what happened
-    status: int  #: its code; 0 = ok
+    status: int  #: status code of the outcome; 0 = ok
     stepper: str  #: the stepper that the traits chose
-    correction: str  #: the correction that was active
-    left_out: tuple[str, ...]  #: what this scene did not need
-    warnings: tuple[str, ...]  #: doubts known before the run, with numbers
+    correction: str  #: the correction that was used
+    left_out: tuple[str, ...]  #: what was skipped because it was not needed
+    warnings: tuple[str, ...]  #: problems found before the run, with numbers
     counters: dict[str, int]  #: path_steps, normals, gradients, hessians, iterations, solves, ...
     failed: int  #: paths that failed
-    stopped: int  #: paths cut short by a stop
+    stopped: int  #: paths that a stop cut short
     threads: int
     lanes: int  #: lanes of a block
-    lost_variance: float  #: of a normal, by truncation
+    lost_variance: float  #: variance that truncation takes from a normal number
     timings: dict[str, float]  #: seconds of setup and run
     versions: dict[str, str]  #: of the library, its compiler and options
 

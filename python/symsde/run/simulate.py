@@ -45,7 +45,7 @@ class Run(PathTables, Reported):
 
     q: np.ndarray  #: (time, dof, path)
     p: np.ndarray  #: (time, dof, path)
-    status: np.ndarray  #: (path,), 0 = ok; `symsde.status_text` tells the others
+    status: np.ndarray  #: (path,), 0 = ok; `symsde.status_text` explains the others
     failed_step: np.ndarray  #: (path,), absolute step that failed; -1 = none
     last_q: np.ndarray  #: (dof, path), last good state
     last_p: np.ndarray

@@ -13,7 +13,7 @@ class Alternative:
     method: str
     scheme: str
     step: float
-    cost: float  #: seconds of the processor that it is reckoned to take for the interval
+    cost: float  #: estimated seconds of the processor for the same interval
 
     def __str__(self) -> str:
         """One line."""
@@ -25,18 +25,18 @@ class Answer:
     """E f with a 95 % interval; made by `expect`. All quantities are dimensionless."""
 
     value: float
-    interval: tuple[float, float]  #: low, high, 95 %; noise and bias together
+    interval: tuple[float, float]  #: low and high end, 95 %, for noise and bias together
     error: float  #: standard error of the value
-    bias: float  #: size of E f - value that the step leaves and that is reckoned with
+    bias: float  #: bound of the error that the step leaves in the value
     method: str  #: plain, antithetic, extrapolated, control variate, multilevel, quasi-Monte Carlo
     scheme: str
-    step: float  #: of multilevel the finest
-    paths: int  #: computed for the value
+    step: float  #: of multilevel: the finest
+    paths: int  #: number of paths computed for the value
     cost: float  #: seconds of the processor, the pilot included
-    pilot: float  #: of these, for the choice
+    pilot: float  #: seconds of these for the pilot
     alternatives: tuple[Alternative, ...]  #: the cheapest first
     reached: bool  #: the interval is as narrow as asked
-    why: str  #: reason of the choice
+    why: str  #: the reason for the choice
     notes: tuple[str, ...]  #: doubts, each a sentence
 
     @property

@@ -17,10 +17,10 @@ class Level:
     mean: float  #: of d
     error: float  #: standard error of it
     variance: float  #: of d
-    kurtosis: float  #: of d; of its size is the relative error of the variance squared, times paths
+    kurtosis: float  #: of d; the relative error of the variance is about sqrt(kurtosis/paths)
     fine_mean: float  #: of f
     fine_variance: float  #: of f
-    consistency: float  #: of the telescoping sum: where it holds, above 1 in 0.3 % of cases
+    consistency: float  #: of the telescoping sum: if it holds, this is above 1 in 0.3 % of cases
     seconds: float  #: of the processor
     failed: int  #: paths left out
 
@@ -30,17 +30,17 @@ class Multilevel:
     """E f with its 95 % interval, and the levels that gave it; made by `mlmc`."""
 
     value: float
-    interval: tuple[float, float]  #: low, high, 95 %
+    interval: tuple[float, float]  #: low and high end, 95 %
     error: float  #: standard error of the value
-    bias: float  #: size of E f - value that the step leaves and that is reckoned with
+    bias: float  #: bound of the error that the step leaves in the value
     scheme: str
     levels: tuple[Level, ...]
     alpha: Rate  #: |mean of d| falls as 2^(-alpha level)
-    beta: Rate  #: its variance as 2^(-beta level)
+    beta: Rate  #: the variance of d falls as 2^(-beta level)
     gamma: Rate  #: the seconds of a path grow as 2^(gamma level)
     reached: bool  #: the interval is as narrow as asked
     notes: tuple[str, ...]  #: doubts, each a sentence
-    cost: float  #: seconds of the processor, those beside the levels included
+    cost: float  #: seconds of the processor in all
 
     @property
     def half_width(self) -> float:

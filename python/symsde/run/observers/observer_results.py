@@ -72,9 +72,9 @@ class Slots(Observed):
 class HistogramResult(Slots):
     """A histogram at every saved time."""
 
-    share: np.ndarray  #: (time, bin), counts in all that was counted at that time
+    share: np.ndarray  #: (time, bin), share of all values counted at that time
     se_share: np.ndarray  #: (time, bin), their binomial standard errors
-    density: np.ndarray  #: (time, bin), share by width; likewise se_density
+    density: np.ndarray  #: (time, bin), share over width; likewise se_density
 
     def _take(self, scope: Scope, values: np.ndarray, errors: np.ndarray) -> None:
         wanted = self.observer
@@ -95,7 +95,7 @@ class QuantilesResult(Slots):
 
     shares: np.ndarray  #: (share,), of the paths below
     quantile: np.ndarray  #: (time, share)
-    se_quantile: np.ndarray  #: (time, share), by chance (from the ranks) and half a bin, together
+    se_quantile: np.ndarray  #: (time, share), from chance (by the ranks) and half a bin together
 
     def _take(self, scope: Scope, values: np.ndarray, errors: np.ndarray) -> None:
         self.shares = self.observer.fields()["shares"]
@@ -163,7 +163,7 @@ class AutocorrelationResult(Observed):
 
     lag: np.ndarray  #: (lag,), in units of time
     covariance: np.ndarray  #: (lag,); likewise se_covariance
-    correlation: np.ndarray  #: (lag,), covariance by that of lag 0; likewise se_correlation
+    correlation: np.ndarray  #: (lag,), covariance over that at lag 0; likewise se_correlation
     n: int  #: paths that were ok to the end
     mean: float  #: of the value, over paths and times
 
@@ -216,7 +216,7 @@ class PassageResult(Observed):
     lost_below: np.ndarray  #: (time,), through the lower end; likewise lost_above, se_lost_below, se_lost_above
     count: np.ndarray  #: (time, 2), paths that left below and above since the saved time before
     there: np.ndarray  #: (time,), paths that are still there
-    bridged: int | None  #: paths that left between two steps; None where there is no such correction, see `remarks`
+    bridged: int | None  #: paths that left between two steps; None if this is not checked, see `remarks`
     n: int  #: paths that have left
     mean: dict[str, float]  #: of t, q_1 .., p_1 .. when they left, over these paths; likewise se_mean
     path: np.ndarray  #: (listed,), global indices of the first of them; at most 1000
@@ -276,7 +276,7 @@ class PathsResult(Observed):
 
     path: np.ndarray  #: (path,), global indices
     names: tuple[str, ...]  #: of the values
-    values: np.ndarray  #: (path, time, value), NaN after the end of a path, or where a path is not of this run
+    values: np.ndarray  #: (path, time, value); NaN after the end of a path, or if this run does not have the path
 
     def _take(self, scope: Scope, values: np.ndarray, errors: np.ndarray) -> None:
         self.path, self.names = self.observer.fields()["paths"], self._names
