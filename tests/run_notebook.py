@@ -7,6 +7,7 @@ FIGURES and TABLES: how many pictures and representations in HTML it shows at le
 import importlib.util
 import os
 import sys
+import tempfile
 from pathlib import Path
 
 
@@ -24,7 +25,9 @@ def main():
     if any(cell.get("outputs") for cell in notebook.cells):
         print(f"{sys.argv[1]} holds outputs: clear them before it is committed")
         return 1
-    nbclient.NotebookClient(notebook, timeout=None, kernel_name="python3").execute()
+    with tempfile.TemporaryDirectory() as folder:  # where it writes its files
+        place = {"metadata": {"path": folder}}
+        nbclient.NotebookClient(notebook, timeout=None, kernel_name="python3", resources=place).execute()
     kinds = [kind for cell in notebook.cells for found in cell.get("outputs", []) for kind in found.get("data", {})]
     print({kind: kinds.count(kind) for kind in sorted(set(kinds))})
     figures, tables = map(int, sys.argv[2:])
