@@ -211,22 +211,29 @@ contains
       class(observer_type), intent(in) :: observer
       class(stepper_type), allocatable, intent(out) :: single
       type(error_type), allocatable, intent(inout) :: error
-      integer(i8) :: nblock
       integer :: nthread
 
       call choose_nthread(self%options, nthread, error)
       if (allocated(error)) return
-      associate (report => self%report)
-         report%nlane = choose_nlane(self%options, self%model)
-         if (self%options%npath <= most_single .and. has_any_lanes(self%model)) &
-            call new_single_path(single, self%recipe%task, self%options%npath, error)
+      if (self%options%npath <= most_single .and. has_any_lanes(self%model)) then
+         call fit(1)
+         if (.not. allocated(error)) call new_single_path(single, self%recipe%task, self%options%npath, error)
+      end if
+      if (.not. allocated(single)) call fit(choose_nlane(self%options, self%model))
+
+   contains
+
+      subroutine fit(nlane)
+         integer, intent(in) :: nlane
+
          if (allocated(error)) return
-         if (allocated(single)) report%nlane = 1
-         nblock = (self%options%npath + report%nlane - 1)/report%nlane
-         report%nthread = int(min(int(nthread, i8), nblock))
-         call fit_threads(self%recipe%task, self%options, observer, report%nlane, report%nthread, &
-                          self%recipe%narrows, error)
-      end associate
+         associate (report => self%report)
+            report%nlane = nlane
+            report%nthread = int(min(int(nthread, i8), (self%options%npath + nlane - 1)/nlane))
+            call fit_threads(self%recipe%task, self%options, observer, nlane, report%nthread, self%recipe%narrows, error)
+         end associate
+      end subroutine fit
+
    end subroutine plan_run
 
    !> One runner for every thread.
@@ -236,19 +243,21 @@ contains
       class(stepper_type), allocatable, intent(inout) :: single  !! for the first of them, if it is there; taken over
       type(error_type), allocatable, intent(inout) :: error
       logical :: has_padding
-      integer :: i, info
+      integer :: i, n, info
 
       associate (report => self%report, model => self%model)
          self%recipe%options = self%options
          self%recipe%asked = self%noise%asked
          report%correction = self%recipe%task%correction
-         allocate (self%runners(report%nthread), stat=info)
+         ! those that will work: others would be made for nothing
+         n = usable_threads(report%nthread, real(model%traits%ndof, wp)*self%options%npath*self%options%nstep)
+         allocate (self%runners(n), stat=info)
          if (info /= 0) then
             call raise(error, out_of_memory, 'new_runners', 'no memory for '//to_text(report%nthread)//' threads')
             return
          end if
          has_padding = mod(self%options%npath, int(report%nlane, i8)) > 0
-         do i = 1, report%nthread
+         do i = 1, n
             call self%recipe%new_runner(self%runners(i), report%nlane, has_padding, error, single)
             if (allocated(error)) return
          end do
