@@ -45,7 +45,7 @@ def told_and_taken(plans, model, f, **tolerance):
     (line,) = [line for line in plans.messages if line.startswith("plan after")]
     plans.clear()
     assert f"{answer.method} by {answer.scheme}, h = " in line and answer.why in line
-    return float(line.split("reckoned at ")[1].split(" s")[0]), answer.cost - answer.pilot
+    return float(line.split("estimated at ")[1].split(" s")[0]), answer.cost - answer.pilot
 
 
 def test_work_takes_what_was_told(monkeypatch, plans):
@@ -88,7 +88,7 @@ def test_work_that_takes_longer_than_told_says_so(monkeypatch):
     watch.tell(0.5)  # nothing
     now.seconds += 0.2
     with pytest.warns(
-        ss.BudgetWarning, match=r"the 2 s of the processor that were reckoned: 3\.6 s so far, about 12 s"
+        ss.BudgetWarning, match=r"the 2 s of the processor that were estimated: 3\.6 s so far, about 12 s"
     ):
         watch.tell(0.3)
     now.seconds += 100.0

@@ -78,7 +78,7 @@ class Watch:
         spent = self.seconds - self._announced
         if self._reckoned > 0 and spent > _LONGER * self._reckoned + _MOMENT:
             checks.warn(
-                f"the work takes longer than the {self._reckoned:.3g} s of the processor that were reckoned: "
+                f"the work takes longer than the {self._reckoned:.3g} s of the processor that were estimated: "
                 f"{spent:.3g} s so far, about {spent / max(share, 1e-3):.3g} s in all; max_time ends it earlier",
                 BudgetWarning,
             )
