@@ -230,7 +230,8 @@ contains
          associate (report => self%report)
             report%nlane = nlane
             report%nthread = int(min(int(nthread, i8), (self%options%npath + nlane - 1)/nlane))
-            call fit_threads(self%recipe%task, self%options, observer, nlane, report%nthread, self%recipe%narrows, error)
+            call fit_threads(self%recipe%task, self%options, observer, nlane, report%nthread, self%recipe%narrows, &
+                             error)
          end associate
       end subroutine fit
 
