@@ -1,8 +1,11 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> Kicks for a path by itself, between drifts, rotations, or midpoint steps that another lone stepper takes.
+!> Kicks for a path by itself, between drifts or rotations.
 !>
 !> The operations are those of step/splitting/stepper in their order. Weights are found for all steps ahead at once.
 !> With one degree of freedom, sine and cosine of an angle are found once a kick, for all Hamiltonians.
+!>
+!> It is a twin, kept for the sake of time. A body that both include, with one lane here and the weights of one step at
+!> a time, had the same bits. It took 1.2 to 1.5 of the time where noises have products, and 0.95 to 1.1 elsewhere.
 module symsde_step_splitting_lone
    use symsde_base_counters, only: counters_type, add_counters
    use symsde_base_functionals, only: functional_set
