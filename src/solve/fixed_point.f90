@@ -3,10 +3,9 @@
 !> block that take x and test.
 module symsde_solve_fixed_point
    use symsde_base_kinds, only: wp, i8
-   use symsde_solve_fixed_point_single_path, only: take_alone, judge_ahead, sweep_verdict
    implicit none
    private
-   public :: take_first, take, take_alone, judge_sweep, judge_ahead, sweep_verdict
+   public :: take_first, take, judge_sweep
    public :: most_sweeps, stiff_rate, done, left
 
    include 'fixed_point.inc'

@@ -26,7 +26,7 @@ module symsde_solve_stagnation
    private
    public :: stopping_test, linear, quadratic, seen, done_at_once, never_done, done, failed
    public :: start_lanes, correct_first, correct_exact, fail_nonfinite, correct_scalar, iterate_scalar
-   public :: correct_lanes, test_lanes, ends_exact, verdict_of, restart_lanes, gives_up
+   public :: correct_lanes, test_lanes, verdict_of, restart_lanes, gives_up
 
    real(wp), parameter :: done = -1      !! value of `last` for a lane that has converged
    real(wp), parameter :: failed = -2    !! value of `last` for a lane that has failed
@@ -105,17 +105,6 @@ contains
          end do
       end do
    end subroutine correct_lanes
-
-   !> The same of one lane by itself.
-   pure logical function ends_exact(d, size, last)
-      real(wp), intent(in) :: d      !! size of this correction
-      real(wp), intent(in) :: size   !! of the unknown
-      real(wp), intent(in) :: last   !! size of the last correction
-      type(stopping_test), parameter :: test = quadratic
-
-      ends_exact = ends(test%level, test%level*test%at_slow, test%level*test%at_fast, test%slow, test%fast, d, &
-                        size, last)
-   end function ends_exact
 
    !> VEC One unknown, one fixed-point iteration: x = -s f in running lanes.
    pure subroutine iterate_scalar(nlane, s, f, last, x, step, size)
