@@ -32,9 +32,9 @@ module symsde_base_traits
       logical :: has_hessian_vector = .false.  !! Hessian-vector products are analytic
       logical :: has_third_derivative = .false.  !! third derivatives are analytic: third_derivative of the model
       logical :: has_chain_rows = .false.  !! force and stiffness come by rows: chain_rows of the model
-      logical :: has_lone_rows = .false.   !! .. and with the same bits for one lane, by force_stiffness with b = 1
-      logical :: has_lone_pair = .false.   !! two degrees of freedom of a path in numbers: pair of the model
-      logical :: has_lone_sweeps = .false. !! .. and whole sweeps over stages: sweeps of the model
+      logical :: has_scalar_rows = .false.   !! .. and with the same bits for one lane, by force_stiffness with b = 1
+      logical :: has_scalar_pair = .false.   !! two degrees of freedom of a path in numbers: pair of the model
+      logical :: has_scalar_sweeps = .false. !! .. and whole sweeps over stages: sweeps of the model
       logical :: has_angle_terms = .false. !! of an angle: all derivatives from its terms, see angle of the model
       logical :: has_linear_terms = .false. !! one degree of freedom, quadratic: gradients from its terms, without sine
       logical :: autonomous = .false.      !! no H_j depends on time

@@ -247,7 +247,7 @@ contains
    !>    base_i + sum_j b_ji f_j      from j = i on and around, with b of the first sweep, or of the others,
    !>
    !> and each new f_i = Hhat_q is used at once. There are up to four stages. This default asks for gradients; a model
-   !> whose own sweeps cost so little that some may be in vain says so by traits%has_lone_sweeps.
+   !> whose own sweeps cost so little that some may be in vain says so by traits%has_scalar_sweeps.
    subroutine sweeps_composed(self, nnoise, nstage, i1, i2, first, last, t, w, p, base, b, most, f, change, extent)
       class(model_type), intent(in) :: self
       integer, intent(in) :: nnoise, nstage, i1, i2, first, last, most

@@ -15,11 +15,11 @@
 !> the body elimination.inc.
 module symsde_solve_elimination
    use symsde_base_kinds, only: wp
-   use symsde_solve_elimination_single_path, only: solve_lone
+   use symsde_solve_elimination_single_path, only: solve_scalar
    implicit none
    private
    public :: strip_lanes, solve_lanes, solve_strip, factor_lanes, back_substitute_lanes
-   public :: pivot_ratio, solve_lone
+   public :: pivot_ratio, solve_scalar
 
    integer, parameter :: cached = 2304      !! numbers of the matrices of a strip of small systems
    integer, parameter :: narrow_strip = 32  !! lanes of a strip of larger systems

@@ -4,7 +4,7 @@ module symsde_solve_elimination_single_path
    use symsde_base_kinds, only: wp
    implicit none
    private
-   public :: solve_lone
+   public :: solve_scalar
 
    integer, parameter :: few = 8  !! numbers of one system from which vectors pay
 
@@ -19,7 +19,7 @@ contains
    include 'elimination.inc'
 
    !> One system, with the bits of the same system in a lane of many.
-   pure subroutine solve_lone(n, a, x, smallest)
+   pure subroutine solve_scalar(n, a, x, smallest)
       integer, intent(in) :: n            !! unknowns, from 3 on: fewer have a closed form
       real(wp), intent(inout) :: a(n, n)  !! in: the matrix; out: factors
       real(wp), intent(inout) :: x(n)     !! in: right-hand side; out: solution
@@ -29,7 +29,7 @@ contains
       call factor_lanes(1, n, a, monitor)
       call back_substitute_lanes(1, n, a, x)
       smallest = monitor(1)
-   end subroutine solve_lone
+   end subroutine solve_scalar
 
    !> target = target - factor column. Few numbers are faster without vectors.
    pure subroutine subtract_multiple(nlane, m, factor, column, target)

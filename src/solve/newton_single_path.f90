@@ -8,7 +8,7 @@ module symsde_solve_newton_single_path
    use symsde_base_counters, only: counters_type
    use symsde_base_kinds, only: wp, i8
    use symsde_solve_blocks, only: pivot_floor, max_lane_unknowns
-   use symsde_solve_elimination_single_path, only: solve_lone
+   use symsde_solve_elimination_single_path, only: solve_scalar
    use symsde_solve_newton, only: newton_type, patience
    use symsde_solve_stagnation, only: stopping_test, done, failed
    implicit none
@@ -30,7 +30,7 @@ contains
          call self%update(x, status, counters)
          return
       end if
-      call solve_lone(self%n, self%a, self%r, smallest)
+      call solve_scalar(self%n, self%a, self%r, smallest)
       self%keeps_matrix = .not. (smallest > pivot_floor .and. is_finite(self%n, self%r))
       if (self%keeps_matrix) return
       call correct(self%n, self%r, x, self%step(1), self%size(1))

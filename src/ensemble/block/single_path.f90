@@ -14,19 +14,18 @@ module symsde_ensemble_block_single_path
    use symsde_base_status, only: error_type, stopped
    use symsde_step_block_state, only: lane_state, passed_states
    use symsde_step_factory, only: make_stepper
-   use symsde_step_lone, only: lone_stepper
+   use symsde_step_scalar_path, only: scalar_path
    use symsde_step_stepper, only: stepper_type, stepper_task, advance_by_increments
    implicit none
    private
-   public :: new_single_path, most_single
+   public :: new_single_path
 
-   integer, parameter :: most_single = 12   !! paths of a run that any stepper takes one by one
    integer, parameter :: longest_rest = 64  !! steps that are left to the block, at most
 
    type, extends(stepper_type) :: single_path_stepper
       private
       type(stepper_task) :: task
-      class(lone_stepper), allocatable :: twin
+      class(scalar_path), allocatable :: twin
       class(stepper_type), allocatable :: block    !! made for the first step that the twin leaves
       type(step_store) :: store                    !! that step, for all lanes
       real(wp), allocatable, dimension(:, :) :: q, p, dq_block, dp_block   !! of it (lane_unit, ndof)
@@ -47,13 +46,13 @@ contains
       type(stepper_task), intent(in) :: task
       integer(i8), intent(in) :: npath
       type(error_type), allocatable, intent(inout) :: error
-      class(lone_stepper), allocatable :: twin
+      class(scalar_path), allocatable :: twin
       type(single_path_stepper), allocatable :: made
 
       call make_stepper(stepper, task, task%model, 1, error)
       if (allocated(error)) return
       stepper%ham%nreal = 1
-      call stepper%offer_lone(twin)
+      call stepper%offer_scalar_path(twin)
       if (allocated(twin)) then
          allocate (made)
          made%name = stepper%name

@@ -16,7 +16,7 @@ module symsde_ensemble_run_driver
    use symsde_base_text, only: to_text
    use symsde_ensemble_run_areas, only: choose_areas, check_area_counters
    use symsde_ensemble_block_runner, only: block_runner
-   use symsde_ensemble_block_single_path, only: new_single_path, most_single
+   use symsde_ensemble_block_single_path, only: new_single_path
    use symsde_ensemble_block_initial_state, only: initial_state, new_initial_state
    use symsde_ensemble_monitor, only: monitor_type
    use symsde_ensemble_observe_observer, only: observer_type
@@ -37,6 +37,7 @@ module symsde_ensemble_run_driver
    use symsde_scheme_scheme, only: scheme_type
    use symsde_solve_lapack, only: blas_single_thread, blas_restore_threads
    use symsde_step_factory, only: resolve_task
+   use symsde_step_scalar_path, only: most_single
    use symsde_step_stepper, only: stepper_type
    implicit none
    private

@@ -176,7 +176,7 @@ contains
       looked = b /= dense .or. n <= largest_dense
       if (.not. looked) return
       call look_at(k, w)
-      if (model%traits%has_lone_rows) then  ! H = p.p/2 + U(q)
+      if (model%traits%has_scalar_rows) then  ! H = p.p/2 + U(q)
          call sum_rows(model, nlane, n, m, t, w, q, p, hqq)
          if (k == 0) hpp = 1
          return

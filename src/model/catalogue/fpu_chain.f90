@@ -64,7 +64,7 @@ contains
                     ndof=n, nnoise=n, separable=.true., additive=.true., position_noise=.true., autonomous=.true., &
                     quadratic=is_zero(beta), identity_mass=.true., bandwidth=min(1, n - 1), &
                     has_value=.true., has_hessian=.true., has_hessian_vector=.true., has_chain_rows=.true., &
-                    has_lone_rows=.true., has_lone_pair=n == 2, max_frequency=merge(2.0_wp, 0.0_wp, is_zero(beta)))
+                    has_scalar_rows=.true., has_scalar_pair=n == 2, max_frequency=merge(2.0_wp, 0.0_wp, is_zero(beta)))
       allocate (self%traits%silent(n), source=is_zero(sigma))
    end subroutine new_fpu_chain
 

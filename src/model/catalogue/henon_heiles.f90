@@ -59,8 +59,8 @@ contains
       self%traits = model_traits( &
                     ndof=2, nnoise=2, separable=.true., additive=.true., position_noise=.true., autonomous=.true., &
                     quadratic=is_zero(alpha), identity_mass=.true., rotation=[1.0_wp, 1.0_wp], &
-                    has_value=.true., has_hessian=.true., has_hessian_vector=.true., has_lone_pair=.true., &
-                    has_lone_sweeps=.true.)
+                    has_value=.true., has_hessian=.true., has_hessian_vector=.true., has_scalar_pair=.true., &
+                    has_scalar_sweeps=.true.)
       allocate (self%traits%silent(2))
       self%traits%silent(1) = is_zero(sigma1)
       self%traits%silent(2) = is_zero(sigma2)

@@ -166,13 +166,13 @@ contains
       call self%passed%forget()
       nullify (self%on_chain_rows)
       self%traits%has_chain_rows = .false.
-      self%traits%has_lone_rows = .false.
+      self%traits%has_scalar_rows = .false.
       if (.not. c_associated(chain_rows)) return
       call check_chain(self%name, self%traits, error)
       if (allocated(error)) return
       call c_f_procpointer(chain_rows, self%on_chain_rows)
       self%traits%has_chain_rows = .true.
-      self%traits%has_lone_rows = .true.  ! asked for where any_lanes says that the bits are the same
+      self%traits%has_scalar_rows = .true.  ! asked for where any_lanes says that the bits are the same
    end subroutine set_chain_rows
 
    !> One more function, before the model is used: third derivatives, for nested brackets. c_null_funptr: none again.

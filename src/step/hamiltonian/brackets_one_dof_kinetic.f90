@@ -17,7 +17,7 @@ module symsde_step_hamiltonian_brackets_one_dof_kinetic
    use symsde_step_hamiltonian_brackets, only: modified_hamiltonian
    implicit none
    private
-   public :: kinetic_brackets, new_kinetic_brackets, are_kinetic, find_lone_angle
+   public :: kinetic_brackets, new_kinetic_brackets, are_kinetic, find_angle_of_one
 
    type :: kinetic_brackets
       private
@@ -202,7 +202,7 @@ contains
    end subroutine combine
 
    !> All of one lane of an angle, by numbers.
-   subroutine find_lone_angle(m, noisy, nested, w, c, rate, terms, ends, q, p, &
+   subroutine find_angle_of_one(m, noisy, nested, w, c, rate, terms, ends, q, p, &
                               gq, gp, gqq, gqp, gpp)
       integer, intent(in) :: m
       logical, intent(in) :: noisy(m)
@@ -250,7 +250,7 @@ contains
       gqq = hqq
       gqp = hqp
       gpp = hpp
-   end subroutine find_lone_angle
+   end subroutine find_angle_of_one
 
    ! ---- kernels: every product is added to a sum, from zero on; of a sum of two either one may be fused, in lanes and
    !      alone not the same ------------------------------------------------------------------------------------------

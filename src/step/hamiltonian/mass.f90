@@ -127,7 +127,7 @@ contains
          call self%velocity(model, nlane, t, q, p, self%hp)
          call add_vectors(size(start), self%hp, start, total)
       else if (nlane == 1) then
-         call add_lone(size(start), self%inverse, p, start, total)
+         call add_scalar(size(start), self%inverse, p, start, total)
       else
          call add_times(nlane, size(self%inverse), self%inverse, p, start, total)
       end if
@@ -136,7 +136,7 @@ contains
    ! ---- kernels ----------------------------------------------------------------------------------
 
    !> VEC Of one path.
-   pure subroutine add_lone(n, c, x, start, total)
+   pure subroutine add_scalar(n, c, x, start, total)
       integer, intent(in) :: n
       real(wp), intent(in) :: c(n), x(n), start(n)
       real(wp), intent(out) :: total(n)
@@ -145,7 +145,7 @@ contains
       do i = 1, n
          total(i) = start(i) + c(i)*x(i)
       end do
-   end subroutine add_lone
+   end subroutine add_scalar
 
    !> VEC
    pure subroutine add_times(nlane, n, c, x, start, total)

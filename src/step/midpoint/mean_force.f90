@@ -6,7 +6,7 @@ module symsde_step_midpoint_mean_force
    use symsde_base_traits, only: dense
    use symsde_base_vectors, only: add_times
    use symsde_scheme_scheme, only: scheme_type, correction_none
-   use symsde_step_lone, only: few_of
+   use symsde_step_scalar_path, only: few_of
    use symsde_step_midpoint_dense, only: dense_midpoint, new_dense_midpoint, solve_mildly
    use symsde_step_midpoint_equation, only: midpoint_equation, new_midpoint_equation, solve_by_iterations, position
    use symsde_step_hamiltonian_noise_shift, only: noise_shift, new_noise_shift

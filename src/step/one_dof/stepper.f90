@@ -14,9 +14,9 @@ module symsde_step_one_dof_stepper
    use symsde_model_abstract, only: model_type
    use symsde_scheme_scheme, only: scheme_type, correction_none
    use symsde_solve_newton, only: newton_options
-   use symsde_step_lone, only: lone_stepper
-   use symsde_step_one_dof_lone_brackets, only: lone_brackets
-   use symsde_step_one_dof_lone_newton, only: lone_one_dof_newton, most_stages
+   use symsde_step_scalar_path, only: scalar_path
+   use symsde_step_one_dof_scalar_brackets, only: scalar_brackets
+   use symsde_step_one_dof_scalar_newton, only: scalar_newton, most_stages
    use symsde_step_hamiltonian_one_step, only: one_step_hamiltonian, new_one_step_hamiltonian
    use symsde_step_one_dof_newton, only: one_dof_newton, new_one_dof_newton
    use symsde_step_stages_slope_sums, only: add_slopes
@@ -44,7 +44,7 @@ module symsde_step_one_dof_stepper
    contains
       procedure :: make
       procedure :: increment
-      procedure :: offer_lone
+      procedure :: offer_scalar_path
    end type one_dof_stepper
 
 contains
@@ -157,11 +157,11 @@ contains
 
    !> Paths one by one: where brackets are added, and where there are two to four stages, the Hamiltonians are separable
    !> or one solve is all, and have their derivatives.
-   subroutine offer_lone(self, lone)
+   subroutine offer_scalar_path(self, scalar)
       class(one_dof_stepper), intent(in) :: self
-      class(lone_stepper), allocatable, intent(out) :: lone
-      type(lone_one_dof_newton), allocatable :: made
-      type(lone_brackets), allocatable :: bracketed
+      class(scalar_path), allocatable, intent(out) :: scalar
+      type(scalar_newton), allocatable :: made
+      type(scalar_brackets), allocatable :: bracketed
 
       if (allocated(self%ham%modified)) then
          allocate (bracketed)
@@ -174,7 +174,7 @@ contains
          bracketed%test = self%solver%newton%test
          bracketed%max_iter = self%solver%newton%options%max_iter
          bracketed%wanted = self%ham%modified%active
-         call move_alloc(bracketed, lone)
+         call move_alloc(bracketed, scalar)
          return
       end if
       if (.not. self%ham%model%traits%has_hessian .or. self%solver%s > most_stages) return
@@ -185,7 +185,7 @@ contains
       made%mass_alone = self%ham%mass_alone
       call made%set(self%solver%a, self%solver%abar, self%alpha, self%solver%c)
       made%max_iter = self%solver%newton%options%max_iter
-      call move_alloc(made, lone)
-   end subroutine offer_lone
+      call move_alloc(made, scalar)
+   end subroutine offer_scalar_path
 
 end module symsde_step_one_dof_stepper

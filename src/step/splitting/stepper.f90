@@ -22,8 +22,8 @@ module symsde_step_splitting_stepper
    use symsde_step_hamiltonian_mass, only: new_constant_mass
    use symsde_step_splitting_drift, only: drift_flow, new_drift_flow
    use symsde_step_splitting_coefficients, only: kick_weights, new_kick_weights
-   use symsde_step_lone, only: lone_stepper
-   use symsde_step_splitting_lone, only: lone_splitting
+   use symsde_step_scalar_path, only: scalar_path
+   use symsde_step_splitting_scalar_kicks, only: scalar_kicks
    use symsde_step_splitting_midpoint_drift, only: midpoint_flow, new_midpoint_flow
    use symsde_step_hamiltonian_one_step, only: new_one_step_hamiltonian
    use symsde_step_stepper, only: stepper_type, stepper_task
@@ -47,7 +47,7 @@ module symsde_step_splitting_stepper
    contains
       procedure :: make
       procedure :: increment
-      procedure :: offer_lone
+      procedure :: offer_scalar_path
       procedure :: tally
    end type splitting_stepper
 
@@ -86,10 +86,10 @@ contains
    end subroutine make
 
    !> What takes paths one by one.
-   subroutine offer_lone(self, lone)
+   subroutine offer_scalar_path(self, scalar)
       class(splitting_stepper), intent(in) :: self
-      class(lone_stepper), allocatable, intent(out) :: lone
-      type(lone_splitting), allocatable :: made
+      class(scalar_path), allocatable, intent(out) :: scalar
+      type(scalar_kicks), allocatable :: made
 
       if (allocated(self%midpoint)) return  ! by a stepper of one lane
       allocate (made)
@@ -102,8 +102,8 @@ contains
       made%kicks = self%weights%kicks
       made%between_kicks = self%between_kicks
       if (self%weights%products .and. self%weights%kicks%samples) made%most = 12
-      call move_alloc(made, lone)
-   end subroutine offer_lone
+      call move_alloc(made, scalar)
+   end subroutine offer_scalar_path
 
    subroutine increment(self, step, q, p, dq, dp, status)
       class(splitting_stepper), intent(inout) :: self

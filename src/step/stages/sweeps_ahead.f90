@@ -62,7 +62,7 @@ contains
       integer :: g
 
       associate (t => model%traits)
-         if (.not. (t%has_angle_terms .or. (t%ndof <= 2 .and. t%has_lone_sweeps))) return
+         if (.not. (t%has_angle_terms .or. (t%ndof <= 2 .and. t%has_scalar_sweeps))) return
       end associate
       if (plan%nstage > nstage .or. .not. plan%in_order()) return
       allocate (self)
@@ -233,7 +233,7 @@ contains
                   x = x + b(modulo(m, nstage) + 1, i, at)*now(modulo(m, nstage) + 1)
                end do
                sine = sincos_one(x, cosine)
-               force = terms(i)%a*sine + (terms(i)%b*cosine + (terms(i)%c*x + terms(i)%d))  ! as force_at of step/lone
+               force = terms(i)%a*sine + (terms(i)%b*cosine + (terms(i)%c*x + terms(i)%d))
                moved = max(moved, abs(force - now(i)))
                size = max(size, abs(force))
                now(i) = force

@@ -44,7 +44,7 @@ INLINE rows(const ptrdiff_t n, const int lanes, const ptrdiff_t sites, const ptr
 }}
 
 /* The same of one lane, whose rows are computed side by side. */
-INLINE lone_rows(const ptrdiff_t sites, const ptrdiff_t first, const ptrdiff_t last, const double t,
+INLINE scalar_rows(const ptrdiff_t sites, const ptrdiff_t first, const ptrdiff_t last, const double t,
                  const double *restrict w, const double *restrict above, const double *restrict q,
                  const double *restrict next, const double *restrict c, double *restrict hq, double *restrict hqq,
                  const int stiff, const int far) {{
@@ -83,8 +83,8 @@ int formula_chain_rows(int nlane, int ndof, int nham, int first, int last, doubl
       return 0;
    }
    if (nlane == 1) {
-      if (lone_rows(ndof, first, last, t, w, q, own, next, user, hq, hqq, 1, 0) < 0)
-         lone_rows(ndof, first, last, t, w, q, own, next, user, hq, hqq, 1, 1);
+      if (scalar_rows(ndof, first, last, t, w, q, own, next, user, hq, hqq, 1, 0) < 0)
+         scalar_rows(ndof, first, last, t, w, q, own, next, user, hq, hqq, 1, 1);
       return 0;
    }
    for (int i = 0; i < nlane; i += LANES) {
@@ -105,7 +105,7 @@ INLINE rows_of_hq(const int n, const int lanes, const ptrdiff_t sites, const ptr
                   const double t, const double *restrict w, const double *restrict above, const double *restrict q,
                   const double *restrict next, const double *restrict c, OUT hq, const int far) {{
    double force[WIDE];
-   return n == 1 ? lone_rows(sites, first, last, t, w, above, q, next, c, hq, NULL, 0, far)
+   return n == 1 ? scalar_rows(sites, first, last, t, w, above, q, next, c, hq, NULL, 0, far)
                  : rows(n, lanes, sites, first, last, t, w, above, q, next, c, hq, NULL, force, NULL, 0, far);
 }}
 

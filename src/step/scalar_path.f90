@@ -2,10 +2,11 @@
 !> Paths that are taken through their steps one by one, by scalars.
 !>
 !> A block of few paths pays for full vectors, and for passes over them that tell lanes apart. Where a stepper offers a
-!> lone one, every path is taken through its steps by itself instead (ensemble/block/single_path). The results have the
-!> same bits: a lone stepper does the operations of the stepper that offers it in their order, for the usual case alone.
-!> A step that is not usual (stiff, not converging soon, not finite) is left to that stepper, which knows what to do.
-module symsde_step_lone
+!> scalar one, every path is taken through its steps by itself instead (ensemble/block/single_path). The results have
+!> the same bits: a scalar stepper does the operations of the stepper that offers it in their order, for the usual case
+!> alone. A step that is not usual (stiff, not converging soon, not finite) is left to that stepper, which knows what to
+!> do.
+module symsde_step_scalar_path
    use symsde_base_counters, only: counters_type
    use symsde_base_kinds, only: wp, i8
    use symsde_base_record, only: step_record, steps_record
@@ -13,12 +14,12 @@ module symsde_step_lone
    use symsde_model_abstract, only: model_type, angle_terms
    implicit none
    private
-   public :: lone_stepper, most_lone, few_of
+   public :: scalar_path, most_single, few_of
 
-   integer, parameter :: most_lone = 12           !! paths that any lone stepper takes of a block
+   integer, parameter :: most_single = 12         !! paths of a run that any stepper takes one by one
    integer, parameter :: wide = 32                !! degrees of freedom of a wide system
 
-   type, abstract :: lone_stepper
+   type, abstract :: scalar_path
       class(model_type), pointer :: model => null()  !! whose lanes have the same bits whatever their number
       integer :: n = 0, m = 0                        !! degrees of freedom, noises
       integer :: most = 2                            !! paths up to which those of a run go one by one
@@ -36,13 +37,13 @@ module symsde_step_lone
       procedure :: find_terms
       procedure :: force_at
       procedure :: velocity_at
-   end type lone_stepper
+   end type scalar_path
 
    abstract interface
       !> One step of one path; where it is not taken nothing is defined, and nothing is counted.
       subroutine take_interface(self, t, h, w, q, p, dq, dp, taken)
-         import :: lone_stepper, wp
-         class(lone_stepper), intent(inout) :: self
+         import :: scalar_path, wp
+         class(scalar_path), intent(inout) :: self
          real(wp), intent(in) :: t, h             !! when the step begins; the step with its sign
          real(wp), intent(in) :: w(0:self%m)      !! h, dW_1 .. dW_m
          real(wp), intent(in) :: q(self%n), p(self%n)
@@ -64,7 +65,7 @@ contains
 
    !> The model of the paths to come.
    subroutine lead(self, model)
-      class(lone_stepper), intent(inout) :: self
+      class(scalar_path), intent(inout) :: self
       class(model_type), intent(in), target :: model
 
       self%model => model
@@ -74,18 +75,18 @@ contains
 
    !> What is counted elsewhere, to self%counters.
    subroutine collect(self)
-      class(lone_stepper), intent(inout) :: self
+      class(scalar_path), intent(inout) :: self
    end subroutine collect
 
    !> What steps of a path have in common, for those that prepare several at once.
    subroutine foresee(self, steps)
-      class(lone_stepper), intent(inout) :: self
+      class(scalar_path), intent(inout) :: self
       type(steps_record), intent(in) :: steps  !! of one lane
    end subroutine foresee
 
    !> What a model with angle terms has at a time; of others nothing is asked.
    subroutine find_terms(self, t, w, terms)
-      class(lone_stepper), intent(in) :: self
+      class(scalar_path), intent(in) :: self
       real(wp), intent(in) :: t, w(0:self%m)
       type(angle_terms), intent(out) :: terms
 
@@ -95,7 +96,7 @@ contains
    !> Hhat_q of one degree of freedom with the terms of that time, its slope, and Hhat_p with its own: numbers that
    !> come and go in registers, since a path by itself waits for one after the other.
    real(wp) function force_at(self, terms, t, w, q, p, slope, hp, hpp)
-      class(lone_stepper), intent(in) :: self
+      class(scalar_path), intent(in) :: self
       type(angle_terms), intent(in) :: terms
       real(wp), intent(in) :: t, w(0:self%m)
       real(wp), value :: q, p
@@ -128,7 +129,7 @@ contains
 
    !> Hhat_p of one degree of freedom, where the Hamiltonians are separable.
    real(wp) function velocity_at(self, terms, t, w, q, p)
-      class(lone_stepper), intent(in) :: self
+      class(scalar_path), intent(in) :: self
       type(angle_terms), intent(in) :: terms
       real(wp), intent(in) :: t, w(0:self%m)
       real(wp), value :: q, p
@@ -146,4 +147,4 @@ contains
       end if
    end function velocity_at
 
-end module symsde_step_lone
+end module symsde_step_scalar_path

@@ -6,7 +6,7 @@
 !>
 !> It is a twin, kept for the sake of time. A body that both include, with one lane here and the weights of one step at
 !> a time, had the same bits. It took 1.2 to 1.5 of the time where noises have products, and 0.95 to 1.1 elsewhere.
-module symsde_step_splitting_lone
+module symsde_step_splitting_scalar_kicks
    use symsde_base_counters, only: counters_type, add_counters
    use symsde_base_functionals, only: functional_set
    use symsde_base_kinds, only: wp
@@ -18,17 +18,17 @@ module symsde_step_splitting_lone
    use symsde_step_hamiltonian_mass, only: constant_mass
    use symsde_step_splitting_drift, only: drift_flow
    use symsde_step_splitting_coefficients, only: kick_weights, new_kick_weights
-   use symsde_step_lone, only: lone_stepper
+   use symsde_step_scalar_path, only: scalar_path
    implicit none
    private
-   public :: lone_splitting
+   public :: scalar_kicks
 
    integer, parameter :: narrow = 4  !! degrees of freedom that leap one by one
 
-   type, extends(lone_stepper) :: lone_splitting
+   type, extends(scalar_path) :: scalar_kicks
       type(kicks_type) :: kicks
       type(drift_flow) :: between_kicks
-      class(lone_stepper), allocatable :: midpoint     !! or this
+      class(scalar_path), allocatable :: midpoint     !! or this
       logical :: by_mass = .false.                     !! the mass is constant, and not known to be the identity
       type(constant_mass), allocatable :: mass         !! what is known of it
       type(kick_weights), private :: weights    !! of the steps ahead, a lane for each
@@ -45,13 +45,13 @@ module symsde_step_splitting_lone
       procedure :: foresee
       procedure :: collect
       procedure :: take
-   end type lone_splitting
+   end type scalar_kicks
 
 contains
 
    !> The weights of all steps at once.
    subroutine foresee(self, steps)
-      class(lone_splitting), intent(inout) :: self
+      class(scalar_kicks), intent(inout) :: self
       type(steps_record), intent(in) :: steps
       type(step_record) :: record
       integer :: i, k, f
@@ -78,7 +78,7 @@ contains
    end subroutine foresee
 
    subroutine make_room(self, steps)
-      type(lone_splitting), intent(inout) :: self
+      type(scalar_kicks), intent(inout) :: self
       type(steps_record), intent(in) :: steps
       type(functional_set) :: asked
       integer :: f
@@ -101,7 +101,7 @@ contains
 
    !> What midpoint steps counted.
    subroutine collect(self)
-      class(lone_splitting), intent(inout) :: self
+      class(scalar_kicks), intent(inout) :: self
 
       if (.not. allocated(self%midpoint)) return
       call self%midpoint%collect()
@@ -110,7 +110,7 @@ contains
    end subroutine collect
 
    subroutine take(self, t, h, w, q, p, dq, dp, taken)
-      class(lone_splitting), intent(inout) :: self
+      class(scalar_kicks), intent(inout) :: self
       real(wp), intent(in) :: t, h, w(0:self%m), q(self%n), p(self%n)
       real(wp), intent(out) :: dq(self%n), dp(self%n)
       logical, intent(out) :: taken
@@ -153,7 +153,7 @@ contains
 
    !> The kick that was found, and the leg-th flow of the step, over the time tau from the time t on.
    subroutine drift(self, leg, t, tau, q, p, dq, dp, taken)
-      type(lone_splitting), intent(inout) :: self
+      type(scalar_kicks), intent(inout) :: self
       integer, intent(in) :: leg
       real(wp), intent(in) :: t, tau, q(self%n), p(self%n)
       real(wp), intent(inout) :: dq(self%n), dp(self%n)
@@ -214,7 +214,7 @@ contains
 
    !> M^-1 s in place of s.
    subroutine divide_by_mass(self, t, x)
-      type(lone_splitting), intent(inout) :: self
+      type(scalar_kicks), intent(inout) :: self
       real(wp), intent(in) :: t, x(self%n)  !! where the path is
 
       self%u = self%s
@@ -230,7 +230,7 @@ contains
 
    !> With one degree of freedom, the force of kick i where it is the gradient of one sum.
    subroutine find_slope(self, i, t, h, p, w)
-      type(lone_splitting), intent(inout) :: self
+      type(scalar_kicks), intent(inout) :: self
       integer, intent(in) :: i
       real(wp), intent(in) :: t, h, p(1), w(0:self%m)
       type(angle_terms) :: terms
@@ -249,7 +249,7 @@ contains
    !> With one degree of freedom, H_j' and H_j'' of every Hamiltonian that is not silent, those of H without what a
    !> rotation has.
    subroutine find_derivatives(self, m, t, x, p, unit, slope, curvature)
-      type(lone_splitting), intent(inout) :: self
+      type(scalar_kicks), intent(inout) :: self
       integer, intent(in) :: m
       real(wp), intent(in) :: t, x(1), p(1)
       real(wp), intent(inout) :: unit(0:m), slope(0:m), curvature(0:m)  !! of self
@@ -287,7 +287,7 @@ contains
 
    !> With several, f of kick i.
    subroutine find_force(self, i, t, h, p, w)
-      type(lone_splitting), intent(inout) :: self
+      type(scalar_kicks), intent(inout) :: self
       integer, intent(in) :: i
       real(wp), intent(in) :: t, h, p(self%n), w(0:self%m)
 
@@ -314,7 +314,7 @@ contains
 
    !> f = f + share sum_k Hess H_k sum_l D_kl H_l,q
    subroutine add_products(self, share, t, h, p)
-      type(lone_splitting), intent(inout) :: self
+      type(scalar_kicks), intent(inout) :: self
       real(wp), intent(in) :: share, t, h, p(self%n)
       integer :: k, l
 
@@ -344,4 +344,4 @@ contains
       end associate
    end subroutine add_products
 
-end module symsde_step_splitting_lone
+end module symsde_step_splitting_scalar_kicks

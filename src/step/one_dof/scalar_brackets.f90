@@ -2,27 +2,27 @@
 !> Two implicit stages of one degree of freedom with brackets in their Hamiltonian, for a path by itself: the iterations
 !> of step/one_dof/newton and the brackets of step/hamiltonian/brackets_one_dof in one lane. All that an angle has
 !> follows from the terms of its Hamiltonians, each asked for once a time.
-module symsde_step_one_dof_lone_brackets
+module symsde_step_one_dof_scalar_brackets
    use symsde_base_kinds, only: wp
    use symsde_model_abstract, only: model_type, angle_terms
    use symsde_scheme_scheme, only: bracket_terms
    use symsde_solve_stagnation, only: stopping_test, verdict_of
-   use symsde_step_lone, only: lone_stepper
-   use symsde_step_one_dof_lone_newton, only: correct
-   use symsde_step_hamiltonian_brackets_one_dof_kinetic, only: are_kinetic, find_lone_angle
+   use symsde_step_scalar_path, only: scalar_path
+   use symsde_step_one_dof_scalar_newton, only: correct
+   use symsde_step_hamiltonian_brackets_one_dof_kinetic, only: are_kinetic, find_angle_of_one
    use symsde_step_hamiltonian_brackets, only: modified_hamiltonian, new_modified_hamiltonian
    use symsde_step_hamiltonian_brackets_one_dof, only: single_brackets, new_single_brackets
    use symsde_step_one_dof_two_stages, only: stage_point, add_stages, solve_lanes
    implicit none
    private
-   public :: lone_brackets
+   public :: scalar_brackets
 
    !> Gradient and Hessian at a point.
    type :: derivatives
       real(wp), dimension(1) :: q = 0, p = 0, qq = 0, qp = 0, pp = 0
    end type derivatives
 
-   type, extends(lone_stepper) :: lone_brackets
+   type, extends(scalar_path) :: scalar_brackets
       real(wp) :: a(2, 2) = 0, abar(2, 2) = 0, alpha(2) = 0, c(2) = 0
       type(stopping_test) :: test
       integer :: max_iter = 0
@@ -36,12 +36,12 @@ module symsde_step_one_dof_lone_brackets
    contains
       procedure :: lead
       procedure :: take
-   end type lone_brackets
+   end type scalar_brackets
 
 contains
 
    subroutine lead(self, model)
-      class(lone_brackets), intent(inout) :: self
+      class(scalar_brackets), intent(inout) :: self
       class(model_type), intent(in), target :: model
 
       self%model => model
@@ -58,7 +58,7 @@ contains
    end subroutine lead
 
    subroutine take(self, t, h, w, q, p, dq, dp, taken)
-      class(lone_brackets), intent(inout) :: self
+      class(scalar_brackets), intent(inout) :: self
       real(wp), intent(in) :: t, h, w(0:self%m), q(self%n), p(self%n)
       real(wp), intent(out) :: dq(self%n), dp(self%n)
       logical, intent(out) :: taken
@@ -101,7 +101,7 @@ contains
 
    !> The terms of every H_j at the three times, and at the ends of the step.
    subroutine find_terms_of_all(self, times, h)
-      type(lone_brackets), intent(inout) :: self
+      type(scalar_brackets), intent(inout) :: self
       real(wp), intent(in) :: times(0:2), h
       integer :: i, j
 
@@ -120,7 +120,7 @@ contains
 
    !> At a point in time i.
    subroutine evaluate(self, i, t, q, p, d)
-      type(lone_brackets), intent(inout) :: self
+      type(scalar_brackets), intent(inout) :: self
       integer, intent(in) :: i
       real(wp), intent(in) :: t, q(1), p(1)
       type(derivatives), intent(inout) :: d
@@ -130,11 +130,11 @@ contains
             call b%evaluate(parts, t, step, q, p, d%q, d%p, d%qq, d%qp, d%pp, self%counters, 1)
             return
          end if
-         call find_lone_angle(self%m, parts%noisy, self%nested, step%w, b%c, b%rate, &
+         call find_angle_of_one(self%m, parts%noisy, self%nested, step%w, b%c, b%rate, &
                               self%terms(:, i), self%ends, q(1), p(1), d%q(1), d%p(1), d%qq(1), d%qp(1), d%pp(1))
          self%counters%gradients = self%counters%gradients + asked
          self%counters%hessians = self%counters%hessians + asked
       end associate
    end subroutine evaluate
 
-end module symsde_step_one_dof_lone_brackets
+end module symsde_step_one_dof_scalar_brackets

@@ -1,21 +1,21 @@
 ! SPDX-License-Identifier: BSD-3-Clause
 !> Implicit stages of one degree of freedom for a path by itself: the first guess and the iterations of
 !> step/one_dof/newton where the Hamiltonians are separable, or one solve where they are quadratic.
-module symsde_step_one_dof_lone_newton
+module symsde_step_one_dof_scalar_newton
    use symsde_base_kinds, only: wp
    use symsde_model_abstract, only: angle_terms
    use symsde_solve_blocks, only: pivot_floor
-   use symsde_solve_elimination, only: solve_lone
+   use symsde_solve_elimination, only: solve_scalar
    use symsde_solve_stagnation, only: verdict_of, gives_up, quadratic
-   use symsde_step_lone, only: lone_stepper
+   use symsde_step_scalar_path, only: scalar_path
    use symsde_step_one_dof_two_stages, only: find_points, add_stages, correct_alone, solve_lanes
    implicit none
    private
-   public :: lone_one_dof_newton, most_stages, correct
+   public :: scalar_newton, most_stages, correct
 
    integer, parameter :: most_stages = 4
 
-   type, extends(lone_stepper) :: lone_one_dof_newton
+   type, extends(scalar_path) :: scalar_newton
       integer :: s = 2
       real(wp), dimension(most_stages) :: c = 0, alpha = 0
       real(wp), dimension(most_stages, most_stages) :: a = 0, abar = 0
@@ -24,13 +24,13 @@ module symsde_step_one_dof_lone_newton
    contains
       procedure :: set
       procedure :: take
-   end type lone_one_dof_newton
+   end type scalar_newton
 
 contains
 
    !> Coefficients of up to most_stages.
    subroutine set(self, a, abar, alpha, c)
-      class(lone_one_dof_newton), intent(inout) :: self
+      class(scalar_newton), intent(inout) :: self
       real(wp), intent(in) :: a(:, :), abar(:, :), alpha(:), c(:)
 
       self%s = size(alpha)
@@ -41,7 +41,7 @@ contains
    end subroutine set
 
    subroutine take(self, t, h, w, q, p, dq, dp, taken)
-      class(lone_one_dof_newton), intent(inout) :: self
+      class(scalar_newton), intent(inout) :: self
       real(wp), intent(in) :: t, h, w(0:self%m), q(self%n), p(self%n)
       real(wp), intent(out) :: dq(self%n), dp(self%n)
       logical, intent(out) :: taken
@@ -99,7 +99,7 @@ contains
    !> Three or four stages, with the operations of step/one_dof/newton on a lane. What does not count is added as
    !> zero: every number of stages has loops of its own length.
    subroutine iterate(self, s, t, h, w, q, p, dq, dp, taken)
-      type(lone_one_dof_newton), intent(inout) :: self
+      type(scalar_newton), intent(inout) :: self
       integer, value :: s
       real(wp), intent(in) :: t, h, w(0:self%m), q, p
       real(wp), intent(out) :: dq, dp
@@ -144,7 +144,7 @@ contains
 
    !> The first guess of step/one_dof/newton.
    subroutine begin(self, s, t, h, w, terms, q, p, x, flies)
-      type(lone_one_dof_newton), intent(in) :: self
+      type(scalar_newton), intent(in) :: self
       integer, value :: s
       real(wp), intent(in) :: t, h, w(0:self%m), q, p  !! t is that of the first stage
       type(angle_terms), intent(in) :: terms           !! of that time
@@ -212,7 +212,7 @@ contains
             m(i + s*(j - 1)) = m(i + s*(j - 1)) + hqq(i)*total
          end do
       end do
-      call solve_lone(s, m, g, smallest)
+      call solve_scalar(s, m, g, smallest)
       trusted = smallest > pivot_floor
       do j = 1, s
          do i = 1, s
@@ -248,7 +248,7 @@ contains
 
    !> From slopes of zero, where all stages are where the step begins.
    subroutine solve_once(self, t, h, w, q, p, dq, dp, taken)
-      type(lone_one_dof_newton), intent(inout) :: self
+      type(scalar_newton), intent(inout) :: self
       real(wp), intent(in) :: t, h, w(0:self%m), q(1), p(1)
       real(wp), intent(out) :: dq(1), dp(1)
       logical, intent(out) :: taken
@@ -310,8 +310,8 @@ contains
          d(k) = 0 - hp(k)
          d(s + k) = 0 + hq(k)
       end do
-      call solve_lone(2*s, m, d, smallest)
+      call solve_scalar(2*s, m, d, smallest)
       trusted = smallest > pivot_floor
    end subroutine solve_whole
 
-end module symsde_step_one_dof_lone_newton
+end module symsde_step_one_dof_scalar_newton
