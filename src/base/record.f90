@@ -40,6 +40,7 @@ module symsde_base_record
       integer :: nreal = 0                                   !! lanes past it are padding, and need not be computed
       integer :: nstep = 0                                   !! a multiple of every
       integer :: most = 0                                    !! steps that such a record has at most
+      logical :: by_weights = .false.                        !! these alone drive them: no functional is asked for
       integer :: every = 1
       real(wp) :: t = 0                                      !! when the first step begins [time]
       real(wp) :: t0 = 0                                     !! when step 0 of the run begins [time]
@@ -167,7 +168,8 @@ contains
       steps%t = t
       steps%h = self%h
       steps%w(1:, 0:, 1:) => self%w(:, :, i:i + nstep - 1)
-      if (self%asked%is_empty()) return
+      steps%by_weights = self%asked%is_empty()
+      if (steps%by_weights) return
       do f = 1, nfunctional
          if (self%asked%has(f)) steps%of(f)%x => self%of(f)%x(:, :, i:i + nstep - 1)
       end do
@@ -183,6 +185,7 @@ contains
       step%t = self%t0 + real(self%first + k - 1, wp)*self%h
       step%h = self%h
       step%w(1:, 0:) => self%w(:, :, k)
+      if (self%by_weights) return
       do f = 1, nfunctional
          if (associated(self%of(f)%x)) step%of(f)%x => self%of(f)%x(:, :, k)
       end do

@@ -28,12 +28,12 @@ module symsde_step_scalar_path
       type(counters_type) :: counters                !! of the steps that were taken
       logical :: wants_record = .false.              !! more than weights drives a step: it stands in the record
       type(step_record) :: step                      !! without its time
+      logical :: takes_all = .false.                 !! no step is left to others
       integer :: now = 0                             !! which of the steps that were foreseen is taken
    contains
       procedure(take_interface), deferred :: take
       procedure :: lead
       procedure :: foresee
-      procedure :: collect
       procedure :: find_terms
       procedure :: force_at
       procedure :: velocity_at
@@ -72,11 +72,6 @@ contains
       self%n = model%traits%ndof
       self%m = model%traits%nnoise
    end subroutine lead
-
-   !> What is counted elsewhere, to self%counters.
-   subroutine collect(self)
-      class(scalar_path), intent(inout) :: self
-   end subroutine collect
 
    !> What steps of a path have in common, for those that prepare several at once.
    subroutine foresee(self, steps)

@@ -89,7 +89,6 @@ contains
       self%twin%now = 0
       call self%twin%foresee(steps)
       call advance_by_increments(self, steps, state, passed, ntaken, failed)
-      call self%twin%collect()
    end subroutine advance
 
    !> One step by the twin, or by the block.
@@ -107,13 +106,9 @@ contains
       self%resting = max(self%resting - 1, 0)
       if (taken) then
          if (self%twin%wants_record) self%twin%step = step
-         call self%twin%collect()
-         before = self%twin%counters
+         if (.not. self%twin%takes_all) before = self%twin%counters
          call self%twin%take(step%t, step%h, step%w, q, p, dq, dp, taken)
-         if (.not. taken) then
-            call self%twin%collect()
-            self%twin%counters = before
-         end if
+         if (.not. taken) self%twin%counters = before
          self%rest = merge(0, min(2*self%rest + 1, longest_rest), taken)
          self%resting = max(self%rest - 1, 0)
       end if

@@ -65,7 +65,9 @@ contains
       logical, intent(out) :: failed
       integer :: nbad
 
-      if (allocated(self%q_low)) then
+      if (self%nlane == 1 .and. allocated(self%q_low)) then
+         call advance_path_compensated(self%ndof, dq, dp, self%q, self%p, self%q_low, self%p_low, self%status(1), nbad)
+      else if (allocated(self%q_low)) then
          call find_bad(self%nlane, self%ndof, dq, dp, self%q, self%p, self%status, self%bad, nbad)
          call add_increments(self, dq, dp)
       else if (self%nlane == 1) then
@@ -279,6 +281,41 @@ contains
          p(i) = p(i) + dp(i)
       end do
    end subroutine advance_path
+
+   !> VEC The same by Kahan's summation.
+   pure subroutine advance_path_compensated(n, dq, dp, q, p, q_low, p_low, status, nbad)
+      integer, intent(in) :: n
+      real(wp), intent(in) :: dq(n), dp(n)
+      real(wp), intent(inout) :: q(n), p(n), q_low(n), p_low(n)
+      integer(i8), intent(in) :: status
+      integer, intent(out) :: nbad
+      integer(i8) :: count
+      integer :: i
+
+      count = merge(0_i8, 1_i8, status == 0)
+      do i = 1, n
+         count = count + merge(0_i8, 1_i8, abs(q(i) + dq(i)) <= huge(q)) + &
+                 merge(0_i8, 1_i8, abs(p(i) + dp(i)) <= huge(p))
+      end do
+      nbad = int(min(count, 1_i8))
+      if (nbad > 0) return
+      do i = 1, n
+         call add_low(dq(i), q(i), q_low(i))
+         call add_low(dp(i), p(i), p_low(i))
+      end do
+   end subroutine advance_path_compensated
+
+   !> x + d, what rounding takes from it in low.
+   pure subroutine add_low(d, x, low)
+      real(wp), intent(in) :: d
+      real(wp), intent(inout) :: x, low
+      real(wp) :: y, s
+
+      y = d + low
+      s = x + y
+      low = y - (s - x)
+      x = s
+   end subroutine add_low
 
    !> VEC Whether a lane has a status.
    pure logical function any_status(nlane, status)

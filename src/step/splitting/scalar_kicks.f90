@@ -7,7 +7,6 @@
 !> It is a twin, kept for the sake of time. A body that both include, with one lane here and the weights of one step at
 !> a time, had the same bits. It took 1.2 to 1.5 of the time where noises have products, and 0.95 to 1.1 elsewhere.
 module symsde_step_splitting_scalar_kicks
-   use symsde_base_counters, only: counters_type, add_counters
    use symsde_base_functionals, only: functional_set
    use symsde_base_kinds, only: wp
    use symsde_base_record, only: step_record, steps_record, step_store, new_step_store
@@ -28,22 +27,19 @@ module symsde_step_splitting_scalar_kicks
    type, extends(scalar_path) :: scalar_kicks
       type(kicks_type) :: kicks
       type(drift_flow) :: between_kicks
-      class(scalar_path), allocatable :: midpoint     !! or this
       logical :: by_mass = .false.                     !! the mass is constant, and not known to be the identity
       type(constant_mass), allocatable :: mass         !! what is known of it
       type(kick_weights), private :: weights    !! of the steps ahead, a lane for each
       type(step_store), private :: ahead        !! what drives these: one step, a lane for each
       real(wp), allocatable, private :: w(:, :, :)         !! weights of each kick, side by side (0:m, nkick, step)
       real(wp), allocatable, private :: unit(:)            !! weights of one Hamiltonian alone (0:m)
-      real(wp), allocatable, private :: still(:)           !! weights of a midpoint step: no noise (0:m)
       real(wp), allocatable, private :: slope(:), curvature(:)      !! H_j', H_j'' (0:m)
       type(angle_terms), allocatable, private :: terms(:)           !! of each H_j by itself (0:m)
       logical, private :: knows_terms = .false.                     !! they are found, once for all times
-      real(wp), allocatable, dimension(:), private :: x, y, f, s, u, up, zero  !! (n)
+      real(wp), allocatable, dimension(:), private :: x, f, s, u, up, zero  !! (n)
       real(wp), allocatable, private :: v(:), g(:, :)      !! weights of V (0:m), H_k,q (n, m)
    contains
       procedure :: foresee
-      procedure :: collect
       procedure :: take
    end type scalar_kicks
 
@@ -90,24 +86,13 @@ contains
       call new_kick_weights(self%weights, self%kicks, self%model%traits, steps%most)
       associate (n => self%n, m => self%m)
          allocate (self%w(0:m, size(self%kicks%c), steps%most))
-         allocate (self%unit(0:m), self%still(0:m), self%zero(n), source=0.0_wp)
-         allocate (self%v(0:m), self%x(n), self%y(n), self%f(n), self%s(n), self%u(n), self%up(n))
+         allocate (self%unit(0:m), self%zero(n), source=0.0_wp)
+         allocate (self%v(0:m), self%x(n), self%f(n), self%s(n), self%u(n), self%up(n))
          if (n == 1) allocate (self%slope(0:m), self%curvature(0:m), source=0.0_wp)
          if (n == 1) allocate (self%terms(0:m))
          if (self%weights%products) allocate (self%g(n, m))
       end associate
-      if (allocated(self%midpoint)) call self%midpoint%lead(self%model)
    end subroutine make_room
-
-   !> What midpoint steps counted.
-   subroutine collect(self)
-      class(scalar_kicks), intent(inout) :: self
-
-      if (.not. allocated(self%midpoint)) return
-      call self%midpoint%collect()
-      call add_counters(self%counters, self%midpoint%counters)
-      self%midpoint%counters = counters_type()
-   end subroutine collect
 
    subroutine take(self, t, h, w, q, p, dq, dp, taken)
       class(scalar_kicks), intent(inout) :: self
@@ -128,8 +113,7 @@ contains
             self%x(i) = q(i) + dq(i)
          end do
          do i = 1, size(c)
-            if (c(i) > reached) call drift(self, i, t + reached*h, (c(i) - reached)*h, q, p, dq, dp, taken)
-            if (.not. taken) return
+            if (c(i) > reached) call drift(self, i, t + reached*h, (c(i) - reached)*h, q, p, dq, dp)
             reached = c(i)
             if (n > 1 .or. self%by_mass) then
                call find_force(self, i, t + reached*h, h, p, self%w(:, i, self%now))
@@ -141,7 +125,7 @@ contains
             end if
          end do
          if (reached < 1) then
-            call drift(self, size(c) + 1, t + reached*h, (1 - reached)*h, q, p, dq, dp, taken)
+            call drift(self, size(c) + 1, t + reached*h, (1 - reached)*h, q, p, dq, dp)
          else
             !GCC$ novector
             do i = 1, n
@@ -152,26 +136,18 @@ contains
    end subroutine take
 
    !> The kick that was found, and the leg-th flow of the step, over the time tau from the time t on.
-   subroutine drift(self, leg, t, tau, q, p, dq, dp, taken)
+   subroutine drift(self, leg, t, tau, q, p, dq, dp)
       type(scalar_kicks), intent(inout) :: self
       integer, intent(in) :: leg
       real(wp), intent(in) :: t, tau, q(self%n), p(self%n)
       real(wp), intent(inout) :: dq(self%n), dp(self%n)
-      logical, intent(inout) :: taken
 
-      if (.not. (allocated(self%midpoint) .or. self%by_mass .or. self%between_kicks%rotates)) then
+      if (.not. (self%by_mass .or. self%between_kicks%rotates)) then
          call leap(self%n, tau, self%f, q, p, dp, dq, self%x)
          return
       end if
       call subtract(self%n, self%f, dp)
-      if (allocated(self%midpoint)) then
-         self%still(0) = tau
-         call add(self%n, q, dq, self%x)
-         call add(self%n, p, dp, self%y)
-         call self%midpoint%take(t, tau, self%still, self%x, self%y, self%u, self%up, taken)
-         call add_times(self%n, 1.0_wp, self%u, dq)
-         call add_times(self%n, 1.0_wp, self%up, dp)
-      else if (self%by_mass) then
+      if (self%by_mass) then
          call add(self%n, p, dp, self%s)
          call divide_by_mass(self, t, q)
          call add_times(self%n, tau, self%s, dq)

@@ -98,7 +98,7 @@ contains
          allocate (made%mass)
          call new_constant_mass(made%mass, 1, self%ham%ndof, self%ham%nnoise)
       end if
-      made%wants_record = .true.
+      made%takes_all = .true.
       made%kicks = self%weights%kicks
       made%between_kicks = self%between_kicks
       if (self%weights%products .and. self%weights%kicks%samples) made%most = 12
