@@ -37,7 +37,7 @@ module symsde_scheme_scheme
    enum, bind(c)
       enumerator :: correction_auto = 0        !! increments form, or none where the traits prove it vanishes
       enumerator :: correction_none = 1
-      enumerator :: correction_mean = 2        !! (1/2-lambda) h sum_k H_{k,p}.H_{k,q}
+      enumerator :: correction_mean = 2        !! (1/2-lambda) |h| sum_k H_{k,p}.H_{k,q}
       enumerator :: correction_increments = 3  !! (1/2-lambda) F_p.F_q with F = sum_k dW_k H_k
    end enum
 
