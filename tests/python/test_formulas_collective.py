@@ -132,7 +132,9 @@ def test_the_code_is_the_same_for_any_number_of_sites_and_its_work_grows_with_th
 def test_many_sites_are_stepped_by_products():
     given = {"q0": np.linspace(-1, 1, 96), "p0": 0.1, "step": 0.5, "steps": 5, "paths": 8, "seed": 1}
     model = mean_field(96, K=5.0)  # stiff enough for Newton
-    run, plain = (ss.simulate(model, **given, **more) for more in ({}, {"general": True}))
+    run, plain, block = (ss.simulate(model, **(given | more)) for more in ({}, {"general": True}, {"paths": 20}))
+    assert (run.report.lanes, block.report.lanes) == (1, 24)
+    np.testing.assert_array_equal(run.q, block.q[..., :8])
     assert run.report.stepper == "stages, momenta eliminated"
     assert run.report.counters["hessian_vectors"] > 0 == run.report.counters["hessians"]
     np.testing.assert_allclose(run.q, plain.q, rtol=0, atol=1e-10)

@@ -115,9 +115,7 @@ G = {"q0": 0.1, "p0": 0.1, "step": 0.01}
 )
 def test_sizes_are_judged_before_work_begins(call):
     """A chain of 300000: its dense matrices have 7e11 bytes and more, and the refusal says so at once."""
-    with pytest.raises(
-        MemoryError, match=r"needs \d\.\d+e\d+ bytes of memory, more than this process can have: give"
-    ):
+    with pytest.raises(MemoryError, match=r"needs \d\.\d+e\d+ bytes of memory, more than this process can have: give"):
         call(ss.models.fpu_chain(n=300000))
 
 

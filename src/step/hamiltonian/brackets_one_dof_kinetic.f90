@@ -203,7 +203,7 @@ contains
 
    !> All of one lane of an angle, by numbers.
    subroutine find_angle_of_one(m, noisy, nested, w, c, rate, terms, ends, q, p, &
-                              gq, gp, gqq, gqp, gpp)
+                                gq, gp, gqq, gqp, gpp)
       integer, intent(in) :: m
       logical, intent(in) :: noisy(m)
       real(wp), intent(in) :: nested, w(0:m), c(0:m), rate(0:m), q, p

@@ -11,11 +11,12 @@ module symsde_step_midpoint_eliminated_single_path
    use symsde_step_midpoint_dense_single_path, only: dense_midpoint, new_dense_midpoint
    use symsde_step_midpoint_eliminated, only: choose_way, by_rows, by_products
    use symsde_step_midpoint_equation, only: midpoint_equation, new_midpoint_equation, midpoint_part
+   use symsde_step_midpoint_krylov, only: krylov_midpoint, new_krylov_midpoint
    use symsde_step_midpoint_tridiagonal_single_path, only: tridiagonal_midpoint, new_tridiagonal_midpoint
    use symsde_step_stepper, only: stepper_type, stepper_task
    implicit none
    private
-   public :: midpoint_stepper, new_midpoint_stepper
+   public :: midpoint_stepper, new_midpoint_stepper, by_products
 
    integer, parameter :: unit = 1  !! lanes of a vector
 
@@ -41,7 +42,7 @@ contains
       lanes = 1
    end function lanes
 
-   !> What solves: products are for blocks alone.
+   !> What solves; products as in a block of one lane, for lanes that step/stages/stepper has not solved by iteration.
    subroutine make_part(self, way, model, nlane, options, together)
       type(midpoint_stepper), intent(inout) :: self
       integer, intent(in) :: way, nlane
@@ -50,12 +51,17 @@ contains
       integer, intent(out) :: together
       type(tridiagonal_midpoint), allocatable :: rows
       type(dense_midpoint), allocatable :: matrix
+      type(krylov_midpoint), allocatable :: products
 
       together = 1
       if (way == by_rows) then
          allocate (rows)
          call new_tridiagonal_midpoint(rows, model, options)
          call move_alloc(rows, self%part)
+      else if (way == by_products) then
+         allocate (products)
+         call new_krylov_midpoint(products, model, 1, options)
+         call move_alloc(products, self%part)
       else
          allocate (matrix)
          call new_dense_midpoint(matrix, model, 1, options)

@@ -131,7 +131,7 @@ contains
             return
          end if
          call find_angle_of_one(self%m, parts%noisy, self%nested, step%w, b%c, b%rate, &
-                              self%terms(:, i), self%ends, q(1), p(1), d%q(1), d%p(1), d%qq(1), d%qp(1), d%pp(1))
+                                self%terms(:, i), self%ends, q(1), p(1), d%q(1), d%p(1), d%qq(1), d%qp(1), d%pp(1))
          self%counters%gradients = self%counters%gradients + asked
          self%counters%hessians = self%counters%hessians + asked
       end associate
