@@ -12,7 +12,7 @@ program bench_blocks
    use symsde_model_abstract, only: model_type
    use symsde_model_catalogue_by_name, only: get_model, model_names
    use symsde_noise_brownian, only: brownian_noise, new_brownian_noise
-   use symsde_noise_normal, only: normal_pair_lanes, scaled_normal_steps
+   use symsde_noise_normal, only: normal_stream, normal_pair_lanes, scaled_normal_steps
    use symsde_noise_philox, only: philox_two_lanes, philox_tile
    use symsde_solve_newton, only: newton_type, newton_options, new_newton
    use bench_support, only: seconds => processor_seconds, print_times, integer_argument, stop_on
@@ -56,7 +56,7 @@ contains
             case ('box_muller_normal')
                call normal_pair_lanes(nlane, words(1, 1, 0), words(1, 2, 0), 1.0_wp, y, z, tails)
             case ('normal')
-               call scaled_normal_steps(nlane, 1_i8, path, 4*call, 4, 1, 0, 0, 1.0_wp, 1, w)
+               call scaled_normal_steps(nlane, normal_stream(1_i8, 1), path, 4*call, 4, 1, w)
             case default  ! sincos
                call sincos_lanes(nlane, x, y, z)
             end select

@@ -4,7 +4,7 @@
 !> Generator and arithmetic of the library, eight steps in one pass over the lanes.
 module bench_limit_additive_euler
    use symsde_base_kinds, only: wp, i4, i8
-   use symsde_noise_normal, only: scaled_normal_steps
+   use symsde_noise_normal, only: normal_stream, scaled_normal_steps
    implicit none
    private
    public :: limit_additive_euler
@@ -27,8 +27,8 @@ contains
       do first = 0, npath - 1, nlane
          path = [(first + lane, lane=0, nlane - 1)]
          do step = 0, nstep - 1, 8
-            call scaled_normal_steps(nlane, seed, path, step/2, 4, 1, 0, 0, sigma*sqrt(h), 2, noise)
-            call scaled_normal_steps(nlane, seed, path, step/2, 4, 2, 0, 0, gamma*sqrt(h), 2, noise)
+            call scaled_normal_steps(nlane, normal_stream(seed, 1, scale=sigma*sqrt(h)), path, step/2, 4, 2, noise)
+            call scaled_normal_steps(nlane, normal_stream(seed, 2, scale=gamma*sqrt(h)), path, step/2, 4, 2, noise)
             call eight_steps(h, noise, q(first + 1), p(first + 1))
          end do
       end do

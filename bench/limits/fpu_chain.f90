@@ -6,7 +6,7 @@
 !> The lanes of a strip iterate together; a lane that has converged is frozen.
 module bench_limit_fpu_chain
    use symsde_base_kinds, only: wp, i4, i8
-   use symsde_noise_normal, only: scaled_normal_steps
+   use symsde_noise_normal, only: normal_stream, scaled_normal_steps
    implicit none
    private
    public :: limit_fpu_chain
@@ -33,7 +33,7 @@ contains
          do step = 0, nstep - 1
             if (mod(step, 8_i8) == 0) then
                do i = 1, n
-                  call scaled_normal_steps(nlane, seed, path, step/2, 4, i, 0, 0, 1.0_wp, n, dw)
+                  call scaled_normal_steps(nlane, normal_stream(seed, i), path, step/2, 4, n, dw)
                end do
             end if
             call one_step(n, h, beta, sigma*sqrt(h), dw(:, 1:, mod(step, 8_i8)), &

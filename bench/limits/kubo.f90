@@ -5,7 +5,7 @@
 !> Eight steps run in one pass over the lanes, the state in registers between them.
 module bench_limit_kubo
    use symsde_base_kinds, only: wp, i4, i8
-   use symsde_noise_normal, only: scaled_normal_steps
+   use symsde_noise_normal, only: normal_stream, scaled_normal_steps
    implicit none
    private
    public :: limit_kubo
@@ -28,7 +28,7 @@ contains
       do first = 0, npath - 1, nlane
          path = [(first + lane, lane=0, nlane - 1)]
          do step = 0, nstep - 1, 8
-            call scaled_normal_steps(nlane, seed, path, step/2, 4, 1, 0, 0, sigma*sqrt(h), 1, noise)
+            call scaled_normal_steps(nlane, normal_stream(seed, 1, scale=sigma*sqrt(h)), path, step/2, 4, 1, noise)
             call eight_steps(a*h, noise, q(first + 1), p(first + 1))
          end do
       end do

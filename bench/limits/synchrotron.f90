@@ -6,7 +6,7 @@
 module bench_limit_synchrotron
    use symsde_base_kinds, only: wp, i4, i8
    use symsde_base_sincos, only: sincos_lanes
-   use symsde_noise_normal, only: scaled_normal_steps
+   use symsde_noise_normal, only: normal_stream, scaled_normal_steps
    implicit none
    private
    public :: limit_synchrotron
@@ -31,8 +31,8 @@ contains
          do step = 0, nstep - 1
             j = int(mod(step, 8_i8))
             if (j == 0) then
-               call scaled_normal_steps(nlane, seed, path, step/2, 4, 1, 0, 0, 1.0_wp, 2, dw)
-               call scaled_normal_steps(nlane, seed, path, step/2, 4, 2, 0, 0, 1.0_wp, 2, dw)
+               call scaled_normal_steps(nlane, normal_stream(seed, 1), path, step/2, 4, 2, dw)
+               call scaled_normal_steps(nlane, normal_stream(seed, 2), path, step/2, 4, 2, dw)
             end if
             call one_step(h, omega**2, sigma1*sqrt(h), sigma2*sqrt(h), dw(:, 1, j), dw(:, 2, j), &
                           q(first + 1), p(first + 1))

@@ -57,7 +57,7 @@ contains
       at = index(padded_real, 'E')
       if (at > 0) then
          read (padded_real(at + 1:), *) n
-         power = 'e'//padded_long(int(n, i8))
+         power = 'e'//trim(padded_long(int(n, i8)))
          padded_real(at:) = ''
       end if
       last = verify(padded_real, '0 ', back=.true.)
