@@ -8,7 +8,7 @@
 !> do.
 module symsde_step_scalar_path
    use symsde_base_counters, only: counters_type
-   use symsde_base_kinds, only: wp, i8
+   use symsde_base_kinds, only: wp
    use symsde_base_record, only: step_record, steps_record
    use symsde_base_sincos, only: sincos_one
    use symsde_model_abstract, only: model_type, angle_terms
@@ -23,7 +23,6 @@ module symsde_step_scalar_path
       class(model_type), pointer :: model => null()  !! whose lanes have the same bits whatever their number
       integer :: n = 0, m = 0                        !! degrees of freedom, noises
       integer :: most = 2                            !! paths up to which those of a run go one by one
-      integer(i8) :: npath = 1                       !! paths of this run
       logical :: mass_alone = .false.                !! Hhat_p = h p, for those that are told
       type(counters_type) :: counters                !! of the steps that were taken
       logical :: wants_record = .false.              !! more than weights drives a step: it stands in the record

@@ -3,8 +3,8 @@
 !> leaves.
 !>
 !> Twins do the usual case alone. A step that is not usual (stiff, not converging soon, not finite) is taken by a block
-!> of eight lanes that all have this path, whose bits are the same. After such a step the next ones are left to the
-!> block, too: more and more of them, while they are unusual.
+!> of eight lanes that all have this path, whose bits are the same. Every step is tried by the twin first, whatever the
+!> steps before it were: nothing is carried from one to the next.
 module symsde_ensemble_block_single_path
    use symsde_base_counters, only: counters_type, add_counters
    use symsde_base_functionals, only: functional_set
@@ -20,8 +20,6 @@ module symsde_ensemble_block_single_path
    private
    public :: new_single_path
 
-   integer, parameter :: longest_rest = 64  !! steps that are left to the block, at most
-
    type, extends(stepper_type) :: single_path_stepper
       private
       type(stepper_task) :: task
@@ -29,7 +27,6 @@ module symsde_ensemble_block_single_path
       class(stepper_type), allocatable :: block    !! made for the first step that the twin leaves
       type(step_store) :: store                    !! that step, for all lanes
       real(wp), allocatable, dimension(:, :) :: q, p, dq_block, dp_block   !! of it (lane_unit, ndof)
-      integer :: rest = 0, resting = 0             !! steps left to the block after an unusual one; of them, to come
    contains
       procedure :: make
       procedure :: advance
@@ -62,7 +59,6 @@ contains
          made%most_single = twin%most
          made%ham = stepper%ham
          made%task = task
-         twin%npath = npath
          call twin%lead(task%model)
          call move_alloc(twin, made%twin)
          deallocate (stepper)
@@ -102,17 +98,12 @@ contains
       logical :: taken
 
       self%twin%now = self%twin%now + 1
-      taken = self%resting == 0
-      self%resting = max(self%resting - 1, 0)
-      if (taken) then
-         if (self%twin%wants_record) self%twin%step = step
-         if (.not. self%twin%takes_all) before = self%twin%counters
-         call self%twin%take(step%t, step%h, step%w, q, p, dq, dp, taken)
-         if (.not. taken) self%twin%counters = before
-         self%rest = merge(0, min(2*self%rest + 1, longest_rest), taken)
-         self%resting = max(self%rest - 1, 0)
-      end if
-      if (.not. taken) call step_of_block(self, step, q, p, dq, dp, status(1))
+      if (self%twin%wants_record) self%twin%step = step
+      if (.not. self%twin%takes_all) before = self%twin%counters
+      call self%twin%take(step%t, step%h, step%w, q, p, dq, dp, taken)
+      if (taken) return
+      self%twin%counters = before
+      call step_of_block(self, step, q, p, dq, dp, status(1))
    end subroutine increment
 
    !> One step by a block of eight lanes, which all have this path; the first one is real.

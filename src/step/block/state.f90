@@ -242,68 +242,68 @@ contains
       nbad = int(count)
    end subroutine advance_one
 
-   !> VEC A path by itself: check and add in passes over its numbers. Few have just been written one by one: a vector of
-   !> them would wait until they are in memory.
+   !> A path by itself: nbad = 0 where the sums of its numbers are finite and it is ok, and then they are taken.
    pure subroutine advance_path(n, dq, dp, q, p, status, nbad)
       integer, intent(in) :: n
       real(wp), intent(in) :: dq(n), dp(n)
       real(wp), intent(inout) :: q(n), p(n)
       integer(i8), intent(in) :: status
       integer, intent(out) :: nbad
-      logical :: ok
-      integer(i8) :: count
       integer :: i
 
+      nbad = merge(0, 1, status == 0 .and. has_finite_sums(n, q, dq) .and. has_finite_sums(n, p, dp))
+      if (nbad > 0) return
       if (n <= narrow) then
-         ok = status == 0
-         !GCC$ novector
-         do i = 1, n
-            ok = ok .and. abs(q(i) + dq(i)) <= huge(q) .and. abs(p(i) + dp(i)) <= huge(p)
-         end do
-         nbad = merge(0, 1, ok)
-         if (.not. ok) return
          !GCC$ novector
          do i = 1, n
             q(i) = q(i) + dq(i)
             p(i) = p(i) + dp(i)
          end do
-         return
+      else
+         q = q + dq
+         p = p + dp
       end if
-      count = merge(0_i8, 1_i8, status == 0)
-      do i = 1, n
-         count = count + merge(0_i8, 1_i8, abs(q(i) + dq(i)) <= huge(q)) + &
-                 merge(0_i8, 1_i8, abs(p(i) + dp(i)) <= huge(p))
-      end do
-      nbad = int(min(count, 1_i8))
-      if (nbad > 0) return
-      do i = 1, n
-         q(i) = q(i) + dq(i)
-         p(i) = p(i) + dp(i)
-      end do
    end subroutine advance_path
 
-   !> VEC The same by Kahan's summation.
+   !> The same by Kahan's summation.
    pure subroutine advance_path_compensated(n, dq, dp, q, p, q_low, p_low, status, nbad)
       integer, intent(in) :: n
       real(wp), intent(in) :: dq(n), dp(n)
       real(wp), intent(inout) :: q(n), p(n), q_low(n), p_low(n)
       integer(i8), intent(in) :: status
       integer, intent(out) :: nbad
-      integer(i8) :: count
       integer :: i
 
-      count = merge(0_i8, 1_i8, status == 0)
-      do i = 1, n
-         count = count + merge(0_i8, 1_i8, abs(q(i) + dq(i)) <= huge(q)) + &
-                 merge(0_i8, 1_i8, abs(p(i) + dp(i)) <= huge(p))
-      end do
-      nbad = int(min(count, 1_i8))
+      nbad = merge(0, 1, status == 0 .and. has_finite_sums(n, q, dq) .and. has_finite_sums(n, p, dp))
       if (nbad > 0) return
       do i = 1, n
          call add_low(dq(i), q(i), q_low(i))
          call add_low(dp(i), p(i), p_low(i))
       end do
    end subroutine advance_path_compensated
+
+   !> VEC Whether x + d is finite. Few numbers have just been written one by one: a vector of them would wait until they
+   !> are in memory.
+   pure logical function has_finite_sums(n, x, d)
+      integer, intent(in) :: n
+      real(wp), intent(in) :: x(n), d(n)
+      integer(i8) :: count
+      integer :: i
+
+      if (n <= narrow) then
+         has_finite_sums = .true.
+         !GCC$ novector
+         do i = 1, n
+            has_finite_sums = has_finite_sums .and. abs(x(i) + d(i)) <= huge(x)
+         end do
+         return
+      end if
+      count = 0
+      do i = 1, n
+         count = count + merge(0_i8, 1_i8, abs(x(i) + d(i)) <= huge(x))
+      end do
+      has_finite_sums = count == 0
+   end function has_finite_sums
 
    !> x + d, what rounding takes from it in low.
    pure subroutine add_low(d, x, low)
@@ -430,14 +430,15 @@ contains
       integer, intent(in) :: nlane, ndof
       real(wp), intent(in) :: d(nlane, ndof), bad(nlane)
       real(wp), intent(inout) :: x(nlane, ndof), low(nlane, ndof)
-      real(wp) :: y, s
+      real(wp) :: s, l
       integer :: lane, i
 
       do i = 1, ndof
          do lane = 1, nlane
-            y = d(lane, i) + low(lane, i)
-            s = x(lane, i) + y
-            low(lane, i) = merge(y - (s - x(lane, i)), low(lane, i), bad(lane) <= 0)
+            s = x(lane, i)
+            l = low(lane, i)
+            call add_low(d(lane, i), s, l)
+            low(lane, i) = merge(l, low(lane, i), bad(lane) <= 0)
             x(lane, i) = merge(s, x(lane, i), bad(lane) <= 0)
          end do
       end do
