@@ -257,30 +257,22 @@ contains
    ! ---- kernels: nstep is 1 or a group ----------------------------------
 
    !> VEC Force at x, then velocity at y.
-   pure subroutine euler_pass(terms, nlane, nnoise, nstep, h, w, q, p)
-      type(oscillator_terms), intent(in) :: terms
+   pure subroutine euler_pass(t, nlane, nnoise, nstep, h, w, q, p)
+      type(oscillator_terms), intent(in) :: t
       integer, intent(in) :: nlane, nnoise, nstep
       real(wp), intent(in) :: h, w(nlane, 0:nnoise, nstep)
       real(wp), intent(inout) :: q(nlane), p(nlane)
-      real(wp) :: x, y, ca, cb, cc, ce
-      integer :: lane, step, i, j, k, l
+      real(wp) :: x, y
+      integer :: lane, step
 
-      ca = terms%a
-      cb = terms%b
-      cc = terms%c
-      ce = terms%e
-      i = terms%noise_a
-      j = terms%noise_b
-      k = terms%noise_c
-      l = terms%noise_e
       if (nstep == group) then
          do lane = 1, nlane
             x = q(lane)
             y = p(lane)
             !GCC$ unroll 8
             do step = 1, group
-               call kick_and_drift(h + ca*w(lane, i, step), cb, w(lane, j, step), h + cc*w(lane, k, step), &
-                                   ce, w(lane, l, step), x, y)
+               call kick_and_drift(h + t%a*w(lane, t%noise_a, step), t%b, w(lane, t%noise_b, step), &
+                                   h + t%c*w(lane, t%noise_c, step), t%e, w(lane, t%noise_e, step), x, y)
             end do
             q(lane) = x
             p(lane) = y
@@ -289,7 +281,8 @@ contains
          do lane = 1, nlane
             x = q(lane)
             y = p(lane)
-            call kick_and_drift(h + ca*w(lane, i, 1), cb, w(lane, j, 1), h + cc*w(lane, k, 1), ce, w(lane, l, 1), x, y)
+            call kick_and_drift(h + t%a*w(lane, t%noise_a, 1), t%b, w(lane, t%noise_b, 1), &
+                                h + t%c*w(lane, t%noise_c, 1), t%e, w(lane, t%noise_e, 1), x, y)
             q(lane) = x
             p(lane) = y
          end do
@@ -297,25 +290,21 @@ contains
    end subroutine euler_pass
 
    !> VEC The corrected scheme, where noises are of a and c alone.
-   pure subroutine corrected_pass(terms, nlane, nnoise, nstep, h, w, q, p)
-      type(oscillator_terms), intent(in) :: terms
+   pure subroutine corrected_pass(t, nlane, nnoise, nstep, h, w, q, p)
+      type(oscillator_terms), intent(in) :: t
       integer, intent(in) :: nlane, nnoise, nstep
       real(wp), intent(in) :: h, w(nlane, 0:nnoise, nstep)
       real(wp), intent(inout) :: q(nlane), p(nlane)
-      real(wp) :: x, y, ca, cc
-      integer :: lane, step, i, k
+      real(wp) :: x, y
+      integer :: lane, step
 
-      ca = terms%a
-      cc = terms%c
-      i = terms%noise_a
-      k = terms%noise_c
       if (nstep == short) then
          do lane = 1, nlane
             x = q(lane)
             y = p(lane)
             !GCC$ unroll 4
             do step = 1, short
-               call corrected_step(h, ca*w(lane, i, step), cc*w(lane, k, step), x, y)
+               call corrected_step(h, t%a*w(lane, t%noise_a, step), t%c*w(lane, t%noise_c, step), x, y)
             end do
             q(lane) = x
             p(lane) = y
@@ -324,7 +313,7 @@ contains
          do lane = 1, nlane
             x = q(lane)
             y = p(lane)
-            call corrected_step(h, ca*w(lane, i, 1), cc*w(lane, k, 1), x, y)
+            call corrected_step(h, t%a*w(lane, t%noise_a, 1), t%c*w(lane, t%noise_c, 1), x, y)
             q(lane) = x
             p(lane) = y
          end do
@@ -332,25 +321,21 @@ contains
    end subroutine corrected_pass
 
    !> VEC The same where a = c = h.
-   pure subroutine additive_pass(terms, nlane, nnoise, nstep, h, w, q, p)
-      type(oscillator_terms), intent(in) :: terms
+   pure subroutine additive_pass(t, nlane, nnoise, nstep, h, w, q, p)
+      type(oscillator_terms), intent(in) :: t
       integer, intent(in) :: nlane, nnoise, nstep
       real(wp), intent(in) :: h, w(nlane, 0:nnoise, nstep)
       real(wp), intent(inout) :: q(nlane), p(nlane)
-      real(wp) :: x, y, cb, ce
-      integer :: lane, step, j, l
+      real(wp) :: x, y
+      integer :: lane, step
 
-      cb = terms%b
-      ce = terms%e
-      j = terms%noise_b
-      l = terms%noise_e
       if (nstep == group) then
          do lane = 1, nlane
             x = q(lane)
             y = p(lane)
             !GCC$ unroll 8
             do step = 1, group
-               call kick_and_drift(h, cb, w(lane, j, step), h, ce, w(lane, l, step), x, y)
+               call kick_and_drift(h, t%b, w(lane, t%noise_b, step), h, t%e, w(lane, t%noise_e, step), x, y)
             end do
             q(lane) = x
             p(lane) = y
@@ -359,7 +344,7 @@ contains
          do lane = 1, nlane
             x = q(lane)
             y = p(lane)
-            call kick_and_drift(h, cb, w(lane, j, 1), h, ce, w(lane, l, 1), x, y)
+            call kick_and_drift(h, t%b, w(lane, t%noise_b, 1), h, t%e, w(lane, t%noise_e, 1), x, y)
             q(lane) = x
             p(lane) = y
          end do
@@ -367,30 +352,22 @@ contains
    end subroutine additive_pass
 
    !> VEC Half a kick, a drift, half a kick.
-   pure subroutine verlet_pass(terms, nlane, nnoise, nstep, h, w, q, p)
-      type(oscillator_terms), intent(in) :: terms
+   pure subroutine verlet_pass(t, nlane, nnoise, nstep, h, w, q, p)
+      type(oscillator_terms), intent(in) :: t
       integer, intent(in) :: nlane, nnoise, nstep
       real(wp), intent(in) :: h, w(nlane, 0:nnoise, nstep)
       real(wp), intent(inout) :: q(nlane), p(nlane)
-      real(wp) :: x, y, ca, cb, cc, ce
-      integer :: lane, step, i, j, k, l
+      real(wp) :: x, y
+      integer :: lane, step
 
-      ca = terms%a
-      cb = terms%b
-      cc = terms%c
-      ce = terms%e
-      i = terms%noise_a
-      j = terms%noise_b
-      k = terms%noise_c
-      l = terms%noise_e
       if (nstep == group) then
          do lane = 1, nlane
             x = q(lane)
             y = p(lane)
             !GCC$ unroll 8
             do step = 1, group
-               call verlet_step(h + ca*w(lane, i, step), cb, w(lane, j, step), h + cc*w(lane, k, step), &
-                                ce, w(lane, l, step), x, y)
+               call verlet_step(h + t%a*w(lane, t%noise_a, step), t%b, w(lane, t%noise_b, step), &
+                                h + t%c*w(lane, t%noise_c, step), t%e, w(lane, t%noise_e, step), x, y)
             end do
             q(lane) = x
             p(lane) = y
@@ -399,7 +376,8 @@ contains
          do lane = 1, nlane
             x = q(lane)
             y = p(lane)
-            call verlet_step(h + ca*w(lane, i, 1), cb, w(lane, j, 1), h + cc*w(lane, k, 1), ce, w(lane, l, 1), x, y)
+            call verlet_step(h + t%a*w(lane, t%noise_a, 1), t%b, w(lane, t%noise_b, 1), &
+                             h + t%c*w(lane, t%noise_c, 1), t%e, w(lane, t%noise_e, 1), x, y)
             q(lane) = x
             p(lane) = y
          end do
@@ -407,34 +385,26 @@ contains
    end subroutine verlet_pass
 
    !> VEC The linear equations of the stages of Gauss, solved.
-   pure subroutine gauss_pass(terms, numbers, nlane, nnoise, nstep, h, w, q, p)
-      type(oscillator_terms), intent(in) :: terms
+   pure subroutine gauss_pass(t, numbers, nlane, nnoise, nstep, h, w, q, p)
+      type(oscillator_terms), intent(in) :: t
       type(pade_terms), intent(in) :: numbers
       integer, intent(in) :: nlane, nnoise, nstep
       real(wp), intent(in) :: h, w(nlane, 0:nnoise, nstep)
       real(wp), intent(inout) :: q(nlane), p(nlane)
       type(pade_terms) :: by  ! a copy stays in registers
-      real(wp) :: x, y, a, c, ca, cb, cc, ce
-      integer :: lane, step, i, j, k, l
+      real(wp) :: x, y, a, c
+      integer :: lane, step
 
       by = numbers
-      ca = terms%a
-      cb = terms%b
-      cc = terms%c
-      ce = terms%e
-      i = terms%noise_a
-      j = terms%noise_b
-      k = terms%noise_c
-      l = terms%noise_e
       if (nstep == short) then
          do lane = 1, nlane
             x = q(lane)
             y = p(lane)
             !GCC$ unroll 4
             do step = 1, short
-               a = h + ca*w(lane, i, step)
-               c = h + cc*w(lane, k, step)
-               call gauss_step(by, a, c, a*x + cb*w(lane, j, step), c*y + ce*w(lane, l, step), x, y)
+               a = h + t%a*w(lane, t%noise_a, step)
+               c = h + t%c*w(lane, t%noise_c, step)
+               call gauss_step(by, a, c, a*x + t%b*w(lane, t%noise_b, step), c*y + t%e*w(lane, t%noise_e, step), x, y)
             end do
             q(lane) = x
             p(lane) = y
@@ -443,9 +413,9 @@ contains
          do lane = 1, nlane
             x = q(lane)
             y = p(lane)
-            a = h + ca*w(lane, i, 1)
-            c = h + cc*w(lane, k, 1)
-            call gauss_step(by, a, c, a*x + cb*w(lane, j, 1), c*y + ce*w(lane, l, 1), x, y)
+            a = h + t%a*w(lane, t%noise_a, 1)
+            c = h + t%c*w(lane, t%noise_c, 1)
+            call gauss_step(by, a, c, a*x + t%b*w(lane, t%noise_b, 1), c*y + t%e*w(lane, t%noise_e, 1), x, y)
             q(lane) = x
             p(lane) = y
          end do

@@ -64,34 +64,27 @@ contains
    end function quotients_of
 
    !> VEC One step or `short` of them: a = h + ca w_i, and so on.
-   pure subroutine quotient_pass(quotients, terms, nlane, nnoise, nstep, h, w, q, p)
+   pure subroutine quotient_pass(quotients, t, nlane, nnoise, nstep, h, w, q, p)
       type(step_quotients), intent(in) :: quotients
-      type(oscillator_terms), intent(in) :: terms
+      type(oscillator_terms), intent(in) :: t
       integer, intent(in) :: nlane, nnoise, nstep
       real(wp), intent(in) :: h, w(nlane, 0:nnoise, nstep)
       real(wp), intent(inout) :: q(nlane), p(nlane)
       type(step_quotients) :: by  ! a copy stays in registers
-      real(wp) :: x, y, a, c, ca, cb, cc, ce
-      integer :: lane, step, i, j, k, l
+      real(wp) :: x, y, a, c
+      integer :: lane, step
 
       by = quotients
-      ca = terms%a
-      cb = terms%b
-      cc = terms%c
-      ce = terms%e
-      i = terms%noise_a
-      j = terms%noise_b
-      k = terms%noise_c
-      l = terms%noise_e
       if (nstep == short) then
          do lane = 1, nlane
             x = q(lane)
             y = p(lane)
             !GCC$ unroll 4
             do step = 1, short
-               a = h + ca*w(lane, i, step)
-               c = h + cc*w(lane, k, step)
-               call quotient_step(by, a, c, a*x + cb*w(lane, j, step), c*y + ce*w(lane, l, step), x, y)
+               a = h + t%a*w(lane, t%noise_a, step)
+               c = h + t%c*w(lane, t%noise_c, step)
+               call quotient_step(by, a, c, a*x + t%b*w(lane, t%noise_b, step), &
+                                  c*y + t%e*w(lane, t%noise_e, step), x, y)
             end do
             q(lane) = x
             p(lane) = y
@@ -100,9 +93,9 @@ contains
          do lane = 1, nlane
             x = q(lane)
             y = p(lane)
-            a = h + ca*w(lane, i, 1)
-            c = h + cc*w(lane, k, 1)
-            call quotient_step(by, a, c, a*x + cb*w(lane, j, 1), c*y + ce*w(lane, l, 1), x, y)
+            a = h + t%a*w(lane, t%noise_a, 1)
+            c = h + t%c*w(lane, t%noise_c, 1)
+            call quotient_step(by, a, c, a*x + t%b*w(lane, t%noise_b, 1), c*y + t%e*w(lane, t%noise_e, 1), x, y)
             q(lane) = x
             p(lane) = y
          end do
