@@ -1,5 +1,8 @@
 ! SPDX-License-Identifier: BSD-3-Clause
 !> The energy-drift-preserving scheme for a single path: mean_force.inc with one lane.
+!>
+!> It takes 1.3 to 2.5 times as long as scalars written out by hand did (henon_heiles 366 ns a step instead of 148):
+!> forces at the nodes are added up by passes over a few numbers that have just been stored one by one.
 module symsde_step_midpoint_mean_force_single_path
    use symsde_base_kinds, only: wp, i8
    use symsde_base_record, only: step_record
