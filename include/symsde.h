@@ -315,7 +315,7 @@ typedef struct symsde_report {
    int64_t path_steps, normals, gradients, hessians, hessian_vectors, iterations, solves, lapack_solves;
    int64_t failures, damped, continued; /* steps not solved from zero increments; then by damping, by continuation */
    int64_t failed, stopped; /* paths */
-   int32_t threads, lanes;
+   int32_t threads, lanes; /* lanes of a block: 1 where few paths are taken one by one */
    double lost_variance;    /* that truncation takes from a normal number */
    double seconds_setup, seconds_run;
    char stepper[64];

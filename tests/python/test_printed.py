@@ -2,6 +2,7 @@
 """What is printed and reported is what was computed: tables are parsed, judges are tried on both sides of a bound."""
 
 import ctypes
+import dataclasses
 import logging
 import re
 import shutil
@@ -56,6 +57,7 @@ def test_every_member_of_a_report():
     assert lines["counters"] == ", ".join(f"{name.replace('_', ' ')} {100 + i}" for i, name in enumerate(names))
     assert lines["paths"] == "11 failed, 12 stopped" and lines["threads"] == "13, 16 lanes a block"
     assert lines["seconds"] == "1.25 to set up, 2.5 to run" and lines["version"] == ss.__version__
+    assert "13, 1 lane a block" in str(dataclasses.replace(found, lanes=1))
 
 
 def test_counters_and_times_of_a_run_that_is_known():

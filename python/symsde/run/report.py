@@ -27,7 +27,7 @@ class Report:
     failed: int  #: paths that failed
     stopped: int  #: paths that a stop cut short
     threads: int
-    lanes: int  #: lanes of a block
+    lanes: int  #: lanes of a block; 1 where few paths are taken one by one
     lost_variance: float  #: variance that truncation takes from a normal number
     timings: dict[str, float]  #: seconds of setup and run
     versions: dict[str, str]  #: of the library, its compiler and options
@@ -43,7 +43,7 @@ class Report:
             "counters": counted,
             "warnings": "; ".join(self.warnings) or "none",
             "paths": f"{self.failed} failed, {self.stopped} stopped",
-            "threads": f"{self.threads}, {self.lanes} lanes a block",
+            "threads": f"{self.threads}, {checks.counted(self.lanes, 'lane')} a block",
             "seconds": f"{self.timings['setup']:.3g} to set up, {self.timings['run']:.3g} to run",
             "version": self.versions.get("version", "?"),
         }
