@@ -47,8 +47,8 @@ def section(found: list[list[str]]) -> str:
         "interface that was prepared beforehand.\n\n"
         + table(["function", "from Python [ms]", "C interface [ms]", "added [ms]", "target", ""], calls)
         + "\n\n"
-        "The next table gives us of processor time for one step of one path (kubo, midpoint), the least of all "
-        "repeats.\n\n" + table(["call", "time [us]", "target", ""], steps) + "\n\n"
+        "The next table gives µs of processor time for one step of one path (kubo, midpoint), the least of all "
+        "repeats.\n\n" + table(["call", "time [µs]", "target", ""], steps) + "\n\n"
         "The next table gives ns for a step of a path, for moments of 1000 paths (kubo, midpoint) over 500 steps.\n\n"
         + table(["what is saved", "time [ns]", "target", ""], observed)
         + "\n\n"

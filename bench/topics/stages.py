@@ -40,7 +40,7 @@ def section(found: dict) -> str:
         "## Several implicit stages\n\n"
         "The table gives ns of processor time for a step of a path, with 256 paths on one thread, the least of\n"
         'repeats that alternate with the midpoint rule. The column "midpoints" is the ratio to the midpoint rule.\n'
-        "Steps of h = 5 are stiff (h omega = 10 and more); lobatto3 is unstable there.\n\n"
+        "Steps of $h = 5$ are stiff ($h\\omega\\ge 10$); `lobatto3` is unstable there.\n\n"
     )
     if not found["rows"]:
         return head + f"NumPy: {ABSENT}."
@@ -74,6 +74,6 @@ def growth_of(rows: list[dict]) -> str:
     schemes = list(dict.fromkeys(r["scheme"] for r in rows))
     sizes = list(dict.fromkeys(r["ndof"] for r in rows))
     times = {(r["ndof"], r["scheme"]): f"{r['ns']:.3g}" for r in rows}
-    return "Long chains, 16 paths, h = 0.25, ns per path-step and site:\n\n" + table(
+    return "Long chains, 16 paths, $h = 0.25$, ns for a step of a path and a site:\n\n" + table(
         ["sites", *schemes], [[str(n), *(times[n, s] for s in schemes)] for n in sizes]
     )
