@@ -128,7 +128,7 @@ def test_a_package_for_another_processor_says_so(tmp_path):
         check=False,
     )
     assert done.returncode == 1
-    assert f"for x86-64-v9 alone, and wanted here is at most {cpu.levels()[0]}: install it" in done.stderr
+    assert f"the level x86-64-v9, and this one has the level {cpu.levels()[0]} at most: install it" in done.stderr
 
 
 def test_a_variant_that_is_not_there_is_an_error():

@@ -114,7 +114,7 @@ def items(value: object) -> list | None:
 def table(name: str, value: object) -> dict[str, Any]:
     """A dict of names and values."""
     if not isinstance(value, Mapping):
-        raise WrongTypeError(f"{name} = {shown(value)} is no table: give a dict, name -> value")
+        raise WrongTypeError(f"{name} = {shown(value)} is no table: give a dict of names and values")
     return {name_of(f"a name of {name}", key): item for key, item in value.items()}
 
 
@@ -158,6 +158,8 @@ def no_option(key: str, known: Iterable[str]) -> WrongTypeError:
     known = list(known)
     meant = _ELSEWHERE.get(key.lower())
     hint = f"it is called {meant} here; " if meant in known else ""
+    if "horizon" in (key, meant) and "horizon" not in known and "steps" in known:
+        hint = "the time of a run is step times steps; "
     return WrongTypeError(f"there is no option {key!r}: {hint}there are {nearest(key, known)}")
 
 

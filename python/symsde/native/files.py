@@ -89,7 +89,9 @@ def long_name(name: str) -> str:
 def path_of(name: str, value: object) -> Path:
     """A path, given as text or as such."""
     if not isinstance(value, str | os.PathLike) or isinstance(os.fspath(value), bytes):
-        raise InvalidArgumentError(f"{name} = {checks.shown(value)} is no path: give the name of a file or folder")
+        raise InvalidArgumentError(
+            f"{name} = {checks.shown(value)} is no path: give the name of a file or folder as a string"
+        )
     try:
         if b"\0" in os.fsencode(value):
             raise ValueError
@@ -157,7 +159,9 @@ def folder(path: str | os.PathLike) -> Iterator[Path]:
             with tempfile.TemporaryFile(dir=target):
                 pass
         except OSError as error:
-            raise NotWrittenError(f"nothing can be written to {target}: {_reason(error)}: give another one") from error
+            raise NotWrittenError(
+                f"nothing can be written to {target}: {_reason(error)}: give another folder, or make room"
+            ) from error
         yield target
     finally:
         for part in made:

@@ -44,9 +44,8 @@ def load() -> ctypes.CDLL:
         )
     if path is None and (levels := cpu.alone(package())):
         raise LibraryNotFoundError(
-            f"this package was compiled for {', '.join(levels)} alone, and wanted here is at most "
-            f"{os.environ.get('SYMSDE_CPU') or cpu.levels()[0]}: install it again on this machine, or for every level "
-            "by pip install . -C cmake.define.SYMSDE_VARIANTS=ON"
+            f"this package was compiled for processors of the level {', '.join(levels)}, and {_asked()}: "
+            "install it again on this machine, or for every level by pip install . -C cmake.define.SYMSDE_VARIANTS=ON"
         )
     if path is None:
         places = ", ".join(str(path) for path in candidates())
@@ -64,9 +63,16 @@ def load() -> ctypes.CDLL:
         abi.declare(library)
     except AttributeError as error:
         raise LibraryNotFoundError(
-            f"{path} is of another version than this package ({error}): build it again"
+            f"{path} is of another version than this package ({error}): build it again by ./bootstrap build, or "
+            "unset SYMSDE_LIBRARY if that is set"
         ) from error
     return library
+
+
+def _asked() -> str:
+    """Which level was wanted, and who said so."""
+    chosen = os.environ.get("SYMSDE_CPU")
+    return f"SYMSDE_CPU asks for {chosen}" if chosen else f"this one has the level {cpu.levels()[0]} at most"
 
 
 def _is_command() -> bool:

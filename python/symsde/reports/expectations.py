@@ -133,4 +133,6 @@ def _shown(estimate: tuple[float, float]) -> str:
 
 
 def _word(value: object) -> str:
+    if value is None or value == []:
+        return "none"
     return {True: "yes", False: "no"}[value] if isinstance(value, bool) else str(value)

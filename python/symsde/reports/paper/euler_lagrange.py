@@ -153,7 +153,7 @@ def printed_equations(experiment, case):
         if equation == printed.WRONG:
             experiment.at_least(equation, "  wrong, cos(q_n/2): left side - right side", value, 1e-2)
         else:
-            experiment.at_most(equation, "  step put in: left side - right side", value, ROUNDING)
+            experiment.at_most(equation, "  the library's step put in: left side - right side", value, ROUNDING)
     if case.printed is printed.two_noises_adjoint:
         off = case.printed(LONG_STEP, dw, start, other, **case.model.parameters)
         gap = max(np.abs(off[f"adjoint of {i}"] - off[j]).max() for i, j in (("(89)", "(91)"), ("(90)", "(92)")))
@@ -176,8 +176,8 @@ def _perturbed(experiment, case, computed):
         change[i] = np.abs(ss.diagnose.action(moved).sum(axis=0) - action).max()
     growth = np.polyfit(np.log(EPSILONS), np.log(residual), 1)[0]
     curvature = np.polyfit(np.log(EPSILONS[:4]), np.log(change[:4]), 1)[0]
-    experiment.near("(47)-(48)", "  residual of path + eps: grows like eps^k, k", growth, 1.0, 0.02)
-    experiment.near("(46), Thm 2.3", "  change of the action, ends fixed: eps^k, k", curvature, 2.0, 0.02)
+    experiment.near("(47)-(48)", "  residual of a path moved by eps, as eps^k: k", growth, 1.0, 0.02)
+    experiment.near("(46), Thm 2.3", "  change of the action, ends fixed, as eps^k: k", curvature, 2.0, 0.02)
     ends = _moving_ends(computed, dq, dp)
     experiment.at_most("(60), Thm 3.2", "  dS - (p_N dq_N - p_0 dq_0), ends moving, rel.", ends, 1e-7)
     experiment.curves[case.label] = residual, change

@@ -53,7 +53,9 @@ def _errors(experiment, model, case, scheme):
     amplitudes = np.abs(exact[:, 0]).max(axis=0)
     text = f"max|q - exact|, {_text(case)}"
     experiment.between(SCHEMES[scheme], text, errors.max(), 1e-3, 1.0)
-    experiment.at_most(SCHEMES[scheme], "  the same over the largest |q|, worst", (errors / amplitudes).max(), 0.05)
+    experiment.at_most(
+        SCHEMES[scheme], "  the same over the largest |q|, worst path", (errors / amplitudes).max(), 0.05
+    )
     experiment.curves[case, scheme] = computed.t, computed.q[:, 0, 0], exact[:, 0, 0]
     return {"max_errors": errors, "largest_q": amplitudes}
 

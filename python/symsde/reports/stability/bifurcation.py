@@ -140,15 +140,19 @@ def bifurcations(quick: bool) -> Expectations:
         for omega_h in (1.0, 2.4):
             found = others(name, "midpoint", omega_h)
             result.same(
-                f"midpoint, {name}, omega h = {omega_h:g}", "points that are none of the equation", len(found), 0
+                f"midpoint, {name}, omega h = {omega_h:g}",
+                "fixed points that the equation does not have",
+                len(found),
+                0,
             )
     result.same("stormer_verlet, pendulum, omega h = 1.98", "cycles of two",
                 len(others("pendulum", "stormer_verlet", 1.98)), 0)  # fmt: skip
     for h, stable in ((1.40, True), (1.43, False)):
         wells = [x for x in fixed_points(double_well(), "stormer_verlet", step=h) if abs(x.q) > 0.5]
         verdict = len(wells) == 2 and all(x.stable == stable for x in wells)
-        result.expect(f"stormer_verlet, double well, h = {h:g}", "both wells", f"{[x.stable for x in wells]}",
-                      f"{'stable' if stable else 'unstable'}, h = sqrt(2) between", verdict)  # fmt: skip
+        result.expect(f"stormer_verlet, double well, h = {h:g}", "both wells",
+                      ", ".join("stable" if x.stable else "unstable" for x in wells),
+                      f"{'stable' if stable else 'unstable'}: the limit is h = sqrt(2)", verdict)  # fmt: skip
     heun = [x.q for x in others("pendulum", "heun", 2.2) if x.q > 0]
     result.near("heun, pendulum, omega h = 2.2", "spurious fixed point, its pi - q",
                 math.pi - heun[0] if heun else math.nan, cycle_of_kicks("pendulum", 2.2), 1e-6)  # fmt: skip
@@ -156,8 +160,8 @@ def bifurcations(quick: bool) -> Expectations:
         case = f"{scheme}, hardening spring, {ROOM:g} of the linear limit over the fastest frequency"
         result.same(case, "orbits that are lost, from q at rest", lost(scheme, ROOM), [])
     gone = lost("symplectic_euler", 0.75)
-    result.expect("symplectic_euler, hardening spring, 0.75 of it", "orbits that are lost, from q at rest", f"{gone}",
-                  "some: linear theory tells too much", bool(gone))  # fmt: skip
+    result.expect("symplectic_euler, hardening spring, 0.75 of it", "orbits that are lost, from q at rest",
+                  ", ".join(f"{q:g}" for q in gone), "some: linear theory promises too much", bool(gone))  # fmt: skip
     if not quick:
         result.curves = _scan()
         found = result.curves["appears"]
@@ -165,7 +169,7 @@ def bifurcations(quick: bool) -> Expectations:
             "stormer_verlet, pendulum", "cycles of two from omega h", found["pendulum"]["stormer_verlet"], 2.0, 0.02
         )
         for name in MODELS:
-            result.same(name, "least omega h of midpoint with such points", found[name]["midpoint"], None)
+            result.same(name, "smallest omega h at which midpoint has such points", found[name]["midpoint"], None)
     return result
 
 

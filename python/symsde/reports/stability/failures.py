@@ -106,9 +106,9 @@ def callbacks(quick: bool) -> Expectations:
                           f"[{bad}], {k - 1}, not a finite number; others untouched",
                           right and _untouched(run, healthy, bad))  # fmt: skip
     told = _outcome(lambda: simulate(labelled(_raise, 0.0), q0=label, steps=3, **common))
-    result.same("raises in Python", "error that surfaces", told, "ZeroDivisionError: planted")
+    result.same("raises in Python", "exception that the caller gets", told, "ZeroDivisionError: planted")
     told = _outcome(lambda: simulate(_coded(7), q0=0.0, p0=0.0, step=h, steps=3))
-    result.same("returns code 7 in C", "error that surfaces", told.partition(":")[0], "CallbackError")
+    result.same("returns code 7 in C", "exception that the caller gets", told.partition(":")[0], "CallbackError")
     return result
 
 

@@ -48,7 +48,7 @@ def _kubo(result: Expectations, scheme: str, change: np.ndarray) -> None:
     if scheme in CONTRASTS:
         early, late = change[[SAVED // 10, -1]]
         result.at_least(name, "rms change of p^2 + q^2 after a tenth of the time", early, 0.02)
-        result.expect(name, "the same at the end, over that", f"{late / early:.3g}", ">= 10", late >= 10 * early)
+        result.expect(name, "its growth from then to the end", f"{late / early:.3g}", ">= 10", late >= 10 * early)
     elif ss.schemes.get(scheme).info.keeps_quadratic:
         result.at_most(name, "rms change of p^2 + q^2", change[-1], 1e-12)
     else:
