@@ -1,18 +1,24 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """What `expect` says of its work before it begins, and that the work takes about as long."""
 
+import dataclasses
 import logging
+import re
 import time
 from types import SimpleNamespace
 
 import pytest
 import symsde as ss
 from clock import WorkClock
-from symsde.answers.expectation import pilot, problem
+from symsde.answers.expectation import choice, pilot, problem, watch
 from symsde.answers.expectation.carry_out import Execution
+from symsde.answers.expectation.estimators import Plain
 from symsde.answers.expectation.problem import make_problem
+from symsde.answers.expectation.rehearsal import rehearse
+from symsde.answers.expectation.trial import Trial
 from symsde.answers.expectation.watch import Watch
 from symsde.run.simulate import Run
+from symsde.schemes import as_scheme
 
 PLACE = {"q0": 1.0, "p0": 0.0, "horizon": 2.0}
 
@@ -39,13 +45,14 @@ def plans(caplog):
     return caplog
 
 
-def told_and_taken(plans, model, f, **tolerance):
-    """Seconds that were reckoned before the work, and that it took."""
-    answer = ss.expect(model, f, **PLACE, **tolerance, threads=1)
-    (line,) = [line for line in plans.messages if line.startswith("plan after")]
+def told_and_taken(plans, model, f, place=None, **tolerance):
+    """Seconds that were told before the work and as its plan grew, and that it took."""
+    answer = ss.expect(model, f, **(place or PLACE), **tolerance, threads=1)
+    line, *grown = plans.messages
     plans.clear()
-    assert f"{answer.method} by {answer.scheme}, h = " in line and answer.why in line
-    return float(line.split("estimated at ")[1].split(" s")[0]), answer.cost - answer.pilot
+    assert line.startswith("plan after") and f"{answer.method} by {answer.scheme}, h = " in line and answer.why in line
+    said = [float(found[1]) for found in (re.search(r"estimated at (\S+) s", text) for text in [line, *grown]) if found]
+    return said, answer.cost - answer.pilot
 
 
 def test_work_takes_what_was_told(monkeypatch, plans):
@@ -53,11 +60,50 @@ def test_work_takes_what_was_told(monkeypatch, plans):
     part of the work. Without this rehearsal it takes more than that."""
     model = ss.models.synchrotron(sigma1=0.8, sigma2=0.5)
     SlowerAtShortSteps(monkeypatch)
-    told, taken = told_and_taken(plans, model, "q**2", abs=0.02, method="plain", scheme="midpoint")
+    (told,), taken = told_and_taken(plans, model, "q**2", abs=0.02, method="plain", scheme="midpoint")
     assert told / 1.5 < taken < 1.5 * told
-    monkeypatch.setattr(pilot, "slower", lambda *_: 1.0)
-    told, taken = told_and_taken(plans, model, "q**2", abs=0.02, method="plain", scheme="midpoint")
+    monkeypatch.setattr(pilot, "rehearse", lambda plan, _: setattr(plan, "is_rehearsed", True))
+    (told, *_), taken = told_and_taken(plans, model, "q**2", abs=0.02, method="plain", scheme="midpoint")
     assert taken > 1.5 * told
+
+
+def test_a_rehearsal_tells_the_variance_too(monkeypatch):
+    """A pilot that took it four times too small is put right by the units that are rehearsed anyway, and so is one that
+    took it too large; units of which few differ tell nothing."""
+    WorkClock(monkeypatch)
+    found = make_problem(ss.models.kubo(), "q", **PLACE, seed=0, threads=1)
+    trial = Trial(found, as_scheme("midpoint"), 8, 256)
+    exact = choice.plain(trial, 5e-4)
+    for wrong in (0.25, 4.0):
+        plan = choice.plain(trial, 5e-4)
+        units = [(wrong * count, seconds) for count, seconds in plan.parts]
+        plan = dataclasses.replace(plan, variance=wrong * plan.variance, parts=units, seconds=wrong * plan.seconds)
+        rehearse(plan, found)
+        assert exact.variance / 1.3 < plan.variance < 1.3 * exact.variance and plan.is_rehearsed
+        assert exact.seconds / 1.5 < plan.seconds < 1.5 * exact.seconds
+    seldom = make_problem(ss.models.kubo(), lambda q, p: q[0] > 9, **PLACE, seed=0, threads=1)
+    rehearse(plan := choice.plain(trial, 5e-4), seldom)
+    assert plan.variance == exact.variance
+
+
+def test_a_plan_that_grows_says_so(monkeypatch, plans):
+    """The pilot thinks four levels enough, and two more are needed: the second estimate holds, as the first did not."""
+    WorkClock(monkeypatch)
+    model = ss.models.noncommutative_oscillator(s1=0.5, s2=0.5)
+    place = {**PLACE, "horizon": 1.0}
+    told, taken = told_and_taken(plans, model, "q**2", place, abs=2e-3, method="multilevel")
+    assert len(told) == 2 and told[0] < taken / 1.5 and told[1] / 1.5 < taken < 1.5 * told[1]
+
+
+def test_short_work_is_promised_no_number(monkeypatch, plans):
+    """What takes less than a tenth of a second; plain units are as many as an interval takes, at least."""
+    WorkClock(monkeypatch)
+    told, taken = told_and_taken(plans, ss.models.kubo(), "q", abs=0.1, method="plain")
+    assert not told and taken < 0.1
+    assert watch.told(0.099) == "estimated under 0.1 s" and watch.told(0.101) == "estimated at 0.1 s"
+    found = make_problem(ss.models.kubo(), "q", **PLACE, seed=0, threads=1)
+    plan = choice.plain(Trial(found, as_scheme("midpoint"), 8, 256), 1.0)
+    assert plan.parts[0][0] == Plain.least_units
 
 
 def test_the_plan_is_said_before_the_work(monkeypatch, plans, capsys):
@@ -82,17 +128,17 @@ def test_work_that_takes_longer_than_told_says_so(monkeypatch):
     """Once, beyond one and a half times and half a second more; with what it takes in all by the share that is done."""
     now = SimpleNamespace(seconds=10.0)
     monkeypatch.setattr(time, "process_time", lambda: now.seconds)
-    watch = Watch(None, progress=False)
-    watch.announce("plan", 2.0)
+    clock = Watch(None, progress=False)
+    clock.announce("plan", 2.0)
     now.seconds += 3.4
-    watch.tell(0.5)  # nothing
+    clock.tell(0.5)  # nothing
     now.seconds += 0.2
     with pytest.warns(
         ss.BudgetWarning, match=r"the 2 s of the processor that were estimated: 3\.6 s so far, about 12 s"
     ):
-        watch.tell(0.3)
+        clock.tell(0.3)
     now.seconds += 100.0
-    watch.tell(0.4)  # once
+    clock.tell(0.4)  # once
 
 
 def test_short_calls_take_one_thread(monkeypatch):

@@ -21,7 +21,7 @@ from ..coupled import MOST_LEVELS, LevelSampler
 from .answer import Alternative, Answer
 from .choice import EVEN_LEVELS, Plan
 from .draw_store import InFolder, Nowhere, StoredPilot, StoredPlan
-from .estimators import NOTHING, Drawn, Estimator
+from .estimators import AT_ONCE, ENOUGH, NOTHING, Drawn, Estimator
 from .mlmc import Estimate
 from .multilevel_answer import Multilevel
 from .pilot import Pilot
@@ -30,6 +30,8 @@ from .tails import Doubt
 from .tally import Tally
 from .tolerance import BIAS_SHARE, NORMAL, half_width_when_stopped, quantile
 from .unseen import widened
+from .variants import USUAL
+from .watch import told
 
 FIRST = 2**46  #: path that answers begin at; of multilevel, index within a level
 FIRST_OF_LEVEL = 2**40
@@ -39,8 +41,6 @@ _LEAST = 256  #: paths of a new level
 _SILENT = 0.2  #: noise over bias, below which an interval is a bound: 1.96 biases are then five of its errors and more
 _FEWER = 2  #: halvings of the points that are planned, which work begins with, to double them where that is too few
 _LOWEST = 8  #: log2 of the points that are not halved: a call takes as long as these
-_AT_ONCE = 4096  #: units that are begun with at most
-_ENOUGH = 1.2  #: times the units that the pilot's variance asks for, so that few answers take more of them
 _TOP_UP = 3  #: units of a level that are added at least, as each look at the variance may end too early
 _SPARE = 1.02  #: units beyond those that the variance asks for, so that a second round is seldom needed
 
@@ -118,7 +118,8 @@ class Execution:
                 tails.look(drawn.units, self.plan.scheme, self.plan.steps)
                 if drawn.units.n >= planned:
                     wanted = max(least, self._units_for(drawn.units))
-                self.watch.tell(drawn.units.n / wanted)
+                share = drawn.units.n / wanted
+                self.watch.tell(_share_of_points(share) if self._is_doubled(estimator, drawn, wanted) else share)
         except BaseException as stop:
             carry(stop, lambda: self._answer(drawn) if drawn.units.n > 1 else None)
             raise
@@ -148,7 +149,8 @@ class Execution:
                     drawn[i] += part
                 else:
                     break
-                self.watch.tell(_units_of(drawn) / (_units_of(drawn) + 1))
+                noise = sum(map(_noise, drawn))
+                self.watch.tell(_share_of_points(1 - max(self._excess(drawn), 0.0) / noise) if noise > 0 else 1.0)
         except BaseException as stop:
             carry(stop, lambda: self._of_even_levels(drawn) if all(x.units.n > 1 for x in drawn) else None)
             raise
@@ -198,7 +200,7 @@ class Execution:
         if self.plan.method == Quasi.name:
             return 0
         error = self.tolerance.error(self.pilot.looked_at.units.mean)
-        return min(_AT_ONCE, math.ceil(_ENOUGH * self.plan.variance / max((1 - BIAS_SHARE) * error**2, 1e-300)))
+        return min(AT_ONCE, math.ceil(ENOUGH * self.plan.variance / max((1 - BIAS_SHARE) * error**2, 1e-300)))
 
     def _units_for(self, units: Tally) -> int:
         """Units whose noise has its share of the error, by their variance so far."""
@@ -289,7 +291,7 @@ class Execution:
 
     def _why(self) -> str:
         plan = self.plan
-        reckoned = f"estimated at {plan.seconds:.2g} s"
+        reckoned = told(plan.seconds)
         if not self.others:
             return f"{plan.method}: {reckoned}, nothing else to compare"
         other = self.others[0]
@@ -303,6 +305,11 @@ class Execution:
 def _more(missing: float) -> int:
     """Units of a level that are added at a time: those that are missing, a few at least."""
     return max(_TOP_UP, math.ceil(_SPARE * min(missing, Quasi.least_units)))
+
+
+def _share_of_points(share: float) -> float:
+    """Of the points that are wanted, where this is the share of what their variance is wanted to be in what it is."""
+    return min(1.0, share) ** (1 / USUAL)
 
 
 def _with_twice_the_points(estimator: Quasi, drawn: Drawn) -> Drawn:

@@ -131,8 +131,8 @@ def plain(trial: Trial, error: float) -> Plan | None:
     level = longest(trial.bias, error)
     if level is None:
         return None
-    units = max(2.0, trial.variance / ((1 - BIAS_SHARE) * error**2)) if trial.variance > 0 else 2.0
-    unit = trial.seconds(level)
+    least = Plain.least_units if trial.variance > 0 else 2
+    units, unit = max(float(least), trial.variance / _allowed(error)), trial.seconds(level)
     return Plan(Plain.name, trial, level, units * unit, variance=trial.variance, parts=[(units, unit)])
 
 
@@ -142,8 +142,9 @@ def extrapolated(trial: Trial, error: float) -> Plan | None:
     if level is None or trial.variance <= 0:
         return None
     spread = (math.sqrt(trial.variance) + math.sqrt(trial.spread(level)) / (2**trial.order - 1)) ** 2
-    units, unit = spread / _allowed(error), trial.seconds(level) + trial.seconds(level - 1)
-    plan = Plan(Extrapolated.name, trial, level, units * unit, variance=trial.variance, parts=[(units, unit)])
+    units = max(float(Extrapolated.least_units), spread / _allowed(error))
+    unit = trial.seconds(level) + trial.seconds(level - 1)
+    plan = Plan(Extrapolated.name, trial, level, units * unit, variance=spread, parts=[(units, unit)])
     plan.options = {"order": trial.order}
     return plan
 

@@ -13,6 +13,9 @@ from ..coupled import values_of
 from .problem import Problem
 from .tally import Tally
 
+AT_ONCE = 4096  #: units that are begun with at most
+ENOUGH = 1.2  #: times the units that the pilot's variance asks for, so that few answers take more of them
+
 
 @dataclass(frozen=True)
 class Drawn:

@@ -18,7 +18,7 @@ from .estimators import Antithetic, Plain
 from .longest_step import fewest_steps
 from .problem import Problem
 from .quasi import Quasi
-from .rehearsal import slower
+from .rehearsal import rehearse
 from .tolerance import SEEN, Tolerance, may_be_zero
 from .trial import LEVELS, UNSTABLE, Trial
 from .unseen import look
@@ -162,8 +162,7 @@ class Pilot:
             best = plans[0]
             if best.is_rehearsed or best.seconds < _AT_ONCE or self.watch.over or not self.problem.model.nnoise:
                 break
-            best.seconds *= slower(best, self.problem)
-            best.is_rehearsed = True
+            rehearse(best, self.problem)
             plans = sorted(plans, key=lambda plan: plan.seconds)
         return plans
 

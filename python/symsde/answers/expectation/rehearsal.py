@@ -10,8 +10,10 @@ from collections.abc import Callable, Iterator
 from typing import TYPE_CHECKING
 
 from ..coupled import LevelSampler
+from .estimators import AT_ONCE, ENOUGH, NOTHING, Drawn, Estimator
 from .problem import Problem
 from .quasi import Quasi
+from .variants import UNITS
 
 if TYPE_CHECKING:
     from .choice import Plan
@@ -22,11 +24,12 @@ _SHARE = 0.04  #: of the work
 _LEAST = 6  #: log2 of the units, or points of one
 
 
-def slower(plan: Plan, problem: Problem) -> float:
-    """Seconds of the work, by some of it, over what the pilot reckons."""
-    seconds = sum(_of_levels(plan, problem) if plan.method == "multilevel" else _of_units(plan, problem))
+def rehearse(plan: Plan, problem: Problem) -> None:
+    """Let the plan know the seconds of the work by some of it, and the variance of its units, too."""
     told = sum(units * unit for units, unit in plan.parts)
-    return seconds / told if told > 0 else 1.0
+    seconds = sum(_of_levels(plan, problem) if plan.method == "multilevel" else _of_units(plan, problem))
+    plan.seconds *= seconds / told if told > 0 else 1.0
+    plan.is_rehearsed = True
 
 
 def _of_levels(plan: Plan, problem: Problem) -> Iterator[float]:
@@ -45,7 +48,26 @@ def _of_units(plan: Plan, problem: Problem) -> Iterator[float]:
         if isinstance(estimator, Quasi):
             yield units * _seconds(lambda count, quasi=estimator: _of_points(quasi, count), 1 << estimator.log2_points)
         else:
-            yield _seconds(lambda count, plain=estimator: plain.draw(count).seconds, units, estimator.part)
+            yield _of_draws(plan, estimator, units)
+
+
+def _of_draws(plan: Plan, estimator: Estimator, units: float) -> float:
+    """Of so many units as the pilot reckons, and of more or fewer as the variance of those that are drawn here tells.
+
+    The cheapest of several plans is more often than not one whose variance the pilot, by few units, took too small.
+    """
+    drawn: list[Drawn] = []
+
+    def draw(count: int) -> float:
+        drawn.append(estimator.draw(count))
+        return drawn[-1].seconds
+
+    call, unit = _times(draw, units, estimator.part)
+    seen, known = sum(drawn, NOTHING).units, plan.variance
+    if known > 0 and not seen.few:
+        plan.variance = (UNITS * known + seen.n * seen.variance) / (UNITS + seen.n)
+        units *= plan.variance / known
+    return _whole(call, unit, max(units, min(ENOUGH * units, AT_ONCE)), estimator.part)
 
 
 def _of_points(estimator: Quasi, count: int) -> float:
@@ -54,8 +76,17 @@ def _of_points(estimator: Quasi, count: int) -> float:
 
 
 def _seconds(draw: Callable[[int], float], units: float, part: float = math.inf) -> float:
-    """Of so many units, by two draws of a few, in calls for a part each: what a unit takes, and what a call does."""
+    """Of so many units."""
+    return _whole(*_times(draw, units, part), units, part)
+
+
+def _times(draw: Callable[[int], float], units: float, part: float) -> tuple[float, float]:
+    """Seconds of a call for a part, and of a unit, by two draws of a few of these."""
     most = 1 << max(_LEAST, math.ceil(math.log2(max(min(_SHARE * units, part), 1))))
     few, many = draw(most >> 2), draw(most)
     unit = min(max(many - few, 0.0) / (most - (most >> 2)), many / most)
-    return math.ceil(units / part if part < math.inf else 1) * (many - unit * most) + units * unit
+    return many - unit * most, unit
+
+
+def _whole(call: float, unit: float, units: float, part: float) -> float:
+    return math.ceil(units / part if part < math.inf else 1) * call + units * unit

@@ -18,6 +18,13 @@ log = logging.getLogger("symsde")
 
 _TICKS = 1000  #: of the whole, told to a progress function
 _LONGER, _MOMENT = 1.5, 0.5  #: times the seconds that were told, and seconds beside them, that nobody is warned of
+_UNTOLD = 0.1  #: seconds below which no number is told: calls that no pilot made take as long
+_KNOWN = 0.1  #: share of the work, from which on its seconds tell those of the whole
+
+
+def told(seconds: float) -> str:
+    """Estimated seconds, as people read them."""
+    return f"estimated at {seconds:.2g} s" if seconds >= _UNTOLD else f"estimated under {_UNTOLD:g} s"
 
 
 class Watch:
@@ -31,7 +38,8 @@ class Watch:
             raise InvalidArgumentError(f"max_time = {self.max_time:g} is not allowed: give seconds above 0")
         self._begin, self._begin_of_work = time.monotonic(), time.process_time()
         self._stopped = self._ended = False
-        self._reckoned, self._announced = math.inf, 0.0
+        self._reckoned = self._last_told = math.inf
+        self._announced = 0.0
 
     @property
     def elapsed(self) -> float:
@@ -69,13 +77,22 @@ class Watch:
     def announce(self, plan: str, seconds: float) -> None:
         """What is to be done now, and the seconds of the processor that it is reckoned to take."""
         self._reckoned, self._announced = seconds, self.seconds
-        log.info("%s", plan)
-        if self._bar is not None and not log.isEnabledFor(logging.INFO):
-            say(f"symsde: {plan}\n")
+        self._last_told = max(seconds, _UNTOLD)
+        self._say(plan)
 
-    def _warn_of_more(self, share: float) -> None:
+    def _say(self, sentence: str) -> None:
+        log.info("%s", sentence)
+        if self._bar is not None and not log.isEnabledFor(logging.INFO):
+            say(f"symsde: {sentence}\n")
+
+    def _tell_anew(self, spent: float, share: float) -> None:
+        """The seconds of a plan that has grown: by levels, points or units that its pilot did not see the need of."""
+        if share >= _KNOWN and spent > _LONGER * self._last_told * share:
+            self._last_told = spent / share
+            self._say(f"the plan has grown: {told(self._last_told)} in all")
+
+    def _warn_of_more(self, spent: float, share: float) -> None:
         """Once, where the work takes much longer than was told."""
-        spent = self.seconds - self._announced
         if self._reckoned > 0 and spent > _LONGER * self._reckoned + _MOMENT:
             checks.warn(
                 f"the work takes longer than the {self._reckoned:.3g} s of the processor that were estimated: "
@@ -86,7 +103,9 @@ class Watch:
 
     def tell(self, share: float) -> None:
         """This share of the work is done."""
-        self._warn_of_more(share)
+        spent = self.seconds - self._announced
+        self._tell_anew(spent, share)
+        self._warn_of_more(spent, share)
         if self._tell:
             self._stopped |= bool(self._tell(round(_TICKS * min(1.0, share)), _TICKS))
 
