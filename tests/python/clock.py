@@ -30,9 +30,10 @@ class WorkClock:
     then ten nanoseconds for each degree of freedom of an evaluation, a solve or a draw, and one for a step."""
 
     def __init__(self, monkeypatch):
-        """From now on, instead of the processor's."""
+        """From now on, instead of the processor's and of the clock: nobody else is at work."""
         self.now = 0.0
-        monkeypatch.setattr(time, "process_time", lambda: self.now)
+        for name in ("process_time", "monotonic"):
+            monkeypatch.setattr(time, name, lambda: self.now)
         for kind in (Run, Moments):
             monkeypatch.setattr(kind, "fill", self._counting(kind.fill))
 

@@ -314,7 +314,8 @@ def test_schemes_with_areas_are_taken_when_asked_for():
         ss.expect(model, "q", **place, abs=2e-2)
 
 
-def test_budget_gives_a_warning_and_the_best_interval_so_far():
+def test_budget_gives_a_warning_and_the_best_interval_so_far(monkeypatch):
+    WorkClock(monkeypatch)
     with pytest.warns(ss.BudgetWarning, match="max_time"):
         answer = ss.expect(ss.models.synchrotron(), "q", **PLACE, abs=1e-8, max_time=1.0)
     assert not answer.reached and any("max_time" in note for note in answer.notes)

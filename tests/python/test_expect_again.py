@@ -8,6 +8,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 import symsde as ss
+from clock import WorkClock
 from symsde.answers.coupled import LevelSampler
 from symsde.answers.expectation import choice, variants
 from symsde.answers.expectation.candidates import suitable
@@ -167,9 +168,10 @@ def test_what_packages_take_to_load_is_in_the_price(pilot, monkeypatch):
 
 
 @pytest.mark.parametrize(("abs", "bound"), [(5e-4, True), (2.0, False)])
-def test_an_interval_without_noise_says_that_it_is_a_bound(abs, bound):
+def test_an_interval_without_noise_says_that_it_is_a_bound(monkeypatch, abs, bound):
     """E p^2 = sin^2 + its variance, of oscillators with additive noise: the control variate leaves the bias alone,
     single paths do not. The mean is in the bound for every seed."""
+    WorkClock(monkeypatch)  # schemes are chosen by seconds
     model, exact = ss.models.additive_oscillator(sigma=0.5, gamma=1.0), 1.93492134
     for seed in range(3):
         method = "control variate" if bound else "plain"

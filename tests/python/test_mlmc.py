@@ -7,7 +7,7 @@ import time
 import numpy as np
 import pytest
 import symsde as ss
-from clock import Clock
+from clock import Clock, WorkClock
 from symsde.answers.coupled import LevelSampler
 from symsde.answers.expectation import bias
 from symsde.answers.expectation.rates import fall
@@ -239,7 +239,8 @@ def test_a_function_that_jumps_is_not_trusted_with_few_paths():
     assert draw.error_by(1.0) == pytest.approx(1 / 200)  # of an event that these paths did not show
 
 
-def test_time_that_is_over_gives_the_interval_so_far():
+def test_time_that_is_over_gives_the_interval_so_far(monkeypatch):
+    WorkClock(monkeypatch)
     found = ss.mlmc(ss.models.synchrotron(), "q**2", **PLACE, horizon=2.0, abs=1e-7, max_time=0.3)
     assert not found.reached and "max_time" in found.notes[-1]
     assert found.interval[0] < found.value < found.interval[1] and found.half_width > 1e-7
@@ -354,7 +355,8 @@ def test_what_happens_seldom_is_not_taken_for_impossible(method):
     assert held >= 6  # fewer with 6e-3 at 95 %
 
 
-def test_who_stopped_is_told():
+def test_who_stopped_is_told(monkeypatch):
+    WorkClock(monkeypatch)
     for stop in ({"progress": lambda done, total: True}, {"max_time": 0.05}):
         found = ss.mlmc(ss.models.synchrotron(), **SYNCHROTRON, abs=1e-6, **stop)
         wanted = "the progress function asked to stop" if "progress" in stop else "max_time = 0.05 s was over"
