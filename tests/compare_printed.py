@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""One example in several languages prints the same number: that at the beginning of the line that holds the words.
+"""One example in several languages prints the same number: the first of the line that holds the words.
 
 compare_printed.py ROOT WORDS PROGRAM...
 
@@ -8,6 +8,7 @@ c++, or $CXX, with the library of SYMSDE_LIBRARY.
 """
 
 import os
+import re
 import subprocess
 import sys
 import tempfile
@@ -15,13 +16,13 @@ from pathlib import Path
 
 
 def printed(command: list[str], words: str) -> str | None:
-    """The first word of that line; None where the program is skipped. It must end well."""
+    """The first number of that line; None where the program is skipped. It must end well."""
     done = subprocess.run(command, check=False, capture_output=True, text=True)
     if done.returncode == 77:
         return None
     if done.returncode:
         sys.exit(f"{command} ended with {done.returncode}: {done.stdout}{done.stderr}")
-    return next(line.split()[0] for line in done.stdout.splitlines() if words in line)
+    return next(re.search(r"-?\d+\.\d+", line)[0] for line in done.stdout.splitlines() if words in line)
 
 
 def main() -> int:

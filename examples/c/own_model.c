@@ -95,7 +95,7 @@ int main(void) {
    symsde_report report;
    symsde_report_init(&report);
    check(symsde_compute_moments(model, scheme, &options, &input, &moments, &report, &error), &error);
-   printf("%.6f +- %.6f: E q at t = %.1f\n", mean[1][0], se_mean[1][0], t[1]);
+   printf("E q = %.6f +- %.6f at t = %.1f\n", mean[1][0], se_mean[1][0], t[1]);
    printf("stepper: %s; left out: %s\n", report.stepper, report.left_out);
 
    symsde_model_delete(&model);

@@ -52,7 +52,7 @@ int main() {
       const symsde::scheme scheme("midpoint");
       const double q0[] = {1.0}, p0[] = {0.0}; // one state for all paths
       const auto found = symsde::compute_moments(model, scheme, chosen, {q0, p0});
-      std::printf("%.6f +- %.6f: E q at t = %.1f\n", found.mean(1)[0], found.se_mean(1)[0], found.t[1]);
+      std::printf("E q = %.6f +- %.6f at t = %.1f\n", found.mean(1)[0], found.se_mean(1)[0], found.t[1]);
       std::printf("stepper: %s; left out: %s\n", found.report.stepper, found.report.left_out);
       return found.status() == SYMSDE_OK && std::isfinite(found.mean(1)[0]) ? 0 : 1;
    } catch (const symsde::error &refused) {

@@ -14,9 +14,10 @@ common = {"q0": 1.0, "p0": 0.0, "step": 0.02, "steps": 500, "save_every": 50, "s
 
 mean = ss.moments(model, paths=10_000, **common)
 exact = math.exp(-0.045 * mean.t[-1]) * math.cos(mean.t[-1])
-print(f"E q = {mean.mean_q[-1, 0]:.8f} +- {mean.se_mean_q[-1, 0]:.8f} at t = {mean.t[-1]:.1f}, exact {exact:.8f}")
+found, error = mean.mean_q[-1, 0], mean.se_mean_q[-1, 0]
+print(f"E q = {found:.8f} +- {error:.8f} at t = {mean.t[-1]:.1f}, exact {exact:.8f}")
 
-run = ss.simulate(model, paths=100, **common)  # save the first 100 of these paths: run.q is (time, dof, path)
+run = ss.simulate(model, paths=100, **common)  # the first 100 of these paths: run.q[time, dof, path]
 kept = abs(run.q**2 + run.p**2 - 1).max()
 print(f"path 0 ends at q = {run.q[-1, 0, 0]:.8f}, p = {run.p[-1, 0, 0]:.8f}")
 print("p^2 + q^2 is kept to 1e-12 on every path" if kept < 1e-12 else "p^2 + q^2 has moved")

@@ -77,7 +77,7 @@ program own_model
       error stop 1
    end if
    last = size(averages%t)
-   print '(f9.6, a, f8.6, a, f4.1)', averages%mean(1, last), ' +- ', averages%se_mean(1, last), ': E q at t = ', &
-      averages%t(last)
+   print '(a, f9.6, a, f8.6, a, f4.1)', 'E q = ', averages%mean(1, last), ' +- ', averages%se_mean(1, last), &
+      ' at t = ', averages%t(last)
    print '(4a)', 'stepper: ', averages%report%stepper, '; left out: ', averages%report%left_out
 end program own_model

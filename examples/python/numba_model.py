@@ -62,7 +62,7 @@ for model in (compiled, plain):
     found = ss.moments(model, **scene)
     seconds = process_time() - begin
     means[model.name] = found.mean_q[-1, 0]
-    print(f"{found.mean_q[-1, 0]:.6f} +- {found.se_mean_q[-1, 0]:.6f}: E q, {model.name}, {seconds:.2f} s")
+    print(f"E q = {found.mean_q[-1, 0]:.6f} +- {found.se_mean_q[-1, 0]:.6f} at t = 10.0: {model.name}, {seconds:.2f} s")
 assert abs(means["compiled"] - means["plain"]) < 1e-9
 
 # A function with another signature is refused. It would compute nonsense or end the process.

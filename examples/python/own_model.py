@@ -51,7 +51,7 @@ print(f"q of path 0 at t = {run.t[-1]:.1f}: {run.q[-1, 0, 0]:.4f}")
 
 # Average 20 000 paths: no path is stored.
 mom = ss.moments(model, q0=1.0, p0=0.0, step=0.05, steps=200, paths=20_000, seed=3, save_every=20)
-print(f"{mom.mean_q[-1, 0]:.6f} +- {mom.se_mean_q[-1, 0]:.6f}: E q at t = {mom.t[-1]:.1f}")
+print(f"E q = {mom.mean_q[-1, 0]:.6f} +- {mom.se_mean_q[-1, 0]:.6f} at t = {mom.t[-1]:.1f}")
 print(f"E H at t = {mom.t[-1]:.1f}: {mom.mean_energy[-1]:.4f} +- {mom.se_mean_energy[-1]:.4f}")
 
 # The scheme is symplectic for every sample of the noise: the tangent map of one step shows it.
