@@ -28,7 +28,7 @@ def describe(setting: Setting) -> dict:
     return {
         "cpu": f"{cpu[1] if cpu else platform.processor()}, {os.cpu_count()} cores, {level}",
         "compiler": version,
-        "flags": flags_of(setting.build),
+        "flags": f"`{flags_of(setting.build)}`",
         "date": datetime.date.today().isoformat(),
         "load": f"{os.getloadavg()[0]:.2f} when it began",
     }

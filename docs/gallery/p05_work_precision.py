@@ -17,7 +17,8 @@ study = ss.work_precision(
 )
 for scheme in schemes:
     rows = [row for row in study.rows if row["scheme"] == scheme]
-    plt.loglog([1e6 * r["seconds"] for r in rows], [r["err_strong"] for r in rows], label=scheme, **of_scheme(scheme))
+    times, errors = [1e6 * row["seconds"] for row in rows], [row["err_strong"] for row in rows]
+    plt.loglog(times, errors, label=scheme, **of_scheme(scheme))
 plt.xlabel("microseconds a path")
 plt.ylabel("root mean square error")
 plt.legend()
