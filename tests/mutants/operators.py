@@ -16,7 +16,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import NamedTuple
 
-HOMES = {"src": "*.f90", "python/symsde": "*.py"}
+HOMES = {"src": ("*.f90", "*.inc"), "python/symsde": ("*.py",)}
 COMPARED = {"<": "<=", "<=": "<", ">": ">=", ">=": ">", "==": "/=", "/=": "=="}
 STATE = re.compile(r"(d|h|u|v|f|g|x|y)?(q|p|qq|pp)(s|n|0|_low|_end|_old|_new)?")
 
@@ -33,7 +33,7 @@ class Change(NamedTuple):
 
 def draw(root: Path, seed: int, only: str = "") -> Iterator[tuple[str, str, str, int]]:
     """File, its line as it is and with a fault, the line's number; every line that rules know once, in random order."""
-    files = sorted(path for home, names in HOMES.items() for path in (root / home).rglob(names))
+    files = sorted(path for home, names in HOMES.items() for name in names for path in (root / home).rglob(name))
     chosen = random.Random(seed)
     places = []
     for path in files:

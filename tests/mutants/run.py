@@ -6,9 +6,10 @@ run.py BUILD --random N --seed S [--short T] [--only WORD] [--part K/N] [--jobs 
 
 A fault (mutant) is an entry of tests/mutants/*.toml: file, old text, new text, and the test that should catch it; or it
 is made by a rule (operators.py) in a line picked by the seed: the same seed makes the same faults of the same tree.
-The mutated file alone is compiled, with the command of the build; linked with the build's other objects it makes a
-library of its own, which the test programs are given in place of theirs. Faults of the Python package, or of
-headers, are planted in a copy of them. Neither the tree nor the build is touched.
+The mutated file alone is compiled, with the command of the build, or what includes it where it is a body (.inc);
+linked with the build's other objects it makes a library of its own, which the test programs are given in place of
+theirs. Faults of the Python package, or of headers, are planted in a copy of them. Neither the tree nor the build is
+touched.
 
     --check       only look whether every entry still fits the sources
     --sample      the entries with sample = true
@@ -208,32 +209,37 @@ class Build:
         return sorted(fit, key=distance)
 
     def make_library(self, mutant: Mutant, text: str, scratch: Path) -> Path:
-        """A library with this text for the file."""
-        target = f"src/CMakeFiles/symsde.dir/{mutant.file.removeprefix('src/')}.o"
-        source, made = scratch / Path(mutant.file).name, scratch / "mutant.o"
-        words = shlex.split(self.commands[target])
-        modules = next((word[2:] for word in words if word.startswith("-J")), "")
-        words = [f"-J{scratch}" if word.startswith("-J") else word for word in words if word != "-fpreprocessed"]
-        words[words.index("-c") + 1] = str(source)
-        words[words.index("-o") + 1] = str(made)
-        words += [f"-I{modules}", "-cpp"] if modules else []
-        if mutant.line:
-            words += ["-Wconversion", "-Werror"]  # no index times 1.01
-            source.write_text((ROOT / mutant.file).read_text())
+        """A library with this text for the file; of a body (.inc), all that include it are compiled."""
+        changed, replaced, same = ROOT / mutant.file, {}, True
+        for source in included_by(changed) if changed.suffix == ".inc" else [changed]:
+            target = f"src/CMakeFiles/symsde.dir/{source.relative_to(ROOT / 'src')}.o"
+            made = scratch / f"{source.stem}.o"
+            words = shlex.split(self.commands[target])
+            modules = next((word[2:] for word in words if word.startswith("-J")), "")
+            words = [f"-J{scratch}" if word.startswith("-J") else word for word in words if word != "-fpreprocessed"]
+            words[words.index("-c") + 1] = str(scratch / source.name)  # beside it the body is looked for first
+            words[words.index("-o") + 1] = str(made)
+            words += [f"-I{modules}", "-cpp"] if modules else []
+            for one in {source, changed}:
+                (scratch / one.name).write_text(one.read_text())
+            if mutant.line:
+                words += ["-Wconversion", "-Werror"]  # no index times 1.01
+                self.build(mutant, words)
+                sound = made.read_bytes()
+            (scratch / changed.name).write_text(text)
             self.build(mutant, words)
-            sound = made.read_bytes()
-        source.write_text(text)
-        self.build(mutant, words)
-        if mutant.line and made.read_bytes() == sound:
+            same = same and mutant.line > 0 and made.read_bytes() == sound
+            replaced[target] = str(made)
+            for module in scratch.glob("*.mod"):
+                if interface_of(module) != interface_of(self.folder / modules / module.name):
+                    raise MisfitError(
+                        f"{mutant.label}\n   changes what its module offers: choose one inside of a procedure"
+                    )
+        if same:
             raise MisfitError(f"{mutant.label}\n   changes no instruction")
-        for module in scratch.glob("*.mod"):
-            if interface_of(module) != interface_of(self.folder / modules / module.name):
-                raise MisfitError(
-                    f"{mutant.label}\n   changes what its module offers: choose one inside of a procedure"
-                )
         library = scratch / "libsymsde.so"
         words = [word for word in shlex.split(self.commands[self.library]) if word not in {":", "&&"}]
-        words = [str(made) if word == target else word for word in words]
+        words = [replaced.get(word, word) for word in words]
         words[words.index("-o") + 1] = str(library)
         self.build(mutant, words)
         return library
@@ -267,6 +273,11 @@ def read_test(entry: dict) -> Test:
     properties = properties_of(entry)
     environment = dict(item.split("=", 1) for item in properties.get("ENVIRONMENT", []))
     return Test(entry["command"], environment, properties.get("WORKING_DIRECTORY", "."))
+
+
+def included_by(body: Path) -> list[Path]:
+    """Who includes a body: they stand in its folder."""
+    return [one for one in sorted(body.parent.glob("*.f90")) if f"   include '{body.name}'\n" in one.read_text()]
 
 
 def interface_of(module: Path) -> bytes:
