@@ -62,6 +62,7 @@ def test_long_paths_go_on_from_their_checkpoints(steps, every, compensated, monk
     for name in names:
         np.testing.assert_array_equal(found.arrays[name], getattr(known, name), err_msg=name)
     assert found.facts["failed"] == 1
+    assert found.facts["counters"]["path_steps"] == known.report.counters["path_steps"]
 
 
 def test_shares_are_all_pieces_once():

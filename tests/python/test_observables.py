@@ -257,6 +257,8 @@ def test_what_is_no_number_is_said():
     assert "late is not a finite number for some paths at 1 of 3 saved times, first at t = 0.2" in told[1]
     assert np.isnan(found.mean["log"]).all() and np.isfinite(found.mean["fine"]).all()
     np.testing.assert_array_equal(found.observed["hist"].not_a_number, 1)
+    with pytest.warns(ss.NotANumberWarning, match="log is not .* at 3 of 3 saved times"):  # of the only path, too
+        ss.moments(pendulum, observables={"log": "log(q1)"}, **{**run, "q0": -1.0, "paths": 1})
     with pytest.warns(ss.NotANumberWarning, match="log|late"):
         far = ss.moments(pendulum, observables=wanted, observers={"far": watched["far"]}, **run).observed["far"]
     assert np.isnan(far.mean_highest).all() and np.isnan(far.mean_lowest).all()

@@ -4,6 +4,7 @@
 import gc
 import threading
 import time
+import warnings
 
 import numpy as np
 import pytest
@@ -88,13 +89,14 @@ def test_the_state_is_the_hosts_between_steps(model):
     assert np.array_equal(kept, values)
 
 
-def test_reset_begins_anew(model):
+@pytest.mark.parametrize("seed", [2, 3, 8, 2**64 - 1])  # below the one before, the same, above it, negative as signed
+def test_reset_begins_anew(model, seed):
     """At the state that was given, or at another one, with other paths, seed and step."""
     run = ss.prepare(model, paths=4, **WHERE)
     first = run.run(6)
     run.reset()
     assert np.array_equal(run.run(6).q, first.q)
-    other = {"seed": 8, "first_path": 256, "first_step": 11}
+    other = {"seed": seed, "first_path": 256, "first_step": 11}
     run.reset(0.5, [[0.1, 0.2, 0.3, 0.4]], **other)
     found = run.run(6)
     wanted = ss.simulate(model, q0=0.5, p0=[[0.1, 0.2, 0.3, 0.4]], step=0.02, steps=6, paths=4, **other)
@@ -110,10 +112,12 @@ def test_failed_paths_rest_until_reset():
     run = ss.prepare(model, "stormer_verlet", q0=q0, p0=0.0, step=0.1, paths=3)
     with pytest.warns(ss.PathsFailedWarning, match="1 of 3 paths failed"):
         run.step()
-    run.step()  # said once
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")  # said once
+        run.step()
+        saved = run.run(2)
     assert run.status.tolist() == [0, 3, 0] and run.failed_step.tolist() == [-1, 0, -1]
     assert run.report.failed == 1 and np.array_equal(run.q[:, 1], q0[:, 1])
-    saved = run.run(2)
     assert np.isnan(saved.q[:, :, 1]).all() and np.isfinite(saved.q[:, :, [0, 2]]).all()
     alone = ss.simulate(model, scheme="stormer_verlet", q0=0.1, p0=0.0, step=0.1, steps=4)
     assert np.array_equal(run.q[:, 0], alone.q[-1, :, 0])
