@@ -99,3 +99,15 @@ def test_increments_that_are_given_to_all_may_share_their_bridge():
     dw = np.array([[0.6], [-0.1], [0.1], [-0.2]])  # to 1.2, 1.0, 1.2, 0.8
     apart, together = (passage(brownian(), paths=500, increments=dw, **common) for common in ({}, {"common_noise": 1}))
     assert 0 < apart.n < 500 and together.n in (0, 500)
+
+
+@pytest.mark.parametrize("paths", [1, 3, 300])
+@pytest.mark.parametrize("side", [-1, 1])
+@pytest.mark.parametrize("of", ["q_1", "p_1", "sum"])
+def test_an_end_is_outside(of, side, paths):
+    """A value of 0, 1/2, 1 .. leaves (-1, 1) at the second step, to the side where it is exactly."""
+    model = ss.Model(ndof=1, nnoise=0, gradient=lambda t, w, q, p: (-w[0] + 0 * q, w[0] + 0 * p), separable=True)
+    shown = {"observables": {"sum": lambda q, p: (q + p)[0] / 2}, "observers": {"out": observe.Passage(of, -1, 1)}}
+    run = {"q0": 0.0, "p0": 0.0, "step": side / 2, "steps": 4, "paths": paths, "scheme": "symplectic_euler"}
+    found = ss.moments(model, **shown, **run).observed["out"]
+    assert found.step.tolist() == [2] * paths and found.count[:, int(side > 0)].tolist() == [0, 0, paths, 0, 0]
