@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Multilevel Monte Carlo: levels share their Brownian path, telescope, and end in an interval that holds."""
 
+import itertools
 import math
 import time
 
@@ -9,7 +10,8 @@ import pytest
 import symsde as ss
 from clock import Clock, WorkClock
 from symsde.answers.coupled import LevelSampler
-from symsde.answers.expectation import bias
+from symsde.answers.expectation import bias, mlmc
+from symsde.answers.expectation.multilevel_answer import Level
 from symsde.answers.expectation.rates import fall
 from symsde.answers.expectation.tally import Tally
 
@@ -209,9 +211,22 @@ def test_report_tells_rates_and_levels(monkeypatch):
     assert 1.6 < found.beta.value < 2.5
     assert all(x.consistency < 1.5 for x in found.levels) and not found.notes
     assert "alpha" in str(found) and "consistent" in str(found)
+    for before, x in itertools.pairwise(found.levels):  # variances of f differ by little
+        apart = abs(before.fine_mean - (x.fine_mean - x.mean))
+        error = math.hypot(*(math.sqrt(y.fine_variance / y.paths) for y in (before, x)))
+        assert x.consistency == pytest.approx(apart / (3 * error), rel=0.5)
     costs = [x.paths * math.sqrt(x.seconds / x.paths / x.variance) for x in found.levels if x.paths > 1024]
     assert len(costs) > 2 and max(costs[:-1]) / min(costs) < 1.1  # paths in proportion to sqrt(variance / cost)
     assert costs[-1] > 0.9 * costs[0]  # the finest one is begun with as many as its bias takes
+
+
+@pytest.mark.parametrize(
+    ("kurtosis", "paths", "told"), [(100.0, 999, ""), (101.0, 10099, "10 %"), (101.0, 10100, ""), (1e4, 160000, "25 %")]
+)
+def test_heavy_tails_are_told_where_they_make_a_variance_uncertain(kurtosis, paths, told):
+    """By a tenth and more."""
+    notes = mlmc._doubts((Level(8, paths, 0.1, 0.01, 1.0, kurtosis, 0.1, 1.0, 0.0, 1.0, 0),))
+    assert [told in note for note in notes] == [True] * bool(told)
 
 
 def test_scheme_with_areas_telescopes_in_law():
