@@ -2,6 +2,7 @@
 """Models and schemes by name, their parameters, traits and certificates."""
 
 import inspect
+import itertools
 import re
 import subprocess
 import sys
@@ -33,6 +34,31 @@ def test_every_model_has_a_function_with_the_library_s_defaults():
         assert model.name == name
         assert "H = " in function.__doc__
         assert model.traits.has_value
+
+
+@pytest.mark.parametrize("name", ss.models.names())
+def test_bounds_that_models_declare_hold(name):
+    """Frequencies of H, and the norm of the Hessians of all noises together, whatever the signs of the parameters."""
+    given = {key: 3 if key == "n" else 0.8 * x + 0.1 for key, x in ss.models.parameters(name).items()}
+    signed = [key for key in given if key != "n"]
+    for signs in itertools.product((1, -1), repeat=len(signed)):
+        model = ss.models.get(name, **{**given, **{key: s * given[key] for key, s in zip(signed, signs, strict=True)}})
+        n, rng = model.ndof, np.random.default_rng(1)
+        q, p = np.concatenate([np.zeros((2, n, 1)), rng.uniform(-3, 3, (2, n, 40))], axis=2)
+        for t in np.linspace(0, 7, 9):
+            norms = []
+            for j in range(model.nnoise + 1):
+                w = np.eye(model.nnoise + 1)[j][:, np.newaxis] * np.ones(41)
+                qq, qp, pp = (np.moveaxis(x, 2, 0) for x in model.hessian(q, p, w, t))
+                whole = np.concatenate(
+                    [np.concatenate([qq, qp], axis=1), np.concatenate([qp.transpose(0, 2, 1), pp], axis=1)], axis=2
+                )
+                turned = np.concatenate([whole[:, n:], -whole[:, :n]], axis=1)
+                norms.append(np.abs(np.linalg.eigvals(turned)).max() if j == 0 else np.linalg.norm(whole, 2, (1, 2)))
+            if (most := model.traits.max_frequency) > 0:
+                assert norms[0] <= most * (1 + 1e-9), (signs, t)
+            if (most := model.traits.noise_lipschitz) > 0:
+                assert sum(norms[1:]).max() <= most * (1 + 1e-9), (signs, t)
 
 
 def test_traits_of_a_chain():
