@@ -99,6 +99,39 @@ def test_the_adjoint_goes_back(row):
     np.testing.assert_allclose(back, x, rtol=0, atol=1e-13)
 
 
+def own_noise():
+    """Coefficients and weights of the noise that have nothing to do with those of the drift."""
+    a, abar, b, bbar = 0.4 * np.random.default_rng(3).uniform(-1, 1, (4, 2, 2))
+    return ss.schemes.from_tableau(a, abar, [0.4, 0.6], allow_nonsymplectic=True, b=b, bbar=bbar, beta=[0.7, 0.3])
+
+
+PART = ("midpoint", "symplectic_euler", "lobatto3", "heun", "own")
+PARTS = axes.covering(**axes.AXES, kind=("position", "coupled"), one=PART, two=PART, three=PART)
+
+
+@pytest.mark.parametrize("row", PARTS, ids=map(axes.ident, PARTS))
+def test_a_composition_is_its_parts(row):
+    """Steps of fractions of h with these fractions of dW, one after the other; also where one of them goes back."""
+    model = axes.model_of(axes.ridges_of(row["kind"], row["ndof"], row["nnoise"], row["time"]), row["kind"])
+    parts, fractions = [own_noise() if row[x] == "own" else row[x] for x in ("one", "two", "three")], [0.7, -0.5, 0.8]
+    h, dw = 0.1 * row["sign"], axes.rows_of(0.1, 1, 1, row["nnoise"], 3)[0]
+    x = axes.start(row["ndof"], 3)
+    whole = ss.step(model, ss.schemes.composition(parts, fractions), *x, h, dw, t=0.3, correction="none")
+    t = 0.3
+    for part, share in zip(parts, fractions, strict=True):
+        x = ss.step(model, part, *x, share * h, share * dw, t=t, correction="none")
+        t += share * h
+    np.testing.assert_allclose(whole, x, rtol=0, atol=1e-13)
+
+
+@pytest.mark.parametrize("off", [1e-12, -1e-12])
+def test_fractions_of_a_composition_are_one_step(off):
+    """To rounding, which 2e-15 is."""
+    assert ss.schemes.composition(["midpoint"] * 2, [0.4, 0.6 + 2e-3 * off]).info.symplectic
+    with pytest.raises(ss.errors.InvalidArgumentError, match="sum to"):
+        ss.schemes.composition(["midpoint"] * 2, [0.4, 0.6 + off])
+
+
 SYMMETRIC = tuple(scheme for scheme in KINDS if ss.schemes.get(scheme).info.symmetric)
 TRIPS = axes.covering(**axes.AXES, scheme=SYMMETRIC, kind=range(8))
 

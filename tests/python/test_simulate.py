@@ -190,7 +190,8 @@ def test_few_paths_are_truncated_as_many(paths, how):
     assert all(cut[i::8].any() for i in range(8))
     given |= {"q0": 0.3, "p0": 0.1, "save_every": 100}
     run = ss.simulate(model, **given, **how)
-    driven = ss.simulate(model, **{**given, "truncation": None, "increments": dw, "first_step": how.get("first_step", 0)})
+    given |= {"truncation": None, "increments": dw, "first_step": how.get("first_step", 0)}
+    driven = ss.simulate(model, **given)
     np.testing.assert_array_equal([run.q, run.p], [driven.q, driven.p])
 
 
