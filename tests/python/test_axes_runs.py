@@ -78,6 +78,27 @@ def test_a_run_is_its_parts(row):
     same(prepared.run(4, save_every=every), part(whole, slice(cut, None)))
 
 
+ALONE = axes.covering(
+    name=("synchrotron", "henon_heiles", "driven_pendulum", "fpu_chain"),  # they go one by one
+    scheme=("midpoint", "stormer_verlet", "gauss2_strong32", "gauss_dkdkd"),
+    steps=range(1, 10), first_step=range(4), refine=(-1, 0, 1), compensated=(False, True), common=((), (2,)),
+    cut=(None, (1.5, 20.0)), few=(1, 3),
+)  # fmt: skip
+
+
+@pytest.mark.parametrize("row", ALONE, ids=map(axes.ident, ALONE))
+def test_few_paths_are_those_of_a_block(row):
+    """With the noise that they draw: of any number of steps, from any step on."""
+    model = ss.models.get(row["name"], **({"n": 3} if row["name"] == "fpu_chain" else {}))
+    q0, p0 = axes.start(model.ndof, 20)
+    how = {x: row[x] for x in ("scheme", "steps", "first_step", "refine", "compensated")}
+    how |= {"step": H, "t0": T0, "seed": SEED, "common_noise": row["common"], "truncation": row["cut"]}
+    whole = ss.simulate(model, q0=q0, p0=p0, paths=20, **how)
+    few = slice(5, 5 + row["few"])
+    part = ss.simulate(model, q0=q0[:, few], p0=p0[:, few], paths=row["few"], first_path=5, **how)
+    same(part, (whole.q[:, :, few], whole.p[:, :, few], whole.t, whole.path[few]))
+
+
 DRIVEN = axes.covering(**axes.AXES, refine=(0, 1, 2), paths=(1, 3, 40))
 
 
