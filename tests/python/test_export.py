@@ -12,7 +12,7 @@ from symsde.cli import command_line
 
 pytest.importorskip("sympy")
 
-from symsde.export import given
+from symsde.export import given, in_fortran
 from symsde.export.expressions import Expressions
 from symsde.model.formulas.graph import Graph
 
@@ -63,6 +63,12 @@ def numbers(folder, line, name):
     subprocess.run(line, shell=True, check=True, cwd=folder)
     done = subprocess.run([f"./{name}"], check=True, cwd=folder, capture_output=True, text=True)
     return np.array([[float(x) for x in row.split()] for row in done.stdout.splitlines()[1:]])
+
+
+@pytest.mark.parametrize("noises", [(1,), (2, 63), (1, 64), tuple(range(1, 65))])
+def test_common_noises_are_numbers_in_fortran(noises):
+    """Up to the last one that can be shared, whose bit is the sign of others' integers."""
+    assert in_fortran._option("common_noise", sum(1 << (k - 1) for k in noises)) == str(list(noises))
 
 
 CASES = [(name, language) for name in SCENES for language in ("c", "fortran")]

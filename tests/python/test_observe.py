@@ -134,6 +134,23 @@ def test_extremes(found, run):
     assert far.highest == (run.p[:, 0].max(), at[1], run.t[at[0]])
 
 
+@pytest.mark.parametrize(("low", "high"), [(0.0, 1.0), (-0.7, 0.3), (1e-3, 0.9), (-1 / 3, 1e6)])
+@pytest.mark.parametrize("bins", [1, 3, 10, 49, 1000])
+def test_an_edge_belongs_to_the_bin_that_it_begins(low, high, bins):
+    """Exactly, wherever rounding puts its quotient; the number before it belongs to the bin before."""
+    found = []
+    wanted = {"x": observe.Histogram("q_1", low, high, bins)}
+    edges = low + np.arange(bins + 1) * ((high - low) / bins)
+    edges[-1] = high
+    for q0 in (edges, np.nextafter(edges, -np.inf)):
+        start = {"q0": q0[np.newaxis], "p0": 0.0, "step": 0.1, "steps": 0, "paths": bins + 1}
+        x = ss.moments(ss.models.kubo(), observers=wanted, **start).observed["x"]
+        np.testing.assert_array_equal(x.edges, edges)
+        np.testing.assert_array_equal(x.counts[0], 1)
+        found.append((x.below[0], x.above[0]))
+    assert found == [(0, 1), (1, 0)]
+
+
 def test_equal_extremes_are_those_of_the_lowest_path_and_earliest_time():
     still = {"q0": 0.0, "p0": 0.0, "step": 0.1, "steps": 40, "paths": 600, "threads": 2, "lanes": 8}
     far = ss.moments(ss.models.kubo(), observers={"far": observe.Extremes("q_1")}, **still).observed["far"]
