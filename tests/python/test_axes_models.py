@@ -154,6 +154,30 @@ def test_newtons_matrix_of_brackets(of):
     assert report.failed == 0 and report.counters["solves"] <= SOLVES[of] * report.counters["path_steps"]
 
 
+PRODUCTS = axes.covering(scheme=("midpoint", "gauss2", "gauss3", "lobatto3", "gauss4"), sign=(1, -1), n=(50, 80))
+
+
+@pytest.mark.parametrize("row", PRODUCTS, ids=map(axes.ident, PRODUCTS))
+def test_newtons_products(row):
+    """Of all stages together, where no matrix is formed, by stiff steps: what is wrong in them costs solves alone."""
+    n = row["n"]
+    k = 300 + 200 * np.cos(np.arange(n))[:, None]
+
+    def gradient(t, w, q, p):
+        return w[0] * (k * q + 50 * q**3 + np.sin(q.mean(axis=0))) + w[1], w[0] * p
+
+    def hessian_vector(t, w, q, p, *v):
+        return w[0] * ((k + 150 * q**2) * v[0] + np.cos(q.mean(axis=0)) * v[0].mean(axis=0)), w[0] * v[1]
+
+    traits = dict.fromkeys(("separable", "additive", "position_noise", "identity_mass", "derived"), True)
+    model = ss.Model(ndof=n, nnoise=1, gradient=gradient, hessian_vector=hessian_vector, **traits)
+    q0, h = 0.5 * np.sin(np.arange(n)), row["sign"] * (0.15 if row["scheme"] in {"midpoint", "gauss2"} else 0.2)
+    run = ss.simulate(model, q0=q0, p0=0.3, step=h, steps=3, paths=2, scheme=row["scheme"], seed=1)
+    counters = run.report.counters
+    assert counters["failures"] == 0 < counters["hessian_vectors"] and counters["hessians"] == 0
+    assert 0 < counters["solves"] <= 7 * counters["path_steps"]
+
+
 @pytest.mark.parametrize("name", ["gauss2", "gauss3", "lobatto3", "stormer_verlet", "dirk:0.25"])
 def test_what_is_exact_is_so_to_rounding(name):
     """A coefficient off by 2e-12 is not rounding: not symplectic, or neither symmetric nor its own conjugate."""

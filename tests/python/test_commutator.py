@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """ss.commutator: commutative and non-commutative noises told apart, and the increments of weak schemes."""
 
+import itertools
+
 import numpy as np
 import pytest
 import symsde as ss
@@ -67,6 +69,23 @@ def test_noises_that_nearly_commute_do_not(noises, strength, hessian):
     found = ss.commutator(model_of_sum(noises, hessian, strength))
     assert not found.commutative
     assert strength / 100 < found.noise < 10 * strength  # in proportion to what spoils it
+
+
+@pytest.mark.parametrize(
+    ("noises", "one", "two"), [(m, *pair) for m in (2, 3, 5) for pair in itertools.combinations(range(1, m + 1), 2)]
+)
+def test_the_only_pair_that_does_not_commute_is_named(noises, one, two):
+    """H_one = q_1^2/2 and H_two = p_1^2/2 beside functions of q_2."""
+
+    def gradient(t, w, q, p):
+        hq, hp = w[0] * q, w[0] * p
+        hq[0] += w[one] * q[0]
+        hp[0] += w[two] * p[0]
+        hq[1] += sum(w[j] * np.cos(q[1]) for j in range(1, noises + 1) if j not in {one, two})
+        return hq, hp
+
+    found = ss.commutator(ss.Model(ndof=2, nnoise=noises, gradient=gradient, separable=True))
+    assert not found.commutative and f"the noises {one} and {two} do not commute" in found.text
 
 
 def test_a_large_linear_part_is_not_taken_for_a_bracket():
