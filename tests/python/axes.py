@@ -100,7 +100,7 @@ def rotation_of(kind, ndof):
     return (1.0,) * ndof if TRAITS[kind].get("identity_mass") else None
 
 
-def model_of(ridges, kind, *, third=True):
+def model_of(ridges, kind, *, third=True, silent=()):
     """The same for the library; without third derivatives its nested brackets are differences."""
     functions = {x: getattr(ridges, x) for x in ("value", "gradient", "hessian", "hessian_vector")}
     if third:
@@ -110,6 +110,7 @@ def model_of(ridges, kind, *, third=True):
         nnoise=ridges.nnoise,
         rotation=rotation_of(kind, ridges.ndof),
         derived=True,
+        silent=silent,
         **functions,
         **TRAITS[kind],
     )

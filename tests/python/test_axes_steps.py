@@ -82,6 +82,46 @@ def test_steps_are_those_of_the_equations(scheme, row):
     np.testing.assert_array_equal([one.q[:, :, 0], one.p[:, :, 0]], [run.q[:, :, 3], run.p[:, :, 3]])
 
 
+class Muted:
+    """Ridges whose H_k is zero for one k, or that have no such noise."""
+
+    def __init__(self, ridges, k, *, gone):
+        self.ndof, self.nnoise = ridges.ndof, ridges.nnoise - gone
+        self._ridges, self._k, self._gone = ridges, k, gone
+
+    def __getattr__(self, name):
+        """A function of t, w and what it takes else."""
+
+        def asked(t, w, *x):
+            rest = w if self._gone else np.delete(w, self._k, axis=0)
+            return getattr(self._ridges, name)(t, np.insert(rest, self._k, 0, axis=0), *x)
+
+        return asked
+
+
+QUIET = axes.covering(
+    scheme=(*BRACKETS, "symplectic_euler", "midpoint", "averaged_shift_midpoint", "verlet_kdk_strong2"),
+    kind=range(8), third=(True, False), silent=(1, 2, 3), sign=(1, -1), time=axes.AXES["time"], ndof=(1, 2, 3),
+)  # fmt: skip
+
+
+@pytest.mark.parametrize("row", QUIET, ids=map(axes.ident, QUIET))
+def test_a_silent_noise_is_as_none(row):
+    """Whatever its number among three."""
+    kind, h, silent = KINDS[row["scheme"]][row["kind"] % len(KINDS[row["scheme"]])], 0.1 * row["sign"], row["silent"]
+    ridges = axes.ridges_of(kind, row["ndof"], 3, row["time"])
+    (q0, p0), rows = axes.start(row["ndof"], PATHS), axes.rows_of(h, STEPS, ROWS, 3, PATHS)
+    found = []
+    for gone in (False, True):
+        declared = () if gone else (silent,)
+        model = axes.model_of(Muted(ridges, silent, gone=gone), kind, third=row["third"], silent=declared)
+        dw = np.delete(rows, silent - 1, axis=1) if gone else rows
+        given = {"step": h, "steps": STEPS, "t0": 0.3, "scheme": row["scheme"], "refine": 2, "increments": dw}
+        run = ss.simulate(model, q0=q0, p0=p0, paths=PATHS, **given)
+        found.append([run.q, run.p])
+    np.testing.assert_allclose(*found, rtol=0, atol=1e-13)
+
+
 REVERSED = (*ONE_SIDED, "lobatto3", "P2N2Q2Otr", "dirk:0.25", "heun")
 BACK = axes.covering(**axes.AXES, kind=("position", "separable", "coupled"), scheme=REVERSED)
 
