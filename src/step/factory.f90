@@ -27,6 +27,7 @@ module symsde_step_factory
    use symsde_step_midpoint_one_dof_single_path, only: midpoint_one_dof_single_path => midpoint_one_dof_stepper
    use symsde_step_implicit_euler_pair, only: euler_pair_stepper, euler_pair_fits
    use symsde_step_splitting_stepper, only: splitting_stepper
+   use symsde_step_splitting_stepper_single_path, only: splitting_single_path => splitting_stepper
    use symsde_step_stages_stepper, only: stages_stepper, stages_fits
    use symsde_step_stages_stepper_single_path, only: stages_single_path => stages_stepper
    use symsde_step_one_dof_stepper, only: one_dof_stepper, one_dof_fits
@@ -97,8 +98,10 @@ contains
       case (euler_maruyama); if (task%scheme%form == ito_form) call offer_explicit(task, stepper)
       case (galerkin); if (task%scheme%form == galerkin_form) allocate (galerkin_stepper :: stepper)
       case default  ! splitting
-         if (task%scheme%form == splitting_form .or. task%scheme%frame == frame_rotation) &
-            allocate (splitting_stepper :: stepper)
+         if (task%scheme%form == splitting_form .or. task%scheme%frame == frame_rotation) then
+            if (task%nlane == 1) allocate (splitting_single_path :: stepper)
+            if (task%nlane > 1) allocate (splitting_stepper :: stepper)
+         end if
       end select
    end subroutine offer
 

@@ -1,6 +1,11 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> What the kicks of a step weigh the Hamiltonians with: w_ik with b_i h in front, those of V, and D_kl of the sampled
-!> form (symsde_scheme_kicks). Lanes are the paths of a block, or steps that a path by itself has ahead.
+!> What the kicks of a step weigh the Hamiltonians with (symsde_scheme_kicks derives it): with a_k = dZ_k/h - dW_k/2 and
+!> the space-time-time area K_k,
+!>
+!>    w_i0 = b_i h,   w_ik = beta_i dW_k + gamma_i a_k + eta_i K_k,      v_0 = h,   v_k = dW_k + zeta K_k
+!>    D_kl = h [ sum_{i<j} (c_j - c_i) (w_ik w_jl + w_il w_jk)/2 - 2 kappa v_k v_l ] - J_kl      where J is sampled
+!>
+!> Lanes are the paths of a block, or the steps that a path by itself has ahead.
 !>
 !> Of a sum of two products the first is contracted: parentheses around the other say so, or a path by itself would have
 !> other bits than one of a block.
@@ -33,11 +38,8 @@ module symsde_step_splitting_coefficients
       integer, private :: nlane = 0, nnoise = 0
       real(wp), private :: h = 0                   !! that the weights of H belong to
       real(wp), private, allocatable :: a(:)       !! a_k of one noise (nlane)
-      real(wp), private, allocatable :: s(:), u(:) !! sums of H_j' and H_j'' (nlane)
    contains
       procedure :: weigh
-      procedure :: join
-      procedure :: join_alone
    end type kick_weights
 
 contains
@@ -62,7 +64,6 @@ contains
       self%multiplies = self%products .and. abs(kicks%share) > 0 .and. (kicks%samples .or. abs(self%c) > 0)
       self%has_products = abs(kicks%kappa) > 0 .or. self%multiplies
       allocate (self%w(nlane, 0:self%nnoise, size(kicks%c)), self%v(nlane, 0:self%nnoise), self%a(nlane), source=0.0_wp)
-      allocate (self%s(nlane), self%u(nlane))
       if (.not. self%products) return
       allocate (self%d(nlane, pair_index(self%nnoise, self%nnoise)), source=0.0_wp)
       allocate (self%at(self%nnoise, self%nnoise))
@@ -149,84 +150,6 @@ contains
       end associate
    end subroutine find_d
 
-   !> f of kick i with one degree of freedom, from H_j' and H_j'' at the point.
-   subroutine join(self, i, h, slope, curvature, f)
-      class(kick_weights), intent(inout) :: self
-      integer, intent(in) :: i
-      real(wp), intent(in) :: h
-      real(wp), intent(in) :: slope(self%nlane, 0:self%nnoise), curvature(self%nlane, 0:self%nnoise)
-      real(wp), intent(out) :: f(self%nlane)
-      integer :: j, k, l
-
-      associate (n => self%nlane, m => self%nnoise, kicks => self%kicks, noisy => self%noisy)
-         call weighted_sum(n, m, self%w(:, :, i), slope, f)
-         if (abs(kicks%kappa(i)) > 0) then
-            call weighted_sum(n, m, self%v, slope, self%s)
-            call weighted_sum(n, m, self%v, curvature, self%u)
-            call add_product(n, 2*kicks%kappa(i)*h, self%s, self%u, f)
-         end if
-         if (.not. self%multiplies(i)) return
-         do j = 1, size(noisy)
-            k = noisy(j)
-            if (.not. kicks%samples) then
-               call add_product(n, kicks%share(i)*self%c*h*abs(h), slope(:, k), curvature(:, k), f)
-               cycle
-            end if
-            self%s = 0
-            do l = 1, size(noisy)
-               call add_each(n, self%d(:, self%at(k, noisy(l))), slope(:, noisy(l)), self%s)
-            end do
-            call add_product(n, kicks%share(i), self%s, curvature(:, k), f)
-         end do
-      end associate
-   end subroutine join
-
-   !> The same of one lane, by numbers. Parentheses keep the first product of a sum from being contracted with the next,
-   !> and gcc contracts none of sums that it takes by vectors, or that two branches end in.
-   pure real(wp) function join_alone(self, lane, i, h, w, slope, curvature) result(f)
-      class(kick_weights), intent(in) :: self
-      integer, intent(in) :: lane, i
-      real(wp), intent(in) :: h, w(0:self%nnoise)  !! the weights of the kick
-      real(wp), intent(in) :: slope(0:self%nnoise), curvature(0:self%nnoise)
-      real(wp) :: s, u
-      integer :: j, k, l
-
-      associate (kicks => self%kicks, noisy => self%noisy, v => self%v)
-         f = (w(0)*slope(0))
-         !GCC$ novector
-         do j = 1, self%nnoise
-            f = f + w(j)*slope(j)
-         end do
-         if (abs(kicks%kappa(i)) > 0) then
-            s = (v(lane, 0)*slope(0))
-            u = (v(lane, 0)*curvature(0))
-            !GCC$ novector
-            do j = 1, self%nnoise
-               s = s + v(lane, j)*slope(j)
-               u = u + v(lane, j)*curvature(j)
-            end do
-            f = f + 2*kicks%kappa(i)*h*(s*u)
-         end if
-         if (.not. self%multiplies(i)) return
-         if (kicks%samples) then
-            do j = 1, size(noisy)
-               k = noisy(j)
-               s = (self%d(lane, self%at(k, noisy(1)))*slope(noisy(1)))
-               !GCC$ novector
-               do l = 2, size(noisy)
-                  s = s + self%d(lane, self%at(k, noisy(l)))*slope(noisy(l))
-               end do
-               f = f + kicks%share(i)*(s*curvature(k))
-            end do
-         else
-            !GCC$ novector
-            do j = 1, size(noisy)
-               f = f + kicks%share(i)*self%c*h*abs(h)*(slope(noisy(j))*curvature(noisy(j)))
-            end do
-         end if
-      end associate
-   end function join_alone
-
    ! ---- kernels ----------------------------------------------------------------------------------
 
    !> VEC a = dZ/h - dW/2
@@ -252,33 +175,6 @@ contains
          total(lane) = b*x(lane) + (c*y(lane))
       end do
    end subroutine sum_of_two
-
-   !> VEC total = sum_j weight_j x_j
-   pure subroutine weighted_sum(nlane, m, weight, x, total)
-      integer, intent(in) :: nlane, m
-      real(wp), intent(in) :: weight(nlane, 0:m), x(nlane, 0:m)
-      real(wp), intent(out) :: total(nlane)
-      integer :: lane, j
-
-      total = 0
-      do j = 0, m
-         do lane = 1, nlane
-            total(lane) = total(lane) + weight(lane, j)*x(lane, j)
-         end do
-      end do
-   end subroutine weighted_sum
-
-   !> VEC f = f + x y; with a factor of one the product below may be rounded or not.
-   pure subroutine add_each(nlane, x, y, f)
-      integer, intent(in) :: nlane
-      real(wp), intent(in) :: x(nlane), y(nlane)
-      real(wp), intent(inout) :: f(nlane)
-      integer :: lane
-
-      do lane = 1, nlane
-         f(lane) = f(lane) + x(lane)*y(lane)
-      end do
-   end subroutine add_each
 
    !> VEC f = f + factor x y
    pure subroutine add_product(nlane, factor, x, y, f)

@@ -1,7 +1,12 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> The flow between two kicks: of p.p/2 (p is constant), or of a declared linear part,
-!> p.p/2 + sum_i omega_i^2 q_i^2/2, an exact rotation. Increments are moved, not states, so that rounding stays that
-!> of increments.
+!> The flow between two kicks, over the time tau: of p.p/2, or of p.p/2 + sum_i omega_i^2 q_i^2/2 where a model declares
+!> that linear part, an exact rotation of every degree of freedom:
+!>
+!>    q <- q + tau p                  q <- cos(omega tau) q + sin(omega tau)/omega p
+!>    p <- p                          p <- cos(omega tau) p - omega sin(omega tau) q
+!>
+!> Increments are moved, not states, so that rounding stays that of increments: cos - 1 = -2 sin^2(omega tau/2) is found
+!> without cancellation. Cosine and sine are found once for each duration.
 !>
 !> Private to its family.
 module symsde_step_splitting_drift

@@ -72,13 +72,12 @@ contains
    end subroutine new_midpoint_flow
 
    !> Move (q + dq, p + dp) over the time tau from the time t on.
-   subroutine move(self, nreal, t, tau, nlane, ndof, q, p, dq, dp, status)
+   subroutine move(self, t, tau, q, p, dq, dp, status)
       class(midpoint_flow), intent(inout), target :: self
-      integer, intent(in) :: nreal, nlane, ndof
       real(wp), intent(in) :: t, tau
-      real(wp), intent(in) :: q(nlane, ndof), p(nlane, ndof)
-      real(wp), intent(inout) :: dq(nlane, ndof), dp(nlane, ndof)
-      integer(i8), intent(inout) :: status(nlane)
+      real(wp), intent(in), dimension(self%stepper%ham%nlane, self%stepper%ham%ndof) :: q, p
+      real(wp), intent(inout), dimension(self%stepper%ham%nlane, self%stepper%ham%ndof) :: dq, dp
+      integer(i8), intent(inout) :: status(self%stepper%ham%nlane)
       type(step_record) :: step
 
       self%w(:, 0) = tau
@@ -88,10 +87,9 @@ contains
       step%t = t
       step%h = tau
       step%w(1:, 0:) => self%w
-      self%stepper%ham%nreal = nreal
       call self%stepper%increment(step, self%x, self%y, self%dx, self%dy, status)
       if (any(status /= 0 .and. self%failed < 0)) &
-         call self%rescue%attempt(nlane, step, self%x, self%y, self%failed, self%dx, self%dy, status)
+         call self%rescue%attempt(size(status), step, self%x, self%y, self%failed, self%dx, self%dy, status)
       dq = dq + self%dx
       dp = dp + self%dy
    end subroutine move

@@ -1,0 +1,163 @@
+! SPDX-License-Identifier: BSD-3-Clause
+!> Drifts and kicks of a single path: stepper.inc with one lane.
+!>
+!> The weights of all steps of a call are found at once, a lane for each step, and then stand side by side for each:
+!> found step by step, they took a fifth to a half more time where noises have products. With one degree of freedom,
+!> sine and cosine of an angle are found once a kick, for all Hamiltonians.
+module symsde_step_splitting_stepper_single_path
+   use symsde_base_counters, only: counters_type, add_counters
+   use symsde_base_functionals, only: functional_set
+   use symsde_base_kinds, only: wp, i8
+   use symsde_base_record, only: step_record, steps_record, step_store, new_step_store
+   use symsde_base_sincos, only: sincos_one
+   use symsde_base_vectors, only: add, subtract, add_times, scale
+   use symsde_model_abstract, only: angle_terms
+   use symsde_scheme_kicks, only: flow_rotation, flow_midpoint
+   use symsde_scheme_scheme, only: correction_none
+   use symsde_step_block_state, only: lane_state, passed_states
+   use symsde_step_splitting_drift, only: drift_flow, new_drift_flow
+   use symsde_step_splitting_coefficients, only: kick_weights, new_kick_weights
+   use symsde_step_splitting_midpoint_drift, only: midpoint_flow, new_midpoint_flow
+   use symsde_step_hamiltonian_one_step, only: new_one_step_hamiltonian
+   use symsde_step_stepper, only: stepper_type, stepper_task, advance_by_increments
+   implicit none
+   private
+   public :: splitting_stepper
+
+   !> Weights of the steps to come, and the terms of an angle.
+   type :: ahead_type
+      type(kick_weights), allocatable :: weights  !! of these, a lane for each
+      type(step_store) :: store                   !! what drives them, as one step
+      real(wp), allocatable :: w(:, :, :, :)      !! as of one step (1, 0:nnoise, nkick, step)
+      real(wp), allocatable :: v(:, :, :), d(:, :, :)  !! the same, where there are products (1, .., step)
+      type(angle_terms), allocatable :: terms(:)  !! of each H_j by itself (0:nnoise)
+      logical :: knows_terms = .false.            !! they are found, once for all times
+   end type ahead_type
+
+   include 'stepper.inc'
+
+   ! ---- what a path by itself does otherwise than a block ------------------------------------------
+
+   pure integer function lanes(self)
+      type(splitting_stepper), intent(in) :: self
+
+      lanes = 1
+   end function lanes
+
+   !> The weights of all steps.
+   subroutine foresee(self, steps)
+      type(splitting_stepper), intent(inout), target :: self
+      type(steps_record), intent(in) :: steps
+      type(step_record) :: record
+      integer :: i, k, f
+
+      if (.not. allocated(self%ahead%weights)) call make_ahead(self, self%ahead, steps)
+      associate (n => steps%nstep, ahead => self%ahead, weights => self%ahead%weights)
+         do k = 1, steps%nnoise
+            ahead%store%w(:n, k, 0) = steps%w(1, k, :)
+         end do
+         do f = 1, size(steps%of)
+            if (.not. associated(steps%of(f)%x)) cycle
+            do k = 1, size(steps%of(f)%x, 2)
+               ahead%store%of(f)%x(:n, k, 0) = steps%of(f)%x(1, k, :)
+            end do
+         end do
+         call ahead%store%show(0, 0.0_wp, record)
+         call weights%weigh(n, record)
+         do i = 1, size(ahead%w, 3)
+            do k = 0, steps%nnoise
+               ahead%w(1, k, i, :n) = weights%w(:n, k, i)
+            end do
+         end do
+         self%nahead = n
+         self%now = 0
+         self%w(1:, 0:, 1:, 1:) => ahead%w
+         self%v(1:, 0:, 1:) => ahead%v
+         if (allocated(ahead%d)) self%d => ahead%d
+         if (.not. any(weights%has_products)) return
+         ahead%v(1, :, :n) = transpose(weights%v(:n, :))
+         if (allocated(weights%d)) ahead%d(1, :, :n) = transpose(weights%d(:n, :))
+      end associate
+   end subroutine foresee
+
+   !> Room for as many steps as a call takes.
+   subroutine make_ahead(self, ahead, steps)
+      type(splitting_stepper), intent(in) :: self
+      type(ahead_type), intent(inout) :: ahead
+      type(steps_record), intent(in) :: steps
+      type(functional_set) :: asked
+      integer :: f
+
+      do f = 1, size(steps%of)
+         asked%has(f) = associated(steps%of(f)%x)
+      end do
+      associate (kicks => self%weights%kicks, m => steps%nnoise)
+         call new_step_store(ahead%store, steps%most, m, 2, steps%h, asked)
+         allocate (ahead%weights)
+         call new_kick_weights(ahead%weights, kicks, self%ham%model%traits, steps%most)
+         allocate (ahead%w(1, 0:m, size(kicks%c), steps%most), ahead%v(1, 0:m, steps%most))
+         if (allocated(self%weights%d)) allocate (ahead%d(1, size(self%weights%d, 2), steps%most))
+      end associate
+   end subroutine make_ahead
+
+   !> The weights of the next step that was foreseen, or of one that was not.
+   subroutine find_weights(self, step)
+      type(splitting_stepper), intent(inout) :: self
+      type(step_record), intent(in) :: step
+
+      self%now = self%now + 1
+      if (self%now > self%nahead) call weigh_step(self, step)
+   end subroutine find_weights
+
+   !> The gradient of a kick.
+   subroutine find_force(self, t, w, p)
+      type(splitting_stepper), intent(inout) :: self
+      real(wp), intent(in) :: t, w(0:self%ham%nnoise), p(self%ham%ndof)
+      type(angle_terms) :: terms
+      real(wp) :: sine, cosine
+
+      associate (ham => self%ham, x => self%x(1, 1))
+         if (ham%model%traits%has_angle_terms) then
+            call ham%model%angle(ham%nnoise, t, w, terms)
+            sine = sincos_one(x, cosine)
+            self%f(1, 1) = terms%a*sine + (terms%b*cosine + (terms%c*x + terms%d))
+         else
+            call ham%model%gradient(1, ham%ndof, ham%nnoise, t, w, self%x, p, hq=self%f)
+         end if
+         ham%counters%gradients = ham%counters%gradients + 1
+      end associate
+   end subroutine find_force
+
+   !> H_j' and H_j'' at the point of a kick, of H and of the noises that are not silent.
+   subroutine find_derivatives(self, t, p)
+      type(splitting_stepper), intent(inout) :: self
+      real(wp), intent(in) :: t, p(1)
+      real(wp) :: sine, cosine
+      integer :: j, k
+
+      associate (model => self%ham%model, m => self%ham%nnoise, noisy => self%weights%noisy, ahead => self%ahead)
+         if (model%traits%has_angle_terms) then
+            if (.not. allocated(ahead%terms)) allocate (ahead%terms(0:m))
+            sine = sincos_one(self%x(1, 1), cosine)
+         end if
+         do j = 0, size(noisy)
+            k = 0
+            if (j > 0) k = noisy(j)
+            self%unit(1, k) = 1
+            if (model%traits%has_angle_terms) then
+               associate (terms => ahead%terms(k))
+                  if (.not. ahead%knows_terms) call model%angle(m, t, self%unit, terms)
+                  self%slope(1, k) = terms%a*sine + (terms%b*cosine + (terms%c*self%x(1, 1) + terms%d))
+                  self%curvature(1, k) = terms%a*cosine + (terms%c - terms%b*sine)
+               end associate
+            else
+               call model%gradient_hessian(1, 1, m, t, self%unit, self%x, p, hq=self%slope(:, k), &
+                                           hqq=self%curvature(:, k))
+            end if
+            self%unit(1, k) = 0
+         end do
+         ahead%knows_terms = model%traits%autonomous
+      end associate
+   end subroutine find_derivatives
+
+end module symsde_step_splitting_stepper_single_path
