@@ -14,56 +14,61 @@ module symsde_model_algebra
    private
    public :: algebra_work, new_algebra_work, bracket_gradient, correction_gradient
 
-   !> Room for the gradients of two sums and one product, so that loops over time do not allocate.
+   !> Sizes of the model, and room for the gradients of two sums and one product: loops over time do not allocate.
    type :: algebra_work
       private
+      integer :: nlane = 0, ndof = 0, nnoise = 0
       real(wp), allocatable :: fq(:, :), fp(:, :), gq(:, :), gp(:, :), uq(:, :), up(:, :)
    end type algebra_work
 
 contains
 
-   !> Room for blocks of nlane lanes and ndof degrees of freedom.
-   subroutine new_algebra_work(work, nlane, ndof)
+   !> Room for blocks of nlane lanes of a model.
+   subroutine new_algebra_work(work, nlane, ndof, nnoise)
       type(algebra_work), intent(out) :: work
-      integer, intent(in) :: nlane, ndof
+      integer, intent(in) :: nlane, ndof, nnoise
 
+      work%nlane = nlane
+      work%ndof = ndof
+      work%nnoise = nnoise
       allocate (work%fq(nlane, ndof), work%fp(nlane, ndof))
       allocate (work%gq(nlane, ndof), work%gp(nlane, ndof))
       allocate (work%uq(nlane, ndof), work%up(nlane, ndof))
    end subroutine new_algebra_work
 
    !> Gradient (bq, bp) of {F,G} for F = sum_j wf_j H_j and G = sum_j wg_j H_j.
-   subroutine bracket_gradient(model, nlane, ndof, nnoise, t, wf, wg, q, p, bq, bp, work)
+   subroutine bracket_gradient(work, model, t, wf, wg, q, p, bq, bp)
+      type(algebra_work), intent(inout) :: work
       class(model_type), intent(in) :: model
-      integer, intent(in) :: nlane, ndof, nnoise
-      real(wp), intent(in) :: t                                        !! time [time]
-      real(wp), intent(in) :: wf(nlane, 0:nnoise), wg(nlane, 0:nnoise) !! weights of F and of G
-      real(wp), intent(in) :: q(nlane, ndof), p(nlane, ndof)
-      real(wp), intent(out) :: bq(nlane, ndof), bp(nlane, ndof)
-      type(algebra_work), intent(inout) :: work                        !! for these nlane and ndof
+      real(wp), intent(in) :: t                                                   !! time [time]
+      real(wp), intent(in), dimension(work%nlane, 0:work%nnoise) :: wf, wg        !! weights of F and of G
+      real(wp), intent(in), dimension(work%nlane, work%ndof) :: q, p
+      real(wp), intent(out), dimension(work%nlane, work%ndof) :: bq, bp
 
-      call model%gradient(nlane, ndof, nnoise, t, wf, q, p, work%fq, work%fp)
-      call model%gradient(nlane, ndof, nnoise, t, wg, q, p, work%gq, work%gp)
-      work%gq = -work%gq
-      work%fq = -work%fq
-      call model%hessian_vector(nlane, ndof, nnoise, t, wf, q, p, work%gp, work%gq, bq, bp)
-      call model%hessian_vector(nlane, ndof, nnoise, t, wg, q, p, work%fp, work%fq, &
-                                work%uq, work%up)
+      associate (nlane => work%nlane, ndof => work%ndof, nnoise => work%nnoise)
+         call model%gradient(nlane, ndof, nnoise, t, wf, q, p, work%fq, work%fp)
+         call model%gradient(nlane, ndof, nnoise, t, wg, q, p, work%gq, work%gp)
+         work%gq = -work%gq
+         work%fq = -work%fq
+         call model%hessian_vector(nlane, ndof, nnoise, t, wf, q, p, work%gp, work%gq, bq, bp)
+         call model%hessian_vector(nlane, ndof, nnoise, t, wg, q, p, work%fp, work%fq, work%uq, work%up)
+      end associate
       bq = bq - work%uq
       bp = bp - work%up
    end subroutine bracket_gradient
 
    !> Gradient (cq, cp) of F_p.F_q for F = sum_j w_j H_j: one gradient, one Hessian-vector product.
-   subroutine correction_gradient(model, nlane, ndof, nnoise, t, w, q, p, cq, cp, work)
+   subroutine correction_gradient(work, model, t, w, q, p, cq, cp)
+      type(algebra_work), intent(inout) :: work
       class(model_type), intent(in) :: model
-      integer, intent(in) :: nlane, ndof, nnoise
-      real(wp), intent(in) :: t, w(nlane, 0:nnoise)  !! time [time], weights of F
-      real(wp), intent(in) :: q(nlane, ndof), p(nlane, ndof)
-      real(wp), intent(out) :: cq(nlane, ndof), cp(nlane, ndof)
-      type(algebra_work), intent(inout) :: work      !! for these nlane and ndof
+      real(wp), intent(in) :: t, w(work%nlane, 0:work%nnoise)  !! time [time], weights of F
+      real(wp), intent(in), dimension(work%nlane, work%ndof) :: q, p
+      real(wp), intent(out), dimension(work%nlane, work%ndof) :: cq, cp
 
-      call model%gradient(nlane, ndof, nnoise, t, w, q, p, work%fq, work%fp)
-      call model%hessian_vector(nlane, ndof, nnoise, t, w, q, p, work%fp, work%fq, cq, cp)
+      associate (nlane => work%nlane, ndof => work%ndof, nnoise => work%nnoise)
+         call model%gradient(nlane, ndof, nnoise, t, w, q, p, work%fq, work%fp)
+         call model%hessian_vector(nlane, ndof, nnoise, t, w, q, p, work%fp, work%fq, cq, cp)
+      end associate
    end subroutine correction_gradient
 
 end module symsde_model_algebra

@@ -53,7 +53,7 @@ contains
       do i = 1, 2*points%n
          points%x(:, i) = [(sin(1.3_wp*i + 0.7_wp*l + 0.2_wp*i*l), l=1, lane_unit)]
       end do
-      call new_algebra_work(points%work, lane_unit, points%n)
+      call new_algebra_work(points%work, lane_unit, points%n, points%m)
       single = 0
       by_noise = 0
       by_drift = 0
@@ -171,8 +171,8 @@ contains
       wl = 0
       wl(:, l) = 1
       associate (n => points%n)
-         call bracket_gradient(points%model, lane_unit, n, points%m, points%t, wk, wl, x(:, :n), x(:, n + 1:), &
-                               v(:, n + 1:), v(:, :n), points%work)
+         call bracket_gradient(points%work, points%model, points%t, wk, wl, x(:, :n), x(:, n + 1:), v(:, n + 1:), &
+                               v(:, :n))
          v(:, n + 1:) = -v(:, n + 1:)
       end associate
    end subroutine field_of_bracket

@@ -92,7 +92,7 @@ contains
          allocate (self%g(nlane, 0:m), self%c(nlane, 0:m), self%nested(nlane, 0:m), source=0.0_wp)
          self%nested(:, 0) = 1
          allocate (self%bq(nlane, n), self%bp(nlane, n), self%sq(nlane, n), self%sp(nlane, n), self%xp(nlane, n))
-         call new_algebra_work(self%work, nlane, n)
+         call new_algebra_work(self%work, nlane, n, m)
       end associate
    end subroutine new_modified_hamiltonian
 
@@ -263,8 +263,7 @@ contains
       real(wp), intent(in) :: f(self%nlane, 0:self%nnoise)
       real(wp), intent(in) :: t, q(self%nlane, self%ndof), p(self%nlane, self%ndof)
 
-      call bracket_gradient(self%model, self%nlane, self%ndof, self%nnoise, t, f, self%g, q, p, &
-                            self%bq, self%bp, self%work)
+      call bracket_gradient(self%work, self%model, t, f, self%g, q, p, self%bq, self%bp)
       self%ngradient = self%ngradient + 2
       self%nproduct = self%nproduct + 2
       self%sq = self%sq + self%bq

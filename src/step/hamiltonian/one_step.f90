@@ -83,7 +83,7 @@ contains
       end if
       if (correction == correction_none) return
       allocate (self%v(nlane, 0:self%nnoise), self%factor(nlane))
-      call new_algebra_work(self%work, nlane, self%ndof)
+      call new_algebra_work(self%work, nlane, self%ndof, self%nnoise)
       allocate (self%uq(nlane, self%ndof), self%up(nlane, self%ndof))
    end subroutine new_one_step_hamiltonian
 
@@ -240,11 +240,9 @@ contains
       real(wp), intent(inout), optional :: hq(self%nlane, self%ndof), hp(self%nlane, self%ndof)
       integer :: i
 
-      associate (n => self%nlane, d => self%ndof, m => self%nnoise, c => self%counters)
-         call correction_gradient(self%model, n, d, m, t, self%v, q, p, self%uq, self%up, self%work)
-         c%gradients = c%gradients + self%nreal
-         c%hessian_vectors = c%hessian_vectors + self%nreal
-      end associate
+      call correction_gradient(self%work, self%model, t, self%v, q, p, self%uq, self%up)
+      self%counters%gradients = self%counters%gradients + self%nreal
+      self%counters%hessian_vectors = self%counters%hessian_vectors + self%nreal
       do i = 1, self%ndof
          if (present(hq)) hq(:, i) = hq(:, i) + self%factor*self%uq(:, i)
          if (present(hp)) hp(:, i) = hp(:, i) + self%factor*self%up(:, i)
