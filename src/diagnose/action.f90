@@ -12,8 +12,8 @@ module symsde_diagnose_action
    use symsde_base_kinds, only: wp, i8
    use symsde_base_memory, only: require_memory
    use symsde_base_status, only: error_type, raise, wrong_shape, missing_operation
-   use symsde_diagnose_lagrangian, only: discrete_lagrangian, new_discrete_lagrangian, lanes_of_diagnosis, &
-                                         lagrangian_numbers
+   use symsde_diagnose_lagrangian, only: discrete_lagrangian, lagrangian_gradient, new_discrete_lagrangian, &
+                                         lanes_of_diagnosis, lagrangian_numbers
    use symsde_ensemble_monitor, only: monitor_type, stop_if_wanted
    use symsde_ensemble_options, only: run_options, check_options
    use symsde_model_abstract, only: model_type
@@ -29,7 +29,7 @@ module symsde_diagnose_action
       real(wp) :: h = 0
       real(wp), allocatable :: w(:, :)                    !! (nlane, 0:nnoise)
       real(wp), allocatable, dimension(:, :) :: q0, p0, q1, p1  !! (nlane, ndof)
-      real(wp), allocatable, dimension(:, :) :: left_q, left_p, right_q, right_p  !! (nlane, ndof)
+      type(lagrangian_gradient) :: d
       real(wp), allocatable :: action(:)                  !! (nlane)
       integer(i8), allocatable :: status(:)               !! (nlane)
    end type step_block
@@ -133,12 +133,12 @@ contains
             path = first + lane - 1
             unit = nan_unless(work%status(lane) == 0, 1.0_wp)
             if (left > 0) then
-               gradient_q(path, i, left) = gradient_q(path, i, left) + unit*work%left_q(lane, i)
-               gradient_p(path, i, left) = gradient_p(path, i, left) + unit*work%left_p(lane, i)
+               gradient_q(path, i, left) = gradient_q(path, i, left) + unit*work%d%left_q(lane, i)
+               gradient_p(path, i, left) = gradient_p(path, i, left) + unit*work%d%left_p(lane, i)
             end if
             if (left >= size(gradient_q, 3)) cycle
-            gradient_q(path, i, left + 1) = unit*work%right_q(lane, i)
-            gradient_p(path, i, left + 1) = unit*work%right_p(lane, i)
+            gradient_q(path, i, left + 1) = unit*work%d%right_q(lane, i)
+            gradient_p(path, i, left + 1) = unit*work%d%right_p(lane, i)
          end do
       end do
    end subroutine add_ends
@@ -180,19 +180,19 @@ contains
          do n = 1, size(dw, 3)
             call ask_monitor(work, first, n, dw, 'euler_lagrange_residual', error, monitor)
             if (allocated(error)) exit blocks
-            before_q = work%right_q
-            before_p = work%right_p
+            before_q = work%d%right_q
+            before_p = work%d%right_p
             call load_step(work, first, n, q, p, dw)
             call differentiate(lagrangian, work, options, n)
             if (n > 1) then
-               call enlarge(before_q, work%left_q, largest(:, 1))
-               call enlarge(before_p, work%left_p, largest(:, 2))
+               call enlarge(before_q, work%d%left_q, largest(:, 1))
+               call enlarge(before_p, work%d%left_p, largest(:, 2))
             end if
-            call enlarge(work%p0, work%left_q, largest(:, 3))
-            call enlarge(zero, work%left_p, largest(:, 3))
+            call enlarge(work%p0, work%d%left_q, largest(:, 3))
+            call enlarge(zero, work%d%left_p, largest(:, 3))
             work%p1 = -work%p1
-            call enlarge(work%p1, work%right_q, largest(:, 4))
-            call enlarge(zero, work%right_p, largest(:, 4))
+            call enlarge(work%p1, work%d%right_q, largest(:, 4))
+            call enlarge(zero, work%d%right_p, largest(:, 4))
          end do
          do n = 1, 4
             do lane = 1, work%nreal
@@ -231,8 +231,8 @@ contains
       work%h = options%step
       allocate (work%w(nlane, 0:model%traits%nnoise), work%action(nlane), work%status(nlane))
       allocate (work%q0(nlane, n), work%p0(nlane, n), work%q1(nlane, n), work%p1(nlane, n))
-      allocate (work%left_q(nlane, n), work%left_p(nlane, n), work%right_q(nlane, n), &
-                work%right_p(nlane, n), source=0.0_wp)
+      allocate (work%d%left_q(nlane, n), work%d%left_p(nlane, n), work%d%right_q(nlane, n), &
+                work%d%right_p(nlane, n), source=0.0_wp)
    end subroutine prepare
 
    !> Ask the monitor before step n (from 1) of the block of paths from first (from 1).
@@ -317,8 +317,8 @@ contains
       type(run_options), intent(in) :: options
       integer, intent(in) :: n
 
-      call lagrangian%gradient(time_of(options, n), work%w, work%q0, work%p0, work%q1, work%p1, &
-                               work%left_q, work%left_p, work%right_q, work%right_p, work%status)
+      call lagrangian%gradient(time_of(options, n), work%w, work%q0, work%p0, work%q1, work%p1, work%d, &
+                               work%status)
    end subroutine differentiate
 
    !> Time at the beginning of step n (from 1) of the paths.

@@ -27,6 +27,13 @@ module symsde_diagnose_commutator
    real(wp), parameter :: later(3) = [0.0137_wp, 0.61_wp, 1.93_wp]  !! after t, where H_k may have changed [time]
    integer, parameter :: npattern = 8          !! changes of sign
 
+   !> The sample points, and the time.
+   type :: sample_points
+      integer :: n = 0
+      real(wp) :: t = 0
+      real(wp), allocatable :: q(:, :), p(:, :)  !! (n, ndof)
+   end type sample_points
+
    type :: commutator_type
       real(wp) :: noise = 0             !! largest relative |grad {H_k,H_l}|
       real(wp) :: drift = 0             !! largest relative |grad {H,H_k}|, or change of grad H_k in time
@@ -47,7 +54,7 @@ contains
       type(commutator_type), intent(out) :: result
       type(error_type), allocatable, intent(inout) :: error
       class(monitor_type), intent(inout), optional :: monitor
-      real(wp), allocatable :: qs(:, :), ps(:, :)
+      type(sample_points) :: points
       real(wp) :: size_kl
       integer(i8) :: done, nbracket
       integer :: j, k
@@ -64,8 +71,10 @@ contains
                                               model%traits%has_hessian .and. .not. model%traits%has_hessian_vector)), &
                           'the brackets at '//to_text(size(q, 1))//' points', 'give fewer points', 'commutator', error)
       if (allocated(error)) return
-      allocate (qs, source=q)
-      allocate (ps, source=p)
+      points%n = size(q, 1)
+      points%t = t
+      allocate (points%q, source=q)
+      allocate (points%p, source=p)
       done = 0
       nbracket = int(model%traits%nnoise, i8)*(model%traits%nnoise + 1)/2
       do k = 1, model%traits%nnoise
@@ -73,7 +82,7 @@ contains
             call stop_if_wanted(monitor, done, nbracket, 'commutator', error)
             if (allocated(error)) return
             done = done + 1
-            size_kl = relative_gradient(model, size(q, 1), j, k, t, qs, ps)
+            size_kl = relative_gradient(model, points, j, k)
             if (j == 0) then
                result%drift = max(result%drift, size_kl)
             else if (size_kl > result%noise .or. result%k == 0) then
@@ -82,7 +91,7 @@ contains
                result%l = k
             end if
          end do
-         result%drift = max(result%drift, change_in_time(model, size(q, 1), k, t, qs, ps))
+         result%drift = max(result%drift, change_in_time(model, points, k))
       end do
       result%commutative = result%noise <= vanishing
       result%flows_commute = result%commutative .and. result%drift <= vanishing
@@ -91,22 +100,22 @@ contains
 
    !> Largest |Hess F V_G - Hess G V_F| over the points for F = H_j, G = H_k, relative to the largest
    !> |Hess F| |V_G| + |Hess G| |V_F|.
-   real(wp) function relative_gradient(model, n, j, k, t, q, p) result(relative)
+   real(wp) function relative_gradient(model, points, j, k) result(relative)
       class(model_type), intent(in) :: model
-      integer, intent(in) :: n, j, k              !! points, Hamiltonians
-      real(wp), intent(in) :: t, q(n, model%traits%ndof), p(n, model%traits%ndof)
-      real(wp), dimension(n, model%traits%ndof) :: fq, fp, gq, gp, aq, ap, bq, bp
+      type(sample_points), intent(in) :: points
+      integer, intent(in) :: j, k
+      real(wp), dimension(points%n, model%traits%ndof) :: fq, fp, gq, gp, aq, ap, bq, bp
       real(wp) :: difference, scale
       integer :: pattern
 
-      call field(model, n, j, t, q, p, fq, fp)
-      call field(model, n, k, t, q, p, gq, gp)
-      scale = floor_of_differences(model, q, p, fq, fp)*largest(gq, gp) &
-              + floor_of_differences(model, q, p, gq, gp)*largest(fq, fp)
+      call field(model, points, j, points%t, fq, fp)
+      call field(model, points, k, points%t, gq, gp)
+      scale = floor_of_differences(model, points, fq, fp)*largest(gq, gp) &
+              + floor_of_differences(model, points, gq, gp)*largest(fq, fp)
       difference = 0
       do pattern = 1, npattern
-         call product_with(model, n, j, t, q, p, gq, gp, pattern, aq, ap)
-         call product_with(model, n, k, t, q, p, fq, fp, pattern, bq, bp)
+         call product_with(model, points, j, gq, gp, pattern, aq, ap)
+         call product_with(model, points, k, fq, fp, pattern, bq, bp)
          if (pattern == 1) difference = largest(aq - bq, ap - bp)
          scale = max(scale, largest(aq, ap) + largest(bq, bp))
       end do
@@ -115,29 +124,30 @@ contains
       if (.not. difference + scale <= huge(scale)) relative = huge(relative)
    end function relative_gradient
 
-   !> The field V = (H_p, -H_q) of H_j.
-   subroutine field(model, n, j, t, q, p, vq, vp)
+   !> The field V = (H_p, -H_q) of H_j at the time t.
+   subroutine field(model, points, j, t, vq, vp)
       class(model_type), intent(in) :: model
-      integer, intent(in) :: n, j
-      real(wp), intent(in) :: t, q(n, model%traits%ndof), p(n, model%traits%ndof)
-      real(wp), intent(out) :: vq(n, model%traits%ndof), vp(n, model%traits%ndof)
-      real(wp) :: w(n, 0:model%traits%nnoise)
+      type(sample_points), intent(in) :: points
+      integer, intent(in) :: j
+      real(wp), intent(in) :: t
+      real(wp), intent(out), dimension(points%n, model%traits%ndof) :: vq, vp
+      real(wp) :: w(points%n, 0:model%traits%nnoise)
 
       w = 0
       w(:, j) = 1
-      call model%gradient(n, model%traits%ndof, model%traits%nnoise, t, w, q, p, vp, vq)
+      call model%gradient(points%n, model%traits%ndof, model%traits%nnoise, t, w, points%q, points%p, vp, vq)
       vp = -vp
    end subroutine field
 
    !> The Hessian of H_j times (vq, vp), under a change of sign of its components; the first pattern changes none,
    !> the second the momenta.
-   subroutine product_with(model, n, j, t, q, p, vq, vp, pattern, uq, up)
+   subroutine product_with(model, points, j, vq, vp, pattern, uq, up)
       class(model_type), intent(in) :: model
-      integer, intent(in) :: n, j, pattern
-      real(wp), intent(in) :: t, q(n, model%traits%ndof), p(n, model%traits%ndof)
-      real(wp), intent(in) :: vq(n, model%traits%ndof), vp(n, model%traits%ndof)
-      real(wp), intent(out) :: uq(n, model%traits%ndof), up(n, model%traits%ndof)
-      real(wp) :: w(n, 0:model%traits%nnoise), sq(n, model%traits%ndof), sp(n, model%traits%ndof)
+      type(sample_points), intent(in) :: points
+      integer, intent(in) :: j, pattern
+      real(wp), intent(in), dimension(points%n, model%traits%ndof) :: vq, vp
+      real(wp), intent(out), dimension(points%n, model%traits%ndof) :: uq, up
+      real(wp) :: w(points%n, 0:model%traits%nnoise), sq(points%n, model%traits%ndof), sp(points%n, model%traits%ndof)
       integer :: i
 
       w = 0
@@ -151,34 +161,37 @@ contains
             sp(:, i) = sign(1.0_wp, cos(real(i*(3*pattern - 2), wp)))*vp(:, i)
          end do
       end if
-      call model%hessian_vector(n, model%traits%ndof, model%traits%nnoise, t, w, q, p, sq, sp, uq, up)
+      associate (s => points)
+         call model%hessian_vector(s%n, model%traits%ndof, model%traits%nnoise, s%t, w, s%q, s%p, sq, sp, uq, up)
+      end associate
    end subroutine product_with
 
    !> What rounding of the gradient (fq, fp) can do to a product by differences, for a vector of size one: of this
    !> size a bracket must be, times 1e6, to be told from rounding. Nothing where products are analytic.
-   pure real(wp) function floor_of_differences(model, q, p, fq, fp) result(size_at_least)
+   pure real(wp) function floor_of_differences(model, points, fq, fp) result(size_at_least)
       class(model_type), intent(in) :: model
-      real(wp), dimension(:, :), intent(in) :: q, p, fq, fp   !! (npoint, ndof)
+      type(sample_points), intent(in) :: points
+      real(wp), dimension(:, :), intent(in) :: fq, fp   !! (npoint, ndof)
 
       size_at_least = 0
       if (model%traits%has_hessian .or. model%traits%has_hessian_vector) return
-      size_at_least = epsilon(1.0_wp)*largest(fq, fp)/(default_step*max(1.0_wp, largest(q, p))*vanishing)
+      size_at_least = epsilon(1.0_wp)*largest(fq, fp)/(default_step*max(1.0_wp, largest(points%q, points%p))*vanishing)
    end function floor_of_differences
 
    !> Largest change of grad H_k from t to some later times, relative to its size; times at which the model cannot be
    !> asked are passed over.
-   real(wp) function change_in_time(model, n, k, t, q, p) result(relative)
+   real(wp) function change_in_time(model, points, k) result(relative)
       class(model_type), intent(in) :: model
-      integer, intent(in) :: n, k
-      real(wp), intent(in) :: t, q(n, model%traits%ndof), p(n, model%traits%ndof)
-      real(wp), dimension(n, model%traits%ndof) :: fq, fp, gq, gp
+      type(sample_points), intent(in) :: points
+      integer, intent(in) :: k
+      real(wp), dimension(points%n, model%traits%ndof) :: fq, fp, gq, gp
       real(wp) :: change, scale
       integer :: i
 
       relative = 0
-      call field(model, n, k, t, q, p, fq, fp)
+      call field(model, points, k, points%t, fq, fp)
       do i = 1, size(later)
-         call field(model, n, k, t + later(i), q, p, gq, gp)
+         call field(model, points, k, points%t + later(i), gq, gp)
          change = largest(gq - fq, gp - fp)
          scale = largest(fq, fp) + largest(gq, gp)
          if (scale > 0 .and. scale <= huge(scale)) relative = max(relative, change/scale)

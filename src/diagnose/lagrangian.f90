@@ -32,7 +32,12 @@ module symsde_diagnose_lagrangian
    use symsde_step_hamiltonian_one_step, only: one_step_hamiltonian, new_one_step_hamiltonian
    implicit none
    private
-   public :: discrete_lagrangian, new_discrete_lagrangian, lanes_of_diagnosis, lagrangian_numbers
+   public :: discrete_lagrangian, lagrangian_gradient, new_discrete_lagrangian, lanes_of_diagnosis, lagrangian_numbers
+
+   !> Partial derivatives of Lbar_h: in q_n, p_n (left), q_{n+1}, p_{n+1} (right).
+   type :: lagrangian_gradient
+      real(wp), allocatable, dimension(:, :) :: left_q, left_p, right_q, right_p  !! (nlane, ndof)
+   end type lagrangian_gradient
 
    !> Slopes are ordered x(:, 1:n) = V_1, x(:, n+1:2n) = Hhat_q at stage 1, and so on.
    type :: discrete_lagrangian
@@ -118,13 +123,12 @@ contains
       allocate (self%hqq(nlane, n, n), self%hqp(nlane, n, n), self%hpp(nlane, n, n))
    end subroutine new_discrete_lagrangian
 
-   !> Partial derivatives of Lbar_h with respect to q_n, p_n (left), q_{n+1}, p_{n+1} (right).
-   subroutine gradient(self, t, w, q0, p0, q1, p1, left_q, left_p, right_q, right_p, status)
+   !> Partial derivatives of Lbar_h; there must be room for them.
+   subroutine gradient(self, t, w, q0, p0, q1, p1, d, status)
       class(discrete_lagrangian), intent(inout) :: self
       real(wp), intent(in) :: t, w(self%ham%nlane, 0:self%ham%nnoise)   !! t_n; h, dW_1 .. dW_m
       real(wp), intent(in), dimension(self%ham%nlane, self%ham%ndof) :: q0, p0, q1, p1
-      real(wp), intent(out), dimension(self%ham%nlane, self%ham%ndof) :: left_q, left_p
-      real(wp), intent(out), dimension(self%ham%nlane, self%ham%ndof) :: right_q, right_p
+      type(lagrangian_gradient), intent(inout) :: d
       integer(i8), intent(inout) :: status(self%ham%nlane)   !! 0, or why the stages were not solved
       integer :: i, at
 
@@ -133,22 +137,22 @@ contains
          call one_point(self, q0, p0, q1, p1)
          call self%ham%gradient(t + self%c(1)*w(1, 0), self%v(:, :, 1), self%qs, self%ps, &
                                 self%hq, self%hp)
-         left_q = -self%ps - (1 - self%a(1, 1))*self%hq
-         right_q = self%ps - self%a(1, 1)*self%hq
-         left_p = self%a(1, 1)*((q1 - q0) - self%hp)
-         right_p = (1 - self%a(1, 1))*((q1 - q0) - self%hp)
+         d%left_q = -self%ps - (1 - self%a(1, 1))*self%hq
+         d%right_q = self%ps - self%a(1, 1)*self%hq
+         d%left_p = self%a(1, 1)*((q1 - q0) - self%hp)
+         d%right_p = (1 - self%a(1, 1))*((q1 - q0) - self%hp)
          return
       end if
       call solve_stages(self, t, w(1, 0), q0, p1, status)
-      left_q = -p1
-      left_p = 0
-      right_q = p1
-      right_p = q1 - q0
+      d%left_q = -p1
+      d%left_p = 0
+      d%right_q = p1
+      d%right_p = q1 - q0
       associate (n => self%ham%ndof)
          do i = 1, self%nstage
             at = 2*n*(i - 1)
-            right_p = right_p - self%alpha(i)*self%x(:, at + 1:at + n)
-            left_q = left_q - self%alpha(i)*self%x(:, at + n + 1:at + 2*n)
+            d%right_p = d%right_p - self%alpha(i)*self%x(:, at + 1:at + n)
+            d%left_q = d%left_q - self%alpha(i)*self%x(:, at + n + 1:at + 2*n)
          end do
       end associate
    end subroutine gradient

@@ -39,6 +39,13 @@ module symsde_diagnose_symplecticity
    real(wp), parameter :: default_spacing = 1/32.0_wp
    real(wp), parameter :: longest_state = 1024  !! in units of the length over which forces vary
 
+   !> Steps, one at each point: the states that they begin with, what drives them.
+   type :: given_steps
+      real(wp), pointer, dimension(:, :) :: q => null(), p => null()       !! (npoint, ndof)
+      real(wp), pointer :: dw(:, :) => null()                              !! (npoint, nnoise)
+      real(wp), pointer, dimension(:, :) :: dz => null(), areas => null()  !! or null, see symplecticity_defect
+   end type given_steps
+
 contains
 
    !> defect(point) = max_ij |(M^T J M - J)_ij| of the step from (q, p) at time options%t0 with the
@@ -50,28 +57,30 @@ contains
       class(model_type), intent(in), target :: model
       type(scheme_type), intent(in) :: scheme
       type(run_options), intent(in) :: options
-      real(wp), intent(in) :: q(:, :), p(:, :)       !! states (npoint, ndof)
-      real(wp), intent(in) :: dw(:, :)               !! increments of the step (npoint, nnoise)
+      real(wp), intent(in), target :: q(:, :), p(:, :)       !! states (npoint, ndof)
+      real(wp), intent(in), target :: dw(:, :)               !! increments of the step (npoint, nnoise)
       real(wp), intent(out) :: defect(:)             !! (npoint)
       type(error_type), allocatable, intent(inout) :: error
       real(wp), intent(in), optional :: spacing      !! of the differences, default 1/32
       real(wp), intent(in), target, optional :: dz(:, :)     !! dZ of the step, default 0 (npoint, nnoise)
       real(wp), intent(in), target, optional :: areas(:, :)  !! of the step, default 0 (npoint, nnoise(nnoise-1)/2)
       class(monitor_type), intent(inout), optional :: monitor
-      real(wp), pointer :: z(:, :), area(:, :)  !! dz and areas, or null: absent arrays are not handed on
+      type(given_steps) :: steps
       real(wp), allocatable :: d(:, :, :)
       integer :: i
 
       if (allocated(error)) return
-      nullify (z, area)
-      if (present(dz)) z => dz
-      if (present(areas)) area => areas
+      steps%q => q
+      steps%p => p
+      steps%dw => dw
+      if (present(dz)) steps%dz => dz
+      if (present(areas)) steps%areas => areas
       if (size(defect) /= size(q, 1)) then
          call raise(error, wrong_shape, 'symplecticity_defect', 'defect has room for '// &
                     to_text(size(defect))//' points; '//to_text(size(q, 1))//' states were given')
          return
       end if
-      call differentiate(model, scheme, options, q, p, dw, d, error, spacing, z, area, monitor)
+      call differentiate(model, scheme, options, steps, d, error, spacing, monitor)
       if (allocated(error)) return
       do i = 1, size(defect)
          defect(i) = defect_of(model%traits%ndof, d(:, :, i))
@@ -84,21 +93,23 @@ contains
       class(model_type), intent(in), target :: model
       type(scheme_type), intent(in) :: scheme
       type(run_options), intent(in) :: options
-      real(wp), intent(in) :: q(:, :), p(:, :)       !! states (npoint, ndof)
-      real(wp), intent(in) :: dw(:, :)               !! increments of the step (npoint, nnoise)
+      real(wp), intent(in), target :: q(:, :), p(:, :)       !! states (npoint, ndof)
+      real(wp), intent(in), target :: dw(:, :)               !! increments of the step (npoint, nnoise)
       real(wp), intent(out) :: m(:, :, :)            !! (npoint, 2 ndof, 2 ndof)
       type(error_type), allocatable, intent(inout) :: error
       real(wp), intent(in), optional :: spacing      !! of the differences, default 1/32
       real(wp), intent(in), target, optional :: dz(:, :)     !! dZ of the step, default 0 (npoint, nnoise)
       real(wp), intent(in), target, optional :: areas(:, :)  !! of the step, default 0 (npoint, nnoise(nnoise-1)/2)
-      real(wp), pointer :: z(:, :), area(:, :)  !! dz and areas, or null: absent arrays are not handed on
+      type(given_steps) :: steps
       real(wp), allocatable :: d(:, :, :)
       integer :: i, j, n
 
       if (allocated(error)) return
-      nullify (z, area)
-      if (present(dz)) z => dz
-      if (present(areas)) area => areas
+      steps%q => q
+      steps%p => p
+      steps%dw => dw
+      if (present(dz)) steps%dz => dz
+      if (present(areas)) steps%areas => areas
       n = 2*model%traits%ndof
       if (size(m, 1) /= size(q, 1) .or. size(m, 2) /= n .or. size(m, 3) /= n) then
          call raise(error, wrong_shape, 'tangent_map', 'the tangent map is ('// &
@@ -106,7 +117,7 @@ contains
                     '); it must be ('//to_text(size(q, 1))//','//to_text(n)//','//to_text(n)//')')
          return
       end if
-      call differentiate(model, scheme, options, q, p, dw, d, error, spacing, z, area)
+      call differentiate(model, scheme, options, steps, d, error, spacing)
       if (allocated(error)) return
       do j = 1, n
          do i = 1, n
@@ -119,14 +130,14 @@ contains
    !> d(:, :, point) = M - I: derivatives of the increments (dq, dp) with respect to (q, p).
    !> All points of all stencils are lanes, side by side: point slowest, then the variable that is
    !> moved, then its offset.
-   subroutine differentiate(model, scheme, options, q, p, dw, d, error, spacing, dz, areas, monitor)
+   subroutine differentiate(model, scheme, options, steps, d, error, spacing, monitor)
       class(model_type), intent(in), target :: model
       type(scheme_type), intent(in) :: scheme
       type(run_options), intent(in) :: options
-      real(wp), intent(in) :: q(:, :), p(:, :), dw(:, :)
+      type(given_steps), intent(in) :: steps
       real(wp), allocatable, intent(out) :: d(:, :, :)  !! (2 ndof, 2 ndof, npoint)
       type(error_type), allocatable, intent(inout) :: error
-      real(wp), intent(in), optional :: spacing, dz(:, :), areas(:, :)
+      real(wp), intent(in), optional :: spacing
       class(monitor_type), intent(inout), optional :: monitor
       class(stepper_type), allocatable :: stepper
       type(stepper_task), target :: task
@@ -137,27 +148,28 @@ contains
       integer(i8), allocatable :: status(:)
       integer(i8) :: first, total
       real(wp) :: base
-      integer :: n, nlane, nreal
+      integer :: n, npoint, nlane, nreal
 
       n = model%traits%ndof
       base = default_spacing
       if (present(spacing)) base = spacing
-      call check(model, options, q, p, dw, base, error)
+      call check(model, options, steps%q, steps%p, steps%dw, base, error)
       if (allocated(error)) return
-      total = size(q, 1, i8)*2*n*nstencil
+      npoint = size(steps%q, 1)
+      total = int(npoint, i8)*2*n*nstencil
       nlane = lanes_of_diagnosis(model, scheme, total)
       call resolve_task(task, model, scheme, steppers_of(options), error)
       if (allocated(error)) return
       call find_step_memory(task, memory)
-      call require_memory(4.0_wp*size(q, 1)*real(n, wp)**2 + nlane*(8.0_wp*n + 2*model%traits%nnoise) &
+      call require_memory(4.0_wp*npoint*real(n, wp)**2 + nlane*(8.0_wp*n + 2*model%traits%nnoise) &
                           + memory%numbers(nlane), &
-                          'the tangent map of '//to_text(2*n)//' variables at '//to_text(size(q, 1))// &
+                          'the tangent map of '//to_text(2*n)//' variables at '//to_text(npoint)// &
                           ' points under scheme '//scheme%name, &
                           'give fewer points, a smaller system or a scheme of one stage', 'symplecticity_defect', error)
       if (allocated(error)) return
       call make_stepper(stepper, task, model, nlane, error)
       if (allocated(error)) return
-      allocate (d(2*n, 2*n, size(q, 1)), source=0.0_wp)
+      allocate (d(2*n, 2*n, npoint), source=0.0_wp)
       call new_step_store(store, nlane, model%traits%nnoise, 2, options%step, scheme%asks)
       call store%show(0, options%t0, step)
       allocate (status(nlane))
@@ -167,37 +179,38 @@ contains
          call stop_if_wanted(monitor, first, total, 'symplecticity_defect', error)
          if (allocated(error)) exit
          nreal = int(min(int(nlane, i8), total - first))
-         call spread_points(first, nreal, base, q, p, dw, qs, ps, store%w(:, 1:, 0))
-         if (present(dz) .and. associated(step%of(path_dz)%x)) &
-            call spread_integrals(first, nreal, n, dz, step%of(path_dz)%x)
-         if (present(areas) .and. associated(step%of(path_areas)%x)) &
-            call spread_integrals(first, nreal, n, areas, step%of(path_areas)%x)
+         call spread_points(steps, first, nreal, base, qs, ps, store%w(:, 1:, 0))
+         if (associated(steps%dz) .and. associated(step%of(path_dz)%x)) &
+            call spread_integrals(first, nreal, n, steps%dz, step%of(path_dz)%x)
+         if (associated(steps%areas) .and. associated(step%of(path_areas)%x)) &
+            call spread_integrals(first, nreal, n, steps%areas, step%of(path_areas)%x)
          status = 0
          call stepper%increment(step, qs, ps, dq, dp, status)
-         call collect(first, nreal, base, q, p, dq, dp, status, d)
+         call collect(steps, first, nreal, base, dq, dp, status, d)
       end do
       call blas_restore_threads()
    end subroutine differentiate
 
    !> Lanes first .. first+nreal-1 of all; the lanes behind them repeat the last.
-   subroutine spread_points(first, nreal, base, q, p, dw, qs, ps, noise)
+   subroutine spread_points(steps, first, nreal, base, qs, ps, noise)
+      type(given_steps), intent(in) :: steps
       integer(i8), intent(in) :: first
       integer, intent(in) :: nreal
-      real(wp), intent(in) :: base, q(:, :), p(:, :), dw(:, :)
+      real(wp), intent(in) :: base
       real(wp), intent(out) :: qs(:, :), ps(:, :), noise(:, :)
       integer :: lane, point, variable, k, n
 
-      n = size(q, 2)
+      n = size(steps%q, 2)
       do lane = 1, size(qs, 1)
          call locate(first + min(lane, nreal) - 1, n, point, variable, k)
-         qs(lane, :) = q(point, :)
-         ps(lane, :) = p(point, :)
-         noise(lane, :) = dw(point, :)
+         qs(lane, :) = steps%q(point, :)
+         ps(lane, :) = steps%p(point, :)
+         noise(lane, :) = steps%dw(point, :)
          if (variable <= n) then
-            qs(lane, variable) = qs(lane, variable) + offset(k)*length(base, q(point, variable))
+            qs(lane, variable) = qs(lane, variable) + offset(k)*length(base, steps%q(point, variable))
          else
             ps(lane, variable - n) = ps(lane, variable - n) &
-                                     + offset(k)*length(base, p(point, variable - n))
+                                     + offset(k)*length(base, steps%p(point, variable - n))
          end if
       end do
    end subroutine spread_points
@@ -217,22 +230,23 @@ contains
    end subroutine spread_integrals
 
    !> Add what the real lanes contribute to the differences.
-   subroutine collect(first, nreal, base, q, p, dq, dp, status, d)
+   subroutine collect(steps, first, nreal, base, dq, dp, status, d)
+      type(given_steps), intent(in) :: steps
       integer(i8), intent(in) :: first
       integer, intent(in) :: nreal
-      real(wp), intent(in) :: base, q(:, :), p(:, :), dq(:, :), dp(:, :)
+      real(wp), intent(in) :: base, dq(:, :), dp(:, :)
       integer(i8), intent(in) :: status(:)
       real(wp), intent(inout) :: d(:, :, :)
       real(wp) :: factor
       integer :: lane, point, variable, k, n
 
-      n = size(q, 2)
+      n = size(steps%q, 2)
       do lane = 1, nreal
          call locate(first + lane - 1, n, point, variable, k)
          if (variable <= n) then
-            factor = weight(k)/length(base, q(point, variable))
+            factor = weight(k)/length(base, steps%q(point, variable))
          else
-            factor = weight(k)/length(base, p(point, variable - n))
+            factor = weight(k)/length(base, steps%p(point, variable - n))
          end if
          if (status(lane) /= 0) factor = ieee_value(factor, ieee_quiet_nan)
          d(:n, variable, point) = d(:n, variable, point) + factor*dq(lane, :)
