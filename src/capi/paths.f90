@@ -14,6 +14,7 @@ module symsde_capi_paths
    use symsde_capi_options, only: read_options
    use symsde_capi_report, only: check_report, end_run
    use symsde_capi_scheme, only: find_scheme
+   use symsde_ensemble_block_initial_state, only: initial_state
    use symsde_ensemble_run_driver, only: run_ensemble
    use symsde_ensemble_options, only: run_options, check_options
    use symsde_ensemble_observe_recorder, only: path_recorder
@@ -70,6 +71,7 @@ contains
       type(scheme_type), pointer :: s
       type(run_options) :: o
       type(run_input) :: from
+      type(initial_state) :: start
       type(path_recorder) :: recorder
       type(scratch_type), target :: scratch
       type(run_report) :: outcome
@@ -81,9 +83,12 @@ contains
       call check_report(report, refusal)
       if (.not. allocated(refusal)) call read_input(input, m%traits%ndof, o%npath, from, refusal)
       if (.not. allocated(refusal)) call read_paths(paths, m%traits%ndof, o, recorder, scratch, refusal)
+      start%q => from%q0
+      start%p => from%p0
+      start%q_low => from%q0_low
+      start%p_low => from%p0_low
       if (.not. allocated(refusal)) &
-         call run_ensemble(m, s, o, from%q0, from%p0, recorder, from%monitor, outcome, refusal, &
-                           from%dw, from%q0_low, from%p0_low)
+         call run_ensemble(m, s, o, start, recorder, from%monitor, outcome, refusal, from%dw)
       code = 0
       if (associated(m)) code = m%failure_code()
       status = end_run(refusal, code, outcome, report, error)

@@ -10,7 +10,7 @@ module symsde_ensemble_block_initial_state
    use symsde_step_block_state, only: lane_state
    implicit none
    private
-   public :: initial_state, new_initial_state
+   public :: initial_state
 
    type :: initial_state
       real(wp), pointer :: q(:, :) => null(), p(:, :) => null()          !! (npath or 1, ndof)
@@ -23,15 +23,6 @@ module symsde_ensemble_block_initial_state
    end type initial_state
 
 contains
-
-   !> Point to the caller's arrays, which must be targets there. Low parts are set by who has them.
-   subroutine new_initial_state(self, q, p)
-      type(initial_state), intent(out) :: self
-      real(wp), intent(in), target :: q(:, :), p(:, :)   !! (npath or 1, ndof)
-
-      self%q => q
-      self%p => p
-   end subroutine new_initial_state
 
    !> The initial state of a block; lanes past its last path repeat it.
    subroutine give(self, offset, nreal, last, step, s)

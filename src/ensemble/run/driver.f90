@@ -17,7 +17,7 @@ module symsde_ensemble_run_driver
    use symsde_ensemble_run_areas, only: choose_areas, check_area_counters
    use symsde_ensemble_block_runner, only: block_runner
    use symsde_ensemble_block_single_path, only: new_single_path
-   use symsde_ensemble_block_initial_state, only: initial_state, new_initial_state
+   use symsde_ensemble_block_initial_state, only: initial_state
    use symsde_ensemble_monitor, only: monitor_type
    use symsde_ensemble_observe_observer, only: observer_type
    use symsde_ensemble_run_probes, only: probe_declared, probe_whole_steps
@@ -78,29 +78,23 @@ contains
    end function choose_nlane
 
    !> Run all paths and show them to (copies of) the observer: an ensemble that is driven once.
-   subroutine run_ensemble(model, scheme, options, q0, p0, observer, monitor, report, error, &
-                           dw, q0_low, p0_low)
+   subroutine run_ensemble(model, scheme, options, from, observer, monitor, report, error, dw)
       class(model_type), intent(in), target :: model
       type(scheme_type), intent(in), target :: scheme
       type(run_options), intent(in) :: options
-      real(wp), intent(in), target :: q0(:, :), p0(:, :)      !! initial state (npath or 1, ndof)
+      type(initial_state), intent(in) :: from
       class(observer_type), intent(in) :: observer    !! for blocks of choose_nlane(options, model) lanes
       class(monitor_type), intent(inout) :: monitor
       type(run_report), intent(out) :: report
       type(error_type), allocatable, intent(inout) :: error
       real(wp), intent(in), target, contiguous, optional :: dw(:, :, :)  !! increments (npath or 1, nnoise, rows)
-      real(wp), intent(in), target, optional :: q0_low(:, :), p0_low(:, :)       !! low parts, to resume
       type(ensemble_type), target :: ensemble
-      type(initial_state) :: from
       real(wp), pointer, contiguous :: given(:, :, :)
 
       nullify (given)  ! an absent array is not handed on: gfortran 12 reads the bounds that it has not
       if (present(dw)) given => dw
-      call new_ensemble(ensemble, model, scheme, options, q0, p0, observer, error, given)
+      call new_ensemble(ensemble, model, scheme, options, from%q, from%p, observer, error, given)
       if (allocated(error)) return
-      call new_initial_state(from, q0, p0)
-      if (present(q0_low)) from%q_low => q0_low
-      if (present(p0_low)) from%p_low => p0_low
       call ensemble%drive(from, observer, monitor, error)
       report = ensemble%report
    end subroutine run_ensemble

@@ -6,6 +6,7 @@ module symsde_ensemble_run_simulate
    use symsde_base_memory, only: require_memory
    use symsde_base_status, only: error_type, raise, too_large, out_of_memory, invalid_argument
    use symsde_base_text, only: to_text
+   use symsde_ensemble_block_initial_state, only: initial_state
    use symsde_ensemble_run_driver, only: run_ensemble, choose_nlane
    use symsde_ensemble_observe_moment_collector, only: moment_collector, new_moment_collector, moment_store
    use symsde_ensemble_monitor, only: monitor_type
@@ -65,16 +66,16 @@ contains
       class(monitor_type), intent(inout), optional :: monitor
       real(wp), intent(in), target, optional :: q0_low(:, :), p0_low(:, :)  !! low parts, to resume (npath, ndof)
       type(path_recorder) :: recorder
-      real(wp), allocatable :: q_rows(:, :), p_rows(:, :)  !! (npath or 1, ndof)
+      real(wp), allocatable, target :: q_rows(:, :), p_rows(:, :)  !! (npath or 1, ndof)
       real(wp), pointer, contiguous :: given(:, :, :)  !! dw, or null: an absent array is not handed on
-      real(wp), pointer :: q_low(:, :), p_low(:, :)
+      type(initial_state) :: from
       type(monitor_type) :: no_monitor
 
       if (allocated(error)) return
-      nullify (given, q_low, p_low)
+      nullify (given)
       if (present(dw)) given => dw
-      if (present(q0_low)) q_low => q0_low
-      if (present(p0_low)) p_low => p0_low
+      if (present(q0_low)) from%q_low => q0_low
+      if (present(p0_low)) from%p_low => p0_low
       call check_options(options, error)
       if (allocated(error)) return
       call new_paths(run, options, model%traits%ndof, error)
@@ -91,12 +92,12 @@ contains
       call by_path(q0, model%traits%ndof, q_rows, error)
       call by_path(p0, model%traits%ndof, p_rows, error)
       if (allocated(error)) return
+      from%q => q_rows
+      from%p => p_rows
       if (present(monitor)) then
-         call run_ensemble(model, scheme, options, q_rows, p_rows, recorder, monitor, &
-                           run%report, error, given, q_low, p_low)
+         call run_ensemble(model, scheme, options, from, recorder, monitor, run%report, error, given)
       else
-         call run_ensemble(model, scheme, options, q_rows, p_rows, recorder, no_monitor, &
-                           run%report, error, given, q_low, p_low)
+         call run_ensemble(model, scheme, options, from, recorder, no_monitor, run%report, error, given)
       end if
    end subroutine simulate
 
@@ -121,16 +122,16 @@ contains
       type(moment_collector) :: collector
       type(moment_node) :: root
       type(run_options) :: shown
-      real(wp), allocatable :: q_rows(:, :), p_rows(:, :)  !! (npath or 1, ndof)
+      real(wp), allocatable, target :: q_rows(:, :), p_rows(:, :)  !! (npath or 1, ndof)
       real(wp), pointer, contiguous :: given(:, :, :)  !! dw, or null: an absent array is not handed on
-      real(wp), pointer :: q_low(:, :), p_low(:, :)
+      type(initial_state) :: from
       type(monitor_type) :: no_monitor
 
       if (allocated(error)) return
-      nullify (given, q_low, p_low)
+      nullify (given)
       if (present(dw)) given => dw
-      if (present(q0_low)) q_low => q0_low
-      if (present(p0_low)) p_low => p0_low
+      if (present(q0_low)) from%q_low => q0_low
+      if (present(p0_low)) from%p_low => p0_low
       call check_options(options, error)
       if (.not. allocated(error)) call check_shard(options, error)
       if (.not. allocated(error)) call new_moments(result, model, options, error, observables)
@@ -148,12 +149,12 @@ contains
       call by_path(q0, model%traits%ndof, q_rows, error)
       call by_path(p0, model%traits%ndof, p_rows, error)
       if (allocated(error)) return
+      from%q => q_rows
+      from%p => p_rows
       if (present(monitor)) then
-         call run_ensemble(model, scheme, shown, q_rows, p_rows, collector, monitor, &
-                           result%report, error, given, q_low, p_low)
+         call run_ensemble(model, scheme, shown, from, collector, monitor, result%report, error, given)
       else
-         call run_ensemble(model, scheme, shown, q_rows, p_rows, collector, no_monitor, &
-                           result%report, error, given, q_low, p_low)
+         call run_ensemble(model, scheme, shown, from, collector, no_monitor, result%report, error, given)
       end if
       if (allocated(error)) return
       call plan%deliver(result%observed)
