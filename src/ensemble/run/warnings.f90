@@ -140,7 +140,7 @@ contains
       bounds%nnoise = model%traits%nnoise
       if (.not. bounds%frequency > 0) then
          bounds%frequency_source = 'estimated at the initial state'
-         call row_sums(model, nlane, size(sums, 1), t, 0, q, p, sums(:, 1), sums(:, 2), sums(:, 3), looked)
+         call row_sums(model, nlane, size(sums, 1), t, 0, q, p, sums, looked)
          if (looked) bounds%frequency = maxval(sums(:, 2)) + sqrt(maxval(sums(:, 1)))*sqrt(maxval(sums(:, 3)))
       end if
       if (bounds%lipschitz > 0 .or. model%traits%additive .or. model%traits%nnoise > most_noises) return
@@ -148,7 +148,7 @@ contains
       bounds%nnoise = 0
       rows = 0
       do k = 1, model%traits%nnoise
-         call row_sums(model, nlane, size(sums, 1), t, k, q, p, sums(:, 1), sums(:, 2), sums(:, 3), looked)
+         call row_sums(model, nlane, size(sums, 1), t, k, q, p, sums, looked)
          if (.not. looked) return
          if (maxval(sums) > 0) bounds%nnoise = bounds%nnoise + 1
          rows = rows + sums(:, 1:2) + sums(:, 2:3)
@@ -156,51 +156,49 @@ contains
       bounds%lipschitz = maxval(rows)
    end subroutine find_bounds
 
-   !> Row sums of the Hessian blocks of H_k; of the mixed one, which separable models do not have, the larger of row and
-   !> column.
-   subroutine row_sums(model, nlane, n, t, k, q, p, hqq, hqp, hpp, looked)
+   !> Row sums of the Hessian blocks of H_k in q, mixed and in p; of the mixed one, which separable models do not have,
+   !> the larger of row and column.
+   subroutine row_sums(model, nlane, n, t, k, q, p, sums, looked)
       class(model_type), intent(in) :: model
       integer, intent(in) :: nlane, n, k
       real(wp), intent(in) :: t, q(nlane, n), p(nlane, n)
-      real(wp), intent(out), dimension(n) :: hqq, hqp, hpp
+      real(wp), intent(out) :: sums(n, 3)
       logical, intent(out) :: looked   !! false where the Hessian is too large to look at
       real(wp) :: w(nlane, 0:model%traits%nnoise)
       real(wp), allocatable :: aqq(:, :, :), aqp(:, :, :), app(:, :, :), column(:)
       integer :: m, b, i
 
-      hqq = 0
-      hqp = 0
-      hpp = 0
+      sums = 0
       m = model%traits%nnoise
       b = model%traits%bandwidth
       looked = b /= dense .or. n <= largest_dense
       if (.not. looked) return
       call look_at(k, w)
       if (model%traits%has_scalar_rows) then  ! H = p.p/2 + U(q)
-         call sum_rows(model, nlane, n, m, t, w, q, p, hqq)
-         if (k == 0) hpp = 1
+         call sum_rows(model, nlane, n, m, t, w, q, p, sums(:, 1))
+         if (k == 0) sums(:, 3) = 1
          return
       end if
       if (b == dense) then
          allocate (aqq(nlane, n, n), app(nlane, n, n))
          if (.not. model%traits%separable) allocate (aqp(nlane, n, n))
          call model%hessian(nlane, n, m, t, w, q, p, aqq, aqp, app)
-         hqq = sum(abs(aqq(1, :, :)), dim=2)
-         hpp = sum(abs(app(1, :, :)), dim=2)
-         if (allocated(aqp)) hqp = max(sum(abs(aqp(1, :, :)), dim=1), sum(abs(aqp(1, :, :)), dim=2))
+         sums(:, 1) = sum(abs(aqq(1, :, :)), dim=2)
+         sums(:, 3) = sum(abs(app(1, :, :)), dim=2)
+         if (allocated(aqp)) sums(:, 2) = max(sum(abs(aqp(1, :, :)), dim=1), sum(abs(aqp(1, :, :)), dim=2))
       else
          allocate (aqq(nlane, -b:b, n), app(nlane, -b:b, n))
          if (.not. model%traits%separable) allocate (aqp(nlane, -b:b, n))
          call model%hessian_banded(nlane, n, m, b, t, w, q, p, aqq, aqp, app)
-         call sum_bands(nlane, 2*b + 1, n, aqq, hqq)
-         call sum_bands(nlane, 2*b + 1, n, app, hpp)
+         call sum_bands(nlane, 2*b + 1, n, aqq, sums(:, 1))
+         call sum_bands(nlane, 2*b + 1, n, app, sums(:, 3))
          if (.not. allocated(aqp)) return
-         hqp = sum(abs(aqp(1, :, :)), dim=1)
+         sums(:, 2) = sum(abs(aqp(1, :, :)), dim=1)
          allocate (column(1 - b:n + b), source=0.0_wp)
          do i = 1, n
             column(i - b:i + b) = column(i - b:i + b) + abs(aqp(1, :, i))
          end do
-         hqp = max(hqp, column(1:n))
+         sums(:, 2) = max(sums(:, 2), column(1:n))
       end if
    end subroutine row_sums
 
