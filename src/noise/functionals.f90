@@ -114,8 +114,7 @@ contains
                x = 0.25_wp*(x1 + x2) + 0.125_wp*(left%of(path_dz)%x/left%length - right%of(path_dz)%x/right%length &
                                                  - 0.5_wp*(w1 - w2))
             case (path_magnus)
-               call merge_magnus(nlane, nnoise, right%length, w1, w2, left%of(path_dz)%x, right%of(path_dz)%x, x1, x2, &
-                                 x)
+               call merge_magnus(nlane, nnoise, left, right, x)
             case default  ! forgotten here: no path goes on with it
                x = ieee_value(left%length, ieee_quiet_nan)
             end select
@@ -123,25 +122,25 @@ contains
       end do
    end subroutine merge_intervals
 
-   pure subroutine merge_magnus(nlane, nnoise, h2, w1, w2, z1, z2, x1, x2, x)
+   pure subroutine merge_magnus(nlane, nnoise, left, right, x)
       integer, intent(in) :: nlane, nnoise
-      real(wp), intent(in) :: h2  !! length of the right interval
-      real(wp), intent(in) :: w1(nlane, nnoise), w2(nlane, nnoise), z1(nlane, nnoise), z2(nlane, nnoise)
-      real(wp), intent(in) :: x1(nlane, pair_index(nnoise, nnoise))
-      real(wp), intent(in) :: x2(nlane, pair_index(nnoise, nnoise))
+      type(path_interval), intent(in) :: left, right
       real(wp), intent(inout) :: x(nlane, pair_index(nnoise, nnoise))
       integer :: k, l, kl, lane
 
-      do l = 1, nnoise
-         do k = 1, l
-            kl = pair_index(k, l)
-            do lane = 1, nlane
-               x(lane, kl) = (x1(lane, kl) + x2(lane, kl)) &
-                             + 0.5_wp*(z1(lane, k)*w2(lane, l) + w1(lane, k)*(h2*w2(lane, l) - z2(lane, l)) &
-                                       + z1(lane, l)*w2(lane, k) + w1(lane, l)*(h2*w2(lane, k) - z2(lane, k)))
+      associate (x1 => left%of(path_magnus)%x, x2 => right%of(path_magnus)%x, z1 => left%of(path_dz)%x, &
+                 z2 => right%of(path_dz)%x, w1 => left%w, w2 => right%w, h2 => right%length)
+         do l = 1, nnoise
+            do k = 1, l
+               kl = pair_index(k, l)
+               do lane = 1, nlane
+                  x(lane, kl) = (x1(lane, kl) + x2(lane, kl)) &
+                                + 0.5_wp*(z1(lane, k)*w2(lane, l) + w1(lane, k)*(h2*w2(lane, l) - z2(lane, l)) &
+                                          + z1(lane, l)*w2(lane, k) + w1(lane, l)*(h2*w2(lane, k) - z2(lane, k)))
+               end do
             end do
          end do
-      end do
+      end associate
    end subroutine merge_magnus
 
    pure subroutine merge_areas(nlane, nnoise, w1, w2, a1, a2, a)

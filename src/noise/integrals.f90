@@ -52,6 +52,15 @@ module symsde_noise_integrals
       real(wp), allocatable :: z(:, :), n(:, :), d(:, :)
    end type halving_draws
 
+   !> An interval that is halved further: which it is, what is known of the path on it, the draws that halve it.
+   type :: known_interval
+      integer :: level = 0         !! halvings that led to it
+      integer(i8) :: index = 0     !! its number among its like
+      real(wp) :: length = 0
+      type(path_shape) :: shape
+      type(halving_draws) :: u
+   end type known_interval
+
 contains
 
    !> The steps 2*pair and 2*pair+1 of the run; of a path by itself, those of the pairs that its lanes look ahead to.
@@ -110,8 +119,7 @@ contains
       real(wp), intent(in) :: length
       type(path_interval), intent(out) :: even, odd
       integer(i8), intent(inout) :: drawn
-      type(path_shape) :: first, second
-      type(halving_draws) :: u1, u2
+      type(known_interval) :: first, second
       integer :: level
 
       if (d%law /= law_gaussian) then
@@ -119,11 +127,13 @@ contains
          return
       end if
       level = max(-d%refine, 0)
-      call draw_shapes(d, nlane, path, pair/2_i8**level, length*2.0_wp**level, first, second, drawn)
-      if (level > 0) call descend(d, nlane, path, pair, first, second, drawn)
-      if (levels_below(d, length) > 0) call draw_halving(d, nlane, path, pair, level + 1, length, u1, u2, drawn)
-      call complete(d, nlane, path, level, 2*pair, length, first, u1, even, drawn)
-      call complete(d, nlane, path, level, 2*pair + 1, length, second, u2, odd, drawn)
+      call number_pair(first, second, level, pair, length)
+      call draw_shapes(d, nlane, path, pair/2_i8**level, length*2.0_wp**level, first%shape, second%shape, drawn)
+      if (level > 0) call descend(d, nlane, path, pair, first%shape, second%shape, drawn)
+      if (levels_below(d, length) > 0) &
+         call draw_halving(d, nlane, path, pair, level + 1, length, first%u, second%u, drawn)
+      call complete(d, nlane, path, first, even, drawn)
+      call complete(d, nlane, path, second, odd, drawn)
    end subroutine finest_pair
 
    !> dW and areas of a discrete law on the finest intervals 2*pair and 2*pair+1.
@@ -239,22 +249,20 @@ contains
    end function levels_below
 
    !> An interval with its functionals. Those that its shape determines are not halved for.
-   subroutine complete(d, nlane, path, level, index, length, shape, u, interval, drawn)
+   subroutine complete(d, nlane, path, known, interval, drawn)
       type(integral_draws), intent(in) :: d
-      integer, intent(in) :: nlane, level                 !! halvings that led to this interval
-      integer(i8), intent(in) :: path(nlane), index       !! number of the interval among its like
-      real(wp), intent(in) :: length
-      type(path_shape), intent(in) :: shape
-      type(halving_draws), intent(in) :: u
+      integer, intent(in) :: nlane
+      integer(i8), intent(in) :: path(nlane)
+      type(known_interval), intent(in) :: known
       type(path_interval), intent(out) :: interval
       integer(i8), intent(inout) :: drawn
       type(path_interval) :: whole
       integer :: last
 
-      call finest_interval(d, nlane, length, shape, interval)
-      last = level + levels_below(d, length)
-      if (last == level) return
-      call merge_halves(d, nlane, path, level + 1, last, index, length, shape, u, whole, drawn)
+      call finest_interval(d, nlane, known%length, known%shape, interval)
+      last = known%level + levels_below(d, known%length)
+      if (last == known%level) return
+      call merge_halves(d, nlane, path, last, known, whole, drawn)
       if (d%is_left()) return
       if (d%asked%has(path_areas) .and. .not. d%in_law()) &
          call move_alloc(whole%of(path_areas)%x, interval%of(path_areas)%x)
@@ -262,35 +270,48 @@ contains
    end subroutine complete
 
    !> Functionals of an interval from those of its halves, down to the last level.
-   recursive subroutine merge_halves(d, nlane, path, level, last, index, length, shape, u, whole, drawn)
+   recursive subroutine merge_halves(d, nlane, path, last, known, whole, drawn)
       type(integral_draws), intent(in) :: d
       integer, intent(in) :: nlane
-      integer, intent(in) :: level, last                  !! of this halving, of the last ones
-      integer(i8), intent(in) :: path(nlane), index       !! number of the interval among its like
-      real(wp), intent(in) :: length
-      type(path_shape), intent(in) :: shape
-      type(halving_draws), intent(in) :: u
+      integer, intent(in) :: last                         !! level of the finest intervals
+      integer(i8), intent(in) :: path(nlane)
+      type(known_interval), intent(in) :: known
       type(path_interval), intent(out) :: whole
       integer(i8), intent(inout) :: drawn
       type(path_interval) :: left, right
-      type(path_shape) :: first, second
-      type(halving_draws) :: u1, u2
+      type(known_interval) :: first, second
 
-      if (last - level == levels_unseen) call d%look()
+      if (last - known%level == levels_unseen + 1) call d%look()
       if (d%is_left()) return
-      call halve(shape, u, first, second)
-      if (level == last) then
-         call finest_interval(d, nlane, length/2, first, left)
-         call finest_interval(d, nlane, length/2, second, right)
+      call number_pair(first, second, known%level + 1, known%index, known%length/2)
+      call halve(known%shape, known%u, first%shape, second%shape)
+      if (first%level == last) then
+         call finest_interval(d, nlane, first%length, first%shape, left)
+         call finest_interval(d, nlane, second%length, second%shape, right)
       else
-         call draw_halving(d, nlane, path, index, level + 1, length/2, u1, u2, drawn)
-         call merge_halves(d, nlane, path, level + 1, last, 2*index, length/2, first, u1, left, drawn)
-         call merge_halves(d, nlane, path, level + 1, last, 2*index + 1, length/2, second, u2, right, drawn)
+         call draw_halving(d, nlane, path, known%index, first%level + 1, first%length, first%u, second%u, drawn)
+         call merge_halves(d, nlane, path, last, first, left, drawn)
+         call merge_halves(d, nlane, path, last, second, right, drawn)
          if (d%is_left()) return
       end if
       call merge_intervals(nlane, d%nnoise, left, right, whole)
-      whole%w = shape%w  ! the sum of the halves to rounding
+      whole%w = known%shape%w  ! the sum of the halves to rounding
    end subroutine merge_halves
+
+   !> The intervals 2*pair and 2*pair+1 of a level.
+   pure subroutine number_pair(even, odd, level, pair, length)
+      type(known_interval), intent(out) :: even, odd
+      integer, intent(in) :: level
+      integer(i8), intent(in) :: pair
+      real(wp), intent(in) :: length
+
+      even%level = level
+      odd%level = level
+      even%index = 2*pair
+      odd%index = 2*pair + 1
+      even%length = length
+      odd%length = length
+   end subroutine number_pair
 
    !> What the shape says of an interval.
    subroutine finest_interval(d, nlane, length, shape, interval)
