@@ -15,7 +15,7 @@ module symsde_model_catalogue_oscillator
       type(oscillator_terms) :: terms
    contains
       procedure :: has_flow
-      procedure :: flow => oscillator_steps
+      procedure :: flow
       procedure :: angle
    end type oscillator_model
 
@@ -30,7 +30,7 @@ contains
    end function has_flow
 
    !> Whole steps, see model_type.
-   subroutine oscillator_steps(self, scheme, steps, ndof, q, p, qn, pn, status, counters)
+   subroutine flow(self, scheme, steps, ndof, q, p, qn, pn, status, counters)
       class(oscillator_model), intent(in) :: self
       character(*), intent(in) :: scheme
       type(steps_record), intent(in) :: steps
@@ -42,7 +42,7 @@ contains
       type(counters_type), intent(inout) :: counters
 
       call oscillator_flow(self%terms, scheme, steps, q, p, qn, pn, counters)
-   end subroutine oscillator_steps
+   end subroutine flow
 
    !> The terms for one path, see model_type; the rate is one.
    subroutine angle(self, nnoise, t, w, terms)

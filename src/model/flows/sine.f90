@@ -22,6 +22,11 @@ module symsde_model_flows_sine
       integer :: noise_a = 0, noise_b = 0, noise_c = 0, noise_e = 0
    end type sine_terms
 
+   !> The lanes of a tile: their state, its sine and cosine, half of the weights of the step.
+   type :: tile_state
+      real(wp), dimension(sincos_tile) :: x, y, sine, cosine, a, b, c
+   end type tile_state
+
 contains
 
    !> The contract of model_type%flow, for one degree of freedom.
@@ -52,23 +57,23 @@ contains
       integer, intent(in) :: first, n
       real(wp), intent(in) :: w(steps%nlane, 0:steps%nnoise, steps%nstep), q(n), p(n)
       real(wp), intent(inout) :: qn(steps%nlane, steps%nstep/steps%every), pn(steps%nlane, steps%nstep/steps%every)
-      real(wp), dimension(sincos_tile) :: x, y, sine, cosine, a, b, c
+      type(tile_state) :: s
       real(wp) :: rate
       integer :: step, out
 
       rate = terms%rate*steps%h
-      x(:n) = q
-      y(:n) = p
-      call sincos_lanes(n, x, sine, cosine)
+      s%x(:n) = q
+      s%y(:n) = p
+      call sincos_lanes(n, s%x, s%sine, s%cosine)
       do out = 1, steps%nstep/steps%every
          do step = (out - 1)*steps%every + 1, out*steps%every
             call to_the_angle(n, terms, rate, steps%h, w(first, terms%noise_a, step), w(first, terms%noise_b, step), &
-                              w(first, terms%noise_c, step), w(first, terms%noise_e, step), sine, cosine, a, b, c, x, y)
-            call sincos_lanes(n, x, sine, cosine)
-            call from_the_angle(n, a, b, c, sine, cosine, x, y)
+                              w(first, terms%noise_c, step), w(first, terms%noise_e, step), s)
+            call sincos_lanes(n, s%x, s%sine, s%cosine)
+            call from_the_angle(n, s)
          end do
-         qn(first:first + n - 1, out) = x(:n)
-         pn(first:first + n - 1, out) = y(:n)
+         qn(first:first + n - 1, out) = s%x(:n)
+         pn(first:first + n - 1, out) = s%y(:n)
       end do
    end subroutine verlet
 
@@ -88,12 +93,10 @@ contains
       sine = sincos_one(x, cosine)
       do out = 1, steps%nstep/steps%every
          do step = (out - 1)*steps%every + 1, out*steps%every
-            associate (t => terms)
-               call find_weights(rate, t%a, t%b, t%c, w(1, t%noise_a, step), w(1, t%noise_b, step), &
-                                 w(1, t%noise_c, step), a, b, c)
-               call kick(a, b, c, sine, cosine, x, y)
-               x = x + (h + t%e*w(1, t%noise_e, step))*y
-            end associate
+            call find_weights(terms, rate, w(1, terms%noise_a, step), w(1, terms%noise_b, step), &
+                              w(1, terms%noise_c, step), a, b, c)
+            call kick(a, b, c, sine, cosine, x, y)
+            x = x + (h + terms%e*w(1, terms%noise_e, step))*y
             sine = sincos_one(x, cosine)
             call kick(a, b, c, sine, cosine, x, y)
          end do
@@ -105,47 +108,41 @@ contains
    ! ---- kernels ----------------------------------------------------------------------------------
 
    !> VEC The weights of the step, half a kick, and a drift.
-   pure subroutine to_the_angle(n, terms, rate, h, wa, wb, wc, we, sine, cosine, a, b, c, x, y)
+   pure subroutine to_the_angle(n, terms, rate, h, wa, wb, wc, we, s)
       integer, intent(in) :: n
       type(sine_terms), intent(in) :: terms
       real(wp), intent(in) :: rate, h  !! the first is that of the terms for a step, rounded once for all lanes
-      real(wp), intent(in), dimension(n) :: wa, wb, wc, we, sine, cosine
-      real(wp), intent(out), dimension(n) :: a, b, c
-      real(wp), intent(inout), dimension(n) :: x, y
-      real(wp) :: as, bs, cs, es
+      real(wp), intent(in), dimension(n) :: wa, wb, wc, we
+      type(tile_state), intent(inout) :: s
       integer :: i
 
-      as = terms%a
-      bs = terms%b
-      cs = terms%c
-      es = terms%e
       do i = 1, n
-         call find_weights(rate, as, bs, cs, wa(i), wb(i), wc(i), a(i), b(i), c(i))
-         call kick(a(i), b(i), c(i), sine(i), cosine(i), x(i), y(i))
-         x(i) = x(i) + (h + es*we(i))*y(i)
+         call find_weights(terms, rate, wa(i), wb(i), wc(i), s%a(i), s%b(i), s%c(i))
+         call kick(s%a(i), s%b(i), s%c(i), s%sine(i), s%cosine(i), s%x(i), s%y(i))
+         s%x(i) = s%x(i) + (h + terms%e*we(i))*s%y(i)
       end do
    end subroutine to_the_angle
 
    !> VEC Half a kick.
-   pure subroutine from_the_angle(n, a, b, c, sine, cosine, x, y)
+   pure subroutine from_the_angle(n, s)
       integer, intent(in) :: n
-      real(wp), intent(in), dimension(n) :: a, b, c, sine, cosine, x
-      real(wp), intent(inout) :: y(n)
+      type(tile_state), intent(inout) :: s
       integer :: i
 
       do i = 1, n
-         call kick(a(i), b(i), c(i), sine(i), cosine(i), x(i), y(i))
+         call kick(s%a(i), s%b(i), s%c(i), s%sine(i), s%cosine(i), s%x(i), s%y(i))
       end do
    end subroutine from_the_angle
 
    !> Half of the weights a, b, c.
-   pure subroutine find_weights(rate, as, bs, cs, wa, wb, wc, a, b, c)
-      real(wp), intent(in) :: rate, as, bs, cs, wa, wb, wc
+   pure subroutine find_weights(terms, rate, wa, wb, wc, a, b, c)
+      type(sine_terms), intent(in) :: terms
+      real(wp), intent(in) :: rate, wa, wb, wc
       real(wp), intent(out) :: a, b, c
 
-      a = 0.5_wp*(rate + as*wa)
-      b = 0.5_wp*(bs*wb)
-      c = 0.5_wp*(cs*wc)
+      a = 0.5_wp*(rate + terms%a*wa)
+      b = 0.5_wp*(terms%b*wb)
+      c = 0.5_wp*(terms%c*wc)
    end subroutine find_weights
 
    !> Half a kick. The sums of two kicks at one angle do not wait for each other.
