@@ -19,8 +19,13 @@ static const int rounding[NMODE] = {FE_TONEAREST, FE_UPWARD, FE_DOWNWARD, FE_TOW
 
 static void set_mode(int mode) {
    fesetround(rounding[mode]);
-#ifdef __SSE2__
+#if defined(__SSE2__)
    _mm_setcsr((_mm_getcsr() & ~0x8040u) | (mode == FLUSHED ? 0x8040u : 0));
+#elif defined(__aarch64__)
+   unsigned long long bits;
+   __asm__ volatile("mrs %0, fpcr" : "=r"(bits));
+   bits = (bits & ~(1ull << 24)) | ((unsigned long long)(mode == FLUSHED) << 24);
+   __asm__ volatile("msr fpcr, %0" : : "r"(bits));
 #endif
 }
 
@@ -62,7 +67,7 @@ int main(void) {
          run_in(NEAREST, threads, &other);
          CHECK(same(&found[NEAREST], &other));
       }
-#ifndef __SSE2__
+#if !defined(__SSE2__) && !defined(__aarch64__)
       if (mode == FLUSHED)
          continue;
 #endif

@@ -1,8 +1,6 @@
 /* SPDX-License-Identifier: BSD-3-Clause
- * What decides about the bits of sums beside their terms: how a thread rounds, and, where that is in the same register of
- * an x86 processor, whether it keeps denormal numbers. Traps and flags are left as they are. */
-#include <fenv.h>
-
+ * What decides about the bits of sums beside their terms: how a thread rounds, and, where that is in the same register (x86,
+ * aarch64), whether it keeps denormal numbers. Traps and flags are left as they are. */
 #define HIDDEN __attribute__((visibility("hidden")))
 
 HIDDEN int float_mode(void);
@@ -13,19 +11,43 @@ HIDDEN void set_float_mode(int mode);
 
 #define MODE 0xe040u /* of MXCSR: flush to zero, rounding, denormals are zeros */
 
-int float_mode(void) {
-   return (int)(_mm_getcsr() & MODE);
+static unsigned control(void) {
+   return _mm_getcsr();
 }
 
-void set_float_mode(int mode) {
-   _mm_setcsr((_mm_getcsr() & ~MODE) | (unsigned)mode);
+static void set_control(unsigned bits) {
+   _mm_setcsr(bits);
+}
+#elif defined(__aarch64__)
+#define MODE 0x1c00000u /* of FPCR: flush to zero, which takes denormals for zeros, too; rounding */
+
+static unsigned control(void) {
+   unsigned long long bits;
+   __asm__ volatile("mrs %0, fpcr" : "=r"(bits));
+   return (unsigned)bits; /* the upper half is reserved, and zero */
+}
+
+static void set_control(unsigned bits) {
+   __asm__ volatile("msr fpcr, %0" : : "r"((unsigned long long)bits));
 }
 #else
+#include <fenv.h>
+
+#define MODE (~0u) /* rounding alone */
+
+static unsigned control(void) {
+   return (unsigned)fegetround();
+}
+
+static void set_control(unsigned bits) {
+   fesetround((int)bits);
+}
+#endif
+
 int float_mode(void) {
-   return fegetround();
+   return (int)(control() & MODE);
 }
 
 void set_float_mode(int mode) {
-   fesetround(mode);
+   set_control((control() & ~MODE) | (unsigned)mode);
 }
-#endif
