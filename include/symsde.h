@@ -63,6 +63,8 @@ int symsde_status_text(int code, char *buffer, size_t size, size_t *needed);
 int symsde_version(char *buffer, size_t size, size_t *needed);
 /* lines "key: value": version, compiler, compile options, version of the counter map of the noise */
 int symsde_build_info(char *buffer, size_t size, size_t *needed);
+/* bytes of memory that the control groups of this process leave it now; infinity where none has a limit */
+int symsde_memory_left(double *bytes, symsde_error *error);
 
 /* ---- models ------------------------------------------------------------------------------------ */
 
@@ -172,8 +174,7 @@ int symsde_model_hessian(symsde_model model, int64_t npath, double t, const doub
 /* sine[n] and cosine[n] of x[n] radians, for callbacks: several times as fast as the C library lane by lane. For
  * |x| <= 1e5 they are within 1 ulp, with the same bits on every x86-64 processor if the library is built without
  * contraction; for larger |x| they are those of the C library. A lane depends on its own x alone. The arrays must not
- * overlap. SYMSDE_INVALID_ARGUMENT if an array is NULL or n < 0; there is no symsde_error, because a callback could not
- * show its sentence. Any thread may call it at any time */
+ * overlap. The status is SYMSDE_INVALID_ARGUMENT if an array is NULL or n < 0: a callback could not show an error */
 int symsde_sincos(int n, const double *x, double *sine, double *cosine);
 
 /* ---- schemes ----------------------------------------------------------------------------------- */
@@ -441,8 +442,7 @@ int symsde_run_new(symsde_model model, symsde_scheme scheme, const symsde_option
  * Returns SYMSDE_PATHS_FAILED if some paths are not ok, also from an earlier call */
 int symsde_run_advance(symsde_run run, int64_t steps, int64_t save_every, const symsde_input *input,
                        symsde_paths *paths, symsde_error *error);
-/* complete an advance that was stopped, with the increments and the arrays of that call; before that, or a reset, the
- * run does not advance */
+/* complete a stopped advance, with that call's increments and arrays; the run advances again after this, or a reset */
 int symsde_run_resume(symsde_run run, const symsde_input *input, symsde_paths *paths, symsde_error *error);
 /* start again from the state of an input; all paths are ok */
 int symsde_run_reset(symsde_run run, const symsde_input *input, uint64_t seed, int64_t first_path, int64_t first_step,

@@ -65,7 +65,7 @@ static double machine(void) {
 #if defined(__linux__)
 #include <stdio.h>
 
-__attribute__((visibility("hidden"))) double symsde_group_memory(const char *list, const char *root);
+__attribute__((visibility("hidden"))) double symsde_groups_leave(void);
 
 static int strict_overcommit = 1; /* written once, before any other function of the library can be called */
 
@@ -93,7 +93,7 @@ int symsde_memory_available(double bytes, int threads) {
    if (!(bytes < 4e18) || (bytes > LITTLE && bytes > machine()))
       return 0;
 #if defined(__linux__)
-   if (bytes > GROUP && bytes > symsde_group_memory("/proc/self/cgroup", "/sys/fs/cgroup"))
+   if (bytes > GROUP && bytes > symsde_groups_leave())
       return 0;
 #endif
    if (threads == 0 && bytes <= LITTLE && is_unbounded())

@@ -90,3 +90,9 @@ double symsde_group_memory(const char *list, const char *root) {
    fclose(stream);
    return least;
 }
+
+/* The same of this process. */
+__attribute__((visibility("hidden"))) double symsde_groups_leave(void);
+double symsde_groups_leave(void) {
+   return symsde_group_memory("/proc/self/cgroup", "/sys/fs/cgroup");
+}

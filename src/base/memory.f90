@@ -12,7 +12,7 @@ module symsde_base_memory
    use symsde_base_text, only: to_text
    implicit none
    private
-   public :: require_memory, require_reserve, memory_for
+   public :: require_memory, require_reserve, memory_for, memory_left
 
    real(wp), parameter :: reserve = 12.0_wp*2**20  !! bytes for texts, small arrays and the allocator itself
    character(*), parameter :: reserve_text = '12582912'  !! the same: where nothing is left, no number can be written
@@ -27,6 +27,12 @@ module symsde_base_memory
          integer(c_int), value :: threads
          integer(c_int) :: available
       end function symsde_memory_available
+
+      !> Bytes that the control groups of this process leave it; infinity where none has a limit.
+      function memory_left() result(bytes) bind(c, name='symsde_groups_leave')
+         import :: c_double
+         real(c_double) :: bytes
+      end function memory_left
    end interface
 
 contains

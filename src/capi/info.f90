@@ -1,16 +1,19 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> Texts about the library itself: status codes, version, build.
+!> About the library itself, status codes, version and build as texts, and what memory it may have.
 module symsde_capi_info
-   use, intrinsic :: iso_c_binding, only: c_int, c_ptr, c_size_t
+   use, intrinsic :: iso_c_binding, only: c_f_pointer, c_int, c_ptr, c_size_t
    use, intrinsic :: iso_fortran_env, only: compiler_options, compiler_version
-   use symsde_base_status, only: status_ok, status_text
+   use symsde_base_kinds, only: wp
+   use symsde_base_memory, only: memory_left
+   use symsde_base_status, only: error_type, status_ok, status_text
    use symsde_base_text, only: to_text
    use symsde_base_version, only: library_version
+   use symsde_capi_error, only: finish, require
    use symsde_capi_text, only: put_text
    use symsde_noise_philox, only: counter_map_version
    implicit none
    private
-   public :: symsde_status_text, symsde_version, symsde_build_info
+   public :: symsde_status_text, symsde_version, symsde_build_info, symsde_memory_left
 
 contains
 
@@ -51,6 +54,21 @@ contains
                     'openmp: '//openmp//new_line('a'), buffer, size, needed)
       status = status_ok
    end function symsde_build_info
+
+   !> Bytes that the control groups of this process leave it now.
+   function symsde_memory_left(bytes, error) result(status) bind(c, name='symsde_memory_left')
+      type(c_ptr), intent(in), value :: bytes, error
+      integer(c_int) :: status
+      type(error_type), allocatable :: refusal
+      real(wp), pointer :: left
+
+      call require(bytes, 'bytes', refusal)
+      if (.not. allocated(refusal)) then
+         call c_f_pointer(bytes, left)
+         left = memory_left()
+      end if
+      status = finish(refusal, error)
+   end function symsde_memory_left
 
    !> Compile options without those that name folders of the machine that built the library.
    pure subroutine drop_folders(options, kept)

@@ -5,14 +5,13 @@ Child processes walk down limits of their address space (`ulimit -v`), from too 
 the library judges too low it refuses, and an allocation that fails all the same ends the child, which fails the test.
 """
 
-import math
 import subprocess
 import sys
 
 import numpy as np
 import pytest
 import symsde as ss
-from symsde.native import groups
+from symsde.native import checks
 
 pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="limits of the address space are Linux's")
 
@@ -144,49 +143,10 @@ def test_codes_of_status_are_32_bits():
     assert ss.status_text(0) == "ok"
 
 
-VERSION_1 = {"memory.limit_in_bytes": "8000000000", "memory.usage_in_bytes": "6000000000"}
-VERSION_1 |= {"memory.stat": "inactive_file 1\ntotal_inactive_file 1000000000\ntotal_active_file 1000000000"}
-VERSION_2 = {"memory.max": "8000000000", "memory.current": "6000000000"}
-VERSION_2 |= {"memory.stat": "anon 3\ninactive_file 1000000000\nactive_file 1000000000"}
-
-
-@pytest.fixture
-def group(tmp_path):
-    """What groups leave by a list, in a tree of files."""
-
-    def left(listed, **folders):
-        for name, files in folders.items():
-            folder = tmp_path / "root" / name.replace("_", "/").replace("/and/", ",")
-            folder.mkdir(parents=True, exist_ok=True)
-            for file, text in files.items():
-                (folder / file).write_text(text + "\n")
-        (tmp_path / "list").write_text(listed)
-        return groups.memory(tmp_path / "list", tmp_path / "root")
-
-    return left
-
-
-def test_what_control_groups_leave(group, tmp_path):
-    """As tests/capi/test_capi_groups.c has it: the lowest limit on the way, without what is kept of files."""
-    assert group("0::/\n") == math.inf and groups.memory(tmp_path / "nowhere", tmp_path) == math.inf
-    assert group("0::/job\n", job={"memory.max": "max"}) == math.inf
-    assert group("0::/job/task\n", job=VERSION_2) == 4e9
-    assert group("0::/job/step\n", job_step={"memory.max": "3000000000"}) == 3e9
-    assert group("0::/other\n") == math.inf
-    assert group("0::/job/step\n", job_step={"memory.current": "5000000000"}) == 0.0
-    assert group("5:cpu:/a\n4:memory:/a\n0::/\n", memory_a={"memory.limit_in_bytes": str(2**63 - 4096)}) == math.inf
-    assert group("5:cpu:/a\n4:memory:/a\n", memory_a=VERSION_1) == 4e9
-    assert group("4:memory:/a\n", cpu_and_memory_a=VERSION_1, memory_a=VERSION_1 | {"memory.stat": ""}) == 2e9
-    assert group("2:cpu,memory:/a\n", memory_a={"memory.limit_in_bytes": "1"}) == 4e9
-    assert group("4:memory_pressure:/a\n3:name=memory:/a\nno list\n::\n") == math.inf
-    (tmp_path / "root" / "memory.max").write_text("7\n")  # a container, whose group is the root that it sees
-    assert group("0::/docker/1\n") == group("0::/../x\n") == 7.0
-
-
-def test_results_that_a_group_forbids(group, monkeypatch):
-    """A refusal, where the process would be killed when the arrays are filled."""
-    left = group("0::/job\n", job=VERSION_2)
-    monkeypatch.setattr(groups, "memory", lambda: left)
+def test_results_that_a_group_forbids(monkeypatch):
+    """A refusal, where the process would be killed when arrays are filled (what groups leave: test_capi_groups.c)."""
+    assert checks._left_by_groups() > 0
+    monkeypatch.setattr(checks, "_left_by_groups", lambda: 4e9)
     told = r"need 4\.8 GB, more than the 4 GB that this process can have: save"
     with pytest.raises(ss.errors.TooLargeError, match=told):
         ss.simulate(ss.models.kubo(), q0=1.0, p0=0.0, step=0.1, steps=2999, paths=100000, threads=1)

@@ -280,6 +280,7 @@ FUNCTIONS = {
     "status_text": (c_int, *_text),
     "version": _text,
     "build_info": _text,
+    "memory_left": (POINTER(c_double), _error),
     "traits_init": (POINTER(Traits),),
     "model_names": _text,
     "model_parameters": (c_char_p, *_text, _error),

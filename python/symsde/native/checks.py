@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 
 from ..errors import InvalidArgumentError, TooLargeError, UnknownNameError, WrongShapeError, WrongTypeError
-from . import groups
+from .library import library
 
 _address_of, _byte_at = ctypes.addressof, ctypes.c_char.from_buffer
 
@@ -290,12 +290,19 @@ def room(shape: tuple[int, ...], what: str, *, now: bool = True, do: str = _LESS
     """Refuse arrays of float64 before anything is allocated: the machine cannot hold them, or, where they are made now,
     the control groups of this process do not let it."""
     size = 8 * math.prod(shape)
-    most = min(_memory(), groups.memory() if now and size > _LITTLE else math.inf)
+    most = min(_memory(), _left_by_groups() if now and size > _LITTLE else math.inf)
     if size > most:
         raise TooLargeError(
             f"{what} of shape {shape} need {size / 1e9:.3g} GB, more than the {most / 1e9:.3g} GB "
             f"that this process can have: {do}"
         )
+
+
+def _left_by_groups() -> float:
+    """Bytes that the control groups of this process leave it: who goes beyond is killed."""
+    left = ctypes.c_double()
+    library.symsde_memory_left(ctypes.byref(left), None)
+    return left.value
 
 
 @functools.cache
