@@ -111,3 +111,44 @@ def test_an_end_is_outside(of, side, paths):
     run = {"q0": 0.0, "p0": 0.0, "step": side / 2, "steps": 4, "paths": paths, "scheme": "symplectic_euler"}
     found = ss.moments(model, **shown, **run).observed["out"]
     assert found.step.tolist() == [2] * paths and found.count[:, int(side > 0)].tolist() == [0, 0, paths, 0, 0]
+
+
+@pytest.mark.parametrize("paths", [1, 3, 300])
+@pytest.mark.parametrize("absorb", [True, False])
+@pytest.mark.parametrize(("end", "edge"), [(0.55, math.inf), (0.55, 0.9), (0.55, 0.55), (0.9, 0.55)])
+def test_a_value_that_is_lost_with_its_step(end, edge, absorb, paths):
+    """Where a step fails, the value is no number, or both: the path fails, and has left through neither end.
+
+    q = t; the force is no number beyond `end`, the value beyond `edge`; every second path begins far below, and passes
+    -4.85 on its way. One that has left and is not absorbed fails afterwards, and remains lost.
+    """
+    model = ss.Model(
+        ndof=1,
+        nnoise=0,
+        gradient=lambda t, w, q, p: (0 * q, np.where(q > end, np.nan, w[0] + 0 * p)),
+        separable=True,
+    )
+    start, doomed = np.zeros((1, paths)), (paths + 1) // 2
+    start[0, 1::2] = -5.0
+    run = {"p0": 0.0, "step": 0.1, "steps": 12, "save_every": 4, "paths": paths, "scheme": "symplectic_euler"}
+    watch = {
+        "value": observe.Passage("x", low=-10.0, high=4.0, absorb=absorb),
+        "upper": observe.Passage("x", high=-4.85 if absorb else 0.25, absorb=False),
+    }
+    with pytest.warns(ss.PathsFailedWarning):
+        found = ss.moments(
+            model,
+            q0=start,
+            observers=watch,
+            observables={"x": lambda q, p: np.where(q[0] > edge, np.nan, q[0])},
+            **run,
+        )
+    value, upper = found.observed["value"], found.observed["upper"]
+    assert value.n == 0 and not value.lost.any()
+    assert value.there.tolist() == found.n_ok.tolist() == [paths, paths, paths - doomed, paths - doomed]
+    assert found.report.failed == doomed and found.failed.tolist()[:2] == [0, 2][: min(doomed, 2)]
+    if absorb:  # those that begin far below leave there, the others are beyond from the start
+        assert upper.n == paths and upper.there.tolist() == [paths - doomed, 0, 0, 0]
+    else:  # at 0.3, after three steps, before they fail
+        assert upper.n == doomed and set(upper.step) == {3} and upper.there.tolist() == [paths, *[paths - doomed] * 3]
+    assert upper.count.sum() == upper.n
