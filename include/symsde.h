@@ -97,7 +97,7 @@ typedef int (*symsde_gradient)(int nlane, int ndof, int nham, double t, const do
 /* value[nlane] of sum_j w[j] H_j */
 typedef int (*symsde_value)(int nlane, int ndof, int nham, double t, const double *w, const double *q, const double *p,
                             double *value, void *user);
-/* hqq, hqp, hpp [ndof][ndof][nlane]; hqp[j][i] = d2/(dq_i dp_j) */
+/* hqq, hqp, hpp [ndof][ndof][nlane]; hqp[j][i] is the derivative by q_i and p_j */
 typedef int (*symsde_hessian)(int nlane, int ndof, int nham, double t, const double *w, const double *q,
                               const double *p, double *hqq, double *hqp, double *hpp, void *user);
 /* Hessian times (vq, vp): uq[ndof][nlane], up[ndof][nlane] */

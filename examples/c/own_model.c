@@ -13,7 +13,8 @@
 
 enum { STEPS = 200, TIMES = 2, VALUES = 2 }; /* times 0 and 10; q and p */
 
-/* Gradient of w[0] H + w[1] H_1 for a block of paths: arrays are [..][nlane], one lane for each path. */
+/* Gradient of w[0] H + w[1] H_1 for a block of paths: arrays are [..][nlane], one lane for each path;
+   w has nham rows, one for H and one for each noise. */
 static int gradient(int nlane, int ndof, int nham, double t, const double *w, const double *q, const double *p,
                     double *hq, double *hp, void *user) {
    const double sigma = *(const double *)user;

@@ -300,7 +300,7 @@ class Model:
     def hessian(self, q, p, w=None, t: float = 0.0) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Second derivatives qq, qp, pp of sum_j w[j] H_j: three arrays (dof, dof, path).
 
-        qp[j, i] = d2/dq_i dp_j.
+        qp[j, i] is the derivative by q_i and p_j.
         """
         q, p, w, npath = self._points(q, p, w)
         checks.room((3, self.ndof, self.ndof, npath), "Hessians")
