@@ -63,8 +63,8 @@ def load() -> ctypes.CDLL:
         abi.declare(library)
     except AttributeError as error:
         raise LibraryNotFoundError(
-            f"{path} is of another version than this package ({error}): build it again by ./bootstrap build, or "
-            "unset SYMSDE_LIBRARY if that is set"
+            f"{path} is of another version than this package ({error}): build it again by ./bootstrap build"
+            f"{', or unset SYMSDE_LIBRARY' if chosen else ''}"
         ) from error
     return library
 
