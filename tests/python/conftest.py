@@ -6,6 +6,7 @@ import io
 import numpy as np
 import pytest
 import symsde as ss
+from clock import WorkClock
 
 A, SIGMA = 1.0, 0.3
 
@@ -59,6 +60,19 @@ def rotation_hessian(t, w, q, p):
 def rotation_value(t, w, q, p):
     """Values of Kubo's oscillator."""
     return (A * w[0] + SIGMA * w[1]) * (p[0] ** 2 + q[0] ** 2) / 2
+
+
+@pytest.fixture
+def work_clock(monkeypatch):
+    """Seconds that are counted, so that what is chosen by them is the same on every machine, however busy."""
+    return WorkClock(monkeypatch)
+
+
+@pytest.fixture
+def quick_compiler(monkeypatch):
+    """Formulas are compiled as long ones are, in half the time, to the same bits: for tests of what they say, which
+    other tests ask of the highest level for a few."""
+    monkeypatch.setattr("symsde.model.formulas.compiler.LONG", 0)
 
 
 @pytest.fixture

@@ -56,6 +56,7 @@ def test_every_method_gives_the_exact_mean(method):
     assert answer.interval[0] < answer.value < answer.interval[1]
 
 
+@pytest.mark.usefixtures("work_clock")
 def test_intervals_hold_with_95_percent(nonlinear):
     """E H grows exactly; of 40 repeats 32 to 40 hold: at 95 % fewer come with 3e-4. Half the interval, the planted
     twin, holds with 67 %, and 32 and more with 3 %, so it is asked for twice the error instead: 33 %, 2e-9."""

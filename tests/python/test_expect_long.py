@@ -53,6 +53,7 @@ def test_phases_that_turn_are_told_from_those_that_do_not(problem):
     assert Trial(problem, as_scheme("chin4a"), 125, 256).settled
 
 
+@pytest.mark.usefixtures("work_clock")
 def test_intervals_hold_at_long_horizons(problem, monkeypatch):
     """Of 12 answers 9 and more hold: at 94.9 % fewer come with 3e-4. With every level taken for settled, the planted
     twin, the bias that is told is less than half of what is there."""

@@ -64,6 +64,7 @@ def test_what_was_not_seen_is_that_of_clopper_and_pearson():
         assert unseen._share(Tally.of(values)) * 10**6 == pytest.approx(exact, rel=0.05)
 
 
+@pytest.mark.usefixtures("work_clock")
 def test_intervals_of_what_happens_seldom_hold():
     """P = 3e-3 to a quarter of it. Of 10 answers 6 and more hold: at 95 % fewer come with 6e-5."""
     edge, held = math.cos(TIME) + 2.747781 * math.sqrt(TIME / 2 - math.sin(2 * TIME) / 4), 0
@@ -95,6 +96,7 @@ def test_lognormal_tails_are_looked_at_further_out():
             tails.first_values(Values(seed, lambda rng, n: rng.pareto(1.5, n)))
 
 
+@pytest.mark.usefixtures("work_clock")
 def test_the_first_level_is_one_that_implicit_steps_hold():
     """dq = 0.7 q dW: midpoint has a pole at dW = 2/0.7, which one step meets with 4e-3, and values near it have no
     variance; five steps meet it with 1e-10. E q = exp(0.245), at two half widths (8e-5 each). From one step on, the
@@ -139,6 +141,7 @@ def test_peaks_have_a_variance(monkeypatch):
 
 
 @pytest.mark.parametrize("seed", [1, 2])
+@pytest.mark.usefixtures("work_clock")
 def test_the_mean_of_a_peak(seed):
     """q ~ N(m, s^2) at t = 2: E = (v/(v + s^2))^(1/2) exp(-(1 - m)^2/(2 (v + s^2))), v = 1/(2 c). Four standard errors
     fail once in 10^4."""

@@ -172,6 +172,7 @@ def exact_square(t: float) -> float:
     return math.cos(t) ** 2 + t / 2 - math.sin(2 * t) / 4
 
 
+@pytest.mark.usefixtures("work_clock")
 def test_interval_holds_with_95_percent():
     """Of 60 repeats 50 to 60 hold: at 95 % fewer come with 3e-4. Half the interval, the planted twin, holds with 67 %:
     50 and more come with 4e-3."""
@@ -349,6 +350,7 @@ def test_paths_that_all_fail_are_told_of():
 
 
 @pytest.mark.parametrize("method", ["plain", "multilevel"])
+@pytest.mark.usefixtures("work_clock")
 def test_what_happens_seldom_is_not_taken_for_impossible(method):
     """P(q > 3.09 standard deviations) = 1e-3: the standard error that the half width asks for is 5e-4. Before any of
     256 paths is there, with 77 %, their own scatter is 0."""
