@@ -34,14 +34,14 @@ save_every = {every}
 moments = true
 paths = {paths}
 """
-MANY = SCENE.format(steps=20000, every=1000, paths="[5, 6, 700]")
-LONG = SCENE.format(steps=40000000, every=2000000, paths="[5]").replace("paths = 4096", "paths = 6")
+MANY = SCENE.format(steps=8000, every=400, paths="[5, 6, 700]")
+LONG = SCENE.format(steps=16000000, every=800000, paths="[5]").replace("paths = 4096", "paths = 6")
 LONG = LONG.replace("moments = true", "moments = false")
 
 
 def run(scene, out, at=0):
     """Exit code of a run that is killed when it comes to this event of those in its folder, and how many it met."""
-    given = ["run", scene, "--out", out, "--shard-paths", "256", "--checkpoint", "0.05", "--quiet"]
+    given = ["run", scene, "--out", out, "--shard-paths", "256", "--checkpoint", "0.02", "--quiet"]
     done = subprocess.run(words(signal.SIGKILL, at, out, "all", "symsde", *given), stdout=subprocess.PIPE, check=False)
     return done.returncode, int(done.stdout or at)
 
@@ -73,8 +73,9 @@ def test_killed_and_resumed(name, text, tmp_path):
             shutil.rmtree(tmp_path / "out")
     assert run(scene, tmp_path / "out")[0] == 0
     assert digest(tmp_path / "out") == digest(tmp_path / "known")
-    left = [path.name for path in (tmp_path / "out" / "shards").iterdir() if path.suffix != ".npz"]
-    assert not left
+    left = [path for path in (tmp_path / "out" / "shards").iterdir() if path.suffix != ".npz"]
+    # who is killed before its folder has a lock may be about to make it, for all that others know: it stays for a day
+    assert all(path.name.startswith(".part-") and not any(path.iterdir()) for path in left)
 
 
 def test_a_checkpoint_beside_its_shard_goes(tmp_path):

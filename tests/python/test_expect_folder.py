@@ -176,9 +176,19 @@ p0 = 0.0
 threads = 1
 [expect]
 f = "q**2"
-abs = 7e-4
+abs = 3e-3
 scheme = "lobatto2_swapped"
 method = "plain"
+"""
+
+
+#: the command, each part of whose work is one call's: there are several, however fast a machine is
+COMMAND = """
+import sys
+from symsde.answers.expectation import draw_store
+from symsde.cli.command_line import main
+draw_store._SHORTEST = draw_store._LONGEST = 0.0
+sys.exit(main(sys.argv[1:]))
 """
 
 
@@ -188,23 +198,23 @@ def test_a_killed_command_goes_on(tmp_path):
     scene, out = tmp_path / "scene.toml", tmp_path / "out"
     scene.write_text(SCENE)
     given = ["expect", scene, "--out", out, "--quiet"]
-    begun = subprocess.run(words(signal.SIGKILL, 3, "shards/units-", PLACED, "symsde", *given), check=False)
+    begun = subprocess.run(words(signal.SIGKILL, 3, "shards/units-", PLACED, COMMAND, *given), check=False)
     assert begun.returncode == -signal.SIGKILL
     there = {path: path.read_bytes() for path in shards(out, "units")}
     assert len(there) == 2
-    command = [sys.executable, "-m", "symsde", *map(str, given)]
+    command = [sys.executable, "-c", COMMAND, *map(str, given)]
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
     assert all(path.read_bytes() == content for path, content in there.items())
     low, high = (float(x) for x in done.stdout.split("[")[1].rstrip("]\n").split(","))
-    assert 7e-4 * 2.1 > high - low > 0 and abs((low + high) / 2 - 0.9995) < 4e-3
+    assert 3e-3 * 2.1 > high - low > 0 and abs((low + high) / 2 - 0.9995) < 8e-3
     assert not list((out / "shards").glob(".*"))  # nothing half-written
 
 
 MLMC = """
 import sys, symsde as ss
 model = ss.models.synchrotron(omega=2.0, sigma1=0.8, sigma2=0.5)
-found = ss.mlmc(model, "q**2", q0=1.0, p0=0.0, horizon=2.0, abs=1.5e-3, scheme="midpoint", threads=1, out=sys.argv[1])
+found = ss.mlmc(model, "q**2", q0=1.0, p0=0.0, horizon=2.0, abs=4e-3, scheme="midpoint", threads=1, out=sys.argv[1])
 print(found.value.hex(), found.reached)
 """
 
@@ -225,7 +235,7 @@ def test_multilevel_by_itself_goes_on_after_a_kill(tmp_path):
     assert all(path.read_bytes() == content for path, content in there.items())
     assert len(shards(begun, "level")) > len(there)
     assert told[0][1] == told[1][1] == "True"
-    assert abs(float.fromhex(told[0][0]) - float.fromhex(told[1][0])) < 3e-3
+    assert abs(float.fromhex(told[0][0]) - float.fromhex(told[1][0])) < 8e-3
 
 
 def test_the_command_says_how_to_go_on(tmp_path, capsys):
@@ -260,7 +270,7 @@ def test_processes_share_a_folder(tmp_path):
     """Two at once print the same bits, by parts that either of them drew: every unit is there once."""
     scene, out = tmp_path / "scene.toml", tmp_path / "out"
     scene.write_text(SCENE)
-    command = [sys.executable, "-m", "symsde", "expect", str(scene), "--out", str(out), "--quiet"]
+    command = [sys.executable, "-c", COMMAND, "expect", str(scene), "--out", str(out), "--quiet"]
     both = [subprocess.Popen(command, stdout=subprocess.PIPE, text=True) for _ in range(2)]
     said = [process.communicate()[0] for process in both]
     assert [process.returncode for process in both] == [0, 0] and said[0] == said[1] != ""
