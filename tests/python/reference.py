@@ -21,12 +21,17 @@ class Ridges:
         self.ndof, self.nnoise = ndof, nnoise
         j, f, s, e, nu, a, b = zip(*sorted(ridges, key=lambda ridge: ridge[1] != "sin"), strict=True)
         self.j, self.sines = np.array(j), sum(x == "sin" for x in f)
-        self.power = np.array(f[self.sines :], float)[:, None]
+        power = np.array(f[self.sines :], float)[:, None]
         self.s, self.e, self.nu, self.b = (np.array(x, float)[:, None] for x in (s, e, nu, b))
         self.a, self.phase = np.array(a, float), 1.7 * np.arange(len(a))[:, None]
         self.powers = [self.a[:, :0].sum(axis=1, keepdims=True) + 1]  # a, a a, a a a, one row a ridge
-        for _ in range(3):
+        self.exponents, self.factors = [power], [np.ones_like(self.s)]  # of derivatives of powers
+        for order in range(3):
             self.powers.append((self.powers[-1][:, :, None] * self.a[:, None, :]).reshape(len(self.a), -1))
+            self.exponents.append(np.maximum(power - order - 1, 0))
+            self.factors.append(self.factors[-1].copy())
+            self.factors[-1][self.sines :] *= power - order
+        self.wide, self.wide_powers = self.a[:, :, None], [x.T[:, :, None] for x in self.powers]
         of = np.arange(nnoise + 1)[:, None] == self.j  # (hamiltonian, ridge)
         self.sums = [(of[:, None, :] * power.T).reshape(-1, len(self.a)) for power in self.powers]
         field = np.eye(2 * ndof)
@@ -34,23 +39,22 @@ class Ridges:
 
     def along(self, order, t, x):
         """Derivatives of every ridge along its own a, (ridge, lane)."""
-        y = _product(self.a, x) + self.b
-        power = y[self.sines :] ** np.maximum(self.power - order, 0)
-        for i in range(order):
-            power = power * (self.power - i)
-        f = np.concatenate([np.sin(y[: self.sines] + order * np.pi / 2), power])
-        return f * (self.s * (1 + self.e * np.sin(self.nu * t + self.phase)))
+        y = _product(self.wide, x) + self.b
+        f, sines = np.empty_like(y), self.sines
+        np.sin(y[:sines] + order * np.pi / 2, out=f[:sines])
+        np.power(y[sines:], self.exponents[order], out=f[sines:])
+        return f * (self.factors[order] * self.s * (1 + self.e * np.sin(self.nu * t + self.phase)))
 
     def derivative(self, order, t, x):
         """Of every Hamiltonian, (hamiltonian, .. order times 2 dof .., lane)."""
-        return (self.sums[order] @ self.along(order, t, x)).reshape(-1, *len(x) * np.ones(order, int), x.shape[1])
+        return (self.sums[order] @ self.along(order, t, x)).reshape(-1, *(len(x),) * order, x.shape[1])
 
     # ---- the same as functions of the library: sums with weights w -------------------------------------------
 
     def _sum(self, order, t, w, q, p):
         x = np.concatenate([q, p])
-        total = _product(self.powers[order].T, w[self.j] * self.along(order, t, x))
-        return total.reshape(*len(x) * np.ones(order, int), x.shape[1])
+        total = _product(self.wide_powers[order], w[self.j] * self.along(order, t, x))
+        return total.reshape(*(len(x),) * order, x.shape[1])
 
     def _parts(self, g):
         return g[: self.ndof], g[self.ndof :]
@@ -66,19 +70,19 @@ class Ridges:
         return hess[:n, :n], hess[n:, :n], hess[n:, n:]
 
     def hessian_vector(self, t, w, q, p, *v):
-        moved = _product(self.a, np.concatenate(v)) * w[self.j] * self.along(2, t, np.concatenate([q, p]))
-        return self._parts(_product(self.a.T, moved))
+        moved = _product(self.wide, np.concatenate(v)) * w[self.j] * self.along(2, t, np.concatenate([q, p]))
+        return self._parts(_product(self.wide_powers[1], moved))
 
     def third_derivative(self, t, w, q, p, *vectors):
         moved = w[self.j] * self.along(3, t, np.concatenate([q, p]))
         for place in (0, 2):
-            moved = moved * _product(self.a, np.concatenate(vectors[place : place + 2]))
-        return self._parts(_product(self.a.T, moved))
+            moved = moved * _product(self.wide, np.concatenate(vectors[place : place + 2]))
+        return self._parts(_product(self.wide_powers[1], moved))
 
 
 def _product(matrix, x):
-    """With the same bits of a lane beside any others, which matrix products do not promise."""
-    return (matrix[:, :, None] * x).sum(axis=1)
+    """Of a matrix (.., .., 1), with the same bits of a lane beside any others, which matrix products do not promise."""
+    return np.add.reduce(matrix * x, axis=1)
 
 
 @dataclass

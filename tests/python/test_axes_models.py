@@ -123,7 +123,7 @@ def compiled(kind):
         at = "+".join(f"({a!r})*{x}" for a, x in zip(ridges.a[r].tolist(), names, strict=True) if a)
         s, e, nu, phase, b = (float(x[r, 0]) for x in (ridges.s, ridges.e, ridges.nu, ridges.phase, ridges.b))
         at = f"({at}+({b!r}))"
-        shape = f"sin{at}" if r < ridges.sines else f"{at}**{int(ridges.power[r - ridges.sines, 0])}"
+        shape = f"sin{at}" if r < ridges.sines else f"{at}**{int(ridges.exponents[0][r - ridges.sines, 0])}"
         terms[j] += f"+({s!r})*(1+({e!r})*sin({nu!r}*t+({phase!r})))*{shape}" if e else f"+({s!r})*{shape}"
     return ss.model_from_sympy(terms[0], terms[1:]), ridges
 
