@@ -74,6 +74,7 @@ def test_common_noises_are_numbers_in_fortran(noises):
 CASES = [(name, language) for name in SCENES for language in ("c", "fortran")]
 
 
+@pytest.mark.usefixtures("quick_compiler")
 @pytest.mark.parametrize(("name", "language"), CASES)
 def test_programs_give_the_numbers_of_the_scene(name, language, tmp_path, capsys):
     if language == "fortran" and shutil.which("gfortran") is None:

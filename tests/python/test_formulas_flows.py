@@ -266,6 +266,7 @@ def test_iterations_are_bounded():
         ("gauss2_swept", "{0.39433756729740643, ", "{0.39828094297038050, ", "gauss2"),
     ],
 )
+@pytest.mark.usefixtures("quick_compiler")
 def test_wrong_steps_are_refused(monkeypatch, text, old, new, scheme):
     """The twin: one coefficient one per cent off."""
     whole = emit_flow._text
@@ -303,6 +304,7 @@ CANCELS = {  # separable, but not as it stands: what each is
 
 @pytest.mark.parametrize("written", CANCELS)
 @pytest.mark.parametrize("noise", [(), "(p+q)**2/20 - p**2/20 - p*q/10"])
+@pytest.mark.usefixtures("quick_compiler")
 def test_separable_after_cancellation(written, noise):
     """What cancels is not computed: rounding would tie the halves of a step, and whole steps would lose their bits."""
     noise = noise.replace("q", "q1").replace("p", "p1") if noise and "q1" in written else noise
