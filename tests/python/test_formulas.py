@@ -5,7 +5,6 @@
 import copy
 import ctypes
 import itertools
-import math
 import os
 import pickle
 import subprocess
@@ -21,8 +20,6 @@ sp = pytest.importorskip("sympy")
 
 from symsde.model.formulas import compiler  # noqa: E402
 from symsde.model.formulas.graph import Graph  # noqa: E402
-from symsde.model.formulas.named_formulas import make_problem  # noqa: E402
-from symsde.model.formulas.structure import Prover  # noqa: E402
 
 if compiler.command() is None:
     pytest.skip("no C compiler", allow_module_level=True)
@@ -323,30 +320,6 @@ def test_invariants_are_proved_or_not():
     assert not formula("noncommutative_oscillator").formula.structure.noises_commute
     moving = ss.model_from_sympy(p**2 / 2, q=q, p=p, invariants=[p, q - t * p, q])
     assert list(moving.formula.structure.invariants.values()) == [True, True, False]
-
-
-def proved(h, noise, **params):
-    """Structure of formulas; nothing is compiled."""
-    return Prover(make_problem(H=h, noise=noise, q=None, p=None, params=params, t="t")).structure()
-
-
-@pytest.mark.parametrize("noises", [1, 2])
-@pytest.mark.parametrize(
-    ("factor", "commute"), [("1", True), ("(1 + t)", False), ("sin(t)", False), ("exp(-t)", False)]
-)
-def test_flows_of_noise_in_time_do_not_commute(noises, factor, commute):
-    """All brackets vanish, yet noise that changes in time takes the order of its own time from every scheme."""
-    still, moving = "s*(q**2 + p**2)", f"s*{factor}*(q**2 + p**2)"
-    found = proved("(q**2 + p**2)/2", [still] * (noises - 1) + [moving], s=0.2)
-    assert found.noises_commute and found.flows_commute == commute
-
-
-@pytest.mark.parametrize("squares", [(0, 4), (4, 0), (0, 0), (1, 4), (-1, 4)])
-def test_frequencies_of_the_linear_part(squares):
-    """Those that are zero are told beside others; unstable directions have none."""
-    h = f"(p1**2 + p2**2)/2 + ({squares[0]}*q1**2 + {squares[1]}*q2**2)/2 + q1*q2**3"
-    wanted = None if min(squares) < 0 or not any(squares) else tuple(math.sqrt(x) for x in squares)
-    assert proved(h, []).rotation == wanted
 
 
 def test_masses():

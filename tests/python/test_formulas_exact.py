@@ -1,5 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Exact solutions of quadratic formulas whose flows commute, as references of studies."""
+"""Exact solutions of quadratic formulas whose flows commute, as references of studies; which flows do."""
+
+import math
 
 import numpy as np
 import pytest
@@ -139,3 +141,27 @@ def test_long_texts_are_compiled_in_less_time(monkeypatch, tmp_path):
     monkeypatch.setattr(compiler, "_compile", lambda *a: asked.append(compiler.flags(a[1])) or compile_(*a))
     ss.model_from_sympy(f"p**2/2 + {'exp(' * 35}q/9{')' * 35}", noise=["sin(q)"])
     assert "-O1" in asked[-1] and len(asked) == 3
+
+
+def proved(h, noise, **params):
+    """Structure of formulas; nothing is compiled."""
+    return Prover(make_problem(H=h, noise=noise, q=None, p=None, params=params, t="t")).structure()
+
+
+@pytest.mark.parametrize("noises", [1, 2])
+@pytest.mark.parametrize(
+    ("factor", "commute"), [("1", True), ("(1 + t)", False), ("sin(t)", False), ("exp(-t)", False)]
+)
+def test_flows_of_noise_in_time_do_not_commute(noises, factor, commute):
+    """All brackets vanish, yet noise that changes in time takes the order of its own time from every scheme."""
+    still, moving = "s*(q**2 + p**2)", f"s*{factor}*(q**2 + p**2)"
+    found = proved("(q**2 + p**2)/2", [still] * (noises - 1) + [moving], s=0.2)
+    assert found.noises_commute and found.flows_commute == commute
+
+
+@pytest.mark.parametrize("squares", [(0, 4), (4, 0), (0, 0), (1, 4), (-1, 4)])
+def test_frequencies_of_the_linear_part(squares):
+    """Those that are zero are told beside others; unstable directions have none."""
+    h = f"(p1**2 + p2**2)/2 + ({squares[0]}*q1**2 + {squares[1]}*q2**2)/2 + q1*q2**3"
+    wanted = None if min(squares) < 0 or not any(squares) else tuple(math.sqrt(x) for x in squares)
+    assert proved(h, []).rotation == wanted
