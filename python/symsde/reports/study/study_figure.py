@@ -48,7 +48,7 @@ def _draw_all(path: Path | None, study, *, pdf: bool):
             shown = dict(zip(*reversed(others.get_legend_handles_labels()), strict=True))
             ours = {f"{peers.OURS}, {kind} {scheme}" for kind in ("given", "own") for scheme in study.schemes}
             legend |= {name: line for name, line in shown.items() if name not in ours}  # those look as in the others
-        page.legend(legend.values(), legend.keys(), loc="outside lower center", ncols=5)
+        page.legend(legend.values(), legend.keys(), loc="outside lower center", ncols=5 if study.peers else 4)
     return page
 
 
