@@ -17,7 +17,6 @@ module symsde_step_midpoint_mean_path
    use symsde_base_functionals, only: path_dz
    use symsde_base_kinds, only: wp, i8
    use symsde_base_record, only: step_record
-   use symsde_model_abstract, only: model_type
    use symsde_model_probe_noise_time, only: noise_changes_in_time
    use symsde_scheme_scheme, only: bracket_terms, correction_none
    use symsde_step_scalar_path, only: few_of
@@ -36,20 +35,14 @@ module symsde_step_midpoint_mean_path
    private
    public :: mean_path_stepper
 
-   !> What is around the midpoint.
-   type :: mean_path
-      integer :: nlane = 0, n = 0
-      type(noise_shift) :: shift
-      logical :: time_dependent = .false.            !! B changes in time
-      real(wp), allocatable :: drift(:, :)           !! weights h, 0 (nlane, 0:nnoise)
-   end type mean_path
-
    type, extends(stepper_type) :: mean_path_stepper
       private
-      type(mean_path) :: mean
+      type(noise_shift) :: shift                     !! B dW and B dZ
+      logical :: time_dependent = .false.            !! B changes in time
+      real(wp), allocatable :: drift(:, :)           !! weights h, 0 (nlane, 0:nnoise)
       class(stepper_type), allocatable :: inner      !! under h H*, without noise
       type(rescue_type) :: rescue                    !! of its failed lanes
-      real(wp), allocatable :: qs(:, :), ps(:, :)    !! (nlane, ndof)
+      real(wp), allocatable :: qs(:, :), ps(:, :)    !! x + B dZ/h + c/2, the mean of the path (nlane, ndof)
    contains
       procedure :: make
       procedure :: increment
@@ -92,22 +85,13 @@ contains
       self%most_single = min(self%inner%most_single, few_of(task%model%traits%ndof, 3, 6))  ! four take 1.1 of a block
       call new_rescue(self%rescue, task, self%inner)
       call new_one_step_hamiltonian(self%ham, task%model, task%nlane, correction_none, 0.0_wp)
-      call new_mean_path(self%mean, task%model, task%nlane, noise_changes_in_time(task%model))
-      allocate (self%qs(task%nlane, task%model%traits%ndof), self%ps(task%nlane, task%model%traits%ndof))
+      call new_noise_shift(self%shift, task%model, task%nlane)
+      self%time_dependent = noise_changes_in_time(task%model)
+      associate (nlane => task%nlane, n => task%model%traits%ndof)
+         allocate (self%qs(nlane, n), self%ps(nlane, n))
+         allocate (self%drift(nlane, 0:task%model%traits%nnoise), source=0.0_wp)
+      end associate
    end subroutine make
-
-   subroutine new_mean_path(self, model, nlane, time_dependent)
-      type(mean_path), intent(out) :: self
-      class(model_type), intent(in) :: model
-      integer, intent(in) :: nlane
-      logical, intent(in) :: time_dependent
-
-      self%nlane = nlane
-      self%n = model%traits%ndof
-      call new_noise_shift(self%shift, model, nlane)
-      self%time_dependent = time_dependent
-      allocate (self%drift(nlane, 0:model%traits%nnoise), source=0.0_wp)
-   end subroutine new_mean_path
 
    subroutine increment(self, step, q, p, dq, dp, status)
       class(mean_path_stepper), intent(inout) :: self
@@ -118,11 +102,15 @@ contains
 
       self%qs = q
       self%ps = p
-      call begin(self%mean, self%ham%model, step, self%qs, self%ps)
+      call self%shift%weigh(0.0_wp, 1.0_wp, step)
+      call self%shift%add(self%ham%model, step%t + 0.5_wp*step%h, 1.0_wp, self%qs, self%ps)
+      call add_change(self, step, 0.5_wp, self%qs, self%ps)
       call drift_midpoint(self, step, dq, dp, status)
-      call finish(self%mean, self%ham%model, step, dq, dp)
-      self%ham%counters%gradients = self%ham%counters%gradients + self%mean%shift%asked*self%ham%nreal
-      self%mean%shift%asked = 0
+      call self%shift%weigh(1.0_wp, 0.0_wp, step)
+      call self%shift%add(self%ham%model, step%t + 0.5_wp*step%h, 1.0_wp, dq, dp)
+      call add_change(self, step, 1.0_wp, dq, dp)
+      self%ham%counters%gradients = self%ham%counters%gradients + self%shift%asked*self%ham%nreal
+      self%shift%asked = 0
    end subroutine increment
 
    !> The step of H* from (qs, ps), without noise.
@@ -136,50 +124,25 @@ contains
 
       drift = step
       failed = merge(-1_i8, 1_i8, status == 0)
-      drift%w(1:, 0:) => self%mean%drift
+      self%drift(:, 0) = step%h
+      drift%w(1:, 0:) => self%drift
       self%inner%ham%nreal = self%ham%nreal
       call self%inner%increment(drift, self%qs, self%ps, dq, dp, status)
       if (any(status /= 0 .and. failed < 0)) &
          call self%rescue%attempt(self%ham%nlane, drift, self%qs, self%ps, failed, dq, dp, status)
    end subroutine drift_midpoint
 
-   !> From the path to its mean, x + B dZ/h + c/2.
-   subroutine begin(self, model, step, q, p)
-      type(mean_path), intent(inout) :: self
-      class(model_type), intent(in) :: model
-      type(step_record), intent(in) :: step
-      real(wp), intent(inout), dimension(self%nlane, self%n) :: q, p
-
-      self%drift(:, 0) = step%h
-      call self%shift%weigh(0.0_wp, 1.0_wp, step)
-      call self%shift%add(model, step%t + 0.5_wp*step%h, 1.0_wp, q, p)
-      call add_change(self, model, step, 0.5_wp, q, p)
-   end subroutine begin
-
-   !> To the increments of z those of the path.
-   subroutine finish(self, model, step, dq, dp)
-      type(mean_path), intent(inout) :: self
-      class(model_type), intent(in) :: model
-      type(step_record), intent(in) :: step
-      real(wp), intent(inout), dimension(self%nlane, self%n) :: dq, dp
-
-      call self%shift%weigh(1.0_wp, 0.0_wp, step)
-      call self%shift%add(model, step%t + 0.5_wp*step%h, 1.0_wp, dq, dp)
-      call add_change(self, model, step, 1.0_wp, dq, dp)
-   end subroutine finish
-
    !> A share of c, where B changes in time.
-   subroutine add_change(self, model, step, share, q, p)
-      type(mean_path), intent(inout) :: self
-      class(model_type), intent(in) :: model
+   subroutine add_change(self, step, share, q, p)
+      type(mean_path_stepper), intent(inout) :: self
       type(step_record), intent(in) :: step
       real(wp), intent(in) :: share
-      real(wp), intent(inout), dimension(self%nlane, self%n) :: q, p
+      real(wp), intent(inout), dimension(self%ham%nlane, self%ham%ndof) :: q, p
 
       if (.not. (self%time_dependent .and. associated(step%of(path_dz)%x))) return
       call self%shift%weigh(0.5_wp, -1.0_wp, step)
-      call self%shift%add(model, step%t + step%h, share, q, p)
-      call self%shift%add(model, step%t, -share, q, p)
+      call self%shift%add(self%ham%model, step%t + step%h, share, q, p)
+      call self%shift%add(self%ham%model, step%t, -share, q, p)
    end subroutine add_change
 
    !> What this stepper and the one within have counted.
