@@ -51,15 +51,14 @@ module symsde_step_midpoint_full
       end do
    end function lanes_together
 
-   !> Increments of the lanes without a status where sweeps contract; in the others left = 0, else -1.
-   subroutine sweep_all(self, ham, t, w, q, p, dq, dp, status, left)
+   !> Increments of the lanes without a status where sweeps contract; in the others self%left = 0, else -1.
+   subroutine sweep_all(self, ham, t, w, q, p, dq, dp, status)
       type(fixed_point_sweeps), intent(inout) :: self
       type(one_step_hamiltonian), intent(inout) :: ham
       real(wp), intent(in) :: t, w(ham%nlane, 0:ham%nnoise)
       real(wp), intent(in), dimension(ham%nlane, ham%ndof) :: q, p
       real(wp), intent(out), dimension(ham%nlane, ham%ndof) :: dq, dp
       integer(i8), intent(in) :: status(ham%nlane)
-      integer(i8), intent(out) :: left(ham%nlane)
       integer :: before
 
       do before = 0, ham%nlane - self%width, self%width
@@ -71,8 +70,8 @@ module symsde_step_midpoint_full
                              status(before + 1:last))
             dq(before + 1:last, :) = -self%g(:, n + 1:)
             dp(before + 1:last, :) = self%g(:, :n)
-            left(before + 1:last) = merge(0_i8, -1_i8, status(before + 1:last) == 0 .and. &
-                                          .not. abs(self%last - done) <= 0)
+            self%left(before + 1:last) = merge(0_i8, -1_i8, status(before + 1:last) == 0 .and. &
+                                               .not. abs(self%last - done) <= 0)
          end associate
       end do
    end subroutine sweep_all

@@ -32,20 +32,19 @@ module symsde_step_midpoint_full_single_path
       width = 1
    end function lanes_together
 
-   !> Increments where sweeps contract; left = 0 where they do not, else -1.
-   subroutine sweep_all(self, ham, t, w, q, p, dq, dp, status, left)
+   !> Increments where sweeps contract; self%left = 0 where they do not, else -1.
+   subroutine sweep_all(self, ham, t, w, q, p, dq, dp, status)
       type(fixed_point_sweeps), intent(inout) :: self
       type(one_step_hamiltonian), intent(inout) :: ham
       real(wp), intent(in) :: t, w(1, 0:ham%nnoise)
       real(wp), intent(in), dimension(1, ham%ndof) :: q, p
       real(wp), intent(out), dimension(1, ham%ndof) :: dq, dp
       integer(i8), intent(in) :: status(1)
-      integer(i8), intent(out) :: left(1)
 
       call sweep_lanes(self, ham, t, w, q, p, 1, status)
       dq = -self%g(:, ham%ndof + 1:)
       dp = self%g(:, :ham%ndof)
-      left = merge(0_i8, -1_i8, status == 0 .and. .not. abs(self%last - done) <= 0)
+      self%left = merge(0_i8, -1_i8, status == 0 .and. .not. abs(self%last - done) <= 0)
    end subroutine sweep_all
 
 end module symsde_step_midpoint_full_single_path
