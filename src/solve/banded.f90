@@ -1,5 +1,7 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> Many banded linear systems, one per lane, solved side by side without pivoting.
+!> Many banded linear systems, one per lane, solved side by side without pivoting: A = L U, x = U^{-1} L^{-1} b,
+!>
+!>    l_ik = u_ik/u_kk,   u_ij <- u_ij - l_ik u_kj   (k < i <= k + kl, k < j <= k + ku)
 !>
 !> Row i of a lane's matrix A is stored by diagonals: ab(lane, d, i) = A(i, i+d), -kl <= d <= ku.
 !> Entries that would lie outside the matrix are never read. The pivot monitor `smallest` is that

@@ -1,8 +1,10 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> Damped Newton: a correction that does not lower the residual is halved until it does.
+!> Damped Newton: a correction that does not lower the residual is halved until it does,
 !>
-!> The largest residual of a lane must fall by the factor 1 - tau/4 for a correction shortened by tau. Only
-!> paths that plain Newton could not solve come here, so these are plain loops, one lane at a time.
+!>    x <- x - tau d,   A d = r(x),   tau = 1, 1/2, 1/4, ..  until  |r(x - tau d)| <= (1 - tau/4) |r(x)|
+!>
+!> with the largest entry of a lane's residual as its size. Only paths that plain Newton could not solve come here, so
+!> these are plain loops, one lane at a time.
 module symsde_solve_damping
    use, intrinsic :: ieee_arithmetic, only: ieee_value, ieee_positive_inf
    use symsde_base_kinds, only: wp

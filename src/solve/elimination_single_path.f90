@@ -1,5 +1,7 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> The linear system of a single path: the elimination of solve/elimination with one lane.
+!> The linear system A x = b of a single path: the elimination A = L U of elimination.inc with one lane.
+!>
+!> Its innermost loop has as many numbers as rows are left; vectors pay from `few` of them on.
 module symsde_solve_elimination_single_path
    use symsde_base_kinds, only: wp
    implicit none

@@ -1,5 +1,7 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> Newton's iteration on a block of small systems, one a lane, each until its own corrections stagnate.
+!> Newton's iteration on a block of small systems r(x) = 0, one a lane, each until its own corrections stagnate:
+!>
+!>    A d = r(x),   x <- x - d,   A = dr/dx
 !>
 !> The caller keeps the loop and its own equations:
 !>
@@ -25,13 +27,13 @@ module symsde_solve_newton
    use symsde_base_text, only: to_text
    use symsde_solve_blocks, only: block_solver, new_block_solver
    use symsde_solve_stagnation, only: stopping_test, linear, quadratic, done_at_once, never_done, failed
-   use symsde_solve_stagnation, only: start_lanes, correct_first, correct_exact, fail_nonfinite
+   use symsde_solve_stagnation, only: correct_first, correct_exact, fail_nonfinite
    use symsde_solve_stagnation, only: correct_scalar, iterate_scalar, correct_lanes, test_lanes
    use symsde_solve_damping, only: damping_type, new_damping, start_damping, reject, accept
    implicit none
    private
    public :: newton_type, newton_options, new_newton, check_newton, patience
-   public :: update, judge, first_scalar, update_scalar
+   public :: start, update, judge, first_scalar, update_scalar, mark, stop_lanes
 
    !> Iterations after which one unknown is tested for rounding that cycles, too, as several are from the start. Few
    !> lanes take as many, and the test of the others is shorter without.
@@ -50,6 +52,7 @@ module symsde_solve_newton
       logical :: affine = .false.       !! the equations are linear in the unknowns: one solve, no test
       logical :: running = .false.      !! some lane is not done yet
       type(newton_options) :: options
+      integer :: most = 0               !! iterations of a step at most
       integer :: iteration = 0
       integer :: nrunning = 0           !! lanes that are not done
       logical :: keeps_matrix = .false. !! of a single path: its next update does
@@ -64,7 +67,7 @@ module symsde_solve_newton
       logical, allocatable, private :: active(:)
       integer(i8), allocatable, private :: verdict(:)
       type(block_solver), private :: solver
-      type(damping_type), private :: damping
+      type(damping_type) :: damping
    contains
       procedure :: start
       procedure :: update
@@ -72,10 +75,19 @@ module symsde_solve_newton
       procedure :: update_scalar
       procedure :: judge
       procedure :: fail
-      procedure :: conclude
    end type newton_type
 
 contains
+
+   include 'newton.inc'
+
+   include 'newton_scalar.inc'
+
+   pure integer function lanes(nlane)
+      integer, intent(in) :: nlane
+
+      lanes = nlane
+   end function lanes
 
    !> Whether neither damping nor a number of iterations is asked for.
    pure logical function is_free(self)
@@ -111,6 +123,7 @@ contains
       self%nlane = nlane
       self%n = n
       self%options = options
+      self%most = merge(options%fixed_point, options%max_iter, options%fixed_point > 0)
       self%affine = affine .and. options%is_free()
       if (present(exact)) self%exact = exact .and. options%is_free()
       if (self%exact) self%test = quadratic
@@ -131,17 +144,6 @@ contains
       if (kl >= 0 .or. n > 1) call new_block_solver(self%solver, nlane, n, kl, ku)
    end subroutine new_newton
 
-   !> Begin the iterations of one step; lanes with a status are frozen from the start.
-   subroutine start(self, status)
-      class(newton_type), intent(inout) :: self
-      integer(i8), intent(in) :: status(self%nlane)
-
-      call start_lanes(self%nlane, status, self%last, self%nrunning)
-      self%iteration = 0
-      self%running = self%nrunning > 0
-      if (self%options%damped) call start_damping(self%damping)
-   end subroutine start
-
    !> Solve for the correction, add it to the unknowns of the running lanes, and test each lane.
    subroutine update(self, x, status, counters)
       class(newton_type), intent(inout) :: self
@@ -160,68 +162,6 @@ contains
       call self%judge(status, counters)
    end subroutine update
 
-   !> Begin a step with one unknown, x + f(base + g x) = 0, and do its first iteration from x = 0 in the same
-   !> pass: f(base) in r, f' in a. Neither start nor the passes that clear x and set its point are needed.
-   subroutine first_scalar(self, g, base, x, point, stiff, status, counters)
-      class(newton_type), intent(inout) :: self
-      real(wp), intent(in) :: g, base(self%nlane)
-      real(wp), intent(out) :: x(self%nlane)
-      real(wp), intent(out) :: point(self%nlane)  !! base + g x
-      logical, intent(out) :: stiff               !! g f' > 1 in some lane
-      integer(i8), intent(inout) :: status(self%nlane)
-      type(counters_type), intent(inout) :: counters
-      integer :: nrunning
-      logical :: failures
-
-      call correct_first(self%nlane, self%test%stagnation, g, self%r, self%a, base, status, &
-                         x, point, self%last, nrunning, failures, stiff)
-      self%iteration = 0
-      self%nrunning = self%nlane
-      if (failures) then
-         self%nrunning = count(status == 0)
-         call fail_nonfinite(self%nlane, x, status, self%last, nrunning)
-      end if
-      call conclude(self, nrunning, failures, status, counters)
-   end subroutine first_scalar
-
-   !> The same for one unknown, x + sign*f(x) = 0 with derivative 1 + slope*f': f in r, f' in a.
-   subroutine update_scalar(self, sign, slope, x, status, counters)
-      class(newton_type), intent(inout) :: self
-      real(wp), intent(in) :: sign                             !! of f in the equation
-      real(wp), intent(in) :: slope                            !! factor of f' in the derivative
-      real(wp), intent(inout) :: x(self%nlane)
-      integer(i8), intent(inout) :: status(self%nlane)
-      type(counters_type), intent(inout) :: counters
-
-      integer :: nrunning
-      logical :: failures
-
-      if (self%options%fixed_point > 0) then
-         call iterate_scalar(self%nlane, sign, self%r, self%last, x, self%step, self%size)
-         call self%judge(status, counters)
-         return
-      end if
-      if (self%exact .and. self%iteration < patience) then
-         call correct_exact(self%nlane, self%test, sign, slope, self%r, self%a, self%last, x, nrunning, failures)
-         if (failures) call fail_nonfinite(self%nlane, x, status, self%last, nrunning)
-      else
-         call correct_scalar(self%nlane, self%test, sign, slope, self%r, self%a, self%last, x, nrunning, failures)
-      end if
-      call conclude(self, nrunning, failures, status, counters)
-   end subroutine update_scalar
-
-   !> Test every lane by the sizes of its correction and unknowns, and give lanes that fail their status.
-   subroutine judge(self, status, counters)
-      class(newton_type), intent(inout) :: self
-      integer(i8), intent(inout) :: status(self%nlane)
-      type(counters_type), intent(inout) :: counters
-      integer :: nrunning
-      logical :: failures
-
-      call test_lanes(self%nlane, self%test, self%step, self%size, self%last, nrunning, failures)
-      call conclude(self, nrunning, failures, status, counters)
-   end subroutine judge
-
    !> Freeze a lane whose system could not be solved.
    subroutine fail(self, lane, code, status, counters)
       class(newton_type), intent(inout) :: self
@@ -235,35 +175,18 @@ contains
       counters%failures = counters%failures + 1
    end subroutine fail
 
-   !> Count the iteration, give lanes that failed their status, and end at the bound of iterations.
-   subroutine conclude(self, nrunning, failures, status, counters)
+   !> End the iteration at its bound. Lanes that have not converged by then have failed, unless so many iterations are
+   !> what was asked for.
+   subroutine stop_lanes(self, status, counters)
       class(newton_type), intent(inout) :: self
-      integer, intent(in) :: nrunning             !! lanes that go on
-      logical, intent(in) :: failures             !! some lane has ever failed
       integer(i8), intent(inout) :: status(self%nlane)
       type(counters_type), intent(inout) :: counters
 
-      self%iteration = self%iteration + 1
-      counters%iterations = counters%iterations + self%nrunning
-      if (self%options%fixed_point == 0) counters%solves = counters%solves + self%nrunning
-      self%nrunning = nrunning
-      if (failures) call mark(self, status, counters)
-      if (self%iteration >= limit(self) .and. self%nrunning > 0) then
-         if (self%options%fixed_point == 0) then
-            counters%failures = counters%failures + count(self%last >= 0 .and. status == 0)
-            where (self%last >= 0 .and. status == 0) status = not_converged
-         end if
-         self%nrunning = 0
-      end if
-      self%running = self%nrunning > 0
-   end subroutine conclude
-
-   pure integer function limit(self)
-      type(newton_type), intent(in) :: self
-
-      limit = self%options%max_iter
-      if (self%options%fixed_point > 0) limit = self%options%fixed_point
-   end function limit
+      self%nrunning = 0
+      if (self%options%fixed_point > 0) return
+      counters%failures = counters%failures + count(self%last >= 0 .and. status == 0)
+      where (self%last >= 0 .and. status == 0) status = not_converged
+   end subroutine stop_lanes
 
    !> r = A^{-1} r in every running lane.
    subroutine solve_correction(self, status, counters)
@@ -292,7 +215,7 @@ contains
    !> Lanes that failed in this update and have no status yet get one: singular where the derivative of a
    !> single equation vanished, else not finite.
    subroutine mark(self, status, counters)
-      type(newton_type), intent(in) :: self
+      class(newton_type), intent(in) :: self
       integer(i8), intent(inout) :: status(self%nlane)
       type(counters_type), intent(inout) :: counters
       integer :: lane

@@ -25,7 +25,7 @@ module symsde_solve_stagnation
    implicit none
    private
    public :: stopping_test, linear, quadratic, seen, done_at_once, never_done, done, failed
-   public :: start_lanes, correct_first, correct_exact, fail_nonfinite, correct_scalar, iterate_scalar
+   public :: correct_first, correct_exact, fail_nonfinite, correct_scalar, iterate_scalar
    public :: correct_lanes, test_lanes, verdict_of, restart_lanes, gives_up
 
    real(wp), parameter :: done = -1      !! value of `last` for a lane that has converged
@@ -65,23 +65,6 @@ contains
    include 'stagnation.inc'
 
    include 'stagnation_scalar.inc'
-
-   !> VEC
-   pure subroutine start_lanes(nlane, status, last, nrunning)
-      integer, intent(in) :: nlane
-      integer(i8), intent(in) :: status(nlane)
-      real(wp), intent(out) :: last(nlane)
-      integer, intent(out) :: nrunning
-      integer(i8) :: running
-      integer :: lane
-
-      running = 0
-      do lane = 1, nlane
-         last(lane) = merge(0.0_wp, failed, status(lane) == 0)
-         running = running + merge(1_i8, 0_i8, status(lane) == 0)
-      end do
-      nrunning = int(running)
-   end subroutine start_lanes
 
    !> VEC x = x - r in running lanes, with the size of correction and unknowns in each.
    pure subroutine correct_lanes(nlane, n, r, last, x, step, size)

@@ -1,14 +1,17 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Bodies (.inc) that several modules include: what tools that know whole modules alone are shown of them."""
 
+import os
 import re
+from pathlib import Path
 
-INCLUDE = re.compile(r"^ *include '(\w+\.inc)'$", re.MULTILINE)
+INCLUDE = re.compile(r"^ *include '([\w./]+\.inc)'$", re.MULTILINE)
 
 
 def bodies(file):
-    """The bodies that a source includes; they stand beside it."""
-    return [file.parent / name for name in INCLUDE.findall(file.read_text(encoding="utf-8"))]
+    """The bodies that a source includes; they are named from where it stands."""
+    names = INCLUDE.findall(file.read_text(encoding="utf-8"))
+    return [Path(os.path.normpath(file.parent / name)) for name in names]
 
 
 def expanded(file):

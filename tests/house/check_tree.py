@@ -5,6 +5,7 @@ check_tree.py ROOT        one line per finding; exit 1 where there is one
 check_tree.py --self-test plants a violation of every rule and requires that each is found
 """
 
+import os
 import re
 import sys
 import tempfile
@@ -119,8 +120,9 @@ def library(path, text):
 def listed(root, path):
     """Sources and suites are built from lists: one that is not listed is never compiled or run."""
     if path.suffix == ".inc":
-        if not any(root / path in bodies(file) for file in (root / path.parent).glob("*.f90")):
-            yield "is a body that no module beside it includes"
+        body = Path(os.path.normpath(root / path))
+        if not any(body in bodies(file) for file in (root / "src").rglob("*.f90")):
+            yield "is a body that no module includes"
         return
     name = {".pf": path.stem, ".py": path.name}.get(path.suffix, path.name)
     if path.parts[0] == "src" or path.suffix == ".pf" or path.match("tests/python/test_*.py"):
@@ -206,7 +208,7 @@ def self_test():
             failures.append("a source that is not listed was not found")
         (area / "CMakeLists.txt").write_text("a.f90\n")
         (area / "b.inc").write_text(SPDX)
-        if not any("no module beside it" in line for line in findings(root)):
+        if not any("that no module includes" in line for line in findings(root)):
             failures.append("a body that is not included was not found")
         (area / "a.f90").write_text(GOOD + "   include 'b.inc'\n")
         if found := list(findings(root)):

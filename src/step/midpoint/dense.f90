@@ -7,15 +7,14 @@ module symsde_step_midpoint_dense
    use symsde_base_traits, only: dense
    use symsde_base_vectors, only: add_times
    use symsde_model_abstract, only: model_type, angle_terms
-   use symsde_solve_newton, only: newton_options, new_newton, update, judge, first_scalar, &
+   use symsde_solve_newton, only: newton_options, new_newton, start, update, judge, first_scalar, &
                                   update_scalar
-   use symsde_step_midpoint_equation, only: midpoint_equation, midpoint_part, solve_by_iterations, position, &
-                                            correct_pair
+   use symsde_step_midpoint_equation, only: midpoint_equation, midpoint_part, position, correct_pair, weigh_force
    use symsde_step_hamiltonian_one_step, only: one_step_hamiltonian
-   use symsde_solve_fixed_point, only: take_first, take, judge_sweep, most_sweeps, stiff_rate, done
+   use symsde_solve_fixed_point, only: take_first, take, judge_sweep, most_sweeps, stiff_rate, swept => done
    implicit none
    private
-   public :: dense_midpoint, new_dense_midpoint, solve_mildly
+   public :: dense_midpoint, new_dense_midpoint, solve_contracting, solve_by_matrices, find_force_stiffness
 
    include 'dense.inc'
 

@@ -3,24 +3,35 @@
 !>
 !> Private to its family.
 module symsde_step_midpoint_dense_single_path
+   use symsde_base_counters, only: counters_type
    use symsde_base_kinds, only: wp, i8
    use symsde_base_traits, only: dense
    use symsde_base_vectors, only: add_times
    use symsde_model_abstract, only: model_type, angle_terms
-   use symsde_solve_newton, only: newton_options, new_newton
-   use symsde_solve_newton_single_path, only: update, judge, first_scalar, update_scalar
+   use symsde_solve_damping, only: start_damping
+   use symsde_solve_newton, only: newton_type, newton_options, new_newton, patience, mark, stop_lanes
+   use symsde_solve_newton_single_path, only: update
+   use symsde_solve_stagnation, only: stopping_test, iterate_scalar, done, failed
    use symsde_step_midpoint_angle, only: find_angle_force
-   use symsde_step_midpoint_equation, only: midpoint_equation, midpoint_part, solve_by_iterations
+   use symsde_step_midpoint_equation, only: midpoint_equation, midpoint_part
    use symsde_step_hamiltonian_one_step, only: one_step_hamiltonian
    use symsde_solve_fixed_point_single_path, only: take_first, take, judge_sweep, most_sweeps, &
-                                                   stiff_rate, done
+                                                   stiff_rate, swept => done
    implicit none
    private
-   public :: dense_midpoint, new_dense_midpoint, solve_mildly
+   public :: dense_midpoint, new_dense_midpoint, solve_contracting, solve_by_matrices, find_force_stiffness
 
    include 'dense.inc'
 
    include 'equation.inc'
+
+   include '../../solve/newton.inc'
+
+   include '../../solve/newton_scalar.inc'
+
+   include '../../solve/stagnation.inc'
+
+   include '../../solve/stagnation_scalar.inc'
 
    pure integer function lanes(nlane)
       integer, intent(in) :: nlane
@@ -36,11 +47,11 @@ module symsde_step_midpoint_dense_single_path
       real(wp), intent(in) :: w(0:eq%m), q(eq%n)
       real(wp), intent(out) :: hq(eq%n), hqq(eq%n, eq%n)
 
-      if (model%traits%has_angle_terms) then
+      if (eq%n == 2) then
+         call model%pair(eq%m, eq%t, w, q(1), q(2), hq(1), hq(2), hqq(1, 1), hqq(2, 1), hqq(1, 2), hqq(2, 2))
+      else if (model%traits%has_angle_terms) then
          if (self%newton%iteration == 0 .and. .not. eq%for_dq) call model%angle(eq%m, eq%t, w, self%terms)
          call find_angle_force(self%terms, q(1), hq(1), hqq(1, 1))
-      else if (eq%n == 2) then
-         call model%pair(eq%m, eq%t, w, q(1), q(2), hq(1), hq(2), hqq(1, 1), hqq(2, 1), hqq(1, 2), hqq(2, 2))
       else
          call model%gradient_hessian(1, eq%n, eq%m, eq%t, w, q, eq%still, hq=hq, hqq=hqq)
       end if

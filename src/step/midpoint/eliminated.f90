@@ -209,10 +209,10 @@ contains
       integer(i8), intent(inout) :: status(self%eq%nlane)
       integer :: i
 
-      call solve_mild(self, nlane, before, w, q, p, status)
+      call solve_for_v(self, nlane, before, w, q, p, status)
       associate (eq => self%eq, n => self%eq%n, together => self%eq%nlane, first => before + 1, &
                  last => before + self%eq%nlane)
-         if (eq%stiff) then
+         if (eq%noncontracting) then
             self%q = q(first:last, :)
             self%p = p(first:last, :)
             call finish_increments(self, together, 0, w, self%q, self%p, self%dq, self%dp, status)

@@ -1,9 +1,9 @@
 ! SPDX-License-Identifier: BSD-3-Clause
 !> The implicit midpoint rule without momenta for a single path: eliminated.inc with one lane.
 !>
-!> Scalars written out by hand, which stood here before, took less time: one or two unknowns take 1.3 to 1.6 times as
-!> long as by them (henon_heiles 97 ns a step instead of 61), eight and more 1.2 times. An iteration goes through
-!> procedures of four modules, which are not inlined in each other.
+!> Scalars written out by hand, which stood here before, took less time: one or two unknowns take 1.3 to 1.5 times as
+!> long as by them (henon_heiles 91 ns a step instead of 60), eight and more 1.0 to 1.2 times. An iteration calls three
+!> procedures that are found at run time or are not inlined, and its numbers go through memory.
 module symsde_step_midpoint_eliminated_single_path
    use symsde_base_kinds, only: wp, i8
    use symsde_base_record, only: step_record

@@ -18,8 +18,8 @@ module symsde_step_midpoint_equation
    use symsde_step_hamiltonian_one_step, only: one_step_hamiltonian
    implicit none
    private
-   public :: midpoint_equation, new_midpoint_equation, midpoint_part, solve_by_iterations
-   public :: position, correct_pair
+   public :: midpoint_equation, new_midpoint_equation, midpoint_part
+   public :: position, correct_pair, weigh_force
 
    !> The equations of the lanes that are taken through a step together.
    type :: midpoint_equation
@@ -32,8 +32,8 @@ module symsde_step_midpoint_equation
       real(wp), allocatable :: x(:, :)           !! the unknown (nlane, n)
       real(wp), allocatable :: drift(:, :)       !! h p_n + g, set for dq (nlane, n)
       real(wp), allocatable :: still(:, :)       !! zero: the momentum for which the force is asked (nlane, n)
-      logical :: stiff = .false.                 !! of V: (h omega)^2/4 > 1 in some lane
-      real(wp), allocatable :: stiff_ratio(:)      !! where stiff: (h omega)^2/4 of each lane, about (nlane)
+      logical :: noncontracting = .false.        !! of V: that rate is above one in some lane
+      real(wp), allocatable :: rate(:)           !! where it is: (h omega)^2/4 of each lane, about (nlane)
    contains
       procedure :: make_room
       procedure :: starts
@@ -44,20 +44,19 @@ module symsde_step_midpoint_equation
    type, abstract :: midpoint_part
       type(newton_type) :: newton
    contains
-      procedure :: solve => solve_by_iterations
-      procedure(iterate_interface), deferred :: iterate
+      procedure(solve_interface), deferred :: solve
    end type midpoint_part
 
    abstract interface
-      !> One of Newton's iterations; the first one for V notes the stiff_ratio.
-      subroutine iterate_interface(self, ham, eq, w, status)
+      !> x by Newton's iteration, from V = 0 or from the dq that V gave; the first one for V notes the rate.
+      subroutine solve_interface(self, ham, eq, w, status)
          import :: midpoint_part, midpoint_equation, one_step_hamiltonian, wp, i8
          class(midpoint_part), intent(inout) :: self
          type(one_step_hamiltonian), intent(inout) :: ham    !! model and counters
          type(midpoint_equation), intent(inout) :: eq
          real(wp), intent(in) :: w(eq%nlane, 0:eq%m)
          integer(i8), intent(inout) :: status(eq%nlane)      !! 0, or a code that freezes the lane
-      end subroutine iterate_interface
+      end subroutine solve_interface
    end interface
 
 contains
@@ -78,24 +77,9 @@ contains
 
       associate (nlane => self%nlane, n => self%n)
          allocate (self%base(nlane, 0:n + 1), self%still(nlane, n), self%x(nlane, n), source=0.0_wp)
-         allocate (self%drift(nlane, n), self%stiff_ratio(nlane))
+         allocate (self%drift(nlane, n), self%rate(nlane))
       end associate
    end subroutine make_room
-
-   !> Newton from V = 0, or from the dq that V gave.
-   subroutine solve_by_iterations(self, ham, eq, w, status)
-      class(midpoint_part), intent(inout) :: self
-      type(one_step_hamiltonian), intent(inout) :: ham
-      type(midpoint_equation), intent(inout) :: eq
-      real(wp), intent(in) :: w(eq%nlane, 0:eq%m)
-      integer(i8), intent(inout) :: status(eq%nlane)
-
-      if (.not. eq%for_dq) eq%x = 0
-      call self%newton%start(status)
-      do while (self%newton%running)
-         call self%iterate(ham, eq, w, status)
-      end do
-   end subroutine solve_by_iterations
 
    !> Whether this is the first iteration for V, where the point is base.
    pure logical function starts(self, newton)
@@ -123,17 +107,5 @@ contains
    end function lanes
 
    include 'equation.inc'
-
-   !> VEC (h/2) Hhat_q - (h p + g)
-   pure subroutine weigh_force(n, half, drift, f)
-      integer, intent(in) :: n
-      real(wp), intent(in) :: half, drift(n)
-      real(wp), intent(inout) :: f(n)
-      integer :: i
-
-      do i = 1, n
-         f(i) = half*f(i) - drift(i)
-      end do
-   end subroutine weigh_force
 
 end module symsde_step_midpoint_equation

@@ -1,5 +1,11 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> The eliminated midpoint without matrices, for many degrees of freedom and dense Hessians.
+!> The eliminated midpoint without matrices, for many degrees of freedom and dense Hessians. In the letters of
+!> step/midpoint/equation an iteration is
+!>
+!>    r = x + f(Q),  Q = base + c x;   A d = r  with  A v = v + (h/4) Hhat_qq(Q) v;   x <- x - d
+!>
+!> GMRES (step/implicit/newton_krylov) finds d from a few products A v. Each is a product with the Hessian, or the
+!> difference of two gradients; a matrix would take ndof of them, and ndof^3/3 operations to eliminate.
 !>
 !> Private to its family.
 module symsde_step_midpoint_krylov
@@ -20,7 +26,7 @@ module symsde_step_midpoint_krylov
       type(newton_krylov) :: products
       real(wp), allocatable :: q(:, :), r(:, :)  !! Q and residual (nlane, ndof)
    contains
-      procedure :: iterate
+      procedure :: solve
    end type krylov_midpoint
 
 contains
@@ -39,7 +45,7 @@ contains
       end associate
    end subroutine new_krylov_midpoint
 
-   subroutine iterate(self, ham, eq, w, status)
+   subroutine solve(self, ham, eq, w, status)
       class(krylov_midpoint), intent(inout) :: self
       type(one_step_hamiltonian), intent(inout) :: ham
       type(midpoint_equation), intent(inout) :: eq
@@ -47,26 +53,29 @@ contains
       integer(i8), intent(inout) :: status(eq%nlane)
       logical :: first
 
-      first = eq%starts(self%newton)
-      call position(eq%nlane*eq%n, eq%c, eq%base(1, 1), eq%x, self%q)
-      call ham%model%gradient(eq%nlane, eq%n, eq%m, eq%t, w, self%q, eq%still, hq=self%r)
-      ham%counters%gradients = ham%counters%gradients + eq%nreal
-      call eq%weigh(1, eq%n, self%r)
-      call add_times(eq%nlane*eq%n, 1.0_wp, eq%x, self%r)
-      associate (nlane => eq%nlane, n => eq%n, c => 0.25_wp*eq%h, k => self%products%krylov%k, &
-                 v => self%products%krylov%v, u => self%products%uq)
-         call self%products%begin(self%newton, self%r)
-         do while (self%products%wanted > 0)  ! A = I + (h/4) Hhat_qq
-            call hessian_product(ham, nlane, n, self%products%wanted, eq%t, w, self%q, eq%still, v(:, :, k), eq%still, &
-                                 u, self%products%up)
-            v(:, :, k + 1) = v(:, :, k) + c*u
-            call self%products%take()
+      associate (nlane => eq%nlane, n => eq%n, c => 0.25_wp*eq%h, newton => self%newton, products => self%products, &
+                 k => self%products%krylov%k, v => self%products%krylov%v)
+         if (.not. eq%for_dq) eq%x = 0
+         call newton%start(status)
+         do while (newton%running)
+            first = eq%starts(newton)
+            call position(nlane*n, eq%c, eq%base(1, 1), eq%x, self%q)
+            call ham%model%gradient(nlane, n, eq%m, eq%t, w, self%q, eq%still, hq=self%r)
+            ham%counters%gradients = ham%counters%gradients + eq%nreal
+            call eq%weigh(1, n, self%r)
+            call add_times(nlane*n, 1.0_wp, eq%x, self%r)
+            call products%begin(newton, self%r)
+            do while (products%wanted > 0)  ! A = I + (h/4) Hhat_qq
+               call hessian_product(ham, nlane, n, products%wanted, eq%t, w, self%q, eq%still, v(:, :, k), eq%still, &
+                                    products%uq, products%up)
+               v(:, :, k + 1) = v(:, :, k) + c*products%uq
+               call products%take()
+            end do
+            call products%finish(newton, eq%x, status, ham%counters)
+            if (first) eq%rate = products%krylov%largest - 1  ! the largest |A v| of vectors of size one
+            if (first) eq%noncontracting = any(eq%rate > 1)
          end do
-         call self%products%finish(self%newton, eq%x, status, ham%counters)
       end associate
-      if (.not. first) return
-      eq%stiff_ratio = self%products%krylov%largest - 1  ! the largest |A v| of vectors of size one
-      eq%stiff = any(eq%stiff_ratio > 1)
-   end subroutine iterate
+   end subroutine solve
 
 end module symsde_step_midpoint_krylov

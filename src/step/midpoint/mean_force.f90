@@ -7,8 +7,9 @@ module symsde_step_midpoint_mean_force
    use symsde_base_vectors, only: add_times
    use symsde_scheme_scheme, only: scheme_type, correction_none
    use symsde_step_scalar_path, only: few_of
-   use symsde_step_midpoint_dense, only: dense_midpoint, new_dense_midpoint, solve_mildly
-   use symsde_step_midpoint_equation, only: midpoint_equation, new_midpoint_equation, solve_by_iterations, position
+   use symsde_step_midpoint_dense, only: dense_midpoint, new_dense_midpoint, &
+                                         solve_contracting, solve_by_matrices, find_force_stiffness
+   use symsde_step_midpoint_equation, only: midpoint_equation, new_midpoint_equation, position
    use symsde_step_hamiltonian_noise_shift, only: noise_shift, new_noise_shift
    use symsde_step_hamiltonian_one_step, only: one_step_hamiltonian, new_one_step_hamiltonian
    use symsde_step_stepper, only: stepper_type, stepper_task
@@ -17,6 +18,12 @@ module symsde_step_midpoint_mean_force
    public :: mean_force_stepper, mean_force_fits
 
    include 'mean_force.inc'
+
+   pure integer function lanes(nlane)
+      integer, intent(in) :: nlane
+
+      lanes = nlane
+   end function lanes
 
    !> Whether this stepper executes the task.
    logical function mean_force_fits(task) result(fits)

@@ -1,5 +1,8 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> The eliminated midpoint for chains: the matrix I + (h/4) Hhat_qq is symmetric and tridiagonal.
+!> The eliminated midpoint for chains, where K = Hhat_qq is symmetric and tridiagonal. In the letters of
+!> step/midpoint/equation an iteration is
+!>
+!>    (I + (h/4) K(Q)) d = x + f(Q),   Q = base + c x;   x <- x - d
 !>
 !> Lanes are eliminated in strips whose number the compiler knows, so that what a row hands to the next one
 !> stays in registers. Where the model gives its rows (chain_rows), a strip takes the whole step alone, in arrays
@@ -18,7 +21,7 @@ module symsde_step_midpoint_tridiagonal
    use symsde_solve_newton, only: newton_options, new_newton
    use symsde_solve_tridiagonal, only: upper_rows, eliminate_down_strip, eliminate_up_strip, meet_strip, &
                                        correct_strip, before_first_row, nfront
-   use symsde_step_midpoint_equation, only: midpoint_equation, midpoint_part, solve_by_iterations, position
+   use symsde_step_midpoint_equation, only: midpoint_equation, midpoint_part, position
    use symsde_step_hamiltonian_one_step, only: one_step_hamiltonian
    implicit none
    private
@@ -39,7 +42,6 @@ module symsde_step_midpoint_tridiagonal
       real(wp) :: trusted(strip_lanes) = 0
    contains
       procedure :: solve
-      procedure :: iterate
    end type tridiagonal_midpoint
 
 contains
@@ -72,7 +74,7 @@ contains
       allocate (self%x(strip_lanes, n), self%f(strip_lanes, n), self%k(strip_lanes, 0:1, 0:n))
    end subroutine make_room
 
-   !> As any part does it, in room that the first step makes.
+   !> x by Newton's iteration, in room that the first step makes.
    subroutine solve(self, ham, eq, w, status)
       class(tridiagonal_midpoint), intent(inout) :: self
       type(one_step_hamiltonian), intent(inout) :: ham
@@ -81,11 +83,15 @@ contains
       integer(i8), intent(inout) :: status(eq%nlane)
 
       if (.not. allocated(self%q)) call make_room(self, eq%nlane, eq%n)
-      call solve_by_iterations(self, ham, eq, w, status)
+      if (.not. eq%for_dq) eq%x = 0
+      call self%newton%start(status)
+      do while (self%newton%running)
+         call iterate(self, ham, eq, w, status)
+      end do
    end subroutine solve
 
    subroutine iterate(self, ham, eq, w, status)
-      class(tridiagonal_midpoint), intent(inout) :: self
+      type(tridiagonal_midpoint), intent(inout) :: self
       type(one_step_hamiltonian), intent(inout) :: ham
       type(midpoint_equation), intent(inout) :: eq
       real(wp), intent(in) :: w(eq%nlane, 0:eq%m)
@@ -172,7 +178,7 @@ contains
       call eq%weigh(first, last, hq)
    end subroutine linearise
 
-   !> Correct the unknowns of a strip, and tell how stiff its equations are.
+   !> Correct the unknowns of a strip, and tell the rate of its lanes.
    subroutine correct(self, ham, eq, w, before, x, status)
       type(tridiagonal_midpoint), intent(inout) :: self
       type(one_step_hamiltonian), intent(inout) :: ham
@@ -185,8 +191,8 @@ contains
       call meet_strip(self%fronts(1, 1, 1), self%fronts(1, 1, 2), self%meeting, self%trusted)
       associate (newton => self%newton, first => before + 1, last => before + strip_lanes)
          if (eq%starts(newton)) then
-            eq%stiff_ratio(first:last) = max(self%fronts(:, 5, 1), self%fronts(:, 5, 2)) - 1
-            eq%stiff = eq%stiff .or. any(eq%stiff_ratio(first:last) > 1)
+            eq%rate(first:last) = max(self%fronts(:, 5, 1), self%fronts(:, 5, 2)) - 1
+            eq%noncontracting = eq%noncontracting .or. any(eq%rate(first:last) > 1)
          end if
          if (any(self%trusted <= 0 .and. newton%last(first:last) >= 0)) &
             call solve_suspects(self, ham, eq, w, before, status)

@@ -1,6 +1,9 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> The eliminated midpoint of a chain for a single path. In step/midpoint/tridiagonal, for strips of lanes, each row
-!> waits for the one before it; here the rows of both ends are eliminated in turn (solve_lane), in half the time.
+!> The eliminated midpoint of a chain for a single path: (I + (h/4) K) d = x + f, x <- x - d, as in
+!> step/midpoint/tridiagonal.
+!>
+!> There, for strips of lanes, each row waits for the one before it; here the rows of both ends are eliminated in turn
+!> (solve_lane), in half the time.
 !>
 !> Private to its family.
 module symsde_step_midpoint_tridiagonal_single_path
@@ -10,7 +13,7 @@ module symsde_step_midpoint_tridiagonal_single_path
    use symsde_model_abstract, only: model_type
    use symsde_solve_lapack, only: solve_banded_lane_lapack
    use symsde_solve_newton, only: newton_options, new_newton
-   use symsde_solve_newton_single_path, only: judge
+   use symsde_solve_newton_single_path, only: start, judge
    use symsde_solve_tridiagonal, only: solve_lane
    use symsde_step_hamiltonian_one_step, only: one_step_hamiltonian
    use symsde_step_midpoint_equation, only: midpoint_equation, midpoint_part, position
@@ -23,7 +26,7 @@ module symsde_step_midpoint_tridiagonal_single_path
       real(wp), allocatable, dimension(:) :: q, f, before, factor, rhs  !! Q, f, x before its correction, room (n)
       real(wp), allocatable :: k(:, :)                                  !! Hhat_qq, row 0 is not read (0:1, 0:n)
    contains
-      procedure :: iterate
+      procedure :: solve
    end type tridiagonal_midpoint
 
 contains
@@ -40,7 +43,7 @@ contains
       end associate
    end subroutine new_tridiagonal_midpoint
 
-   subroutine iterate(self, ham, eq, w, status)
+   subroutine solve(self, ham, eq, w, status)
       class(tridiagonal_midpoint), intent(inout) :: self
       type(one_step_hamiltonian), intent(inout) :: ham
       type(midpoint_equation), intent(inout) :: eq
@@ -49,22 +52,26 @@ contains
       real(wp) :: trusted, largest
 
       associate (n => eq%n, c => 0.25_wp*eq%h, newton => self%newton)
-         call position(n, merge(0.0_wp, eq%c, eq%starts(newton)), eq%base(1, 1), eq%x, self%q)
-         call ham%model%force_stiffness(1, n, eq%m, 1, eq%t, w, self%q, eq%still, self%f, self%k(0, 1))
-         call eq%weigh(1, n, self%f)
-         self%before = eq%x(1, :)
-         call solve_lane(n, c, self%f, self%k, self%factor, self%rhs, eq%x, trusted, largest, newton%step(1), &
-                         newton%size(1))
-         if (eq%starts(newton)) then
-            eq%stiff_ratio = largest - 1
-            eq%stiff = largest - 1 > 1
-         end if
-         if (trusted <= 0) call solve_suspect(self, ham, eq, status)
+         if (.not. eq%for_dq) eq%x = 0
+         call start(newton, status)
+         do while (newton%running)
+            call position(n, merge(0.0_wp, eq%c, eq%starts(newton)), eq%base(1, 1), eq%x, self%q)
+            call ham%model%force_stiffness(1, n, eq%m, 1, eq%t, w, self%q, eq%still, self%f, self%k(0, 1))
+            call eq%weigh(1, n, self%f)
+            self%before = eq%x(1, :)
+            call solve_lane(n, c, self%f, self%k, self%factor, self%rhs, eq%x, trusted, largest, newton%step(1), &
+                            newton%size(1))
+            if (eq%starts(newton)) then
+               eq%rate = largest - 1
+               eq%noncontracting = largest - 1 > 1
+            end if
+            if (trusted <= 0) call solve_suspect(self, ham, eq, status)
+            ham%counters%gradients = ham%counters%gradients + 1
+            ham%counters%hessians = ham%counters%hessians + 1
+            call judge(newton, status, ham%counters)
+         end do
       end associate
-      ham%counters%gradients = ham%counters%gradients + 1
-      ham%counters%hessians = ham%counters%hessians + 1
-      call judge(self%newton, status, ham%counters)
-   end subroutine iterate
+   end subroutine solve
 
    !> x + f is solved for by LAPACK where pivots are not trusted.
    subroutine solve_suspect(self, ham, eq, status)

@@ -1,5 +1,7 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> The states after a step of the midpoint rule, from V, while the lanes that went together are near.
+!> The states after a step of the midpoint rule, from V = p_{n+1} - p_n, while lanes that went together are in cache:
+!>
+!>    q_{n+1} = q_n + h (p_n + V/2),   p_{n+1} = p_n + V
 !>
 !> They have the bits of states to which increments are added from memory, so this file is compiled without
 !> contraction: no product is fused with the sum.
