@@ -1,5 +1,5 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> Stiff steps of implicit stages in a few lanes of a block.
+!> Newton's iteration for implicit stages in a few lanes of a block: the equations are in newton.inc.
 !>
 !> Private to its family.
 module symsde_step_stages_newton

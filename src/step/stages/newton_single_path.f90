@@ -1,5 +1,5 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> Stiff steps of implicit stages for a path by itself.
+!> Newton's iteration for implicit stages of a path by itself: newton.inc with one lane.
 !>
 !> Private to its family.
 module symsde_step_stages_newton_single_path

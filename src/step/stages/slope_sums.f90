@@ -1,5 +1,9 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> Sums of the slopes of stages. A slope whose coefficient is zero is never read: it may not be known yet.
+!> Sums of the slopes F_j of stages,
+!>
+!>    total = start + sum_j c_j F_j          from a stage j = `first` on and around
+!>
+!> A slope whose coefficient is zero is never read by a block: it may not be known yet.
 !>
 !> Products are added one after the other to what the sum starts with. So nothing is left to choose for a compiler that
 !> contracts, and a coefficient of zero changes nothing: a path by itself adds them all, and has the same bits.

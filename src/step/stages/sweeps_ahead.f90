@@ -10,6 +10,10 @@
 !> All numbers stand in arrays of four stages, where what is not there is zero: loops of a known length stay in
 !> registers. A step that these sweeps do not end is left to step/stages/stepper, which begins it anew.
 !>
+!> Without it, sweeps one by one of the body with one lane take 1.5 to 2 of the time of two degrees of freedom whose
+!> model takes sweeps itself, asked for forces in numbers. An angle whose terms the body finds once for each stage, and
+!> whose force it writes out, takes 1.0 to 1.3.
+!>
 !> Private to its family.
 module symsde_step_stages_sweeps_ahead
    use symsde_base_kinds, only: wp
