@@ -71,9 +71,9 @@ module symsde_step_splitting_stepper_single_path
          end do
          self%nahead = n
          self%now = 0
-         self%w(1:, 0:, 1:, 1:) => ahead%w
-         self%v(1:, 0:, 1:) => ahead%v
-         if (allocated(ahead%d)) self%d => ahead%d
+         self%w(1:, 0:, 1:, 1:) => self%ahead%w
+         self%v(1:, 0:, 1:) => self%ahead%v
+         if (allocated(ahead%d)) self%d => self%ahead%d
          if (.not. any(weights%has_products)) return
          ahead%v(1, :, :n) = transpose(weights%v(:n, :))
          if (allocated(weights%d)) ahead%d(1, :, :n) = transpose(weights%d(:n, :))
