@@ -328,6 +328,10 @@ def test_the_error_check_is_not_left_out_silently(place, capsys):
     assert "symsde: --error-check is made of the whole: give it to `symsde run`" in capsys.readouterr().err
     assert command_line.main([*given[:4], "--dry-run", "--error-check"]) == command_line.OK
     assert "not counted: --error-check" in capsys.readouterr().out
+    other = place / "other.toml"
+    other.write_text(SCENE.replace("paths = 2000", "paths = 2000\nseed = 4"))
+    assert command_line.main(["run", str(other), *given[2:4], "--dry-run"]) == command_line.BAD_INPUT
+    assert "holds another run: " in capsys.readouterr().err
     assert command_line.main([*given, "--max-walltime", "0"]) == command_line.STOPPED
     assert "part1 --error-check`" in capsys.readouterr().err
     assert not (place / "part1" / "error-check.csv").exists()
@@ -339,3 +343,9 @@ def test_a_refusal_leaves_the_output_of_the_program_alone(place, capfd):
     assert command_line.main(["merge", str(place / "part1"), "--out", "/proc/self/whole"]) == command_line.NOT_WRITTEN
     print("still there", flush=True)
     assert "still there" in capfd.readouterr().out
+
+
+def test_the_command_without_a_verb_shows_its_verbs(capsys):
+    assert command_line.main([]) == command_line.BAD_INPUT
+    said = capsys.readouterr()
+    assert not said.out and "usage: symsde" in said.err and "Run a scene in a folder of shards" in said.err

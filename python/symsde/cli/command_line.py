@@ -43,7 +43,11 @@ def main(arguments: list[str] | None = None) -> int:
         with warnings.catch_warnings(), _terminated_as_interrupted(), patient_output():
             for said in (PathsFailedWarning, NotANumberWarning):  # by the exit code and a line
                 warnings.simplefilter("ignore", said)
-            options = _parser().parse_args(arguments)
+            parser = _parser()
+            options = parser.parse_args(arguments)
+            if "verb" not in options:
+                parser.print_help(sys.stderr)
+                return BAD_INPUT
             scene.PYTHON_ALLOWED.set(getattr(options, "allow_python", False))
             return options.verb(options)
     except (SymsdeError, OSError) as error:
@@ -82,7 +86,7 @@ def _parser() -> argparse.ArgumentParser:
         prog="symsde", description="Symplectic integration of stochastic Hamiltonian systems.", epilog=_EPILOG
     )
     parser.add_argument("--version", action="version", version=f"symsde {build_info().get('version', '?')}")
-    verbs = parser.add_subparsers(title="verbs", required=True, metavar="VERB")
+    verbs = parser.add_subparsers(title="verbs", metavar="VERB")
 
     def add(verb, function, text):
         sub = verbs.add_parser(verb, help=text, description=text, epilog=_EPILOG)

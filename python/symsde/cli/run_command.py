@@ -63,12 +63,15 @@ def run(options: argparse.Namespace) -> int:
     if options.out == "":
         raise InvalidArgumentError("--out is empty: give a folder, or leave it out")
     batch = Batch.of(options.scene, options.out or Path(options.scene).stem, options.shard_paths)
+    record = manifest.of_scene(batch.scene, batch.size)
     if options.dry_run:
-        print(need(batch.task, part.of(batch.pieces), batch.size, extent_of(batch.scene).saved, Path(batch.out)))
+        folder = Path(batch.out)
+        if there := manifest.read(folder):
+            manifest.require_same(there, record, folder)
+        print(need(batch.task, part.of(batch.pieces), batch.size, extent_of(batch.scene).saved, folder))
         if options.error_check:
             print("not counted: --error-check, some of the paths again, at the step and at half of it")
         return OK
-    record = manifest.of_scene(batch.scene, batch.size)
     ranks = Ranks.launched()
     options.quiet = options.quiet or ranks.rank > 0
     with (
