@@ -14,7 +14,7 @@ module symsde_solve_newton_single_path
    use symsde_solve_stagnation, only: stopping_test, done, failed
    implicit none
    private
-   public :: start, update, judge
+   public :: start, update, judge, correct_lanes, restart_lanes
 
 contains
 

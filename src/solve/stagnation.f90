@@ -26,13 +26,11 @@ module symsde_solve_stagnation
    private
    public :: stopping_test, linear, quadratic, seen, done_at_once, never_done, done, failed
    public :: correct_first, correct_exact, fail_nonfinite, correct_scalar, iterate_scalar
-   public :: correct_lanes, test_lanes, verdict_of, restart_lanes, gives_up
+   public :: correct_lanes, test_lanes, restart_lanes
 
    real(wp), parameter :: done = -1      !! value of `last` for a lane that has converged
    real(wp), parameter :: failed = -2    !! value of `last` for a lane that has failed
    real(wp), parameter :: near = 2.0_wp**(-33)
-   real(wp), parameter :: hopeful = 0.25_wp      !! rate of corrections up to which a guess is followed
-   real(wp), parameter :: too_stiff = 2          !! (h omega)^2 up to which it is
 
    !> A correction not larger than `level` times the unknowns ends a lane, and so does one larger by at_slow
    !> (at_fast) that is the part `slow` (`fast`) of the one before or less, and one within `stagnation` that
@@ -66,29 +64,6 @@ contains
 
    include 'stagnation_scalar.inc'
 
-   !> VEC x = x - r in running lanes, with the size of correction and unknowns in each.
-   pure subroutine correct_lanes(nlane, n, r, last, x, step, size)
-      integer, intent(in) :: nlane, n
-      real(wp), intent(in) :: r(nlane, n), last(nlane)
-      real(wp), intent(inout) :: x(nlane, n)
-      real(wp), intent(out) :: step(nlane), size(nlane)
-      integer :: lane, i
-
-      do lane = 1, nlane
-         x(lane, 1) = merge(x(lane, 1) - r(lane, 1), x(lane, 1), last(lane) >= 0)
-         step(lane) = abs(r(lane, 1))
-         size(lane) = abs(x(lane, 1))
-      end do
-      do i = 2, n
-         do lane = 1, nlane
-            x(lane, i) = merge(x(lane, i) - r(lane, i), x(lane, i), last(lane) >= 0)
-            ! 0*(..) keeps a NaN of this row and of those before, which max would drop
-            step(lane) = max(step(lane), abs(r(lane, i))) + 0*(step(lane) + r(lane, i))
-            size(lane) = max(size(lane), abs(x(lane, i)))
-         end do
-      end do
-   end subroutine correct_lanes
-
    !> VEC One unknown, one fixed-point iteration: x = -s f in running lanes.
    pure subroutine iterate_scalar(nlane, s, f, last, x, step, size)
       integer, intent(in) :: nlane
@@ -103,39 +78,5 @@ contains
          size(lane) = abs(x(lane))
       end do
    end subroutine iterate_scalar
-
-   !> Unknowns zero, as if nothing had been done, in lanes that give up the guess that they began with.
-   pure subroutine restart_lanes(nlane, n, before, size, hqq, hpp, last, x)
-      integer, intent(in) :: nlane, n
-      real(wp), intent(in) :: before(nlane), size(nlane), hqq(nlane), hpp(nlane)
-      real(wp), intent(inout) :: last(nlane), x(nlane, n)
-      logical :: anew(nlane)
-      integer :: i
-
-      anew = gives_up(before, last, size, hqq, hpp)
-      if (.not. any(anew)) return
-      do i = 1, n
-         where (anew) x(:, i) = 0
-      end do
-      where (anew) last = 0
-   end subroutine restart_lanes
-
-   !> Whether a guess was too far away: a correction that is not a small part of the one before and of the unknowns, or
-   !> a stiff step, which may have several roots; of them those near the beginning of the step are wanted.
-   elemental logical function gives_up(before, last, size, hqq, hpp)
-      real(wp), intent(in) :: before, last  !! sizes of two corrections; done or failed
-      real(wp), intent(in) :: size          !! of the unknowns
-      real(wp), intent(in) :: hqq, hpp      !! of one degree of freedom
-
-      gives_up = last >= 0 .and. (last > hopeful*max(before, hopeful*size) .or. abs(hqq*hpp) > too_stiff)
-   end function gives_up
-
-   !> The same for other modules: what they see is not inlined in the loops above.
-   pure real(wp) function verdict_of(test, d, size, last)
-      type(stopping_test), intent(in) :: test
-      real(wp), intent(in) :: d, size, last
-
-      verdict_of = verdict(test, d, size, last)
-   end function verdict_of
 
 end module symsde_solve_stagnation

@@ -31,6 +31,7 @@ module symsde_step_factory
    use symsde_step_stages_stepper, only: stages_stepper, stages_fits
    use symsde_step_stages_stepper_single_path, only: stages_single_path => stages_stepper
    use symsde_step_one_dof_stepper, only: one_dof_stepper, one_dof_fits
+   use symsde_step_one_dof_stepper_single_path, only: one_dof_single_path => one_dof_stepper
    use symsde_step_stepper, only: stepper_type, stepper_task
    use symsde_step_explicit_verlet_dz, only: verlet_dz_stepper
    use symsde_step_flow_model_flow, only: model_flow_stepper, model_flow_fits
@@ -88,7 +89,11 @@ contains
             if (task%nlane > 1) allocate (midpoint_full_stepper :: stepper)
          end if
       case (euler_pair); if (euler_pair_fits(task)) allocate (euler_pair_stepper :: stepper)
-      case (one_dof); if (one_dof_fits(task)) allocate (one_dof_stepper :: stepper)
+      case (one_dof)
+         if (one_dof_fits(task)) then
+            if (task%nlane == 1) allocate (one_dof_single_path :: stepper)
+            if (task%nlane > 1) allocate (one_dof_stepper :: stepper)
+         end if
       case (stages)
          if (stages_fits(task)) then
             if (task%nlane == 1) allocate (stages_single_path :: stepper)

@@ -17,16 +17,16 @@ module symsde_step_hamiltonian_brackets_one_dof
    use symsde_base_vectors, only: add_times
    use symsde_model_abstract, only: model_type
    use symsde_step_hamiltonian_brackets_exact, only: has_exact_bracket
-   use symsde_step_hamiltonian_brackets_one_dof_kinetic, only: kinetic_brackets, new_kinetic_brackets, are_kinetic
+   use symsde_step_hamiltonian_brackets_one_dof_kinetic, only: kinetic_brackets, new_kinetic_brackets, are_kinetic, &
+                                                               q_, p_, qq, qp, pp, nplace
    use symsde_step_hamiltonian_brackets, only: modified_hamiltonian
    implicit none
    private
-   public :: single_brackets, new_single_brackets
+   public :: single_brackets, new_single_brackets, q_, p_, qq, qp, pp, nplace
 
-   !> Places of derivatives. A separable Hamiltonian has two third ones, and brackets of two have the other two, but for
-   !> fourth derivatives.
-   integer, parameter :: q_ = 1, p_ = 2, qq = 3, qp = 4, pp = 5, qqq = 6, ppp = 7, qqp = 6, qpp = 7
-   integer, parameter :: wanted = pp, all = ppp  !! gradient and Hessian; third derivatives, too
+   !> Places of further derivatives. A separable Hamiltonian has two third ones, and brackets of two have the other two,
+   !> but for fourth derivatives.
+   integer, parameter :: qqq = 6, ppp = 7, qqp = 6, qpp = 7, all = ppp
 
    type :: single_brackets
       private
@@ -34,16 +34,17 @@ module symsde_step_hamiltonian_brackets_one_dof
       logical, public :: exact = .false.            !! the Hessian is the derivative of the gradient
       logical :: thirds = .false.                   !! third derivatives are asked for, of separable Hamiltonians
       logical :: along = .false.                    !! .. and of others along their fields
-      integer :: top = wanted                       !! derivatives that do not vanish
+      integer :: top = nplace                       !! derivatives that do not vanish
       logical :: nested = .false.                   !! nested brackets are brackets of brackets
       logical :: partly = .false.                   !! something is left to step/hamiltonian/brackets
       integer, public :: asked = 0                  !! gradients and Hessians of the model in one evaluation
+      real(wp) :: times(0:2) = 0                    !! the middle of the step, and its stages
       real(wp), allocatable, public :: c(:, :)      !! h dW_k/2 - dZ_k; c_0 = 0 (nlane, 0:nnoise)
       real(wp), allocatable, public :: rate(:, :)   !! c/h (nlane, 0:nnoise)
-      type(kinetic_brackets), allocatable :: kinetic
+      type(kinetic_brackets), allocatable, public :: kinetic
       real(wp), allocatable :: unit(:, :, :)        !! weights of H_j alone (nlane, 0:nnoise, 0:nnoise)
       real(wp), allocatable :: d(:, :, :)           !! derivatives of H_j (nlane, all, 0:nnoise)
-      real(wp), allocatable, dimension(:, :) :: b, bb, h  !! of a bracket, of one of it, of the sum
+      real(wp), allocatable, dimension(:, :) :: b, bb  !! of a bracket, of one of it
       real(wp), allocatable :: whole(:, :)          !! weights of F (nlane, 0:nnoise)
       real(wp), allocatable :: factor(:), v(:, :), g(:, :)  !! (nlane), (nlane, 2)
       real(wp), allocatable :: one(:)               !! (max(nlane, nnoise + 1))
@@ -79,7 +80,7 @@ contains
          self%thirds = self%nested .and. .not. traits%quadratic .and. traits%separable
          self%along = self%nested .and. .not. traits%quadratic .and. .not. traits%separable
          if (self%thirds) self%top = all
-         allocate (self%unit(n, 0:m, 0:m), self%d(n, all, 0:m), self%b(n, all), self%bb(n, all), self%h(n, wanted), &
+         allocate (self%unit(n, 0:m, 0:m), self%d(n, all, 0:m), self%b(n, all), self%bb(n, all), &
                    self%factor(n), self%v(n, 2), self%g(n, 2), self%whole(n, 0:m), self%beside(0:m, all), source=0.0_wp)
          allocate (self%one(max(n, m + 1)), source=1.0_wp)
          allocate (self%x(0:m), self%y(0:m))
@@ -91,13 +92,17 @@ contains
    end subroutine new_single_brackets
 
    !> Begin a step: what stays the same in it.
-   subroutine begin(self, parts, step)
+   subroutine begin(self, parts, step, c)
       class(single_brackets), intent(inout) :: self
       type(modified_hamiltonian), intent(in) :: parts
       type(step_record), intent(in) :: step
+      real(wp), intent(in) :: c(2)  !! when the stages are
       integer :: k
 
-      if (allocated(self%kinetic)) call self%kinetic%begin(parts%model, step)
+      self%times(0) = step%t + 0.5_wp*step%h
+      self%times(1) = step%t + c(1)*step%h
+      self%times(2) = step%t + c(2)*step%h
+      if (allocated(self%kinetic)) call self%kinetic%begin(parts%model, step, self%times)
       if (.not. parts%active%single) return
       do k = 1, self%nnoise
          self%c(:, k) = 0.5_wp*step%h*step%w(:, k) - step%of(path_dz)%x(:, k)
@@ -105,31 +110,28 @@ contains
       if (parts%time_dependent) self%rate = self%c/step%h
    end subroutine begin
 
-   !> Gradient and Hessian of all at (q, p).
-   subroutine evaluate(self, parts, t, step, q, p, hq, hp, hqq, hqp, hpp, counters, nreal)
+   !> Gradient and Hessian of all at (q, p), in stage i or, i = 0, in the middle of the step.
+   subroutine evaluate(self, parts, i, step, q, p, h, counters, nreal)
       class(single_brackets), intent(inout) :: self
       type(modified_hamiltonian), intent(inout) :: parts
-      real(wp), intent(in) :: t
+      integer, intent(in) :: i
       type(step_record), intent(in) :: step
       real(wp), intent(in), dimension(self%nlane) :: q, p
-      real(wp), intent(inout), dimension(self%nlane) :: hq, hp, hqq, hqp, hpp
+      real(wp), intent(inout) :: h(self%nlane, nplace)
       type(counters_type), intent(inout) :: counters
       integer, intent(in) :: nreal
 
-      if (allocated(self%kinetic)) then
-         call self%kinetic%evaluate(parts, t, step, self%c, self%rate, q, p, hq, hp, hqq, hqp, hpp)
-      else
-         call ask(self, parts, t, q, p)
-         if (self%thirds) counters%hessian_vectors = counters%hessian_vectors + nreal*self%asked
-         call add_up(self, parts, step)
-         if (self%nested) call add_nested(self, parts, t, step, q, p)
-         hq = self%h(:, q_)
-         hp = self%h(:, p_)
-         hqq = self%h(:, qq)
-         hqp = self%h(:, qp)
-         hpp = self%h(:, pp)
-         if (self%partly) call parts%add_rest(t, step, q, p, hq, hp, counters, nreal)
-      end if
+      associate (t => self%times(i))
+         if (allocated(self%kinetic)) then
+            call self%kinetic%evaluate(parts, i, t, step, self%c, self%rate, q, p, h)
+         else
+            call ask(self, parts, t, q, p)
+            if (self%thirds) counters%hessian_vectors = counters%hessian_vectors + nreal*self%asked
+            call add_up(self, parts, step, h)
+            if (self%nested) call add_nested(self, parts, t, step, q, p, h)
+            if (self%partly) call parts%add_rest(t, step, q, p, h(:, q_), h(:, p_), counters, nreal)
+         end if
+      end associate
       counters%gradients = counters%gradients + nreal*self%asked
       counters%hessians = counters%hessians + nreal*self%asked
    end subroutine evaluate
@@ -176,39 +178,41 @@ contains
    end subroutine ask_lanes
 
    !> sum_j w_j H_j, sum_k c_k {H_k,H} and sum_{k<l} A_kl {H_l,H_k}.
-   subroutine add_up(self, parts, step)
+   subroutine add_up(self, parts, step, h)
       type(single_brackets), intent(inout) :: self
       type(modified_hamiltonian), intent(in) :: parts
       type(step_record), intent(in) :: step
+      real(wp), intent(out) :: h(self%nlane, nplace)
       integer :: k, l
 
       associate (n => self%nlane, noisy => parts%noisy, d => self%d, b => self%b)
-         self%h = 0
-         call add_multiple(n, wanted, step%w(:, 0), d, self%h)
+         h = 0
+         call add_multiple(n, nplace, step%w(:, 0), d, h)
          do l = 1, self%nnoise
             if (.not. noisy(l)) cycle
-            call add_multiple(n, wanted, step%w(:, l), d(:, :, l), self%h)
+            call add_multiple(n, nplace, step%w(:, l), d(:, :, l), h)
             if (parts%active%single) then
                call find_bracket(n, self%thirds, d(:, :, l), d, b)
-               call add_multiple(n, wanted, self%c(:, l), b, self%h)
+               call add_multiple(n, nplace, self%c(:, l), b, h)
             end if
             if (.not. parts%active%areas) cycle
             do k = 1, l - 1
                if (.not. noisy(k)) cycle
                call find_bracket(n, self%thirds, d(:, :, l), d(:, :, k), b)
-               call add_multiple(n, wanted, step%of(path_areas)%x(:, area_index(k, l)), b, self%h)
+               call add_multiple(n, nplace, step%of(path_areas)%x(:, area_index(k, l)), b, h)
             end do
          end do
       end associate
    end subroutine add_up
 
    !> (h|h|/12) sum_k {{F,H_k},H_k}. From here on H_0 is F: H, or the whole of the step over h where they are crossed.
-   subroutine add_nested(self, parts, t, step, q, p)
+   subroutine add_nested(self, parts, t, step, q, p, h)
       type(single_brackets), intent(inout) :: self
       type(modified_hamiltonian), intent(in) :: parts
       type(step_record), intent(in) :: step
       real(wp), intent(in) :: t
       real(wp), intent(in), dimension(self%nlane) :: q, p
+      real(wp), intent(inout) :: h(self%nlane, nplace)
       integer :: k
 
       associate (n => self%nlane, noisy => parts%noisy, d => self%d, b => self%b, bb => self%bb)
@@ -230,7 +234,7 @@ contains
                if (self%thirds) call add_mixed_thirds(n, b, d(:, :, k), bb)
             end if
             if (self%along) call add_along(self, parts, t, k, q, p, bb)
-            call add_multiple(n, wanted, self%factor, bb, self%h)
+            call add_multiple(n, nplace, self%factor, bb, h)
          end do
       end associate
    end subroutine add_nested

@@ -5,8 +5,6 @@
 !>
 !> A module of its own: where callers saw its products the compiler would contract them with their sums, and a path by
 !> itself would have other bits than one of a block, whose numbers come from memory.
-!>
-!> Private to its family.
 module symsde_step_midpoint_angle
    use symsde_base_kinds, only: wp
    use symsde_base_sincos, only: sincos_one

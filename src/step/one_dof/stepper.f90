@@ -14,12 +14,8 @@ module symsde_step_one_dof_stepper
    use symsde_model_abstract, only: model_type
    use symsde_scheme_scheme, only: scheme_type, correction_none
    use symsde_solve_newton, only: newton_options
-   use symsde_step_scalar_path, only: scalar_path
-   use symsde_step_one_dof_scalar_brackets, only: scalar_brackets
-   use symsde_step_one_dof_scalar_newton, only: scalar_newton, most_stages
    use symsde_step_hamiltonian_one_step, only: one_step_hamiltonian, new_one_step_hamiltonian
-   use symsde_step_one_dof_newton, only: one_dof_newton, new_one_dof_newton
-   use symsde_step_stages_slope_sums, only: add_slopes
+   use symsde_step_one_dof_newton, only: one_dof_newton, new_one_dof_newton, resume
    use symsde_step_stepper, only: stepper_type, stepper_task
    implicit none
    private
@@ -40,11 +36,9 @@ module symsde_step_one_dof_stepper
       private
       type(one_dof_newton) :: solver
       type(last_lanes), allocatable :: few         !! where a block is larger
-      real(wp), allocatable :: alpha(:), zero(:)   !! weights; (nlane)
    contains
       procedure :: make
       procedure :: increment
-      procedure :: offer_scalar_path
    end type one_dof_stepper
 
 contains
@@ -69,9 +63,6 @@ contains
       type(stepper_task), intent(in) :: task
 
       self%name = 'stages, one degree of freedom'
-      self%most_single = 2
-      self%alpha = task%scheme%alpha
-      allocate (self%zero(task%nlane), source=0.0_wp)
       call new_one_step_hamiltonian(self%ham, task%model, task%nlane, correction_none, 0.0_wp, task%scheme%brackets)
       call new_one_dof_newton(self%solver, self%ham, task%scheme, task%newton)
       self%one_solve = self%solver%newton%affine
@@ -103,7 +94,7 @@ contains
       real(wp), intent(out) :: dq(self%ham%nlane, self%ham%ndof), dp(self%ham%nlane, self%ham%ndof)
       integer(i8), intent(inout) :: status(self%ham%nlane)
 
-      associate (s => self%solver%s, solver => self%solver)
+      associate (solver => self%solver)
          call solver%begin(self%ham, step, q, p, status)
          do while (solver%newton%running)
             if (allocated(self%few) .and. solver%newton%nrunning <= few_lanes) then
@@ -112,8 +103,7 @@ contains
             end if
             call solver%iterate(self%ham, step, q, p, status)
          end do
-         call add_slopes(self%ham%nlane, s, 1, self%alpha, solver%x, self%zero, dq)
-         call add_slopes(self%ham%nlane, s, 1, self%alpha, solver%x(:, s + 1:), self%zero, dp)
+         call solver%add_up(dq, dp)
       end associate
    end subroutine increment
 
@@ -145,7 +135,7 @@ contains
       few%status = not_converged  ! lanes that fill up the block rest
       few%status(:n) = status(lanes(:n))
       few%ham%nreal = count(lanes(:n) <= self%ham%nreal)
-      call few%solver%resume(few%ham, self%solver, lanes, gathered, few%status)
+      call resume(few%solver, few%ham, self%solver, lanes, gathered, few%status)
       do while (few%solver%newton%running)
          call few%solver%iterate(few%ham, gathered, few%q, few%p, few%status)
       end do
@@ -154,38 +144,5 @@ contains
       call add_counters(self%ham%counters, few%ham%counters)
       few%ham%counters = counters_type()
    end subroutine finish
-
-   !> Paths one by one: where brackets are added, and where there are two to four stages, the Hamiltonians are separable
-   !> or one solve is all, and have their derivatives.
-   subroutine offer_scalar_path(self, scalar)
-      class(one_dof_stepper), intent(in) :: self
-      class(scalar_path), allocatable, intent(out) :: scalar
-      type(scalar_newton), allocatable :: made
-      type(scalar_brackets), allocatable :: bracketed
-
-      if (allocated(self%ham%modified)) then
-         allocate (bracketed)
-         bracketed%most = 2  ! three take 1.0 to 1.2 of the time
-         bracketed%wants_record = .true.
-         bracketed%a = self%solver%a
-         bracketed%abar = self%solver%abar
-         bracketed%alpha = self%alpha
-         bracketed%c = self%solver%c
-         bracketed%test = self%solver%newton%test
-         bracketed%max_iter = self%solver%newton%options%max_iter
-         bracketed%wanted = self%ham%modified%active
-         call move_alloc(bracketed, scalar)
-         return
-      end if
-      if (.not. self%ham%model%traits%has_hessian .or. self%solver%s > most_stages) return
-      if (.not. (self%solver%separable .or. self%solver%newton%affine)) return
-      allocate (made)
-      made%most = merge(3, 4, self%solver%s == 2)  ! one more takes up to 1.3 of the time
-      made%affine = self%solver%newton%affine
-      made%mass_alone = self%ham%mass_alone
-      call made%set(self%solver%a, self%solver%abar, self%alpha, self%solver%c)
-      made%max_iter = self%solver%newton%options%max_iter
-      call move_alloc(made, scalar)
-   end subroutine offer_scalar_path
 
 end module symsde_step_one_dof_stepper

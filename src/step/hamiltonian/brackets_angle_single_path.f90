@@ -1,0 +1,63 @@
+! SPDX-License-Identifier: BSD-3-Clause
+!> The brackets of step/hamiltonian/brackets_one_dof_kinetic of an angle and a single path, whose numbers stay in
+!> registers: brackets_kinetic.inc with one lane.
+module symsde_step_hamiltonian_brackets_angle_single_path
+   use symsde_base_kinds, only: wp
+   use symsde_base_record, only: step_record
+   use symsde_base_sincos, only: sincos_one
+   use symsde_model_abstract, only: angle_terms
+   use symsde_step_hamiltonian_brackets, only: modified_hamiltonian
+   use symsde_step_hamiltonian_brackets_one_dof_kinetic, only: kinetic_brackets, q_, p_, qq, qp, pp, nplace
+   implicit none
+   private
+   public :: evaluate_angle
+
+contains
+
+   pure integer function lanes(nlane)
+      integer, intent(in) :: nlane
+
+      lanes = 1
+   end function lanes
+
+   !> Gradient and Hessian of all at (q, p), at one of the times of the step: `evaluate` of blocks.
+   subroutine evaluate_angle(self, parts, i, step, c, rate, q, p, h)
+      type(kinetic_brackets), intent(in) :: self
+      type(modified_hamiltonian), intent(in) :: parts
+      integer, intent(in) :: i
+      type(step_record), intent(in) :: step
+      real(wp), intent(in) :: c(0:self%nnoise), rate(0:self%nnoise), q(1), p(1)
+      real(wp), intent(out) :: h(1, nplace)
+      real(wp) :: s(1, nplace), g(1, 4), u(1, 4), v(1, 4), sine(1), cosine(1)
+      real(wp) :: nested
+      real(wp), pointer, contiguous :: w(:, :)  ! a name that gfortran 12 knows to be contiguous
+      integer :: k
+
+      w => step%w
+      nested = merge(step%h*abs(step%h)/12, 0.0_wp, parts%active%nested)
+      sine(1) = sincos_one(q(1), cosine(1))
+      associate (terms => self%terms, ends => self%ends, e => self%e, noisy => parts%noisy)
+         call derive_lanes(1, terms(0, i), q, sine, cosine, g)
+         call start(1, w(:, 0), e(0), g, p, s)
+         do k = 1, self%nnoise
+            if (.not. noisy(k)) cycle
+            call derive_lanes(1, terms(k, i), q, sine, cosine, u)
+            if (abs(e(k)) > 0) then
+               call add_moving(1, nested, w(:, k), c(k), [e(0), e(k)], g, u, p, s)
+            else
+               call add_still(1, nested, w(:, k), c(k), e(0), u, p, s)
+            end if
+         end do
+         do k = 1, merge(self%nnoise, 0, self%ntime == 3)
+            if (.not. noisy(k)) cycle
+            call derive_lanes(1, ends(k, 2), q, sine, cosine, u)
+            call derive_lanes(1, ends(k, 3), q, sine, cosine, v)
+            call add_change(1, rate(k), u, v, s)
+         end do
+      end associate
+      h = s
+   end subroutine evaluate_angle
+
+   include 'brackets_kinetic.inc'
+
+end module symsde_step_hamiltonian_brackets_angle_single_path

@@ -1,0 +1,117 @@
+! SPDX-License-Identifier: BSD-3-Clause
+!> Newton's iteration for the slopes of all stages of one degree of freedom and a single path: newton.inc with one lane.
+!>
+!> Private to its family.
+module symsde_step_one_dof_newton_single_path
+   use symsde_base_counters, only: counters_type
+   use symsde_base_kinds, only: wp, i8
+   use symsde_base_record, only: step_record
+   use symsde_model_abstract, only: angle_terms
+   use symsde_scheme_scheme, only: scheme_type
+   use symsde_solve_blocks, only: block_solver, new_block_solver, pivot_floor
+   use symsde_solve_elimination_single_path, only: solve_scalar
+   use symsde_solve_newton, only: newton_type, newton_options, new_newton
+   use symsde_solve_newton_single_path, only: judge, correct_lanes, restart_lanes
+   use symsde_step_hamiltonian_brackets_angle_single_path, only: evaluate_angle
+   use symsde_step_hamiltonian_one_step, only: one_step_hamiltonian
+   use symsde_step_hamiltonian_brackets_one_dof, only: single_brackets, new_single_brackets, q_, p_, qq, qp, pp, nplace
+   use symsde_step_midpoint_angle, only: find_angle_force, find_angle_velocity
+   implicit none
+   private
+   public :: one_dof_newton, new_one_dof_newton
+
+   include 'newton.inc'
+
+   include 'two_stages.inc'
+
+   pure integer function lanes(nlane)
+      integer, intent(in) :: nlane
+
+      lanes = 1
+   end function lanes
+
+   !> The terms of an angle in every stage, and Hhat_p at the beginning of the step, in qs, where it is the first guess.
+   subroutine find_velocity(self, ham, step, q, p)
+      type(one_dof_newton), intent(inout) :: self
+      type(one_step_hamiltonian), intent(inout) :: ham
+      type(step_record), intent(in) :: step
+      real(wp), intent(in) :: q(1), p(1)
+      real(wp), pointer, contiguous :: w(:, :)  ! a name that gfortran 12 knows to be contiguous
+      real(wp) :: unused
+      integer :: i
+
+      w => step%w
+      if (.not. allocated(self%terms)) then
+         if (self%flies) call ham%velocity(step%t + self%c(1)*step%h, w, q, p, self%qs)
+         return
+      end if
+      do i = 1, self%s
+         call ham%model%angle(ham%nnoise, step%t + self%c(i)*step%h, w, self%terms(i))
+      end do
+      if (.not. self%flies) return
+      call find_angle_velocity(self%terms(1), p(1), self%qs(1), unused)
+      ham%counters%gradients = ham%counters%gradients + 1
+   end subroutine find_velocity
+
+   !> Gradient and Hessian of stage i, by the terms of an angle, or in the middle of the step as those of the first one.
+   subroutine evaluate(self, ham, i, step, q, p)
+      type(one_dof_newton), intent(inout) :: self
+      type(one_step_hamiltonian), intent(inout) :: ham
+      integer, intent(in) :: i
+      type(step_record), intent(in) :: step
+      real(wp), intent(in) :: q(1), p(1)
+
+      integer :: asked
+
+      asked = 1
+      if (allocated(self%terms)) then
+         call find_angle_force(self%terms(i), q(1), self%h(1, q_, i), self%h(1, qq, i))
+         call find_angle_velocity(self%terms(i), p(1), self%h(1, p_, i), self%h(1, pp, i))
+      else if (self%bracketed_angle) then
+         associate (b => self%brackets)
+            call evaluate_angle(b%kinetic, ham%modified, i, step, b%c, b%rate, q, p, self%h(:, :, max(i, 1)))
+            asked = b%asked
+         end associate
+      else
+         call ask_model(self, ham, i, step, q, p)
+         return
+      end if
+      ham%counters%gradients = ham%counters%gradients + asked
+      ham%counters%hessians = ham%counters%hessians + asked
+   end subroutine evaluate
+
+   !> total = start + sum_j c_j x_j, those with the coefficient zero, too, from the first on.
+   pure subroutine sum_slopes(nlane, s, first, c, x, start, total)
+      integer, intent(in) :: nlane, s, first
+      real(wp), intent(in) :: c(s), x(s), start(1)
+      real(wp), intent(out) :: total(1)
+      integer :: j
+
+      total = start
+      !GCC$ novector  ! sums in order
+      do j = first, s
+         total = total + c(j)*x(j)
+      end do
+   end subroutine sum_slopes
+
+   !> Where pivots are not trusted the system is made once more, and solved as in a block.
+   subroutine solve_systems(self, x, status, counters)
+      type(one_dof_newton), intent(inout) :: self
+      real(wp), intent(inout) :: x(size(self%matrix, 2))
+      integer(i8), intent(inout) :: status(1)
+      type(counters_type), intent(inout) :: counters
+      real(wp) :: smallest, zero
+      integer :: i
+
+      call solve_scalar(size(x), self%matrix, x, smallest)
+      zero = 0
+      !GCC$ novector  ! few numbers
+      do i = 1, size(x)
+         zero = zero + 0*x(i)  ! NaN where one is not finite
+      end do
+      if (smallest > pivot_floor .and. abs(zero) <= 0) return
+      call linearise_all(self)
+      call solve_by_lanes(self, x, status, counters)
+   end subroutine solve_systems
+
+end module symsde_step_one_dof_newton_single_path
