@@ -123,7 +123,7 @@ contains
 
       associate (t => self%times(i))
          if (allocated(self%kinetic)) then
-            call self%kinetic%evaluate(parts, i, t, step, self%c, self%rate, q, p, h)
+            call self%kinetic%evaluate(parts, i, step, self%c, self%rate, q, p, h)
          else
             call ask(self, parts, t, q, p)
             if (self%thirds) counters%hessian_vectors = counters%hessian_vectors + nreal*self%asked
@@ -148,33 +148,34 @@ contains
          if (n == 1) then
             self%x = q(1)
             self%y = p(1)
-            call ask_lanes(model, self%thirds, m + 1, m, t, self%unit, self%x, self%y, self%one, self%beside)
+            call ask_lanes(model, self%thirds, m + 1, t, self%unit, self%x, self%y, self%one, self%beside)
             do j = 0, m
                self%d(1, :, j) = self%beside(j, :)
             end do
             return
          end if
-         call ask_lanes(model, self%thirds, n, m, t, self%unit, q, p, self%one, self%d)
+         call ask_lanes(model, self%thirds, n, t, self%unit, q, p, self%one, self%d)
          do j = 1, m
             if (parts%noisy(j)) &
-               call ask_lanes(model, self%thirds .and. .not. model%traits%additive, n, m, t, self%unit(:, :, j), q, p, &
+               call ask_lanes(model, self%thirds .and. .not. model%traits%additive, n, t, self%unit(:, :, j), q, p, &
                               self%one, self%d(:, :, j))
          end do
       end associate
    end subroutine ask
 
    !> The derivatives of sums with weights w in n lanes.
-   subroutine ask_lanes(model, thirds, n, m, t, w, q, p, one, d)
+   subroutine ask_lanes(model, thirds, n, t, w, q, p, one, d)
       class(model_type), intent(in) :: model
       logical, intent(in) :: thirds
-      integer, intent(in) :: n, m
-      real(wp), intent(in) :: t, w(n, 0:m)
+      integer, intent(in) :: n
+      real(wp), intent(in) :: t, w(n, 0:model%traits%nnoise)
       real(wp), intent(in), dimension(n) :: q, p, one
       real(wp), intent(inout) :: d(n, all)
 
-      call model%gradient_hessian(n, 1, m, t, w, q, p, d(:, q_), d(:, p_), d(:, qq), d(:, qp), d(:, pp))
-      if (thirds) &
-         call model%third_derivative(n, 1, m, t, w, q, p, one, one, one, one, d(:, qqq), d(:, ppp))
+      associate (m => model%traits%nnoise)
+         call model%gradient_hessian(n, 1, m, t, w, q, p, d(:, q_), d(:, p_), d(:, qq), d(:, qp), d(:, pp))
+         if (thirds) call model%third_derivative(n, 1, m, t, w, q, p, one, one, one, one, d(:, qqq), d(:, ppp))
+      end associate
    end subroutine ask_lanes
 
    !> sum_j w_j H_j, sum_k c_k {H_k,H} and sum_{k<l} A_kl {H_l,H_k}.

@@ -27,6 +27,7 @@ module symsde_step_hamiltonian_brackets_one_dof_kinetic
       integer :: nlane = 0, nnoise = 0
       integer :: ntime = 1                         !! 3: at the ends of the step, too, where noises change in time
       logical :: angle = .false.
+      real(wp) :: times(0:2) = 0                   !! of the evaluations in a step
       type(angle_terms), allocatable :: terms(:, :)  !! of H_j at the times of a step (0:nnoise, 0:2)
       type(angle_terms), allocatable :: ends(:, :) !! of H_k where it begins and ends (nnoise, 2:3)
       real(wp), allocatable :: u(:, :, :, :)       !! U_j' .. U_j'''' (nlane, 4, 0:nnoise, ntime)
@@ -80,6 +81,7 @@ contains
       real(wp), intent(in) :: times(0:2)
       integer :: i, j
 
+      self%times = times
       if (.not. self%angle) return
       associate (m => self%nnoise)
          do j = 0, m
@@ -95,11 +97,10 @@ contains
    end subroutine begin
 
    !> Gradient and Hessian of all at (q, p), at one of the times of the step.
-   subroutine evaluate(self, parts, i, t, step, c, rate, q, p, h)
+   subroutine evaluate(self, parts, i, step, c, rate, q, p, h)
       class(kinetic_brackets), intent(inout) :: self
       type(modified_hamiltonian), intent(in) :: parts
       integer, intent(in) :: i
-      real(wp), intent(in) :: t                    !! that time
       type(step_record), intent(in) :: step
       real(wp), intent(in), dimension(self%nlane, 0:self%nnoise) :: c, rate  !! see step/hamiltonian/brackets_one_dof
       real(wp), intent(in), dimension(self%nlane) :: q, p
@@ -113,7 +114,7 @@ contains
       if (self%angle) then
          call derive(self, i, q)
       else
-         call ask(self, parts, [t, step%t, step%t + step%h], q, p)
+         call ask(self, parts, [self%times(i), step%t, step%t + step%h], q, p)
       end if
       associate (n => self%nlane, e => self%e, u => self%u)
          call start(n, w, e(0), u, p, h)
