@@ -18,7 +18,6 @@ module symsde_step_stepper
    use symsde_scheme_scheme, only: scheme_type, bracket_terms, tableau_form, correction_none, frame_none
    use symsde_solve_newton, only: newton_options
    use symsde_step_block_state, only: lane_state, passed_states
-   use symsde_step_scalar_path, only: scalar_path
    use symsde_step_hamiltonian_brackets, only: active_brackets
    use symsde_step_hamiltonian_one_step, only: one_step_hamiltonian
    implicit none
@@ -59,7 +58,6 @@ module symsde_step_stepper
       procedure :: advance => advance_by_increments
       procedure :: move
       procedure :: make_room
-      procedure :: offer_scalar_path
       procedure :: tally
    end type stepper_type
 
@@ -136,12 +134,6 @@ contains
       real(wp), intent(inout) :: q(self%ham%nlane, self%ham%ndof), p(self%ham%nlane, self%ham%ndof)
       integer(i8), intent(inout) :: status(self%ham%nlane)
    end subroutine move
-
-   !> What takes the same steps of paths one by one; its model is not set. Not allocated where there is none.
-   subroutine offer_scalar_path(self, scalar)
-      class(stepper_type), intent(in) :: self
-      class(scalar_path), allocatable, intent(out) :: scalar
-   end subroutine offer_scalar_path
 
    !> Whether the scheme's tableau makes the step, with nothing around it.
    pure logical function is_tableau(self)
