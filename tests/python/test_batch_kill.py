@@ -41,7 +41,7 @@ LONG = LONG.replace("moments = true", "moments = false")
 
 def run(scene, out, at=0):
     """Exit code of a run that is killed when it comes to this event of those in its folder, and how many it met."""
-    given = ["run", scene, "--out", out, "--shard-paths", "256", "--checkpoint", "0.02", "--quiet"]
+    given = ["run", scene, "--out", out, "--shard-paths", "256", "--checkpoint", "0.005", "--quiet"]
     done = subprocess.run(words(signal.SIGKILL, at, out, "all", "symsde", *given), stdout=subprocess.PIPE, check=False)
     return done.returncode, int(done.stdout or at)
 
@@ -61,7 +61,7 @@ def test_killed_and_resumed(name, text, tmp_path):
     scene = tmp_path / "scene.toml"
     scene.write_text(text)
     code, events = run(scene, tmp_path / "known")
-    assert code == 0 and events > 50
+    assert code == 0 and events > 20
     dice = random.Random(12)
     killed = 0
     while killed < KILLS:
@@ -73,9 +73,8 @@ def test_killed_and_resumed(name, text, tmp_path):
             shutil.rmtree(tmp_path / "out")
     assert run(scene, tmp_path / "out")[0] == 0
     assert digest(tmp_path / "out") == digest(tmp_path / "known")
-    left = [path for path in (tmp_path / "out" / "shards").iterdir() if path.suffix != ".npz"]
-    # who is killed before its folder has a lock may be about to make it, for all that others know: it stays for a day
-    assert all(path.name.startswith(".part-") and not any(path.iterdir()) for path in left)
+    left = [path.name for path in (tmp_path / "out" / "shards").iterdir() if path.suffix != ".npz"]
+    assert not left
 
 
 def test_a_checkpoint_beside_its_shard_goes(tmp_path):

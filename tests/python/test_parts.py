@@ -9,6 +9,7 @@ import threading
 
 import pytest
 import symsde as ss
+from sent_at import words
 from symsde.cli import command_line
 from symsde.native import durable, files, parts
 
@@ -127,6 +128,30 @@ def test_parts_of_another_machine(tmp_path):
         found = {folder.name for folder in tmp_path.iterdir()}
         assert found == {".other", link.name, ".part-elsewhere-held", ".part-elsewhere-young"}
         assert (tmp_path / ".other" / "lock").exists()
+
+
+def test_a_writer_that_is_killed_before_it_has_a_lock(tmp_path):
+    """Between making the folder and the lock in it: the next one clears that, too."""
+    write = "from pathlib import Path; from symsde.native import durable; durable.write(Path('name'), b'')"
+    ended = subprocess.run(words(signal.SIGKILL, 1, "/lock", "open", write), cwd=tmp_path, check=False)
+    assert ended.returncode == -signal.SIGKILL and len(os.listdir(tmp_path)) == 1
+    parts.sweep(tmp_path)
+    assert os.listdir(tmp_path) == []
+
+
+def test_a_part_that_is_taken_before_it_has_a_lock(tmp_path, monkeypatch):
+    """The writer that lives makes another one."""
+    make, made = parts.tempfile.mkdtemp, []
+
+    def late(**where):
+        made.append(make(**where))
+        if len(made) == 1:
+            parts.sweep(tmp_path)
+        return made[-1]
+
+    monkeypatch.setattr(parts.tempfile, "mkdtemp", late)
+    files.replace(tmp_path / "name", lambda part: part.write_text("whole"))
+    assert len(made) == 2 and os.listdir(tmp_path) == ["name"]
 
 
 @pytest.mark.parametrize("is_over", [True, False])

@@ -49,7 +49,11 @@ def beside(target: Path) -> Iterator[Path]:
     for _ in range(_TRIES):
         folder = Path(tempfile.mkdtemp(prefix=_OWN, dir=target.parent))
         try:
-            with open(folder / _LOCK, "wb") as lock:
+            try:
+                handle = os.open(folder / _LOCK, os.O_WRONLY | os.O_CREAT, 0o666)
+            except FileNotFoundError:  # who sweeps took the folder for left
+                continue
+            with open(handle, "wb") as lock:
                 if _locked(lock.fileno()) is not False and os.fstat(lock.fileno()).st_nlink:
                     yield folder / target.name
                     return
@@ -76,9 +80,11 @@ def _remove_if_left(folder: Path, now: float) -> None:
         is_old = now - folder.stat().st_mtime > _DAY
         try:
             handle = os.open(folder / _LOCK, os.O_RDWR)
-        except FileNotFoundError:  # killed, or about to make it
+        except FileNotFoundError:  # killed, or about to make it: then it makes another folder
             if is_old:
                 shutil.rmtree(folder, ignore_errors=True)
+            elif folder.name.startswith(_OWN):
+                folder.rmdir()  # not where the lock was made meanwhile
             return
         try:
             is_free = _locked(handle)
