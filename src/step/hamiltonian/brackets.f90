@@ -3,12 +3,14 @@
 !>
 !>    sum_k (h dW_k/2 - dZ_k) {H_k,H}  +  sum_{k<l} A_kl {H_l,H_k}  +  (|h|/12) sum_k {{F,H_k},H_k}
 !>
-!> with F = h H, or F = h H + sum_l dW_l H_l where the brackets are crossed,
+!> with {F,G} = F_q.G_p - F_p.G_q, and with F = h H, or F = h H + sum_l dW_l H_l where the brackets are crossed. They
+!> are terms of the logarithm of the flow over the step, which is a Hamiltonian. The first and the last give strong
+!> order 3/2 where noises commute, the middle one strong order 1 where they do not, and the last alone weak order 2 with
+!> three-point increments. Each part is added only where the scheme asks for it and the model's traits do not prove it
+!> without effect. Every part is a Hamiltonian of which the exact gradient is taken, so a symplectic scheme stays one.
 !>
-!> each part only where the scheme asks for it and the model's traits do not prove it without effect.
-!> Every part is a Hamiltonian of which the exact gradient is taken, so a symplectic scheme stays one.
-!>
-!> Single brackets need gradients and Hessian-vector products. The nested one would need third
+!> Single brackets need gradients and Hessian-vector products, grad {F,G} = Hess F (G_p,-G_q) - Hess G (F_p,-F_q).
+!> The nested one would need third
 !> derivatives; with u, v the fields of H and H_k, (H_p, -H_q) and (H_k,p, -H_k,q), it is replaced by
 !>
 !>    [H(x+bv) + H(x-bv) - 2H(x)]/b^2
@@ -26,6 +28,9 @@
 !>
 !> of which the first belongs to the single bracket. The second belongs to the nested one; it vanishes for noise in
 !> position and has no gradient for additive noise.
+!>
+!> An evaluation adds up the gradients of all parts in (sq, sp), single brackets first, then areas, nested brackets and
+!> noises that change, and adds the sum to the caller's arrays at its end, since either of these may be absent.
 module symsde_step_hamiltonian_brackets
    use symsde_base_counters, only: counters_type
    use symsde_base_functionals, only: functionals, functional_set, area_index, path_dz, path_areas
@@ -41,8 +46,10 @@ module symsde_step_hamiltonian_brackets
    private
    public :: modified_hamiltonian, new_modified_hamiltonian, active_brackets, reach
 
-   real(wp), parameter :: reach = 0.5_wp  !! r
+   real(wp), parameter :: reach = 0.5_wp  !! r: the differences reach over this part of the step's own moves
 
+   !> The added parts, with room for one evaluation. The fields u, v, the products and the counters are those of
+   !> exact_bracket; here (xq, xp) is a moved point, (bq, bp) the gradient of one bracket, (sq, sp) the sum of all.
    type, extends(exact_bracket) :: modified_hamiltonian
       type(bracket_terms) :: active               !! parts that have an effect on this model
       logical :: simple = .false.        !! position noise, H = p.p/2 + U(q)
@@ -76,7 +83,8 @@ contains
       active%crossed = brackets%crossed .and. active%areas
    end function active_brackets
 
-   !> Room for blocks of nlane lanes.
+   !> The parts that have an effect on this model, for blocks of nlane lanes. Whether noises change in time is found
+   !> here, by asking the model at many times: only where a part would feel it.
    subroutine new_modified_hamiltonian(self, model, brackets, nlane)
       type(modified_hamiltonian), intent(out) :: self
       class(model_type), intent(in), target :: model
@@ -118,6 +126,7 @@ contains
    end subroutine add_gradient
 
    !> Add what derivatives at one point do not give: nested brackets by differences, and noises that change in time.
+   !> The rest is found by step/hamiltonian/brackets_one_dof, which asks for all derivatives at the point itself.
    subroutine add_rest(self, t, step, q, p, hq, hp, counters, nreal)
       class(modified_hamiltonian), intent(inout) :: self
       real(wp), intent(in) :: t
@@ -138,7 +147,7 @@ contains
       call count_up(self, counters, nreal)
    end subroutine add_rest
 
-   !> What was asked of the model, of so many paths.
+   !> Count what was asked of the model since the last call, for nreal paths: lanes that are padding count nowhere.
    subroutine count_up(self, counters, nreal)
       type(modified_hamiltonian), intent(inout) :: self
       type(counters_type), intent(inout) :: counters
@@ -150,7 +159,8 @@ contains
       self%nproduct = 0
    end subroutine count_up
 
-   !> The nested brackets, in the cheapest form that the traits allow.
+   !> Add the nested brackets, in the cheapest form that the traits allow: squares of H_k,q, third derivatives, second
+   !> differences along constant fields, or the general differences. Crossed, F/h = H + sum_l (dW_l/h) H_l.
    subroutine add_nested(self, t, step, q, p)
       type(modified_hamiltonian), intent(inout) :: self
       real(wp), intent(in) :: t
@@ -190,7 +200,7 @@ contains
 
       call find_single_weights(self, step)
       associate (n => self%nlane, d => self%ndof, m => self%nnoise)
-         if (self%simple) then
+         if (self%simple) then  ! {F,H} = F_q.p, with the gradient (F_qq p, F_q); F_qq = 0 for additive noise
             call self%model%gradient(n, d, m, t, self%c, q, p, hq=self%bp)
             self%ngradient = self%ngradient + 1
             self%sp = self%sp + self%bp
@@ -205,7 +215,8 @@ contains
       end associate
    end subroutine add_single
 
-   !> What noises that change in time add.
+   !> Add the gradient of sum_k (c_k/h) [H_k(t_1) - H_k(t_0)], whose weights c_k/h = dW_k/2 - dZ_k/h are those of the
+   !> single bracket, and of -(|h|/12) sum_k {H_k(t_1),H_k(t_0)}.
    subroutine add_motion(self, step, q, p)
       type(modified_hamiltonian), intent(inout) :: self
       type(step_record), intent(in) :: step
@@ -225,7 +236,7 @@ contains
       end do
    end subroutine add_motion
 
-   !> c grad {F,G} with F = H_k(t1), G = H_k(t0): Hess F (G_p, -G_q) - Hess G (F_p, -F_q).
+   !> Add c grad {F,G} with F = H_k(t1), G = H_k(t0): Hess F (G_p, -G_q) - Hess G (F_p, -F_q).
    subroutine add_change(self, t0, t1, k, c, q, p)
       type(modified_hamiltonian), intent(inout) :: self
       real(wp), intent(in) :: t0, t1, c
@@ -238,7 +249,8 @@ contains
       call self%add_product(t0, self%f, -c, self%vq, self%vp, q, p, self%sq, self%sp)
    end subroutine add_change
 
-   !> sum_l {H_l, sum_{k<l} A_kl H_k}
+   !> Add the gradient of sum_{k<l} A_kl {H_l,H_k} as sum_l {H_l, sum_{k<l} A_kl H_k}: m - 1 brackets of weighted sums
+   !> instead of m (m-1)/2 brackets, since a model sums over its Hamiltonians within one call.
    subroutine add_areas(self, t, step, q, p)
       type(modified_hamiltonian), intent(inout) :: self
       type(step_record), intent(in) :: step
@@ -257,7 +269,7 @@ contains
       end do
    end subroutine add_areas
 
-   !> {F,G} for the sums with the weights f and g.
+   !> Add the gradient of {F,G} for the sums F and G with the weights f and self%g.
    subroutine add_bracket(self, t, f, q, p)
       type(modified_hamiltonian), intent(inout) :: self
       real(wp), intent(in) :: f(self%nlane, 0:self%nnoise)
@@ -270,7 +282,8 @@ contains
       self%sp = self%sp + self%bp
    end subroutine add_bracket
 
-   !> Position noise, identity mass: (h|h|/12) sum_k H_k,q . H_k,q
+   !> Position noise, identity mass: add the gradient of (h|h|/12) sum_k H_k,q . H_k,q, which is (h|h|/6) H_k,qq H_k,q.
+   !> Crossed brackets are the same: noises in position commute.
    subroutine add_squares(self, t, h, q, p)
       type(modified_hamiltonian), intent(inout) :: self
       real(wp), intent(in) :: t, h
@@ -293,7 +306,8 @@ contains
       end do
    end subroutine add_squares
 
-   !> Additive noise: the fields v are constant, the second difference of H along them is all.
+   !> Additive noise: the fields v are constant, so {{H,H_k},H_k} = H''[v,v], and the second difference of H along them
+   !> is all: c sum_k [H(x+bv) + H(x-bv) - 2 H(x)] with c = (h|h|/12)/b^2.
    subroutine add_shifts(self, t, h, q, p)
       type(modified_hamiltonian), intent(inout) :: self
       real(wp), intent(in) :: t, h
@@ -319,7 +333,10 @@ contains
    !>    c [g(b) + g(-b) - 2 g(0)] + (Dv)^T c b [g(b) - g(-b)]                     c = (h|h|/12)/b^2
    !>    - c' sum_{s,r=+-1} s r [1 + s a (Du)^T + r b (Dv)^T] G(s a, r b)          c' = (h|h|/12)/(4ab)
    !>
-   !> and (Dv)^T y = Hess H_k (-y_p, y_q).
+   !> and (Dv)^T y = Hess H_k (-y_p, y_q). The terms with Du and Dv stand there since the points move with q and p: with
+   !> them this is the gradient of a function, without them it would be none, and the step not symplectic. What Dv is
+   !> transposed to is gathered in (rq, rp), for Du in (yq, yp): one Hessian-vector product for every noise, and one
+   !> for H at the end.
    subroutine add_differences(self, t, h, q, p)
       type(modified_hamiltonian), intent(inout) :: self
       real(wp), intent(in) :: t, h
@@ -349,7 +366,7 @@ contains
       self%sp = self%sp - (2*c*count(self%noisy))*self%uq
    end subroutine add_differences
 
-   !> c [g(b) + g(-b)], and what the field of H_k adds, c b [g(b) - g(-b)], into r.
+   !> Add c [g(b) + g(-b)], and put what the field of H_k adds, c b [g(b) - g(-b)], into (rq, rp).
    subroutine second_difference(self, t, b, c, q, p)
       type(modified_hamiltonian), intent(inout) :: self
       real(wp), intent(in) :: t, b, c
@@ -364,7 +381,8 @@ contains
       end do
    end subroutine second_difference
 
-   !> The four gradients of H_k; what the fields add goes into y (that of H) and r (that of H_k).
+   !> Add the four gradients of H_k, -c s r G(s a, r b); what the fields add, -c r a G by Du and -c s b G by Dv, goes
+   !> into (yq, yp) and (rq, rp).
    subroutine mixed_difference(self, t, k, a, b, c, q, p)
       type(modified_hamiltonian), intent(inout) :: self
       integer, intent(in) :: k
@@ -385,7 +403,8 @@ contains
       end do
    end subroutine mixed_difference
 
-   !> (gq, gp) = gradient of the sum with weights g at x + e u + f v; c times it is added to the result.
+   !> (gq, gp) = gradient of the sum with weights g at x + e u + f v; c times it is added to (sq, sp). Where e or f is
+   !> zero the field is not read: it may not have been formed.
    subroutine add_sum(self, t, q, p, e, f, c)
       type(modified_hamiltonian), intent(inout) :: self
       real(wp), intent(in) :: t, e, f, c

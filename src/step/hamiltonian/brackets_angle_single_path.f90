@@ -1,6 +1,11 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> The brackets of step/hamiltonian/brackets_one_dof_kinetic of an angle and a single path, whose numbers stay in
-!> registers: brackets_kinetic.inc with one lane.
+!> The brackets of step/hamiltonian/brackets_one_dof_kinetic of an angle and a single path: brackets_kinetic.inc with
+!> one lane.
+!>
+!> It computes the gradient and Hessian of h H + sum_k [dW_k H_k + c_k {H_k,H} + (h|h|/12) {{H,H_k},H_k}] with
+!> c_k = h dW_k/2 - dZ_k, where H_j = e_j p^2/2 + U_j(q). A block fills an array with the derivatives U_j' .. U_j'''' of
+!> all j and then adds them up. Here the derivatives of one H_k are local numbers that are added before those of the
+!> next are found, so they stay in registers. The order of all sums is that of a block, and so are the bits.
 module symsde_step_hamiltonian_brackets_angle_single_path
    use symsde_base_kinds, only: wp
    use symsde_base_record, only: step_record
@@ -20,7 +25,8 @@ contains
       lanes = 1
    end function lanes
 
-   !> Gradient and Hessian of all at (q, p), at one of the times of the step: `evaluate` of blocks.
+   !> Gradient and Hessian h = (q_, p_, qq, qp, pp) of all at (q, p), in stage i or, i = 0, in the middle of the step:
+   !> `evaluate` of blocks.
    subroutine evaluate_angle(self, parts, i, step, c, rate, q, p, h)
       type(kinetic_brackets), intent(in) :: self
       type(modified_hamiltonian), intent(in) :: parts
@@ -48,7 +54,7 @@ contains
                call add_still(1, nested, w(:, k), c(k), e(0), u, p, s)
             end if
          end do
-         do k = 1, merge(self%nnoise, 0, self%ntime == 3)
+         do k = 1, merge(self%nnoise, 0, self%ntime == 3)  ! only where noises change in time
             if (.not. noisy(k)) cycle
             call derive_lanes(1, ends(k, 2), q, sine, cosine, u)
             call derive_lanes(1, ends(k, 3), q, sine, cosine, v)

@@ -8,6 +8,13 @@
 !>
 !> with (Dv)^T r = H_k'' (-r_p, r_q). Where noise is additive v is constant, and H'''[v,v] is all.
 !>
+!> The first line follows since a bracket with H_k is the derivative along v: {H,H_k} = H'[v], and along v again
+!> H''[v,v] + H'[Dv v]. With v = J H_k' the last term is H' J H_k'' v = -(J H') H_k'' v = -H_k''[u,v].
+!>
+!> The gradient is found noise by noise: first the third derivatives along the fields, then r = 2 H''v - H_k''u, to
+!> which (Dv)^T is applied at once. What (Du)^T is applied to is the sum over all noises, y = -sum_k H_k''v: one product
+!> at the end.
+!>
 !> Private to its family.
 module symsde_step_hamiltonian_brackets_exact
    use symsde_base_kinds, only: wp
@@ -17,6 +24,8 @@ module symsde_step_hamiltonian_brackets_exact
    private
    public :: exact_bracket, new_exact_bracket, has_exact_bracket
 
+   !> The model, and room for fields and products: (uq, up) = u, (vq, vp) = v, r and y as above, (gq, gp) what the model
+   !> gave last, xq the turned half of an argument.
    type :: exact_bracket
       class(model_type), pointer :: model => null()
       integer :: nlane = 0, ndof = 0, nnoise = 0
@@ -34,7 +43,7 @@ module symsde_step_hamiltonian_brackets_exact
 
 contains
 
-   !> Whether a model with these traits needs no difference quotients.
+   !> Whether a model with these traits needs no difference quotients: it has third derivatives, or they vanish.
    pure logical function has_exact_bracket(traits) result(has)
       type(model_traits), intent(in) :: traits
 
@@ -61,7 +70,8 @@ contains
       end associate
    end subroutine new_exact_bracket
 
-   !> Add the gradient of (h|h|/12) sum_k {{H,H_k},H_k}, H with these weights.
+   !> Add the gradient of (h|h|/12) sum_k {{S,H_k},H_k} to (hq, hp), where S = sum_j weights_j H_j stands for H: the
+   !> drift alone, or the whole step over h where brackets are crossed.
    subroutine add_exact(self, weights, t, h, q, p, hq, hp)
       class(exact_bracket), intent(inout) :: self
       real(wp), intent(in) :: weights(self%nlane, 0:self%nnoise)
@@ -93,7 +103,7 @@ contains
       if (.not. additive) call self%add_transposed(t, weights, self%yq, self%yp, q, p, hq, hp)
    end subroutine add_exact
 
-   !> Add c S'''[a,v], S the sum with weights w.
+   !> Add c S'''[a,v], S the sum with weights w, a a field of the caller and v that of the noise at hand.
    subroutine add_third(self, t, w, c, aq, ap, q, p, hq, hp)
       type(exact_bracket), intent(inout) :: self
       real(wp), intent(in) :: t, c, w(self%nlane, 0:self%nnoise)
@@ -107,7 +117,7 @@ contains
       hp = hp + c*self%gp
    end subroutine add_third
 
-   !> Add c S'' a.
+   !> Add c S'' a, one Hessian-vector product with the sum S of weights w.
    subroutine add_product(self, t, w, c, aq, ap, q, p, hq, hp)
       class(exact_bracket), intent(inout) :: self
       real(wp), intent(in) :: t, c, w(self%nlane, 0:self%nnoise)
@@ -120,7 +130,7 @@ contains
       hp = hp + c*self%gp
    end subroutine add_product
 
-   !> Add (D field of S)^T r = S'' (-r_p, r_q).
+   !> Add (Ds)^T r = S'' J^T r = S'' (-r_p, r_q) with s = J S' the field of S.
    subroutine add_transposed(self, t, w, rq, rp, q, p, hq, hp)
       class(exact_bracket), intent(inout) :: self
       real(wp), intent(in) :: t, w(self%nlane, 0:self%nnoise)
@@ -143,7 +153,7 @@ contains
       call self%field_of_sum(t, self%f, q, p, self%vq, self%vp)
    end subroutine field_of
 
-   !> The same of the sum with weights w.
+   !> (vq, vp) = (S_p, -S_q), the field of the sum S with weights w. The model writes S_q into vp and S_p into vq.
    subroutine field_of_sum(self, t, w, q, p, vq, vp)
       class(exact_bracket), intent(inout) :: self
       real(wp), intent(in) :: t, w(self%nlane, 0:self%nnoise)

@@ -3,9 +3,19 @@
 !>
 !> With all derivatives of every H_j at a point, brackets there are sums of products: those of order r of {F,G} are made
 !> of those of order r + 1 of F and G. So one evaluation asks the model for the derivatives of each H_j once, up to the
-!> third where it has them, and nested brackets are brackets of brackets. Where every H_j = e_j p^2/2 + U_j(q), few of
-!> these are left (step/hamiltonian/brackets_one_dof_kinetic). Models that have no third derivatives are asked for
-!> nested brackets by differences (step/hamiltonian/brackets).
+!> third where it has them, and nested brackets are brackets of brackets:
+!>
+!>    {F,G}   = F_q G_p - F_p G_q
+!>    {F,G}_q = F_qq G_p + F_q G_qp - F_qp G_q - F_p G_qq
+!>    {F,G}_p = F_qp G_p + F_q G_pp - F_pp G_q - F_p G_qp
+!>
+!> An evaluation adds up, in this order, the gradients and Hessians of
+!>
+!>    h H;   for every noise l: dW_l H_l, c_l {H_l,H}, A_kl {H_l,H_k} for k < l;   for every k: (h|h|/12) {{F,H_k},H_k}
+!>
+!> with c_l = h dW_l/2 - dZ_l and F = H, or H + sum_l (dW_l/h) H_l where brackets are crossed. Where every
+!> H_j = e_j p^2/2 + U_j(q), few of these terms are left (step/hamiltonian/brackets_one_dof_kinetic). Models that have
+!> no third derivatives are asked for nested brackets by differences (step/hamiltonian/brackets).
 !>
 !> The gradient is exact. The Hessian is without what the model does not have, and without fourth derivatives but of an
 !> angle: Newton's iteration finds the same root, and more slowly by the factor that these have in the equations.
@@ -24,10 +34,12 @@ module symsde_step_hamiltonian_brackets_one_dof
    private
    public :: single_brackets, new_single_brackets, q_, p_, qq, qp, pp, nplace
 
-   !> Places of further derivatives. A separable Hamiltonian has two third ones, and brackets of two have the other two,
-   !> but for fourth derivatives.
+   !> Places of further derivatives. A separable Hamiltonian has two third ones, qqq and ppp. A bracket of two such has
+   !> these, too, but they need fourth derivatives and are left out; its other two, qqp and qpp, take their places.
    integer, parameter :: qqq = 6, ppp = 7, qqp = 6, qpp = 7, all = ppp
 
+   !> What one evaluation needs. The derivatives of H_j stand in d(:, :, j), in the order of the places; d(:, :, 0) is H
+   !> until nested brackets make it F.
    type :: single_brackets
       private
       integer :: nlane = 0, nnoise = 0
@@ -56,7 +68,8 @@ module symsde_step_hamiltonian_brackets_one_dof
 
 contains
 
-   !> For the brackets and lanes of `parts`.
+   !> For the brackets and lanes of `parts`. Which derivatives are asked for is settled here: third ones only where
+   !> nested brackets are active and the model has them.
    subroutine new_single_brackets(self, parts)
       type(single_brackets), intent(out) :: self
       type(modified_hamiltonian), intent(in) :: parts
@@ -91,7 +104,7 @@ contains
       end associate
    end subroutine new_single_brackets
 
-   !> Begin a step: what stays the same in it.
+   !> Begin a step: the times of its evaluations, and the weights c of single brackets, which all evaluations share.
    subroutine begin(self, parts, step, c)
       class(single_brackets), intent(inout) :: self
       type(modified_hamiltonian), intent(in) :: parts
@@ -110,7 +123,7 @@ contains
       if (parts%time_dependent) self%rate = self%c/step%h
    end subroutine begin
 
-   !> Gradient and Hessian of all at (q, p), in stage i or, i = 0, in the middle of the step.
+   !> Gradient and Hessian h(:, q_), .., h(:, pp) of all at (q, p), in stage i or, i = 0, in the middle of the step.
    subroutine evaluate(self, parts, i, step, q, p, h, counters, nreal)
       class(single_brackets), intent(inout) :: self
       type(modified_hamiltonian), intent(inout) :: parts
@@ -136,7 +149,8 @@ contains
       counters%hessians = counters%hessians + nreal*self%asked
    end subroutine evaluate
 
-   !> The derivatives of every H_j from the model, H_j by H_j; for one lane all at once, H_j as lane j.
+   !> The derivatives of every H_j from the model, H_j by H_j, with the weights of H_j alone. For one lane a single call
+   !> gives all: it asks for m + 1 lanes that stand at the same point, and lane j has the weights of H_j.
    subroutine ask(self, parts, t, q, p)
       type(single_brackets), intent(inout) :: self
       type(modified_hamiltonian), intent(in) :: parts
@@ -163,7 +177,7 @@ contains
       end associate
    end subroutine ask
 
-   !> The derivatives of sums with weights w in n lanes.
+   !> The derivatives of sums with weights w in n lanes. H'''[(1,1),(1,1)] of a separable H is (H_qqq, H_ppp).
    subroutine ask_lanes(model, thirds, n, t, w, q, p, one, d)
       class(model_type), intent(in) :: model
       logical, intent(in) :: thirds
@@ -178,7 +192,7 @@ contains
       end associate
    end subroutine ask_lanes
 
-   !> sum_j w_j H_j, sum_k c_k {H_k,H} and sum_{k<l} A_kl {H_l,H_k}.
+   !> h = gradient and Hessian of sum_j w_j H_j, sum_l c_l {H_l,H} and sum_{k<l} A_kl {H_l,H_k}.
    subroutine add_up(self, parts, step, h)
       type(single_brackets), intent(inout) :: self
       type(modified_hamiltonian), intent(in) :: parts
@@ -206,7 +220,10 @@ contains
       end associate
    end subroutine add_up
 
-   !> (h|h|/12) sum_k {{F,H_k},H_k}. From here on H_0 is F: H, or the whole of the step over h where they are crossed.
+   !> Add (h|h|/12) sum_k {{F,H_k},H_k}. From here on d(:, :, 0) belongs to F: to H, or, where brackets are crossed, to
+   !> the whole of the step over h. Noises that are additive have a constant field v, and F'''[v,v] is all; others take
+   !> the bracket b = {F,H_k} and the bracket bb = {b,H_k}. Second derivatives of b lack third ones of F and H_k: those
+   !> of separable Hamiltonians are added to them, those of others to the gradient of bb, along the fields.
    subroutine add_nested(self, parts, t, step, q, p, h)
       type(single_brackets), intent(inout) :: self
       type(modified_hamiltonian), intent(in) :: parts
@@ -240,7 +257,8 @@ contains
       end associate
    end subroutine add_nested
 
-   !> The gradient of {{F,H_k},H_k} by third derivatives: F'''[v,v] - H_k'''[u,v], u the field of F, v that of H_k.
+   !> Add what third derivatives have of the gradient of {{F,H_k},H_k}: F'''[v,v] - H_k'''[u,v], u the field of F, v
+   !> that of H_k. These are two calls of the model for every noise, at this time and point.
    subroutine add_along(self, parts, t, k, q, p, bb)
       type(single_brackets), intent(inout) :: self
       type(modified_hamiltonian), intent(in) :: parts
@@ -263,7 +281,7 @@ contains
 
    ! ---- kernels: products are added one after another, since of a sum of two either may be fused -------------------
 
-   !> VEC The first n derivatives of w F, F with d, to those of a sum.
+   !> VEC Add the first n derivatives of w F, which stand in d, to those of a sum.
    pure subroutine add_multiple(nlane, n, w, d, total)
       integer, intent(in) :: nlane, n
       real(wp), intent(in) :: w(nlane), d(nlane, n)
@@ -281,7 +299,7 @@ contains
       end do
    end subroutine add_multiple
 
-   !> The derivatives of {F,G} of two of the model's own.
+   !> The derivatives b of {F,G} for F and G of the model itself, with their derivatives f and g.
    pure subroutine find_bracket(nlane, thirds, f, g, b)
       integer, intent(in) :: nlane
       logical, intent(in) :: thirds
@@ -308,7 +326,9 @@ contains
       end do
    end subroutine find_seconds
 
-   !> VEC What third derivatives of two separable ones have of the Hessian, and their bracket's third ones.
+   !> VEC F and G are separable, so F_qp = 0 and F_qqp = F_qpp = 0: add what third derivatives have of the Hessian of
+   !> {F,G}, and find the third derivatives of {F,G} itself:
+   !> {F,G}_qqp = F_qqq G_pp - F_pp G_qqq and {F,G}_qpp = F_qq G_ppp - F_ppp G_qq.
    pure subroutine add_thirds(nlane, f, g, b)
       integer, intent(in) :: nlane
       real(wp), intent(in), dimension(nlane, all) :: f, g
@@ -323,7 +343,8 @@ contains
       end do
    end subroutine add_thirds
 
-   !> VEC What third derivatives have of the Hessian of {B,G}, B a bracket of separable ones.
+   !> VEC Add what third derivatives have of the Hessian of {B,G}, where B is a bracket of separable Hamiltonians and G
+   !> is separable: B has qqp and qpp (B_qqq and B_ppp would need fourth derivatives), and G has qqq and ppp.
    pure subroutine add_mixed_thirds(nlane, b, g, bb)
       integer, intent(in) :: nlane
       real(wp), intent(in), dimension(nlane, all) :: b, g
@@ -339,7 +360,7 @@ contains
       end do
    end subroutine add_mixed_thirds
 
-   !> VEC The gradient of {{F,G},G} where F is separable and the field of G constant.
+   !> VEC The gradient of {{F,G},G} = F''[v,v] where F is separable and the field v = (G_p, -G_q) of G is constant.
    pure subroutine find_along_constant(nlane, f, g, bb)
       integer, intent(in) :: nlane
       real(wp), intent(in), dimension(nlane, all) :: f, g

@@ -4,7 +4,11 @@
 !>
 !>    {H_k,H} = p y_k',   {{H,H_k},H_k} = y_k' U_k' - e_k p^2 y_k'',
 !>
-!> and what noises that change in time add is sum_k (c_k/h) [H_k(t_1) - H_k(t_0)] where they are in position.
+!> and what noises that change in time add is sum_k (c_k/h) [H_k(t_1) - H_k(t_0)] where they are in position. Areas and
+!> crossed brackets have no effect on noises in position, and an angle that has them is left to the general form.
+!>
+!> An evaluation begins with h H, adds noise by noise dW_k H_k with its single and nested bracket, and last what
+!> changes in time: the sums are those of brackets_kinetic.inc.
 !>
 !> An angle's derivatives of every order follow from one sine and one cosine, and Newton's matrix is exact. Others are
 !> asked for two of U_j, which give the gradient, and the matrix goes without more.
@@ -23,6 +27,8 @@ module symsde_step_hamiltonian_brackets_one_dof_kinetic
    !> Places of the derivatives of a sum: its gradient and its Hessian.
    integer, parameter :: q_ = 1, p_ = 2, qq = 3, qp = 4, pp = 5, nplace = 5
 
+   !> Derivatives of the U_j and what they are found from. u(:, i, j, 1) is the i-th derivative of U_j at the time of
+   !> the evaluation; where noises change in time u(:, i, k, 2) and (.., 3) are those of U_k at both ends of the step.
    type :: kinetic_brackets
       integer :: nlane = 0, nnoise = 0
       integer :: ntime = 1                         !! 3: at the ends of the step, too, where noises change in time
@@ -42,7 +48,8 @@ module symsde_step_hamiltonian_brackets_one_dof_kinetic
 
 contains
 
-   !> Whether the Hamiltonians of this model are known to be of this form, and no more is wanted of them.
+   !> Whether the Hamiltonians of this model are known to be of this form, and no more is wanted of them: an angle whose
+   !> nested brackets are exact, without areas and without noises that change; or H = p^2/2 + U(q), noise in position.
    pure logical function are_kinetic(parts)
       type(modified_hamiltonian), intent(in) :: parts
 
@@ -53,7 +60,7 @@ contains
       end associate
    end function are_kinetic
 
-   !> For the brackets and lanes of `parts`.
+   !> For the brackets and lanes of `parts`. Without terms of an angle e_0 = 1 and all e_k = 0, and they stay so.
    subroutine new_kinetic_brackets(self, parts)
       type(kinetic_brackets), intent(out) :: self
       type(modified_hamiltonian), intent(in) :: parts
@@ -73,7 +80,8 @@ contains
       end associate
    end subroutine new_kinetic_brackets
 
-   !> Begin a step: an angle's terms at the times of its evaluations, and at its ends.
+   !> Begin a step: find an angle's terms at the times of its evaluations, and at its ends where noises change. The e_j
+   !> are those of the middle of the step.
    subroutine begin(self, model, step, times)
       class(kinetic_brackets), intent(inout) :: self
       class(model_type), intent(in) :: model
@@ -96,7 +104,8 @@ contains
       end associate
    end subroutine begin
 
-   !> Gradient and Hessian of all at (q, p), at one of the times of the step.
+   !> Gradient and Hessian h(:, q_), .., h(:, pp) of all at (q, p), at times(i): in stage i, or in the middle of the
+   !> step for i = 0. The factor of nested brackets is h|h|/12, with h the step.
    subroutine evaluate(self, parts, i, step, c, rate, q, p, h)
       class(kinetic_brackets), intent(inout) :: self
       type(modified_hamiltonian), intent(in) :: parts
@@ -133,7 +142,8 @@ contains
       end associate
    end subroutine evaluate
 
-   !> U_j' and U_j'' from the model, H_j by H_j; for one lane all at once, H_j as lane j.
+   !> U_j' = H_j,q and U_j'' = H_j,qq from the model, H_j by H_j. For one lane a single call gives all: it asks for
+   !> m + 1 lanes at the same point, and lane j has the weights of H_j. H itself is not needed at the ends of the step.
    subroutine ask(self, parts, times, q, p)
       type(kinetic_brackets), intent(inout) :: self
       type(modified_hamiltonian), intent(in) :: parts
@@ -163,7 +173,7 @@ contains
       end associate
    end subroutine ask
 
-   !> All derivatives of an angle.
+   !> All derivatives of an angle, at time i and where noises change at both ends, from the same sine and cosine.
    subroutine derive(self, i, q)
       type(kinetic_brackets), intent(inout) :: self
       integer, intent(in) :: i

@@ -1,8 +1,9 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> The velocity M^-1 p of a constant mass that is not the identity.
+!> The velocity M^-1 p of a constant mass that is not the identity, for H = p.M^-1 p/2 + U(q).
 !>
 !> Where M is diagonal its numbers are found once, from the model: what a user's function computes beside them, the
 !> force, is not computed again for every velocity. Otherwise the model is asked, by H_p with the weight of H alone.
+!> The model declares that the mass is constant, but not that it is diagonal: this is found by trying eight momenta.
 module symsde_step_hamiltonian_mass
    use symsde_base_kinds, only: wp
    use symsde_base_vectors, only: add_vectors => add
@@ -40,7 +41,7 @@ contains
       self%asked = 1
    end subroutine new_constant_mass
 
-   !> Look once at a place where some path is.
+   !> Look for the numbers, once, at a place where some path is.
    subroutine look(self, model, nlane, t, q)
       class(constant_mass), intent(inout) :: self
       class(model_type), intent(in) :: model
@@ -65,7 +66,7 @@ contains
       do lane = 1, nlane
          if (all(abs(q(lane, :)) <= huge(t))) exit
       end do
-      if (lane > nlane) return  ! no path is anywhere
+      if (lane > nlane) return  ! no path has a finite place: look again next time
       self%known = .true.
       self%diagonal = .true.
       x(1, :) = q(lane, :)
@@ -82,7 +83,7 @@ contains
       if (self%diagonal) self%asked = 0
    end subroutine find_numbers
 
-   !> M^-1 p
+   !> v = M^-1 p: the drift with the weight of H alone, one.
    subroutine velocity(self, model, nlane, t, q, p, v)
       class(constant_mass), intent(inout) :: self
       class(model_type), intent(in) :: model
@@ -93,7 +94,7 @@ contains
       call self%drift(model, nlane, t, self%unit, q, p, v)
    end subroutine velocity
 
-   !> h M^-1 p with the step of each path.
+   !> dq = h M^-1 p, with h = w(:, 0). Noise is in position, so its weights do not matter to H_p.
    subroutine drift(self, model, nlane, t, w, q, p, dq)
       class(constant_mass), intent(inout) :: self
       class(model_type), intent(in) :: model
@@ -113,7 +114,8 @@ contains
       end do
    end subroutine drift
 
-   !> start + M^-1 p
+   !> total = start + M^-1 p, in one pass where M is diagonal. Stages move their positions by this, with sums of forces
+   !> in the place of p.
    subroutine add(self, model, nlane, t, q, p, start, total)
       class(constant_mass), intent(inout) :: self
       class(model_type), intent(in) :: model
@@ -135,7 +137,8 @@ contains
 
    ! ---- kernels ----------------------------------------------------------------------------------
 
-   !> VEC Of one path.
+   !> VEC total = start + c x of one path: its numbers lie side by side, so the loop over degrees of freedom is the one
+   !> that vectors take.
    pure subroutine add_scalar(n, c, x, start, total)
       integer, intent(in) :: n
       real(wp), intent(in) :: c(n), x(n), start(n)
@@ -147,7 +150,7 @@ contains
       end do
    end subroutine add_scalar
 
-   !> VEC
+   !> VEC total = start + c_i x_i in every lane.
    pure subroutine add_times(nlane, n, c, x, start, total)
       integer, intent(in) :: nlane, n
       real(wp), intent(in) :: c(n), x(nlane, n), start(nlane, n)

@@ -3,8 +3,14 @@
 !>
 !>    x + sum_k v_k B_k,   v_k = a dW_k + b dZ_k/h,   B_k = (H_k,p, -H_k,q)
 !>
-!> B does not depend on where it is read. The coefficients a and b are zero, one and one half, either sign, which
-!> multiply without rounding: all ways to carry this out have the same bits.
+!> Additive noise moves every path by sum_k B_k dW_k, wherever it is. Schemes that take the noise out of the equation
+!> shift by this, by half of it, by its mean over the step, sum_k B_k dZ_k/h, or by a difference of such, and step
+!> without noise in between.
+!>
+!> Two calls make a shift: `weigh` forms the weights v_k, `add` asks the model for sum_k v_k H_k, of which the gradient
+!> is sum_k v_k (H_k,q, H_k,p), and adds it with q and p exchanged and one sign. B does not depend on where it is read,
+!> so the place does not matter, but on the time. The coefficients a and b are zero, one and one half, either sign,
+!> which multiply without rounding: all ways to carry this out have the same bits.
 module symsde_step_hamiltonian_noise_shift
    use symsde_base_functionals, only: path_dz
    use symsde_base_kinds, only: wp
@@ -28,6 +34,7 @@ module symsde_step_hamiltonian_noise_shift
 
 contains
 
+   !> For blocks of nlane lanes of a model. The weight of H stays zero: drift takes no part in a shift.
    pure subroutine new_noise_shift(self, model, nlane)
       type(noise_shift), intent(out) :: self
       class(model_type), intent(in) :: model
@@ -40,7 +47,7 @@ contains
       allocate (self%hq(nlane, self%n), self%hp(nlane, self%n))
    end subroutine new_noise_shift
 
-   !> The weights of the shifts to come. Where no noise has an effect there is no dZ.
+   !> Form the weights v_k = a dW_k + b dZ_k/h of the shifts to come. Where no noise has an effect there is no dZ.
    subroutine weigh(self, a, b, step)
       class(noise_shift), intent(inout) :: self
       real(wp), intent(in) :: a, b
@@ -58,7 +65,8 @@ contains
       end if
    end subroutine weigh
 
-   !> The shift with B at this time, or against it where sign = -1.
+   !> Add the shift to (q, p), with B at time t, or take it away where sign = -1: q + sign sum_k v_k H_k,p and
+   !> p - sign sum_k v_k H_k,q. Noise in position does not move q.
    subroutine add(self, model, t, sign, q, p)
       class(noise_shift), intent(inout) :: self
       class(model_type), intent(in) :: model

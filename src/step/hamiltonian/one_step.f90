@@ -3,8 +3,11 @@
 !>
 !>    Hhat(q,p) = h H + sum_k dW_k H_k  (+ correction),   weights w = (h, dW_1, .., dW_m)
 !>
-!> Any symplectic scheme applied to Hhat with frozen increments is symplectic path by path. One-sided
-!> schemes (lambda /= 1/2) need a correction to solve the Stratonovich equation (docs/method/noise.md):
+!> In the step the increments are frozen, so Hhat is a Hamiltonian like any other, and any symplectic scheme applied to
+!> it is symplectic path by path. The weights hold h and dW already: to a tableau the step has length one,
+!> Q_i = q_n + sum_j a_ij Hhat_p(P_j,Q_j), and drift and noise are taken at one time t of the stage.
+!>
+!> One-sided schemes (lambda /= 1/2) need a correction to solve the Stratonovich equation (docs/method/noise.md):
 !>
 !>    mean         (1/2-lambda) |h| sum_k H_{k,p}.H_{k,q}, |h| because it stands for dW_k^2
 !>    increments   (1/2-lambda) F_p.F_q,  F = sum_k dW_k H_k
@@ -14,7 +17,9 @@
 !> it vanishes for quadratic F, and Newton's iteration finds the same root without it. Leaving out all of
 !> the correction would lose paths: on the Kubo oscillator such an iteration diverges where
 !> |sigma dW| > sqrt 2.
-!> Schemes beyond strong order one add the brackets of step/hamiltonian/brackets.
+!>
+!> Schemes beyond strong order one add the brackets of step/hamiltonian/brackets. Every evaluation goes in this order:
+!> the model sums over its Hamiltonians in one call, the correction is added to what it gave, then the brackets.
 module symsde_step_hamiltonian_one_step
    use symsde_base_kinds, only: wp
    use symsde_base_counters, only: counters_type
@@ -52,7 +57,8 @@ module symsde_step_hamiltonian_one_step
 
 contains
 
-   !> Room for blocks of nlane lanes.
+   !> Hhat of a model for blocks of nlane lanes. Room is made for what the scheme asks for and no more; brackets that
+   !> have no effect on this model are dropped here, once.
    subroutine new_one_step_hamiltonian(self, model, nlane, correction, coefficient, brackets)
       type(one_step_hamiltonian), intent(out) :: self
       class(model_type), intent(in), target :: model
@@ -96,6 +102,7 @@ contains
       real(wp), intent(out), optional :: hq(self%nlane, self%ndof), hp(self%nlane, self%ndof)
       type(step_record), intent(in), optional :: step
 
+      ! a user's function computes the force beside H_p: where the mass is known H_p alone is found without it
       if (allocated(self%mass) .and. present(hp) .and. .not. present(hq)) then
          call self%mass%drift(self%model, self%nlane, t, w, q, p, hp)
       else if (self%mass_alone .and. present(hp) .and. .not. present(hq)) then
@@ -108,7 +115,8 @@ contains
       if (allocated(self%modified)) call self%modified%add_gradient(t, step, q, p, hq, hp, self%counters, self%nreal)
    end subroutine gradient
 
-   !> Hhat_p of separable Hamiltonians alone, without correction and brackets.
+   !> Hhat_p of separable Hamiltonians, where it depends on p alone; without correction and brackets. Iterations begin
+   !> with it, F = Hhat_p(p_n).
    subroutine velocity(self, t, w, q, p, hp)
       class(one_step_hamiltonian), intent(inout) :: self
       real(wp), intent(in) :: t, w(self%nlane, 0:self%nnoise)
@@ -123,7 +131,7 @@ contains
       self%counters%gradients = self%counters%gradients + self%nreal
    end subroutine velocity
 
-   !> VEC Hhat_p where it is h p: a user's function would compute the force, too.
+   !> VEC Hhat_p = h p where H = p.p/2 + U(q) and noise is in position alone. The first column of the weights is h.
    pure subroutine find_velocity(nlane, ndof, w, p, hp)
       integer, intent(in) :: nlane, ndof
       real(wp), intent(in) :: w(nlane), p(nlane, ndof)
@@ -137,7 +145,7 @@ contains
       end do
    end subroutine find_velocity
 
-   !> Hessian of sum_j w_j H_j times (vq, vp), without correction and brackets.
+   !> (uq, up) = Hess (sum_j w_j H_j) (vq, vp), the q-part first, without correction and brackets.
    subroutine hessian_vector(self, t, w, q, p, vq, vp, uq, up)
       class(one_step_hamiltonian), intent(inout) :: self
       real(wp), intent(in) :: t, w(self%nlane, 0:self%nnoise)
@@ -149,8 +157,9 @@ contains
       self%counters%hessian_vectors = self%counters%hessian_vectors + self%nreal
    end subroutine hessian_vector
 
-   !> Gradient of Hhat with correction and brackets; Hessian without brackets and third derivatives: Newton
-   !> converges to the same root, linearly where these matter.
+   !> Gradient of Hhat with correction and brackets; Hessian without brackets and third derivatives. The gradient makes
+   !> the residual and must be exact, the Hessian makes Newton's matrix alone: Newton converges to the same root,
+   !> linearly where the missing parts matter. An absent output is not computed; hqp(:, i, j) is H_{q_i p_j}.
    subroutine gradient_hessian(self, t, w, q, p, hq, hp, hqq, hqp, hpp, step)
       class(one_step_hamiltonian), intent(inout) :: self
       real(wp), intent(in) :: t, w(self%nlane, 0:self%nnoise)
@@ -181,7 +190,7 @@ contains
       real(wp), intent(inout), optional :: hq(self%nlane, self%ndof), hp(self%nlane, self%ndof)
       integer :: k
 
-      do k = 1, nterm(self)
+      do k = 1, nterm(self)  ! each term is a product F_p.F_q with an F of its own
          call choose_term(self, k, w)
          call add_product(self, t, q, p, hq, hp)
       end do
@@ -198,6 +207,7 @@ contains
       integer :: k
 
       associate (nlane => self%nlane, n => self%ndof)
+         ! n^2 numbers a lane: steppers that never ask for a matrix do without this room
          if (.not. allocated(self%fqq)) &
             allocate (self%fqq(nlane, n, n), self%fqp(nlane, n, n), self%fpp(nlane, n, n))
          do k = 1, nterm(self)
@@ -216,7 +226,8 @@ contains
       nterm = merge(self%nnoise, 1, self%correction == correction_mean)
    end function nterm
 
-   !> F = sum_j v_j H_j of one term, and its factor.
+   !> F = sum_j v_j H_j of term k, and the factor of F_p.F_q: H_k and (1/2-lambda) |h| in the mean form, sum_k dW_k H_k
+   !> and 1/2-lambda in the increments form.
    subroutine choose_term(self, k, w)
       type(one_step_hamiltonian), intent(inout) :: self
       integer, intent(in) :: k
@@ -232,7 +243,7 @@ contains
       end if
    end subroutine choose_term
 
-   !> Add factor*grad(F_p.F_q) for F = sum_j v_j H_j.
+   !> Add factor*grad(F_p.F_q) for F = sum_j v_j H_j: one gradient and one Hessian-vector product.
    subroutine add_product(self, t, q, p, hq, hp)
       type(one_step_hamiltonian), intent(inout) :: self
       real(wp), intent(in) :: t
@@ -249,7 +260,11 @@ contains
       end do
    end subroutine add_product
 
-   !> Add factor*((D F_p)^T D F_q + (D F_q)^T D F_p), with D F_p = (F_pq, F_pp) and D F_q = (F_qq, F_qp).
+   !> Add factor*((D F_p)^T D F_q + (D F_q)^T D F_p), with D F_p = (F_pq, F_pp) and D F_q = (F_qq, F_qp). By blocks
+   !>
+   !>    qq  F_qp F_qq + F_qq F_pq       qp  F_qp F_qp + F_qq F_pp       pp  F_pp F_qp + F_pq F_pp
+   !>
+   !> where F_qp(i,l) is the derivative by q_i and p_l and F_pq its transpose.
    pure subroutine add_blocks(nlane, ndof, factor, fqq, fqp, fpp, hqq, hqp, hpp)
       integer, intent(in) :: nlane, ndof
       real(wp), intent(in) :: factor(nlane), fqq(nlane, ndof, ndof), fqp(nlane, ndof, ndof)
