@@ -4,8 +4,12 @@
 !>
 !>    Hhat_q = a sin q + (b cos q + (c q + d)),   Hhat_p = e p + f
 !>
+!> with a .. f of the sum h H + sum_k dW_k H_k at the time of the stage (model_type%angle). Where the model is quadratic
+!> a = b = 0, and no sine is found.
+!>
 !> Its arrays have constant bounds, so that the compiler keeps their numbers in registers: a step takes half the time of
-!> that by gradients and arrays that are allocated.
+!> that by gradients and arrays that are allocated. The order of additions is that of the model's own gradients, so that
+!> a path has the bits of a lane of a block.
 module symsde_step_explicit_angle_steps_single_path
    use symsde_base_sincos, only: sincos_one
    use symsde_base_kinds, only: wp, i8
@@ -34,13 +38,14 @@ module symsde_step_explicit_angle_steps_single_path
 
    include 'tableau.inc'
 
-   !> Whether an explicit stepper asks terms alone of a model.
+   !> Whether these steps execute the task: it is that of a single path, and terms say all of the model.
    logical function angle_steps_fit(task) result(fits)
       type(stepper_task), intent(in) :: task
 
       fits = task%nlane == 1 .and. (task%model%traits%has_angle_terms .or. task%model%traits%has_linear_terms)
    end function angle_steps_fit
 
+   !> One path with one degree of freedom: both are known to the compiler.
    pure integer function lanes(self)
       type(explicit_stepper), intent(in) :: self
 
@@ -53,13 +58,14 @@ module symsde_step_explicit_angle_steps_single_path
       degrees = 1
    end function degrees
 
-   !> Nothing: it is there.
+   !> Nothing: the arrays have constant bounds and are there already.
    subroutine make_room(self, nlane, ndof)
       class(room_type), intent(inout) :: self
       integer, intent(in) :: nlane, ndof
    end subroutine make_room
 
-   !> The terms at the time of stage i: those of the first one serve all where time does not matter.
+   !> The terms a .. f of Hhat at the time of stage i. Those of the first stage serve all where the model does not
+   !> depend on time, since w is the same in all stages.
    subroutine begin_stage(self, i, t, w)
       type(explicit_stepper), intent(inout) :: self
       integer, intent(in) :: i
@@ -69,7 +75,7 @@ module symsde_step_explicit_angle_steps_single_path
       call self%ham%model%angle(self%ham%nnoise, t, w, self%room%terms)
    end subroutine begin_stage
 
-   !> Hhat_q
+   !> Hhat_q(q). Sine and cosine stay in the room: the Ito drift reads them again at the same place.
    subroutine find_force(self, t, w, q, p, hq)
       type(explicit_stepper), intent(inout) :: self
       real(wp), intent(in) :: t, w(0:self%ham%nnoise), q(1, 1), p(1, 1)
@@ -86,7 +92,7 @@ module symsde_step_explicit_angle_steps_single_path
       self%ham%counters%gradients = self%ham%counters%gradients + 1
    end subroutine find_force
 
-   !> Hhat_p
+   !> Hhat_p(p), from the terms of the stage that was begun last.
    subroutine find_velocity(self, t, w, q, p, hp)
       type(explicit_stepper), intent(inout) :: self
       real(wp), intent(in) :: t, w(0:self%ham%nnoise), q(1, 1), p(1, 1)
@@ -106,8 +112,9 @@ module symsde_step_explicit_angle_steps_single_path
       hp = self%room%terms%e*p + self%room%terms%f
    end subroutine find_both
 
-   !> u = Hess H_k (H_k,p, -H_k,q), from the terms of each H_k, which do not depend on time: of noise in position, which
-   !> might, there is no Ito drift. The place is that of the last force.
+   !> u = Hess H_k (H_k,p, -H_k,q) = (H_k,qq H_k,p, -H_k,pp H_k,q), from the terms of each H_k, which are found once:
+   !> they do not depend on time, since noise in position, which might, has no Ito drift. The place is that of the
+   !> last force, whose sine and cosine are read.
    subroutine find_noise_product(self, k, t, q, p)
       type(explicit_stepper), intent(inout) :: self
       integer, intent(in) :: k
@@ -130,7 +137,8 @@ module symsde_step_explicit_angle_steps_single_path
       end associate
    end subroutine find_noise_product
 
-   !> Sum k of a plan for one number, as step/explicit/evaluation_order adds it.
+   !> Sum k of a plan for one number, with the additions of step/explicit/evaluation_order in their order. The
+   !> parentheses keep the first product from being contracted with the next.
    pure subroutine add_slopes(n, plan, kind, k, slope, total, start)
       integer, intent(in) :: n, kind, k
       type(evaluation_order), intent(in) :: plan

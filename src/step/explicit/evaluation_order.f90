@@ -1,8 +1,14 @@
 ! SPDX-License-Identifier: BSD-3-Clause
 !> In which order an explicit tableau evaluates its stages, and the sums of slopes that it makes.
 !>
-!> Q_i waits for the Hhat_p of the stages with a_ij /= 0, P_i for the Hhat_q of those with abar_ij /= 0. Stages that ask
-!> for the same slope at the same place share it: theirs is the sum of their coefficients.
+!>    Q_i = q_n + sum_j a_ij v_j,   P_i = p_n - sum_j abar_ij f_j,   v_j = Hhat_p(Q_j, P_j),   f_j = Hhat_q(Q_j, P_j)
+!>    dq  = sum_j alpha_j v_j,      dp = -sum_j alpha_j f_j
+!>
+!> Q_i waits for the v_j with a_ij /= 0, P_i for the f_j with abar_ij /= 0; v_i itself waits for P_i, and for Q_i unless
+!> Hamiltonians are separable, and f_i the other way round. So an evaluation may come when those it waits for are there.
+!> First, stages that ask for the same slope at the same place and time are joined (new_explicit_plan): the first of
+!> them gets the sum of their coefficients. Then each slope that some sum reads is put into the order as soon as it can
+!> be evaluated (find_order), and each sum is written down as a list of stages and coefficients (find_sums).
 !>
 !> Private to its family.
 module symsde_step_explicit_evaluation_order
@@ -12,7 +18,7 @@ module symsde_step_explicit_evaluation_order
    private
    public :: evaluation_order, new_explicit_plan, add_slopes, to_q, to_p
 
-   integer, parameter :: narrow = 4  !! numbers that are summed one by one
+   integer, parameter :: narrow = 4  !! up to so many numbers are summed one by one
 
    !> One evaluation: of Hhat_q, of Hhat_p, or of both, at one stage.
    type :: evaluation
@@ -40,6 +46,8 @@ module symsde_step_explicit_evaluation_order
 
 contains
 
+   !> The order of evaluation of a tableau whose drift and noise share their coefficients. Where it has none, because
+   !> stages wait for each other, self%order is not allocated.
    subroutine new_explicit_plan(self, scheme, separable, still_force, still_velocity)
       type(evaluation_order), intent(out) :: self
       type(scheme_type), intent(in) :: scheme
@@ -55,6 +63,8 @@ contains
       abar = -scheme%abar
       alpha = scheme%alpha
       minus_alpha = -scheme%alpha
+      ! Stages i and j have the same Q where their rows of a agree, and the same P where those of abar do. The rows are
+      ! those of the scheme: joining moves coefficients between columns, which does not change what the sums are.
       do i = 2, scheme%nstage
          do j = 1, i - 1
             associate (same_q => all(abs(scheme%a(i, :) - scheme%a(j, :)) <= 0), &
@@ -75,7 +85,8 @@ contains
       call find_order(scheme%nstage, a, abar, alpha, minus_alpha, separable, self%order)
    end subroutine new_explicit_plan
 
-   !> The slope of stage j serves stage i, too.
+   !> The slope of stage j serves stage i, too: column i of the coefficients is added to column j and becomes zero, so
+   !> that slope i is never read.
    pure subroutine join(j, i, a, alpha)
       integer, intent(in) :: j, i
       real(wp), intent(inout) :: a(:, :), alpha(:)
@@ -86,6 +97,8 @@ contains
       alpha(i) = 0
    end subroutine join
 
+   !> The sums as lists: many(i) slopes in sum i, of the stages stage(:, i) in rising order, with the coefficients
+   !> weight(:, i). Row i of a leads to stage i, alpha (i = 0) to the increment.
    pure subroutine find_sums(nstage, a, alpha, many, stage, weight)
       integer, intent(in) :: nstage
       real(wp), intent(in) :: a(nstage, nstage), alpha(nstage)
@@ -109,7 +122,9 @@ contains
       end do
    end subroutine find_sums
 
-   !> The order of the evaluations whose slopes are read; not allocated where there is none.
+   !> The order of the evaluations whose slopes are read; not allocated where there is none. Each pass over the stages
+   !> takes what is ready, until a pass finds nothing more. Force and velocity of a stage that are ready together are
+   !> one evaluation, since models share work between them.
    pure subroutine find_order(nstage, a, abar, alpha, minus_alpha, separable, found)
       integer, intent(in) :: nstage
       real(wp), dimension(nstage, nstage), intent(in) :: a, abar
@@ -120,6 +135,7 @@ contains
       logical :: has_force(nstage), has_velocity(nstage), q_ready, p_ready, moved
       integer :: i, n
 
+      ! A slope that no sum reads counts as known.
       has_velocity = [(all(abs(a(:, i)) <= 0) .and. abs(alpha(i)) <= 0, i=1, nstage)]
       has_force = [(all(abs(abar(:, i)) <= 0) .and. abs(minus_alpha(i)) <= 0, i=1, nstage)]
       n = 0
@@ -132,6 +148,7 @@ contains
             next%force = q_ready .and. (separable .or. p_ready) .and. .not. has_force(i)
             next%velocity = p_ready .and. (separable .or. q_ready) .and. .not. has_velocity(i)
             if (.not. (next%force .or. next%velocity)) cycle
+            ! Separable models read Q for the force and P for the velocity alone: the other one need not be placed.
             next%q_moves = (next%force .or. .not. separable) .and. any(abs(a(i, :)) > 0)
             next%p_moves = (next%velocity .or. .not. separable) .and. any(abs(abar(i, :)) > 0)
             has_force(i) = has_force(i) .or. next%force
@@ -145,7 +162,8 @@ contains
       if (all(has_force) .and. all(has_velocity)) found = order(:n)
    end subroutine find_order
 
-   !> total = start + sum k of a kind, without start sum k alone, of at least one slope.
+   !> total = start + sum k of a kind (to_q or to_p), without start sum k alone, of at least one slope. Slopes are
+   !> (n, nstage), n being all numbers of a block or of a path. Products are added in the order of the stages.
    pure subroutine add_slopes(n, plan, kind, k, slope, total, start)
       integer, intent(in) :: n, kind, k
       type(evaluation_order), intent(in) :: plan
@@ -162,7 +180,7 @@ contains
       end associate
    end subroutine add_slopes
 
-   !> VEC total = start + sum_j c_j slope_j
+   !> VEC total = start + sum_j c_j slope_j, slope by slope, so that each pass reads one column of the slopes.
    pure subroutine add_many(n, nstage, many, stage, c, slope, total, start)
       integer, intent(in) :: n, nstage, many, stage(many)
       real(wp), intent(in) :: c(many), slope(n, nstage)

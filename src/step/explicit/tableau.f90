@@ -1,5 +1,6 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> Explicit steps of a block of paths: the equations are in tableau.inc.
+!> Explicit steps of a block of paths: the equations are in tableau.inc, and the model is asked as tableau_gradients.inc
+!> says. Arrays are (nlane, ndof), so that a kernel over all their numbers is one loop, vectorised whatever ndof is.
 module symsde_step_explicit_tableau
    use symsde_base_kinds, only: wp, i8
    use symsde_base_record, only: step_record
@@ -15,7 +16,7 @@ module symsde_step_explicit_tableau
    private
    public :: explicit_stepper, explicit_fits
 
-   !> The slopes of two stages, and a place.
+   !> The slopes f and v of two stages, and a place (x, y) = (Q_i, P_i).
    type :: room_type
       real(wp), allocatable :: f(:, :, :), v(:, :, :)  !! (nlane, ndof, 2)
       real(wp), allocatable :: x(:, :), y(:, :)        !! (nlane, ndof)
@@ -26,7 +27,8 @@ module symsde_step_explicit_tableau
    include 'tableau.inc'
    include 'tableau_gradients.inc'
 
-   !> Whether an explicit stepper executes the task.
+   !> Whether an explicit stepper executes the task: the stages follow each other for this model, and Hhat has neither
+   !> brackets nor a correction, which may tie q to p where the model is separable.
    logical function explicit_fits(task) result(fits)
       type(stepper_task), intent(in) :: task
 
@@ -34,6 +36,7 @@ module symsde_step_explicit_tableau
       if (fits) fits = task%is_plain()
    end function explicit_fits
 
+   !> Paths of the block; the bounds of the body's arrays.
    pure integer function lanes(self)
       type(explicit_stepper), intent(in) :: self
 

@@ -1,6 +1,8 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> Explicit steps of a single path: tableau.inc with one lane. Loops over lanes are gone, and no pass is padded to the
-!> width of a vector.
+!> Explicit steps of a single path: tableau.inc with one lane, for models that are asked by gradients.
+!>
+!> lanes(self) is the constant 1, which gfortran folds into the bounds of the body. So loops over lanes are gone, and no
+!> pass is padded to the width of a vector. The bits are those of a lane of a block.
 module symsde_step_explicit_tableau_single_path
    use symsde_base_kinds, only: wp, i8
    use symsde_base_record, only: step_record
@@ -16,7 +18,7 @@ module symsde_step_explicit_tableau_single_path
    private
    public :: explicit_stepper
 
-   !> The slopes of two stages, and a place.
+   !> The slopes f and v of two stages, and a place (x, y) = (Q_i, P_i).
    type :: room_type
       real(wp), allocatable :: f(:, :, :), v(:, :, :)  !! (nlane, ndof, 2)
       real(wp), allocatable :: x(:, :), y(:, :)        !! (nlane, ndof)
@@ -27,6 +29,7 @@ module symsde_step_explicit_tableau_single_path
    include 'tableau.inc'
    include 'tableau_gradients.inc'
 
+   !> One path, known to the compiler.
    pure integer function lanes(self)
       type(explicit_stepper), intent(in) :: self
 

@@ -6,6 +6,12 @@
 !> summed over the noises, g_k = -H_{k,q} constant. It is Verlet's step under h H + sum_k dW_k H_k, then a
 !> constant shift of q: symplectic for every h, dW, dZ. Where g changes in time it is taken at the middle of the
 !> step, and g dW becomes g dW - (g_{n+1} - g_n) (dZ/h - dW/2), which is int g dW up to its curvature.
+!>
+!> Why dZ: over a step the noise moves q by g int_0^h W(s) ds = g dZ, where Verlet's drift gives g h dW/2. The shift
+!> makes good the difference, and with it the strong order of additive noise is 2 instead of 1.
+!>
+!> One gradient at Q under all weights gives dp. The shift is a gradient, too, under the weights v_0 = 0 and
+!> v_k = dZ_k - h dW_k/2: it is sum_k v_k H_{k,q} = -sum_k v_k g_k, which does not depend on where it is read.
 module symsde_step_explicit_verlet_dz
    use symsde_base_functionals, only: path_dz
    use symsde_base_kinds, only: wp, i8
@@ -30,6 +36,7 @@ module symsde_step_explicit_verlet_dz
 
 contains
 
+   !> Make room, and find out whether some g depends on time: then three gradients a step are added instead of one.
    subroutine make(self, task)
       class(verlet_dz_stepper), intent(inout) :: self
       type(stepper_task), intent(in) :: task
@@ -43,6 +50,7 @@ contains
       allocate (self%qs(task%nlane, task%model%traits%ndof), self%shift(task%nlane, task%model%traits%ndof))
    end subroutine make
 
+   !> dq and dp of one step. dq = Q - q_n + h p_{n+1}/2 is written as h (p_n + dp/2), so that it rounds as an increment.
    subroutine increment(self, step, q, p, dq, dp, status)
       class(verlet_dz_stepper), intent(inout) :: self
       type(step_record), intent(in) :: step
@@ -66,6 +74,7 @@ contains
       end do
       if (self%time_dependent) then
          call self%ham%gradient(step%t + h, self%v, self%qs, p, hq=self%shift)
+         ! -(g_{n+1} - g_n) (dZ/h - dW/2): the gradients at both ends of the step have the opposite sign of g.
          dp = dp + self%shift/h
          call self%ham%gradient(step%t, self%v, self%qs, p, hq=self%shift)
          dp = dp - self%shift/h
