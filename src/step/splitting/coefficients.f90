@@ -1,14 +1,18 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> What the kicks of a step weigh the Hamiltonians with (symsde_scheme_kicks derives it): with a_k = dZ_k/h - dW_k/2 and
-!> the space-time-time area K_k,
+!> The weights of the Hamiltonians in the kicks of a step (symsde_scheme_kicks derives them). With
+!> a_k = dZ_k/h - dW_k/2, the space-time-time area K_k and kappa = sum_i kappa_i,
 !>
 !>    w_i0 = b_i h,   w_ik = beta_i dW_k + gamma_i a_k + eta_i K_k,      v_0 = h,   v_k = dW_k + zeta K_k
 !>    D_kl = h [ sum_{i<j} (c_j - c_i) (w_ik w_jl + w_il w_jk)/2 - 2 kappa v_k v_l ] - J_kl      where J is sampled
 !>
-!> Lanes are the paths of a block, or the steps that a path by itself has ahead.
+!> w_ik multiplies H_k in kick i, V = h U + sum_k v_k H_k is what the force-gradient kicks square, and D_kl stands
+!> before the products H_k,q.M^-1 H_l,q. Where J is not sampled, D = c h |h| delta_kl is known, and d is not filled.
+!> The w_i0 and v_0 change with the size of the step alone.
 !>
-!> Of a sum of two products the first is contracted: parentheses around the other say so, or a path by itself would have
-!> other bits than one of a block.
+!> Lanes are the paths of a block, or the steps that a single path has ahead.
+!>
+!> Of a sum of two products the compiler might contract either one, and a single path would have other bits than one of
+!> a block: parentheses around the second product leave the first one to be contracted.
 !>
 !> Private to its family.
 module symsde_step_splitting_coefficients
@@ -44,7 +48,8 @@ module symsde_step_splitting_coefficients
 
 contains
 
-   !> For blocks of nlane lanes.
+   !> For blocks of nlane lanes: which of the weights matter to these kicks and this model, and room for them. Noises
+   !> that are additive have constant gradients: their products move nothing.
    subroutine new_kick_weights(self, kicks, traits, nlane)
       type(kick_weights), intent(out) :: self
       type(kicks_type), intent(in) :: kicks
@@ -59,6 +64,7 @@ contains
       self%noisy = [(k, k=1, traits%nnoise)]
       if (allocated(traits%silent)) self%noisy = pack(self%noisy, .not. traits%silent)
       self%products = size(self%noisy) > 0 .and. .not. traits%additive
+      ! V is read by kicks with kappa, and D of the sampled form has its weights.
       self%by_sums = any(abs(kicks%kappa) > 0) .or. kicks%samples
       self%uses_dz = kicks%uses_dz()
       self%multiplies = self%products .and. abs(kicks%share) > 0 .and. (kicks%samples .or. abs(self%c) > 0)
@@ -66,13 +72,14 @@ contains
       allocate (self%w(nlane, 0:self%nnoise, size(kicks%c)), self%v(nlane, 0:self%nnoise), self%a(nlane), source=0.0_wp)
       if (.not. self%products) return
       allocate (self%d(nlane, pair_index(self%nnoise, self%nnoise)), source=0.0_wp)
+      ! D is symmetric: column at(k, l) = at(l, k) of d has D_kl.
       allocate (self%at(self%nnoise, self%nnoise))
       do k = 1, self%nnoise
          self%at(:, k) = [(pair_index(min(k, l), max(k, l)), l=1, self%nnoise)]
       end do
    end subroutine new_kick_weights
 
-   !> The weights of every kick, of V, and D, of as many lanes.
+   !> The weights of every kick, of V, and D, in the first nlane lanes, from the functionals of the step.
    subroutine weigh(self, nlane, step)
       class(kick_weights), intent(inout) :: self
       integer, intent(in) :: nlane
@@ -81,6 +88,7 @@ contains
 
       associate (kicks => self%kicks)
          if (abs(step%h - self%h) > 0) then
+            ! The weights of H in all lanes: steps that are weighed together have the same size.
             self%h = step%h
             self%v(:, 0) = step%h
             do i = 1, size(kicks%c)
@@ -95,7 +103,7 @@ contains
       end associate
    end subroutine weigh
 
-   !> The weights of noise k.
+   !> The weights w_ik of noise k in every kick i, and v_k. Where no K drives the step, zeta and eta are not read.
    subroutine weigh_noise(self, nlane, k, step)
       type(kick_weights), intent(inout) :: self
       integer, intent(in) :: nlane, k
@@ -105,6 +113,7 @@ contains
       associate (kicks => self%kicks, w => step%w)
          if (self%uses_dz) call find_a(nlane, step%h, w(:, k), step%of(path_dz)%x(:, k), self%a)
          do i = 1, size(kicks%c)
+            ! w_ik = beta_i dW_k + gamma_i a_k; eta_i K_k is added below.
             if (abs(kicks%gamma(i)) > 0) then
                call sum_of_two(nlane, kicks%beta(i), w(:, k), kicks%gamma(i), self%a, self%w(1, k, i))
             else
@@ -122,7 +131,8 @@ contains
       end associate
    end subroutine weigh_noise
 
-   !> D_kl of the sampled form.
+   !> D_kl of the sampled form, k <= l, at pair_index(k, l): the kicks' own second Magnus term less J_kl. The
+   !> sum over pairs of kicks is symmetrised in k and l, which is all that the symmetric product of gradients sees.
    subroutine find_d(self, nlane, step)
       type(kick_weights), intent(inout) :: self
       integer, intent(in) :: nlane
@@ -135,7 +145,7 @@ contains
          do l = 1, self%nnoise
             do k = 1, l
                kl = pair_index(k, l)
-               ! from zero, one product after the other: of a sum of two products either one may be fused
+               ! Products are added from zero, one after the other: in a sum of two the compiler might fuse either one.
                d(:nlane, kl) = 0
                call add_product(nlane, -2*kappa, v(:, k), v(:, l), d(:, kl))
                do j = 2, size(c)
@@ -164,7 +174,7 @@ contains
       end do
    end subroutine find_a
 
-   !> VEC total = b x + c y
+   !> VEC total = b x + c y, the first product being the one to be contracted.
    pure subroutine sum_of_two(nlane, b, x, c, y, total)
       integer, intent(in) :: nlane
       real(wp), intent(in) :: b, x(nlane), c, y(nlane)
@@ -176,7 +186,7 @@ contains
       end do
    end subroutine sum_of_two
 
-   !> VEC f = f + factor x y
+   !> VEC f = f + factor x y, lane by lane.
    pure subroutine add_product(nlane, factor, x, y, f)
       integer, intent(in) :: nlane
       real(wp), intent(in) :: factor, x(nlane), y(nlane)

@@ -5,8 +5,15 @@
 !>    q <- q + tau p                  q <- cos(omega tau) q + sin(omega tau)/omega p
 !>    p <- p                          p <- cos(omega tau) p - omega sin(omega tau) q
 !>
-!> Increments are moved, not states, so that rounding stays that of increments: cos - 1 = -2 sin^2(omega tau/2) is found
-!> without cancellation. Cosine and sine are found once for each duration.
+!> Increments are moved, not states, so that rounding stays that of increments: with (x, y) = (q + dq, p + dp),
+!>
+!>    dq <- dq + (cos(omega tau) - 1) x + sin(omega tau)/omega y
+!>    dp <- dp + (cos(omega tau) - 1) y - omega sin(omega tau) x
+!>
+!> where cos - 1 = -2 sin^2(omega tau/2) is found without cancellation. Cosine and sine are found once for each
+!> duration: the drifts of a step (legs) keep their own, and find them again when h changes. A rotation is exact for
+!> every omega h, which does not limit the step; the kicks are then those of U without its linear part
+!> (remove_linear).
 !>
 !> Private to its family.
 module symsde_step_splitting_drift
@@ -56,6 +63,7 @@ contains
          call fly(nlane*ndof, tau, p, dp, dq)
          return
       end if
+      ! Steps of one size find their coefficients in the first of them.
       if (abs(tau - self%duration(leg)) > 0) call rotate_over(self, leg, tau)
       do i = 1, ndof
          call rotate(nlane, self%cosine_less_one(i, leg), self%sine(i, leg), self%sine_over(i, leg), &
@@ -63,7 +71,7 @@ contains
       end do
    end subroutine move
 
-   !> Take the linear part out of the gradient of weight*U: the rotation has it.
+   !> Take the linear part out of the gradient of weight*U, f <- f - weight omega_i^2 x_i: the rotation has it.
    pure subroutine remove_linear(self, weight, nlane, ndof, x, f)
       class(drift_flow), intent(in) :: self
       real(wp), intent(in) :: weight
@@ -109,7 +117,8 @@ contains
       end do
    end subroutine fly
 
-   !> VEC
+   !> VEC The rotation of one degree of freedom in all lanes. Parentheses around the second product leave the first
+   !> one to be contracted, in one lane as in many.
    pure subroutine rotate(nlane, cosine_less_one, sine, sine_over, q, p, dq, dp)
       integer, intent(in) :: nlane
       real(wp), intent(in) :: cosine_less_one, sine, sine_over, q(nlane), p(nlane)

@@ -1,6 +1,11 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> The flow of H between kicks by the implicit midpoint rule, which large forces do not limit: by whatever stepper
-!> takes a midpoint step of the model, with noises of weight zero.
+!> The flow of H between kicks by the implicit midpoint rule, which large forces do not limit: with (x, y) where the
+!> path is, over the time tau from the time t on,
+!>
+!>    X = x + tau H_p(X_m, Y_m),   Y = y - tau H_q(X_m, Y_m),   (X_m, Y_m) = ((x + X)/2, (y + Y)/2)   at t + tau/2
+!>
+!> It is a midpoint step of the model, h = tau and all dW_k = 0, by one of the steppers for such steps; lanes that it
+!> cannot solve are rescued as those of any other step. The kicks then have the noises alone.
 !>
 !> Private to its family.
 module symsde_step_splitting_midpoint_drift
@@ -38,7 +43,9 @@ module symsde_step_splitting_midpoint_drift
 
 contains
 
-   !> Midpoint steps of the model and the lanes of a task.
+   !> Midpoint steps of the model and the lanes of a task, which asks for a scheme of kicks: the same task with the
+   !> scheme midpoint. The first stepper that fits is taken, with momenta eliminated, of one degree of freedom, or of
+   !> all unknown q and p, and else the general one; each of the first three has an instance with one lane.
    subroutine new_midpoint_flow(self, whole)
       type(midpoint_flow), intent(out), target :: self
       type(stepper_task), intent(in) :: whole  !! of the scheme that kicks
@@ -71,7 +78,8 @@ contains
       end associate
    end subroutine new_midpoint_flow
 
-   !> Move (q + dq, p + dp) over the time tau from the time t on.
+   !> Move (q + dq, p + dp) over the time tau from the time t on. Lanes that had a status before are not rescued:
+   !> `failed` remembers them.
    subroutine move(self, t, tau, q, p, dq, dp, status)
       class(midpoint_flow), intent(inout), target :: self
       real(wp), intent(in) :: t, tau
@@ -83,18 +91,20 @@ contains
       self%w(:, 0) = tau
       self%x = q + dq
       self%y = p + dp
+      ! Rescue skips lanes with a number >= 0 here.
       self%failed = merge(-1_i8, 1_i8, status == 0)
       step%t = t
       step%h = tau
       step%w(1:, 0:) => self%w
       call self%stepper%increment(step, self%x, self%y, self%dx, self%dy, status)
+      ! dx and dy of the lanes that fail now come from the rescue, where it succeeds.
       if (any(status /= 0 .and. self%failed < 0)) &
          call self%rescue%attempt(size(status), step, self%x, self%y, self%failed, self%dx, self%dy, status)
       dq = dq + self%dx
       dp = dp + self%dy
    end subroutine move
 
-   !> Add what was counted.
+   !> Add what the midpoint steps and their rescue have counted.
    subroutine tally(self, total)
       class(midpoint_flow), intent(in) :: self
       type(counters_type), intent(inout) :: total

@@ -1,5 +1,7 @@
 ! SPDX-License-Identifier: BSD-3-Clause
 !> Drifts and kicks of a block of paths: the equations are in stepper.inc.
+!>
+!> Weights are found step by step, since the lanes of a block fill vectors as it is. Every force and every derivative is asked of the model for all lanes at once.
 module symsde_step_splitting_stepper
    use symsde_base_counters, only: counters_type, add_counters
    use symsde_base_kinds, only: wp, i8
@@ -17,12 +19,13 @@ module symsde_step_splitting_stepper
    private
    public :: splitting_stepper
 
-   !> Nothing.
+   !> Nothing: a block finds no weights ahead.
    type :: ahead_type
    end type ahead_type
 
    include 'stepper.inc'
 
+   !> Lanes of the block.
    pure integer function lanes(self)
       type(splitting_stepper), intent(in) :: self
 
@@ -35,6 +38,7 @@ module symsde_step_splitting_stepper
       type(steps_record), intent(in) :: steps
    end subroutine foresee
 
+   !> The weights of the step that is taken now.
    subroutine find_weights(self, step)
       type(splitting_stepper), intent(inout) :: self
       type(step_record), intent(in) :: step
@@ -42,7 +46,8 @@ module symsde_step_splitting_stepper
       call weigh_step(self, step)
    end subroutine find_weights
 
-   !> The gradient of a kick.
+   !> f = (sum_j w_j H_j)_q at x, with the weights w = (b_i h, w_i1, .., w_im) of kick i. p does not matter: noises
+   !> are in position, and H is separable, or has the weight b_i = 0 where midpoint steps move it.
    subroutine find_force(self, t, w, p)
       type(splitting_stepper), intent(inout) :: self
       real(wp), intent(in) :: t, w(lanes(self), 0:self%ham%nnoise), p(lanes(self), self%ham%ndof)
@@ -53,7 +58,8 @@ module symsde_step_splitting_stepper
       end associate
    end subroutine find_force
 
-   !> H_j' and H_j'' at the point of a kick, of H and of the noises that are not silent.
+   !> H_j' and H_j'' at the point x of a kick with one degree of freedom, of H (j = 0) and of the noises that are not
+   !> silent, one call with a unit weight for each: slope and curvature, (nlane, 0:nnoise).
    subroutine find_derivatives(self, t, p)
       type(splitting_stepper), intent(inout) :: self
       real(wp), intent(in) :: t, p(lanes(self), 1)

@@ -1,9 +1,10 @@
 ! SPDX-License-Identifier: BSD-3-Clause
 !> Drifts and kicks of a single path: stepper.inc with one lane.
 !>
-!> The weights of all steps of a call are found at once, a lane for each step, and then stand side by side for each:
-!> found step by step, they took a fifth to a half more time where noises have products. With one degree of freedom,
-!> sine and cosine of an angle are found once a kick, for all Hamiltonians.
+!> The weights w_ik, v and D_kl of all steps of a call are found at once, as if each step were a lane of a block, so
+!> that they fill vectors. Then they are transposed, so that those of one step stand side by side. Found step by step,
+!> they took a fifth to a half more time where noises have products. With one degree of freedom, sine and cosine of an
+!> angle are found once a kick, for all Hamiltonians.
 module symsde_step_splitting_stepper_single_path
    use symsde_base_counters, only: counters_type, add_counters
    use symsde_base_functionals, only: functional_set
@@ -24,7 +25,7 @@ module symsde_step_splitting_stepper_single_path
    private
    public :: splitting_stepper
 
-   !> Weights of the steps to come, and the terms of an angle.
+   !> Weights of the steps to come, and the terms a .. f of an angle (model_type%angle).
    type :: ahead_type
       type(kick_weights), allocatable :: weights  !! of these, a lane for each
       type(step_store) :: store                   !! what drives them, as one step
@@ -38,13 +39,15 @@ module symsde_step_splitting_stepper_single_path
 
    ! ---- what a path by itself does otherwise than a block ------------------------------------------
 
+   !> One lane, known to the compiler.
    pure integer function lanes(self)
       type(splitting_stepper), intent(in) :: self
 
       lanes = 1
    end function lanes
 
-   !> The weights of all steps.
+   !> The weights of all steps of a call: what drives step i is put into lane i of a store, which is weighed as one step
+   !> of many lanes. The times of the steps do not matter to weights.
    subroutine foresee(self, steps)
       type(splitting_stepper), intent(inout), target :: self
       type(steps_record), intent(in) :: steps
@@ -53,6 +56,7 @@ module symsde_step_splitting_stepper_single_path
 
       if (.not. allocated(self%ahead%weights)) call make_ahead(self, self%ahead, steps)
       associate (n => steps%nstep, ahead => self%ahead, weights => self%ahead%weights)
+         ! Lane i is step i, for the increments and for every functional that drives the steps.
          do k = 1, steps%nnoise
             ahead%store%w(:n, k, 0) = steps%w(1, k, :)
          end do
@@ -64,23 +68,27 @@ module symsde_step_splitting_stepper_single_path
          end do
          call ahead%store%show(0, 0.0_wp, record)
          call weights%weigh(n, record)
+         ! From (step, noise, kick) to (1, noise, kick, step).
          do i = 1, size(ahead%w, 3)
             do k = 0, steps%nnoise
                ahead%w(1, k, i, :n) = weights%w(:n, k, i)
             end do
          end do
+         ! find_weights counts `now` from here on; the pointers show all steps that were foreseen.
          self%nahead = n
          self%now = 0
          self%w(1:, 0:, 1:, 1:) => self%ahead%w
          self%v(1:, 0:, 1:) => self%ahead%v
          if (allocated(ahead%d)) self%d => self%ahead%d
+         ! Kicks without products read neither V nor D.
          if (.not. any(weights%has_products)) return
          ahead%v(1, :, :n) = transpose(weights%v(:n, :))
          if (allocated(weights%d)) ahead%d(1, :, :n) = transpose(weights%d(:n, :))
       end associate
    end subroutine foresee
 
-   !> Room for as many steps as a call takes.
+   !> Room for as many steps as a call takes (steps%most), made when the first call comes: it says which functionals
+   !> drive the steps.
    subroutine make_ahead(self, ahead, steps)
       type(splitting_stepper), intent(in) :: self
       type(ahead_type), intent(inout) :: ahead
@@ -100,7 +108,8 @@ module symsde_step_splitting_stepper_single_path
       end associate
    end subroutine make_ahead
 
-   !> The weights of the next step that was foreseen, or of one that was not.
+   !> The weights of the next step that was foreseen; those of a step that was not, as an increment by itself, are found
+   !> now.
    subroutine find_weights(self, step)
       type(splitting_stepper), intent(inout) :: self
       type(step_record), intent(in) :: step
@@ -109,7 +118,8 @@ module symsde_step_splitting_stepper_single_path
       if (self%now > self%nahead) call weigh_step(self, step)
    end subroutine find_weights
 
-   !> The gradient of a kick.
+   !> f = (sum_j w_j H_j)_q at x, with the weights of a kick. That of an angle follows from its terms, with the
+   !> additions of the model's gradient in their order.
    subroutine find_force(self, t, w, p)
       type(splitting_stepper), intent(inout) :: self
       real(wp), intent(in) :: t, w(0:self%ham%nnoise), p(self%ham%ndof)
@@ -128,7 +138,8 @@ module symsde_step_splitting_stepper_single_path
       end associate
    end subroutine find_force
 
-   !> H_j' and H_j'' at the point of a kick, of H and of the noises that are not silent.
+   !> H_j' and H_j'' at the point x of a kick with one degree of freedom, of H (j = 0) and of the noises that are not
+   !> silent. Angles have terms for each H_j, which are found once where the model does not depend on time.
    subroutine find_derivatives(self, t, p)
       type(splitting_stepper), intent(inout) :: self
       real(wp), intent(in) :: t, p(1)
@@ -140,6 +151,7 @@ module symsde_step_splitting_stepper_single_path
             if (.not. allocated(ahead%terms)) allocate (ahead%terms(0:m))
             sine = sincos_one(self%x(1, 1), cosine)
          end if
+         ! j counts the Hamiltonians that are asked for, k is the number of each: 0 for H, else that of a noise.
          do j = 0, size(noisy)
             k = 0
             if (j > 0) k = noisy(j)
