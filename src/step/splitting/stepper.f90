@@ -1,7 +1,8 @@
 ! SPDX-License-Identifier: BSD-3-Clause
 !> Drifts and kicks of a block of paths: the equations are in stepper.inc.
 !>
-!> Weights are found step by step, since the lanes of a block fill vectors as it is. Every force and every derivative is asked of the model for all lanes at once.
+!> Weights are found step by step, since the lanes of a block fill vectors as it is. Every force and every derivative
+!> is asked of the model for all lanes at once.
 module symsde_step_splitting_stepper
    use symsde_base_counters, only: counters_type, add_counters
    use symsde_base_kinds, only: wp, i8
