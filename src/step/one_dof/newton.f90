@@ -1,6 +1,9 @@
 ! SPDX-License-Identifier: BSD-3-Clause
 !> Newton's iteration for the slopes of all stages of one degree of freedom, in a block of lanes: newton.inc.
 !>
+!> Here every part is asked for the whole block at once: the model or its brackets for all lanes at one stage, and the
+!> block's solver for all systems. Lanes that are done are computed along and not changed.
+!>
 !> Private to its family.
 module symsde_step_one_dof_newton
    use symsde_base_counters, only: counters_type
@@ -28,7 +31,8 @@ module symsde_step_one_dof_newton
       lanes = nlane
    end function lanes
 
-   !> Begin where another block has come in these places; those with a status rest.
+   !> Go on where the iteration of another block has come: lane l takes slopes and size of the last correction from lane
+   !> places(l) of that block. Lanes with a status rest. The step is that of the gathered lanes.
    subroutine resume(self, ham, from, places, step, status)
       type(one_dof_newton), intent(inout) :: self
       type(one_step_hamiltonian), intent(in) :: ham
@@ -46,7 +50,7 @@ module symsde_step_one_dof_newton
       self%flies = from%flies
    end subroutine resume
 
-   !> Hhat_p at the beginning of the step, in qs, where it is the first guess.
+   !> qs = Hhat_p(q_n, p_n) at the time of the first stage, where it is the first guess.
    subroutine find_velocity(self, ham, step, q, p)
       type(one_dof_newton), intent(inout) :: self
       type(one_step_hamiltonian), intent(inout) :: ham
@@ -56,7 +60,7 @@ module symsde_step_one_dof_newton
       if (self%flies) call ham%velocity(step%t + self%c(1)*step%h, step%w, q, p, self%qs)
    end subroutine find_velocity
 
-   !> Gradient and Hessian of stage i, or in the middle of the step as those of the first one.
+   !> Gradient and Hessian of stage i; for i = 0 in the middle of the step, in the place of the first stage.
    subroutine evaluate(self, ham, i, step, q, p)
       type(one_dof_newton), intent(inout) :: self
       type(one_step_hamiltonian), intent(inout) :: ham
@@ -67,6 +71,7 @@ module symsde_step_one_dof_newton
       call ask_model(self, ham, i, step, q, p)
    end subroutine evaluate
 
+   !> Solve the systems of all lanes, side by side.
    subroutine solve_systems(self, x, status, counters)
       type(one_dof_newton), intent(inout) :: self
       real(wp), intent(inout) :: x(self%nlane, size(self%matrix, 2))

@@ -1,6 +1,10 @@
 ! SPDX-License-Identifier: BSD-3-Clause
 !> Newton's iteration for the slopes of all stages of one degree of freedom and a single path: newton.inc with one lane.
 !>
+!> The equations are those of the body. What differs is who is asked: an angle's sine and cosine terms are found once a
+!> step for every stage, and then no call of the model is left in the iteration; angles with brackets go through
+!> step/hamiltonian/brackets_angle_single_path; systems are eliminated as numbers. All of these have a block's bits.
+!>
 !> Private to its family.
 module symsde_step_one_dof_newton_single_path
    use symsde_base_counters, only: counters_type
@@ -30,7 +34,8 @@ module symsde_step_one_dof_newton_single_path
       lanes = 1
    end function lanes
 
-   !> The terms of an angle in every stage, and Hhat_p at the beginning of the step, in qs, where it is the first guess.
+   !> The terms of an angle in every stage, and qs = Hhat_p(q_n, p_n) at the time of the first stage, where it is the
+   !> first guess. Of an angle it is e p, with the terms of that stage.
    subroutine find_velocity(self, ham, step, q, p)
       type(one_dof_newton), intent(inout) :: self
       type(one_step_hamiltonian), intent(inout) :: ham
@@ -53,7 +58,8 @@ module symsde_step_one_dof_newton_single_path
       ham%counters%gradients = ham%counters%gradients + 1
    end subroutine find_velocity
 
-   !> Gradient and Hessian of stage i, by the terms of an angle, or in the middle of the step as those of the first one.
+   !> Gradient and Hessian of stage i; for i = 0 in the middle of the step, in the place of the first stage. An angle's
+   !> terms are there where its Hamiltonian is separable and no brackets are added, and then i = 0 does not occur.
    subroutine evaluate(self, ham, i, step, q, p)
       type(one_dof_newton), intent(inout) :: self
       type(one_step_hamiltonian), intent(inout) :: ham
@@ -80,7 +86,8 @@ module symsde_step_one_dof_newton_single_path
       ham%counters%hessians = ham%counters%hessians + asked
    end subroutine evaluate
 
-   !> total = start + sum_j c_j x_j, those with the coefficient zero, too, from the first on.
+   !> total = start + sum_j c_j x_j from j = first on. Products with the coefficient zero are added, too: they change
+   !> nothing, and a test of each would cost more.
    pure subroutine sum_slopes(nlane, s, first, c, x, start, total)
       integer, intent(in) :: nlane, s, first
       real(wp), intent(in) :: c(s), x(s), start(1)
@@ -94,7 +101,8 @@ module symsde_step_one_dof_newton_single_path
       end do
    end subroutine sum_slopes
 
-   !> Where pivots are not trusted the system is made once more, and solved as in a block.
+   !> Solve the system by elimination, which overwrites the matrix. Where its pivots are not trusted, or a solution is
+   !> not finite, the system is made once more and solved as in a block.
    subroutine solve_systems(self, x, status, counters)
       type(one_dof_newton), intent(inout) :: self
       real(wp), intent(inout) :: x(size(self%matrix, 2))

@@ -1,10 +1,16 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> Implicit schemes of several stages (Gauss 2 above all) for one degree of freedom, by Newton's iteration for all
-!> slopes (step/one_dof/newton), few passes. Agrees with the general stepper to a few ulps
-!> (tests/verification/test_beyond_one_maps.pf, test_stages.pf).
+!> Implicit schemes of several stages (Gauss 2 above all) for one degree of freedom,
+!>
+!>    Q_i = q_n + sum_j a_ij Hhat_p(P_j,Q_j),      dq = sum_i alpha_i Hhat_p(P_i,Q_i),
+!>    P_i = p_n - sum_j abar_ij Hhat_q(P_j,Q_j),   dp = -sum_i alpha_i Hhat_q(P_i,Q_i),
+!>
+!> where Hhat may hold brackets. Newton's iteration finds all slopes together (step/one_dof/newton), in few passes over
+!> the block. Agrees with the general stepper to a few ulps (tests/verification/test_beyond_one_maps.pf,
+!> test_stages.pf).
 !>
 !> Lanes differ in how many corrections they need, above all where brackets are added, whose second derivatives are not
-!> all known. As soon as few lanes go on they are gathered into a small block and finished there, with the same bits.
+!> all known. As soon as few lanes go on they are gathered into a small block and finished there, with the same bits:
+!> the other lanes would be computed along for nothing.
 module symsde_step_one_dof_stepper
    use symsde_base_counters, only: counters_type, add_counters
    use symsde_base_functionals, only: functional_set, nfunctional, path_dz, path_areas
@@ -23,7 +29,7 @@ module symsde_step_one_dof_stepper
 
    integer, parameter :: few_lanes = 64   !! of the small block
 
-   !> The small block.
+   !> The small block: a Hamiltonian and an iteration of few_lanes lanes, and copies of what drives the gathered lanes.
    type :: last_lanes
       type(one_step_hamiltonian) :: ham
       type(one_dof_newton) :: solver
@@ -58,6 +64,7 @@ contains
       end associate
    end function one_dof_fits
 
+   !> Linear equations take one solve in every lane, and a block of few lanes is small already: neither needs `few`.
    subroutine make(self, task)
       class(one_dof_stepper), intent(inout) :: self
       type(stepper_task), intent(in) :: task
@@ -71,6 +78,7 @@ contains
       call new_last_lanes(self%few, task%model, task%scheme, task%newton)
    end subroutine make
 
+   !> Its store has room for the functionals that the active brackets read: dZ and areas.
    subroutine new_last_lanes(self, model, scheme, options)
       type(last_lanes), intent(inout) :: self
       class(model_type), intent(in), target :: model
@@ -107,7 +115,8 @@ contains
       end associate
    end subroutine increment
 
-   !> Go on with the lanes that are running, gathered.
+   !> Go on with the lanes that are running, gathered: their states, increments and functionals, slopes and statuses are
+   !> copied, and slopes and statuses come back. Lanes that fill up the small block repeat its last one and rest.
    subroutine finish(self, few, step, q, p, status)
       type(one_dof_stepper), intent(inout) :: self
       type(last_lanes), intent(inout), target :: few

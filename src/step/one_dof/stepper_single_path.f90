@@ -1,5 +1,7 @@
 ! SPDX-License-Identifier: BSD-3-Clause
 !> Implicit schemes of several stages for one degree of freedom and a single path: those of step/one_dof/stepper.
+!>
+!> The step is the same without its small block: one lane has no others to wait for.
 module symsde_step_one_dof_stepper_single_path
    use symsde_base_kinds, only: wp, i8
    use symsde_base_record, only: step_record
@@ -21,7 +23,8 @@ module symsde_step_one_dof_stepper_single_path
 
 contains
 
-   !> One path more takes up to 1.3 of the time of a block, or 1.0 to 1.2 where brackets are added.
+   !> most_single is the number of paths that go faster one by one than as a block. With one path more they take up to
+   !> 1.3 of the time of a block, or 1.0 to 1.2 where brackets are added.
    subroutine make(self, task)
       class(one_dof_stepper), intent(inout) :: self
       type(stepper_task), intent(in) :: task
