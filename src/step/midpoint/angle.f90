@@ -3,8 +3,11 @@
 !>
 !>    Hhat_q = a sin q + (b cos q + (c q + d)),   Hhat_qq = a cos q + (c - b sin q),   Hhat_p = e p,   Hhat_pp = e
 !>
-!> A module of its own: where callers saw its products the compiler would contract them with their sums, and a path by
-!> itself would have other bits than one of a block, whose numbers come from memory.
+!> with `terms` = (a, b, c, d, e), which depend on h, t and dW but not on (q, p): a step asks for them once, and
+!> every iteration takes one sine and one cosine.
+!>
+!> This is a module of its own, since where callers saw its products the compiler would contract them with their
+!> sums, and a path by itself would have other bits than one of a block, whose numbers come from memory.
 module symsde_step_midpoint_angle
    use symsde_base_kinds, only: wp
    use symsde_base_sincos, only: sincos_one
@@ -15,6 +18,7 @@ module symsde_step_midpoint_angle
 
 contains
 
+   !> Hhat_q and Hhat_qq at the angle q.
    subroutine find_angle_force(terms, q, hq, hqq)
       type(angle_terms), intent(in) :: terms
       real(wp), intent(in) :: q
@@ -26,6 +30,7 @@ contains
       hqq = terms%a*cosine + (terms%c - terms%b*sine)
    end subroutine find_angle_force
 
+   !> Hhat_p and Hhat_pp at the momentum p.
    pure subroutine find_angle_velocity(terms, p, hp, hpp)
       type(angle_terms), intent(in) :: terms
       real(wp), intent(in) :: p

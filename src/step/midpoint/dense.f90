@@ -1,5 +1,7 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> The eliminated midpoint of blocks by matrices or by fixed-point iterations: dense.inc.
+!> The eliminated midpoint of blocks, x + f(base + c x) = 0, by matrices I + (h/4) K or by the fixed-point iteration
+!> V <- -f(base + (h/4) V): the body is dense.inc. Elimination across lanes (solve/newton) is what makes a block
+!> faster than its paths one by one.
 !>
 !> Private to its family.
 module symsde_step_midpoint_dense
@@ -24,7 +26,7 @@ module symsde_step_midpoint_dense
       lanes = nlane
    end function lanes
 
-   !> Force and stiffness.
+   !> Hhat_q (nlane, n) and Hhat_qq (nlane, n, n) at q, by one call of the model for all lanes.
    subroutine find_force_stiffness(self, model, eq, w, q, hq, hqq)
       class(dense_midpoint), intent(in) :: self
       class(model_type), intent(in) :: model

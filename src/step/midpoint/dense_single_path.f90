@@ -1,6 +1,9 @@
 ! SPDX-License-Identifier: BSD-3-Clause
 !> The eliminated midpoint of a single path by matrices or by fixed-point iterations: dense.inc with one lane.
 !>
+!> The kernels and the Newton iteration come by `include`, not by `use`: what a module sees of its own is inlined in
+!> its loops, and an iteration of two unknowns takes as long as a handful of calls.
+!>
 !> Private to its family.
 module symsde_step_midpoint_dense_single_path
    use symsde_base_counters, only: counters_type
@@ -39,7 +42,9 @@ module symsde_step_midpoint_dense_single_path
       lanes = 1
    end function lanes
 
-   !> Force and stiffness: by the terms of an angle, which are asked for once a step; those of two unknowns as numbers.
+   !> Hhat_q and Hhat_qq at q. Two unknowns are asked for as numbers, without arrays. A Hamiltonian of one angle is
+   !> asked once a step, at its first iteration, for the terms of which force and stiffness are made; these do not
+   !> depend on q, so later iterations take a sine and a cosine alone.
    subroutine find_force_stiffness(self, model, eq, w, q, hq, hqq)
       class(dense_midpoint), intent(inout) :: self
       class(model_type), intent(in) :: model

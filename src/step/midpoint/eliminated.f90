@@ -1,6 +1,11 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> The implicit midpoint rule without momenta for blocks of paths. The equations stand in the body, eliminated.inc; here
-!> is what solves them, and which lanes of a block go together: those of a strip where a chain is taken row by row.
+!> The implicit midpoint rule without momenta for blocks of paths. The equation V + Hhat_q(base + (h/4) V) = 0 and
+!> its derivation stand in the body, eliminated.inc. Here is what solves it, and which lanes of a block go together.
+!>
+!> Matrices and products take all lanes of a block at once. A chain whose model gives its rows is taken strip by
+!> strip, strip_lanes lanes through the whole step, since a strip of a long chain fits in the cache and a block does
+!> not. For such strips states are moved at once (`move`) instead of by increments: (q, p) of a strip are still in
+!> cache.
 module symsde_step_midpoint_eliminated
    use symsde_base_kinds, only: wp, i8
    use symsde_base_record, only: step_record
@@ -60,6 +65,7 @@ contains
    end function midpoint_fits
 
    !> Whether momenta are eliminated, and matrices or rows solve what remains.
+   !> Products are left out: their steps are those of step/stages/stepper, which iterates first.
    pure logical function midpoint_serves(model, options)
       class(model_type), intent(in) :: model
       type(newton_options), intent(in) :: options
@@ -67,7 +73,9 @@ contains
       midpoint_serves = model%traits%eliminates_momenta() .and. choose_way(model, options) /= by_products
    end function midpoint_serves
 
-   !> What solves the linear systems of a model fastest.
+   !> What solves the systems (I + (h/4) K) d = r of a model fastest: rows where K is tridiagonal, products where it
+   !> is dense and large, else matrices. Rows need second derivatives of their own, since differences of gradients
+   !> cost a matrix all the same. Damping and given numbers of iterations are those of matrices alone.
    pure integer function choose_way(model, options) result(way)
       class(model_type), intent(in) :: model
       type(newton_options), intent(in) :: options
@@ -83,7 +91,8 @@ contains
       end associate
    end function choose_way
 
-   !> What solves, for the lanes of a block that go together.
+   !> Make the part that solves, and say how many lanes of a block go together in it. Rows that the model gives are
+   !> taken by strips; the bands of other models are asked of a whole block, if it is made of strips.
    subroutine make_part(self, way, model, nlane, options, together)
       type(midpoint_stepper), intent(inout) :: self
       integer, intent(in) :: way, nlane
@@ -101,6 +110,8 @@ contains
       case default
          allocate (dense_midpoint :: self%part)
       end select
+      ! States are moved where strips go through a block without a remainder. A noise that moves positions is left
+      ! out: move_together adds no g.
       self%moves = way == by_rows .and. modulo(nlane, together) == 0 .and. .not. self%has_shift
       select type (part => self%part)
       type is (tridiagonal_midpoint)
@@ -112,7 +123,8 @@ contains
       end select
    end subroutine make_part
 
-   !> Room for the lanes of a strip, and for states that are moved while they are near.
+   !> Allocate copies of the states and weights of a strip, where states are moved or the last strip of a block is
+   !> not full.
    subroutine make_room_of_strips(self)
       type(midpoint_stepper), intent(inout) :: self
 
@@ -124,6 +136,8 @@ contains
       end associate
    end subroutine make_room_of_strips
 
+   !> Increments of all lanes, strip by strip where these go together. Each strip is told how many of its lanes are
+   !> real paths, which is what counters count.
    subroutine increment(self, step, q, p, dq, dp, status)
       class(midpoint_stepper), intent(inout) :: self
       type(step_record), intent(in) :: step
@@ -149,7 +163,8 @@ contains
       end associate
    end subroutine increment
 
-   !> Update (q, p) strip by strip, in cache.
+   !> Update (q, p) strip by strip, in cache: the sums that the caller would form from increments are formed here,
+   !> with the same bits (step/midpoint/update). There is no remainder, as make_part has seen to.
    subroutine move(self, step, q, p, status)
       class(midpoint_stepper), intent(inout) :: self
       type(step_record), intent(in) :: step
@@ -172,7 +187,8 @@ contains
       end associate
    end subroutine move
 
-   !> The last lanes of a block, too few to go together: the very last one fills up, in copies that rest.
+   !> Take the last lanes of a block, too few for a strip. The strip is filled up with copies of the very last lane,
+   !> which are given a status and so rest in every iteration.
    subroutine fill_up(self, before, w, q, p, dq, dp, status)
       class(midpoint_stepper), intent(inout) :: self
       integer, intent(in) :: before   !! lanes that are done
@@ -200,7 +216,8 @@ contains
       end associate
    end subroutine fill_up
 
-   !> One step of the states of lanes that go together.
+   !> One step of the states of a strip: (q, p) of the lanes without a status become those after the step, and a lane
+   !> whose new state is not finite gets a status and keeps the old one.
    subroutine move_together(self, nlane, before, w, q, p, status)
       class(midpoint_stepper), intent(inout) :: self
       integer, intent(in) :: nlane, before
@@ -212,6 +229,8 @@ contains
       call solve_for_v(self, nlane, before, w, q, p, status)
       associate (eq => self%eq, n => self%eq%n, together => self%eq%nlane, first => before + 1, &
                  last => before + self%eq%nlane)
+         ! Where a lane needs dq as its unknown, increments of the whole strip are formed in copies. base and x are
+         ! free afterwards and take the new states.
          if (eq%noncontracting) then
             self%q = q(first:last, :)
             self%p = p(first:last, :)
@@ -224,6 +243,9 @@ contains
                p(first:last, i) = merge(eq%x(:, i), p(first:last, i), status == 0)
             end do
          else
+            ! |q + h (p + V/2)| and |p + V| are at most (extent + |V|) (1 + |h|), with extent the largest of |q| and
+            ! |p|. As long as that is far from overflow no sum need be looked at. The negation lets a NaN through to
+            ! the closer look.
             if (.not. maxval(self%extent + self%part%newton%size)*(1 + abs(eq%h)) <= 0.1_wp*huge(eq%h)) &
                call find_bad_sums(nlane, n, before, together, eq%h, q, p, eq%x, status)
             call add_in_place(nlane, n, before, together, eq%h, eq%x, status, q, p)
@@ -231,7 +253,7 @@ contains
       end associate
    end subroutine move_together
 
-   !> VEC Rows of a strip.
+   !> VEC y = lanes before+1 .. before+strip_lanes of x: rows of a block become those of a strip.
    pure subroutine take_rows(nlane, nrow, before, x, y)
       integer, intent(in) :: nlane, nrow, before
       real(wp), intent(in) :: x(nlane, nrow)

@@ -1,5 +1,6 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> The implicit midpoint rule without momenta for a single path: eliminated.inc with one lane.
+!> The implicit midpoint rule without momenta for a single path: eliminated.inc with one lane. A path has the bits
+!> that it has in a block.
 !>
 !> Scalars written out by hand, which stood here before, took less time: one or two unknowns take 1.3 to 1.5 times as
 !> long as by them (henon_heiles 91 ns a step instead of 60), eight and more 1.0 to 1.2 times. An iteration calls three
@@ -47,6 +48,8 @@ contains
    end function lanes
 
    !> What solves; products as in a block of one lane, for lanes that step/stages/stepper has not solved by iteration.
+   !> What is allocated here is an extension of midpoint_part, made in a local variable first, since its constructor
+   !> takes the extended type. One lane goes "together": there are no strips, and `move` is not offered.
    subroutine make_part(self, way, model, nlane, options, together)
       type(midpoint_stepper), intent(inout) :: self
       integer, intent(in) :: way, nlane
@@ -73,6 +76,7 @@ contains
       end if
    end subroutine make_part
 
+   !> dq and dp of the path.
    subroutine increment(self, step, q, p, dq, dp, status)
       class(midpoint_stepper), intent(inout) :: self
       type(step_record), intent(in) :: step

@@ -3,13 +3,24 @@
 !>
 !> Both unknowns of step/midpoint/eliminated, V = dp and dq, obey
 !>
-!>    x + f(base + c x) = 0,   f' = (h/4) Hhat_qq
+!>    x + f(base + c x) = 0,   d f/d x = (h/4) Hhat_qq
 !>
 !>    x = V     base = q_n + (h p_n + g)/2   c = h/4    f = Hhat_q
 !>    x = dq    base = q_n                   c = 1/2    f = (h/2) Hhat_q - (h p_n + g)
 !>
-!> A part takes this for some lanes and finds x by Newton's iteration with matrices I + (h/4) Hhat_qq: how it
-!> solves these is all that the parts differ in (step/midpoint/dense, _by_rows, _by_products).
+!> where g is the part of Hhat_p that additive noise makes. The derivative by x is the same in both cases, for V
+!> since c = h/4, for dq since c = 1/2 stands beside the factor h/2 of f. So one residual, one matrix and one way to
+!> solve serve both.
+!>
+!> A part takes the equation of some lanes and finds x by Newton's iteration
+!>
+!>    x <- x - (I + (h/4) K(Q))^{-1} (x + f(Q)),   Q = base + c x,   K = Hhat_qq,
+!>
+!> and how it solves these linear systems is all that the parts differ in: step/midpoint/dense eliminates matrices,
+!> step/midpoint/tridiagonal the rows of a chain, and step/midpoint/krylov multiplies by K alone.
+!>
+!> The equation is a type of its own, apart from the parts, because the stepper sets it up (base, c, drift) and the
+!> part only reads it, but for x and the rate.
 !>
 !> Private to its family.
 module symsde_step_midpoint_equation
@@ -22,6 +33,8 @@ module symsde_step_midpoint_equation
    public :: position, correct_pair, weigh_force
 
    !> The equations of the lanes that are taken through a step together.
+   !> Its arrays hold lanes in the first index, so that a kernel runs over them in vectors. The stepper sets h, t, c,
+   !> base and drift, and the part finds x and the rate.
    type :: midpoint_equation
       integer :: nlane = 0, n = 0, m = 0         !! lanes, degrees of freedom, noises
       integer :: nreal = 0                       !! real paths among the lanes, what the counters count
@@ -41,6 +54,7 @@ module symsde_step_midpoint_equation
    end type midpoint_equation
 
    !> How the equation is solved.
+   !> A part holds its Newton iteration, whose counts, stopping test and options are those of every stepper.
    type, abstract :: midpoint_part
       type(newton_type) :: newton
    contains
@@ -72,6 +86,7 @@ contains
    end subroutine new_midpoint_equation
 
    !> Room for its lanes.
+   !> Rows 0 and n+1 of base are zero and stay so: a chain reads its neighbours there, and its ends have none.
    subroutine make_room(self)
       class(midpoint_equation), intent(inout) :: self
 
@@ -82,6 +97,8 @@ contains
    end subroutine make_room
 
    !> Whether this is the first iteration for V, where the point is base.
+   !> There x = 0, so Q = base and no pass is needed to find it, and the Hessian of this point tells the rate. The
+   !> iteration for dq begins from the dq of V instead.
    pure logical function starts(self, newton)
       class(midpoint_equation), intent(in) :: self
       type(newton_type), intent(in) :: newton
@@ -89,7 +106,7 @@ contains
       starts = newton%iteration == 0 .and. .not. self%for_dq
    end function starts
 
-   !> From the force in rows first .. last to f of this unknown.
+   !> Make the f of this unknown from Hhat_q, in rows first .. last of all lanes: nothing is to be done for V.
    subroutine weigh(self, first, last, f)
       class(midpoint_equation), intent(in) :: self
       integer, intent(in) :: first, last

@@ -1,7 +1,10 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> The implicit midpoint rule for any model, q and p both unknown, for blocks of paths. The equations and how they are
-!> solved stand in the body, full.inc; here is how the sweeps of a block go through its lanes: in parts that stay in
-!> cache.
+!> The implicit midpoint rule for any model, q and p both unknown, for blocks of paths: F = Hhat_p(Q, P),
+!> G = -Hhat_q(Q, P). The equations and how they are solved stand in the body, full.inc.
+!>
+!> Here is how the sweeps of a block go through its lanes: a few at a time through all of their sweeps, in arrays
+!> that stay in cache. A part of the block is done when its own lanes are, and does not wait for others. Newton's
+!> iteration takes the block as it is.
 module symsde_step_midpoint_full
    use symsde_base_kinds, only: wp, i8
    use symsde_base_lanes, only: lane_unit
@@ -28,8 +31,9 @@ module symsde_step_midpoint_full
       lanes = nlane
    end function lanes
 
-   !> Whether this stepper executes the task: where step/midpoint/eliminated and step/stages/stepper do not eliminate
-   !> momenta.
+   !> Whether this stepper executes the task: the midpoint rule where step/midpoint/eliminated and
+   !> step/stages/stepper do not eliminate momenta. Damping and given numbers of iterations are executed for all
+   !> models.
    logical function midpoint_full_fits(task) result(fits)
       type(stepper_task), intent(in) :: task
 
@@ -40,7 +44,8 @@ module symsde_step_midpoint_full
       end associate
    end function midpoint_full_fits
 
-   !> Lanes that are swept together: a divisor of all, in vectors, few enough for the nearest cache.
+   !> Lanes that are swept together: a divisor of all, in whole vectors, few enough for an array of so many lanes and
+   !> ndof columns to stay in the nearest cache.
    pure integer function lanes_together(nlane, ndof) result(width)
       integer, intent(in) :: nlane, ndof
       integer, parameter :: cached = 1024  ! numbers of one array
@@ -51,7 +56,8 @@ module symsde_step_midpoint_full
       end do
    end function lanes_together
 
-   !> Increments of the lanes without a status where sweeps contract; in the others self%left = 0, else -1.
+   !> dq and dp of the lanes without a status whose sweeps contract, part by part. In lanes that were given up
+   !> self%left = 0, else -1. Each part is told how many of its lanes are real paths, for the counters.
    subroutine sweep_all(self, ham, t, w, q, p, dq, dp, status)
       type(fixed_point_sweeps), intent(inout) :: self
       type(one_step_hamiltonian), intent(inout) :: ham

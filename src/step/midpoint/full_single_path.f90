@@ -1,5 +1,6 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> The implicit midpoint rule for any model and a single path: full.inc with one lane.
+!> The implicit midpoint rule for any model and a single path: F = Hhat_p(Q, P), G = -Hhat_q(Q, P), by full.inc with
+!> one lane. A path has the bits that it has in a block. Its sweeps need no parts and no copies of the state.
 module symsde_step_midpoint_full_single_path
    use symsde_base_kinds, only: wp, i8
    use symsde_base_record, only: step_record
@@ -26,6 +27,7 @@ module symsde_step_midpoint_full_single_path
       lanes = 1
    end function lanes
 
+   !> The path is swept by itself.
    pure integer function lanes_together(nlane, ndof) result(width)
       integer, intent(in) :: nlane, ndof
 

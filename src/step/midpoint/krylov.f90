@@ -4,8 +4,12 @@
 !>
 !>    r = x + f(Q),  Q = base + c x;   A d = r  with  A v = v + (h/4) Hhat_qq(Q) v;   x <- x - d
 !>
-!> GMRES (step/implicit/newton_krylov) finds d from a few products A v. Each is a product with the Hessian, or the
-!> difference of two gradients; a matrix would take ndof of them, and ndof^3/3 operations to eliminate.
+!> GMRES (step/implicit/newton_krylov) finds d from a few products A v, as many as the goal of the iteration takes.
+!> Each is a product with the Hessian, or the difference of two gradients; a matrix would take ndof of them, and
+!> ndof^3/3 operations to eliminate.
+!>
+!> A is close to I where (h omega)^2/4 is small, so that few products do. The iteration ends by the test of all
+!> others: the root is that of the parts with matrices.
 !>
 !> Private to its family.
 module symsde_step_midpoint_krylov
@@ -32,6 +36,7 @@ module symsde_step_midpoint_krylov
 contains
 
    !> Room for nlane lanes and two degrees of freedom or more.
+   !> No matrices are made room for: of the Newton iteration only its test is used.
    subroutine new_krylov_midpoint(self, model, nlane, options)
       type(krylov_midpoint), intent(out) :: self
       class(model_type), intent(in) :: model
@@ -45,6 +50,8 @@ contains
       end associate
    end subroutine new_krylov_midpoint
 
+   !> x of the lanes without a status, from V = 0 or from the dq that V gave. Matrix, goal and judgement of every
+   !> iteration are those of step/implicit/newton_krylov; here are the residual x + f and the products.
    subroutine solve(self, ham, eq, w, status)
       class(krylov_midpoint), intent(inout) :: self
       type(one_step_hamiltonian), intent(inout) :: ham
@@ -59,6 +66,7 @@ contains
          call newton%start(status)
          do while (newton%running)
             first = eq%starts(newton)
+            ! Residual r = x + f(Q): the force at Q, made the f of this unknown, and x added.
             call position(nlane*n, eq%c, eq%base(1, 1), eq%x, self%q)
             call ham%model%gradient(nlane, n, eq%m, eq%t, w, self%q, eq%still, hq=self%r)
             ham%counters%gradients = ham%counters%gradients + eq%nreal
@@ -72,6 +80,8 @@ contains
                call products%take()
             end do
             call products%finish(newton, eq%x, status, ham%counters)
+            ! |A v| - 1 is at most |(h/4) K v|, so a lane that is called noncontracting has a rate above one. A lane
+            ! is judged by its own vectors alone, for its bits must not depend on what its neighbours want of GMRES.
             if (first) eq%rate = products%krylov%largest - 1  ! the largest |A v| of vectors of size one
             if (first) eq%noncontracting = any(eq%rate > 1)
          end do

@@ -1,5 +1,6 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> The energy-drift-preserving scheme, whose step has a mean of forces, for blocks of paths: mean_force.inc.
+!> The energy-drift-preserving scheme, whose step has a mean of forces, F = int_0^1 V'(q_n + s h Psi) ds, for blocks
+!> of paths: the equations and their derivation stand in the body, mean_force.inc.
 module symsde_step_midpoint_mean_force
    use symsde_base_kinds, only: wp, i8
    use symsde_base_record, only: step_record
@@ -25,7 +26,8 @@ module symsde_step_midpoint_mean_force
       lanes = nlane
    end function lanes
 
-   !> Whether this stepper executes the task.
+   !> Whether this stepper executes the task: a tableau of averaged forces, H = p.p/2 + V(q), and no noise but
+   !> additive noise in p.
    logical function mean_force_fits(task) result(fits)
       type(stepper_task), intent(in) :: task
 
@@ -36,7 +38,9 @@ module symsde_step_midpoint_mean_force
       end associate
    end function mean_force_fits
 
-   !> Whether a tableau is that of averaged forces: a_ij = c_i w_j, abar_ij = w_j/2, bbar_ij = w_j.
+   !> Whether a tableau is that of averaged forces: a_ij = c_i w_j, abar_ij = w_j/2, bbar_ij = w_j. Its stages are
+   !> Q_i = q_n + c_i h Psi with Psi = sum_j w_j P_j, and all P_i are Psi = p_n + g - (h/2) sum_j w_j V'(Q_j).
+   !> Coefficients are compared up to rounding, for a user may have written the same tableau.
    pure logical function averages_forces(scheme)
       type(scheme_type), intent(in) :: scheme
       real(wp), parameter :: rounding = 4*epsilon(1.0_wp)

@@ -1,17 +1,24 @@
 ! SPDX-License-Identifier: BSD-3-Clause
 !> Midpoint around the mean of the path, for any H with additive noise: strong order 3/2.
 !>
-!> With x = z + B (W - W_n), B_k the constant field of H_k, z has no noise but a time_dependent Hamiltonian, and
+!> With x = z + B (W - W_n), B_k the constant field of H_k, z has no noise but a Hamiltonian that depends on time. A
+!> midpoint step of z needs the mean of its gradient over the step. So the path is replaced by its mean, the shift B
+!> dZ/h, and its spread around that by a second difference of H:
 !>
 !>    z' = z + h J^{-1} grad H*((z + z')/2 + B dZ/h),   H* = H + (|h|/12) sum_k B_k^T Hess H B_k,
 !>    x_{n+1} = z' + B dW
 !>
-!> that is the midpoint rule for H* between two constant shifts: symplectic for every h, dW, dZ. Where B changes
-!> in time it is taken at the middle of the step, B dW becomes B dW + c, c = -(B_{n+1} - B_n) (dZ/h - dW/2), and B dZ/h,
-!> the mean of the shift, B dZ/h + c/2: as much of c before the middle as after it, so the step is symmetric. The second
-!> difference of H that stands for B^T Hess H B is a Hamiltonian itself (step/hamiltonian/brackets). For noise in
-!> position and H = p.p/2 + U(q) it is constant: the step is then that of step/midpoint/eliminated, which eliminates
-!> momenta.
+!> with |h|/12 half of the mean square of W - W_n - dZ/h. That is the midpoint rule for H* between two constant
+!> shifts: symplectic for every h, dW, dZ. It is computed in this order: x + B dZ/h, the step of H* from there, which
+!> gives its increments, and B dW added to these.
+!>
+!> Where B changes in time it is taken at the middle of the step, B dW becomes B dW + c, c = -(B_{n+1} - B_n)
+!> (dZ/h - dW/2), and B dZ/h, the mean of the shift, B dZ/h + c/2: as much of c before the middle as after it, so the
+!> step is symmetric.
+!>
+!> The second difference of H that stands for B^T Hess H B is a Hamiltonian itself (step/hamiltonian/brackets). For
+!> noise in position and H = p.p/2 + U(q) it is constant: the step is then that of step/midpoint/eliminated, which
+!> eliminates momenta. Else the step is that of step/midpoint/full, with the bracket in its Hamiltonian.
 module symsde_step_midpoint_mean_path
    use symsde_base_counters, only: counters_type, add_counters
    use symsde_base_functionals, only: path_dz
@@ -51,6 +58,8 @@ module symsde_step_midpoint_mean_path
 
 contains
 
+   !> Make the inner stepper of H* and what is around it. A single path has inner steppers of one lane. The rescue is
+   !> that of the inner equations: the tableau by itself, without dZ, would be another scheme.
    subroutine make(self, task)
       class(mean_path_stepper), intent(inout) :: self
       type(stepper_task), intent(in) :: task
@@ -93,6 +102,8 @@ contains
       end associate
    end subroutine make
 
+   !> dq and dp: shift the state to the mean of the path, take the step of H*, add the shift of the whole step to the
+   !> increments. B is read at the middle of the step; weigh(a, b) makes weights a dW + b dZ/h.
    subroutine increment(self, step, q, p, dq, dp, status)
       class(mean_path_stepper), intent(inout) :: self
       type(step_record), intent(in) :: step
@@ -113,7 +124,8 @@ contains
       self%shift%asked = 0
    end subroutine increment
 
-   !> The step of H* from (qs, ps), without noise.
+   !> The step of H* from (qs, ps), with weights (h, 0, .., 0). Lanes that fail in it are rescued with the same
+   !> weights and the same state; `failed` >= 0 keeps those out that had failed before.
    subroutine drift_midpoint(self, step, dq, dp, status)
       type(mean_path_stepper), intent(inout), target :: self
       type(step_record), intent(in) :: step
@@ -132,7 +144,8 @@ contains
          call self%rescue%attempt(self%ham%nlane, drift, self%qs, self%ps, failed, dq, dp, status)
    end subroutine drift_midpoint
 
-   !> A share of c, where B changes in time.
+   !> Add a share of c = -(B_{n+1} - B_n) (dZ/h - dW/2) to (q, p), where B changes in time: the shift with weights
+   !> dW/2 - dZ/h and B at the end of the step, less the one with B at its beginning.
    subroutine add_change(self, step, share, q, p)
       type(mean_path_stepper), intent(inout) :: self
       type(step_record), intent(in) :: step

@@ -1,5 +1,6 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> The implicit midpoint rule for any model of one degree of freedom, for blocks of paths: one_dof.inc.
+!> The implicit midpoint rule for any model of one degree of freedom, F = Hhat_p(Q,P), G = -Hhat_q(Q,P), for blocks
+!> of paths: the body is one_dof.inc. Here is how the model of a block is asked, by one call for all lanes.
 module symsde_step_midpoint_one_dof
    use symsde_base_kinds, only: wp, i8
    use symsde_base_record, only: step_record
@@ -22,14 +23,14 @@ module symsde_step_midpoint_one_dof
       lanes = nlane
    end function lanes
 
-   !> Whether this stepper executes the task.
+   !> Whether this stepper executes the task: the plain midpoint rule of one degree of freedom.
    logical function midpoint_one_dof_fits(task) result(fits)
       type(stepper_task), intent(in) :: task
 
       fits = task%is_plain() .and. task%scheme%is_midpoint() .and. task%model%traits%ndof == 1
    end function midpoint_one_dof_fits
 
-   !> Hhat_p of separable Hamiltonians.
+   !> Hhat_p of separable Hamiltonians, which does not depend on q: the first guess of F.
    subroutine find_velocity(self, tm, w, q, p, hp)
       type(midpoint_one_dof_stepper), intent(inout) :: self
       real(wp), intent(in) :: tm, w(self%ham%nlane, 0:self%ham%nnoise), q(self%ham%nlane, 1), p(self%ham%nlane, 1)
@@ -38,7 +39,8 @@ module symsde_step_midpoint_one_dof
       call self%ham%velocity(tm, w, q, p, hp)
    end subroutine find_velocity
 
-   !> Gradient and Hessian at (q, p): zero for a fixed-point iteration, as the mixed derivative of a separable model is.
+   !> Gradient and Hessian at (q, p). The Hessian is set to zero for a fixed-point iteration, whose step is then
+   !> Newton's with the matrix I, and Hhat_qp stays zero for a separable model.
    subroutine evaluate(self, tm, w, q, p, first)
       type(midpoint_one_dof_stepper), intent(inout) :: self
       real(wp), intent(in) :: tm, w(self%ham%nlane, 0:self%ham%nnoise), q(self%ham%nlane, 1), p(self%ham%nlane, 1)

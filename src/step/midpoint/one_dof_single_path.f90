@@ -1,5 +1,7 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> The implicit midpoint rule for any model of one degree of freedom and a single path: one_dof.inc with one lane.
+!> The implicit midpoint rule for any model of one degree of freedom and a single path, F = Hhat_p(Q,P),
+!> G = -Hhat_q(Q,P): one_dof.inc with one lane. The Hamiltonian of one angle is asked for its terms once a step
+!> (step/midpoint/angle).
 module symsde_step_midpoint_one_dof_single_path
    use symsde_base_kinds, only: wp, i8
    use symsde_base_record, only: step_record
@@ -24,7 +26,8 @@ module symsde_step_midpoint_one_dof_single_path
       lanes = 1
    end function lanes
 
-   !> Hhat_p of separable Hamiltonians.
+   !> Hhat_p of separable Hamiltonians, the first guess of F. With terms of an angle it is e p; the terms serve the
+   !> whole step.
    subroutine find_velocity(self, tm, w, q, p, hp)
       type(midpoint_one_dof_stepper), intent(inout) :: self
       real(wp), intent(in) :: tm, w(1, 0:self%ham%nnoise), q(1, 1), p(1, 1)

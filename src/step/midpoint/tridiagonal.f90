@@ -4,11 +4,23 @@
 !>
 !>    (I + (h/4) K(Q)) d = x + f(Q),   Q = base + c x;   x <- x - d
 !>
-!> Lanes are eliminated in strips whose number the compiler knows, so that what a row hands to the next one
+!> Rows are eliminated from both ends, downwards in an upper front and upwards in a lower one, until the two meet;
+!> from there d is found outwards and x is corrected at once (solve/tridiagonal). Without exchanges of rows: K is
+!> symmetric, and where I + (h/4) K is positive definite elimination is stable. Lanes whose pivots are not trusted go
+!> to LAPACK.
+!>
+!> Lanes are eliminated in strips whose number of lanes the compiler knows, so that what a row hands to the next one
 !> stays in registers. Where the model gives its rows (chain_rows), a strip takes the whole step alone, in arrays
-!> that stay in the nearest caches, 640 bytes a row, and the rows are eliminated a panel at a time, as they come, from
-!> both ends: neither force nor matrix is ever stored as a whole. Other models are asked for the bands of all lanes of a
-!> block at once, which their calls are better shared by, and are then eliminated in the same strips.
+!> that stay in the nearest caches, 640 bytes a row, and the rows are eliminated a panel at a time, as they come,
+!> from both ends: neither force nor matrix is ever stored as a whole. Other models are asked for the bands of all
+!> lanes of a block at once, which their calls are better shared by, and are then eliminated in the same strips.
+!>
+!> An iteration is
+!>
+!>    linearise    f and K in rows first .. last, at Q
+!>    eliminate    these rows, after those before them in their front
+!>    correct      d where the fronts meet, then x <- x - d outwards, with the sizes of d and x
+!>    judge        the stopping test of all lanes
 !>
 !> Private to its family.
 module symsde_step_midpoint_tridiagonal
@@ -46,8 +58,10 @@ module symsde_step_midpoint_tridiagonal
 
 contains
 
-   !> For nlane lanes, a multiple of strip_lanes; strip_lanes where the model gives its rows. Room is made for the first
-   !> step.
+   !> Make the part for nlane lanes, a multiple of strip_lanes, and strip_lanes itself where the model gives its
+   !> rows: then a panel of rows is evaluated at once, else all of them. Room is made for the first step. The
+   !> quadratic stopping test is for rows and Hessian-vector products of the model; other bands are not taken to be
+   !> exact derivatives.
    subroutine new_tridiagonal_midpoint(self, model, nlane, options)
       type(tridiagonal_midpoint), intent(out) :: self
       class(model_type), intent(in) :: model
@@ -63,7 +77,8 @@ contains
       end associate
    end subroutine new_tridiagonal_midpoint
 
-   !> Room for its lanes.
+   !> Allocate the arrays of a panel (or of all rows), the eliminated rows of a strip, and for models without rows
+   !> copies of a strip of the block.
    subroutine make_room(self, nlane, n)
       type(tridiagonal_midpoint), intent(inout) :: self
       integer, intent(in) :: nlane, n
@@ -75,6 +90,7 @@ contains
    end subroutine make_room
 
    !> x by Newton's iteration, in room that the first step makes.
+   !> x of the lanes without a status, by Newton's iteration from V = 0 or from the dq that V gave.
    subroutine solve(self, ham, eq, w, status)
       class(tridiagonal_midpoint), intent(inout) :: self
       type(one_step_hamiltonian), intent(inout) :: ham
@@ -90,6 +106,9 @@ contains
       end do
    end subroutine solve
 
+   !> One Newton iteration of all lanes. There are three ways through the rows: a model with rows whose chain fits in
+   !> a panel is evaluated once and eliminated; a longer one is evaluated and eliminated panel by panel; and for
+   !> bands of a block the strips are copied and eliminated one after the other.
    subroutine iterate(self, ham, eq, w, status)
       type(tridiagonal_midpoint), intent(inout) :: self
       type(one_step_hamiltonian), intent(inout) :: ham
@@ -105,11 +124,14 @@ contains
          call correct(self, ham, eq, w, 0, eq%x, status)
       else if (self%gives_rows) then
          self%fronts = spread(before_first_row, 3, 2)
+         ! The upper front goes through rows 1 .. h, a panel at a time.
          do first = 1, h, self%nrow
             last = min(first + self%nrow - 1, h)
             call linearise(self, ham%model, eq, w, first, last, self%hq(1, 1), self%hqq(1, 0, 1))
             call eliminate(self, eq, first, last, eq%x, self%hq(1, 1), self%hqq)
          end do
+         ! The lower front goes through the panels of rows h+1 .. n from the last one up. Each is asked for the row
+         ! above it, too: the entry beside the diagonal that ties a panel to that row stands there.
          do first = h + 1 + self%nrow*((eq%n - h + self%nrow - 1)/self%nrow - 1), h + 1, -self%nrow
             last = min(first + self%nrow - 1, eq%n)
             call linearise(self, ham%model, eq, w, first - 1, last, self%hq, self%hqq)
@@ -130,7 +152,7 @@ contains
       call self%newton%judge(status, ham%counters)
    end subroutine iterate
 
-   !> All rows of a strip.
+   !> Eliminate all rows of a strip at once, in both fronts: f and K are those of the whole chain.
    subroutine eliminate_all(self, eq, x, f, k)
       type(tridiagonal_midpoint), intent(inout) :: self
       type(midpoint_equation), intent(in) :: eq
@@ -143,7 +165,9 @@ contains
       end associate
    end subroutine eliminate_all
 
-   !> Rows first .. last of a strip, after those before them in their front.
+   !> Eliminate rows first .. last of a strip, after those before them in their front: rows 1 .. upper_rows(n) belong
+   !> to the upper front, the others to the lower one. factor and rhs of these rows are what remains to be solved
+   !> outwards.
    subroutine eliminate(self, eq, first, last, x, f, k)
       type(tridiagonal_midpoint), intent(inout) :: self
       type(midpoint_equation), intent(in) :: eq
@@ -160,7 +184,8 @@ contains
       end if
    end subroutine eliminate
 
-   !> Force and stiffness in rows first .. last at the point of x.
+   !> f and K in rows first .. last at Q = base + c x. In the first iteration for V the point is base itself, and is
+   !> not copied.
    subroutine linearise(self, model, eq, w, first, last, hq, hqq)
       type(tridiagonal_midpoint), intent(inout) :: self
       class(model_type), intent(in) :: model
@@ -178,7 +203,9 @@ contains
       call eq%weigh(first, last, hq)
    end subroutine linearise
 
-   !> Correct the unknowns of a strip, and tell the rate of its lanes.
+   !> Correct the unknowns of a strip, x <- x - d, from where its fronts meet, and in the first iteration note the
+   !> rate of its lanes: the largest diagonal entry of I + (h/4) K, less one, which the fronts have found on their
+   !> way.
    subroutine correct(self, ham, eq, w, before, x, status)
       type(tridiagonal_midpoint), intent(inout) :: self
       type(one_step_hamiltonian), intent(inout) :: ham
@@ -201,7 +228,8 @@ contains
       end associate
    end subroutine correct
 
-   !> Q in rows first-1 .. last+1
+   !> Q in rows first-1 .. last+1, for a row of a chain reads its neighbours; rows 0 and n+1, beyond its ends, are
+   !> zero.
    pure subroutine place(eq, first, last, q)
       type(midpoint_equation), intent(in) :: eq
       integer, intent(in) :: first, last
@@ -215,7 +243,8 @@ contains
       if (last == eq%n) q(:, eq%n + 1) = 0
    end subroutine place
 
-   !> Force and stiffness in rows first .. last.
+   !> Hhat_q and the two upper bands of Hhat_qq in rows first .. last: hqq(:, 0, i) is the diagonal and hqq(:, 1, i)
+   !> the entry right of it. Models without rows give all of them at once.
    subroutine evaluate(model, gives_rows, eq, w, first, last, q, hq, hqq)
       class(model_type), intent(in) :: model
       logical, intent(in) :: gives_rows
@@ -232,8 +261,10 @@ contains
       end if
    end subroutine evaluate
 
-   !> Running lanes of a strip whose pivots are not trusted are solved by LAPACK from their matrix, computed once
-   !> more: their right-hand sides become the solution and their factors those of the identity.
+   !> Solve running lanes of a strip whose pivots are not trusted by LAPACK, with exchanges of rows, from their
+   !> matrix I + c K, c = h/4, which is computed once more, as panels were not kept. Right-hand sides become the
+   !> solution d and factors zero, those of the identity: then the pass outwards, which follows for all lanes, takes
+   !> d as it is. A matrix that LAPACK calls singular fails the lane.
    subroutine solve_suspects(self, ham, eq, w, before, status)
       type(tridiagonal_midpoint), intent(inout) :: self
       type(one_step_hamiltonian), intent(inout) :: ham
@@ -276,7 +307,7 @@ contains
 
    ! ---- kernels ----------------------------------------------------------------------------------
 
-   !> Unknowns, force and stiffness of a strip of a block.
+   !> Copy unknowns, force and stiffness of a strip from those of a block, whose lanes are farther apart.
    pure subroutine take_strip(nlane, n, before, x, hq, hqq, xs, f, k)
       integer, intent(in) :: nlane, n, before
       real(wp), intent(in) :: x(nlane, n), hq(nlane, n), hqq(nlane, 0:1, n)

@@ -2,8 +2,11 @@
 !> The eliminated midpoint of a chain for a single path: (I + (h/4) K) d = x + f, x <- x - d, as in
 !> step/midpoint/tridiagonal.
 !>
-!> There, for strips of lanes, each row waits for the one before it; here the rows of both ends are eliminated in turn
-!> (solve_lane), in half the time.
+!> There, for strips of lanes, each row waits for the one before it; here the rows of both ends are eliminated in
+!> turn (solve_lane), in half the time: while the upper front waits for its pivot the lower one goes on.
+!>
+!> Force and stiffness of all rows are asked for at once and kept, as one path has room for them. So the few systems
+!> whose pivots are not trusted are solved by LAPACK without a second evaluation.
 !>
 !> Private to its family.
 module symsde_step_midpoint_tridiagonal_single_path
@@ -31,6 +34,7 @@ module symsde_step_midpoint_tridiagonal_single_path
 
 contains
 
+   !> Make the part for one lane and a chain of ndof rows.
    subroutine new_tridiagonal_midpoint(self, model, options)
       type(tridiagonal_midpoint), intent(out) :: self
       class(model_type), intent(in) :: model
@@ -43,6 +47,8 @@ contains
       end associate
    end subroutine new_tridiagonal_midpoint
 
+   !> x of the path, from V = 0 or from the dq that V gave. An iteration is one call of the model, one elimination
+   !> that also corrects x, and one test.
    subroutine solve(self, ham, eq, w, status)
       class(tridiagonal_midpoint), intent(inout) :: self
       type(one_step_hamiltonian), intent(inout) :: ham
@@ -55,12 +61,14 @@ contains
          if (.not. eq%for_dq) eq%x = 0
          call start(newton, status)
          do while (newton%running)
+            ! In the first iteration for V the factor of x is zero: the point is base.
             call position(n, merge(0.0_wp, eq%c, eq%starts(newton)), eq%base(1, 1), eq%x, self%q)
             call ham%model%force_stiffness(1, n, eq%m, 1, eq%t, w, self%q, eq%still, self%f, self%k(0, 1))
             call eq%weigh(1, n, self%f)
             self%before = eq%x(1, :)
             call solve_lane(n, c, self%f, self%k, self%factor, self%rhs, eq%x, trusted, largest, newton%step(1), &
                             newton%size(1))
+            ! largest is that of the diagonal of I + (h/4) K, as in strips.
             if (eq%starts(newton)) then
                eq%rate = largest - 1
                eq%noncontracting = largest - 1 > 1
@@ -73,7 +81,8 @@ contains
       end associate
    end subroutine solve
 
-   !> x + f is solved for by LAPACK where pivots are not trusted.
+   !> Solve (I + c K) d = x + f by LAPACK, with exchanges of rows, where pivots are not trusted: x before its
+   !> correction was kept, and the correction of solve_lane is replaced.
    subroutine solve_suspect(self, ham, eq, status)
       type(tridiagonal_midpoint), intent(inout) :: self
       type(one_step_hamiltonian), intent(inout) :: ham

@@ -3,8 +3,12 @@
 !>
 !>    q_{n+1} = q_n + h (p_n + V/2),   p_{n+1} = p_n + V
 !>
-!> They have the bits of states to which increments are added from memory, so this file is compiled without
-!> contraction: no product is fused with the sum.
+!> They have the bits of states to which increments are added from memory, dq = h (p_n + V/2) rounded first. So this
+!> file is compiled without contraction: no product is fused with the sum. Contracted sums would be as good, but a
+!> run would have other bits where states are moved than where increments are asked for.
+!>
+!> The first two procedures take lanes before+1 .. before+together of states of nlane lanes; V and status are those
+!> of the strip alone.
 !>
 !> Private to its family.
 module symsde_step_midpoint_update
@@ -17,7 +21,8 @@ module symsde_step_midpoint_update
 
 contains
 
-   !> A status where q + dq or p + dp is not finite, dp = V and dq = h (p + V/2).
+   !> Give a lane the status nonfinite where q + dq or p + dp is not finite, dp = V and dq = h (p + V/2). It is
+   !> called only where the sizes of state and V leave room for an overflow, which is rare.
    pure subroutine find_bad_sums(nlane, n, before, together, h, q, p, v, status)
       integer, intent(in) :: nlane, n, before, together
       real(wp), intent(in) :: h, q(nlane, n), p(nlane, n), v(together, n)
@@ -41,7 +46,7 @@ contains
       end do
    end subroutine find_bad_sums
 
-   !> VEC These increments added in lanes without a status.
+   !> VEC q = q + h (p + V/2) and p = p + V in lanes without a status; the others keep their state.
    pure subroutine add_in_place(nlane, n, before, together, h, v, status, q, p)
       integer, intent(in) :: nlane, n, before, together
       real(wp), intent(in) :: h, v(together, n)
@@ -63,7 +68,8 @@ contains
       end do
    end subroutine add_in_place
 
-   !> A status where states are not finite.
+   !> Give a lane the status nonfinite where its state is not finite. The comparison with huge is false for NaN as
+   !> well.
    pure subroutine find_bad(nlane, n, q, p, status)
       integer, intent(in) :: nlane, n
       real(wp), intent(in) :: q(nlane, n), p(nlane, n)
