@@ -1,6 +1,18 @@
 ! SPDX-License-Identifier: BSD-3-Clause
 !> The state of a block: where increments are added, checked and, for a failed path, refused.
 !>
+!>    q_{n+1} = q_n + dq,   p_{n+1} = p_n + dp                 in every lane that is ok and whose sums are finite
+!>
+!> With compensation (Kahan) the sum takes d + low in place of d, and low becomes what the rounding of that sum took.
+!>
+!> A lane fails in three steps, which are apart so that someone can rescue it in between: the stepper or `advance` gives
+!> it a status and leaves its state as it was; the rescue may find increments after all, which `take_rescued` adds;
+!> `record` notes for the others in which step they failed and counts them. From then on nothing moves them, though
+!> their lanes are still computed along.
+!>
+!> States that a model computed by itself are judged instead: several of them at once by `judge`, which takes all or
+!> none, and those of a single step lane by lane by `take_sound`.
+!>
 !> A block has several lanes, or one: a path by itself, whose numbers lie side by side.
 module symsde_step_block_state
    use symsde_base_kinds, only: wp, i8
@@ -11,7 +23,9 @@ module symsde_step_block_state
 
    integer, parameter :: narrow = 4  !! degrees of freedom of a path whose numbers are added one by one
 
-   !> A failed path keeps its last good state, its status and the step in which it failed.
+   !> A failed path keeps its last good state, its status and the step in which it failed. Between its failure and
+   !> `record` its status is set, failed_step is still -1 and nfailed does not count it. Lanes of padding have a status
+   !> from the start.
    type :: lane_state
       integer :: nlane = 0, ndof = 0
       integer :: nfailed = 0                   !! lanes with a status, padding included
@@ -31,7 +45,7 @@ module symsde_step_block_state
       procedure :: take_first
    end type lane_state
 
-   !> States between steps that are taken at once, kept until they are shown.
+   !> States between steps that are taken at once, kept until observers are shown them; low parts are not kept.
    type :: passed_states
       integer :: n = 0                                   !! that are there
       real(wp), allocatable :: q(:, :, :), p(:, :, :)    !! (nlane, ndof, as many as fit)
@@ -58,7 +72,8 @@ contains
 
    !> Add the increments of one step where the result is finite and the lane is still ok. Where that is not so in a lane
    !> that went on until now, failed says so, and the lane has a status: for someone to rescue it, and to `record` in
-   !> which step it failed.
+   !> which step it failed. A step in which all goes well costs no pass over the statuses of its own: the pass that adds
+   !> counts the lanes that it refuses, and more of them than had failed before mean a new failure.
    subroutine advance(self, dq, dp, failed)
       class(lane_state), intent(inout) :: self
       real(wp), intent(in) :: dq(self%nlane, self%ndof), dp(self%nlane, self%ndof)
@@ -80,11 +95,12 @@ contains
       end if
       failed = nbad > self%nfailed
       if (.not. failed) return
-      if (self%nlane == 1) self%bad = 1
+      if (self%nlane == 1) self%bad = 1  ! the ways of a single path do not write it
       where (self%status == 0 .and. self%bad > 0) self%status = nonfinite
    end subroutine advance
 
-   !> Add the increments in lanes that had a status in this step and have none now.
+   !> Add the increments in lanes that had a status in this step and have none now: those which were rescued. All other
+   !> lanes have moved before, and count as bad here.
    subroutine take_rescued(self, status, dq, dp)
       class(lane_state), intent(inout) :: self
       integer(i8), intent(in) :: status(self%nlane)          !! as the step left it
@@ -122,7 +138,8 @@ contains
 
    !> Judge states that a model took whole steps to, before they are shown: taken says that no further lane has failed.
    !> Lanes that had failed keep their last good state in all of them. What is not taken is left to single steps: of
-   !> several it is not known in which a lane failed.
+   !> several it is not known in which a lane failed. Only real lanes are judged, since a model need not compute padding;
+   !> of these nfailed - (nlane - nreal) had failed before.
    subroutine judge(self, nreal, nout, status, q, p, taken)
       class(lane_state), intent(inout) :: self
       integer, intent(in) :: nreal, nout
@@ -161,7 +178,8 @@ contains
       end do
    end subroutine take_sound
 
-   !> Take lanes out that are ok: from here on they are like those that failed, with a status of their own.
+   !> Take lanes out that are ok, because an observer has seen all that it wants of them: from here on they are like
+   !> those that failed, with a status of their own.
    subroutine retire(self, leaves, status, step)
       class(lane_state), intent(inout) :: self
       logical, intent(in) :: leaves(self%nlane)
@@ -174,7 +192,8 @@ contains
       self%nfailed = count(self%status /= 0)
    end subroutine retire
 
-   !> The states of the first lanes, from where these alone are.
+   !> Load the states of the first nlane lanes from arrays that hold these alone: a state in passing becomes the state
+   !> that an observer sees.
    pure subroutine take_first(self, nlane, q, p)
       class(lane_state), intent(inout) :: self
       integer, intent(in) :: nlane
@@ -187,7 +206,7 @@ contains
       end do
    end subroutine take_first
 
-   !> Lanes that have a status since this step failed in it.
+   !> Note this step for lanes that have got a status since the last call, and count all that have one.
    subroutine record(self, step)
       class(lane_state), intent(inout) :: self
       integer(i8), intent(in) :: step   !! absolute
@@ -196,7 +215,7 @@ contains
       self%nfailed = count(self%status /= 0)
    end subroutine record
 
-   !> Keep one more state.
+   !> Keep one more state, after those that are there.
    subroutine put(self, state)
       class(passed_states), intent(inout) :: self
       type(lane_state), intent(in) :: state
@@ -216,7 +235,8 @@ contains
 
    ! ---- kernels ----------------------------------------------------------------------------------
 
-   !> VEC One degree of freedom: check and add in one pass.
+   !> VEC One degree of freedom: check and add in one pass. With several the verdict on a lane needs all its sums before
+   !> any is taken, hence two passes (find_bad, add).
    pure subroutine advance_one(nlane, dq, dp, q, p, status, bad, nbad)
       integer, intent(in) :: nlane
       real(wp), intent(in) :: dq(nlane), dp(nlane)
@@ -242,7 +262,8 @@ contains
       nbad = int(count)
    end subroutine advance_one
 
-   !> A path by itself: nbad = 0 where the sums of its numbers are finite and it is ok, and then they are taken.
+   !> A path by itself: nbad = 0 where the sums of its n numbers are finite and it is ok, and then they are taken; else
+   !> nbad = 1 and nothing changes.
    pure subroutine advance_path(n, dq, dp, q, p, status, nbad)
       integer, intent(in) :: n
       real(wp), intent(in) :: dq(n), dp(n)
@@ -265,7 +286,7 @@ contains
       end if
    end subroutine advance_path
 
-   !> The same by Kahan's summation.
+   !> The same by Kahan's summation. Whether x + d is finite is asked of the plain sum.
    pure subroutine advance_path_compensated(n, dq, dp, q, p, q_low, p_low, status, nbad)
       integer, intent(in) :: n
       real(wp), intent(in) :: dq(n), dp(n)
@@ -282,8 +303,8 @@ contains
       end do
    end subroutine advance_path_compensated
 
-   !> VEC Whether x + d is finite. Few numbers have just been written one by one: a vector of them would wait until they
-   !> are in memory.
+   !> VEC Whether x + d is finite in all n numbers. Up to four numbers are tested one by one: they have just been stored
+   !> one by one, and a vector load of them would have to wait until these stores are in memory.
    pure logical function has_finite_sums(n, x, d)
       integer, intent(in) :: n
       real(wp), intent(in) :: x(n), d(n)
@@ -305,7 +326,8 @@ contains
       has_finite_sums = count == 0
    end function has_finite_sums
 
-   !> x + d, what rounding takes from it in low.
+   !> x = x + d by Kahan's summation: low is what rounding took from the last sum, and is given back to this one. No
+   !> step of this may be simplified: in exact arithmetic low is zero.
    pure subroutine add_low(d, x, low)
       real(wp), intent(in) :: d
       real(wp), intent(inout) :: x, low
@@ -317,7 +339,7 @@ contains
       x = s
    end subroutine add_low
 
-   !> VEC Whether a lane has a status.
+   !> VEC Whether any lane has a status: the bits of all together, since a loop that stops early would not vectorise.
    pure logical function any_status(nlane, status)
       integer, intent(in) :: nlane
       integer(i8), intent(in) :: status(nlane)
@@ -331,7 +353,8 @@ contains
       any_status = bits /= 0
    end function any_status
 
-   !> VEC How many of the real lanes have a status, or a state among the n that is not finite.
+   !> VEC nbad = how many of the real lanes have a status, or a number among the n that is not finite; bad = 1 in these.
+   !> Here n counts the numbers of all states, one after the other.
    pure subroutine find_bad_states(nlane, n, nreal, status, q, p, bad, nbad)
       integer, intent(in) :: nlane, n, nreal
       integer(i8), intent(in) :: status(nlane)
@@ -355,7 +378,9 @@ contains
       nbad = int(count)
    end subroutine find_bad_states
 
-   !> VEC As integers the bits of |x| are ordered as |x|, with infinities and NaNs above all.
+   !> VEC Whether all n numbers of q and p are finite. As integers the bits of |x| are ordered as |x|, with infinities
+   !> and NaNs above all, so huge_bits - bits(|x|) is negative only for these, and the sign stays in `ior`. Adding up
+   !> 0*x would make every sum wait for the one before.
    pure logical function are_finite(n, q, p)
       integer, intent(in) :: n
       real(wp), intent(in) :: q(n), p(n)
@@ -371,7 +396,7 @@ contains
       are_finite = bad >= 0
    end function are_finite
 
-   !> VEC The last good state in lanes with a status.
+   !> VEC Put the last good state (q, p) in place of all nout states (qn, pn) in lanes with a status.
    pure subroutine keep(nlane, ndof, nout, q, p, status, qn, pn)
       integer, intent(in) :: nlane, ndof, nout
       real(wp), intent(in) :: q(nlane, ndof), p(nlane, ndof)
@@ -389,7 +414,8 @@ contains
       end do
    end subroutine keep
 
-   !> VEC bad = 1 in lanes that have failed or would not stay finite, else 0.
+   !> VEC bad = 1 in lanes that have failed or would not stay finite, else 0; nbad = how many these are. The verdict is a
+   !> real number, as wide as the numbers that it decides on: both fit the same vectors.
    pure subroutine find_bad(nlane, ndof, dq, dp, q, p, status, bad, nbad)
       integer, intent(in) :: nlane, ndof
       real(wp), intent(in) :: dq(nlane, ndof), dp(nlane, ndof), q(nlane, ndof), p(nlane, ndof)
@@ -411,7 +437,7 @@ contains
       nbad = nint(sum(bad))
    end subroutine find_bad
 
-   !> VEC
+   !> VEC x = x + d in lanes that are not bad.
    pure subroutine add(nlane, ndof, d, bad, x)
       integer, intent(in) :: nlane, ndof
       real(wp), intent(in) :: d(nlane, ndof), bad(nlane)
