@@ -1,5 +1,14 @@
 ! SPDX-License-Identifier: BSD-3-Clause
 !> The one place where a stepper is chosen: an ordered list of steppers that describe themselves.
+!>
+!> A run resolves its task once (`resolve_task`): it decides on the correction of one-sided schemes, checks what the
+!> scheme needs of the model, and takes a tableau in place of a Galerkin scheme where these are the same for the model.
+!> Then blocks of every width are made from the task (`make_stepper`): steppers are asked one after the other whether
+!> they fit, and the first one that does is taken. A stepper that fits leaves out what the traits of the model prove to
+!> be unnecessary; the oracles at the end of the list leave out nothing, and a task that wants them begins there.
+!>
+!> What decides are the traits of the model and the form, frame and coefficients of the scheme. For one lane the
+!> instance of a body for a single path is allocated, where there is one.
 module symsde_step_factory
    use symsde_base_status, only: error_type, raise, incompatible, invalid_argument
    use symsde_base_text, only: to_text
@@ -46,7 +55,9 @@ module symsde_step_factory
       logical :: as_increments = .false.  !! for compensated sums: no states, whose last place is coarser
    end type stepper_options
 
-   !> The order in which steppers are asked, the most special ones first and the oracles last.
+   !> The order in which steppers are asked, the most special ones first and the oracles last. Several may fit a task:
+   !> the midpoint rule with eliminated momenta comes before the one of one degree of freedom, this before the one of
+   !> all unknowns, and all of them before the general tableau.
    enum, bind(c)
       enumerator :: model_flow = 1, verlet_dz, mean_path, explicit, mean_force, midpoint, midpoint_one_dof
       enumerator :: midpoint_full, euler_pair, one_dof, stages
@@ -110,7 +121,8 @@ contains
       end select
    end subroutine offer
 
-   !> Explicit steps of a single path by terms, of a single path, or of a block.
+   !> Explicit steps: of a single path with the sine and cosine terms of an angle, of any other single path, or of a
+   !> block.
    subroutine offer_explicit(task, stepper)
       type(stepper_task), intent(in) :: task
       class(stepper_type), allocatable, intent(inout) :: stepper
@@ -124,7 +136,7 @@ contains
       end if
    end subroutine offer_explicit
 
-   !> A stepper for blocks of nlane lanes.
+   !> A stepper for blocks of nlane lanes, with its task resolved on the way.
    subroutine new_stepper(stepper, model, scheme, options, nlane, error)
       class(stepper_type), allocatable, intent(out) :: stepper
       class(model_type), intent(in), target :: model
@@ -163,7 +175,8 @@ contains
       task%general = options%general
    end subroutine resolve_task
 
-   !> Choose and construct, for a model as blocks see it.
+   !> Choose and construct a stepper for blocks of nlane lanes. The model is given apart from the task since blocks may
+   !> see it through a view that keeps their padding from it.
    subroutine make_stepper(stepper, wanted, model, nlane, error)
       class(stepper_type), allocatable, intent(out) :: stepper
       type(stepper_task), intent(in) :: wanted
@@ -187,7 +200,7 @@ contains
                  'compare with; leave the option out')
    end subroutine make_stepper
 
-   !> A scheme says what it needs of a model.
+   !> Refuse a model that lacks what the scheme needs, and name a scheme that does without.
    subroutine check_needs(model, scheme, error)
       class(model_type), intent(in) :: model
       type(scheme_type), intent(in) :: scheme
@@ -200,7 +213,8 @@ contains
                  model%name//' does not declare it: use '//scheme%needs%instead)
    end subroutine check_needs
 
-   !> Which correction is active: auto means the increments form, or none where it vanishes.
+   !> Which correction is active: auto means the increments form, or none where it vanishes. A scheme takes one where
+   !> its coefficient 1/2 - lambda is not zero. A correction that vanishes is never computed, even where it is wanted.
    subroutine resolve_correction(correction, model, scheme, wanted, error)
       integer, intent(out) :: correction
       class(model_type), intent(in) :: model

@@ -1,9 +1,19 @@
 ! SPDX-License-Identifier: BSD-3-Clause
 !> How much memory a step takes at most, judged from scheme and traits before anything is allocated.
 !>
-!> Upper bounds: vectors of the system's size, and for each lane of an implicit scheme the matrix of its unknowns,
-!> dense or by bands, with the blocks of the Hessian. tests/python/test_memory.py runs models and schemes under a
-!> limit of memory and finds a bound that is too low; one that is too high refuses large systems for nothing.
+!> With n degrees of freedom, m noises, s stages and 2 n s unknowns a block of nlane lanes holds, in numbers of eight
+!> bytes, at most
+!>
+!>    nlane lane + once + rescue,
+!>    lane   = (60 + 16 s) n + (12 + 2 s) (m + 1) + a small matrix,  and what the solver needs:
+!>             dense         unknowns^2 + 6 n^2
+!>             banded        12 ((b + 1) s + 1) unknowns + 6 (2 b + 1) n   with b diagonals beside the main one
+!>             by products   66 unknowns + 65^2
+!>
+!> Stages count twice where noise has coefficients of its own. These are upper bounds: vectors of the system's size, and
+!> for each lane of an implicit scheme the matrix of its unknowns, dense or by bands, with the blocks of the Hessian.
+!> tests/python/test_memory.py runs models and schemes under a limit of memory and finds a bound that is too low; one
+!> that is too high refuses large systems for nothing.
 module symsde_step_memory
    use symsde_base_kinds, only: wp
    use symsde_base_lanes, only: lane_unit
@@ -83,7 +93,8 @@ contains
       numbers = nlane*self%lane + self%once + self%rescue
    end function numbers
 
-   !> Add the matrices of an implicit step: of every lane, and of the one lane that LAPACK works on.
+   !> Add the matrices of an implicit step: of every lane, and of the one lane that LAPACK works on. by_parts says that
+   !> a special stepper takes the step, which may keep bands or form products; the oracle keeps a dense matrix.
    subroutine add_matrices(task, brackets, stages, memory)
       type(stepper_task), intent(in) :: task
       logical, intent(in) :: brackets    !! they are added to the Hamiltonian

@@ -1,9 +1,10 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> Paths that are taken through their steps one by one.
+!> Up to how many paths of a run are taken through their steps one by one.
 !>
-!> A block of few paths pays for full vectors, and for passes over them that tell lanes apart. So every path of such a
-!> run is a block of one lane, by an instance of the stepper's body with one lane, which has the same bits. A stepper
-!> says up to how many paths that is faster.
+!> A block is padded to whole vectors of eight lanes, and its passes tell lanes that are done from others. A run of few
+!> paths pays for both and uses little of either. So every path of such a run is a block of one lane, by the instance of
+!> the stepper's body with one lane, which has the same bits. A stepper says up to how many paths that is faster
+!> (most_single of step/stepper), and most_single here bounds what it may say.
 module symsde_step_scalar_path
    implicit none
    private

@@ -1,11 +1,16 @@
 ! SPDX-License-Identifier: BSD-3-Clause
 !> The abstract stepper: it finds the increment of q and p over one step, for a block of paths.
 !>
+!>    (dq, dp) from (q_n, p_n) and Hhat = h H + sum_k dW_k H_k + ..,     q_{n+1} = q_n + dq,   p_{n+1} = p_n + dp
+!>
 !> A run asks for one thing, "these steps of this state" (`advance`): by default a loop over increments, which are
-!> added, with or without compensation, checked, and refused for failed paths in step/block/state. A stepper that takes
-!> lanes in small groups may add theirs itself while they are near (`moves`); a model that takes whole steps has an
-!> `advance` of its own. It is the same for a block of a thousand paths and for a path by itself, which is a block of
-!> one lane. A stepper owns its workspace: every thread has its own.
+!> added, with or without compensation, checked, and refused for failed paths in step/block/state. Increments and not
+!> states are what a stepper finds, since compensated sums need all digits of dq, which q_{n+1} would round away.
+!>
+!> Two kinds of steppers do more. One that takes lanes in small groups may add their increments itself while these are
+!> in cache (`moves`); a model that takes whole steps has an `advance` of its own. It is the same for a block of a
+!> thousand paths and for a path by itself, which is a block of one lane. A stepper owns its workspace: every thread
+!> has its own.
 !>
 !> A stepper describes itself: which tasks it fits (a function beside its type, asked before there is one, where a form
 !> or frame of its own does not say it), how it is made for one, and what it leaves out. The factory keeps them in
@@ -84,10 +89,10 @@ module symsde_step_stepper
 
 contains
 
-   !> Steps that follow each other, from the state of a block, which is moved; where several states are wanted on the
-   !> way they are put down in passed. The step in which a lane fails is the last one that is taken: then the lane is
-   !> where it was, with a status, and others have gone on. Who asked sees to it that the lane is rescued, or its
-   !> failure recorded.
+   !> Steps that follow each other, from the state of a block, which is moved. Where several states are wanted, one
+   !> after every steps%every steps, they are put down in passed, the last one, too. The step in which a lane fails is
+   !> the last one that is taken: then the lane is where it was, with a status, and others have gone on. Who asked sees
+   !> to it that the lane is rescued, or its failure recorded.
    subroutine advance_by_increments(self, steps, state, passed, ntaken, failed)
       class(stepper_type), intent(inout) :: self
       type(steps_record), intent(inout) :: steps
@@ -118,7 +123,8 @@ contains
       ntaken = steps%nstep
    end subroutine advance_by_increments
 
-   !> Room for the increments of a step.
+   !> Room for the increments of a step, made by the first one: a stepper that moves states itself, or is never used,
+   !> has none before.
    subroutine make_room(self)
       class(stepper_type), intent(inout) :: self
 
@@ -158,7 +164,7 @@ contains
       is_plain = self%is_tableau() .and. self%correction == correction_none .and. .not. self%has_brackets()
    end function is_plain
 
-   !> Add what was counted. Nothing is decided by it.
+   !> Add what was counted to the report of a run. Steppers that hold others add theirs; nothing is decided by counters.
    subroutine tally(self, total)
       class(stepper_type), intent(in) :: self
       type(counters_type), intent(inout) :: total
