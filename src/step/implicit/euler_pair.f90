@@ -4,7 +4,18 @@
 !>    lambda = 0  p_{n+1} = p_n - Hhat_q(p_{n+1},q_n),  q_{n+1} = q_n + Hhat_p(p_{n+1},q_n)   [WHSB] (89)-(90)
 !>    lambda = 1  q_{n+1} = q_n + Hhat_p(p_n,q_{n+1}),  p_{n+1} = p_n - Hhat_q(p_n,q_{n+1})   [WHSB] (91)-(92)
 !>
-!> The unknown is dp or dq: half as many as the general stepper has.
+!> Each method is implicit in one of its ends alone, and explicit in the other. With d the increment of the implicit
+!> end Newton's iteration solves
+!>
+!>    lambda = 0  d + Hhat_q(p_n+d,q_n) = 0,   matrix I + Hhat_qp,   then  dq = Hhat_p(p_n+d,q_n)
+!>    lambda = 1  d - Hhat_p(p_n,q_n+d) = 0,   matrix I - Hhat_pq,   then  dp = -Hhat_q(p_n,q_n+d)
+!>
+!> from d = 0, in half as many unknowns as the general stepper has. (Hhat_qp)_ij is the derivative by q_i and p_j,
+!> Hhat_pq its transpose. The time of the step is that of its q node: t_n for lambda = 0, t_{n+1} for lambda = 1.
+!>
+!> A corrected Hhat has a term with products of derivatives of H_k (step/hamiltonian/one_step), so that in general it
+!> is not separable even where H is. The part of its Hessian with third derivatives is left out of the matrix: the
+!> root is the same.
 module symsde_step_implicit_euler_pair
    use symsde_base_kinds, only: wp, i8
    use symsde_base_record, only: step_record
@@ -37,6 +48,8 @@ contains
       if (fits) fits = is_euler_pair(task%scheme)
    end function euler_pair_fits
 
+   !> Make the stepper. a_11 = 0 is lambda = 0, a_11 = 1 its adjoint; hqp is room for the Hessian, of which the
+   !> adjoint takes the transpose.
    subroutine make(self, task)
       class(euler_pair_stepper), intent(inout) :: self
       type(stepper_task), intent(in) :: task
@@ -54,6 +67,8 @@ contains
    end subroutine make
 
    !> Whether the scheme is one of the pair: one stage, lambda = 0 or 1, drift and noise alike.
+   !> These are a = 0, abar = 1 and a = 1, abar = 0, with alpha = 1 and the node c = a. A scheme with a node of the
+   !> user's own is left to the general stepper.
    pure logical function is_euler_pair(scheme)
       type(scheme_type), intent(in) :: scheme
 
@@ -65,6 +80,8 @@ contains
                       (abs(scheme%a(1, 1) - 1) <= 0 .and. abs(scheme%abar(1, 1)) <= 0)
    end function is_euler_pair
 
+   !> dq and dp: first the implicit end by Newton, then the explicit one from the gradient at (q_n, p_{n+1}) or
+   !> (q_{n+1}, p_n).
    subroutine increment(self, step, q, p, dq, dp, status)
       class(euler_pair_stepper), intent(inout) :: self
       type(step_record), intent(in) :: step
@@ -84,7 +101,8 @@ contains
       end if
    end subroutine increment
 
-   !> Newton for the increment of the implicit end: F = d + Hhat_q(p_n+d,q_n), or d - Hhat_p(p_n,q_n+d).
+   !> Newton for the increment d (nlane, ndof) of the implicit end, from d = 0: d + Hhat_q(p_n+d,q_n) = 0, or
+   !> d - Hhat_p(p_n,q_n+d) = 0 for the adjoint. Lanes with a status rest.
    subroutine solve_end(self, t, w, q, p, d, status)
       type(euler_pair_stepper), intent(inout) :: self
       real(wp), intent(in) :: t, w(self%ham%nlane, 0:self%ham%nnoise)
@@ -103,16 +121,19 @@ contains
             call evaluate(self, t, w, q)
          end if
          if (self%ham%ndof == 1) then
+            ! The equation is d + s f = 0 with s = 1 or -1, and the derivative 1 + s Hhat_qp.
             call self%newton%update_scalar(merge(-1.0_wp, 1.0_wp, self%adjoint), merge(-1.0_wp, 1.0_wp, self%adjoint), &
                                            d, status, self%ham%counters)
          else
+            ! r held f and becomes the residual of the equation.
             self%newton%r = merge(d - self%newton%r, d + self%newton%r, self%adjoint)
             call self%newton%update(d, status, self%ham%counters)
          end if
       end do
    end subroutine solve_end
 
-   !> Hhat_q and I + Hhat_qp at (q_n, p_{n+1}).
+   !> Hhat_q and I + Hhat_qp at (q_n, p_{n+1}), in the right-hand side and the matrix of Newton's iteration. A given
+   !> number of fixed-point iterations needs the gradient alone.
    subroutine evaluate(self, t, w, q)
       type(euler_pair_stepper), intent(inout) :: self
       real(wp), intent(in) :: t, w(self%ham%nlane, 0:self%ham%nnoise), q(self%ham%nlane, self%ham%ndof)
@@ -129,7 +150,8 @@ contains
       end do
    end subroutine evaluate
 
-   !> Hhat_p and I - Hhat_pq at (q_{n+1}, p_n).
+   !> The same for the adjoint: Hhat_p and I - Hhat_pq at (q_{n+1}, p_n). The Hamiltonian gives Hhat_qp, which is
+   !> transposed here.
    subroutine evaluate_adjoint(self, t, w, p)
       type(euler_pair_stepper), intent(inout) :: self
       real(wp), intent(in) :: t, w(self%ham%nlane, 0:self%ham%nnoise), p(self%ham%nlane, self%ham%ndof)

@@ -3,15 +3,28 @@
 !>
 !>    L_h(q_n,q_{n+1}) = ext sum_i [alpha_i P_i . q_d'(c_i) - S_i(P_i,q_d(c_i))],  q_d = sum_mu q^mu l_mu
 !>
-!> with the weighted sum S_i = alpha_i h H + beta_i sum_k dW_k H_k. Stationarity and the Legendre transform
-!> at the left end give (r+s) n equations:
+!> with the weighted sum S_i = alpha_i h H + beta_i sum_k dW_k H_k at the time t_n + c_i h. Here l_mu, mu = 0..s, is
+!> the basis of the polynomials, with q^0 = q_n and q^s = q_{n+1}, and the extremum is taken over the inner q^mu and
+!> over all P_i. Stationarity and the Legendre transform at the left end give (r+s) n equations:
 !>
 !>    alpha_i q_d'(c_i) - S_{i,p}(P_i,Q_i) = 0                                     i = 1..r
 !>    sum_i [alpha_i P_i l_mu'(c_i) - S_{i,q} l_mu(c_i)] + delta_{mu 0} p_n = 0    mu = 0..s-1
 !>
-!> Unknowns are D^mu = q^mu - q_n (mu = 1..s) and E_i = P_i - p_n. Then dq = D^s and, since the basis adds
-!> up to one, dp = -sum_i S_{i,q}. The matrix is not near the identity: LAPACK solves what it must. The oracle of these
-!> schemes, which are executed as tableaus where the mass is constant (scheme/galerkin_tableau).
+!> Unknowns are D^mu = q^mu - q_n (mu = 1..s) and E_i = P_i - p_n, increments and not states, so that their rounding
+!> is relative to the step. Then dq = D^s and, since the basis adds up to one, dp = -sum_i S_{i,q}: the sum of the
+!> momentum equations over mu = 0..s-1 and of p_{n+1} = dL_h/dq_{n+1}.
+!>
+!> With Q_i = q_n + sum_nu l_nu(c_i) D^nu the rows of node i in Newton's matrix are
+!>
+!>                D^nu                                        E_i
+!>    mu      - l_mu(c_i) l_nu(c_i) S_qq (sum over i)     alpha_i l_mu'(c_i) I - l_mu(c_i) S_qp
+!>    node i    alpha_i l_nu'(c_i) I - l_nu(c_i) S_pq     - S_pp
+!>
+!> This matrix is not near the identity: LAPACK solves what elimination without exchanges of rows does not. Where
+!> r > s it needs a nonsingular S_pp.
+!>
+!> This is the oracle of these schemes, which are executed as tableaus where the mass is constant
+!> (scheme/galerkin_tableau).
 module symsde_step_implicit_galerkin
    use symsde_base_kinds, only: wp, i8
    use symsde_base_record, only: step_record
@@ -42,6 +55,8 @@ module symsde_step_implicit_galerkin
 
 contains
 
+   !> Make the stepper from the degree s, the r nodes and weights, and the values and slopes of the basis at the
+   !> nodes.
    subroutine make(self, task)
       class(galerkin_stepper), intent(inout) :: self
       type(stepper_task), intent(in) :: task
@@ -59,6 +74,9 @@ contains
          allocate (self%slope(self%r, 0:self%s), source=scheme%slope)
       end associate
       allocate (self%moment(0:self%s - 1))
+      ! sum_i alpha_i l_mu'(c_i) p_n is what p_n makes in the momentum equations, as P_i = p_n + E_i. It is
+      ! -delta_{mu 0} p_n for a quadrature that integrates l_mu' exactly, and so cancels against the last term: the
+      ! moments are set to zero, or their rounding would be multiplied by p_n.
       do mu = 0, self%s - 1
          self%moment(mu) = dot_product(self%alpha, self%slope(:, mu)) + merge(1, 0, mu == 0)
       end do
@@ -73,6 +91,8 @@ contains
       self%one_solve = self%newton%affine
    end subroutine make
 
+   !> dq = D^s and dp = -sum_i S_{i,q} from the solution, which Newton seeks from D = E = 0. The nodes are evaluated
+   !> once more for dp, at the last iterate.
    subroutine increment(self, step, q, p, dq, dp, status)
       class(galerkin_stepper), intent(inout) :: self
       type(step_record), intent(in) :: step
@@ -82,6 +102,7 @@ contains
       integer :: i, n
 
       n = self%ham%ndof
+      ! Weights alpha_i h and beta_i dW_k of each node: with them the one-step Hamiltonian is S_i.
       do i = 1, self%r
          self%v(:, 0, i) = self%alpha(i)*step%w(:, 0)
          self%v(:, 1:, i) = self%beta(i)*step%w(:, 1:)
@@ -117,7 +138,7 @@ contains
       column_e = (self%s + i - 1)*self%ham%ndof + 1
    end function column_e
 
-   !> (Q_i, P_i) from the unknowns.
+   !> Q_i = q_n + sum_mu l_mu(c_i) D^mu and P_i = p_n + E_i, in qs and ps.
    subroutine node_point(self, i, q, p)
       type(galerkin_stepper), intent(inout) :: self
       integer, intent(in) :: i
@@ -135,6 +156,8 @@ contains
    end subroutine node_point
 
    !> Residuals and matrix. Rows: the momentum equations mu = 0..s-1 first, then the velocities of the nodes.
+   !> Each node adds its own part to both. Where no matrix is kept, a given number of fixed-point iterations, the
+   !> gradient is all that is asked for.
    subroutine linearise(self, t, h, q, p)
       type(galerkin_stepper), intent(inout) :: self
       real(wp), intent(in) :: t, h
@@ -160,7 +183,8 @@ contains
       end do
    end subroutine linearise
 
-   !> What node i adds to the residuals.
+   !> What node i adds to the residuals: alpha_i l_mu'(c_i) E_i - l_mu(c_i) S_q to the momentum equations, and its
+   !> own equation, sum_mu alpha_i l_mu'(c_i) D^mu - S_p, in full.
    subroutine add_residual(self, i)
       type(galerkin_stepper), intent(inout) :: self
       integer, intent(in) :: i
@@ -183,7 +207,8 @@ contains
       end associate
    end subroutine add_residual
 
-   !> What node i adds to the matrix.
+   !> What node i adds to the matrix, by the blocks at the head of this file. Columns D^nu of the momentum equations
+   !> sum over all nodes; the others belong to this node alone and are set. sqp(:, l, k) is entry (k, l) of S_pq.
    subroutine add_matrix(self, i)
       type(galerkin_stepper), intent(inout) :: self
       integer, intent(in) :: i

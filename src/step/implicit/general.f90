@@ -6,7 +6,24 @@
 !>    F_i - Hhat_p(Q_i,P_i) = 0,   Q_i = q_n + sum_j a_ij F_j        dq = sum_i alpha_i F_i
 !>    G_i + Hhat_q(Q_i,P_i) = 0,   P_i = p_n + sum_j abar_ij G_j     dp = sum_i alpha_i G_i
 !>
-!> Where noise and drift have coefficients of their own, each of the two parts has its own slopes.
+!> An iteration computes the points of all stages, residual and matrix, and Newton's correction; after the last one
+!> dq and dp are summed up. Where noise and drift have coefficients of their own, each of the two parts has its own
+!> slopes,
+!>
+!>    F_i^0 = h H_p,   F_i^1 = sum_k dW_k H_{k,p},   Q_i = q_n + sum_j (a_ij F_j^0 + b_ij F_j^1),
+!>
+!> and so for G, abar and bbar, alpha and beta.
+!>
+!> Slopes and not stage points are the unknowns, because they are increments of the step: their rounding is relative
+!> to it, and dq and dp are sums of them. The block of Newton's matrix for the rows of stage i and the columns of
+!> stage j is
+!>
+!>    delta_ij I + ( -a_ij Hhat_pq   -abar_ij Hhat_pp )      rows F_i
+!>                 (  a_ij Hhat_qq    abar_ij Hhat_qp )      rows G_i       Hessian at (Q_i, P_i)
+!>
+!> with (Hhat_qp)_kl the derivative by q_k and p_l, and Hhat_pq its transpose. It is dense and knows no structure of
+!> the model or the tableau: the special steppers are held to its increments, and step/implicit/rescue solves by it
+!> what they cannot.
 module symsde_step_implicit_general
    use symsde_base_kinds, only: wp, i8
    use symsde_base_record, only: step_record
@@ -49,6 +66,7 @@ contains
    end subroutine make
 
    !> A general stepper for blocks of nlane lanes.
+   !> It may be made by itself, as the rescue does, with the coefficients of a task of another stepper.
    subroutine new_general_stepper(self, model, scheme, correction, nlane, options)
       type(general_stepper), intent(out) :: self
       class(model_type), intent(in), target :: model
@@ -85,6 +103,7 @@ contains
       allocate (self%hqq(nlane, n, n), self%hqp(nlane, n, n), self%hpp(nlane, n, n))
    end subroutine new_general_stepper
 
+   !> dq and dp, by Newton's iteration from slopes of zero.
    subroutine increment(self, step, q, p, dq, dp, status)
       class(general_stepper), intent(inout) :: self
       type(step_record), intent(in) :: step
@@ -97,8 +116,9 @@ contains
       call self%add_up(dq, dp)
    end subroutine increment
 
-   !> Newton for the slopes, from those in x on. The nodes stand where step%h places them, whatever the
-   !> weights are.
+   !> Newton for the slopes, from those in x on: zero, or what a continuation has found for smaller weights. The
+   !> nodes stand where step%h places them, whatever the weights are, so that a fraction of the increments leaves the
+   !> times as they are.
    subroutine solve_stages(self, step, q, p, status)
       class(general_stepper), intent(inout) :: self
       type(step_record), intent(in) :: step
@@ -113,6 +133,7 @@ contains
       near = 0
       do while (self%newton%running)
          call linearise_all(self, step, q, p)
+         ! The size of the slopes at the beginning: of the residual, which is (-Hhat_p, Hhat_q) where x = 0, or of x.
          if (.not. begun) near = max(maxval(abs(self%newton%r), dim=2), maxval(abs(self%x), dim=2))
          begun = .true.
          call self%newton%update(self%x, status, self%ham%counters)
@@ -121,6 +142,7 @@ contains
    end subroutine solve_stages
 
    !> Residuals and matrix at the slopes x, all stages.
+   !> Each stage is evaluated once for each part, and fills its rows of the matrix in all columns.
    subroutine linearise_all(self, step, q, p)
       type(general_stepper), intent(inout) :: self
       type(step_record), intent(in) :: step
@@ -188,7 +210,7 @@ contains
       end associate
    end subroutine add_up
 
-   !> Where the slopes of a stage and part begin in x.
+   !> The first column of the slopes of stage i and part: F takes ndof columns from there, and G the next ndof.
    pure integer function first(self, i, part)
       type(general_stepper), intent(in) :: self
       integer, intent(in) :: i, part
@@ -196,7 +218,8 @@ contains
       first = 2*self%ham%ndof*((part - 1)*self%nstage + i - 1) + 1
    end function first
 
-   !> One part: all weights. Two parts: (h, 0, .., 0) and (0, dW_1, .., dW_m).
+   !> Set the weights with which the one-step Hamiltonian is asked for each part. One part has all weights; of two,
+   !> the first has (h, 0, .., 0) and the second (0, dW_1, .., dW_m).
    subroutine split_weights(self, w)
       type(general_stepper), intent(inout) :: self
       real(wp), intent(in) :: w(self%ham%nlane, 0:self%ham%nnoise)
@@ -209,7 +232,7 @@ contains
       end if
    end subroutine split_weights
 
-   !> (Q_i, P_i) from the slopes.
+   !> Q_i = q_n + sum_j a_ij F_j and P_i = p_n + sum_j abar_ij G_j, over both parts if there are two, in qs and ps.
    subroutine stage_point(self, i, q, p)
       type(general_stepper), intent(inout) :: self
       integer, intent(in) :: i
@@ -229,7 +252,8 @@ contains
       end associate
    end subroutine stage_point
 
-   !> Rows of residual and matrix that belong to one stage and part.
+   !> Rows of residual and matrix that belong to stage i and one part: F_i - Hhat_p and G_i + Hhat_q under the
+   !> weights of this part. Gradients are put into r and the slopes are added to them there.
    subroutine linearise(self, i, part, step)
       type(general_stepper), intent(inout) :: self
       integer, intent(in) :: i, part
@@ -257,7 +281,8 @@ contains
       end associate
    end subroutine linearise
 
-   !> Rows at .. at+2n-1 of the matrix, from the Hessian at stage i.
+   !> Rows at .. at+2n-1 of the matrix, from the Hessian at stage i: n rows of F_i, then n of G_i, in the columns of
+   !> all stages and parts, and I on the diagonal. hqp(:, l, k) is entry (k, l) of Hhat_pq.
    subroutine matrix_rows(self, i, at)
       type(general_stepper), intent(inout) :: self
       integer, intent(in) :: i, at

@@ -10,12 +10,24 @@
 !>    end do
 !>    call products%finish(newton, x, status, counters)
 !>
-!> Corrections come from GMRES with Hessian-vector products, of the model or, where it has none,
-!> differences of two gradients. The matrices are close to I unless h is large against the frequencies, so
-!> that a handful of products does. The first solve is a loose one; the later ones go as far as Newton's
-!> convergence does (Eisenstat & Walker, SIAM J. Sci. Comput. 17 (1996) 16), never below rounding. The
-!> iteration ends as everywhere. Lanes that GMRES cannot solve get their matrices after all, by products
-!> with the unit vectors, and are solved by LAPACK: counted as such.
+!> A d = r is solved up to |r - A d| <= eta_k |r_k|, r_k the residual of Newton's iteration k, sizes Euclidean and
+!> |x| the largest unknown:
+!>
+!>    eta_0 = 10^-4,   eta_k = min(10^-4, (|r_k|/|r_{k-1}|)^2),   and for k > 0 never below eps |x|/4
+!>
+!> (Eisenstat & Walker, SIAM J. Sci. Comput. 17 (1996) 16): the first solve is a loose one, and the later ones go as
+!> far as Newton's convergence does.
+!>
+!> Corrections come from GMRES (solve/krylov) with Hessian-vector products, of the model or, where it has none,
+!> differences of two gradients. The matrices are close to I unless h is large against the frequencies, so that a
+!> handful of products does. The iteration ends as everywhere, by solve/stagnation.
+!>
+!> GMRES and not conjugate gradients, since A is symmetric only where the momenta are eliminated, and the vectors are
+!> too few to save.
+!>
+!> Lanes that GMRES cannot solve with its bound of products get their matrices after all, by products with the unit
+!> vectors, and are solved by LAPACK: counted as such. The protocol above does not change for that: the caller is
+!> asked for products as before.
 module symsde_step_implicit_newton_krylov
    use symsde_base_counters, only: counters_type
    use symsde_base_kinds, only: wp, i4, i8
@@ -64,7 +76,8 @@ module symsde_step_implicit_newton_krylov
 
 contains
 
-   !> Whether to do without matrices: they would be dense, and large or made of differences.
+   !> Whether to do without matrices: they would be dense, and large or made of differences. A declared bandwidth
+   !> that covers half of the matrix or more counts as dense.
    pure logical function pays_by_products(traits, unknowns)
       type(model_traits), intent(in) :: traits
       integer, intent(in) :: unknowns  !! of a lane
@@ -97,7 +110,8 @@ contains
       end associate
    end function iterates_first
 
-   !> Room for nlane lanes of so many unknowns.
+   !> Allocate room for nlane lanes of so many unknowns: ndof where the momenta are eliminated, else twice as many,
+   !> or as many as the stages of a scheme have.
    subroutine new_newton_krylov(self, nlane, ndof, unknowns)
       type(newton_krylov), intent(out) :: self
       integer, intent(in) :: nlane, ndof, unknowns
@@ -107,7 +121,8 @@ contains
       allocate (self%right(nlane, unknowns), self%outcome(nlane))
    end subroutine new_newton_krylov
 
-   !> Seek corrections of the running lanes for the residual r.
+   !> Seek corrections d, A d = r, of the running lanes for the residual r, which is kept for lanes that need their
+   !> matrix. Afterwards `wanted` says for how many lanes a product is asked for.
    subroutine begin(self, newton, r)
       class(newton_krylov), intent(inout) :: self
       type(newton_type), intent(in) :: newton
@@ -123,7 +138,8 @@ contains
       end associate
    end subroutine begin
 
-   !> Take in a product, and say which is wanted next.
+   !> Take in the product A v_k that the caller has put into v_{k+1}: the next vector of GMRES, or a column of the
+   !> matrices. Once GMRES is done, matrices of lanes that it left are begun.
    subroutine take(self)
       class(newton_krylov), intent(inout) :: self
 
@@ -136,7 +152,8 @@ contains
       if (.not. self%krylov%running) call begin_matrices(self)
    end subroutine take
 
-   !> Correct the unknowns x of the running lanes, and judge them.
+   !> Correct x <- x - d in the running lanes, and judge them. Lanes that could not be solved by their matrices
+   !> either fail before.
    subroutine finish(self, newton, x, status, counters)
       class(newton_krylov), intent(inout) :: self
       type(newton_type), intent(inout) :: newton
@@ -151,7 +168,8 @@ contains
       end associate
    end subroutine finish
 
-   !> The lanes that GMRES has not solved are solved by their matrices.
+   !> Begin with the matrices of the lanes that GMRES has not solved. A residual that is not finite fails its lane:
+   !> no matrix is formed for it.
    subroutine begin_matrices(self)
       type(newton_krylov), intent(inout) :: self
 
@@ -163,8 +181,9 @@ contains
       end associate
    end subroutine begin_matrices
 
-   !> Of some lanes from this one on, as many as may be large at once, the columns of their matrices are asked for, if
-   !> there is memory.
+   !> Ask for the columns of the matrices of some unsolved lanes, from `lane` on: as many lanes as stay within
+   !> most_numbers, one at least. All lanes at once would hold their matrices together, which for many degrees of
+   !> freedom is too much memory. Where even these find none, their lanes keep the outcome not_converged.
    subroutine form_more(self, lane)
       type(newton_krylov), intent(inout) :: self
       integer, intent(in) :: lane
@@ -185,7 +204,7 @@ contains
       if (self%wanted > 0) call ask_column(self)
    end subroutine form_more
 
-   !> The next one: the product with a unit vector.
+   !> Ask for the next column: the product with a unit vector, in all lanes at once.
    subroutine ask_column(self)
       type(newton_krylov), intent(inout) :: self
 
@@ -195,6 +214,8 @@ contains
       self%krylov%v(:, self%column, 1) = 1
    end subroutine ask_column
 
+   !> Take the product as a column of the matrices. After the last column they are solved, and the next lanes get
+   !> theirs.
    subroutine take_column(self)
       type(newton_krylov), intent(inout) :: self
       integer :: i
@@ -210,7 +231,7 @@ contains
       end if
    end subroutine take_column
 
-   !> One by one.
+   !> Solve A d = r of these lanes by LAPACK, one by one; a solution takes the place of that of GMRES.
    subroutine solve_lanes(self)
       type(newton_krylov), intent(inout) :: self
       real(wp) :: x(self%krylov%n)
@@ -226,7 +247,8 @@ contains
       self%nsolved = self%nsolved + size(self%lanes)
    end subroutine solve_lanes
 
-   !> Lanes that cannot be solved by their matrices fail, or whose matrices find no memory.
+   !> Fail the lanes whose matrices are singular or find no memory, or whose residual is not finite, and count the
+   !> calls of LAPACK.
    subroutine settle_unsolved(self, newton, status, counters)
       type(newton_krylov), intent(inout) :: self
       type(newton_type), intent(inout) :: newton
@@ -241,8 +263,8 @@ contains
       counters%lapack_solves = counters%lapack_solves + self%nsolved
    end subroutine settle_unsolved
 
-   !> Hessian of Hhat at (q, p) times (vq, vp). A model with a Hessian and no product would form the one for
-   !> the other: then too a difference of gradients is cheaper.
+   !> (uq, up) = Hess Hhat(q, p) (vq, vp), without brackets. A model that has a Hessian but no product would form the
+   !> one for the other: then too a difference of gradients is cheaper.
    subroutine hessian_product(ham, nlane, n, wanted, t, w, q, p, vq, vp, uq, up)
       type(one_step_hamiltonian), intent(inout) :: ham
       integer, intent(in) :: nlane, n, wanted   !! lanes, degrees of freedom, lanes that count
@@ -262,8 +284,8 @@ contains
 
    ! ---- kernels ----------------------------------------------------------------------------------
 
-   !> Sizes of the residual that GMRES is to reach: as far as Newton's convergence went squared, and not below
-   !> rounding of the unknowns.
+   !> goal = eta_k |r_k|, the size of the residual that GMRES is to reach, in every lane, by the rule at the head of
+   !> this file; `norm` is |r_k|, `before` |r_{k-1}|, which is replaced, and `size` that of the unknowns.
    pure subroutine set_goals(nlane, iteration, norm, size, before, goal)
       integer, intent(in) :: nlane, iteration  !! lanes, iterations done
       real(wp), intent(in) :: norm(nlane), size(nlane)

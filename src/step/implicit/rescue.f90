@@ -8,8 +8,17 @@
 !>    3. continuation in the increments     (h, dW) scaled by k/16, k = 1..16, each from the last solution
 !>    4. the path fails, with the status of rung 1
 !>
-!> The step is never divided: that would be another scheme and another noise. The general stepper solves
-!> the same equations as every special one. Failed lanes are gathered into small blocks of eight.
+!> The step is never divided: that would be another scheme and another noise. The general stepper solves the same
+!> equations as every special one, so a root that it finds is one of the scheme.
+!>
+!> Damped Newton shortens a correction until it lowers the residual (solve/damping). Continuation solves the
+!> equations of the weights (k/16) (h, dW), at the nodes of the whole step. Newton begins from zero for k = 1, where
+!> the slopes are small; each solution times k/(k-1) is where the next one begins, since slopes grow about as the
+!> weights do. Only the equations of k = 16 are those of the step, and no others leave a trace in its result.
+!>
+!> Failed lanes are gathered into small blocks of eight, since they are few and the general stepper has a dense
+!> matrix for each lane. For the same reason systems of more than max_unknowns are left alone. Schemes that add
+!> brackets are, too: their brackets take increments of their own, which no fraction of (h, dW) scales.
 module symsde_step_implicit_rescue
    use symsde_base_counters, only: counters_type, add_counters
    use symsde_base_kinds, only: wp, i8
@@ -48,7 +57,8 @@ module symsde_step_implicit_rescue
 
 contains
 
-   !> Prepare for runs of this stepper; nothing large is allocated before it is needed.
+   !> Prepare for runs of this stepper; nothing large is allocated before it is needed. No rescue is available
+   !> without equations, for given numbers of iterations, for brackets and for large systems.
    subroutine new_rescue(self, task, stepper)
       type(rescue_type), intent(out) :: self
       type(stepper_task), intent(in), target :: task   !! must live as long as the rescue
@@ -66,8 +76,8 @@ contains
       self%max_iter = task%newton%max_iter
    end subroutine new_rescue
 
-   !> A step in which a lane failed, of a state that others have taken it from: the lane is rescued where that is
-   !> possible, or it has failed in this step.
+   !> Settle a step in which a lane failed, of a state that the other lanes have already taken: the lane is rescued
+   !> from its old (q, p) where that is possible, and else is recorded as failed in this step.
    subroutine settle(self, n, step, state, dq, dp)
       class(rescue_type), intent(inout) :: self
       integer(i8), intent(in) :: n                   !! absolute step
@@ -84,7 +94,8 @@ contains
       call state%record(n)
    end subroutine settle
 
-   !> Try the lanes that failed in this step; those that are saved get their increments and status ok.
+   !> Try the lanes that failed in this step, eight at a time; those that are saved get their increments and status
+   !> ok. Only what Newton could not solve is tried: lanes not converged, singular or not finite.
    subroutine attempt(self, nlane, step, q, p, failed_step, dq, dp, status)
       class(rescue_type), intent(inout) :: self
       integer, intent(in) :: nlane
@@ -110,6 +121,7 @@ contains
       if (n > 0) call rescue_lanes(self, n, lanes, step, q, p, dq, dp, status)
    end subroutine attempt
 
+   !> Make the general stepper of the scheme for eight lanes, with damping, and room for their states and increments.
    subroutine make_stepper(self)
       type(rescue_type), intent(inout) :: self
       integer :: n, m
@@ -124,7 +136,8 @@ contains
       allocate (self%dq(lane_unit, n), self%dp(lane_unit, n))
    end subroutine make_stepper
 
-   !> Rungs 2 and 3 for up to eight lanes.
+   !> Rungs 2 and 3 for up to eight lanes, gathered from the block. The last one fills up the eight, in copies that
+   !> have a status from the beginning and so rest.
    subroutine rescue_lanes(self, n, lanes, step, q, p, dq, dp, status)
       type(rescue_type), intent(inout), target :: self
       integer, intent(in) :: n, lanes(lane_unit)
@@ -157,7 +170,8 @@ contains
       end if
    end subroutine rescue_lanes
 
-   !> Scale (h, dW) by k/16, k = 1..16, starting from the slopes found for k-1. Lanes already solved rest.
+   !> Rung 3: scale (h, dW) by k/16, k = 1..16, starting from the slopes found for k-1. Lanes that rung 2 solved
+   !> rest, and so does a lane from the first k on that fails. dq and dp are sums of the slopes of k = 16.
    subroutine continue_increments(self, n, step, lane_status)
       type(rescue_type), intent(inout), target :: self
       integer, intent(in) :: n    !! lanes in use
@@ -171,6 +185,7 @@ contains
       lane_status(:n) = merge(0_i8, int(nonfinite, i8), lane_status(:n) /= 0)  ! only what rung 2 left is tried
       self%stepper%x = 0
       do k = 1, parts
+         ! Slopes are proportional to the weights up to higher orders: the guess for k is scaled by k/(k-1).
          if (k > 1) self%stepper%x = self%stepper%x*(real(k, wp)/(k - 1))
          self%part = self%w*(real(k, wp)/parts)
          call self%stepper%solve_stages(fraction, self%q, self%p, lane_status)
@@ -191,7 +206,8 @@ contains
       call add_counters(total, own)
    end subroutine tally
 
-   !> Hand back the lanes whose lane_status is ok, and how many these are.
+   !> Hand back the increments of the lanes whose lane_status is ok, with status 0, and how many these are. The
+   !> others keep the status of rung 1.
    subroutine keep(self, n, lanes, lane_status, dq, dp, status, saved)
       type(rescue_type), intent(in) :: self
       integer, intent(in) :: n, lanes(lane_unit)
