@@ -138,8 +138,8 @@ contains
 
    !> Judge states that a model took whole steps to, before they are shown: taken says that no further lane has failed.
    !> Lanes that had failed keep their last good state in all of them. What is not taken is left to single steps: of
-   !> several it is not known in which a lane failed. Only real lanes are judged, since a model need not compute padding;
-   !> of these nfailed - (nlane - nreal) had failed before.
+   !> several it is not known in which a lane failed. Only real lanes are judged, since a model need not compute
+   !> padding; of these nfailed - (nlane - nreal) had failed before.
    subroutine judge(self, nreal, nout, status, q, p, taken)
       class(lane_state), intent(inout) :: self
       integer, intent(in) :: nreal, nout
@@ -178,8 +178,8 @@ contains
       end do
    end subroutine take_sound
 
-   !> Take lanes out that are ok, because an observer has seen all that it wants of them: from here on they are like
-   !> those that failed, with a status of their own.
+   !> Take lanes out that are ok, because an observer wants no more of them: from here on they are like those that
+   !> failed, with a status of their own.
    subroutine retire(self, leaves, status, step)
       class(lane_state), intent(inout) :: self
       logical, intent(in) :: leaves(self%nlane)
@@ -414,8 +414,8 @@ contains
       end do
    end subroutine keep
 
-   !> VEC bad = 1 in lanes that have failed or would not stay finite, else 0; nbad = how many these are. The verdict is a
-   !> real number, as wide as the numbers that it decides on: both fit the same vectors.
+   !> VEC bad = 1 in lanes that have failed or would not stay finite, else 0; nbad = how many these are. The verdict is
+   !> a real number, as wide as the numbers that it decides on: both fit the same vectors.
    pure subroutine find_bad(nlane, ndof, dq, dp, q, p, status, bad, nbad)
       integer, intent(in) :: nlane, ndof
       real(wp), intent(in) :: dq(nlane, ndof), dp(nlane, ndof), q(nlane, ndof), p(nlane, ndof)
