@@ -1,6 +1,10 @@
 ! SPDX-License-Identifier: BSD-3-Clause
 !> Where the paths of a run begin: the caller's arrays, as one argument for all threads.
 !>
+!> Arrays of one row give all paths the same state. A block takes rows offset + 1 .. offset + nreal, one to a lane, and
+!> its last row once more for every lane of padding: a lane must hold some state that the model can be asked about.
+!> Padding has the status `stopped`, so nothing is solved for it.
+!>
 !> Low parts are there to resume compensated runs, statuses to go on with paths of which some failed or were stopped;
 !> null where not given. An absent array is not handed to a parallel region: gfortran computes the extents of such an
 !> argument from what happens to lie in memory.
@@ -24,7 +28,8 @@ module symsde_ensemble_block_initial_state
 
 contains
 
-   !> The initial state of a block; lanes past its last path repeat it.
+   !> Load the initial state of a block, with statuses and low parts where they are given, else status ok and low parts
+   !> zero; lanes past its last path repeat that path.
    subroutine give(self, offset, nreal, last, step, s)
       class(initial_state), intent(in) :: self
       integer(i8), intent(in) :: offset     !! paths of the run before this block
@@ -48,8 +53,9 @@ contains
       if (associated(self%p_low)) call load(self%p_low, offset, nreal, s%p_low)
    end subroutine give
 
-   !> Paths that have been run before: those that failed stay failed. Where a drive is resumed, those that were stopped,
-   !> which is done to all of a block at once, go on where they are, and blocks without such paths are done.
+   !> Paths that have been run before: those that failed stay failed. Where a drive is resumed, those that were stopped
+   !> go on where they are: all of a block were stopped in the same step, which is the one that comes next. A block
+   !> without stopped paths is done, and says so by a step past its last one.
    subroutine give_statuses(self, offset, nreal, last, step, s)
       type(initial_state), intent(in) :: self
       integer(i8), intent(in) :: offset, last

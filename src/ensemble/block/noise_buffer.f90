@@ -1,6 +1,9 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> What drives the steps of a block: drawn several pairs of steps ahead, and shown as many at a time as are taken at
-!> once.
+!> What drives the steps of a block: increments dW_k and functionals of the path (dZ, areas), drawn several pairs of
+!> steps ahead, and shown as many steps at a time as are taken at once.
+!>
+!> A source is asked for pairs of steps since the words of the generator make the normals of both. Every draw is counted
+!> by path and step: how far ahead a block draws, and where it began, changes nothing.
 module symsde_ensemble_block_noise_buffer
    use symsde_base_functionals, only: functional_set
    use symsde_base_interrupt, only: interrupt_type
@@ -27,7 +30,8 @@ module symsde_ensemble_block_noise_buffer
 
 contains
 
-   !> For blocks of nlane lanes, and so many noises, steps of a run and functionals beside increments.
+   !> For blocks of nlane lanes, and so many noises, steps of a run and functionals beside increments. The store gets
+   !> its room with the first draw, in the thread that uses it.
    subroutine new_noise_buffer(self, nlane, nnoise, nstep, h, asked)
       type(noise_buffer), intent(inout) :: self
       integer, intent(in) :: nlane, nnoise
@@ -52,8 +56,9 @@ contains
       self%request%path = path
    end subroutine begin
 
-   !> Have what drives a step: drawn ahead, or asked for, several pairs from an even one on. Nothing is had where the
-   !> interrupt is wanted.
+   !> Have what drives a step in the store: it was drawn ahead, or is drawn now with the pairs that follow, from an even
+   !> one on, since a draw of the generator serves two pairs. Pairs past the end of the run are not drawn. Where the
+   !> interrupt is wanted the store counts as empty.
    subroutine draw(self, step, nstep, interrupt)
       class(noise_buffer), intent(inout) :: self
       integer(i8), intent(in) :: step, nstep       !! absolute, counted from 0; that with which the run ends
@@ -77,7 +82,7 @@ contains
       self%normals_of_pair = drawn/self%nahead
    end subroutine draw
 
-   !> Steps from this one on that were drawn.
+   !> How many steps from this one on are in the store.
    pure integer(i8) function left(self, step)
       class(noise_buffer), intent(in) :: self
       integer(i8), intent(in) :: step
@@ -85,7 +90,7 @@ contains
       left = 2*(self%request%pair + self%nahead) - step
    end function left
 
-   !> So many steps of the block, from this one on; the first begins at the time t.
+   !> Point `steps` to nstep steps of the store, from this one on; the first begins at the time t. Nothing is copied.
    subroutine show(self, step, nstep, t, steps)
       class(noise_buffer), intent(in) :: self
       integer(i8), intent(in) :: step

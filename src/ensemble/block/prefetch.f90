@@ -1,5 +1,8 @@
 ! SPDX-License-Identifier: BSD-3-Clause
 !> How many steps of a block are drawn ahead, and how many states are kept until they are shown.
+!>
+!> Both are bounded by the room that they take: 288 kB of increments, 32 kB of positions. Two pairs of steps and one
+!> state are kept whatever they take. How many there are changes no result.
 module symsde_ensemble_block_prefetch
    use symsde_base_kinds, only: i8
    implicit none
@@ -14,16 +17,17 @@ module symsde_ensemble_block_prefetch
 
 contains
 
-   !> States after whole steps that are kept until they are shown.
+   !> States after whole steps that are kept until they are shown: at least one.
    pure integer function states_ahead(nlane, ndof)
       integer, intent(in) :: nlane, ndof
 
       states_ahead = int(max(1_i8, min(int(most_shown, i8), most_states/(int(nlane, i8)*ndof))))
    end function states_ahead
 
-   !> Pairs of steps whose increments and functionals, so many columns a step, are drawn at once: two make use of all
-   !> words of a draw, four of the fastest kernel, more spare passes over the block where a model takes whole steps,
-   !> and the few paths of a small block, or one path by itself, fill the lanes of the generator with steps.
+   !> Pairs of steps whose increments and functionals, so many columns a step, are drawn at once. Two pairs make use of
+   !> all words of a draw, and four of the fastest kernel. Sixteen spare passes over the block where a model takes whole
+   !> steps. A small block, or a path by itself, takes sixty-four: its few paths leave lanes of the generator empty,
+   !> which are filled with steps.
    pure integer function pairs_ahead(nlane, ncolumn)
       integer, intent(in) :: nlane, ncolumn
 
@@ -38,7 +42,8 @@ contains
       end if
    end function pairs_ahead
 
-   !> Pairs among `most` that a run of so many steps touches.
+   !> Pairs that a run of so many steps touches at most, but not more than `most`: a run may begin and end with half a
+   !> pair, and draws from an even pair on.
    pure integer function pairs_of(nstep, most)
       integer(i8), intent(in) :: nstep
       integer, intent(in) :: most

@@ -1,9 +1,19 @@
 ! SPDX-License-Identifier: BSD-3-Clause
 !> One block of paths from its initial state to its last step: the time loop. A block of one lane is a path by itself.
 !>
-!> The loop is cut into chunks of as many steps as the caller likes, between which it may stop the run. Nothing that is
-!> computed, shown or counted depends on where: steps are taken several at once, but a lane that fails or is retired on
-!> the way ends where it would end if they were taken one by one. No clock is read here.
+!>    begin:     load the states of the paths, show them to the observer
+!>    run_chunk: until the chunk is over
+!>                  draw      what drives the next steps, unless it was drawn ahead
+!>                  plan      how many steps are taken at once, and which states on the way are saved
+!>                  advance   the stepper takes them, up to the first in which a lane fails
+!>                  show      the saved states to the observer, which may retire lanes
+!>                  settle    failed lanes: they are rescued, or their failure is recorded
+!>    finish:    account for saved times that were not reached, count the steps
+!>
+!> Steps are counted from the beginning of the run of which this may be a part, and t_n = t0 + n h is formed from the
+!> count. The loop is cut into chunks of as many steps as the caller likes, between which it may stop the run. Nothing
+!> that is computed, shown or counted depends on where: steps are taken several at once, but a lane that fails or is
+!> retired on the way ends where it would end if they were taken one by one. No clock is read here.
 module symsde_ensemble_block_runner
    use symsde_base_counters, only: counters_type, add_counters
    use symsde_base_functionals, only: functional_set
@@ -63,6 +73,8 @@ module symsde_ensemble_block_runner
 contains
 
    !> A runner around a stepper, with room for what sources of noise will be asked for; to be equipped before it runs.
+   !> States on the way are kept, and shown several at once, for a path by itself and for models that take whole steps.
+   !> Other blocks take their steps up to one saved point, which is shown from where it is.
    subroutine new_block_runner(self, options, nlane, stepper, asked)
       type(block_runner), intent(out) :: self
       type(run_options), intent(in) :: options
@@ -115,7 +127,8 @@ contains
          call self%observer%observe(0_i8, time_of(self, self%step), self%state)
    end subroutine begin
 
-   !> The initial state of a block; lanes past the last path repeat it.
+   !> Load the initial state of a block; lanes past its last path repeat that path. A resumed block says itself which
+   !> step comes next.
    subroutine take_state(self, first, nreal, start)
       type(block_runner), intent(inout) :: self
       integer(i8), intent(in) :: first
@@ -145,8 +158,8 @@ contains
       self%enough = self%state%nlane
    end subroutine begin_with
 
-   !> Steps until the chunk or the run is over, enough paths of the block have failed, or the interrupt is wanted, which
-   !> is looked at where the draws of a step take long.
+   !> Steps until the chunk or the run is over, enough paths of the block have failed (then a narrower block may take
+   !> the others), or the interrupt is wanted, which is looked at where the draws of a step take long.
    subroutine run_chunk(self, interrupt)
       class(block_runner), intent(inout) :: self
       class(interrupt_type), intent(inout), optional :: interrupt
@@ -164,14 +177,16 @@ contains
       end do
    end subroutine run_chunk
 
-   !> Steps from here to the next saved point; save_every at a saved point.
+   !> Steps from here to the next saved point, 1 .. save_every; save_every at a saved point itself.
    pure integer(i8) function steps_to_save(self)
       type(block_runner), intent(in) :: self
 
       steps_to_save = self%options%save_every - mod(self%step - self%options%first_step, self%options%save_every)
    end function steps_to_save
 
-   !> Which steps are taken at once: of those that were drawn, up to the next saved point, or from saved to saved point.
+   !> Which steps are taken at once, nout times `every` of those that were drawn: up to the next saved point, or from a
+   !> saved point to several more, as many as there is room for. Where an observer may retire lanes of a wide block it
+   !> goes from one saved point to the next: several steps of all its lanes would have to be taken again.
    subroutine plan_states(self, left, nout, every)
       type(block_runner), intent(in) :: self
       integer(i8), intent(in) :: left       !! steps that may be taken
@@ -190,6 +205,11 @@ contains
 
    !> Steps to nout states, each after `every` more; all of these are saved points, or one that may be none. The first
    !> step in which a lane fails ends them: it is settled here, for one path as for a thousand.
+   !>
+   !> The order matters. The saved states before a failure are shown without it, as they would have been had steps been
+   !> taken one by one. If the observer retires a lane at one of these, the steps after it were taken in vain: what they
+   !> counted is taken back, and those up to it are taken again. Else the failure is settled, and the point that was
+   !> reached is saved if it is one to be saved.
    subroutine take_steps(self, nout, every)
       type(block_runner), intent(inout) :: self
       integer, intent(in) :: nout, every
@@ -226,7 +246,8 @@ contains
       if ((nout == 1 .or. failed) .and. steps_to_save(self) == self%options%save_every) call save_point(self)
    end subroutine take_steps
 
-   !> The steps of the stepper from where the block is.
+   !> Let the stepper take nout times `every` steps from where the block is. ntaken counts the step in which a lane
+   !> failed, too; the saved states on the way stand in self%passed.
    subroutine advance(self, nout, every, ntaken, failed)
       type(block_runner), intent(inout) :: self
       integer, intent(in) :: nout, every
@@ -238,7 +259,8 @@ contains
       call self%stepper%advance(self%steps, self%state, self%passed, ntaken, failed)
    end subroutine advance
 
-   !> A step failed after others: the states before it are shown without what became of it, which is kept.
+   !> A step failed after others: the states before it are shown without what became of it, which is kept in `reached`.
+   !> Lanes that failed in this step have a status and no failed step yet.
    subroutine set_back(state, reached)
       type(lane_state), intent(inout) :: state
       type(lane_state), intent(out) :: reached
@@ -266,8 +288,9 @@ contains
       end associate
    end subroutine show_states
 
-   !> A lane was retired after nshown states, and took no further step: those which were shown are taken again, for the
-   !> counters and for low parts.
+   !> A lane was retired after nshown states, and took no further step: the steps to those which were shown are taken
+   !> again, from where they began, for the counters and for low parts, which states on the way are without. The states
+   !> themselves are there: the observer was shown the last of them in self%state.
    subroutine take_again(self, from, step, nshown, every)
       type(block_runner), intent(inout) :: self
       type(lane_state), intent(inout) :: from   !! where they began
@@ -285,8 +308,8 @@ contains
       self%state%p_low = from%p_low
    end subroutine take_again
 
-   !> The steps that each path has taken, and the normals of the pairs that they began: not what the block did for paths
-   !> that were gone, or drew ahead.
+   !> Count the steps that each path has taken, and the normals of the pairs of steps that it began: not what the block
+   !> computed for paths that were gone, or drew ahead. So these numbers do not depend on how paths share blocks.
    pure subroutine count_steps(self)
       type(block_runner), intent(inout) :: self
       integer :: lane, nwhole
@@ -299,7 +322,8 @@ contains
       end do
    end subroutine count_steps
 
-   !> Those of n paths from where the block began to the step that comes next.
+   !> Count the steps of n paths from where the block began to the step `next`, which they did not take. Normals are
+   !> drawn for pairs of steps 2 j, 2 j + 1, of which the first and the last may be half used.
    pure subroutine add_steps(self, n, next)
       type(block_runner), intent(inout) :: self
       integer, intent(in) :: n
@@ -332,6 +356,7 @@ contains
       call self%observer%skip(0_i8)
    end subroutine pass_over
 
+   !> Give paths that are ok the status `stopped`, with the step that they would have taken next.
    subroutine stop_paths(self)
       type(block_runner), intent(inout) :: self
 
@@ -373,6 +398,7 @@ contains
       if (associated(self%narrower)) deallocate (self%narrower)
    end subroutine release
 
+   !> Show the state of the block to the observer, as saved state number (step - first step)/save_every.
    subroutine save_point(self)
       type(block_runner), intent(inout) :: self
 
@@ -380,7 +406,7 @@ contains
                                  time_of(self, self%step), self%state)
    end subroutine save_point
 
-   !> t_n = t0 + n h, never accumulated.
+   !> t_n = t0 + n h, never accumulated: a resumed run has the times of one that was not stopped.
    pure real(wp) function time_of(self, step)
       type(block_runner), intent(in) :: self
       integer(i8), intent(in) :: step

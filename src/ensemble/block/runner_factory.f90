@@ -1,5 +1,7 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> How a block runner of any width is made for a run: what threads share, and what one of them makes when it needs it.
+!> How a block runner of any width is made for a run. The task, the options and the functionals that are asked for are
+!> the same for all threads and are only read. Every thread has a runner of its own, and makes those of narrower blocks
+!> when it first needs them.
 module symsde_ensemble_block_runner_factory
    use symsde_base_functionals, only: functional_set
    use symsde_base_kinds, only: i8
@@ -29,7 +31,8 @@ module symsde_ensemble_block_runner_factory
 
 contains
 
-   !> A runner for blocks of nlane lanes.
+   !> A runner for blocks of nlane lanes: a stepper that sees the model without padding where that is possible, and a
+   !> rescue for the paths that it cannot solve.
    subroutine new_runner(self, runner, nlane, has_padding, error, single)
       class(runner_factory), intent(in), target :: self   !! must live as long as the runner
       type(block_runner), intent(out) :: runner
@@ -58,7 +61,8 @@ contains
          call new_rescue(runner%rescue, self%task, runner%stepper)
    end subroutine new_runner
 
-   !> The model as a stepper sees it: padding is kept from functions whose lanes do not need it.
+   !> The model as a stepper sees it: padding is kept from functions of a user that take any number of lanes. Functions
+   !> that must have all lanes, and models of the library, see the padding.
    subroutine look_at_real_lanes(model, has_padding, view, seen)
       class(model_type), intent(in), target :: model
       logical, intent(in) :: has_padding

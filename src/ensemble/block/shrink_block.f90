@@ -6,6 +6,12 @@
 !> for the blocks to come; its observer puts the lanes back to where they were in the wide block and shows that to the
 !> observer of the run. So observers see what they would see without this. A path has the same bits in a block of any
 !> width, and its noise is asked for by its global index: nothing that is computed depends on when a block was narrowed.
+!>
+!> The wide runner stays the owner of the block. While a narrower one has its paths the wide state is brought up to date
+!> whenever something is shown, and when the narrower one gives the paths on or back. A block narrows from the wide
+!> state each time, never from another narrow one, so `origin` always names lanes of the wide block:
+!>
+!>    lane l of the narrow block  <->  lane origin(l) of the wide one       l = 1 .. nreal of the narrow block
 module symsde_ensemble_block_shrink_block
    use symsde_base_kinds, only: wp, i8
    use symsde_base_lanes, only: lane_unit, padded
@@ -32,14 +38,17 @@ module symsde_ensemble_block_shrink_block
 
 contains
 
-   !> Width of the next narrower block; that of a block which has none.
+   !> Width of the next narrower block: half of the lanes, rounded up to whole vectors. A block that cannot be halved
+   !> gets its own width back.
    elemental integer function narrower_width(nlane)
       integer, intent(in) :: nlane
 
       narrower_width = min(nlane, max(lane_unit, padded((nlane + 1)/2)))
    end function narrower_width
 
-   !> Give the paths of a block to a narrower runner if half of its lanes have a status; else say when that will be.
+   !> Give the paths of a block to a narrower runner if half of its lanes have a status; else note in active%enough with
+   !> how many such lanes that will be, which ends a chunk. The width is halved as often as the paths that are left fit.
+   !> Nothing is done near the end of a run, nor where there is no memory for narrower blocks.
    subroutine narrow_down(recipe, wide, active)
       type(runner_factory), intent(in) :: recipe
       type(block_runner), intent(inout), target :: wide            !! the runner of the whole block
@@ -70,7 +79,7 @@ contains
       active%enough = width - merge(narrower_width(width), 0, narrower_width(width) < width)
    end subroutine narrow_down
 
-   !> The paths of a block back to where they were, if a narrower runner has them.
+   !> Bring the paths of a block back to where they were, if a narrower runner has them.
    subroutine come_back(wide, active)
       type(block_runner), intent(inout), target :: wide
       type(block_runner), pointer, intent(inout) :: active
@@ -81,7 +90,8 @@ contains
       active => wide
    end subroutine come_back
 
-   !> The runner of this width, made if there is none yet; null where it cannot be made.
+   !> The runner of this width from the list of the wide one, made if there is none yet; null where it cannot be made:
+   !> then the block stays as wide as it is.
    subroutine find_runner(recipe, wide, width, runner)
       type(runner_factory), intent(in) :: recipe
       type(block_runner), intent(inout), target :: wide
@@ -105,7 +115,8 @@ contains
       wide%narrower => runner
    end subroutine find_runner
 
-   !> The paths of the wide block that are ok go on in another; the wide state is up to date.
+   !> Let the paths of the wide block that are ok go on in another, from the wide state, which is up to date. They keep
+   !> their order; lanes that are left over repeat the last path and have the status of padding.
    subroutine hand_over(wide, from, to)
       type(block_runner), intent(inout), target :: wide
       type(block_runner), intent(in) :: from
@@ -140,7 +151,7 @@ contains
       end associate
    end subroutine hand_over
 
-   !> What became of the paths of a narrower block, into the wide one, and what their steps took.
+   !> Write what became of the paths of a narrower block into the wide one, and what a pair of their steps drew.
    subroutine leave(wide, narrow)
       type(block_runner), intent(inout) :: wide
       type(block_runner), intent(in) :: narrow
@@ -149,7 +160,8 @@ contains
       wide%drawn%normals_of_pair = narrow%drawn%normals_of_pair
    end subroutine leave
 
-   !> Lanes of a narrower block to where they were; lanes that have a status there keep what they have.
+   !> Write the lanes of a narrower block to where they were in the wide one; lanes that have a status there keep what
+   !> they have. A lane that has failed in the narrow block brings its last good state, its status and its step.
    subroutine spread_state(nreal, origin, narrow, wide)
       integer, intent(in) :: nreal
       type(lane_state), intent(in) :: narrow
@@ -173,6 +185,7 @@ contains
       end do
    end subroutine spread_state
 
+   !> narrow(l, :) = wide(origin(l), :)
    pure subroutine gather_lanes(nwide, nnarrow, ndof, origin, wide, narrow)
       integer, intent(in) :: nwide, nnarrow, ndof, origin(nnarrow)
       real(wp), intent(in) :: wide(nwide, ndof)
@@ -186,6 +199,7 @@ contains
       end do
    end subroutine gather_lanes
 
+   !> wide(origin(l), :) = narrow(l, :) for real lanes that are ok.
    pure subroutine spread_lanes(nwide, nnarrow, nreal, ndof, origin, is_ok, narrow, wide)
       integer, intent(in) :: nwide, nnarrow, nreal, ndof, origin(nnarrow)
       logical, intent(in) :: is_ok(nreal)
@@ -202,14 +216,14 @@ contains
 
    ! ---- the observer of a narrower block ---------------------------------------------------------
 
-   !> The wide block has begun before.
+   !> Nothing is told: the wide block has begun before.
    subroutine begin_block(self, first, nreal, nlane)
       class(spreading_observer), intent(inout) :: self
       integer(i8), intent(in) :: first
       integer, intent(in) :: nreal, nlane
    end subroutine begin_block
 
-   !> Show the wide block; lanes that its observer retires are retired here.
+   !> Show the wide block, with these lanes where they were; lanes that its observer retires are retired here, too.
    subroutine observe(self, isave, t, state)
       class(spreading_observer), intent(inout) :: self
       integer(i8), intent(in) :: isave
@@ -231,13 +245,14 @@ contains
       end associate
    end subroutine observe
 
+   !> Whether the observer of the run may retire lanes.
    logical function may_retire(self)
       class(spreading_observer), intent(in) :: self
 
       may_retire = self%wide%observer%may_retire()
    end function may_retire
 
-   !> The wide block ends later.
+   !> Nothing is told: the wide block ends later.
    subroutine end_block(self, state)
       class(spreading_observer), intent(inout) :: self
       type(lane_state), intent(in) :: state

@@ -1,5 +1,8 @@
 ! SPDX-License-Identifier: BSD-3-Clause
 !> The stepper of a path by itself: one lane, of which nothing is padding.
+!>
+!> Whether paths go one by one depends on how many there are, and on the stepper, which knows up to how many that is
+!> faster than a block. So the stepper is made first and asked then.
 module symsde_ensemble_block_single_path
    use symsde_base_kinds, only: i8
    use symsde_base_status, only: error_type
@@ -11,7 +14,7 @@ module symsde_ensemble_block_single_path
 
 contains
 
-   !> As the factory makes it; not allocated where it does not pay for npath of them.
+   !> A stepper as the factory makes it for one lane; it is not allocated where blocks are faster for npath paths.
    subroutine new_single_path(stepper, task, npath, error)
       class(stepper_type), allocatable, intent(out) :: stepper
       type(stepper_task), intent(in) :: task
