@@ -1,6 +1,7 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> The equations of implicit stages in a few lanes of a block, and their fixed-point iteration: what its lanes have of
-!> their own.
+!> The equations of implicit stages in a few lanes of a block, and their fixed-point iteration: the equations are in
+!> equations.inc, the iteration is in fixed_point.inc. Lanes that are done keep their slopes while others go on, so new
+!> slopes are found beside the old ones (hq, hp), and taken lane by lane.
 !>
 !> Private to its family.
 module symsde_step_stages_equations
@@ -25,13 +26,15 @@ module symsde_step_stages_equations
 
    ! ---- what a block does otherwise than a path by itself ------------------------------------------
 
+   !> Lanes of a part of the block.
    pure integer function lanes(self)
       class(stage_equations), intent(in) :: self
 
       lanes = self%ham%nlane
    end function lanes
 
-   !> What drives the lanes from `first` on, copied: they are a part of the block.
+   !> What drives the lanes from `first` on (weights and functionals), copied: they are a part of the block, whose
+   !> arrays have more rows. w and step point to the copies.
    subroutine take_step(self, first, step)
       type(stage_equations), intent(inout), target :: self
       integer, intent(in) :: first
@@ -53,7 +56,8 @@ module symsde_step_stages_equations
       self%w(1:, 0:) => self%store%w(:, :, 0)
    end subroutine take_step
 
-   !> The new slopes of the group's stages in running lanes.
+   !> One sweep: for each stage of the group, in their order, place it from the newest slopes and find F_i (and C_i)
+   !> there. change and extent gather the largest change and the largest slope of each lane over all stages.
    subroutine sweep_stages(self, group, sweep)
       type(stage_equations), intent(inout) :: self
       type(stage_group), intent(in) :: group
@@ -78,7 +82,7 @@ module symsde_step_stages_equations
       end associate
    end subroutine sweep_stages
 
-   !> Which lanes are done after a sweep, left, or given up.
+   !> Which lanes are done after a sweep, left, or given up: solve/fixed_point decides by change and extent.
    subroutine judge(self, group, sweep, too_slow, too_stiff, nrunning)
       type(stage_equations), intent(inout) :: self
       type(stage_group), intent(in) :: group

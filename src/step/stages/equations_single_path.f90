@@ -1,9 +1,10 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> The equations of implicit stages for a path by itself, and their fixed-point iteration: what it has of its own.
+!> The equations of implicit stages for a single path, and their fixed-point iteration: equations.inc and
+!> fixed_point.inc with one lane.
 !>
 !> Nothing is copied that a lane by itself does not need: the step is pointed to, the model writes new slopes where they
-!> stand, and a sweep is judged once, at its end. Sums hold the slopes of all stages: those that are not known yet are
-!> zero, and those that do not count have the coefficient zero.
+!> stand, and a sweep is judged once, at its end, against the slopes that were kept (was). Sums hold the slopes of all
+!> stages: those that are not known yet are zero, and those that do not count have the coefficient zero.
 !>
 !> Private to its family.
 module symsde_step_stages_equations_single_path
@@ -28,13 +29,15 @@ module symsde_step_stages_equations_single_path
 
    ! ---- what a path by itself does otherwise than a block ------------------------------------------
 
+   !> One lane, known to the compiler.
    pure integer function lanes(self)
       class(stage_equations), intent(in) :: self
 
       lanes = 1
    end function lanes
 
-   !> What drives the path, which begins without slopes.
+   !> What drives the path. Its slopes are zero when the step begins, because weigh_slopes adds all of them: a slope
+   !> left by the step before, times the coefficient zero, would spoil the sum if it were no number.
    subroutine take_step(self, first, step)
       type(stage_equations), intent(inout) :: self
       integer, intent(in) :: first
@@ -54,7 +57,7 @@ module symsde_step_stages_equations_single_path
       x = 0
    end subroutine set_zero
 
-   !> The new slopes of the group's stages.
+   !> One sweep: the new slopes of the group's stages, each written over the old one.
    subroutine sweep_stages(self, group, sweep)
       type(stage_equations), intent(inout) :: self
       type(stage_group), intent(in) :: group
@@ -62,6 +65,7 @@ module symsde_step_stages_equations_single_path
       integer :: m
 
       associate (s => group%nmember, n => self%ham%ndof, c => self%ham%counters)
+         ! b has the coefficients of the first sweep or of the others; no C is unknown here.
          if (self%eliminated .and. .not. allocated(self%mass)) then
             call sweep_positions(self%ham%model, n, self%plan%nstage, self%ham%nnoise, s, group%stage, self%times, &
                                  self%w, self%p, self%b(:, :, min(sweep, 2)), self%base, self%qs, self%f)
@@ -81,7 +85,8 @@ module symsde_step_stages_equations_single_path
       end associate
    end subroutine sweep_stages
 
-   !> place and evaluate where momenta are eliminated by an identity mass, all of whose numbers stay in registers.
+   !> place and evaluate for every stage of a group where momenta are eliminated by an identity mass. Everything comes
+   !> as an argument of known shape, b(:, i) being -kappa B_ik of stage i, so that gcc keeps it in registers.
    subroutine sweep_positions(model, n, s, m, nmember, stage, times, w, p, b, base, x, f)
       class(model_type), intent(in) :: model
       integer, intent(in) :: n, s, m, nmember, stage(nmember)
@@ -96,7 +101,8 @@ module symsde_step_stages_equations_single_path
       end do
    end subroutine sweep_positions
 
-   !> Whether the path is done after a sweep, left, or given up. Stages that follow each other are looked at as one.
+   !> Whether the path is done after a sweep, left, or given up. Stages with consecutive numbers stand side by side in
+   !> memory, and are compared with their last slopes as one vector.
    subroutine judge(self, group, sweep, too_slow, too_stiff, nrunning)
       type(stage_equations), intent(inout) :: self
       type(stage_group), intent(in) :: group
@@ -105,6 +111,7 @@ module symsde_step_stages_equations_single_path
       integer, intent(out) :: nrunning
       integer :: m, together
 
+      ! `together` is how many stages are looked at as one: all of the group, or one.
       associate (n => self%ham%ndof, s => group%nmember, d => self%change(1), x => self%extent(1))
          together = merge(s, 1, group%stage(s) - group%stage(1) == s - 1)
          do m = 1, s, together

@@ -7,9 +7,19 @@
 !>    Q_i = q_n + r_i h p_n + sum_j a_ij g_j + h sum_k B_ik G_k      r_i = sum_j a_ij,  B = a abar
 !>    dq  =       h p_n + sum_j alpha_j g_j  + h sum_k v_k G_k       v = alpha abar
 !>
-!> so stage i waits for stage k where B_ik is not zero (elsewhere: where a_ik or abar_ik is not). Stages that
-!> wait for each other are a group, and groups are solved one after the other: the two stages of gauss2 are
-!> one; of the three of lobatto3 only the second is implicit; a composition is a sequence of its parts.
+!> with G_k = -Hhat_q(Q_k, P_k), and g_j what Hhat_p is beyond h P_j. So stage i waits for stage k where B_ik is not
+!> zero (elsewhere: where a_ik or abar_ik is not). Stages that wait for each other are a group, and groups are solved
+!> one after the other: the two stages of gauss2 are one; of the three of lobatto3 only the second is implicit; a
+!> composition is a sequence of its parts.
+!>
+!> In a group the first sweep has no slopes to begin with. Stage after stage, a slope that is not known yet is replaced
+!> by that of the member before, so its coefficient is added to that one's; before the first member there is none, and
+!> the coefficient is dropped. These are first_b, first_a and first_abar; gauss2, for example, begins with
+!>
+!>    Q_1 = q_n + r_1 h p_n,   Q_2 = q_n + r_2 h p_n + h (B_21 + B_22) G_1
+!>
+!> Newton's iteration needs the inverse of a group's B, to find slopes from displacements. Where B is singular it may
+!> have rank one, B_ik = e_i f_k: then the sum of the f_k G_k is the only unknown (step/stages/tridiagonal).
 !>
 !> Private to its family.
 module symsde_step_stages_groups
@@ -30,7 +40,8 @@ module symsde_step_stages_groups
       real(wp), allocatable :: e(:), f(:)      !! b_ik = e_i f_k where it is singular and of rank one (nmember)
    end type stage_group
 
-   !> The coefficients that make a stage or an increment stand in a column.
+   !> The coefficients that make a stage or an increment stand in a column, side by side in memory: sums over slopes
+   !> read them one after the other.
    type :: stage_plan
       integer :: nstage = 0, ngroup = 0
       real(wp), allocatable :: c(:), alpha(:)          !! nodes and weights (nstage)
@@ -47,7 +58,8 @@ module symsde_step_stages_groups
 
 contains
 
-   !> The plan of a tableau whose drift and noise share their coefficients.
+   !> The plan of a tableau whose drift and noise share their coefficients: r, v, B, the groups in the order in which
+   !> they are solved, and the coefficients of the first sweep.
    pure subroutine new_stage_plan(self, scheme, eliminated)
       type(stage_plan), intent(out) :: self
       type(scheme_type), intent(in) :: scheme
@@ -65,6 +77,7 @@ contains
          self%r(k) = sum(self%a(:, k))
          self%v(k) = dot_product(self%alpha, self%abar(k, :))
          do i = 1, self%nstage
+            ! Columns hold stages, so this is B_ik = sum_j a_ij abar_jk.
             self%b(k, i) = dot_product(self%a(:, i), self%abar(k, :))
             waits(i, k) = abs(self%b(k, i)) > 0
             if (.not. eliminated) waits(i, k) = waits(i, k) .or. abs(self%a(k, i)) > 0 .or. abs(self%abar(k, i)) > 0
@@ -74,7 +87,9 @@ contains
       call find_first_sweep(self)
    end subroutine new_stage_plan
 
-   !> The groups, each after those it waits for.
+   !> The groups, each after those it waits for. Stage i reaches k where it waits for k through any number of stages
+   !> (the transitive closure of waits); two that reach each other are mates. A group comes when all that its stages
+   !> reach outside of it has come.
    pure subroutine find_groups(self, waits)
       type(stage_plan), intent(inout) :: self
       logical, intent(in) :: waits(self%nstage, self%nstage)  !! stage i for stage k
@@ -83,6 +98,7 @@ contains
       integer :: i, k
 
       reaches = waits
+      ! Warshall's algorithm: after pass k all ways through stages up to k are there.
       do k = 1, self%nstage
          do i = 1, self%nstage
             if (reaches(i, k)) reaches(i, :) = reaches(i, :) .or. reaches(k, :)
@@ -107,7 +123,7 @@ contains
       end do
    end subroutine find_groups
 
-   !> Coefficients of the first sweep.
+   !> Coefficients of the first sweep: for member m of a group, members m and later are not known.
    pure subroutine find_first_sweep(self)
       type(stage_plan), intent(inout) :: self
       integer :: k, m
@@ -126,7 +142,8 @@ contains
       end do
    end subroutine find_first_sweep
 
-   !> Add the coefficients of members m and later to the one of member m-1.
+   !> Add the coefficients of members m and later to the one of member m-1, the newest slope that is known. The first
+   !> member knows none, and loses them.
    pure subroutine move_to_known(stage, m, coefficient)
       integer, intent(in) :: stage(:), m
       real(wp), intent(inout) :: coefficient(:)
@@ -138,7 +155,7 @@ contains
       end do
    end subroutine move_to_known
 
-   !> Whether the stages of every group follow each other.
+   !> Whether the stages of every group have consecutive numbers.
    pure logical function in_order(self)
       class(stage_plan), intent(in) :: self
       integer :: k
@@ -163,6 +180,8 @@ contains
       end do
    end function mates
 
+   !> A group from its stages (same) and the B of all, b(k, i) = B_ik: its own B, its stages' coefficients of slopes
+   !> outside of it (earlier), and the inverse of its B or the two factors.
    pure subroutine fill_group(group, b, same)
       type(stage_group), intent(inout) :: group
       real(wp), intent(in) :: b(:, :)
@@ -189,7 +208,8 @@ contains
       if (.not. allocated(group%inverse)) call factorise(group)
    end subroutine fill_group
 
-   !> b_ik = e_i f_k, if there are such numbers.
+   !> b_ik = e_i f_k, if there are such numbers to rounding: e is the column of the largest entry, and f follows from
+   !> the row of that entry. Nothing is allocated where b vanishes or has a higher rank.
    pure subroutine factorise(group)
       type(stage_group), intent(inout) :: group
       real(wp), dimension(group%nmember) :: e, f
@@ -206,8 +226,8 @@ contains
       group%f = f
    end subroutine factorise
 
-   !> The inverse of a small matrix by elimination with exchange of rows; not allocated where a pivot vanishes
-   !> against the largest entry.
+   !> The inverse of a small matrix by elimination of (matrix, I) with exchange of rows; not allocated where a pivot
+   !> vanishes against the largest entry: below 1e-10 of it the matrix counts as singular.
    pure subroutine invert(n, matrix, inverse)
       integer, intent(in) :: n
       real(wp), intent(in) :: matrix(n, n)

@@ -1,5 +1,6 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> Newton's iteration for implicit stages in a few lanes of a block: the equations are in newton.inc.
+!> Newton's iteration for implicit stages in a few lanes of a block: the equations are in newton.inc. All lanes are
+!> asked for gradient and Hessian together; those that rest are not corrected.
 !>
 !> Private to its family.
 module symsde_step_stages_newton
@@ -16,13 +17,14 @@ module symsde_step_stages_newton
 
    include 'newton.inc'
 
+   !> Lanes of a part of the block.
    pure integer function lanes(equations)
       type(stage_equations), intent(in) :: equations
 
       lanes = equations%ham%nlane
    end function lanes
 
-   !> Gradient and Hessian, dense or its upper bands.
+   !> Hhat_q and the Hessian Hhat_qq at (t, q), dense (nlane, n, n) or its upper bands (nlane, 0:band, n).
    subroutine ask_model(ham, band, t, w, q, p, hq, k)
       type(one_step_hamiltonian), intent(in) :: ham
       integer, intent(in) :: band

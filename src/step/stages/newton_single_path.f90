@@ -1,5 +1,6 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> Newton's iteration for implicit stages of a path by itself: newton.inc with one lane.
+!> Newton's iteration for implicit stages of a single path: newton.inc with one lane, whose small dense systems are
+!> solved by solve/newton_single_path.
 !>
 !> Private to its family.
 module symsde_step_stages_newton_single_path
@@ -17,14 +18,16 @@ module symsde_step_stages_newton_single_path
 
    include 'newton.inc'
 
+   !> One lane, known to the compiler.
    pure integer function lanes(equations)
       type(stage_equations), intent(in) :: equations
 
       lanes = 1
    end function lanes
 
-   !> Gradient and Hessian, dense or its upper bands. Two degrees of freedom are asked for in numbers. The stiffness of
-   !> a chain is asked for in two lanes: in one its model may round as its rows do, not as the lanes of a block.
+   !> Hhat_q and the Hessian Hhat_qq, dense or its upper bands. Two degrees of freedom are asked for in numbers. The
+   !> stiffness of a chain is asked for in two equal lanes: in one its model may round as its rows do, not as the
+   !> lanes of a block.
    subroutine ask_model(ham, band, t, w, q, p, hq, k)
       type(one_step_hamiltonian), intent(in) :: ham
       integer, intent(in) :: band

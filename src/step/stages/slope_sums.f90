@@ -6,7 +6,14 @@
 !> A slope whose coefficient is zero is never read by a block: it may not be known yet.
 !>
 !> Products are added one after the other to what the sum starts with. So nothing is left to choose for a compiler that
-!> contracts, and a coefficient of zero changes nothing: a path by itself adds them all, and has the same bits.
+!> contracts, and a coefficient of zero changes nothing: a single path adds them all, and has the same bits.
+!>
+!> The sum of stage i begins with F_i, its own slope of the sweep before, and goes on i+1, .., s, 1, .., i-1. Thus the
+!> slope that has just been found, of the stage before, comes last: a single path has done all other additions by
+!> then.
+!>
+!> Up to three slopes are added in one pass over the n numbers (n = nlane ndof), which are read and written once;
+!> further ones take a pass each.
 module symsde_step_stages_slope_sums
    use symsde_base_kinds, only: wp
    use symsde_base_vectors, only: add_times
@@ -19,8 +26,9 @@ module symsde_step_stages_slope_sums
 
 contains
 
-   !> total = start + sum_j c_j slope_j, from slope `first` on and around: of a stage itself, so that the newest slope,
-   !> of the stage before it, is added last. A path by itself waits for that alone.
+   !> total = start + sum_j c_j slope_j, from slope `first` on and around, for a block. First the slopes with
+   !> coefficients are looked for, up to three of them; then they are added in one pass, and what is left in passes of
+   !> its own.
    pure subroutine add_slopes(n, nstage, first, c, slope, start, total)
       integer, intent(in) :: n, nstage, first
       real(wp), intent(in) :: c(nstage), slope(n, nstage), start(n)
@@ -55,7 +63,8 @@ contains
       end do
    end subroutine add_slopes
 
-   !> The same of slopes that are all known, for a path by itself: those with the coefficient zero are added, too.
+   !> The same of slopes that are all numbers, for a single path: those with the coefficient zero are added, too,
+   !> without a search for them. Up to three numbers go without vectors.
    pure subroutine weigh_slopes(n, nstage, first, c, slope, start, total)
       integer, intent(in) :: n, nstage, first
       real(wp), intent(in) :: c(nstage), slope(n, nstage), start(n)
@@ -85,7 +94,7 @@ contains
       end do
    end subroutine weigh_slopes
 
-   !> VEC
+   !> VEC total = start + c x
    pure subroutine add_one(n, c, x, start, total)
       integer, intent(in) :: n
       real(wp), intent(in) :: c, x(n), start(n)
@@ -97,7 +106,7 @@ contains
       end do
    end subroutine add_one
 
-   !> VEC
+   !> VEC total = start + a x + b y, from the left.
    pure subroutine add_two(n, a, x, b, y, start, total)
       integer, intent(in) :: n
       real(wp), intent(in) :: a, b, x(n), y(n), start(n)
@@ -109,7 +118,7 @@ contains
       end do
    end subroutine add_two
 
-   !> VEC
+   !> VEC total = start + a x + b y + c z, from the left.
    pure subroutine add_three(n, a, x, b, y, c, z, start, total)
       integer, intent(in) :: n
       real(wp), intent(in) :: a, b, c, x(n), y(n), z(n), start(n)

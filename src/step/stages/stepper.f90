@@ -1,5 +1,8 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> Implicit schemes of several stages for blocks. Lanes are taken through the whole step in parts that stay in cache.
+!> Implicit schemes of several stages for blocks: the equations are in stepper.inc.
+!>
+!> A block is taken through the step part by part: all slopes of a part are found and added up before the next part
+!> begins. A part has so few lanes that the arrays of its iteration, (width, ndof) for every stage, stay in cache.
 module symsde_step_stages_stepper
    use symsde_base_counters, only: counters_type, add_counters
    use symsde_base_kinds, only: wp, i8
@@ -32,13 +35,15 @@ module symsde_step_stages_stepper
 
    ! ---- what a block does otherwise than a path by itself ------------------------------------------
 
+   !> Lanes of a part, not of the block.
    pure integer function lanes(self)
       class(stages_stepper), intent(in) :: self
 
       lanes = self%width
    end function lanes
 
-   !> Lanes of a part of nlane.
+   !> Lanes of a part of nlane: the most whose arrays fit into the cache, a number that divides nlane. At least one
+   !> unit of lanes is taken, and one strip of a chain.
    pure integer function width_of(nlane, traits) result(width)
       integer, intent(in) :: nlane
       type(model_traits), intent(in) :: traits
@@ -52,6 +57,7 @@ module symsde_step_stages_stepper
       end do
    end function width_of
 
+   !> One step of the block, part by part; what the parts have counted is collected at its end.
    subroutine increment(self, step, q, p, dq, dp, status)
       class(stages_stepper), intent(inout) :: self
       type(step_record), intent(in) :: step

@@ -1,5 +1,8 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> Implicit schemes of several stages for a path by itself.
+!> Implicit schemes of several stages for a single path: stepper.inc with one lane, which is one part.
+!>
+!> Where sweeps cost little many are taken at once (sweeps_ahead); a step that these do not end is begun anew by the
+!> body. Both ways have the bits of a lane of a block.
 module symsde_step_stages_stepper_single_path
    use symsde_base_counters, only: counters_type, add_counters
    use symsde_base_kinds, only: wp, i8
@@ -32,12 +35,14 @@ module symsde_step_stages_stepper_single_path
 
    ! ---- what a path by itself does otherwise than a block ------------------------------------------
 
+   !> One lane, known to the compiler.
    pure integer function lanes(self)
       class(stages_stepper), intent(in) :: self
 
       lanes = 1
    end function lanes
 
+   !> The only part of a block of one lane is this lane.
    pure integer function width_of(nlane, traits) result(width)
       integer, intent(in) :: nlane
       type(model_traits), intent(in) :: traits
@@ -45,6 +50,7 @@ module symsde_step_stages_stepper_single_path
       width = 1
    end function width_of
 
+   !> One step: by sweeps ahead where they are there and end it, else by the body.
    subroutine increment(self, step, q, p, dq, dp, status)
       class(stages_stepper), intent(inout) :: self
       type(step_record), intent(in) :: step

@@ -1,8 +1,9 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> Steps of a path by itself where a sweep costs little: of one angle, whose force follows from four terms, or where the
-!> model takes sweeps itself. As many sweeps are taken at once as the step before took, which mostly is enough, and
-!> judged then; sweeps that were in vain are not looked at. The operations are those of step/stages/equations in their
-!> order, for momenta that are eliminated by an identity mass and noise in position:
+!> Steps of a single path where a sweep costs little: of one angle, whose force follows from four terms, or where the
+!> model takes sweeps itself. As many sweeps are taken at once as the step before took, which mostly is enough, and only
+!> then is each of them judged, in order; those behind the one that ends the iteration are not used. If none ends it,
+!> sweeps follow one by one. The operations are those of step/stages/equations in their order, for momenta that are
+!> eliminated by an identity mass and noise in position:
 !>
 !>    Q_i = q_n + h r_i p_n - h sum_k B_ik F_k,   F_i <- Hhat_q(Q_i)          k = i, i+1, .. and around
 !>    dq  = h p_n - h sum_k v_k F_k,   dp = -sum_k alpha_k F_k
@@ -13,6 +14,9 @@
 !> Without it, sweeps one by one of the body with one lane take 1.5 to 2 of the time of two degrees of freedom whose
 !> model takes sweeps itself, asked for forces in numbers. An angle whose terms the body finds once for each stage, and
 !> whose force it writes out, takes 1.0 to 1.3.
+!>
+!> F is kept after every sweep (f), since it is not known yet which of them is the last. base_i = q_n + h r_i p_n is
+!> found once a step. Coefficients have h and their sign in them.
 !>
 !> Private to its family.
 module symsde_step_stages_sweeps_ahead
@@ -57,7 +61,8 @@ module symsde_step_stages_sweeps_ahead
 
 contains
 
-   !> Not allocated where this way does not serve the model and the scheme.
+   !> Room for these steps; not allocated where they do not serve the model and the scheme: at most four stages are
+   !> there, and those of a group have consecutive numbers.
    subroutine new_sweeps_ahead(self, model, plan, shifts)
       type(sweeps_ahead), allocatable, intent(out) :: self
       class(model_type), intent(in) :: model
@@ -82,6 +87,7 @@ contains
       call new_noise_shift(self%shift, model, 1)
    end subroutine new_sweeps_ahead
 
+   !> The coefficients of steps of size h, those that are not there being zero.
    pure subroutine find_coefficients(self, h)
       type(sweeps_ahead), intent(inout) :: self
       real(wp), intent(in) :: h
@@ -98,7 +104,8 @@ contains
       end associate
    end subroutine find_coefficients
 
-   !> One step; where it is not taken nothing is known, and nothing is counted.
+   !> One step from (q, p): increments (dq, dp), or taken = .false., and then nothing is known and nothing is counted.
+   !> Brackets that are a shift of p_n (step/stages/equations) come before the sweeps.
    subroutine take(self, ham, step, too_stiff, q, p, dq, dp, taken)
       class(sweeps_ahead), intent(inout) :: self
       type(one_step_hamiltonian), intent(inout) :: ham
@@ -127,7 +134,8 @@ contains
       end associate
    end subroutine take
 
-   !> The step where positions move with these momenta.
+   !> The step where positions move with the momenta p: groups one after the other, then the increments from the F after
+   !> the last sweep. `before` counts the sweeps of all groups so far, so f(:, :, before) is the newest F of all stages.
    subroutine move(self, ham, n, s, t, w, too_stiff, q, p, dq, dp, taken)
       type(sweeps_ahead), intent(inout) :: self
       type(one_step_hamiltonian), intent(inout) :: ham
@@ -171,7 +179,8 @@ contains
       ham%counters%iterations = ham%counters%iterations + before
    end subroutine move
 
-   !> The slopes of a group, after so many sweeps of others: as many sweeps as the step before took, then one by one.
+   !> The slopes of group g, after `before` sweeps of others: as many sweeps as it took in the step before (ahead), then
+   !> one by one. nsweep is how many ended it, and how many the next step takes ahead; 0 says that the step is given up.
    subroutine sweep(self, model, s, g, w, p, too_stiff, before, nsweep)
       type(sweeps_ahead), intent(inout) :: self
       class(model_type), intent(in) :: model
@@ -206,13 +215,16 @@ contains
                ahead = first
             end if
          end do
+         ! The number of sweeps is the guess for the next step.
          ahead = min(nsweep, most)
       end associate
       if (abs(last - done) > 0) nsweep = 0
    end subroutine sweep
 
-   !> Sweeps of an angle, as those of a model. Sums are those of four stages, whatever their number: how gcc contracts a
-   !> loop must not depend on it.
+   !> Sweeps first .. last of an angle over the stages i1 .. i2 of a group: x = base_i + sum_m b_im F_m, from stage i
+   !> on and around, and F_i = a sin x + (b cos x + (c x + d)). change and extent have the largest change and the
+   !> largest F of each sweep. Models that take sweeps themselves have the same interface. Sums are those of four
+   !> stages, whatever their number: how gcc contracts a loop must not depend on it.
    subroutine swing(i1, i2, first, last, terms, base, b, f, change, extent)
       integer, value :: i1, i2, first, last
       type(angle_terms), intent(in) :: terms(nstage)

@@ -1,5 +1,5 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> Newton's iteration for stages of a chain, in the lanes of a block.
+!> Newton's iteration for stages of a chain, in the lanes of a block: the equations are in tridiagonal.inc.
 !>
 !> Private to its family.
 module symsde_step_stages_tridiagonal

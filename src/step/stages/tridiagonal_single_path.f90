@@ -1,5 +1,6 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> Newton's iteration for stages of a chain, for a path by itself: a strip with one lane.
+!> Newton's iteration for stages of a chain, for a single path: the equations are in tridiagonal.inc. The path is a
+!> strip of which one lane runs, while the others rest.
 !>
 !> Private to its family.
 module symsde_step_stages_tridiagonal_single_path
