@@ -10,14 +10,14 @@
 !> without effect. Every part is a Hamiltonian of which the exact gradient is taken, so a symplectic scheme stays one.
 !>
 !> Single brackets need gradients and Hessian-vector products, grad {F,G} = Hess F (G_p,-G_q) - Hess G (F_p,-F_q).
-!> The nested one would need third
-!> derivatives; with u, v the fields of H and H_k, (H_p, -H_q) and (H_k,p, -H_k,q), it is replaced by
+!> The nested one would need third derivatives; with u, v the fields of H and H_k, (H_p, -H_q) and (H_k,p, -H_k,q), it
+!> is replaced by
 !>
 !>    [H(x+bv) + H(x-bv) - 2H(x)]/b^2
 !>    - [H_k(x+au+bv) + H_k(x-au-bv) - H_k(x+au-bv) - H_k(x-au+bv)]/(4ab),   a = r |h|, b = r sqrt|h|
 !>
-!> (H stands for F/h) differences over r times the step's own moves by drift and by noise. It differs from the bracket
-!> by O(h), below the orders in question, and rounding is divided by b^2 but multiplied by h^2. Noise that
+!> where H stands for F/h: differences over r times the step's own moves by drift and by noise. This differs from the
+!> bracket by O(h), below the orders in question, and rounding is divided by b^2 but multiplied by h^2. Noise that
 !> depends on position alone with H = p.p/2 + U(q) needs no difference: the bracket is H_k,q . H_k,q. Nor do models
 !> that offer third derivatives, or have none (step/hamiltonian/brackets_exact).
 !>
@@ -257,7 +257,7 @@ contains
       real(wp), intent(in) :: t, q(self%nlane, self%ndof), p(self%nlane, self%ndof)
       integer :: k, l
 
-      do l = 2, self%nnoise
+      do l = 2, self%nnoise  ! F = H_l, G = sum_{k<l} A_kl H_k
          if (.not. self%noisy(l)) cycle
          self%f = 0
          self%f(:, l) = 1
@@ -319,7 +319,7 @@ contains
       c = h/(12*reach**2)
       self%g = 0
       self%g(:, 0) = 1
-      call add_sum(self, t, q, p, 0.0_wp, 0.0_wp, -2*c*count(self%noisy))
+      call add_sum(self, t, q, p, 0.0_wp, 0.0_wp, -2*c*count(self%noisy))  ! the middle of all differences at once
       do k = 1, self%nnoise
          if (.not. self%noisy(k)) cycle
          call self%field_of(t, k, q, p)

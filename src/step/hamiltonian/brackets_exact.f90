@@ -92,6 +92,7 @@ contains
          call self%field_of(t, k, q, p)
          call add_third(self, t, weights, c, self%vq, self%vp, q, p, hq, hp)
          if (additive) cycle
+         ! from here on the terms with H_k'' and H_k''', which additive noise has not
          call add_third(self, t, self%f, -c, self%uq, self%up, q, p, hq, hp)
          self%rq = 0
          self%rp = 0

@@ -80,11 +80,12 @@ contains
       associate (n => parts%nlane, m => parts%nnoise, traits => parts%model%traits)
          allocate (self%c(n, 0:m), self%rate(n, 0:m), source=0.0_wp)
          self%nested = parts%active%nested .and. has_exact_bracket(traits)
+         ! left to differences, or to other times: derivatives at this point do not give it
          self%partly = parts%time_dependent .or. (parts%active%nested .and. .not. self%nested)
          self%exact = traits%quadratic .and. .not. self%partly
          self%asked = 1 + count(parts%noisy)
          if (are_kinetic(parts)) then
-            if (parts%time_dependent) self%asked = 1 + 3*count(parts%noisy)
+            if (parts%time_dependent) self%asked = 1 + 3*count(parts%noisy)  ! H_k at both ends of the step, too
             self%exact = self%exact .or. traits%has_angle_terms
             allocate (self%kinetic)
             call new_kinetic_brackets(self%kinetic, parts)
@@ -120,6 +121,7 @@ contains
       do k = 1, self%nnoise
          self%c(:, k) = 0.5_wp*step%h*step%w(:, k) - step%of(path_dz)%x(:, k)
       end do
+      ! dW_k/2 - dZ_k/h, the weights of H_k(t_1) - H_k(t_0)
       if (parts%time_dependent) self%rate = self%c/step%h
    end subroutine begin
 

@@ -70,7 +70,7 @@ contains
       self%known = .true.
       self%diagonal = .true.
       x(1, :) = q(lane, :)
-      p = 1
+      p = 1  ! of unit momenta the velocities are the numbers themselves, if M is diagonal
       do j = 1, nmomentum
          call model%gradient(1, size(self%inverse), model%traits%nnoise, t, self%unit(1, :), x, p, hp=v)
          if (j == 1) self%inverse = v(1, :)

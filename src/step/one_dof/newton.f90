@@ -43,7 +43,9 @@ module symsde_step_one_dof_newton
 
       self%x = from%x(places, :)
       call self%newton%start(status)
+      ! brackets hold what stays the same in a step lane by lane: it is found anew for the gathered lanes
       if (allocated(self%brackets)) call self%brackets%begin(ham%modified, step, self%c)
+      ! the rate of corrections and the number of the iteration go on as they would in the block
       self%newton%last = merge(from%newton%last(places), self%newton%last, status == 0)
       self%newton%iteration = from%newton%iteration
       self%first = from%first(places)

@@ -46,7 +46,7 @@ module symsde_step_one_dof_newton_single_path
       integer :: i
 
       w => step%w
-      if (.not. allocated(self%terms)) then
+      if (.not. allocated(self%terms)) then  ! no angle: the model is asked
          if (self%flies) call ham%velocity(step%t + self%c(1)*step%h, w, q, p, self%qs)
          return
       end if

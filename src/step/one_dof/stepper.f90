@@ -95,6 +95,8 @@ contains
       call new_step_store(self%store, few_lanes, model%traits%nnoise, 2, 0.0_wp, asked)
    end subroutine new_last_lanes
 
+   !> Newton's iteration from its first guess until no lane runs, then the weighted sums of the slopes. The count of
+   !> running lanes decides when to gather; what a lane computes does not depend on it.
    subroutine increment(self, step, q, p, dq, dp, status)
       class(one_dof_stepper), intent(inout) :: self
       type(step_record), intent(in) :: step
@@ -137,19 +139,20 @@ contains
       few%p = p(lanes)
       few%store%h = step%h
       few%store%w(:, :, 0) = step%w(lanes, :)
-      do f = 1, nfunctional
+      do f = 1, nfunctional  ! those which the store has room for are the ones that brackets read
          if (allocated(few%store%of(f)%x)) few%store%of(f)%x(:, :, 0) = step%of(f)%x(lanes, :)
       end do
       call few%store%show(0, step%t, gathered)
       few%status = not_converged  ! lanes that fill up the block rest
       few%status(:n) = status(lanes(:n))
-      few%ham%nreal = count(lanes(:n) <= self%ham%nreal)
+      few%ham%nreal = count(lanes(:n) <= self%ham%nreal)  ! padding of the block is counted nowhere
       call resume(few%solver, few%ham, self%solver, lanes, gathered, few%status)
       do while (few%solver%newton%running)
          call few%solver%iterate(few%ham, gathered, few%q, few%p, few%status)
       end do
       self%solver%x(lanes(:n), :) = few%solver%x(:n, :)
       status(lanes(:n)) = few%status(:n)
+      ! the small block belongs to this stepper: what it counted does, too
       call add_counters(self%ham%counters, few%ham%counters)
       few%ham%counters = counters_type()
    end subroutine finish

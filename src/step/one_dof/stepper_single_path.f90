@@ -38,6 +38,7 @@ contains
       if (self%solver%separable .or. self%one_solve) self%most_single = merge(3, 4, task%scheme%nstage == 2)
    end subroutine make
 
+   !> Newton's iteration from its first guess until its corrections stagnate, then the weighted sums of the slopes.
    subroutine increment(self, step, q, p, dq, dp, status)
       class(one_dof_stepper), intent(inout) :: self
       type(step_record), intent(in) :: step
