@@ -48,6 +48,7 @@ module symsde_step_factory
    private
    public :: stepper_options, new_stepper, resolve_task, make_stepper, resolve_correction
 
+   !> What a caller may wish of steppers, beside scheme and model.
    type :: stepper_options
       integer :: correction = correction_auto
       logical :: general = .false.   !! use the oracle of the scheme, whatever the traits allow
@@ -166,6 +167,7 @@ contains
       if (allocated(error)) return
       task%model => model
       task%scheme => scheme
+      ! a Galerkin scheme that is a tableau for this model is executed as one, but by its own oracle as it stands
       call find_tableau(scheme, model%traits, task%tableau)
       if (allocated(task%tableau) .and. .not. options%general) task%scheme => task%tableau
       if (task%scheme%form == tableau_form) &
@@ -186,6 +188,7 @@ contains
       type(stepper_task) :: task
       integer :: i
 
+      ! A copy: threads make steppers from the same task at the same time, each for lanes and a view of its own.
       task = wanted
       task%model => model
       task%nlane = nlane

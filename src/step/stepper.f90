@@ -67,7 +67,7 @@ module symsde_step_stepper
    end type stepper_type
 
    abstract interface
-      !> Make it ready for a task that it fits.
+      !> Make it ready for a task that it fits: its name, its Hamiltonian for the lanes of the task, and its room.
       subroutine make_interface(self, task)
          import :: stepper_type, stepper_task
          class(stepper_type), intent(inout) :: self
