@@ -57,7 +57,7 @@ contains
       integer :: width, nlive
 
       associate (nlane => active%state%nlane)
-         active%enough = nlane
+         active%enough = nlane  ! the chunk goes on whatever fails, unless said otherwise below
          if (.not. recipe%narrows .or. narrower_width(nlane) == nlane) return
          if (wide%options%first_step + wide%options%nstep - active%step < worth_while) return
          active%enough = nlane - narrower_width(nlane)
@@ -73,6 +73,7 @@ contains
          active%enough = active%state%nlane
          return
       end if
+      ! paths go from one narrow block to another through the wide state
       if (.not. associated(active, wide)) call leave(wide, active)
       call hand_over(wide, active, next)
       active => next
@@ -131,6 +132,7 @@ contains
          to%origin(n) = lane
       end do
       to%origin(n + 1:) = to%origin(n)
+      ! paths keep their global indices, by which their noise is drawn
       do lane = 1, to%state%nlane
          path(lane) = wide%drawn%request%path(to%origin(lane))
       end do
@@ -170,7 +172,7 @@ contains
       integer :: lane
       logical :: is_ok(nreal)
 
-      is_ok = wide%status(origin(:nreal)) == 0
+      is_ok = wide%status(origin(:nreal)) == 0  ! before any status is written: it decides about all numbers of a lane
       call spread_lanes(wide%nlane, narrow%nlane, nreal, wide%ndof, origin, is_ok, narrow%q, wide%q)
       call spread_lanes(wide%nlane, narrow%nlane, nreal, wide%ndof, origin, is_ok, narrow%p, wide%p)
       if (allocated(wide%q_low)) then
