@@ -57,6 +57,7 @@ contains
       real(wp), dimension(scheme%nstage) :: alpha, minus_alpha
       integer :: i, j
 
+      ! Signs go into the coefficients: both kinds of sums are added then.
       self%nstage = scheme%nstage
       self%c = scheme%c
       a = scheme%a
@@ -111,6 +112,7 @@ contains
       stage = 0
       weight = 0
       do i = 0, nstage
+         ! Sum 0 has the weights, sum i the row of stage i.
          c = alpha
          if (i > 0) c = a(i, :)
          do j = 1, nstage
@@ -142,6 +144,7 @@ contains
       do
          moved = .false.
          do i = 1, nstage
+            ! Every slope in the sum of Q_i, or of P_i, is there already.
             q_ready = all(has_velocity .or. abs(a(i, :)) <= 0)
             p_ready = all(has_force .or. abs(abar(i, :)) <= 0)
             next%stage = i

@@ -127,6 +127,7 @@ module symsde_step_splitting_stepper_single_path
       real(wp) :: sine, cosine
 
       associate (ham => self%ham, x => self%x(1, 1))
+         ! The terms are those of sum_j w_j H_j, so that one sine and one cosine serve all of them.
          if (ham%model%traits%has_angle_terms) then
             call ham%model%angle(ham%nnoise, t, w, terms)
             sine = sincos_one(x, cosine)
@@ -159,6 +160,7 @@ module symsde_step_splitting_stepper_single_path
             if (model%traits%has_angle_terms) then
                associate (terms => ahead%terms(k))
                   if (.not. ahead%knows_terms) call model%angle(m, t, self%unit, terms)
+                  ! slope = a sin x + (b cos x + (c x + d)), curvature = a cos x + (c - b sin x).
                   self%slope(1, k) = terms%a*sine + (terms%b*cosine + (terms%c*self%x(1, 1) + terms%d))
                   self%curvature(1, k) = terms%a*cosine + (terms%c - terms%b*sine)
                end associate

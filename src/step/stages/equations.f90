@@ -44,6 +44,7 @@ module symsde_step_stages_equations
 
       x => step%w
       call take_lanes(size(x, 1), size(x, 2), first, lanes(self), x, self%store%w)
+      ! Functionals that no bracket asks for have no room in the store, and are not copied.
       do f = 1, nfunctional
          if (.not. allocated(self%store%of(f)%x)) cycle
          x => step%of(f)%x
@@ -67,8 +68,10 @@ module symsde_step_stages_equations
       associate (nlane => lanes(self), n => self%ham%ndof)
          do m = 1, group%nmember
             associate (i => group%stage(m))
+               ! From the second sweep on all slopes of the group are known: the full coefficients hold.
                call self%place(i, min(sweep, 2))
                call self%evaluate(i, self%hq, self%hp)
+               ! There is nothing to compare with in the first sweep: the change is the slope itself.
                if (sweep == 1) then
                   call take_first(nlane, n, 1.0_wp, self%hq, self%f(:, :, i), self%change)
                   if (.not. self%eliminated) call take_first(nlane, n, 1.0_wp, self%hp, self%c(:, :, i), self%change)

@@ -96,6 +96,7 @@ module symsde_step_stages_equations_single_path
 
       do k = 1, nmember
          i = stage(k)
+         ! Q_i, and the new F_i in the place of the old one.
          call sum_slopes(n, s, i, b(1, i), f, base(1, i), x)
          call model%gradient(1, n, m, times(i), w, x, p, hq=f(1, i))
       end do

@@ -241,6 +241,7 @@ contains
          work(i, n + i) = 1
       end do
       do k = 1, n
+         ! Row i has the largest entry of column k among the rows that are left; it becomes row k.
          i = k - 1 + maxloc(abs(work(k:, k)), 1)
          if (abs(work(i, k)) <= 1e-10_wp*maxval(abs(matrix))) return
          row = work(i, :)

@@ -36,6 +36,7 @@ contains
       integer :: used(at_once), m, k, j
 
       m = 0
+      ! j runs first, .., nstage, 1, .., first - 1. The loop stops at a fourth slope with a coefficient, where m = 4.
       used = first
       do k = first, first + nstage - 1
          j = merge(k - nstage, k, k > nstage)

@@ -51,6 +51,7 @@ module symsde_step_stages_stepper
       integer :: least
 
       width = nlane
+      ! Chains with rows go in whole strips where the block has whole strips.
       least = merge(strip_lanes, lane_unit, traits%has_chain_rows .and. modulo(nlane, strip_lanes) == 0)
       do while (mod(nlane, width) /= 0 .or. (width*traits%ndof > cached_values .and. width > least))
          width = width - lane_unit

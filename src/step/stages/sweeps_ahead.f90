@@ -124,6 +124,7 @@ contains
             call move(self, ham, n, self%plan%nstage, step%t, w, too_stiff, q, p, dq, dp, taken)
             return
          end if
+         ! The shift is along noise in position: y becomes the shifted p_n, and x stays q_n.
          x(:n) = q
          y(:n) = p
          call self%shift%weigh(-0.5_wp, 1.0_wp, step)
@@ -155,6 +156,7 @@ contains
             self%base(i, k) = q(k) + self%r(i)*p(k)
          end do
       end do
+      ! Slopes of groups to come are zero, f(:, :, 0) being zero, and so they stay until their own sweeps.
       before = 0
       evaluations = 0
       do g = 1, self%plan%ngroup
@@ -198,6 +200,7 @@ contains
                call model%angle(m, self%times(i), w, self%terms(i))
             end do
          end if
+         ! Sweeps first .. ahead, and their verdict; where they still run one more is taken.
          do while (last >= 0 .and. ahead <= most)
             if (self%angles) then
                call swing(slot%i1, slot%i2, first, ahead, self%terms, self%base, self%b, self%f(1, 1, before), change, &
@@ -208,6 +211,7 @@ contains
             end if
             call judge_ahead(first, ahead, too_stiff, too_stiff, most, change, extent, last, nsweep)
             first = ahead + 1
+            ! A stage that does not wait for itself is done after its first sweep.
             if (last >= 0 .and. slot%explicit) then
                nsweep = 1
                last = done
@@ -236,11 +240,13 @@ contains
 
       now = f(:, 1, first - 1)
       do k = first, last
+         ! b(:, :, 1) belongs to the first sweep, where slopes are not all known.
          at = min(k, 2)
          moved = 0
          size = 0
          !GCC$ unroll 4
          do i = 1, nstage
+            ! Stages of other groups keep their F in this sweep.
             if (i >= i1 .and. i <= i2) then
                x = base(i)
                !GCC$ unroll 4
