@@ -21,7 +21,8 @@ module symsde_solve_banded_pivoting
 
 contains
 
-   !> Begin with a matrix whose uppermost kl rows are zero. The norm is not finite where a number is not.
+   !> Begin with a matrix whose uppermost kl rows are zero: its largest column sum is kept for an estimate of its
+   !> condition. The norm is not finite where a number is not.
    subroutine new_banded_factors(self, n, kl, ku, band)
       type(banded_factors), intent(out) :: self
       integer, intent(in) :: n, kl, ku
@@ -39,7 +40,9 @@ contains
       end do
    end subroutine new_banded_factors
 
-   !> Factor the next columns, as many as take about `work` multiplications; all is done when done = n.
+   !> Factor the next columns, as many as take about `work` multiplications; all is done when done = n. Column j
+   !> finds the largest entry on and below its diagonal, exchanges its row with row j, divides by the pivot what is
+   !> below it, and subtracts multiples of that from all columns that row j reaches.
    subroutine factor_columns(self, band, work)
       type(banded_factors), intent(inout) :: self
       real(wp), intent(inout) :: band(2*self%kl + self%ku + 1, self%n)
@@ -70,7 +73,7 @@ contains
       end associate
    end subroutine factor_columns
 
-   !> Rows j and j + at, from column j on.
+   !> Exchange rows j and j + at, from column j to the last one that exchanges have filled.
    pure subroutine exchange_rows(self, j, at, band)
       type(banded_factors), intent(in) :: self
       integer, intent(in) :: j, at

@@ -3,9 +3,18 @@
 !> pivoting.
 !>
 !> C is an s x s matrix, the same for all sites and lanes; K_m is the symmetric tridiagonal stiffness at stage m, its
-!> diagonal k(lane, 0, at, m) and what is right of it, k(lane, 1, at, m). With the unknowns of a site side by side the
-!> matrix is block tridiagonal: C + diag(K_m(i,i)) on the diagonal, diag(K_m(i,i+1)) beside it. A block is inverted by
-!> its minors, which takes one division a site.
+!> diagonal k(lane, 0, at, m) and what is right of it, k(lane, 1, at, m). With the unknowns of a site side by side
+!> the matrix is block tridiagonal: C + diag(K_m(i,i)) on the diagonal, E_i = diag(K_m(i,i+1)) beside it. Downwards,
+!> site after site,
+!>
+!>    S_i = C + diag(K_m(i,i)) - E_{i-1} S_{i-1}^{-1} E_{i-1},   r_i = S_i^{-1} (g_i + f_i - E_{i-1} r_{i-1})
+!>
+!> and then upwards
+!>
+!>    d_i = r_i - S_i^{-1} E_i d_{i+1},   g_i <- g_i - C d_i
+!>
+!> with g the slopes and g + f their residual. S_i^{-1} E_i is kept as `factor` and r_i as `rhs`. A block is inverted
+!> by its minors, which takes one division a site.
 !>
 !> A lane is trusted while all principal minors of its blocks are positive; a NaN is not. So they are where every K_m is
 !> positive semidefinite and the stages can be scaled so that C has a positive definite symmetric part, as those of
@@ -89,7 +98,8 @@ contains
 
    ! ---- kernels ----------------------------------------------------------------------------------
 
-   !> VEC
+   !> VEC Two stages: S = (a11, a12; a21, a22), downwards through sites first .. last. above, beside and r are S^{-1}
+   !> E, the diagonal of E and S^{-1} times the right-hand side of the site before, then of this one.
    pure subroutine eliminate_pairs(n, first, last, capacity, c, g, f, k, above, beside, r, trusted, factor, rhs)
       integer, intent(in) :: n, first, last, capacity
       real(wp), intent(in) :: c(2, 2), g(strip_lanes, 2, n)
@@ -111,6 +121,8 @@ contains
             b2 = g(lane, 2, i) + f(lane, at, 2) - beside(lane, 2)*r(lane, 2)
             det = a11*a22 - a12*a21
             inverse = 1/det
+            ! The principal minors are a11, a22 and the determinant, whose sign is that of its inverse. A NaN passes
+            ! no comparison.
             least = merge(a11, a22, a11 < a22)
             least = merge(least, inverse, least < inverse)
             trusted(lane) = merge(trusted(lane), 0.0_wp, least > 0)
@@ -118,6 +130,7 @@ contains
             r(lane, 2) = (a11*b2 - a21*b1)*inverse
             beside(lane, 1) = k(lane, 1, at, 1)
             beside(lane, 2) = k(lane, 1, at, 2)
+            ! S^{-1} E, column m of which is that of S^{-1} times E_mm.
             right1 = beside(lane, 1)*inverse
             right2 = beside(lane, 2)*inverse
             above(lane, 1, 1) = a22*right1
@@ -134,7 +147,8 @@ contains
       end do
    end subroutine eliminate_pairs
 
-   !> VEC
+   !> VEC Two stages: d upwards from the last site, and g <- g - C d in running lanes. Sizes are sums over the stages
+   !> of a site, the largest of all sites.
    pure subroutine correct_pairs(n, c, factor, rhs, last, g, step, size)
       integer, intent(in) :: n
       real(wp), intent(in) :: c(2, 2), factor(strip_lanes, 2, 2, n), rhs(strip_lanes, 2, n), last(strip_lanes)
@@ -172,7 +186,7 @@ contains
       size = extent
    end subroutine correct_pairs
 
-   !> VEC
+   !> VEC Three stages, as eliminate_pairs.
    pure subroutine eliminate_triples(n, first, last, capacity, c, g, f, k, above, beside, r, trusted, factor, rhs)
       integer, intent(in) :: n, first, last, capacity
       real(wp), intent(in) :: c(3, 3), g(strip_lanes, 3, n)
@@ -248,7 +262,7 @@ contains
       end do
    end subroutine eliminate_triples
 
-   !> VEC
+   !> VEC Three stages, as correct_pairs.
    pure subroutine correct_triples(n, c, factor, rhs, last, g, step, size)
       integer, intent(in) :: n
       real(wp), intent(in) :: c(3, 3), factor(strip_lanes, 3, 3, n), rhs(strip_lanes, 3, n), last(strip_lanes)

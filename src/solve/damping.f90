@@ -32,6 +32,7 @@ contains
       allocate (self%x(nlane, n), self%d(nlane, n), self%merit(nlane), self%tau(nlane), self%rejected(nlane))
    end subroutine new_damping
 
+   !> No residual is known yet: the first one is not worse than anything, so nothing is rejected.
    subroutine start_damping(self)
       type(damping_type), intent(inout) :: self
 
@@ -41,7 +42,9 @@ contains
       self%d = 0
    end subroutine start_damping
 
-   !> Judge the last corrections by the residuals r at x; take half of those that did not help.
+   !> Judge the last corrections by the residuals r at x, and take half of those that did not help, x = x_old - tau
+   !> d. A residual that is not finite counts as the largest number. Corrections as small as rounding are not judged.
+   !> A lane whose tau is too short gets an infinite correction, by which the stopping test fails it.
    subroutine reject(self, r, last, x, step, size)
       type(damping_type), intent(inout) :: self
       real(wp), intent(in) :: r(:, :)              !! residuals at x (nlane, n)
@@ -68,7 +71,8 @@ contains
       end do
    end subroutine reject
 
-   !> Take the full corrections r of the lanes that were not rejected.
+   !> Take the full corrections r of the running lanes that were not rejected, and keep x and correction for the next
+   !> judgement.
    subroutine accept(self, r, last, x, step, size)
       type(damping_type), intent(inout) :: self
       real(wp), intent(in) :: r(:, :)              !! corrections (nlane, n)

@@ -11,10 +11,15 @@
 !>    end do
 !>    ... krylov%x, and krylov%unsolved where the goal was not reached ...
 !>
-!> A may be any nonsingular matrix: symmetric where momenta are eliminated, not so elsewhere. Arnoldi's
-!> vectors by modified Gram-Schmidt, least squares by Givens rotations, no restart: Saad & Schultz, SIAM J. Sci.
-!> Stat. Comput. 7 (1986) 856. Sizes are Euclidean. The solution of a lane is made of the vectors up to
-!> the one that reached its goal, whatever its neighbours still need.
+!> A may be any nonsingular matrix: symmetric where momenta are eliminated, not so elsewhere. Arnoldi's vectors v_i
+!> span b, A b, A^2 b, ..: with V_k = (v_1, .., v_k) they obey A V_k = V_{k+1} H_k, H_k of k+1 rows with zeros below
+!> the first subdiagonal, and x = V_k y with the y that makes |b - A x| = | |b| e_1 - H_k y | least. Givens rotations
+!> make H_k triangular as it grows; g is what they make of |b| e_1, and the last entry of g is the size of the
+!> residual, known before x is. Vectors by modified Gram-Schmidt, no restart: Saad & Schultz, SIAM J. Sci. Stat.
+!> Comput. 7 (1986) 856.
+!>
+!> Sizes are Euclidean. All lanes multiply as long as one runs, but the solution of a lane is made of the vectors up
+!> to the one that reached its goal, whatever its neighbours still need.
 module symsde_solve_krylov
    use symsde_base_kinds, only: wp
    implicit none
@@ -64,7 +69,7 @@ contains
       end associate
    end subroutine new_krylov
 
-   !> Take in right-hand sides, and tell their sizes in norm.
+   !> Take in right-hand sides, tell their sizes in norm, and make v_1 = b/|b|.
    subroutine start(self, b, last)
       class(krylov_type), intent(inout) :: self
       real(wp), intent(in) :: b(self%nlane, self%n)
@@ -99,7 +104,8 @@ contains
       self%running = self%nrunning > 0
    end subroutine seek
 
-   !> Take in the product of vector k, and go on to the next one, or end with the solutions.
+   !> Take in the product A v_k, which makes v_{k+1} and column k of H, and go on to the next one, or end with the
+   !> solutions.
    subroutine advance(self)
       class(krylov_type), intent(inout) :: self
 
@@ -116,7 +122,8 @@ contains
       end if
    end subroutine advance
 
-   !> Column k of the Hessenberg matrix, and vector k+1 of size one.
+   !> Column k of H, h_ik = v_i.(A v_k), and v_{k+1} = (A v_k - sum_i h_ik v_i)/h_{k+1,k}. Each pass removes one
+   !> vector and multiplies by the next one, so that the product is read once for both.
    subroutine orthogonalise(self, k)
       type(krylov_type), intent(inout) :: self
       integer, intent(in) :: k
@@ -133,7 +140,8 @@ contains
       end associate
    end subroutine orthogonalise
 
-   !> x = sum_i y_i v_i over the vectors of each lane, with y from its triangle.
+   !> x = sum_i y_i v_i over the first `length` vectors of each lane, with y from its triangle H y = g, from the last
+   !> row up. y takes the place of g, and is zero from length + 1 on.
    subroutine add_up(self)
       type(krylov_type), intent(inout) :: self
       real(wp) :: divisor(self%nlane)
@@ -250,7 +258,9 @@ contains
       end do
    end subroutine scale_by
 
-   !> Apply the earlier rotations to column k, and rotate its last entry away.
+   !> Apply the earlier rotations to column k of H, and make one that rotates its last entry away; apply it to g.
+   !> Before that the size of A v_k, which is that of the column, is noted among the largest of a lane that is
+   !> running.
    pure subroutine rotate(nlane, most, k, unsolved, length, h, c, s, g, largest)
       integer, intent(in) :: nlane, most, k
       logical, intent(in) :: unsolved(nlane)
@@ -279,8 +289,9 @@ contains
       g(:, k) = c(:, k)*g(:, k)
    end subroutine rotate
 
-   !> Which lanes vector k has brought to their goal. A lane whose column k has nothing left, a singular or
-   !> not finite matrix, keeps what it had.
+   !> Judge which lanes vector k has brought to their goal: |g_{k+1}| is the size of the residual. A lane whose
+   !> column k has nothing left on the diagonal, a singular or not finite matrix, keeps what it had and takes no
+   !> more.
    pure subroutine judge_lanes(nlane, k, diagonal, rest, goal, norm, length, unsolved, nrunning)
       integer, intent(in) :: nlane, k
       real(wp), intent(in) :: diagonal(nlane), rest(nlane), goal(nlane)

@@ -110,7 +110,10 @@ contains
       end if
    end subroutine check_newton
 
-   !> Room for n unknowns a lane; kl >= 0 makes the matrix banded with kl sub- and ku superdiagonals.
+   !> Room for n unknowns a lane; kl >= 0 makes the matrix banded with kl sub- and ku superdiagonals. The stopping
+   !> test follows from what is known of the matrix: done at once for linear equations, quadratic for exact
+   !> derivatives, else linear. Damping and given numbers of iterations, for which is_free is false, take no
+   !> advantage of either.
    subroutine new_newton(self, nlane, n, options, affine, kl, ku, judge_only, exact)
       type(newton_type), intent(out) :: self
       integer, intent(in) :: nlane, n
@@ -144,7 +147,9 @@ contains
       if (kl >= 0 .or. n > 1) call new_block_solver(self%solver, nlane, n, kl, ku)
    end subroutine new_newton
 
-   !> Solve for the correction, add it to the unknowns of the running lanes, and test each lane.
+   !> Solve A d = r, take d from the unknowns of the running lanes, and test each lane. Damped, the last correction
+   !> is judged first by the new residual, and halved where it did not help. As a fixed-point iteration x <- x - r no
+   !> system is solved.
    subroutine update(self, x, status, counters)
       class(newton_type), intent(inout) :: self
       real(wp), intent(inout) :: x(self%nlane, self%n)         !! unknowns

@@ -18,6 +18,8 @@ module symsde_solve_newton_single_path
 
 contains
 
+   !> Solve for the correction, take it from x and test; or, where pivots are not trusted, only note that this
+   !> iteration is to be done once more. Damping, small and large systems are those of solve/newton.
    subroutine update(self, x, status, counters)
       class(newton_type), intent(inout) :: self
       real(wp), intent(inout) :: x(self%n)
@@ -48,6 +50,7 @@ contains
 
    include 'stagnation.inc'
 
+   !> Whether all numbers are finite: zero times another one is NaN.
    pure logical function is_finite(n, x)
       integer, intent(in) :: n
       real(wp), intent(in) :: x(n)

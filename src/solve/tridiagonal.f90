@@ -1,12 +1,27 @@
 ! SPDX-License-Identifier: BSD-3-Clause
 !> Newton corrections from symmetric tridiagonal matrices I + c K, one a lane, without pivoting.
 !>
-!> Row i of K is its diagonal entry k(lane, 0, i) and the one right of it, k(lane, 1, i). Rows are eliminated from both
-!> ends (a twisted factorization): the upper ones downwards, the lower ones upwards, in pairs, which become factors and
-!> right-hand sides. Where the two fronts meet two unknowns are left; from there the solution is found pair by pair
-!> outwards and used at once. A lane is trusted while its pivots are positive, for elimination of a positive definite
-!> matrix is stable whatever their sizes, or else within pivot_floor of the entries they came from, either way; a NaN
-!> is not trusted, nor are entries whose products overflow.
+!> Row i of K is its diagonal entry k(lane, 0, i) and the one right of it, k(lane, 1, i). Rows are eliminated from
+!> both ends (a twisted factorization): the upper ones downwards, the lower ones upwards, in pairs. Let b be the
+!> entry of I + c K between the two rows of a pair, u and v those that tie the pair to the row before it in its front
+!> and to the row ahead, and z, w what the pair before has handed on. With a = 1 + c K_11 - u^2 w and e = 1 + c K_22,
+!> what is left of the pair is
+!>
+!>    S = ( a  b )      S^{-1} = ( e  -b ) / (a e - b^2)      y = (r_1 - u z, r_2)
+!>        ( b  e )               (-b   a )
+!>
+!> and it hands on v, the second entry of S^{-1} y as z, and (S^{-1})_22 as w. Its corrections are, with d that of
+!> the row ahead,
+!>
+!>    (d_1, d_2) = S^{-1} y - S^{-1} (0, v) d
+!>
+!> so S^{-1} y is kept as `rhs`, and S^{-1} (0, v), whose first entry is negative for positive b and v and is kept
+!> with the other sign, as `factor`. Where the two fronts meet two unknowns are left; from there the solution is
+!> found pair by pair outwards and used at once: x <- x - d.
+!>
+!> A lane is trusted while its pivots are positive, for elimination of a positive definite matrix is stable whatever
+!> their sizes, or else within pivot_floor of the entries they came from, either way; a NaN is not trusted, nor are
+!> entries whose products overflow.
 !>
 !> Pairs of one front wait for each other, those of the two do not: a lane alone takes them in turn, in half the time.
 !> A strip of lanes whose number the compiler knows goes through together: a row's lanes stay in registers
@@ -91,6 +106,8 @@ contains
       r = front(:, 3)
       signs = 0
       largest = front(:, 5)
+      ! An odd last row of the chain is the second one of a pair whose first has the matrix 1 and the right-hand side
+      ! 0.
       if (modulo(m, 2) == 1) then
          do lane = 1, strip_lanes
             call note_larger(c, k(lane, 0, m), k(lane, 0, m), largest(lane))
@@ -111,7 +128,8 @@ contains
       call leave(m, c, -1, k, carried, inverse, r, signs, largest, front)
    end subroutine eliminate_up_strip
 
-   !> What the next rows of a front are handed.
+   !> Put what the next rows of a front are handed into `front`. Only where some lane has had a pivot or determinant
+   !> that is negative, which its sign bit has told, the rows are gone through once more for trust.
    pure subroutine leave(m, c, way, k, carried, inverse, r, signs, largest, front)
       integer, intent(in) :: m, way
       real(wp), intent(in) :: c, k(strip_lanes, 0:1, 0:m)
@@ -157,6 +175,7 @@ contains
       largest = 0
       extent = 0
       rests = last
+      ! Rows of the lower front, from h+1 downwards; d is the correction of row h.
       d = meeting(:, 1)
       do i = upper_rows(n) + 1, n - 1, 2
          do lane = 1, strip_lanes
@@ -173,6 +192,7 @@ contains
                               x(lane, n), largest(lane), extent(lane))
          end do
       end if
+      ! Rows of the upper front, from h upwards; d is the correction of row h+1.
       d = meeting(:, 2)
       do i = upper_rows(n), 2, -2
          do lane = 1, strip_lanes
@@ -209,6 +229,7 @@ contains
       r2 = 0
       signs = 0
       largest = 0
+      ! The largest diagonal entry of I + c K tells the rate of a step.
       do i = 1, n
          largest = max(1 + c*k(0, i), largest)
       end do
@@ -267,7 +288,8 @@ contains
       step = step + 0*d1  ! NaN stays
    end subroutine correct_lane
 
-   !> Trust in pairs of rows of one front, where some lane has a pivot that is not positive.
+   !> Take trust from lanes with a pair of rows of one front that does not deserve it, where some lane has a pivot
+   !> that is not positive. Pivots are computed once more, from K, as the pass over the rows has not kept them.
    pure subroutine look_closer(nlane, m, c, way, k, carried_before, inverse_before, trusted)
       integer, intent(in) :: nlane, m, way
       real(wp), intent(in) :: c, k(nlane, 0:1, 0:m)
@@ -298,7 +320,10 @@ contains
       end do
    end subroutine look_closer
 
-   !> A pair of rows: residuals and entries of K.
+   !> Eliminate a pair of rows, by the equations at the head of this file: residuals r_1, r_2 and entries of K, of
+   !> which beside1 ties the two and beside2 the second one to the row ahead. carried, inverse and r are u, w and z
+   !> of the pair before, then what this one hands on. The determinant is expanded, so that it does not wait for the
+   !> pivot a.
    pure subroutine eliminate_pair(c, res1, res2, k1, beside1, k2, beside2, carried, inverse, r, signs, &
                                   factor1, factor2, rhs1, rhs2)
       real(wp), intent(in) :: c, res1, res2, k1, beside1, k2, beside2
@@ -333,7 +358,9 @@ contains
       largest = max(entry, largest)
    end subroutine note_larger
 
-   !> Corrections of the two rows where the fronts meet, what they are tied by carried, and whether they are trusted.
+   !> Corrections of the two rows where the fronts meet, h and h+1, tied by carried = v: d_1 = r_1 - w_1 v d_2 and
+   !> d_2 = r_2 - w_2 v d_1, two equations with the determinant 1 - w_1 w_2 v^2; and whether they are trusted.
+   !> inverse1 is w_1.
    pure subroutine meet(carried, inverse1, inverse2, r1, r2, d1, d2, trusted)
       real(wp), intent(in) :: carried, inverse1, inverse2, r1, r2
       real(wp), intent(out) :: d1, d2, trusted
