@@ -44,9 +44,9 @@ module symsde_step_hamiltonian_brackets_one_dof
       private
       integer :: nlane = 0, nnoise = 0
       logical, public :: exact = .false.            !! the Hessian is the derivative of the gradient
-      logical :: thirds = .false.                   !! third derivatives are asked for, of separable Hamiltonians
-      logical :: along = .false.                    !! .. and of others along their fields
-      integer :: top = nplace                       !! derivatives that do not vanish
+      logical :: thirds = .false.                   !! all third derivatives are asked for: H_j are separable
+      logical :: along = .false.                    !! those along the fields are asked for: H_j are not separable
+      integer :: top = nplace                       !! derivatives of H_j that are known
       logical :: nested = .false.                   !! nested brackets are brackets of brackets
       logical :: partly = .false.                   !! something is left to step/hamiltonian/brackets
       integer, public :: asked = 0                  !! gradients and Hessians of the model in one evaluation
@@ -56,11 +56,11 @@ module symsde_step_hamiltonian_brackets_one_dof
       type(kinetic_brackets), allocatable, public :: kinetic
       real(wp), allocatable :: unit(:, :, :)        !! weights of H_j alone (nlane, 0:nnoise, 0:nnoise)
       real(wp), allocatable :: d(:, :, :)           !! derivatives of H_j (nlane, all, 0:nnoise)
-      real(wp), allocatable, dimension(:, :) :: b, bb  !! of a bracket, of one of it
+      real(wp), allocatable, dimension(:, :) :: b, bb  !! derivatives of {F,G} and of {{F,G},G} (nlane, all)
       real(wp), allocatable :: whole(:, :)          !! weights of F (nlane, 0:nnoise)
       real(wp), allocatable :: factor(:), v(:, :), g(:, :)  !! (nlane), (nlane, 2)
-      real(wp), allocatable :: one(:)               !! (max(nlane, nnoise + 1))
-      real(wp), allocatable :: x(:), y(:), beside(:, :)  !! one lane, H_j beside each other (0:nnoise), (0:nnoise, all)
+      real(wp), allocatable :: one(:)               !! ones (max(nlane, nnoise + 1))
+      real(wp), allocatable :: x(:), y(:), beside(:, :)  !! one lane: q, p and d, H_j as lane j (0:nnoise), (.., all)
    contains
       procedure :: begin
       procedure :: evaluate

@@ -31,9 +31,9 @@ module symsde_step_hamiltonian_brackets_one_dof_kinetic
    !> the evaluation; where noises change in time u(:, i, k, 2) and (.., 3) are those of U_k at both ends of the step.
    type :: kinetic_brackets
       integer :: nlane = 0, nnoise = 0
-      integer :: ntime = 1                         !! 3: at the ends of the step, too, where noises change in time
+      integer :: ntime = 1                         !! times of an evaluation; 3 where noises change: both ends, too
       logical :: angle = .false.
-      real(wp) :: times(0:2) = 0                   !! of the evaluations in a step
+      real(wp) :: times(0:2) = 0                   !! of the evaluations in a step: its middle, and two stages
       type(angle_terms), allocatable :: terms(:, :)  !! of H_j at the times of a step (0:nnoise, 0:2)
       type(angle_terms), allocatable :: ends(:, :) !! of H_k where it begins and ends (nnoise, 2:3)
       real(wp), allocatable :: u(:, :, :, :)       !! U_j' .. U_j'''' (nlane, 4, 0:nnoise, ntime)
