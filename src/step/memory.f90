@@ -30,7 +30,7 @@ module symsde_step_memory
    private
    public :: step_memory, find_step_memory
 
-   !> Numbers of eight bytes that a stepper holds at most.
+   !> Numbers of eight bytes that a stepper holds at most, as reals: their squares outgrow integers.
    type :: step_memory
       real(wp) :: lane = 0     !! for each lane
       real(wp) :: once = 0     !! for the one lane that LAPACK works on
@@ -41,12 +41,13 @@ module symsde_step_memory
 
    integer, parameter :: vectors = 60            !! of the length of q that a lane may hold at once
    integer, parameter :: small_matrix = 2048     !! numbers of one that elimination takes, whatever else is true
-   integer, parameter :: krylov_vectors = 65
+   integer, parameter :: krylov_vectors = 65     !! that solutions by products keep
    integer, parameter :: most_rescued = 512      !! unknowns up to which failed lanes are tried again
 
 contains
 
-   !> What steppers of a task hold at most, with what the model needs for a call.
+   !> What steppers of a task hold at most, with what the model needs for a call. It calls itself for a splitting whose
+   !> drift is a midpoint step, which holds a midpoint stepper.
    recursive subroutine find_step_memory(task, memory)
       type(stepper_task), intent(in) :: task
       type(step_memory), intent(out) :: memory

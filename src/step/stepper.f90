@@ -29,12 +29,13 @@ module symsde_step_stepper
    private
    public :: stepper_type, stepper_task, advance_by_increments
 
-   !> What a stepper is wanted for: of a run, all but the lanes is found once (`resolve_task` of step/factory).
+   !> What a stepper is wanted for. All but the lanes is found once for a run (`resolve_task` of step/factory). `scheme`
+   !> is executed: it points to the scheme that was asked for, or to `tableau` where that scheme is one for this model.
    type :: stepper_task
       class(model_type), pointer :: model => null()
-      type(scheme_type), pointer :: scheme => null()  !! as it is executed: the one that was asked for, or ..
-      type(scheme_type), allocatable :: tableau       !! .. the one that it is for this model
-      logical :: follows = .false.             !! its stages follow one after the other for this model
+      type(scheme_type), pointer :: scheme => null()
+      type(scheme_type), allocatable :: tableau
+      logical :: follows = .false.             !! for this model a stage needs stages before it alone
       integer :: correction = correction_none  !! resolved: never correction_auto
       integer :: nlane = 0                     !! lanes of a block
       logical :: general = .false.             !! the oracle is wanted, of all parts of the step
@@ -46,14 +47,16 @@ module symsde_step_stepper
       procedure :: is_plain
    end type stepper_task
 
+   !> The first components are set by `make` and read by runs and their reports; `record` and the last increments let a
+   !> rescue try the failed lanes of the last step again.
    type, abstract :: stepper_type
       character(:), allocatable :: name      !! which stepper this is, for the run report
       logical :: explicit = .false.          !! no solver is called
       logical :: one_solve = .false.         !! its equations are linear for this model: no iteration
-      logical :: moves = .false.             !! move is there
+      logical :: moves = .false.             !! it has a `move` of its own
       integer :: most_single = 0             !! paths that go faster one by one, by a stepper of one lane with the bits
                                              !! of a lane of many; 0: there is none
-      character(:), allocatable :: left_out    !! what else it does without, for the run report
+      character(:), allocatable :: left_out    !! what else it leaves out of a step, for the run report
       type(one_step_hamiltonian) :: ham
       type(step_record) :: record                      !! the last step of a run that was tried
       real(wp), allocatable :: last_dq(:, :), last_dp(:, :)  !! its increments, made for the first one (nlane, ndof)

@@ -30,7 +30,7 @@ module symsde_step_block_state
       integer :: nlane = 0, ndof = 0
       integer :: nfailed = 0                   !! lanes with a status, padding included
       real(wp), allocatable :: q(:, :), p(:, :)              !! (nlane, ndof)
-      real(wp), allocatable :: q_low(:, :), p_low(:, :)      !! low parts, if compensated (nlane, ndof)
+      real(wp), allocatable :: q_low(:, :), p_low(:, :)      !! what roundings took, if compensated (nlane, ndof)
       integer(i8), allocatable :: status(:)        !! 0 = ok, else a code of base/status (nlane)
       integer(i8), allocatable :: failed_step(:)   !! absolute step that failed, -1 = none (nlane)
       real(wp), allocatable, private :: bad(:)     !! 1 in lanes whose increments were refused, 0 in others (nlane)
@@ -47,7 +47,7 @@ module symsde_step_block_state
 
    !> States between steps that are taken at once, kept until observers are shown them; low parts are not kept.
    type :: passed_states
-      integer :: n = 0                                   !! that are there
+      integer :: n = 0                                   !! how many are there
       real(wp), allocatable :: q(:, :, :), p(:, :, :)    !! (nlane, ndof, as many as fit)
    contains
       procedure :: put
@@ -55,7 +55,7 @@ module symsde_step_block_state
 
 contains
 
-   !> Room for a block; status ok everywhere.
+   !> Room for a block; every lane is ok. The state itself is loaded by who has it, low parts included.
    subroutine new_lane_state(self, nlane, ndof, compensated)
       type(lane_state), intent(out) :: self
       integer, intent(in) :: nlane, ndof
