@@ -21,7 +21,7 @@ module symsde_ensemble_block_initial_state
       real(wp), pointer :: q_low(:, :) => null(), p_low(:, :) => null()  !! (npath or 1, ndof), or null
       integer(i4), pointer :: status(:) => null()       !! 0, or a code of base/status (npath), or null
       integer(i8), pointer :: failed_step(:) => null()  !! where it failed or was stopped, -1 = it did not (npath)
-      logical :: resumed = .false.    !! the rest of a drive that was stopped: paths that are ok are done
+      logical :: resumed = .false.    !! this is the rest of a drive that was stopped, and paths that are ok are done
    contains
       procedure :: give
    end type initial_state

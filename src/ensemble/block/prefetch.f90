@@ -9,8 +9,8 @@ module symsde_ensemble_block_prefetch
    private
    public :: pairs_ahead, pairs_of, states_ahead, most_shown
 
-   integer, parameter :: few_lanes = 8, few_columns = 8
-   integer, parameter :: columns_of_one = 256     !! of a path by itself: 128 steps of them take 256 kB
+   integer, parameter :: few_lanes = 8, few_columns = 8  !! a small block has no more lanes, and columns a step
+   integer, parameter :: columns_of_one = 256     !! of a path by itself: 128 steps of so many columns take 256 kB
    integer, parameter :: most_increments = 36864  !! of a block that are drawn ahead: 288 kB
    integer(i8), parameter :: most_states = 4096   !! values of q that are kept until they are shown: 32 kB
    integer, parameter :: most_shown = 128         !! states that are shown at once

@@ -47,15 +47,15 @@ module symsde_ensemble_block_runner
       type(lane_state) :: state
       integer :: nreal = 0
       integer(i8) :: step = 0              !! absolute step that comes next
-      type(noise_buffer) :: drawn           !! what drives the steps
-      integer(i8), private :: begun = 0    !! the one that the block began with
+      type(noise_buffer) :: drawn           !! increments and functionals that drive the steps
+      integer(i8), private :: begun = 0    !! absolute step that the block began with
       integer(i8) :: chunk = 1             !! steps of a chunk, for the caller to choose
       type(counters_type) :: counters      !! steps and normals
       type(steps_record) :: steps          !! those that are taken at once
-      type(passed_states) :: passed        !! where they come by on the way; without room if states are taken one by one
-      integer :: enough = 0                              !! lanes with a status that end a chunk
-      type(block_runner), pointer :: narrower => null()  !! a list of others, for the paths that are left; owned
-      integer, allocatable :: origin(:)                  !! where one of these has its lanes from (nlane)
+      type(passed_states) :: passed        !! saved states on the way; without room if states are taken one by one
+      integer :: enough = 0                              !! a chunk ends when so many lanes have a status
+      type(block_runner), pointer :: narrower => null()  !! a list of runners of narrower blocks, which it owns
+      integer, allocatable :: origin(:)                  !! of a narrower runner: its lanes in the wide block (nlane)
    contains
       procedure :: equip
       procedure :: begin
