@@ -27,6 +27,7 @@ module symsde_step_implicit_euler_pair
    private
    public :: euler_pair_stepper, euler_pair_fits, is_euler_pair
 
+   !> The stepper of both methods of the pair: which one it is, is a flag, since only signs and arguments differ.
    type, extends(stepper_type) :: euler_pair_stepper
       private
       logical :: adjoint = .false.         !! lambda = 1
@@ -90,11 +91,13 @@ contains
       integer(i8), intent(inout) :: status(self%ham%nlane)
 
       if (self%adjoint) then
+         ! lambda = 1: q_{n+1} is implicit, then p_{n+1} = p_n - Hhat_q(p_n, q_{n+1}).
          call solve_end(self, step%t + step%h, step%w, q, p, dq, status)
          self%x = q + dq
          call self%ham%gradient(step%t + step%h, step%w, self%x, p, hq=dp)
          dp = -dp
       else
+         ! lambda = 0: p_{n+1} is implicit, then q_{n+1} = q_n + Hhat_p(p_{n+1}, q_n).
          call solve_end(self, step%t, step%w, q, p, dp, status)
          self%x = p + dp
          call self%ham%gradient(step%t, step%w, q, self%x, hp=dq)

@@ -113,6 +113,7 @@ contains
          call linearise(self, step%t, step%h, q, p)
          call self%newton%update(self%x, status, self%ham%counters)
       end do
+      ! dq = D^s, and every node adds its force to dp.
       dq = self%x(:, (self%s - 1)*n + 1:self%s*n)
       dp = 0
       do i = 1, self%r
@@ -166,7 +167,9 @@ contains
 
       n = self%ham%ndof
       do mu = 0, self%s - 1
+         ! The momentum equations begin with what does not depend on the unknowns.
          row = mu*n + 1
+         ! In exact arithmetic this term of p_n is zero for every consistent quadrature.
          self%newton%r(:, row:row + n - 1) = self%moment(mu)*p
       end do
       if (allocated(self%newton%a)) self%newton%a = 0
@@ -220,6 +223,7 @@ contains
       associate (m => self%newton%a)
          do l = 1, n
             do k = 1, n
+               ! alpha_i I, entry (k, l) of which this is.
                one = merge(self%alpha(i), 0.0_wp, k == l)
                do mu = 0, self%s - 1
                   row = mu*n + k

@@ -38,6 +38,7 @@ module symsde_step_implicit_general
    public :: general_stepper, new_general_stepper
 
    !> Slopes are ordered x(:, 1:n) = F of stage 1 and part 1, x(:, n+1:2n) = G of the same, and so on.
+   !> The coefficients of part 1 and 2 stand side by side in the last index of a, abar and alpha.
    type, extends(stepper_type) :: general_stepper
       private
       type(newton_type) :: newton
@@ -85,6 +86,7 @@ contains
       self%c = scheme%c
       allocate (self%a(nstage, nstage, self%npart), self%abar(nstage, nstage, self%npart))
       allocate (self%alpha(nstage, self%npart))
+      ! Part 1 has the coefficients of the drift, or of drift and noise together; part 2 those of the noise.
       self%a(:, :, 1) = scheme%a
       self%abar(:, :, 1) = scheme%abar
       self%alpha(:, 1) = scheme%alpha
@@ -172,6 +174,7 @@ contains
       real(wp) :: largest
       integer :: lane, at
 
+      ! One solve of linear equations cannot go astray, and a given number of iterations is not held to converge.
       if (self%newton%affine .or. self%newton%options%fixed_point > 0) return
       grown = status == 0 .and. maxval(abs(self%x), dim=2) > far*near
       if (.not. any(grown)) return
@@ -265,6 +268,7 @@ contains
       n = self%ham%ndof
       at = first(self, i, part)
       associate (r => self%newton%r, hp => at, hq => at + n)
+         ! Without a matrix, in a given number of fixed-point iterations, the gradient is enough.
          if (.not. allocated(self%newton%a)) then
             call self%ham%gradient(t, self%v(:, :, part), self%qs, self%ps, &
                                    hq=r(:, hq:hq + n - 1), hp=r(:, hp:hp + n - 1), step=step)
@@ -293,6 +297,7 @@ contains
          do part = 1, self%npart
             do j = 1, self%nstage
                to = first(self, j, part)
+               ! Entry (k, l) of each of the four blocks at the head of this file.
                do l = 0, n - 1
                   do k = 0, n - 1
                      m(:, at + k, to + l) = -self%a(i, j, part)*self%hqp(:, l + 1, k + 1)

@@ -57,6 +57,8 @@ module symsde_step_implicit_newton_krylov
 
    integer(i8), parameter :: most_numbers = 2_i8**18  !! of matrices that are formed at once, if more than one
 
+   !> What a Newton iteration by products needs beside newton_type. Matrices are allocated only while lanes are
+   !> solved by them.
    type :: newton_krylov
       type(krylov_type) :: krylov
       integer :: wanted = 0                             !! lanes for which a product is asked for
@@ -191,6 +193,7 @@ contains
 
       memory = 0
       associate (krylov => self%krylov)
+         ! As many lanes as most_numbers has room for; n^2 may exceed the default integers.
          few = int(max(1_i8, most_numbers/int(krylov%n, i8)**2))
          self%lanes = pack([(i, i=lane, krylov%nlane)], &
                            krylov%unsolved(lane:) .and. self%outcome(lane:) == not_converged)
@@ -199,6 +202,7 @@ contains
          if (allocated(self%matrices)) deallocate (self%matrices)
          if (self%wanted > 0) allocate (self%matrices(krylov%n, krylov%n, self%wanted), stat=memory)
       end associate
+      ! Without memory nothing more is asked for, and settle_unsolved fails the lanes.
       if (memory /= 0) self%wanted = 0
       self%column = 0
       if (self%wanted > 0) call ask_column(self)

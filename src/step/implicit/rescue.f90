@@ -38,6 +38,8 @@ module symsde_step_implicit_rescue
    integer, parameter :: parts = 16           !! of the continuation
    integer, parameter :: max_unknowns = 512   !! of a lane: matrices are dense here
 
+   !> The rescue of one stepper. The model and the scheme (or the tableau that executes it) are those of the task;
+   !> stepper and room are made when the first lane needs them.
    type :: rescue_type
       private
       logical, public :: available = .false.  !! the scheme and the size of the system allow it
@@ -158,11 +160,13 @@ contains
       few%h = step%h
       few%w(1:, 0:) => self%w
       self%stepper%ham%nreal = n
+      ! Copies rest by a status; the lanes to be saved have none.
       lane_status = nonfinite
       lane_status(:n) = 0
       call self%stepper%increment(few, self%q, self%p, self%dq, self%dp, lane_status)
       call keep(self, n, lanes, lane_status, dq, dp, status, saved)
       self%counters%damped = self%counters%damped + saved
+      ! Rung 3 for the lanes that damping has not solved.
       if (any(lane_status(:n) /= 0)) then
          call continue_increments(self, n, few, lane_status)
          call keep(self, n, lanes, lane_status, dq, dp, status, saved)

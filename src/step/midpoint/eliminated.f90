@@ -32,6 +32,8 @@ module symsde_step_midpoint_eliminated
    integer, parameter :: unit = lane_unit    !! lanes of a vector
    integer(i8), parameter :: copy_rests = 1  !! status of the copies that fill up lanes: any but 0
 
+   !> The stepper: the equation of the lanes that go together, the part that solves it, and room for a strip where a
+   !> block is taken strip by strip.
    type, extends(stepper_type) :: midpoint_stepper
       private
       class(midpoint_part), allocatable :: part
@@ -100,6 +102,7 @@ contains
       type(newton_options), intent(in) :: options
       integer, intent(out) :: together
 
+      ! All lanes go together unless the part is one for strips.
       together = nlane
       select case (way)
       case (by_rows)
@@ -154,6 +157,8 @@ contains
             call step_together(self, nlane, 0, step%w, q, p, dq, dp, status)
             return
          end if
+         ! Whole strips first. The weights of a strip are copied, since the model reads those of the lanes that it is
+         ! asked for as one array; states are read where they are.
          do before = 0, nlane - together, together
             self%eq%nreal = max(0, min(together, self%ham%nreal - before))
             call take_rows(nlane, self%ham%nnoise + 1, before, step%w, self%w)
@@ -206,6 +211,8 @@ contains
             self%q(lane, :) = q(last, :)
             self%p(lane, :) = p(last, :)
          end do
+         ! Only the lanes of the block keep their status; the copies have one of their own, so that they are neither
+         ! solved nor counted.
          lane_status = copy_rests
          lane_status(:left) = status(before + 1:)
          self%eq%nreal = max(0, min(left, self%ham%nreal - before))
@@ -261,6 +268,7 @@ contains
       integer :: i, lane
 
       do i = 1, nrow
+         ! The number of lanes of a strip is a constant, so their loop is written out.
          !GCC$ unroll 16
          do lane = 1, strip_lanes
             y(lane, i) = x(before + lane, i)

@@ -69,11 +69,13 @@ module symsde_step_midpoint_full
 
       do before = 0, ham%nlane - self%width, self%width
          associate (last => before + self%width, width => self%width, n => ham%ndof)
+            ! Weights and states of these lanes are copied: all sweeps read them from cache.
             self%w = w(before + 1:last, :)
             self%q = q(before + 1:last, :)
             self%p = p(before + 1:last, :)
             call sweep_lanes(self, ham, t, self%w, self%q, self%p, max(0, min(width, ham%nreal - before)), &
                              status(before + 1:last))
+            ! g holds G, then -F.
             dq(before + 1:last, :) = -self%g(:, n + 1:)
             dp(before + 1:last, :) = self%g(:, :n)
             self%left(before + 1:last) = merge(0_i8, -1_i8, status(before + 1:last) == 0 .and. &

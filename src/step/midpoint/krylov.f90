@@ -25,6 +25,7 @@ module symsde_step_midpoint_krylov
    private
    public :: krylov_midpoint, new_krylov_midpoint
 
+   !> The part without matrices: GMRES and its vectors, the point and the residual.
    type, extends(midpoint_part) :: krylov_midpoint
       private
       type(newton_krylov) :: products
@@ -74,6 +75,8 @@ contains
             call add_times(nlane*n, 1.0_wp, eq%x, self%r)
             call products%begin(newton, self%r)
             do while (products%wanted > 0)  ! A = I + (h/4) Hhat_qq
+               ! v_{k+1} = v_k + (h/4) Hhat_qq v_k: the p part of the vector is zero (eq%still), and that of the
+               ! product is not read.
                call hessian_product(ham, nlane, n, products%wanted, eq%t, w, self%q, eq%still, v(:, :, k), eq%still, &
                                     products%uq, products%up)
                v(:, :, k + 1) = v(:, :, k) + c*products%uq

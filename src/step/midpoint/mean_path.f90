@@ -42,6 +42,7 @@ module symsde_step_midpoint_mean_path
    private
    public :: mean_path_stepper
 
+   !> The stepper: shifts along the fields of the noise, and an inner midpoint stepper of H*.
    type, extends(stepper_type) :: mean_path_stepper
       private
       type(noise_shift) :: shift                     !! B dW and B dZ
@@ -70,6 +71,7 @@ contains
       type(bracket_terms) :: brackets
 
       self%name = 'midpoint, averaged shift'
+      ! The second difference of H is left out where it is constant for the traits of the model.
       brackets = active_brackets(bracket_terms(nested=.true.), task%model%traits)
       if (midpoint_serves(task%model, task%newton) .and. .not. brackets%are_added()) then
          self%left_out = 'half of the unknowns: identity mass'
@@ -111,12 +113,14 @@ contains
       real(wp), intent(out) :: dq(self%ham%nlane, self%ham%ndof), dp(self%ham%nlane, self%ham%ndof)
       integer(i8), intent(inout) :: status(self%ham%nlane)
 
+      ! The mean of the path: x + B dZ/h + c/2.
       self%qs = q
       self%ps = p
       call self%shift%weigh(0.0_wp, 1.0_wp, step)
       call self%shift%add(self%ham%model, step%t + 0.5_wp*step%h, 1.0_wp, self%qs, self%ps)
       call add_change(self, step, 0.5_wp, self%qs, self%ps)
       call drift_midpoint(self, step, dq, dp, status)
+      ! The shift of the whole step, B dW + c, goes to the increments of z.
       call self%shift%weigh(1.0_wp, 0.0_wp, step)
       call self%shift%add(self%ham%model, step%t + 0.5_wp*step%h, 1.0_wp, dq, dp)
       call add_change(self, step, 1.0_wp, dq, dp)
@@ -135,6 +139,7 @@ contains
       integer(i8) :: failed(self%ham%nlane)
 
       drift = step
+      ! The rescue tries lanes with failed < 0 alone: those that have no status yet.
       failed = merge(-1_i8, 1_i8, status == 0)
       self%drift(:, 0) = step%h
       drift%w(1:, 0:) => self%drift

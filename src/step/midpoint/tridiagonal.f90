@@ -41,6 +41,8 @@ module symsde_step_midpoint_tridiagonal
 
    integer, parameter :: panel = 32  !! rows asked of the model at once
 
+   !> The part by rows. Arrays of a panel are those of nlane lanes, which are one strip where the model gives its
+   !> rows; what is eliminated is always that of one strip.
    type, extends(midpoint_part) :: tridiagonal_midpoint
       private
       logical :: gives_rows = .false.
@@ -118,11 +120,13 @@ contains
       integer :: first, last, before, h
 
       h = upper_rows(eq%n)
+      ! Rows that are all evaluated at once: a short chain, or the bands of a block.
       if (self%nrow == eq%n) call linearise(self, ham%model, eq, w, 1, eq%n, self%hq(1, 1), self%hqq(1, 0, 1))
       if (self%gives_rows .and. self%nrow == eq%n) then
          call eliminate_all(self, eq, eq%x, self%hq(1, 1), self%hqq)
          call correct(self, ham, eq, w, 0, eq%x, status)
       else if (self%gives_rows) then
+         ! No row stands before the first one of either front.
          self%fronts = spread(before_first_row, 3, 2)
          ! The upper front goes through rows 1 .. h, a panel at a time.
          do first = 1, h, self%nrow
@@ -140,6 +144,8 @@ contains
          call correct(self, ham, eq, w, 0, eq%x, status)
       else
          do before = 0, eq%nlane - strip_lanes, strip_lanes
+            ! An iteration eliminates and corrects a strip before it goes on to the next, so that its rows are read
+            ! while they are in cache.
             call take_strip(eq%nlane, eq%n, before, eq%x, self%hq(1, 1), self%hqq(1, 0, 1), self%x, self%f, &
                             self%k(1, 0, 1))
             call eliminate_all(self, eq, self%x, self%f, self%k)
@@ -215,6 +221,7 @@ contains
       real(wp), intent(inout) :: x(strip_lanes, eq%n)
       integer(i8), intent(inout) :: status(eq%nlane)
 
+      ! d of the two rows where the fronts meet, and the lanes whose pivots are trusted in all rows.
       call meet_strip(self%fronts(1, 1, 1), self%fronts(1, 1, 2), self%meeting, self%trusted)
       associate (newton => self%newton, first => before + 1, last => before + strip_lanes)
          if (eq%starts(newton)) then
@@ -236,6 +243,7 @@ contains
       real(wp), intent(inout) :: q(eq%nlane, first - 1:last + 1)
       integer :: low, high
 
+      ! Rows that exist are computed, the others are set to zero.
       low = max(first - 1, 1)
       high = min(last + 1, eq%n)
       call position((high - low + 1)*eq%nlane, eq%c, eq%base(1, low), eq%x(1, low), q(1, low))
@@ -286,6 +294,8 @@ contains
          call evaluate(ham%model, self%gives_rows, eq, w, 1, n, q, r, hqq)
          call eq%weigh(1, n, r)
          if (.not. eq%starts(newton)) call add_times(nlane*n, 1.0_wp, eq%x, r)
+         ! bands(lane, d, i) is entry (i, i+d) of I + c K; K is symmetric, so the lower band is the upper one, a row
+         ! further.
          bands(:, 0, :) = 1 + c*hqq(:, 0, :)
          bands(:, 1, :) = c*hqq(:, 1, :)
          bands(:, -1, 2:) = bands(:, 1, :n - 1)

@@ -94,6 +94,8 @@ contains
       associate (n => eq%n, c => 0.25_wp*eq%h, newton => self%newton)
          r(1, :) = self%f
          call add_times(n, 1.0_wp, self%before, r)
+         ! bands(1, d, i) is entry (i, i+d) of I + c K; K is symmetric, so the lower band is the upper one, a row
+         ! further.
          bands(1, 0, :) = 1 + c*self%k(0, 1:)
          bands(1, 1, :) = c*self%k(1, 1:)
          bands(1, -1, 2:) = bands(1, 1, :n - 1)
