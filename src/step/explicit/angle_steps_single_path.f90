@@ -121,6 +121,7 @@ module symsde_step_explicit_angle_steps_single_path
       real(wp), intent(in) :: t, q(1, 1), p(1, 1)
       integer :: j
 
+      ! The terms of each H_k by itself, under the weight one for it alone; found once.
       if (.not. allocated(self%room%noises)) then
          allocate (self%room%noises(self%ham%nnoise))
          do j = 1, self%ham%nnoise

@@ -62,6 +62,7 @@ contains
 
       h = step%h
       tm = step%t + 0.5_wp*h
+      ! Half a drift to Q, and the kick there: h U'(Q) - g dW in one gradient under the weights (h, dW_1, .., dW_m).
       self%qs = q + 0.5_wp*h*p
       call self%ham%gradient(tm, step%w, self%qs, p, hq=dp)
       dp = -dp

@@ -111,6 +111,7 @@ contains
       integer :: i
 
       associate (kicks => self%kicks, w => step%w)
+         ! a_k = dZ_k/h - dW_k/2 is independent of dW_k.
          if (self%uses_dz) call find_a(nlane, step%h, w(:, k), step%of(path_dz)%x(:, k), self%a)
          do i = 1, size(kicks%c)
             ! w_ik = beta_i dW_k + gamma_i a_k; eta_i K_k is added below.
@@ -140,6 +141,8 @@ contains
       real(wp) :: kappa
       integer :: i, j, k, l, kl
 
+      ! The force-gradient kicks have kappa h v_k v_l of the products already, so that D, which comes with 1/2, lacks
+      ! twice that.
       kappa = sum(self%kicks%kappa)
       associate (c => self%kicks%c, w => self%w, v => self%v, d => self%d)
          do l = 1, self%nnoise

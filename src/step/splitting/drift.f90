@@ -96,6 +96,7 @@ contains
       self%duration(leg) = tau
       self%cosine_less_one(:, leg) = -2*sin(0.5_wp*tau*self%omega)**2
       self%sine(:, leg) = self%omega*sin(tau*self%omega)
+      ! sin(omega tau)/omega becomes tau as omega -> 0, a free drift.
       where (self%omega > 0)
          self%sine_over(:, leg) = sin(tau*self%omega)/self%omega
       else where

@@ -56,6 +56,7 @@ contains
       allocate (self%midpoint)
       call get_scheme(self%midpoint, 'midpoint', error)
       task%scheme => self%midpoint
+      ! A run that asks for the general stepper gets it for the midpoint steps, too.
       if (whole%general) then
          allocate (general_stepper :: self%stepper)
       else if (midpoint_fits(task)) then

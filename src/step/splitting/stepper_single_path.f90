@@ -66,6 +66,7 @@ module symsde_step_splitting_stepper_single_path
                ahead%store%of(f)%x(:n, k, 0) = steps%of(f)%x(1, k, :)
             end do
          end do
+         ! The store shows its lanes as one step, at a time that no weight depends on.
          call ahead%store%show(0, 0.0_wp, record)
          call weights%weigh(n, record)
          ! From (step, noise, kick) to (1, noise, kick, step).

@@ -43,7 +43,8 @@ module symsde_step_stages_stepper
    end function lanes
 
    !> Lanes of a part of nlane: the most whose arrays fit into the cache, a number that divides nlane. At least one
-   !> unit of lanes is taken, and one strip of a chain.
+   !> unit of lanes is taken, and one strip of a chain. Parts of 16 lanes for all chains took up to 1.7 times as long
+   !> for 4 to 16 sites.
    pure integer function width_of(nlane, traits) result(width)
       integer, intent(in) :: nlane
       type(model_traits), intent(in) :: traits

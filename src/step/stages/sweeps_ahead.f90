@@ -195,6 +195,7 @@ contains
       last = 0
       first = 1
       associate (slot => self%slot(g), ahead => self%slot(g)%ahead, m => model%traits%nnoise)
+         ! The terms of Hhat at the time of each stage serve all of its sweeps.
          if (self%angles) then
             do i = slot%i1, slot%i2
                call model%angle(m, self%times(i), w, self%terms(i))
