@@ -48,7 +48,7 @@ contains
          do k = 1, self%nnoise
             if (.not. noisy(k)) cycle
             call derive_lanes(1, terms(k, i), q, sine, cosine, u)
-            if (abs(e(k)) > 0) then
+            if (abs(e(k)) > 0) then  ! H_k,p = e_k p: this noise moves q, too
                call add_moving(1, nested, w(:, k), c(k), [e(0), e(k)], g, u, p, s)
             else
                call add_still(1, nested, w(:, k), c(k), e(0), u, p, s)
