@@ -192,6 +192,7 @@ contains
       task = wanted
       task%model => model
       task%nlane = nlane
+      ! the first that fits is made ready; an oracle that is wanted has the list from the oracles on
       do i = merge(first_oracle, model_flow, task%general), last_stepper
          call offer(i, task, stepper)
          if (.not. allocated(stepper)) cycle
@@ -232,7 +233,7 @@ contains
       case (correction_none)
       case (correction_auto)
          if (.not. one_sided .or. model%traits%correction_vanishes()) return
-         if (scheme%symplectic) then
+         if (scheme%symplectic) then  ! the increments form has the higher strong order where noises commute
             correction = correction_increments
          else
             call raise(error, incompatible, 'resolve_correction', 'scheme '//scheme%name//' is not consistent '// &

@@ -80,6 +80,8 @@ contains
       logical, intent(out) :: failed
       integer :: nbad
 
+      ! Five ways to the same sums: a block judges first and adds then, by plain or by compensated sums; with one degree
+      ! of freedom and plain sums it does both in one pass; and a path by itself has its numbers side by side.
       if (self%nlane == 1 .and. allocated(self%q_low)) then
          call advance_path_compensated(self%ndof, dq, dp, self%q, self%p, self%q_low, self%p_low, self%status(1), nbad)
       else if (allocated(self%q_low)) then
@@ -108,6 +110,7 @@ contains
       integer :: nbad
 
       call find_bad(self%nlane, self%ndof, dq, dp, self%q, self%p, self%status, self%bad, nbad)
+      ! a lane whose rescue is not finite has failed after all
       where (status /= 0 .and. self%status == 0 .and. self%bad > 0) self%status = nonfinite
       self%bad = merge(self%bad, 1.0_wp, status /= 0)
       call add_increments(self, dq, dp)
@@ -132,6 +135,7 @@ contains
    pure logical function has_new_failures(self)
       class(lane_state), intent(in) :: self
 
+      ! padding has a status, too: in a block that is not full, or where lanes have failed before, they are counted
       has_new_failures = any_status(self%nlane, self%status)
       if (has_new_failures .and. self%nfailed > 0) has_new_failures = count(self%status /= 0) > self%nfailed
    end function has_new_failures
@@ -165,6 +169,7 @@ contains
       real(wp), intent(in) :: q(self%nlane, self%ndof), p(self%nlane, self%ndof)
       integer :: lane
 
+      ! lane by lane, and no kernel: this serves the one step in which a lane fails
       do lane = 1, self%nlane
          if (self%status(lane) /= 0) cycle
          self%status(lane) = status(lane)
