@@ -65,6 +65,7 @@ contains
          nlive = nlane - active%state%nfailed
          width = narrower_width(nlane)
       end associate
+      ! many paths may have left since the last look: the narrowest block that holds the others is taken at once
       do while (narrower_width(width) < width .and. nlive <= narrower_width(width))
          width = narrower_width(width)
       end do
@@ -87,6 +88,7 @@ contains
 
       if (associated(active, wide)) return
       call leave(wide, active)
+      ! the wide runner took no steps meanwhile
       wide%step = active%step
       active => wide
    end subroutine come_back
@@ -235,6 +237,7 @@ contains
 
       associate (wide => self%wide%state, origin => self%narrow%origin)
          call spread_state(self%narrow%nreal, origin, state, wide)
+         ! what the observer retires is seen by the count, and looked for in these lanes alone
          before = wide%nfailed
          call self%wide%observer%observe(isave, t, wide)
          if (wide%nfailed == before) return
