@@ -33,6 +33,7 @@ import argparse
 import contextlib
 import gzip
 import hashlib
+import importlib
 import json
 import os
 import re
@@ -54,6 +55,8 @@ from threading import Lock
 import operators
 
 ROOT = Path(__file__).resolve().parents[2]
+sys.path.append(str(ROOT / "tests" / "house"))
+bodies = importlib.import_module("bodies").bodies
 LABELS = {"unit", "verification", "capi", "python"}
 LONG = {"test_order", "test_beyond_one", "check_funit"}  # too long, or not about the library
 LINKED = {"python_test_export"}  # builds programs against the library where it was installed, not the one planted
@@ -213,20 +216,23 @@ class Build:
         changed, replaced, same = ROOT / mutant.file, {}, True
         for source in included_by(changed) if changed.suffix == ".inc" else [changed]:
             target = f"src/CMakeFiles/symsde.dir/{source.relative_to(ROOT / 'src')}.o"
-            made = scratch / f"{source.stem}.o"
+            place = scratch / source.relative_to(ROOT)
+            made = place.with_suffix(".o")
             words = shlex.split(self.commands[target])
             modules = next((word[2:] for word in words if word.startswith("-J")), "")
             words = [f"-J{scratch}" if word.startswith("-J") else word for word in words if word != "-fpreprocessed"]
-            words[words.index("-c") + 1] = str(scratch / source.name)  # beside it the body is looked for first
+            words[words.index("-c") + 1] = str(place)
             words[words.index("-o") + 1] = str(made)
             words += [f"-I{modules}", "-cpp"] if modules else []
-            for one in {source, changed}:
-                (scratch / one.name).write_text(one.read_text())
+            for one in {source, changed, *bodies(source)}:  # bodies are named from where their source stands
+                copy = scratch / one.relative_to(ROOT)
+                copy.parent.mkdir(parents=True, exist_ok=True)
+                copy.write_text(one.read_text())
             if mutant.line:
                 words += ["-Wconversion", "-Werror"]  # no index times 1.01
                 self.build(mutant, words)
                 sound = made.read_bytes()
-            (scratch / changed.name).write_text(text)
+            (scratch / changed.relative_to(ROOT)).write_text(text)
             self.build(mutant, words)
             same = same and mutant.line > 0 and made.read_bytes() == sound
             replaced[target] = str(made)
@@ -276,8 +282,8 @@ def read_test(entry: dict) -> Test:
 
 
 def included_by(body: Path) -> list[Path]:
-    """Who includes a body: they stand in its folder."""
-    return [one for one in sorted(body.parent.glob("*.f90")) if f"   include '{body.name}'\n" in one.read_text()]
+    """Who includes a body."""
+    return [one for one in sorted((ROOT / "src").rglob("*.f90")) if body in bodies(one)]
 
 
 def interface_of(module: Path) -> bytes:

@@ -49,7 +49,7 @@ def test_why_a_plan_was_taken_and_which_were_not(pilot):
     assert (answer.method, answer.scheme, answer.step) == ("plain", name, 2.0 / trial.steps(1))
     assert answer.alternatives == (Alternative("extrapolated", name, far, 2.0),) and far < answer.step
     assert answer.why == f"estimated at 0.5 s, 4 times less than the next (extrapolated by {name}, h = {far:.4g})"
-    assert Execution(pilot, [taken]).answer().why == "plain: estimated at 0.5 s, nothing else to compare"
+    assert Execution(pilot, [taken]).answer().why == "estimated at 0.5 s, nothing else to compare"
 
 
 def test_paths_of_levels_are_all_that_were_computed(pilot):

@@ -119,7 +119,8 @@ class Execution:
                 if drawn.units.n >= planned:
                     wanted = max(least, self._units_for(drawn.units))
                 share = drawn.units.n / wanted
-                self.watch.tell(_share_of_points(share) if self._is_doubled(estimator, drawn, wanted) else share)
+                doubles = self._is_doubled(estimator, drawn, wanted - drawn.units.n)
+                self.watch.tell(_share_of_points(share) if doubles else share)
         except BaseException as stop:
             carry(stop, lambda: self._answer(drawn) if drawn.units.n > 1 else None)
             raise
@@ -143,14 +144,15 @@ class Execution:
             while not self.watch.over and (excess := self._excess(drawn)) > 0:
                 i = max(range(len(drawn)), key=lambda j: _noise(drawn[j]) / drawn[j].seconds)
                 missing = drawn[i].units.n * excess / max(_noise(drawn[i]) - excess, 1e-3 * excess)
-                if self._is_doubled(levels[i], drawn[i], missing):
+                if doubles := self._is_doubled(levels[i], drawn[i], missing):
                     drawn[i] = _with_twice_the_points(levels[i], drawn[i])
                 elif (part := self._more(levels[i], drawn[i], _more(missing), f"even-{i:02d}")) is not None:
                     drawn[i] += part
                 else:
                     break
                 noise = sum(map(_noise, drawn))
-                self.watch.tell(_share_of_points(1 - max(self._excess(drawn), 0.0) / noise) if noise > 0 else 1.0)
+                share = 1 - max(self._excess(drawn), 0.0) / noise if noise > 0 else 1.0
+                self.watch.tell(_share_of_points(share) if doubles else share)
         except BaseException as stop:
             carry(stop, lambda: self._of_even_levels(drawn) if all(x.units.n > 1 for x in drawn) else None)
             raise
@@ -293,7 +295,7 @@ class Execution:
         plan = self.plan
         reckoned = told(plan.seconds)
         if not self.others:
-            return f"{plan.method}: {reckoned}, nothing else to compare"
+            return f"{reckoned}, nothing else to compare"
         other = self.others[0]
         times = other.seconds / plan.seconds if plan.seconds > 0 else math.inf
         return (

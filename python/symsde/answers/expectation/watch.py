@@ -94,8 +94,9 @@ class Watch:
     def _warn_of_more(self, spent: float, share: float) -> None:
         """Once, where the work takes much longer than was told."""
         if self._reckoned > 0 and spent > _LONGER * self._reckoned + _MOMENT:
+            said = max(self._reckoned, _UNTOLD)
             checks.warn(
-                f"the work takes longer than the {self._reckoned:.3g} s of the processor that were estimated: "
+                f"the work takes longer than the {said:.3g} s of the processor that were estimated: "
                 f"{spent:.3g} s so far, about {spent / max(share, 1e-3):.3g} s in all; max_time ends it earlier",
                 BudgetWarning,
             )
