@@ -35,6 +35,7 @@ contains
       do k = 1, n
          if (k + kl <= n) diagonal(:, mod(k + kl, kl + 1)) = ab(:, 0, k + kl)
          call pivot_ratio(nlane, diagonal(:, mod(k, kl + 1)), ab(:, 0, k), smallest)
+         ! Row k has m entries right of its pivot; in row i the same columns begin at diagonal k - i.
          m = min(ku, n - k)
          do i = k + 1, min(k + kl, n)
             call eliminate_row(nlane, m, ab(1, 0, k), ab(1, k - i, i))
@@ -52,10 +53,12 @@ contains
       real(wp), intent(inout) :: x(nlane, n)        !! in: right-hand sides; out: solutions
       integer :: i, m
 
+      ! L y = b, L with a unit diagonal, row by row.
       do i = 2, n
          m = min(kl, i - 1)
          if (m > 0) call subtract_products(nlane, m, ab(1, -m, i), x(1, i - m), x(1, i))
       end do
+      ! U x = y, from the last row up; the diagonal holds 1/u_ii.
       do i = n, 1, -1
          m = min(ku, n - i)
          if (m > 0) call subtract_products(nlane, m, ab(1, 1, i), x(1, i + 1), x(1, i))

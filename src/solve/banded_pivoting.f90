@@ -56,10 +56,12 @@ contains
       associate (middle => self%kl + self%ku + 1, reach => self%reach)
          do j = self%done + 1, last
             below = min(self%kl, self%n - j)
+            ! The pivot is the largest entry of column j on and below the diagonal, `at` rows down.
             at = maxloc(abs(band(middle:middle + below, j)), dim=1) - 1
             self%pivot(j) = j + at
             self%is_singular = .not. abs(band(middle + at, j)) > 0
             if (self%is_singular) return
+            ! A row from below brings its entries right of the band of row j.
             reach = max(reach, min(j + self%ku + at, self%n))
             if (at > 0) call exchange_rows(self, j, at, band)
             band(middle + 1:middle + below, j) = band(middle + 1:middle + below, j)/band(middle, j)

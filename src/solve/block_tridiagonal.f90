@@ -60,7 +60,8 @@ contains
       self%trusted = 1
    end subroutine start
 
-   !> Sites first .. last of residuals g + f and matrices, eliminated after the sites above them.
+   !> Eliminate sites first .. last, with residuals g + f and matrices as at the head of this file, after the sites
+   !> above them. f and k hold these sites alone, g, factor and rhs all n.
    pure subroutine eliminate_down_blocks(s, n, first, last, capacity, c, g, f, k, above, factor, rhs)
       integer, intent(in) :: s                                   !! stages: 2 or 3
       integer, intent(in) :: n, first, last                      !! sites

@@ -83,11 +83,13 @@ contains
       nactive = count(active)
       if (nactive == 0) return
       self%solves = self%solves + nactive
+      ! A monitor of zero sends every active lane to LAPACK.
       if (too_large(self)) then
          self%smallest = 0
          call solve_suspects(self, a, x, active, status)
          return
       end if
+      ! Elimination puts solutions in place of right-hand sides, which LAPACK may need once more; matrices are kept.
       self%rhs(:, :) = x
       call eliminate(self, a, x, active)
       call find_suspects(self%nlane, self%n, x, active, self%smallest, nsuspect)
@@ -155,7 +157,8 @@ contains
       end do
    end subroutine find_suspects
 
-   !> Solve the active lanes with a small pivot monitor one by one with LAPACK.
+   !> Solve the active lanes with a small pivot monitor one by one with LAPACK, from their matrices and right-hand
+   !> sides as they were. A lane that fails there gets its status and the solution zero.
    subroutine solve_suspects(self, a, x, active, status)
       type(block_solver), intent(inout) :: self
       real(wp), intent(in) :: a(self%nlane, self%rows, self%n)  !! matrices

@@ -56,6 +56,8 @@ contains
       do lane = 1, ubound(last, 1)
          merit = maxval(abs(r(lane, :)))
          if (.not. all(abs(r(lane, :)) <= huge(merit))) merit = huge(merit)
+         ! A running lane is rejected where it has an earlier residual, the new one is not lower by the part
+         ! tau/4 of it, and the correction is more than rounding.
          self%rejected(lane) = last(lane) >= 0 .and. self%merit(lane) < huge(merit) .and. &
                                .not. merit < (1 - 0.25_wp*self%tau(lane))*self%merit(lane) .and. &
                                maxval(abs(self%d(lane, :)))*self%tau(lane) > rounding*maxval(abs(self%x(lane, :)))

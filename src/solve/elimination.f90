@@ -145,6 +145,8 @@ contains
          pivot = a22(lane) - multiplier*a12(lane)
          x2(lane) = (x2(lane) - multiplier*x1(lane))/pivot
          x1(lane) = (x1(lane) - a12(lane)*x2(lane))*inverse
+         ! The monitor is that of pivot_ratio; the first pivot is the diagonal itself, of ratio one where it is
+         ! finite.
          low = merge(abs(pivot), abs(a22(lane)), abs(pivot) <= abs(a22(lane)))
          high = merge(abs(a22(lane)), abs(pivot), abs(pivot) <= abs(a22(lane)))
          ratio = low/high

@@ -87,7 +87,8 @@ module symsde_solve_fixed_point_single_path
       end do
    end subroutine take_beside
 
-   !> The same of -f; where nothing was known, from zero.
+   !> The same for x = -f of numbers and not of arrays of one lane; in the first sweep, where nothing was known, from
+   !> x = 0.
    pure subroutine take_alone(n, first, f, x, change, extent)
       integer, intent(in) :: n
       logical, intent(in) :: first   !! nothing was known

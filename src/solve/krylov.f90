@@ -78,6 +78,7 @@ contains
       self%v(:, :, 1) = b
       call largest_of(self%nlane, self%n, b, self%largest)  ! squares of what is not divided by it may overflow
       call scale_by(self%nlane, self%n, self%largest, self%v(:, :, 1))
+      ! |b| = largest |b/largest|; 0*largest makes it NaN where a component is not finite.
       call product_of(self%nlane, self%n, self%v(:, :, 1), self%v(:, :, 1), self%norm)
       self%norm = sqrt(self%norm)
       call scale_by(self%nlane, self%n, self%norm, self%v(:, :, 1))
@@ -95,6 +96,7 @@ contains
       self%goal = goal
       self%unsolved = self%unsolved .and. .not. (self%norm <= goal .and. self%norm <= huge(1.0_wp))
       ready = self%unsolved .and. self%norm <= huge(1.0_wp)
+      ! A lane with length = k - 1 takes vector k; one of length -1 takes none.
       self%length = merge(0, -1, ready)
       self%g(:, 1) = merge(self%norm, 0.0_wp, ready)
       self%x = 0
@@ -149,6 +151,7 @@ contains
 
       associate (y => self%g, h => self%h, length => self%length)
          do i = maxval(length), 1, -1
+            ! Vectors beyond the length of a lane are there for its neighbours, and have no part in its sum.
             do j = i + 1, maxval(length)
                y(:, i) = y(:, i) - merge(h(:, i, j)*y(:, j), 0.0_wp, j <= length)
             end do
@@ -270,6 +273,7 @@ contains
       real(wp) :: total(nlane), a(nlane), d(nlane), divisor(nlane)
       integer :: i
 
+      ! |A v_k|^2 is the sum of squares of column k, since the v_i are orthonormal.
       total = h(:, k + 1, k)**2
       do i = 1, k
          total = total + h(:, i, k)**2
@@ -285,6 +289,8 @@ contains
       c(:, k) = merge(h(:, k, k)/divisor, 1.0_wp, d > 0)
       s(:, k) = merge(h(:, k + 1, k)/divisor, 0.0_wp, d > 0)
       h(:, k, k) = d
+      ! The rotation that makes column k triangular is applied to the right-hand side; |g_{k+1}| is what remains of
+      ! it.
       g(:, k + 1) = -s(:, k)*g(:, k)
       g(:, k) = c(:, k)*g(:, k)
    end subroutine rotate

@@ -89,6 +89,8 @@ contains
       integer(i4), intent(out) :: info        !! status_ok, singular or nonfinite
       integer :: pivot(n), lapack_info
 
+      ! Each way out leaves the status that fits: not finite before the data are seen to be, singular until the
+      ! solution is.
       info = nonfinite
       if (.not. (all_finite(size(a, kind=i8), a) .and. all_finite(size(b, kind=i8), b))) return
       info = singular
@@ -130,6 +132,7 @@ contains
 
       allocate (band(2*kl + ku + 1, n), source=0.0_wp)
       do i = 1, n
+         ! A(i, i+d) goes to row kl+ku+1-d of column i+d; the kl rows above stay zero for what exchanges fill in.
          do d = max(-kl, 1 - i), min(ku, n - i)
             band(kl + ku + 1 - d, i + d) = ab(lane, d, i)
          end do

@@ -168,6 +168,7 @@ contains
    end subroutine update
 
    !> Freeze a lane whose system could not be solved.
+   !> For steppers that solve by themselves; the lane is counted here, and `mark` passes over it.
    subroutine fail(self, lane, code, status, counters)
       class(newton_type), intent(inout) :: self
       integer, intent(in) :: lane
@@ -193,7 +194,8 @@ contains
       where (self%last >= 0 .and. status == 0) status = not_converged
    end subroutine stop_lanes
 
-   !> r = A^{-1} r in every running lane.
+   !> r = A^{-1} r in every running lane: residuals become corrections. Lanes whose matrix is singular, or whose
+   !> numbers are not finite, fail with that status, and are corrected by zero.
    subroutine solve_correction(self, status, counters)
       type(newton_type), intent(inout) :: self
       integer(i8), intent(inout) :: status(self%nlane)
