@@ -29,9 +29,9 @@ module symsde_step_explicit_angle_steps_single_path
    !> The slopes of two stages, a place, and what is known of the model.
    type :: room_type
       real(wp) :: f(1, 1, 2), v(1, 1, 2), x(1, 1), y(1, 1)
-      type(angle_terms) :: terms                   !! of Hhat at the time of a stage
+      type(angle_terms) :: terms                   !! a .. f of Hhat in the stage begun last
       type(angle_terms), allocatable :: noises(:)  !! of each H_k by itself (nnoise)
-      real(wp) :: sine = 0, cosine = 0             !! of the last angle
+      real(wp) :: sine = 0, cosine = 0             !! of the angle whose force was found last
    contains
       procedure :: make => make_room
    end type room_type

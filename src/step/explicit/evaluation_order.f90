@@ -25,7 +25,7 @@ module symsde_step_explicit_evaluation_order
       integer :: stage = 0
       logical :: force = .false.     !! Hhat_q is wanted
       logical :: velocity = .false.  !! Hhat_p is wanted
-      logical :: q_moves = .false.   !! the point where it is evaluated is not that where the step began
+      logical :: q_moves = .false.   !! Q_i is read, and is not q_n; p_moves says the same of P_i and p_n
       logical :: p_moves = .false.
    end type evaluation
 
@@ -38,8 +38,8 @@ module symsde_step_explicit_evaluation_order
    type :: evaluation_order
       integer :: nstage = 0
       real(wp), allocatable :: c(:)               !! nodes (nstage)
-      integer, allocatable :: many(:, :)          !! slopes of a sum (0:nstage, 2)
-      integer, allocatable :: stage(:, :, :)      !! whose they are (nstage, 0:nstage, 2)
+      integer, allocatable :: many(:, :)          !! how many slopes each sum has (0:nstage, 2)
+      integer, allocatable :: stage(:, :, :)      !! the stages of these slopes (nstage, 0:nstage, 2)
       real(wp), allocatable :: weight(:, :, :)    !! their coefficients (nstage, 0:nstage, 2)
       type(evaluation), allocatable :: order(:)
    end type evaluation_order
@@ -53,7 +53,7 @@ contains
       type(scheme_type), intent(in) :: scheme
       logical, intent(in) :: separable                    !! H_j = T_j(p) + U_j(q)
       logical, intent(in) :: still_force, still_velocity  !! known not to depend on time
-      real(wp), dimension(scheme%nstage, scheme%nstage) :: a, abar  ! a_ij of Hhat_p, -abar_ij of Hhat_q, without twins
+      real(wp), dimension(scheme%nstage, scheme%nstage) :: a, abar  ! a_ij, -abar_ij, with stages joined
       real(wp), dimension(scheme%nstage) :: alpha, minus_alpha
       integer :: i, j
 

@@ -31,16 +31,16 @@ module symsde_step_splitting_coefficients
       logical :: products = .false.            !! noises are not linear: H_k,q . H_l,q matters
       logical, allocatable :: has_products(:)  !! kicks that have parts beside the gradient of one sum (nkick)
       logical, allocatable :: multiplies(:)    !! of these, kicks with products of gradients of the noises (nkick)
-      real(wp) :: c = 0                        !! of the mean form
+      real(wp) :: c = 0                        !! the c of the mean form, D_kl = c h |h| delta_kl
       integer, allocatable :: noisy(:)         !! the noises that are not silent
-      integer, allocatable :: at(:, :)           !! pair_index in any order (nnoise, nnoise)
-      real(wp), allocatable :: w(:, :, :)      !! w_ik with b_i h in front (nlane, 0:nnoise, nkick)
+      integer, allocatable :: at(:, :)           !! column of D_kl in d, for k and l in any order (nnoise, nnoise)
+      real(wp), allocatable :: w(:, :, :)      !! w_ik, w_i0 = b_i h (nlane, 0:nnoise, nkick)
       real(wp), allocatable :: v(:, :)         !! weights of V (nlane, 0:nnoise)
       real(wp), allocatable :: d(:, :)         !! D_kl at pair_index (nlane, nnoise(nnoise+1)/2)
-      logical, private :: by_sums = .false.    !! kicks ask for V
+      logical, private :: by_sums = .false.    !! some kick reads V
       logical, private :: uses_dz = .false.
       integer, private :: nlane = 0, nnoise = 0
-      real(wp), private :: h = 0                   !! that the weights of H belong to
+      real(wp), private :: h = 0                   !! the step that w_i0 and v_0 were found for
       real(wp), private, allocatable :: a(:)       !! a_k of one noise (nlane)
    contains
       procedure :: weigh

@@ -25,8 +25,8 @@ module symsde_step_splitting_drift
    type :: drift_flow
       private
       logical, public :: rotates = .false.
-      real(wp), allocatable :: omega(:)            !! (ndof)
-      real(wp), allocatable :: duration(:)         !! that the columns below belong to (nleg)
+      real(wp), allocatable :: omega(:)            !! frequencies (ndof)
+      real(wp), allocatable :: duration(:)         !! tau of each leg, found for it are the columns below (nleg)
       real(wp), allocatable :: cosine_less_one(:, :), sine(:, :), sine_over(:, :)
       !! cos(omega tau) - 1, omega sin(omega tau), sin(omega tau)/omega (ndof, nleg)
    contains

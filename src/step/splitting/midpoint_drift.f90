@@ -32,9 +32,9 @@ module symsde_step_splitting_midpoint_drift
       private
       class(stepper_type), allocatable, public :: stepper  !! that takes the midpoint steps
       type(scheme_type), allocatable :: midpoint
-      type(rescue_type) :: rescue                          !! of lanes that it fails in
-      real(wp), allocatable :: w(:, :)                     !! tau and no noise (nlane, 0:nnoise)
-      real(wp), allocatable, dimension(:, :) :: x, y, dx, dy  !! (nlane, ndof)
+      type(rescue_type) :: rescue                          !! takes the lanes that it fails in
+      real(wp), allocatable :: w(:, :)                     !! weights: tau for H, zero for noises (nlane, 0:nnoise)
+      real(wp), allocatable, dimension(:, :) :: x, y, dx, dy  !! the path, how it moves (nlane, ndof)
       integer(i8), allocatable :: failed(:)                !! 1 where a lane had failed before, else -1 (nlane)
    contains
       procedure :: move
@@ -48,7 +48,7 @@ contains
    !> all unknown q and p, and else the general one; each of the first three has an instance with one lane.
    subroutine new_midpoint_flow(self, whole)
       type(midpoint_flow), intent(out), target :: self
-      type(stepper_task), intent(in) :: whole  !! of the scheme that kicks
+      type(stepper_task), intent(in) :: whole  !! the task of the scheme that kicks
       type(stepper_task) :: task
       type(error_type), allocatable :: error
 

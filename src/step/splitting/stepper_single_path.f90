@@ -27,12 +27,12 @@ module symsde_step_splitting_stepper_single_path
 
    !> Weights of the steps to come, and the terms a .. f of an angle (model_type%angle).
    type :: ahead_type
-      type(kick_weights), allocatable :: weights  !! of these, a lane for each
-      type(step_store) :: store                   !! what drives them, as one step
-      real(wp), allocatable :: w(:, :, :, :)      !! as of one step (1, 0:nnoise, nkick, step)
-      real(wp), allocatable :: v(:, :, :), d(:, :, :)  !! the same, where there are products (1, .., step)
-      type(angle_terms), allocatable :: terms(:)  !! of each H_j by itself (0:nnoise)
-      logical :: knows_terms = .false.            !! they are found, once for all times
+      type(kick_weights), allocatable :: weights  !! of the steps to come, a lane for each
+      type(step_store) :: store                   !! what drives these steps, shown as one step
+      real(wp), allocatable :: w(:, :, :, :)      !! the same weights, sorted by step (1, 0:nnoise, nkick, step)
+      real(wp), allocatable :: v(:, :, :), d(:, :, :)  !! V and D, sorted alike, of products (1, .., step)
+      type(angle_terms), allocatable :: terms(:)  !! a .. f of each H_j by itself (0:nnoise)
+      logical :: knows_terms = .false.            !! terms are found, and serve all times
    end type ahead_type
 
    include 'stepper.inc'

@@ -32,10 +32,10 @@ module symsde_step_stages_groups
    !> Stages that wait for each other.
    type :: stage_group
       integer :: nmember = 0
-      integer, allocatable :: stage(:)         !! which they are (nmember)
+      integer, allocatable :: stage(:)         !! their numbers (nmember)
       logical :: explicit = .false.            !! one stage that does not wait for itself
       real(wp), allocatable :: b(:, :)         !! B of these stages (nmember, nmember)
-      real(wp), allocatable :: earlier(:, :)   !! B of each of these with others alone, in a column (nstage, nmember)
+      real(wp), allocatable :: earlier(:, :)   !! the same with stages outside, a column each (nstage, nmember)
       real(wp), allocatable :: inverse(:, :)   !! of b; not allocated where it is singular
       real(wp), allocatable :: e(:), f(:)      !! b_ik = e_i f_k where it is singular and of rank one (nmember)
    end type stage_group
@@ -46,7 +46,7 @@ module symsde_step_stages_groups
       integer :: nstage = 0, ngroup = 0
       real(wp), allocatable :: c(:), alpha(:)          !! nodes and weights (nstage)
       real(wp), allocatable :: a(:, :), abar(:, :)     !! a_ij and abar_ij of stage i in column i (nstage, nstage)
-      real(wp), allocatable :: r(:), v(:)              !! as above (nstage)
+      real(wp), allocatable :: r(:), v(:)              !! r_i and v_k of the equations above (nstage)
       real(wp), allocatable :: b(:, :)                 !! B_ik of stage i in column i (nstage, nstage)
       !> The same for the first sweep of an iteration: slopes of the group that are not known yet are taken to be those
       !> of the member before, or zero (nstage, nstage).
@@ -63,7 +63,7 @@ contains
    pure subroutine new_stage_plan(self, scheme, eliminated)
       type(stage_plan), intent(out) :: self
       type(scheme_type), intent(in) :: scheme
-      logical, intent(in) :: eliminated   !! the momenta of the stages are
+      logical, intent(in) :: eliminated   !! momenta of the stages are eliminated
       logical :: waits(scheme%nstage, scheme%nstage)
       integer :: i, k
 
@@ -92,9 +92,9 @@ contains
    !> reach outside of it has come.
    pure subroutine find_groups(self, waits)
       type(stage_plan), intent(inout) :: self
-      logical, intent(in) :: waits(self%nstage, self%nstage)  !! stage i for stage k
+      logical, intent(in) :: waits(self%nstage, self%nstage)  !! stage i waits for stage k
       logical :: reaches(self%nstage, self%nstage), same(self%nstage), done(self%nstage)
-      integer :: first(self%nstage)  ! stage of each group
+      integer :: first(self%nstage)  ! first stage of each group
       integer :: i, k
 
       reaches = waits

@@ -21,7 +21,7 @@ module symsde_step_stages_slope_sums
    private
    public :: add_slopes, weigh_slopes
 
-   integer, parameter :: few = 4      !! numbers of a path from which vectors pay
+   integer, parameter :: few = 4      !! from so many numbers of a path on vectors pay
    integer, parameter :: at_once = 3  !! slopes that are added in one pass
 
 contains

@@ -48,7 +48,7 @@ module symsde_step_stages_stepper
    pure integer function width_of(nlane, traits) result(width)
       integer, intent(in) :: nlane
       type(model_traits), intent(in) :: traits
-      integer, parameter :: cached_values = 1024  ! of one array of a part
+      integer, parameter :: cached_values = 1024  ! numbers of one array of a part
       integer :: least
 
       width = nlane

@@ -33,11 +33,11 @@ module symsde_step_stages_sweeps_ahead
    public :: sweeps_ahead, new_sweeps_ahead
 
    integer, parameter :: most = 24    !! sweeps of a group: enough for stiff_rate of solve/fixed_point
-   integer, parameter :: nstage = 4   !! at most
+   integer, parameter :: nstage = 4   !! most stages of a scheme
 
    !> A group of stages.
    type :: group_slot
-      integer :: i1 = 1, i2 = 1       !! its stages
+      integer :: i1 = 1, i2 = 1       !! its first and last stage
       logical :: explicit = .false.
       integer :: ahead = 1            !! sweeps that it took in the step before
    end type group_slot
@@ -45,13 +45,13 @@ module symsde_step_stages_sweeps_ahead
    type :: sweeps_ahead
       private
       type(stage_plan) :: plan
-      type(noise_shift), allocatable :: shift   !! of p_n, see step/stages/equations
+      type(noise_shift), allocatable :: shift   !! shift of p_n, see step/stages/equations
       logical :: angles = .false.               !! the force is that of an angle
-      type(group_slot) :: slot(nstage)          !! of each group
-      real(wp) :: h = 0                         !! of the coefficients
+      type(group_slot) :: slot(nstage)          !! one for each group
+      real(wp) :: h = 0                         !! the step that the coefficients were found for
       real(wp) :: all = 0                       !! h sum_j alpha_j
       real(wp), dimension(nstage) :: c = 0, r = 0, v = 0, alpha = 0
-      real(wp) :: b(nstage, nstage, 2) = 0      !! of F in the stages: first sweep, and others
+      real(wp) :: b(nstage, nstage, 2) = 0      !! -h B_ik in the first sweep, and in others
       type(angle_terms) :: terms(nstage)
       real(wp) :: times(nstage) = 0, base(nstage, 2) = 0
       real(wp) :: f(nstage, 2, 0:most*nstage) = 0  !! F after every sweep of one group after the other (.., ndof, ..)
@@ -188,7 +188,7 @@ contains
       class(model_type), intent(in) :: model
       integer, intent(in) :: s, g, before
       real(wp), intent(in) :: w(0:model%traits%nnoise), p(model%traits%ndof), too_stiff
-      integer, intent(out) :: nsweep   !! that ended it; 0: none
+      integer, intent(out) :: nsweep   !! the sweep that ended it; 0: none did
       real(wp) :: change(most), extent(most), last
       integer :: first, i
 
