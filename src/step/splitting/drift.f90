@@ -26,7 +26,7 @@ module symsde_step_splitting_drift
       private
       logical, public :: rotates = .false.
       real(wp), allocatable :: omega(:)            !! frequencies (ndof)
-      real(wp), allocatable :: duration(:)         !! tau of each leg, found for it are the columns below (nleg)
+      real(wp), allocatable :: duration(:)         !! tau of each leg, which its columns below are of (nleg)
       real(wp), allocatable :: cosine_less_one(:, :), sine(:, :), sine_over(:, :)
       !! cos(omega tau) - 1, omega sin(omega tau), sin(omega tau)/omega (ndof, nleg)
    contains
