@@ -78,8 +78,8 @@ module symsde_step_implicit_newton_krylov
 
 contains
 
-   !> Whether to do without matrices: they would be dense, and large or made of differences. A declared bandwidth
-   !> that covers half of the matrix or more counts as dense.
+   !> Whether to do without matrices: they would be dense, and large or made of differences. A matrix with as many
+   !> bands, 2 b + 1, as columns counts as dense.
    pure logical function pays_by_products(traits, unknowns)
       type(model_traits), intent(in) :: traits
       integer, intent(in) :: unknowns  !! of a lane

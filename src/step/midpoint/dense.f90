@@ -1,7 +1,6 @@
 ! SPDX-License-Identifier: BSD-3-Clause
 !> The eliminated midpoint of blocks, x + f(base + c x) = 0, by matrices I + (h/4) K or by the fixed-point iteration
-!> V <- -f(base + (h/4) V): the body is dense.inc. Elimination across lanes (solve/newton) is what makes a block
-!> faster than its paths one by one.
+!> V <- -f(base + (h/4) V): the body is dense.inc.
 !>
 !> Private to its family.
 module symsde_step_midpoint_dense

@@ -4,8 +4,8 @@
 !>
 !> Matrices and products take all lanes of a block at once. A chain whose model gives its rows is taken strip by
 !> strip, strip_lanes lanes through the whole step, since a strip of a long chain fits in the cache and a block does
-!> not. For such strips states are moved at once (`move`) instead of by increments: (q, p) of a strip are still in
-!> cache.
+!> not. Where rows are eliminated, states are moved at once (`move`) instead of by increments, while (q, p) of these
+!> lanes are in cache.
 module symsde_step_midpoint_eliminated
    use symsde_base_kinds, only: wp, i8
    use symsde_base_record, only: step_record
@@ -75,9 +75,10 @@ contains
       midpoint_serves = model%traits%eliminates_momenta() .and. choose_way(model, options) /= by_products
    end function midpoint_serves
 
-   !> What solves the systems (I + (h/4) K) d = r of a model fastest: rows where K is tridiagonal, products where it
-   !> is dense and large, else matrices. Rows need second derivatives of their own, since differences of gradients
-   !> cost a matrix all the same. Damping and given numbers of iterations are those of matrices alone.
+   !> What solves the systems (I + (h/4) K) d = r of a model: rows where K is tridiagonal, products where it is dense
+   !> and large, else matrices. Rows are for second derivatives of the model's own: where these are differences of
+   !> gradients, step/midpoint/dense sweeps before it forms any. Damping and given numbers of iterations are those of
+   !> matrices alone.
    pure integer function choose_way(model, options) result(way)
       class(model_type), intent(in) :: model
       type(newton_options), intent(in) :: options
