@@ -37,7 +37,7 @@ module symsde_ensemble_run_driver
    use symsde_scheme_scheme, only: scheme_type
    use symsde_solve_lapack, only: blas_single_thread, blas_restore_threads
    use symsde_step_factory, only: resolve_task
-   use symsde_step_scalar_path, only: most_single
+   use symsde_step_few_paths, only: most_single
    use symsde_step_stepper, only: stepper_type
    implicit none
    private

@@ -51,7 +51,6 @@ module symsde_step_hamiltonian_one_step
    contains
       procedure :: gradient
       procedure :: velocity
-      procedure :: hessian_vector
       procedure :: gradient_hessian
    end type one_step_hamiltonian
 
@@ -144,18 +143,6 @@ contains
          end do
       end do
    end subroutine find_velocity
-
-   !> (uq, up) = Hess (sum_j w_j H_j) (vq, vp), the q-part first, without correction and brackets.
-   subroutine hessian_vector(self, t, w, q, p, vq, vp, uq, up)
-      class(one_step_hamiltonian), intent(inout) :: self
-      real(wp), intent(in) :: t, w(self%nlane, 0:self%nnoise)
-      real(wp), intent(in) :: q(self%nlane, self%ndof), p(self%nlane, self%ndof)
-      real(wp), intent(in) :: vq(self%nlane, self%ndof), vp(self%nlane, self%ndof)
-      real(wp), intent(out) :: uq(self%nlane, self%ndof), up(self%nlane, self%ndof)
-
-      call self%model%hessian_vector(self%nlane, self%ndof, self%nnoise, t, w, q, p, vq, vp, uq, up)
-      self%counters%hessian_vectors = self%counters%hessian_vectors + self%nreal
-   end subroutine hessian_vector
 
    !> Gradient of Hhat with correction and brackets; Hessian without brackets and third derivatives. The gradient makes
    !> the residual and must be exact, the Hessian makes Newton's matrix alone: Newton converges to the same root,

@@ -16,7 +16,7 @@ module symsde_step_midpoint_eliminated
    use symsde_solve_newton, only: newton_options
    use symsde_step_hamiltonian_one_step, only: new_one_step_hamiltonian
    use symsde_step_implicit_newton_krylov, only: does_without_matrices
-   use symsde_step_scalar_path, only: few_of
+   use symsde_step_few_paths, only: few_of
    use symsde_step_midpoint_dense, only: dense_midpoint, new_dense_midpoint
    use symsde_step_midpoint_equation, only: midpoint_equation, new_midpoint_equation, midpoint_part
    use symsde_step_midpoint_krylov, only: krylov_midpoint, new_krylov_midpoint

@@ -12,7 +12,7 @@ module symsde_step_midpoint_eliminated_single_path
    use symsde_scheme_scheme, only: correction_none
    use symsde_solve_newton, only: newton_options
    use symsde_step_hamiltonian_one_step, only: new_one_step_hamiltonian
-   use symsde_step_scalar_path, only: few_of
+   use symsde_step_few_paths, only: few_of
    use symsde_step_midpoint_dense_single_path, only: dense_midpoint, new_dense_midpoint
    use symsde_step_midpoint_eliminated, only: choose_way, by_rows, by_products
    use symsde_step_midpoint_equation, only: midpoint_equation, new_midpoint_equation, midpoint_part

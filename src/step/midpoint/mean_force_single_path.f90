@@ -9,7 +9,7 @@ module symsde_step_midpoint_mean_force_single_path
    use symsde_base_traits, only: dense
    use symsde_base_vectors, only: add_times
    use symsde_scheme_scheme, only: correction_none
-   use symsde_step_scalar_path, only: few_of
+   use symsde_step_few_paths, only: few_of
    use symsde_step_midpoint_dense_single_path, only: dense_midpoint, new_dense_midpoint, &
                                                      solve_contracting, solve_by_matrices, find_force_stiffness
    use symsde_step_midpoint_equation, only: midpoint_equation, new_midpoint_equation, position

@@ -26,7 +26,7 @@ module symsde_step_midpoint_mean_path
    use symsde_base_record, only: step_record
    use symsde_model_probe_noise_time, only: noise_changes_in_time
    use symsde_scheme_scheme, only: bracket_terms, correction_none
-   use symsde_step_scalar_path, only: few_of
+   use symsde_step_few_paths, only: few_of
    use symsde_step_midpoint_eliminated, only: midpoint_stepper, new_midpoint_stepper, midpoint_serves
    use symsde_step_midpoint_eliminated_single_path, only: eliminated_single_path => midpoint_stepper, &
                                                           new_eliminated_single_path => new_midpoint_stepper

@@ -70,7 +70,7 @@ contains
       self%multiplies = self%products .and. abs(kicks%share) > 0 .and. (kicks%samples .or. abs(self%c) > 0)
       self%has_products = abs(kicks%kappa) > 0 .or. self%multiplies
       allocate (self%w(nlane, 0:self%nnoise, size(kicks%c)), self%v(nlane, 0:self%nnoise), self%a(nlane), source=0.0_wp)
-      if (.not. self%products) return
+      if (.not. (self%products .and. kicks%samples)) return
       allocate (self%d(nlane, pair_index(self%nnoise, self%nnoise)), source=0.0_wp)
       ! D is symmetric: column at(k, l) = at(l, k) of d has D_kl.
       allocate (self%at(self%nnoise, self%nnoise))
@@ -98,7 +98,7 @@ contains
          do j = 1, size(self%noisy)
             call weigh_noise(self, nlane, self%noisy(j), step)
          end do
-         if (.not. (self%products .and. kicks%samples)) return
+         if (.not. allocated(self%d)) return
          call find_d(self, nlane, step)
       end associate
    end subroutine weigh

@@ -5,7 +5,7 @@
 !> paths pays for both and uses little of either. So every path of such a run is a block of one lane, by the instance of
 !> the stepper's body with one lane, which has the same bits. A stepper says up to how many paths that is faster
 !> (most_single of step/stepper), and most_single here bounds what it may say.
-module symsde_step_scalar_path
+module symsde_step_few_paths
    implicit none
    private
    public :: most_single, few_of
@@ -24,4 +24,4 @@ contains
       few_of = merge(broad, narrow, n >= wide)
    end function few_of
 
-end module symsde_step_scalar_path
+end module symsde_step_few_paths
