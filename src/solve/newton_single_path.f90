@@ -50,6 +50,8 @@ contains
 
    include 'stagnation.inc'
 
+   include 'correction.inc'
+
    !> Whether all numbers are finite: zero times another one is NaN.
    pure logical function is_finite(n, x)
       integer, intent(in) :: n

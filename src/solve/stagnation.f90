@@ -62,6 +62,8 @@ contains
 
    include 'stagnation.inc'
 
+   include 'correction.inc'
+
    include 'stagnation_scalar.inc'
 
    !> VEC One unknown, one fixed-point iteration: x = -s f in running lanes.
