@@ -73,14 +73,14 @@ module symsde_step_one_dof_newton
       call ask_model(self, ham, i, step, q, p)
    end subroutine evaluate
 
-   !> Solve the systems of all lanes, side by side.
-   subroutine solve_systems(self, x, status, counters)
+   !> Solve the systems of all lanes, side by side, whose right-hand sides stand in d from column `first` on.
+   subroutine solve_systems(self, first, status, counters)
       type(one_dof_newton), intent(inout) :: self
-      real(wp), intent(inout) :: x(self%nlane, size(self%matrix, 2))
+      integer, intent(in) :: first
       integer(i8), intent(inout) :: status(self%nlane)
       type(counters_type), intent(inout) :: counters
 
-      call solve_by_lanes(self, x, status, counters)
+      call solve_by_lanes(self, self%d(:, first:), status, counters)
    end subroutine solve_systems
 
 end module symsde_step_one_dof_newton

@@ -103,23 +103,24 @@ module symsde_step_one_dof_newton_single_path
 
    !> Solve the system by elimination, which overwrites the matrix. Where its pivots are not trusted, or a solution is
    !> not finite, the system is made once more and solved as in a block.
-   subroutine solve_systems(self, x, status, counters)
+   subroutine solve_systems(self, first, status, counters)
       type(one_dof_newton), intent(inout) :: self
-      real(wp), intent(inout) :: x(size(self%matrix, 2))
+      integer, intent(in) :: first  !! column of d with which the right-hand side begins
       integer(i8), intent(inout) :: status(1)
       type(counters_type), intent(inout) :: counters
       real(wp) :: smallest, zero
-      integer :: i
+      integer :: i, n
 
-      call solve_scalar(size(x), self%matrix, x, smallest)
+      n = size(self%matrix, 2)
+      call solve_scalar(n, self%matrix, self%d(:, first:), smallest)
       zero = 0
       !GCC$ novector  ! few numbers
-      do i = 1, size(x)
-         zero = zero + 0*x(i)  ! NaN where one is not finite
+      do i = first, first + n - 1
+         zero = zero + 0*self%d(1, i)  ! NaN where one is not finite
       end do
       if (smallest > pivot_floor .and. abs(zero) <= 0) return
       call linearise_all(self)
-      call solve_by_lanes(self, x, status, counters)
+      call solve_by_lanes(self, self%d(:, first:), status, counters)
    end subroutine solve_systems
 
 end module symsde_step_one_dof_newton_single_path
