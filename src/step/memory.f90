@@ -69,7 +69,8 @@ contains
          if (t%bandwidth < 0 .and. t%has_hessian .and. .not. t%has_hessian_vector) &
             memory%lane = memory%lane + 3*n**2  ! products are made from the blocks
          if (scheme%form == splitting_form) then  ! its stepper is its own oracle
-            if (.not. t%additive) memory%lane = memory%lane + n*m + m*(m + 1)/2  ! H_k,q and D_kl
+            if (.not. t%additive) memory%lane = memory%lane + n*m  ! H_k,q
+            if (.not. t%additive .and. scheme%kicks%samples) memory%lane = memory%lane + m*(m + 1)/2  ! D_kl
          else if (task%general .or. active%are_added() .or. .not. (scheme%form == ito_form .or. task%follows)) then
             call add_matrices(task, active%are_added(), stages, memory)
          end if

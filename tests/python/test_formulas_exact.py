@@ -16,6 +16,7 @@ from symsde.model.formulas.structure import Prover
 pytest.importorskip("sympy")
 
 pytestmark = pytest.mark.usefixtures("quick_compiler")
+LONG = compiler.LONG  # as it is outside of these tests
 PARAMS = {"a": 1.3, "s": 0.4, "b": 0.2}
 RUN = {"step": 0.05, "steps": 40, "save_every": 20, "paths": 9, "seed": 3}
 
@@ -131,7 +132,7 @@ def test_long_texts_are_compiled_in_less_time(monkeypatch, tmp_path):
     monkeypatch.setattr(compiler, "_compile", lambda *a: asked.append(compiler.flags(a[1])) or compile_(*a))
     run = {"q0": np.linspace(-1, 1, 9)[None], "p0": 0.3, "step": 0.1, "steps": 10, "paths": 9, "scheme": "gauss2"}
     ends = []
-    for longest in (10**6, 10**4):
+    for longest in (LONG, 10**4):
         monkeypatch.setattr(compiler, "LONG", longest)
         ends.append(ss.simulate(ss.model_from_sympy("p**2/2 + log(1 + exp(sin(q)))*q**2"), **run))
     assert ["-O1" in flags for flags in asked] == [False, True] and all("-O3" not in x or "-O1" not in x for x in asked)

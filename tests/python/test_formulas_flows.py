@@ -304,7 +304,6 @@ CANCELS = {  # separable, but not as it stands: what each is
 
 @pytest.mark.parametrize("written", CANCELS)
 @pytest.mark.parametrize("noise", [(), "(p+q)**2/20 - p**2/20 - p*q/10"])
-@pytest.mark.usefixtures("quick_compiler")
 def test_separable_after_cancellation(written, noise):
     """What cancels is not computed: rounding would tie the halves of a step, and whole steps would lose their bits."""
     noise = noise.replace("q", "q1").replace("p", "p1") if noise and "q1" in written else noise

@@ -13,7 +13,6 @@ pytest.importorskip("sympy")
 
 from symsde.model.formulas.in_numpy import InNumpy
 
-pytestmark = pytest.mark.usefixtures("quick_compiler")
 PARAMS = {"a": 0.7, "b": 0.4, "s": 0.3}
 TWO = {"q": ["x", "y"], "p": ["u", "v"]}
 SCHEME = "gauss2_strong32"

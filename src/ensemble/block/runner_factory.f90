@@ -4,7 +4,6 @@
 !> when it first needs them.
 module symsde_ensemble_block_runner_factory
    use symsde_base_functionals, only: functional_set
-   use symsde_base_kinds, only: i8
    use symsde_base_status, only: error_type
    use symsde_ensemble_block_runner, only: block_runner, new_block_runner
    use symsde_ensemble_options, only: run_options

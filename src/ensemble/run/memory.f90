@@ -3,14 +3,17 @@
 module symsde_ensemble_run_memory
    use symsde_base_functionals, only: functional_set, path_areas
    use symsde_base_kinds, only: wp
-   use symsde_base_lanes, only: lane_unit, padded
+   use symsde_base_lanes, only: padded
    use symsde_base_memory, only: memory_for, require_memory
    use symsde_base_status, only: error_type
    use symsde_base_text, only: to_text
+   use symsde_base_traits, only: model_traits
    use symsde_ensemble_block_prefetch, only: pairs_ahead, states_ahead
    use symsde_ensemble_block_shrink_block, only: narrower_width
    use symsde_ensemble_observe_observer, only: observer_type
    use symsde_ensemble_options, only: run_options
+   use symsde_scheme_kicks, only: kicks_type
+   use symsde_scheme_scheme, only: splitting_form
    use symsde_step_memory, only: step_memory, find_step_memory
    use symsde_step_stepper, only: stepper_task
    implicit none
@@ -88,10 +91,24 @@ contains
       numbers = step%numbers(nlane) + nlane*((12.0_wp + kept)*ndof + ahead*(ncolumn + 1)) &
                 + noise_numbers(nnoise, asked, nlane)
       if (nlane > 1) return
-      numbers = numbers + lane_unit*step%lane + step%once  ! of the block that takes unusual steps
+      if (task%scheme%form == splitting_form) &    ! weights of kicks are found for all steps ahead
+         numbers = numbers + ahead*kick_numbers(task%scheme%kicks, task%model%traits, ncolumn)
       if (.not. asked%is_empty()) &                ! pairs of steps are lanes
          numbers = numbers + noise_numbers(nnoise, asked, 2*padded(pairs_ahead(1, ncolumn)/2))
    end function block_numbers
+
+   !> Numbers that a single path keeps for every step whose kicks are weighed ahead: what drives the step, the weights w
+   !> of its kicks, V, and D where it is sampled, each in the lanes that are weighed and in the steps that are taken.
+   pure real(wp) function kick_numbers(kicks, traits, ncolumn) result(numbers)
+      type(kicks_type), intent(in) :: kicks
+      type(model_traits), intent(in) :: traits
+      integer, intent(in) :: ncolumn  !! increments and functionals of a step
+      real(wp) :: m
+
+      m = traits%nnoise
+      numbers = ncolumn + 1 + 2*(m + 1)*(size(kicks%c) + 1) + 1
+      if (kicks%samples .and. .not. traits%additive) numbers = numbers + m*(m + 1)
+   end function kick_numbers
 
    !> Numbers that a source of noise needs to fill a block of lanes.
    pure real(wp) function noise_numbers(nnoise, asked, nlane)
