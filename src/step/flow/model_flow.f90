@@ -1,9 +1,22 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> The stepper of models that define whole steps of a scheme themselves (model_type%flow).
+!> The stepper of models that define whole steps of a scheme themselves (model_type%flow):
 !>
-!> The model solves the equations of a step; this stepper finds the name of the scheme, handles failures, and makes
-!> increments for callers that want these. A flow agrees with the general stepper to
-!> rounding, and gives the bits of single steps (tests/verification/test_whole.pf).
+!>    (q_{n+1}, p_{n+1}) = Phi(q_n, p_n; t_n, h, dW_1 .. dW_m),      nstep times in one call
+!>
+!> Phi is the map of the scheme for the one-step Hamiltonian h H + sum_k dW_k H_k, with the correction of one-sided
+!> schemes where the name of the flow ends in `corrected`. The model solves the equations of a step, in closed form or
+!> by an iteration of its own. This stepper finds the name of the flow that serves a task, sorts out failures, and
+!> makes increments for callers that want these. A flow agrees with the general stepper to rounding, and gives the
+!> bits of single steps (tests/verification/test_whole.pf).
+!>
+!> A flow is looked for in this order:
+!>
+!>    1. by the scheme's name in the catalogue, which for four of them is found from their coefficients (usual_name);
+!>    2. among all names of the catalogue, where users have given one of its schemes another name;
+!>    3. for quadratic models once more among the four, where the scheme's brackets vanish for the model.
+!>
+!> Midpoint, the Euler pair and Verlet go by their coefficients, since users reach them in many ways: from a
+!> quadrature, as a tableau, or under a name of their own.
 module symsde_step_flow_model_flow
    use symsde_base_kinds, only: wp, i8
    use symsde_base_laws, only: law_gaussian
@@ -37,7 +50,9 @@ module symsde_step_flow_model_flow
 
 contains
 
-   !> Whether this stepper executes the task.
+   !> Whether this stepper executes the task. A given number of fixed-point iterations is not what a model's own
+   !> solution makes, and increments to their own last place cannot be had from its states: such tasks are left to
+   !> other steppers. Of the corrections the increments form alone has flows.
    logical function model_flow_fits(task) result(fits)
       type(stepper_task), intent(in) :: task
       character(:), allocatable :: name
@@ -50,9 +65,9 @@ contains
       fits = name /= ''
    end function model_flow_fits
 
-   !> The name of the model's flow that serves a task; blank where there is none. One that is meant for the scheme comes
-   !> first. Where equations are linear, so that a step has one root, the steps of one of the four also serve discrete
-   !> increments, and brackets that vanish for the model.
+   !> The name of the model's flow that serves a task; blank where there is none. One that is meant for the scheme
+   !> comes first. Where equations are linear, so that a step has one root, the steps of one of the four also serve
+   !> discrete increments, and schemes whose brackets vanish for the model.
    subroutine find_flow(task, name)
       type(stepper_task), intent(in) :: task
       character(:), allocatable, intent(out) :: name
@@ -60,13 +75,20 @@ contains
 
       call name_of_flow(task%scheme, name)
       found = task%model%has_flow(name//suffix(task))
+      ! A name alone proves nothing: where the scheme is none of the four, its coefficients, law and brackets must be
+      ! those of the catalogue's scheme of this name. Failing that, its tableau may stand in the catalogue under
+      ! another name.
       if (usual_name(task%scheme, task%scheme%brackets%are_added()) == '') then
          if (found) found = is_of_catalogue(task%scheme, name)
          if (.not. found .and. task%scheme%has_tableau()) call find_by_coefficients(task, name, found)
       else
+         ! One of the four: its flow is meant for Gaussian increments. Others take it where equations are linear and
+         ! have one root.
          found = found .and. (task%scheme%law == law_gaussian .or. task%model%traits%quadratic)
       end if
       if (found) return
+      ! The third attempt: brackets count as none where the model's traits make them vanish. For models that are not
+      ! quadratic the name is left blank.
       name = trim(merge(usual_name(task%scheme, task%has_brackets()), usual_name(task%scheme, .true.), &
                         task%model%traits%quadratic))
       if (name /= '' .and. .not. task%model%has_flow(name//suffix(task))) name = ''
@@ -80,6 +102,9 @@ contains
       suffix = corrected
    end function suffix
 
+   !> The name of the flow, the bound of its solver's iterations, and what the report says of it. A plain flow is
+   !> explicit where the stages of its scheme are, and where it is a splitting. A path by itself is taken as a block
+   !> of one lane.
    subroutine make(self, task)
       class(model_flow_stepper), intent(inout) :: self
       type(stepper_task), intent(in) :: task
@@ -109,6 +134,8 @@ contains
       found = .false.
       known = scheme_names()
       do i = 1, size(known)
+         ! Whether the model has such a flow is asked first: it costs less than to make the scheme and to compare
+         ! coefficients.
          if (.not. task%model%has_flow(trim(known(i))//suffix(task))) cycle
          found = is_of_catalogue(task%scheme, trim(known(i)))
          if (.not. found) cycle
@@ -117,7 +144,8 @@ contains
       end do
    end subroutine find_by_coefficients
 
-   !> The name by which a model has the flow of a scheme of the catalogue: four go by their coefficients.
+   !> The name by which a model is asked for the flow of a scheme: that of the catalogue for the four that are known
+   !> by their coefficients, else the name that the scheme bears.
    subroutine name_of_flow(scheme, name)
       type(scheme_type), intent(in) :: scheme
       character(:), allocatable, intent(out) :: name
@@ -126,7 +154,9 @@ contains
       if (name == '') name = scheme%name
    end subroutine name_of_flow
 
-   !> The name in the catalogue of one of the four, known by its coefficients; blank for others.
+   !> The name in the catalogue of one of the four (midpoint, the two of the Euler pair, Verlet), known by its
+   !> coefficients; blank for others and where brackets are added to the Hamiltonian, or a frame stands around the
+   !> tableau.
    pure character(len=name_length) function usual_name(scheme, has_brackets) result(name)
       type(scheme_type), intent(in) :: scheme
       logical, intent(in) :: has_brackets
@@ -144,6 +174,7 @@ contains
    end function usual_name
 
    !> Whether a scheme is the one that the catalogue has under this name: users may name theirs as they like.
+   !> Coefficients are equal in every bit, the nodes c up to the rounding of the sums of a that users' nodes are.
    logical function is_of_catalogue(scheme, name)
       type(scheme_type), intent(in) :: scheme
       character(*), intent(in) :: name
@@ -170,7 +201,8 @@ contains
                       (a%crossed .eqv. b%crossed)
    end function same_brackets
 
-   !> Half a kick, a drift, half a kick.
+   !> Whether the scheme is half a kick, a drift, and half a kick: a = (0, 0; 1/2, 1/2), abar = (1/2, 0; 1/2, 0),
+   !> alpha = (1/2, 1/2), c = (0, 1), the tableau of Lobatto IIIA-IIIB of two stages (Stormer-Verlet).
    pure logical function is_verlet(scheme)
       type(scheme_type), intent(in) :: scheme
       real(wp), parameter :: a(2, 2) = reshape([0.0_wp, 0.5_wp, 0.0_wp, 0.5_wp], [2, 2])
@@ -182,7 +214,8 @@ contains
                   all(abs(scheme%c - [0, 1]) <= 0)
    end function is_verlet
 
-   !> Several steps from (q, p) to the states after every steps%every-th of them.
+   !> Several steps from (q, p), nlane x ndof, to the states (qn, pn) after every steps%every-th of them, side by side
+   !> in the last index. The counters of the Hamiltonian are the model's to fill.
    subroutine flow(self, steps, q, p, qn, pn, status)
       class(model_flow_stepper), intent(inout) :: self
       type(steps_record), intent(in) :: steps
@@ -196,8 +229,9 @@ contains
       end associate
    end subroutine flow
 
-   !> Several steps of the model at once, as far as no lane fails: of several it is not known in which one did, so they
-   !> are taken again one by one until it does.
+   !> Several steps of the model at once, as far as no lane fails. Of several steps it is not known in which one a
+   !> lane failed, so they are taken again one by one until it does. Then the lane is where it was before that step,
+   !> others have taken it, and ntaken is its number.
    recursive subroutine advance(self, steps, state, passed, ntaken, failed)
       class(model_flow_stepper), intent(inout) :: self
       type(steps_record), intent(inout) :: steps
@@ -214,6 +248,8 @@ contains
       before = self%ham%counters
       nout = steps%nstep/steps%every
       steps%max_iter = self%max_iter
+      ! The model writes its states where observers will be shown them (passed), and statuses apart from those of the
+      ! block, so that the block keeps its own until the states have been judged.
       self%status = state%status
       call self%flow(steps, state%q, state%p, passed%q, passed%p, self%status)
       call state%judge(steps%nreal, nout, self%status, passed%q, passed%p, sound)
@@ -221,13 +257,18 @@ contains
       ntaken = steps%nstep
       passed%n = nout
       if (sound) then
+         ! All went well: the last of the states becomes that of the block.
          call state%take_first(state%nlane, passed%q(1, 1, nout), passed%p(1, 1, nout))
       else if (steps%nstep == 1) then
+         ! In a single step a lane has failed. The others take their states; the step is put into `record` with room
+         ! for increments, by which a rescue may try the lane again (step/implicit/rescue).
          passed%n = 0
          call self%make_room()
          call steps%show(1, self%record)
          call state%take_sound(self%status, passed%q, passed%p)
       else
+         ! In one of several steps a lane has failed. This procedure calls itself for each step alone, with room for
+         ! one state.
          self%ham%counters = before  ! no step counts twice, however many went together
          passed%n = 0
          allocate (one%q(state%nlane, state%ndof, 1), one%p(state%nlane, state%ndof, 1))
@@ -257,6 +298,7 @@ contains
       do f = 1, size(step%of)
          if (associated(step%of(f)%x)) steps%of(f)%x(1:steps%nlane, 1:size(step%of(f)%x, 2), 1:1) => step%of(f)%x
       end do
+      ! The model writes the new states where the increments are to stand, and the old ones are taken off.
       call self%flow(steps, q, p, dq, dp, status)
       dq = dq - q
       dp = dp - p
