@@ -31,8 +31,10 @@ module symsde_step_one_dof_newton
       lanes = nlane
    end function lanes
 
-   !> Go on where the iteration of another block has come: lane l takes slopes and size of the last correction from lane
-   !> places(l) of that block. Lanes with a status rest. The step is that of the gathered lanes.
+   !> Go on where the iteration of another block has come: lane l takes slopes and size of the last correction from
+   !> lane places(l) of that block. Lanes with a status rest. The step is that of the gathered lanes.
+   !> What a lane computes from here on are its own numbers in the order in which the large block would compute them,
+   !> so it has the same bits as if it had stayed there.
    subroutine resume(self, ham, from, places, step, status)
       type(one_dof_newton), intent(inout) :: self
       type(one_step_hamiltonian), intent(in) :: ham
@@ -41,6 +43,8 @@ module symsde_step_one_dof_newton
       type(step_record), intent(in) :: step
       integer(i8), intent(inout) :: status(self%nlane)
 
+      ! The slopes are all that Newton's iteration carries along; points and derivatives are found anew in every
+      ! iteration.
       self%x = from%x(places, :)
       call self%newton%start(status)
       ! brackets hold what stays the same in a step lane by lane: it is found anew for the gathered lanes
@@ -52,7 +56,8 @@ module symsde_step_one_dof_newton
       self%flies = from%flies
    end subroutine resume
 
-   !> qs = Hhat_p(q_n, p_n) at the time of the first stage, where it is the first guess.
+   !> qs = Hhat_p(q_n, p_n) at the time of the first stage, where it is the first guess. Without that guess nobody is
+   !> asked.
    subroutine find_velocity(self, ham, step, q, p)
       type(one_dof_newton), intent(inout) :: self
       type(one_step_hamiltonian), intent(inout) :: ham

@@ -50,10 +50,12 @@ module symsde_step_one_dof_newton_single_path
          if (self%flies) call ham%velocity(step%t + self%c(1)*step%h, w, q, p, self%qs)
          return
       end if
+      ! The terms depend on h, dW and the time of a stage, not on (q, p): all iterations of the step use these.
       do i = 1, self%s
          call ham%model%angle(ham%nnoise, step%t + self%c(i)*step%h, w, self%terms(i))
       end do
       if (.not. self%flies) return
+      ! A gradient is counted, as a block counts the one that it asks the model for.
       call find_angle_velocity(self%terms(1), p(1), self%qs(1), unused)
       ham%counters%gradients = ham%counters%gradients + 1
    end subroutine find_velocity
@@ -70,6 +72,8 @@ module symsde_step_one_dof_newton_single_path
       integer :: asked
 
       asked = 1
+      ! Three ways to the same numbers: a separable angle by its terms; an angle with brackets, whose kernel works on
+      ! numbers in registers; any other model by a call for one lane, which counts by itself.
       if (allocated(self%terms)) then
          call find_angle_force(self%terms(i), q(1), self%h(1, q_, i), self%h(1, qq, i))
          call find_angle_velocity(self%terms(i), p(1), self%h(1, p_, i), self%h(1, pp, i))
@@ -86,8 +90,8 @@ module symsde_step_one_dof_newton_single_path
       ham%counters%hessians = ham%counters%hessians + asked
    end subroutine evaluate
 
-   !> total = start + sum_j c_j x_j from j = first on. Products with the coefficient zero are added, too: they change
-   !> nothing, and a test of each would cost more.
+   !> total = start + sum_j c_j x_j from j = first on, the sum of slopes of step/stages/slope_sums for one path.
+   !> Products with the coefficient zero are added, too: they change nothing, and a test of each would cost more.
    pure subroutine sum_slopes(nlane, s, first, c, x, start, total)
       integer, intent(in) :: nlane, s, first
       real(wp), intent(in) :: c(s), x(s), start(1)
@@ -101,8 +105,9 @@ module symsde_step_one_dof_newton_single_path
       end do
    end subroutine sum_slopes
 
-   !> Solve the system by elimination, which overwrites the matrix. Where its pivots are not trusted, or a solution is
-   !> not finite, the system is made once more and solved as in a block.
+   !> Solve the system by elimination, which overwrites the matrix: n numbers of d from column `first` on are the
+   !> right-hand side, then the solution. Where its pivots are not trusted, or a solution is not finite, the system is
+   !> made once more and solved as in a block, by LAPACK if need be.
    subroutine solve_systems(self, first, status, counters)
       type(one_dof_newton), intent(inout) :: self
       integer, intent(in) :: first  !! column of d with which the right-hand side begins
@@ -111,14 +116,18 @@ module symsde_step_one_dof_newton_single_path
       real(wp) :: smallest, zero
       integer :: i, n
 
+      ! n = s where the F are eliminated, else 2 s.
       n = size(self%matrix, 2)
       call solve_scalar(n, self%matrix, self%d(:, first:), smallest)
+      ! The solution is looked at, too: it may not be finite though the pivots are trusted.
       zero = 0
       !GCC$ novector  ! few numbers
       do i = first, first + n - 1
          zero = zero + 0*self%d(1, i)  ! NaN where one is not finite
       end do
       if (smallest > pivot_floor .and. abs(zero) <= 0) return
+      ! Elimination has overwritten the matrix, and solutions the right-hand sides: both are formed once more from
+      ! slopes and derivatives, which are still there.
       call linearise_all(self)
       call solve_by_lanes(self, self%d(:, first:), status, counters)
    end subroutine solve_systems

@@ -8,9 +8,12 @@
 !> the block. Agrees with the general stepper to a few ulps (tests/verification/test_beyond_one_maps.pf,
 !> test_stages.pf).
 !>
-!> Lanes differ in how many corrections they need, above all where brackets are added, whose second derivatives are not
-!> all known. As soon as few lanes go on they are gathered into a small block and finished there, with the same bits:
-!> the other lanes would be computed along for nothing.
+!> Lanes differ in how many corrections they need, above all where brackets are added, whose second derivatives are
+!> not all known. As soon as few lanes go on they are gathered into a small block and finished there, with the same
+!> bits. In the large block every further iteration would compute all the other lanes along for nothing.
+!>
+!> The order of a step: the first guess of all lanes, iterations of the whole block while more than few_lanes lanes
+!> run, iterations of the small block, and at the end the weighted sums of the slopes of all lanes.
 module symsde_step_one_dof_stepper
    use symsde_base_counters, only: counters_type, add_counters
    use symsde_base_functionals, only: functional_set, nfunctional, path_dz, path_areas
@@ -54,6 +57,8 @@ contains
    logical function one_dof_fits(task) result(fits)
       type(stepper_task), intent(in) :: task
 
+      ! Stages of drift and noise with coefficients of their own would need slopes of their own, and corrections of
+      ! one-sided schemes belong to a single stage: both are left to other steppers.
       fits = .false.
       if (.not. task%is_tableau() .or. task%correction /= correction_none .or. task%scheme%nstage < 2) return
       associate (t => task%model%traits)
@@ -78,7 +83,8 @@ contains
       call new_last_lanes(self%few, task%model, task%scheme, task%newton)
    end subroutine make
 
-   !> Its store has room for the functionals that the active brackets read: dZ and areas.
+   !> Make the small block for the same model, scheme and options. Its store has room for the functionals that the
+   !> active brackets read, dZ and areas, and for two steps, the fewest that a store has; only the first is used.
    subroutine new_last_lanes(self, model, scheme, options)
       type(last_lanes), intent(inout) :: self
       class(model_type), intent(in), target :: model
@@ -88,6 +94,7 @@ contains
 
       call new_one_step_hamiltonian(self%ham, model, few_lanes, correction_none, 0.0_wp, scheme%brackets)
       call new_one_dof_newton(self%solver, self%ham, scheme, options)
+      ! Where no brackets are added nothing but (h, dW) drives a step, and the store has room for no more.
       if (allocated(self%ham%modified)) then
          asked%has(path_dz) = self%ham%modified%active%single
          asked%has(path_areas) = self%ham%modified%active%areas
@@ -128,12 +135,14 @@ contains
       type(step_record) :: gathered
       integer :: lanes(few_lanes), n, i, f
 
+      ! Lanes that run have the size of their last correction in `last`, which is negative in all others.
       n = 0
       do i = 1, self%ham%nlane
          if (.not. self%solver%newton%last(i) >= 0) cycle
          n = n + 1
          lanes(n) = i
       end do
+      ! At least one lane runs, so there is a last one to repeat.
       lanes(n + 1:) = lanes(n)
       few%q = q(lanes)
       few%p = p(lanes)
@@ -143,9 +152,12 @@ contains
          if (allocated(few%store%of(f)%x)) few%store%of(f)%x(:, :, 0) = step%of(f)%x(lanes, :)
       end do
       call few%store%show(0, step%t, gathered)
+      ! Any status but 0 makes a lane rest; this one is never seen, as only the first n are copied back.
       few%status = not_converged  ! lanes that fill up the block rest
       few%status(:n) = status(lanes(:n))
       few%ham%nreal = count(lanes(:n) <= self%ham%nreal)  ! padding of the block is counted nowhere
+      ! The step is rebuilt for the gathered lanes, at the same time t_n. Their iteration goes on with the count and
+      ! the sizes of corrections that it had, so that the bounds and tests of Newton's iteration do not begin anew.
       call resume(few%solver, few%ham, self%solver, lanes, gathered, few%status)
       do while (few%solver%newton%running)
          call few%solver%iterate(few%ham, gathered, few%q, few%p, few%status)

@@ -1,7 +1,9 @@
 ! SPDX-License-Identifier: BSD-3-Clause
 !> Implicit schemes of several stages for one degree of freedom and a single path: those of step/one_dof/stepper.
 !>
-!> The step is the same without its small block: one lane has no others to wait for.
+!> The step is the same: Newton's iteration for the slopes F_i and G_i (newton.inc), then dq = sum_i alpha_i F_i and
+!> dp = sum_i alpha_i G_i. It goes without the small block of step/one_dof/stepper, since one lane has no others to
+!> wait for. Which tasks fit is said there, too.
 module symsde_step_one_dof_stepper_single_path
    use symsde_base_kinds, only: wp, i8
    use symsde_base_record, only: step_record
@@ -32,13 +34,17 @@ contains
       self%name = 'stages, one degree of freedom'
       call new_one_step_hamiltonian(self%ham, task%model, task%nlane, correction_none, 0.0_wp, task%scheme%brackets)
       call new_one_dof_newton(self%solver, self%ham, task%scheme, task%newton)
+      ! One solve is what the report calls linear equations; the iteration itself sees to it by its stopping test.
       self%one_solve = self%solver%newton%affine
       self%most_single = 2
+      ! Without Hessian or with brackets the bound is two paths. Else it is three for two stages, which are solved in
+      ! closed form, and four for more, where the equations are separable or linear.
       if (.not. task%model%traits%has_hessian .or. allocated(self%ham%modified)) return
       if (self%solver%separable .or. self%one_solve) self%most_single = merge(3, 4, task%scheme%nstage == 2)
    end subroutine make
 
-   !> Newton's iteration from its first guess until its corrections stagnate, then the weighted sums of the slopes.
+   !> Newton's iteration from its first guess until its corrections stagnate, then the weighted sums of the slopes. A
+   !> path with a status does not run at all: its increments are those of the first guess, and nobody uses them.
    subroutine increment(self, step, q, p, dq, dp, status)
       class(one_dof_stepper), intent(inout) :: self
       type(step_record), intent(in) :: step
