@@ -1,6 +1,11 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> The eliminated midpoint of blocks, x + f(base + c x) = 0, by matrices I + (h/4) K or by the fixed-point iteration
-!> V <- -f(base + (h/4) V): the body is dense.inc.
+!> The eliminated midpoint of blocks,
+!>
+!>    x + f(base + c x) = 0,     for V with c = h/4, f = Hhat_q;   for dq with c = 1/2, f = (h/2) Hhat_q - (h p_n + g),
+!>
+!> by matrices I + (h/4) K or, for V, by the fixed-point iteration first: the body is dense.inc. What differs from a
+!> single path is how the model is asked, for all lanes at once, and that the passes over lanes come by `use`, since a
+!> call costs little beside a block.
 !>
 !> Private to its family.
 module symsde_step_midpoint_dense
@@ -25,7 +30,8 @@ module symsde_step_midpoint_dense
       lanes = nlane
    end function lanes
 
-   !> Hhat_q (nlane, n) and Hhat_qq (nlane, n, n) at q, by one call of the model for all lanes.
+   !> Hhat_q (nlane, n) and Hhat_qq (nlane, n, n) at q, by one call of the model for all lanes. The momenta that the
+   !> model is given are zero: with H_p = p and noise in position or additive neither of the two depends on them.
    subroutine find_force_stiffness(self, model, eq, w, q, hq, hqq)
       class(dense_midpoint), intent(in) :: self
       class(model_type), intent(in) :: model

@@ -1,11 +1,19 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> The implicit midpoint rule without momenta for blocks of paths. The equation V + Hhat_q(base + (h/4) V) = 0 and
-!> its derivation stand in the body, eliminated.inc. Here is what solves it, and which lanes of a block go together.
+!> The implicit midpoint rule without momenta for blocks of paths,
+!>
+!>    V + Hhat_q(base + (h/4) V) = 0,   base = q_n + (h p_n + g)/2,   dp = V,   dq = h (p_n + V/2) + g
+!>
+!> The derivation stands in the body, eliminated.inc. Here is what solves the equation of V, and which lanes of a
+!> block go together.
 !>
 !> Matrices and products take all lanes of a block at once. A chain whose model gives its rows is taken strip by
 !> strip, strip_lanes lanes through the whole step, since a strip of a long chain fits in the cache and a block does
 !> not. Where rows are eliminated, states are moved at once (`move`) instead of by increments, while (q, p) of these
 !> lanes are in cache.
+!>
+!> A strip goes through a step in this order: its weights are copied (take_rows), V is found (solve_for_v), and then
+!> either its increments (finish_increments) or its new states (move_together). What remains of a block that is no
+!> whole number of strips is filled up with copies (fill_up).
 module symsde_step_midpoint_eliminated
    use symsde_base_kinds, only: wp, i8
    use symsde_base_record, only: step_record
@@ -59,7 +67,8 @@ contains
       lanes = nlane
    end function lanes
 
-   !> Whether this stepper executes the task.
+   !> Whether this stepper executes the task: the midpoint rule as it stands, neither brackets nor correction added,
+   !> for H = p.p/2 + U(q) with noise in position or additive.
    logical function midpoint_fits(task) result(fits)
       type(stepper_task), intent(in) :: task
 
@@ -86,6 +95,7 @@ contains
       way = by_matrix
       if (.not. options%is_free()) return
       associate (t => model%traits)
+         ! Two unknowns are a matrix of closed form: rows pay from three on.
          if (t%bandwidth == 1 .and. t%ndof > 2 .and. .not. t%differences_alone()) then
             way = by_rows
          else if (does_without_matrices(t, t%ndof, options)) then
@@ -107,6 +117,8 @@ contains
       together = nlane
       select case (way)
       case (by_rows)
+         ! A model that gives rows of a few lanes is asked for those of a strip. One that gives bands for a block is
+         ! asked once for all of its lanes.
          if (model%traits%has_chain_rows .or. modulo(nlane, strip_lanes) /= 0) together = strip_lanes
          allocate (tridiagonal_midpoint :: self%part)
       case (by_products)
@@ -127,8 +139,8 @@ contains
       end select
    end subroutine make_part
 
-   !> Allocate copies of the states and weights of a strip, where states are moved or the last strip of a block is
-   !> not full.
+   !> Allocate copies of the states and weights of a strip, where states are moved or the last strip of a block is not
+   !> full. This waits for the first step, as the arrays of the equation do.
    subroutine make_room_of_strips(self)
       type(midpoint_stepper), intent(inout) :: self
 
@@ -154,6 +166,7 @@ contains
       call begin(self, step)
       associate (nlane => self%ham%nlane, together => self%eq%nlane)
          if (together == nlane) then
+            ! Matrices and products: one group of lanes, which is the block itself.
             self%eq%nreal = self%ham%nreal
             call step_together(self, nlane, 0, step%w, q, p, dq, dp, status)
             return
@@ -165,6 +178,7 @@ contains
             call take_rows(nlane, self%ham%nnoise + 1, before, step%w, self%w)
             call step_together(self, nlane, before, self%w, q, p, dq, dp, status(before + 1))
          end do
+         ! The loop has left `before` behind the last whole strip.
          if (before < nlane) call fill_up(self, before, step%w, q, p, dq, dp, status)
       end associate
    end subroutine increment
@@ -184,6 +198,7 @@ contains
          do before = 0, nlane - together, together
             self%eq%nreal = max(0, min(together, self%ham%nreal - before))
             if (together == nlane) then
+               ! The only strip is the block itself, whose weights need no copy.
                call move_together(self, nlane, before, step%w, q, p, status)
             else
                call take_rows(nlane, self%ham%nnoise + 1, before, step%w, self%w)
@@ -240,6 +255,7 @@ contains
          ! Where a lane needs dq as its unknown, increments of the whole strip are formed in copies. base and x are
          ! free afterwards and take the new states.
          if (eq%noncontracting) then
+            ! The states as they were: (q, p) of the block are written only below, lane by lane.
             self%q = q(first:last, :)
             self%p = p(first:last, :)
             call finish_increments(self, together, 0, w, self%q, self%p, self%dq, self%dp, status)

@@ -1,6 +1,10 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> The implicit midpoint rule without momenta for a single path: eliminated.inc with one lane. A path has the bits
-!> that it has in a block.
+!> The implicit midpoint rule without momenta for a single path: eliminated.inc with one lane.
+!>
+!>    V + Hhat_q(q_n + (h p_n + g)/2 + h V/4) = 0,   dp = V,   dq = h (p_n + V/2) + g
+!>
+!> A path has the bits that it has in a block. Where (h omega)^2/4 > 1 it goes on with dq as its unknown, as a lane
+!> does.
 !>
 !> Scalars written out by hand, which stood here before, took less time: one or two unknowns take 1.3 to 1.5 times as
 !> long as by them (henon_heiles 91 ns a step instead of 60), eight and more 1.0 to 1.2 times. An iteration calls three
@@ -47,7 +51,9 @@ contains
       lanes = 1
    end function lanes
 
-   !> What solves; products as in a block of one lane, for lanes that step/stages/stepper has not solved by iteration.
+   !> Make the part that solves the equation of V: rows where K is tridiagonal, products where it is dense and large,
+   !> else matrices. Products are those of a block of one lane, for lanes that step/stages/stepper has not solved by
+   !> iteration.
    !> What is allocated here is an extension of midpoint_part, made in a local variable first, since its constructor
    !> takes the extended type. One lane goes "together": there are no strips, and `move` is not offered.
    subroutine make_part(self, way, model, nlane, options, together)
@@ -60,6 +66,8 @@ contains
       type(dense_midpoint), allocatable :: matrix
       type(krylov_midpoint), allocatable :: products
 
+      ! Which of the three ways is taken has been decided by choose_way from the model and the options, as for a
+      ! block.
       together = 1
       if (way == by_rows) then
          allocate (rows)
@@ -76,7 +84,8 @@ contains
       end if
    end subroutine make_part
 
-   !> dq and dp of the path.
+   !> dq and dp of the path (1, ndof): the equation is set for this step, and the part solves it. There are no strips
+   !> to go through and no copies to make; the only lane is a real path, so that everything is counted.
    subroutine increment(self, step, q, p, dq, dp, status)
       class(midpoint_stepper), intent(inout) :: self
       type(step_record), intent(in) :: step

@@ -39,6 +39,8 @@ module symsde_step_midpoint_full
 
       fits = task%is_plain() .and. task%scheme%is_midpoint()
       associate (t => task%model%traits)
+         ! Without damping and given numbers of iterations, a model whose momenta can be eliminated has faster
+         ! steppers.
          if (task%newton%is_free()) &
             fits = fits .and. .not. (t%eliminates_momenta() .or. (t%ndof > 1 .and. t%divides_by_mass()))
       end associate

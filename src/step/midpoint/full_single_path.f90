@@ -1,6 +1,10 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> The implicit midpoint rule for any model and a single path: F = Hhat_p(Q, P), G = -Hhat_q(Q, P), by full.inc with
-!> one lane. A path has the bits that it has in a block. Its sweeps need no parts and no copies of the state.
+!> The implicit midpoint rule for any model and a single path, by full.inc with one lane:
+!>
+!>    F = Hhat_p(Q, P),   G = -Hhat_q(Q, P),   Q = q_n + F/2,   P = p_n + G/2,   dq = F,   dp = G
+!>
+!> A path has the bits that it has in a block. Its sweeps read weights and state where they are: a block copies those
+!> of the few lanes that it takes together, so that they stay in cache, and a path by itself is no more than that.
 module symsde_step_midpoint_full_single_path
    use symsde_base_kinds, only: wp, i8
    use symsde_base_record, only: step_record
@@ -27,14 +31,15 @@ module symsde_step_midpoint_full_single_path
       lanes = 1
    end function lanes
 
-   !> The path is swept by itself.
+   !> Lanes that are swept together: the path is swept by itself.
    pure integer function lanes_together(nlane, ndof) result(width)
       integer, intent(in) :: nlane, ndof
 
       width = 1
    end function lanes_together
 
-   !> Increments where sweeps contract; self%left = 0 where they do not, else -1.
+   !> Increments where sweeps contract; self%left = 0 where they do not, and Newton's iteration begins anew, else -1,
+   !> any number but 0.
    subroutine sweep_all(self, ham, t, w, q, p, dq, dp, status)
       type(fixed_point_sweeps), intent(inout) :: self
       type(one_step_hamiltonian), intent(inout) :: ham
@@ -44,8 +49,10 @@ module symsde_step_midpoint_full_single_path
       integer(i8), intent(in) :: status(1)
 
       call sweep_lanes(self, ham, t, w, q, p, 1, status)
+      ! Columns 1 .. n of g hold G, columns n + 1 .. 2 n hold -F.
       dq = -self%g(:, ham%ndof + 1:)
       dp = self%g(:, :ham%ndof)
+      ! A path that had a status before is not solved by Newton either.
       self%left = merge(0_i8, -1_i8, status == 0 .and. .not. abs(self%last - done) <= 0)
    end subroutine sweep_all
 

@@ -1,6 +1,10 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> The energy-drift-preserving scheme, whose step has a mean of forces, F = int_0^1 V'(q_n + s h Psi) ds, for blocks
-!> of paths: the equations and their derivation stand in the body, mean_force.inc.
+!> The energy-drift-preserving scheme, whose step has a mean of forces, for blocks of paths:
+!>
+!>    F = int_0^1 V'(q_n + s h Psi) ds,   Psi = p_n + g - (h/2) F,   q_{n+1} = q_n + h Psi,   p_{n+1} = p_n + g - h F
+!>
+!> The derivation and the equation of X = Psi - p_n stand in the body, mean_force.inc; matrices and sweeps are those
+!> of step/midpoint/dense. Here is how the scheme is recognised, from the coefficients of its tableau.
 module symsde_step_midpoint_mean_force
    use symsde_base_kinds, only: wp, i8
    use symsde_base_record, only: step_record
@@ -33,6 +37,7 @@ module symsde_step_midpoint_mean_force
 
       fits = .false.
       associate (t => task%model%traits)
+         ! Noise that moves positions, or depends on them, is no constant kick g of the momenta.
          if (t%nnoise > 0 .and. .not. (t%additive .and. t%position_noise)) return
          if (t%identity_mass .and. task%is_plain()) fits = averages_forces(task%scheme)
       end associate

@@ -93,6 +93,8 @@ contains
          call new_midpoint_full_stepper(full, task%model, task%nlane, task%newton, brackets=brackets)
          call move_alloc(full, self%inner)
       end if
+      ! Up to as many paths go one by one as the inner steppers say, and as were found faster with the shifts around
+      ! them.
       self%most_single = min(self%inner%most_single, few_of(task%model%traits%ndof, 3, 6))  ! four take 1.1 of a block
       call new_rescue(self%rescue, task, self%inner)
       call new_one_step_hamiltonian(self%ham, task%model, task%nlane, correction_none, 0.0_wp)

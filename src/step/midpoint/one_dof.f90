@@ -1,6 +1,11 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> The implicit midpoint rule for any model of one degree of freedom, F = Hhat_p(Q,P), G = -Hhat_q(Q,P), for blocks
-!> of paths: the body is one_dof.inc. Here is how the model of a block is asked, by one call for all lanes.
+!> The implicit midpoint rule for any model of one degree of freedom, for blocks of paths: the body is one_dof.inc.
+!>
+!>    F = Hhat_p(Q,P),   G = -Hhat_q(Q,P),   Q = q_n + F/2,   P = p_n + G/2,   dq = F,   dp = G
+!>
+!> Here is how the model of a block is asked, by one call for all lanes: once for Hhat_p(p_n), where that is the first
+!> guess of F, and in every iteration for the gradient and the second derivatives of Hhat at (Q, P), of which the body
+!> makes the correction of both unknowns. Lanes that are done are asked for along with the others.
 module symsde_step_midpoint_one_dof
    use symsde_base_kinds, only: wp, i8
    use symsde_base_record, only: step_record
@@ -30,7 +35,8 @@ module symsde_step_midpoint_one_dof
       fits = task%is_plain() .and. task%scheme%is_midpoint() .and. task%model%traits%ndof == 1
    end function midpoint_one_dof_fits
 
-   !> Hhat_p of separable Hamiltonians, which does not depend on q: the first guess of F.
+   !> Hhat_p (nlane, 1) of separable Hamiltonians, which does not depend on q: the first guess of F. The force is not
+   !> asked for, so this costs nothing where H = p.p/2 + U(q) and noise is in position.
    subroutine find_velocity(self, tm, w, q, p, hp)
       type(midpoint_one_dof_stepper), intent(inout) :: self
       real(wp), intent(in) :: tm, w(self%ham%nlane, 0:self%ham%nnoise), q(self%ham%nlane, 1), p(self%ham%nlane, 1)
@@ -39,8 +45,9 @@ module symsde_step_midpoint_one_dof
       call self%ham%velocity(tm, w, q, p, hp)
    end subroutine find_velocity
 
-   !> Gradient and Hessian at (q, p). The Hessian is set to zero for a fixed-point iteration, whose step is then
-   !> Newton's with the matrix I, and Hhat_qp stays zero for a separable model.
+   !> Gradient and Hessian at (q, p), into the arrays of the stepper. The Hessian is set to zero for a fixed-point
+   !> iteration, whose step is then Newton's with the matrix I, and Hhat_qp stays zero for a separable model. A block
+   !> keeps nothing from one iteration to the next, so it does not matter which one is the first.
    subroutine evaluate(self, tm, w, q, p, first)
       type(midpoint_one_dof_stepper), intent(inout) :: self
       real(wp), intent(in) :: tm, w(self%ham%nlane, 0:self%ham%nnoise), q(self%ham%nlane, 1), p(self%ham%nlane, 1)

@@ -1,7 +1,11 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> The implicit midpoint rule for any model of one degree of freedom and a single path, F = Hhat_p(Q,P),
-!> G = -Hhat_q(Q,P): one_dof.inc with one lane. The Hamiltonian of one angle is asked for its terms once a step
-!> (step/midpoint/angle).
+!> The implicit midpoint rule for any model of one degree of freedom and a single path: one_dof.inc with one lane.
+!>
+!>    F = Hhat_p(Q,P),   G = -Hhat_q(Q,P),   Q = q_n + F/2,   P = p_n + G/2,   dq = F,   dp = G
+!>
+!> The Hamiltonian of one angle is asked for its terms once a step (step/midpoint/angle), with the weights h, dW and
+!> the time of the middle. An iteration then takes one sine and one cosine and calls no model. Any other model is
+!> asked as for a block, by calls for one lane.
 module symsde_step_midpoint_one_dof_single_path
    use symsde_base_kinds, only: wp, i8
    use symsde_base_record, only: step_record
@@ -26,8 +30,8 @@ module symsde_step_midpoint_one_dof_single_path
       lanes = 1
    end function lanes
 
-   !> Hhat_p of separable Hamiltonians, the first guess of F. With terms of an angle it is e p; the terms serve the
-   !> whole step.
+   !> Hhat_p of separable Hamiltonians, the first guess of F. With terms of an angle it is e p; the terms are asked
+   !> for here and serve the whole step, whose iterations find them in self%terms.
    subroutine find_velocity(self, tm, w, q, p, hp)
       type(midpoint_one_dof_stepper), intent(inout) :: self
       real(wp), intent(in) :: tm, w(1, 0:self%ham%nnoise), q(1, 1), p(1, 1)
@@ -50,11 +54,15 @@ module symsde_step_midpoint_one_dof_single_path
       real(wp), intent(in) :: tm, w(1, 0:self%ham%nnoise), q(1, 1), p(1, 1)
       logical, intent(in) :: first  !! of this step
 
+      ! The order of the questions: a given number of fixed-point iterations needs the gradient alone, as in a block;
+      ! then an angle; then separable models, whose Hhat_qp stays zero; then all others.
       if (self%newton%options%fixed_point > 0) then
          call self%ham%gradient(tm, w, q, p, self%hq, self%hp)
          self%hqq = 0
          self%hpp = 0
       else if (self%separable .and. self%ham%model%traits%has_angle_terms) then
+         ! In a step that began with the velocity the terms are there already. Gradients and Hessians are counted as
+         ! they are where the model is asked for them.
          if (first) call self%ham%model%angle(self%ham%nnoise, tm, w, self%terms)
          self%ham%counters%gradients = self%ham%counters%gradients + 1
          self%ham%counters%hessians = self%ham%counters%hessians + 1

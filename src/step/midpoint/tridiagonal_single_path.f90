@@ -1,6 +1,6 @@
 ! SPDX-License-Identifier: BSD-3-Clause
 !> The eliminated midpoint of a chain for a single path: (I + (h/4) K) d = x + f, x <- x - d, as in
-!> step/midpoint/tridiagonal.
+!> step/midpoint/tridiagonal. K = Hhat_qq is tridiagonal and symmetric: a diagonal and one band beside it are kept.
 !>
 !> There, for strips of lanes, each row waits for the one before it; here the rows of both ends are eliminated in
 !> turn (solve_lane), in half the time: while the upper front waits for its pivot the lower one goes on.
@@ -58,6 +58,8 @@ contains
       real(wp) :: trusted, largest
 
       associate (n => eq%n, c => 0.25_wp*eq%h, newton => self%newton)
+         ! The iteration for V begins from zero. That for dq goes on from the dq which V gave, with base = q_n and c =
+         ! 1/2.
          if (.not. eq%for_dq) eq%x = 0
          call start(newton, status)
          do while (newton%running)
@@ -73,6 +75,7 @@ contains
                eq%rate = largest - 1
                eq%noncontracting = largest - 1 > 1
             end if
+            ! The correction that elimination has made is put back and made by LAPACK where a pivot is not trusted.
             if (trusted <= 0) call solve_suspect(self, ham, eq, status)
             ham%counters%gradients = ham%counters%gradients + 1
             ham%counters%hessians = ham%counters%hessians + 1
