@@ -74,12 +74,16 @@ contains
       type(model_traits), intent(in) :: traits
       type(functional_set) :: needed
 
+      ! Single brackets have an effect where any noise has one. Areas multiply brackets of two noises, which are
+      ! constant where noise is additive and vanish where it is in position (base/functionals).
       needed = functionals([path_dz, path_areas])
       needed = needed%needed_for(traits)
       active%single = brackets%single .and. needed%has(path_dz)
       active%areas = brackets%areas .and. needed%has(path_areas)
       active%nested = brackets%nested .and. traits%nnoise > 0 .and. &
                       .not. (traits%additive .and. traits%position_noise .and. traits%identity_mass)
+      ! Crossed brackets differ from {{H,H_k},H_k} by brackets of noises alone, which vanish where areas have no
+      ! effect.
       active%crossed = brackets%crossed .and. active%areas
    end function active_brackets
 
@@ -95,6 +99,8 @@ contains
       self%active = active_brackets(brackets, model%traits)
       self%simple = model%traits%position_noise .and. model%traits%identity_mass
       self%turning = self%active%nested .and. .not. (model%traits%position_noise .or. model%traits%additive)
+      ! Every noise that changes is felt by the single bracket. The bracket {H_k(t_1),H_k(t_0)} of a noise in position
+      ! is zero, and that of an additive noise has no gradient.
       if (self%active%single .or. self%turning) self%time_dependent = noise_changes_in_time(model)
       associate (n => self%ndof, m => self%nnoise)
          allocate (self%g(nlane, 0:m), self%c(nlane, 0:m), self%nested(nlane, 0:m), source=0.0_wp)
@@ -116,6 +122,7 @@ contains
 
       self%sq = 0
       self%sp = 0
+      ! Single brackets come first: they leave the weights c_k behind, from which add_motion makes its own.
       if (self%active%single) call add_single(self, t, step, q, p)
       if (self%active%areas) call add_areas(self, t, step, q, p)
       if (self%active%nested) call add_nested(self, t, step, q, p)
@@ -126,7 +133,8 @@ contains
    end subroutine add_gradient
 
    !> Add what derivatives at one point do not give: nested brackets by differences, and noises that change in time.
-   !> The rest is found by step/hamiltonian/brackets_one_dof, which asks for all derivatives at the point itself.
+   !> The rest is found by step/hamiltonian/brackets_one_dof, which asks for all derivatives at the point itself. It
+   !> does not leave the weights c_k here, so they are formed where noises that change need them.
    subroutine add_rest(self, t, step, q, p, hq, hp, counters, nreal)
       class(modified_hamiltonian), intent(inout) :: self
       real(wp), intent(in) :: t
@@ -179,7 +187,9 @@ contains
       end if
    end subroutine add_nested
 
-   !> c_k = h dW_k/2 - dZ_k, zero where the single bracket is not active.
+   !> The weights c_k = h dW_k/2 - dZ_k of the single brackets (nlane, 1:nnoise), zero where these are not active.
+   !> With dZ_k the integral of W_k - W_k(t_n) over the step, c_k/h is the mean of a straight line to dW_k less that
+   !> of the path.
    subroutine find_single_weights(self, step)
       type(modified_hamiltonian), intent(inout) :: self
       type(step_record), intent(in) :: step
@@ -208,6 +218,7 @@ contains
             self%vp = 0
             call self%add_product(t, self%c, 1.0_wp, p, self%vp, q, p, self%sq, self%sp)
          else
+            ! G = H: the weight of the drift alone, without h, which c_k holds.
             self%g = 0
             self%g(:, 0) = 1
             call add_bracket(self, t, self%c, q, p)
@@ -224,8 +235,10 @@ contains
       real(wp) :: t1
       integer :: k
 
+      ! Both ends of the step, and not derivatives in time, which models do not offer.
       t1 = step%t + step%h
       if (self%active%single) then
+         ! The difference of two gradients at the same point: add_sum adds the first and takes the second away.
          self%g = self%c/step%h
          call add_sum(self, t1, q, p, 0.0_wp, 0.0_wp, 1.0_wp)
          call add_sum(self, step%t, q, p, 0.0_wp, 0.0_wp, -1.0_wp)
@@ -291,6 +304,7 @@ contains
       real(wp) :: c
       integer :: k
 
+      ! The gradient of H_k,q . H_k,q is 2 H_k,qq H_k,q: one gradient, and one product with it as the vector.
       c = h*abs(h)/6
       self%f = 0
       self%vp = 0
@@ -315,6 +329,8 @@ contains
       real(wp) :: b, c
       integer :: k
 
+      ! A step b v is r times what the noise moves in a step, about: v has the size of the field, and dW that of
+      ! sqrt|h|.
       b = reach*sqrt(abs(h))
       c = h/(12*reach**2)
       self%g = 0
@@ -344,6 +360,7 @@ contains
       real(wp) :: a, b, c, c2
       integer :: k
 
+      ! Steps a along u are r times the move by drift, steps b along v r times that by noise.
       a = reach*abs(h)
       b = reach*sqrt(abs(h))
       c = h/(12*reach**2)
@@ -358,6 +375,7 @@ contains
          self%rp = 0
          call second_difference(self, t, b, c, q, p)
          call mixed_difference(self, t, k, a, b, c2, q, p)
+         ! (Dv)^T is linear, so the sums that it acts on in both differences are gathered first.
          call self%add_transposed(t, self%f, self%rq, self%rp, q, p, self%sq, self%sp)
       end do
       call self%add_transposed(t, self%nested, self%yq, self%yp, q, p, self%sq, self%sp)
@@ -373,6 +391,7 @@ contains
       real(wp), intent(in) :: q(self%nlane, self%ndof), p(self%nlane, self%ndof)
       integer :: sign
 
+      ! g is the gradient of F/h, with its own weights.
       self%g = self%nested
       do sign = -1, 1, 2
          call add_sum(self, t, q, p, 0.0_wp, sign*b, c)
@@ -390,6 +409,7 @@ contains
       real(wp), intent(in) :: q(self%nlane, self%ndof), p(self%nlane, self%ndof)
       integer :: s, r
 
+      ! G is the gradient of H_k alone, at the four corners of x + s a u + r b v.
       self%g = 0
       self%g(:, k) = 1
       do r = -1, 1, 2
@@ -410,6 +430,7 @@ contains
       real(wp), intent(in) :: t, e, f, c
       real(wp), intent(in) :: q(self%nlane, self%ndof), p(self%nlane, self%ndof)
 
+      ! The points are formed in copies, since the caller goes on to others from the same x.
       self%xq = q
       self%xp = p
       if (abs(e) > 0) then

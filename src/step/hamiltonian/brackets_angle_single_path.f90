@@ -2,10 +2,15 @@
 !> The brackets of step/hamiltonian/brackets_one_dof_kinetic of an angle and a single path: brackets_kinetic.inc with
 !> one lane.
 !>
-!> It computes the gradient and Hessian of h H + sum_k [dW_k H_k + c_k {H_k,H} + (h|h|/12) {{H,H_k},H_k}] with
-!> c_k = h dW_k/2 - dZ_k, where H_j = e_j p^2/2 + U_j(q). A block fills an array with the derivatives U_j' .. U_j'''' of
-!> all j and then adds them up. Here the derivatives of one H_k are local numbers that are added before those of the
-!> next are found, so they stay in registers. The order of all sums is that of a block, and so are the bits.
+!> It computes the gradient and Hessian of
+!>
+!>    h H + sum_k [dW_k H_k + c_k {H_k,H} + (h|h|/12) {{H,H_k},H_k}],   c_k = h dW_k/2 - dZ_k,
+!>
+!> where H_j = e_j p^2/2 + U_j(q).
+!>
+!> A block fills an array with the derivatives U_j' .. U_j'''' of all j and then adds them up. Here the derivatives of
+!> one H_k are local numbers that are added before those of the next are found, so they stay in registers. The order
+!> of all sums is that of a block, and so are the bits.
 module symsde_step_hamiltonian_brackets_angle_single_path
    use symsde_base_kinds, only: wp
    use symsde_base_record, only: step_record
@@ -41,8 +46,10 @@ contains
 
       w => step%w
       nested = merge(step%h*abs(step%h)/12, 0.0_wp, parts%active%nested)
+      ! One sine and one cosine serve all noises and all orders of derivatives.
       sine(1) = sincos_one(q(1), cosine(1))
       associate (terms => self%terms, ends => self%ends, e => self%e, noisy => parts%noisy)
+         ! g holds U_0' .. U_0'''' until the end: each noise whose H_k depends on p needs them beside its own.
          call derive_lanes(1, terms(0, i), q, sine, cosine, g)
          call start(1, w(:, 0), e(0), g, p, s)
          do k = 1, self%nnoise

@@ -82,6 +82,8 @@ contains
       logical :: additive
       integer :: k
 
+      ! The sum over noises of the gradient at the head, times c: third derivatives at once, then what (Dv)^T acts on
+      ! in r, and what (Du)^T acts on, for all noises together, in y.
       c = h*abs(h)/12
       additive = self%model%traits%additive
       self%yq = 0
@@ -94,6 +96,7 @@ contains
          if (additive) cycle
          ! from here on the terms with H_k'' and H_k''', which additive noise has not
          call add_third(self, t, self%f, -c, self%uq, self%up, q, p, hq, hp)
+         ! r = 2 c S''v - c H_k''u, and y = y - c H_k''v, each by one Hessian-vector product.
          self%rq = 0
          self%rp = 0
          call self%add_product(t, weights, 2*c, self%vq, self%vp, q, p, self%rq, self%rp)
@@ -111,6 +114,7 @@ contains
       real(wp), intent(in), dimension(self%nlane, self%ndof) :: aq, ap, q, p
       real(wp), intent(inout), dimension(self%nlane, self%ndof) :: hq, hp
 
+      ! Third derivatives of a quadratic sum vanish, and its model need not offer them.
       if (self%model%traits%quadratic) return
       call self%model%third_derivative(self%nlane, self%ndof, self%nnoise, t, w, q, p, aq, ap, self%vq, self%vp, &
                                        self%gq, self%gp)
@@ -118,7 +122,8 @@ contains
       hp = hp + c*self%gp
    end subroutine add_third
 
-   !> Add c S'' a, one Hessian-vector product with the sum S of weights w.
+   !> Add c S'' a, one Hessian-vector product with the sum S of weights w. The counters are those of the caller, who
+   !> adds up nproduct and ngradient with count_up.
    subroutine add_product(self, t, w, c, aq, ap, q, p, hq, hp)
       class(exact_bracket), intent(inout) :: self
       real(wp), intent(in) :: t, c, w(self%nlane, 0:self%nnoise)

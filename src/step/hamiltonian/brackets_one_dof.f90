@@ -17,8 +17,14 @@
 !> H_j = e_j p^2/2 + U_j(q), few of these terms are left (step/hamiltonian/brackets_one_dof_kinetic). Models that have
 !> no third derivatives are asked for nested brackets by differences (step/hamiltonian/brackets).
 !>
-!> The gradient is exact. The Hessian is without what the model does not have, and without fourth derivatives but of an
-!> angle: Newton's iteration finds the same root, and more slowly by the factor that these have in the equations.
+!> Of the Hessian of {F,G} the second derivatives of F and G give a part, and third derivatives the rest:
+!>
+!>    {F,G}_qq = 2 (F_qq G_qp - F_qp G_qq)  +  F_qqq G_p + F_q G_qqp - F_qqp G_q - F_p G_qqq
+!>    {F,G}_qp = F_qq G_pp - F_pp G_qq      +  F_qqp G_p + F_q G_qpp - F_qpp G_q - F_p G_qqp
+!>    {F,G}_pp = 2 (F_qp G_pp - F_pp G_qp)  +  F_qpp G_p + F_q G_ppp - F_ppp G_q - F_p G_qpp
+!>
+!> The gradient is exact. The Hessian is without what the model does not have, and without fourth derivatives but of
+!> an angle: Newton's iteration finds the same root, and more slowly by the factor that these have in the equations.
 module symsde_step_hamiltonian_brackets_one_dof
    use symsde_base_counters, only: counters_type
    use symsde_base_functionals, only: area_index, path_areas, path_dz
@@ -68,8 +74,8 @@ module symsde_step_hamiltonian_brackets_one_dof
 
 contains
 
-   !> For the brackets and lanes of `parts`. Which derivatives are asked for is settled here: third ones only where
-   !> nested brackets are active and the model has them.
+   !> Make room for the brackets and lanes of `parts`. Which derivatives are asked for is settled here: third ones
+   !> only where nested brackets are active and the model has them. The room of kinetic brackets is their own.
    subroutine new_single_brackets(self, parts)
       type(single_brackets), intent(out) :: self
       type(modified_hamiltonian), intent(in) :: parts
@@ -83,6 +89,7 @@ contains
          ! left to differences, or to other times: derivatives at this point do not give it
          self%partly = parts%time_dependent .or. (parts%active%nested .and. .not. self%nested)
          self%exact = traits%quadratic .and. .not. self%partly
+         ! H once, and every noise that is not silent once.
          self%asked = 1 + count(parts%noisy)
          if (are_kinetic(parts)) then
             if (parts%time_dependent) self%asked = 1 + 3*count(parts%noisy)  ! H_k at both ends of the step, too
@@ -91,6 +98,8 @@ contains
             call new_kinetic_brackets(self%kinetic, parts)
             return
          end if
+         ! Third derivatives of a separable H_j are two numbers, and are asked for as such. Of another H_j there are
+         ! four, of which the brackets need those along two fields.
          self%thirds = self%nested .and. .not. traits%quadratic .and. traits%separable
          self%along = self%nested .and. .not. traits%quadratic .and. .not. traits%separable
          if (self%thirds) self%top = all
@@ -113,9 +122,11 @@ contains
       real(wp), intent(in) :: c(2)  !! when the stages are
       integer :: k
 
+      ! H and noises are taken at the time of the stage, or in the middle for the guess that all stages share.
       self%times(0) = step%t + 0.5_wp*step%h
       self%times(1) = step%t + c(1)*step%h
       self%times(2) = step%t + c(2)*step%h
+      ! The times, and at these the terms of an angle.
       if (allocated(self%kinetic)) call self%kinetic%begin(parts%model, step, self%times)
       if (.not. parts%active%single) return
       do k = 1, self%nnoise
@@ -140,6 +151,8 @@ contains
          if (allocated(self%kinetic)) then
             call self%kinetic%evaluate(parts, i, step, self%c, self%rate, q, p, h)
          else
+            ! The order is that of the head: derivatives of all H_j first, then single brackets and areas, then nested
+            ! brackets, for which d(:, :, 0) is overwritten, and last what comes from other points and times.
             call ask(self, parts, t, q, p)
             if (self%thirds) counters%hessian_vectors = counters%hessian_vectors + nreal*self%asked
             call add_up(self, parts, step, h)
@@ -162,6 +175,8 @@ contains
 
       associate (n => self%nlane, m => self%nnoise, model => parts%model)
          if (n == 1) then
+            ! With one lane `unit` is the identity of m + 1 rows, which serves as the weights of m + 1 lanes as it
+            ! stands.
             self%x = q(1)
             self%y = p(1)
             call ask_lanes(model, self%thirds, m + 1, t, self%unit, self%x, self%y, self%one, self%beside)
@@ -170,8 +185,11 @@ contains
             end do
             return
          end if
+         ! The first slices of `unit` and d are those of H.
          call ask_lanes(model, self%thirds, n, t, self%unit, q, p, self%one, self%d)
          do j = 1, m
+            ! A silent noise keeps the derivatives zero with which d was allocated, and so do the third ones of
+            ! additive noise.
             if (parts%noisy(j)) &
                call ask_lanes(model, self%thirds .and. .not. model%traits%additive, n, t, self%unit(:, :, j), q, p, &
                               self%one, self%d(:, :, j))
@@ -189,6 +207,7 @@ contains
       real(wp), intent(inout) :: d(n, all)
 
       associate (m => model%traits%nnoise)
+         ! Each derivative has a column of its own in d, so the model writes them where they are read.
          call model%gradient_hessian(n, 1, m, t, w, q, p, d(:, q_), d(:, p_), d(:, qq), d(:, qp), d(:, pp))
          if (thirds) call model%third_derivative(n, 1, m, t, w, q, p, one, one, one, one, d(:, qqq), d(:, ppp))
       end associate
@@ -205,6 +224,7 @@ contains
       associate (n => self%nlane, noisy => parts%noisy, d => self%d, b => self%b)
          h = 0
          call add_multiple(n, nplace, step%w(:, 0), d, h)
+         ! The model could sum h H + sum_l dW_l H_l in one call, but brackets need every H_j by itself.
          do l = 1, self%nnoise
             if (.not. noisy(l)) cycle
             call add_multiple(n, nplace, step%w(:, l), d(:, :, l), h)
@@ -212,6 +232,8 @@ contains
                call find_bracket(n, self%thirds, d(:, :, l), d, b)
                call add_multiple(n, nplace, self%c(:, l), b, h)
             end if
+            ! Areas belong to pairs k < l, whose derivatives are both in d, so a bracket for each pair costs no call
+            ! of the model.
             if (.not. parts%active%areas) cycle
             do k = 1, l - 1
                if (.not. noisy(k)) cycle
@@ -236,19 +258,23 @@ contains
       integer :: k
 
       associate (n => self%nlane, noisy => parts%noisy, d => self%d, b => self%b, bb => self%bb)
+         ! F = H + sum_l (dW_l/h) H_l: the derivatives of the noises are added to those of H, weighted alike.
          if (parts%active%crossed) then
             do k = 1, self%nnoise
                self%whole(:, k) = step%w(:, k)/step%h
                if (noisy(k)) call add_multiple(n, self%top, self%whole(:, k), d(:, :, k), d)
             end do
          end if
+         ! The bracket is even in H_k and odd in H, hence h|h|: |h| stands for the square of an increment.
          self%factor = step%h*abs(step%h)/12
          do k = 1, self%nnoise
             if (.not. noisy(k)) cycle
             if (parts%model%traits%additive) then
+               ! v is constant, and {{F,H_k},H_k} = F''[v,v] has a gradient of third derivatives alone.
                bb = 0
                if (self%thirds) call find_along_constant(n, d, d(:, :, k), bb)
             else
+               ! b = {F,H_k} with two of its third derivatives where F and H_k are separable, then bb = {b,H_k}.
                call find_bracket(n, self%thirds, d, d(:, :, k), b)
                call find_seconds(n, b, d(:, :, k), bb)
                if (self%thirds) call add_mixed_thirds(n, b, d(:, :, k), bb)
@@ -270,10 +296,12 @@ contains
       real(wp), intent(inout) :: bb(self%nlane, all)
 
       associate (n => self%nlane, m => self%nnoise, d => self%d, model => parts%model, v => self%v, g => self%g)
+         ! The fields are there already: v = (H_k,p, -H_k,q), and u = (F_p, -F_q) from the derivatives of F.
          v(:, 1) = d(:, p_, k)
          v(:, 2) = -d(:, q_, k)
          call model%third_derivative(n, 1, m, t, self%whole, q, p, v(:, 1), v(:, 2), v(:, 1), v(:, 2), g(:, 1), g(:, 2))
          bb(:, :p_) = bb(:, :p_) + g
+         ! Additive noise has no third derivatives.
          if (model%traits%additive) return
          call model%third_derivative(n, 1, m, t, self%unit(:, :, k), q, p, d(:, p_, 0), -d(:, q_, 0), v(:, 1), &
                                      v(:, 2), g(:, 1), g(:, 2))
@@ -283,13 +311,15 @@ contains
 
    ! ---- kernels: products are added one after another, since of a sum of two either may be fused -------------------
 
-   !> VEC Add the first n derivatives of w F, which stand in d, to those of a sum.
+   !> VEC Add w F to a sum, by derivatives: the first n of F stand in d, in the order of the places q_, p_, qq, qp,
+   !> pp.
    pure subroutine add_multiple(nlane, n, w, d, total)
       integer, intent(in) :: nlane, n
       real(wp), intent(in) :: w(nlane), d(nlane, n)
       real(wp), intent(inout) :: total(nlane, n)
       integer :: i, lane
 
+      ! With one lane d(1, 1:n) and total(1, 1:n) are contiguous.
       if (nlane == 1) then  ! one loop instead of n
          call add_times(n, w(1), d, total)
          return
@@ -308,11 +338,13 @@ contains
       real(wp), intent(in), dimension(nlane, all) :: f, g
       real(wp), intent(inout) :: b(nlane, all)
 
+      ! The seconds are set, the thirds are added to them.
       call find_seconds(nlane, f, g, b)
       if (thirds) call add_thirds(nlane, f, g, b)
    end subroutine find_bracket
 
-   !> VEC Gradient of {F,G} = F_q G_p - F_p G_q, and what second derivatives have of its Hessian.
+   !> VEC Gradient of {F,G} = F_q G_p - F_p G_q, and what second derivatives have of its Hessian, the first column at
+   !> the head of this file. F may be a bracket itself: no more than its derivatives up to the second are read.
    pure subroutine find_seconds(nlane, f, g, b)
       integer, intent(in) :: nlane
       real(wp), intent(in), dimension(nlane, pp) :: f, g
@@ -370,12 +402,13 @@ contains
       integer :: l
 
       do l = 1, nlane
+         ! The second derivatives of F''[v,v] are fourth ones of F, and are left out.
          bb(l, q_) = f(l, qqq)*g(l, p_)*g(l, p_)
          bb(l, p_) = f(l, ppp)*g(l, q_)*g(l, q_)
       end do
    end subroutine find_along_constant
 
-   !> a b + c d - e f - g h
+   !> a b + c d - e f - g h, summed from the left, one product in each statement.
    pure real(wp) function difference(a, b, c, d, e, f, g, h) result(r)
       real(wp), intent(in) :: a, b, c, d, e, f, g, h
 
@@ -385,7 +418,7 @@ contains
       r = r - g*h
    end function difference
 
-   !> a b - c d
+   !> a b - c d, likewise.
    pure real(wp) function difference_of_two(a, b, c, d) result(r)
       real(wp), intent(in) :: a, b, c, d
 

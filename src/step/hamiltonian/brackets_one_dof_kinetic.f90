@@ -10,6 +10,9 @@
 !> An evaluation begins with h H, adds noise by noise dW_k H_k with its single and nested bracket, and last what
 !> changes in time: the sums are those of brackets_kinetic.inc.
 !>
+!> The brackets follow from {F,G} = F_q G_p - F_p G_q. With F = H_k and G = H it is U_k' e_0 p - e_k p U_0' = p y_k'.
+!> The nested one is that of F = -p y_k' and G = H_k, which is -p y_k'' e_k p + y_k' U_k'.
+!>
 !> An angle's derivatives of every order follow from one sine and one cosine, and Newton's matrix is exact. Others are
 !> asked for two of U_j, which give the gradient, and the matrix goes without more.
 module symsde_step_hamiltonian_brackets_one_dof_kinetic
@@ -60,7 +63,8 @@ contains
       end associate
    end function are_kinetic
 
-   !> For the brackets and lanes of `parts`. Without terms of an angle e_0 = 1 and all e_k = 0, and they stay so.
+   !> Make room for the brackets and lanes of `parts`. Without terms of an angle e_0 = 1 and all e_k = 0, and they
+   !> stay so: these models are H = p^2/2 + U(q) with noise in position.
    subroutine new_kinetic_brackets(self, parts)
       type(kinetic_brackets), intent(out) :: self
       type(modified_hamiltonian), intent(in) :: parts
@@ -69,11 +73,14 @@ contains
       self%nlane = parts%nlane
       self%nnoise = parts%nnoise
       self%angle = parts%model%traits%has_angle_terms
+      ! The differences H_k(t_1) - H_k(t_0) are asked for in every evaluation, as they depend on q.
       if (parts%time_dependent) self%ntime = 3
       associate (n => parts%nlane, m => parts%nnoise)
          allocate (self%u(n, 4, 0:m, self%ntime), self%e(0:m), self%one(n, 0:m, 0:m), source=0.0_wp)
+         ! The mass of a simple model; an angle's own comes with its terms.
          self%e(0) = 1
          do j = 0, m
+            ! Weights that pick H_j out of the sum which a model computes.
             self%one(:, j, j) = 1
          end do
          allocate (self%sine(n), self%cosine(n), self%terms(0:m, 0:2), self%ends(m, 2:3), self%beside(0:m, 4))
@@ -91,6 +98,7 @@ contains
 
       self%times = times
       if (.not. self%angle) return
+      ! An angle's terms depend on time alone: m + 1 sets at each of three times serve all evaluations of this step.
       associate (m => self%nnoise)
          do j = 0, m
             do i = 0, 2
@@ -119,7 +127,10 @@ contains
       integer :: k
 
       w => step%w
+      ! h|h| and not h^2, since |h| stands for the square of an increment, and h for the drift: a step back in time
+      ! changes the sign of the second alone.
       nested = merge(step%h*abs(step%h)/12, 0.0_wp, parts%active%nested)
+      ! u is filled with the derivatives of all U_j, four of an angle, else two.
       if (self%angle) then
          call derive(self, i, q)
       else
@@ -129,12 +140,14 @@ contains
          call start(n, w, e(0), u, p, h)
          do k = 1, self%nnoise
             if (.not. parts%noisy(k)) cycle
+            ! A noise with e_k = 0 does not move positions, and half of its terms vanish.
             if (abs(e(k)) > 0) then
                call add_moving(n, nested, w(:, k), c(:, k), e([0, k]), u, u(:, :, k, 1), p, h)
             else
                call add_still(n, nested, w(:, k), c(:, k), e(0), u(:, :, k, 1), p, h)
             end if
          end do
+         ! What changes in time comes last, noise by noise, as in a path by itself.
          do k = 1, self%nnoise
             if (self%ntime == 3 .and. parts%noisy(k)) &
                call add_change(n, rate(:, k), u(:, :, k, 2), u(:, :, k, 3), h)
@@ -154,6 +167,7 @@ contains
       associate (n => self%nlane, m => self%nnoise, u => self%u, model => parts%model)
          do i = 1, self%ntime
             if (n == 1) then
+               ! H is asked for at the ends, too, as one of the m + 1 lanes; what it gives there is not used.
                self%beside(:, 3) = q(1)
                self%beside(:, 4) = p(1)
                call model%gradient_hessian(m + 1, 1, m, times(i), self%one, self%beside(:, 3), self%beside(:, 4), &
@@ -162,6 +176,7 @@ contains
                u(1, 2, :, i) = self%beside(:, 2)
                cycle
             end if
+            ! H is asked for at the time of the evaluation alone, i = 1, and the noises at the ends of the step, too.
             do j = merge(0, 1, i == 1), m
                if (j > 0) then
                   if (.not. parts%noisy(j)) cycle
@@ -173,7 +188,8 @@ contains
       end associate
    end subroutine ask
 
-   !> All derivatives of an angle, at time i and where noises change at both ends, from the same sine and cosine.
+   !> All derivatives of an angle, at time i and where noises change at both ends, from the same sine and cosine. They
+   !> stand in u(:, 1:4, j, 1) for H_j at time i, and in u(:, 1:4, k, 2:3) for H_k at the ends.
    subroutine derive(self, i, q)
       type(kinetic_brackets), intent(inout) :: self
       integer, intent(in) :: i
@@ -184,6 +200,7 @@ contains
          call sincos_lanes(n, q, sine, cosine)
          do j = 0, self%nnoise
             call derive_lanes(n, self%terms(j, i), q, sine, cosine, u(:, :, j, 1))
+            ! H has no use for the ends, and `ends` holds the terms of noises alone.
             do k = 2, merge(self%ntime, 1, j > 0)
                call derive_lanes(n, self%ends(j, k), q, sine, cosine, u(:, :, j, k))
             end do

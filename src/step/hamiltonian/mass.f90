@@ -1,5 +1,7 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> The velocity M^-1 p of a constant mass that is not the identity, for H = p.M^-1 p/2 + U(q).
+!> The velocity of a constant mass that is not the identity,
+!>
+!>    H = p.M^-1 p/2 + U(q),   noise in position:      Hhat_p = h M^-1 p,   dq = h M^-1 p
 !>
 !> Where M is diagonal its numbers are found once, from the model: what a user's function computes beside them, the
 !> force, is not computed again for every velocity. Otherwise the model is asked, by H_p with the weight of H alone.
@@ -14,6 +16,8 @@ module symsde_step_hamiltonian_mass
 
    integer, parameter :: nmomentum = 8  !! that velocities are looked at for
 
+   !> What is known of M, and room for a question to the model. The first finite position settles whether M is
+   !> diagonal. `asked` is what a velocity costs: one gradient, or none once M is known to be diagonal.
    type :: constant_mass
       logical :: diagonal = .false.
       integer :: asked = 0                                !! gradients that a velocity costs
@@ -30,7 +34,8 @@ module symsde_step_hamiltonian_mass
 
 contains
 
-   !> For blocks of nlane lanes.
+   !> For blocks of nlane lanes. The model is not asked yet: it is where a path is that it must answer, and no path is
+   !> known here.
    subroutine new_constant_mass(self, nlane, ndof, nnoise)
       type(constant_mass), intent(out) :: self
       integer, intent(in) :: nlane, ndof, nnoise
@@ -41,7 +46,8 @@ contains
       self%asked = 1
    end subroutine new_constant_mass
 
-   !> Look for the numbers, once, at a place where some path is.
+   !> Look for the numbers, once, at a place where some path is. Callers may ask before every step: after the first
+   !> time this is a test of one flag.
    subroutine look(self, model, nlane, t, q)
       class(constant_mass), intent(inout) :: self
       class(model_type), intent(in) :: model
@@ -63,15 +69,19 @@ contains
       real(wp), dimension(1, size(self%inverse)) :: x, p, v
       integer :: i, j, lane
 
+      ! The first lane at a finite position is asked for: iterates of others may be anywhere.
       do lane = 1, nlane
          if (all(abs(q(lane, :)) <= huge(t))) exit
       end do
       if (lane > nlane) return  ! no path has a finite place: look again next time
+      ! Whatever comes out is not asked for again: the answer is the same for all paths.
       self%known = .true.
       self%diagonal = .true.
       x(1, :) = q(lane, :)
       p = 1  ! of unit momenta the velocities are the numbers themselves, if M is diagonal
       do j = 1, nmomentum
+         ! The first momentum is e = (1, .., 1), for which v_i is the i-th number if M is diagonal. Then p_i is
+         ! different from row to row, and M is diagonal if v_i is p_i times that number to 4 eps, seven times.
          call model%gradient(1, size(self%inverse), model%traits%nnoise, t, self%unit(1, :), x, p, hp=v)
          if (j == 1) self%inverse = v(1, :)
          do i = 1, size(self%inverse)
@@ -80,10 +90,12 @@ contains
             p(1, i) = 1.5_wp + sin(1.7_wp*i*(j + 1) + (j + 1))  ! no two masses have the same ones
          end do
       end do
+      ! A mass that is not diagonal goes on costing a gradient for each velocity.
       if (self%diagonal) self%asked = 0
    end subroutine find_numbers
 
-   !> v = M^-1 p: the drift with the weight of H alone, one.
+   !> v = M^-1 p (nlane, ndof): the drift with the weight of H alone, one. The position q is where the path is, though
+   !> velocities do not depend on it.
    subroutine velocity(self, model, nlane, t, q, p, v)
       class(constant_mass), intent(inout) :: self
       class(model_type), intent(in) :: model
@@ -94,7 +106,8 @@ contains
       call self%drift(model, nlane, t, self%unit, q, p, v)
    end subroutine velocity
 
-   !> dq = h M^-1 p, with h = w(:, 0). Noise is in position, so its weights do not matter to H_p.
+   !> dq = h M^-1 p (nlane, ndof), with h = w(:, 0). Noise is in position, so its weights do not matter to H_p: they
+   !> are handed to the model as they are.
    subroutine drift(self, model, nlane, t, w, q, p, dq)
       class(constant_mass), intent(inout) :: self
       class(model_type), intent(in) :: model
@@ -104,18 +117,20 @@ contains
       real(wp), intent(out) :: dq(nlane, size(self%inverse))
       integer :: i
 
+      ! The first drift finds out; no caller need have looked before.
       call self%look(model, nlane, t, q)
       if (.not. self%diagonal) then
          call model%gradient(nlane, size(self%inverse), model%traits%nnoise, t, w, q, p, hp=dq)
          return
       end if
       do i = 1, size(self%inverse)
+         ! The step times the number first: h/m_i is what a drift multiplies every momentum by.
          dq(:, i) = (w(:, 0)*self%inverse(i))*p(:, i)
       end do
    end subroutine drift
 
-   !> total = start + M^-1 p, in one pass where M is diagonal. Stages move their positions by this, with sums of forces
-   !> in the place of p.
+   !> total = start + M^-1 p (nlane, ndof), in one pass where M is diagonal. Stages move their positions by this, with
+   !> sums of forces in the place of p.
    subroutine add(self, model, nlane, t, q, p, start, total)
       class(constant_mass), intent(inout) :: self
       class(model_type), intent(in) :: model
@@ -124,6 +139,8 @@ contains
       real(wp), intent(in) :: start(nlane, size(self%inverse))
       real(wp), intent(out) :: total(nlane, size(self%inverse))
 
+      ! One call of the model and one sum where M is not diagonal; else one pass, over numbers of a path or over
+      ! lanes.
       if (.not. self%diagonal) then
          if (.not. allocated(self%hp)) allocate (self%hp, mold=start)
          call self%velocity(model, nlane, t, q, p, self%hp)
@@ -150,7 +167,7 @@ contains
       end do
    end subroutine add_scalar
 
-   !> VEC total = start + c_i x_i in every lane.
+   !> VEC total = start + c_i x_i in every lane: c_i is one number for all lanes, as all paths have the same masses.
    pure subroutine add_times(nlane, n, c, x, start, total)
       integer, intent(in) :: nlane, n
       real(wp), intent(in) :: c(n), x(nlane, n), start(nlane, n)

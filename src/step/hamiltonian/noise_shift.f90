@@ -43,6 +43,7 @@ contains
       self%nlane = nlane
       self%n = model%traits%ndof
       self%m = model%traits%nnoise
+      ! v_0 = 0 is set once, here: weigh writes the columns 1 .. m alone.
       allocate (self%v(nlane, 0:self%m), source=0.0_wp)
       allocate (self%hq(nlane, self%n), self%hp(nlane, self%n))
    end subroutine new_noise_shift
@@ -65,8 +66,9 @@ contains
       end if
    end subroutine weigh
 
-   !> Add the shift to (q, p), with B at time t, or take it away where sign = -1: q + sign sum_k v_k H_k,p and
-   !> p - sign sum_k v_k H_k,q. Noise in position does not move q.
+   !> Add the shift to (q, p), with B at time t, or take it away where sign = -1: sign sum_k v_k H_k,p is added to q,
+   !> and sign sum_k v_k H_k,q is taken from p. Noise in position does not move q. Callers count the gradient: `asked`
+   !> tells them how many.
    subroutine add(self, model, t, sign, q, p)
       class(noise_shift), intent(inout) :: self
       class(model_type), intent(in) :: model
@@ -81,6 +83,7 @@ contains
          call add_times(self%nlane*self%n, sign, self%hp, q)
       end if
       call add_times(self%nlane*self%n, -sign, self%hq, p)
+      ! One call of the model gives both derivatives.
       self%asked = self%asked + 1
    end subroutine add
 

@@ -33,6 +33,8 @@ module symsde_step_hamiltonian_one_step
    private
    public :: one_step_hamiltonian, new_one_step_hamiltonian
 
+   !> The model, what a step adds to its Hamiltonians, and room for one evaluation. It is one per stepper, since it
+   !> counts what is asked of the model and keeps work arrays; the model itself is shared by all threads.
    type :: one_step_hamiltonian
       class(model_type), pointer :: model => null()
       integer :: nlane = 0, ndof = 0, nnoise = 0
@@ -75,6 +77,7 @@ contains
       self%correction = correction
       self%coefficient = coefficient
       associate (t => model%traits)
+         ! Whether Hhat_p needs no call of the model: h p for the identity, and h M^-1 p once a diagonal M is known.
          self%mass_alone = t%identity_mass .and. (t%position_noise .or. t%nnoise == 0)
          if (t%divides_by_mass() .and. .not. t%has_angle_terms) then
             allocate (self%mass)
@@ -86,14 +89,16 @@ contains
          allocate (self%modified)
          call new_modified_hamiltonian(self%modified, model, active, nlane)
       end if
+      ! From here on room for the correction, which most steps do not have.
       if (correction == correction_none) return
       allocate (self%v(nlane, 0:self%nnoise), self%factor(nlane))
       call new_algebra_work(self%work, nlane, self%ndof, self%nnoise)
       allocate (self%uq(nlane, self%ndof), self%up(nlane, self%ndof))
    end subroutine new_one_step_hamiltonian
 
-   !> Gradient of Hhat; an absent output is not computed. Where brackets are added the step they belong to
-   !> must be given: its functionals are their coefficients.
+   !> Gradient of Hhat at (q, p), each (nlane, ndof), with the weights w of every lane; an absent output is not
+   !> computed. Where brackets are added the step that they belong to must be given: its functionals are their
+   !> coefficients.
    subroutine gradient(self, t, w, q, p, hq, hp, step)
       class(one_step_hamiltonian), intent(inout) :: self
       real(wp), intent(in) :: t, w(self%nlane, 0:self%nnoise)
@@ -109,8 +114,11 @@ contains
       else
          call self%model%gradient(self%nlane, self%ndof, self%nnoise, t, w, q, p, hq, hp)
       end if
+      ! One gradient is counted for every real path, however Hhat_p was found: reports do not depend on such short
+      ! cuts.
       self%counters%gradients = self%counters%gradients + self%nreal
       if (self%correction /= correction_none) call add_correction(self, t, w, q, p, hq, hp)
+      ! Brackets come last, ask the model by themselves, and count that.
       if (allocated(self%modified)) call self%modified%add_gradient(t, step, q, p, hq, hp, self%counters, self%nreal)
    end subroutine gradient
 
@@ -159,6 +167,7 @@ contains
 
       call self%model%gradient_hessian(self%nlane, self%ndof, self%nnoise, t, w, q, p, &
                                        hq, hp, hqq, hqp, hpp)
+      ! A call that gives gradient and Hessian counts as one of each.
       self%counters%gradients = self%counters%gradients + self%nreal
       self%counters%hessians = self%counters%hessians + self%nreal
       if (self%correction /= correction_none) then
@@ -169,7 +178,8 @@ contains
          call self%modified%add_gradient(t, step, q, p, hq, hp, self%counters, self%nreal)
    end subroutine gradient_hessian
 
-   !> Add the gradient of the correction to the wanted outputs.
+   !> Add the gradient of the correction to the wanted outputs: factor grad(F_p.F_q) for every term of it, one in the
+   !> increments form, and as many as there are noises in the mean form.
    subroutine add_correction(self, t, w, q, p, hq, hp)
       type(one_step_hamiltonian), intent(inout) :: self
       real(wp), intent(in) :: t, w(self%nlane, 0:self%nnoise)
@@ -183,7 +193,8 @@ contains
       end do
    end subroutine add_correction
 
-   !> Add the Hessian of the correction, without third derivatives, to the wanted blocks.
+   !> Add the Hessian of the correction, without third derivatives, to the wanted blocks. It takes all blocks of the
+   !> Hessian of F, whichever are wanted: each block of the result is made of several of them.
    subroutine add_correction_hessian(self, t, w, q, p, hqq, hqp, hpp)
       type(one_step_hamiltonian), intent(inout) :: self
       real(wp), intent(in) :: t, w(self%nlane, 0:self%nnoise)
@@ -220,6 +231,7 @@ contains
       integer, intent(in) :: k
       real(wp), intent(in) :: w(self%nlane, 0:self%nnoise)
 
+      ! The weight of H stays zero: the correction is one of the noises.
       self%v = 0
       if (self%correction == correction_mean) then
          self%v(:, k) = 1
@@ -241,6 +253,7 @@ contains
       call correction_gradient(self%work, self%model, t, self%v, q, p, self%uq, self%up)
       self%counters%gradients = self%counters%gradients + self%nreal
       self%counters%hessian_vectors = self%counters%hessian_vectors + self%nreal
+      ! The factor is a number of each lane, since h is one of its weights.
       do i = 1, self%ndof
          if (present(hq)) hq(:, i) = hq(:, i) + self%factor*self%uq(:, i)
          if (present(hp)) hp(:, i) = hp(:, i) + self%factor*self%up(:, i)
@@ -260,6 +273,7 @@ contains
       real(wp), intent(inout), optional :: hpp(nlane, ndof, ndof)
       integer :: i, j, l
 
+      ! Entry (i, j) of a block is a sum over l of products of entries, for all lanes at once.
       do j = 1, ndof
          do i = 1, ndof
             do l = 1, ndof
