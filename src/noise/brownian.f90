@@ -1,5 +1,5 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> Brownian increments from the counter-based generator: every draw is a function of (seed, path, step).
+!> Brownian increments from the counter-based generator: every draw is a function of (seed, path, step, noise).
 !>
 !> refine = 0   dW = sqrt(h) xi, one normal a step
 !> refine = l   the sum of 2^l normals at step h/2^l, added as a balanced binary tree: the increments at
@@ -7,9 +7,18 @@
 !> refine = -l  the increments at step 2^l h, halved l times by the Brownian bridge, so that a run can be
 !>              repeated at half its step on the same path: W_1 = W/2 + sqrt(H)/2 xi, W_2 = W - W_1
 !>
-!> Increments of a discrete law are sums of discrete draws at refine > 0, and have no bridge.
+!> where H = 2^l h .. 2h is the step that is halved. Increments of a discrete law are sums of discrete draws at refine
+!> > 0, and have no bridge. A noise that is common to all paths is drawn with the counters of path 0 for each of them.
+!> A silent noise has dW = 0 and draws nothing, which changes no other noise: each has counters of its own.
 !>
-!> A noise that is common to all paths is drawn with the counters of path 0 for each of them.
+!> What a request asks for decides who fills it:
+!>
+!>    functionals of the path (dZ, areas, ..)      fill_functionals, by noise/integrals
+!>    Gaussian, refine = 0, from an even pair on   fill_ahead: draws whose four normals are all used
+!>    all else                                     fill_others, by noise/levels or by sums of discrete draws
+!>
+!> All ways give a step the same numbers. They differ in what fills the lanes of the generator: the paths of a block,
+!> or the steps and noises of few paths, for which a vector of paths would be padding for the most part.
 module symsde_noise_brownian
    use symsde_base_functionals, only: nfunctional, path_areas
    use symsde_base_interrupt, only: interrupt_type
@@ -30,11 +39,13 @@ module symsde_noise_brownian
    private
    public :: brownian_noise, new_brownian_noise
 
+   ! The bounds of lanes are those of arrays on the stack; more lanes than most_ahead are filled by paths.
    integer, parameter, public :: max_refine = 30  !! largest |refine|
    integer, parameter :: most_ahead = 64     !! lanes of the generator for one noise of few paths
    integer, parameter :: most_at_once = 256  !! for several of their noises
    integer, parameter :: purpose_increment = 0    !! counter word of the draws at the finest step
 
+   !> A source is immutable: all threads fill their stores from the same one.
    type, extends(noise_type) :: brownian_noise
       private
       integer(i8) :: seed = 0
@@ -48,7 +59,8 @@ module symsde_noise_brownian
 
 contains
 
-   !> A Brownian source for a run with step h.
+   !> Make a Brownian source for a run with step h. Refused are a bridge of discrete increments, which do not halve
+   !> into others of their law, and more than max_refine levels, each of which doubles the number of draws.
    subroutine new_brownian_noise(self, nnoise, seed, h, refine, silent, error, law)
       type(brownian_noise), intent(out) :: self
       integer, intent(in) :: nnoise       !! m
@@ -74,15 +86,17 @@ contains
       end if
       self%nnoise = nnoise
       self%seed = seed
+      ! |h| makes the scale of dW; dZ and other functionals need the sign.
       self%h = abs(h)
       self%signed_h = h
       self%refine = refine
       self%silent = silent
+      ! Noises that all paths share are named by the caller later on.
       allocate (self%common(nnoise), source=.false.)
    end subroutine new_brownian_noise
 
-   !> Several pairs at once are the same numbers as pair by pair: no word of a draw is left over, and few
-   !> paths pay for themselves and not for their padding.
+   !> Fill the steps 2 pair .. 2 pair + 2 npair - 1 of the request. Several pairs at once are the same numbers as pair
+   !> by pair: no word of a draw is left over, and few paths pay for themselves and not for their padding.
    subroutine fill_brownian(self, request, store, drawn, interrupt)
       class(brownian_noise), intent(in) :: self
       type(step_request), intent(in) :: request
@@ -91,6 +105,8 @@ contains
       class(interrupt_type), intent(inout), target, optional :: interrupt
 
       drawn = 0
+      ! Discrete draws of few paths are made by the way of functionals, too, since that one can look ahead; it makes
+      ! the same increments.
       if (.not. self%asked%is_empty() .or. &
           (self%law /= law_gaussian .and. looks_ahead(self, request))) then
          call fill_functionals(self, request, store, drawn, interrupt)
@@ -101,7 +117,8 @@ contains
       end if
    end subroutine fill_brownian
 
-   !> Increments of several steps, whatever the law and the refinement.
+   !> Increments of several steps, whatever the law and the refinement, noise by noise: dw (nlane, steps) of one noise
+   !> is made in an array of its own and copied into its column of w. Truncation comes last, on what the step uses.
    subroutine fill_others(self, request, w, drawn, interrupt)
       class(brownian_noise), intent(in) :: self
       type(step_request), intent(in) :: request
@@ -112,6 +129,7 @@ contains
       type(normals_of) :: normals
       integer :: k, step
 
+      ! The steps of one noise side by side, as sums and bridges make them; in w all noises of a step stand together.
       allocate (dw(request%nlane, 0:2*request%npair - 1))
       normals%seed = self%seed
       normals%nreal = request%nreal
@@ -122,17 +140,22 @@ contains
                w(:, k, :) = 0
                cycle
             end if
+            ! The lanes of one noise: which counters they draw from.
             normals%noise = k
+            ! Every lane of a common noise has the counters of path 0, and so the same numbers.
             normals%path = merge(0_i8, request%path, self%common(k))
             if (self%law /= law_gaussian) then
                call sum_discrete(self, normals, nlane, first, nstep, dw, drawn)
             else if (self%refine > 0) then
                call sum_finer(normals, nlane, first, nstep, levels, self%h, dw, drawn)
             else
+               ! At refine = 0 nothing is halved, and these are the plain draws from an odd pair on.
                call halve_coarser(normals, nlane, first, nstep, levels, self%h, dw, drawn)
             end if
+            ! An interrupt leaves w as it is: nobody will use it.
             if (normals%is_left()) return
             do step = 0, nstep - 1
+               ! The bound of dW, where the run is truncated.
                if (self%bound < huge(1.0_wp)) call clip_increments(nlane, self%bound, dw(:, step))
                w(:, k, step) = dw(:, step)
             end do
@@ -140,7 +163,9 @@ contains
       end associate
    end subroutine fill_others
 
-   !> Gaussian increments of several pairs from an even one on, one draw a step.
+   !> Gaussian increments of several pairs from an even one on, one draw a step: dW = sqrt(h) xi. A draw makes four
+   !> normals, the steps of two pairs, so (npair + 1)/2 draws of a path are needed. Where these are few for all paths
+   !> together, draws and paths fill the lanes of the generator side by side.
    subroutine fill_ahead(self, nlane, nreal, path, pair, npair, w, drawn)
       class(brownian_noise), intent(in) :: self
       integer, intent(in) :: nlane, nreal
@@ -151,19 +176,22 @@ contains
       logical :: few
       integer :: k
 
+      ! Draws of all real paths for one noise; as lanes of the generator they fit where they are few.
       few = nreal*((npair + 1)/2) <= most_ahead
       do k = 1, self%nnoise
          if (self%silent(k)) then
             w(:, k, :) = 0
          else
             if (.not. few) call fill_many(self, nlane, path, pair, npair, k, w)
+            ! Counted here for both ways: one normal a step of this noise.
             drawn = drawn + 2*npair
          end if
       end do
       if (few) call fill_few(self, nlane, nreal, path, pair, npair, w)
    end subroutine fill_ahead
 
-   !> Noise k for whole blocks: the lanes of the generator are the paths.
+   !> Noise k for whole blocks: the lanes of the generator are the paths, and the normals are written where w has
+   !> them, up to pairs_of_steps pairs in one pass.
    subroutine fill_many(self, nlane, path, pair, npair, k, w)
       class(brownian_noise), intent(in) :: self
       integer, intent(in) :: nlane, npair, k
@@ -172,6 +200,7 @@ contains
       integer(i8) :: from(nlane)
       integer :: j, step
 
+      ! Path 0 in every lane, where the noise is common to all.
       from = merge(0_i8, path, self%common(k))
       do j = 0, npair - 1, pairs_of_steps
          call scaled_normal_steps(nlane, normal_stream(self%seed, k, 0, purpose_increment, sqrt(self%h)), from, &
@@ -183,7 +212,8 @@ contains
       end do
    end subroutine fill_many
 
-   !> Few paths: each path and draw is a lane of the generator, of as many noises at once as there are lanes for.
+   !> Few paths: each path and draw is a lane of the generator, of as many noises at once as there are lanes for. Lane
+   !> j nreal + i of a noise is draw pair/2 + j of path i; the lanes of the next noise stand behind.
    subroutine fill_few(self, nlane, nreal, path, pair, npair, w)
       class(brownian_noise), intent(in) :: self
       integer, intent(in) :: nlane, nreal, npair
@@ -195,14 +225,17 @@ contains
       real(wp) :: x(most_at_once*4)
       integer :: n, m, used, k, i, j
 
+      ! n lanes of the generator for each noise.
       n = nreal*((npair + 1)/2)
       do j = 0, (npair - 1)/2
          !GCC$ novector  ! paths are few, and often one
          do i = 1, nreal
+            ! The paths of one draw stand beside each other, then those of the next draw.
             path_of(j*nreal + i) = path(i)
             draw_of(j*nreal + i) = pair/2 + j
          end do
       end do
+      ! k is the last noise that has been packed. The inner loop packs noises until another one would not fit.
       k = 0
       do while (k < self%nnoise)
          used = 0
@@ -212,26 +245,32 @@ contains
             do i = 1, n
                paths(used + i) = merge(0_i8, path_of(i), self%common(k))
                draws(used + i) = draw_of(i)
+               ! All that tells one lane from another: path, draw and noise.
                noises(used + i) = k
             end do
             used = used + n
          end do
+         ! All of these noises were silent.
          if (used == 0) cycle
          m = padded(used)  ! a full vector: the last one again and again
          paths(used + 1:m) = paths(used)
          draws(used + 1:m) = draws(used)
          noises(used + 1:m) = noises(used)
+         ! The stream's own noise is not used: every lane names its own.
          call scaled_normals_at(m, normal_stream(self%seed, 0, 0, purpose_increment, sqrt(self%h)), paths, draws, &
                                 noises, x)
+         ! Cut before they are spread, in one pass over the numbers of all these noises.
          if (self%bound < huge(1.0_wp)) call clip_increments(4*m, self%bound, x)
+         ! Noise after noise, each with its n lanes, from column 0 .. 3 of x to its steps.
          do i = 0, used - 1, n
             call spread_few(nlane, nreal, self%nnoise, noises(i + 1), npair, i, m, x, w)
          end do
       end do
    end subroutine fill_few
 
-   !> The increments of one noise to where steps have them: column i of x holds the steps 4j + i of draw j, behind the
-   !> lanes of other noises.
+   !> Put the increments of one noise where steps have them: column i of x holds the steps 4j + i of draw j, behind
+   !> the `before` lanes of other noises. Padding of the block repeats the last path. In w the numbers of a step lie
+   !> nlane (nnoise + 1) apart.
    pure subroutine spread_few(nlane, nreal, nnoise, k, npair, before, m, x, w)
       integer, intent(in) :: nlane, nreal, nnoise, k, npair, before, m
       real(wp), intent(in) :: x(m, 0:3)
@@ -243,6 +282,7 @@ contains
          return
       end if
       do step = 0, 2*npair - 1
+         ! Lanes before those of the draw that holds this step, four steps of each path in one draw.
          draw = before + (step/4)*nreal
          do lane = 1, nreal
             w(lane, k, step) = x(draw + lane, mod(step, 4))
@@ -253,7 +293,8 @@ contains
       end do
    end subroutine spread_few
 
-   !> The same into a block of one lane.
+   !> The same into a block of one lane, four steps of a draw at a time. An odd number of pairs uses half of its last
+   !> draw.
    pure subroutine spread_alone(nnoise, k, npair, before, m, x, w)
       integer, intent(in) :: nnoise, k, npair, before, m
       real(wp), intent(in) :: x(m, 0:3)
@@ -263,15 +304,18 @@ contains
       do draw = 0, npair/2 - 1
          !GCC$ unroll 4
          do i = 0, 3
+            ! A lane for each draw of the one path.
             w(k, 4*draw + i) = x(before + 1 + draw, i)
          end do
       end do
       if (mod(npair, 2) == 0) return
+      ! The last draw makes four steps, of which two are left.
       w(k, 2*npair - 2) = x(before + 1 + npair/2, 0)
       w(k, 2*npair - 1) = x(before + 1 + npair/2, 1)
    end subroutine spread_alone
 
-   !> The same draws with the functionals of the path they belong to.
+   !> The same draws with the functionals of the path that they belong to, step by step in the arrays of
+   !> noise/integrals, which are then copied to where the store has them.
    subroutine fill_functionals(self, request, store, drawn, interrupt)
       class(brownian_noise), intent(in) :: self
       type(step_request), intent(in) :: request
@@ -283,9 +327,12 @@ contains
       integer(i8) :: of_path, behind
       integer :: i, f
 
+      ! What the draws are a function of; how many lanes are made of them is the caller's.
       draws = integral_draws(self%nnoise, self%seed, self%signed_h, self%refine, self%silent, self%common, &
                              self%asked, self%areas, self%law)
       if (present(interrupt)) draws%interrupt => interrupt
+      ! Path by path, each with all its steps as lanes. At refine < 0 steps are halves of longer intervals, so the
+      ! lanes are counted from the first pair of the interval that holds the first step.
       if (looks_ahead(self, request)) then
          behind = mod(request%pair, 2_i8**max(-self%refine, 0))
          call draws%look_ahead(request%npair, behind)
@@ -293,20 +340,24 @@ contains
             call fill_alone(self, draws, request, request%pair - behind, i, store, of_path)
             if (draws%is_left()) return
          end do
+         ! Counted once: `drawn` is a number of each path.
          drawn = drawn + of_path
          call repeat_last(self, request, store)
          return
       end if
+      ! dZ, and K beside it, are written where they belong, as dW is, unless a bound has to be looked after.
       if (draws%are_direct() .and. mod(request%pair, 2_i8) == 0 .and. .not. self%bound < huge(1.0_wp)) then
          call fill_direct(draws, request, store, drawn)
          return
       end if
       do i = 0, 2*request%npair - 1
+         ! Two steps at a time, since one call makes both.
          if (mod(i, 2) == 0) &
             call fill_pair(draws, request%nlane, request%path, request%pair + i/2, steps(0), steps(1), drawn)
          if (draws%is_left()) return
          associate (step => steps(mod(i, 2)))
             if (self%bound < huge(1.0_wp)) call clip_interval(request%nlane, self%nnoise, self%bound, step)
+            ! Column 0 of the weights is h, which the store has from the beginning.
             store%w(:, 1:, i) = step%w
             do f = 1, nfunctional
                if (self%asked%has(f)) store%of(f)%x(:, :, i) = step%of(f)%x
@@ -315,8 +366,8 @@ contains
       end do
    end subroutine fill_functionals
 
-   !> Whether lanes are pairs of steps, not paths: of one path, and of few where a step is a sum of many draws, but for
-   !> areas, whose sub-increments fill the lanes.
+   !> Whether lanes are pairs of steps and not paths: of one path, and of a vector of paths where a step is a sum of
+   !> many draws. Areas are left out of the latter, as their sub-increments fill the lanes.
    pure logical function looks_ahead(self, request)
       class(brownian_noise), intent(in) :: self
       type(step_request), intent(in) :: request
@@ -325,7 +376,8 @@ contains
                     request%nlane <= merge(lane_unit, 1, self%refine /= 0 .and. .not. self%asked%has(path_areas))
    end function looks_ahead
 
-   !> The lanes that fill up a block get what the last path has.
+   !> The lanes that fill up a block get what the last path has, increments and functionals: models and solvers then
+   !> see nothing there that no path has.
    subroutine repeat_last(self, request, store)
       class(brownian_noise), intent(in) :: self
       type(step_request), intent(in) :: request
@@ -343,7 +395,8 @@ contains
    end subroutine repeat_last
 
    !> A path by itself: the lanes of the generator, and of all that is made of its draws, are pairs of steps from an
-   !> even one on.
+   !> even one on. steps(0) holds the even step of every pair, steps(1) the odd one, in the order of look_ahead: first
+   !> the even pairs, then the odd ones.
    subroutine fill_alone(self, draws, request, pair, lane, store, drawn)
       class(brownian_noise), intent(in) :: self
       type(integral_draws), intent(in) :: draws  !! that look ahead
@@ -357,14 +410,19 @@ contains
       integer(i8) :: of_pair
       integer :: i, f, n
 
+      ! So many lanes, padding of both halves included.
       n = size(draws%ahead)
+      ! The lanes differ in their steps alone.
       allocate (path(n), source=request%path(lane))
       of_pair = 0
       call fill_pair(draws, n, path, pair, steps(0), steps(1), of_pair)
       if (draws%is_left()) return
+      ! of_pair counts what one lane has drawn for its two steps.
       drawn = request%npair*of_pair
       do i = 0, 1
+         ! The lanes are steps, but each is cut as one of a block is.
          if (self%bound < huge(1.0_wp)) call clip_interval(n, self%nnoise, self%bound, steps(i))
+         ! The weights of a step have nnoise + 1 columns, of which the first is passed over.
          call spread_lanes(self%nnoise, self%nnoise + 1, steps(i)%w, store%w(lane, 1, i))
          do f = 1, nfunctional
             if (.not. self%asked%has(f)) cycle
@@ -376,7 +434,8 @@ contains
 
    contains
 
-      !> To every other step, of so many columns.
+      !> Spread x (lanes, ncolumn) over every other step of an array with nstep columns a step: pair j goes to step 2
+      !> j.
       pure subroutine spread_lanes(ncolumn, nstep, x, w)
          integer, intent(in) :: ncolumn, nstep
          real(wp), intent(in) :: x(n, ncolumn)
@@ -386,6 +445,7 @@ contains
 
          do k = 1, ncolumn
             do j = 0, request%npair - 1  ! the odd pairs stand behind the even ones
+               ! A column of the store is nlane numbers long; of these the one of this path is written.
                w(1 + request%nlane*(2*j*nstep + k - 1)) = x(1 + j/2 + mod(j, 2)*(n/2), k)
             end do
          end do
@@ -393,7 +453,8 @@ contains
 
    end subroutine fill_alone
 
-   !> Increments of a discrete law, sums of 2^refine draws.
+   !> Increments of a discrete law, sums of 2^refine draws of variance h/2^refine, added as a balanced binary tree.
+   !> One draw makes two neighbours: at refine = 0 these are two steps, else the first sum of two in a step.
    subroutine sum_discrete(self, of, nlane, first, nstep, dw, drawn)
       class(brownian_noise), intent(in) :: self
       type(normals_of), intent(in) :: of       !! of which noise and paths
@@ -406,7 +467,9 @@ contains
       integer(i8) :: i, npair
       integer :: step
 
+      ! Standard deviation of a draw at the finest step.
       scale = sqrt(self%h/2.0_wp**self%refine)
+      ! Pairs of draws in a step, one at refine = 0, where a pair is two steps.
       npair = 2_i8**max(self%refine - 1, 0)
       allocate (partial(nlane, max(self%refine - 1, 0)))
       do step = 0, nstep - 1, merge(2, 1, self%refine == 0)
@@ -417,7 +480,9 @@ contains
             drawn = drawn + 2
             even = scale*even
             odd = scale*odd
+            ! Both draws are steps of their own.
             if (self%refine == 0) exit
+            ! The lowest level of the tree; `carry` adds the levels above.
             even = even + odd
             call carry(nlane, i, partial, even)
          end do

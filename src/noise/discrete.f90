@@ -1,10 +1,12 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> Increments with two or three values, which serve weak schemes and bound the noise of a step.
+!> Increments with two or three values, which serve weak schemes and bound the noise of a step: dW = sqrt(h) x,
 !>
-!>    three-point   +-sqrt(3) with probability 1/6 each, else 0     moments of a normal up to the fifth
-!>    two-point     +-1 with probability 1/2 each                   up to the third
+!>    three-point   x = +-sqrt(3) with probability 1/6 each, else 0     moments of a normal up to the fifth
+!>    two-point     x = +-1 with probability 1/2 each                   up to the third
 !>
-!> Areas of such steps are +-|h|/2, independent of the increments: the mean and the variance of the true ones.
+!> Areas of such steps are +-|h|/2, independent of the increments: the mean and the variance of the true ones. A value
+!> is read off a uniform number by comparing it with the edges of the law, so it depends on one counter alone, as a
+!> normal does.
 module symsde_noise_discrete
    use symsde_base_kinds, only: wp, i8
    use symsde_base_laws, only: law_three_point
@@ -19,7 +21,8 @@ module symsde_noise_discrete
 
 contains
 
-   !> Two independent draws of mean 0 and variance 1 a lane, in the place of two normals.
+   !> Two independent draws of mean 0 and variance 1 a lane, in the place of two normals: those of the steps 2 pair
+   !> and 2 pair + 1, scaled by the caller.
    subroutine discrete_pairs(nlane, seed, path, pair, noise, law, even, odd, ahead)
       integer, intent(in) :: nlane
       integer(i8), intent(in) :: seed, path(nlane), pair  !! as in normal_pairs
@@ -28,12 +31,13 @@ contains
       real(wp), intent(out) :: even(nlane), odd(nlane)
       integer(i8), intent(in), optional :: ahead(nlane)   !! pairs that each lane is ahead of this one
 
+      ! Both values of a draw follow from uniforms of 52 bits each.
       call uniforms(nlane, seed, path, pair, noise, purpose_discrete, even, odd, ahead)
       call to_values(nlane, law == law_three_point, even)
       call to_values(nlane, law == law_three_point, odd)
    end subroutine discrete_pairs
 
-   !> Two independent signs a lane, of the area of a pair of noises.
+   !> Two independent signs +-1 a lane, of the area of a pair of noises in the same two steps.
    subroutine sign_pairs(nlane, seed, path, pair, index, even, odd, ahead)
       integer, intent(in) :: nlane
       integer(i8), intent(in) :: seed, path(nlane), pair
@@ -46,6 +50,8 @@ contains
       call to_values(nlane, .false., odd)
    end subroutine sign_pairs
 
+   !> Two uniforms on (0, 1) a lane, from the four words of one draw. With `ahead` each lane has a pair of its own, as
+   !> a path by itself asks for many steps at once.
    subroutine uniforms(nlane, seed, path, pair, noise, purpose, even, odd, ahead)
       integer, intent(in) :: nlane, noise, purpose
       integer(i8), intent(in) :: seed, path(nlane), pair
@@ -57,6 +63,7 @@ contains
 
       if (present(ahead)) then
          allocate (noises(nlane), source=noise)
+         ! The counters of each lane's own pair; the noise is the same in all.
          at = pair + ahead
          call philox_lanes_at(nlane, seed, path, at, noises, 0, purpose, words)
       else
@@ -65,7 +72,8 @@ contains
       call uniform_open_lanes(nlane, words, even, odd)
    end subroutine uniforms
 
-   !> Uniforms on (0,1) to the values of the law.
+   !> Turn uniforms on (0,1) into values of the law: the lowest part `edge` becomes -size, the highest +size, and what
+   !> lies between becomes 0, which with two points has no probability.
    pure subroutine to_values(nlane, three, u)
       integer, intent(in) :: nlane
       logical, intent(in) :: three
@@ -73,6 +81,7 @@ contains
       real(wp) :: edge, size
       integer :: lane
 
+      ! Two-point values are the three-point rule with edges that meet in the middle, and of size one.
       edge = merge(1.0_wp/6, 0.5_wp, three)
       size = merge(sqrt(3.0_wp), 1.0_wp, three)
       do lane = 1, nlane

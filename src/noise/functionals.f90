@@ -1,19 +1,22 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> The law of each functional of the path: its value on the finest intervals, how those of neighbouring
-!> intervals merge, how far a truncated run lets it go. Everything that is particular to one functional and
-!> not its name (base/functionals) stands here.
+!> The law of each functional of the path: its value on the finest intervals, how those of neighbouring intervals
+!> merge, how far a truncated run lets it go. Everything that is particular to one functional and not its name
+!> (base/functionals) stands here. Merging is exact: on the whole interval a functional is made of what the halves
+!> have and of products between them.
 !>
 !> A finest interval is known by its dW, its H = dZ/h - dW/2 and, where it is asked for, its K: a parabola, or a
 !> cubic. On it
 !>
 !>    dZ_k = h (dW_k/2 + H_k),   A_kl = H_k dW_l - H_l dW_k,   J_kl = h (dW_k dW_l/6 - (6/5) H_k H_l) - delta_kl h^2/15
 !>
-!> (J by its mean given dW and H; an area drawn in law has 12 (K_k H_l - K_l H_k) and a normal rest of variance
-!> h^2/20 beside, which makes its mean and covariances given dW and H those of the true one), and neighbouring
-!> intervals merge by
+!> (J by its mean given dW and H; an area drawn in law has 12 (K_k H_l - K_l H_k) and a normal rest of variance h^2/20
+!> beside, which makes its mean and covariances given dW and H those of the true one), and neighbouring intervals
+!> merge by
 !>
 !>    dW = dW_1 + dW_2,  dZ = dZ_1 + dZ_2 + h_2 dW_1,  A_kl = A_1 + A_2 + (dW_k1 dW_l2 - dW_l1 dW_k2)/2
 !>    K = (K_1 + K_2)/4 + (H_1 - H_2)/8  (halves),     J_kl = J_1 + J_2 + Z_k1 dW_l2 + dW_k1 (h_2 dW_l2 - Z_l2)
+!>
+!> The standard deviations that truncation goes by are sqrt|h| of dW, sqrt(|h|/12) of H and sqrt(|h|/720) of K.
 module symsde_noise_functionals
    use, intrinsic :: ieee_arithmetic, only: ieee_value, ieee_quiet_nan
    use symsde_base_functionals, only: functional_set, functional_count, area_index, pair_index, nfunctional, &
@@ -27,7 +30,7 @@ module symsde_noise_functionals
       real(wp), allocatable :: x(:, :)     !! (nlane, functional_count); not allocated where not asked for
    end type interval_values
 
-   !> One interval of the path in every lane.
+   !> One interval of the path in every lane: its increments, and the functionals of it that are asked for.
    type :: path_interval
       real(wp) :: length = 0               !! with its sign [time]
       real(wp), allocatable :: w(:, :)     !! dW_k (nlane, nnoise)
@@ -36,7 +39,8 @@ module symsde_noise_functionals
 
 contains
 
-   !> Room for an interval; the caller gives dW and values.
+   !> Make room for an interval of this length and for the functionals that are asked for; the caller gives dW and
+   !> values.
    pure subroutine new_path_interval(self, nlane, nnoise, length, asked)
       type(path_interval), intent(out) :: self
       integer, intent(in) :: nlane, nnoise
@@ -51,7 +55,8 @@ contains
       end do
    end subroutine new_path_interval
 
-   !> Values of a functional on the interval with dW, H and K.
+   !> Values x of a functional on the interval with dW, H and K, each (nlane, nnoise), by the formulas at the head. K
+   !> and `rest` are zero where they are absent.
    pure subroutine shape_values(functional, nlane, nnoise, length, w, hh, x, kk, rest)
       integer, intent(in) :: functional, nlane, nnoise
       real(wp), intent(in) :: length, w(nlane, nnoise), hh(nlane, nnoise)
@@ -65,6 +70,7 @@ contains
       case (path_areas)
          do l = 2, nnoise
             do k = 1, l - 1
+               ! The area of the parabola through the ends with its H; in law also what K and the rest add.
                x(:, area_index(k, l)) = hh(:, k)*w(:, l) - hh(:, l)*w(:, k)
                if (present(rest)) x(:, area_index(k, l)) = x(:, area_index(k, l)) + rest(:, area_index(k, l)) &
                                                            + 12*(kk(:, k)*hh(:, l) - kk(:, l)*hh(:, k))
@@ -76,8 +82,10 @@ contains
       case (path_magnus)
          do l = 1, nnoise
             do k = 1, l
+               ! The mean of J given dW and H.
                x(:, pair_index(k, l)) = length*(w(:, k)*w(:, l)/6 - 1.2_wp*hh(:, k)*hh(:, l))
             end do
+            ! The variance of what H does not say of the path is taken off the diagonal, so that E J = 0.
             x(:, pair_index(l, l)) = x(:, pair_index(l, l)) - length*abs(length)/15
          end do
       case (path_dz)
@@ -87,7 +95,7 @@ contains
       end select
    end subroutine shape_values
 
-   !> Two neighbouring intervals as one.
+   !> Merge two neighbouring intervals to one. Which functionals are there is seen by what the left one has.
    pure subroutine merge_intervals(nlane, nnoise, left, right, whole)
       integer, intent(in) :: nlane, nnoise
       type(path_interval), intent(in) :: left, right
@@ -98,7 +106,9 @@ contains
       do f = 1, nfunctional
          asked%has(f) = allocated(left%of(f)%x)
       end do
+      ! Lengths add, with their sign: two steps back in time are one longer step back.
       call new_path_interval(whole, nlane, nnoise, left%length + right%length, asked)
+      ! dW first: all products below are those of the halves.
       whole%w = left%w + right%w
       do f = 1, nfunctional
          if (.not. asked%has(f)) cycle
@@ -106,14 +116,17 @@ contains
             select case (f)
             case (path_dz)
                do k = 1, nnoise
+                  ! W - W(t) on the right half has gained dW_1 over what it is from the middle.
                   x(:, k) = (x1(:, k) + x2(:, k)) + right%length*w1(:, k)
                end do
             case (path_areas)
                call merge_areas(nlane, nnoise, w1, w2, x1, x2, x)
             case (path_stt_area)
+               ! H = dZ/h - dW/2 of the halves: the K of the whole feels how the two differ.
                x = 0.25_wp*(x1 + x2) + 0.125_wp*(left%of(path_dz)%x/left%length - right%of(path_dz)%x/right%length &
                                                  - 0.5_wp*(w1 - w2))
             case (path_magnus)
+               ! J takes dZ of both halves, which whoever asks for J has, too.
                call merge_magnus(nlane, nnoise, left, right, x)
             case default  ! forgotten here: no path goes on with it
                x = ieee_value(left%length, ieee_quiet_nan)
@@ -122,6 +135,7 @@ contains
       end do
    end subroutine merge_intervals
 
+   !> J_kl of two neighbours, symmetrised in k and l: it multiplies H_k,q . M^-1 H_l,q, which is symmetric.
    pure subroutine merge_magnus(nlane, nnoise, left, right, x)
       integer, intent(in) :: nlane, nnoise
       type(path_interval), intent(in) :: left, right
@@ -143,6 +157,7 @@ contains
       end associate
    end subroutine merge_magnus
 
+   !> A_kl of two neighbours: their areas, and that of the triangle which dW_1 and dW_2 span.
    pure subroutine merge_areas(nlane, nnoise, w1, w2, a1, a2, a)
       integer, intent(in) :: nlane, nnoise
       real(wp), intent(in) :: w1(nlane, nnoise), w2(nlane, nnoise)
@@ -162,7 +177,8 @@ contains
       end do
    end subroutine merge_areas
 
-   !> Clip increments to [-bound, bound]; applied to the summed increment of the level in use.
+   !> Clip n increments to [-bound, bound]. Applied to the summed increment of the level in use, not to the draws that
+   !> it is made of: the bound is one of the step's noise.
    pure subroutine clip_increments(n, bound, dw)
       integer, intent(in) :: n
       real(wp), intent(in) :: bound
@@ -185,16 +201,20 @@ contains
       integer :: k
 
       do k = 1, nnoise
+         ! H is taken from dW and dZ as they were drawn, and dZ is made anew of what is left of both.
          if (allocated(step%of(path_dz)%x)) then
             shape = step%of(path_dz)%x(:, k)/step%length - 0.5_wp*step%w(:, k)
             call clip_increments(nlane, bound/sqrt(12.0_wp), shape)
          end if
+         ! H was found before dW is cut, or it would be that of another path.
          call clip_increments(nlane, bound, step%w(:, k))
          if (allocated(step%of(path_dz)%x)) step%of(path_dz)%x(:, k) = step%length*(0.5_wp*step%w(:, k) + shape)
       end do
       if (allocated(step%of(path_areas)%x)) &
+         ! What is left of areas and J is bounded as it stands: neither is made of one normal.
          call clip_increments(size(step%of(path_areas)%x), 0.5_wp*bound**2, step%of(path_areas)%x)
       if (allocated(step%of(path_stt_area)%x)) &
+         ! K to the same number of its own standard deviations.
          call clip_increments(size(step%of(path_stt_area)%x), bound/sqrt(720.0_wp), step%of(path_stt_area)%x)
       if (allocated(step%of(path_magnus)%x)) &
          call clip_increments(size(step%of(path_magnus)%x), 0.5_wp*abs(step%length)*bound**2, step%of(path_magnus)%x)

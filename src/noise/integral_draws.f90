@@ -2,7 +2,16 @@
 !> The normals that increments and functionals of a path are made of (noise/integrals): each is a function of seed,
 !> path, step, and of what it is for.
 !>
-!> The lanes of a block are paths in the same steps. A path by itself looks ahead instead: its lanes are pairs of steps.
+!> On a finest interval of length h these are, independent of each other,
+!>
+!>    dW ~ N(0, |h|),   H = dZ/h - dW/2 ~ N(0, |h|/12),   K ~ N(0, |h|/720),   rest of an area ~ N(0, h^2/20),
+!>
+!> and in the halving of an interval Z, N or M, and D (noise/integrals). Each has a purpose word of its own in the
+!> counter, each halving a level, and each interval of a level a pair and a place in it: no two draws of a run share a
+!> counter.
+!>
+!> The lanes of a block are paths in the same steps. A path by itself looks ahead instead: its lanes are pairs of
+!> steps. Both ask for the same counters, so the numbers do not depend on which way they were made.
 module symsde_noise_integral_draws
    use symsde_base_area_rule, only: area_rule, areas_in_law
    use symsde_base_functionals, only: functional_set, functional_count, area_index, path_areas, path_dz, &
@@ -54,22 +63,23 @@ module symsde_noise_integral_draws
 
 contains
 
-   !> See whether the draws are to be left.
+   !> Look whether someone wants the draws to be left, since areas of many sub-increments take long.
    subroutine look(self)
       class(integral_draws), intent(in) :: self
 
       if (associated(self%interrupt)) call self%interrupt%look()
    end subroutine look
 
-   !> Whether they are: then nothing that was made of them may be used.
+   !> Whether the draws are to be left: then nothing that was made of them may be used.
    pure logical function is_left(self)
       class(integral_draws), intent(in) :: self
 
+      ! Without an interrupt nobody can want that.
       is_left = .false.
       if (associated(self%interrupt)) is_left = self%interrupt%wanted
    end function is_left
 
-   !> dZ, or dZ and K, of steps as they are drawn: nothing is halved or merged.
+   !> Whether all that is asked for is dZ, or dZ and K, of steps as they are drawn: nothing is halved or merged.
    pure logical function are_direct(self)
       class(integral_draws), intent(in) :: self
 
@@ -77,24 +87,29 @@ contains
                    count(self%asked%has) == count(self%asked%has([path_dz, path_stt_area]))
    end function are_direct
 
-   !> The lanes are so many pairs of steps of a path, an even one first: even ones in the first half, which share their
-   !> draws with the odd ones in the other. They stand behind the first pair of the coarsest interval.
+   !> Let the lanes be npair pairs of steps of a path, an even one first. Even pairs stand in the first half of the
+   !> lanes and the odd ones in the second: an even pair and the next odd one have their normals from one draw.
+   !> `ahead` counts pairs from the first one of the coarsest interval, `behind` of which lie before the steps that
+   !> are wanted. Both halves are padded to whole vectors.
    pure subroutine look_ahead(self, npair, behind)
       class(integral_draws), intent(inout) :: self
       integer, intent(in) :: npair
       integer(i8), intent(in) :: behind  !! so far, even
       integer :: half, i
 
+      ! An odd number of pairs leaves a lane of the second half without use.
       half = padded((npair + 1)/2)
       allocate (self%ahead(2*half))
       do i = 1, half
+         ! Lane i of each half: the pairs 2 i - 2 and 2 i - 1 behind the first wanted one.
          self%ahead(i) = behind + 2*(i - 1)
          self%ahead(half + i) = behind + 2*i - 1
       end do
    end subroutine look_ahead
 
-   !> The numbers of fill_pair where the draws are direct, for several pairs of steps from an even one on: where they
-   !> belong, and no word of a draw is left over.
+   !> The numbers of fill_pair where the draws are direct, for several pairs of steps from an even one on. They are
+   !> written where they belong, and no word of a draw is left over. Noise by noise dW is drawn, then H in the place
+   !> of dZ, then K where it is asked for; at the end dZ = h (dW/2 + H) replaces H.
    subroutine fill_direct(d, request, store, drawn)
       type(integral_draws), intent(in) :: d
       type(step_request), intent(in) :: request
@@ -104,6 +119,7 @@ contains
       integer :: k, j, step, n
       real(wp) :: root
 
+      ! Standard deviations are those of the head, without a sign: a step back in time has the same law.
       root = sqrt(abs(d%h))
       associate (w => store%w, dz => store%of(path_dz), stt_area => store%of(path_stt_area), m => d%nnoise)
          do k = 1, m
@@ -113,15 +129,19 @@ contains
                if (allocated(stt_area%x)) stt_area%x(:, k, :) = 0
                cycle
             end if
+            ! Common noises are those of path 0 in every lane.
             from = merge(0_i8, request%path, d%common(k))
             do j = 0, request%npair - 1, pairs_of_steps
+               ! As many pairs as two draws have, the most that the generator makes in one pass.
                n = min(pairs_of_steps, request%npair - j)
+               ! w has a column for h, hence m + 1 columns a step; functionals have m.
                call draw_column(purpose_increment, root, m + 1, w(1, k, 2*j))
                call draw_column(purpose_shape, sqrt(abs(d%h)/12), m, dz%x(1, k, 2*j))
                if (allocated(stt_area%x)) &
                   call draw_column(purpose_stt_area, sqrt(abs(d%h)/720), m, stt_area%x(1, k, 2*j))
             end do
             do step = 0, 2*request%npair - 1
+               ! Only now, since H is drawn for several steps in one pass.
                call dz_of_shape(request%nlane, d%h, w(:, k, step), dz%x(:, k, step))
             end do
          end do
@@ -129,7 +149,8 @@ contains
 
    contains
 
-      !> Of one functional of noise k, in n pairs of steps.
+      !> Draw one functional of noise k in n pairs of steps: N(0, scale^2) into every ncolumn-th column of x, which
+      !> begins with the column of this noise in the first of these steps.
       subroutine draw_column(purpose, scale, ncolumn, x)
          integer, intent(in) :: purpose, ncolumn
          real(wp), intent(in) :: scale
@@ -142,7 +163,7 @@ contains
 
    end subroutine fill_direct
 
-   !> dZ = h (dW/2 + H), in the place of H.
+   !> dZ = h (dW/2 + H) of every lane, in the place of H; h has its sign.
    pure subroutine dz_of_shape(nlane, h, w, z)
       integer, intent(in) :: nlane
       real(wp), intent(in) :: h, w(nlane)
@@ -154,22 +175,24 @@ contains
       end do
    end subroutine dz_of_shape
 
-   !> Areas are asked for, in law.
+   !> Whether areas are asked for, and are to be drawn in law: K and a normal rest then stand for what sub-increments
+   !> would tell, and these areas belong to no path within a step.
    pure logical function in_law(self)
       class(integral_draws), intent(in) :: self
 
       in_law = self%asked%has(path_areas) .and. self%areas%kind == areas_in_law
    end function in_law
 
-   !> The path is known by its K, too.
+   !> Whether the path is known by its K, too: where K is asked for, or is a part of areas in law.
    pure logical function needs_stt_area(self)
       class(integral_draws), intent(in) :: self
 
       needs_stt_area = self%asked%has(path_stt_area) .or. self%in_law()
    end function needs_stt_area
 
-   !> Scaled normals of all pairs of noises for the intervals 2*pair and 2*pair+1; zero where one is silent, those of
-   !> path 0 where both are common.
+   !> Draw the rests of areas, scaled normals of all pairs of noises k < l, for the intervals 2*pair and 2*pair+1;
+   !> they are zero where one of the two noises is silent, and those of path 0 where both are common. The noise word
+   !> of the counter is the index of the pair, which the purpose keeps apart from noises.
    subroutine draw_rests(d, nlane, path, pair, scale, even, odd, drawn)
       type(integral_draws), intent(in) :: d
       integer, intent(in) :: nlane
@@ -180,11 +203,14 @@ contains
       integer(i8) :: from(nlane)
       integer :: k, l, kl
 
+      ! Zero for pairs that are left out below.
       allocate (even(nlane, functional_count(path_areas, d%nnoise)), source=0.0_wp)
       allocate (odd, source=even)
       do l = 2, d%nnoise
          do k = 1, l - 1
+            ! A silent noise has no area with another.
             if (d%silent(k) .or. d%silent(l)) cycle
+            ! The pair's own number: other pairs of the same two noises do not exist.
             kl = area_index(k, l)
             from = merge(0_i8, path, d%common(k) .and. d%common(l))
             call draw_one(d, normal_stream(d%seed, kl, 0, purpose_rest, scale), nlane, from, pair, even(:, kl), &
@@ -194,7 +220,8 @@ contains
       end do
    end subroutine draw_rests
 
-   !> H = dZ/h - dW/2 and K of noise k at the finest steps 2*pair and 2*pair+1: the numbers that fill_pair draws.
+   !> Draw H = dZ/h - dW/2 and K of noise k at the finest steps 2*pair and 2*pair+1: the numbers that fill_pair draws,
+   !> for those who want them without dW.
    subroutine shape_draws(nlane, seed, path, pair, k, h, hh, kk, drawn)
       integer, intent(in) :: nlane, k
       integer(i8), intent(in) :: seed, path(nlane), pair
@@ -202,14 +229,17 @@ contains
       real(wp), intent(out) :: hh(nlane, 0:1), kk(nlane, 0:1)
       integer(i8), intent(inout) :: drawn
 
+      ! The stream of each: level 0, since nothing is halved, and its purpose.
       call scaled_normal_pairs(nlane, normal_stream(seed, k, 0, purpose_shape, sqrt(abs(h)/12)), path, pair, hh(:, 0), &
                                hh(:, 1))
       call scaled_normal_pairs(nlane, normal_stream(seed, k, 0, purpose_stt_area, sqrt(abs(h)/720)), path, pair, &
                                kk(:, 0), kk(:, 1))
+      ! Two numbers of H and two of K.
       drawn = drawn + 4
    end subroutine shape_draws
 
-   !> Scaled normals of all noises for the intervals 2*pair and 2*pair+1; zero for silent noises.
+   !> Draw scaled normals of all noises for the intervals 2*pair and 2*pair+1 of a level, into (nlane, nnoise) each;
+   !> they are zero for silent noises. `of` says level, purpose and scale; its noise is set here, from 1 to nnoise.
    subroutine draw(d, of, nlane, path, pair, even, odd, drawn)
       type(integral_draws), intent(in) :: d
       type(normal_stream), intent(in) :: of   !! whose seed is theirs, and whose noise is each of these
@@ -220,6 +250,7 @@ contains
       integer(i8) :: from(nlane)
       integer :: k
 
+      ! Room is made once where a caller halves again and again.
       if (.not. allocated(even)) allocate (even(nlane, d%nnoise), odd(nlane, d%nnoise))
       do k = 1, d%nnoise
          if (d%silent(k)) then
@@ -234,7 +265,9 @@ contains
       end do
    end subroutine draw
 
-   !> Those of one noise, or of one pair of noises.
+   !> Draw those of one noise, or of one pair of noises. Lanes that are paths share the pair. Lanes that are ahead
+   !> have pairs of their own: a step that is `ahead` pairs further on is 2^finer times as many pairs of these
+   !> intervals further on.
    subroutine draw_one(d, of, nlane, path, pair, even, odd)
       type(integral_draws), intent(in) :: d
       type(normal_stream), intent(in) :: of
@@ -248,18 +281,22 @@ contains
          call scaled_normal_pairs(nlane, of, path, pair, even, odd)
          return
       end if
+      ! Where intervals are finer than steps every lane needs a draw of its own. All its pairs are even, or all are
+      ! odd, since they lie a multiple of two apart.
       finer = d%refine + max(of%level - 1, 0)
       at = pair + ishft(d%ahead, finer)
       if (finer > 0) then
          call scaled_pairs_at(nlane, of, path, at, even, odd)
       else
+         ! Else neighbouring lanes have their numbers from the same draw, which is made once.
          noises = of%noise
          call share_draws(nlane, padded(int(at(nlane)/2 - at(1)/2) + 1))
       end if
 
    contains
 
-      !> Neighbouring pairs have their numbers from one draw, those of longer intervals have one for several lanes.
+      !> Make ndraw draws from the first one on, and read each lane's two numbers off its draw: columns 0, 1 of an
+      !> even pair and 2, 3 of an odd one. Where intervals are longer than steps several lanes read the same numbers.
       subroutine share_draws(nlane, ndraw)
          integer, intent(in) :: nlane, ndraw
          integer(i8) :: draws(ndraw)
@@ -267,11 +304,14 @@ contains
          integer :: i, lane
 
          do i = 1, ndraw
+            ! Draw j makes the normals of the pairs 2 j and 2 j + 1.
             draws(i) = at(1)/2 + i - 1
          end do
+         ! Each of them for the one path, whose number stands in every lane.
          call scaled_normals_at(ndraw, of, path(:ndraw), draws, noises(:ndraw), x)
          do lane = 1, nlane
             i = int(at(lane)/2 - at(1)/2) + 1
+            ! An even pair has the first two normals of its draw, an odd one the last two.
             even(lane) = x(i, 2*mod(at(lane), 2_i8))
             odd(lane) = x(i, 2*mod(at(lane), 2_i8) + 1)
          end do

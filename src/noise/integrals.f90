@@ -7,24 +7,32 @@
 !>    W_1 = W/2 + 3/2 H + Z,    W_2 = W - W_1,          Z ~ N(0, |h|/16)
 !>    H_1 = H/4 - Z/2 + N/2,    H_2 = H/4 - Z/2 - N/2,  N ~ N(0, |h|/12)
 !>
+!> This is the law of the halves given (W, H): W_1 has the variance |h|/4 + (9/4) |h|/12 + |h|/16 = |h|/2 that it must
+!> have, and the halves of dZ merge to the whole again, dZ = dZ_1 + dZ_2 + (h/2) W_1.
+!>
 !> A path of which K ~ N(0, |h|/720) is asked for is known by it, too, and N by K:
 !>
 !>    N = 15/2 K + M,   K_1, K_2 = K/8 - M/4 +- D/4,    M ~ N(0, |h|/192),  D ~ N(0, |h|/180)
 !>
-!> and so is one whose areas are drawn in law (base/area_rule): of these K is a part.
-!> J is merged from four quarters of a step (noise/functionals).
+!> and so is one whose areas are drawn in law (base/area_rule): of these K is a part. J is merged from four quarters
+!> of a step (noise/functionals).
 !>
 !> Steps of a discrete law have no shape: dW of that law and areas +-|h|/2 (noise/discrete).
 !>
-!> An area is the sum over 2^n sub-increments of the step, each a parabola with its dW and H, with
-!> 2^n >= tau/(12 |h|) for a time scale tau (model/probe/area_time): its mean-square error |h|^2/(12 2^n) is at most
-!> |h|^3/tau.
+!> An area is the sum over 2^n sub-increments of the step, each a parabola with its dW and H, with 2^n >= tau/(12 |h|)
+!> for a time scale tau (model/probe/area_time): its mean-square error |h|^2/(12 2^n) is at
+!> most |h|^3/tau.
 !>
-!> refine = l > 0: 2^l finer steps, merged as a balanced binary tree; dW has the bits of the source that
-!> makes only dW, and the functionals at refine = l are, bit for bit, what those of h/2 and l-1 merge to.
-!> refine = -l: the coarse step halved l times. Its dW are those of the (W,H) halving, not of the W-only
-!> one of a source that makes only dW: a run is halved on the path of the same scheme. The halvings of a
-!> run at refine = -l are the sub-increments of the areas at refine = 0: one path.
+!> refine = l > 0: 2^l finer steps, merged as a balanced binary tree; dW has the bits of the source that makes only
+!> dW, and the functionals at refine = l are, bit for bit, what those of h/2 and l-1 merge to.
+!> refine = -l: the coarse step halved l times. Its dW are those of the (W,H) halving, not of the W-only one of a
+!> source that makes only dW: a run is halved on the path of the same scheme. The halvings of a run at refine = -l are
+!> the sub-increments of the areas at refine = 0: one path.
+!>
+!> A step goes through these procedures: fill_pair asks for its finest intervals (finest_pair), which are drawn
+!> (draw_shapes), halved down to the step where refine < 0 (descend), and get their functionals (complete), by halving
+!> further where their shape does not tell all (merge_halves); where refine > 0 they are merged to the step
+!> (sum_tree).
 module symsde_noise_integrals
    use symsde_base_functionals, only: area_index, nfunctional, path_areas, path_magnus
    use symsde_base_kinds, only: wp, i8
@@ -63,7 +71,8 @@ module symsde_noise_integrals
 
 contains
 
-   !> The steps 2*pair and 2*pair+1 of the run; of a path by itself, those of the pairs that its lanes look ahead to.
+   !> Make the steps 2*pair and 2*pair+1 of the run, with their functionals; of a path by itself, those of the pairs
+   !> that its lanes look ahead to. Two at once, since the two words of a draw make the normals of both.
    subroutine fill_pair(d, nlane, path, pair, even, odd, drawn)
       type(integral_draws), intent(in) :: d
       integer, intent(in) :: nlane
@@ -79,7 +88,8 @@ contains
       end if
    end subroutine fill_pair
 
-   !> One step as the balanced binary tree of 2^refine finer ones.
+   !> Make one step as the balanced binary tree of 2^refine finer ones: partial(l) keeps a complete sum of 2^l of them
+   !> until the next one of its size comes, as a digit waits for a carry.
    subroutine sum_tree(d, nlane, path, step, whole, drawn)
       type(integral_draws), intent(in) :: d
       integer, intent(in) :: nlane
@@ -91,15 +101,19 @@ contains
       integer :: level
       real(wp) :: fine
 
+      ! Length of a finest interval, with its sign.
       fine = d%h/2.0_wp**d%refine
+      ! Draws come in pairs, of which the step has 2^(refine-1), numbered through the run.
       first = step*2_i8**(d%refine - 1)  ! pairs of draws
       do i = 0, 2_i8**(d%refine - 1) - 1
+         ! A sum of many draws may be left between any two of them.
          if (associated(d%interrupt)) call d%interrupt%after_part()
          call finest_pair(d, nlane, path, first + i, fine, even, odd, drawn)
          if (d%is_left()) return
          call merge_intervals(nlane, d%nnoise, even, odd, whole)
          carry = i
          level = 1
+         ! Levels above the first: as many ones as the number i ends with.
          do while (mod(carry, 2_i8) == 1)  ! two complete sums of one size make one of the next
             left = partial(level)
             odd = whole
@@ -111,7 +125,8 @@ contains
       end do
    end subroutine sum_tree
 
-   !> The finest intervals 2*pair and 2*pair+1, of the given length.
+   !> Make the finest intervals 2*pair and 2*pair+1, of the given length: the steps themselves at refine <= 0. At
+   !> refine < 0 their coarse interval is drawn, 2^level times as long, in which the pair has the number pair/2^level.
    subroutine finest_pair(d, nlane, path, pair, length, even, odd, drawn)
       type(integral_draws), intent(in) :: d
       integer, intent(in) :: nlane
@@ -127,16 +142,19 @@ contains
          return
       end if
       level = max(-d%refine, 0)
+      ! Which two intervals these are, for those who draw what halves them.
       call number_pair(first, second, level, pair, length)
       call draw_shapes(d, nlane, path, pair/2_i8**level, length*2.0_wp**level, first%shape, second%shape, drawn)
       if (level > 0) call descend(d, nlane, path, pair, first%shape, second%shape, drawn)
+      ! The draws that halve the one and the other are made together.
       if (levels_below(d, length) > 0) &
          call draw_halving(d, nlane, path, pair, level + 1, length, first%u, second%u, drawn)
       call complete(d, nlane, path, first, even, drawn)
       call complete(d, nlane, path, second, odd, drawn)
    end subroutine finest_pair
 
-   !> dW and areas of a discrete law on the finest intervals 2*pair and 2*pair+1.
+   !> Make dW and areas of a discrete law on the finest intervals 2*pair and 2*pair+1: values of variance one first,
+   !> in the place of dW and of the areas, and their scales sqrt|h| and |h|/2 at the end.
    subroutine discrete_pair(d, nlane, path, pair, length, even, odd, drawn)
       type(integral_draws), intent(in) :: d
       integer, intent(in) :: nlane
@@ -148,6 +166,7 @@ contains
       integer(i8), allocatable :: ahead(:)  ! none but of a path by itself
       integer :: k, l, kl
 
+      ! A pair of steps further on is 2^refine pairs of draws further on.
       if (allocated(d%ahead)) ahead = 2_i8**d%refine*d%ahead
       call new_path_interval(even, nlane, d%nnoise, length, d%asked)
       call new_path_interval(odd, nlane, d%nnoise, length, d%asked)
@@ -169,6 +188,7 @@ contains
             drawn = drawn + 2
          end do
       end do
+      ! The scale comes last, one product for all noises.
       even%w = sqrt(abs(length))*even%w
       odd%w = sqrt(abs(length))*odd%w
       if (.not. d%asked%has(path_areas)) return
@@ -176,7 +196,8 @@ contains
       odd%of(path_areas)%x = (0.5_wp*abs(length))*odd%of(path_areas)%x
    end subroutine discrete_pair
 
-   !> dW, H, K and the rest of the areas of the finest intervals 2*pair and 2*pair+1.
+   !> Draw dW, H, K and the rest of the areas, each (nlane, nnoise), of the intervals 2*pair and 2*pair+1 from which a
+   !> run starts: the finest ones at refine >= 0, the coarse ones that are halved at refine < 0.
    subroutine draw_shapes(d, nlane, path, pair, length, even, odd, drawn)
       type(integral_draws), intent(in) :: d
       integer, intent(in) :: nlane
@@ -195,7 +216,9 @@ contains
       if (d%in_law()) call draw_rests(d, nlane, path, pair, abs(length)/sqrt(20.0_wp), even%rest, odd%rest, drawn)
    end subroutine draw_shapes
 
-   !> The steps 2*pair and 2*pair+1 of a run at refine < 0, from the pair of coarse ones that holds them: halved.
+   !> Find the steps 2*pair and 2*pair+1 of a run at refine < 0, from the pair of coarse intervals that holds them.
+   !> Level by level the one of the two is chosen that holds the pair, lane by lane, and halved: left and right become
+   !> its halves.
    subroutine descend(d, nlane, path, pair, left, right, drawn)
       type(integral_draws), intent(in) :: d
       integer, intent(in) :: nlane
@@ -211,12 +234,15 @@ contains
       at = pair
       if (allocated(d%ahead)) at = at + d%ahead
       do level = 1, -d%refine
+         ! Halvings that are left: an interval of this level has 2^longer pairs of steps.
          longer = -d%refine - level
          odd = mod(at/2_i8**longer, 2_i8) == 1
          call draw_halving(d, nlane, path, pair/2_i8**(longer + 1), level, d%h*2.0_wp**(longer + 1), u1, u2, drawn)
+         ! From here on left is the interval that holds the step, and u1 has the draws that halve it.
          call choose(odd, right%w, left%w)
          call choose(odd, right%hh, left%hh)
          call choose(odd, right%kk, left%kk)
+         ! The same choice for the draws that halve the interval.
          call choose(odd, u2%z, u1%z)
          call choose(odd, u2%n, u1%n)
          call choose(odd, u2%d, u1%d)
@@ -225,7 +251,7 @@ contains
       end do
    end subroutine descend
 
-   !> The second of two in the lanes that are in it; of what is not known there is nothing to choose.
+   !> Choose the second of two in the lanes that are in it; of what is not known there is nothing to choose.
    pure subroutine choose(in_second, second, chosen)
       logical, intent(in) :: in_second(:)                         !! (nlane)
       real(wp), allocatable, intent(in) :: second(:, :)           !! (nlane, nnoise)
@@ -243,12 +269,13 @@ contains
       type(integral_draws), intent(in) :: d
       real(wp), intent(in) :: length
 
+      ! dW, dZ and K want no halving.
       levels_below = 0
       if (d%asked%has(path_areas)) levels_below = d%areas%levels(length)
       if (d%asked%has(path_magnus)) levels_below = max(levels_below, magnus_levels)
    end function levels_below
 
-   !> An interval with its functionals. Those that its shape determines are not halved for.
+   !> Make an interval with its functionals. Those that its shape determines are not halved for.
    subroutine complete(d, nlane, path, known, interval, drawn)
       type(integral_draws), intent(in) :: d
       integer, intent(in) :: nlane
@@ -259,17 +286,22 @@ contains
       type(path_interval) :: whole
       integer :: last
 
+      ! dZ, K and, where they are drawn in law, areas: the shape says all of them.
       call finest_interval(d, nlane, known%length, known%shape, interval)
       last = known%level + levels_below(d, known%length)
+      ! No functional wants more than the shape.
       if (last == known%level) return
       call merge_halves(d, nlane, path, last, known, whole, drawn)
       if (d%is_left()) return
+      ! dZ and K are those of the shape; the merged ones are the same to rounding.
       if (d%asked%has(path_areas) .and. .not. d%in_law()) &
          call move_alloc(whole%of(path_areas)%x, interval%of(path_areas)%x)
       if (d%asked%has(path_magnus)) call move_alloc(whole%of(path_magnus)%x, interval%of(path_magnus)%x)
    end subroutine complete
 
-   !> Functionals of an interval from those of its halves, down to the last level.
+   !> Make the functionals of an interval from those of its halves, down to the last level. Where levels_unseen + 1
+   !> levels lie below it looks whether the draws are to be left: often enough to be left soon, and rare beside the
+   !> work.
    recursive subroutine merge_halves(d, nlane, path, last, known, whole, drawn)
       type(integral_draws), intent(in) :: d
       integer, intent(in) :: nlane
@@ -284,11 +316,13 @@ contains
       if (last - known%level == levels_unseen + 1) call d%look()
       if (d%is_left()) return
       call number_pair(first, second, known%level + 1, known%index, known%length/2)
+      ! The draws of this halving were made together with those of its neighbour, by whoever came here.
       call halve(known%shape, known%u, first%shape, second%shape)
       if (first%level == last) then
          call finest_interval(d, nlane, first%length, first%shape, left)
          call finest_interval(d, nlane, second%length, second%shape, right)
       else
+         ! The halves are halved in turn: their draws are made here, for both at once.
          call draw_halving(d, nlane, path, known%index, first%level + 1, first%length, first%u, second%u, drawn)
          call merge_halves(d, nlane, path, last, first, left, drawn)
          call merge_halves(d, nlane, path, last, second, right, drawn)
@@ -298,7 +332,7 @@ contains
       whole%w = known%shape%w  ! the sum of the halves to rounding
    end subroutine merge_halves
 
-   !> The intervals 2*pair and 2*pair+1 of a level.
+   !> Number the intervals 2*pair and 2*pair+1 of a level.
    pure subroutine number_pair(even, odd, level, pair, length)
       type(known_interval), intent(out) :: even, odd
       integer, intent(in) :: level
@@ -313,7 +347,7 @@ contains
       odd%length = length
    end subroutine number_pair
 
-   !> What the shape says of an interval.
+   !> Make an interval of what its shape says: dW itself, and each functional by its formula.
    subroutine finest_interval(d, nlane, length, shape, interval)
       type(integral_draws), intent(in) :: d
       integer, intent(in) :: nlane
@@ -330,12 +364,14 @@ contains
       end do
    end subroutine finest_interval
 
-   !> The two halves of an interval.
+   !> Halve an interval by the formulas at the head. u%n is N, or M where K is known: N = 15/2 K + M has its first
+   !> part added to H_1 and H_2 as (15/4) K.
    pure subroutine halve(whole, u, left, right)
       type(path_shape), intent(in) :: whole
       type(halving_draws), intent(in) :: u
       type(path_shape), intent(out) :: left, right
 
+      ! The second half has what the first one leaves of the whole, in every bit of dW.
       left%w = 0.5_wp*whole%w + 1.5_wp*whole%hh + u%z
       right%w = whole%w - left%w
       left%hh = 0.25_wp*whole%hh - 0.5_wp*u%z
@@ -349,7 +385,8 @@ contains
       left%kk = left%kk + 0.25_wp*u%d
    end subroutine halve
 
-   !> The draws of the halvings of the intervals 2*pair and 2*pair+1 of one length.
+   !> Draw Z, N or M, and D for the halvings of the intervals 2*pair and 2*pair+1 of one length. The level keeps the
+   !> halvings of intervals of different lengths apart.
    subroutine draw_halving(d, nlane, path, pair, level, length, even, odd, drawn)
       type(integral_draws), intent(in) :: d
       integer, intent(in) :: nlane, level                 !! level of this halving, from 1
@@ -359,6 +396,7 @@ contains
       integer(i8), intent(inout) :: drawn
       real(wp) :: parts
 
+      ! Of |h|: the variance of N, and that of M where K is known.
       parts = 12
       call draw(d, normal_stream(level=level, purpose=purpose_halving, scale=sqrt(abs(length)/16)), nlane, path, pair, &
                 even%z, odd%z, drawn)

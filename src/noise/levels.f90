@@ -1,7 +1,12 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> Gaussian increments of one noise at other levels than that of one draw a step: sums of finer ones, or coarser ones
-!> halved by the Brownian bridge. Increments of several steps are made at once, so that words of a draw are not left
-!> over, and few paths fill the lanes of the generator with steps.
+!> Gaussian increments of one noise at other levels than that of one draw a step:
+!>
+!>    finer    dW = sum of 2^l draws N(0, h/2^l), as a balanced binary tree: (x1 + x2) + (x3 + x4), ..
+!>    coarser  W_1 = W/2 + e, W_2 = W - W_1 with e ~ N(0, H/4), from an increment W over H; once for every level
+!>
+!> Increments of several steps are made at once, so that words of a draw are not left over, and few paths fill the
+!> lanes of the generator with steps. The tree is the same however many leaves are drawn at a time, since sums of
+!> complete subtrees are kept until their neighbour is there (carry).
 module symsde_noise_levels
    use symsde_base_interrupt, only: interrupt_type
    use symsde_base_kinds, only: wp, i8
@@ -29,6 +34,7 @@ module symsde_noise_levels
 contains
 
    !> Whether the sums are to be left, asked for each of their parts: then nothing that was made of them may be used.
+   !> A sum of 2^30 draws takes a while, and whoever waits may stop it.
    logical function is_left(self)
       class(normals_of), intent(in) :: self
 
@@ -38,8 +44,10 @@ contains
       is_left = self%interrupt%wanted
    end function is_left
 
-   !> dW of nstep steps, an even number from an even one on: the sum of 2^refine draws at step h/2^refine each, added as
-   !> a balanced binary tree.
+   !> dW (nlane, nstep) of an even number of steps from an even one on: the sum of 2^refine draws at step h/2^refine
+   !> each, added as a balanced binary tree. 2^levels neighbours are summed at once in `fine`; where refine is larger
+   !> these sums are leaves of a tree of refine - levels further levels, where it is smaller several steps are made at
+   !> once.
    subroutine sum_finer(self, nlane, first, nstep, refine, h, dw, drawn)
       type(normals_of), intent(in) :: self
       integer, intent(in) :: nlane, nstep
@@ -53,41 +61,50 @@ contains
       integer(i8) :: i
       integer :: levels, step, count, n, level
 
+      ! The lowest levels of the tree, in one array.
       levels = min(refine, levels_at_once(self))
+      ! Standard deviation of a leaf.
       scale = sqrt(h/2.0_wp**refine)
       allocate (fine(nlane, 0:2**levels_at_once(self) - 1), partial(nlane, refine - levels))
       do step = 0, nstep - 1, 2**(levels_at_once(self) - levels)
          count = min(2**(levels_at_once(self) - levels), nstep - step)
          do i = 0, 2_i8**(refine - levels) - 1
+            ! An interrupt is looked for in each part; dw is not used then.
             if (self%is_left()) return
+            ! So many draws are added at once: of one part of a step, or of `count` whole steps.
             n = count*2**levels
             call draw_steps(self, nlane, (first + step)*2_i8**refine + i*n, n, 0, scale, fine)
             drawn = drawn + n
+            ! After each level half as many sums are left, in the first columns of `fine`.
             do level = 1, levels
                n = n/2
                call add_pairs(nlane, n, fine)
             end do
+            ! The first column of `fine` is the sum of this part of the step, a leaf of the tree above.
             if (refine > levels) call carry(nlane, i, partial, fine)
          end do
          dw(:, step:step + count - 1) = fine(:, :count - 1)
       end do
    end subroutine sum_finer
 
-   !> Levels of fine increments that are summed at once: those of few paths fill the lanes of the generator, four a
-   !> lane, those of many what is drawn of them at once.
+   !> Levels of fine increments that are summed at once. Those of few paths fill the lanes of the generator, four
+   !> increments a lane; of many paths eight increments are drawn at once.
    pure integer function levels_at_once(self) result(levels)
       type(normals_of), intent(in) :: self
 
+      ! Eight increments are the four pairs that the generator makes of two draws.
       levels = 3
       if (self%nreal > lane_unit) return
       levels = 8
+      ! 2^(levels - 2) draws of each path are as many lanes, of which there are most_ahead.
       do while (self%nreal*2**(levels - 2) > most_ahead)
          levels = levels - 1
       end do
    end function levels_at_once
 
-   !> Like a carry in binary counting: two complete sums of one size make one of the next. The i-th sum stands in x,
-   !> then the one that it completes.
+   !> Add the i-th sum x (nlane) to the tree, i from 0, like a carry in binary counting: two complete sums of one size
+   !> make one of the next. partial(:, l) holds the sum of 2^(l-1) leaves that waits for its neighbour. On return x is
+   !> the largest sum that the i-th one has completed: the whole, after the last.
    pure subroutine carry(nlane, i, partial, x)
       integer, intent(in) :: nlane
       integer(i8), intent(in) :: i
@@ -98,14 +115,19 @@ contains
       left = i
       level = 1
       do while (mod(left, 2_i8) == 1)
+         ! The earlier sum stands on the left, as in every pair of the tree.
          x = partial(:, level) + x
          left = left/2
          level = level + 1
       end do
+      ! The sum of all has no neighbour to wait for.
       if (level <= size(partial, 2)) partial(:, level) = x
    end subroutine carry
 
-   !> dW of nstep steps from any one on: the increments at step 2^level h, halved once for every level.
+   !> dW (nlane, nstep) of steps from any one on: the increments at step 2^level h, halved once for every level. Of
+   !> each level no more intervals are kept than those that hold the wanted steps, from low to high. x holds
+   !> increments of the level from the interval `base` on, and e the normals that halve them, from the interval `from`
+   !> on: draws make four intervals at a time.
    subroutine halve_coarser(self, nlane, first, nstep, levels, h, dw, drawn)
       type(normals_of), intent(in) :: self
       integer, intent(in) :: nlane, nstep
@@ -119,22 +141,28 @@ contains
       integer(i8) :: base, from, low, high  ! steps of a level: of x(:, 0), of e(:, 0), first and last wanted
       integer :: level, n, i
 
+      ! Intervals that hold nstep steps, rounded down and up to multiples of four.
       allocate (x(nlane, 0:nstep + 7), e(nlane, 0:nstep + 7), halves(nlane, 0:nstep + 7))
+      ! The longest intervals: which of them hold the steps, and their increments.
       coarse = h*2.0_wp**levels
       low = first/2_i8**levels
       high = (first + nstep - 1)/2_i8**levels
       base = low - mod(low, 4_i8)
+      ! From a multiple of four on to the last wanted one, in whole draws.
       n = fours(high - base + 1)
       call draw_steps(self, nlane, base, n, 0, sqrt(coarse), x)
       do level = 1, levels
+         ! Interval j of this level becomes the intervals 2 j and 2 j + 1 of the next.
          from = low - mod(low, 4_i8)
          n = fours(high - from + 1)
          call draw_steps(self, nlane, from, n, level, 0.5_wp*sqrt(coarse), e)
          do i = 0, int(high - low)
+            ! The standard deviation of e is sqrt(H)/2 for the interval of length H that is halved.
             call halve(nlane, x(1, low + i - base), e(1, low + i - from), halves(1, 2*i), halves(1, 2*i + 1))
          end do
          call move_alloc(halves, x)
          allocate (halves(nlane, 0:nstep + 7))
+         ! Indices of the next level. Of its intervals the first and the last may not be wanted.
          base = 2*low
          low = first/2_i8**(levels - level)
          high = (first + nstep - 1)/2_i8**(levels - level)
@@ -144,15 +172,15 @@ contains
       drawn = drawn + nstep  ! one a step in the long run: 1 + 1 + 2 + 4 + .. for 2^levels of them
    end subroutine halve_coarser
 
-   !> So many, in fours.
+   !> n rounded up to a multiple of four, the intervals of a draw.
    pure integer function fours(n)
       integer(i8), intent(in) :: n
 
       fours = 4*int((n + 3)/4)
    end function fours
 
-   !> N(0, scale^2) of nstep steps from `first` on, both multiples of four: level 0 are increments, level l those of the
-   !> bridge.
+   !> Draw N(0, scale^2) of nstep steps from `first` on, both multiples of four, into x (nlane, nstep). Level 0 are
+   !> increments, level l those of the bridge, with a purpose of their own: they share no draw.
    subroutine draw_steps(self, nlane, first, nstep, level, scale, x)
       type(normals_of), intent(in) :: self
       integer, intent(in) :: nlane, nstep, level
@@ -162,7 +190,9 @@ contains
       type(normal_stream) :: of
       integer :: i, n
 
+      ! The level is a word of the counter: at half the step a run goes one level further down the same bridge.
       of = normal_stream(self%seed, self%noise, level, merge(purpose_increment, purpose_bridge, level == 0), scale)
+      ! A vector of paths or fewer: lanes are filled with steps, as many as there are lanes for. Else lanes are paths.
       if (self%nreal <= lane_unit) then
          do i = 0, nstep - 1, 4*(most_ahead/self%nreal)
             n = min(nstep - i, 4*(most_ahead/self%nreal))
@@ -176,7 +206,8 @@ contains
       end if
    end subroutine draw_steps
 
-   !> The same of few paths: every four steps of a path are a lane of the generator.
+   !> The same of few paths: every four steps of a path are a lane of the generator, and paths change fastest, lane (i
+   !> - 1) nreal + j for draw i of path j.
    subroutine draw_few(self, of, nlane, first, nstep, x)
       type(normals_of), intent(in) :: self
       type(normal_stream), intent(in) :: of
@@ -187,6 +218,7 @@ contains
       integer :: noises(most_ahead), n, i
       real(wp) :: drawn(4*most_ahead)
 
+      ! As many lanes as four steps of every path need, rounded up to whole vectors.
       n = padded(self%nreal*(nstep/4))
       noises = self%noise
       do i = 1, n  ! a full vector: the last ones are not used
@@ -199,7 +231,7 @@ contains
 
    ! ---- kernels ----------------------------------------------------------------------------------
 
-   !> From lanes of the generator to those of the block.
+   !> Move numbers from lanes of the generator, (n, 4), to those of the block; padding repeats the last real path.
    pure subroutine spread(n, nreal, nlane, nstep, drawn, x)
       integer, intent(in) :: n, nreal, nlane, nstep
       real(wp), intent(in) :: drawn(n, 0:3)
@@ -208,12 +240,14 @@ contains
 
       do step = 0, nstep - 1
          do lane = 1, nlane
+            ! Lane and column of the generator that hold this step of this path.
             x(lane, step) = drawn((step/4)*nreal + min(lane, nreal), mod(step, 4))
          end do
       end do
    end subroutine spread
 
-   !> Sums of two neighbours in place of them, n of them.
+   !> Put the sums of two neighbours in the place of both, n of them: the next level of the tree, in the first n
+   !> columns.
    pure subroutine add_pairs(nlane, n, x)
       integer, intent(in) :: nlane, n
       real(wp), intent(inout) :: x(nlane, 0:2*n - 1)
@@ -234,6 +268,7 @@ contains
       integer :: lane
 
       do lane = 1, nlane
+         ! The second half is the rest, so that both add up to w to rounding.
          one(lane) = 0.5_wp*w(lane) + e(lane)
          two(lane) = w(lane) - one(lane)
       end do

@@ -9,9 +9,21 @@
 !>    the first makes the radius, r = sqrt(-2 log u), u = (k + 1/2)/2**32
 !>    the second the angle: bits 1 .. 30 within a quarter turn, bits 31 and 0 the signs of the two normals
 !>
-!> A law on 2**64 points a pair; only in its tail would it be coarse, and end at 6.8. So a radius with
-!> k < 2**12, one pair in 2**20, takes 32 further bits from a draw of its own:
-!> u = (2**32 k + k' + 1/2)/2**64, up to r = 9.5. Half as many words, and half the time, as with 64 bits
+!> With phi in (-pi/4, pi/4) the angle within the first quarter turn is pi/4 + phi, and
+!>
+!>    x_even = +- r/sqrt(2) (cos phi - sin phi),    x_odd = +- r/sqrt(2) (cos phi + sin phi),
+!>
+!> so that sine and cosine are polynomials on this short interval and no quadrant is looked up: the two signs, each a
+!> bit of the word, turn the first quarter into the four. The logarithm takes u = 2**e m apart by its bits and sums
+!> the series of log m = 2 artanh((m - 1)/(m + 1)).
+!>
+!> A law on 2**64 points a pair; only in its tail would it be coarse, and end at 6.8. So a radius with k < 2**12, one
+!> pair in 2**20, takes 32 further bits from a draw of its own: u = (2**32 k + k' + 1/2)/2**64, up to r = 9.5. Half as
+!> many words, and half the time, as with 64 bits for each uniform.
+!>
+!> Procedures differ in what lanes are: paths in one pair of steps (scaled_normal_pairs), paths in several
+!> (scaled_normal_column), or any paths, draws and noises (scaled_normals_at, scaled_pairs_at). All give a path and a
+!> step the same numbers.
 !> for each uniform.
 module symsde_noise_normal
    use symsde_base_kinds, only: wp, i4, i8
@@ -72,10 +84,12 @@ contains
       real(wp), intent(out) :: even(nlane)     !! N(0,1)
       real(wp), intent(out) :: odd(nlane)      !! N(0,1), independent of even
 
+      ! Standard deviation one, the default of a stream.
       call scaled_normal_pairs(nlane, normal_stream(seed, noise, level, purpose), path, pair, even, odd)
    end subroutine normal_pairs
 
-   !> Those of a stream.
+   !> The same of a stream: N(0, scale^2) of its noise, level and purpose. Two of the four words of a draw are used,
+   !> those of this pair; tiles of philox_tile lanes keep words and normals in cache.
    subroutine scaled_normal_pairs(nlane, of, path, pair, even, odd)
       integer(i4), intent(in) :: nlane
       type(normal_stream), intent(in) :: of
@@ -98,7 +112,7 @@ contains
       end do
    end subroutine scaled_normal_pairs
 
-   !> Those of npair pairs of fine steps from an even pair on, into the column of w that belongs to their noise.
+   !> The same of npair pairs of fine steps from an even pair on, into the column of w that belongs to their noise.
    subroutine scaled_normal_steps(nlane, of, path, pair, npair, nnoise, w)
       integer(i4), intent(in) :: nlane
       type(normal_stream), intent(in) :: of    !! of noise 1 .. nnoise
@@ -112,6 +126,7 @@ contains
    end subroutine scaled_normal_steps
 
    !> The same into one column of several, with which x begins: the way of long runs, in which no word is left over.
+   !> Four pairs are two draws, which the generator makes in one pass.
    subroutine scaled_normal_column(nlane, of, path, pair, npair, ncolumn, x)
       integer(i4), intent(in) :: nlane
       type(normal_stream), intent(in) :: of
@@ -126,9 +141,11 @@ contains
 
       first = 1
       do while (first <= nlane)
+         ! The pass wants paths of one tile that share their high bits, which all do but in a block across 2^32.
          n = neighbours(min(philox_tile, nlane - first + 1), path(first))
          call philox_two_lanes(n, of%seed, path(first), ishft(path(first), -32), pair/2, of%noise, of%level, &
                                of%purpose, words)
+         ! words(:, :, j) are the words of radius and angle of pair j, of which two make a draw.
          do j = 0, npair - 1
             call normal_pair_lanes(n, words(1, 1, j), words(1, 2, j), of%scale, x(first + 2*j*nlane*ncolumn), &
                                    x(first + (2*j + 1)*nlane*ncolumn), tails)
@@ -141,8 +158,8 @@ contains
       end do
    end subroutine scaled_normal_column
 
-   !> How many of these lanes, from the first one on, have paths that differ in their low 32 bits alone: all of
-   !> them, but in one block of 2**24.
+   !> How many of these lanes, from the first one on, have paths that differ in their low 32 bits alone: all of them,
+   !> but in one block of 2**24. High bits that differ are gathered over all lanes first, without a branch.
    pure integer(i4) function neighbours(nlane, path)
       integer(i4), intent(in) :: nlane
       integer(i8), intent(in) :: path(nlane)
@@ -178,6 +195,7 @@ contains
       do j = 0, 2, 2
          call normal_pair_lanes(nlane, words(1, j + 1), words(1, j + 2), of%scale, x(1, j), x(1, j + 1), tails)
          if (.not. tails) cycle
+         ! Each lane may be of another noise, so their tails are looked at one by one.
          do lane = 1, nlane
             own = of
             own%noise = noise(lane)
@@ -197,6 +215,7 @@ contains
       integer(i4) :: noises(nlane), word
       logical :: tails
 
+      ! One draw makes the normals of two pairs; each lane takes those of its own pair.
       draw = pair/2
       noises = of%noise
       word = 1 + 2*int(mod(pair(1), 2_i8))
@@ -205,7 +224,7 @@ contains
       if (tails) call mend_tails(nlane, of, path, draw, word, words(1, word), words(1, word + 1), even, odd)
    end subroutine scaled_pairs_at
 
-   !> The pairs whose radius lies in the tail once more, with the further bits of their draw.
+   !> Make the pairs whose radius lies in the tail once more, with the further bits of their draw. The angle stays.
    subroutine mend_tails(nlane, of, path, draw, word, radius, angle, even, odd)
       integer(i4), intent(in) :: nlane
       type(normal_stream), intent(in) :: of
@@ -219,6 +238,7 @@ contains
 
       do lane = 1, nlane
          if (radius(lane) >= tail_words) cycle
+         ! The draw with the same counter but for its purpose: 32 more bits below those of the radius.
          call philox_lanes(1, of%seed, path(lane), draw(lane), of%noise, of%level, of%purpose + tail_purpose, words)
          call normal_pair(real(ishft(radius(lane), 32) + words(1, word), wp) + 0.5_wp, 64, angle(lane), of%scale, &
                           even(lane), odd(lane), size)
@@ -234,6 +254,7 @@ contains
       integer(i4) :: lane
 
       do lane = 1, nlane
+         ! Two words to a uniform.
          u1(lane) = open_uniform(words(lane, 1), words(lane, 2))
          u2(lane) = open_uniform(words(lane, 3), words(lane, 4))
       end do
@@ -253,8 +274,11 @@ contains
 
       largest = 0
       do lane = 1, nlane
+         ! k + 1/2 without a conversion: the bits of k are the last ones of a number in [2**52, 2**53), which is taken
+         ! off.
          call normal_pair(transfer(ior(radius(lane), big_bits), 0.0_wp) - (big - 0.5_wp), 32, angle(lane), scale, &
                           even(lane), odd(lane), size)
+         ! One number for all lanes, compared at the end, instead of a test in each.
          largest = max(largest, size)
       end do
       tails = largest > scale*tail_size
@@ -271,11 +295,14 @@ contains
       real(wp), intent(out) :: size            !! scale r/sqrt(2)
       real(wp) :: y, z, cosine, sine
 
+      ! r/sqrt(2) = sqrt(-log u), and 1/sqrt(2) is the factor of cos and sin below.
       size = scale*sqrt(minus_log(x, bits))
+      ! An odd number of 31 bits less 2**30, so that phi never vanishes and its law is symmetric.
       y = transfer(ior(iand(angle, inner_bits), big_bits + 1), 0.0_wp) - (big + 2.0_wp**30)
       z = y*y
       sine = y*(s1 + z*(s2 + z*(s3 + z*(s4 + z*(s5 + z*s6)))))
       cosine = 1 + z*(c1 + z*(c2 + z*(c3 + z*(c4 + z*c5))))
+      ! Bit 31 of the word becomes the sign bit of the one, bit 0 that of the other.
       even = with_sign(size*(cosine - sine), ishft(angle, 32))
       odd = with_sign(size*(cosine + sine), ishft(angle, 63))
    end subroutine normal_pair
@@ -289,9 +316,11 @@ contains
       real(wp) :: e, f, s, z
       integer(i8) :: pattern
 
+      ! Adding this to the bits of x carries into the exponent where the mantissa is sqrt(2) or more.
       pattern = transfer(x, 0_i8) + (one_bits - root_bits)  ! its exponent field is e + 1023
       e = transfer(ior(ishft(pattern, -52), big_bits), 0.0_wp) - (big + 1023 + bits)
       f = transfer(iand(pattern, fraction_bits) + root_bits, 0.0_wp) - 1
+      ! One division; |s| <= 3 - sqrt(8), where the odd polynomial is good to 2**-45.
       s = f/(2 + f)
       z = s*s
       minus_log = -ln2*e - s*(2 + z*(l1 + z*(l2 + z*(l3 + z*(l4 + z*l5)))))

@@ -52,6 +52,7 @@ contains
 
       call round_keys(seed, k)
       call multipliers(m)
+      ! What all lanes share of the counter; the low word of the path is what differs.
       high_draw = ishft(ishft(draw, -32), 16)
       low_draw = iand(draw, low32)
       tag = tag_of(noise, level, purpose)
@@ -145,7 +146,7 @@ contains
       end do
    end subroutine philox_lanes_at
 
-   !> The fourth word of the counter.
+   !> The fourth word of the counter, noise + 2**20 level + 2**26 purpose.
    pure integer(i8) function tag_of(noise, level, purpose)
       integer(i4), intent(in) :: noise, level, purpose
 
@@ -162,7 +163,11 @@ contains
       m = hidden
    end subroutine multipliers
 
-   !> One round on one lane; -fwrapv makes the products the low 64 bits of the unsigned ones.
+   !> One round on one lane, with hi and lo the halves of a product of 64 bits:
+   !>
+   !>    (c1, c2, c3, c4) <- (hi(m2 c3) xor c2 xor k1,  lo(m2 c3),  hi(m1 c1) xor c4 xor k2,  lo(m1 c1))
+   !>
+   !> -fwrapv makes the products the low 64 bits of the unsigned ones, and both halves are shifted out of them.
    pure subroutine one_round(m1, m2, k1, k2, c1, c2, c3, c4)
       integer(i8), intent(in) :: m1, m2                !! the two multipliers
       integer(i8), intent(in) :: k1, k2                !! the keys of this round
@@ -183,6 +188,7 @@ contains
       integer(i8), intent(out) :: k(nround, 2)   !! each 0 .. 2**32-1
       integer :: round
 
+      ! Advanced once for each round, as the published generator does after it.
       k(1, 1) = iand(seed, low32)
       k(1, 2) = ishft(seed, -32)
       do round = 2, nround
@@ -218,6 +224,8 @@ contains
       integer(i8), intent(out) :: high, low
       integer(i8) :: upper, lower
 
+      ! a b = a b_low + 2**16 a b_high: both products fit into the 63 bits of an integer, and so does the carry
+      ! between them.
       lower = a*iand(b, low16)                    ! below 2**48
       upper = a*ishft(b, -16) + ishft(lower, -16)  ! below 2**49; weighs 2**16
       high = ishft(upper, -16)

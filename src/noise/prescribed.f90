@@ -2,9 +2,16 @@
 !> Increments given by the user, one row a step; with refine = l > 0, 2^l finer rows a step, added as a tree.
 !>
 !> Schemes that need functionals of the path need them beside the increments, as columns of their own: dW_1 .. dW_m,
-!> dZ_1 .. dZ_m, and K_1 .. K_m of each row; or finer rows: the path is then the polygon through them,
-!> whose functionals are exact (the mean-square error against the Brownian path is h^3/(12 4^l) in dZ and
-!> h^2/(4 2^l) in an area). Finer rows with columns of their own merge to those of the step.
+!> dZ_1 .. dZ_m, and K_1 .. K_m of each row; or finer rows: the path is then the polygon through them, whose
+!> functionals are exact (the mean-square error against the Brownian path is h^3/(12 4^l) in dZ and h^2/(4 2^l) in an
+!> area). Finer rows with columns of their own merge to those of the step.
+!>
+!> Row r of the array belongs to the absolute steps from first_step on: step n has the rows
+!>
+!>    (n - first_step) 2^l + 1  ..  (n - first_step + 1) 2^l.
+!>
+!> Steps are asked for in pairs that are counted from step 0, so a pair may reach over both ends of what is given:
+!> those steps of the store are left as they are.
 module symsde_noise_prescribed
    use symsde_base_functionals, only: nfunctional
    use symsde_base_interrupt, only: interrupt_type
@@ -30,7 +37,8 @@ module symsde_noise_prescribed
 
 contains
 
-   !> A source that reads the user's array; path 1 of it is first_path, its first row is first_step.
+   !> Make a source that reads the user's array; path 1 of it is first_path, its first row is first_step. Nothing is
+   !> copied: the array must live as long as the source.
    subroutine new_prescribed_noise(self, dw, first_path, first_step, refine, h, nnoise)
       type(prescribed_noise), intent(out) :: self
       !> (npath or 1, columns, rows), with nnoise columns of dW, then as many of dZ, then of K, where they are given
@@ -40,7 +48,9 @@ contains
       real(wp), intent(in), optional :: h  !! step of the run, needed for dZ [time]
       integer, intent(in), optional :: nnoise  !! m; all columns are increments if absent
 
+      ! Without functionals no length is needed.
       if (present(h)) self%h = h
+      ! Columns beside the increments are known by m alone, so m must be given with them.
       self%nnoise = size(dw, 2)
       if (present(nnoise)) self%nnoise = nnoise
       self%dw => dw
@@ -51,7 +61,8 @@ contains
       allocate (self%common(self%nnoise), source=.false.)
    end subroutine new_prescribed_noise
 
-   !> What is given is there: no interrupt is looked at.
+   !> Fill the steps of a request from the array. What is given is there, so no interrupt is looked at, and nothing is
+   !> drawn.
    subroutine fill_prescribed(self, request, store, drawn, interrupt)
       class(prescribed_noise), intent(in) :: self
       type(step_request), intent(in) :: request
@@ -65,13 +76,17 @@ contains
       rows = 2_i8**self%refine
       row = (2*request%pair - self%first_step)*rows + 1
       ! steps of this run
+      ! Steps of the request that lie before the first row, or behind the last, are not there. row may be negative.
       first = int(max(0_i8, (rows - row)/rows))
       last = int(min(2_i8*request%npair, (size(self%dw, 3, i8) + 1 - row)/rows)) - 1
+      ! None of these steps is given.
       if (last < first) return
+      ! One row a step and no functional: all steps at once. Else step by step.
       row = row + first*rows
       if (self%asked%is_empty() .and. rows == 1) then
          call take_rows(self, request%nlane, request%path, 1, self%nnoise, row, last - first + 1, 1, &
                         store%w(1, 0, first))
+         ! The bound of a truncated run holds for given increments, too.
          if (self%bound < huge(1.0_wp)) then
             do i = first, last
                call clip_increments(request%nlane*self%nnoise, self%bound, store%w(:, 1:, i))
@@ -79,13 +94,15 @@ contains
          end if
       else
          do i = first, last
+            ! Each step begins with the row behind those of the step before.
             call fill_step(self, request%nlane, request%path, row, rows, i, store)
             row = row + rows
          end do
       end if
    end subroutine fill_prescribed
 
-   !> Increments of one step, and functionals of the polygon through its rows.
+   !> Make the increments of one step, the sum of its rows, and functionals of the polygon through them, truncated as
+   !> those of a Brownian source.
    subroutine fill_step(self, nlane, path, row, rows, i, store)
       class(prescribed_noise), intent(in) :: self
       integer, intent(in) :: nlane, i
@@ -101,6 +118,7 @@ contains
          if (self%bound < huge(1.0_wp)) call clip_increments(nlane*self%nnoise, self%bound, store%w(:, 1:, i))
          return
       end if
+      ! Functionals want the path between the rows, and not their sum alone.
       call polygon(self, nlane, path, row, rows, whole)
       if (self%bound < huge(1.0_wp)) call clip_interval(nlane, self%nnoise, self%bound, whole)
       store%w(:, 1:, i) = whole%w
@@ -109,7 +127,8 @@ contains
       end do
    end subroutine fill_step
 
-   !> Rows row .. row+rows-1 as one interval; a single row without dZ is a straight line: dZ = h dW/2, no area.
+   !> Make one interval of rows row .. row+rows-1, by halves. A single row is known by its dW, and by dZ and K where
+   !> these are given. One without dZ is a straight line: H = 0, so that dZ = h dW/2, and its area is zero.
    recursive subroutine polygon(self, nlane, path, row, rows, whole)
       class(prescribed_noise), intent(in) :: self
       integer, intent(in) :: nlane
@@ -122,18 +141,22 @@ contains
       if (rows > 1) then
          call polygon(self, nlane, path, row, rows/2, left)
          call polygon(self, nlane, path, row + rows/2, rows/2, right)
+         ! The left half comes first, and functionals merge in this order.
          call merge_intervals(nlane, self%nnoise, left, right, whole)
          return
       end if
       call new_path_interval(whole, nlane, self%nnoise, self%h/2.0_wp**self%refine, self%asked)
       hh = 0
+      ! What is not given is zero: no bend beside the straight line.
       kk = 0
       associate (m => self%nnoise)
          call take_rows(self, nlane, path, 1, m, row, 1, 0, whole%w)
          if (size(self%dw, 2) > m) then
+            ! dZ stands in hh first, and H = dZ/h - dW/2 takes its place.
             call take_rows(self, nlane, path, m + 1, m, row, 1, 0, hh)
             hh = hh/whole%length - 0.5_wp*whole%w
          end if
+         ! K is given as it is; without it the row is a parabola, or the line above.
          if (size(self%dw, 2) > 2*m) call take_rows(self, nlane, path, 2*m + 1, m, row, 1, 0, kk)
       end associate
       do f = 1, nfunctional
@@ -142,7 +165,8 @@ contains
       end do
    end subroutine polygon
 
-   !> Sum of rows row .. row+rows-1 as a balanced binary tree, as the Brownian source adds its draws.
+   !> Sum rows row .. row+rows-1 of noise k as a balanced binary tree, as the Brownian source adds its draws:
+   !> increments that it has written out give the same bits when they are read as rows.
    recursive subroutine sum_rows(self, nlane, path, k, row, rows, dw)
       class(prescribed_noise), intent(in) :: self
       integer, intent(in) :: nlane, k
@@ -153,13 +177,15 @@ contains
       if (rows > 1) then
          call sum_rows(self, nlane, path, k, row, rows/2, dw)
          call sum_rows(self, nlane, path, k, row + rows/2, rows/2, right)
+         ! Halves of halves: the tree of noise/levels.
          dw = dw + right
       else
          call take_rows(self, nlane, path, k, 1, row, 1, 0, dw)
       end if
    end subroutine sum_rows
 
-   !> Columns column .. column+n-1 of nrow rows. Neighbours are copied as they stand, others are looked up one by one.
+   !> Copy columns column .. column+n-1 of nrow rows to dw (nlane, n, nrow), behind `lead` columns that are left
+   !> alone. Lanes that are neighbours in the array are copied as they stand, others are looked up one by one.
    subroutine take_rows(self, nlane, path, column, n, row, nrow, lead, dw)
       class(prescribed_noise), intent(in) :: self
       integer, intent(in) :: nlane, column, n, nrow
@@ -170,10 +196,13 @@ contains
       logical :: neighbours
       integer :: i, k, lane
 
+      ! One path in the array serves all lanes.
       place = merge(1_i8, path - self%first_path + 1, size(self%dw, 1) == 1)
+      ! Paths of a block follow each other, but for its padding.
       neighbours = all(place(2:) - place(:nlane - 1) == 1)
       do i = 1, nrow
          from = row + i - 1
+         ! A single path is read number by number.
          if (size(self%dw, 1) == 1 .and. nlane == 1) then
             do k = 1, n
                dw(1, k, i) = self%dw(1, column + k - 1, from)

@@ -1,8 +1,10 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> The abstract noise source: it answers which increments drive these paths in these steps, and which
-!> functionals of the same paths belong to them (base/functionals), where a scheme asked for some.
+!> The abstract noise source: it answers which increments drive these paths in these steps, and which functionals of
+!> the same paths belong to them (base/functionals), where a scheme asked for some.
 !>
-!> The answer is written into a store of steps: w(:,0) is the step size and stays as it is, w(:,k) = dW_k.
+!> The answer is written into a store of steps: w(:,0) is the step size and stays as it is, w(:,k) = dW_k. It is a
+!> function of the path and of the step alone, so that a run can begin at any step, and threads need not talk about
+!> it.
 module symsde_noise_source
    use symsde_base_area_rule, only: area_rule
    use symsde_base_functionals, only: functional_set
@@ -13,6 +15,7 @@ module symsde_noise_source
    private
    public :: noise_type
 
+   !> What all sources have in common. A run fills it in before the first step, and nothing changes it afterwards.
    type, abstract :: noise_type
       integer :: nnoise = 0                  !! m, number of noises
       logical, allocatable :: silent(:)      !! noises for which nothing is drawn: dW_k = 0 (nnoise)

@@ -1,8 +1,11 @@
 ! SPDX-License-Identifier: BSD-3-Clause
 !> Truncated increments (Milstein, Repin, Tretyakov 2002): dW = sqrt(h) clip(xi, +-c), c = sqrt(2 l |ln(h/tau)|).
 !>
-!> E(xi - clip xi)^2 <= (h/tau)^l, so schemes of strong order one want l >= 2. The formula is not free of
-!> units: the time scale tau must be given, and near h = tau it would delete the noise.
+!> E(xi - clip xi)^2 <= (h/tau)^l, so schemes of strong order one want l >= 2. The formula is not free of units: the
+!> time scale tau must be given, and near h = tau it would delete the noise.
+!>
+!> Here stand the numbers alone; the cut is applied in noise/functionals, to the increment of the step in use. The
+!> report of a run says how much of the variance is lost.
 module symsde_noise_truncation
    use symsde_base_kinds, only: wp
    use symsde_base_status, only: error_type, raise, invalid_argument
@@ -15,7 +18,8 @@ module symsde_noise_truncation
 
 contains
 
-   !> The cut c of the standard normal. Refused where c < 3.
+   !> The cut c of the standard normal for the step h. Refused where c < 3, since that many increments would be
+   !> changed, and where l or tau is no number that can be meant.
    subroutine truncation_bound(h, order, tau, cut, error)
       real(wp), intent(in) :: h      !! step size [time]
       real(wp), intent(in) :: order  !! l > 0
@@ -23,6 +27,7 @@ contains
       real(wp), intent(out) :: cut   !! c
       type(error_type), allocatable, intent(inout) :: error
 
+      ! No cut where one is refused.
       cut = 0
       if (.not. (order > 0 .and. order <= 100 .and. tau > 0 .and. tau <= huge(tau))) then
          call raise(error, invalid_argument, 'truncation_bound', 'truncation takes an order l and a time '// &
@@ -48,7 +53,7 @@ contains
       lost_variance = erfc(cut/sqrt(2.0_wp))*(1 - cut**2) + cut*sqrt(2/pi)*exp(-0.5_wp*cut**2)
    end function lost_variance
 
-   !> P(|xi| > c)
+   !> P(|xi| > c), the share of increments that are cut.
    elemental real(wp) function clip_probability(cut)
       real(wp), intent(in) :: cut  !! c
 
