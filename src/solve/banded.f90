@@ -4,8 +4,11 @@
 !>    l_ik = u_ik/u_kk,   u_ij <- u_ij - l_ik u_kj   (k < i <= k + kl, k < j <= k + ku)
 !>
 !> Row i of a lane's matrix A is stored by diagonals: ab(lane, d, i) = A(i, i+d), -kl <= d <= ku.
-!> Entries that would lie outside the matrix are never read. The pivot monitor `smallest` is that
-!> of symsde_solve_elimination. Cost: n kl (ku + 1) multiplications and subtractions a lane.
+!> Entries that would lie outside the matrix are never read. The pivot monitor `smallest` is that of
+!> symsde_solve_elimination. Cost: n kl (ku + 1) multiplications and subtractions a lane.
+!>
+!> Rows are not exchanged, so the factors need no room beside the bands: L takes the place of what it eliminates, U
+!> that of what is left. The diagonal of U holds 1/u_kk, with which rows are multiplied instead of being divided.
 module symsde_solve_banded
    use symsde_base_kinds, only: wp
    use symsde_solve_elimination, only: pivot_ratio
@@ -29,6 +32,7 @@ contains
 
       ! elimination at pivot k first touches row k+kl: the diagonals of kl+1 rows are enough
       do i = 1, min(kl, n)
+         ! The entry of row i as the matrix has it, for the pivot monitor.
          diagonal(:, mod(i, kl + 1)) = ab(:, 0, i)
       end do
       smallest = 1
@@ -43,7 +47,8 @@ contains
       end do
    end subroutine factor_banded_lanes
 
-   !> Solve with the factors of factor_banded_lanes.
+   !> Solve A x = b with the factors of factor_banded_lanes, x (nlane, n) in place: y_i = b_i - sum_j l_ij y_j
+   !> downwards, then x_i = (y_i - sum_j u_ij x_j)/u_ii upwards, each sum over the bands alone.
    subroutine back_substitute_banded_lanes(nlane, n, kl, ku, ab, x)
       integer, intent(in) :: nlane                  !! lanes
       integer, intent(in) :: n                      !! unknowns of a system
@@ -66,7 +71,8 @@ contains
       end do
    end subroutine back_substitute_banded_lanes
 
-   !> Solve the lanes first .. first+width-1 in a compact copy, which stays in cache and keeps ab.
+   !> Solve the lanes first .. first+width-1 in a compact copy, which stays in cache and keeps ab as it is, for LAPACK
+   !> and residuals.
    subroutine solve_banded_strip(nlane, n, kl, ku, first, width, ab, x, smallest, strip, part)
       integer, intent(in) :: nlane                          !! lanes of the block
       integer, intent(in) :: n                              !! unknowns of a system
@@ -82,6 +88,7 @@ contains
       integer :: last, d, i
 
       last = first + width - 1
+      ! Only entries inside the matrix are copied; the corners of the strip stay undefined.
       do i = 1, n
          do d = max(-kl, 1 - i), min(ku, n - i)
             strip(:, d, i) = ab(first:last, d, i)
@@ -95,8 +102,9 @@ contains
       end do
    end subroutine solve_banded_strip
 
-   !> VEC Subtract a multiple of the pivot's row so that the row's first entry vanishes; the multiplier
-   !> takes its place. Two arguments that do not overlap keep the loops free of overlap tests.
+   !> VEC Subtract a multiple of the pivot's row so that the row's first entry vanishes; the multiplier l_ik takes its
+   !> place. Both rows begin with the column of the pivot. Two arguments that do not overlap keep the loops free of
+   !> overlap tests.
    subroutine eliminate_row(nlane, m, pivot_row, row)
       integer, intent(in) :: nlane                     !! lanes
       integer, intent(in) :: m                         !! entries right of the pivot
@@ -105,6 +113,7 @@ contains
       integer :: j, lane
 
       do lane = 1, nlane
+         ! l_ik = u_ik/u_kk, by the inverse.
          row(lane, 0) = row(lane, 0)*pivot_row(lane, 0)
       end do
       do j = 1, m
@@ -114,7 +123,7 @@ contains
       end do
    end subroutine eliminate_row
 
-   !> VEC y = y - sum over j of row(:,j) x(:,j)
+   !> VEC y = y - sum over j of row(:,j) x(:,j), one product after the other in the order of j.
    subroutine subtract_products(nlane, m, row, x, y)
       integer, intent(in) :: nlane             !! lanes
       integer, intent(in) :: m                 !! entries of the row

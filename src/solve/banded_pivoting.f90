@@ -1,14 +1,18 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> LU factors of one banded matrix with row exchanges, made in parts: between them a host may stop a long solve. They
-!> are stored as LAPACK's dgbtrf stores them, so that LAPACK solves with them and estimates their condition.
+!> LU factors P A = L U of one banded matrix with row exchanges, made in parts: between them a host may stop a long
+!> solve. They are stored as LAPACK's dgbtrf stores them, so that LAPACK solves with them and estimates their
+!> condition.
 !>
-!> A(i,j) stands at band(kl+ku+1+i-j, j); the kl rows above are for what the row exchanges fill in.
+!> A(i,j) stands at band(kl+ku+1+i-j, j); the kl rows above are for what the row exchanges fill in. A row of the
+!> matrix runs through `band` from the lower left to the upper right: one column further on is one row further up.
 module symsde_solve_banded_pivoting
    use symsde_base_kinds, only: wp
    implicit none
    private
    public :: banded_factors, new_banded_factors, factor_columns
 
+   !> How far the factorization has come. The numbers themselves are the caller's `band`, which it hands over in each
+   !> call.
    type :: banded_factors
       integer :: n = 0                  !! unknowns
       integer :: kl = 0, ku = 0         !! diagonals below and above the main one
@@ -49,6 +53,7 @@ contains
       real(wp), intent(in) :: work
       integer :: j, k, row, last, below, at
 
+      ! So many columns take about `work` multiplications, each kl + 1 rows of up to kl + ku + 1 entries.
       last = self%n
       associate (column => real(self%kl + 1, wp)*(self%kl + self%ku + 1))
          if (work < column*(self%n - self%done)) last = self%done + max(1, int(work/column))
@@ -64,8 +69,10 @@ contains
             ! A row from below brings its entries right of the band of row j.
             reach = max(reach, min(j + self%ku + at, self%n))
             if (at > 0) call exchange_rows(self, j, at, band)
+            ! l_ij = u_ij/u_jj below the pivot, in place.
             band(middle + 1:middle + below, j) = band(middle + 1:middle + below, j)/band(middle, j)
             do k = j + 1, merge(reach, j, below > 0)
+               ! u_jk, the entry of row j in column k. Where it is zero nothing is subtracted.
                row = middle + j - k
                if (abs(band(row, k)) > 0) &
                   call subtract(below, band(row, k), band(middle + 1, j), band(row + 1, k))
@@ -75,7 +82,8 @@ contains
       end associate
    end subroutine factor_columns
 
-   !> Exchange rows j and j + at, from column j to the last one that exchanges have filled.
+   !> Exchange rows j and j + at, from column j to the last one that exchanges have filled. Multipliers left of column
+   !> j stay where they are, as LAPACK wants them.
    pure subroutine exchange_rows(self, j, at, band)
       type(banded_factors), intent(in) :: self
       integer, intent(in) :: j, at
@@ -85,13 +93,14 @@ contains
 
       do k = j, self%reach
          row = self%kl + self%ku + 1 + j - k
+         ! Entry (j, k) and entry (j + at, k), `at` rows below it in the same column.
          x = band(row, k)
          band(row, k) = band(row + at, k)
          band(row + at, k) = x
       end do
    end subroutine exchange_rows
 
-   !> y = y - factor x
+   !> y = y - factor x, the entries of column k below row j less u_jk times the multipliers.
    pure subroutine subtract(n, factor, x, y)
       integer, intent(in) :: n
       real(wp), intent(in) :: factor, x(n)

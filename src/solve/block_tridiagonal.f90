@@ -20,7 +20,12 @@
 !> positive semidefinite and the stages can be scaled so that C has a positive definite symmetric part, as those of
 !> Gauss schemes: the blocks that are left have one, too, and nothing grows.
 !>
-!> Strips of lanes go through together, as in solve/tridiagonal.
+!> Strips of lanes go through together, as in solve/tridiagonal. Sites may come in several parts, as the rows of K are
+!> found: what one part hands to the next is site_above. The way upwards takes all sites at once.
+!>
+!> The unknowns are corrections d of the stage positions, which are not kept: slopes g are what a stage needs, and
+!> take the correction C d at once. Two and three stages have kernels of their own, with numbers instead of small
+!> matrices.
 module symsde_solve_block_tridiagonal
    use symsde_base_kinds, only: wp
    use symsde_base_traits, only: strip_lanes
@@ -41,7 +46,7 @@ module symsde_solve_block_tridiagonal
 
 contains
 
-   !> Room for s stages.
+   !> Make room for s stages, and begin with nothing above.
    pure subroutine new_site_above(self, s)
       type(site_above), intent(out) :: self
       integer, intent(in) :: s
@@ -50,7 +55,7 @@ contains
       call self%start()
    end subroutine new_site_above
 
-   !> Nothing stands above the first site.
+   !> Begin a chain: nothing stands above the first site, and every lane is trusted.
    pure subroutine start(self)
       class(site_above), intent(inout) :: self
 
@@ -61,7 +66,7 @@ contains
    end subroutine start
 
    !> Eliminate sites first .. last, with residuals g + f and matrices as at the head of this file, after the sites
-   !> above them. f and k hold these sites alone, g, factor and rhs all n.
+   !> above them. f and k hold these sites alone, from 1 to last - first + 1, while g, factor and rhs hold all n.
    pure subroutine eliminate_down_blocks(s, n, first, last, capacity, c, g, f, k, above, factor, rhs)
       integer, intent(in) :: s                                   !! stages: 2 or 3
       integer, intent(in) :: n, first, last                      !! sites
@@ -82,7 +87,8 @@ contains
       end if
    end subroutine eliminate_down_blocks
 
-   !> Solve for d upwards and correct g by C d in running lanes, with the sizes of correction and slopes.
+   !> Solve for d upwards and correct g by C d in running lanes, with the sizes (strip_lanes) of the correction C d
+   !> and of the slopes.
    pure subroutine correct_up_blocks(s, n, c, factor, rhs, last, g, step, size)
       integer, intent(in) :: s, n
       real(wp), intent(in) :: c(s, s), factor(strip_lanes, s, s, n), rhs(strip_lanes, s, n)
@@ -114,10 +120,12 @@ contains
       do i = first, last
          at = i - first + 1
          do lane = 1, strip_lanes
+            ! S_i: the block of this site less E_{i-1} times what the site above has kept.
             a11 = c(1, 1) + k(lane, 0, at, 1) - beside(lane, 1)*above(lane, 1, 1)
             a12 = c(1, 2) - beside(lane, 1)*above(lane, 1, 2)
             a21 = c(2, 1) - beside(lane, 2)*above(lane, 2, 1)
             a22 = c(2, 2) + k(lane, 0, at, 2) - beside(lane, 2)*above(lane, 2, 2)
+            ! The residual g + f of this site, less E_{i-1} r_{i-1}.
             b1 = g(lane, 1, i) + f(lane, at, 1) - beside(lane, 1)*r(lane, 1)
             b2 = g(lane, 2, i) + f(lane, at, 2) - beside(lane, 2)*r(lane, 2)
             det = a11*a22 - a12*a21
@@ -127,6 +135,7 @@ contains
             least = merge(a11, a22, a11 < a22)
             least = merge(least, inverse, least < inverse)
             trusted(lane) = merge(trusted(lane), 0.0_wp, least > 0)
+            ! r_i = S^{-1} b by Cramer's rule.
             r(lane, 1) = (a22*b1 - a12*b2)*inverse
             r(lane, 2) = (a11*b2 - a21*b1)*inverse
             beside(lane, 1) = k(lane, 1, at, 1)
@@ -142,6 +151,7 @@ contains
             factor(lane, 2, 1, i) = above(lane, 2, 1)
             factor(lane, 1, 2, i) = above(lane, 1, 2)
             factor(lane, 2, 2, i) = above(lane, 2, 2)
+            ! For the way upwards.
             rhs(lane, 1, i) = r(lane, 1)
             rhs(lane, 2, i) = r(lane, 2)
          end do
@@ -166,10 +176,12 @@ contains
       rests = last
       do i = n, 1, -1
          do lane = 1, strip_lanes
+            ! d_i = r_i - (S_i^{-1} E_i) d_{i+1}; below the last site d is zero.
             e1 = rhs(lane, 1, i) - (factor(lane, 1, 1, i)*d1(lane) + factor(lane, 1, 2, i)*d2(lane))
             e2 = rhs(lane, 2, i) - (factor(lane, 2, 1, i)*d1(lane) + factor(lane, 2, 2, i)*d2(lane))
             d1(lane) = e1
             d2(lane) = e2
+            ! g <- g - C d_i.
             change1 = c(1, 1)*e1 + c(1, 2)*e2
             change2 = c(2, 1)*e1 + c(2, 2)*e2
             new1 = merge(g(lane, 1, i) - change1, g(lane, 1, i), rests(lane) >= 0)
@@ -187,7 +199,8 @@ contains
       size = extent
    end subroutine correct_pairs
 
-   !> VEC Three stages, as eliminate_pairs.
+   !> VEC Three stages, as eliminate_pairs, with S = (a_pq) of three rows. Its nine minors serve the inverse, the
+   !> determinant and the test: m11, m33, a11 and the determinant are principal minors whose signs are looked at.
    pure subroutine eliminate_triples(n, first, last, capacity, c, g, f, k, above, beside, r, trusted, factor, rhs)
       integer, intent(in) :: n, first, last, capacity
       real(wp), intent(in) :: c(3, 3), g(strip_lanes, 3, n)
@@ -224,11 +237,13 @@ contains
             m31 = a21*a32 - a22*a31
             m32 = a12*a31 - a11*a32
             m33 = a11*a22 - a12*a21
+            ! The determinant by the first row of S.
             inverse = 1/(a11*m11 + a12*m21 + a13*m31)
             least = merge(m11, m33, m11 < m33)
             least = merge(least, a11, least < a11)
             least = merge(least, inverse, least < inverse)
             trusted(lane) = merge(trusted(lane), 0.0_wp, least > 0)
+            ! r_i = S^{-1} b, with the inverse m times 1/det.
             r(lane, 1) = (m11*b1 + m12*b2 + m13*b3)*inverse
             r(lane, 2) = (m21*b1 + m22*b2 + m23*b3)*inverse
             r(lane, 3) = (m31*b1 + m32*b2 + m33*b3)*inverse
@@ -238,6 +253,7 @@ contains
             right2 = beside(lane, 2)*inverse
             beside(lane, 3) = k(lane, 1, at, 3)
             right3 = beside(lane, 3)*inverse
+            ! S^{-1} E: column m of the inverse times E_mm.
             above(lane, 1, 1) = m11*right1
             above(lane, 2, 1) = m21*right1
             above(lane, 3, 1) = m31*right1
@@ -263,7 +279,7 @@ contains
       end do
    end subroutine eliminate_triples
 
-   !> VEC Three stages, as correct_pairs.
+   !> VEC Three stages, as correct_pairs: d_i = r_i - (S_i^{-1} E_i) d_{i+1} upwards, and g <- g - C d_i.
    pure subroutine correct_triples(n, c, factor, rhs, last, g, step, size)
       integer, intent(in) :: n
       real(wp), intent(in) :: c(3, 3), factor(strip_lanes, 3, 3, n), rhs(strip_lanes, 3, n), last(strip_lanes)
@@ -299,6 +315,7 @@ contains
             g(lane, 1, i) = new1
             g(lane, 2, i) = new2
             g(lane, 3, i) = new3
+            ! A NaN passes no comparison, and is taken for the largest from there on.
             change1 = abs(change1) + abs(change2) + abs(change3)
             new1 = abs(new1) + abs(new2) + abs(new3)
             largest(lane) = merge(largest(lane), change1, change1 <= largest(lane))

@@ -1,10 +1,13 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> The linear systems of a block, one per lane: elimination across lanes, LAPACK where it is better.
+!> The linear systems of a block, one per lane, A x = b: elimination across lanes, LAPACK where it is better.
 !>
-!> Small and banded systems are eliminated side by side without pivoting; a lane whose pivots are
-!> not trusted is solved again by LAPACK from the same matrix, which elimination leaves alone.
-!> Dense systems above max_lane_unknowns go to LAPACK one by one. Which way a lane goes depends on
-!> its own numbers only.
+!>    one or two unknowns, dense      closed form (solve/elimination)
+!>    dense up to max_lane_unknowns   A = L U without pivoting, strips of lanes at once (solve/elimination)
+!>    banded                          likewise by bands (solve/banded)
+!>    all others                      LAPACK, lane by lane, with exchanges of rows (solve/lapack)
+!>
+!> A lane whose pivots are not trusted is solved again by LAPACK from the same matrix, which elimination leaves alone.
+!> Which way a lane goes depends on its own numbers only.
 module symsde_solve_blocks
    use symsde_base_kinds, only: wp, i4, i8
    use symsde_base_status, only: status_ok
@@ -59,9 +62,11 @@ contains
          self%ku = ku
          self%rows = kl + ku + 1
       end if
+      ! As many lanes as keep their matrices in cache; a result does not depend on it.
       self%width = strip_lanes(nlane, self%rows*n)
       allocate (self%smallest(nlane), source=0.0_wp)
       allocate (self%rhs(nlane, n))
+      ! Neither of these is eliminated in strips.
       if (closed_form(self) .or. too_large(self)) return
       allocate (self%strip(self%width, self%rows, n), self%part(self%width, n))
    end subroutine new_block_solver
@@ -96,21 +101,22 @@ contains
       if (nsuspect > 0) call solve_suspects(self, a, x, active, status)
    end subroutine solve_block
 
-   !> Dense systems of one or two unknowns.
+   !> Whether the systems are dense and of one or two unknowns, which have a closed form and need no strips.
    pure logical function closed_form(self)
       type(block_solver), intent(in) :: self
 
       closed_form = self%kl < 0 .and. self%n <= 2
    end function closed_form
 
-   !> Dense systems that are left to LAPACK.
+   !> Whether the systems are dense and so large that LAPACK solves them lane by lane.
    pure logical function too_large(self)
       type(block_solver), intent(in) :: self
 
       too_large = self%kl < 0 .and. self%n > max_lane_unknowns
    end function too_large
 
-   !> Eliminate across lanes, strip by strip; strips without an active lane are left out.
+   !> Eliminate across lanes, strip by strip; strips without an active lane are left out. A strip is copied, so that
+   !> it stays in cache while n^2 entries are gone through n times.
    subroutine eliminate(self, a, x, active)
       type(block_solver), intent(inout) :: self
       real(wp), intent(in) :: a(self%nlane, self%rows, self%n)  !! matrices
@@ -124,6 +130,7 @@ contains
       end if
       do first = 1, self%nlane, self%width
          width = min(self%width, self%nlane - first + 1)
+         ! Lanes beside an active one are eliminated along, and their results are not used.
          if (.not. any(active(first:first + width - 1))) cycle
          if (self%kl < 0) then
             call solve_strip(self%nlane, self%n, first, width, a, x, self%smallest, &
@@ -135,8 +142,8 @@ contains
       end do
    end subroutine eliminate
 
-   !> Count the active lanes whose pivots are not trusted or whose solution is not finite; the
-   !> latter get the monitor 0.
+   !> Count the active lanes whose pivots are not trusted or whose solution is not finite; the latter get the monitor
+   !> 0, so that one number of each lane tells whom LAPACK is asked for.
    subroutine find_suspects(nlane, n, x, active, smallest, nsuspect)
       integer, intent(in) :: nlane                !! lanes of the block
       integer, intent(in) :: n                    !! unknowns of a system
@@ -148,6 +155,7 @@ contains
 
       do i = 1, n
          do lane = 1, nlane
+            ! A solution that is not finite has no pivots to be trusted.
             smallest(lane) = merge(smallest(lane), 0.0_wp, abs(x(lane, i)) <= huge(1.0_wp))
          end do
       end do
@@ -170,13 +178,16 @@ contains
 
       do lane = 1, self%nlane
          if (.not. active(lane) .or. self%smallest(lane) > pivot_floor) cycle
+         ! Elimination has overwritten x; where it was never tried x is still the right-hand side.
          if (.not. too_large(self)) x(lane, :) = self%rhs(lane, :)
          if (self%kl < 0) then
             call solve_lane_lapack(self%nlane, self%n, lane, a, x, info)
          else
             call solve_banded_lane_lapack(self%nlane, self%n, self%kl, self%ku, lane, a, x, info)
          end if
+         ! Counted whether it succeeds or not; reports say how many there were.
          self%lapack_solves = self%lapack_solves + 1
+         ! LAPACK has failed, too: the matrix is singular, or a number is not finite.
          if (info == status_ok) cycle
          status(lane) = info
          x(lane, :) = 0

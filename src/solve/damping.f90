@@ -3,8 +3,11 @@
 !>
 !>    x <- x - tau d,   A d = r(x),   tau = 1, 1/2, 1/4, ..  until  |r(x - tau d)| <= (1 - tau/4) |r(x)|
 !>
-!> with the largest entry of a lane's residual as its size. Only paths that plain Newton could not solve come here, so
-!> these are plain loops, one lane at a time.
+!> with the largest entry of a lane's residual as its size, its merit. Only paths that plain Newton could not solve
+!> come here, so these are plain loops, one lane at a time.
+!>
+!> An update calls `reject` before it solves, with the residual at the x that the last correction led to, and `accept`
+!> after it. A rejected lane has its system solved along and does not use it: its x is a point on the way back.
 module symsde_solve_damping
    use, intrinsic :: ieee_arithmetic, only: ieee_value, ieee_positive_inf
    use symsde_base_kinds, only: wp
@@ -25,6 +28,7 @@ module symsde_solve_damping
 
 contains
 
+   !> Room for n unknowns in each of nlane lanes.
    subroutine new_damping(self, nlane, n)
       type(damping_type), intent(out) :: self
       integer, intent(in) :: nlane, n
@@ -55,6 +59,7 @@ contains
 
       do lane = 1, ubound(last, 1)
          merit = maxval(abs(r(lane, :)))
+         ! A NaN would compare as neither better nor worse.
          if (.not. all(abs(r(lane, :)) <= huge(merit))) merit = huge(merit)
          ! A running lane is rejected where it has an earlier residual, the new one is not lower by the part
          ! tau/4 of it, and the correction is more than rounding.
@@ -86,6 +91,7 @@ contains
          if (self%rejected(lane) .or. .not. last(lane) >= 0) cycle
          self%x(lane, :) = x(lane, :)
          self%d(lane, :) = r(lane, :)
+         ! Each new correction is tried at full length.
          self%tau(lane) = 1
          x(lane, :) = x(lane, :) - r(lane, :)
          step(lane) = maxval(abs(r(lane, :))) + 0*sum(r(lane, :))

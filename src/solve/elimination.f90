@@ -34,8 +34,9 @@ contains
 
    include 'elimination.inc'
 
-   !> VEC target(:,i) = target(:,i) - factor column(:,i). A procedure of its own because distinct
-   !> arguments cannot overlap: as parts of one array they cost a test before every loop.
+   !> VEC target(:,i) = target(:,i) - factor column(:,i), u_ij <- u_ij - l_ik u_kj for all i below the pivot. A
+   !> procedure of its own because distinct arguments cannot overlap: as parts of one array they cost a test before
+   !> every loop.
    pure subroutine subtract_multiple(nlane, m, factor, column, target)
       integer, intent(in) :: nlane                 !! lanes
       integer, intent(in) :: m                     !! entries of the column
@@ -51,8 +52,8 @@ contains
       end do
    end subroutine subtract_multiple
 
-   !> Lanes to eliminate together: as many as keep the matrices in the first-level cache, but not
-   !> so few that the loops over them stop paying. Lanes do not feel the width of their strip.
+   !> Lanes to eliminate together: as many as keep the matrices in the first-level cache, but not so few that the
+   !> loops over them stop paying. Lanes do not feel the width of their strip: each is eliminated by its own numbers.
    pure integer function strip_lanes(nlane, entries)
       integer, intent(in) :: nlane    !! lanes of the block
       integer, intent(in) :: entries  !! numbers of a lane's matrix
@@ -61,7 +62,8 @@ contains
       strip_lanes = min(strip_lanes, nlane)
    end function strip_lanes
 
-   !> Solve a(lane,:,:) x(lane,:) = x(lane,:) in every lane; one and two unknowns in closed form.
+   !> Solve a(lane,:,:) x(lane,:) = x(lane,:) in every lane; one and two unknowns in closed form, more by strips. This
+   !> is for callers without a block_solver: the room of a strip is allocated in each call.
    subroutine solve_lanes(nlane, n, a, x, smallest)
       integer, intent(in) :: nlane                !! lanes of the block
       integer, intent(in) :: n                    !! unknowns of a system
@@ -87,7 +89,8 @@ contains
       end select
    end subroutine solve_lanes
 
-   !> Solve the lanes first .. first+width-1 in a compact copy, which stays in cache and keeps a.
+   !> Solve the lanes first .. first+width-1 in a compact copy, which stays in cache and keeps a as it is, for LAPACK
+   !> and residuals.
    subroutine solve_strip(nlane, n, first, width, a, x, smallest, strip, part)
       integer, intent(in) :: nlane                    !! lanes of the block
       integer, intent(in) :: n                        !! unknowns of a system
@@ -107,6 +110,7 @@ contains
          end do
          part(:, j) = x(first:last, j)
       end do
+      ! The copies become factors and solutions; a stays as it was, for LAPACK.
       call factor_lanes(width, n, strip, smallest(first:last))
       call back_substitute_lanes(width, n, strip, part)
       do j = 1, n
@@ -114,7 +118,7 @@ contains
       end do
    end subroutine solve_strip
 
-   !> One unknown: x = b/a.
+   !> One unknown: x = b/a. Its monitor is one or zero, as there is no other entry to compare a pivot with.
    subroutine solve_one_unknown(nlane, a, x, smallest)
       integer, intent(in) :: nlane              !! lanes of the block
       real(wp), intent(in) :: a(nlane)          !! coefficients
@@ -140,6 +144,7 @@ contains
       integer :: lane
 
       do lane = 1, nlane
+         ! (a11, a12; a21, a22) becomes (a11, a12; 0, pivot); x2 is found from the second row, x1 from the first.
          inverse = 1/a11(lane)
          multiplier = a21(lane)*inverse
          pivot = a22(lane) - multiplier*a12(lane)

@@ -1,7 +1,10 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> The linear system A x = b of a single path: the elimination A = L U of elimination.inc with one lane.
+!> The linear system A x = b of a single path: the elimination A = L U of elimination.inc with one lane,
 !>
-!> Its innermost loop has as many numbers as rows are left; vectors pay from `few` of them on.
+!>    l_ik = u_ik/u_kk,   u_ij <- u_ij - l_ik u_kj   (i, j > k),   x = U^{-1} L^{-1} b
+!>
+!> Its innermost loop has as many numbers as rows are left; vectors pay from `few` of them on. It has no strips, and
+!> eliminates the matrix where it stands.
 module symsde_solve_elimination_single_path
    use symsde_base_kinds, only: wp
    implicit none
@@ -20,7 +23,8 @@ contains
 
    include 'elimination.inc'
 
-   !> One system, with the bits of the same system in a lane of many.
+   !> Solve one system, with the bits of the same system in a lane of many. The caller looks at `smallest`, the pivot
+   !> monitor of solve/elimination, and at the solution.
    pure subroutine solve_scalar(n, a, x, smallest)
       integer, intent(in) :: n            !! unknowns, from 3 on: fewer have a closed form
       real(wp), intent(inout) :: a(n, n)  !! in: the matrix; out: factors
@@ -33,7 +37,8 @@ contains
       smallest = monitor(1)
    end subroutine solve_scalar
 
-   !> target = target - factor column. Few numbers are faster without vectors.
+   !> target = target - factor column, m numbers below the pivot. Few numbers are faster without vectors, and the bits
+   !> are the same.
    pure subroutine subtract_multiple(nlane, m, factor, column, target)
       integer, intent(in) :: nlane, m
       real(wp), intent(in) :: factor(lanes(nlane)), column(m)

@@ -1,5 +1,9 @@
 ! SPDX-License-Identifier: BSD-3-Clause
 !> When a fixed-point iteration x <- g(x) of a single path has ended (fixed_point.inc), and how x is taken.
+!>
+!> The largest change of few numbers is found one by one; of many it is found in nbeside chains side by side, whose
+!> largest numbers are compared at the end. The largest of a set does not depend on the order, so the bits are those
+!> of a block. The last sweeps may have been taken ahead, before they were judged (judge_ahead).
 module symsde_solve_fixed_point_single_path
    use symsde_base_kinds, only: wp, i8
    implicit none
@@ -17,8 +21,9 @@ module symsde_solve_fixed_point_single_path
       lanes = 1
    end function lanes
 
-   !> x = sign*f, sign = 1 or -1, with the largest change and unknown beside those so far; the change is no number where
-   !> one of f is not finite. The path is running: nothing is taken of one that is done.
+   !> x = sign*f, sign = 1 or -1, n numbers, with the largest change and unknown beside those so far; the change is no
+   !> number where one of f is not finite. The path is running: nothing is taken of one that is done, so `last` is not
+   !> read.
    pure subroutine take(nlane, n, sign, f, last, x, change, extent)
       integer, intent(in) :: nlane, n
       real(wp), intent(in) :: sign, f(n), last(1)
@@ -26,9 +31,12 @@ module symsde_solve_fixed_point_single_path
       real(wp) :: d, zero, moved, largest
       integer :: beside, i
 
+      ! Whole groups first, then the rest.
       beside = n - modulo(n, nbeside)
+      ! Scalars in registers; the arrays of one number are written at the end.
       moved = change(1)
       largest = extent(1)
+      ! A change that is not finite already stays so.
       zero = 0*moved
       if (beside > 0) call take_beside(beside, sign, f, x, moved, largest, zero)
       !GCC$ novector  ! few numbers
@@ -43,7 +51,7 @@ module symsde_solve_fixed_point_single_path
       extent(1) = largest
    end subroutine take
 
-   !> x = sign*f of the first sweep, before which x is not known.
+   !> x = sign*f of the first sweep, before which x is not known: as from x = 0.
    pure subroutine take_first(nlane, n, sign, f, x, change)
       integer, intent(in) :: nlane, n
       real(wp), intent(in) :: sign, f(n)
@@ -56,7 +64,8 @@ module symsde_solve_fixed_point_single_path
       call take(nlane, n, sign, f, [0.0_wp], x, change, extent)
    end subroutine take_first
 
-   !> The same of nbeside at a time, each of which has its own largest: one for all would wait for itself.
+   !> The same of nbeside numbers at a time, each of which has its own largest: one for all would wait for itself. n
+   !> is a multiple of nbeside.
    pure subroutine take_beside(n, sign, f, x, change, extent, zero)
       integer, intent(in) :: n   !! a multiple of nbeside
       real(wp), intent(in) :: sign, f(n)
@@ -81,6 +90,7 @@ module symsde_solve_fixed_point_single_path
       end do
       !GCC$ novector
       do i = 1, nbeside
+         ! The eight largest, one after the other.
          change = max(change, moved(i))
          extent = max(extent, largest(i))
          zero = zero + nothing(i)
@@ -88,7 +98,7 @@ module symsde_solve_fixed_point_single_path
    end subroutine take_beside
 
    !> The same for x = -f of numbers and not of arrays of one lane; in the first sweep, where nothing was known, from
-   !> x = 0.
+   !> x = 0. Callers with a path in scalars need no arrays of one.
    pure subroutine take_alone(n, first, f, x, change, extent)
       integer, intent(in) :: n
       logical, intent(in) :: first   !! nothing was known
@@ -96,6 +106,7 @@ module symsde_solve_fixed_point_single_path
       real(wp), intent(inout) :: x(n), change, extent
       real(wp) :: d(1), e(1)
 
+      ! Then the change is |x| itself.
       if (first) x = 0
       d = change
       e = extent
@@ -104,14 +115,15 @@ module symsde_solve_fixed_point_single_path
       extent = e(1)
    end subroutine take_alone
 
-   !> The same for sweeps first .. final that a path by itself took ahead: which of them ends it, and how. What is
-   !> behind that sweep is not looked at.
+   !> Judge sweeps first .. final, which a path by itself took ahead: which of them ends it, and how. What is behind
+   !> that sweep is not looked at, so it is as if it had not been taken.
    pure subroutine judge_ahead(first, final, too_slow, too_stiff, most, change, extent, last, sweep)
       integer, intent(in) :: first, final, most
       real(wp), intent(in) :: too_slow, too_stiff, change(most), extent(most)
       real(wp), intent(inout) :: last         !! as of the sweep before the first one
       integer, intent(out) :: sweep           !! behind the final one where none ends it
 
+      ! Most sweeps are neither the last one nor too slow: three comparisons say so, and `verdict` is asked of others.
       do sweep = first, final
          associate (d => change(sweep))
             if (d < last .and. d <= too_slow*last .and. d*d > rounding*extent(sweep)*last) then  ! most go on so
@@ -119,12 +131,14 @@ module symsde_solve_fixed_point_single_path
                cycle
             end if
          end associate
+         ! The sweep before has left its change in `last`.
          last = verdict(sweep, too_slow, too_stiff, change(sweep), extent(sweep), last)
+         ! Done, left or given up in this sweep.
          if (last < 0) return
       end do
    end subroutine judge_ahead
 
-   !> The same for other modules: what they see is not inlined in the loop above.
+   !> The verdict of fixed_point.inc for other modules: what they see is not inlined in the loop above.
    pure real(wp) function sweep_verdict(sweep, too_slow, too_stiff, d, extent, last)
       integer, intent(in) :: sweep
       real(wp), intent(in) :: too_slow, too_stiff, d, extent, last

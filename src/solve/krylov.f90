@@ -28,6 +28,8 @@ module symsde_solve_krylov
 
    integer, parameter :: most_vectors = 60  !! bound of the products of a solve
 
+   !> The systems of a block, their vectors and rotations. A is not here: the caller multiplies. x and norm are read
+   !> when `running` is false.
    type :: krylov_type
       integer :: nlane = 0, n = 0          !! lanes, unknowns of a lane
       integer :: k = 0                     !! vector to multiply next
@@ -52,7 +54,7 @@ module symsde_solve_krylov
 
 contains
 
-   !> Room for n unknowns a lane.
+   !> Make room for n unknowns a lane and as many vectors as a solve may take: n at most, since n vectors span all.
    subroutine new_krylov(self, nlane, n)
       type(krylov_type), intent(out) :: self
       integer, intent(in) :: nlane  !! lanes of the block, a multiple of 8
@@ -76,6 +78,7 @@ contains
       real(wp), intent(in) :: last(self%nlane)  !! negative: the lane is not to be solved
 
       self%v(:, :, 1) = b
+      ! b is divided by its largest entry first, and by its size then.
       call largest_of(self%nlane, self%n, b, self%largest)  ! squares of what is not divided by it may overflow
       call scale_by(self%nlane, self%n, self%largest, self%v(:, :, 1))
       ! |b| = largest |b/largest|; 0*largest makes it NaN where a component is not finite.
@@ -86,8 +89,9 @@ contains
       self%unsolved = last >= 0
    end subroutine start
 
-   !> Begin with x = 0. Lanes whose b is not above the goal are solved by it; lanes whose b is not finite
-   !> stay unsolved, whatever their goal.
+   !> Begin with x = 0 and the residual b. Lanes whose b is not above the goal are solved by it; lanes whose b is not
+   !> finite stay unsolved, whatever their goal. `start` and `seek` are apart, since a goal may depend on the size of
+   !> b.
    subroutine seek(self, goal)
       class(krylov_type), intent(inout) :: self
       real(wp), intent(in) :: goal(self%nlane)  !! sizes of the residual to reach
@@ -98,6 +102,8 @@ contains
       ready = self%unsolved .and. self%norm <= huge(1.0_wp)
       ! A lane with length = k - 1 takes vector k; one of length -1 takes none.
       self%length = merge(0, -1, ready)
+      ! The right-hand side of the least squares problem is |b| e_1. Lanes that are not to be solved have zero, and
+      ! stay so.
       self%g(:, 1) = merge(self%norm, 0.0_wp, ready)
       self%x = 0
       self%largest = 0
@@ -111,11 +117,13 @@ contains
    subroutine advance(self)
       class(krylov_type), intent(inout) :: self
 
+      ! v_{k+1} and column k of H; then H made triangular; then the lanes whose residual is small enough.
       call orthogonalise(self, self%k)
       call rotate(self%nlane, self%most, self%k, self%unsolved, self%length, self%h, self%c, self%s, self%g, &
                   self%largest)
       call judge_lanes(self%nlane, self%k, self%h(:, self%k, self%k), self%g(:, self%k + 1), self%goal, &
                        self%norm, self%length, self%unsolved, self%nrunning)
+      ! Without a lane that runs, or without room for a further vector, the solutions are added up from what there is.
       self%running = self%nrunning > 0 .and. self%k < self%most
       if (self%running) then
          self%k = self%k + 1
@@ -132,11 +140,13 @@ contains
       integer :: i
 
       associate (nlane => self%nlane, n => self%n, v => self%v, h => self%h)
+         ! h_1k first: the product of A v_k with v_1, from which nothing has been removed yet.
          call product_of(nlane, n, v(:, :, 1), v(:, :, k + 1), h(:, 1, k))
          do i = 1, k - 1
             call remove_and_multiply(nlane, n, h(:, i, k), v(:, :, i), v(:, :, i + 1), v(:, :, k + 1), h(:, i + 1, k))
          end do
          call remove_and_square(nlane, n, h(:, k, k), v(:, :, k), v(:, :, k + 1), h(:, k + 1, k))
+         ! What remains is v_{k+1} times its size h_{k+1,k}. If nothing remains, x is exact and v_{k+1} becomes zero.
          h(:, k + 1, k) = sqrt(h(:, k + 1, k))
          call scale_by(nlane, n, h(:, k + 1, k), v(:, :, k + 1))
       end associate
@@ -155,6 +165,8 @@ contains
             do j = i + 1, maxval(length)
                y(:, i) = y(:, i) - merge(h(:, i, j)*y(:, j), 0.0_wp, j <= length)
             end do
+            ! Triangle: y_i = (g_i - sum_{j>i} h_ij y_j)/h_ii. In lanes beyond their length one is added to the
+            ! divisor.
             divisor = sign(abs(h(:, i, i)) + merge(0.0_wp, 1.0_wp, i <= length), h(:, i, i))  ! no choice of divisors
             y(:, i) = merge(y(:, i)/divisor, 0.0_wp, i <= length)
             call add_multiple(self%nlane, self%n, y(:, i), self%v(:, :, i), self%x)
@@ -164,7 +176,7 @@ contains
 
    ! ---- kernels ----------------------------------------------------------------------------------
 
-   !> VEC dot = a.b
+   !> VEC dot = a.b of every lane, a sum over its n components in their order.
    pure subroutine product_of(nlane, n, a, b, dot)
       integer, intent(in) :: nlane, n
       real(wp), intent(in) :: a(nlane, n), b(nlane, n)
@@ -179,7 +191,7 @@ contains
       end do
    end subroutine product_of
 
-   !> VEC The largest component; not finite where any component is not.
+   !> VEC The largest component of every lane; not finite where any component is not: 0*(..) keeps a NaN.
    pure subroutine largest_of(nlane, n, a, largest)
       integer, intent(in) :: nlane, n
       real(wp), intent(in) :: a(nlane, n)
@@ -194,7 +206,7 @@ contains
       end do
    end subroutine largest_of
 
-   !> VEC u = u - c a, and dot = b.u of the result.
+   !> VEC u = u - c a, and dot = b.u of the result, the next coefficient of modified Gram-Schmidt.
    pure subroutine remove_and_multiply(nlane, n, c, a, b, u, dot)
       integer, intent(in) :: nlane, n
       real(wp), intent(in) :: c(nlane), a(nlane, n), b(nlane, n)
@@ -211,7 +223,7 @@ contains
       end do
    end subroutine remove_and_multiply
 
-   !> VEC u = u - c a, and dot = u.u of the result.
+   !> VEC u = u - c a, and dot = u.u of the result: the last vector is removed, and what remains is measured.
    pure subroutine remove_and_square(nlane, n, c, a, u, dot)
       integer, intent(in) :: nlane, n
       real(wp), intent(in) :: c(nlane), a(nlane, n)
@@ -228,7 +240,7 @@ contains
       end do
    end subroutine remove_and_square
 
-   !> VEC u = u + c a
+   !> VEC u = u + c a, a share of the solution.
    pure subroutine add_multiple(nlane, n, c, a, u)
       integer, intent(in) :: nlane, n
       real(wp), intent(in) :: c(nlane), a(nlane, n)
@@ -279,11 +291,13 @@ contains
          total = total + h(:, i, k)**2
       end do
       largest = merge(max(largest, sqrt(total)), largest, unsolved .and. length == k - 1)
+      ! The earlier rotations, in the order in which they were made.
       do i = 1, k - 1
          a = c(:, i)*h(:, i, k) + s(:, i)*h(:, i + 1, k)
          h(:, i + 1, k) = c(:, i)*h(:, i + 1, k) - s(:, i)*h(:, i, k)
          h(:, i, k) = a
       end do
+      ! The rotation (c, s; -s, c) that turns (h_kk, h_{k+1,k}) into (d, 0).
       d = sqrt(h(:, k, k)**2 + h(:, k + 1, k)**2)
       divisor = d + merge(0.0_wp, 1.0_wp, d > 0)  ! a sum: a choice of divisors lets the compiler divide by both
       c(:, k) = merge(h(:, k, k)/divisor, 1.0_wp, d > 0)
@@ -312,6 +326,7 @@ contains
       do lane = 1, nlane
          takes = unsolved(lane) .and. length(lane) == k - 1 .and. diagonal(lane) > 0
          takes = takes .and. abs(rest(lane)) <= huge(1.0_wp)
+         ! A lane that takes vector k has the residual |g_{k+1}| with it, and needs no more where that is its goal.
          length(lane) = merge(k, length(lane), takes)
          norm(lane) = merge(abs(rest(lane)), norm(lane), takes)
          unsolved(lane) = unsolved(lane) .and. .not. (takes .and. norm(lane) <= goal(lane))

@@ -1,8 +1,16 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> The only file that calls LAPACK: one system with row exchanges, and the threads of the BLAS.
+!> The only file that calls LAPACK: one system A x = b with row exchanges, P A = L U, and the threads of the BLAS.
 !>
-!> LAPACK's info alone does not tell failure: a NaN in the matrix gives info = 0 and NaN, a nearly
-!> singular matrix info = 0 and infinities. Data and solution are therefore looked at here.
+!> LAPACK's info alone does not tell failure: a NaN in the matrix gives info = 0 and NaN, a nearly singular matrix
+!> info = 0 and infinities. Data and solution are therefore looked at here:
+!>
+!>    nonfinite   a number of A or b is infinite or NaN, before anything is solved
+!>    singular    a pivot is zero, the condition number too large where it is asked for, or the solution not finite
+!>    status_ok   x is the solution
+!>
+!> A system that fails leaves x undefined in the procedures for one system, and as it was in those for a lane of a
+!> block. Banded matrices are factored in solve/banded_pivoting and not by LAPACK, so that a long factorization may be
+!> stopped half-way.
 module symsde_solve_lapack
    use symsde_base_kinds, only: wp, i4, i8
    use symsde_base_status, only: status_ok, singular, nonfinite
@@ -14,7 +22,7 @@ module symsde_solve_lapack
    public :: blas_single_thread, blas_restore_threads
 
    interface
-      !> LAPACK: LU factors of a general matrix.
+      !> LAPACK: LU factors of a general matrix with exchanges of rows; info > 0 where a pivot is zero.
       subroutine dgetrf(m, n, a, lda, ipiv, info)
          import :: wp
          integer, intent(in) :: m, n, lda
@@ -23,7 +31,7 @@ module symsde_solve_lapack
          integer, intent(out) :: info
       end subroutine dgetrf
 
-      !> LAPACK: solve with the factors of dgetrf.
+      !> LAPACK: solve with the factors of dgetrf, nrhs right-hand sides at once; trans = 'N' for A itself.
       subroutine dgetrs(trans, n, nrhs, a, lda, ipiv, b, ldb, info)
          import :: wp
          character, intent(in) :: trans
@@ -34,7 +42,7 @@ module symsde_solve_lapack
          integer, intent(out) :: info
       end subroutine dgetrs
 
-      !> LAPACK: solve with LU factors of a banded matrix.
+      !> LAPACK: solve with LU factors of a banded matrix, stored as at the head of solve/banded_pivoting.
       subroutine dgbtrs(trans, n, kl, ku, nrhs, ab, ldab, ipiv, b, ldb, info)
          import :: wp
          character, intent(in) :: trans
@@ -45,7 +53,8 @@ module symsde_solve_lapack
          integer, intent(out) :: info
       end subroutine dgbtrs
 
-      !> LAPACK: estimate of the reciprocal condition number from LU factors of a banded matrix.
+      !> LAPACK: estimate of the reciprocal condition number from LU factors of a banded matrix; anorm is the norm of
+      !> the matrix before it was factored.
       subroutine dgbcon(norm, n, kl, ku, ab, ldab, ipiv, anorm, rcond, work, iwork, info)
          import :: wp
          character, intent(in) :: norm
@@ -70,7 +79,7 @@ module symsde_solve_lapack
 
 contains
 
-   !> Solve a x = b with row exchanges.
+   !> Solve a x = b with row exchanges, one right-hand side.
    subroutine solve_dense_lapack(n, a, x, info)
       integer, intent(in) :: n              !! unknowns
       real(wp), intent(inout) :: a(n, n)    !! matrix, destroyed
@@ -80,7 +89,8 @@ contains
       call solve_dense_many_lapack(n, 1, a, x, info)
    end subroutine solve_dense_lapack
 
-   !> Solve a x = b with row exchanges for nrhs right-hand sides.
+   !> Solve a x = b with row exchanges for nrhs right-hand sides, n^3/3 multiplications for the factors and n^2 for
+   !> each side.
    subroutine solve_dense_many_lapack(n, nrhs, a, b, info)
       integer, intent(in) :: n                !! unknowns
       integer, intent(in) :: nrhs             !! right-hand sides
@@ -100,7 +110,8 @@ contains
       if (all_finite(size(b, kind=i8), b)) info = status_ok
    end subroutine solve_dense_many_lapack
 
-   !> Solve one lane of a block of dense systems.
+   !> Solve one lane of a block of dense systems. Its numbers lie nlane apart, so matrix and right-hand side are
+   !> copied; the matrix of the block is kept for whoever forms residuals with it.
    subroutine solve_lane_lapack(nlane, n, lane, a, x, info)
       integer, intent(in) :: nlane            !! lanes of the block
       integer, intent(in) :: n                !! unknowns of a system
@@ -110,6 +121,7 @@ contains
       integer(i4), intent(out) :: info        !! status_ok, singular or nonfinite
       real(wp), allocatable :: matrix(:, :), vector(:)
 
+      ! Room of this call alone: few lanes come here, and mostly none.
       allocate (matrix(n, n), vector(n))
       matrix(:, :) = a(lane, :, :)
       vector(:) = x(lane, :)
@@ -117,7 +129,7 @@ contains
       if (info == status_ok) x(lane, :) = vector
    end subroutine solve_lane_lapack
 
-   !> Solve one lane of a block of banded systems, ab(lane, d, i) = A(i, i+d).
+   !> Solve one lane of a block of banded systems, ab(lane, d, i) = A(i, i+d), copied into the storage of LAPACK.
    subroutine solve_banded_lane_lapack(nlane, n, kl, ku, lane, ab, x, info)
       integer, intent(in) :: nlane                  !! lanes of the block
       integer, intent(in) :: n                      !! unknowns of a system
@@ -142,7 +154,8 @@ contains
       if (info == status_ok) x(lane, :) = vector
    end subroutine solve_banded_lane_lapack
 
-   !> Solve one banded system, A(i,j) at band(kl+ku+1+i-j, j); the kl rows above are zero.
+   !> Solve one banded system, A(i,j) at band(kl+ku+1+i-j, j); the kl rows above are zero. All columns are factored at
+   !> once: the work of a part is not bounded.
    subroutine solve_banded_lapack(n, kl, ku, band, x, info)
       integer, intent(in) :: n                              !! unknowns
       integer, intent(in) :: kl                             !! diagonals below the main one
@@ -155,12 +168,13 @@ contains
       info = nonfinite
       if (.not. all_finite(size(band, kind=i8), band)) return
       call new_banded_factors(factors, n, kl, ku, band)
+      ! A pivot that is zero is noted in `factors`, and told as singular below.
       call factor_columns(factors, band, huge(1.0_wp))
       call solve_factored_lapack(factors, band, x, info)
    end subroutine solve_banded_lapack
 
-   !> The same from factors, which may have been made in parts. With rcond, a system whose condition number exceeds
-   !> 1/(4 eps) is singular too: its solution would have no correct digit.
+   !> Solve one banded system from factors, which may have been made in parts. With rcond, a system whose condition
+   !> number exceeds 1/(4 eps) is singular too: its solution would have no correct digit.
    subroutine solve_factored_lapack(factors, band, x, info, rcond)
       type(banded_factors), intent(in) :: factors           !! of solve/banded_pivoting
       real(wp), intent(in) :: band(2*factors%kl + factors%ku + 1, factors%n)   !! their numbers
@@ -171,6 +185,7 @@ contains
       integer, allocatable :: iwork(:)
       integer :: lapack_info
 
+      ! What is known of the condition where nothing can be solved.
       if (present(rcond)) rcond = 0
       info = nonfinite
       if (.not. all_finite(int(factors%n, i8), x)) return
@@ -181,6 +196,7 @@ contains
             allocate (work(3*n), iwork(n))
             call dgbcon('1', n, kl, ku, band, 2*kl + ku + 1, factors%pivot, factors%norm, rcond, work, iwork, &
                         lapack_info)
+            ! A NaN is no estimate, and counts as singular.
             if (.not. rcond > 4*epsilon(1.0_wp)) return
          end if
          call dgbtrs('N', n, kl, ku, 1, band, 2*kl + ku + 1, factors%pivot, x, n, lapack_info)
@@ -188,12 +204,14 @@ contains
       end associate
    end subroutine solve_factored_lapack
 
-   !> True where no number is infinite or NaN. Counting has no early exit and so vectorises.
+   !> True where no number of x is infinite or NaN. Counting has no early exit and so vectorises; n may exceed 2^31 in
+   !> a large matrix.
    pure logical function all_finite(n, x)
       integer(i8), intent(in) :: n  !! numbers to look at; more than 2^31 in a large matrix
       real(wp), intent(in) :: x(n)  !! the numbers
       integer(i8) :: i, bad
 
+      ! No number is skipped, so the loop does the same for all.
       bad = 0
       do i = 1, n
          bad = bad + merge(0_i8, 1_i8, abs(x(i)) <= huge(1.0_wp))
@@ -208,7 +226,7 @@ contains
       call take_threads()
    end subroutine blas_single_thread
 
-   !> Give the BLAS its threads back, once its last user is done.
+   !> Give the BLAS its threads back, once its last user is done: calls are counted, since those of several host threads overlap.
    subroutine blas_restore_threads()
       call give_back_threads()
    end subroutine blas_restore_threads

@@ -47,6 +47,8 @@ module symsde_solve_newton
       procedure :: is_free
    end type newton_options
 
+   !> The iteration of a block. The caller fills r and a (or bands) at x, and finds the correction in r afterwards;
+   !> `last` says of each lane whether it runs.
    type :: newton_type
       integer :: nlane = 0, n = 0       !! lanes, unknowns of a lane
       logical :: affine = .false.       !! the equations are linear in the unknowns: one solve, no test
@@ -89,7 +91,7 @@ contains
       lanes = nlane
    end function lanes
 
-   !> Whether neither damping nor a number of iterations is asked for.
+   !> Whether neither damping nor a number of iterations is asked for: then steppers may choose how they solve.
    pure logical function is_free(self)
       class(newton_options), intent(in) :: self
 
@@ -128,6 +130,7 @@ contains
       self%options = options
       self%most = merge(options%fixed_point, options%max_iter, options%fixed_point > 0)
       self%affine = affine .and. options%is_free()
+      ! The test follows from what is known of the matrix: later choices overrule earlier ones.
       if (present(exact)) self%exact = exact .and. options%is_free()
       if (self%exact) self%test = quadratic
       if (self%affine) self%test = done_at_once
@@ -136,6 +139,7 @@ contains
       if (present(judge_only)) then
          if (judge_only) return
       end if
+      ! From here on room for residuals and matrices, which a stepper that solves by itself does not need.
       allocate (self%r(nlane, n), self%active(nlane), self%verdict(nlane))
       if (options%damped) call new_damping(self%damping, nlane, n)
       if (options%fixed_point > 0) return
@@ -144,6 +148,7 @@ contains
       else
          allocate (self%bands(nlane, -kl:ku, n))
       end if
+      ! One unknown is divided by its derivative: update_scalar.
       if (kl >= 0 .or. n > 1) call new_block_solver(self%solver, nlane, n, kl, ku)
    end subroutine new_newton
 
@@ -202,6 +207,7 @@ contains
       type(counters_type), intent(inout) :: counters
       integer(i8) :: before
 
+      ! Only lanes that run are solved; a verdict is given by the solver alone.
       self%active = self%last >= 0
       self%verdict = 0
       before = self%solver%lapack_solves
@@ -211,6 +217,7 @@ contains
          call self%solver%solve(self%a, self%r, self%active, self%verdict)
       end if
       counters%lapack_solves = counters%lapack_solves + self%solver%lapack_solves - before
+      ! Lanes whose system failed have the correction zero, and rest from here on.
       if (all(self%verdict == 0)) return
       counters%failures = counters%failures + count(self%active .and. self%verdict /= 0)
       where (self%active .and. self%verdict /= 0)
@@ -228,6 +235,7 @@ contains
       integer :: lane
 
       do lane = 1, self%nlane
+         ! `failed` is -2, and lanes above -1.5 run or are done.
          if (self%last(lane) > -1.5_wp .or. status(lane) /= 0) cycle
          status(lane) = nonfinite
          counters%failures = counters%failures + 1

@@ -1,9 +1,10 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> An update of Newton's iteration, solve/newton, for a single path: A d = r, x <- x - d, and the test.
+!> An update of Newton's iteration, solve/newton, for a single path: A d = r, x <- x - d, and the test, with the bits
+!> of a lane of a block.
 !>
-!> The matrix is eliminated where it stands. Where its pivots are not trusted it is lost, so the same iteration is asked
-!> for once more, at the same x, and done by solve/newton, which keeps a matrix for LAPACK: a copy in every iteration
-!> takes a tenth of the time of a step.
+!> The matrix is eliminated where it stands. Where its pivots are not trusted it is lost, so the same iteration is
+!> asked for once more, at the same x, and done by solve/newton, which keeps a matrix for LAPACK: a copy in every
+!> iteration takes a tenth of the time of a step.
 module symsde_solve_newton_single_path
    use symsde_base_counters, only: counters_type
    use symsde_base_kinds, only: wp, i8
@@ -27,13 +28,17 @@ contains
       type(counters_type), intent(inout) :: counters
       real(wp) :: smallest
 
+      ! Here goes what solve/newton does: an iteration that is asked for once more, fewer unknowns than elimination is
+      ! for, bands, more unknowns than it is good for, and damping.
       if (self%keeps_matrix .or. self%n < 3 .or. self%n > max_lane_unknowns .or. .not. allocated(self%a) .or. &
           self%options%damped) then
          self%keeps_matrix = .false.
          call self%update(x, status, counters)
          return
       end if
+      ! r becomes the correction d.
       call solve_scalar(self%n, self%a, self%r, smallest)
+      ! Nothing has changed but the matrix and r, which the caller forms anew: x, counts and `last` are as before.
       self%keeps_matrix = .not. (smallest > pivot_floor .and. is_finite(self%n, self%r))
       if (self%keeps_matrix) return
       call correct(self%n, self%r, x, self%step(1), self%size(1))
@@ -52,7 +57,7 @@ contains
 
    include 'correction.inc'
 
-   !> Whether all numbers are finite: zero times another one is NaN.
+   !> Whether all n numbers are finite: zero times another one is NaN, and a sum with NaN stays NaN.
    pure logical function is_finite(n, x)
       integer, intent(in) :: n
       real(wp), intent(in) :: x(n)
@@ -67,7 +72,8 @@ contains
       is_finite = abs(zero) <= 0
    end function is_finite
 
-   !> x less the correction, which is finite, with the size of both.
+   !> Take the correction, which is finite, from x, and find the largest entries of both: `step` and `size` of the
+   !> lane.
    pure subroutine correct(n, d, x, step, size)
       integer, intent(in) :: n
       real(wp), intent(in) :: d(n)
@@ -75,6 +81,7 @@ contains
       real(wp), intent(out) :: step, size
       integer :: i
 
+      ! Both grow from zero: correction and unknowns are finite here.
       step = 0
       size = 0
       !GCC$ novector  ! few numbers

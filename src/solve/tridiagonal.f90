@@ -24,9 +24,13 @@
 !> entries whose products overflow.
 !>
 !> Pairs of one front wait for each other, those of the two do not: a lane alone takes them in turn, in half the time.
-!> A strip of lanes whose number the compiler knows goes through together: a row's lanes stay in registers
-!> until the next row has read them, and K need not be kept: it is eliminated a few rows at a time, as it
-!> comes. Row by row over all lanes of a block takes a third more time for 64 lanes, two thirds for 16.
+!> A strip of lanes whose number the compiler knows goes through together: a row's lanes stay in registers until the
+!> next row has read them, and K need not be kept: it is eliminated a few rows at a time, as it comes. Row by row over
+!> all lanes of a block takes a third more time for 64 lanes, two thirds for 16.
+!>
+!> A strip is solved in these steps: its upper rows in parts (eliminate_down_strip), its lower rows in parts
+!> (eliminate_up_strip), each part beginning with the `front` that the one before has left; the two rows in the middle
+!> (meet_strip); and all others from there outwards (correct_strip). A lane alone does all of it in solve_lane.
 module symsde_solve_tridiagonal
    use symsde_base_kinds, only: wp, i8
    use symsde_base_traits, only: strip_lanes
@@ -55,8 +59,8 @@ contains
    end function upper_rows
 
    !> VEC Rows of right-hand sides x + f and matrices I + c K of a strip, eliminated downwards after the rows before
-   !> them, in pairs: with S = (d, b; b, a) what is left of a pair, one division, 1/det S, serves both rows. The
-   !> pairs wait for each other, everything else is done meanwhile.
+   !> them, in pairs: with S = (a, b; b, e) what is left of a pair, one division, 1/det S, serves both rows. The pairs
+   !> wait for each other, everything else is done meanwhile.
    pure subroutine eliminate_down_strip(m, c, x, f, k, front, factor, rhs)
       integer, intent(in) :: m                              !! rows, an even number
       real(wp), intent(in) :: c                             !! factor of K
@@ -70,6 +74,7 @@ contains
       integer(i8) :: signs(strip_lanes)
       integer :: lane, i
 
+      ! u, w and z of the pair before these rows, in copies that stay in registers.
       carried = front(:, 1)
       inverse = front(:, 2)
       r = front(:, 3)
@@ -116,6 +121,8 @@ contains
                                 factor(lane, m), unused(2), rhs(lane, m))
          end do
       end if
+      ! From the last pair upwards. Row i is the first of its pair here, and k(.., 1, i - 2) ties the pair to the row
+      ! ahead.
       do i = m - modulo(m, 2), 2, -2
          do lane = 1, strip_lanes
             call note_larger(c, k(lane, 0, i), k(lane, 0, i - 1), largest(lane))
@@ -137,6 +144,7 @@ contains
       integer(i8), intent(in) :: signs(strip_lanes)
       real(wp), intent(inout) :: front(strip_lanes, nfront)
 
+      ! `front` still holds what these rows began with, which the closer look needs.
       if (any(signs < 0)) call look_closer(strip_lanes, m, c, way, k, front(:, 1), front(:, 2), front(:, 4))
       front(:, 1) = carried
       front(:, 2) = inverse
@@ -154,6 +162,7 @@ contains
       do lane = 1, strip_lanes
          call meet(upper(lane, 1), upper(lane, 2), lower(lane, 2), upper(lane, 3), lower(lane, 3), meeting(lane, 1), &
                    meeting(lane, 2), found)
+         ! A lane is trusted where both fronts are and the meeting is.
          trusted(lane) = min(found, min(upper(lane, 4), lower(lane, 4)))
          trusted(lane) = merge(trusted(lane), 0.0_wp, max(upper(lane, 5), lower(lane, 5)) <= largest_entry)
       end do
@@ -219,6 +228,7 @@ contains
       integer(i8) :: signs
       integer :: h, odd, i, pair
 
+      ! h rows belong to the upper front, n - h to the lower one.
       h = upper_rows(n)
       odd = modulo(n, 2)
       carried = 0
@@ -233,9 +243,12 @@ contains
       do i = 1, n
          largest = max(1 + c*k(0, i), largest)
       end do
+      ! An odd last row begins the lower front as a pair with nothing in its first row.
       if (odd == 1) call eliminate_pair(c, 0.0_wp, x(n) + f(n), 0.0_wp, 0.0_wp, k(0, n), k(1, n - 1), carried2, &
                                         inverse2, r2, signs, unused(1), factor(n), unused(2), rhs(n))
       do pair = 1, h/2
+         ! One pair of the upper front, rows i and i + 1, then one of the lower, rows i and i - 1: neither waits for
+         ! the other.
          i = 2*pair - 1
          call eliminate_pair(c, x(i) + f(i), x(i + 1) + f(i + 1), k(0, i), k(1, i), k(0, i + 1), k(1, i + 1), &
                              carried, inverse, r, signs, factor(i), factor(i + 1), rhs(i), rhs(i + 1))
@@ -251,6 +264,7 @@ contains
          call look_closer(1, n - h, c, -1, k(0, h), [0.0_wp], [0.0_wp], found)
          trusted = found(1)
       end if
+      ! Products of three such entries would overflow, and a NaN is not below the bound.
       if (.not. largest <= largest_entry) trusted = 0
       call correct_lane(n, h, d1, d2, factor, rhs, x, step, size)
    end subroutine solve_lane
@@ -266,6 +280,7 @@ contains
 
       up = d2
       down = d1
+      ! A pair of the upper front and one of the lower in turn, each from the row nearer to the middle outwards.
       do pair = 1, h/2
          i = h + 2 - 2*pair
          rhs(i) = rhs(i) - factor(i)*up
@@ -280,6 +295,7 @@ contains
       if (modulo(n, 2) == 1) rhs(n) = rhs(n) - factor(n)*down
       step = 0
       size = 0
+      ! rhs holds the corrections d of all rows.
       do i = 1, n
          x(i) = x(i) - rhs(i)
          step = max(abs(rhs(i)), step)
@@ -302,6 +318,7 @@ contains
       do lane = 1, nlane
          carried = carried_before(lane)
          inverse = inverse_before(lane)
+         ! The odd last row stood alone: its pivot is its own entry.
          if (odd == 1) then
             inverse = 1/(1 + c*k(lane, 0, m))
             carried = c*k(lane, 1, m - 1)
@@ -332,16 +349,19 @@ contains
       real(wp), intent(out) :: factor1, factor2, rhs1, rhs2
       real(wp) :: entry, next, pivot, beside, scale, y1
 
+      ! Here a is `pivot`, e is `next`, b is `beside` and a e - b^2 is the determinant, 1/scale.
       entry = 1 + c*k1
       next = 1 + c*k2
       beside = c*beside1
       pivot = entry - carried**2*inverse
       scale = 1/((entry*next - (beside*beside)) - carried**2*next*inverse)  ! does not wait for the pivot
       signs = ior(ior(transfer(pivot, signs), transfer(scale, signs)), signs)
+      ! y = (r_1 - u z, r_2) of the head.
       y1 = res1 - carried*r
       carried = c*beside2
       inverse = pivot*scale
       r = (pivot*res2 - (beside*y1))*scale
+      ! S^{-1} y, and S^{-1} (0, v) with the sign of its first entry turned.
       rhs1 = (next*y1 - (beside*res2))*scale
       rhs2 = r
       factor1 = beside*scale*carried
@@ -399,6 +419,7 @@ contains
       d2 = rhs2 - factor2*d
       d1 = rhs1 + factor1*d
       d = d1
+      ! Lanes that rest are corrected by zero.
       x2 = old2 - merge(d2, 0.0_wp, rests >= 0)
       x1 = old1 - merge(d1, 0.0_wp, rests >= 0)
       largest = max(max(abs(d1), abs(d2)), largest)
