@@ -226,7 +226,8 @@ contains
       call take_threads()
    end subroutine blas_single_thread
 
-   !> Give the BLAS its threads back, once its last user is done: calls are counted, since those of several host threads overlap.
+   !> Give the BLAS its threads back, once its last user is done: calls are counted, since those of several host threads
+   !> overlap.
    subroutine blas_restore_threads()
       call give_back_threads()
    end subroutine blas_restore_threads

@@ -48,7 +48,8 @@ module symsde_step_factory
    private
    public :: stepper_options, new_stepper, resolve_task, make_stepper, resolve_correction
 
-   !> What a caller may wish of steppers, beside scheme and model.
+   !> What a caller may wish of steppers, beside scheme and model. `general` lets the list begin at the oracles, and
+   !> `as_increments` leaves out steppers that know states alone.
    type :: stepper_options
       integer :: correction = correction_auto
       logical :: general = .false.   !! use the oracle of the scheme, whatever the traits allow
@@ -67,9 +68,19 @@ module symsde_step_factory
 
 contains
 
-   !> The first stepper that fits is taken. An oracle executes its schemes for every model that they allow, by their
-   !> equations as they stand: what the others are tested against. Only one that fits is allocated, since a run of few
-   !> steps would notice the time of allocating all.
+   !> Offer stepper number i of the list for a task: the first one that fits is taken. An oracle executes its schemes
+   !> for every model that they allow, by their equations as they stand: what the others are tested against. Only one
+   !> that fits is allocated, since a run of few steps would notice the time of allocating all.
+   !>
+   !> For one lane the instance for a single path is allocated, where the body has one. What decides in each case:
+   !>
+   !>    model_flow           the model has steps of this scheme of its own
+   !>    verlet_dz, mean_path the frame of the scheme: nothing else executes it
+   !>    explicit             every stage needs only stages before it, for the traits of the model
+   !>    mean_force           the tableau of averaged forces, and noise in the momenta
+   !>    midpoint ..          the midpoint rule, without momenta, of one degree of freedom, of all unknowns
+   !>    euler_pair           the pair where it is implicit
+   !>    one_dof, stages      several implicit stages: of one degree of freedom, or whose momenta are eliminated
    subroutine offer(i, task, stepper)
       integer, intent(in) :: i   !! model_flow .. last_stepper
       type(stepper_task), intent(in) :: task
@@ -111,6 +122,7 @@ contains
             if (task%nlane == 1) allocate (stages_single_path :: stepper)
             if (task%nlane > 1) allocate (stages_stepper :: stepper)
          end if
+         ! From here on the oracles, which ask for nothing but the form of the scheme.
       case (general); if (task%is_tableau()) allocate (general_stepper :: stepper)
       case (euler_maruyama); if (task%scheme%form == ito_form) call offer_explicit(task, stepper)
       case (galerkin); if (task%scheme%form == galerkin_form) allocate (galerkin_stepper :: stepper)
@@ -123,7 +135,7 @@ contains
    end subroutine offer
 
    !> Explicit steps: of a single path with the sine and cosine terms of an angle, of any other single path, or of a
-   !> block.
+   !> block. The first of these asks for one lane itself.
    subroutine offer_explicit(task, stepper)
       type(stepper_task), intent(in) :: task
       class(stepper_type), allocatable, intent(inout) :: stepper
@@ -137,7 +149,8 @@ contains
       end if
    end subroutine offer_explicit
 
-   !> A stepper for blocks of nlane lanes, with its task resolved on the way.
+   !> Make a stepper for blocks of nlane lanes, with its task resolved on the way: for callers that make one stepper
+   !> alone.
    subroutine new_stepper(stepper, model, scheme, options, nlane, error)
       class(stepper_type), allocatable, intent(out) :: stepper
       class(model_type), intent(in), target :: model
@@ -147,11 +160,15 @@ contains
       type(error_type), allocatable, intent(inout) :: error
       type(stepper_task), target :: task
 
+      ! The task lives as long as this call; the stepper keeps what it needs of it.
       call resolve_task(task, model, scheme, options, error)
       if (.not. allocated(error)) call make_stepper(stepper, task, model, nlane, error)
    end subroutine new_stepper
 
-   !> What steppers of a model are wanted for. Refuses combinations that do not fit, with the reason.
+   !> Resolve what steppers of a model are wanted for, once for blocks of every width. Refuses combinations that do
+   !> not fit, with the reason: numbers of iterations, corrections that the scheme does not take, and what the scheme
+   !> needs of the model. `follows` says whether a stage needs stages before it alone, by the zeros of a and abar and
+   !> the traits.
    subroutine resolve_task(task, model, scheme, options, error)
       type(stepper_task), intent(out), target :: task
       class(model_type), intent(in), target :: model    !! must live as long as the task, as the scheme must
@@ -172,13 +189,14 @@ contains
       if (allocated(task%tableau) .and. .not. options%general) task%scheme => task%tableau
       if (task%scheme%form == tableau_form) &
          task%follows = task%scheme%noise_coefficients_equal() .and. is_explicit(task%scheme, model%traits%separable)
+      ! The wishes that steppers ask for themselves.
       task%newton = options%newton
       task%as_increments = options%as_increments
       task%general = options%general
    end subroutine resolve_task
 
-   !> Choose and construct a stepper for blocks of nlane lanes. The model is given apart from the task since blocks may
-   !> see it through a view that keeps their padding from it.
+   !> Choose and construct a stepper for blocks of nlane lanes: the first of the list that fits is made for the task.
+   !> The model is given apart from the task since blocks may see it through a view that keeps their padding from it.
    subroutine make_stepper(stepper, wanted, model, nlane, error)
       class(stepper_type), allocatable, intent(out) :: stepper
       type(stepper_task), intent(in) :: wanted
@@ -211,14 +229,20 @@ contains
       type(error_type), allocatable, intent(inout) :: error
       character(:), allocatable :: missing
 
+      ! What is missing comes in words, as it stands in the message.
       call find_missing(scheme, model%traits, missing)
       if (.not. allocated(missing)) return
       call raise(error, incompatible, 'new_stepper', 'scheme '//scheme%name//' needs '//missing//'; model '// &
                  model%name//' does not declare it: use '//scheme%needs%instead)
    end subroutine check_needs
 
-   !> Which correction is active: auto means the increments form, or none where it vanishes. A scheme takes one where
-   !> its coefficient 1/2 - lambda is not zero. A correction that vanishes is never computed, even where it is wanted.
+   !> Find which correction is active: auto means the increments form, or none where it vanishes. A scheme takes one
+   !> where its coefficient 1/2 - lambda is not zero. A correction that vanishes is never computed, even where it is
+   !> wanted.
+   !>
+   !> Without correction such a scheme solves another equation, that of H + (lambda - 1/2) sum_k H_{k,p}.H_{k,q}. To
+   !> ask for none is allowed all the same, and the run says so; to ask for one of a scheme that needs none is a
+   !> mistake.
    subroutine resolve_correction(correction, model, scheme, wanted, error)
       integer, intent(out) :: correction
       class(model_type), intent(in) :: model
@@ -228,6 +252,7 @@ contains
       logical :: one_sided
 
       correction = correction_none
+      ! +-1/2 of the Euler pair; a coefficient that is zero to rounding has been made zero.
       one_sided = abs(scheme%correction_coefficient()) > 0
       select case (wanted)
       case (correction_none)

@@ -62,9 +62,11 @@ contains
          n = t%ndof
          m = t%nnoise
          stages = scheme%nstage
+         ! Slopes of drift and noise are kept apart.
          if (.not. scheme%noise_coefficients_equal() .and. m > 0) stages = 2*stages
          active = active_brackets(scheme%brackets, t)
          memory%lane = (vectors + 16*stages)*n + (12 + 2*stages)*(m + 1) + small_matrix
+         ! One area for every pair of noises.
          if (active%areas) memory%lane = memory%lane + m*(m - 1)/2
          if (t%bandwidth < 0 .and. t%has_hessian .and. .not. t%has_hessian_vector) &
             memory%lane = memory%lane + 3*n**2  ! products are made from the blocks
@@ -95,8 +97,10 @@ contains
       numbers = nlane*self%lane + self%once + self%rescue
    end function numbers
 
-   !> Add the matrices of an implicit step: of every lane, and of the one lane that LAPACK works on. by_parts says that
-   !> a special stepper takes the step, which may keep bands or form products; the oracle keeps a dense matrix.
+   !> Add the matrices of an implicit step: of every lane, and of the one lane that LAPACK works on. by_parts says
+   !> that a special stepper takes the step, which may keep bands or form products; the oracle keeps a dense matrix.
+   !> The cases are those of the head: fewer unknowns of a Galerkin scheme, bands, products, and dense matrices where
+   !> none of these holds.
    subroutine add_matrices(task, brackets, stages, memory)
       type(stepper_task), intent(in) :: task
       logical, intent(in) :: brackets    !! they are added to the Hamiltonian
@@ -109,6 +113,7 @@ contains
          n = t%ndof
          b = t%bandwidth
          unknowns = 2*n*stages
+         ! The special steppers, as the factory would choose them: stages, midpoint, and those of a frame.
          by_parts = fits_stages(task%model, scheme, task%newton) .and. &
                     (brackets .or. .not. abs(scheme%correction_coefficient()) > 0 .or. t%correction_vanishes())
          by_parts = .not. task%general .and. (by_parts .or. scheme%is_midpoint() .and. .not. brackets .or. &
@@ -124,6 +129,7 @@ contains
             return
          end if
          lane = lane + 6*n**2
+         ! Sweeps form no matrix of the unknowns.
          if (task%newton%fixed_point > 0) return
          lane = lane + unknowns**2
          once = once + 2*unknowns**2

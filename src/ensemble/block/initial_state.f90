@@ -28,8 +28,9 @@ module symsde_ensemble_block_initial_state
 
 contains
 
-   !> Load the initial state of a block, with statuses and low parts where they are given, else status ok and low parts
-   !> zero; lanes past its last path repeat that path.
+   !> Load the initial state of a block into its lanes s, with statuses and low parts where they are given, else
+   !> status ok and low parts zero; lanes past its last path repeat that path. `step` is changed where a stopped drive
+   !> goes on.
    subroutine give(self, offset, nreal, last, step, s)
       class(initial_state), intent(in) :: self
       integer(i8), intent(in) :: offset     !! paths of the run before this block
@@ -42,10 +43,12 @@ contains
       s%failed_step = -1
       if (associated(self%status)) call give_statuses(self, offset, nreal, last, step, s)
       s%status(nreal + 1:) = stopped  ! padding: nothing is solved for it, nothing counted
+      ! Padding has a step, or it would look like a lane whose failure has not been recorded.
       s%failed_step(nreal + 1:) = step
       s%nfailed = count(s%status /= 0)
       call load(self%q, offset, nreal, s%q)
       call load(self%p, offset, nreal, s%p)
+      ! Runs without compensated sums have no low parts.
       if (.not. allocated(s%q_low)) return
       s%q_low = 0
       s%p_low = 0
@@ -66,6 +69,7 @@ contains
 
       s%status(:nreal) = self%status(offset + 1:offset + nreal)
       s%failed_step(:nreal) = self%failed_step(offset + 1:offset + nreal)
+      ! Unless some path is found that was stopped, the block is done.
       if (self%resumed) step = last
       do lane = 1, nreal
          if (s%status(lane) /= stopped) cycle
@@ -75,7 +79,8 @@ contains
       end do
    end subroutine give_statuses
 
-   !> Copy rows offset+1 .. offset+nreal of x0 (or its only row) into lanes, the last one into the padding.
+   !> Copy rows offset+1 .. offset+nreal of x0 (npath, ndof), or its only row, into lanes x (nlane, ndof), the last
+   !> one into the padding.
    pure subroutine load(x0, offset, nreal, x)
       real(wp), intent(in) :: x0(:, :)
       integer(i8), intent(in) :: offset

@@ -2,8 +2,15 @@
 !> What drives the steps of a block: increments dW_k and functionals of the path (dZ, areas), drawn several pairs of
 !> steps ahead, and shown as many steps at a time as are taken at once.
 !>
-!> A source is asked for pairs of steps since the words of the generator make the normals of both. Every draw is counted
-!> by path and step: how far ahead a block draws, and where it began, changes nothing.
+!> A source is asked for pairs of steps since the words of the generator make the normals of both. Every draw is
+!> counted by path and step: how far ahead a block draws, and where it began, changes nothing.
+!>
+!> The store holds the pairs request%pair .. request%pair + nahead - 1, that is the steps
+!>
+!>    2 request%pair  ..  2 (request%pair + nahead) - 1,
+!>
+!> counted from the beginning of the run. The runner asks for a step (draw), how many are there from it on (left), and
+!> has them shown (show) to the stepper as pointers into the store.
 module symsde_ensemble_block_noise_buffer
    use symsde_base_functionals, only: functional_set
    use symsde_base_interrupt, only: interrupt_type
@@ -15,6 +22,7 @@ module symsde_ensemble_block_noise_buffer
    private
    public :: noise_buffer, new_noise_buffer
 
+   !> The buffer of one block: which paths it has, and what was drawn for them.
    type :: noise_buffer
       class(noise_type), pointer :: noise => null()
       type(step_request) :: request        !! paths of the block, and the pairs of steps in the store
@@ -45,7 +53,8 @@ contains
       allocate (self%request%path(nlane))
    end subroutine new_noise_buffer
 
-   !> A block of these paths, the first nreal of them real, of which nothing is drawn.
+   !> Begin a block of these paths, the first nreal of them real. Nothing is drawn yet, and nothing of another block
+   !> is left.
    subroutine begin(self, nreal, path)
       class(noise_buffer), intent(inout) :: self
       integer, intent(in) :: nreal
@@ -67,11 +76,14 @@ contains
 
       pair = step/2
       if (self%nahead > 0 .and. pair < self%request%pair + self%nahead) return
+      ! The store begins with an even pair; where a single pair fits it is the one that is asked for.
       self%request%pair = pair - mod(pair, min(2_i8, int(self%npair, i8)))
+      ! The last pair of the run may be half used.
       self%nahead = int(min(int(self%npair, i8), (nstep - 1)/2 - self%request%pair + 1))
       self%request%npair = self%nahead
       drawn = 0
       call self%store%make_room()
+      ! Without noises the weights h alone drive a step, which the store has from the beginning.
       if (self%noise%nnoise > 0) call self%noise%fill(self%request, self%store, drawn, interrupt)
       if (present(interrupt)) then
          if (interrupt%wanted) then

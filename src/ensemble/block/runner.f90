@@ -73,8 +73,9 @@ module symsde_ensemble_block_runner
 contains
 
    !> A runner around a stepper, with room for what sources of noise will be asked for; to be equipped before it runs.
-   !> States on the way are kept, and shown several at once, for a path by itself and for models that take whole steps.
-   !> Other blocks take their steps up to one saved point, which is shown from where it is.
+   !> States on the way are kept, and shown several at once, for a path by itself and for models that take whole
+   !> steps. Other blocks take their steps up to one saved point, which is shown from where it is.
+   !> Room for states is bounded by memory (prefetch), and by how many saved points the run has.
    subroutine new_block_runner(self, options, nlane, stepper, asked)
       type(block_runner), intent(out) :: self
       type(run_options), intent(in) :: options
@@ -95,19 +96,22 @@ contains
          call new_noise_buffer(self%drawn, nlane, self%stepper%ham%nnoise, options%nstep, options%step, asked)
          call new_lane_state(self%state, nlane, n, options%compensated)
          nout = int(min(int(states_ahead(nlane, n), i8), max(1_i8, options%nstep/options%save_every)))
+         ! No room: the states of single saved points are those of the block itself.
          if (.not. several) nout = 0
          allocate (self%passed%q(nlane, n, nout), self%passed%p(nlane, n, nout))
       end associate
       self%steps%t0 = options%t0
    end subroutine new_block_runner
 
-   !> What one drive of the runner needs; all but steps and saves in the options is as when the runner was made.
+   !> Give the runner what one drive needs; all but steps and saves in the options is as when the runner was made. The
+   !> observer is copied, since it keeps the sums of this thread; the source of noise is read by all threads.
    subroutine equip(self, options, observer, noise)
       class(block_runner), intent(inout) :: self
       type(run_options), intent(in) :: options
       class(observer_type), intent(in) :: observer           !! copied
       class(noise_type), intent(in), target :: noise
 
+      ! Steps and saved points may be others in each drive of a prepared run; the stepper is kept.
       self%options = options
       self%drawn%noise => noise
       if (allocated(self%observer)) deallocate (self%observer)
@@ -123,6 +127,7 @@ contains
 
       call take_state(self, first, nreal, start)
       call self%observer%begin_block(first, nreal, self%state%nlane)
+      ! The initial state is saved state 0; a block that goes on has shown it before.
       if (self%step == self%options%first_step) &
          call self%observer%observe(0_i8, time_of(self, self%step), self%state)
    end subroutine begin
@@ -140,10 +145,12 @@ contains
       call self%begin_with(self%options%first_step, nreal, path)
       call start%give(first - self%options%first_path, nreal, self%options%first_step + self%options%nstep, self%step, &
                       self%state)
+      ! What is counted at the end are the steps from here.
       self%begun = self%step
    end subroutine take_state
 
-   !> A block of these paths, the first nreal of them real, whose step number `step` comes next; without their state.
+   !> Begin a block of these paths, the first nreal of them real, whose step number `step` comes next; their state is
+   !> loaded by the caller. Noise, steps, Hamiltonian and the view of the model are all told how many lanes are real.
    subroutine begin_with(self, step, nreal, path)
       class(block_runner), intent(inout) :: self
       integer(i8), intent(in) :: step, path(self%state%nlane)
@@ -151,6 +158,7 @@ contains
 
       self%nreal = nreal
       self%step = step
+      ! Padding repeats the last path, noise included.
       call self%drawn%begin(nreal, path)
       self%steps%nreal = nreal
       self%stepper%ham%nreal = nreal
@@ -166,9 +174,11 @@ contains
       integer(i8) :: last
       integer :: nout, every
 
+      ! The chunk ends here at the latest; steps that are taken at once do not reach over its end.
       last = min(self%step + self%chunk, self%options%first_step + self%options%nstep)
       do while (self%step < last .and. self%state%nfailed < self%enough)
          call self%drawn%draw(self%step, self%options%first_step + self%options%nstep, interrupt)
+         ! Draws that were left are of no use: the block stays where it is.
          if (present(interrupt)) then
             if (interrupt%wanted) return
          end if
@@ -177,7 +187,8 @@ contains
       end do
    end subroutine run_chunk
 
-   !> Steps from here to the next saved point, 1 .. save_every; save_every at a saved point itself.
+   !> Steps from here to the next saved point, 1 .. save_every; save_every at a saved point itself, from which a whole
+   !> distance is ahead.
    pure integer(i8) function steps_to_save(self)
       type(block_runner), intent(in) :: self
 
@@ -194,10 +205,12 @@ contains
       integer(i8) :: most, ahead
       integer :: room
 
+      ! No more steps at once than are drawn, nor than are left of the chunk.
       most = min(left, self%drawn%left(self%step))
       ahead = steps_to_save(self)
       room = size(self%passed%q, 3)
       if (self%state%nlane > most_retaken .and. self%observer%may_retire()) room = 1
+      ! From a saved point on, with at least one whole distance to the next: as many distances as fit.
       nout = 1
       if (ahead == self%options%save_every .and. ahead <= most) nout = max(1, int(min(most/ahead, int(room, i8))))
       every = int(min(ahead, most))
@@ -221,16 +234,21 @@ contains
 
       step = self%step
       retires = .false.
+      ! Only where an observer may retire a lane between these steps is the state at their beginning kept.
       if (nout > 1) retires = self%observer%may_retire()
       if (retires) then
          from = self%state
          call self%stepper%tally(before)
       end if
       call advance(self, nout, every, ntaken, failed)
+      ! States on the way: they are shown as if the failing step, the last one, had not been tried.
       if (nout > 1) then
          if (failed) call set_back(self%state, reached)
+         ! Lanes with a status before the observer has seen the states.
          nfailed = self%state%nfailed
          call show_states(self, every, nshown)
+         ! A lane was retired, and steps were taken after that point: what these counted is taken back, and the steps
+         ! up to the point are taken again.
          if (retires .and. self%state%nfailed > nfailed .and. (failed .or. nshown < nout)) then
             call self%stepper%tally(after)
             call add_counters(self%counters, after, -1)
@@ -241,13 +259,17 @@ contains
          if (failed) self%state = reached
       end if
       self%step = step + ntaken
+      ! The rescue gets the step that failed, and room for the increments by which it moves lanes that it saves.
       if (failed) call self%rescue%settle(self%step - 1, self%stepper%record, self%state, self%stepper%last_dq, &
                                           self%stepper%last_dp)
+      ! States of several saved points have been shown above, unless a failure has ended them at a point that is
+      ! saved.
       if ((nout == 1 .or. failed) .and. steps_to_save(self) == self%options%save_every) call save_point(self)
    end subroutine take_steps
 
-   !> Let the stepper take nout times `every` steps from where the block is. ntaken counts the step in which a lane
-   !> failed, too; the saved states on the way stand in self%passed.
+   !> Let the stepper take nout times `every` steps from where the block is, by default one after the other, or at
+   !> once where the model does. ntaken counts the step in which a lane failed, too; the saved states on the way stand
+   !> in self%passed.
    subroutine advance(self, nout, every, ntaken, failed)
       type(block_runner), intent(inout) :: self
       integer, intent(in) :: nout, every
@@ -266,10 +288,12 @@ contains
       type(lane_state), intent(out) :: reached
 
       reached = state
+      ! A lane with a status whose step is not recorded is one of this step.
       where (state%failed_step < 0) state%status = 0
    end subroutine set_back
 
-   !> The states on the way, which are saved points, to the observer, as far as it retires no lane.
+   !> Show the states on the way, which are saved points, to the observer, as far as it retires no lane. The first of
+   !> them is `every` steps behind the step with which these began.
    subroutine show_states(self, every, nshown)
       type(block_runner), intent(inout) :: self
       integer, intent(in) :: every
@@ -289,8 +313,9 @@ contains
    end subroutine show_states
 
    !> A lane was retired after nshown states, and took no further step: the steps to those which were shown are taken
-   !> again, from where they began, for the counters and for low parts, which states on the way are without. The states
-   !> themselves are there: the observer was shown the last of them in self%state.
+   !> again, from where they began, for the counters and for low parts, which states on the way are without. The
+   !> states themselves are there: the observer was shown the last of them in self%state, and has retired the lane
+   !> there.
    subroutine take_again(self, from, step, nshown, every)
       type(block_runner), intent(inout) :: self
       type(lane_state), intent(inout) :: from   !! where they began
@@ -303,6 +328,7 @@ contains
       self%steps%every = every
       call self%stepper%advance(self%steps, from, self%passed, ntaken, failed)
       self%step = step + ntaken
+      ! Low parts after these steps, which the states on the way do not hold.
       if (.not. allocated(from%q_low)) return
       self%state%q_low = from%q_low
       self%state%p_low = from%p_low
@@ -314,6 +340,7 @@ contains
       type(block_runner), intent(inout) :: self
       integer :: lane, nwhole
 
+      ! Paths that are ok have taken all steps; others are counted one by one, up to the step in which they ended.
       nwhole = count(self%state%status(:self%nreal) == 0)
       call add_steps(self, nwhole, self%step)
       if (nwhole == self%nreal) return
@@ -329,13 +356,14 @@ contains
       integer, intent(in) :: n
       integer(i8), intent(in) :: next
 
+      ! A path that ended before the block began has taken no steps here.
       if (next <= self%begun) return
       self%counters%steps = self%counters%steps + n*(next - self%begun)
       self%counters%normals = self%counters%normals + &
                               n*self%drawn%normals_of_pair*((next - 1)/2 - self%begun/2 + 1)
    end subroutine add_steps
 
-   !> Whether nothing is left to do.
+   !> Whether nothing is left to do: the last step is taken, or no lane is ok.
    pure logical function is_done(self)
       class(block_runner), intent(in) :: self
 
@@ -350,6 +378,7 @@ contains
       integer, intent(in) :: nreal
       type(initial_state), intent(in) :: start
 
+      ! The observer is told of the block, whose saved times are all skipped.
       call take_state(self, first, nreal, start)
       call stop_paths(self)
       call self%observer%begin_block(first, nreal, self%state%nlane)
@@ -371,6 +400,7 @@ contains
       class(block_runner), intent(inout) :: self
       integer(i8) :: reached
 
+      ! Paths that are ok here were stopped; those that failed have their own status.
       if (self%step < self%options%first_step + self%options%nstep) then
          call stop_paths(self)
          reached = (self%step - self%options%first_step)/self%options%save_every
@@ -379,7 +409,8 @@ contains
       call count_steps(self)
    end subroutine finish
 
-   !> Add what was counted, by this block, its stepper and its rescue.
+   !> Add what was counted to `total`: by this block, its stepper and its rescue, and by the runners of narrower
+   !> blocks.
    recursive subroutine tally(self, total)
       class(block_runner), intent(in) :: self
       type(counters_type), intent(inout) :: total
@@ -390,7 +421,7 @@ contains
       if (associated(self%narrower)) call self%narrower%tally(total)
    end subroutine tally
 
-   !> Give back the view of the model, and the narrower runners.
+   !> Give back the view of the model, and the narrower runners, each of which gives back the next of the list.
    impure elemental recursive subroutine release(self)
       type(block_runner), intent(inout) :: self
 

@@ -1,7 +1,11 @@
 ! SPDX-License-Identifier: BSD-3-Clause
 !> How a block runner of any width is made for a run. The task, the options and the functionals that are asked for are
-!> the same for all threads and are only read. Every thread has a runner of its own, and makes those of narrower blocks
-!> when it first needs them.
+!> the same for all threads and are only read. Every thread has a runner of its own, and makes those of narrower
+!> blocks when it first needs them.
+!>
+!> A runner is made of four things: a view of the model that hides padding, where the model is a user's (real_lanes);
+!> a stepper for this width, which sees the model through the view; the block's state and noise buffer
+!> (new_block_runner); and a rescue for its failed lanes.
 module symsde_ensemble_block_runner_factory
    use symsde_base_functionals, only: functional_set
    use symsde_base_status, only: error_type
@@ -19,6 +23,7 @@ module symsde_ensemble_block_runner_factory
    private
    public :: runner_factory
 
+   !> What all runners of a run are made from. The task is resolved once, by step/factory.
    type :: runner_factory
       type(stepper_task) :: task        !! for any lanes
       type(run_options) :: options
@@ -44,16 +49,19 @@ contains
       class(model_type), pointer :: seen
 
       call look_at_real_lanes(self%task%model, has_padding, view, seen)
+      ! A stepper of one lane may be there already: the driver has made it, to ask how many paths go one by one.
       if (present(single)) call move_alloc(single, stepper)
       if (nlane > 1) then
          call make_stepper(stepper, self%task, seen, nlane, error)
       else if (.not. allocated(stepper)) then
          call new_single_path(stepper, self%task, self%options%npath, error)
       end if
+      ! Without a runner nobody owns the view.
       if (allocated(error)) then
          if (associated(view)) deallocate (view)
          return
       end if
+      ! The stepper is moved into the runner, which owns it from here on.
       call new_block_runner(runner, self%options, nlane, stepper, self%asked)
       runner%real_lanes => view
       if (self%task%scheme%frame == frame_none) &  ! else a step inside of the frame is rescued, by its stepper
@@ -68,9 +76,12 @@ contains
       type(real_lanes_model), pointer, intent(out) :: view  !! a view to be owned by the runner, or null
       class(model_type), pointer, intent(out) :: seen
 
+      ! The model itself, unless a view is better.
       nullify (view)
       seen => model
+      ! Where all blocks are full there is nothing to hide.
       if (.not. has_padding) return
+      ! Only functions of a user are asked for real lanes alone, where they take any number of lanes.
       select type (model)
       type is (callback_model)
          if (.not. model%any_lanes .or. model%traits%has_chain_rows) return  ! rows come in strips of a fixed width

@@ -26,7 +26,7 @@ module symsde_ensemble_block_shrink_block
 
    integer(i8), parameter :: worth_while = 16  !! steps to come: fewer do not pay for the change
 
-   !> Shows the lanes of a narrower block where they were in the wide one.
+   !> The observer of a narrower block: it shows its lanes where they were in the wide one to the observer of the run.
    type, extends(observer_type) :: spreading_observer
       type(block_runner), pointer :: wide => null(), narrow => null()
    contains
@@ -58,8 +58,10 @@ contains
 
       associate (nlane => active%state%nlane)
          active%enough = nlane  ! the chunk goes on whatever fails, unless said otherwise below
+         ! Blocks of eight lanes are the narrowest: a vector is not halved.
          if (.not. recipe%narrows .or. narrower_width(nlane) == nlane) return
          if (wide%options%first_step + wide%options%nstep - active%step < worth_while) return
+         ! Half of the lanes, or nearly: as many as the next narrower block does without.
          active%enough = nlane - narrower_width(nlane)
          if (active%state%nfailed < active%enough) return
          nlive = nlane - active%state%nfailed
@@ -70,6 +72,7 @@ contains
          width = narrower_width(width)
       end do
       call find_runner(recipe, wide, width, next)
+      ! The block stays as wide as it is, and no longer looks for the lanes that leave it.
       if (.not. associated(next)) then
          active%enough = active%state%nlane
          return
@@ -78,14 +81,17 @@ contains
       if (.not. associated(active, wide)) call leave(wide, active)
       call hand_over(wide, active, next)
       active => next
+      ! A block that can be no narrower goes on until its last lane has a status.
       active%enough = width - merge(narrower_width(width), 0, narrower_width(width) < width)
    end subroutine narrow_down
 
-   !> Bring the paths of a block back to where they were, if a narrower runner has them.
+   !> Bring the paths of a block back to where they were, if a narrower runner has them: the wide runner finishes the
+   !> block.
    subroutine come_back(wide, active)
       type(block_runner), intent(inout), target :: wide
       type(block_runner), pointer, intent(inout) :: active
 
+      ! No narrower runner has taken the paths.
       if (associated(active, wide)) return
       call leave(wide, active)
       ! the wide runner took no steps meanwhile
@@ -102,6 +108,7 @@ contains
       type(block_runner), pointer, intent(out) :: runner
       type(error_type), allocatable :: error
 
+      ! The list begins at the wide runner and is linked through `narrower`.
       runner => wide%narrower
       do while (associated(runner))
          if (runner%state%nlane == width) return
@@ -114,6 +121,7 @@ contains
          return
       end if
       allocate (runner%origin(width))
+      ! The new one becomes the first of the list, which the wide runner releases at its end.
       runner%narrower => wide%narrower
       wide%narrower => runner
    end subroutine find_runner
@@ -127,6 +135,7 @@ contains
       integer(i8) :: path(to%state%nlane)
       integer :: lane, n
 
+      ! origin(1 .. n) are the lanes that are ok, in their order.
       n = 0
       do lane = 1, wide%nreal
          if (wide%state%status(lane) /= 0) cycle
@@ -138,11 +147,13 @@ contains
       do lane = 1, to%state%nlane
          path(lane) = wide%drawn%request%path(to%origin(lane))
       end do
+      ! The narrow runner asks the same source, and shows what it reaches to the observer of the wide one.
       call to%equip(wide%options, spreading_observer(wide=wide, narrow=to), wide%drawn%noise)
       call to%begin_with(from%step, n, path)
       associate (s => to%state, x => wide%state)
          call gather_lanes(x%nlane, s%nlane, s%ndof, to%origin, x%q, s%q)
          call gather_lanes(x%nlane, s%nlane, s%ndof, to%origin, x%p, s%p)
+         ! Low parts of compensated sums go along, or the bits would be others.
          if (allocated(s%q_low)) then
             call gather_lanes(x%nlane, s%nlane, s%ndof, to%origin, x%q_low, s%q_low)
             call gather_lanes(x%nlane, s%nlane, s%ndof, to%origin, x%p_low, s%p_low)
@@ -161,6 +172,7 @@ contains
       type(block_runner), intent(in) :: narrow
 
       call spread_state(narrow%nreal, narrow%origin, narrow%state, wide%state)
+      ! The wide runner counts the normals of the whole block at its end.
       wide%drawn%normals_of_pair = narrow%drawn%normals_of_pair
    end subroutine leave
 
@@ -182,6 +194,7 @@ contains
          call spread_lanes(wide%nlane, narrow%nlane, nreal, wide%ndof, origin, is_ok, narrow%p_low, wide%p_low)
       end if
       do lane = 1, nreal
+         ! Only lanes that have failed in the narrow block bring something else than numbers.
          if (.not. is_ok(lane) .or. narrow%status(lane) == 0) cycle
          wide%status(origin(lane)) = narrow%status(lane)
          wide%failed_step(origin(lane)) = narrow%failed_step(lane)
@@ -189,7 +202,7 @@ contains
       end do
    end subroutine spread_state
 
-   !> narrow(l, :) = wide(origin(l), :)
+   !> Gather lanes: narrow(l, :) = wide(origin(l), :), padding included.
    pure subroutine gather_lanes(nwide, nnarrow, ndof, origin, wide, narrow)
       integer, intent(in) :: nwide, nnarrow, ndof, origin(nnarrow)
       real(wp), intent(in) :: wide(nwide, ndof)
@@ -203,7 +216,7 @@ contains
       end do
    end subroutine gather_lanes
 
-   !> wide(origin(l), :) = narrow(l, :) for real lanes that are ok.
+   !> Spread lanes: wide(origin(l), :) = narrow(l, :) for real lanes that are ok in the wide block.
    pure subroutine spread_lanes(nwide, nnarrow, nreal, ndof, origin, is_ok, narrow, wide)
       integer, intent(in) :: nwide, nnarrow, nreal, ndof, origin(nnarrow)
       logical, intent(in) :: is_ok(nreal)
@@ -227,7 +240,8 @@ contains
       integer, intent(in) :: nreal, nlane
    end subroutine begin_block
 
-   !> Show the wide block, with these lanes where they were; lanes that its observer retires are retired here, too.
+   !> Show the wide block, with these lanes where they were; lanes that its observer retires are retired here, too,
+   !> with the same status and step.
    subroutine observe(self, isave, t, state)
       class(spreading_observer), intent(inout) :: self
       integer(i8), intent(in) :: isave
@@ -236,6 +250,7 @@ contains
       integer :: lane, before
 
       associate (wide => self%wide%state, origin => self%narrow%origin)
+         ! The wide state is brought up to date first: the observer sees all paths of the block.
          call spread_state(self%narrow%nreal, origin, state, wide)
          ! what the observer retires is seen by the count, and looked for in these lanes alone
          before = wide%nfailed
@@ -250,7 +265,8 @@ contains
       end associate
    end subroutine observe
 
-   !> Whether the observer of the run may retire lanes.
+   !> Whether the observer of the run may retire lanes: the runner of the narrow block then keeps the state to go back
+   !> to.
    logical function may_retire(self)
       class(spreading_observer), intent(in) :: self
 

@@ -23,6 +23,7 @@ contains
 
       call make_stepper(stepper, task, task%model, 1, error)
       if (allocated(error)) return
+      ! The only lane is a real path.
       stepper%ham%nreal = 1
       if (npath > stepper%most_single) deallocate (stepper)
    end subroutine new_single_path

@@ -3,12 +3,16 @@
 !>
 !>    q_{n+1} = q_n + dq,   p_{n+1} = p_n + dp                 in every lane that is ok and whose sums are finite
 !>
-!> With compensation (Kahan) the sum takes d + low in place of d, and low becomes what the rounding of that sum took.
+!> With compensation (Kahan) the sum takes d + low in place of d, and low becomes what the rounding of that sum took:
 !>
-!> A lane fails in three steps, which are apart so that someone can rescue it in between: the stepper or `advance` gives
-!> it a status and leaves its state as it was; the rescue may find increments after all, which `take_rescued` adds;
-!> `record` notes for the others in which step they failed and counts them. From then on nothing moves them, though
-!> their lanes are still computed along.
+!>    y = d + low,   s = x + y,   low = y - (s - x),   x = s
+!>
+!> So the sum of many small increments is wrong by one rounding and not by as many as there are steps.
+!>
+!> A lane fails in three steps, which are apart so that someone can rescue it in between: the stepper or `advance`
+!> gives it a status and leaves its state as it was; the rescue may find increments after all, which `take_rescued`
+!> adds; `record` notes for the others in which step they failed and counts them. From then on nothing moves them,
+!> though their lanes are still computed along.
 !>
 !> States that a model computed by itself are judged instead: several of them at once by `judge`, which takes all or
 !> none, and those of a single step lane by lane by `take_sound`.
@@ -95,14 +99,15 @@ contains
          call find_bad(self%nlane, self%ndof, dq, dp, self%q, self%p, self%status, self%bad, nbad)
          call add_increments(self, dq, dp)
       end if
+      ! Padding and lanes that had failed are among the bad ones, and are what nfailed counts.
       failed = nbad > self%nfailed
       if (.not. failed) return
       if (self%nlane == 1) self%bad = 1  ! the ways of a single path do not write it
       where (self%status == 0 .and. self%bad > 0) self%status = nonfinite
    end subroutine advance
 
-   !> Add the increments in lanes that had a status in this step and have none now: those which were rescued. All other
-   !> lanes have moved before, and count as bad here.
+   !> Add the increments in lanes that had a status in this step and have none now: those which were rescued. All
+   !> other lanes have moved before, and count as bad here, so that none is moved twice.
    subroutine take_rescued(self, status, dq, dp)
       class(lane_state), intent(inout) :: self
       integer(i8), intent(in) :: status(self%nlane)          !! as the step left it
@@ -116,7 +121,7 @@ contains
       call add_increments(self, dq, dp)
    end subroutine take_rescued
 
-   !> Add the increments in lanes that are not bad.
+   !> Add the increments in lanes that are not bad (self%bad), by compensated sums where there are low parts.
    subroutine add_increments(self, dq, dp)
       type(lane_state), intent(inout) :: self
       real(wp), intent(in) :: dq(self%nlane, self%ndof), dp(self%nlane, self%ndof)
@@ -152,12 +157,14 @@ contains
       logical, intent(out) :: taken
       integer :: nbad
 
+      ! A single path has no padding, and one number of all its states decides.
       if (self%nlane == 1) then
          nbad = merge(0, 1, are_finite(self%ndof*nout, q, p) .and. status(1) == 0)
       else
          call find_bad_states(self%nlane, self%ndof*nout, nreal, status, q, p, self%bad, nbad)
       end if
       taken = nbad == self%nfailed - (self%nlane - nreal)
+      ! The model has gone on with lanes that had failed; what it computed for them is replaced.
       if (taken .and. nbad > 0) call keep(self%nlane, self%ndof, nout, self%q, self%p, self%status, q, p)
    end subroutine judge
 
@@ -172,6 +179,8 @@ contains
       ! lane by lane, and no kernel: this serves the one step in which a lane fails
       do lane = 1, self%nlane
          if (self%status(lane) /= 0) cycle
+         ! The code that the model has given, or, where the state is not finite although it has given none, that of
+         ! such states.
          self%status(lane) = status(lane)
          if (status(lane) /= 0) cycle
          if (all(abs(q(lane, :)) <= huge(q)) .and. all(abs(p(lane, :)) <= huge(p))) then
@@ -220,7 +229,7 @@ contains
       self%nfailed = count(self%status /= 0)
    end subroutine record
 
-   !> Keep one more state, after those that are there.
+   !> Keep one more state, after those that are there; the caller sees to it that there is room.
    subroutine put(self, state)
       class(passed_states), intent(inout) :: self
       type(lane_state), intent(in) :: state
@@ -255,6 +264,7 @@ contains
       integer :: lane
 
       count = 0
+      ! A comparison with huge is false for a NaN, too.
       do lane = 1, nlane
          qn = q(lane) + dq(lane)
          pn = p(lane) + dp(lane)
@@ -267,8 +277,8 @@ contains
       nbad = int(count)
    end subroutine advance_one
 
-   !> A path by itself: nbad = 0 where the sums of its n numbers are finite and it is ok, and then they are taken; else
-   !> nbad = 1 and nothing changes.
+   !> A path by itself: nbad = 0 where the sums of its n numbers are finite and it is ok, and then they are taken;
+   !> else nbad = 1 and nothing changes. All numbers are tested before the first is written.
    pure subroutine advance_path(n, dq, dp, q, p, status, nbad)
       integer, intent(in) :: n
       real(wp), intent(in) :: dq(n), dp(n)
@@ -279,6 +289,7 @@ contains
 
       nbad = merge(0, 1, status == 0 .and. has_finite_sums(n, q, dq) .and. has_finite_sums(n, p, dp))
       if (nbad > 0) return
+      ! Few numbers have just been stored one by one, and are added so.
       if (n <= narrow) then
          !GCC$ novector
          do i = 1, n
@@ -291,7 +302,8 @@ contains
       end if
    end subroutine advance_path
 
-   !> The same by Kahan's summation. Whether x + d is finite is asked of the plain sum.
+   !> The same by Kahan's summation. Whether x + d is finite is asked of the plain sum, to which low adds no more than
+   !> a rounding.
    pure subroutine advance_path_compensated(n, dq, dp, q, p, q_low, p_low, status, nbad)
       integer, intent(in) :: n
       real(wp), intent(in) :: dq(n), dp(n)
@@ -338,6 +350,7 @@ contains
       real(wp), intent(inout) :: x, low
       real(wp) :: y, s
 
+      ! y is what is to be added, s - x what was added: their difference is lost but for low.
       y = d + low
       s = x + y
       low = y - (s - x)
@@ -376,6 +389,7 @@ contains
          end do
       end do
       count = 0
+      ! Padding is not judged: bad is zero or NaN there, and nobody reads it.
       do lane = 1, nreal
          bad(lane) = merge(0.0_wp, 1.0_wp, abs(bad(lane)) <= 0 .and. status(lane) == 0)
          count = count + merge(0_i8, 1_i8, bad(lane) <= 0)
@@ -401,7 +415,8 @@ contains
       are_finite = bad >= 0
    end function are_finite
 
-   !> VEC Put the last good state (q, p) in place of all nout states (qn, pn) in lanes with a status.
+   !> VEC Put the last good state (q, p) in place of all nout states (qn, pn) in lanes with a status, so that
+   !> observers see failed paths where they ended.
    pure subroutine keep(nlane, ndof, nout, q, p, status, qn, pn)
       integer, intent(in) :: nlane, ndof, nout
       real(wp), intent(in) :: q(nlane, ndof), p(nlane, ndof)
@@ -436,13 +451,14 @@ contains
             bad(lane) = bad(lane) + (0*(q(lane, i) + dq(lane, i)) + 0*(p(lane, i) + dp(lane, i)))
          end do
       end do
+      ! The verdict: one where some sum is not finite, or where the lane had a status.
       do lane = 1, nlane
          bad(lane) = merge(0.0_wp, 1.0_wp, abs(bad(lane)) <= 0 .and. status(lane) == 0)
       end do
       nbad = nint(sum(bad))
    end subroutine find_bad
 
-   !> VEC x = x + d in lanes that are not bad.
+   !> VEC x = x + d in lanes that are not bad; the others keep every bit of x.
    pure subroutine add(nlane, ndof, d, bad, x)
       integer, intent(in) :: nlane, ndof
       real(wp), intent(in) :: d(nlane, ndof), bad(nlane)
@@ -456,7 +472,8 @@ contains
       end do
    end subroutine add
 
-   !> VEC Kahan's summation: what rounding took from x is kept in low and given back in the next step.
+   !> VEC Kahan's summation in lanes that are not bad: what rounding took from x is kept in low and given back in the
+   !> next step.
    pure subroutine add_compensated(nlane, ndof, d, bad, x, low)
       integer, intent(in) :: nlane, ndof
       real(wp), intent(in) :: d(nlane, ndof), bad(nlane)
