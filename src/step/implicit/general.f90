@@ -58,6 +58,7 @@ module symsde_step_implicit_general
 
 contains
 
+   !> Make the stepper of a task: the scheme as it stands, with its brackets and the correction of the task.
    subroutine make(self, task)
       class(general_stepper), intent(inout) :: self
       type(stepper_task), intent(in) :: task
@@ -82,6 +83,7 @@ contains
       self%name = 'general'
       self%most_single = 2
       self%nstage = nstage
+      ! Two parts only where drift and noise differ in a coefficient, since slopes of their own double the unknowns.
       self%npart = merge(1, 2, scheme%noise_coefficients_equal() .or. model%traits%nnoise == 0)
       self%c = scheme%c
       allocate (self%a(nstage, nstage, self%npart), self%abar(nstage, nstage, self%npart))
@@ -100,12 +102,14 @@ contains
       call new_newton(self%newton, nlane, 2*n*nstage*self%npart, options, &
                       model%traits%one_solve(.false.) .and. &
                       .not. allocated(self%ham%modified), -1, -1)
+      ! Newton's iteration has residual and matrix; here are weights, slopes, and room for one stage.
       allocate (self%v(nlane, 0:model%traits%nnoise, self%npart))
       allocate (self%x(nlane, 2*n*nstage*self%npart), self%qs(nlane, n), self%ps(nlane, n))
       allocate (self%hqq(nlane, n, n), self%hqp(nlane, n, n), self%hpp(nlane, n, n))
    end subroutine new_general_stepper
 
-   !> dq and dp, by Newton's iteration from slopes of zero.
+   !> dq and dp (nlane, ndof), by Newton's iteration from slopes of zero. Lanes that fail have sums of whatever slopes
+   !> they had, which nobody uses.
    subroutine increment(self, step, q, p, dq, dp, status)
       class(general_stepper), intent(inout) :: self
       type(step_record), intent(in) :: step
@@ -129,6 +133,7 @@ contains
       real(wp) :: near(self%ham%nlane)
       logical :: begun
 
+      ! Each part is asked of the Hamiltonian with its own weights.
       call split_weights(self, step%w)
       call self%newton%start(status)
       begun = .false.
@@ -143,8 +148,8 @@ contains
       call look_back(self, step, q, p, near, status)
    end subroutine solve_stages
 
-   !> Residuals and matrix at the slopes x, all stages.
-   !> Each stage is evaluated once for each part, and fills its rows of the matrix in all columns.
+   !> Residuals and matrix at the slopes x, all stages, in newton%r and newton%a. Each stage is evaluated once for
+   !> each part, and fills its rows of the matrix in all columns: with two parts Q_i and P_i are those of both.
    subroutine linearise_all(self, step, q, p)
       type(general_stepper), intent(inout) :: self
       type(step_record), intent(in) :: step
@@ -176,6 +181,7 @@ contains
 
       ! One solve of linear equations cannot go astray, and a given number of iterations is not held to converge.
       if (self%newton%affine .or. self%newton%options%fixed_point > 0) return
+      ! Slopes beyond a million times those at the beginning, in lanes that have converged.
       grown = status == 0 .and. maxval(abs(self%x), dim=2) > far*near
       if (.not. any(grown)) return
       call linearise_all(self, step, q, p)
@@ -183,6 +189,7 @@ contains
          do lane = 1, self%ham%nlane
             if (.not. grown(lane)) cycle
             do at = 1, size(x, 2), n
+               ! Residuals of one slope vector against its own size, or against that at the beginning.
                largest = max(near(lane), maxval(abs(x(lane, at:at + n - 1))))
                if (all(abs(r(lane, at:at + n - 1)) <= solved*largest)) cycle
                status(lane) = not_converged
@@ -243,6 +250,8 @@ contains
       integer :: j, part, at
 
       associate (n => self%ham%ndof)
+         ! The sums begin with q_n and p_n, and take slopes with a zero coefficient, too: the oracle leaves nothing
+         ! out.
          self%qs = q
          self%ps = p
          do part = 1, self%npart
@@ -264,6 +273,7 @@ contains
       real(wp) :: t
       integer :: n, at, k
 
+      ! One time for all derivatives of a stage.
       t = step%t + self%c(i)*step%h
       n = self%ham%ndof
       at = first(self, i, part)
@@ -278,6 +288,7 @@ contains
                                            hqq=self%hqq, hqp=self%hqp, hpp=self%hpp, step=step)
             call matrix_rows(self, i, at)
          end if
+         ! r held the gradient and becomes the residual.
          do k = 0, n - 1
             r(:, hp + k) = self%x(:, hp + k) - r(:, hp + k)
             r(:, hq + k) = self%x(:, hq + k) + r(:, hq + k)
@@ -309,6 +320,7 @@ contains
             end do
          end do
          do k = at, at + 2*n - 1
+            ! The slopes themselves, F_i and G_i, of the equations of these rows.
             m(:, k, k) = m(:, k, k) + 1
          end do
       end associate

@@ -67,10 +67,12 @@ contains
       class(stepper_type), intent(in) :: stepper       !! rung 1
 
       self%scheme => task%scheme
+      ! A Galerkin scheme that is a tableau for this model is rescued by that tableau.
       if (allocated(task%tableau)) self%scheme => task%tableau
       if (self%scheme%form /= tableau_form .or. task%newton%fixed_point > 0) return
       if (stepper%explicit) return              ! no equations
       if (allocated(stepper%ham%modified)) return  ! its brackets have increments of their own
+      ! Two slopes of n numbers for each stage, and twice as many where noise has coefficients of its own.
       if (4*task%model%traits%ndof*self%scheme%nstage > max_unknowns) return
       self%available = .true.
       self%model => task%model
@@ -89,6 +91,7 @@ contains
       integer(i8) :: status(state%nlane)
 
       if (self%available) then
+         ! The statuses of rung 1 tell take_rescued which lanes have come back.
          status = state%status
          call self%attempt(state%nlane, step, state%q, state%p, state%failed_step, dq, dp, state%status)
          call state%take_rescued(status, dq, dp)
@@ -110,8 +113,10 @@ contains
 
       if (.not. self%available) return
       if (.not. allocated(self%stepper)) call make_stepper(self)
+      ! Lanes are gathered until there are eight.
       n = 0
       do lane = 1, nlane
+         ! Padding and paths that failed before have their step; other statuses are no matter of a solver.
          if (failed_step(lane) >= 0 .or. .not. any(status(lane) == [not_converged, singular, nonfinite])) cycle
          n = n + 1
          lanes(n) = lane
@@ -156,6 +161,7 @@ contains
          self%q(i, :) = q(lanes(min(i, n)), :)
          self%p(i, :) = p(lanes(min(i, n)), :)
       end do
+      ! The step of the gathered lanes, as one of a block of eight.
       few%t = step%t
       few%h = step%h
       few%w(1:, 0:) => self%w
@@ -163,6 +169,7 @@ contains
       ! Copies rest by a status; the lanes to be saved have none.
       lane_status = nonfinite
       lane_status(:n) = 0
+      ! Rung 2, from slopes of zero, with damping.
       call self%stepper%increment(few, self%q, self%p, self%dq, self%dp, lane_status)
       call keep(self, n, lanes, lane_status, dq, dp, status, saved)
       self%counters%damped = self%counters%damped + saved
@@ -184,6 +191,7 @@ contains
       type(step_record) :: fraction
       integer :: k
 
+      ! Times and nodes of the whole step, with other weights.
       fraction = step
       fraction%w(1:, 0:) => self%part
       lane_status(:n) = merge(0_i8, int(nonfinite, i8), lane_status(:n) /= 0)  ! only what rung 2 left is tried
@@ -206,12 +214,13 @@ contains
       call add_counters(total, self%counters)
       if (.not. allocated(self%stepper)) return
       own = self%stepper%ham%counters
+      ! Everything else that the general stepper has counted was work for this run.
       own%failures = 0
       call add_counters(total, own)
    end subroutine tally
 
-   !> Hand back the increments of the lanes whose lane_status is ok, with status 0, and how many these are. The
-   !> others keep the status of rung 1.
+   !> Hand back the increments of the lanes whose lane_status is ok, with status 0, and how many these are (`saved`).
+   !> The others keep the status of rung 1: a run reports what happened to the scheme's own solver.
    subroutine keep(self, n, lanes, lane_status, dq, dp, status, saved)
       type(rescue_type), intent(in) :: self
       integer, intent(in) :: n, lanes(lane_unit)

@@ -11,6 +11,9 @@
 !>
 !> Lanes are the paths of a block, or the steps that a single path has ahead.
 !>
+!> A step is weighed in this order: the weights of H where h has changed; then noise by noise a_k, all w_ik and v_k;
+!> and last D_kl, which is made of the w and v of all noises.
+!>
 !> Of a sum of two products the compiler might contract either one, and a single path would have other bits than one of
 !> a block: parentheses around the second product leave the first one to be contracted.
 !>
@@ -26,6 +29,7 @@ module symsde_step_splitting_coefficients
    private
    public :: kick_weights, new_kick_weights
 
+   !> The coefficients of a scheme of kicks, and the weights that they make of the step that was weighed last.
    type :: kick_weights
       type(kicks_type) :: kicks
       logical :: products = .false.            !! noises are not linear: H_k,q . H_l,q matters
@@ -67,6 +71,7 @@ contains
       ! V is read by kicks with kappa, and D of the sampled form has its weights.
       self%by_sums = any(abs(kicks%kappa) > 0) .or. kicks%samples
       self%uses_dz = kicks%uses_dz()
+      ! D multiplies products in kicks with a share of them, and vanishes in the mean form where c does.
       self%multiplies = self%products .and. abs(kicks%share) > 0 .and. (kicks%samples .or. abs(self%c) > 0)
       self%has_products = abs(kicks%kappa) > 0 .or. self%multiplies
       allocate (self%w(nlane, 0:self%nnoise, size(kicks%c)), self%v(nlane, 0:self%nnoise), self%a(nlane), source=0.0_wp)
@@ -79,7 +84,8 @@ contains
       end do
    end subroutine new_kick_weights
 
-   !> The weights of every kick, of V, and D, in the first nlane lanes, from the functionals of the step.
+   !> Find the weights of every kick, of V, and D, in the first nlane lanes, from the functionals of the step. Silent
+   !> noises keep the weight zero that their room was made with.
    subroutine weigh(self, nlane, step)
       class(kick_weights), intent(inout) :: self
       integer, intent(in) :: nlane
@@ -121,7 +127,9 @@ contains
                call scale(nlane, kicks%beta(i), w(:, k), self%w(1, k, i))
             end if
          end do
+         ! v_k = dW_k, to which zeta K_k is added below.
          if (self%by_sums) call scale(nlane, 1.0_wp, w(:, k), self%v(1, k))
+         ! Without K the step has no further terms.
          if (.not. associated(step%of(path_stt_area)%x)) return
          associate (stt_area => step%of(path_stt_area)%x)
             if (self%by_sums) call add_times(nlane, kicks%zeta, stt_area(:, k), self%v(1, k))
@@ -165,7 +173,7 @@ contains
 
    ! ---- kernels ----------------------------------------------------------------------------------
 
-   !> VEC a = dZ/h - dW/2
+   !> VEC a = dZ/h - dW/2, the part of dZ that is independent of dW, of variance |h|/12.
    pure subroutine find_a(nlane, h, dw, dz, a)
       integer, intent(in) :: nlane
       real(wp), intent(in) :: h, dw(nlane), dz(nlane)

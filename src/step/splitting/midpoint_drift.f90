@@ -28,6 +28,8 @@ module symsde_step_splitting_midpoint_drift
    private
    public :: midpoint_flow, new_midpoint_flow
 
+   !> The stepper of these midpoint steps and its rescue, the weights with which it is asked, and where the path is
+   !> between two kicks.
    type :: midpoint_flow
       private
       class(stepper_type), allocatable, public :: stepper  !! that takes the midpoint steps
@@ -52,6 +54,7 @@ contains
       type(stepper_task) :: task
       type(error_type), allocatable :: error
 
+      ! Everything but the scheme is as in the task of the kicks: model, lanes, and options of Newton's iteration.
       task = whole
       allocate (self%midpoint)
       call get_scheme(self%midpoint, 'midpoint', error)
@@ -89,11 +92,13 @@ contains
       integer(i8), intent(inout) :: status(self%stepper%ham%nlane)
       type(step_record) :: step
 
+      ! The weights of the noises are zero since they were allocated: they have their kicks.
       self%w(:, 0) = tau
       self%x = q + dq
       self%y = p + dp
       ! Rescue skips lanes with a number >= 0 here.
       self%failed = merge(-1_i8, 1_i8, status == 0)
+      ! A step of the model by itself, whose middle is at t + tau/2.
       step%t = t
       step%h = tau
       step%w(1:, 0:) => self%w
@@ -101,6 +106,7 @@ contains
       ! dx and dy of the lanes that fail now come from the rescue, where it succeeds.
       if (any(status /= 0 .and. self%failed < 0)) &
          call self%rescue%attempt(size(status), step, self%x, self%y, self%failed, self%dx, self%dy, status)
+      ! Increments of the step so far, and those of this flow.
       dq = dq + self%dx
       dp = dp + self%dy
    end subroutine move

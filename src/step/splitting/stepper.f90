@@ -1,8 +1,9 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> Drifts and kicks of a block of paths: the equations are in stepper.inc.
+!> Drifts and kicks of a block of paths: x <- x + tau_i M^-1 y and y <- y - f_i in turn, by the equations of
+!> stepper.inc.
 !>
 !> Weights are found step by step, since the lanes of a block fill vectors as it is. Every force and every derivative
-!> is asked of the model for all lanes at once.
+!> is asked of the model for all lanes at once. No kick changes a status; midpoint steps between kicks may.
 module symsde_step_splitting_stepper
    use symsde_base_counters, only: counters_type, add_counters
    use symsde_base_kinds, only: wp, i8
@@ -20,7 +21,8 @@ module symsde_step_splitting_stepper
    private
    public :: splitting_stepper
 
-   !> Nothing: a block finds no weights ahead.
+   !> What a stepper finds before the steps of a call, which for a block is nothing: its lanes fill vectors in every
+   !> step as they are.
    type :: ahead_type
    end type ahead_type
 
@@ -33,13 +35,13 @@ module symsde_step_splitting_stepper
       lanes = self%ham%nlane
    end function lanes
 
-   !> Nothing: lanes of a block are weighed side by side as it is.
+   !> Find weights ahead: a block does nothing here, since its lanes are weighed side by side in each step.
    subroutine foresee(self, steps)
       type(splitting_stepper), intent(inout) :: self
       type(steps_record), intent(in) :: steps
    end subroutine foresee
 
-   !> The weights of the step that is taken now.
+   !> Find the weights of the step that is taken now, for all lanes.
    subroutine find_weights(self, step)
       type(splitting_stepper), intent(inout) :: self
       type(step_record), intent(in) :: step
@@ -47,8 +49,8 @@ module symsde_step_splitting_stepper
       call weigh_step(self, step)
    end subroutine find_weights
 
-   !> f = (sum_j w_j H_j)_q at x, with the weights w = (b_i h, w_i1, .., w_im) of kick i. p does not matter: noises
-   !> are in position, and H is separable, or has the weight b_i = 0 where midpoint steps move it.
+   !> f (nlane, ndof) = (sum_j w_j H_j)_q at x, with the weights w = (b_i h, w_i1, .., w_im) of kick i. p does not
+   !> matter: noises are in position, and H is separable, or has the weight b_i = 0 where midpoint steps move it.
    subroutine find_force(self, t, w, p)
       type(splitting_stepper), intent(inout) :: self
       real(wp), intent(in) :: t, w(lanes(self), 0:self%ham%nnoise), p(lanes(self), self%ham%ndof)
@@ -68,6 +70,7 @@ module symsde_step_splitting_stepper
 
       do j = 0, size(self%weights%noisy)
          k = 0
+         ! Unit weights pick H_k out of the sum that the model computes, and are taken back.
          if (j > 0) k = self%weights%noisy(j)
          self%unit(:, k) = 1
          call self%ham%model%gradient_hessian(lanes(self), 1, self%ham%nnoise, t, self%unit, self%x, p, &

@@ -1,10 +1,13 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> Drifts and kicks of a single path: stepper.inc with one lane.
+!> Drifts and kicks of a single path: stepper.inc with one lane, x <- x + tau_i M^-1 y and y <- y - f_i in turn.
 !>
 !> The weights w_ik, v and D_kl of all steps of a call are found at once, as if each step were a lane of a block, so
 !> that they fill vectors. Then they are transposed, so that those of one step stand side by side. Found step by step,
 !> they took a fifth to a half more time where noises have products. With one degree of freedom, sine and cosine of an
 !> angle are found once a kick, for all Hamiltonians.
+!>
+!> An increment that is asked for by itself finds its weights alone: `now` counts the steps of a call, and what lies
+!> beyond those that were foreseen is weighed when it comes.
 module symsde_step_splitting_stepper_single_path
    use symsde_base_counters, only: counters_type, add_counters
    use symsde_base_functionals, only: functional_set
@@ -54,6 +57,7 @@ module symsde_step_splitting_stepper_single_path
       type(step_record) :: record
       integer :: i, k, f
 
+      ! The first call says how many steps a call has at most.
       if (.not. allocated(self%ahead%weights)) call make_ahead(self, self%ahead, steps)
       associate (n => steps%nstep, ahead => self%ahead, weights => self%ahead%weights)
          ! Lane i is step i, for the increments and for every functional that drives the steps.
@@ -83,6 +87,7 @@ module symsde_step_splitting_stepper_single_path
          if (allocated(ahead%d)) self%d => self%ahead%d
          ! Kicks without products read neither V nor D.
          if (.not. any(weights%has_products)) return
+         ! V and D of step i side by side, as a kick reads them.
          ahead%v(1, :, :n) = transpose(weights%v(:n, :))
          if (allocated(weights%d)) ahead%d(1, :, :n) = transpose(weights%d(:n, :))
       end associate
@@ -101,7 +106,9 @@ module symsde_step_splitting_stepper_single_path
          asked%has(f) = associated(steps%of(f)%x)
       end do
       associate (kicks => self%weights%kicks, m => steps%nnoise)
+         ! One step of the store with as many lanes as there are steps; a store has two at least.
          call new_step_store(ahead%store, steps%most, m, 2, steps%h, asked)
+         ! Weights with as many lanes as a call has steps.
          allocate (ahead%weights)
          call new_kick_weights(ahead%weights, kicks, self%ham%model%traits, steps%most)
          allocate (ahead%w(1, 0:m, size(kicks%c), steps%most), ahead%v(1, 0:m, steps%most))
@@ -115,6 +122,7 @@ module symsde_step_splitting_stepper_single_path
       type(splitting_stepper), intent(inout) :: self
       type(step_record), intent(in) :: step
 
+      ! The pointers show step `now`, unless it was not foreseen.
       self%now = self%now + 1
       if (self%now > self%nahead) call weigh_step(self, step)
    end subroutine find_weights
@@ -150,6 +158,7 @@ module symsde_step_splitting_stepper_single_path
 
       associate (model => self%ham%model, m => self%ham%nnoise, noisy => self%weights%noisy, ahead => self%ahead)
          if (model%traits%has_angle_terms) then
+            ! One sine and one cosine at x serve the derivatives of all H_j.
             if (.not. allocated(ahead%terms)) allocate (ahead%terms(0:m))
             sine = sincos_one(self%x(1, 1), cosine)
          end if
@@ -171,6 +180,7 @@ module symsde_step_splitting_stepper_single_path
             end if
             self%unit(1, k) = 0
          end do
+         ! Terms of a model that does not depend on time serve every kick of every step.
          ahead%knows_terms = model%traits%autonomous
       end associate
    end subroutine find_derivatives
