@@ -30,6 +30,7 @@ caught (90 % of faults made by rules).
 """
 
 import argparse
+import ast
 import contextlib
 import gzip
 import hashlib
@@ -304,9 +305,11 @@ def plant(mutant: Mutant, build: Build, scratch: Path) -> dict[str, str]:
     text = mutant.apply()
     if mutant.file.endswith(".py"):
         try:
-            compile(text, mutant.file, "exec")
+            same = ast.dump(ast.parse(text)) == ast.dump(ast.parse((ROOT / mutant.file).read_text()))
         except SyntaxError as error:
             raise MisfitError(f"{mutant.label}\n   {error}") from error
+        if same:  # get(x, x) with its arguments exchanged
+            raise MisfitError(f"{mutant.label}\n   changes nothing")
     if mutant.file.startswith("python/"):
         shutil.copytree(ROOT / "python", scratch / "python", ignore=shutil.ignore_patterns("__pycache__"))
         (scratch / mutant.file).write_text(text)
