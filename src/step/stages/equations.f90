@@ -1,7 +1,10 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> The equations of implicit stages in a few lanes of a block, and their fixed-point iteration: the equations are in
-!> equations.inc, the iteration is in fixed_point.inc. Lanes that are done keep their slopes while others go on, so new
-!> slopes are found beside the old ones (hq, hp), and taken lane by lane.
+!> The equations of implicit stages in a few lanes of a block, and their fixed-point iteration
+!>
+!>    F_i <- Hhat_q(Q_i, P_i),   C_i <- Hhat_p(Q_i, P_i) - kappa P_i     stage after stage:
+!>
+!> the equations are in equations.inc, the iteration is in fixed_point.inc. Lanes that are done keep their slopes
+!> while others go on, so new slopes are found beside the old ones (hq, hp), and taken lane by lane.
 !>
 !> Private to its family.
 module symsde_step_stages_equations
@@ -70,6 +73,7 @@ module symsde_step_stages_equations
             associate (i => group%stage(m))
                ! From the second sweep on all slopes of the group are known: the full coefficients hold.
                call self%place(i, min(sweep, 2))
+               ! F_i and C_i at the new point of all lanes; whose they become is decided below.
                call self%evaluate(i, self%hq, self%hp)
                ! There is nothing to compare with in the first sweep: the change is the slope itself.
                if (sweep == 1) then
@@ -85,7 +89,8 @@ module symsde_step_stages_equations
       end associate
    end subroutine sweep_stages
 
-   !> Which lanes are done after a sweep, left, or given up: solve/fixed_point decides by change and extent.
+   !> Judge which lanes are done after a sweep, left, or given up: solve/fixed_point decides by change and extent of
+   !> each lane. The group does not matter: the sweep has gathered both over all of its stages.
    subroutine judge(self, group, sweep, too_slow, too_stiff, nrunning)
       type(stage_equations), intent(inout) :: self
       type(stage_group), intent(in) :: group

@@ -1,6 +1,6 @@
 ! SPDX-License-Identifier: BSD-3-Clause
 !> The equations of implicit stages for a single path, and their fixed-point iteration: equations.inc and
-!> fixed_point.inc with one lane.
+!> fixed_point.inc with one lane, F_i <- Hhat_q(Q_i, P_i) and C_i <- Hhat_p(Q_i, P_i) - kappa P_i stage after stage.
 !>
 !> Nothing is copied that a lane by itself does not need: the step is pointed to, the model writes new slopes where they
 !> stand, and a sweep is judged once, at its end, against the slopes that were kept (was). Sums hold the slopes of all
@@ -43,6 +43,7 @@ module symsde_step_stages_equations_single_path
       integer, intent(in) :: first
       type(step_record), intent(in), target :: step
 
+      ! Neither weights nor functionals are copied: the record lives as long as the step.
       self%step => step
       self%t = step%t
       self%w => step%w
@@ -50,6 +51,7 @@ module symsde_step_stages_equations_single_path
       if (.not. self%eliminated) call set_zero(size(self%c), self%c)
    end subroutine take_step
 
+   !> x = 0 for n numbers, whatever their shape: slopes of all stages as one vector.
    pure subroutine set_zero(n, x)
       integer, intent(in) :: n
       real(wp), intent(out) :: x(n)
@@ -57,7 +59,8 @@ module symsde_step_stages_equations_single_path
       x = 0
    end subroutine set_zero
 
-   !> One sweep: the new slopes of the group's stages, each written over the old one.
+   !> One sweep: the new slopes of the group's stages, each written over the old one, which `judge` has kept in `was`.
+   !> A path that is done takes no further sweep, so nothing has to be kept.
    subroutine sweep_stages(self, group, sweep)
       type(stage_equations), intent(inout) :: self
       type(stage_group), intent(in) :: group
@@ -72,8 +75,10 @@ module symsde_step_stages_equations_single_path
             c%gradients = c%gradients + s
             return
          end if
+         ! Momenta that stay, or a mass: the points are placed and evaluated as in a block.
          do m = 1, s
             associate (i => group%stage(m))
+               ! The newest slopes of this sweep are used at once.
                call self%place(i, min(sweep, 2))
                if (self%eliminated) then
                   call self%evaluate(i, self%f(:, :, i))
@@ -102,7 +107,8 @@ module symsde_step_stages_equations_single_path
       end do
    end subroutine sweep_positions
 
-   !> Whether the path is done after a sweep, left, or given up. Stages with consecutive numbers stand side by side in
+   !> Judge whether the path is done after a sweep, left, or given up. The largest change is that of all slopes of the
+   !> group, against those in `was`, which become the new ones. Stages with consecutive numbers stand side by side in
    !> memory, and are compared with their last slopes as one vector.
    subroutine judge(self, group, sweep, too_slow, too_stiff, nrunning)
       type(stage_equations), intent(inout) :: self
@@ -124,6 +130,7 @@ module symsde_step_stages_equations_single_path
          end do
          self%last(1) = sweep_verdict(sweep, too_slow, too_stiff, d, x, self%last(1))
       end associate
+      ! The one lane runs, or has ended in some way that `last` tells.
       nrunning = merge(1, 0, self%last(1) >= 0)
    end subroutine judge
 

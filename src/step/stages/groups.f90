@@ -79,6 +79,8 @@ contains
          do i = 1, self%nstage
             ! Columns hold stages, so this is B_ik = sum_j a_ij abar_jk.
             self%b(k, i) = dot_product(self%a(:, i), self%abar(k, :))
+            ! Where momenta are eliminated B alone ties stages; else P_i reads G_k, too, and Q_i reads what a has of
+            ! stage k.
             waits(i, k) = abs(self%b(k, i)) > 0
             if (.not. eliminated) waits(i, k) = waits(i, k) .or. abs(self%a(k, i)) > 0 .or. abs(self%abar(k, i)) > 0
          end do
@@ -119,6 +121,7 @@ contains
       do k = 1, self%ngroup
          same = mates(reaches, first(k))
          call fill_group(self%group(k), self%b, same)
+         ! A single stage that does not reach itself; larger groups are made of stages that reach each other.
          self%group(k)%explicit = .not. reaches(first(k), first(k))
       end do
    end subroutine find_groups
@@ -133,6 +136,7 @@ contains
       self%first_abar = self%abar
       do k = 1, self%ngroup
          associate (stage => self%group(k)%stage)
+            ! The coefficients of F in Q, of C in Q, and of F in P.
             do m = 1, size(stage)
                call move_to_known(stage, m, self%first_b(:, stage(m)))
                call move_to_known(stage, m, self%first_a(:, stage(m)))
@@ -197,6 +201,7 @@ contains
          m = m + 1
          group%stage(m) = i
       end do
+      ! All coefficients of its stages, of which those inside of the group are taken out.
       group%earlier = b(:, group%stage)
       do k = 1, m
          do i = 1, m
@@ -218,6 +223,7 @@ contains
       at = maxloc(abs(group%b))
       e = group%b(:, at(2))
       if (.not. any(abs(e) > 0)) return
+      ! The row of the largest entry gives f, scaled so that e f is that row.
       f = group%b(at(1), :)/e(at(1))
       do k = 1, group%nmember
          if (any(abs(group%b(:, k) - e*f(k)) > 8*epsilon(e)*maxval(abs(e)))) return

@@ -1,6 +1,7 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> Newton's iteration for implicit stages in a few lanes of a block: the equations are in newton.inc. All lanes are
-!> asked for gradient and Hessian together; those that rest are not corrected.
+!> Newton's iteration for implicit stages in a few lanes of a block: the equations of the displacements Z_i are in
+!> newton.inc, with the matrix delta_ik I + h B_ik K_k. All lanes are asked for gradient and Hessian together; those
+!> that rest are not corrected.
 !>
 !> Private to its family.
 module symsde_step_stages_newton
@@ -24,7 +25,8 @@ module symsde_step_stages_newton
       lanes = equations%ham%nlane
    end function lanes
 
-   !> Hhat_q and the Hessian Hhat_qq at (t, q), dense (nlane, n, n) or its upper bands (nlane, 0:band, n).
+   !> Hhat_q and the Hessian Hhat_qq at (t, q), dense (nlane, n, n) or its upper bands (nlane, 0:band, n), by one call
+   !> of the model for all lanes. p does not matter: momenta are eliminated.
    subroutine ask_model(ham, band, t, w, q, p, hq, k)
       type(one_step_hamiltonian), intent(in) :: ham
       integer, intent(in) :: band
@@ -33,6 +35,7 @@ module symsde_step_stages_newton
       real(wp), intent(out) :: k(ham%nlane*ham%ndof*merge(ham%ndof, band + 1, band == dense))
 
       associate (nlane => ham%nlane, n => ham%ndof, m => ham%nnoise)
+         ! K is asked for as the matrix takes it: n^2 entries, or the diagonal and the bands above it.
          if (band == dense) then
             call ham%model%gradient_hessian(nlane, n, m, t, w, q, p, hq=hq, hqq=k)
          else

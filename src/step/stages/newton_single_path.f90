@@ -1,6 +1,6 @@
 ! SPDX-License-Identifier: BSD-3-Clause
 !> Newton's iteration for implicit stages of a single path: newton.inc with one lane, whose small dense systems are
-!> solved by solve/newton_single_path.
+!> solved by solve/newton_single_path, where they stand. A system whose pivots are not trusted is formed once more.
 !>
 !> Private to its family.
 module symsde_step_stages_newton_single_path
@@ -25,9 +25,9 @@ module symsde_step_stages_newton_single_path
       lanes = 1
    end function lanes
 
-   !> Hhat_q and the Hessian Hhat_qq, dense or its upper bands. Two degrees of freedom are asked for in numbers. The
-   !> stiffness of a chain is asked for in two equal lanes: in one its model may round as its rows do, not as the
-   !> lanes of a block.
+   !> Hhat_q (n) and the Hessian Hhat_qq at (t, q), dense (n, n) or its upper bands (0:band, n). Two degrees of
+   !> freedom are asked for in numbers. The stiffness of a chain is asked for in two equal lanes: in one its model may
+   !> round as its rows do, not as the lanes of a block.
    subroutine ask_model(ham, band, t, w, q, p, hq, k)
       type(one_step_hamiltonian), intent(in) :: ham
       integer, intent(in) :: band
@@ -41,6 +41,7 @@ module symsde_step_stages_newton_single_path
             allocate (force(2, n), stiffness(2, (band + 1)*n))
             call ham%model%force_stiffness(2, n, m, band, t, spread(w, 1, 2), spread(q, 1, 2), spread(p, 1, 2), force, &
                                            stiffness)
+            ! Both lanes have the same numbers; the first is taken.
             hq = force(1, :)
             k(:(band + 1)*n) = stiffness(1, :)
          else if (n == 2) then

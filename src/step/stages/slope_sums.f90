@@ -90,12 +90,13 @@ contains
          call add_three(n, c(i), slope(1, i), c(j), slope(1, j), c(k), slope(1, k), start, total)
       end if
       do m = at_once + 1, nstage
+         ! Further slopes, from the fourth on and around.
          k = merge(1, k + 1, k == nstage)
          call add_times(n, c(k), slope(1, k), total)
       end do
    end subroutine weigh_slopes
 
-   !> VEC total = start + c x
+   !> VEC total = start + c x: one slope, or the only one with a coefficient.
    pure subroutine add_one(n, c, x, start, total)
       integer, intent(in) :: n
       real(wp), intent(in) :: c, x(n), start(n)

@@ -1,8 +1,11 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> Implicit schemes of several stages for blocks: the equations are in stepper.inc.
+!> Implicit schemes of several stages for blocks, by stepper.inc:
+!>
+!>    Q_i = q_n + sum_j a_ij Hhat_p(Q_j, P_j)        P_i = p_n - sum_j abar_ij Hhat_q(Q_j, P_j)
 !>
 !> A block is taken through the step part by part: all slopes of a part are found and added up before the next part
-!> begins. A part has so few lanes that the arrays of its iteration, (width, ndof) for every stage, stay in cache.
+!> begins. A part has so few lanes that the arrays of its iteration, (width, ndof) for every stage, stay in cache. A
+!> lane has its own bits in whatever part it is: its numbers of sweeps and its corrections are decided by itself.
 module symsde_step_stages_stepper
    use symsde_base_counters, only: counters_type, add_counters
    use symsde_base_kinds, only: wp, i8
@@ -51,6 +54,7 @@ module symsde_step_stages_stepper
       integer, parameter :: cached_values = 1024  ! numbers of one array of a part
       integer :: least
 
+      ! The whole block, unless it is too wide or does not divide.
       width = nlane
       ! Chains with rows go in whole strips where the block has whole strips.
       least = merge(strip_lanes, lane_unit, traits%has_chain_rows .and. modulo(nlane, strip_lanes) == 0)
@@ -59,7 +63,8 @@ module symsde_step_stages_stepper
       end do
    end function width_of
 
-   !> One step of the block, part by part; what the parts have counted is collected at its end.
+   !> One step of the block, part by part, each from its own (q_n, p_n) to its own increments; what the parts have
+   !> counted is collected at its end.
    subroutine increment(self, step, q, p, dq, dp, status)
       class(stages_stepper), intent(inout) :: self
       type(step_record), intent(in) :: step
@@ -69,6 +74,7 @@ module symsde_step_stages_stepper
       integer :: first, last
 
       do first = 1, self%ham%nlane, self%width
+         ! Equations and solvers are one set, which every part uses anew.
          last = first + self%width - 1
          call take_part(self, first, step, q, p, self%dq, self%dp, status(first:last))
          dq(first:last, :) = self%dq

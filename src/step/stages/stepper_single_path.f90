@@ -1,8 +1,10 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> Implicit schemes of several stages for a single path: stepper.inc with one lane, which is one part.
+!> Implicit schemes of several stages for a single path, by stepper.inc with one lane, which is one part:
+!>
+!>    Q_i = q_n + sum_j a_ij Hhat_p(Q_j, P_j)        P_i = p_n - sum_j abar_ij Hhat_q(Q_j, P_j)
 !>
 !> Where sweeps cost little many are taken at once (sweeps_ahead); a step that these do not end is begun anew by the
-!> body. Both ways have the bits of a lane of a block.
+!> body. Both ways have the bits of a lane of a block, and both find slopes group after group.
 module symsde_step_stages_stepper_single_path
    use symsde_base_counters, only: counters_type, add_counters
    use symsde_base_kinds, only: wp, i8
@@ -47,10 +49,11 @@ module symsde_step_stages_stepper_single_path
       integer, intent(in) :: nlane
       type(model_traits), intent(in) :: traits
 
+      ! Nothing is gained by more: loops over lanes are gone.
       width = 1
    end function width_of
 
-   !> One step: by sweeps ahead where they are there and end it, else by the body.
+   !> One step: by sweeps ahead where they are there and end it, else by the body, from the same (q_n, p_n).
    subroutine increment(self, step, q, p, dq, dp, status)
       class(stages_stepper), intent(inout) :: self
       type(step_record), intent(in) :: step
@@ -61,9 +64,11 @@ module symsde_step_stages_stepper_single_path
       logical :: taken
 
       if (allocated(self%equations%ahead)) then
+         ! Nothing is counted where these sweeps do not end the step.
          call self%equations%ahead%take(self%ham, step, too_stiff_for(self), q, p, dq, dp, taken)
          if (taken) return
       end if
+      ! Counters of the equations are added up by `tally`, not after every step.
       call take_part(self, 1, step, q, p, dq, dp, status)
    end subroutine increment
 

@@ -35,13 +35,14 @@ module symsde_step_stages_sweeps_ahead
    integer, parameter :: most = 24    !! sweeps of a group: enough for stiff_rate of solve/fixed_point
    integer, parameter :: nstage = 4   !! most stages of a scheme
 
-   !> A group of stages.
+   !> A group of stages, whose numbers are consecutive, and the guess of its sweeps.
    type :: group_slot
       integer :: i1 = 1, i2 = 1       !! its first and last stage
       logical :: explicit = .false.
       integer :: ahead = 1            !! sweeps that it took in the step before
    end type group_slot
 
+   !> The plan of the scheme, its coefficients for the present h in arrays of four stages, and the F of every sweep.
    type :: sweeps_ahead
       private
       type(stage_plan) :: plan
@@ -92,6 +93,7 @@ contains
       type(sweeps_ahead), intent(inout) :: self
       real(wp), intent(in) :: h
 
+      ! As in step/stages/equations with kappa = h; rows and columns of stages that are not there stay zero.
       self%h = h
       associate (plan => self%plan, s => self%plan%nstage)
          self%all = h*sum(plan%alpha)
@@ -117,6 +119,7 @@ contains
       real(wp), pointer, contiguous :: w(:, :)  ! a name that gfortran 12 knows to be contiguous
       real(wp) :: x(2), y(2)
 
+      ! Steps of one size share their coefficients.
       if (abs(step%h - self%h) > 0) call find_coefficients(self, step%h)
       w => step%w
       associate (n => ham%ndof)
@@ -147,6 +150,7 @@ contains
       real(wp) :: moved, kicked
       integer :: i, k, g, nsweep, before, evaluations
 
+      ! Times and known parts of Q_i, once for all sweeps.
       do i = 1, s
          self%times(i) = t + self%c(i)*self%h
       end do
@@ -164,6 +168,7 @@ contains
          taken = nsweep > 0
          if (.not. taken) return
          before = before + nsweep
+         ! A sweep is one force for each stage of the group; those behind the last one that counts are not counted.
          evaluations = evaluations + nsweep*(self%slot(g)%i2 - self%slot(g)%i1 + 1)
       end do
       do k = 1, n
@@ -192,6 +197,7 @@ contains
       real(wp) :: change(most), extent(most), last
       integer :: first, i
 
+      ! `last` is the size of the last change, or a verdict below zero, as in solve/fixed_point.
       last = 0
       first = 1
       associate (slot => self%slot(g), ahead => self%slot(g)%ahead, m => model%traits%nnoise)
@@ -239,6 +245,7 @@ contains
       real(wp) :: x, sine, cosine, force, moved, size, now(nstage)
       integer :: i, k, m, at
 
+      ! F after the sweep before, of all stages.
       now = f(:, 1, first - 1)
       do k = first, last
          ! b(:, :, 1) belongs to the first sweep, where slopes are not all known.
@@ -263,6 +270,7 @@ contains
             end if
             f(i, 1, k) = now(i)
          end do
+         ! The largest of all stages of the group, for judge_ahead.
          change(k) = moved
          extent(k) = size
       end do
