@@ -14,8 +14,9 @@ module symsde_step_one_dof_newton_single_path
    use symsde_scheme_scheme, only: scheme_type
    use symsde_solve_blocks, only: block_solver, new_block_solver, pivot_floor
    use symsde_solve_elimination_single_path, only: solve_scalar
-   use symsde_solve_newton, only: newton_type, newton_options, new_newton
-   use symsde_solve_newton_single_path, only: judge, correct_lanes, restart_lanes
+   use symsde_solve_damping, only: start_damping
+   use symsde_solve_newton, only: newton_type, newton_options, new_newton, mark, stop_lanes
+   use symsde_solve_stagnation, only: stopping_test, done, failed
    use symsde_step_hamiltonian_brackets_angle_single_path, only: evaluate_angle
    use symsde_step_hamiltonian_one_step, only: one_step_hamiltonian
    use symsde_step_hamiltonian_brackets_one_dof, only: single_brackets, new_single_brackets, q_, p_, qq, qp, pp, nplace
@@ -27,6 +28,12 @@ module symsde_step_one_dof_newton_single_path
    include 'newton.inc'
 
    include 'two_stages.inc'
+
+   include '../../solve/newton.inc'
+
+   include '../../solve/stagnation.inc'
+
+   include '../../solve/correction.inc'
 
    pure integer function lanes(nlane)
       integer, intent(in) :: nlane
