@@ -4,7 +4,7 @@ module symsde_base_vectors
    use symsde_base_kinds, only: wp
    implicit none
    private
-   public :: add, subtract, add_times, scale
+   public :: add, subtract, add_times, copy, scale
 
 contains
 
@@ -43,6 +43,18 @@ contains
          total(i) = total(i) + factor*x(i)
       end do
    end subroutine add_times
+
+   !> VEC y = x. Where the lanes of x and y are not known to be one, an assignment goes lane by lane.
+   pure subroutine copy(n, x, y)
+      integer, intent(in) :: n
+      real(wp), intent(in) :: x(n)
+      real(wp), intent(out) :: y(n)
+      integer :: i
+
+      do i = 1, n
+         y(i) = x(i)
+      end do
+   end subroutine copy
 
    !> VEC total = factor x
    pure subroutine scale(n, factor, x, total)
