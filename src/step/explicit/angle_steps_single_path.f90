@@ -26,7 +26,8 @@ module symsde_step_explicit_angle_steps_single_path
    private
    public :: explicit_stepper, angle_steps_fit
 
-   !> The slopes of two stages, a place, and what is known of the model.
+   !> The slopes f and v of two stages, a place (x, y), and the terms of the model, all of constant bounds: (nlane,
+   !> ndof) is (1, 1).
    type :: room_type
       real(wp) :: f(1, 1, 2), v(1, 1, 2), x(1, 1), y(1, 1)
       type(angle_terms) :: terms                   !! a .. f of Hhat in the stage begun last
@@ -52,13 +53,14 @@ module symsde_step_explicit_angle_steps_single_path
       lanes = 1
    end function lanes
 
+   !> One degree of freedom, known to the compiler.
    pure integer function degrees(self)
       type(explicit_stepper), intent(in) :: self
 
       degrees = 1
    end function degrees
 
-   !> Nothing: the arrays have constant bounds and are there already.
+   !> Make room: nothing is to be done, as the arrays have constant bounds and are there already.
    subroutine make_room(self, nlane, ndof)
       class(room_type), intent(inout) :: self
       integer, intent(in) :: nlane, ndof
@@ -71,6 +73,7 @@ module symsde_step_explicit_angle_steps_single_path
       integer, intent(in) :: i
       real(wp), intent(in) :: t, w(0:self%ham%nnoise)
 
+      ! The first evaluation of a step has i = 1, whichever stage it belongs to.
       if (i > 1 .and. self%ham%model%traits%autonomous) return
       call self%ham%model%angle(self%ham%nnoise, t, w, self%room%terms)
    end subroutine begin_stage
@@ -82,6 +85,7 @@ module symsde_step_explicit_angle_steps_single_path
       real(wp), intent(out) :: hq(1, 1)
 
       associate (terms => self%room%terms, sine => self%room%sine, cosine => self%room%cosine)
+         ! The same additions as in the gradient of such a model; without an angle a = b = 0.
          if (self%ham%model%traits%has_angle_terms) then
             sine = sincos_one(q(1, 1), cosine)
             hq = terms%a*sine + (terms%b*cosine + (terms%c*q + terms%d))
@@ -102,7 +106,7 @@ module symsde_step_explicit_angle_steps_single_path
       self%ham%counters%gradients = self%ham%counters%gradients + 1
    end subroutine find_velocity
 
-   !> Both slopes, which count as one gradient.
+   !> Both slopes at (q, p), f = Hhat_q and v = Hhat_p, which count as one gradient, as a call of the model would.
    subroutine find_both(self, t, w, q, p, hq, hp)
       type(explicit_stepper), intent(inout) :: self
       real(wp), intent(in) :: t, w(0:self%ham%nnoise), q(1, 1), p(1, 1)
@@ -131,6 +135,7 @@ module symsde_step_explicit_angle_steps_single_path
          end do
       end if
       associate (of => self%room%noises(k), sine => self%room%sine, cosine => self%room%cosine, c => self%ham%counters)
+         ! H_k,qq H_k,p, and -H_k,pp H_k,q with H_k,pp = e.
          self%uq = (of%a*cosine + (of%c - of%b*sine))*(of%e*p + of%f)
          self%up = -of%e*(of%a*sine + (of%b*cosine + (of%c*q + of%d)))
          c%gradients = c%gradients + 1
@@ -150,6 +155,7 @@ module symsde_step_explicit_angle_steps_single_path
       integer :: j, first
 
       associate (stage => plan%stage(:, k, kind), c => plan%weight(:, k, kind))
+         ! Without a start the first product is the sum so far.
          first = merge(1, 2, present(start))
          if (present(start)) then
             x = start(1)

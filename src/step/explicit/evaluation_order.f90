@@ -29,12 +29,12 @@ module symsde_step_explicit_evaluation_order
       logical :: p_moves = .false.
    end type evaluation
 
-   !> Which sums: of Hhat_p, from q to Q_i; of Hhat_q, from p to P_i.
+   !> Which of the two kinds of sums is meant: sums of Hhat_p lead from q to Q_i, sums of Hhat_q from p to P_i.
    integer, parameter :: to_q = 1, to_p = 2
 
-   !> Sums are of slopes times coefficients that are not zero; the slopes of others are never read. Sum i leads to stage
-   !> i, sum 0 is the increment of the step. Both kinds stand in one array: a type for each, as two components, was not
-   !> freed as a whole by gfortran 12.
+   !> The plan of a scheme. Sums are of slopes times coefficients that are not zero; the slopes of others are never
+   !> read. Sum i leads to stage i, sum 0 is the increment of the step. Both kinds stand in one array: a type for
+   !> each, as two components, was not freed as a whole by gfortran 12.
    type :: evaluation_order
       integer :: nstage = 0
       real(wp), allocatable :: c(:)               !! nodes (nstage)
@@ -83,11 +83,12 @@ contains
          call find_sums(s, a, alpha, self%many(:, to_q), self%stage(:, :, to_q), self%weight(:, :, to_q))
          call find_sums(s, abar, minus_alpha, self%many(:, to_p), self%stage(:, :, to_p), self%weight(:, :, to_p))
       end associate
+      ! Joined stages have columns of zeros, so their slopes are read by no sum and are not evaluated.
       call find_order(scheme%nstage, a, abar, alpha, minus_alpha, separable, self%order)
    end subroutine new_explicit_plan
 
-   !> The slope of stage j serves stage i, too: column i of the coefficients is added to column j and becomes zero, so
-   !> that slope i is never read.
+   !> Let the slope of stage j serve stage i, too: column i of the coefficients is added to column j and becomes zero,
+   !> so that slope i is never read.
    pure subroutine join(j, i, a, alpha)
       integer, intent(in) :: j, i
       real(wp), intent(inout) :: a(:, :), alpha(:)
@@ -98,8 +99,8 @@ contains
       alpha(i) = 0
    end subroutine join
 
-   !> The sums as lists: many(i) slopes in sum i, of the stages stage(:, i) in rising order, with the coefficients
-   !> weight(:, i). Row i of a leads to stage i, alpha (i = 0) to the increment.
+   !> Write the sums as lists: many(i) slopes in sum i, of the stages stage(:, i) in rising order, with the
+   !> coefficients weight(:, i). Row i of a leads to stage i, alpha (i = 0) to the increment.
    pure subroutine find_sums(nstage, a, alpha, many, stage, weight)
       integer, intent(in) :: nstage
       real(wp), intent(in) :: a(nstage, nstage), alpha(nstage)
@@ -124,9 +125,9 @@ contains
       end do
    end subroutine find_sums
 
-   !> The order of the evaluations whose slopes are read; not allocated where there is none. Each pass over the stages
-   !> takes what is ready, until a pass finds nothing more. Force and velocity of a stage that are ready together are
-   !> one evaluation, since models share work between them.
+   !> Find the order of the evaluations whose slopes are read; not allocated where there is none. Each pass over the
+   !> stages takes what is ready, until a pass finds nothing more. Force and velocity of a stage that are ready
+   !> together are one evaluation, since models share work between them.
    pure subroutine find_order(nstage, a, abar, alpha, minus_alpha, separable, found)
       integer, intent(in) :: nstage
       real(wp), dimension(nstage, nstage), intent(in) :: a, abar
@@ -147,6 +148,7 @@ contains
             ! Every slope in the sum of Q_i, or of P_i, is there already.
             q_ready = all(has_velocity .or. abs(a(i, :)) <= 0)
             p_ready = all(has_force .or. abs(abar(i, :)) <= 0)
+            ! Wanted of this stage is what is not there yet and has its arguments.
             next%stage = i
             next%force = q_ready .and. (separable .or. p_ready) .and. .not. has_force(i)
             next%velocity = p_ready .and. (separable .or. q_ready) .and. .not. has_velocity(i)
@@ -160,6 +162,7 @@ contains
             order(n) = next
             moved = .true.
          end do
+         ! A pass without an evaluation: all are there, or the rest wait for each other.
          if (.not. moved) exit
       end do
       if (all(has_force) .and. all(has_velocity)) found = order(:n)
@@ -175,6 +178,7 @@ contains
       real(wp), intent(in), optional :: start(n)
 
       associate (many => plan%many(k, kind))
+         ! Both ways add the products in the same order, and round alike.
          if (n <= narrow) then
             call add_few(n, plan%nstage, many, plan%stage(1, k, kind), plan%weight(1, k, kind), slope, total, start)
          else
@@ -183,7 +187,8 @@ contains
       end associate
    end subroutine add_slopes
 
-   !> VEC total = start + sum_j c_j slope_j, slope by slope, so that each pass reads one column of the slopes.
+   !> VEC total = start + sum_j c_j slope_j of many numbers, slope by slope, so that each pass reads one column of
+   !> slopes.
    pure subroutine add_many(n, nstage, many, stage, c, slope, total, start)
       integer, intent(in) :: n, nstage, many, stage(many)
       real(wp), intent(in) :: c(many), slope(n, nstage)
@@ -191,6 +196,7 @@ contains
       real(wp), intent(in), optional :: start(n)
       integer :: i, j
 
+      ! With a start its first product is added to it; without one that product is the sum so far.
       if (present(start)) then
          do i = 1, n
             total(i) = start(i) + c(1)*slope(i, stage(1))

@@ -1,6 +1,10 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> Explicit steps of a block of paths: the equations are in tableau.inc, and the model is asked as tableau_gradients.inc
-!> says. Arrays are (nlane, ndof), so that a kernel over all their numbers is one loop, vectorised whatever ndof is.
+!> Explicit steps of a block of paths,
+!>
+!>    Q_i = q_n + sum_j a_ij Hhat_p(Q_j, P_j),   P_i = p_n - sum_j abar_ij Hhat_q(Q_j, P_j),   stage after stage:
+!>
+!> the equations are in tableau.inc, and the model is asked as tableau_gradients.inc says. Arrays are (nlane, ndof),
+!> so that a kernel over all their numbers is one loop, vectorised whatever ndof is.
 module symsde_step_explicit_tableau
    use symsde_base_kinds, only: wp, i8
    use symsde_base_record, only: step_record
@@ -43,6 +47,7 @@ module symsde_step_explicit_tableau
       lanes = self%ham%nlane
    end function lanes
 
+   !> Degrees of freedom, the other bound of the body's arrays.
    pure integer function degrees(self)
       type(explicit_stepper), intent(in) :: self
 

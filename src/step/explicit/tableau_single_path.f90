@@ -18,7 +18,8 @@ module symsde_step_explicit_tableau_single_path
    private
    public :: explicit_stepper
 
-   !> The slopes f and v of two stages, and a place (x, y) = (Q_i, P_i).
+   !> The slopes f and v of two stages, and a place (x, y) = (Q_i, P_i). As in a block they are allocated, with nlane
+   !> = 1.
    type :: room_type
       real(wp), allocatable :: f(:, :, :), v(:, :, :)  !! (nlane, ndof, 2)
       real(wp), allocatable :: x(:, :), y(:, :)        !! (nlane, ndof)
@@ -29,13 +30,14 @@ module symsde_step_explicit_tableau_single_path
    include 'tableau.inc'
    include 'tableau_gradients.inc'
 
-   !> One path, known to the compiler.
+   !> Paths: one, known to the compiler.
    pure integer function lanes(self)
       type(explicit_stepper), intent(in) :: self
 
       lanes = 1
    end function lanes
 
+   !> Degrees of freedom: what is left of the bounds of the body's arrays.
    pure integer function degrees(self)
       type(explicit_stepper), intent(in) :: self
 
