@@ -1,10 +1,14 @@
 ! SPDX-License-Identifier: BSD-3-Clause
 !> Whole steps on the Henon-Heiles system: drifts, and kicks at nodes c_i of the step, each by a part b_i of the
-!> potential and of the noises. Stormer-Verlet, the Euler pair, the other Lobatto pair of two stages, and the kicks of
-!> scheme/splitting, which for additive noise have no other parts:
+!> potential and of the noises. The schemes are Stormer-Verlet, the Euler pair, the other Lobatto pair of two stages,
+!> and the kicks of scheme/splitting, which for additive noise have no other parts. Kick i and the drifts are
 !>
-!>    dp_1 = -b (h (q_1 + 2 alpha q_1 q_2) + sigma1 W_1),  dp_2 = -b (h (q_2 + alpha (q_1^2 - q_2^2)) + sigma2 W_2),
+!>    dp_1 = -b_i (h (q_1 + 2 alpha q_1 q_2) + sigma1 W_1),  dp_2 = -b_i (h (q_2 + alpha (q_1^2 - q_2^2)) + sigma2 W_2),
 !>    W_k = dW_k + (gamma_i/b_i) a_k,  a_k = dZ_k/h - dW_k/2,   dq = tau p
+!>
+!> or, where a scheme rotates, the exact flow of (p.p + q.q)/2 in place of a drift, and kicks without their linear
+!> part. Every step is drift, kick, drift, kick, drift, of which a scheme leaves out what it has not: its duration or
+!> part is zero.
 !>
 !> Few lanes at a time go through all of their steps; a path that is alone does so in registers.
 module symsde_model_flows_henon_heiles
@@ -19,11 +23,12 @@ module symsde_model_flows_henon_heiles
    integer, parameter :: tile = 64  !! lanes that go through all of their steps together
    integer, parameter :: group = 4  !! steps in registers
 
+   !> The strengths of the cubic force and of both noises.
    type :: henon_heiles_terms
       real(wp) :: alpha = 0, sigma1 = 0, sigma2 = 0
    end type henon_heiles_terms
 
-   !> Two kicks, of which some schemes leave out one: its part is zero.
+   !> The two kicks and three drifts of a scheme. A kick or a drift that the scheme has not is zero.
    type :: kick_plan
       real(wp) :: drift(3) = 0    !! before, between and after them
       integer :: nvelocity = 0    !! drifts that count as gradients: those of tableaux
@@ -31,7 +36,7 @@ module symsde_model_flows_henon_heiles
       real(wp) :: shape(2) = 0    !! gamma_i/b_i
       real(wp) :: linear = 1      !! factor of the linear force
       logical :: rotates = .false.  !! drifts have that
-      ! for steps of one length, of one system
+      ! What follows from the size of a step, and the system that is moved.
       real(wp) :: h = 0
       type(henon_heiles_terms) :: of
       real(wp) :: tau(3) = 0      !! drifts
@@ -40,7 +45,7 @@ module symsde_model_flows_henon_heiles
 
 contains
 
-   !> Whether these steps are offered here.
+   !> Whether this file has steps of a scheme of this name.
    pure logical function henon_heiles_has_flow(scheme) result(has_flow)
       character(*), intent(in) :: scheme
       type(kick_plan) :: plan
@@ -49,7 +54,7 @@ contains
       has_flow = any(plan%part > 0)
    end function henon_heiles_has_flow
 
-   !> Nothing for schemes that are not known.
+   !> Find the drifts and kicks of a scheme; those of schemes that are not known are all zero.
    pure subroutine find_plan(scheme, plan)
       character(*), intent(in) :: scheme
       type(kick_plan), intent(out) :: plan
@@ -77,7 +82,8 @@ contains
       end select
    end subroutine find_plan
 
-   !> The contract of model_type%flow.
+   !> Take steps by the contract of model_type%flow, for two degrees of freedom. Where no dZ is drawn its weight
+   !> gamma_i/b_i is zero, or all noises are silent: then any numbers may stand in its place.
    subroutine henon_heiles_flow(scheme, terms, steps, q, p, qn, pn, counters)
       character(*), intent(in) :: scheme
       type(henon_heiles_terms), intent(in) :: terms
@@ -93,6 +99,7 @@ contains
       plan%h = steps%h
       plan%of = terms
       plan%tau = plan%drift*steps%h
+      ! cos - 1 without cancellation.
       plan%cosine_less_one = -2*sin(0.5_wp*plan%tau)**2
       plan%sine = sin(plan%tau)
       w => steps%w  ! contiguous, as gfortran 12 does not see of a component
@@ -108,7 +115,7 @@ contains
       counters%gradients = counters%gradients + (plan%nvelocity + count(plan%part > 0))*steps%nstep*steps%nreal
    end subroutine henon_heiles_flow
 
-   !> Steps of lane 1 alone: each waits for the one before it.
+   !> Take the steps of lane 1 alone: each waits for the one before it, and all numbers stay in registers.
    pure subroutine pass_alone(plan, steps, w, dz, q, p, qn, pn)
       type(kick_plan), intent(in) :: plan
       type(steps_record), intent(in) :: steps
@@ -134,6 +141,7 @@ contains
                   x1 = x1 + plan%tau(i)*y1
                   x2 = x2 + plan%tau(i)*y2
                end if
+               ! Two kicks lie between three drifts.
                if (i == 3) cycle
                if (.not. plan%part(i) > 0) cycle
                u1 = weight(plan%shape(i), rate, w(1, 1, step), dz(1, 1, step))
@@ -148,7 +156,8 @@ contains
       end do
    end subroutine pass_alone
 
-   !> All steps of a tile of lanes from `first` on.
+   !> Take all steps of a tile of lanes from `first` on. Steps of two kicks by dW around one drift go several at a
+   !> time; others go drift by drift and kick by kick through the tile.
    pure subroutine pass(plan, steps, first, w, dz, q, p, qn, pn)
       type(kick_plan), intent(in) :: plan
       type(steps_record), intent(in) :: steps
@@ -188,7 +197,7 @@ contains
 
    ! ---- kernels ----------------------------------------------------------------------------------
 
-   !> VEC Kicks and a drift between them of n lanes: one step, or a group that goes on in registers.
+   !> VEC Kick, drift and kick of n lanes: one step, or a group of them that goes on in registers.
    pure subroutine swing(nstep, plan, before_first, n, w, x, y)
       integer, intent(in) :: nstep, before_first, n    !! lanes before these
       type(kick_plan), intent(in) :: plan
@@ -250,14 +259,15 @@ contains
       end do
    end subroutine kick_lanes
 
-   !> W of a kick over its part. Here and below, of a sum of two products the first is contracted: parentheses around
-   !> the other say so, or a path by itself would have other bits.
+   !> The weight W_k of a kick over its part, dW + (gamma/b) (dZ/h - dW/2). Here and below, of a sum of two products
+   !> the first is contracted: parentheses around the other say so, or a path by itself would have other bits.
    pure real(wp) function weight(shape, rate, w, dz)
       real(wp), intent(in) :: shape, rate, w, dz
 
       weight = w + shape*(rate*dz - (0.5_wp*w))
    end function weight
 
+   !> One step of two kicks with a drift between them, of one lane.
    pure subroutine kick_drift_kick(plan, w1, w2, x1, x2, y1, y2)
       type(kick_plan), intent(in) :: plan   !! whose linear force is all of it
       real(wp), intent(in) :: w1, w2
@@ -269,6 +279,8 @@ contains
       call kick(plan, plan%part(2), w1, w2, x1, x2, y1, y2)
    end subroutine kick_drift_kick
 
+   !> The exact flow of (p^2 + q^2)/2 of one degree of freedom, as increments: x + (cos - 1) x + sin y, and alike for
+   !> y.
    pure subroutine rotate(cosine_less_one, sine, x, y)
       real(wp), intent(in) :: cosine_less_one, sine
       real(wp), intent(inout) :: x, y
@@ -279,6 +291,8 @@ contains
       x = moved
    end subroutine rotate
 
+   !> The kick of one lane, by the equations at the head; u1 and u2 are W_1 and W_2. Without the linear part x2 is
+   !> left out.
    pure subroutine kick(plan, part, u1, u2, x1, x2, y1, y2)
       type(kick_plan), intent(in) :: plan
       real(wp), intent(in) :: part, u1, u2, x1, x2

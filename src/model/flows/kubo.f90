@@ -3,8 +3,9 @@
 !>
 !>    dq = theta (p - theta q/2)/(1 + theta^2/4),  dp = -theta (q + theta p/2)/(1 + theta^2/4)
 !>
-!> [WHSB] (71)-(72) solved for the new state. A single path has its angles and factors found for all steps at
-!> once: what one step waits for of the last is a rotation alone.
+!> which is [WHSB] (71)-(72) solved for the new state. A block goes through a group of steps in one pass over its
+!> lanes. A single path has theta/2 and theta/(1 + theta^2/4) found for many steps before the first of them: what a
+!> step waits for is then the rotation of the step before alone, and no division.
 module symsde_model_flows_kubo
    use symsde_base_counters, only: counters_type
    use symsde_base_kinds, only: wp
@@ -17,7 +18,7 @@ module symsde_model_flows_kubo
 
 contains
 
-   !> The contract of model_type%flow, for the midpoint rule.
+   !> Take steps by the contract of model_type%flow, for the midpoint rule.
    subroutine kubo_flow(a, sigma, steps, q, p, qn, pn, counters)
       real(wp), intent(in) :: a, sigma
       type(steps_record), intent(in) :: steps
@@ -38,7 +39,8 @@ contains
       end associate
    end subroutine kubo_flow
 
-   !> Steps in groups as long as there are enough up to the next state that is asked for.
+   !> Take the steps of a block, in groups as long as there are enough up to the next state that is asked for. The
+   !> state is moved where it will be shown.
    pure subroutine turn_lanes(steps, turn, sigma, w, q, p, qn, pn)
       type(steps_record), intent(in) :: steps
       real(wp), intent(in) :: turn, sigma, w(steps%nlane, 0:1, steps%nstep), q(steps%nlane), p(steps%nlane)
@@ -63,7 +65,7 @@ contains
       end associate
    end subroutine turn_lanes
 
-   !> VEC One step.
+   !> VEC One step of every lane.
    pure subroutine turn_once(nlane, turn, sigma, dw, q, p)
       integer, intent(in) :: nlane
       real(wp), intent(in) :: turn, sigma, dw(nlane)
@@ -81,7 +83,7 @@ contains
       end do
    end subroutine turn_once
 
-   !> VEC A group of steps.
+   !> VEC A group of steps of every lane, whose state stays in registers.
    pure subroutine turn_group(nlane, turn, sigma, w, q, p)
       integer, intent(in) :: nlane
       real(wp), intent(in) :: turn, sigma, w(nlane, 0:1, group)
@@ -102,7 +104,8 @@ contains
       end do
    end subroutine turn_group
 
-   !> Steps of the one path of a block.
+   !> Take the steps of the one path of a block: factors of up to `chunk` steps first, then the rotations, up to each
+   !> state that is asked for.
    pure subroutine turn_one_lane(steps, turn, sigma, w, q, p, qn, pn)
       type(steps_record), intent(in) :: steps
       real(wp), intent(in) :: turn, sigma, w(steps%nlane, 0:1, steps%nstep), q, p
@@ -137,7 +140,7 @@ contains
       end do
    end subroutine turn_one_lane
 
-   !> theta/2 and theta/(1 + theta^2/4)
+   !> Find theta/2 and theta/(1 + theta^2/4), of which dq and dp are made.
    pure subroutine find_factor(theta, half, factor)
       real(wp), intent(in) :: theta
       real(wp), intent(out) :: half, factor
@@ -146,7 +149,7 @@ contains
       factor = theta/(1 + half*half)
    end subroutine find_factor
 
-   !> The Cayley rotation in place.
+   !> Rotate (q, p) by Cayley's map, in place.
    pure subroutine cayley(half, factor, q, p)
       real(wp), intent(in) :: half, factor
       real(wp), intent(inout) :: q, p

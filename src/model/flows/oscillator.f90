@@ -11,10 +11,10 @@
 !>    midpoint           dq = (v - c f/2)/(1 + a c/4), dp = -(f + a v/2)/(1 + a c/4), f = a q + b, v = c p + e
 !>    Gauss              dq = 2 o (u v - o c f)/(u^2 + o^2 a c), dp = -2 o (u f + o a v)/(u^2 + o^2 a c)
 !>
-!> ([WHSB] (71)-(72) solved; with Z the matrix of the linear equations, stages of Gauss add (N/D - 1) (q, p) of Pade's
-!> quotient for exp(Z), D = u - o Z, N = u + o Z, and Z^2 = -a c: what is rounded in u and o leaves a rotation one. For
-!> Lobatto see model/flows/oscillator_quotients.) A group of steps keeps the states of the lanes in registers; a path
-!> that is alone goes through all of its steps at once.
+!> ([WHSB] (71)-(72) solved.) Where Z is the matrix of the linear equations, a scheme of Gauss adds (N/D - 1) (q, p)
+!> of Pade's quotient for exp(Z), with D = u - o Z, N = u + o Z, and Z^2 = -a c: whatever is rounded in u and o leaves
+!> a rotation one. For Lobatto's schemes see model/flows/oscillator_quotients. A group of steps keeps the states of
+!> the lanes in registers; a path that is alone goes through all of its steps at once.
 module symsde_model_flows_oscillator
    use symsde_base_counters, only: counters_type
    use symsde_base_kinds, only: wp
@@ -32,7 +32,7 @@ module symsde_model_flows_oscillator
       enumerator :: corrected_euler = 12, corrected_adjoint = 13
    end enum
 
-   !> Coefficients of u from a c on, which begins with 1, and of o, which begins with 1/2.
+   !> The coefficients of the polynomials u and o in a c, from the first power on: u begins with 1, o with 1/2.
    type :: pade_terms
       real(wp) :: u(2) = 0, o = 0
    end type pade_terms
@@ -42,12 +42,13 @@ module symsde_model_flows_oscillator
                                pade_terms(u=[-1/10.0_wp, 0.0_wp], o=-1/120.0_wp), &
                                pade_terms(u=[-3/28.0_wp, 1/1680.0_wp], o=-1/84.0_wp)]
 
-   !> Steps of one pass over the lanes; the short one where there are more operations than gcc would unroll eight times.
+   !> Steps of one pass over the lanes; `short` is for steps of more operations than gcc would unroll eight times.
    integer, parameter :: group = 8, short = 4
 
 contains
 
-   !> Whether these steps are offered here.
+   !> Whether this file has steps of a scheme for these noises: corrected ones where noise is in a and c alone, those
+   !> with brackets where all brackets vanish.
    pure logical function oscillator_has_flow(terms, scheme) result(has_flow)
       type(oscillator_terms), intent(in) :: terms
       character(*), intent(in) :: scheme
@@ -65,6 +66,8 @@ contains
                        terms%noise_b == 0 .and. terms%noise_e == 0
    end function is_of_one_form
 
+   !> Which steps a name means; 0 for names that are not known. Schemes with brackets are those of gauss2, since they
+   !> are taken where the brackets vanish.
    pure integer function index_of(scheme)
       character(*), intent(in) :: scheme
 
@@ -94,7 +97,8 @@ contains
       end select
    end function index_of
 
-   !> The contract of model_type%flow, for one degree of freedom.
+   !> Take steps by the contract of model_type%flow, for one degree of freedom. Adjoint schemes are their partners on
+   !> the oscillator that is turned, and are asked so.
    subroutine oscillator_flow(terms, scheme, steps, q, p, qn, pn, counters)
       type(oscillator_terms), intent(in) :: terms
       character(*), intent(in) :: scheme
@@ -143,7 +147,8 @@ contains
       end if
    end subroutine oscillator_flow
 
-   !> The oscillator with (q, p) -> (p, -q), whose scheme is the adjoint of its own; its steps have the other sign.
+   !> The oscillator with (q, p) -> (p, -q), on which a scheme is the adjoint of what it is here; its steps have the
+   !> other sign.
    pure type(oscillator_terms) function turned(t)
       type(oscillator_terms), intent(in) :: t
 
@@ -151,7 +156,7 @@ contains
                                 noise_c=t%noise_a, noise_e=t%noise_b)
    end function turned
 
-   !> `every` steps in place, in groups as long as there are enough.
+   !> Take `every` steps of a block in place, in groups as long as there are enough.
    pure subroutine advance(terms, which, by, steps, w, q, p)
       type(oscillator_terms), intent(in) :: terms
       type(step_quotients), intent(in) :: by   !! of the schemes that have them
@@ -195,7 +200,7 @@ contains
       end do
    end subroutine advance
 
-   !> Steps of a path that is alone, in lane 1: each waits for the one before it.
+   !> Take the steps of a path that is alone, in lane 1: each waits for the one before it.
    pure subroutine advance_alone(terms, which, steps, w, q, p, qn, pn)
       type(oscillator_terms), intent(in) :: terms
       integer, intent(in) :: which
@@ -234,7 +239,7 @@ contains
       end do
    end subroutine advance_alone
 
-   !> Steps of the corrected scheme for a path that is alone, in lane 1.
+   !> Take the steps of the corrected scheme for a path that is alone, in lane 1.
    pure subroutine corrected_alone(terms, steps, h, w, q, p, qn, pn)
       type(oscillator_terms), intent(in) :: terms
       type(steps_record), intent(in) :: steps
@@ -256,7 +261,7 @@ contains
 
    ! ---- kernels: nstep is 1 or a group ----------------------------------
 
-   !> VEC Force at x, then velocity at y.
+   !> VEC Symplectic Euler: the force at x, then the velocity at the new y.
    pure subroutine euler_pass(t, nlane, nnoise, nstep, h, w, q, p)
       type(oscillator_terms), intent(in) :: t
       integer, intent(in) :: nlane, nnoise, nstep
@@ -289,7 +294,7 @@ contains
       end if
    end subroutine euler_pass
 
-   !> VEC The corrected scheme, where noises are of a and c alone.
+   !> VEC The corrected scheme, where noises are in a and c alone.
    pure subroutine corrected_pass(t, nlane, nnoise, nstep, h, w, q, p)
       type(oscillator_terms), intent(in) :: t
       integer, intent(in) :: nlane, nnoise, nstep
@@ -320,7 +325,7 @@ contains
       end if
    end subroutine corrected_pass
 
-   !> VEC The same where a = c = h.
+   !> VEC Symplectic Euler where a = c = h: noise is in b and e alone.
    pure subroutine additive_pass(t, nlane, nnoise, nstep, h, w, q, p)
       type(oscillator_terms), intent(in) :: t
       integer, intent(in) :: nlane, nnoise, nstep
@@ -351,7 +356,7 @@ contains
       end if
    end subroutine additive_pass
 
-   !> VEC Half a kick, a drift, half a kick.
+   !> VEC Stormer-Verlet: half a kick, a drift, half a kick.
    pure subroutine verlet_pass(t, nlane, nnoise, nstep, h, w, q, p)
       type(oscillator_terms), intent(in) :: t
       integer, intent(in) :: nlane, nnoise, nstep
@@ -384,7 +389,7 @@ contains
       end if
    end subroutine verlet_pass
 
-   !> VEC The linear equations of the stages of Gauss, solved.
+   !> VEC The midpoint rule and schemes of Gauss, whose linear equations are solved: `numbers` says which.
    pure subroutine gauss_pass(t, numbers, nlane, nnoise, nstep, h, w, q, p)
       type(oscillator_terms), intent(in) :: t
       type(pade_terms), intent(in) :: numbers
@@ -422,8 +427,10 @@ contains
       end if
    end subroutine gauss_pass
 
-   ! Products of noise stand behind those with x and y, which are contracted then, wherever this is inlined.
+   ! In the steps of one lane products of noise stand behind those with x and y, which are then the ones that are
+   ! contracted, wherever a step is inlined.
 
+   !> y <- y - (a x + b), x <- x + (c y + e), with b = cb wb and e = ce we.
    pure subroutine kick_and_drift(a, cb, wb, c, ce, we, x, y)
       real(wp), intent(in) :: a, cb, wb, c, ce, we
       real(wp), intent(inout) :: x, y
@@ -432,6 +439,7 @@ contains
       x = x + (c*y + ce*we)
    end subroutine kick_and_drift
 
+   !> The corrected step, with d = a c/2 of the noises.
    pure subroutine corrected_step(h, a, c, x, y)
       real(wp), intent(in) :: h, a, c  !! the last two: of the noises alone
       real(wp), intent(inout) :: x, y
@@ -442,6 +450,7 @@ contains
       x = x + ((h + c)*y + d*x)
    end subroutine corrected_step
 
+   !> Half a kick, a drift, half a kick.
    pure subroutine verlet_step(a, cb, wb, c, ce, we, x, y)
       real(wp), intent(in) :: a, cb, wb, c, ce, we
       real(wp), intent(inout) :: x, y
@@ -451,6 +460,7 @@ contains
       y = y - 0.5_wp*(a*x + cb*wb)
    end subroutine verlet_step
 
+   !> The step of Gauss by u and o; force and velocity are f = a q + b and v = c p + e where it begins.
    pure subroutine gauss_step(by, a, c, force, velocity, x, y)
       type(pade_terms), intent(in) :: by
       real(wp), intent(in) :: a, c, force, velocity

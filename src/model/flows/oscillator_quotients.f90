@@ -15,14 +15,15 @@ module symsde_model_flows_oscillator_quotients
    private
    public :: oscillator_terms, step_quotients, has_quotients, quotients_of, quotient_pass, quotient_alone
 
-   !> The angular velocity r; strengths of the noises, and which they are, 0 where the strength is zero.
+   !> An oscillator: its angular velocity r, the strengths A, B, C, E of its noises, and which noise each of them is:
+   !> 0 where the strength is zero.
    type :: oscillator_terms
       real(wp) :: rate = 1
       real(wp) :: a = 0, b = 0, c = 0, e = 0
       integer :: noise_a = 0, noise_b = 0, noise_c = 0, noise_e = 0
    end type oscillator_terms
 
-   !> Coefficients from x on: those before are 1, and 1/2 of B.
+   !> The coefficients of A, B, C and D from x on: their constants are 1, and 1/2 of B.
    type :: step_quotients
       real(wp) :: a(3) = 0, b(2) = 0, c(3) = 0, d(2) = 0
    end type step_quotients
@@ -38,7 +39,7 @@ module symsde_model_flows_oscillator_quotients
 
 contains
 
-   !> Whether steps of this scheme are here.
+   !> Whether this file has steps of a scheme of this name.
    pure logical function has_quotients(scheme)
       character(*), intent(in) :: scheme
 
@@ -50,7 +51,7 @@ contains
       end select
    end function has_quotients
 
-   !> The quotients of a scheme that has them.
+   !> The quotients of a scheme that has them; those of the swapped pair have A and C exchanged.
    pure type(step_quotients) function quotients_of(scheme) result(found)
       character(*), intent(in) :: scheme
 
@@ -63,7 +64,7 @@ contains
       if (index(scheme, '_swapped') > 0) found = step_quotients(a=found%c, b=found%b, c=found%a, d=found%d)
    end function quotients_of
 
-   !> VEC One step or `short` of them: a = h + ca w_i, and so on.
+   !> VEC One step, or `short` of them, of every lane: a = h + A w_i, and so on for b, c and e.
    pure subroutine quotient_pass(quotients, t, nlane, nnoise, nstep, h, w, q, p)
       type(step_quotients), intent(in) :: quotients
       type(oscillator_terms), intent(in) :: t
@@ -102,7 +103,7 @@ contains
       end if
    end subroutine quotient_pass
 
-   !> Steps of a path that is alone, in lane 1.
+   !> Take the steps of a path that is alone, in lane 1.
    pure subroutine quotient_alone(quotients, terms, steps, w, q, p, qn, pn)
       type(step_quotients), intent(in) :: quotients
       type(oscillator_terms), intent(in) :: terms
@@ -130,6 +131,7 @@ contains
       end do
    end subroutine quotient_alone
 
+   !> One step by the quotients at the head, with force and velocity where it begins. One division serves all of them.
    pure subroutine quotient_step(by, a, c, force, velocity, x, y)
       type(step_quotients), intent(in) :: by
       real(wp), intent(in) :: a, c, force, velocity

@@ -6,8 +6,8 @@
 !>    symplectic Euler   p' = (p - (h sin q + g q))/(1 + d),  q' = q + ((h + g) p' + d q)   [WHSB] (89)-(90)
 !>    its adjoint        q' = (q + (h + g) p)/(1 + d),  p' = p - (h sin q' + g q') + d p    [WHSB] (91)-(92)
 !>
-!> The implicit end is linear in what it asks for: no iteration is needed. A path that is alone is lane 1, the others
-!> go through their steps a tile at a time.
+!> The implicit end, p' of the first and q' of the second, is linear in what it asks for: no iteration is needed. A
+!> path that is alone is lane 1, the others go through their steps a tile at a time.
 module symsde_model_flows_pendulum
    use symsde_base_counters, only: counters_type
    use symsde_base_kinds, only: wp
@@ -19,7 +19,7 @@ module symsde_model_flows_pendulum
 
 contains
 
-   !> The contract of model_type%flow.
+   !> Take steps by the contract of model_type%flow. A step counts as one solve.
    subroutine pendulum_euler_flow(adjoint, sigma, steps, q, p, qn, pn, counters)
       logical, intent(in) :: adjoint
       real(wp), intent(in) :: sigma
@@ -44,7 +44,7 @@ contains
       end associate
    end subroutine pendulum_euler_flow
 
-   !> All steps of a tile of lanes from `first` on.
+   !> Take all steps of a tile of lanes from `first` on: sine and cosine of all its angles, then the rest of the step.
    subroutine step_lanes(adjoint, sigma, steps, first, w, q, p, qn, pn)
       logical, intent(in) :: adjoint
       type(steps_record), intent(in) :: steps
@@ -74,7 +74,7 @@ contains
       end do
    end subroutine step_lanes
 
-   !> All steps of lane 1.
+   !> Take all steps of lane 1, by numbers in registers.
    subroutine step_alone(adjoint, sigma, steps, w, q, p, qn, pn)
       logical, intent(in) :: adjoint
       type(steps_record), intent(in) :: steps
@@ -102,7 +102,7 @@ contains
 
    ! ---- kernels ----------------------------------------------------------------------------------
 
-   !> VEC Steps of symplectic Euler.
+   !> VEC One step of symplectic Euler for n lanes, whose sines are known.
    pure subroutine solve_and_drift(n, sigma, h, dw, sine, x, y)
       integer, intent(in) :: n
       real(wp), intent(in) :: sigma, h, dw(n), sine(n)
@@ -114,7 +114,7 @@ contains
       end do
    end subroutine solve_and_drift
 
-   !> VEC First halves of steps of the adjoint.
+   !> VEC The first half of a step of the adjoint for n lanes: q'.
    pure subroutine solve_for_angles(n, sigma, h, dw, y, x)
       integer, intent(in) :: n
       real(wp), intent(in) :: sigma, h, dw(n), y(n)
@@ -126,7 +126,7 @@ contains
       end do
    end subroutine solve_for_angles
 
-   !> VEC Second halves of steps of the adjoint.
+   !> VEC The second half of a step of the adjoint for n lanes: p' from the sine of q'.
    pure subroutine move_momenta(n, sigma, h, dw, x, sine, y)
       integer, intent(in) :: n
       real(wp), intent(in) :: sigma, h, dw(n), x(n), sine(n)
@@ -138,6 +138,7 @@ contains
       end do
    end subroutine move_momenta
 
+   !> One step of symplectic Euler: y is p, then p', and x is q, then q'.
    pure subroutine euler(h, g, sine, x, y)
       real(wp), intent(in) :: h, g, sine
       real(wp), intent(inout) :: x, y
@@ -148,6 +149,7 @@ contains
       x = x + ((h + g)*y + d*x)
    end subroutine euler
 
+   !> q' = (q + (h + g) p)/(1 + d) of the adjoint.
    pure subroutine solve_for_angle(h, g, y, x)
       real(wp), intent(in) :: h, g, y
       real(wp), intent(inout) :: x
@@ -155,6 +157,7 @@ contains
       x = (x + (h + g)*y)*(1/(1 + 0.5_wp*(g*g)))
    end subroutine solve_for_angle
 
+   !> p' = p - (h sin q' + g q') + d p of the adjoint.
    pure subroutine move_momentum(h, g, x, sine, y)
       real(wp), intent(in) :: h, g, x, sine
       real(wp), intent(inout) :: y

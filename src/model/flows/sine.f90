@@ -4,8 +4,9 @@
 !>    Hhat_q = a sin q + b cos q + c q,  Hhat_p = e p
 !>    a = r h + A dW_i,  b = B dW_j,  c = C dW_k,  e = h + E dW_l
 !>
-!> Half a kick, a drift, half a kick. The angle after a step is that before the next one: sine and cosine, most of the
-!> work, are found once a step. A path that is alone is lane 1, the others go through their steps a tile at a time.
+!> A step is half a kick, a drift and half a kick. The angle after a step is that before the next one: sine and
+!> cosine, most of the work, are found once a step. A path that is alone is lane 1, the others go through their steps
+!> a tile at a time.
 module symsde_model_flows_sine
    use symsde_base_counters, only: counters_type
    use symsde_base_kinds, only: wp
@@ -15,21 +16,23 @@ module symsde_model_flows_sine
    private
    public :: sine_terms, sine_flow
 
-   !> The rate r; strengths of the noises, and which they are, 0 where the strength is zero.
+   !> The rate r, the strengths A, B, C, E of the noises, and which noise each of them is: 0 where the strength is
+   !> zero.
    type :: sine_terms
       real(wp) :: rate = 1
       real(wp) :: a = 0, b = 0, c = 0, e = 0
       integer :: noise_a = 0, noise_b = 0, noise_c = 0, noise_e = 0
    end type sine_terms
 
-   !> The lanes of a tile: their state, its sine and cosine, half of the weights of the step.
+   !> The lanes of a tile: state (x, y), sine and cosine of x, and halves of the weights a, b, c of the step.
    type :: tile_state
       real(wp), dimension(sincos_tile) :: x, y, sine, cosine, a, b, c
    end type tile_state
 
 contains
 
-   !> The contract of model_type%flow, for one degree of freedom.
+   !> Take steps by the contract of model_type%flow, for one degree of freedom. A step counts as three gradients, as
+   !> that of the explicit stepper does.
    subroutine sine_flow(terms, steps, q, p, qn, pn, counters)
       type(sine_terms), intent(in) :: terms
       type(steps_record), intent(in) :: steps
@@ -50,7 +53,7 @@ contains
       counters%gradients = counters%gradients + 3*steps%nstep*steps%nreal
    end subroutine sine_flow
 
-   !> All steps of n lanes from `first` on.
+   !> Take all steps of n lanes from `first` on.
    subroutine verlet(terms, steps, first, n, w, q, p, qn, pn)
       type(sine_terms), intent(in) :: terms
       type(steps_record), intent(in) :: steps
@@ -77,7 +80,7 @@ contains
       end do
    end subroutine verlet
 
-   !> All steps of lane 1.
+   !> Take all steps of lane 1, by numbers in registers.
    subroutine verlet_alone(terms, steps, w, q, p, qn, pn)
       type(sine_terms), intent(in) :: terms
       type(steps_record), intent(in) :: steps
@@ -107,7 +110,7 @@ contains
 
    ! ---- kernels ----------------------------------------------------------------------------------
 
-   !> VEC The weights of the step, half a kick, and a drift.
+   !> VEC The first part of a step: its weights, half a kick, and the drift to the next angle.
    pure subroutine to_the_angle(n, terms, rate, h, wa, wb, wc, we, s)
       integer, intent(in) :: n
       type(sine_terms), intent(in) :: terms
@@ -123,7 +126,7 @@ contains
       end do
    end subroutine to_the_angle
 
-   !> VEC Half a kick.
+   !> VEC The last part of a step: half a kick at the new angle.
    pure subroutine from_the_angle(n, s)
       integer, intent(in) :: n
       type(tile_state), intent(inout) :: s
@@ -134,7 +137,7 @@ contains
       end do
    end subroutine from_the_angle
 
-   !> Half of the weights a, b, c.
+   !> Find the halves of the weights a, b, c that each of the two kicks has.
    pure subroutine find_weights(terms, rate, wa, wb, wc, a, b, c)
       type(sine_terms), intent(in) :: terms
       real(wp), intent(in) :: rate, wa, wb, wc
