@@ -1,15 +1,16 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> The time scale of a model's areas: how finely a step must be halved, so that what is left of an area does
-!> not exceed what the scheme leaves out anyway.
+!> The time scale of a model's areas: how finely a step must be halved, so that what is left of an area does not
+!> exceed what the scheme leaves out anyway.
 !>
-!> With the fields X_k of the noises, X_kl = [X_k,X_l] and X_jkl = [X_j,X_kl], a step of midpoint_areas leaves
-!> out terms of size h^(3/2) |X_jkl|; n leaves leave h |X_kl|/sqrt(12 n). Balanced,
+!> X_k is the Hamiltonian vector field of noise k, X_kl = [X_k,X_l] a bracket of two, and X_jkl = [X_j,X_kl]. A step
+!> of midpoint_areas leaves out terms of size h^(3/2) |X_jkl|, and an area that is put together from n leaves is wrong
+!> by about h |X_kl|/sqrt(12 n). The two are balanced by
 !>
 !>    n = tau/(12 |h|),   tau = 6/rho,   rho = sum |X_jkl|^2/sum |X_kl|^2  [1/time]
 !>
-!> summed over noises and over eight fixed points of order one: not over the states of a run, whose paths must
-!> not depend on where it begins. rho scales with the unit of time as it must. Where all X_jkl vanish the drift
-!> takes the place of X_j, with rho = |X_0kl|/|X_kl|.
+!> The sums are over noises, and over eight fixed points of order one: not over the states of a run, whose paths must
+!> not depend on where it begins. rho scales with the unit of time as it must. Where all X_jkl vanish the drift takes
+!> the place of X_j, with rho = |X_0kl|/|X_kl|.
 module symsde_model_probe_area_time
    use symsde_base_kinds, only: wp
    use symsde_base_lanes, only: lane_unit
@@ -23,7 +24,7 @@ module symsde_model_probe_area_time
    real(wp), parameter :: reach = 1e-4_wp      !! length of the differences
    real(wp), parameter :: vanishing = 1e-5_wp  !! relative size below which a nested field is rounding
 
-   !> The fixed points.
+   !> The eight fixed points at which fields are compared, one a lane, and what evaluating fields there needs.
    type :: point_set
       class(model_type), pointer :: model => null()
       real(wp) :: t = 0
@@ -34,8 +35,9 @@ module symsde_model_probe_area_time
 
 contains
 
-   !> tau; zero where the noises commute at all points, so that nothing multiplies an area.
-   !> Errors: incompatible where it cannot be derived.
+   !> Find tau from the fields at the fixed points. It is zero where the noises commute at all of them: then nothing
+   !> multiplies an area, and none need be halved.
+   !> Errors: incompatible where the fields are not finite, or where none of the nested ones exceeds rounding.
    subroutine derive_area_time(model, t, tau, error)
       class(model_type), intent(in), target :: model
       real(wp), intent(in) :: t                         !! start of the run [time]
@@ -59,6 +61,8 @@ contains
       by_drift = 0
       noise_scale = 0
       drift_scale = 0
+      ! X_kl = -X_lk, so that pairs k < l are enough. The field of the drift, j = 0, is summed apart, since it takes
+      ! another power of rho.
       do l = 2, points%m
          do k = 1, l - 1
             single = single + square_of_bracket(points, k, l)
@@ -69,6 +73,7 @@ contains
          end do
       end do
       tau = 0
+      ! A sum that is not finite passes here, and is refused below.
       if (.not. single > 0 .and. single <= huge(single)) return
       if (by_noise > vanishing**2*noise_scale .and. by_noise <= huge(tau)) then
          tau = 6*single/by_noise
@@ -81,7 +86,7 @@ contains
                  'noises turn each other''s fields around')
    end subroutine derive_area_time
 
-   !> sum over the points of |X_kl|^2.
+   !> The sum over the points of |X_kl|^2.
    real(wp) function square_of_bracket(points, k, l)
       type(point_set), intent(inout) :: points
       integer, intent(in) :: k, l
@@ -91,8 +96,12 @@ contains
       square_of_bracket = sum(v**2)
    end function square_of_bracket
 
-   !> sum over the points of |X_jkl|^2 = |DX_kl X_j - DX_j X_kl|^2; the squares of the two terms are added to scale, and
-   !> of |X_kl| |X_j|, which they are at points of order one, so that rounding is not measured against itself.
+   !> The sum over the points of |X_jkl|^2, with X_jkl = DX_kl X_j - DX_j X_kl by central differences along X_j and
+   !> X_kl.
+   !>
+   !> `scale` grows by the squares that this is to be compared with: those of the two terms, and of |X_kl| |X_j|,
+   !> which is the size that they have at points of order one. Without the last, two terms that are both rounding
+   !> would be compared with rounding.
    real(wp) function square_of_nested(points, j, k, l, scale)
       type(point_set), intent(inout) :: points
       integer, intent(in) :: j, k, l
@@ -128,7 +137,8 @@ contains
       square_of_nested = sum((a - b)**2)
    end function square_of_nested
 
-   !> e with |e v| = reach; one where v vanishes.
+   !> The length e of a difference along v, in each lane: |e v| = reach. Where v vanishes any length gives the same,
+   !> and e is one.
    pure function step_along(n, v) result(e)
       integer, intent(in) :: n
       real(wp), intent(in) :: v(lane_unit, 2*n)
@@ -142,7 +152,8 @@ contains
       end where
    end function step_along
 
-   !> X_j = (H_j,p, -H_j,q)
+   !> The field X_j = (H_j,p, -H_j,q) at x. The gradient is written straight into the two halves of v, H_j,q into the
+   !> second, whose sign is changed then.
    subroutine field_of_one(points, x, j, v)
       type(point_set), intent(in) :: points
       integer, intent(in) :: j
@@ -158,7 +169,7 @@ contains
       end associate
    end subroutine field_of_one
 
-   !> The field of {H_k,H_l}.
+   !> The field of the bracket {H_k,H_l}, which is X_kl up to a sign that squares do not see.
    subroutine field_of_bracket(points, x, k, l, v)
       type(point_set), intent(inout) :: points
       integer, intent(in) :: k, l

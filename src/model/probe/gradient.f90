@@ -6,10 +6,9 @@
 !>    linear in w        g(0) = 0 and g(w + 2 v) = g(w) + 2 g(v)
 !>    of a Hamiltonian   u.(Dg v) = v.(Dg u): the derivative Dg of a gradient is symmetric
 !>
-!> A model that is none of this runs, and what it gives obeys no Hamiltonian equations. Thirteen gradients in
-!> all, whatever the numbers of degrees of freedom and noises.
-!>
-!> Private to its family.
+!> A model that lacks one of these runs all the same, and what it gives obeys no Hamiltonian equations. The probe
+!> takes fourteen gradients in all, whatever the numbers of degrees of freedom and noises: five for lanes and weights,
+!> and nine for the symmetry.
 module symsde_model_probe_gradient
    use symsde_base_kinds, only: wp
    use symsde_base_status, only: error_type, raise, false_trait
@@ -26,7 +25,8 @@ module symsde_model_probe_gradient
 
 contains
 
-   !> Test the gradient of a model at the points; refuses (false_trait) with the numbers that refute it.
+   !> Test the gradient of a model at the points. One that fails is refused (false_trait) with the numbers that refute
+   !> it.
    subroutine probe_gradient(points, error)
       type(probe_points), intent(inout) :: points
       type(error_type), allocatable, intent(inout) :: error
@@ -51,8 +51,9 @@ contains
       call probe_symmetry(points, error)
    end subroutine probe_gradient
 
-   !> The gradient with given states and weights. Outputs begin with a number, so that one that is never written
-   !> is noticed where another number was there before; inputs must stay what they are.
+   !> Ask the model for its gradient with given states and weights. The outputs hold the number `before` when the
+   !> model gets them, another one in the first call than in the later ones, so that an output that is never written
+   !> shows as a difference. The inputs must come back as they were given.
    subroutine ask(points, q, p, w, before, gq, gp, error)
       type(probe_points), intent(in) :: points
       real(wp), intent(in) :: q(nlane, points%ndof), p(nlane, points%ndof), w(nlane, 0:points%nnoise)
@@ -73,7 +74,8 @@ contains
                     'w, which are its inputs: work on copies of them')
    end subroutine ask
 
-   !> One lane's state and weights in all lanes: each must have the gradient that this lane had among others.
+   !> Give one lane's state and weights to all lanes: each must then have the gradient that this lane had among
+   !> others.
    subroutine probe_lanes(points, w, gq, gp, scale, error)
       type(probe_points), intent(in) :: points
       real(wp), intent(in) :: w(nlane, 0:points%nnoise), scale(nlane)
@@ -107,7 +109,8 @@ contains
       end associate
    end subroutine probe_lanes
 
-   !> S = sum_j w_j H_j: no gradient without weights, and weights that add up.
+   !> Test that S = sum_j w_j H_j is linear in its weights: without weights there is no gradient, and gradients add up
+   !> as weights do.
    subroutine probe_weights(points, w, v, gq, gp, scale, error)
       type(probe_points), intent(in) :: points
       real(wp), intent(in) :: w(nlane, 0:points%nnoise), v(nlane, 0:points%nnoise), scale(nlane)
@@ -142,8 +145,8 @@ contains
                   ' as that with w and twice that with v', bad%lane, bad%i, remedy, error)
    end subroutine probe_weights
 
-   !> The derivative of the gradient of the sum is symmetric. Two directions without zeros tell; only then is the
-   !> pair of entries looked for.
+   !> Test that the derivative of the gradient of the sum is symmetric. Two directions without zeros tell whether it
+   !> is; only where it is not, the pair of entries to blame is looked for.
    subroutine probe_symmetry(points, error)
       type(probe_points), intent(inout) :: points
       type(error_type), allocatable, intent(inout) :: error
@@ -170,8 +173,8 @@ contains
       end do
    end subroutine probe_symmetry
 
-   !> Name the Hamiltonian and the pair of derivatives that differ most at a point; of large systems, what the
-   !> directions told. Where no pair differs beyond doubt there is no verdict.
+   !> Refuse, and name the Hamiltonian and the pair of derivatives that differ most at a point. Of systems too large
+   !> to look for these, tell what the two directions told. Where no pair differs beyond doubt there is no verdict.
    subroutine blame(points, lane, one_way, other_way, error)
       type(probe_points), intent(inout) :: points
       integer, intent(in) :: lane
@@ -202,7 +205,8 @@ contains
       end do
    end subroutine blame
 
-   !> The second derivatives of the sum that differ most from those the other way round, if they do beyond doubt.
+   !> Find the second derivative of the sum that differs most from the one with the two variables exchanged, if it
+   !> does so beyond doubt.
    subroutine worst_pair(points, lane, row, column, there, back)
       type(probe_points), intent(in) :: points
       integer, intent(in) :: lane
@@ -240,13 +244,14 @@ contains
       end associate
    end subroutine derivative
 
-   !> The component to which a finding belongs, such as q_1.
+   !> The component to which a finding belongs, in words such as q_1.
    pure character(len=16) function component(found) result(text)
       type(finding), intent(in) :: found
 
       text = merge('q_', 'p_', found%half == 1)//to_text(found%i)
    end function component
 
+   !> Refuse the gradient in one sentence: what is wrong with it, at which point, and what to do.
    subroutine refuse(points, what, lane, i, remedy, error)
       type(probe_points), intent(in) :: points
       character(*), intent(in) :: what, remedy  !! what is wrong, what to do

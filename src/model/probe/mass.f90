@@ -14,11 +14,13 @@ module symsde_model_probe_mass
 
 contains
 
-   !> Where H_p of the sum that is probed, H_0, is not what is declared: bad%lane = 0 where it is. In words what should
-   !> vanish, and its value.
+   !> Look for a point and a component where H_p of H_0, which must be the sum that is probed, is not what is
+   !> declared. bad%lane = 0 where there is none; else `what` names in words the quantity that should vanish, and x is
+   !> its value.
    !>
-   !> M^-1 p is a function of p alone, and additive: H_p(q_a, p_a + p_b) = H_p(q_a, p_a) + H_p(q_b, p_b) at any two
-   !> points and times. That is compared for the points beside the first and the first.
+   !> identity_mass is compared with p itself. For constant_mass no matrix is known, but M^-1 p is a function of p
+   !> alone, and additive: H_p(q_a, p_a + p_b) = H_p(q_a, p_a) + H_p(q_b, p_b) at any two points and times. This is
+   !> compared with the first point as b and each of the others as a.
    subroutine compare_mass(points, tolerance, trait, bad, what, x)
       type(probe_points), intent(in) :: points
       real(wp), intent(in) :: tolerance               !! part of the gradient that is rounding
@@ -46,7 +48,10 @@ contains
       if (bad%lane > 0) x = hp(bad%lane, bad%i)
    end subroutine compare_mass
 
-   !> H_p(q_a, p_a + p_1) - H_p(q_a, p_a) - H_p(q_1, p_1) in place of hp; the first point gives no verdict.
+   !> Replace hp, the H_p at the points, by H_p(q_a, p_a + p_1) - H_p(q_a, p_a) - H_p(q_1, p_1), which vanishes for a
+   !> constant mass. The first point is compared with none, nor are the lanes that repeat the last: their scale is
+   !> no_verdict. The scale of the others is the largest of the three that are subtracted, and not finite where one of
+   !> them is not.
    subroutine subtract_sum(points, hp, scale)
       type(probe_points), intent(in) :: points
       real(wp), intent(inout) :: hp(nlane, points%ndof), scale(nlane)

@@ -16,7 +16,8 @@ module symsde_model_probe_noise_time
 
 contains
 
-   !> True where the gradient of some H_k, k >= 1, is another at a later time than at t = 0.
+   !> True where the gradient of the noises, all in one sum with weights of their own in each lane, is another at some
+   !> later time than at t = 0.
    logical function noise_changes_in_time(model)
       class(model_type), intent(in) :: model
       real(wp), dimension(lane_unit, model%traits%ndof) :: q, p, hq, hp, first_q, first_p

@@ -83,6 +83,7 @@ contains
       end do
    end subroutine new_probe_points
 
+   !> The coordinate x, displaced by a pseudo-random part of its size, or of one where it is smaller.
    pure real(wp) function displaced(x, i, salt)
       real(wp), intent(in) :: x
       integer, intent(in) :: i, salt
@@ -146,6 +147,7 @@ contains
       call self%gradient(hq, hp, self%slope)
    end subroutine find_slope
 
+   !> Give all Hamiltonians from H_first on weights without zeros, and call the sum of them so in messages.
    subroutine mix(self, first)
       type(probe_points), intent(inout) :: self
       integer, intent(in) :: first
@@ -157,7 +159,7 @@ contains
       self%sum_name = '(a sum of H_'//to_text(first)//' .. H_'//to_text(self%nnoise)//')'
    end subroutine mix
 
-   !> Gradient of the sum.
+   !> The gradient of the sum at the points, and how large it is there.
    subroutine gradient(self, hq, hp, scale)
       class(probe_points), intent(in) :: self
       real(wp), allocatable, intent(out) :: hq(:, :), hp(:, :)  !! (nlane, ndof)
@@ -169,9 +171,12 @@ contains
       call largest_component(self%ndof, hq, hp, scale)
    end subroutine gradient
 
-   !> Hessian of the sum times (vq, vp), by differences of gradients with two steps, one relative to
-   !> the state and one not. Lanes in which the two disagree, or whose state is too large for the
-   !> second, get the scale no_verdict. The first difference alone costs half; what it does not refute, the two do not.
+   !> The Hessian of the sum times (vq, vp), by differences of gradients with two steps, one in proportion to the
+   !> state and one not. A difference is trusted only where both agree: lanes in which they do not, or whose state is
+   !> too large for the second, get the scale no_verdict.
+   !>
+   !> The first difference alone costs half, and most products refute nothing: callers may ask with sure = .false.
+   !> first, and for both only where that one refutes something, since what it does not refute, two would not.
    subroutine product(self, vq, vp, uq, up, scale, sure)
       class(probe_points), intent(in) :: self
       real(wp), intent(in) :: vq(nlane, self%ndof), vp(nlane, self%ndof)
@@ -198,6 +203,7 @@ contains
       where (.not. (apart <= agreement*scale .and. state <= too_far)) scale = no_verdict
    end subroutine product
 
+   !> The Hessian of the sum times (vq, vp), by one difference with a step of its own in every lane.
    subroutine difference(self, step, vq, vp, uq, up)
       type(probe_points), intent(in) :: self
       real(wp), intent(in) :: step(nlane), vq(nlane, self%ndof), vp(nlane, self%ndof)
@@ -208,8 +214,7 @@ contains
                             self%q, self%p, vq, vp, uq, up)
    end subroutine difference
 
-   !> The largest component of a pair of vectors, lane by lane; not finite where any component is
-   !> not.
+   !> The largest component of a pair of vectors, lane by lane. It is not finite where any component is not.
    pure subroutine largest_component(ndof, xq, xp, size)
       integer, intent(in) :: ndof
       real(wp), intent(in) :: xq(nlane, ndof), xp(nlane, ndof)
@@ -226,8 +231,9 @@ contains
       size = size + poison
    end subroutine largest_component
 
-   !> The component of (uq, up) that is largest against its scale, if it exceeds the tolerance; what
-   !> is not finite, or has a scale that is not or is no_verdict, is passed over. Zero against zero is no division.
+   !> The component of (uq, up) that is largest against the scale of its lane, if it exceeds the tolerance; found%lane
+   !> = 0 where none does. Components that are not finite are passed over, and so are lanes whose scale is not finite
+   !> or is no_verdict. A scale of zero is not divided by, and zero does not exceed it.
    pure subroutine worst(uq, up, scale, tolerance, found)
       real(wp), intent(in) :: uq(:, :), up(:, :)  !! (nlane, ndof)
       real(wp), intent(in) :: scale(nlane), tolerance
@@ -264,7 +270,8 @@ contains
       if (abs(up(lane, ip)) > abs(uq(lane, iq))) column = finding(lane, 2, ip)
    end function largest_entry
 
-   !> The row of the Hessian of the sum to which a component belongs.
+   !> The row of the Hessian of the sum to which a component belongs, by its product with a unit vector. Strictly that
+   !> is the column, which is the same where the Hessian is symmetric, as it must be.
    subroutine row_of_hessian(self, row, uq, up)
       class(probe_points), intent(in) :: self
       type(finding), intent(in) :: row
@@ -278,8 +285,9 @@ contains
       if (row%half == 2) call self%product(self%zero, unit, uq, up, scale)
    end subroutine row_of_hessian
 
-   !> Rate of change of the values of the sum along the direction (vq, vp), by central differences
-   !> with two steps as in product, and the size of the values; NaN where there is no verdict.
+   !> The rate at which the values of the sum change along the direction (vq, vp), by central differences with two
+   !> steps as in `product`, and the size of the values. `apart` is huge where the state is too large for the second
+   !> step.
    subroutine slope_of_values(self, slope, apart, values)
       class(probe_points), intent(in) :: self
       real(wp), intent(out) :: slope(nlane)   !! the rate by the first step
@@ -296,6 +304,7 @@ contains
       where (.not. state <= too_far) apart = huge(apart)
    end subroutine slope_of_values
 
+   !> This rate by one central difference, and the larger size of the two values that it subtracts.
    subroutine slope_with(self, step, slope, values)
       type(probe_points), intent(in) :: self
       real(wp), intent(in) :: step(nlane)
@@ -317,6 +326,7 @@ contains
       values = max(abs(values), abs(lower))
    end subroutine slope_with
 
+   !> A degree of freedom of a point in words, such as q_2 = 0.5, p_2 = 1.
    pure character(len=80) function coordinates(i, q, p) result(text)
       integer, intent(in) :: i
       real(wp), intent(in) :: q, p
@@ -324,6 +334,7 @@ contains
       text = 'q_'//to_text(i)//' = '//to_text(q)//', p_'//to_text(i)//' = '//to_text(p)
    end function coordinates
 
+   !> What `place` returns, followed by blanks: its length is found from this text.
    pure character(len=192) function padded_place(self, lane, i, j) result(text)
       class(probe_points), intent(in) :: self
       integer, intent(in) :: lane, i, j
@@ -332,6 +343,7 @@ contains
       if (j /= i) text = trim(text)//', '//coordinates(j, self%q(lane, j), self%p(lane, j))
    end function padded_place
 
+   !> What `entry_name` returns, followed by blanks: its length is found from this text.
    pure character(len=128) function padded_entry(sum_name, row, column) result(text)
       character(*), intent(in) :: sum_name
       type(finding), intent(in) :: row, column
@@ -349,7 +361,8 @@ contains
       text = padded_entry(self%sum_name, row, column)
    end function entry_name
 
-   !> Where a point lies, in the degrees of freedom of a row and a column.
+   !> Where a point lies, in words: its coordinates in the degrees of freedom i and j, which are told once where i =
+   !> j.
    pure function place(self, lane, i, j) result(text)
       class(probe_points), intent(in) :: self
       integer, intent(in) :: lane, i, j
@@ -358,6 +371,7 @@ contains
       text = padded_place(self, lane, i, j)
    end function place
 
+   !> The letter of one half of the phase space.
    pure character(len=1) function variable(half)
       integer, intent(in) :: half
 

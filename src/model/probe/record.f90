@@ -70,7 +70,7 @@ contains
       end do
    end function knows
 
-   !> A probe was passed.
+   !> Remember that a probe was passed. Once the room is full, it takes the place of the oldest.
    subroutine enter(self, number)
       class(probe_record), intent(in) :: self  ! a model is intent(in) where it is run
       integer(i8), intent(in) :: number
@@ -85,7 +85,8 @@ contains
       self%common%passed(1 + int(modulo(before, int(most, i8)))) = number
    end subroutine enter
 
-   !> The record of another model, of which this one becomes a copy.
+   !> Take part in the record of another model, of which this one becomes a copy: what one of them passes, both have
+   !> passed.
    subroutine share(self, other)
       class(probe_record), intent(inout) :: self
       type(probe_record), intent(in) :: other
@@ -98,7 +99,7 @@ contains
       self%common%owners = self%common%owners + 1
    end subroutine share
 
-   !> The last owner gives the record back.
+   !> Take part in no record any more. The last owner gives the memory back.
    subroutine release(self)
       class(probe_record), intent(inout) :: self
       integer :: left
@@ -112,8 +113,9 @@ contains
       nullify (self%common)
    end subroutine release
 
-   !> The number of a probe: of what is probed, a scheme and its step where whole steps are, what is declared, and the
-   !> binary orders of the state and of time. Never 0.
+   !> The number of a probe, made from all that it depends on: what is probed (or which stepper takes whole steps, and
+   !> the step), what the model declares, and the binary orders of the state and of time. It is never 0, which stands
+   !> for no probe.
    integer(i8) function probe_number(what, traits, t, q, p, step) result(number)
       character(*), intent(in) :: what
       type(model_traits), intent(in) :: traits
@@ -153,6 +155,7 @@ contains
 
    contains
 
+      !> Mix one more number into both halves: two multiplicative generators with the same prime modulus.
       subroutine take(x)
          integer, intent(in) :: x
 
@@ -160,6 +163,7 @@ contains
          high = modulo(high*69621_i8 + x, prime)
       end subroutine take
 
+      !> The same for a flag.
       subroutine take_flag(flag)
          logical, intent(in) :: flag
 

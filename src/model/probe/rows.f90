@@ -1,7 +1,6 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> The probe of the rows of a chain: their force is the gradient, their stiffness its derivative.
-!>
-!> Private to its family.
+!> The probe of the rows of a chain, which give force and stiffness mass by mass: the force must be the gradient, and
+!> the stiffness its derivative.
 module symsde_model_probe_rows
    use symsde_base_kinds, only: wp
    use symsde_base_status, only: error_type, raise, false_trait
@@ -17,8 +16,8 @@ module symsde_model_probe_rows
 
 contains
 
-   !> Compare force and stiffness of all rows with gradient and bands, which are asked for by themselves. Points where
-   !> these are not finite are passed over.
+   !> Compare the force and the stiffness of all rows with the gradient and with the bands, which the model gives by
+   !> other functions. Points where these are not finite are passed over.
    subroutine probe_rows(points, error)
       type(probe_points), intent(in) :: points
       type(error_type), allocatable, intent(inout) :: error
@@ -32,6 +31,7 @@ contains
       call points%gradient(gq, gp, scale)
       call points%model%hessian_banded(nlane, n, points%nnoise, 1, points%t, points%w, points%q, points%p, hqq=bands)
       call block_from_rows(points%model, nlane, n, points%nnoise, points%t, points%w, points%q, hq, hqq)
+      ! The last mass has no neighbour beyond it, so that this entry means nothing in either.
       hqq(:, 1, n) = 0
       bands(:, 1, n) = 0
       call compare('force', gq, hq, vanishing)
@@ -40,6 +40,7 @@ contains
 
    contains
 
+      !> Refuse (false_trait) the first entry that is off by more than a part of the largest one of its lane.
       subroutine compare(what, wanted, found, tolerance)
          character(*), intent(in) :: what
          real(wp), intent(in) :: wanted(:, :), found(:, :), tolerance  !! (nlane, ndof)

@@ -1,7 +1,5 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> The probe of third derivatives: they are second differences of the gradient.
-!>
-!> Private to its family.
+!> The probe of third derivatives: they must be what second differences of the gradient are.
 module symsde_model_probe_third
    use symsde_base_kinds, only: wp
    use symsde_base_status, only: error_type, raise, false_trait
@@ -54,8 +52,8 @@ contains
       call judge(points, largest, 'p', up, dp, error)
    end subroutine probe_third
 
-   !> The second difference of the gradient along the direction of the probe and (bq, bp), and the largest component of
-   !> the gradients in it.
+   !> The second difference of the gradient along two directions, that of the probe and (bq, bp), with a step e of its
+   !> own in every lane. `largest` sums the sizes of all gradients in it: rounding is in proportion to these.
    subroutine second_difference(points, e, bq, bp, dq, dp, largest)
       type(probe_points), intent(in) :: points
       real(wp), intent(in) :: e(nlane), bq(nlane, points%ndof), bp(nlane, points%ndof)
@@ -106,7 +104,7 @@ contains
       end do
    end subroutine judge
 
-   !> Whether no component is refuted by the first of the differences.
+   !> Whether no component is refuted by the first m differences.
    logical function fits(found, wanted, largest, m)
       real(wp), intent(in) :: found(:, :), wanted(:, :, :), largest(:, :)
       integer, intent(in) :: m  !! how many of the differences there are so far
@@ -120,7 +118,8 @@ contains
       end do
    end function fits
 
-   !> What a mismatch may be, by point and difference.
+   !> The largest mismatch that is not held against the model, by point and difference: a part of the largest
+   !> component, and what rounding of the gradients may cost.
    pure subroutine find_allowed(wanted, largest, m, allowed)
       real(wp), intent(in) :: wanted(:, :, :), largest(:, :)
       integer, intent(in) :: m
@@ -134,7 +133,8 @@ contains
       end do
    end subroutine find_allowed
 
-   !> The point where the first m differences refute a component, 0 = none.
+   !> The first point where each of the first m differences refutes a component, 0 = none. With all three differences,
+   !> the two short steps must agree there; points where something is not finite are passed over.
    pure integer function refuted(found, wanted, allowed, m) result(lane)
       integer, intent(in) :: m
       real(wp), intent(in) :: found(:), wanted(:, :), allowed(npoint, m)

@@ -85,7 +85,7 @@ contains
       if (n <= largest_dense) probe_numbers = probe_numbers + nlane*9*n**2
    end function probe_numbers
 
-   !> What is declared of the single Hamiltonians.
+   !> Test what is declared of the Hamiltonians by themselves, each declared trait by its own probe.
    subroutine probe_traits(points, traits, k, error)
       type(probe_points), intent(in) :: points
       type(model_traits), intent(in) :: traits
@@ -101,7 +101,7 @@ contains
       if (traits%quadratic) call probe_quadratic(points, error)
    end subroutine probe_traits
 
-   !> What is offered beside the gradient. The bands have been found to hold all entries by now.
+   !> Test the derivatives offered beside the gradient. By now the bands are known to hold all entries.
    subroutine probe_derivatives(points, traits, k, error)
       type(probe_points), intent(in) :: points
       type(model_traits), intent(in) :: traits
@@ -118,7 +118,7 @@ contains
 
    ! ---- traits -----------------------------------------------------------------------------------
 
-   !> identity_mass: H_p = p; constant_mass: H_p = M^-1 p.
+   !> Of identity_mass the probe tests H_p = p, of constant_mass H_p = M^-1 p with some constant M.
    subroutine probe_mass(points, error)
       type(probe_points), intent(in) :: points
       type(error_type), allocatable, intent(inout) :: error
@@ -130,7 +130,7 @@ contains
       if (bad%lane > 0) call refuse(points, trait, what, x, bad%lane, bad%i, bad%i, error)
    end subroutine probe_mass
 
-   !> silent: H_k = 0.
+   !> A noise that is declared silent must have no gradient: H_k = 0.
    subroutine probe_silent(points, k, error)
       type(probe_points), intent(in) :: points
       integer, intent(in) :: k
@@ -150,7 +150,7 @@ contains
                   to_text(bad%i), hq(bad%lane, bad%i), bad%lane, bad%i, bad%i, error)
    end subroutine probe_silent
 
-   !> position_noise: H_{k,p} = 0.
+   !> With position_noise declared, a noise must not depend on p: H_{k,p} = 0.
    subroutine probe_position_noise(points, error)
       type(probe_points), intent(in) :: points
       type(error_type), allocatable, intent(inout) :: error
@@ -166,7 +166,7 @@ contains
                   hp(bad%lane, bad%i), bad%lane, bad%i, bad%i, error)
    end subroutine probe_position_noise
 
-   !> additive: the Hessian of H_k vanishes.
+   !> With additive declared, H_k must be linear, so that its Hessian vanishes.
    subroutine probe_additive(points, error)
       type(probe_points), intent(in) :: points
       type(error_type), allocatable, intent(inout) :: error
@@ -184,7 +184,7 @@ contains
       call refuse_entry(points, 'additive', row, uq, up, error)
    end subroutine probe_additive
 
-   !> separable: d2/(dq dp) = 0.
+   !> With separable declared, the mixed derivatives d2/(dq dp) must vanish.
    subroutine probe_separable(points, error)
       type(probe_points), intent(in) :: points
       type(error_type), allocatable, intent(inout) :: error
@@ -204,7 +204,7 @@ contains
       call refuse_entry(points, 'separable', row, uq, up, error)
    end subroutine probe_separable
 
-   !> quadratic: the Hessian is the same at all points.
+   !> With quadratic declared, the Hessian must be the same at all points: all are compared with the first two.
    subroutine probe_quadratic(points, error)
       type(probe_points), intent(in) :: points
       type(error_type), allocatable, intent(inout) :: error
@@ -231,7 +231,7 @@ contains
                   dq(row%lane, column%i), row%lane, row%i, column%i, error)
    end subroutine probe_quadratic
 
-   !> Differences from the value at one of the points.
+   !> Differences of a product, at all points, from its value at the point `from`.
    subroutine subtract_point(ndof, from, uq, up, dq, dp)
       integer, intent(in) :: ndof, from
       real(wp), intent(in) :: uq(nlane, ndof), up(nlane, ndof)
@@ -245,9 +245,9 @@ contains
       end do
    end subroutine subtract_point
 
-   !> bandwidth: entries with |i-j| > b vanish. Columns that lie a stride apart are probed together;
-   !> the rows farther than b from all of them must vanish. Three strides, at most 32 sets of
-   !> columns each.
+   !> With a bandwidth b declared, entries with |i-j| > b must vanish. Columns that lie a stride apart are probed
+   !> together: what rows farther than b from all of them get must vanish. Three strides are tried, with at most 32
+   !> sets of columns each, so that the cost does not grow with the system.
    subroutine probe_bandwidth(points, error)
       type(probe_points), intent(in) :: points
       type(error_type), allocatable, intent(inout) :: error
@@ -268,7 +268,7 @@ contains
       end do
    end subroutine probe_bandwidth
 
-   !> The columns first, first + stride, .. of the four blocks, against the rows far from them.
+   !> Probe the columns first, first + stride, .. of the four blocks: rows far from all of them must vanish.
    subroutine probe_columns(points, b, first, stride, error)
       type(probe_points), intent(in) :: points
       integer, intent(in) :: b, first, stride
@@ -297,7 +297,7 @@ contains
       end do
    end subroutine probe_columns
 
-   !> Blank the rows within b of the columns first, first + stride, ..
+   !> Set to zero the rows within b of the columns first, first + stride, .., where entries are allowed.
    pure subroutine clear_bands(ndof, b, first, stride, uq, up)
       integer, intent(in) :: ndof, b, first, stride
       real(wp), intent(inout) :: uq(nlane, ndof), up(nlane, ndof)
@@ -311,7 +311,7 @@ contains
 
    ! ---- derivatives that the model offers --------------------------------------------------------
 
-   !> has_value: the slope of the values along a direction is the gradient times the direction.
+   !> With has_value, the rate at which values change along a direction must be the gradient times the direction.
    subroutine probe_value(points, error)
       type(probe_points), intent(in) :: points
       type(error_type), allocatable, intent(inout) :: error
@@ -336,7 +336,7 @@ contains
       end do
    end subroutine probe_value
 
-   !> The Hessian in dense blocks, by itself and together with the gradient, up to some ndof.
+   !> Test the Hessian in dense blocks, by itself and with the gradient, up to the largest ndof given.
    subroutine probe_dense(points, largest, error)
       type(probe_points), intent(in) :: points
       integer, intent(in) :: largest
@@ -347,7 +347,7 @@ contains
       if (.not. allocated(error)) call probe_joint(points, error)
    end subroutine probe_dense
 
-   !> gradient_hessian: its gradient is the gradient, its Hessian fits differences.
+   !> Of gradient_hessian the gradient must be that of `gradient`, and the Hessian must fit differences of gradients.
    subroutine probe_joint(points, error)
       type(probe_points), intent(in) :: points
       type(error_type), allocatable, intent(inout) :: error
@@ -377,8 +377,8 @@ contains
                  '; correct one of them, or do not offer it')
    end subroutine probe_joint
 
-   !> has_hessian_vector, has_hessian, hessian_banded, gradient_hessian: what is offered fits differences
-   !> of the gradient.
+   !> Whatever second derivatives are offered (hessian_vector, hessian, hessian_banded, gradient_hessian) must fit
+   !> differences of the gradient: products with a direction in q and with one in p are compared.
    subroutine probe_second(points, which, error)
       type(probe_points), intent(in) :: points
       integer, intent(in) :: which  !! by_product, by_blocks, by_bands or by_joint
@@ -460,7 +460,7 @@ contains
 
    ! ---- refusals ---------------------------------------------------------------------------------
 
-   !> Refuse for the largest entry of a row of the Hessian.
+   !> Refuse a trait and name the largest entry of a row of the Hessian, which should vanish.
    subroutine refuse_entry(points, trait, row, uq, up, error)
       type(probe_points), intent(in) :: points
       character(*), intent(in) :: trait
@@ -477,7 +477,7 @@ contains
                   error)
    end subroutine refuse_entry
 
-   !> Refuse a trait because a quantity does not vanish.
+   !> Refuse a trait (false_trait) because a quantity that it says is zero is not; tell its value, and where that is.
    subroutine refuse(points, trait, what, x, lane, i, j, error)
       type(probe_points), intent(in) :: points
       character(*), intent(in) :: trait, what  !! name of the trait, name of the quantity
