@@ -1,5 +1,5 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> How the areas of a run are drawn, chosen by user and model, and whether the counters suffice.
+!> How the areas of a run are drawn, as user and model choose it, and whether the counters of the generator suffice.
 !>
 !> Private to its family.
 module symsde_ensemble_run_areas
@@ -19,7 +19,9 @@ module symsde_ensemble_run_areas
 
 contains
 
-   !> How areas are drawn; their time scale is the user's, or the model's.
+   !> Choose how areas are drawn, and refuse (incompatible) a choice that the scheme cannot follow. The time scale by
+   !> which steps are halved is the user's; where he gives none and the scheme asks for areas, it is derived from the
+   !> model.
    subroutine choose_areas(model, scheme, options, asked, areas, error)
       class(model_type), intent(in) :: model
       type(scheme_type), intent(in) :: scheme
@@ -46,7 +48,9 @@ contains
       end if
    end subroutine choose_areas
 
-   !> The sub-increments of areas, or their pairs of noises, must stay within the counters.
+   !> Refuse (too_large) areas that need more numbers than counters can tell apart: rows are all the sub-increments of
+   !> the run to its end, counters of steps hold 2^47 of them, and areas that are drawn by themselves also count pairs
+   !> of noises.
    subroutine check_area_counters(nnoise, law, options, areas, error)
       integer, intent(in) :: nnoise
       integer, intent(in) :: law       !! of the increments

@@ -61,9 +61,10 @@ module symsde_ensemble_run_driver
 
 contains
 
-   !> Lanes of a block: the user's choice, or by the size of the system and the number of paths. Chains take
-   !> 32 at least, up to 4096 masses: rows of 8 lanes cost twice as much each (10 and 20 ns a mass, AVX-512),
-   !> whether or not the block fits the cache. With dense matrices that would be too much memory.
+   !> The lanes of a block: as many as the user chooses, else by the size of the system and the number of paths.
+   !> Chains of up to 4096 masses take at least 32 where there are so many paths: in rows of 8 each lane costs twice
+   !> as much (20 ns a mass and not 10, AVX-512), whether or not the block fits the cache. With dense matrices that
+   !> would be too much memory.
    pure integer function choose_nlane(options, model)
       type(run_options), intent(in) :: options
       class(model_type), intent(in) :: model
@@ -139,8 +140,9 @@ contains
       self%report%seconds_setup = seconds() - start
    end subroutine new_ensemble
 
-   !> Take all paths through the steps of self%options. How many these are, the first one, and the saves may have
-   !> changed since the ensemble was made.
+   !> Take all paths through the steps of self%options. The number of steps, the first one and the saves may have
+   !> changed since the ensemble was made, so that options are checked again. Increments that are given are for this
+   !> drive alone.
    subroutine drive(self, from, observer, monitor, error, dw)
       class(ensemble_type), intent(inout), target :: self
       type(initial_state), intent(in) :: from
@@ -181,7 +183,8 @@ contains
       call summarise(self, shared)
    end subroutine drive
 
-   !> Other paths, another seed, another first step for the drives to come.
+   !> Take over another first path, first step and seed for the drives to come. Another seed needs another source of
+   !> noise.
    subroutine renumber(self, options, error)
       class(ensemble_type), intent(inout) :: self
       type(run_options), intent(in) :: options     !! like its own but for these three and the steps
@@ -199,8 +202,8 @@ contains
                         scheme=self%recipe%task%scheme)
    end subroutine renumber
 
-   !> Lanes of a block, one where paths go one by one, and threads: as many as are asked for, have blocks to do, and
-   !> find memory.
+   !> Choose the lanes of a block (one, where paths are so few that they go one by one) and the threads: as many as
+   !> are asked for, have blocks to do, and find memory.
    subroutine plan_run(self, observer, single, error)
       type(ensemble_type), intent(inout) :: self
       class(observer_type), intent(in) :: observer
@@ -218,6 +221,7 @@ contains
 
    contains
 
+      !> Take blocks of so many lanes, and as many threads as have blocks and fit into memory.
       subroutine fit(nlane)
          integer, intent(in) :: nlane
 
@@ -232,7 +236,7 @@ contains
 
    end subroutine plan_run
 
-   !> One runner for every thread.
+   !> Make one runner for every thread that will work, and report what stepper they have and what it leaves out.
    subroutine new_runners(self, scheme, single, error)
       type(ensemble_type), intent(inout), target :: self
       type(scheme_type), intent(in) :: scheme   !! as it was asked for
@@ -262,8 +266,8 @@ contains
       end associate
    end subroutine new_runners
 
-   !> Whether a lane has the same bits whatever their number, one by itself, too: so do the models of the catalogue, and
-   !> users may say so.
+   !> Whether a lane has the same bits whatever the number of lanes beside it, even if there are none. The models of
+   !> the catalogue are so, and users may say that theirs are.
    pure logical function has_any_lanes(model)
       class(model_type), intent(in) :: model
 
@@ -274,8 +278,9 @@ contains
       end select
    end function has_any_lanes
 
-   !> The noise source of a run: prescribed increments where they are given, else Brownian.
-   !> A scheme may ask for a law and for functionals of the path; without one these are dW, Gaussian.
+   !> Make the noise source of a run: prescribed increments where they are given, else Brownian motion. A scheme may
+   !> ask for increments of another law and for functionals of the path; without a scheme there are Gaussian
+   !> increments alone.
    subroutine new_noise(noise, model, options, lost, error, dw, scheme)
       class(noise_type), allocatable, intent(out) :: noise
       class(model_type), intent(in) :: model
@@ -335,7 +340,8 @@ contains
       end if
    end subroutine new_noise
 
-   !> The noises that all paths share, chosen by the user; prescribed increments are shared as they are given.
+   !> Mark the noises that all paths share, as the user chooses them, and refuse (invalid_argument) numbers that no
+   !> noise has.
    subroutine share_noises(noise, options, error)
       class(noise_type), intent(inout) :: noise
       type(run_options), intent(in) :: options
@@ -354,8 +360,9 @@ contains
       end do
    end subroutine share_noises
 
-   !> What a scheme asks for beyond increments must be there: in prescribed increments it comes from finer
-   !> rows, or from columns of its own, which must not be there in vain.
+   !> Refuse (incompatible) prescribed increments that do not hold what the scheme asks for beyond them. That comes
+   !> from finer rows, or from columns of its own, which must not be there in vain. Areas in law are refused, too:
+   !> areas of a path that is given follow from it.
    subroutine check_given(model, scheme, options, asked, areas, ncolumn, error)
       class(model_type), intent(in) :: model
       type(scheme_type), intent(in), optional :: scheme
@@ -393,7 +400,9 @@ contains
       end if
    end subroutine check_given
 
-   !> Prescribed increments must have one row for every (finer) step and one column for every noise.
+   !> Refuse (wrong_shape) prescribed increments that do not have one row for every step or finer step, one column for
+   !> every noise (and as many for dZ, and for K), and one path or all of them. With refine < 0 there can be none
+   !> (incompatible).
    subroutine check_increments(options, nnoise, extent, error)
       type(run_options), intent(in) :: options
       integer, intent(in) :: nnoise
@@ -417,7 +426,8 @@ contains
       end if
    end subroutine check_increments
 
-   !> Initial states must be finite and have one column for every degree of freedom.
+   !> Refuse initial states that are not finite (invalid_argument), or do not have one column for every degree of
+   !> freedom and one row, or one for every path (wrong_shape).
    subroutine check_state(options, ndof, q0, p0, error)
       type(run_options), intent(in) :: options
       integer, intent(in) :: ndof
@@ -445,7 +455,8 @@ contains
 
    end subroutine check_state
 
-   !> Sum the counters of the threads and name the outcome.
+   !> Sum the counters of the threads and name the outcome. A callback that failed comes before a stop, since it stops
+   !> the run, and a stop before paths that failed.
    subroutine summarise(self, shared)
       type(ensemble_type), intent(inout) :: self
       type(shared_state), intent(in) :: shared

@@ -13,7 +13,7 @@ module symsde_ensemble_run_increments
    private
    public :: collect_increments
 
-   !> The monitor, asked where the draws of a step take long.
+   !> Asks the monitor whether to go on, where the draws of a step take long.
    type, extends(interrupt_type) :: question
       class(monitor_type), pointer :: monitor => null()
       integer(i8) :: done = 0, total = 0
@@ -40,8 +40,8 @@ contains
       end do
    end subroutine collect_increments
 
-   !> The paths of one block; the source makes the steps 2j and 2j+1 together, of which a run may begin
-   !> with the second or end with the first.
+   !> Fill in the increments of the paths of one block. The source makes the steps 2j and 2j+1 together; a run may
+   !> begin with the second of a pair or end with the first, and the other is left out.
    subroutine fill_block(noise, options, first, dw, error, monitor)
       class(noise_type), intent(in) :: noise
       type(run_options), intent(in) :: options
@@ -83,6 +83,7 @@ contains
       end do
    end subroutine fill_block
 
+   !> Tell the monitor how far it is and ask it, unless it has said already that it wants to stop.
    subroutine look(self)
       class(question), intent(inout) :: self
 

@@ -24,8 +24,9 @@ module symsde_ensemble_run_memory
 
 contains
 
-   !> Take fewer threads where memory does not suffice for all, and no narrower blocks where it does not suffice for
-   !> these on all threads; neither changes a result. Refuse (out_of_memory) what does not fit on one.
+   !> Find on how many threads a run fits, and whether paths that are left may go on in narrower blocks. These are
+   !> given up first, then threads, by halves: neither changes a result. What does not fit on one thread is refused
+   !> (out_of_memory).
    subroutine fit_threads(task, options, observer, nlane, nthread, narrows, error)
       type(stepper_task), intent(in) :: task
       type(run_options), intent(in) :: options
@@ -56,7 +57,7 @@ contains
                           error)
    end subroutine fit_threads
 
-   !> Numbers that one thread holds when it has made all narrower blocks.
+   !> The numbers that the narrower blocks of one thread hold once it has made all of them.
    real(wp) function narrower_numbers(task, step, options, nlane) result(numbers)
       type(stepper_task), intent(in) :: task
       type(step_memory), intent(in) :: step
@@ -72,7 +73,8 @@ contains
       end do
    end function narrower_numbers
 
-   !> Numbers that one thread holds: the stepper, a block of paths, its noise.
+   !> The numbers that one thread holds for blocks of so many lanes: the stepper, the paths of a block, and their
+   !> noise. A single path also prepares the steps ahead in lanes.
    real(wp) function block_numbers(task, step, options, nlane) result(numbers)
       type(stepper_task), intent(in) :: task
       type(step_memory), intent(in) :: step
@@ -97,8 +99,9 @@ contains
          numbers = numbers + noise_numbers(nnoise, asked, 2*padded(pairs_ahead(1, ncolumn)/2))
    end function block_numbers
 
-   !> Numbers that a single path keeps for every step whose kicks are weighed ahead: what drives the step, the weights w
-   !> of its kicks, V, and D where it is sampled, each in the lanes that are weighed and in the steps that are taken.
+   !> The numbers that a single path keeps for every step whose kicks are weighed ahead: what drives the step, the
+   !> weights w of its kicks, V, and D where it is sampled. Each is there in the lanes that are weighed and in the
+   !> steps that are taken.
    pure real(wp) function kick_numbers(kicks, traits, ncolumn) result(numbers)
       type(kicks_type), intent(in) :: kicks
       type(model_traits), intent(in) :: traits
@@ -110,7 +113,8 @@ contains
       if (kicks%samples .and. .not. traits%additive) numbers = numbers + m*(m + 1)
    end function kick_numbers
 
-   !> Numbers that a source of noise needs to fill a block of lanes.
+   !> The numbers that a source of noise needs to fill a block of lanes: increments, and where functionals are asked
+   !> for, those of the intervals that they are put together from.
    pure real(wp) function noise_numbers(nnoise, asked, nlane)
       integer, intent(in) :: nnoise, nlane
       type(functional_set), intent(in) :: asked   !! beside the increments

@@ -1,10 +1,13 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> Whether the flow of a user's model takes the steps of the library, near the initial state.
+!> The probe of the whole steps that a user's model defines: near the initial state they must be those of the library.
 !>
-!> Four steps of eight paths: as the general stepper takes them, to the root of rounding, and bit for bit whether asked
-!> for one by one, two by two or all at once. Where the model gives up on a lane, which runs then rescue, nothing
-!> is compared. Equations of a stiff step may have several roots, and both sides may have found one: where they are far
-!> apart, shorter steps decide, in which a fault would still show. It refutes, as every probe does; it proves nothing.
+!> Four steps of eight paths are compared with those of the general stepper, to about the root of rounding, and with
+!> themselves, bit for bit, asked for one by one, two by two and all at once. Where the model gives up on a lane,
+!> which a run would then rescue, nothing is compared.
+!>
+!> Equations of a stiff step may have several roots, and each side may have found another one. So where the two are
+!> far apart, shorter steps decide, which leave less choice, and in which a fault would still show. As every probe
+!> this one refutes; it proves nothing.
 module symsde_ensemble_run_model_flow_probe
    use symsde_base_functionals, only: nfunctional
    use symsde_base_kinds, only: wp, i8
@@ -28,8 +31,8 @@ module symsde_ensemble_run_model_flow_probe
 
 contains
 
-   !> Refuses whole steps that are not the scheme's (false_trait). Any stepper may be given; the others pass. decided
-   !> tells whether anything was compared.
+   !> Refuse whole steps that are not the scheme's (false_trait). Any stepper may be given: those that do not take the
+   !> model's own steps pass. `decided` tells whether anything was compared.
    subroutine probe_flow(stepper, model, scheme, t, h, q0, p0, error, decided)
       class(stepper_type), intent(in) :: stepper
       class(model_type), intent(in), target :: model
@@ -81,6 +84,7 @@ contains
 
    contains
 
+      !> Refuse steps whose bits depend on how many are asked for at a time.
       subroutine refuse(how)
          character(*), intent(in) :: how
 
@@ -90,7 +94,7 @@ contains
                     'state before it and on its own increments alone')
       end subroutine refuse
 
-      !> The gap at a shorter step; the states of the run's step are kept for the sentence.
+      !> Find the gap at a shorter step, in arrays of its own: the message tells the states of the run's step.
       subroutine compare_shorter(h)
          real(wp), intent(in) :: h
          real(wp), dimension(nlane, size(q0), nstep) :: x, y, x1, y1
@@ -101,6 +105,8 @@ contains
          if (comparable) gap = gap_of(x1, x) + gap_of(y1, y)
       end subroutine compare_shorter
 
+      !> Refuse the component that is furthest from the library's, if one is beyond the tolerance; one that is not a
+      !> number is beyond it, too.
       subroutine tell(right, given, what)
          real(wp), intent(in) :: right(:, :, :), given(:, :, :)
          character(*), intent(in) :: what
@@ -118,7 +124,8 @@ contains
 
    end subroutine probe_flow
 
-   !> Increments of the size that a run has, and functionals of some size: both sides are given the same.
+   !> Fill the store with increments of the size that a run has, and with functionals of some size. They need not be
+   !> of any law, since both sides are given the same.
    subroutine draw(store, model, scheme, h)
       type(step_store), intent(out) :: store
       class(model_type), intent(in) :: model
@@ -140,7 +147,8 @@ contains
       end do
    end subroutine draw
 
-   !> States after each step, asked for so many at a time; not comparable where the model gives up on a lane.
+   !> Find the states after each step by the model's flow, asked for n steps at a time. They are not comparable where
+   !> it gives up on a lane.
    subroutine take(stepper, store, t, q0, p0, n, q, p, comparable)
       class(stepper_type), intent(inout) :: stepper
       type(step_store), intent(in), target :: store
@@ -173,7 +181,7 @@ contains
       comparable = all(status == 0)
    end subroutine take
 
-   !> The same by the general stepper; not comparable where it finds no solution.
+   !> Find the same by the general stepper. They are not comparable where it finds no solution.
    subroutine take_plain(stepper, store, t, q0, p0, q, p, comparable)
       class(stepper_type), intent(inout) :: stepper
       type(step_store), intent(in), target :: store
@@ -212,13 +220,15 @@ contains
       end do
    end subroutine begin
 
-   !> In units of the largest; not a number where something is not.
+   !> The largest distance between two sets of states, relative to the largest number of the right ones plus one. It
+   !> is not a number where one of the states holds such.
    pure real(wp) function gap_of(right, given)
       real(wp), intent(in) :: right(:, :, :), given(:, :, :)
 
       gap_of = maxval(abs(given - right) + 0*sum(given - right))/(1 + maxval(abs(right)))
    end function gap_of
 
+   !> Whether two sets of states have the same bits.
    pure logical function same(a, b)
       real(wp), intent(in) :: a(:, :, :), b(:, :, :)
 

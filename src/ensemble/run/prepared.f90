@@ -89,7 +89,8 @@ contains
       if (.not. allocated(error)) call self%reset(q0, p0, error, q_low, p_low)
    end subroutine prepare
 
-   !> Pointers of a copy would point into the original: a call of what was assigned is refused instead.
+   !> A run cannot be copied, since its pointers would point into the original. Assignment takes over nothing, and
+   !> calls of what was assigned to are refused.
    impure elemental subroutine leave_unprepared(self, run)
       class(prepared_run), intent(inout) :: self  !! keeps its arrays: gfortran 12 reads them after run = run
       class(prepared_run), intent(in) :: run
@@ -97,6 +98,7 @@ contains
       self%was_assigned = .true.
    end subroutine leave_unprepared
 
+   !> Make room for the state of all paths. Missing memory is refused (out_of_memory).
    subroutine new_state(self, npath, ndof, compensated, error)
       type(prepared_run), intent(inout) :: self
       integer(i8), intent(in) :: npath
@@ -153,8 +155,8 @@ contains
       call self%leave()
    end subroutine reset
 
-   !> nstep steps more, with the noise of the run or with increments given for them. Saved, where saved is given, every
-   !> save_every steps, where they begin included.
+   !> Take nstep more steps, with the noise of the run or with increments that are given for them. Where `saved` is
+   !> present the states are saved in it every save_every steps, and where they begin.
    subroutine advance(self, nstep, error, dw, monitor, saved, save_every)
       class(prepared_run), intent(inout) :: self
       integer(i8), intent(in) :: nstep
@@ -190,7 +192,8 @@ contains
       if (.not. allocated(error)) call show_state(self, saved)
    end subroutine advance
 
-   !> The rest of a call that was stopped, with the increments that it was given; saved is what that call saved.
+   !> Finish a call that was stopped. The increments that it was given must be given again, and `saved` must be what
+   !> it saved.
    subroutine resume(self, error, dw, monitor, saved)
       class(prepared_run), intent(inout) :: self
       type(error_type), allocatable, intent(inout) :: error
@@ -266,7 +269,8 @@ contains
       call self%leave()
    end subroutine record_rest
 
-   !> Drive the ensemble from the state, and back into it.
+   !> Drive the ensemble from the state of the run and back into it: the same arrays are where paths begin and where
+   !> their last states are written.
    subroutine go(self, recorder, error, dw, monitor)
       class(prepared_run), intent(inout), target :: self
       type(path_recorder), intent(inout) :: recorder
@@ -305,7 +309,8 @@ contains
       self%was_stopped = self%ensemble%report%nstopped > 0
    end subroutine go
 
-   !> The host may have changed the state: of paths that are ok it must be finite.
+   !> Refuse (invalid_argument) a state that the host has changed to something that is not finite. Paths that have
+   !> failed may be so.
    subroutine check_own_state(self, error)
       class(prepared_run), intent(in) :: self
       type(error_type), allocatable, intent(inout) :: error
@@ -324,21 +329,21 @@ contains
       end do
    end subroutine check_own_state
 
-   !> Absolute step that comes next, or will once a stopped call is resumed.
+   !> The absolute step that comes next, or that will once a stopped call is resumed.
    integer(i8) function next_step(self)
       class(prepared_run), intent(in) :: self
 
       next_step = self%goal
    end function next_step
 
-   !> t = t0 + n h before that step [time].
+   !> The time t = t0 + n h before that step [time].
    real(wp) function time(self)
       class(prepared_run), intent(in) :: self
 
       time = self%ensemble%options%t0 + real(self%goal, wp)*self%ensemble%options%step
    end function time
 
-   !> The options of the run; its steps are those of the last call.
+   !> The options of the run. The steps and saves in them are those of the last call.
    function options(self)
       class(prepared_run), intent(in) :: self
       type(run_options) :: options
@@ -380,6 +385,7 @@ contains
       end if
    end subroutine enter
 
+   !> The call is over: another one may enter.
    subroutine leave(self)
       class(prepared_run), intent(inout) :: self
 
@@ -387,7 +393,8 @@ contains
       self%at_work = 0
    end subroutine leave
 
-   !> Low parts are for compensated runs.
+   !> Refuse low parts that a run without compensated summation has no use for, those of q or p alone, and those of a
+   !> wrong shape.
    subroutine check_low(self, options, error, q_low, p_low)
       class(prepared_run), intent(in) :: self
       type(run_options), intent(in) :: options
@@ -405,7 +412,7 @@ contains
       end if
    end subroutine check_low
 
-   !> What saved paths say of their last state.
+   !> Tell in saved paths how each of them ended: status, failed step, last state, and the report of the run.
    subroutine show_state(self, saved)
       class(prepared_run), intent(in) :: self
       type(paths_type), intent(inout), optional :: saved
@@ -422,7 +429,7 @@ contains
       saved%report = self%ensemble%report
    end subroutine show_state
 
-   !> The rows of a state, one for all paths or one for each; absent is zero.
+   !> Take over the rows of a state, one for all paths or one for each. Rows that are absent stand for zero.
    pure subroutine take_rows(x, rows)
       real(wp), intent(inout) :: x(:, :)                 !! (npath, ndof)
       real(wp), intent(in), optional :: rows(:, :)       !! (npath or 1, ndof)

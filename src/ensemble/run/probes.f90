@@ -1,7 +1,7 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> Which probes a run makes: none of models of the catalogue, which the tests probe, all of a user's, and of one whose
-!> functions are derived from formulas those that it has not passed yet. A probe that decides nothing, where the
-!> model is not finite or gives up, is not passed.
+!> Which probes a run makes. Models of the catalogue are not probed, since the tests do that. A user's model is probed
+!> by every run, but for one whose functions are derived from formulas, which makes no probe again that it has passed.
+!> A probe that decides nothing, because the model is not finite at the state or gives up, does not count as passed.
 !>
 !> Private to its family.
 module symsde_ensemble_run_probes
@@ -21,7 +21,7 @@ module symsde_ensemble_run_probes
 
 contains
 
-   !> Traits and derivatives of a model, around the state of one path.
+   !> Probe the traits and derivatives of a model around the state of one path.
    subroutine probe_declared(model, t, q0, p0, error)
       class(model_type), intent(in), target :: model
       real(wp), intent(in) :: t, q0(:), p0(:)
@@ -36,7 +36,7 @@ contains
       if (decided .and. .not. allocated(error)) call enter(model, number)
    end subroutine probe_declared
 
-   !> Whole steps that a model defines, where a stepper takes them, near the state of one path.
+   !> Probe the whole steps that a model defines, where a stepper takes them, near the state of one path.
    subroutine probe_whole_steps(stepper, model, scheme, t, h, q0, p0, error)
       class(stepper_type), intent(in) :: stepper
       class(model_type), intent(in), target :: model
@@ -53,6 +53,7 @@ contains
       if (decided .and. .not. allocated(error)) call enter(model, number)
    end subroutine probe_whole_steps
 
+   !> Whether the model is known to have passed this probe.
    logical function has_passed(model, number)
       class(model_type), intent(in) :: model
       integer(i8), intent(in) :: number
@@ -64,6 +65,7 @@ contains
       end select
    end function has_passed
 
+   !> Remember that the model has passed this probe, if it keeps a record of that.
    subroutine enter(model, number)
       class(model_type), intent(in) :: model
       integer(i8), intent(in) :: number

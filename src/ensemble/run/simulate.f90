@@ -165,7 +165,7 @@ contains
       result%failed_step = store%failed_step(:store%nlisted)
    end subroutine moments
 
-   !> The observers that are wanted, if any.
+   !> Plan what the observers that are wanted have to do, if there are any.
    subroutine plan_observers(plan, model, law, options, observers, error, observables)
       type(observer_plan), intent(out) :: plan
       class(model_type), intent(in), target :: model
@@ -185,7 +185,8 @@ contains
       call new_observer_plan(plan, observers, run, error)
    end subroutine plan_observers
 
-   !> Shards of moments begin at multiples of 256, so that they merge on the same tree as a whole run.
+   !> Refuse (invalid_argument) shards of moments that do not begin at a multiple of 256: only those merge on the same
+   !> tree as a whole run.
    subroutine check_shard(options, error)
       type(run_options), intent(in) :: options
       type(error_type), allocatable, intent(inout) :: error
@@ -196,7 +197,7 @@ contains
       end if
    end subroutine check_shard
 
-   !> Room for the moments; sizes that overflow and missing memory are refused.
+   !> Make room for the moments. Sizes that overflow and missing memory are refused.
    subroutine new_moments(result, model, options, error, observables)
       type(moments_type), intent(inout) :: result
       class(model_type), intent(in) :: model
@@ -225,7 +226,8 @@ contains
       call saved_times(options, result%t)
    end subroutine new_moments
 
-   !> Mean, variance and standard error from counts, means and sums of squares, which are kept.
+   !> Find mean, variance and standard error from counts, means and sums of squares. The sums are kept, and handed
+   !> over.
    subroutine to_moments(root, result)
       use, intrinsic :: ieee_arithmetic, only: ieee_value, ieee_quiet_nan
       type(moment_node), intent(inout) :: root      !! used up
@@ -251,7 +253,7 @@ contains
       call move_alloc(root%m2, result%m2)
    end subroutine to_moments
 
-   !> The saved times, t0 included.
+   !> Find the saved times, t0 included, and make room for them if there is none yet.
    subroutine saved_times(options, t)
       type(run_options), intent(in) :: options
       real(wp), allocatable, intent(inout) :: t(:)
@@ -260,7 +262,7 @@ contains
       call fill_times(options, size(t, kind=i8), t)
    end subroutine saved_times
 
-   !> t_n = t0 + n h at the saved points, from the first one on.
+   !> The times t_n = t0 + n h at the saved points, beginning with that before the first step of the run.
    pure subroutine fill_times(options, ntime, t)
       type(run_options), intent(in) :: options
       integer(i8), intent(in) :: ntime
@@ -274,7 +276,7 @@ contains
       end associate
    end subroutine fill_times
 
-   !> Room for the saved paths; sizes that overflow and missing memory are refused.
+   !> Make room for the saved paths. Sizes that overflow and missing memory are refused.
    subroutine new_paths(run, options, ndof, error)
       type(paths_type), intent(out) :: run
       type(run_options), intent(in) :: options
@@ -309,7 +311,8 @@ contains
       call saved_times(options, run%t)
    end subroutine new_paths
 
-   !> The state as (npath or 1, ndof); a size that is no multiple of ndof is left for the check of shapes.
+   !> Give an initial state the shape (npath or 1, ndof). A size that is no multiple of ndof is left for the check of
+   !> shapes to refuse.
    subroutine by_path(x, ndof, rows, error)
       real(wp), intent(in) :: x(:)
       integer, intent(in) :: ndof

@@ -1,5 +1,6 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> Blocks on threads: the loop over them, which is the only parallel region of the library, and how many threads.
+!> How blocks are spread over threads: the loop over them, which is the only parallel region of the library, and how
+!> many threads it takes.
 !>
 !> Private to its family.
 module symsde_ensemble_run_threads
@@ -31,7 +32,7 @@ module symsde_ensemble_run_threads
       integer(i8) :: nfailed = 0, nstopped = 0    !! paths
    end type shared_state
 
-   !> The stop flag as one thread sees it, between chunks and where a step takes long.
+   !> The stop flag as one thread sees it, looked at between chunks and wherever a step takes long.
    type, extends(interrupt_type) :: stop_flag
       type(shared_state), pointer :: shared => null()
       class(monitor_type), pointer :: monitor => null()  !! of the thread that called the library, who alone tells it
@@ -40,7 +41,7 @@ module symsde_ensemble_run_threads
    end type stop_flag
 
    interface
-      !> POSIX: rest for so many microseconds.
+      !> POSIX: sleep for so many microseconds.
       function usleep(microseconds) result(status) bind(c, name='usleep')
          import :: c_int
          integer(c_int), value :: microseconds
@@ -59,6 +60,7 @@ module symsde_ensemble_run_threads
          integer(c_int) :: mode
       end function float_mode
 
+      !> float_mode.c: let this thread round so.
       subroutine set_float_mode(mode) bind(c)
          import :: c_int
          integer(c_int), value :: mode
@@ -67,8 +69,9 @@ module symsde_ensemble_run_threads
 
 contains
 
-   !> The parallel loop over blocks. All threads round as the calling one does: others still do as it did when they
-   !> began, or as the host's own parallel regions wish, to whom they are given back as they were.
+   !> Run the parallel loop over blocks. All threads must round as the calling one does, or results would depend on
+   !> which of them takes a block. Threads of OpenMP still round as the calling one did when they were started, or as
+   !> parallel regions of the host set them, so they are set here, and given back as they were.
    subroutine run_blocks(runners, recipe, options, start, monitor, shared)
       type(block_runner), intent(inout), target :: runners(:)
       type(runner_factory), intent(in) :: recipe
@@ -92,7 +95,7 @@ contains
       end if
    end subroutine run_blocks
 
-   !> The blocks that one thread of them takes, by its own runner.
+   !> Take one block after another on this thread, by its own runner, until none is left.
    subroutine run_share(me, runners, recipe, options, start, monitor, shared)
       integer, intent(in) :: me   !! 1 is the thread that called the library
       type(block_runner), intent(inout), target :: runners(:)
@@ -141,8 +144,8 @@ contains
       if (me == 1) call watch(nblock, flag, shared)
    end subroutine run_share
 
-   !> The calling thread has no block left: until the others are done it still tells the monitor, so that a
-   !> run can be stopped whichever thread works on its last block.
+   !> Wait on the calling thread, which has no block left, for the others. It goes on telling and asking the monitor,
+   !> so that a run can be stopped whichever thread works on its last block.
    subroutine watch(nblock, flag, shared)
       integer(i8), intent(in) :: nblock
       type(stop_flag), intent(inout) :: flag
@@ -161,7 +164,8 @@ contains
       end do
    end subroutine watch
 
-   !> Whether the run is to be stopped; the thread that called the library tells the monitor and asks it.
+   !> Find whether the run is to be stopped. Only the thread that called the library tells the monitor and asks it;
+   !> the others read what it has found.
    subroutine look(self)
       class(stop_flag), intent(inout) :: self
       integer(i8) :: done
@@ -181,8 +185,9 @@ contains
       self%wanted = self%wanted .or. stopping
    end subroutine look
 
-   !> One block, chunk by chunk; between chunks the stop flag is read and the monitor is told. Chunks take a moment, and
-   !> the clock decides about nothing else.
+   !> Take one block to its end, chunk by chunk. Between chunks the stop flag is read, the monitor is told, and paths
+   !> that are left over go on in a narrower block. Chunks take a moment by the clock, which decides about nothing
+   !> else, or the number of steps that the monitor wants.
    subroutine run_block(runner, recipe, chunk, flag, shared)
       type(block_runner), intent(inout), target :: runner
       type(runner_factory), intent(in) :: recipe
@@ -219,8 +224,9 @@ contains
       call runner%finish()
    end subroutine run_block
 
-   !> Of so many threads those that pay for so much work, or one in a process that was forked: those of OpenMP did not
-   !> come along. To wake a thread takes microseconds, and far longer where other programs keep the processors busy.
+   !> Of so many threads those that pay for so much work, and one alone in a process that was forked, into which
+   !> threads of OpenMP do not come along. To wake a thread takes microseconds, and far longer where other programs
+   !> keep the processors busy.
    integer function usable_threads(nthread, work)
       integer, intent(in) :: nthread
       real(wp), intent(in) :: work     !! degrees of freedom times paths times steps
@@ -231,8 +237,9 @@ contains
       if (process_is_forked() /= 0) usable_threads = 1
    end function usable_threads
 
-   !> Threads: the option, else SYMSDE_NUM_THREADS, else what OpenMP would take; one in a forked process. A variable
-   !> that is set to something else than a number of threads is refused: who sets it would be surprised otherwise.
+   !> Choose the threads: those of the options, else of SYMSDE_NUM_THREADS, else what OpenMP would take; one in a
+   !> forked process. A variable that is set to anything but a number of threads is refused: who sets it would be
+   !> surprised otherwise.
    subroutine choose_nthread(options, nthread, error)
       type(run_options), intent(in) :: options
       integer, intent(out) :: nthread

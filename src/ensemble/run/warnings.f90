@@ -1,5 +1,5 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> What can be known to be doubtful before a run begins, in sentences with numbers.
+!> What can be known to be doubtful before a run begins, told in sentences with numbers.
 !>
 !> Bounds that the model declares (max_frequency, noise_lipschitz) are used as they are; otherwise they
 !> are estimated from Hessians at the initial state of the first path, and called estimates.
@@ -19,6 +19,7 @@ module symsde_ensemble_run_warnings
    integer, parameter :: largest_dense = 64  !! degrees of freedom up to which a dense Hessian is looked at
    integer, parameter :: most_noises = 1024  !! noises that are looked at one by one, each with weights for all of them
 
+   !> What the warnings judge by, and where it comes from.
    type :: bounds_type
       real(wp) :: frequency = 0   !! of H [1/time]
       real(wp) :: lipschitz = 0   !! of the noise [1/sqrt(time)]
@@ -28,7 +29,7 @@ module symsde_ensemble_run_warnings
 
 contains
 
-   !> Warnings, one a line; empty where there is nothing to say.
+   !> Collect the warnings, one a line. The text is empty where there is nothing to say.
    subroutine set_up_warnings(model, nlane, scheme, options, explicit, q0, p0, lost_variance, text)
       class(model_type), intent(in) :: model
       integer, intent(in) :: nlane               !! lanes that the model is called with: 1 where it takes any number
@@ -54,7 +55,8 @@ contains
       if (.not. options%compensated) call warn_of_rounding(text, model, nlane, options, q, p)
    end subroutine set_up_warnings
 
-   !> Stability limit, resolution and uniqueness, by h omega.
+   !> Warn of a step too long for the fastest oscillation: h omega is compared with the stability limit of explicit
+   !> steps, with what resolves an oscillation, and with where implicit equations may have more than one solution.
    subroutine warn_of_frequency(text, scheme, quadratic, h, explicit, bounds)
       character(:), allocatable, intent(inout) :: text
       type(scheme_type), intent(in) :: scheme
@@ -80,7 +82,9 @@ contains
                   'may have several solutions, and Newton finds one of them')
    end subroutine warn_of_frequency
 
-   !> Solvability is certain while L |dW|/2 < 1.
+   !> Warn of noise so strong that implicit equations may be unsolvable. With the Lipschitz constant L of the noise
+   !> they are certainly solvable while L |dW|/2 < 1; told is how many increments beyond that are to be expected in
+   !> the run.
    subroutine warn_of_noise(text, options, bounds)
       character(:), allocatable, intent(inout) :: text
       type(run_options), intent(in) :: options
@@ -101,7 +105,7 @@ contains
                                        'smaller step or truncate')
    end subroutine warn_of_noise
 
-   !> Increments of the drift below the rounding of the state are lost.
+   !> Warn where the increments of the drift lie below the rounding of the state, so that sums lose them.
    subroutine warn_of_rounding(text, model, nlane, options, q, p)
       character(:), allocatable, intent(inout) :: text
       class(model_type), intent(in) :: model
@@ -121,8 +125,9 @@ contains
                   to_text(epsilon(1.0_wp)*state)//': ask for compensated summation')
    end subroutine warn_of_rounding
 
-   !> Declared bounds, else row sums of Hessians at the initial state: of the noises, sums over all of them in one
-   !> row, since noises on different sites of a lattice do not add up. Nothing is estimated of more noises than that.
+   !> Find the bounds: declared ones, else row sums of Hessians at the initial state. Those of the noises are summed
+   !> over all noises row by row, and the largest row counts: noises on different sites of a lattice do not add up.
+   !> Of more than most_noises noises nothing is estimated.
    subroutine find_bounds(model, nlane, t, q, p, bounds)
       class(model_type), intent(in) :: model
       integer, intent(in) :: nlane
@@ -156,8 +161,8 @@ contains
       bounds%lipschitz = maxval(rows)
    end subroutine find_bounds
 
-   !> Row sums of the Hessian blocks of H_k in q, mixed and in p; of the mixed one, which separable models do not have,
-   !> the larger of row and column.
+   !> The sums of absolute values along the rows of the Hessian blocks of H_k in q, mixed and in p. Of the mixed
+   !> block, which separable models do not have, it is the larger of row and column.
    subroutine row_sums(model, nlane, n, t, k, q, p, sums, looked)
       class(model_type), intent(in) :: model
       integer, intent(in) :: nlane, n, k
@@ -202,7 +207,8 @@ contains
       end if
    end subroutine row_sums
 
-   !> Row sums of the block in q of a chain that gives its rows in one pass: to have all bands takes longer than steps.
+   !> The same for the block in q of a chain that gives its rows in one pass: to ask for all bands takes longer than
+   !> steps.
    subroutine sum_rows(model, nlane, n, m, t, w, q, p, sums)
       class(model_type), intent(in) :: model
       integer, intent(in) :: nlane, n, m
@@ -221,7 +227,7 @@ contains
       end do
    end subroutine sum_rows
 
-   !> Weights with which H_k is looked at.
+   !> The weights with which H_k is looked at by itself.
    pure subroutine look_at(k, w)
       integer, intent(in) :: k
       real(wp), intent(out), contiguous :: w(:, 0:)
@@ -230,7 +236,7 @@ contains
       w(:, k) = 1
    end subroutine look_at
 
-   !> A state in all lanes, by explicit bounds, as below.
+   !> Copy a state to all lanes. Bounds are explicit, as in sum_bands.
    pure subroutine spread_state(nlane, n, q0, p0, q, p)
       integer, intent(in) :: nlane, n
       real(wp), intent(in) :: q0(:), p0(:)     !! (n)
@@ -246,7 +252,8 @@ contains
       end do
    end subroutine spread_state
 
-   !> Sums over the bands of the first lane, by explicit bounds: of a small chain sections take as long as its steps.
+   !> Sums over the bands of the first lane. Bounds are explicit: for a small chain, array sections take as long as
+   !> its steps.
    pure subroutine sum_bands(nlane, nband, n, a, sums)
       integer, intent(in) :: nlane, nband, n
       real(wp), intent(in) :: a(nlane, nband, n)
@@ -261,6 +268,7 @@ contains
       end do
    end subroutine sum_bands
 
+   !> Add a warning on a line of its own.
    subroutine add(text, sentence)
       character(:), allocatable, intent(inout) :: text
       character(*), intent(in) :: sentence
