@@ -45,7 +45,31 @@ static void test_merge_moments(void) {
    symsde_scheme_delete(&scheme);
 }
 
+/* at each time in turn, a part without a path, whose means are NaN, leaves the other part as it is */
+static void test_merge_nothing(void) {
+   enum { NVALUE = 2, N = NTIME * NVALUE };
+   double mean[2][N], m2[2][N];
+   int64_t n_ok[2][NTIME];
+
+   for (int lost = 0; lost < NTIME; lost++) {
+      for (int part = 0; part < 2; part++) {
+         for (int i = 0; i < N; i++) {
+            const int gone = part == 1 && i / NVALUE == lost;
+            n_ok[part][i / NVALUE] = gone ? 0 : 256;
+            mean[part][i] = gone ? NAN : i;
+            m2[part][i] = gone ? NAN : 2 * i;
+         }
+      }
+      OK(symsde_merge_moments(NTIME, NVALUE, n_ok[0], mean[0], m2[0], n_ok[1], mean[1], m2[1], &error));
+      for (int i = 0; i < N; i++) {
+         CHECK(mean[0][i] == i && m2[0][i] == (i / NVALUE == lost ? 2 : 4) * i);
+         CHECK(n_ok[0][i / NVALUE] == (i / NVALUE == lost ? 256 : 512));
+      }
+   }
+}
+
 int main(void) {
    test_merge_moments();
+   test_merge_nothing();
    return close_report();
 }
