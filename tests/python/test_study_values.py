@@ -439,6 +439,19 @@ def test_lessons_give_the_numbers(monkeypatch):
     assert "largest rms change over the steps measured: toy: heun 4e-03" in lines
 
 
+@pytest.mark.parametrize("status", ["failed", "diverged", "ok"])
+def test_the_lesson_on_long_steps_is_of_midpoint_that_held(status):
+    rows = [cost_row("midpoint", h, 10 * h, 1e-6) for h in (0.1, 0.2)]
+    rows += [cost_row("heun", h, h, 1e-6, status=status if h == 0.2 else "ok") for h in (0.1, 0.2)]
+    study = SimpleNamespace(name="toy", rows=rows, schemes=["midpoint", "heun"])
+    held = [] if status == "ok" else ["toy (h = 0.2, midpoint stable with an error of 2e+00)"]
+    assert list(learned._long_steps(study)) == held
+    rows[1]["status"] = "failed"
+    assert list(learned._long_steps(study)) == []
+    study.schemes, study.rows = ["heun"], rows[2:]
+    assert list(learned._long_steps(study)) == []
+
+
 def test_numbers_of_numpy_are_written_as_numbers(tmp_path):
     row = {"scheme": "a", "drift": np.float64(0.25), "pareto": True, "h": 0.1}
     table.write_csv(tmp_path / "x.csv", [row], {"model": "toy"})
