@@ -126,6 +126,57 @@ def test_one_path_asks_for_as_many_gradients_as_are_counted(ndof, scheme):
     assert asked == counted > 40 and calls[-1] == 1  # one path by itself
 
 
+def tied(t, w, q, p):
+    """H = (p.p + q.q)/2 + 0.3 q_1 p_2 q_2,  H_1 = 0.2 q_1 p_2,  H_2 = 0.1 q_2^2"""
+    force = w[0] * (q[0] + 0.3 * p[1] * q[1]) + 0.2 * w[1] * p[1], w[0] * (q[1] + 0.3 * q[0] * p[1]) + 0.2 * w[2] * q[1]
+    return np.array(force), np.array([w[0] * p[0], w[0] * (p[1] + 0.3 * q[0] * q[1]) + 0.2 * w[1] * q[0]])
+
+
+def kicked(t, w, q, p):
+    """H = p.p/2 - cos q_1 - cos q_2,  H_1 = 0.1 q_1^2,  H_2 = 0.2 q_2"""
+    return np.array([w[0] * np.sin(q[0]) + 0.2 * w[1] * q[0], w[0] * np.sin(q[1]) + 0.2 * w[2]]), w[0] * p
+
+
+def tied_products(t, w, q, p, vq, vp):  # noqa: PLR0917
+    mixed = w[0] * 0.3 * q[1] * vp[1] + 0.2 * w[1] * vp[1], w[0] * 0.3 * (vq[0] * p[1] + q[0] * vp[1])
+    uq = np.array([w[0] * (vq[0] + 0.3 * p[1] * vq[1]) + mixed[0], (w[0] + 0.2 * w[2]) * vq[1] + mixed[1]])
+    return uq, np.array([w[0] * vp[0], w[0] * (vp[1] + 0.3 * (vq[0] * q[1] + q[0] * vq[1])) + 0.2 * w[1] * vq[0]])
+
+
+def kicked_products(t, w, q, p, vq, vp):  # noqa: PLR0917
+    return np.array([(w[0] * np.cos(q[0]) + 0.2 * w[1]) * vq[0], w[0] * np.cos(q[1]) * vq[1]]), w[0] * vp
+
+
+@pytest.mark.parametrize("scheme", ss.schemes.names())
+@pytest.mark.parametrize(("gradient", "product"), [(tied, tied_products), (kicked, kicked_products)])
+def test_a_block_asks_for_as_many_derivatives_as_are_counted(gradient, product, scheme):
+    asked = [0, 0]
+
+    def counting(k, function):
+        def called(*arguments):
+            asked[k] += 8
+            return function(*arguments)
+
+        return called
+
+    traits = dict.fromkeys(("separable", "position_noise", "identity_mass"), gradient is kicked)
+    functions = {"gradient": counting(0, gradient), "hessian_vector": counting(1, product)}
+    model = ss.Model(ndof=2, nnoise=2, **functions, **traits)
+
+    def asked_and_counted(steps):
+        asked[:] = 0, 0
+        run = ss.simulate(model, scheme=scheme, q0=0.2, p0=0.1, step=0.02, steps=steps, paths=8, seed=3)
+        return np.array([asked, [run.report.counters[x] for x in ("gradients", "hessian_vectors")]]), run
+
+    try:
+        (few, _), (many, run) = asked_and_counted(4), asked_and_counted(12)
+    except errors.IncompatibleError:
+        return
+    (gradients, products), counted = many - few
+    assert gradients == counted[0] > 0 or (gradient is kicked and 0 < gradients < counted[0])  # p is a velocity unasked
+    assert products == counted[1] or run.report.counters["hessians"] > 0  # a Hessian is made of products
+
+
 def ends_at_a_wall(t, w, q, p):
     """No number beyond 0.9, and a number where the position is none, as minima and maxima of C give it."""
     return [math.nan if q[0] > 0.9 else w[0] * (q[0] if abs(q[0]) < 2 else 2.0), w[0] * q[1]]
