@@ -95,6 +95,7 @@ contains
          end do
          part(:, i) = x(first:last, i)
       end do
+      ! The copies become factors and solutions; ab stays as it was.
       call factor_banded_lanes(width, n, kl, ku, strip, smallest(first:last))
       call back_substitute_banded_lanes(width, n, kl, ku, strip, part)
       do i = 1, n

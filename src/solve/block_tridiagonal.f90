@@ -78,6 +78,7 @@ contains
       real(wp), intent(inout) :: factor(strip_lanes, s, s, n)    !! S^{-1} E of every site
       real(wp), intent(inout) :: rhs(strip_lanes, s, n)          !! S^{-1} L^{-1} residual
 
+      ! The parts of `above` are passed one by one, so that the kernels have arrays of constant bounds.
       if (s == 2) then
          call eliminate_pairs(n, first, last, capacity, c, g, f, k, above%factor, above%beside, above%rhs, &
                               above%trusted, factor, rhs)
@@ -118,6 +119,7 @@ contains
       integer :: i, at, lane
 
       do i = first, last
+         ! Where this site stands in f and k.
          at = i - first + 1
          do lane = 1, strip_lanes
             ! S_i: the block of this site less E_{i-1} times what the site above has kept.
@@ -138,6 +140,7 @@ contains
             ! r_i = S^{-1} b by Cramer's rule.
             r(lane, 1) = (a22*b1 - a12*b2)*inverse
             r(lane, 2) = (a11*b2 - a21*b1)*inverse
+            ! From here on this site is the one above: E_i takes the place of E_{i-1}.
             beside(lane, 1) = k(lane, 1, at, 1)
             beside(lane, 2) = k(lane, 1, at, 2)
             ! S^{-1} E, column m of which is that of S^{-1} times E_mm.
@@ -184,10 +187,12 @@ contains
             ! g <- g - C d_i.
             change1 = c(1, 1)*e1 + c(1, 2)*e2
             change2 = c(2, 1)*e1 + c(2, 2)*e2
+            ! Lanes that rest keep their slopes.
             new1 = merge(g(lane, 1, i) - change1, g(lane, 1, i), rests(lane) >= 0)
             new2 = merge(g(lane, 2, i) - change2, g(lane, 2, i), rests(lane) >= 0)
             g(lane, 1, i) = new1
             g(lane, 2, i) = new2
+            ! The sizes at this site, sums over its stages.
             change1 = abs(change1) + abs(change2)
             new1 = abs(new1) + abs(new2)
             ! a NaN goes on from site to site in d, and this comparison takes it
@@ -213,8 +218,10 @@ contains
       integer :: i, at, lane
 
       do i = first, last
+         ! Where this site stands in f and k.
          at = i - first + 1
          do lane = 1, strip_lanes
+            ! S_i, as for two stages.
             a11 = c(1, 1) + k(lane, 0, at, 1) - beside(lane, 1)*above(lane, 1, 1)
             a12 = c(1, 2) - beside(lane, 1)*above(lane, 1, 2)
             a13 = c(1, 3) - beside(lane, 1)*above(lane, 1, 3)
@@ -224,6 +231,7 @@ contains
             a31 = c(3, 1) - beside(lane, 3)*above(lane, 3, 1)
             a32 = c(3, 2) - beside(lane, 3)*above(lane, 3, 2)
             a33 = c(3, 3) + k(lane, 0, at, 3) - beside(lane, 3)*above(lane, 3, 3)
+            ! The residual g + f, less E_{i-1} r_{i-1}.
             b1 = g(lane, 1, i) + f(lane, at, 1) - beside(lane, 1)*r(lane, 1)
             b2 = g(lane, 2, i) + f(lane, at, 2) - beside(lane, 2)*r(lane, 2)
             b3 = g(lane, 3, i) + f(lane, at, 3) - beside(lane, 3)*r(lane, 3)
@@ -239,6 +247,7 @@ contains
             m33 = a11*a22 - a12*a21
             ! The determinant by the first row of S.
             inverse = 1/(a11*m11 + a12*m21 + a13*m31)
+            ! The principal minors: m11 of rows 2 and 3, m33 of rows 1 and 2, a11, and the determinant by its inverse.
             least = merge(m11, m33, m11 < m33)
             least = merge(least, a11, least < a11)
             least = merge(least, inverse, least < inverse)
@@ -247,6 +256,7 @@ contains
             r(lane, 1) = (m11*b1 + m12*b2 + m13*b3)*inverse
             r(lane, 2) = (m21*b1 + m22*b2 + m23*b3)*inverse
             r(lane, 3) = (m31*b1 + m32*b2 + m33*b3)*inverse
+            ! This site becomes the one above.
             beside(lane, 1) = k(lane, 1, at, 1)
             right1 = beside(lane, 1)*inverse
             beside(lane, 2) = k(lane, 1, at, 2)
@@ -263,6 +273,7 @@ contains
             above(lane, 1, 3) = m13*right3
             above(lane, 2, 3) = m23*right3
             above(lane, 3, 3) = m33*right3
+            ! What the way upwards needs of this site.
             factor(lane, 1, 1, i) = above(lane, 1, 1)
             factor(lane, 2, 1, i) = above(lane, 2, 1)
             factor(lane, 3, 1, i) = above(lane, 3, 1)
@@ -297,6 +308,7 @@ contains
       rests = last
       do i = n, 1, -1
          do lane = 1, strip_lanes
+            ! d_i = r_i - (S_i^{-1} E_i) d_{i+1}.
             e1 = rhs(lane, 1, i) - (factor(lane, 1, 1, i)*d1(lane) + factor(lane, 1, 2, i)*d2(lane) &
                                     + factor(lane, 1, 3, i)*d3(lane))
             e2 = rhs(lane, 2, i) - (factor(lane, 2, 1, i)*d1(lane) + factor(lane, 2, 2, i)*d2(lane) &
@@ -306,6 +318,7 @@ contains
             d1(lane) = e1
             d2(lane) = e2
             d3(lane) = e3
+            ! g <- g - C d_i in lanes that run.
             change1 = c(1, 1)*e1 + c(1, 2)*e2 + c(1, 3)*e3
             change2 = c(2, 1)*e1 + c(2, 2)*e2 + c(2, 3)*e3
             change3 = c(3, 1)*e1 + c(3, 2)*e2 + c(3, 3)*e3

@@ -125,6 +125,7 @@ contains
       integer :: first, width
 
       if (closed_form(self)) then
+         ! All lanes at once, whether they are active or not.
          call solve_lanes(self%nlane, self%n, a, x, self%smallest)
          return
       end if

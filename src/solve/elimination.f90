@@ -26,6 +26,7 @@ module symsde_solve_elimination
 
 contains
 
+   !> Lanes of the block.
    pure integer function lanes(nlane)
       integer, intent(in) :: nlane
 
@@ -80,6 +81,7 @@ contains
          call solve_two_unknowns(nlane, a(:, 1, 1), a(:, 2, 1), a(:, 1, 2), a(:, 2, 2), &
                                  x(:, 1), x(:, 2), smallest)
       case default
+         ! Strips of equal width, but for the last one.
          widest = strip_lanes(nlane, n*n)
          allocate (strip(widest, n, n), part(widest, n))
          do first = 1, nlane, widest
@@ -104,6 +106,7 @@ contains
       integer :: last, i, j
 
       last = first + width - 1
+      ! The lanes of the strip, side by side.
       do j = 1, n
          do i = 1, n
             strip(:, i, j) = a(first:last, i, j)
@@ -127,6 +130,7 @@ contains
       integer :: lane
 
       do lane = 1, nlane
+         ! Divided by zero it is not finite, which callers notice.
          x(lane) = x(lane)/a(lane)
          smallest(lane) = merge(1.0_wp, 0.0_wp, abs(a(lane)) > 0 .and. abs(a(lane)) <= huge(1.0_wp))
       end do

@@ -15,6 +15,7 @@ module symsde_solve_fixed_point_single_path
 
    include 'fixed_point.inc'
 
+   !> One lane, known to the compiler.
    pure integer function lanes(nlane)
       integer, intent(in) :: nlane
 
@@ -74,6 +75,7 @@ module symsde_solve_fixed_point_single_path
       real(wp) :: d
       integer :: before, i
 
+      ! Every one of the eight begins anew.
       moved = 0
       largest = 0
       nothing = 0

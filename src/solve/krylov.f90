@@ -169,6 +169,7 @@ contains
             ! divisor.
             divisor = sign(abs(h(:, i, i)) + merge(0.0_wp, 1.0_wp, i <= length), h(:, i, i))  ! no choice of divisors
             y(:, i) = merge(y(:, i)/divisor, 0.0_wp, i <= length)
+            ! y_i is final now, and its share of x is added.
             call add_multiple(self%nlane, self%n, y(:, i), self%v(:, :, i), self%x)
          end do
       end associate
@@ -324,6 +325,7 @@ contains
 
       nrunning = 0
       do lane = 1, nlane
+         ! Vectors are taken in turn: a lane that has passed over one takes no more.
          takes = unsolved(lane) .and. length(lane) == k - 1 .and. diagonal(lane) > 0
          takes = takes .and. abs(rest(lane)) <= huge(1.0_wp)
          ! A lane that takes vector k has the residual |g_{k+1}| with it, and needs no more where that is its goal.

@@ -104,6 +104,7 @@ contains
       info = nonfinite
       if (.not. (all_finite(size(a, kind=i8), a) .and. all_finite(size(b, kind=i8), b))) return
       info = singular
+      ! P A = L U; a pivot that is zero shows in lapack_info.
       call dgetrf(n, n, a, n, pivot, lapack_info)
       if (lapack_info /= 0) return
       call dgetrs('N', n, nrhs, a, n, pivot, b, n, lapack_info)
@@ -126,6 +127,7 @@ contains
       matrix(:, :) = a(lane, :, :)
       vector(:) = x(lane, :)
       call solve_dense_lapack(n, matrix, vector, info)
+      ! A lane that fails keeps its right-hand side.
       if (info == status_ok) x(lane, :) = vector
    end subroutine solve_lane_lapack
 
@@ -151,6 +153,7 @@ contains
       end do
       vector = x(lane, :)
       call solve_banded_lapack(n, kl, ku, band, vector, info)
+      ! A lane that fails keeps its right-hand side.
       if (info == status_ok) x(lane, :) = vector
    end subroutine solve_banded_lane_lapack
 

@@ -210,6 +210,7 @@ contains
       ! Only lanes that run are solved; a verdict is given by the solver alone.
       self%active = self%last >= 0
       self%verdict = 0
+      ! The solver counts as long as it lives; what this call adds goes to the counters.
       before = self%solver%lapack_solves
       if (allocated(self%bands)) then
          call self%solver%solve(self%bands, self%r, self%active, self%verdict)

@@ -176,6 +176,8 @@ contains
       type(stepper_options), intent(in) :: options
       type(error_type), allocatable, intent(inout) :: error
 
+      ! What is wished for by itself first, then whether the scheme takes it, and then whether the model has what the
+      ! scheme needs: a message names the first of these that does not fit.
       call check_newton(options%newton, error)
       if (allocated(error)) return
       call resolve_correction(task%correction, model, scheme, options%correction, error)

@@ -112,6 +112,7 @@ module symsde_step_explicit_angle_steps_single_path
       real(wp), intent(in) :: t, w(0:self%ham%nnoise), q(1, 1), p(1, 1)
       real(wp), intent(out) :: hq(1, 1), hp(1, 1)
 
+      ! This counts the one gradient.
       call find_force(self, t, w, q, p, hq)
       hp = self%room%terms%e*p + self%room%terms%f
    end subroutine find_both

@@ -165,6 +165,7 @@ contains
          ! A pass without an evaluation: all are there, or the rest wait for each other.
          if (.not. moved) exit
       end do
+      ! What is not there now never will be: the scheme is not explicit for such a model.
       if (all(has_force) .and. all(has_velocity)) found = order(:n)
    end subroutine find_order
 
@@ -223,6 +224,7 @@ contains
       real(wp) :: x
       integer :: i, j, first
 
+      ! With a start all products are added to it, without one those behind the first.
       first = merge(1, 2, present(start))
       !GCC$ novector
       do i = 1, n

@@ -27,6 +27,7 @@ module symsde_step_explicit_tableau_single_path
       procedure :: make => make_room
    end type room_type
 
+   ! The body, and how its slopes are found by gradients of the model.
    include 'tableau.inc'
    include 'tableau_gradients.inc'
 

@@ -64,6 +64,7 @@ contains
       type(stepper_task), intent(in) :: task
 
       call new_general_stepper(self, task%model, task%scheme, task%correction, task%nlane, task%newton)
+      ! Linear equations with an exact matrix take one solve, of which a run's report tells.
       self%one_solve = self%newton%affine
    end subroutine make
 

@@ -45,6 +45,7 @@ contains
 
    include 'eliminated.inc'
 
+   !> One lane, known to the compiler.
    pure integer function lanes(nlane)
       integer, intent(in) :: nlane
 
@@ -96,6 +97,7 @@ contains
 
       call begin(self, step)
       w => step%w
+      ! No padding: every evaluation counts once.
       self%eq%nreal = 1
       call step_together(self, 1, 0, w, q, p, dq, dp, status)
    end subroutine increment

@@ -106,6 +106,7 @@ contains
          call solve_banded_lane_lapack(1, n, 1, 1, 1, bands, r, info)
          ham%counters%lapack_solves = ham%counters%lapack_solves + 1
          if (info /= status_ok) then
+            ! The path has failed, and its x stays as it was.
             r = 0
             call newton%fail(1, int(info, i8), status, ham%counters)
          end if

@@ -35,6 +35,7 @@ module symsde_step_one_dof_newton_single_path
 
    include '../../solve/correction.inc'
 
+   !> One lane, known to the compiler.
    pure integer function lanes(nlane)
       integer, intent(in) :: nlane
 
@@ -125,6 +126,7 @@ module symsde_step_one_dof_newton_single_path
 
       ! n = s where the F are eliminated, else 2 s.
       n = size(self%matrix, 2)
+      ! `smallest` tells how small the pivots have become, as in solve/elimination.
       call solve_scalar(n, self%matrix, self%d(:, first:), smallest)
       ! The solution is looked at, too: it may not be finite though the pivots are trusted.
       zero = 0

@@ -56,6 +56,7 @@ module symsde_step_splitting_stepper
       real(wp), intent(in) :: t, w(lanes(self), 0:self%ham%nnoise), p(lanes(self), self%ham%ndof)
 
       associate (ham => self%ham)
+         ! The force alone is asked for: hp is left out.
          call ham%model%gradient(ham%nlane, ham%ndof, ham%nnoise, t, w, self%x, p, hq=self%f)
          ham%counters%gradients = ham%counters%gradients + ham%nreal
       end associate

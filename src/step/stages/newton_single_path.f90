@@ -45,8 +45,10 @@ module symsde_step_stages_newton_single_path
             hq = force(1, :)
             k(:(band + 1)*n) = stiffness(1, :)
          else if (n == 2) then
+            ! Six numbers: no arrays are passed.
             call ham%model%pair(m, t, w, q(1), q(2), hq(1), hq(2), k(1), k(2), k(3), k(4))
          else
+            ! Any other dense Hessian, for one lane.
             call ham%model%gradient_hessian(1, n, m, t, w, q, p, hq=hq, hqq=k)
          end if
       end associate

@@ -33,6 +33,7 @@ module symsde_step_stages_stepper_single_path
    private
    public :: stages_stepper, stages_fits, fits_stages
 
+   ! The body. What it asks of this module stands below: lanes, width_of and increment.
    include 'stepper.inc'
 
    ! ---- what a path by itself does otherwise than a block ------------------------------------------
@@ -63,6 +64,7 @@ module symsde_step_stages_stepper_single_path
 
       logical :: taken
 
+      ! They may be there where the F alone are unknown, without a mass to divide by and without a C.
       if (allocated(self%equations%ahead)) then
          ! Nothing is counted where these sweeps do not end the step.
          call self%equations%ahead%take(self%ham, step, too_stiff_for(self), q, p, dq, dp, taken)
