@@ -42,7 +42,7 @@ contains
                        'increments, such as midpoint_areas')
          end if
       else if (scheme%law /= law_gaussian) then
-         areas%time = 0  ! nothing is halved
+         areas%time = 0  ! such areas are drawn by themselves, and no step is halved
       else if (asked%has(path_areas) .and. .not. areas%time > 0) then
          call derive_area_time(model, options%t0, areas%time, error)
       end if
@@ -53,7 +53,7 @@ contains
    !> of noises.
    subroutine check_area_counters(nnoise, law, options, areas, error)
       integer, intent(in) :: nnoise
-      integer, intent(in) :: law       !! of the increments
+      integer, intent(in) :: law       !! that the increments follow
       type(run_options), intent(in) :: options
       type(area_rule), intent(in) :: areas
       type(error_type), allocatable, intent(inout) :: error

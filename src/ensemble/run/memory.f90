@@ -49,7 +49,7 @@ contains
          if (memory_for(nthread*block + observer%numbers(options%npath, nthread), nthread - 1)) return
          nthread = nthread/2
       end do
-      if (memory_for(block + observer%numbers(options%npath, 1), 0)) return  ! before texts are put together
+      if (memory_for(block + observer%numbers(options%npath, 1), 0)) return  ! the texts below take time
       call require_memory(block + observer%numbers(options%npath, 1), 'the run of model '//task%model%name// &
                           ' by scheme '//task%scheme%name//' ('//to_text(task%model%traits%ndof)// &
                           ' degrees of freedom, '//to_text(nlane)//' paths at a time)', 'give a smaller system, '// &
@@ -95,7 +95,7 @@ contains
       if (nlane > 1) return
       if (task%scheme%form == splitting_form) &    ! weights of kicks are found for all steps ahead
          numbers = numbers + ahead*kick_numbers(task%scheme%kicks, task%model%traits, ncolumn)
-      if (.not. asked%is_empty()) &                ! pairs of steps are lanes
+      if (.not. asked%is_empty()) &                ! pairs of steps are filled side by side, as lanes
          numbers = numbers + noise_numbers(nnoise, asked, 2*padded(pairs_ahead(1, ncolumn)/2))
    end function block_numbers
 

@@ -75,7 +75,7 @@ contains
          if (.not. gap > apart) exit
          shorter = shorter/8
          call compare_shorter(shorter)
-         if (.not. (comparable .and. gap > tolerance)) return  ! of roots, or nothing to judge by
+         if (.not. (comparable .and. gap > tolerance)) return  ! two roots were compared, or nothing could be
       end do
       decided = .true.
       if (gap <= tolerance) return

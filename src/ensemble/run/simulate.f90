@@ -169,7 +169,7 @@ contains
    subroutine plan_observers(plan, model, law, options, observers, error, observables)
       type(observer_plan), intent(out) :: plan
       class(model_type), intent(in), target :: model
-      integer, intent(in) :: law               !! of the increments that are drawn
+      integer, intent(in) :: law               !! that the increments follow where they are drawn
       type(run_options), intent(in) :: options
       type(observer_request), intent(in) :: observers(:)
       type(error_type), allocatable, intent(inout) :: error

@@ -27,9 +27,9 @@ module symsde_ensemble_run_threads
    !> What the threads of one drive share.
    type :: shared_state
       logical :: stopping = .false.
-      integer(i8) :: next = 0, finished = 0       !! blocks
-      integer(i8) :: done = 0, total = 0          !! path-steps
-      integer(i8) :: nfailed = 0, nstopped = 0    !! paths
+      integer(i8) :: next = 0, finished = 0       !! blocks: the next to be taken, and how many have ended
+      integer(i8) :: done = 0, total = 0          !! steps times paths: those done, and all of the drive
+      integer(i8) :: nfailed = 0, nstopped = 0    !! paths that failed, and those cut short by a stop
    end type shared_state
 
    !> The stop flag as one thread sees it, looked at between chunks and wherever a step takes long.
@@ -233,7 +233,7 @@ contains
       real(wp), parameter :: share = 2000  !! of a thread: ten microseconds and more
 
       usable_threads = max(1, min(nthread, int(min(work/share, 1024.0_wp))))
-      if (usable_threads == 1) return  ! the question is one to the system
+      if (usable_threads == 1) return  ! whether this process is forked is a question to the system
       if (process_is_forked() /= 0) usable_threads = 1
    end function usable_threads
 

@@ -68,7 +68,7 @@ contains
 
       if (scheme%frame == frame_rotation) return  ! its declared frequencies are integrated exactly
       x = h*bounds%frequency
-      if (.not. x > 1) return  ! texts take longer than a short run
+      if (.not. x > 1) return  ! to make texts takes longer than a short run
       value = 'h*omega = '//to_text(x)//' (omega '//bounds%frequency_source//')'
       if (explicit .and. x >= 1.8_wp) call add(text, value//' is near or above 2, the stability limit of '// &
                                                'explicit symplectic steps: take a smaller step or midpoint')
@@ -92,7 +92,7 @@ contains
       real(wp) :: cut, probability, expected
 
       if (.not. bounds%lipschitz > 0) return
-      cut = 2/(bounds%lipschitz*sqrt(abs(options%step)))  ! of the standard normal
+      cut = 2/(bounds%lipschitz*sqrt(abs(options%step)))  ! in units of the standard normal
       probability = erfc(cut/sqrt(2.0_wp))
       expected = probability*real(bounds%nnoise, wp)*real(options%npath, wp)*real(options%nstep, wp)
       if (options%truncation > 0) then
@@ -134,7 +134,7 @@ contains
       real(wp), intent(in) :: t
       real(wp), intent(in), dimension(nlane, model%traits%ndof) :: q, p  !! the first state, in all lanes
       type(bounds_type), intent(out) :: bounds
-      real(wp) :: sums(model%traits%ndof, 3), rows(model%traits%ndof, 2)  ! of hqq, hqp, hpp; of q, p
+      real(wp) :: sums(model%traits%ndof, 3), rows(model%traits%ndof, 2)  ! sums of hqq, hqp, hpp; rows of q, p
       integer :: k
       logical :: looked
 

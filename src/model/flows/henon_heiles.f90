@@ -30,16 +30,16 @@ module symsde_model_flows_henon_heiles
 
    !> The two kicks and three drifts of a scheme. A kick or a drift that the scheme has not is zero.
    type :: kick_plan
-      real(wp) :: drift(3) = 0    !! before, between and after them
+      real(wp) :: drift(3) = 0    !! part of h before, between and after the kicks
       integer :: nvelocity = 0    !! drifts that count as gradients: those of tableaux
-      real(wp) :: part(2) = 0
-      real(wp) :: shape(2) = 0    !! gamma_i/b_i
-      real(wp) :: linear = 1      !! factor of the linear force
-      logical :: rotates = .false.  !! drifts have that
+      real(wp) :: part(2) = 0     !! b_i, part of potential and noises in each kick
+      real(wp) :: shape(2) = 0    !! gamma_i/b_i, part of dZ/h - dW/2 in each kick
+      real(wp) :: linear = 1      !! factor of the linear force in the kicks
+      logical :: rotates = .false.  !! drifts are rotations, which take the linear force over
       ! What follows from the size of a step, and the system that is moved.
       real(wp) :: h = 0
       type(henon_heiles_terms) :: of
-      real(wp) :: tau(3) = 0      !! drifts
+      real(wp) :: tau(3) = 0      !! times of the drifts
       real(wp) :: cosine_less_one(3) = 0, sine(3) = 0
    end type kick_plan
 
@@ -103,7 +103,7 @@ contains
       plan%cosine_less_one = -2*sin(0.5_wp*plan%tau)**2
       plan%sine = sin(plan%tau)
       w => steps%w  ! contiguous, as gfortran 12 does not see of a component
-      dz => w  ! without weight, or of noises that are all silent
+      dz => w  ! stands in where dZ has no weight, or all noises are silent
       if (any(abs(plan%shape) > 0) .and. associated(steps%of(path_dz)%x)) dz => steps%of(path_dz)%x
       if (steps%nreal == 1) then
          call pass_alone(plan, steps, w, dz, q, p, qn, pn)

@@ -41,7 +41,7 @@ contains
    subroutine derive_area_time(model, t, tau, error)
       class(model_type), intent(in), target :: model
       real(wp), intent(in) :: t                         !! start of the run [time]
-      real(wp), intent(out) :: tau                      !! [time]
+      real(wp), intent(out) :: tau                      !! time scale of the areas [time]
       type(error_type), allocatable, intent(inout) :: error
       type(point_set) :: points
       real(wp) :: single, by_noise, by_drift, noise_scale, drift_scale

@@ -166,7 +166,7 @@ contains
       other_way = sum(points%vq*xq, dim=2) + sum(points%vp*xp, dim=2)
       size_of = sum(abs(vq*uq), dim=2) + sum(abs(vp*up), dim=2) + 0*(scale + other)
       do lane = 1, npoint
-         if (min(scale(lane), other(lane)) < 0) cycle  ! no verdict
+         if (min(scale(lane), other(lane)) < 0) cycle  ! no verdict: a difference is not to be trusted
          if (.not. abs(one_way(lane) - other_way(lane)) > matching*size_of(lane)) cycle
          call blame(points, lane, one_way(lane), other_way(lane), error)
          return

@@ -118,7 +118,7 @@ contains
    !> Probe sum k from now on: H_k by itself, or all noises past the first sixteen together.
    subroutine take_sum(self, k)
       class(probe_points), intent(inout) :: self
-      integer, intent(in) :: k  !! 0 .. last_sum()
+      integer, intent(in) :: k  !! number of the sum, 0 .. last_sum()
 
       self%w = 0
       if (k <= probed_alone) then

@@ -26,7 +26,7 @@ module symsde_model_probe_traits
    real(wp), parameter :: vanishing = 1.0e-6_wp  !! entries below this part of the rest are zero
    real(wp), parameter :: matching = 1.0e-4_wp   !! relative mismatch of derivatives
    integer, parameter :: largest_dense = 64      !! ndof up to which dense blocks are probed
-   integer, parameter :: dense_alone = 16        !! .. of every sum; above it of H and of one sum of all
+   integer, parameter :: dense_alone = 16        !! .. for every sum; above it for H and one sum of all
 
    !> Which of the model's second derivatives is compared with differences.
    integer, parameter :: by_product = 1, by_blocks = 2, by_bands = 3, by_joint = 4
@@ -140,7 +140,7 @@ contains
       type(finding) :: bad
       integer :: last
 
-      last = merge(points%nnoise, k, k == points%last_sum())  ! the last may be several
+      last = merge(points%nnoise, k, k == points%last_sum())  ! the last sum may be of several noises
       if (.not. all(points%model%traits%silent(k:last))) return
       call points%gradient(hq, hp, scale)
       call worst(hq, hp, scale, vanishing, bad)
@@ -175,7 +175,7 @@ contains
       type(finding) :: row
       integer :: pass
 
-      do pass = 1, 2  ! what one difference refutes, two must
+      do pass = 1, 2  ! what the first difference refutes, both must
          call points%product(points%vq, points%vp, uq, up, scale, pass == 2)
          call worst(uq, up, scale, vanishing, row)
          if (row%lane == 0) return
@@ -324,7 +324,7 @@ contains
       scale = sum(abs(hq*points%vq), dim=2) + sum(abs(hp*points%vp), dim=2)
       call points%slope_of_values(slope, apart, values)
       scale = scale + vanishing*values  ! what rounding of large values costs a difference
-      where (.not. apart <= 1.0e-5_wp*scale) slope = exact  ! no verdict
+      where (.not. apart <= 1.0e-5_wp*scale) slope = exact  ! no verdict: the two steps disagree
       do lane = 1, npoint
          if (.not. abs(slope(lane) - exact(lane)) > matching*scale(lane)) cycle
          call raise(error, false_trait, here, 'model '''//points%model%name// &
