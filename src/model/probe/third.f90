@@ -11,7 +11,7 @@ module symsde_model_probe_third
 
    real(wp), parameter :: matching = 1.0e-3_wp   !! relative mismatch
    real(wp), parameter :: vanishing = 1.0e-5_wp  !! mismatch that belongs to rounding, relative to the gradients
-   real(wp), parameter :: step = epsilon(1.0_wp)**0.25_wp  !! of a second difference, relative to the state
+   real(wp), parameter :: step = epsilon(1.0_wp)**0.25_wp  !! of a second difference at a state of size one
    integer, parameter :: nstep = 3  !! differences: one with a step in proportion to the state, two with short ones
 
 contains
