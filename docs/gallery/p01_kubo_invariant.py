@@ -3,8 +3,9 @@
 What a symplectic scheme keeps
 ==============================
 
-Kubo's oscillator turns by a random angle: its exact solution keeps :math:`p^2+q^2` on every path, and so does
-the midpoint rule. Symplectic schemes that keep no quadratic invariant stay near it; the others leave it.
+Kubo's oscillator turns by a random angle: its exact solution keeps :math:`p^2+q^2` on every path,
+and so does the midpoint rule. Symplectic schemes that keep no quadratic invariant stay near it;
+the others leave it.
 """
 
 import matplotlib.pyplot as plt
@@ -15,11 +16,22 @@ from symsde.reports.look import of_scheme
 model = ss.models.kubo(a=1.0, sigma=0.5)
 moved = {}
 for scheme in ("midpoint", "stormer_verlet", "symplectic_euler", "heun", "euler_maruyama"):
-    run = ss.simulate(model, q0=1.0, p0=0.0, step=0.05, steps=2000, save_every=10, paths=200, seed=1, scheme=scheme)
+    run = ss.simulate(
+        model,
+        q0=1.0,
+        p0=0.0,
+        step=0.05,
+        steps=2000,
+        save_every=10,
+        paths=200,
+        seed=1,
+        scheme=scheme,
+    )
     radius = (run.q**2 + run.p**2)[:, 0].mean(axis=1)
     moved[scheme] = np.abs(radius - 1).max()
     line = "--" if scheme == "midpoint" else "-"  # it lies on the others
-    plt.plot(run.t, radius, line, label=scheme, color=of_scheme(scheme)["color"], zorder=3 if line == "--" else 2)
+    color, above = of_scheme(scheme)["color"], 3 if line == "--" else 2
+    plt.plot(run.t, radius, line, label=scheme, color=color, zorder=above)
 plt.ylim(0.0, 3.0)
 plt.xlabel("t")
 plt.ylabel(r"mean of $p^2+q^2$ of 200 paths")

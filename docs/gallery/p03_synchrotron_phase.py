@@ -3,9 +3,9 @@
 Synchrotron oscillations
 ========================
 
-This is the paper's third experiment: particles in the bucket of an accelerating field with noise in its phase and
-amplitude. The figure shows one path in the phase plane, by a symplectic scheme and by Euler-Maruyama, with the
-same noise.
+This is the paper's third experiment: particles in the bucket of an accelerating field with noise
+in its phase and amplitude. The figure shows one path in the phase plane, by a symplectic scheme
+and by Euler-Maruyama, with the same noise.
 """
 
 import matplotlib.pyplot as plt

@@ -3,8 +3,9 @@
 Error against run time
 ======================
 
-To choose a scheme, compare what a path costs at a given error. This figure is measured while the site is built.
-The page :doc:`/work-precision` has such figures for the built-in models, measured on a quiet machine.
+To choose a scheme, compare what a path costs at a given error. This figure is measured while the
+site is built. The page :doc:`/work-precision` has such figures for the built-in models, measured
+on a quiet machine.
 """
 
 import matplotlib.pyplot as plt
@@ -13,7 +14,14 @@ from symsde.reports.look import of_scheme
 
 schemes = ("midpoint", "stormer_verlet", "gauss_dkdkd", "chin4a", "heun")
 study = ss.work_precision(
-    ss.models.synchrotron(), q0=1.0, p0=0.0, horizon=4.0, steps=[16, 32, 64], schemes=schemes, paths=200, seed=1
+    ss.models.synchrotron(),
+    q0=1.0,
+    p0=0.0,
+    horizon=4.0,
+    steps=[16, 32, 64],
+    schemes=schemes,
+    paths=200,
+    seed=1,
 )
 for scheme in schemes:
     rows = [row for row in study.rows if row["scheme"] == scheme]

@@ -3,8 +3,9 @@
 Long times beside Heun's rule
 =============================
 
-A pendulum with little noise runs for ten thousand units of time. With symplectic schemes the energy wanders as in the
-exact equation. Heun's rule has the same order, but it adds energy until the pendulum turns over.
+A pendulum with little noise runs for ten thousand units of time. With symplectic schemes the
+energy wanders as in the exact equation. Heun's rule has the same order, but it adds energy until
+the pendulum turns over.
 """
 
 import matplotlib.pyplot as plt
@@ -14,7 +15,17 @@ from symsde.reports.look import of_scheme
 model = ss.models.synchrotron(omega=1.0, sigma1=0.001, sigma2=0.0)
 end = {}
 for scheme in ("heun", "stormer_verlet", "midpoint"):
-    mom = ss.moments(model, q0=0.5, p0=0.0, step=0.25, steps=40_000, save_every=400, paths=64, seed=1, scheme=scheme)
+    mom = ss.moments(
+        model,
+        q0=0.5,
+        p0=0.0,
+        step=0.25,
+        steps=40_000,
+        save_every=400,
+        paths=64,
+        seed=1,
+        scheme=scheme,
+    )
     end[scheme] = mom.mean_energy[-1]
     line = "--" if scheme == "midpoint" else "-"  # it lies on stormer_verlet
     plt.plot(mom.t, mom.mean_energy, line, label=scheme, color=of_scheme(scheme)["color"])

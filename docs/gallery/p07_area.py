@@ -3,8 +3,8 @@
 The area of a loop of particles
 ===============================
 
-If all particles share the noise, one random symplectic map moves them all. It may stretch a loop of particles,
-but keeps its area. A symplectic scheme keeps it, too; other schemes do not.
+If all particles share the noise, one random symplectic map moves them all. It may stretch a loop
+of particles, but keeps its area. A symplectic scheme keeps it, too; other schemes do not.
 """
 
 import matplotlib.pyplot as plt

@@ -3,9 +3,9 @@
 Loss of a beam
 ==============
 
-Particles of a bunch scatter until they reach the edge of the chamber at :math:`|q| = 1`, where they are lost. The
-passage observer checks q after every step. If noise acts on q, it also checks between two steps, by the law of a
-Brownian bridge. The paths themselves are never stored.
+Particles of a bunch scatter until they reach the edge of the chamber at :math:`|q| = 1`, where
+they are lost. The passage observer checks q after every step. If noise acts on q, it also checks
+between two steps, by the law of a Brownian bridge. The paths themselves are never stored.
 """
 
 import matplotlib.pyplot as plt
@@ -25,7 +25,13 @@ for step, bridge, style in ((0.01, True, "k-"), (0.1, True, "C0o"), (0.1, False,
         observers={"loss": ss.observe.Passage("q_1", low=-1.0, high=1.0, bridge=bridge)},
     ).observed["loss"]
     lost = found.lost
-    plt.plot(found.t, 100 * lost, style, markersize=4, label=f"h = {step:g}, {'with' if bridge else 'without'} bridge")
+    plt.plot(
+        found.t,
+        100 * lost,
+        style,
+        markersize=4,
+        label=f"h = {step:g}, {'with' if bridge else 'without'} bridge",
+    )
     if step == 0.01:
         exact = lost[-1]
     else:
@@ -36,6 +42,7 @@ plt.ylabel("lost until t [%]")
 plt.legend()
 
 # %%
-# With the bridge, steps ten times as long give the same losses; without it they miss excursions between two steps.
+# With the bridge, steps ten times as long give the same losses; without it they miss excursions
+# between two steps.
 
 assert 0.1 < exact < 0.95 and np.all(np.diff(lost) >= 0)

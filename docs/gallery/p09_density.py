@@ -3,8 +3,9 @@
 Phase-space density of an ensemble
 ==================================
 
-A hundred thousand particles start at one place in the bucket of a synchrotron. The frequency falls with the amplitude.
-So the noise first spreads the particles along the orbit into a ring, and then slowly across orbits.
+A hundred thousand particles start at one place in the bucket of a synchrotron. The frequency
+falls with the amplitude. So the noise first spreads the particles along the orbit into a ring,
+and then slowly across orbits.
 """
 
 import matplotlib.pyplot as plt
@@ -13,11 +14,21 @@ import symsde as ss
 
 model = ss.models.synchrotron(omega=1.0, sigma1=0.05, sigma2=0.05)
 run = ss.simulate(
-    model, q0=1.5, p0=0.0, step=0.1, steps=3000, save_every=1000, paths=100_000, seed=1, scheme="stormer_verlet"
+    model,
+    q0=1.5,
+    p0=0.0,
+    step=0.1,
+    steps=3000,
+    save_every=1000,
+    paths=100_000,
+    seed=1,
+    scheme="stormer_verlet",
 )
 figure, panels = plt.subplots(1, 3, sharex=True, sharey=True, figsize=(8, 3))
 for panel, n in zip(panels, (1, 2, 3), strict=True):
-    count, *_ = panel.hist2d(run.q[n, 0], run.p[n, 0], bins=120, range=[[-3, 3], [-2.5, 2.5]], cmap="magma")
+    count, *_ = panel.hist2d(
+        run.q[n, 0], run.p[n, 0], bins=120, range=[[-3, 3], [-2.5, 2.5]], cmap="magma"
+    )
     panel.set_title(f"t = {run.t[n]:g}")
     panel.collections[-1].set_clim(0, 50)
     panel.set_xlabel("q")

@@ -3,8 +3,9 @@
 A chain driven by noise
 =======================
 
-Each of the 64 masses of a Fermi-Pasta-Ulam chain is shaken by its own noise. The mean energy grows by
-:math:`n\\sigma^2/2` in a unit of time, for any nonlinearity. The left panel shows one path, the right one the ensemble.
+Each of the 64 masses of a Fermi-Pasta-Ulam chain is shaken by its own noise. The mean energy
+grows by :math:`n\\sigma^2/2` in a unit of time, for any nonlinearity. The left panel shows one
+path, the right one the ensemble.
 """
 
 import matplotlib.pyplot as plt
@@ -13,13 +14,23 @@ import symsde as ss
 
 n, sigma = 64, 0.1
 model = ss.models.fpu_chain(n=n, beta=1.0, sigma=sigma)
-common = {"q0": 0.0, "p0": 0.0, "step": 0.1, "steps": 600, "save_every": 6, "seed": 1, "scheme": "midpoint"}
+common = {
+    "q0": 0.0,
+    "p0": 0.0,
+    "step": 0.1,
+    "steps": 600,
+    "save_every": 6,
+    "seed": 1,
+    "scheme": "midpoint",
+}
 path = ss.simulate(model, **common)
 mom = ss.moments(model, paths=2000, **common)
 
 figure, (left, right) = plt.subplots(1, 2, figsize=(8, 3.5))
 figure.get_layout_engine().set(wspace=0.12)
-picture = left.imshow(path.q[:, :, 0].T, aspect="auto", origin="lower", extent=[0, path.t[-1], 1, n], cmap="RdBu")
+picture = left.imshow(
+    path.q[:, :, 0].T, aspect="auto", origin="lower", extent=[0, path.t[-1], 1, n], cmap="RdBu"
+)
 left.set_xlabel("t")
 left.set_ylabel("mass")
 left.grid(False)
@@ -30,4 +41,7 @@ right.set_xlabel("t")
 right.set_ylabel("mean energy")
 right.legend()
 
-assert np.all(np.abs(mom.mean_energy - n * sigma**2 / 2 * mom.t)[1:] < 5 * mom.se_mean_energy[1:] + 2e-3 * mom.t[1:])
+assert np.all(
+    np.abs(mom.mean_energy - n * sigma**2 / 2 * mom.t)[1:]
+    < 5 * mom.se_mean_energy[1:] + 2e-3 * mom.t[1:]
+)

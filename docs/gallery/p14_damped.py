@@ -3,9 +3,9 @@
 Damping, by a Hamiltonian that depends on time
 ==============================================
 
-The Langevin equation :math:`\\ddot q = -\\gamma\\dot q - \\omega^2 q + \\sigma\\dot W` has friction, which is not
-Hamiltonian. But the Hamiltonians of Caldirola and Kanai, which depend on time, give the same motion of q. Its variance
-tends to :math:`\\sigma^2/(2\\gamma\\omega^2)`.
+The Langevin equation :math:`\\ddot q = -\\gamma\\dot q - \\omega^2 q + \\sigma\\dot W` has
+friction, which is not Hamiltonian. But the Hamiltonians of Caldirola and Kanai, which depend on
+time, give the same motion of q. Its variance tends to :math:`\\sigma^2/(2\\gamma\\omega^2)`.
 """
 
 import matplotlib.pyplot as plt
@@ -20,16 +20,24 @@ model = ss.model_from_sympy(
 )
 mom = ss.moments(model, q0=1.0, p0=0.0, step=0.02, steps=1000, save_every=10, paths=20_000, seed=1)
 limit = sigma**2 / (2 * gamma * omega**2)
-plt.fill_between(mom.t, *(mom.mean_q[:, 0] + s * np.sqrt(mom.var_q[:, 0]) for s in (-1, 1)), alpha=0.3)
+plt.fill_between(
+    mom.t, *(mom.mean_q[:, 0] + s * np.sqrt(mom.var_q[:, 0]) for s in (-1, 1)), alpha=0.3
+)
 plt.plot(mom.t, mom.mean_q[:, 0], label="mean of q and one standard deviation")
 for s in (-1, 1):
-    plt.axhline(s * np.sqrt(limit), color="k", linestyle=":", label="stationary deviation" if s > 0 else None)
+    plt.axhline(
+        s * np.sqrt(limit),
+        color="k",
+        linestyle=":",
+        label="stationary deviation" if s > 0 else None,
+    )
 plt.xlabel("t")
 plt.ylabel("q")
 plt.legend()
 
 # %%
-# The standard error of a variance of n normal numbers is sqrt(2/n) of it; the mean is the damped oscillation.
+# The standard error of a variance of n normal numbers is sqrt(2/n) of it; the mean is the damped
+# oscillation.
 
 assert abs(mom.var_q[-1, 0] / limit - 1) < 5 * np.sqrt(2 / 20_000)
 nu = np.sqrt(omega**2 - gamma**2 / 4)
