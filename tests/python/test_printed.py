@@ -57,6 +57,8 @@ def test_every_member_of_a_report():
     assert lines["counters"] == ", ".join(f"{name.replace('_', ' ')} {100 + i}" for i, name in enumerate(names))
     assert lines["paths"] == "11 failed, 12 stopped" and lines["threads"] == "13, 16 lanes a block"
     assert lines["seconds"] == "1.25 to set up, 2.5 to run" and lines["version"] == ss.__version__
+    resumed = dataclasses.replace(found, timings={"setup": 0.0, "run": 2.5})
+    assert str(resumed).splitlines()[-2] == "seconds    2.5 to run"
     assert "13, 1 lane a block" in str(dataclasses.replace(found, lanes=1))
 
 

@@ -35,6 +35,7 @@ class Report:
     def __str__(self) -> str:
         """Table, one line for each."""
         counted = ", ".join(f"{name.replace('_', ' ')} {n}" for name, n in self.counters.items() if n)
+        times = {"set up": self.timings["setup"], "run": self.timings["run"]}  # a prepared run is set up once, before
         lines = {
             "outcome": self.outcome,
             "stepper": self.stepper,
@@ -44,7 +45,7 @@ class Report:
             "warnings": "; ".join(self.warnings) or "none",
             "paths": f"{self.failed} failed, {self.stopped} stopped",
             "threads": f"{self.threads}, {checks.counted(self.lanes, 'lane')} a block",
-            "seconds": f"{self.timings['setup']:.3g} to set up, {self.timings['run']:.3g} to run",
+            "seconds": ", ".join(f"{time:.3g} to {what}" for what, time in times.items() if time) or "0",
             "version": self.versions.get("version", "?"),
         }
         return "\n".join(f"{key:11s}{value}" for key, value in lines.items())
