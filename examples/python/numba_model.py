@@ -13,7 +13,7 @@ import symsde as ss
 try:
     import numba
 except ImportError:
-    print("skipped: numba is not installed; pip install 'symsde[fast]'")
+    print("skipped: numba is not installed; pip install numba")
     sys.exit(77)
 
 SIGMA = 0.3
