@@ -142,6 +142,8 @@ contains
          n = n + 1
          to%origin(n) = lane
       end do
+      ! Padding repeats the last of them. There is one: a block without a lane that is ok is done, and is not
+      ! narrowed.
       to%origin(n + 1:) = to%origin(n)
       ! paths keep their global indices, by which their noise is drawn
       do lane = 1, to%state%nlane
