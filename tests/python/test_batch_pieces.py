@@ -1,11 +1,14 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """How a run is cut into pieces, and long pieces that go on from their checkpoints."""
 
+import threading
+import warnings
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 import symsde as ss
+from symsde import errors
 from symsde.batch import execute, shard_file, share
 from symsde.batch import pieces as plan
 from symsde.cli import command_line, run_command
@@ -113,6 +116,20 @@ def test_a_path_that_failed_stays_where_it_was():
     np.testing.assert_array_equal(found.arrays["last_q"][:, 1], first.last_q[:, 1])
     assert found.arrays["status"].tolist() == [0, 3] and found.arrays["failed_step"].tolist() == [-1, 1]
     assert found.facts["failed"] == 1 and found.facts["counters"] == {"path_steps": 5}
+
+
+@pytest.mark.parametrize("kind", ["paths", "moments"])
+def test_who_computes_a_piece_says_nothing_of_failed_paths(kind):
+    """Filters of warnings are those of the process: threads beside the main one leave them alone, and say it."""
+    given = {"q0": 1e200, "p0": 0.0, "step": 0.1, "steps": 2, "paths": 2, "seed": 1}
+    task, piece = execute.Task(ss.models.henon_heiles(), given), plan.Piece("a", kind, 0, 2, 2)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        assert execute.compute(task, piece).facts["failed"] == 2
+    beside = threading.Thread(target=execute.compute, args=(task, piece))
+    with pytest.warns(errors.PathsFailedWarning):
+        beside.start()
+        beside.join()
 
 
 def test_the_line_that_goes_on_trusts_what_the_first_one_did(tmp_path, capsys):

@@ -7,8 +7,14 @@ import math
 import numpy as np
 import pytest
 import symsde as ss
-from symsde.reports.stability import bifurcation, fixed_points
+from symsde.reports.stability import bifurcation, fixed_points, one_step_map
 from symsde.reports.stability.systems import double_well
+
+
+@pytest.mark.parametrize("box", [(2.0, 0.5), (0.1, 30.0)])
+def test_starts_are_everywhere_in_the_box(box):
+    cells, _, _ = np.histogram2d(*one_step_map._starts(box), bins=4, range=[(-x, x) for x in box])
+    assert cells.min() > 0
 
 
 def test_multipliers_of_a_turn():
