@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 import symsde as ss
 from conftest import told
+from symsde.answers import error_plan
 from symsde.cli import command_line
 from symsde.reports import study
 from symsde.reports.study import left_out, orders
@@ -127,6 +128,13 @@ BAD = [
     ({"horizon": -1.0}, "above 0"),
     ({"sede": 1}, "seed"),
 ]
+
+
+@pytest.mark.parametrize(("interval", "least"), [(0.01, 19208), (0.05, 769), (0.1, 193)])
+def test_the_least_number_of_paths_is_enough(interval, least):
+    assert error_plan.check_paths(least, interval) == least
+    with pytest.raises(ValueError, match=f"need {least} paths"):
+        error_plan.check_paths(least - 1, interval)
 
 
 @pytest.mark.parametrize(("given", "words"), BAD)

@@ -357,6 +357,13 @@ def test_weak_errors_are_drawn_and_hollow_where_they_may_be_zero(result):
             np.testing.assert_array_equal(bars[0].get_xdata(), [row[x] for row in rows])
 
 
+def test_weak_errors_stand_below_strong_ones(result):
+    pytest.importorskip("matplotlib")
+    over, under = np.reshape(study_figure.plot(result.study).axes[:4], (2, 2))
+    for above, below in zip(over, under, strict=True):
+        assert below.get_xlabel() == above.get_xlabel() and below.get_xlim() == above.get_xlim()
+
+
 def test_plateaus_are_hollow_and_failures_crossed():
     figures = pytest.importorskip("matplotlib.figure")
     rows = [cost_row("a", 1.0, 0.2, 1.0), cost_row("a", 0.5, 0.1, 2.0, status="reference"),
