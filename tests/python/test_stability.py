@@ -132,6 +132,12 @@ FAULTS = [
     (failures.overflow, failures, "simulate", with_huge_states_clipped),
     (failures.callbacks, failures, "labelled", lambda real: lambda fault, first: real(fault, first + 0.01)),
     (failures.singular_matrices, failures, "chain_of", lambda real: lambda n, nan_after=0: real(n)),
+    (
+        failures.singular_matrices,
+        failures,
+        "inverted",
+        lambda _real: lambda n, _h: failures.chain_of(n, nan_after=0.45),
+    ),
 ]
 
 
