@@ -240,6 +240,15 @@ def test_long_horizon_is_not_given_to_multilevel(monkeypatch):
     assert answer.method != "multilevel" and answer.reached
 
 
+@pytest.mark.parametrize("value", [-40.0, 1e-3, 1.0])
+@pytest.mark.parametrize("given", [(0.1, None), (None, 0.1)])
+def test_a_half_width_is_reached_within_five_per_cent(given, value):
+    asked = tolerance.make_tolerance(*given)
+    half = 0.1 * (1.0 if given[1] is None else abs(value))
+    for part in (0.0, 0.5, 1.0, 1.04, 1.06, 1.5, 3.0):
+        assert asked.is_reached(part * half, value) == (part < 1.05)
+
+
 def test_student_quantile():
     """Tabled values, and the normal one."""
     for units_, tabled in (

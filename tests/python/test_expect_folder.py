@@ -162,6 +162,7 @@ def test_parts_are_long_enough_for_a_file_and_short_enough_to_lose():
     assert store.grain(256, 10**6, 1e-6) == 0.5e6 // 256 * 256
     assert store.grain(256, 10**9, 3.6e-6) == 10 / 3.6e-6 // 256 * 256
     assert store.grain(1, 16, 40.0) == 1
+    assert store.grain(256, 10**6, 0.0) > 10**8  # too short for the clock
 
 
 SCENE = """[model]
