@@ -10,26 +10,37 @@
 !>    Stormer-Verlet     half a kick, a drift, half a kick; the other Lobatto pair takes (q, p) -> (p, -q)
 !>    midpoint           dq = (v - c f/2)/(1 + a c/4), dp = -(f + a v/2)/(1 + a c/4), f = a q + b, v = c p + e
 !>    Gauss              dq = 2 o (u v - o c f)/(u^2 + o^2 a c), dp = -2 o (u f + o a v)/(u^2 + o^2 a c)
+!>    Lobatto            dq = (A v - B c f)/D,                   dp = -(C f + B a v)/D, of three and four stages
 !>
 !> ([WHSB] (71)-(72) solved.) Where Z is the matrix of the linear equations, a scheme of Gauss adds (N/D - 1) (q, p)
 !> of Pade's quotient for exp(Z), with D = u - o Z, N = u + o Z, and Z^2 = -a c: whatever is rounded in u and o leaves
-!> a rotation one. For Lobatto's schemes see model/flows/oscillator_quotients. A group of steps keeps the states of
-!> the lanes in registers; a path that is alone goes through all of its steps at once.
+!> a rotation one. Of Lobatto's schemes, with M = I + x a abar of the tableau, x = a c, and 1 a column of ones,
+!> D = det M, C = D alpha M^-1 1, B = D alpha M^-1 a 1, and A is C with a and abar exchanged, which leaves B as it is
+!> where a scheme is symplectic.
+!>
+!> Each scheme brings one step of one lane, `take`, to the loops over steps and lanes of oscillator_steps.inc.
 module symsde_model_flows_oscillator
    use symsde_base_counters, only: counters_type
    use symsde_base_kinds, only: wp
    use symsde_base_record, only: steps_record
    use symsde_model_abstract, only: corrected
-   use symsde_model_flows_oscillator_quotients, only: oscillator_terms, step_quotients, has_quotients, quotients_of, &
-                                                      quotient_pass, quotient_alone
    implicit none
    private
    public :: oscillator_terms, oscillator_flow, oscillator_has_flow
 
+   !> An oscillator: its angular velocity r, the strengths A, B, C, E of its noises, and which noise each of them is:
+   !> 0 where the strength is zero.
+   type :: oscillator_terms
+      real(wp) :: rate = 1
+      real(wp) :: a = 0, b = 0, c = 0, e = 0
+      integer :: noise_a = 0, noise_b = 0, noise_c = 0, noise_e = 0
+   end type oscillator_terms
+
    enum, bind(c)
-      enumerator :: euler = 1, adjoint = 2, verlet = 3, swapped_verlet = 4, additive_euler = 5, additive_adjoint = 6
-      enumerator :: midpoint = 7, gauss2 = 8, gauss3 = 9, gauss4 = 10, quotients = 11  ! from midpoint on by one solve
-      enumerator :: corrected_euler = 12, corrected_adjoint = 13
+      enumerator :: euler = 1, adjoint = 2, verlet = 3, swapped_verlet = 4
+      enumerator :: midpoint = 5, gauss2 = 6, gauss3 = 7, gauss4 = 8  ! from midpoint on by one solve
+      enumerator :: lobatto3 = 9, lobatto3_swapped = 10, lobatto4 = 11, lobatto4_swapped = 12
+      enumerator :: corrected_euler = 13, corrected_adjoint = 14
    end enum
 
    !> The coefficients of the polynomials u and o in a c, from the first power on: u begins with 1, o with 1/2.
@@ -42,8 +53,22 @@ module symsde_model_flows_oscillator
                                pade_terms(u=[-1/10.0_wp, 0.0_wp], o=-1/120.0_wp), &
                                pade_terms(u=[-3/28.0_wp, 1/1680.0_wp], o=-1/84.0_wp)]
 
-   !> Steps of one pass over the lanes; `short` is for steps of more operations than gcc would unroll eight times.
-   integer, parameter :: group = 8, short = 4
+   !> The coefficients of A, B, C and D of Lobatto's schemes, from x on: their constants are 1, and 1/2 of B. Those of
+   !> the swapped pair have A and C exchanged.
+   type :: step_quotients
+      real(wp) :: a(3) = 0, b(2) = 0, c(3) = 0, d(2) = 0
+   end type step_quotients
+
+   real(wp), parameter :: one3(3) = [-1/8.0_wp, 0.0_wp, 0.0_wp], other3(3) = [-1/8.0_wp, 1/288.0_wp, 0.0_wp], &
+                          both3(2) = [-1/48.0_wp, 0.0_wp], below3(2) = [1/24.0_wp, 0.0_wp], &
+                          one4(3) = [-2/15.0_wp, 1/300.0_wp, 0.0_wp], &
+                          other4(3) = [-2/15.0_wp, 1/300.0_wp, -1/43200.0_wp], &
+                          both4(2) = [-1/40.0_wp, 1/3600.0_wp], below4(2) = [1/30.0_wp, 1/1800.0_wp]
+   type(step_quotients), parameter :: &
+      quotients(lobatto3:lobatto4_swapped) = [step_quotients(one3, both3, other3, below3), &
+                                              step_quotients(other3, both3, one3, below3), &
+                                              step_quotients(one4, both4, other4, below4), &
+                                              step_quotients(other4, both4, one4, below4)]
 
 contains
 
@@ -88,12 +113,20 @@ contains
          index_of = gauss3
       case ('gauss4')
          index_of = gauss4
+      case ('lobatto3')
+         index_of = lobatto3
+      case ('lobatto3_swapped')
+         index_of = lobatto3_swapped
+      case ('lobatto4')
+         index_of = lobatto4
+      case ('lobatto4_swapped')
+         index_of = lobatto4_swapped
       case ('symplectic_euler'//corrected)
          index_of = corrected_euler
       case ('symplectic_euler_adjoint'//corrected)
          index_of = corrected_adjoint
       case default
-         index_of = merge(quotients, 0, has_quotients(scheme))
+         index_of = 0
       end select
    end function index_of
 
@@ -107,37 +140,34 @@ contains
       real(wp), intent(out) :: qn(steps%nlane, steps%nstep/steps%every), pn(steps%nlane, steps%nstep/steps%every)
       type(counters_type), intent(inout) :: counters
       real(wp), contiguous, pointer :: w(:, :, :)
-      type(step_quotients) :: by
-      integer :: which, out, n
+      logical :: additive
+      integer :: which, n
 
       w => steps%w  ! contiguous, as gfortran 12 does not see of a component
       which = index_of(scheme)
-      if (which == quotients) by = quotients_of(scheme)
-      if (steps%nreal == 1 .and. which == corrected_euler) then
-         call corrected_alone(terms, steps, terms%rate*steps%h, w, q(1), p(1), qn, pn)
-      else if (steps%nreal == 1 .and. which == corrected_adjoint) then
-         call corrected_alone(turned(terms), steps, -terms%rate*steps%h, w, p(1), q(1), pn, qn)
-      else if (steps%nreal == 1 .and. which == quotients) then
-         call quotient_alone(by, terms, steps, w, q(1), p(1), qn, pn)
-      else if (steps%nreal == 1) then
-         call advance_alone(terms, which, steps, w, q(1), p(1), qn, pn)
-      else
-         if (terms%noise_a == 0 .and. terms%noise_c == 0) then
-            if (which == euler) which = additive_euler
-            if (which == adjoint) which = additive_adjoint
-         end if
-         do out = 1, steps%nstep/steps%every
-            if (out == 1) then
-               qn(:, out) = q
-               pn(:, out) = p
-            else
-               qn(:, out) = qn(:, out - 1)
-               pn(:, out) = pn(:, out - 1)
-            end if
-            call advance(terms, which, by, steps, w(:, :, (out - 1)*steps%every + 1:out*steps%every), qn(:, out), &
-                         pn(:, out))
-         end do
-      end if
+      additive = terms%noise_a == 0 .and. terms%noise_c == 0
+      associate (t => terms, back => turned(terms), h => terms%rate*steps%h)
+         select case (which)
+         case (euler)
+            if (additive) call additive_euler(t, steps, h, w, q, p, qn, pn)
+            if (.not. additive) call euler_steps(t, steps, h, w, q, p, qn, pn)
+         case (adjoint)
+            if (additive) call additive_euler(back, steps, -h, w, p, q, pn, qn)
+            if (.not. additive) call euler_steps(back, steps, -h, w, p, q, pn, qn)
+         case (verlet)
+            call verlet_steps(t, steps, h, w, q, p, qn, pn)
+         case (swapped_verlet)
+            call verlet_steps(back, steps, -h, w, p, q, pn, qn)
+         case (midpoint:gauss4)
+            call gauss_steps(pade(which), t, steps, h, w, q, p, qn, pn)
+         case (lobatto3:lobatto4_swapped)
+            call lobatto_steps(quotients(which), t, steps, h, w, q, p, qn, pn)
+         case (corrected_euler)
+            call corrected_steps(t, steps, h, w, q, p, qn, pn)
+         case (corrected_adjoint)
+            call corrected_steps(back, steps, -h, w, p, q, pn, qn)
+         end select
+      end associate
       n = steps%nstep*steps%nreal
       if (which >= midpoint) then
          counters%iterations = counters%iterations + n
@@ -156,323 +186,133 @@ contains
                                 noise_c=t%noise_a, noise_e=t%noise_b)
    end function turned
 
-   !> Take `every` steps of a block in place, in groups as long as there are enough.
-   pure subroutine advance(terms, which, by, steps, w, q, p)
-      type(oscillator_terms), intent(in) :: terms
-      type(step_quotients), intent(in) :: by   !! of the schemes that have them
-      integer, intent(in) :: which
-      type(steps_record), intent(in) :: steps
-      real(wp), intent(in) :: w(steps%nlane, 0:steps%nnoise, steps%every)
-      real(wp), intent(inout) :: q(steps%nlane), p(steps%nlane)
-      real(wp) :: h
-      integer :: first, n
-
-      h = terms%rate*steps%h
-      first = 1
-      do while (first <= steps%every)
-         n = merge(short, group, which >= midpoint)
-         if (steps%every - first + 1 < n) n = 1
-         associate (t => terms, nlane => steps%nlane, m => steps%nnoise)
-            select case (which)
-            case (euler)
-               call euler_pass(t, nlane, m, n, h, w(:, :, first:), q, p)
-            case (adjoint)
-               call euler_pass(turned(t), nlane, m, n, -h, w(:, :, first:), p, q)
-            case (additive_euler)
-               call additive_pass(t, nlane, m, n, h, w(:, :, first:), q, p)
-            case (additive_adjoint)
-               call additive_pass(turned(t), nlane, m, n, -h, w(:, :, first:), p, q)
-            case (corrected_euler)
-               call corrected_pass(t, nlane, m, n, h, w(:, :, first:), q, p)
-            case (corrected_adjoint)
-               call corrected_pass(turned(t), nlane, m, n, -h, w(:, :, first:), p, q)
-            case (verlet)
-               call verlet_pass(t, nlane, m, n, h, w(:, :, first:), q, p)
-            case (swapped_verlet)
-               call verlet_pass(turned(t), nlane, m, n, -h, w(:, :, first:), p, q)
-            case (quotients)
-               call quotient_pass(by, t, nlane, m, n, h, w(:, :, first:), q, p)
-            case default
-               call gauss_pass(t, pade(which), nlane, m, n, h, w(:, :, first:), q, p)
-            end select
-         end associate
-         first = first + n
-      end do
-   end subroutine advance
-
-   !> Take the steps of a path that is alone, in lane 1: each waits for the one before it.
-   pure subroutine advance_alone(terms, which, steps, w, q, p, qn, pn)
-      type(oscillator_terms), intent(in) :: terms
-      integer, intent(in) :: which
-      type(steps_record), intent(in) :: steps
-      real(wp), intent(in) :: w(steps%nlane, 0:steps%nnoise, steps%nstep), q, p
-      real(wp), intent(inout) :: qn(steps%nlane, steps%nstep/steps%every), pn(steps%nlane, steps%nstep/steps%every)
-      type(pade_terms) :: by
-      real(wp) :: x, y, a, c, h
-      integer :: step, out
-
-      h = terms%rate*steps%h
-      x = q
-      y = p
-      by = pade(max(which, midpoint))
-      do out = 1, steps%nstep/steps%every
-         do step = (out - 1)*steps%every + 1, out*steps%every
-            associate (b => terms%b, e => terms%e, wb => w(1, terms%noise_b, step), we => w(1, terms%noise_e, step))
-               a = h + terms%a*w(1, terms%noise_a, step)
-               c = h + terms%c*w(1, terms%noise_c, step)
-               select case (which)
-               case (euler)
-                  call kick_and_drift(a, b, wb, c, e, we, x, y)
-               case (adjoint)
-                  call kick_and_drift(-c, -e, we, -a, -b, wb, y, x)
-               case (verlet)
-                  call verlet_step(a, b, wb, c, e, we, x, y)
-               case (swapped_verlet)
-                  call verlet_step(-c, -e, we, -a, -b, wb, y, x)
-               case default
-                  call gauss_step(by, a, c, a*x + b*wb, c*y + e*we, x, y)
-               end select
-            end associate
-         end do
-         qn(1, out) = x
-         pn(1, out) = y
-      end do
-   end subroutine advance_alone
-
-   !> Take the steps of the corrected scheme for a path that is alone, in lane 1.
-   pure subroutine corrected_alone(terms, steps, h, w, q, p, qn, pn)
-      type(oscillator_terms), intent(in) :: terms
-      type(steps_record), intent(in) :: steps
-      real(wp), intent(in) :: h, w(steps%nlane, 0:steps%nnoise, steps%nstep), q, p
-      real(wp), intent(inout) :: qn(steps%nlane, steps%nstep/steps%every), pn(steps%nlane, steps%nstep/steps%every)
-      real(wp) :: x, y
-      integer :: step, out
-
-      x = q
-      y = p
-      do out = 1, steps%nstep/steps%every
-         do step = (out - 1)*steps%every + 1, out*steps%every
-            call corrected_step(h, terms%a*w(1, terms%noise_a, step), terms%c*w(1, terms%noise_c, step), x, y)
-         end do
-         qn(1, out) = x
-         pn(1, out) = y
-      end do
-   end subroutine corrected_alone
-
-   ! ---- kernels: nstep is 1 or a group ----------------------------------
+   ! ---- the schemes: one step of one lane each --------------------------
+   !
+   ! Products of noise stand behind those with x and y, which are then the ones that are contracted, wherever a step is
+   ! inlined.
 
    !> VEC Symplectic Euler: the force at x, then the velocity at the new y.
-   pure subroutine euler_pass(t, nlane, nnoise, nstep, h, w, q, p)
-      type(oscillator_terms), intent(in) :: t
-      integer, intent(in) :: nlane, nnoise, nstep
-      real(wp), intent(in) :: h, w(nlane, 0:nnoise, nstep)
-      real(wp), intent(inout) :: q(nlane), p(nlane)
-      real(wp) :: x, y
-      integer :: lane, step
+   pure subroutine euler_steps(t, steps, h, w, q, p, qn, pn)
+      include 'oscillator_steps.inc'
 
-      if (nstep == group) then
-         do lane = 1, nlane
-            x = q(lane)
-            y = p(lane)
-            !GCC$ unroll 8
-            do step = 1, group
-               call kick_and_drift(h + t%a*w(lane, t%noise_a, step), t%b, w(lane, t%noise_b, step), &
-                                   h + t%c*w(lane, t%noise_c, step), t%e, w(lane, t%noise_e, step), x, y)
-            end do
-            q(lane) = x
-            p(lane) = y
-         end do
-      else
-         do lane = 1, nlane
-            x = q(lane)
-            y = p(lane)
-            call kick_and_drift(h + t%a*w(lane, t%noise_a, 1), t%b, w(lane, t%noise_b, 1), &
-                                h + t%c*w(lane, t%noise_c, 1), t%e, w(lane, t%noise_e, 1), x, y)
-            q(lane) = x
-            p(lane) = y
-         end do
-      end if
-   end subroutine euler_pass
+   contains
 
-   !> VEC The corrected scheme, where noises are in a and c alone.
-   pure subroutine corrected_pass(t, nlane, nnoise, nstep, h, w, q, p)
-      type(oscillator_terms), intent(in) :: t
-      integer, intent(in) :: nlane, nnoise, nstep
-      real(wp), intent(in) :: h, w(nlane, 0:nnoise, nstep)
-      real(wp), intent(inout) :: q(nlane), p(nlane)
-      real(wp) :: x, y
-      integer :: lane, step
+      pure subroutine take(wa, wb, wc, we, x, y)
+         real(wp), value :: wa, wb, wc, we
+         real(wp), intent(inout) :: x, y
 
-      if (nstep == short) then
-         do lane = 1, nlane
-            x = q(lane)
-            y = p(lane)
-            !GCC$ unroll 4
-            do step = 1, short
-               call corrected_step(h, t%a*w(lane, t%noise_a, step), t%c*w(lane, t%noise_c, step), x, y)
-            end do
-            q(lane) = x
-            p(lane) = y
-         end do
-      else
-         do lane = 1, nlane
-            x = q(lane)
-            y = p(lane)
-            call corrected_step(h, t%a*w(lane, t%noise_a, 1), t%c*w(lane, t%noise_c, 1), x, y)
-            q(lane) = x
-            p(lane) = y
-         end do
-      end if
-   end subroutine corrected_pass
+         y = y - ((h + t%a*wa)*x + t%b*wb)
+         x = x + ((h + t%c*wc)*y + t%e*we)
+      end subroutine take
+
+   end subroutine euler_steps
 
    !> VEC Symplectic Euler where a = c = h: noise is in b and e alone.
-   pure subroutine additive_pass(t, nlane, nnoise, nstep, h, w, q, p)
-      type(oscillator_terms), intent(in) :: t
-      integer, intent(in) :: nlane, nnoise, nstep
-      real(wp), intent(in) :: h, w(nlane, 0:nnoise, nstep)
-      real(wp), intent(inout) :: q(nlane), p(nlane)
-      real(wp) :: x, y
-      integer :: lane, step
+   pure subroutine additive_euler(t, steps, h, w, q, p, qn, pn)
+      include 'oscillator_steps.inc'
 
-      if (nstep == group) then
-         do lane = 1, nlane
-            x = q(lane)
-            y = p(lane)
-            !GCC$ unroll 8
-            do step = 1, group
-               call kick_and_drift(h, t%b, w(lane, t%noise_b, step), h, t%e, w(lane, t%noise_e, step), x, y)
-            end do
-            q(lane) = x
-            p(lane) = y
-         end do
-      else
-         do lane = 1, nlane
-            x = q(lane)
-            y = p(lane)
-            call kick_and_drift(h, t%b, w(lane, t%noise_b, 1), h, t%e, w(lane, t%noise_e, 1), x, y)
-            q(lane) = x
-            p(lane) = y
-         end do
-      end if
-   end subroutine additive_pass
+   contains
+
+      pure subroutine take(wa, wb, wc, we, x, y)
+         real(wp), value :: wa, wb, wc, we  !! the first and the third have strength zero
+         real(wp), intent(inout) :: x, y
+
+         y = y - (h*x + t%b*wb)
+         x = x + (h*y + t%e*we)
+      end subroutine take
+
+   end subroutine additive_euler
+
+   !> VEC The corrected step, where noises are in a and c alone, with d = a c/2 of these.
+   pure subroutine corrected_steps(t, steps, h, w, q, p, qn, pn)
+      include 'oscillator_steps.inc'
+
+   contains
+
+      pure subroutine take(wa, wb, wc, we, x, y)
+         real(wp), value :: wa, wb, wc, we  !! the second and the last have strength zero
+         real(wp), intent(inout) :: x, y
+         real(wp) :: a, c, d
+
+         a = t%a*wa
+         c = t%c*wc
+         d = 0.5_wp*(a*c)
+         y = (y - (h + a)*x)*(1/(1 + d))
+         x = x + ((h + c)*y + d*x)
+      end subroutine take
+
+   end subroutine corrected_steps
 
    !> VEC Stormer-Verlet: half a kick, a drift, half a kick.
-   pure subroutine verlet_pass(t, nlane, nnoise, nstep, h, w, q, p)
-      type(oscillator_terms), intent(in) :: t
-      integer, intent(in) :: nlane, nnoise, nstep
-      real(wp), intent(in) :: h, w(nlane, 0:nnoise, nstep)
-      real(wp), intent(inout) :: q(nlane), p(nlane)
-      real(wp) :: x, y
-      integer :: lane, step
+   pure subroutine verlet_steps(t, steps, h, w, q, p, qn, pn)
+      include 'oscillator_steps.inc'
 
-      if (nstep == group) then
-         do lane = 1, nlane
-            x = q(lane)
-            y = p(lane)
-            !GCC$ unroll 8
-            do step = 1, group
-               call verlet_step(h + t%a*w(lane, t%noise_a, step), t%b, w(lane, t%noise_b, step), &
-                                h + t%c*w(lane, t%noise_c, step), t%e, w(lane, t%noise_e, step), x, y)
-            end do
-            q(lane) = x
-            p(lane) = y
-         end do
-      else
-         do lane = 1, nlane
-            x = q(lane)
-            y = p(lane)
-            call verlet_step(h + t%a*w(lane, t%noise_a, 1), t%b, w(lane, t%noise_b, 1), &
-                             h + t%c*w(lane, t%noise_c, 1), t%e, w(lane, t%noise_e, 1), x, y)
-            q(lane) = x
-            p(lane) = y
-         end do
-      end if
-   end subroutine verlet_pass
+   contains
 
-   !> VEC The midpoint rule and schemes of Gauss, whose linear equations are solved: `numbers` says which.
-   pure subroutine gauss_pass(t, numbers, nlane, nnoise, nstep, h, w, q, p)
-      type(oscillator_terms), intent(in) :: t
+      pure subroutine take(wa, wb, wc, we, x, y)
+         real(wp), value :: wa, wb, wc, we
+         real(wp), intent(inout) :: x, y
+         real(wp) :: a
+
+         a = h + t%a*wa
+         y = y - 0.5_wp*(a*x + t%b*wb)
+         x = x + ((h + t%c*wc)*y + t%e*we)
+         y = y - 0.5_wp*(a*x + t%b*wb)
+      end subroutine take
+
+   end subroutine verlet_steps
+
+   !> VEC The midpoint rule and schemes of Gauss by u and o, from force and velocity where a step begins.
+   pure subroutine gauss_steps(numbers, t, steps, h, w, q, p, qn, pn)
       type(pade_terms), intent(in) :: numbers
-      integer, intent(in) :: nlane, nnoise, nstep
-      real(wp), intent(in) :: h, w(nlane, 0:nnoise, nstep)
-      real(wp), intent(inout) :: q(nlane), p(nlane)
-      type(pade_terms) :: by  ! a copy stays in registers
-      real(wp) :: x, y, a, c
-      integer :: lane, step
+      include 'oscillator_steps.inc'
 
-      by = numbers
-      if (nstep == short) then
-         do lane = 1, nlane
-            x = q(lane)
-            y = p(lane)
-            !GCC$ unroll 4
-            do step = 1, short
-               a = h + t%a*w(lane, t%noise_a, step)
-               c = h + t%c*w(lane, t%noise_c, step)
-               call gauss_step(by, a, c, a*x + t%b*w(lane, t%noise_b, step), c*y + t%e*w(lane, t%noise_e, step), x, y)
-            end do
-            q(lane) = x
-            p(lane) = y
-         end do
-      else
-         do lane = 1, nlane
-            x = q(lane)
-            y = p(lane)
-            a = h + t%a*w(lane, t%noise_a, 1)
-            c = h + t%c*w(lane, t%noise_c, 1)
-            call gauss_step(by, a, c, a*x + t%b*w(lane, t%noise_b, 1), c*y + t%e*w(lane, t%noise_e, 1), x, y)
-            q(lane) = x
-            p(lane) = y
-         end do
-      end if
-   end subroutine gauss_pass
+   contains
 
-   ! In the steps of one lane products of noise stand behind those with x and y, which are then the ones that are
-   ! contracted, wherever a step is inlined.
+      pure subroutine take(wa, wb, wc, we, x, y)
+         real(wp), value :: wa, wb, wc, we
+         real(wp), intent(inout) :: x, y
+         real(wp) :: a, c, force, velocity, z, u, o, factor
 
-   !> y <- y - (a x + b), x <- x + (c y + e), with b = cb wb and e = ce we.
-   pure subroutine kick_and_drift(a, cb, wb, c, ce, we, x, y)
-      real(wp), intent(in) :: a, cb, wb, c, ce, we
-      real(wp), intent(inout) :: x, y
+         a = h + t%a*wa
+         c = h + t%c*wc
+         force = a*x + t%b*wb
+         velocity = c*y + t%e*we
+         z = a*c
+         u = 1 + z*(numbers%u(1) + z*numbers%u(2))
+         o = 0.5_wp + z*numbers%o
+         factor = 2*o/(u*u + z*(o*o))
+         x = x + (u*velocity - (o*c)*force)*factor
+         y = y - (u*force + (o*a)*velocity)*factor
+      end subroutine take
 
-      y = y - (a*x + cb*wb)
-      x = x + (c*y + ce*we)
-   end subroutine kick_and_drift
+   end subroutine gauss_steps
 
-   !> The corrected step, with d = a c/2 of the noises.
-   pure subroutine corrected_step(h, a, c, x, y)
-      real(wp), intent(in) :: h, a, c  !! the last two: of the noises alone
-      real(wp), intent(inout) :: x, y
-      real(wp) :: d
+   !> VEC Schemes of Lobatto by A, B, C and D, from force and velocity where a step begins. One division serves all.
+   pure subroutine lobatto_steps(numbers, t, steps, h, w, q, p, qn, pn)
+      type(step_quotients), intent(in) :: numbers
+      include 'oscillator_steps.inc'
 
-      d = 0.5_wp*(a*c)
-      y = (y - (h + a)*x)*(1/(1 + d))
-      x = x + ((h + c)*y + d*x)
-   end subroutine corrected_step
+   contains
 
-   !> Half a kick, a drift, half a kick.
-   pure subroutine verlet_step(a, cb, wb, c, ce, we, x, y)
-      real(wp), intent(in) :: a, cb, wb, c, ce, we
-      real(wp), intent(inout) :: x, y
+      pure subroutine take(wa, wb, wc, we, x, y)
+         real(wp), value :: wa, wb, wc, we
+         real(wp), intent(inout) :: x, y
+         real(wp) :: a, c, force, velocity, z, inverse, both, one, other
 
-      y = y - 0.5_wp*(a*x + cb*wb)
-      x = x + (c*y + ce*we)
-      y = y - 0.5_wp*(a*x + cb*wb)
-   end subroutine verlet_step
+         a = h + t%a*wa
+         c = h + t%c*wc
+         force = a*x + t%b*wb
+         velocity = c*y + t%e*we
+         z = a*c
+         inverse = 1/(1 + z*(numbers%d(1) + z*numbers%d(2)))
+         both = (0.5_wp + z*(numbers%b(1) + z*numbers%b(2)))*inverse
+         one = (1 + z*(numbers%a(1) + z*(numbers%a(2) + z*numbers%a(3))))*inverse
+         other = (1 + z*(numbers%c(1) + z*(numbers%c(2) + z*numbers%c(3))))*inverse
+         x = x + (one*velocity - (both*c)*force)
+         y = y - (other*force + (both*a)*velocity)
+      end subroutine take
 
-   !> The step of Gauss by u and o; force and velocity are f = a q + b and v = c p + e where it begins.
-   pure subroutine gauss_step(by, a, c, force, velocity, x, y)
-      type(pade_terms), intent(in) :: by
-      real(wp), intent(in) :: a, c, force, velocity
-      real(wp), intent(inout) :: x, y
-      real(wp) :: z, u, o, factor
-
-      z = a*c
-      u = 1 + z*(by%u(1) + z*by%u(2))
-      o = 0.5_wp + z*by%o
-      factor = 2*o/(u*u + z*(o*o))
-      x = x + (u*velocity - (o*c)*force)*factor
-      y = y - (u*force + (o*a)*velocity)*factor
-   end subroutine gauss_step
+   end subroutine lobatto_steps
 
 end module symsde_model_flows_oscillator
