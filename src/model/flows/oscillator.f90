@@ -164,7 +164,7 @@ contains
             call lobatto_steps(quotients(which), t, steps, h, w, q, p, qn, pn)
          case (corrected_euler)
             call corrected_steps(t, steps, h, w, q, p, qn, pn)
-         case (corrected_adjoint)
+         case default  ! corrected_adjoint: oscillator_has_flow knows no others
             call corrected_steps(back, steps, -h, w, p, q, pn, qn)
          end select
       end associate
