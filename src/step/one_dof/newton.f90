@@ -12,7 +12,7 @@ module symsde_step_one_dof_newton
    use symsde_model_abstract, only: angle_terms
    use symsde_scheme_scheme, only: scheme_type
    use symsde_solve_blocks, only: block_solver, new_block_solver
-   use symsde_solve_newton, only: newton_type, newton_options, new_newton, judge
+   use symsde_solve_newton, only: newton_type, newton_options, new_newton, start, judge
    use symsde_solve_stagnation, only: correct_lanes, restart_lanes
    use symsde_step_hamiltonian_one_step, only: one_step_hamiltonian
    use symsde_step_hamiltonian_brackets_one_dof, only: single_brackets, new_single_brackets, q_, p_, qq, qp, pp, nplace
@@ -46,7 +46,7 @@ module symsde_step_one_dof_newton
       ! The slopes are all that Newton's iteration carries along; points and derivatives are found anew in every
       ! iteration.
       self%x = from%x(places, :)
-      call self%newton%start(status)
+      call start(self%newton, status)
       ! brackets hold what stays the same in a step lane by lane: it is found anew for the gathered lanes
       if (allocated(self%brackets)) call self%brackets%begin(ham%modified, step, self%c)
       ! the rate of corrections and the number of the iteration go on as they would in the block
