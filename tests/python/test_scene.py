@@ -64,6 +64,16 @@ def saved(file, folder):
     return ss.open_run(folder).run
 
 
+@pytest.mark.parametrize(("steps", "every"), [(0, 1), (1, 1), (9, 1), (9, 3), (9, 9), (500, 50)])
+def test_room_is_asked_for_all_saved_times(file, steps, every, monkeypatch):
+    asked = []
+    monkeypatch.setattr(scene.checks, "room", lambda shape, *_, **__: asked.append(shape))
+    path = file(("steps = 500", f"steps = {steps}"), ("save_every = 50", f"save_every = {every}"))
+    loaded = scene.load(path)
+    last = asked[-1]
+    assert last == (2, ss.simulate(loaded.model, **{**loaded.run, "paths": 3}).t.size, 1, 3)
+
+
 def test_scene_is_the_run_it_says(file, tmp_path):
     moments, run = moments_of(scene.load(file())), saved(file(), tmp_path / "out")
     common = {"q0": 0.0, "p0": 0.0, "step": 0.02, "steps": 500, "seed": 1, "save_every": 50}

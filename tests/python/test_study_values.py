@@ -272,6 +272,7 @@ def test_only_upper_ends_count_as_reached():
     rows = [cost_row("midpoint", 0.1, 9.5e-3, 1e-6), cost_row("gauss2", 0.1, 2e-3, 5e-6)]  # 9.5e-3 + 10 % is above 0.01
     assert [row["scheme"] for row in study_words.cheapest(rows, 0.01)] == ["gauss2"]
     assert [row["scheme"] for row in study_words.cheapest(rows, 0.0105)] == ["midpoint", "gauss2"]
+    assert len(study_words.cheapest(rows, rows[0]["err_strong_high"])) == 2  # an error that is met is reached
 
 
 def test_the_table_of_the_page(result):
