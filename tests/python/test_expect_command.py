@@ -5,6 +5,7 @@ import dataclasses
 import importlib
 import math
 import re
+from pathlib import Path
 
 import pytest
 import symsde as ss
@@ -104,3 +105,10 @@ def test_one_interval_that_is_too_wide_is_enough(asked, tmp_path, capsys):
     assert main(["expect", scene, "--quiet", "--out", out, "--allow-python"]) == 4
     assert [str(arguments["out"]) for _, arguments in calls] == [f"{out}/mean-1", f"{out}/mean-2"]
     assert f"resume with `symsde expect {scene} --out {out} --allow-python`" in capsys.readouterr().err
+
+
+def test_a_mean_by_itself_has_the_whole_folder(asked, tmp_path):
+    scene, calls = asked
+    Path(scene).write_text(Path(scene).read_text().replace('f = ["q", "p"]', 'f = "q"'))
+    main(["expect", scene, "--quiet", "--out", str(tmp_path / "out")])
+    assert [str(arguments["out"]) for _, arguments in calls] == [str(tmp_path / "out")]
