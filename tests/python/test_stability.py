@@ -74,6 +74,11 @@ def replaced(value):
     return lambda real: value
 
 
+def lost_late():
+    """Not finite from t = 0.5 on."""
+    return ss.Model(ndof=1, nnoise=0, gradient=lambda t, w, q, p: (w[0] * (q if t < 0.5 else np.nan * q), w[0] * p))
+
+
 FAULTS = [
     (limits.stability_limits, linear_stability, "step_matrix", lambda real: lambda scheme, x: real(scheme, 1.001 * x)),
     (limits.stability_limits, limits, "rate", times(1.05)),
@@ -132,12 +137,7 @@ FAULTS = [
     (failures.overflow, failures, "simulate", with_huge_states_clipped),
     (failures.callbacks, failures, "labelled", lambda real: lambda fault, first: real(fault, first + 0.01)),
     (failures.singular_matrices, failures, "chain_of", lambda real: lambda n, nan_after=0: real(n)),
-    (
-        failures.singular_matrices,
-        failures,
-        "inverted",
-        lambda _real: lambda n, _h: failures.chain_of(n, nan_after=0.45),
-    ),
+    (failures.singular_matrices, failures, "inverted", replaced(lambda *_: lost_late())),
 ]
 
 
