@@ -60,6 +60,7 @@ ELSEWHERE = (
     '. "$HOME/venv',
     "array=$(sbatch ",
     "sbatch ",
+    "python3 -m venv ",
     "pip install ",
     "cmake ",
     "export ",
