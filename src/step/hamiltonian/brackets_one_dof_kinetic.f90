@@ -14,7 +14,8 @@
 !> The nested one is that of F = -p y_k' and G = H_k, which is -p y_k'' e_k p + y_k' U_k'.
 !>
 !> An angle's derivatives of every order follow from one sine and one cosine, and Newton's matrix is exact. Others are
-!> asked for two of U_j, which give the gradient, and the matrix goes without more.
+!> asked for two of U_j, which give the gradient, and the matrix goes without more. By the general form of
+!> step/hamiltonian/brackets_one_dof a step of an angle takes 2.6 to 4 times as long in blocks, and 3.6 to 8 times alone.
 module symsde_step_hamiltonian_brackets_one_dof_kinetic
    use symsde_base_kinds, only: wp
    use symsde_base_record, only: step_record
