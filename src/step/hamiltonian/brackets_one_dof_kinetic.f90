@@ -15,7 +15,8 @@
 !>
 !> An angle's derivatives of every order follow from one sine and one cosine, and Newton's matrix is exact. Others are
 !> asked for two of U_j, which give the gradient, and the matrix goes without more. By the general form of
-!> step/hamiltonian/brackets_one_dof a step of an angle takes 2.6 to 4 times as long in blocks, and 3.6 to 8 times alone.
+!> step/hamiltonian/brackets_one_dof a step of an angle takes 2.6 to 4 times as long in blocks, and 3.6 to 8 times
+!> alone.
 module symsde_step_hamiltonian_brackets_one_dof_kinetic
    use symsde_base_kinds, only: wp
    use symsde_base_record, only: step_record
