@@ -56,3 +56,27 @@ def test_noises_that_are_silent(scheme: str, paths: int):
     assert not run.status.any()
     assert np.abs(run.q - oracle.q).max() < 1e-13
     assert np.abs(run.p - oracle.p).max() < 1e-13
+
+
+@pytest.mark.parametrize("moving", [False, True])
+@pytest.mark.parametrize("paths", [1, 2, 3, 8, 40])
+def test_a_singular_drift_is_rescued_in_one_lane_or_in_all(paths, moving):
+    """At rest 1 + h^2 U''/4 = 0; without noise and at rest no kick comes before the midpoint step."""
+
+    def gradient(t, w, q, p):
+        return w[0] * (4 * q**3 - 16 * q + 0.3) + 0.2 * w[1] * q, w[0] * p
+
+    def hessian(t, w, q, p):
+        return (w[0] * (12 * q**2 - 16) + 0.2 * w[1])[None], np.zeros((1, *q.shape)), (w[0] + 0 * p)[None]
+
+    traits = dict.fromkeys(("separable", "position_noise", "identity_mass"), True)
+    model = ss.Model(ndof=1, nnoise=1, gradient=gradient, hessian=hessian, **traits)
+    rest = np.zeros((1, paths))
+    q0 = np.where(moving & (np.arange(paths) % 2 == 1), 0.7, rest)
+    how = {"p0": 0.0, "step": 0.5, "steps": 1, "paths": paths, "refine": 1, "increments": np.zeros((2, 1, paths))}
+    run = ss.simulate(model, q0=q0, scheme="verlet_kdk_midpoint", **how)
+    known = ss.simulate(model, q0=rest, scheme="midpoint", **how)
+    at_rest = q0[0] == 0
+    counters = run.report.counters
+    assert not run.status.any() and counters["damped"] + counters["continued"] == at_rest.sum()
+    np.testing.assert_allclose(run.last_q[:, at_rest], known.last_q[:, at_rest], rtol=1e-12)
