@@ -199,7 +199,7 @@ def open_folder(path: Any, inputs: dict[str, Any], seed: int, watch: Watch) -> I
 
 
 def inputs_of(problem: Problem, tolerance: Tolerance, scheme: Scheme | None, method: str | None) -> dict[str, Any]:
-    """What an answer depends on: functions by what they give at a few points."""
+    """What an answer depends on: of functions, their values at a few points."""
     model, target = problem.model, problem.target
     asked = {
         "f": target.name,

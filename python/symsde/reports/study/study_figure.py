@@ -68,7 +68,7 @@ def draw(study, left, right) -> None:
 
 
 def draw_weak(study, left, right) -> None:
-    """Weak error over run time in `left`, over the step in `right`; hollow where it is not told from zero."""
+    """Weak error over run time in `left`, over the step in `right`; hollow where 0 is within its error."""
     for _, rows, style in _schemes(study):
         known = [(row, *found) for row in rows if row["status"] not in LOST and (found := weak_error(row))]
         for axis, x in ((left, "seconds"), (right, "h")):
