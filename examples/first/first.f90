@@ -27,7 +27,7 @@ program first
    ! After an error the later calls do nothing, so one check at the end is enough.
    if (allocated(error)) then
       print '(a)', error%message
-      error stop 1
+      stop 1
    end if
 
    last = size(mean%t)

@@ -32,7 +32,7 @@ program host_loop
    end do
    if (allocated(error)) then
       write (error_unit, '(a)') error%message
-      error stop 1
+      stop 1
    end if
 
    drift = maxval(abs(run%q**2 + run%p**2 - 1))

@@ -53,7 +53,7 @@ contains
    subroutine check()
       if (.not. allocated(error)) return
       write (error_unit, '(a)') error%message
-      error stop 1
+      stop 1
    end subroutine check
 
 end program kubo

@@ -74,7 +74,7 @@ program own_model
                 q0=[1.0_wp], p0=[0.0_wp], result=averages, error=error)
    if (allocated(error)) then
       print '(a)', error%message
-      error stop 1
+      stop 1
    end if
    last = size(averages%t)
    print '(a, f9.6, a, f8.6, a, f4.1)', 'E q = ', averages%mean(1, last), ' +- ', averages%se_mean(1, last), &

@@ -131,7 +131,7 @@ def _program(given: Given) -> list[str]:
     lines += [f"   options%{OPTIONS.get(x, x)} = {_option(x, v)}" for x, v in given.options.items()]
     lines += [f"   call moments(model, scheme, options, q0={_state(given.q0)}, p0={_state(given.p0)}, &"]
     lines += ["                result=averages, error=error)", "   if (allocated(error)) then"]
-    lines += ["      print '(a)', error%message", "      error stop 1", "   end if", ""]
+    lines += ["      print '(a)', error%message", "      stop 1", "   end if", ""]
     lines += [f"   print '(a)', '# t, then the mean and its standard error of {columns(n, given.has_energy)}'"]
     lines += ["   do i = 1, size(averages%t)", "      print '(*(es25.17e3, 1x))', averages%t(i), &"]
     lines += ["         (averages%mean(k, i), averages%se_mean(k, i), k=1, size(averages%mean, 1))", "   end do"]
