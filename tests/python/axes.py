@@ -22,6 +22,7 @@ AXES = {
 TRAITS = {
     "kick": {"additive": True, "position_noise": True, "separable": True, "identity_mass": True},
     "both": {"additive": True},
+    "moved": {"additive": True, "separable": True, "identity_mass": True},
     "position": {"position_noise": True, "separable": True, "identity_mass": True},
     "mass": {"position_noise": True, "separable": True, "constant_mass": True},
     "any": {"position_noise": True},
@@ -85,6 +86,7 @@ def ridges_of(kind, ndof, nnoise, time=""):
         shapes = {
             "kick": [(1, 0.6, at_q)],
             "both": [(1, 0.6, at_all)],
+            "moved": [(1, 0.6, at_all)],
             "position": [("sin", 0.4, at_q), (2, 0.2, at_q)],
             "separable": [("sin", 0.4, at_q), ("sin", 0.3, at_p)],
             "coupled": [("sin", 0.4, at_all), (2, 0.1, mixed(k + 1, both))],
@@ -95,12 +97,42 @@ def ridges_of(kind, ndof, nnoise, time=""):
     return reference.Ridges(ndof, nnoise, found)
 
 
+def chain_of(kind, ndof, nnoise, reach, time=""):
+    """The same of neighbours alone, up to so many sites away: those of q_i feel p_{i-1}, and not the other way."""
+    units = np.eye(2 * ndof)
+    q, p, none = units[:ndof], units[ndof:], np.zeros(2 * ndof)
+    moves = {what: x if time in {what, "both"} else (0, 0) for what, x in (("H", (0.5, 2.3)), ("noise", (0.6, 3.1)))}
+    found, mixes = [], kind in {"both", "any", "coupled", "quadratic"}
+    for i in range(ndof):
+        q1, p1 = (q[i - 1], p[i - 1]) if i else (none, none)
+        q2 = q[i - reach] if i >= reach else none
+        around = q[i] - 0.6 * q1 - 0.3 * q2
+        found += [(0, 2, 0.5, 0, 0, p[i] + (0.4 * p1 if kind in {"mass", "any"} else 0), 0), (0, 2, 0.5, 0, 0, q[i], 0)]
+        if kind == "quadratic":
+            found += [(0, 2, 0.3, *moves["H"], around, 0), (0, 2, 0.2, *moves["H"], q[i] + 0.8 * p1, 0)]
+        else:
+            found += [(0, "sin", 0.7, *moves["H"], around, 0.4 * i), (0, 4, 0.05, 0, 0, around, 0)]
+            found += [(0, "sin", 0.4, *moves["H"], q[i] + 0.8 * p1, 0.2)] if mixes else []
+    for k in range(1, nnoise + 1):
+        i = k % ndof
+        at_all = q[i] + 0.7 * p[i - 1] if i else q[0] + 0.3 * p[0]
+        shapes = {
+            **{x: [(1, 0.6, q[i])] for x in ("kick", "quadratic")},
+            **{x: [(1, 0.6, at_all)] for x in ("both", "moved")},
+            "separable": [("sin", 0.4, q[i]), ("sin", 0.3, p[i])],
+            "coupled": [("sin", 0.4, at_all), (2, 0.1, at_all)],
+        }
+        at_q = [("sin", 0.4, q[i] - 0.5 * q[i - 1] if i else q[0]), (2, 0.2, q[i])]
+        found += [(k, f, s, *moves["noise"], a, 0.3 * k) for f, s, a in shapes.get(kind, at_q)]
+    return reference.Ridges(ndof, nnoise, found)
+
+
 def rotation_of(kind, ndof):
     """Frequencies of the linear part that every identity mass has here."""
     return (1.0,) * ndof if TRAITS[kind].get("identity_mass") else None
 
 
-def model_of(ridges, kind, *, third=True, silent=()):
+def model_of(ridges, kind, *, third=True, silent=(), bandwidth=None):
     """The same for the library; without third derivatives its nested brackets are differences."""
     functions = {x: getattr(ridges, x) for x in ("value", "gradient", "hessian", "hessian_vector")}
     if third:
@@ -111,6 +143,7 @@ def model_of(ridges, kind, *, third=True, silent=()):
         rotation=rotation_of(kind, ridges.ndof),
         derived=True,
         silent=silent,
+        bandwidth=bandwidth,
         **functions,
         **TRAITS[kind],
     )

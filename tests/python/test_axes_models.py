@@ -133,6 +133,23 @@ def test_steps_of_formulas(kind, scheme, row):
     compare(*compiled(kind), scheme, row)
 
 
+CHAINS = axes.covering(
+    kind=("kick", "moved", "both", "position", "mass", "any", "separable", "coupled", "quadratic"), ndof=(4, 6, 7),
+    reach=(1, 2), nnoise=(1, 3), sign=(1, -1), time=axes.AXES["time"], first_step=(0, 7), first_path=(0, 2**31 + 5),
+    size=(0.05, 0.2), scheme=range(6),
+)  # fmt: skip
+
+
+@pytest.mark.parametrize("row", CHAINS, ids=map(axes.ident, CHAINS))
+def test_steps_by_bands(row):
+    """Of chains that declare how far their neighbours reach: banded matrices, of blocks that are not symmetric, too."""
+    kind, reach = row["kind"], row["reach"]
+    fitting = [s for s in (*TABLEAUS, *BRACKETS, "symplectic_euler", "averaged_shift_midpoint") if kind in KINDS[s]]
+    scheme = ("midpoint", "gauss2", fitting[row["ndof"] + 2 * row["nnoise"]], *fitting[-3:])[row["scheme"]]
+    ridges = axes.chain_of(kind, row["ndof"], row["nnoise"], reach, row["time"])
+    compare(axes.model_of(ridges, kind, bandwidth=reach), ridges, scheme, row)
+
+
 #: solves a step of gauss2_strong32 at h = 0.6, measured and 3 % more; a second derivative of a bracket that is wrong in
 #: Newton's matrix costs 5 % to 35 % more and nothing else
 SOLVES = {"pendulum": 2.57, "synchrotron": 2.95, "driven_pendulum": 3.08, 1: 4.09, 2: 5.46, 3: 5.95}

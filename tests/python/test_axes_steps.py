@@ -18,12 +18,12 @@ KICKS = ("gauss_dkdkd", "verlet_kdk", "chin4a", "gauss_dkdkd_strong2", "verlet_k
          "verlet_kdk_midpoint", "verlet_dkd_weak2")  # fmt: skip
 KINDS = {
     **dict.fromkeys(TABLEAUS + BRACKETS + ONE_SIDED, tuple(axes.TRAITS)),
-    **dict.fromkeys(GALERKIN, ("kick", "both", "position", "mass", "any")),
+    **dict.fromkeys(GALERKIN, ("kick", "both", "moved", "position", "mass", "any")),
     **dict.fromkeys(KICKS, ("kick", "position", "mass")),
     "gauss_dkdkd_midpoint": ("kick", "position", "mass", "any"),
     "gauss_dkdkd_rotation": ("kick", "position"),
     "exact_rotation": ("kick", "position"),
-    "averaged_shift_midpoint": ("kick", "both"),
+    "averaged_shift_midpoint": ("kick", "both", "moved"),
     "verlet_dz": ("kick",),
     "drift_preserving": ("kick",),
 }
@@ -122,7 +122,37 @@ def test_a_silent_noise_is_as_none(row):
     np.testing.assert_allclose(*found, rtol=0, atol=1e-13)
 
 
-REVERSED = (*ONE_SIDED, "lobatto3", "P2N2Q2Otr", "dirk:0.25", "heun")
+HUSHED = axes.covering(
+    nnoise=(16, 17, 20), silent=("first", "last", "17th", "others", "even", "all"), kind=("kick", "position", "both"),
+    sign=(1, -1), scheme=("midpoint", "stormer_verlet", "gauss2"),
+)  # fmt: skip
+
+
+@pytest.mark.parametrize("row", HUSHED, ids=map(axes.ident, HUSHED))
+def test_silent_ones_of_many_noises(row):
+    """Those beyond sixteen are probed together: what is silent may be said of any, and of none that acts."""
+    m, every = row["nnoise"], range(1, row["nnoise"] + 1)
+    silent = {"first": [1], "last": [m], "17th": [min(17, m)], "others": every[:-1], "even": every[1::2], "all": every}
+    silent = tuple(silent[row["silent"]])
+    ridges, h = axes.ridges_of(row["kind"], 1, m), 0.1 * row["sign"]
+    ridges.s[np.isin(ridges.j, silent)] = 0
+    (q0, p0), rows = axes.start(1, 3), axes.rows_of(h, 1, 1, m, 3)
+    given = {"q0": q0, "p0": p0, "paths": 3, "step": h, "steps": 1, "scheme": row["scheme"], "increments": rows}
+    one, two = (ss.simulate(axes.model_of(ridges, row["kind"], silent=x), **given) for x in (silent, ()))
+    np.testing.assert_array_equal([one.q, one.p], [two.q, two.p])
+    acts = [k for k in every if k not in silent]
+    for k in {*acts[:1], *acts[-1:]}:
+        with pytest.raises(ss.errors.FalseTraitError, match="silent"):
+            ss.simulate(axes.model_of(ridges, row["kind"], silent=(*silent, k)), **given)
+
+
+def own_noise():
+    """Coefficients and weights of the noise that have nothing to do with those of the drift."""
+    a, abar, b, bbar = 0.4 * np.random.default_rng(3).uniform(-1, 1, (4, 2, 2))
+    return ss.schemes.from_tableau(a, abar, [0.4, 0.6], allow_nonsymplectic=True, b=b, bbar=bbar, beta=[0.7, 0.3])
+
+
+REVERSED = (*ONE_SIDED, "lobatto3", "P2N2Q2Otr", "dirk:0.25", "heun", "own")
 BACK = axes.covering(**axes.AXES, kind=("position", "separable", "coupled"), scheme=REVERSED)
 
 
@@ -131,18 +161,13 @@ def test_the_adjoint_goes_back(row):
     """Its step back along the same path is the inverse, of compositions too: nodes, weights and correction reversed."""
     ridges = axes.ridges_of(row["kind"], row["ndof"], row["nnoise"], row["time"])
     model, h = axes.model_of(ridges, row["kind"]), 0.1 * row["sign"]
-    correction = "none" if row["scheme"] == "heun" else "auto"
-    both = ss.schemes.composition([row["scheme"], "stormer_verlet"], [0.4, 0.6]) if row["first_step"] else row["scheme"]
+    correction = "none" if row["scheme"] in {"heun", "own"} else "auto"
+    one = own_noise() if row["scheme"] == "own" else row["scheme"]
+    both = ss.schemes.composition([one, "stormer_verlet"], [0.4, 0.6]) if row["first_step"] else one
     x, dw = axes.start(row["ndof"], 3), axes.rows_of(h, 1, 1, row["nnoise"], 3)[0]
     there = ss.step(model, both, *x, h, dw, t=0.3, correction=correction)
     back = ss.step(model, ss.schemes.adjoint(both), *there, -h, -dw, t=0.3 + h, correction=correction)
     np.testing.assert_allclose(back, x, rtol=0, atol=1e-13)
-
-
-def own_noise():
-    """Coefficients and weights of the noise that have nothing to do with those of the drift."""
-    a, abar, b, bbar = 0.4 * np.random.default_rng(3).uniform(-1, 1, (4, 2, 2))
-    return ss.schemes.from_tableau(a, abar, [0.4, 0.6], allow_nonsymplectic=True, b=b, bbar=bbar, beta=[0.7, 0.3])
 
 
 PART = ("midpoint", "symplectic_euler", "lobatto3", "heun", "own")

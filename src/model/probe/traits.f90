@@ -87,18 +87,18 @@ contains
 
    !> Test what is declared of the Hamiltonians by themselves, each declared trait by its own probe.
    subroutine probe_traits(points, traits, k, error)
-      type(probe_points), intent(in) :: points
+      type(probe_points), intent(inout) :: points
       type(model_traits), intent(in) :: traits
       integer, intent(in) :: k  !! number of the sum; 0 is H
       type(error_type), allocatable, intent(inout) :: error
 
       if (allocated(error)) return
       if (k == 0 .and. traits%has_constant_mass()) call probe_mass(points, error)
-      if (k > 0 .and. allocated(traits%silent)) call probe_silent(points, k, error)
       if (k > 0 .and. traits%position_noise) call probe_position_noise(points, error)
       if (k > 0 .and. traits%additive) call probe_additive(points, error)
       if (traits%separable) call probe_separable(points, error)
       if (traits%quadratic) call probe_quadratic(points, error)
+      if (k > 0 .and. allocated(traits%silent)) call probe_silent(points, k, error)  ! last: it changes the sum
    end subroutine probe_traits
 
    !> Test the derivatives offered beside the gradient. By now the bands are known to hold all entries.
@@ -130,18 +130,21 @@ contains
       if (bad%lane > 0) call refuse(points, trait, what, x, bad%lane, bad%i, bad%i, error)
    end subroutine probe_mass
 
-   !> A noise that is declared silent must have no gradient: H_k = 0.
+   !> Noises that are declared silent must have no gradient: H_k = 0; of several, the sum of those declared so is 0.
    subroutine probe_silent(points, k, error)
-      type(probe_points), intent(in) :: points
+      type(probe_points), intent(inout) :: points
       integer, intent(in) :: k
       type(error_type), allocatable, intent(inout) :: error
       real(wp), allocatable :: hq(:, :), hp(:, :)
       real(wp) :: scale(nlane)
       type(finding) :: bad
-      integer :: last
+      integer :: last, j
 
       last = merge(points%nnoise, k, k == points%last_sum())  ! the last sum may be of several noises
-      if (.not. all(points%model%traits%silent(k:last))) return
+      if (.not. any(points%model%traits%silent(k:last))) return
+      do j = k, last
+         if (.not. points%model%traits%silent(j)) points%w(:, j) = 0
+      end do
       call points%gradient(hq, hp, scale)
       call worst(hq, hp, scale, vanishing, bad)
       if (bad%lane == 0) return
@@ -329,9 +332,8 @@ contains
          if (.not. abs(slope(lane) - exact(lane)) > matching*scale(lane)) cycle
          call raise(error, false_trait, here, 'model '''//points%model%name// &
                     ''' declares has_value, but along one direction '//points%sum_name// &
-                    ' changes at the rate '//to_text(slope(lane))//' by its values and '// &
-                    to_text(exact(lane))//' by its gradient, at '//points%place(lane, 1, 1)// &
-                    '; correct one of them, or offer no value')
+                    ' changes at the rate '//to_text(slope(lane))//' by its values and '//to_text(exact(lane))// &
+                    ' by its gradient, at '//points%place(lane, 1, 1)//'; correct one of them, or offer no value')
          return
       end do
    end subroutine probe_value
@@ -405,9 +407,8 @@ contains
          if (bad%lane == 0) cycle
          if (bad%half == 2) uq = up
          if (bad%half == 2) aq = ap
-         call raise(error, false_trait, here, 'model '''//points%model%name//''' offers '// &
-                    trim(names(which))//', but by it '// &
-                    points%entry_name(bad, finding(1, half, 0))//' times a vector is '// &
+         call raise(error, false_trait, here, 'model '''//points%model%name//''' offers '//trim(names(which))// &
+                    ', but by it '//points%entry_name(bad, finding(1, half, 0))//' times a vector is '// &
                     to_text(aq(bad%lane, bad%i))//' and by differences of the gradient '// &
                     to_text(uq(bad%lane, bad%i))//' at '//points%place(bad%lane, bad%i, bad%i)// &
                     '; correct it, or do not offer it')
@@ -473,8 +474,7 @@ contains
       column = largest_entry(row%lane, uq, up)
       if (column%half == 1) x = uq(row%lane, column%i)
       if (column%half == 2) x = up(row%lane, column%i)
-      call refuse(points, trait, points%entry_name(row, column), x, row%lane, row%i, column%i, &
-                  error)
+      call refuse(points, trait, points%entry_name(row, column), x, row%lane, row%i, column%i, error)
    end subroutine refuse_entry
 
    !> Refuse a trait (false_trait) because a quantity that it says is zero is not; tell its value, and where that is.
