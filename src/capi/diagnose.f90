@@ -3,7 +3,7 @@
 module symsde_capi_diagnose
    use, intrinsic :: iso_c_binding, only: c_associated, c_int, c_int64_t, c_ptr
    use symsde_base_kinds, only: wp, i8
-   use symsde_base_status, only: error_type, raise, invalid_argument, status_ok, callback_failed
+   use symsde_base_status, only: error_type, raise, invalid_argument, callback_failed
    use symsde_base_text, only: to_text
    use symsde_capi_arrays, only: view
    use symsde_capi_error, only: finish, require, check_sizes
@@ -106,7 +106,7 @@ contains
          call view(p, o%npath, n, ntime, ps)
          call exact_solution(m, o, from%q0, from%p0, qs, ps, refusal, from%dw, s, monitor)
       end if
-      status = finish(refusal, error)
+      status = end_diagnosis(refusal, m, error)
    end function symsde_exact_solution
 
    !> What action and residual share: all paths of a run with save_every = 1, and its increments.
@@ -184,20 +184,21 @@ contains
       end if
    end subroutine view_increments
 
-   !> The refusal, or whether a callback failed.
+   !> Whether a callback failed, which may be the cause of a refusal, or the refusal.
    function end_diagnosis(refusal, model, error) result(status)
       type(error_type), allocatable, intent(in) :: refusal
       class(model_type), pointer, intent(in) :: model
       type(c_ptr), intent(in) :: error
       integer(c_int) :: status
+      type(error_type), allocatable :: none
       integer :: code
 
       code = 0
       if (associated(model)) code = model%failure_code()
-      if (allocated(refusal) .or. code == 0) then
-         status = finish(refusal, error, status_ok)
+      if (code == 0) then
+         status = finish(refusal, error)
       else
-         status = finish(refusal, error, callback_failed, 'a callback returned '//to_text(code)// &
+         status = finish(none, error, callback_failed, 'a callback returned '//to_text(code)// &
                          ' during the diagnosis: its result is not valid')
       end if
    end function end_diagnosis

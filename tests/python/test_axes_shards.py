@@ -6,6 +6,7 @@ import warnings
 import axes
 import numpy as np
 import pytest
+import reference
 import symsde as ss
 from symsde import observe
 from symsde.answers.coupled import LevelSampler
@@ -139,6 +140,27 @@ def test_a_unit_counts_where_all_its_paths_are_ok(row):
     assert drawn.units.mean == pytest.approx(mean[ok].mean(), rel=1e-9)
 
 
+def failing(ridges, kind, **traits):
+    """A model of compiled functions of which one counts its calls, and returns 7 at one of them."""
+    calls, bad = [0], [-1]
+    kinds = ("gradient", "value", "hessian", "hessian_vector", "third_derivative")
+
+    def compiled(name):
+        inner = callbacks.from_python(name, getattr(ridges, name), callbacks.Failures())
+
+        def function(*given):
+            code = inner(*given)
+            if name == kind:
+                calls[0] += 1
+                return 7 if calls[0] == bad[0] else code
+            return code
+
+        return abi.CALLBACKS[name](function)
+
+    functions = {name: compiled(name) for name in kinds}
+    return ss.Model(ndof=ridges.ndof, nnoise=ridges.nnoise, **functions, **traits), calls, bad
+
+
 FUNCTIONS = axes.covering(ndof=(1, 2, 3), nnoise=(1, 2, 3), at=("middle", "last"),
                           kind=("gradient", "value", "hessian", "hessian_vector", "third_derivative"))  # fmt: skip
 
@@ -146,22 +168,7 @@ FUNCTIONS = axes.covering(ndof=(1, 2, 3), nnoise=(1, 2, 3), at=("middle", "last"
 @pytest.mark.parametrize("row", FUNCTIONS, ids=map(axes.ident, FUNCTIONS))
 def test_a_code_of_a_function_ends_the_run(row):
     """Of any function, compiled, while steps are made and at its last call."""
-    ridges, calls, bad = axes.ridges_of("coupled", row["ndof"], row["nnoise"]), [0], [-1]
-    kinds = ("gradient", "value", "hessian", "hessian_vector", "third_derivative")
-
-    def compiled(kind):
-        inner = callbacks.from_python(kind, getattr(ridges, kind), callbacks.Failures())
-
-        def function(*given):
-            code = inner(*given)
-            if kind == row["kind"]:
-                calls[0] += 1
-                return 7 if calls[0] == bad[0] else code
-            return code
-
-        return abi.CALLBACKS[kind](function)
-
-    model = ss.Model(ndof=row["ndof"], nnoise=row["nnoise"], **{kind: compiled(kind) for kind in kinds})
+    model, calls, bad = failing(axes.ridges_of("coupled", row["ndof"], row["nnoise"]), row["kind"])
     run = {"q0": 0.3, "p0": 0.2, "step": 0.1, "steps": 20, "paths": 3, "threads": 1}
     scheme = {"third_derivative": "gauss2_strong32", "hessian_vector": "lambda:0.3"}.get(row["kind"], "gauss2")
     run |= {"scheme": scheme, "general": row["kind"] == "hessian"}
@@ -170,3 +177,80 @@ def test_a_code_of_a_function_ends_the_run(row):
     assert bad[0] > 0
     with pytest.raises(ss.errors.CallbackError, match="7"):
         ss.moments(model, **run)
+
+
+CALLS = {
+    "step": lambda model, run: ss.step(model, "gauss2", 0.3, 0.2, 0.1, 0.05),
+    "prepared": lambda model, run: ss.prepare(model, "gauss2", q0=0.3, p0=0.2, step=0.1).run(3),
+    "symplecticity": lambda model, run: ss.diagnose.symplecticity(model, "gauss2", q=0.3),
+    "action": lambda model, run: ss.diagnose.action(run),
+    "residual": lambda model, run: ss.diagnose.euler_lagrange_residual(run),
+    "stationary": lambda model, run: ss.diagnose.stationary_path(model, q_start=0.3, q_end=0.4, step=0.1, steps=4),
+    "exact": lambda model, run: ss.diagnose.exact(run),
+    "commutator": lambda model, run: ss.commutator(model),
+    "value": lambda model, run: model.value(0.3, 0.2),
+    "gradient": lambda model, run: model.gradient(0.3, 0.2),
+    "hessian": lambda model, run: model.hessian(0.3, 0.2),
+    "mean_square": lambda model, run: ss.mean_square(model, step=0.1),
+}
+ASKED = axes.covering(call=tuple(CALLS), ndof=(1, 2), nnoise=(1, 2), at=("first", "middle", "last"),
+                      kind=("gradient", "value", "hessian", "hessian_vector"))  # fmt: skip
+
+
+@pytest.mark.parametrize("row", ASKED, ids=map(axes.ident, ASKED))
+def test_a_code_of_a_function_ends_every_call(row):
+    """Of whatever asks a model, with the code; the next call is as if there had been none."""
+    n, m, call = row["ndof"], row["nnoise"], CALLS[row["call"]]
+    units, noises = np.eye(2 * n), [(k, 2, 0.3) for k in range(1, row["nnoise"] + 1)]
+    found = [(j, f, s, 0, 0, a, 0) for j, f, s in ((0, 2, 0.5), *noises) for a in units]
+    runs = row["call"] in {"step", "prepared", "mean_square"}  # what their warnings ask may fail
+    kind, at = ("gradient", "last") if runs else (row["kind"], row["at"])
+    model, calls, bad = failing(reference.Ridges(n, m, found), kind, quadratic=True, derived=True)
+    run = ss.simulate(model, q0=0.3, p0=0.2, step=0.1, steps=3)
+    call(model, run)  # with probes, which are not made again
+    calls[0] = 0
+    call(model, run)
+    count = calls[0]
+    if not count:
+        return
+    calls[0], bad[0] = 0, {"first": 1, "middle": (count + 1) // 2, "last": count}[at]
+    with pytest.raises(ss.errors.CallbackError, match="7"):
+        call(model, run)
+    bad[0] = -1
+    call(model, run)
+
+
+TAKEN = axes.covering(kind=tuple(callbacks.RETURNS), ndof=(1, 2), nnoise=(1, 3), paths=(1, 9),
+                      scheme=("midpoint", "gauss2_strong32", "lambda:0.3", "stormer_verlet"))  # fmt: skip
+
+
+@pytest.mark.parametrize("row", TAKEN, ids=map(axes.ident, TAKEN))
+def test_what_functions_are_given_is_theirs(row):
+    """Weights, states and vectors: kept, they stay as they were; changed, they change no run."""
+    ridges, kept = axes.ridges_of("coupled", row["ndof"], row["nnoise"]), []
+    q0, p0 = axes.start(row["ndof"], row["paths"])
+    given = {"q0": q0, "p0": p0, "step": 0.1, "steps": 3, "paths": row["paths"], "scheme": row["scheme"], "seed": 3}
+    functions = {x: getattr(ridges, x, None) for x in callbacks.RETURNS}
+    functions["gradient_hessian"] = lambda *x: (*ridges.gradient(*x), *ridges.hessian(*x))
+
+    def taking(function, change):
+        def taken(t, *arrays):
+            before = [x.copy() for x in arrays]
+            found = function(t, *before)
+            kept.append((arrays, before))
+            for x in arrays if change else ():
+                x[...] = np.nan
+            return found
+
+        return taken
+
+    runs = []
+    for change in (False, True):
+        own = {**functions, row["kind"]: taking(functions[row["kind"]], change)}
+        del kept[:]
+        runs.append(ss.moments(ss.Model(ndof=row["ndof"], nnoise=row["nnoise"], **own), **given))
+        if not change:
+            for arrays, before in kept:
+                np.testing.assert_equal(arrays, tuple(before))
+    assert kept
+    np.testing.assert_array_equal(*(run.table("mean") for run in runs))
