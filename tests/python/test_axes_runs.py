@@ -99,6 +99,46 @@ def test_few_paths_are_those_of_a_block(row):
     same(part, (whole.q[:, :, few], whole.p[:, :, few], whole.t, whole.path[few]))
 
 
+FAILING = axes.covering(
+    ndof=(1, 2, 3), nnoise=(1, 2), sign=(1, -1), first_step=(0, 7), scheme=SCHEMES, paths=(1, 3, 40), at=(0, 1, 3),
+    compensated=(False, True), fail=("one", "all"),
+)  # fmt: skip
+
+
+@pytest.mark.parametrize("row", FAILING, ids=map(axes.ident, FAILING))
+def test_a_reset_run_is_as_new(row):
+    """Whatever has failed in calls before: the same states, statuses, steps of failure, counters and warnings again."""
+    ridges, how = scene_of({**row, "time": ""})
+    now = [0.0]
+
+    def gradient(t, w, q, p):
+        hq, hp = ridges.gradient(t, w, q, p)
+        ill = abs(q[0] - q[0, 0]) <= (0 if row["fail"] == "one" else np.inf)
+        return np.where(ill & (row["sign"] * (t - now[0]) > 0), np.nan, hq), hp
+
+    traits = {**axes.TRAITS["position"], "derived": True}
+    more = {x: getattr(ridges, x) for x in ("hessian", "hessian_vector", "third_derivative")}
+    model = ss.Model(ndof=row["ndof"], nnoise=row["nnoise"], gradient=gradient, **more, **traits)
+    now[0] = T0 + how["step"] * (row["first_step"] + row["at"] - 0.2)
+    run = ss.prepare(model, **how)
+
+    def call():
+        before = run.report.counters
+        with pytest.warns(ss.PathsFailedWarning) as said:
+            for _ in range(5):
+                run.step()
+        told = [str(x.message).partition(":")[0] for x in said]
+        counted = {x: n - before[x] for x, n in run.report.counters.items()}
+        return [np.array(x) for x in (run.q, run.p, run.status, run.failed_step)], told, counted
+
+    first = call()
+    assert first[0][2].any() and (first[0][3][first[0][2] != 0] >= row["first_step"]).all()
+    run.reset()
+    assert not run.status.any() and (run.failed_step == -1).all()
+    again = call()
+    np.testing.assert_equal(again, first)
+
+
 DRIVEN = axes.covering(**axes.AXES, refine=(0, 1, 2), paths=(1, 3, 40))
 
 
