@@ -1,8 +1,9 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""What does not fit is refused by a sentence that names it: folders, manifests, parts, damaged shards, options."""
+"""What is told: of what does not fit, by a sentence that names it, folders, manifests, parts, options; how to go on."""
 
 import json
 import re
+import shlex
 import shutil
 import signal
 
@@ -349,3 +350,25 @@ def test_the_command_without_a_verb_shows_its_verbs(capsys):
     assert command_line.main([]) == command_line.BAD_INPUT
     said = capsys.readouterr()
     assert not said.out and "usage: symsde" in said.err and "Run a scene in a folder of shards" in said.err
+
+
+@pytest.mark.parametrize("check", [(), ("--error-check",)])
+@pytest.mark.parametrize("trusted", [(), ("--allow-python",)])
+@pytest.mark.parametrize("part", [(), ("--shard", "2/3")])
+def test_what_a_stopped_run_says_is_its_command(part, trusted, check, tmp_path, capsys):
+    """Of a run or a part that is stopped before it has begun: what is told computes this, and nothing else."""
+    file, flags = tmp_path / "scene.toml", (*part, *trusted, *check)
+    file.write_text(SCENE)
+
+    def run(*given):
+        return command_line.main(["run", *map(str, given), "--quiet"])
+
+    begun = (file, "--shard-paths", 256, *flags)
+    assert run(*begun, "--out", tmp_path / "o ut", "--max-walltime", "0.001s") == command_line.STOPPED
+    again = shlex.split(capsys.readouterr().err.partition("resume with `symsde run ")[2].partition("`")[0])
+    assert again[:3] == [str(file), "--out", str(tmp_path / "o ut")] and sorted(again[3:]) == sorted(flags)
+    assert run(*again) == run(*begun, "--out", tmp_path / "alone") == command_line.OK
+    one, other = ({x.name: x.read_bytes() for x in (tmp_path / out / "shards").iterdir()} for out in ("o ut", "alone"))
+    assert one == other and len(one) == (3 if part else 10)
+    assert (tmp_path / "o ut" / "moments.csv").exists() == (not part)
+    assert (tmp_path / "o ut" / "error-check.csv").exists() == (not part and bool(check))

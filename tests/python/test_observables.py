@@ -2,6 +2,7 @@
 """Observables from formulas and functions: values against saved paths, the bits of any division, what is no number."""
 
 import pickle
+import warnings
 from concurrent.futures import ProcessPoolExecutor
 from multiprocessing import get_context
 
@@ -469,3 +470,25 @@ def test_what_takes_each_path_by_itself_is_not():
     }
     with np.errstate(all="ignore"), pytest.warns(ss.NotANumberWarning):
         ss.moments(mine, observables=fine, **RUN)
+
+
+@pytest.mark.parametrize("entry", ["moments", "ensemble"])
+@pytest.mark.parametrize("lost", ["none", "one", "all but one", "all"])
+@pytest.mark.parametrize("late", [False, True])
+@pytest.mark.parametrize("paths", [1, 20])
+def test_doubts_are_of_paths_that_count(paths, late, lost, entry, tmp_path):
+    """Where no path is left, means are no numbers, and no warning says that a value is none: paths failed."""
+    gone = {"none": [], "one": [0], "all but one": range(paths - 1), "all": range(paths)}[lost]
+    start = np.full((1, paths), 1.0)
+    start[0, list(gone)] = -1.0
+    observables = {"x": "log(q1) + 0*t" if not late else "log(q1 + 2*(1 + tanh(100*(0.15 - t))))"}
+    watched = {"loss": observe.Passage("x", high=50.0)}
+    run = {"q0": start, "p0": 0.0, "step": 0.1, "steps": 4, "paths": paths, "observables": observables}
+    with warnings.catch_warnings(record=True) as said:
+        warnings.simplefilter("always")
+        found = getattr(ss, entry)(ss.models.pendulum(), observers=watched, **run)
+    assert [x.category for x in said] == [ss.PathsFailedWarning] * bool(len(gone))
+    assert found.doubts() == [] and found.failed.tolist() == list(gone)
+    left = found.n_ok > 0
+    assert left.all() == (len(gone) < paths) and left.any() == (late or left.all())
+    assert (np.isfinite(found.mean_q[:, 0]) == left).all() and (np.isfinite(found.mean["x"]) == left).all()
