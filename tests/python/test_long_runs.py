@@ -126,4 +126,4 @@ def test_a_file_system_that_cannot_be_written(tmp_path, capsys):
             command_line.main(["run", str(tmp_path / "scene.toml"), "--out", str(still / "out")])
             == command_line.NOT_WRITTEN
         )
-        assert "out: Read-only file system: give another one" in capsys.readouterr().err
+        assert "out: Read-only file system: give another folder, or make room" in capsys.readouterr().err
