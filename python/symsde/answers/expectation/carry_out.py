@@ -142,16 +142,17 @@ class Execution:
                     if drawn[i].failed >= least:
                         raise NumericalError(_failures(drawn[i])[0])
             while not self.watch.over and (excess := self._excess(drawn)) > 0:
-                i = max(range(len(drawn)), key=lambda j: _noise(drawn[j]) / drawn[j].seconds)
-                missing = drawn[i].units.n * excess / max(_noise(drawn[i]) - excess, 1e-3 * excess)
+                noise = self._noises(drawn)
+                i = max(range(len(drawn)), key=lambda j: noise[j] / drawn[j].seconds)
+                missing = drawn[i].units.n * excess / max(noise[i] - excess, 1e-3 * excess)
                 if doubles := self._is_doubled(levels[i], drawn[i], missing):
                     drawn[i] = _with_twice_the_points(levels[i], drawn[i])
                 elif (part := self._more(levels[i], drawn[i], _more(missing), f"even-{i:02d}")) is not None:
                     drawn[i] += part
                 else:
                     break
-                noise = sum(map(_noise, drawn))
-                share = 1 - max(self._excess(drawn), 0.0) / noise if noise > 0 else 1.0
+                total = sum(self._noises(drawn))
+                share = 1 - max(self._excess(drawn), 0.0) / total if total > 0 else 1.0
                 self.watch.tell(_share_of_points(share) if doubles else share)
         except BaseException as stop:
             carry(stop, lambda: self._of_even_levels(drawn) if all(x.units.n > 1 for x in drawn) else None)
@@ -178,15 +179,25 @@ class Execution:
 
     def _excess(self, drawn: list[Drawn]) -> float:
         """Variance of the value, over the share of the error that is left to noise."""
-        error = self.tolerance.half_width(sum(x.units.mean for x in drawn)) / quantile(_units_of(drawn))
-        return sum(map(_noise, drawn)) - (1 - BIAS_SHARE) * error**2
+        noise = self._noises(drawn)
+        error = self.tolerance.half_width(sum(x.units.mean for x in drawn)) / quantile(_units_of(drawn, noise))
+        return sum(noise) - (1 - BIAS_SHARE) * error**2
+
+    def _noises(self, drawn: list[Drawn]) -> list[float]:
+        """Variance of the mean of every level. Where all units of f itself are the same, that which as many independent
+        paths would have: f may jump seldom, and the pilot saw it."""
+        noise = [x.units.variance / x.units.n for x in drawn]
+        if drawn[0].units.m2 == 0:
+            noise[0] = self.plan.variance / max(drawn[0].paths, 1)
+        return noise
 
     def _of_even_levels(self, drawn: list[Drawn]) -> Answer:
         value, bias = sum(x.units.mean for x in drawn), math.hypot(*self.plan.bias)
-        error = math.sqrt(sum(map(_noise, drawn)))
+        noise = self._noises(drawn)
+        error = math.sqrt(sum(noise))
         notes = [note for x in drawn for note in _failures(x)]
         paths = sum(x.paths for x in drawn)
-        half = half_width_when_stopped(error, bias, _units_of(drawn), self.tolerance.half_width(value))
+        half = half_width_when_stopped(error, bias, _units_of(drawn, noise), self.tolerance.half_width(value))
         return self._finished(_Outcome(value, half, error, bias, paths, notes))
 
     def _more(self, estimator: Estimator, drawn: Drawn, missing: int, name: str = "units") -> Drawn | None:
@@ -319,14 +330,9 @@ def _with_twice_the_points(estimator: Quasi, drawn: Drawn) -> Drawn:
     return dataclasses.replace(new, seconds=new.seconds + drawn.seconds)
 
 
-def _noise(drawn: Drawn) -> float:
-    """Variance of the mean."""
-    return drawn.units.variance / drawn.units.n
-
-
-def _units_of(drawn: list[Drawn]) -> int:
-    """As many units of one sample would know the variance of the sum as well (Satterthwaite 1946)."""
-    shares = list(map(_noise, drawn))
+def _units_of(drawn: list[Drawn], shares: list[float]) -> int:
+    """As many units of one sample would know the variance of the sum as well (Satterthwaite 1946), of which each level
+    has this share."""
     doubt = sum(share**2 / (x.units.n - 1) for share, x in zip(shares, drawn, strict=True))
     return 1 + int(sum(shares) ** 2 / doubt) if doubt > 0 else max(x.units.n for x in drawn)
 
