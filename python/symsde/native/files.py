@@ -159,7 +159,7 @@ def folder(path: str | os.PathLike) -> Iterator[Path]:
             with tempfile.TemporaryFile(dir=target):
                 pass
         except OSError as error:
-            what = "it is a file, not a folder" if target.is_file() else _reason(error)
+            what = "it is a file, not a folder" if os.path.isfile(target) else _reason(error)
             raise NotWrittenError(
                 f"nothing can be written to {target}: {what}: give another folder, or make room"
             ) from error
