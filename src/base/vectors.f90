@@ -44,7 +44,8 @@ contains
       end do
    end subroutine add_times
 
-   !> VEC y = x. Where the lanes of x and y are not known to be one, an assignment goes lane by lane.
+   !> y = x, which the compiler makes a copy of memory. Where the lanes of x and y are not known to be one, an
+   !> assignment would go lane by lane.
    pure subroutine copy(n, x, y)
       integer, intent(in) :: n
       real(wp), intent(in) :: x(n)

@@ -25,6 +25,8 @@ TARGETS = (
     ["-march=x86-64-v3", "-ffp-contract=fast"],
     ["-march=x86-64-v4", "-ffp-contract=fast"],
 )
+#: Flags of single files, as src/CMakeLists.txt has them.
+OWN = {"philox.f90": ["-fwrapv"], "oscillator.f90": ["--param=max-inline-insns-auto=200"]}
 MARK = re.compile(r"\s*!> ?VEC\b")
 HEAD = re.compile(r"\s*(?:pure |elemental )*(?:subroutine|function) (\w+)", re.IGNORECASE)
 END = re.compile(r"\s*end (?:subroutine|function)\b", re.IGNORECASE)
@@ -115,9 +117,8 @@ def vectorised(compiler, target, modules, source):
     with tempfile.TemporaryDirectory() as scratch:
         whole = Path(scratch) / source.name
         whole.write_text(expanded(source), encoding="utf-8")
-        extra = ["-fwrapv"] if source.name == "philox.f90" else []  # as src/CMakeLists.txt has it
         output = ["-I", modules, "-J", scratch, "-o", f"{scratch}/out.s"]
-        command = [compiler, *FLAGS, *target, *extra, *output, str(whole)]
+        command = [compiler, *FLAGS, *target, *OWN.get(source.name, []), *output, str(whole)]
         done = subprocess.run(command, capture_output=True, text=True, check=False)
     if done.returncode:
         sys.exit(done.stderr)
