@@ -26,7 +26,7 @@ TARGETS = (
     ["-march=x86-64-v4", "-ffp-contract=fast"],
 )
 #: Flags of single files, as src/CMakeLists.txt has them.
-OWN = {"philox.f90": ["-fwrapv"], "oscillator.f90": ["--param=max-inline-insns-auto=200"]}
+OWN = {"noise/philox.f90": ["-fwrapv"], "flows/oscillator.f90": ["--param=max-inline-insns-auto=200"]}
 MARK = re.compile(r"\s*!> ?VEC\b")
 HEAD = re.compile(r"\s*(?:pure |elemental )*(?:subroutine|function) (\w+)", re.IGNORECASE)
 END = re.compile(r"\s*end (?:subroutine|function)\b", re.IGNORECASE)
@@ -118,7 +118,7 @@ def vectorised(compiler, target, modules, source):
         whole = Path(scratch) / source.name
         whole.write_text(expanded(source), encoding="utf-8")
         output = ["-I", modules, "-J", scratch, "-o", f"{scratch}/out.s"]
-        command = [compiler, *FLAGS, *target, *OWN.get(source.name, []), *output, str(whole)]
+        command = [compiler, *FLAGS, *target, *OWN.get("/".join(source.parts[-2:]), []), *output, str(whole)]
         done = subprocess.run(command, capture_output=True, text=True, check=False)
     if done.returncode:
         sys.exit(done.stderr)

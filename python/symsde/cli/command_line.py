@@ -176,8 +176,8 @@ def _schemes() -> str:
 
 def _info(_options: argparse.Namespace) -> int:
     for key, value in build_info().items():
-        # -march stands for the hundred features that the compiler makes of it
-        told = [word for word in value.split() if not word.startswith("-m") or word.startswith(("-march", "-mtune"))]
+        kept = ("-march", "-mtune", "-mcpu")  # which stand for the hundred features that the compiler makes of them
+        told = [word for word in value.split() if not word.startswith("-m") or word.startswith(kept)]
         print(f"{key}: {' '.join(told)}")
     print(f"library: {library.found()}")
     print(f"processor: {', '.join(cpu.levels()) or 'no levels known'} (SYMSDE_CPU chooses a variant of the library)")

@@ -3,6 +3,7 @@
 module symsde_ensemble_observe_recorder
    use, intrinsic :: ieee_arithmetic, only: ieee_value, ieee_quiet_nan
    use symsde_base_kinds, only: wp, i4, i8
+   use symsde_base_vectors, only: copy
    use symsde_ensemble_observe_observer, only: observer_type
    use symsde_step_block_state, only: lane_state
    implicit none
@@ -98,20 +99,8 @@ contains
       real(wp), intent(in), contiguous :: x(:, :, :)
       real(wp), intent(inout), contiguous :: saved(:, :, :)
 
-      call copy_numbers(size(x), x, saved)
+      call copy(size(x), x, saved)
    end subroutine copy_all
-
-   !> A copy of memory, by explicit bounds.
-   pure subroutine copy_numbers(n, x, saved)
-      integer, intent(in) :: n
-      real(wp), intent(in) :: x(n)
-      real(wp), intent(out) :: saved(n)
-      integer :: i
-
-      do i = 1, n
-         saved(i) = x(i)
-      end do
-   end subroutine copy_numbers
 
    !> The first lanes of x as paths offset + 1, .. of saved; NaN in those with a status.
    pure subroutine copy_lanes(nreal, nsave, x, status, saved, offset)
