@@ -23,11 +23,19 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "bench"))
 sys.path.insert(0, str(Path(__file__).resolve().parent))
 import horizons
 import mean_square_map
+import symsde as ss
 import weak_orders
 from peers import page as peers
 
+
+def first_paths(picture: Path, given: dict) -> None:
+    """The figure of first-ten-minutes.md: its data are the arguments that the page gives."""
+    ss.simulate(ss.model_from_sympy(**given["model"]), **given["run"]).plot(picture, **given["plot"])
+
+
 FOLDER = Path(__file__).with_name("figures")
 OTHERS = {
+    "first-paths": first_paths,
     "stability": stability_figure.save,
     "fixed-points": bifurcation.save,
     "long-time": long_time.save,

@@ -1,5 +1,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The notebook of a page of docs/: text and blocks are its cells, scenes are written to files, commands are run."""
+"""The notebook of a page of docs/: text and blocks are its cells, scenes are written to files, commands are run.
+
+A block of text that the page shows is the output of the block before it.
+"""
 
 import json
 import re
@@ -14,8 +17,14 @@ def notebook() -> str:
     """The notebook of PAGE, as TARGET holds it."""
     cells, end, text = [], 0, PAGE.read_text(encoding="utf-8")
     for block in _FENCE.finditer(text):
-        cells += [_cell("markdown", _linked(text[end : block.start()])), _cell("code", _code(*block.groups()))]
-        end = block.end()
+        between, end = text[end : block.start()].strip(), block.end()
+        if between:
+            cells.append(_cell("markdown", _linked(between)))
+        if block[1] == "text":
+            lines = block[2].splitlines(keepends=True)
+            cells[-1]["outputs"] = [{"name": "stdout", "output_type": "stream", "text": lines}]
+        else:
+            cells.append(_cell("code", _code(*block.groups())))
     cells.append(_cell("markdown", _linked(text[end:])))
     for number, cell in enumerate(cells):
         cell["id"] = f"cell-{number:02}"
