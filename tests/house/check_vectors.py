@@ -5,8 +5,9 @@ A procedure whose header comment has a line that begins with the word VEC is a k
 of its innermost loops as vectorised, for AVX2 and for AVX-512 machines, with the release flags and with contraction.
 A loop after `!GCC$ unroll` is written out by the compiler before it vectorises: the loop around it counts. One after
 `!GCC$ novector` says that it is none: the steps of a path that is alone, each of which waits for the one before it.
-MODULES holds the module files of a build. A file is compiled for the report only; no object is kept. A body (.inc)
-counts in the modules that include it, but for those of a single path, whose loops over lanes are gone.
+MODULES holds the module files of a build. A file is compiled for the report only: -dx ends where instructions would
+be made. A body (.inc) counts in the modules that include it, but for those of a single path, whose loops over lanes
+are gone.
 """
 
 import re
@@ -19,7 +20,7 @@ from bodies import expanded
 
 SINGLE_PATH = "_single_path.f90"
 
-FLAGS = ["-O3", "-fno-trapping-math", "-fno-math-errno", "-fopenmp", "-fPIC", "-fopt-info-vec-optimized", "-S"]
+FLAGS = ["-O3", "-fno-trapping-math", "-fno-math-errno", "-fopenmp", "-fPIC", "-fopt-info-vec-optimized", "-S", "-dx"]
 TARGETS = (
     ["-march=x86-64-v3", "-ffp-contract=off"],
     ["-march=x86-64-v3", "-ffp-contract=fast"],
