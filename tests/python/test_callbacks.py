@@ -478,3 +478,20 @@ def test_set_up_does_not_ask_for_every_noise_of_very_many():
         calls.clear()
         ss.simulate(ss.Model(ndof=1, nnoise=noises, gradient=gradient), q0=1.0, p0=0.0, step=0.1, steps=1)
         assert (len(calls) > 1024) == (noises == 1024) and (noises == 1024 or len(calls) < 400)
+
+
+@pytest.mark.parametrize("number", [1, 2, 3])
+def test_each_noise_is_asked_for_its_traits(number):
+    """A false word about one of three noises is found, whichever it is."""
+    for trait, moved in (("position_noise", lambda q, p: 1.0 + 0 * p), ("additive", lambda q, p: p)):
+        model = ss.Model(
+            ndof=1,
+            nnoise=3,
+            gradient=lambda t, w, q, p, moved=moved: (
+                w[0] * np.sin(q) + w[1:].sum(axis=0),
+                w[0] * p + w[number] * moved(q, p),
+            ),
+            **{trait: True},
+        )
+        with pytest.raises(ss.errors.FalseTraitError, match=rf"declares {trait}, but d2?H_{number}/"):
+            model.probe()

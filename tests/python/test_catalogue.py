@@ -155,6 +155,18 @@ def test_noise_weights_of_its_own(kubo, options):
         ss.schemes.from_quadrature(nodes, weights, 2, noise_weights=[0.5, 0.6])
 
 
+def test_nodes_that_share_a_slope_want_noise_in_position_or_their_weights(options):
+    """More nodes than degrees take noise that moves q where it is additive and has the weights of the drift."""
+    moved = ss.models.additive_oscillator(sigma=0.3)
+    shared, own = (
+        ss.schemes.from_quadrature([0.0, 1.0], [0.5, 0.5], 1, noise_weights=weights) for weights in (None, [0.25, 0.75])
+    )
+    assert not ss.simulate(moved, scheme=shared, **options).status.any()
+    assert not ss.simulate(ss.models.linear_oscillator(), scheme=own, **options).status.any()
+    with pytest.raises(ss.errors.IncompatibleError, match=r"noise in p alone .* share their weights"):
+        ss.simulate(moved, scheme=own, **options)
+
+
 def test_tableau_with_noise_of_its_own():
     half, one = [[0.5]], [1.0]
     assert ss.schemes.from_tableau(half, half, one, b=half, bbar=half, beta=one).info.keeps_quadratic

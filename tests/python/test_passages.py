@@ -152,3 +152,18 @@ def test_a_value_that_is_lost_with_its_step(end, edge, absorb, paths):
     else:  # at 0.3, after three steps, before they fail
         assert upper.n == doomed and set(upper.step) == {3} and upper.there.tolist() == [paths, *[paths - doomed] * 3]
     assert upper.count.sum() == upper.n
+
+
+def test_steps_after_others_decide_by_numbers_of_their_own():
+    """Steps 100 .. of the same increments and states have other bridges, and those of a part are those of the whole."""
+    given = math.sqrt(1 / STEPS) * np.random.default_rng(9).standard_normal((STEPS, 1, 300))
+    at = {first: passage(brownian(), paths=300, increments=given, first_step=first) for first in (0, 1, 100)}
+    assert len({tuple(found.path) for found in at.values()}) == 3
+    whole = passage(brownian(), paths=300, increments=given, save_every=1)
+    run = {**RUN, "scheme": "symplectic_euler", "paths": 300, "increments": given, "save_every": 1}
+    left = ss.simulate(brownian(), **run)
+    later = passage(brownian(), q0=left.q[1], p0=left.p[1], paths=300, increments=given[1:], first_step=1, steps=3,
+                    save_every=1)  # fmt: skip
+    known = dict(zip(whole.path, whole.step, strict=True))
+    after = dict(zip(later.path, later.step, strict=True))
+    assert {path: step for path, step in known.items() if step > 1}.items() <= after.items()
