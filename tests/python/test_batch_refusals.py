@@ -9,7 +9,8 @@ import signal
 
 import pytest
 import symsde as ss
-from symsde.batch import error_check
+from symsde.batch import error_check, manifest
+from symsde.batch import scene as scenes
 from symsde.batch.pieces import Piece
 from symsde.batch.share import Share, parts_of
 from symsde.cli import command_line
@@ -372,3 +373,29 @@ def test_what_a_stopped_run_says_is_its_command(part, trusted, check, tmp_path, 
     assert one == other and len(one) == (3 if part else 10)
     assert (tmp_path / "o ut" / "moments.csv").exists() == (not part)
     assert (tmp_path / "o ut" / "error-check.csv").exists() == (not part and bool(check))
+
+
+OTHER = {
+    "scheme": "gauss2", "step": 0.2, "steps": 20, "paths": 2001, "seed": 7, "t0": 0.5, "save_every": 10, "refine": 1,
+    "first_path": 500, "first_step": 4, "correction": "none", "truncation": [2.0, 5.0], "areas": "law",
+    "area_time": 2.0, "common_noise": [1], "compensated": True, "general": True, "fixed_point": 4, "max_iter": 90,
+    "q0": 1.1, "p0": 0.1,
+}  # fmt: skip
+
+
+def test_only_threads_and_lanes_are_no_part_of_a_run(tmp_path):
+    """A scene with any other key changed is of another run, whose folder is refused; each key is tried."""
+    file, how = tmp_path / "scene.toml", ("threads", "lanes")
+    base = SCENE.replace("kubo", "noncommutative_oscillator").replace("[0, 700]", "[700]")
+    base = base.replace("step = 0.1", 'scheme = "midpoint_areas"\nstep = 0.1')
+
+    def inputs(**changed):
+        old = "\n".join(f"{key} = {json.dumps(value)}" for key, value in changed.items())
+        kept = [line for line in base.splitlines() if line.partition(" = ")[0] not in changed]
+        file.write_text("\n".join(kept).replace("[run]", f"[run]\n{old}"))
+        return manifest.of_scene(scenes.load(file), 256)["hash"]
+
+    plain = inputs()
+    assert {*OTHER, *how} == set(scenes.RUN_KEYS) - {"q0_low", "p0_low"}
+    assert [key for key, value in OTHER.items() if inputs(**{key: value}) == plain] == []
+    assert inputs(threads=2) == inputs(lanes=32) == plain

@@ -112,3 +112,13 @@ def test_a_mean_by_itself_has_the_whole_folder(asked, tmp_path):
     Path(scene).write_text(Path(scene).read_text().replace('f = ["q", "p"]', 'f = "q"'))
     main(["expect", scene, "--quiet", "--out", str(tmp_path / "out")])
     assert [str(arguments["out"]) for _, arguments in calls] == [str(tmp_path / "out")]
+
+
+def test_what_a_scene_asks_of_its_run_is_asked_of_the_mean(asked):
+    """The seed, the start and the options that `expect` has are those of [run]."""
+    scene, calls = asked
+    text = Path(scene).read_text()
+    Path(scene).write_text(text.replace("[expect]", "seed = 5\nt0 = 0.5\ncompensated = true\n[expect]"))
+    main(["expect", scene, "--quiet"])
+    wanted = {"seed": 5, "t0": 0.5, "compensated": True, "q0": 1.0, "p0": 0.0, "horizon": 2.0}
+    assert len(calls) == 2 and all(wanted.items() <= given.items() for _, given in calls)

@@ -311,3 +311,16 @@ def test_multilevel_by_itself_goes_on(model, tmp_path, monkeypatch):
         ss.expect(model, "q**2", **{**asked, "method": "multilevel"})
     with pytest.raises(ss.errors.SceneError, match=r"call of `symsde\.mlmc`"):
         ss.open_run(tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("name", "other"),
+    [("t0", 0.5), ("correction", "none"), ("truncation", (3.0, 50.0)), ("areas", "law"), ("area_time", 2.0),
+     ("compensated", True)],
+)  # fmt: skip
+def test_draws_with_other_options_are_another_run(name, other, tmp_path):
+    asked = {**PLACE, **STEADY, "abs": 0.1, "method": "plain", "out": tmp_path}
+    kubo = ss.models.kubo()
+    ss.expect(kubo, "q", **asked)
+    with pytest.raises(ValueError, match=rf"holds another run: expect\.{name} = "):
+        ss.expect(kubo, "q", **asked, **{name: other})

@@ -124,6 +124,9 @@ def test_failed_paths_rest_until_reset():
     run.reset(0.1)
     run.run(4)
     assert not run.status.any() and np.array_equal(run.q[:, 0], alone.q[-1, :, 0])
+    run.reset(q0)
+    with pytest.warns(ss.PathsFailedWarning, match="1 of 3 paths failed"):  # anew
+        run.step()
 
 
 def test_warnings_show_where_the_run_was_called():
