@@ -55,6 +55,14 @@ def test_verlet_ends_at_two():
     assert ss.mean_square(model, "midpoint", step=30.0).growth == pytest.approx(1.0, abs=1e-9)
 
 
+@pytest.mark.parametrize("noise", [[], ["0.3*q"]])
+def test_exact_growth_on_a_hill(noise):
+    """p + q grows as e^t where H = (p^2 - q^2)/2, its square twice as fast; additive noise is no part of it."""
+    found = ss.mean_square(ss.model_from_sympy("p**2/2 - q**2/2", noise), "midpoint", step=0.2)
+    assert found.exact == pytest.approx(math.exp(0.4), rel=1e-12)
+    assert found.growth == pytest.approx((1.1 / 0.9) ** 2, rel=1e-12)
+
+
 DRIVEN = {"stiffness": spring(), "mass": soft(0.4), "Kubo": ss.models.kubo(a=1.0, sigma=0.4)}
 
 
