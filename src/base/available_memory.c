@@ -19,7 +19,7 @@
 #endif
 #define ARENA ((size_t)64 << 20) /* address space that malloc reserves for a thread */
 #define LITTLE 67108864.0 /* bytes that every machine has: it is not asked for so few */
-#define GROUP 16777216.0  /* nor are control groups for these: to read what they have takes as long as a short run */
+#define GROUP 25165824.0  /* nor are control groups for these: to read what they have takes as long as a short run */
 
 static int can_map(size_t bytes, int protection) {
    if (bytes == 0)

@@ -22,6 +22,7 @@ module symsde_step_memory
    use symsde_scheme_kicks, only: flow_midpoint
    use symsde_scheme_scheme, only: scheme_type, bracket_terms, galerkin_form, ito_form, splitting_form, &
                                    frame_none
+   use symsde_step_explicit_tableau, only: explicit_fits
    use symsde_step_hamiltonian_brackets, only: active_brackets
    use symsde_step_implicit_newton_krylov, only: pays_by_products
    use symsde_step_stages_stepper, only: fits_stages
@@ -83,7 +84,8 @@ contains
             flow%scheme => midpoint
             call find_step_memory(flow, more)
             memory = step_memory(memory%lane + more%lane, memory%once + more%once, more%rescue)
-         else if (unknowns <= most_rescued .and. task%newton%fixed_point == 0) then  ! a general stepper of eight lanes
+         else if (unknowns <= most_rescued .and. task%newton%fixed_point == 0 .and. &
+                  (task%general .or. .not. explicit_fits(task))) then  ! a general stepper of eight lanes
             memory%rescue = lane_unit*(unknowns**2 + 6*n**2 + 8*unknowns) + 2*unknowns**2
          end if
       end associate
