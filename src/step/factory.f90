@@ -43,7 +43,7 @@ module symsde_step_factory
    use symsde_step_one_dof_stepper_single_path, only: one_dof_single_path => one_dof_stepper
    use symsde_step_stepper, only: stepper_type, stepper_task
    use symsde_step_explicit_verlet_dz, only: verlet_dz_stepper
-   use symsde_step_flow_model_flow, only: model_flow_stepper, model_flow_fits
+   use symsde_step_flow_model_flow, only: model_flow_stepper, find_flow
    implicit none
    private
    public :: stepper_options, new_stepper, resolve_task, make_stepper, resolve_correction
@@ -87,7 +87,7 @@ contains
       class(stepper_type), allocatable, intent(inout) :: stepper  !! not allocated; still so if it does not fit
 
       select case (i)
-      case (model_flow); if (model_flow_fits(task)) allocate (model_flow_stepper :: stepper)
+      case (model_flow); if (allocated(task%flow)) allocate (model_flow_stepper :: stepper)
       case (verlet_dz); if (task%scheme%frame == frame_shift) allocate (verlet_dz_stepper :: stepper)
       case (mean_path); if (task%scheme%frame == frame_mean_path) allocate (mean_path_stepper :: stepper)
       case (explicit); if (explicit_fits(task)) call offer_explicit(task, stepper)
@@ -195,6 +195,7 @@ contains
       task%newton = options%newton
       task%as_increments = options%as_increments
       task%general = options%general
+      call find_flow(task)
    end subroutine resolve_task
 
    !> Choose and construct a stepper for blocks of nlane lanes: the first of the list that fits is made for the task.

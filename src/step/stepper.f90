@@ -37,6 +37,7 @@ module symsde_step_stepper
       type(scheme_type), allocatable :: tableau
       logical :: follows = .false.             !! for this model a stage needs stages before it alone
       integer :: correction = correction_none  !! resolved: never correction_auto
+      character(:), allocatable :: flow        !! as the model calls its own steps of it; not allocated: it has none
       integer :: nlane = 0                     !! lanes of a block
       logical :: general = .false.             !! the oracle is wanted, of all parts of the step
       type(newton_options) :: newton

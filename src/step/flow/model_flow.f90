@@ -34,7 +34,10 @@ module symsde_step_flow_model_flow
    use symsde_step_stepper, only: stepper_type, stepper_task
    implicit none
    private
-   public :: model_flow_stepper, model_flow_fits, name_of_flow
+   public :: model_flow_stepper, find_flow, name_of_flow
+
+   character(len=name_length), parameter :: four(4) = [character(len=name_length) :: & !&
+      'midpoint', 'symplectic_euler', 'symplectic_euler_adjoint', 'stormer_verlet'] !&
 
    type, extends(stepper_type) :: model_flow_stepper
       private
@@ -50,31 +53,25 @@ module symsde_step_flow_model_flow
 
 contains
 
-   !> Whether this stepper executes the task. A given number of fixed-point iterations is not what a model's own
-   !> solution makes, and increments to their own last place cannot be had from its states: such tasks are left to
-   !> other steppers. Of the corrections the increments form alone has flows.
-   logical function model_flow_fits(task) result(fits)
-      type(stepper_task), intent(in) :: task
-      character(:), allocatable :: name
-
-      fits = task%newton%fixed_point == 0 .and. .not. task%as_increments
-      if (fits .and. task%correction /= correction_none) &
-         fits = task%correction == correction_increments .and. is_euler_pair(task%scheme)
-      if (.not. fits) return
-      call find_flow(task, name)
-      fits = name /= ''
-   end function model_flow_fits
-
-   !> The name of the model's flow that serves a task; blank where there is none. One that is meant for the scheme
-   !> comes first. Where equations are linear, so that a step has one root, the steps of one of the four also serve
-   !> discrete increments, and schemes whose brackets vanish for the model.
-   subroutine find_flow(task, name)
-      type(stepper_task), intent(in) :: task
-      character(:), allocatable, intent(out) :: name
+   !> Find the flow that serves a task, if there is one, once for all of its steppers: to look for it costs as much as
+   !> to make one. A given number of fixed-point iterations is not what a model's own solution makes, and increments to
+   !> their own last place cannot be had from its states: such tasks are left to other steppers. Of the corrections the
+   !> increments form alone has flows. A flow that is meant for the scheme comes first. Where equations are linear, so
+   !> that a step has one root, the steps of one of the four also serve discrete increments, and schemes whose brackets
+   !> vanish for the model.
+   subroutine find_flow(task)
+      type(stepper_task), intent(inout) :: task
+      character(:), allocatable :: name, ending   !! what stands behind the name of a scheme that is corrected
       logical :: found
 
+      if (task%newton%fixed_point /= 0 .or. task%as_increments .or. task%general) return
+      ending = ''
+      if (task%correction /= correction_none) then
+         if (task%correction /= correction_increments .or. .not. is_euler_pair(task%scheme)) return
+         ending = corrected
+      end if
       call name_of_flow(task%scheme, name)
-      found = task%model%has_flow(name//suffix(task))
+      found = task%model%has_flow(name//ending)
       ! A name alone proves nothing: where the scheme is none of the four, its coefficients, law and brackets must be
       ! those of the catalogue's scheme of this name. Failing that, its tableau may stand in the catalogue under
       ! another name.
@@ -86,21 +83,15 @@ contains
          ! have one root.
          found = found .and. (task%scheme%law == law_gaussian .or. task%model%traits%quadratic)
       end if
-      if (found) return
-      ! The third attempt: brackets count as none where the model's traits make them vanish. For models that are not
-      ! quadratic the name is left blank.
-      name = trim(merge(usual_name(task%scheme, task%has_brackets()), usual_name(task%scheme, .true.), &
-                        task%model%traits%quadratic))
-      if (name /= '' .and. .not. task%model%has_flow(name//suffix(task))) name = ''
+      if (.not. found) then
+         ! The third attempt: brackets count as none where the model's traits make them vanish. For models that are not
+         ! quadratic the name is left blank.
+         name = trim(merge(usual_name(task%scheme, task%has_brackets()), usual_name(task%scheme, .true.), &
+                           task%model%traits%quadratic))
+         found = name /= '' .and. task%model%has_flow(name//ending)
+      end if
+      if (found) task%flow = name//ending
    end subroutine find_flow
-
-   !> What stands behind the name of a scheme where it is corrected.
-   pure function suffix(task)
-      type(stepper_task), intent(in) :: task
-      character(len=merge(len(corrected), 0, task%correction /= correction_none)) :: suffix
-
-      suffix = corrected
-   end function suffix
 
    !> The name of the flow, the bound of its solver's iterations, and what the report says of it. A plain flow is
    !> explicit where the stages of its scheme are, and where it is a splitting. A path by itself is taken as a block
@@ -111,10 +102,10 @@ contains
       logical :: plain
 
       plain = task%correction == correction_none
-      call find_flow(task, self%scheme)
+      self%scheme = task%flow
       self%name = 'whole steps of '//self%scheme//' by the model'
-      if (.not. plain) self%name = 'whole corrected steps of '//self%scheme//' by the model'
-      self%scheme = self%scheme//suffix(task)
+      if (.not. plain) &
+         self%name = 'whole corrected steps of '//task%flow(:len(task%flow) - len(corrected))//' by the model'
       self%max_iter = task%newton%max_iter
       self%most_single = 1
       self%explicit = plain .and. (task%follows .or. task%scheme%form == splitting_form)
@@ -134,9 +125,9 @@ contains
       found = .false.
       known = scheme_names()
       do i = 1, size(known)
-         ! Whether the model has such a flow is asked first: it costs less than to make the scheme and to compare
-         ! coefficients.
-         if (.not. task%model%has_flow(trim(known(i))//suffix(task))) cycle
+         ! The coefficients of the four have been compared. Whether the model has such a flow is asked first: it costs
+         ! less than to make the scheme.
+         if (any(four == known(i)) .or. .not. task%model%has_flow(known(i))) cycle
          found = is_of_catalogue(task%scheme, trim(known(i)))
          if (.not. found) cycle
          name = trim(known(i))
@@ -164,12 +155,11 @@ contains
       name = ''
       if (scheme%form /= tableau_form .or. scheme%frame /= frame_none .or. has_brackets) return
       if (scheme%is_midpoint()) then
-         name = 'midpoint'
+         name = four(1)
       else if (is_euler_pair(scheme)) then
-         name = 'symplectic_euler'
-         if (scheme%a(1, 1) > 0.5_wp) name = 'symplectic_euler_adjoint'
+         name = merge(four(3), four(2), scheme%a(1, 1) > 0.5_wp)
       else if (is_verlet(scheme)) then
-         name = 'stormer_verlet'
+         name = four(4)
       end if
    end function usual_name
 
