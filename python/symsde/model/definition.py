@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-import contextlib
 import ctypes
 import functools
 import importlib
@@ -23,7 +22,6 @@ from .named import require_names
 #: traits that are true or false; a property of the Hamiltonians each
 FLAGS = ("separable", "additive", "position_noise", "quadratic", "identity_mass", "constant_mass")
 _KNOWN = ("has_value", "has_hessian", "has_hessian_vector")
-_AT_ONCE = contextlib.nullcontext()
 
 
 @dataclass(frozen=True)
@@ -109,6 +107,9 @@ class Model:
     time (flows: also of the step), and not before every run. Without a Hessian, it is approximated by differences of
     gradients. An exception in a Python function stops the run and is raised again from it.
     """
+
+    #: (q0, p0, t0) -> refuses an initial state of all paths, (dof, 1), from which no run can begin: formulas know
+    check_start: Callable[[np.ndarray, np.ndarray, float], None] | None = None
 
     def __init__(
         self,
@@ -263,22 +264,24 @@ class Model:
 
     def call(self, name: str, *arguments, allow: tuple[int, ...] = ()) -> int:
         """Call the library with a handle of this model and the arguments; exceptions of callbacks are raised."""
-        handle, refusal = self._handles.take(), None
-        with held() if self.in_python else _AT_ONCE:
-            try:
-                try:
-                    status = handles.call(name, handle.pointer, *arguments, allow=allow)
-                except SymsdeError as error:
-                    refusal = error
-                handle.failures.raise_stored()
-            finally:
-                self._handles.give(handle)
-            if refusal is not None:
-                raise refusal
-            return status
+        if self.in_python:
+            with held():
+                return self._call(name, arguments, allow)
+        return self._call(name, arguments, allow)
 
-    def check_start(self, q0: np.ndarray, p0: np.ndarray, t0: float) -> None:
-        """Refuse an initial state of all paths, (dof, 1), from which no run can begin: formulas know."""
+    def _call(self, name: str, arguments: tuple, allow: tuple[int, ...]) -> int:
+        handle, refusal = self._handles.take(), None
+        try:
+            try:
+                status = handles.call(name, handle.pointer, *arguments, allow=allow)
+            except SymsdeError as error:
+                refusal = error
+            handle.failures.raise_stored()
+        finally:
+            self._handles.give(handle)
+        if refusal is not None:
+            raise refusal
+        return status
 
     def value(self, q, p, w=None, t: float = 0.0) -> np.ndarray:
         """sum_j w[j] H_j at many points, shape (path,). Without w it is H.

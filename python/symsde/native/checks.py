@@ -24,7 +24,7 @@ from .library import library
 _address_of, _byte_at = ctypes.addressof, ctypes.c_char.from_buffer
 
 INT32 = (-(2**31), 2**31 - 1)
-_LITTLE = 2**24  #: bytes for which control groups are not asked
+_LITTLE = 2**24  #: bytes that every machine has
 INT64 = (-(2**63), 2**63 - 1)
 UINT64 = (0, 2**64 - 1)
 _LESS = "save less often (save_every), fewer paths, or use moments"
@@ -286,16 +286,19 @@ def full(array: np.ndarray, npath: int) -> np.ndarray:
     return np.ascontiguousarray(np.broadcast_to(array, (*array.shape[:-1], npath)))
 
 
-def room(shape: tuple[int, ...], what: str, *, now: bool = True, do: str = _LESS) -> None:
-    """Refuse arrays of float64 before anything is allocated: the machine cannot hold them, or, where they are made now,
-    the control groups of this process do not let it."""
+def room(shape: tuple[int, ...], what: str, *, now: bool = True, do: str = _LESS) -> int:
+    """Bytes of arrays of float64. Refused before anything is allocated are those that the machine cannot hold or, where
+    they are made now, the control groups of this process leave no room for."""
     size = 8 * math.prod(shape)
-    most = min(_memory(), _left_by_groups() if now and size > _LITTLE else math.inf)
+    if size <= _LITTLE:
+        return size
+    most = min(_memory(), _left_by_groups() if now else math.inf)
     if size > most:
         raise TooLargeError(
             f"{what} of shape {shape} need {size / 1e9:.3g} GB, more than the {most / 1e9:.3g} GB "
             f"that this process can have: {do}"
         )
+    return size
 
 
 def _left_by_groups() -> float:

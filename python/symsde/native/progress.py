@@ -47,9 +47,10 @@ class Monitor:
 
     callback = abi.Progress(_ask_innermost)  #: one for all, since to make one takes a share of a short run
 
-    def __init__(self, progress: Progress):
-        """Check what is to be told."""
+    def __init__(self, progress: Progress, *, in_python: bool = True):
+        """Check what is to be told. Functions of Python, if any are called, may make handlers of signals."""
         self._bar, self._tell = told_by(progress)
+        self._in_python = in_python or self._tell is not None
         self._signals = signals.held()
         self._error: BaseException | None = None
 
@@ -76,7 +77,7 @@ class Monitor:
             return 1
         try:
             wants_stop = self._tell is not None and bool(self._tell(done, total))
-            self._signals.handle()
+            self._signals.handle(are_new=self._in_python)
         except BaseException as error:  # raised again at the end of the run
             self._error = error
             return 1
@@ -85,13 +86,15 @@ class Monitor:
 
 def told_by(progress: Progress) -> tuple[_Bar | None, Callable[[int, int], object] | None]:
     """The bar that shows the progress, and what is told of it; WrongTypeError of what cannot be told."""
-    if not isinstance(progress, bool) and not callable(progress):
+    if progress is False:
+        return None, None
+    if progress is not True and not callable(progress):
         raise WrongTypeError(
             f"progress = {checks.shown(progress)} is not allowed: give True, False, or a function f(done, total) "
             "that returns True to stop"
         )
     bar = _Bar() if progress is True else None
-    return bar, progress if callable(progress) else bar
+    return bar, bar or progress
 
 
 def say(text: str) -> None:

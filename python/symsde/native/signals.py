@@ -15,29 +15,29 @@ import contextlib
 import itertools
 import os
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from types import FrameType
 
 from ..errors import SymsdeError
 
-_NUMBERS = range(1, signal.NSIG)
 _OURS = os.path.join(os.path.dirname(os.path.dirname(__file__)), "")
 
 
 class Held:
     """Context in which signals wait; inside another one it is that one. Of the main thread alone, as handlers are."""
 
-    def __init__(self) -> None:
-        """Nothing has come yet."""
+    def __init__(self, numbers: Sequence[int]) -> None:
+        """Of these signals nothing has come yet."""
+        self._numbers = numbers
         self._depth = 0
         self._handlers: dict[int, Callable] = {}
         self._notes: list[tuple[Callable, int, FrameType | None]] = []
         self._leave = self._leave_note  # one object, to be known again
+        self._seen = ([], [])  # who handled the signals at the last look, and which of them a function did
 
     def __enter__(self) -> Held:
         """Take over the handlers."""
-        if not self._depth:
-            self._take()
+        self._take()
         self._depth += 1
         return self
 
@@ -52,10 +52,13 @@ class Held:
         else:
             self._depth -= 1
 
-    def handle(self) -> None:
-        """Call the handlers of the signals that came, all of them; take over those that are new."""
-        self._take()
-        self._call()
+    def handle(self, *, are_new: bool) -> None:
+        """Call the handlers of the signals that came, all of them; take over what these made, or others before."""
+        if are_new or self._notes:
+            try:
+                self._call()
+            finally:
+                self._take()
 
     def _call(self) -> None:
         if not self._notes:
@@ -77,8 +80,11 @@ class Held:
 
     def _take(self) -> None:
         """Take over the handlers that are not ours."""
+        found = list(map(signal.getsignal, self._numbers))
+        if found != self._seen[0]:  # seldom, and to ask all of them takes a share of a short run
+            self._seen = found, list(itertools.compress(self._numbers, map(callable, found)))
         try:
-            for number in itertools.compress(_NUMBERS, map(callable, map(signal.getsignal, _NUMBERS))):
+            for number in self._seen[1]:
                 handler = signal.getsignal(number)
                 if handler is not self._leave:
                     self._handlers[number] = handler
@@ -101,22 +107,7 @@ class Held:
             raise
 
 
-class _NotOurs(Held):
-    """Of another thread, which no handler is called in."""
-
-    def __enter__(self) -> Held:
-        """Take over the handlers."""
-        return self
-
-    def __exit__(self, *_) -> None:
-        """Give them back."""
-        pass
-
-    def handle(self) -> None:
-        """There is none."""
-
-
-_held, _not_ours = Held(), _NotOurs()
+_held, _not_ours = Held(range(1, signal.NSIG)), Held(())  #: and that of other threads, which no handler is called in
 
 
 def held() -> Held:

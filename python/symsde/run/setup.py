@@ -15,7 +15,7 @@ from ..errors import InvalidArgumentError, WrongShapeError, WrongTypeError
 from ..model.definition import Model, require_model
 from ..native import abi, checks
 from ..native import handles as _handles
-from ..native.checks import INT32, UINT64, address
+from ..native.checks import INT32, UINT64, address, addresses
 from ..native.progress import Monitor, threads_of
 from ..schemes import Scheme, as_scheme
 
@@ -51,7 +51,7 @@ class Setup:
     def input(self, monitor: Monitor | None = None) -> abi.Input:
         """Arrays and callback as the C interface takes them; they live as long as this setup."""
         q0, p0 = self.q0, self.p0
-        given = abi.Input(_INPUT_SIZE, address(q0), address(p0), q0.shape[1], p0.shape[1])  # the rest is zero: none
+        given = abi.Input(_INPUT_SIZE, *addresses((q0, p0)), q0.shape[1], p0.shape[1])  # the rest is zero: none
         if self.increments is not None:
             given.increments = address(self.increments)
             rows, noises, paths = self.increments.shape
@@ -159,8 +159,6 @@ _READ = {
 
 _DEFAULTS = {name: default for name, (default, _) in _READ.items()}
 
-_FIRST = ("step", "steps", "threads", "lanes")  # which are read one by one
-
 #: names of the options of a run
 OPTIONS = ["step", "steps", *_READ, "threads", "lanes"]
 
@@ -172,18 +170,22 @@ def make_options(model: Model, *, in_python: bool = False, **given: object) -> a
 
 def _options_of(model: Model, given: dict[str, Any], in_python: bool) -> abi.Options:
     """The same from a dictionary, which is used up; types and ranges are checked here, their meaning by the library."""
-    step, steps, threads, lanes = (given.pop(key, None) for key in _FIRST)
+    take = given.pop
+    step, steps, threads, lanes = take("step", None), take("steps", None), take("threads", None), take("lanes", None)
     changed = _changed(given)
     require_model(model)
-    for key, value in (("step", step), ("steps", steps)):
-        if value is None:
-            raise WrongTypeError(f"{key} is missing: give step, the size h, and steps, their number")
+    if step is None or steps is None:
+        missing = "step" if step is None else "steps"
+        raise WrongTypeError(f"{missing} is missing: give step, the size h, and steps, their number")
     options = _handles.new(abi.Options, "options")
     options.step = checks.number("step", step)
     options.steps = checks.integer("steps", steps, (0, _COUNT))
     for key in changed:
         _READ[key][1](options, key, given[key])
-    options.lanes = _lanes_for(model, options.paths) if lanes is None else checks.integer("lanes", lanes, INT32)
+    if lanes is not None:
+        options.lanes = checks.integer("lanes", lanes, INT32)
+    elif model.in_python:
+        options.lanes = _lanes_for(model, options.paths)
     options.threads = threads_of(threads, in_python or model.in_python)
     if options.steps % options.save_every:
         raise InvalidArgumentError(
@@ -203,9 +205,7 @@ def _changed(given: dict[str, Any]) -> list[str]:
 
 
 def _lanes_for(model: Model, paths: int) -> int:
-    """Lanes of a block: the library's choice (0), but more for Python functions, whose calls cost microseconds."""
-    if not model.in_python:
-        return 0
+    """Lanes of a block for Python functions, whose calls cost microseconds: more than the library's choice (0)."""
     lanes = min(_PYTHON_VALUES // model.ndof, paths + 7) // 8 * 8
     return lanes if lanes > _LIBRARY_LANES else 0
 
@@ -221,10 +221,10 @@ def setup_of(given: dict[str, Any]) -> Setup:
     model, q0, p0, scheme = take("model"), take("q0"), take("p0"), take("scheme", "midpoint")
     increments, q0_low, p0_low = take("increments", None), take("q0_low", None), take("p0_low", None)
     chosen = _options_of(model, given, take("in_python", False))
-    ndof, paths = model.ndof, chosen.paths
-    starts = q0, p0
+    ndof, paths = model.traits.ndof, chosen.paths
+    may_fail = model.check_start is not None and checks.is_one(q0) and checks.is_one(p0)
     q0, p0 = checks.state("q0", q0, ndof, paths), checks.state("p0", p0, ndof, paths)
-    if all(map(checks.is_one, starts)):
+    if may_fail:
         model.check_start(q0, p0, chosen.t0)
     return Setup(
         model,
@@ -233,8 +233,8 @@ def setup_of(given: dict[str, Any]) -> Setup:
         q0,
         p0,
         None if increments is None else increments_array(increments),
-        _low("q0_low", q0_low, ndof, paths),
-        _low("p0_low", p0_low, ndof, paths),
+        None if q0_low is None else _low("q0_low", q0_low, ndof, paths),
+        None if p0_low is None else _low("p0_low", p0_low, ndof, paths),
     )
 
 
@@ -255,6 +255,6 @@ def increments_array(value: object, *, kept: bool = True) -> np.ndarray:
     return (np.array if kept and not isinstance(value, Lent) else np.asarray)(array, order="C")
 
 
-def _low(name: str, value: object, ndof: int, paths: int) -> np.ndarray | None:
+def _low(name: str, value: object, ndof: int, paths: int) -> np.ndarray:
     """Low parts of a compensated state, for every path."""
-    return None if value is None else checks.full(checks.state(name, value, ndof, paths), paths)
+    return checks.full(checks.state(name, value, ndof, paths), paths)

@@ -5,7 +5,6 @@ from __future__ import annotations
 
 import ctypes
 import functools
-import math
 import os
 from collections.abc import Sequence
 from typing import Any
@@ -34,7 +33,8 @@ _HELD, _KEPT = 2**14, 2**25  # bytes of a piece that glibc's allocator always ha
 def _two_of(shape: tuple[int, ...]) -> tuple[np.ndarray, np.ndarray]:
     """Room for q and p: up to a size in one piece, since of two the allocator gives one back to the system, and its
     fresh pages would take longer than the steps of the next run."""
-    if not _HELD < 16 * math.prod(shape) <= _KEPT:
+    size = checks.room((2, *shape), "the saved paths (q and p; time, dof, path)")
+    if not _HELD < size <= _KEPT:
         return np.empty(shape), np.empty(shape)
     q, p = np.empty((2, *shape))
     return q, p
@@ -55,8 +55,7 @@ class Run(PathTables, Reported):
     def __init__(self, setup: Setup):
         """Room for the paths; `fill` computes them."""
         self.setup = setup
-        ntime, ndof, paths = setup.ntime, setup.model.ndof, setup.paths
-        checks.room((2, ntime, ndof, paths), "the saved paths (q and p; time, dof, path)")
+        ntime, ndof, paths = setup.ntime, setup.model.traits.ndof, setup.options.paths
         saved, last = (ntime, ndof, paths), (ndof, paths)
         self.q, self.p = _two_of(saved)
         self.status = np.empty(paths, _INT32)
@@ -73,7 +72,7 @@ class Run(PathTables, Reported):
         paths = abi.Paths(_PATHS_SIZE, None, *addresses(arrays + low))  # the rest is NULL, as t is
         report = abi.Report(_REPORT_SIZE)
         setup = self.setup
-        with Monitor(progress) as monitor:
+        with Monitor(progress, in_python=setup.model.in_python) as monitor:
             given = setup.input(monitor)
             try:
                 setup.model.call(
