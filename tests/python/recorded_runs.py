@@ -308,4 +308,4 @@ def moments():
         ]  # fmt: skip
 
 
-GROUPS = (own_models, built_in, formulas, chains, calls, failing, moments)
+GROUPS = (calls, failing, built_in, formulas, moments, chains, own_models)
