@@ -91,6 +91,7 @@ def test_the_code_is_the_same_for_any_number_of_sites():
     np.testing.assert_allclose(long.gradient(x, x)[0], known.gradient(x, x)[0], rtol=1e-13, atol=1e-12)
 
 
+@pytest.mark.usefixtures("quick_compiler")
 @pytest.mark.parametrize("ends", ["free", "fixed", "periodic"])
 def test_ends_are_those_of_the_formula_written_out(ends):
     mine, known = chain(ends), written_out(ends)
@@ -217,6 +218,7 @@ def rows(model, q, w, first, last):
     return f, k
 
 
+@pytest.mark.usefixtures("quick_compiler")
 @pytest.mark.parametrize(
     ("H", "noise", "ends"),
     [
@@ -254,6 +256,7 @@ def test_a_far_lane_changes_no_other():
     np.testing.assert_allclose(beside, known, rtol=1e-12, atol=1e-9)
 
 
+@pytest.mark.usefixtures("quick_compiler")
 @pytest.mark.parametrize(
     ("H", "more", "words"),
     [
@@ -289,6 +292,7 @@ def test_bad_sums_get_a_sentence(H, more, words):
         ss.model_from_sympy(H, **{"n": 8, "params": {"beta": 1.0}, **more})
 
 
+@pytest.mark.usefixtures("quick_compiler")
 def test_a_singular_start_of_a_chain():
     model = ss.model_from_sympy("Sum(p[i]**2/2 - log(q[i]), i)", ["0.1*q[k]"], n=5)
     with pytest.raises(errors.InvalidArgumentError, match=r"not finite at q0 = \[1, 1, 0, 1, ..\].*begin elsewhere"):

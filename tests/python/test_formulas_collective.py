@@ -74,6 +74,7 @@ def everything(model, at):
     return [model.value(*at, t=0.7), *model.gradient(*at, t=0.7), *model.hessian(*at, t=0.7)]
 
 
+@pytest.mark.usefixtures("quick_compiler")
 @pytest.mark.parametrize("ends", ["free", "fixed", "periodic"])
 def test_functions_of_sums_are_the_formula_written_out(ends):
     mine = ss.model_from_sympy(H, NOISE, params=PARAMS, n=N, ends=ends)
@@ -118,6 +119,7 @@ def test_runs_are_those_of_the_formula_written_out(scheme):
     assert (alone.q[:, :, 0] == one.q[:, :, 7]).all()
 
 
+@pytest.mark.usefixtures("quick_compiler")
 def test_the_code_is_the_same_for_any_number_of_sites_and_its_work_grows_with_them():
     noise = ["s*q[k]", "s*Sum(cos(q[i]), i)**2/N"]  # the number of the last one hangs on that of the sites
     short, long = mean_field(5, noise=noise), mean_field(100_000, noise=noise)
@@ -166,6 +168,7 @@ def test_traits(H, noise, wanted):
     assert tuple(traits[x] for x in FLAGS) == wanted
 
 
+@pytest.mark.usefixtures("quick_compiler")
 def test_a_constant_counts_in_the_value():
     model = mean_field(9, "Sum(p[i]**2/2, i) + a", ["q[k]"])
     assert model.value(0.0, 1.0) == [4.5 + PARAMS["a"]]

@@ -16,7 +16,7 @@ from symsde.model.formulas.structure import Prover
 pytest.importorskip("sympy")
 
 pytestmark = pytest.mark.usefixtures("quick_compiler")
-LONG = compiler.LONG  # as it is outside of these tests
+FLAGS, LONG = compiler.FLAGS, compiler.LONG  # as they are outside of these tests
 PARAMS = {"a": 1.3, "s": 0.4, "b": 0.2}
 RUN = {"step": 0.05, "steps": 40, "save_every": 20, "paths": 9, "seed": 3}
 
@@ -127,6 +127,7 @@ def test_too_many_noises():
 def test_long_texts_are_compiled_in_less_time(monkeypatch, tmp_path):
     """At the first level, beyond a length that 35 nested exp have and no formula of this suite; with the same bits."""
     monkeypatch.setenv("SYMSDE_CACHE", str(tmp_path))
+    monkeypatch.setattr(compiler, "FLAGS", FLAGS)
     asked = []
     compile_ = compiler._compile
     monkeypatch.setattr(compiler, "_compile", lambda *a: asked.append(compiler.flags(a[1])) or compile_(*a))

@@ -346,6 +346,7 @@ def test_names_that_texts_could_not_mean():
 needs_compiler = pytest.mark.skipif(compiler.command() is None, reason="no C compiler")
 
 
+@pytest.mark.usefixtures("quick_compiler")
 @needs_compiler
 def test_texts_and_expressions_are_the_same_model():
     text = ss.model_from_sympy("p**2/2 - omega**2*cos(q)", ["sigma*sin(q)"], params={"omega": 2.0, "sigma": 0.2})
@@ -362,6 +363,7 @@ def test_names_with_an_index_are_told_what_to_write(first):
         ss.model_from_sympy("p**2/2", q=[first], p=["p"])
 
 
+@pytest.mark.usefixtures("quick_compiler")
 @needs_compiler
 def test_coordinates_are_found_by_their_names():
     assert ss.model_from_sympy("(p1**2 + p2**2 + q1**2*q2)/2").ndof == 2
@@ -485,6 +487,7 @@ def test_a_time_that_is_none_is_called_by_its_name():
         ss.simulate(ss.model_from_sympy("p**2/2 + t*q**2"), q0=0.4, p0=0.3, t0=np.nan, step=0.01, steps=2)
 
 
+@pytest.mark.usefixtures("quick_compiler")
 def test_names_of_generated_code_and_of_c_are_free():
     """Whatever a parameter is called, the numbers are those of the formula."""
     # Python reads the last as another letter

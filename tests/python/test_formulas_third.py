@@ -52,6 +52,7 @@ def test_brackets_of_cubic_hamiltonians_are_the_differences(H, noise, names, sch
     assert (one.q[:, :, 0] == exact.q[:, :, 5]).all()  # real lanes alone
 
 
+@pytest.mark.usefixtures("quick_compiler")
 @pytest.mark.parametrize(
     ("H", "noise"),
     [
@@ -87,12 +88,14 @@ def test_differences_come_to_the_brackets_and_both_have_the_order():
     assert measured.error[0] < 0.05
 
 
+@pytest.mark.usefixtures("quick_compiler")
 def test_the_gradient_is_that_of_a_hamiltonian():
     model = ss.model_from_sympy(*BENT, params=PARAMS)
     defect = ss.diagnose.symplecticity(model, SCHEME, q=[[0.3, 1.0, -0.7]], p=[[0.4, -0.2, 0.8]], step=0.1, seed=1)
     assert defect.max() < 1e-8
 
 
+@pytest.mark.usefixtures("quick_compiler")
 def test_a_chain():
     chain = ss.model_from_sympy(
         "Sum(p[i]**2/2 + p[i]**2*q[i]*a, i) + Sum((q[i+1]-q[i])**2*p[i], i)", ["s*q[k]**2*p[k]", "b*p[k]**3"],
@@ -109,6 +112,7 @@ def test_a_chain():
     np.testing.assert_allclose(ss.simulate(chain, **given).q, ss.simulate(written, **given).q, rtol=0, atol=1e-11)
 
 
+@pytest.mark.usefixtures("quick_compiler")
 @pytest.mark.parametrize(
     ("H", "noise"),
     [
@@ -132,6 +136,7 @@ def test_quadratic_models_take_brackets_as_they_are():
     assert exact.report.counters["gradients"] < other.report.counters["gradients"] / 4
 
 
+@pytest.mark.usefixtures("quick_compiler")
 def test_false_third_derivatives_are_refused():
     model = ss.model_from_sympy(*BENT, params=PARAMS)
     functions = InNumpy(model._derivatives, model.parameters).functions()
@@ -157,6 +162,7 @@ def test_false_third_derivatives_are_refused():
         ss.simulate(with_third(lambda *x: None), q0=0.3, p0=0.4, step=0.1, steps=1, scheme=SCHEME)
 
 
+@pytest.mark.usefixtures("quick_compiler")
 @pytest.mark.parametrize("q", [1e3, 1e4, 1e5, 3e5, 1e6])
 def test_angles_far_from_the_origin_are_not_refused(q):
     noise = ["0.1*sin(q1)*p1", "0.1*p2*cos(q1)", "0.3*sin(q2)"]
