@@ -26,13 +26,7 @@ module symsde_solve_elimination
 
 contains
 
-   !> Lanes of the block.
-   pure integer function lanes(nlane)
-      integer, intent(in) :: nlane
-
-      lanes = nlane
-   end function lanes
-
+   include 'all_lanes.inc'
    include 'elimination.inc'
 
    !> VEC target(:,i) = target(:,i) - factor column(:,i), u_ij <- u_ij - l_ik u_kj for all i below the pivot. A

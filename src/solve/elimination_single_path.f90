@@ -15,12 +15,7 @@ module symsde_solve_elimination_single_path
 
 contains
 
-   pure integer function lanes(nlane)
-      integer, intent(in) :: nlane
-
-      lanes = 1
-   end function lanes
-
+   include 'one_lane.inc'
    include 'elimination.inc'
 
    !> Solve one system, with the bits of the same system in a lane of many. The caller looks at `smallest`, the pivot

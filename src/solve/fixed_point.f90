@@ -13,12 +13,7 @@ module symsde_solve_fixed_point
    public :: most_sweeps, stiff_rate, done, left
 
    include 'fixed_point.inc'
-
-   pure integer function lanes(nlane)
-      integer, intent(in) :: nlane
-
-      lanes = nlane
-   end function lanes
+   include 'all_lanes.inc'
 
    !> VEC x = sign*f of the first sweep, before which x is not known: its change is x itself, which raises the change
    !> of other parts of x. Lanes that rest are written, too.

@@ -14,13 +14,7 @@ module symsde_solve_fixed_point_single_path
    integer, parameter :: nbeside = 8  !! numbers that are compared side by side
 
    include 'fixed_point.inc'
-
-   !> One lane, known to the compiler.
-   pure integer function lanes(nlane)
-      integer, intent(in) :: nlane
-
-      lanes = 1
-   end function lanes
+   include 'one_lane.inc'
 
    !> x = sign*f, sign = 1 or -1, n numbers, with the largest change and unknown beside those so far; the change is no
    !> number where one of f is not finite. The path is running: nothing is taken of one that is done, so `last` is not

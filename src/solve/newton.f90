@@ -82,14 +82,8 @@ module symsde_solve_newton
 contains
 
    include 'newton.inc'
-
    include 'newton_scalar.inc'
-
-   pure integer function lanes(nlane)
-      integer, intent(in) :: nlane
-
-      lanes = nlane
-   end function lanes
+   include 'all_lanes.inc'
 
    !> Whether neither damping nor a number of iterations is asked for: then steppers may choose how they solve.
    pure logical function is_free(self)

@@ -45,16 +45,9 @@ contains
       call judge(self, status, counters)
    end subroutine update
 
-   pure integer function lanes(nlane)
-      integer, intent(in) :: nlane
-
-      lanes = 1
-   end function lanes
-
+   include 'one_lane.inc'
    include 'newton.inc'
-
    include 'stagnation.inc'
-
    include 'correction.inc'
 
    !> Whether all n numbers are finite: zero times another one is NaN, and a sum with NaN stays NaN.

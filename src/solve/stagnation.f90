@@ -54,16 +54,9 @@ module symsde_solve_stagnation
 
 contains
 
-   pure integer function lanes(nlane)
-      integer, intent(in) :: nlane
-
-      lanes = nlane
-   end function lanes
-
+   include 'all_lanes.inc'
    include 'stagnation.inc'
-
    include 'correction.inc'
-
    include 'stagnation_scalar.inc'
 
    !> VEC One unknown, one fixed-point iteration: x = -s f in running lanes.

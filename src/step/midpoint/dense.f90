@@ -23,12 +23,7 @@ module symsde_step_midpoint_dense
    public :: dense_midpoint, new_dense_midpoint, solve_contracting, solve_by_matrices, find_force_stiffness
 
    include 'dense.inc'
-
-   pure integer function lanes(nlane)
-      integer, intent(in) :: nlane
-
-      lanes = nlane
-   end function lanes
+   include '../../solve/all_lanes.inc'
 
    !> Hhat_q (nlane, n) and Hhat_qq (nlane, n, n) at q, by one call of the model for all lanes. The momenta that the
    !> model is given are zero: with H_p = p and noise in position or additive neither of the two depends on them.

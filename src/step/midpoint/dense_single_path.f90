@@ -25,22 +25,12 @@ module symsde_step_midpoint_dense_single_path
    public :: dense_midpoint, new_dense_midpoint, solve_contracting, solve_by_matrices, find_force_stiffness
 
    include 'dense.inc'
-
    include 'equation.inc'
-
    include '../../solve/newton.inc'
-
    include '../../solve/newton_scalar.inc'
-
    include '../../solve/stagnation.inc'
-
    include '../../solve/stagnation_scalar.inc'
-
-   pure integer function lanes(nlane)
-      integer, intent(in) :: nlane
-
-      lanes = 1
-   end function lanes
+   include '../../solve/one_lane.inc'
 
    !> Hhat_q (n) and Hhat_qq (n, n) at q, with momenta zero, on which they do not depend. Two unknowns are asked for
    !> as numbers, without arrays. A Hamiltonian of one angle is asked once a step, at its first iteration, for the

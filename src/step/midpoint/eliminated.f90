@@ -60,12 +60,7 @@ module symsde_step_midpoint_eliminated
 contains
 
    include 'eliminated.inc'
-
-   pure integer function lanes(nlane)
-      integer, intent(in) :: nlane
-
-      lanes = nlane
-   end function lanes
+   include '../../solve/all_lanes.inc'
 
    !> Whether this stepper executes the task: the midpoint rule as it stands, neither brackets nor correction added,
    !> for H = p.p/2 + U(q) with noise in position or additive.

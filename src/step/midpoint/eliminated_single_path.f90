@@ -44,13 +44,7 @@ module symsde_step_midpoint_eliminated_single_path
 contains
 
    include 'eliminated.inc'
-
-   !> One lane, known to the compiler.
-   pure integer function lanes(nlane)
-      integer, intent(in) :: nlane
-
-      lanes = 1
-   end function lanes
+   include '../../solve/one_lane.inc'
 
    !> Make the part that solves the equation of V: rows where K is tridiagonal, products where it is dense and large,
    !> else matrices. Products are those of a block of one lane, for lanes that step/stages/stepper has not solved by

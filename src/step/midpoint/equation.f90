@@ -117,12 +117,7 @@ contains
 
    ! ---- kernels ----------------------------------------------------------------------------------
 
-   pure integer function lanes(nlane)
-      integer, intent(in) :: nlane
-
-      lanes = nlane
-   end function lanes
-
+   include '../../solve/all_lanes.inc'
    include 'equation.inc'
 
 end module symsde_step_midpoint_equation

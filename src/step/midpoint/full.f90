@@ -24,12 +24,7 @@ module symsde_step_midpoint_full
    public :: midpoint_full_stepper, midpoint_full_fits, new_midpoint_full_stepper
 
    include 'full.inc'
-
-   pure integer function lanes(nlane)
-      integer, intent(in) :: nlane
-
-      lanes = nlane
-   end function lanes
+   include '../../solve/all_lanes.inc'
 
    !> Whether this stepper executes the task: the midpoint rule where step/midpoint/eliminated and
    !> step/stages/stepper do not eliminate momenta. Damping and given numbers of iterations are executed for all

@@ -24,12 +24,7 @@ module symsde_step_midpoint_full_single_path
    public :: midpoint_full_stepper, new_midpoint_full_stepper
 
    include 'full.inc'
-
-   pure integer function lanes(nlane)
-      integer, intent(in) :: nlane
-
-      lanes = 1
-   end function lanes
+   include '../../solve/one_lane.inc'
 
    !> Lanes that are swept together: the path is swept by itself.
    pure integer function lanes_together(nlane, ndof) result(width)

@@ -23,12 +23,7 @@ module symsde_step_midpoint_mean_force
    public :: mean_force_stepper, mean_force_fits
 
    include 'mean_force.inc'
-
-   pure integer function lanes(nlane)
-      integer, intent(in) :: nlane
-
-      lanes = nlane
-   end function lanes
+   include '../../solve/all_lanes.inc'
 
    !> Whether this stepper executes the task: a tableau of averaged forces, H = p.p/2 + V(q), and no noise but
    !> additive noise in p.

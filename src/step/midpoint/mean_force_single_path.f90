@@ -23,11 +23,6 @@ module symsde_step_midpoint_mean_force_single_path
    public :: mean_force_stepper
 
    include 'mean_force.inc'
-
-   pure integer function lanes(nlane)
-      integer, intent(in) :: nlane
-
-      lanes = 1
-   end function lanes
+   include '../../solve/one_lane.inc'
 
 end module symsde_step_midpoint_mean_force_single_path

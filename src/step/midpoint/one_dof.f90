@@ -11,9 +11,8 @@ module symsde_step_midpoint_one_dof
    use symsde_base_record, only: step_record
    use symsde_model_abstract, only: angle_terms
    use symsde_scheme_scheme, only: correction_none
-   use symsde_solve_newton, only: newton_type, new_newton, judge
+   use symsde_solve_newton, only: newton_type, new_newton, start, judge
    use symsde_solve_stagnation, only: seen, restart_lanes
-   use symsde_step_midpoint_equation, only: position
    use symsde_step_hamiltonian_one_step, only: new_one_step_hamiltonian
    use symsde_step_stepper, only: stepper_type, stepper_task
    implicit none
@@ -21,12 +20,7 @@ module symsde_step_midpoint_one_dof
    public :: midpoint_one_dof_stepper, midpoint_one_dof_fits
 
    include 'one_dof.inc'
-
-   pure integer function lanes(nlane)
-      integer, intent(in) :: nlane
-
-      lanes = nlane
-   end function lanes
+   include '../../solve/all_lanes.inc'
 
    !> Whether this stepper executes the task: the plain midpoint rule of one degree of freedom.
    logical function midpoint_one_dof_fits(task) result(fits)

@@ -7,15 +7,15 @@
 !> the time of the middle. An iteration then takes one sine and one cosine and calls no model. Any other model is
 !> asked as for a block, by calls for one lane.
 module symsde_step_midpoint_one_dof_single_path
+   use symsde_base_counters, only: counters_type
    use symsde_base_kinds, only: wp, i8
    use symsde_base_record, only: step_record
    use symsde_model_abstract, only: angle_terms
    use symsde_scheme_scheme, only: correction_none
-   use symsde_solve_newton, only: newton_type, new_newton
-   use symsde_solve_newton_single_path, only: judge
-   use symsde_solve_stagnation, only: seen, restart_lanes
+   use symsde_solve_damping, only: start_damping
+   use symsde_solve_newton, only: newton_type, new_newton, mark, stop_lanes
+   use symsde_solve_stagnation, only: stopping_test, seen, done, failed, restart_lanes
    use symsde_step_midpoint_angle, only: find_angle_force, find_angle_velocity
-   use symsde_step_midpoint_equation, only: position
    use symsde_step_hamiltonian_one_step, only: new_one_step_hamiltonian
    use symsde_step_stepper, only: stepper_type, stepper_task
    implicit none
@@ -23,12 +23,9 @@ module symsde_step_midpoint_one_dof_single_path
    public :: midpoint_one_dof_stepper
 
    include 'one_dof.inc'
-
-   pure integer function lanes(nlane)
-      integer, intent(in) :: nlane
-
-      lanes = 1
-   end function lanes
+   include '../../solve/newton.inc'
+   include '../../solve/stagnation.inc'
+   include '../../solve/one_lane.inc'
 
    !> Hhat_p of separable Hamiltonians, the first guess of F. With terms of an angle it is e p; the terms are asked
    !> for here and serve the whole step, whose iterations find them in self%terms.

@@ -22,14 +22,8 @@ module symsde_step_one_dof_newton
    public :: one_dof_newton, new_one_dof_newton, resume
 
    include 'newton.inc'
-
    include 'two_stages.inc'
-
-   pure integer function lanes(nlane)
-      integer, intent(in) :: nlane
-
-      lanes = nlane
-   end function lanes
+   include '../../solve/all_lanes.inc'
 
    !> Go on where the iteration of another block has come: lane l takes slopes and size of the last correction from
    !> lane places(l) of that block. Lanes with a status rest. The step is that of the gathered lanes.

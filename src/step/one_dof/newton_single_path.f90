@@ -26,21 +26,11 @@ module symsde_step_one_dof_newton_single_path
    public :: one_dof_newton, new_one_dof_newton
 
    include 'newton.inc'
-
    include 'two_stages.inc'
-
    include '../../solve/newton.inc'
-
    include '../../solve/stagnation.inc'
-
    include '../../solve/correction.inc'
-
-   !> One lane, known to the compiler.
-   pure integer function lanes(nlane)
-      integer, intent(in) :: nlane
-
-      lanes = 1
-   end function lanes
+   include '../../solve/one_lane.inc'
 
    !> The terms of an angle in every stage, and qs = Hhat_p(q_n, p_n) at the time of the first stage, where it is the
    !> first guess. Of an angle it is e p, with the terms of that stage.
