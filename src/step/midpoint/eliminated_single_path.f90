@@ -6,8 +6,8 @@
 !> A path has the bits that it has in a block. Where (h omega)^2/4 > 1 it goes on with dq as its unknown, as a lane
 !> does.
 !>
-!> Scalars written out by hand, which stood here before, took less time: one or two unknowns take 1.3 to 1.5 times as
-!> long as by them (henon_heiles 91 ns a step instead of 60), eight and more 1.0 to 1.2 times. An iteration calls three
+!> Scalars written out by hand, which stood here before, took less time: one or two unknowns take 1.1 to 1.2 times as
+!> long as by them (henon_heiles 82 ns a step instead of 69), eight and more 1.0 to 1.1 times. An iteration calls three
 !> procedures that are found at run time or are not inlined, and its numbers go through memory.
 module symsde_step_midpoint_eliminated_single_path
    use symsde_base_kinds, only: wp, i8
