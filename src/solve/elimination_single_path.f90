@@ -25,12 +25,28 @@ contains
       real(wp), intent(inout) :: a(n, n)  !! in: the matrix; out: factors
       real(wp), intent(inout) :: x(n)     !! in: right-hand side; out: solution
       real(wp), intent(out) :: smallest   !! pivot monitor
+
+      ! Three or four unknowns are told as constants, for which the compiler makes straight code.
+      if (n == 3) then
+         call solve_known(3, a, x, smallest)
+      else if (n == 4) then
+         call solve_known(4, a, x, smallest)
+      else
+         call solve_known(n, a, x, smallest)
+      end if
+   end subroutine solve_scalar
+
+   !> The same, for a number of unknowns that is known inside where it is a constant.
+   pure subroutine solve_known(n, a, x, smallest)
+      integer, value :: n
+      real(wp), intent(inout) :: a(n, n), x(n)
+      real(wp), intent(out) :: smallest
       real(wp) :: monitor(1)
 
       call factor_lanes(1, n, a, monitor)
       call back_substitute_lanes(1, n, a, x)
       smallest = monitor(1)
-   end subroutine solve_scalar
+   end subroutine solve_known
 
    !> target = target - factor column, m numbers below the pivot. Few numbers are faster without vectors, and the bits
    !> are the same.
