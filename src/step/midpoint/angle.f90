@@ -14,7 +14,7 @@ module symsde_step_midpoint_angle
    use symsde_model_abstract, only: angle_terms
    implicit none
    private
-   public :: find_angle_force, find_angle_velocity
+   public :: find_angle_force, find_angle_velocity, find_angle_point
 
 contains
 
@@ -39,5 +39,15 @@ contains
       hp = terms%e*p
       hpp = terms%e
    end subroutine find_angle_velocity
+
+   !> All four at the point (q, p), by one call.
+   subroutine find_angle_point(terms, q, p, hq, hp, hqq, hpp)
+      type(angle_terms), intent(in) :: terms
+      real(wp), intent(in) :: q, p
+      real(wp), intent(out) :: hq, hp, hqq, hpp
+
+      call find_angle_force(terms, q, hq, hqq)
+      call find_angle_velocity(terms, p, hp, hpp)
+   end subroutine find_angle_point
 
 end module symsde_step_midpoint_angle

@@ -15,7 +15,7 @@ module symsde_step_midpoint_one_dof_single_path
    use symsde_solve_damping, only: start_damping
    use symsde_solve_newton, only: newton_type, new_newton, mark, stop_lanes
    use symsde_solve_stagnation, only: stopping_test, seen, done, failed, restart_lanes
-   use symsde_step_midpoint_angle, only: find_angle_force, find_angle_velocity
+   use symsde_step_midpoint_angle, only: find_angle_velocity, find_angle_point
    use symsde_step_hamiltonian_one_step, only: new_one_step_hamiltonian
    use symsde_step_stepper, only: stepper_type, stepper_task
    implicit none
@@ -63,8 +63,8 @@ module symsde_step_midpoint_one_dof_single_path
          if (first) call self%ham%model%angle(self%ham%nnoise, tm, w, self%terms)
          self%ham%counters%gradients = self%ham%counters%gradients + 1
          self%ham%counters%hessians = self%ham%counters%hessians + 1
-         call find_angle_force(self%terms, q(1, 1), self%hq(1, 1), self%hqq(1, 1, 1))
-         call find_angle_velocity(self%terms, p(1, 1), self%hp(1, 1), self%hpp(1, 1, 1))
+         call find_angle_point(self%terms, q(1, 1), p(1, 1), self%hq(1, 1), self%hp(1, 1), self%hqq(1, 1, 1), &
+                               self%hpp(1, 1, 1))
       else if (self%separable) then
          call self%ham%gradient_hessian(tm, w, q, p, self%hq, self%hp, hqq=self%hqq, hpp=self%hpp)
       else

@@ -20,7 +20,7 @@ module symsde_step_one_dof_newton_single_path
    use symsde_step_hamiltonian_brackets_angle_single_path, only: evaluate_angle
    use symsde_step_hamiltonian_one_step, only: one_step_hamiltonian
    use symsde_step_hamiltonian_brackets_one_dof, only: single_brackets, new_single_brackets, q_, p_, qq, qp, pp, nplace
-   use symsde_step_midpoint_angle, only: find_angle_force, find_angle_velocity
+   use symsde_step_midpoint_angle, only: find_angle_velocity, find_angle_point
    implicit none
    private
    public :: one_dof_newton, new_one_dof_newton
@@ -73,8 +73,9 @@ module symsde_step_one_dof_newton_single_path
       ! Three ways to the same numbers: a separable angle by its terms; an angle with brackets, whose kernel works on
       ! numbers in registers; any other model by a call for one lane, which counts by itself.
       if (allocated(self%terms)) then
-         call find_angle_force(self%terms(i), q(1), self%h(1, q_, i), self%h(1, qq, i))
-         call find_angle_velocity(self%terms(i), p(1), self%h(1, p_, i), self%h(1, pp, i))
+         associate (h => self%h(1, :, i))
+            call find_angle_point(self%terms(i), q(1), p(1), h(q_), h(p_), h(qq), h(pp))
+         end associate
       else if (self%bracketed_angle) then
          associate (b => self%brackets)
             call evaluate_angle(b%kinetic, ham%modified, i, step, b%c, b%rate, q, p, self%h(:, :, max(i, 1)))
