@@ -84,13 +84,15 @@ module symsde_solve_fixed_point_single_path
             nothing(i) = nothing(i) + 0*d
          end do
       end do
-      !GCC$ novector
-      do i = 1, nbeside
-         ! The eight largest, one after the other.
-         change = max(change, moved(i))
-         extent = max(extent, largest(i))
-         zero = zero + nothing(i)
-      end do
+      ! The eight largest in halves: one after the other they would wait for each other.
+      moved(:4) = max(moved(:4), moved(5:))
+      largest(:4) = max(largest(:4), largest(5:))
+      nothing(:4) = nothing(:4) + nothing(5:)
+      moved(:2) = max(moved(:2), moved(3:4))
+      largest(:2) = max(largest(:2), largest(3:4))
+      change = max(change, max(moved(1), moved(2)))
+      extent = max(extent, max(largest(1), largest(2)))
+      zero = zero + ((nothing(1) + nothing(2)) + (nothing(3) + nothing(4)))
    end subroutine take_beside
 
    !> The same for x = -f of numbers and not of arrays of one lane; in the first sweep, where nothing was known, from
