@@ -434,3 +434,45 @@ def test_defaults_of_options_are_those_of_the_library():
         options = handles.new(abi.Options, "options")
         read(options, name, default)
         assert bytes(options) == library, name
+
+
+@pytest.mark.parametrize(
+    "scheme", ["gauss2", "gauss2_strong32", "gauss2_weak2", "gauss2_strong32_areas", "gauss2_weak2_areas"]
+)
+@pytest.mark.parametrize("model", [ss.models.synchrotron, ss.models.pendulum, ss.models.driven_pendulum])
+def test_the_last_lanes_of_a_block_go_on_as_they_began(model, scheme):
+    """Steps in which some of 256 paths take longer than the others: their bits are those of blocks of eight."""
+    how = {"q0": 0.4, "p0": 0.1, "step": 1.2, "steps": 10, "scheme": scheme, "paths": 256, "seed": 3, "threads": 1}
+    large, small = (ss.simulate(model(), lanes=lanes, **how) for lanes in (256, 8))
+    np.testing.assert_array_equal([large.q, large.p], [small.q, small.p])
+    for name in ("path_steps", "normals", "iterations", "solves", "failures"):
+        assert large.report.counters[name] == small.report.counters[name]
+
+
+@pytest.mark.parametrize("seed", [0, 1, 2])
+def test_a_step_that_overflows_is_counted_once(seed):
+    """Three gradients a step, of the one that fails as well."""
+    with pytest.warns(ss.PathsFailedWarning):
+        run = ss.simulate(
+            ss.models.linear_oscillator(), q0=1.0, p0=0.0, step=3.0, steps=400, scheme="stormer_verlet", seed=seed
+        )
+    done = run.report.counters["path_steps"]
+    assert (run.status == 3).all() and done == run.failed_step.sum()
+    assert run.report.counters["gradients"] == 3 * (done + 1)
+
+
+@pytest.mark.parametrize("scheme", ["midpoint", "gauss2"])
+def test_steps_that_damping_solves_are_counted_as_damped(scheme):
+    """Newton's iteration leaps to and fro over the kink of log cosh, and with damping does not: none is continued."""
+    model = ss.Model(
+        ndof=1,
+        nnoise=0,
+        gradient=lambda t, w, q, p: (w[0] * np.tanh(5 * q), w[0] * p),
+        hessian=lambda t, w, q, p: [
+            x[None, None] for x in (5 * w[0] / np.cosh(5 * q[0]) ** 2, 0 * q[0], w[0] + 0 * q[0])
+        ],
+        separable=True,
+    )
+    run = ss.simulate(model, q0=np.linspace(-1, 2, 30)[None], p0=0.3, step=4.0, steps=4, scheme=scheme, paths=30)
+    counters = run.report.counters
+    assert counters["damped"] == counters["failures"] > 9 and counters["continued"] == 0 and not run.status.any()
