@@ -11,7 +11,7 @@ import pytest
 import symsde as ss
 from clock import WorkClock
 from symsde.answers.advice.advise import _fewest_steps, candidates, scheme_names
-from symsde.answers.advice.wants import Invariants, Seen
+from symsde.answers.advice.wants import Invariants, Moments, Seen
 from symsde.answers.expectation.candidates import commutes
 from symsde.answers.expectation.longest_step import frequency
 from symsde.answers.expectation.problem import make_problem
@@ -229,3 +229,18 @@ def test_kicks_are_tried_where_noise_is_in_position_and_h_is_not_separable():
     assert "gauss_dkdkd_midpoint" in scheme_names(bent)
     assert "gauss_dkdkd_midpoint" not in scheme_names(ss.models.driven_pendulum())  # kicked: gauss_dkdkd is
     assert "gauss_dkdkd_midpoint" not in scheme_names(ss.Model(ndof=1, nnoise=1, gradient=bent_gradient))
+
+
+def test_the_noise_of_means_falls_with_the_root_of_the_paths(monkeypatch):
+    """A quarter of the paths has twice the noise, the largest by which means of many seeds are scattered."""
+    scheme = as_scheme("midpoint")
+
+    def seen(count, seed=0):
+        monkeypatch.setattr(Moments, "count", count)
+        problem = make_problem(ss.models.synchrotron(), "q", q0=0.4, p0=0.1, horizon=1.0, seed=seed)
+        return Moments(problem).see(scheme, 2)
+
+    assert seen(1024).noise == pytest.approx(2 * seen(4096).noise, rel=0.15)
+    one = [seen(256, seed) for seed in range(40)]
+    scatter = max(np.std([x.first for x in one]), np.std([x.second for x in one]), np.std([x.both for x in one]))
+    assert scatter < np.mean([x.noise for x in one]) < 6 * scatter
