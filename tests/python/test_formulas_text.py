@@ -413,7 +413,7 @@ def test_the_template_of_a_formula_runs(tmp_path, capsys, monkeypatch):
     text = capsys.readouterr().out
     (tmp_path / "mine.toml").write_text(text.replace("5000", "100").replace("1000", "100"))
     assert command_line.main(["run", "mine.toml", "--quiet"]) == 0
-    assert command_line.main(["study", "mine.toml", "--quiet", "--out", "study"]) in (0, 2)
+    assert command_line.main(["study", "mine.toml", "--quiet", "--paths", "60", "--out", "study"]) in (0, 2)
 
 
 @pytest.mark.parametrize(
