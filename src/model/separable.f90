@@ -71,25 +71,47 @@ contains
       if (present(hqp)) hqp = 0
    end subroutine gradient_hessian
 
-   !> Hessian of sum_j w_j H_j times (vq, vp).
+   !> Hessian of sum_j w_j H_j times (vq, vp). Room for the blocks of a path with two degrees of freedom is at hand: to
+   !> allocate it would take as long as the rest.
    subroutine hessian_vector(self, nlane, ndof, nnoise, t, w, q, p, vq, vp, uq, up)
       class(separable_model), intent(in) :: self
       integer, intent(in) :: nlane, ndof, nnoise
       real(wp), intent(in) :: t, w(nlane, 0:nnoise), q(nlane, ndof), p(nlane, ndof)
       real(wp), intent(in) :: vq(nlane, ndof), vp(nlane, ndof)
       real(wp), intent(out) :: uq(nlane, ndof), up(nlane, ndof)
-      real(wp) :: hqq(nlane, ndof, ndof), hpp(nlane, ndof, ndof)
-      integer :: i, j
+      real(wp) :: hqq(2, 2), hpp(2, 2)
+      real(wp), allocatable :: blocks(:, :)
 
-      call self%evaluate(nlane, ndof, nnoise, t, w, q, p, hqq=hqq, hpp=hpp)
+      if (nlane == 1 .and. ndof == 2) then
+         call self%evaluate(nlane, ndof, nnoise, t, w, q, p, hqq=hqq, hpp=hpp)
+         call multiply(1, 2, hqq, hpp, vq, vp, uq, up)
+      else
+         allocate (blocks(nlane*ndof**2, 2))
+         call self%evaluate(nlane, ndof, nnoise, t, w, q, p, hqq=blocks(:, 1), hpp=blocks(:, 2))
+         call multiply(nlane, ndof, blocks(:, 1), blocks(:, 2), vq, vp, uq, up)
+      end if
+   end subroutine hessian_vector
+
+   !> (uq, up) = (hqq vq, hpp vp). Literals of the caller are seen by the compiler, which takes loops apart for them;
+   !> parentheses keep the first product of a sum from being contracted with the next.
+   pure subroutine multiply(nlane, ndof, hqq, hpp, vq, vp, uq, up)
+      integer, value :: nlane, ndof
+      real(wp), intent(in) :: hqq(nlane, ndof, ndof), hpp(nlane, ndof, ndof), vq(nlane, ndof), vp(nlane, ndof)
+      real(wp), intent(out) :: uq(nlane, ndof), up(nlane, ndof)
+      integer :: lane, i, j
+
       do i = 1, ndof
-         uq(:, i) = hqq(:, i, 1)*vq(:, 1)
-         up(:, i) = hpp(:, i, 1)*vp(:, 1)
+         do lane = 1, nlane
+            uq(lane, i) = (hqq(lane, i, 1)*vq(lane, 1))
+            up(lane, i) = (hpp(lane, i, 1)*vp(lane, 1))
+         end do
          do j = 2, ndof
-            uq(:, i) = uq(:, i) + hqq(:, i, j)*vq(:, j)
-            up(:, i) = up(:, i) + hpp(:, i, j)*vp(:, j)
+            do lane = 1, nlane
+               uq(lane, i) = uq(lane, i) + hqq(lane, i, j)*vq(lane, j)
+               up(lane, i) = up(lane, i) + hpp(lane, i, j)*vp(lane, j)
+            end do
          end do
       end do
-   end subroutine hessian_vector
+   end subroutine multiply
 
 end module symsde_model_separable
