@@ -40,6 +40,7 @@ module symsde_step_block_state
       real(wp), allocatable, private :: bad(:)     !! 1 in lanes whose increments were refused, 0 in others (nlane)
    contains
       procedure :: advance
+      procedure, private :: advance_block
       procedure :: take_rescued
       procedure :: record
       procedure :: has_new_failures
@@ -82,18 +83,27 @@ contains
       class(lane_state), intent(inout) :: self
       real(wp), intent(in) :: dq(self%nlane, self%ndof), dp(self%nlane, self%ndof)
       logical, intent(out) :: failed
+
+      if (self%nlane > 1) then
+         call self%advance_block(dq, dp, failed)
+         return
+      end if
+      ! A path by itself has its numbers side by side. One that has failed before has not failed now.
+      call advance_path(self%ndof, dq, dp, self%q, self%p, self%status(1), failed, self%q_low, self%p_low)
+      failed = failed .and. self%nfailed == 0
+      if (failed .and. self%status(1) == 0) self%status = nonfinite
+   end subroutine advance
+
+   !> The same of several lanes: one pass judges and adds plain sums of one degree of freedom; otherwise lanes are judged
+   !> first. It is bound to the type to stay a procedure of its own: with its vectors a path by itself would align its
+   !> stack.
+   subroutine advance_block(self, dq, dp, failed)
+      class(lane_state), intent(inout) :: self
+      real(wp), intent(in) :: dq(self%nlane, self%ndof), dp(self%nlane, self%ndof)
+      logical, intent(out) :: failed
       integer :: nbad
 
-      ! Five ways to the same sums: a block judges first and adds then, by plain or by compensated sums; with one degree
-      ! of freedom and plain sums it does both in one pass; and a path by itself has its numbers side by side.
-      if (self%nlane == 1 .and. allocated(self%q_low)) then
-         call advance_path_compensated(self%ndof, dq, dp, self%q, self%p, self%q_low, self%p_low, self%status(1), nbad)
-      else if (allocated(self%q_low)) then
-         call find_bad(self%nlane, self%ndof, dq, dp, self%q, self%p, self%status, self%bad, nbad)
-         call add_increments(self, dq, dp)
-      else if (self%nlane == 1) then
-         call advance_path(self%ndof, dq, dp, self%q, self%p, self%status(1), nbad)
-      else if (self%ndof == 1) then
+      if (self%ndof == 1 .and. .not. allocated(self%q_low)) then
          call advance_one(self%nlane, dq, dp, self%q, self%p, self%status, self%bad, nbad)
       else
          call find_bad(self%nlane, self%ndof, dq, dp, self%q, self%p, self%status, self%bad, nbad)
@@ -102,9 +112,8 @@ contains
       ! Padding and lanes that had failed are among the bad ones, and are what nfailed counts.
       failed = nbad > self%nfailed
       if (.not. failed) return
-      if (self%nlane == 1) self%bad = 1  ! the ways of a single path do not write it
       where (self%status == 0 .and. self%bad > 0) self%status = nonfinite
-   end subroutine advance
+   end subroutine advance_block
 
    !> Add the increments in lanes that had a status in this step and have none now: those which were rescued. All
    !> other lanes have moved before, and count as bad here, so that none is moved twice.
@@ -277,20 +286,26 @@ contains
       nbad = int(count)
    end subroutine advance_one
 
-   !> A path by itself: nbad = 0 where the sums of its n numbers are finite and it is ok, and then they are taken;
-   !> else nbad = 1 and nothing changes. All numbers are tested before the first is written.
-   pure subroutine advance_path(n, dq, dp, q, p, status, nbad)
+   !> A path by itself: its n numbers are added where their sums are finite and it is ok, by Kahan's summation where
+   !> there are low parts; else nothing changes. All numbers are tested before the first is written. Whether a sum is
+   !> finite is asked of the plain one, to which low adds no more than a rounding.
+   pure subroutine advance_path(n, dq, dp, q, p, status, bad, q_low, p_low)
       integer, intent(in) :: n
       real(wp), intent(in) :: dq(n), dp(n)
       real(wp), intent(inout) :: q(n), p(n)
       integer(i8), intent(in) :: status
-      integer, intent(out) :: nbad
+      logical, intent(out) :: bad
+      real(wp), intent(inout), optional :: q_low(n), p_low(n)
       integer :: i
 
-      nbad = merge(0, 1, status == 0 .and. has_finite_sums(n, q, dq) .and. has_finite_sums(n, p, dp))
-      if (nbad > 0) return
-      ! Few numbers have just been stored one by one, and are added so.
-      if (n <= narrow) then
+      bad = .not. (status == 0 .and. has_finite_sums(n, q, dq) .and. has_finite_sums(n, p, dp))
+      if (bad) return
+      if (present(q_low)) then
+         do i = 1, n
+            call add_low(dq(i), q(i), q_low(i))
+            call add_low(dp(i), p(i), p_low(i))
+         end do
+      else if (n <= narrow) then  ! few numbers have just been stored one by one, and are added so
          !GCC$ novector
          do i = 1, n
             q(i) = q(i) + dq(i)
@@ -301,24 +316,6 @@ contains
          p = p + dp
       end if
    end subroutine advance_path
-
-   !> The same by Kahan's summation. Whether x + d is finite is asked of the plain sum, to which low adds no more than
-   !> a rounding.
-   pure subroutine advance_path_compensated(n, dq, dp, q, p, q_low, p_low, status, nbad)
-      integer, intent(in) :: n
-      real(wp), intent(in) :: dq(n), dp(n)
-      real(wp), intent(inout) :: q(n), p(n), q_low(n), p_low(n)
-      integer(i8), intent(in) :: status
-      integer, intent(out) :: nbad
-      integer :: i
-
-      nbad = merge(0, 1, status == 0 .and. has_finite_sums(n, q, dq) .and. has_finite_sums(n, p, dp))
-      if (nbad > 0) return
-      do i = 1, n
-         call add_low(dq(i), q(i), q_low(i))
-         call add_low(dp(i), p(i), p_low(i))
-      end do
-   end subroutine advance_path_compensated
 
    !> VEC Whether x + d is finite in all n numbers. Up to four numbers are tested one by one: they have just been stored
    !> one by one, and a vector load of them would have to wait until these stores are in memory.
