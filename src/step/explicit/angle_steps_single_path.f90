@@ -26,10 +26,10 @@ module symsde_step_explicit_angle_steps_single_path
    private
    public :: explicit_stepper, angle_steps_fit
 
-   !> The slopes f and v of two stages, a place (x, y), and the terms of the model, all of constant bounds: (nlane,
+   !> The slopes f and v of a stage, a place (x, y), and the terms of the model, all of constant bounds: (nlane,
    !> ndof) is (1, 1).
    type :: room_type
-      real(wp) :: f(1, 1, 2), v(1, 1, 2), x(1, 1), y(1, 1)
+      real(wp), dimension(1, 1) :: f, v, x, y
       type(angle_terms) :: terms                   !! a .. f of Hhat in the stage begun last
       type(angle_terms), allocatable :: noises(:)  !! of each H_k by itself (nnoise)
       real(wp) :: sine = 0, cosine = 0             !! of the angle whose force was found last

@@ -20,10 +20,9 @@ module symsde_step_explicit_tableau
    private
    public :: explicit_stepper, explicit_fits
 
-   !> The slopes f and v of two stages, and a place (x, y) = (Q_i, P_i).
+   !> The slopes f and v of a stage, and a place (x, y) = (Q_i, P_i).
    type :: room_type
-      real(wp), allocatable :: f(:, :, :), v(:, :, :)  !! (nlane, ndof, 2)
-      real(wp), allocatable :: x(:, :), y(:, :)        !! (nlane, ndof)
+      real(wp), allocatable, dimension(:, :) :: f, v, x, y  !! (nlane, ndof)
    contains
       procedure :: make => make_room
    end type room_type

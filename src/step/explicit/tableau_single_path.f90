@@ -18,11 +18,10 @@ module symsde_step_explicit_tableau_single_path
    private
    public :: explicit_stepper
 
-   !> The slopes f and v of two stages, and a place (x, y) = (Q_i, P_i). As in a block they are allocated, with nlane
+   !> The slopes f and v of a stage, and a place (x, y) = (Q_i, P_i). As in a block they are allocated, with nlane
    !> = 1.
    type :: room_type
-      real(wp), allocatable :: f(:, :, :), v(:, :, :)  !! (nlane, ndof, 2)
-      real(wp), allocatable :: x(:, :), y(:, :)        !! (nlane, ndof)
+      real(wp), allocatable, dimension(:, :) :: f, v, x, y  !! (nlane, ndof)
    contains
       procedure :: make => make_room
    end type room_type
