@@ -94,7 +94,7 @@ contains
       if (failed .and. self%status(1) == 0) self%status = nonfinite
    end subroutine advance
 
-   !> The same of several lanes: one pass judges and adds plain sums of one degree of freedom; otherwise lanes are judged
+   !> The same of several lanes: one pass judges and adds plain sums of one degree of freedom; else lanes are judged
    !> first. It is bound to the type to stay a procedure of its own: with its vectors a path by itself would align its
    !> stack.
    subroutine advance_block(self, dq, dp, failed)
@@ -107,7 +107,8 @@ contains
          call advance_one(self%nlane, dq, dp, self%q, self%p, self%status, self%bad, nbad)
       else
          call find_bad(self%nlane, self%ndof, dq, dp, self%q, self%p, self%status, self%bad, nbad)
-         call add_increments(self, dq, dp)
+         call add(self%nlane, self%ndof, dq, self%bad, self%q, self%q_low)
+         call add(self%nlane, self%ndof, dp, self%bad, self%p, self%p_low)
       end if
       ! Padding and lanes that had failed are among the bad ones, and are what nfailed counts.
       failed = nbad > self%nfailed
@@ -127,30 +128,18 @@ contains
       ! a lane whose rescue is not finite has failed after all
       where (status /= 0 .and. self%status == 0 .and. self%bad > 0) self%status = nonfinite
       self%bad = merge(self%bad, 1.0_wp, status /= 0)
-      call add_increments(self, dq, dp)
+      call add(self%nlane, self%ndof, dq, self%bad, self%q, self%q_low)
+      call add(self%nlane, self%ndof, dp, self%bad, self%p, self%p_low)
    end subroutine take_rescued
-
-   !> Add the increments in lanes that are not bad (self%bad), by compensated sums where there are low parts.
-   subroutine add_increments(self, dq, dp)
-      type(lane_state), intent(inout) :: self
-      real(wp), intent(in) :: dq(self%nlane, self%ndof), dp(self%nlane, self%ndof)
-
-      if (allocated(self%q_low)) then
-         call add_compensated(self%nlane, self%ndof, dq, self%bad, self%q, self%q_low)
-         call add_compensated(self%nlane, self%ndof, dp, self%bad, self%p, self%p_low)
-      else
-         call add(self%nlane, self%ndof, dq, self%bad, self%q)
-         call add(self%nlane, self%ndof, dp, self%bad, self%p)
-      end if
-   end subroutine add_increments
 
    !> Whether lanes have got a status since failures were last counted: asked after every step, so that lanes are only
    !> counted where some have one.
    pure logical function has_new_failures(self)
       class(lane_state), intent(in) :: self
 
-      ! padding has a status, too: in a block that is not full, or where lanes have failed before, they are counted
-      has_new_failures = any_status(self%nlane, self%status)
+      ! Padding has a status, too: in a block that is not full, or where lanes have failed before, they are counted. The
+      ! bits of all together come first, by a loop that takes vectors.
+      has_new_failures = iany(self%status) /= 0
       if (has_new_failures .and. self%nfailed > 0) has_new_failures = count(self%status /= 0) > self%nfailed
    end function has_new_failures
 
@@ -354,20 +343,6 @@ contains
       x = s
    end subroutine add_low
 
-   !> VEC Whether any lane has a status: the bits of all together, since a loop that stops early would not vectorise.
-   pure logical function any_status(nlane, status)
-      integer, intent(in) :: nlane
-      integer(i8), intent(in) :: status(nlane)
-      integer(i8) :: bits
-      integer :: lane
-
-      bits = 0
-      do lane = 1, nlane
-         bits = ior(bits, status(lane))
-      end do
-      any_status = bits /= 0
-   end function any_status
-
    !> VEC nbad = how many of the real lanes have a status, or a number among the n that is not finite; bad = 1 in these.
    !> Here n counts the numbers of all states, one after the other.
    pure subroutine find_bad_states(nlane, n, nreal, status, q, p, bad, nbad)
@@ -455,38 +430,31 @@ contains
       nbad = nint(sum(bad))
    end subroutine find_bad
 
-   !> VEC x = x + d in lanes that are not bad; the others keep every bit of x.
-   pure subroutine add(nlane, ndof, d, bad, x)
+   !> VEC x = x + d in lanes that are not bad; the others keep every bit of x. Kahan's summation, where low is there,
+   !> keeps what rounding took from x, and gives it back in the next step.
+   pure subroutine add(nlane, ndof, d, bad, x, low)
       integer, intent(in) :: nlane, ndof
       real(wp), intent(in) :: d(nlane, ndof), bad(nlane)
       real(wp), intent(inout) :: x(nlane, ndof)
-      integer :: lane, i
-
-      do i = 1, ndof
-         do lane = 1, nlane
-            x(lane, i) = merge(x(lane, i) + d(lane, i), x(lane, i), bad(lane) <= 0)
-         end do
-      end do
-   end subroutine add
-
-   !> VEC Kahan's summation in lanes that are not bad: what rounding took from x is kept in low and given back in the
-   !> next step.
-   pure subroutine add_compensated(nlane, ndof, d, bad, x, low)
-      integer, intent(in) :: nlane, ndof
-      real(wp), intent(in) :: d(nlane, ndof), bad(nlane)
-      real(wp), intent(inout) :: x(nlane, ndof), low(nlane, ndof)
+      real(wp), intent(inout), optional :: low(nlane, ndof)
       real(wp) :: s, l
       integer :: lane, i
 
       do i = 1, ndof
-         do lane = 1, nlane
-            s = x(lane, i)
-            l = low(lane, i)
-            call add_low(d(lane, i), s, l)
-            low(lane, i) = merge(l, low(lane, i), bad(lane) <= 0)
-            x(lane, i) = merge(s, x(lane, i), bad(lane) <= 0)
-         end do
+         if (present(low)) then
+            do lane = 1, nlane
+               s = x(lane, i)
+               l = low(lane, i)
+               call add_low(d(lane, i), s, l)
+               low(lane, i) = merge(l, low(lane, i), bad(lane) <= 0)
+               x(lane, i) = merge(s, x(lane, i), bad(lane) <= 0)
+            end do
+         else
+            do lane = 1, nlane
+               x(lane, i) = merge(x(lane, i) + d(lane, i), x(lane, i), bad(lane) <= 0)
+            end do
+         end if
       end do
-   end subroutine add_compensated
+   end subroutine add
 
 end module symsde_step_block_state
