@@ -50,7 +50,8 @@ contains
       allocate (self%sine_over(size(omega), nleg), source=0.0_wp)
    end subroutine new_drift_flow
 
-   !> Move (q + dq, p + dp) over the time tau, the leg-th of the step.
+   !> Rotate (q + dq, p + dp) over the time tau, the leg-th of the step. Where nothing rotates, a drift is one pass
+   !> together with the kick before it (leap of stepper.inc).
    subroutine move(self, leg, tau, nlane, ndof, q, p, dq, dp)
       class(drift_flow), intent(inout) :: self
       integer, intent(in) :: leg, nlane, ndof
@@ -59,10 +60,6 @@ contains
       real(wp), intent(inout) :: dq(nlane, ndof), dp(nlane, ndof)
       integer :: i
 
-      if (.not. self%rotates) then
-         call fly(nlane*ndof, tau, p, dp, dq)
-         return
-      end if
       ! Steps of one size find their coefficients in the first of them.
       if (abs(tau - self%duration(leg)) > 0) call rotate_over(self, leg, tau)
       do i = 1, ndof
@@ -105,18 +102,6 @@ contains
    end subroutine rotate_over
 
    ! ---- kernels ----------------------------------------------------------------------------------
-
-   !> VEC dq = dq + tau (p + dp)
-   pure subroutine fly(n, tau, p, dp, dq)
-      integer, intent(in) :: n
-      real(wp), intent(in) :: tau, p(n), dp(n)
-      real(wp), intent(inout) :: dq(n)
-      integer :: i
-
-      do i = 1, n
-         dq(i) = dq(i) + tau*(p(i) + dp(i))
-      end do
-   end subroutine fly
 
    !> VEC The rotation of one degree of freedom in all lanes. Parentheses around the second product leave the first
    !> one to be contracted, in one lane as in many.

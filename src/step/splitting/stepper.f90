@@ -41,14 +41,6 @@ module symsde_step_splitting_stepper
       type(steps_record), intent(in) :: steps
    end subroutine foresee
 
-   !> Find the weights of the step that is taken now, for all lanes.
-   subroutine find_weights(self, step)
-      type(splitting_stepper), intent(inout) :: self
-      type(step_record), intent(in) :: step
-
-      call weigh_step(self, step)
-   end subroutine find_weights
-
    !> f (nlane, ndof) = (sum_j w_j H_j)_q at x, with the weights w = (b_i h, w_i1, .., w_im) of kick i. p does not
    !> matter: noises are in position, and H is separable, or has the weight b_i = 0 where midpoint steps move it.
    subroutine find_force(self, t, w, p)

@@ -79,7 +79,7 @@ module symsde_step_splitting_stepper_single_path
                ahead%w(1, k, i, :n) = weights%w(:n, k, i)
             end do
          end do
-         ! find_weights counts `now` from here on; the pointers show all steps that were foreseen.
+         ! `increment` counts `now` from here on; the pointers show all steps that were foreseen.
          self%nahead = n
          self%now = 0
          self%w(1:, 0:, 1:, 1:) => self%ahead%w
@@ -115,17 +115,6 @@ module symsde_step_splitting_stepper_single_path
          if (allocated(self%weights%d)) allocate (ahead%d(1, size(self%weights%d, 2), steps%most))
       end associate
    end subroutine make_ahead
-
-   !> The weights of the next step that was foreseen; those of a step that was not, as an increment by itself, are found
-   !> now.
-   subroutine find_weights(self, step)
-      type(splitting_stepper), intent(inout) :: self
-      type(step_record), intent(in) :: step
-
-      ! The pointers show step `now`, unless it was not foreseen.
-      self%now = self%now + 1
-      if (self%now > self%nahead) call weigh_step(self, step)
-   end subroutine find_weights
 
    !> f = (sum_j w_j H_j)_q at x, with the weights of a kick. That of an angle follows from its terms, with the
    !> additions of the model's gradient in their order.
