@@ -26,7 +26,7 @@ module symsde_step_flow_model_flow
    use symsde_base_text, only: name_length
    use symsde_scheme_catalogue, only: get_scheme, scheme_names
    use symsde_model_abstract, only: corrected
-   use symsde_scheme_scheme, only: scheme_type, bracket_terms, correction_none, correction_increments, tableau_form, &
+   use symsde_scheme_scheme, only: scheme_type, correction_none, correction_increments, tableau_form, &
                                    splitting_form, frame_none
    use symsde_step_block_state, only: lane_state, passed_states
    use symsde_step_implicit_euler_pair, only: is_euler_pair
@@ -175,7 +175,10 @@ contains
       call get_scheme(known, name, error)
       if (allocated(error)) return
       if (known%form /= scheme%form .or. known%frame /= scheme%frame .or. known%nstage /= scheme%nstage) return
-      if (known%law /= scheme%law .or. .not. same_brackets(known%brackets, scheme%brackets)) return
+      if (known%law /= scheme%law) return
+      associate (a => known%brackets, b => scheme%brackets)
+         if (any([a%single, a%areas, a%nested, a%crossed] .neqv. [b%single, b%areas, b%nested, b%crossed])) return
+      end associate
       is_of_catalogue = .true.
       if (.not. known%has_tableau()) return
       is_of_catalogue = all(abs(known%a - scheme%a) <= 0) .and. all(abs(known%abar - scheme%abar) <= 0) .and. &
@@ -183,13 +186,6 @@ contains
                         all(abs(known%alpha - scheme%alpha) <= 0) .and. all(abs(known%beta - scheme%beta) <= 0) .and. &
                         all(abs(known%c - scheme%c) <= 8*epsilon(1.0_wp))  ! of a user's, sums of a
    end function is_of_catalogue
-
-   pure logical function same_brackets(a, b)
-      type(bracket_terms), intent(in) :: a, b
-
-      same_brackets = (a%single .eqv. b%single) .and. (a%areas .eqv. b%areas) .and. (a%nested .eqv. b%nested) .and. &
-                      (a%crossed .eqv. b%crossed)
-   end function same_brackets
 
    !> Whether the scheme is half a kick, a drift, and half a kick: a = (0, 0; 1/2, 1/2), abar = (1/2, 0; 1/2, 0),
    !> alpha = (1/2, 1/2), c = (0, 1), the tableau of Lobatto IIIA-IIIB of two stages (Stormer-Verlet).

@@ -138,6 +138,7 @@ contains
       real(wp), intent(in) :: t, q(nlane, size(self%inverse)), p(nlane, size(self%inverse))
       real(wp), intent(in) :: start(nlane, size(self%inverse))
       real(wp), intent(out) :: total(nlane, size(self%inverse))
+      integer :: i
 
       ! One call of the model and one sum where M is not diagonal; else one pass, over numbers of a path or over
       ! lanes.
@@ -148,7 +149,9 @@ contains
       else if (nlane == 1) then
          call add_scalar(size(start), self%inverse, p, start, total)
       else
-         call add_times(nlane, size(self%inverse), self%inverse, p, start, total)
+         do i = 1, size(self%inverse)
+            total(:, i) = start(:, i) + self%inverse(i)*p(:, i)
+         end do
       end if
    end subroutine add
 
@@ -166,19 +169,5 @@ contains
          total(i) = start(i) + c(i)*x(i)
       end do
    end subroutine add_scalar
-
-   !> VEC total = start + c_i x_i in every lane: c_i is one number for all lanes, as all paths have the same masses.
-   pure subroutine add_times(nlane, n, c, x, start, total)
-      integer, intent(in) :: nlane, n
-      real(wp), intent(in) :: c(n), x(nlane, n), start(nlane, n)
-      real(wp), intent(out) :: total(nlane, n)
-      integer :: i, lane
-
-      do i = 1, n
-         do lane = 1, nlane
-            total(lane, i) = start(lane, i) + c(i)*x(lane, i)
-         end do
-      end do
-   end subroutine add_times
 
 end module symsde_step_hamiltonian_mass

@@ -118,10 +118,10 @@ contains
       do while (self%newton%running)
          if (self%adjoint) then
             self%x = q + d
-            call evaluate_adjoint(self, t, w, p)
+            call evaluate(self, t, w, self%x, p)
          else
             self%x = p + d
-            call evaluate(self, t, w, q)
+            call evaluate(self, t, w, q, self%x)
          end if
          if (self%ham%ndof == 1) then
             ! The equation is d + s f = 0 with s = 1 or -1, and the derivative 1 + s Hhat_qp.
@@ -135,46 +135,35 @@ contains
       end do
    end subroutine solve_end
 
-   !> Hhat_q and I + Hhat_qp at (q_n, p_{n+1}), in the right-hand side and the matrix of Newton's iteration. A given
-   !> number of fixed-point iterations needs the gradient alone.
-   subroutine evaluate(self, t, w, q)
+   !> Hhat_q and I + Hhat_qp at (q, p) = (q_n, p_{n+1}), or Hhat_p and I - Hhat_pq at (q_{n+1}, p_n) for the adjoint,
+   !> in the right-hand side and the matrix of Newton's iteration. The Hamiltonian gives Hhat_qp, of which the adjoint
+   !> takes the transpose. A given number of fixed-point iterations needs the gradient alone.
+   subroutine evaluate(self, t, w, q, p)
       type(euler_pair_stepper), intent(inout) :: self
-      real(wp), intent(in) :: t, w(self%ham%nlane, 0:self%ham%nnoise), q(self%ham%nlane, self%ham%ndof)
+      real(wp), intent(in) :: t, w(self%ham%nlane, 0:self%ham%nnoise)
+      real(wp), intent(in), dimension(self%ham%nlane, self%ham%ndof) :: q, p
       integer :: i
 
-      if (self%newton%options%fixed_point > 0) then
-         call self%ham%gradient(t, w, q, self%x, hq=self%newton%r)
-         return
-      end if
-      call self%ham%gradient_hessian(t, w, q, self%x, hq=self%newton%r, hqp=self%newton%a)
-      if (self%ham%ndof == 1) return  ! the scalar update adds the 1 itself
-      do i = 1, self%ham%ndof
-         self%newton%a(:, i, i) = self%newton%a(:, i, i) + 1
-      end do
-   end subroutine evaluate
-
-   !> The same for the adjoint: Hhat_p and I - Hhat_pq at (q_{n+1}, p_n). The Hamiltonian gives Hhat_qp, which is
-   !> transposed here.
-   subroutine evaluate_adjoint(self, t, w, p)
-      type(euler_pair_stepper), intent(inout) :: self
-      real(wp), intent(in) :: t, w(self%ham%nlane, 0:self%ham%nnoise), p(self%ham%nlane, self%ham%ndof)
-      integer :: i, j
-
-      if (self%newton%options%fixed_point > 0) then
-         call self%ham%gradient(t, w, self%x, p, hp=self%newton%r)
-         return
-      end if
-      if (self%ham%ndof == 1) then  ! the scalar update takes the slope as it is
-         call self%ham%gradient_hessian(t, w, self%x, p, hp=self%newton%r, hqp=self%newton%a)
-         return
-      end if
-      call self%ham%gradient_hessian(t, w, self%x, p, hp=self%newton%r, hqp=self%hqp)
-      do j = 1, self%ham%ndof
-         do i = 1, self%ham%ndof
-            self%newton%a(:, i, j) = -self%hqp(:, j, i)
+      associate (ham => self%ham, n => self%ham%ndof, newton => self%newton)
+         if (newton%options%fixed_point > 0) then
+            if (self%adjoint) call ham%gradient(t, w, q, p, hp=newton%r)
+            if (.not. self%adjoint) call ham%gradient(t, w, q, p, hq=newton%r)
+            return
+         else if (.not. self%adjoint) then
+            call ham%gradient_hessian(t, w, q, p, hq=newton%r, hqp=newton%a)
+         else if (n == 1) then
+            call ham%gradient_hessian(t, w, q, p, hp=newton%r, hqp=newton%a)
+         else
+            call ham%gradient_hessian(t, w, q, p, hp=newton%r, hqp=self%hqp)
+            do i = 1, n
+               newton%a(:, i, :) = -self%hqp(:, :, i)
+            end do
+         end if
+         if (n == 1) return  ! the scalar update takes the slope as it is, and adds the 1 itself
+         do i = 1, n
+            newton%a(:, i, i) = newton%a(:, i, i) + 1
          end do
-         self%newton%a(:, j, j) = self%newton%a(:, j, j) + 1
-      end do
-   end subroutine evaluate_adjoint
+      end associate
+   end subroutine evaluate
 
 end module symsde_step_implicit_euler_pair

@@ -123,21 +123,13 @@ contains
       end do
    end subroutine increment
 
-   !> First column of D^mu, mu = 1..s.
-   pure integer function column_d(self, mu)
+   !> First column, or row, of unknown k: D^mu is k = mu, E_i is k = s + i.
+   pure integer function column(self, k)
       type(galerkin_stepper), intent(in) :: self
-      integer, intent(in) :: mu
+      integer, intent(in) :: k
 
-      column_d = (mu - 1)*self%ham%ndof + 1
-   end function column_d
-
-   !> First column of E_i, i = 1..r.
-   pure integer function column_e(self, i)
-      type(galerkin_stepper), intent(in) :: self
-      integer, intent(in) :: i
-
-      column_e = (self%s + i - 1)*self%ham%ndof + 1
-   end function column_e
+      column = (k - 1)*self%ham%ndof + 1
+   end function column
 
    !> Q_i = q_n + sum_mu l_mu(c_i) D^mu and P_i = p_n + E_i, in qs and ps.
    subroutine node_point(self, i, q, p)
@@ -149,10 +141,10 @@ contains
       n = self%ham%ndof
       self%qs = q
       do mu = 1, self%s
-         at = column_d(self, mu)
+         at = column(self, mu)
          self%qs = self%qs + self%basis(i, mu)*self%x(:, at:at + n - 1)
       end do
-      at = column_e(self, i)
+      at = column(self, self%s + i)
       self%ps = p + self%x(:, at:at + n - 1)
    end subroutine node_point
 
@@ -195,16 +187,16 @@ contains
 
       n = self%ham%ndof
       associate (r => self%newton%r, x => self%x)
-         at = column_e(self, i)
+         at = column(self, self%s + i)
          do mu = 0, self%s - 1
             row = mu*n + 1
             r(:, row:row + n - 1) = r(:, row:row + n - 1) + self%alpha(i)*self%slope(i, mu)*x(:, at:at + n - 1) &
                                     - self%basis(i, mu)*self%sq
          end do
-         row = (self%s + i - 1)*n + 1
+         row = at
          r(:, row:row + n - 1) = -self%sp
          do mu = 1, self%s
-            at = column_d(self, mu)
+            at = column(self, mu)
             r(:, row:row + n - 1) = r(:, row:row + n - 1) + self%alpha(i)*self%slope(i, mu)*x(:, at:at + n - 1)
          end do
       end associate
@@ -228,17 +220,17 @@ contains
                do mu = 0, self%s - 1
                   row = mu*n + k
                   do nu = 1, self%s
-                     col = column_d(self, nu) + l - 1
+                     col = column(self, nu) + l - 1
                      m(:, row, col) = m(:, row, col) - self%basis(i, mu)*self%basis(i, nu)*self%sqq(:, k, l)
                   end do
-                  col = column_e(self, i) + l - 1
+                  col = column(self, self%s + i) + l - 1
                   m(:, row, col) = one*self%slope(i, mu) - self%basis(i, mu)*self%sqp(:, k, l)
                end do
                do nu = 1, self%s
-                  col = column_d(self, nu) + l - 1
+                  col = column(self, nu) + l - 1
                   m(:, own + k, col) = one*self%slope(i, nu) - self%basis(i, nu)*self%sqp(:, l, k)
                end do
-               m(:, own + k, column_e(self, i) + l - 1) = -self%spp(:, k, l)
+               m(:, own + k, column(self, self%s + i) + l - 1) = -self%spp(:, k, l)
             end do
          end do
       end associate
