@@ -495,19 +495,3 @@ def test_each_noise_is_asked_for_its_traits(number):
         )
         with pytest.raises(ss.errors.FalseTraitError, match=rf"declares {trait}, but d2?H_{number}/"):
             model.probe()
-
-
-@pytest.mark.parametrize("paths", [1, 20])
-def test_a_step_that_neither_sweeps_nor_newton_solve_fails(paths):
-    """Two degrees of freedom by their gradient alone, too few iterations: every path is lost in its first step."""
-
-    def gradient(t, w, q, p):
-        s, sin = p[0] ** 2 + p[1] ** 2, np.sin(q[0] * q[1])
-        force = [w[0] * (q[0] * s - 5 * sin * q[1]) + 0.5 * w[1], w[0] * (4 * q[1] ** 3 - 5 * sin * q[0])]
-        return np.stack(force), w[0] * (1 + q[0] ** 2) * p
-
-    how = {"q0": [0.4, 0.8], "p0": [3.0, 5.0], "step": 2.0, "steps": 8, "paths": paths, "max_iter": 5}
-    with pytest.warns(ss.PathsFailedWarning):
-        run = ss.simulate(ss.Model(ndof=2, nnoise=1, gradient=gradient), **how)
-    assert (run.status == 1).all() and not run.failed_step.any()
-    assert np.isnan(run.q[1:]).all() and run.report.counters["failures"] >= paths
