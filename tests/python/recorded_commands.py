@@ -66,7 +66,7 @@ PLAIN = (
     "template kubo", "template formula", "template fpu_chain", "export s.toml --to c", "merge a b --out c", "plot a",
     "study s.toml --steps 3,5", "run s.toml --shard 3/2",
 )  # fmt: skip
-PLACES = re.compile(r"/\S*(/include|/build/\S*|libsymsde\S*)|0\.1\.0[\w.]*")
+PLACES = re.compile(r"(?<=-o s) .*|0\.1\.0[\w.]*")  # where headers and library are; the version
 OF_MACHINE = re.compile(r"# (history|date|command|symsde_|source|python|host|numpy|system|platform|commit)")
 MACHINES = {"build", "compiler", "hash", "version", "H", "noises", "scheme", "rotation"}  # in manifests; hashes of bits
 
