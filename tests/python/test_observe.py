@@ -337,6 +337,13 @@ def test_results_can_be_pickled(found):
     assert "histogram of q_1" in repr(found.observed["x"])
 
 
+def test_integers_are_numbers_however_large():
+    found = ss.moments(model(), observers={"far": observe.Histogram("q_1", 10**30, 2 * 10**30, 4)}, **RUN)
+    np.testing.assert_array_equal(found.observed["far"].edges, np.linspace(1e30, 2e30, 5))
+    found = ss.moments(model(), observers={"far": observe.Quantiles("q_1", high=2**70)}, **RUN)
+    assert found.observed["far"].edges[-1] == 2.0**70
+
+
 @pytest.mark.parametrize(
     ("observer", "error", "said"),
     [
@@ -361,6 +368,7 @@ def test_results_can_be_pickled(found):
         (observe.Passage("q_1", low=0.0, within=1.0), InvalidArgumentError, "in the place of"),
         (observe.Paths(()), InvalidArgumentError, "no path is chosen"),
         (observe.Paths((-1,)), InvalidArgumentError, "paths = -1"),
+        (observe.Paths(2.5), WrongTypeError, "paths = 2.5 is not a whole number"),
         ("histogram", WrongTypeError, "symsde.observe"),
     ],
 )

@@ -77,8 +77,8 @@ class HistogramResult(Slots):
     density: np.ndarray  #: (time, bin), share over width; likewise se_density
 
     def _take(self, scope: Scope, values: np.ndarray, errors: np.ndarray) -> None:
-        wanted = self.observer
-        self._take_slots(np.linspace(wanted.low, wanted.high, wanted.bins + 1))
+        wanted = self.observer.fields()
+        self._take_slots(np.linspace(wanted["low"], wanted["high"], wanted["bins"] + 1))
         self.share, self.se_share = (x.reshape(len(self.t), -1)[:, 1:-2] for x in (values, errors))
         width = np.diff(self.edges)
         self.density, self.se_density = self.share / width, self.se_share / width
@@ -99,7 +99,7 @@ class QuantilesResult(Slots):
 
     def _take(self, scope: Scope, values: np.ndarray, errors: np.ndarray) -> None:
         self.shares = self.observer.fields()["shares"]
-        self._take_slots(_relative_edges(self.observer))
+        self._take_slots(_relative_edges(**self.observer.fields()))
         self.quantile, self.se_quantile = (x.reshape(len(self.t), -1) for x in (values, errors))
 
     def variables(self, name: str) -> Variables:
@@ -112,11 +112,11 @@ class QuantilesResult(Slots):
         }
 
 
-def _relative_edges(observer: Any) -> np.ndarray:
-    """As the library has them: each power of two in equal parts, on both sides of zero."""
-    first, last = np.floor(np.log2(observer.low)), np.ceil(np.log2(observer.high))
+def _relative_edges(low: float, high: float, bins: int, **_others: object) -> np.ndarray:
+    """As the library has them: each power of two in equal parts (`bins` of them), on both sides of zero."""
+    first, last = np.floor(np.log2(low)), np.ceil(np.log2(high))
     powers = 2.0 ** np.arange(first, last)
-    one_side = (powers[:, np.newaxis] * (1 + np.arange(observer.parts) / observer.parts)).ravel()
+    one_side = (powers[:, np.newaxis] * (1 + np.arange(bins) / bins)).ravel()
     one_side = np.append(one_side, 2.0**last)
     return np.concatenate([-one_side[::-1], one_side])
 

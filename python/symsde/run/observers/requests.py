@@ -189,8 +189,8 @@ class Paths(Observer):
 
     def fields(self) -> dict[str, Any]:
         """The indices, ascending."""
-        given = [self.paths] if isinstance(self.paths, int) else self.paths
-        indices = sorted({checks.integer("paths", i, (0, 2**47)) for i in given})
+        given = checks.items(self.paths)
+        indices = sorted({checks.integer("paths", i, (0, 2**47)) for i in ([self.paths] if given is None else given)})
         return {"paths": np.array(indices, np.int64)}
 
 
