@@ -10,12 +10,12 @@
  * - Handles are opaque and own copies of what they are made from. symsde_<noun>_delete deletes them; it accepts NULL
  *   and sets the handle to NULL. Callback functions and their `user` pointers must live longer than the handle.
  * - Arrays belong to the caller, except those of symsde_state. Shapes are written as in C, last index fastest: the
- *   path (or the lane of a block) is always the last index.
+ *   path (or the lane, the place of a path in a block of paths that are computed together) is always the last index.
  * - Structs begin with struct_size. Fill them with their _init function before you set members.
  * - Several threads may call any function at once, also on handles that they share, but no thread may delete or change
  *   a handle while another one uses it.
  * - A process forked after the library was loaded computes on one thread. dlclose does not unload the library.
- * - Floating-point traps may be on: good input raises none, paths that fail may. All threads round as the calling one.
+ * - Floating-point traps may be on: good input raises none, but failing paths may. All threads round as the calling one.
  * - Quantities are dimensionless unless a comment names a unit.
  */
 #ifndef SYMSDE_H
@@ -63,7 +63,7 @@ int symsde_status_text(int code, char *buffer, size_t size, size_t *needed);
 int symsde_version(char *buffer, size_t size, size_t *needed);
 /* lines "key: value": version, compiler, compile options, version of the counter map of the noise */
 int symsde_build_info(char *buffer, size_t size, size_t *needed);
-/* bytes of memory that the control groups of this process leave it now; infinity where none has a limit */
+/* bytes of memory that this process may still take under the limits of its control groups; infinity without a limit */
 int symsde_memory_left(double *bytes, symsde_error *error);
 
 /* ---- models ------------------------------------------------------------------------------------ */
@@ -71,7 +71,7 @@ int symsde_memory_left(double *bytes, symsde_error *error);
 typedef struct symsde_model_handle *symsde_model;
 
 typedef struct symsde_traits {
-   size_t struct_size;
+   size_t struct_size;     /* traits: properties that a model declares, which let steps skip work; runs test them */
    int32_t ndof;           /* degrees of freedom */
    int32_t nnoise;         /* noises */
    int32_t separable;      /* every H_j = T_j(p) + U_j(q) */
@@ -88,7 +88,7 @@ typedef struct symsde_traits {
    int32_t constant_mass;  /* H = p.M^-1 p/2 + U(q) with a constant matrix M */
 } symsde_traits;
 
-/* Callbacks compute whole blocks, arrays [..][nlane], each lane from its own numbers alone. w[nham][nlane] are the
+/* Callbacks compute whole blocks, arrays [..][nlane]; each lane must use its own numbers alone. w[nham][nlane] are the
  * weights of H_0 .. H_m (nham = nnoise + 1). They return 0; another value ends the run (SYMSDE_CALLBACK_FAILED). A lane
  * fails if its result is NaN. Outputs are never NULL without symsde_model_accept_null. Several threads call at once. */
 /* gradient of sum_j w[j] H_j: hq[ndof][nlane], hp[ndof][nlane] */
@@ -139,7 +139,7 @@ int symsde_model_get(const char *name, int nparameter, const char *const *keys, 
 int symsde_model_new(const char *name, const symsde_traits *traits, symsde_gradient gradient, symsde_value value,
                      symsde_hessian hessian, symsde_hessian_vector hessian_vector, void *user, symsde_model *model,
                      symsde_error *error);
-/* Further functions for a model of symsde_model_new, with its user pointer; NULL = none. They are probed. */
+/* Further functions for a model of symsde_model_new, with its user pointer; NULL = none. Runs test them, too. */
 /* called if a scheme needs gradient and Hessian at one point; it also replaces a hessian that is NULL */
 int symsde_model_set_gradient_hessian(symsde_model model, symsde_gradient_hessian joint, symsde_error *error);
 /* for models with bandwidth 1, identity_mass, and position_noise or additive: midpoint then stores neither the whole
@@ -147,19 +147,19 @@ int symsde_model_set_gradient_hessian(symsde_model model, symsde_gradient_hessia
 int symsde_model_set_chain_rows(symsde_model model, symsde_chain_rows chain_rows, symsde_error *error);
 /* makes nested brackets exact; without it schemes approximate them by differences of gradients */
 int symsde_model_set_third_derivative(symsde_model model, symsde_third_derivative third, symsde_error *error);
-/* declares that the functions test for NULL: from now on unwanted outputs are NULL, not arrays that nobody reads */
+/* declares that the functions test for NULL: from now on outputs that are not wanted are NULL */
 int symsde_model_accept_null(symsde_model model, symsde_error *error);
-/* whole steps of a scheme of the catalogue, without correction. Runs with it call nothing else. Steps that differ from
- * the library's are refused. midpoint, symplectic_euler and stormer_verlet stand for equal schemes of other names, too */
+/* whole steps of a catalogue scheme, without correction. Runs with that scheme call nothing else. Steps that differ from
+ * the library's are refused. midpoint, symplectic_euler and stormer_verlet also stand for equal schemes of other names */
 int symsde_model_set_flow(symsde_model model, const char *scheme, symsde_flow flow, symsde_error *error);
-/* declares that the bits of a lane do not depend on nlane: from now on the functions get the paths alone, without lanes
- * that fill a block, and one path is faster. It holds for loops without contraction that call the C library */
+/* declares that the bits of a lane do not depend on nlane. From now on the functions get no lanes that only pad a block,
+ * and a single path is faster. This holds for loops without contraction (fused multiply-add) that call the C library */
 int symsde_model_accept_any_lanes(symsde_model model, symsde_error *error);
-/* declares that a program derived the functions from formulas and that neither they nor what user points to change: the
- * model is then probed once for each power of two of state and time (flows: also step), not before every run */
+/* declares that a program derived the functions from formulas, and that neither they nor the data behind user change. The
+ * model is then tested before a run only if state or time (flows: or step) enters a new power of two */
 int symsde_model_set_derived(symsde_model model, symsde_error *error);
 int symsde_model_delete(symsde_model *model);
-/* its traits; rotation and silent point into the model and live as long as it */
+/* the traits of a model; rotation and silent point into the model and are valid as long as it exists */
 int symsde_model_traits(symsde_model model, symsde_traits *traits, symsde_error *error);
 /* check declared traits and Hessians at three points around q0[ndof], p0[ndof] */
 int symsde_model_probe(symsde_model model, double t, const double *q0, const double *p0, symsde_error *error);
@@ -171,10 +171,10 @@ int symsde_model_gradient(symsde_model model, int64_t npath, double t, const dou
 int symsde_model_hessian(symsde_model model, int64_t npath, double t, const double *w, const double *q, const double *p,
                          double *hqq, double *hqp, double *hpp, symsde_error *error);
 
-/* sine[n] and cosine[n] of x[n] radians, for callbacks: several times as fast as the C library lane by lane. For
+/* sine[n] and cosine[n] of x[n] radians, for callbacks. This is several times as fast as the C library lane by lane. For
  * |x| <= 1e5 they are within 1 ulp, with the same bits on every x86-64 processor if the library is built without
  * contraction; for larger |x| they are those of the C library. A lane depends on its own x alone. The arrays must not
- * overlap. The status is SYMSDE_INVALID_ARGUMENT if an array is NULL or n < 0: a callback could not show an error */
+ * overlap. The status is SYMSDE_INVALID_ARGUMENT if an array is NULL or n < 0; a callback has no use for a message */
 int symsde_sincos(int n, const double *x, double *sine, double *cosine);
 
 /* ---- schemes ----------------------------------------------------------------------------------- */
@@ -185,15 +185,15 @@ typedef struct symsde_scheme_handle *symsde_scheme;
  * its authors; measured orders are given in addition */
 enum symsde_evidence { SYMSDE_EVIDENCE_NONE = 0, SYMSDE_EVIDENCE_CLAIMED = 1, SYMSDE_EVIDENCE_DERIVED = 2 };
 
-/* orders[i]: strong order for 0 additive noise, 1 commutative noise, 2 general noise, 3 flows that commute with each
- * other and the drift's; 4 weak order, commutative noise */
+/* The five orders of a scheme: [0] strong order for additive noise, [1] for commutative noise, [2] for general noise,
+ * [3] for noises whose flows commute with each other and with that of the drift; [4] weak order for commutative noise */
 #define SYMSDE_ORDERS 5
 
 typedef struct symsde_scheme_info {
    size_t struct_size;
    int32_t form;   /* 1 tableau, 2 Galerkin, 3 Euler-Maruyama, 4 drifts and kicks */
    int32_t nstage; /* stages, quadrature nodes */
-   int32_t degree; /* of the polynomial; 0 = not from one */
+   int32_t degree; /* of the polynomial; 0 = made without one */
    int32_t symplectic, symmetric;
    int32_t keeps_quadratic, keeps_bilinear; /* invariants exactly: quadratic ones; those of the form q^T D p */
    int32_t structure_evidence; /* for these four: derived from the coefficients, or claimed (special schemes) */
@@ -232,8 +232,9 @@ int symsde_scheme_from_tableau(int nstage, const double *a, const double *abar, 
  * tableau are not part of it. SYMSDE_MISSING_OPERATION if the scheme has no tableau */
 int symsde_scheme_tableau(symsde_scheme scheme, double *c, double *a, double *abar, double *alpha, double *b,
                           double *bbar, double *beta, symsde_error *error);
-/* the inverse of a step back in time; half a step of base, then half a step of its adjoint; three steps of a symmetric
- * base, the second backwards, which raises the order without noise by two. name = NULL: that of base with a suffix */
+/* The adjoint is the inverse of a step back in time. The symmetric composition is half a step of base, then half a step
+ * of its adjoint. The triple jump is three steps of a symmetric base, the second one backwards; it raises the order
+ * without noise by two. name = NULL: that of base with a suffix */
 int symsde_scheme_adjoint(symsde_scheme base, const char *name, symsde_scheme *scheme, symsde_error *error);
 int symsde_scheme_symmetric_composition(symsde_scheme base, const char *name, symsde_scheme *scheme,
                                         symsde_error *error);
@@ -258,7 +259,7 @@ enum symsde_correction {
 /* How Levy areas are drawn, by schemes that use them. */
 enum symsde_areas {
    SYMSDE_AREAS_PATH = 0, /* those of the path, with a mean-square error below |h|^3/area_time */
-   SYMSDE_AREAS_LAW = 1   /* the right law given dW and dZ, at bounded cost; no path, so refine < 0 is refused */
+   SYMSDE_AREAS_LAW = 1   /* right in law given dW and dZ, at bounded cost; not on the path: refine < 0 is refused */
 };
 
 /* Called on the calling thread, at most twenty times a second, with the work done and the total: path-steps of a run,
@@ -289,7 +290,7 @@ typedef struct symsde_options {
    void *progress_user;
    double area_time;       /* time scale of areas by the path; 0 = derived from the model [time] */
    int32_t areas;          /* enum symsde_areas */
-   uint64_t common_noise;  /* bit k - 1: every path gets the W_k of path 0; the other noises are each path's own */
+   uint64_t common_noise;  /* bit k - 1: every path gets the W_k of path 0; the others differ by path */
 } symsde_options;
 
 int symsde_options_init(symsde_options *options);
@@ -314,14 +315,14 @@ typedef struct symsde_report {
    int32_t correction;  /* the correction that was used */
    /* path_steps: steps until paths failed, were absorbed or stopped; normals: numbers drawn for these steps */
    int64_t path_steps, normals, gradients, hessians, hessian_vectors, iterations, solves, lapack_solves;
-   int64_t failures, damped, continued; /* steps not solved from zero increments; then by damping, by continuation */
+   int64_t failures, damped, continued; /* steps not solved from zero increments; then by damping; by continuation */
    int64_t failed, stopped; /* paths */
    int32_t threads, lanes; /* lanes of a block: 1 where few paths are taken one by one */
-   double lost_variance;    /* that truncation takes from a normal number */
+   double lost_variance;    /* variance that a normal number loses by truncation */
    double seconds_setup, seconds_run;
    char stepper[64];
    char left_out[512];
-   char warnings[2048]; /* doubts known before the run, one a line */
+   char warnings[2048]; /* problems found before the run, one a line */
 } symsde_report;
 
 int symsde_report_init(symsde_report *report);
@@ -344,7 +345,7 @@ int symsde_simulate(symsde_model model, symsde_scheme scheme, const symsde_optio
 typedef int (*symsde_observables)(int nlane, int ndof, double t, const double *q, const double *p, double *values,
                                   void *user);
 
-/* Streaming observers: statistics that a run of moments keeps in memory independent of paths and steps (docs/observers.md) */
+/* Streaming observers: statistics of a run of moments; neither paths nor steps add to their memory (docs/observers.md) */
 enum symsde_observer_kind {
    SYMSDE_OBSERVE_HISTOGRAM = 1,       /* a value in `bins` bins of equal width from low to high */
    SYMSDE_OBSERVE_QUANTILES = 2,       /* magnitudes from low to high in bins of equal relative width, both signs */
@@ -357,24 +358,24 @@ enum symsde_observer_kind {
 typedef struct symsde_observer {
    size_t struct_size;
    int32_t kind, nvalue;
-   const int32_t *values; /* [nvalue] which of those of symsde_moments, counted from 0 */
+   const int32_t *values; /* [nvalue] numbers of values, in the order of symsde_moments, from 0 */
    double low, high;
-   int32_t bins, nshare; /* nshare: the number of quantiles that a histogram answers instead of shares */
+   int32_t bins, nshare; /* nshare: the number of quantiles that a histogram returns instead of shares */
    const double *shares; /* [nshare], 0 .. 1 */
    int64_t npath;
    const int64_t *paths; /* [npath] global indices */
    int32_t absorbs, bridges; /* passage: whether paths end there; whether they may leave between steps (default 1) */
-   int64_t *counts;          /* output, like sums: parts merge by these; NULL = not wanted */
+   int64_t *counts;          /* output, like sums; parts merge by both; NULL = not wanted */
    double *sums;
 } symsde_observer;
 int symsde_observer_init(symsde_observer *observer);
-/* sizes[3]: of counts, of sums and of an answer, in a run with these options and so many observables */
+/* sizes[3]: of counts, of sums and of an answer, in a run with these options and nobservable observables */
 int symsde_observer_sizes(symsde_model model, const symsde_options *options, int nobservable,
                           const symsde_observer *observer, int64_t *sizes, symsde_error *error);
-/* two siblings of the tree of symsde_merge_moments: the left part becomes both */
+/* merges two sibling parts as symsde_merge_moments does: left becomes the merged part */
 int symsde_observer_merge(symsde_model model, const symsde_options *options, int nobservable, symsde_observer *left,
                           const symsde_observer *right, symsde_error *error);
-/* the results with standard errors, [answers], from what was kept; NaN if nothing is known */
+/* the results and their standard errors from counts and sums, both [sizes[2]]; NaN if nothing is known */
 int symsde_observer_answer(symsde_model model, const symsde_options *options, int nobservable,
                            const symsde_observer *observer, double *values, double *errors, symsde_error *error);
 
@@ -432,23 +433,22 @@ typedef struct symsde_state {
    int64_t next_step; /* absolute index of the next step; after a stop, of the next one after resuming */
    double t; /* time before that step [time] */
 } symsde_state;
-
 int symsde_state_init(symsde_state *state);
 /* prepare a run; steps and save_every of the options and increments and progress of the input are ignored */
 int symsde_run_new(symsde_model model, symsde_scheme scheme, const symsde_options *options, const symsde_input *input,
                    symsde_run *run, symsde_error *error);
-/* so many steps more. input = NULL: with the run's own noise; else with its increments [steps*2^refine] and progress (its
- * state is ignored). paths = NULL: nothing is saved; else t, q and p of the first state and after every save_every steps.
- * Returns SYMSDE_PATHS_FAILED if some paths are not ok, also from an earlier call */
+/* takes further steps. input = NULL: with the run's own noise; else with the increments [steps*2^refine] and the progress
+ * of input, whose state is ignored. paths = NULL: nothing is saved; else t, q and p of the first state and after every
+ * save_every steps. Returns SYMSDE_PATHS_FAILED if some paths are not ok, even if they failed in an earlier call */
 int symsde_run_advance(symsde_run run, int64_t steps, int64_t save_every, const symsde_input *input,
                        symsde_paths *paths, symsde_error *error);
-/* complete a stopped advance, with that call's increments and arrays; the run advances again after this, or a reset */
+/* complete a stopped advance, with its increments and arrays; before this, or a reset, the run does not advance again */
 int symsde_run_resume(symsde_run run, const symsde_input *input, symsde_paths *paths, symsde_error *error);
 /* start again from the state of an input; all paths are ok */
 int symsde_run_reset(symsde_run run, const symsde_input *input, uint64_t seed, int64_t first_path, int64_t first_step,
                      symsde_error *error);
 int symsde_run_state(symsde_run run, symsde_state *state, symsde_error *error);
-/* counters and seconds of all calls, and the outcome of the last one; warnings are for a million steps */
+/* counters and seconds of all calls, and the outcome of the last one; warnings assume a million steps */
 int symsde_run_report(symsde_run run, symsde_report *report, symsde_error *error);
 int symsde_run_delete(symsde_run *run);
 /* t[ntime] of the saved points of a run with these options, as symsde_simulate has them */
@@ -488,7 +488,7 @@ int symsde_commutator(symsde_model model, double t, int64_t npoint, const double
                       int32_t *commute, char *text, size_t size, symsde_progress progress, void *user,
                       symsde_error *error);
 /* exact solution q, p [ntime][ndof][paths] on the run's own Brownian path, if the model has one: quadratic models with
- * flows that commute; linear_oscillator and additive_oscillator, from dW, dZ, K of the run and two more draws a step.
+ * flows that commute; linear_oscillator and additive_oscillator, by dW, dZ, K of the run and two more draws a step.
  * SYMSDE_INCOMPATIBLE for schemes with two- or three-point increments */
 int symsde_exact_solution(symsde_model model, symsde_scheme scheme, const symsde_options *options,
                           const symsde_input *input, double *q, double *p, symsde_error *error);
