@@ -53,9 +53,9 @@ def page(results: dict) -> str:
     sections = [topic.section(results[name]) for name, topic in TOPICS.items() if name in results]
     return (
         "# Performance\n\n`./bootstrap bench --markdown docs/performance.md` writes this page; all numbers are of one "
-        "run on one\nmachine. Compare ratios, not nanoseconds, between machines. Times are wall-clock times if they "
-        "are not called\nprocessor times; if the load was near or above the number of cores, other work disturbed "
-        f"these.\n\n{described}\n\n" + "\n\n".join(sections) + "\n"
+        "run on one\nmachine. Compare ratios, not nanoseconds, between machines. Times are wall-clock times "
+        "unless they are\ncalled processor times. Other work disturbed wall-clock times if the load was near or above "
+        f"the number of\ncores.\n\n{described}\n\n" + "\n\n".join(sections) + "\n"
     )
 
 

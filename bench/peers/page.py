@@ -11,14 +11,14 @@ from symsde.reports.study.peers import TITLES, curves, draw, sentence
 
 COMMAND = "bench/peers/run.py --page docs/peers.md"
 INTRODUCTION = """\
-This page compares the error of other packages and of symsde over run time, on five problems, on one thread of one
-machine, in double precision. Packages that take increments get those of one set of paths. So does symsde in the rows
-"given"; there all errors are for the same paths, and the generation of random numbers is not timed. In the rows "own"
-symsde draws its random numbers itself, as ShARK of diffrax, jitcsde and XMDS2 do in their rows. *Error* is the root
-mean square distance in (q, p) at the horizon from symsde's best scheme with many steps. ShARK and jitcsde have paths
-of their own, so their reference is their own finest run. XMDS2 returns means only; its error is that of the same rule
-in NumPy on the common paths. *Run time* is the processor time of a path after a warm-up; the time of compilation is
-given below.
+This page compares error and run time of symsde and of other packages on five problems. All runs are in double
+precision, on one thread of one machine. Packages that take increments get those of one set of paths, and so does symsde
+in the rows "given". The errors of these rows are for the same paths, and the generation of random numbers is not timed.
+In the rows "own" symsde draws its random numbers itself, as ShARK of diffrax, jitcsde and XMDS2 do in their rows.
+*Error* is the root mean square distance in (q, p) at the horizon from a reference: symsde's best scheme with many
+steps. ShARK and jitcsde have paths of their own, so their reference is their own finest run. XMDS2 returns means only,
+so its error is measured with the same rule in NumPy on the common paths. *Run time* is the processor time of a path
+after a warm-up. It does not include compilation, whose time is given below.
 """
 
 

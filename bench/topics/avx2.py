@@ -41,7 +41,7 @@ def section(found: dict) -> str:
     """Write the section."""
     head = "## AVX2 beside AVX-512\n\n"
     if not found:
-        return head + f"Needs --avx2-build and a machine with AVX-512: {ABSENT}."
+        return head + f"This section needs --avx2-build and a machine with AVX-512: {ABSENT}."
     rows = []
     for name, (native, avx2) in found["rows"].items():
         ratio = summary([b / a for a, b in zip(native, avx2, strict=True)])

@@ -24,7 +24,7 @@ GROUPS = {
     "given1000": "1000 paths, increments given, beside those that the library draws",
     "saved_unsaved": "1 path, every step saved, beside the library without",
     "moments": "1000 paths, moments at every step",
-    "call": "µs of a call; the target is for these",
+    "call": "µs of a call; the target is a bound of the library's",
 }
 
 
@@ -61,6 +61,7 @@ def section(rows: list[dict]) -> str:
         "ziggurat), and without -ffast-math. If not said otherwise, they solve for one unknown by Newton's method\n"
         "to rounding, and for several by fixed-point iteration until positions change by less than $10^{-14}$. The\n"
         'library iterates until its slopes no longer change, and draws its own normal numbers. "By pointer" is the\n'
-        "same loop with a call of the compiled callback that the library gets, instead of a force that numba "
-        "inlines.\n\n" + table(heads, cells)
+        "same loop with a call of the compiled callback that the library gets, instead of a force that numba\n"
+        'inlines. Where the first column says "beside", the column "loop" is the time of what is named there.\n\n'
+        + table(heads, cells)
     )

@@ -52,7 +52,7 @@ def section(found: list[list[str]]) -> str:
         "The next table gives ns for a step of a path, for moments of 1000 paths (kubo, midpoint) over 500 steps.\n\n"
         + table(["what is saved", "time [ns]", "target", ""], observed)
         + "\n\n"
-        "The last table gives the growth of the peak memory of the process in a large run, over the size of the arrays "
-        "that it returns. If it is 1, results are copied once, and nothing else that is large.\n\n"
-        + table(["run", "returned [MB]", "growth of peak / returned", "target", ""], memory)
+        "The last table gives the growth of the peak memory of the process in a large run, divided by the size of the "
+        "arrays that it returns. A ratio of 1 means that memory holds the results once, and nothing else that is large."
+        "\n\n" + table(["run", "returned [MB]", "growth of peak / returned", "target", ""], memory)
     )

@@ -49,7 +49,7 @@ def section(found: list[dict]) -> str:
     return (
         "## Threads\n\n"
         "The table compares two threads with two processes of one thread each, in alternating runs with the same work\n"
-        "for each thread. The ratio is that of throughputs. In wall-clock time it depends on everything else that\n"
-        "runs on the machine. In processor time (for a step of a path) it shows what the threads cost each other. The\n"
-        f"threads run for {100 * inside:.2f} % of the time of a run.\n\n" + table(heads, rows)
+        "for each thread. The ratio of throughputs, by wall-clock time, also depends on everything else that runs\n"
+        "on the machine. The ratio of processor times (for a step of a path) shows what the threads cost each other.\n"
+        f"The threads run for {100 * inside:.2f} % of the time of a run.\n\n" + table(heads, rows)
     )

@@ -125,7 +125,7 @@ def test_the_page_of_scenes_shows_the_same_rows():
         )
         assert re.sub(r"\s+", " ", study_page.beside(kept["peers"])) in text.partition(f"## {scene} ")[2]
     assert re.sub(r"\s+", " ", peers.lesson(data)) in text
-    assert peers.lesson(data).endswith("on fpu_chain (numba_loop Heun, up to 2.9 times to the same error).")
+    assert peers.lesson(data).endswith("on fpu_chain (numba_loop Heun, up to 2.9 times faster to the same error).")
     assert peers.lesson([row for row in data if row["problem"] == "kubo"]).count("on none of the scenes") == 1
 
 

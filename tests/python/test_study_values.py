@@ -251,7 +251,7 @@ def test_the_words_give_the_numbers():
     )
     assert second + "0.02." in said
     assert "For an error of 0.0001 use gauss2 at h = 0.02: 75 microseconds a path; no other scheme reaches it" in said
-    assert "gauss2 is the most expensive scheme for 0.01: it takes 6 times as long as the best." in said
+    assert "gauss2 is the most expensive scheme for an error of 0.01: it takes 6 times as long as the best." in said
     assert "heun is 2.0 times as fast as the best symplectic scheme at 0.01" in said
     assert "The slopes of the error over h, without plateaus, are: midpoint 1.02 +- 0.03." in said
 
@@ -444,7 +444,7 @@ def test_lessons_give_the_numbers(monkeypatch):
         in lines
     )
     assert "toy (heun, errors 8e-03 to 8e-03)" in lines or "toy (heun, errors 7e-03 to 7e-03)" in lines
-    assert "largest rms change over the steps measured: toy: heun 4e-03" in lines
+    assert "largest rms change at a measured step: toy: heun 4e-03" in lines
 
 
 @pytest.mark.parametrize("status", ["failed", "diverged", "ok"])

@@ -145,9 +145,9 @@ LESSONS = (
     (
         _integrals,
         "; ".join,
-        "**Integrals beyond increments.** Some schemes also draw dZ or areas. Their cost at the smallest error that "
-        "the others reach: {}. For smaller errors their higher order gains more and more; for much larger errors the "
-        "extra work does not pay.",
+        "**Integrals beyond increments.** Some schemes also draw dZ or areas. The list compares their cost with that "
+        "of the best other scheme, at the smallest error that the other schemes reach: {}. For smaller errors their "
+        "higher order gains more and more; for much larger errors the extra work does not pay.",
     ),
     (
         _losses,
@@ -169,6 +169,6 @@ LESSONS = (
         "among the best on {}. The strength of symplectic schemes is long times: see the drift of invariants, and "
         "[Stiff and extreme cases](stability.md).",
     ),
-    (_invariants, "; ".join, "**Invariants that are lost**, largest rms change over the steps measured: {}."),
+    (_invariants, "; ".join, "**Invariants that are lost**, with the largest rms change at a measured step: {}."),
     (_long_steps, listed, "**Stable is not accurate.** At the longest steps explicit schemes fail or diverge on {}."),
 )

@@ -104,7 +104,8 @@ def lesson(rows: list[dict]) -> str:
     for problem in dict.fromkeys(row["problem"] for row in rows):
         for name, found in compared(rows, problem).items():
             if found and found[0] < 1:
-                won.append(f"{SCENES[problem]} ({' '.join(name)}, up to {1 / found[0]:.2g} times to the same error)")
+                faster = f"up to {1 / found[0]:.2g} times faster to the same error"
+                won.append(f"{SCENES[problem]} ({' '.join(name)}, {faster})")
     where = f"on {'; '.join(won)}" if won else "on none of the scenes that are measured with other packages"
     return f"**Where another package wins**: {where}."
 

@@ -18,17 +18,17 @@ COMMAND = "symsde study --all examples/scenes --markdown docs/work-precision.md"
 INTRODUCTION = """\
 All schemes follow the same Brownian paths at all steps. The *strong error* is the root mean square distance in (q, p)
 at the horizon from the exact solution. If the model has no exact solution, a better scheme with a finer step serves as
-reference; the dotted line is its own error. *Run time* is the processor time of one path on one thread, with
-increments of its own step: the median of {repeats} warm repeats with quartiles as bars. What is set up once a run is
-not counted. Error runs and timed runs are separate. The slopes leave out points on a plateau (hollow markers) and
-points that failed or diverged (crosses); they are slopes over the measured steps, not asymptotic orders. In the
-tables, "us to 0.1" is the lowest run time of a path, in microseconds, at which the error is at most 0.1; the fastest
-is bold. The column E H error gives the error of the mean energy at the longest step that counts. The *weak error* is
-the largest of the errors of E q, E p (means over degrees of freedom) and E H, with 95 % intervals. Errors with hollow
-markers are not significantly different from zero. `symsde study SCENE.toml` writes every point to work-precision.csv.
-The panels of other packages show one run of [Other packages on the same problems](peers.md), with symsde's rows of that
-run. The equations are the same, the machine is another one. On synchrotron and linear_oscillator they start from
-another initial state; on the latter they end at T = 4.
+reference; the dotted line is its own error. *Run time* is the processor time of one path on one thread: the median of
+{repeats} repeats after a warm-up, with quartiles as bars. Timed runs are not the error runs. They draw increments of
+their own step, not sums over finer steps. What is set up once a run is not counted. The slopes leave out points on a
+plateau (hollow markers) and points that failed or diverged (crosses). They are slopes over the measured steps, not
+asymptotic orders. In the tables, "us to 0.1" is the lowest run time of a path, in microseconds, at which the error is
+at most 0.1; the fastest is bold. The column E H error gives the error of the mean energy at the longest step that
+counts. The *weak error* is the largest of the errors of E q, E p (means over degrees of freedom) and E H, with 95 %
+intervals. Errors with hollow markers are not significantly different from zero. `symsde study SCENE.toml` writes every
+point to work-precision.csv. The panels of other packages, and their curves of symsde, show one run of [Other packages
+on the same problems](peers.md). The equations are the same, but that run was made on another machine. It starts
+synchrotron and linear_oscillator from another initial state, and it ends linear_oscillator at T = 4.
 
 Measured with {made_by}, {machine}. Run times move with the machine; errors do not.
 """
@@ -82,9 +82,9 @@ def _left_out(scenes: list[Path]) -> list[str]:
     rows = [left_out(scene) for scene in scenes]
     kept = max(row.bytes_kept for row in rows)
     text = (
-        "Counts of a path-step, from the report of a run of each scene by its own scheme. Traits decide what is left "
-        f"out, and tests hold these counts. Runs for moments keep no paths: at most {kept} bytes of results here, "
-        "however many paths there are."
+        "The table counts operations of one step of one path. The counts are those of the report of a run of each "
+        "scene with its own scheme. Traits decide what is left out, and tests check these counts. Runs for moments "
+        f"keep no paths: their results take at most {kept} bytes here, for any number of paths."
     )
     return [wrapped(text), markdown(HEAD, (row.cells() for row in rows))]
 

@@ -73,7 +73,8 @@ def _losers(usable: list[dict]) -> str:
     if factor < 2:
         return ""
     name = worst["scheme"]
-    return f"{name} is the most expensive scheme for {target:g}: it takes {factor:.0f} times as long as the best."
+    times = f"it takes {factor:.0f} times as long as the best"
+    return f"{name} is the most expensive scheme for an error of {target:g}: {times}."
 
 
 def _contrast(usable: list[dict]) -> str:
