@@ -94,9 +94,9 @@ def stationary_path(
 
     It is the path that the scheme itself takes from (q_start, p[0]), Theorem 2.3 and [WHSB] (46)-(48). The increments
     are those of a run with these `options` of `simulate` (step, steps, paths, seed, ...), or given ones, (step, noise)
-    or (step, noise, path). q_start, q_end: a number, (dof,) or (dof, path); guesses to begin with: (time, dof, path),
-    by default a straight line. It is found for times below the first conjugate point (pi for an oscillator of unit
-    frequency).
+    or (step, noise, path). q_start, q_end: a number, (dof,) or (dof, path). guess_q, guess_p: (time, dof, path), where
+    the iteration begins, by default a straight line. The path is found if the time is below that of the first conjugate
+    point (pi for an oscillator of unit frequency).
     """
     chosen = make_options(model, **options)
     shape = (chosen.steps + 1, model.ndof, chosen.paths)
@@ -144,7 +144,7 @@ def exact(run: Run) -> tuple[np.ndarray, np.ndarray]:
 
 
 def exact_of(setup: Setup) -> tuple[np.ndarray, np.ndarray]:
-    """Exact solution of a run that need not have been made."""
+    """Exact solution on the Brownian path of a run that is set up but need not have been made."""
     shape = (setup.ntime, setup.model.ndof, setup.paths)
     checks.room((2, *shape), "the exact solution (q and p; time, dof, path)")
     q, p = np.empty(shape), np.empty(shape)
@@ -154,7 +154,7 @@ def exact_of(setup: Setup) -> tuple[np.ndarray, np.ndarray]:
 
 
 def driving_increments(run: Run) -> np.ndarray:
-    """The increments that drove a run, (step, noise, path), prescribed ones summed and truncated as it did."""
+    """The increments that drove a run, (step, noise, path), with prescribed ones summed and truncated as in the run."""
     setup = _setup_of(run)
     if setup.increments is None:
         return of_options(setup.model, setup.options, setup.scheme)

@@ -70,7 +70,7 @@ class FalseTraitError(SymsdeError, ValueError):
 
 
 class NullHandleError(SymsdeError, ValueError):
-    """A handle that was deleted."""
+    """A handle of the library that was deleted."""
 
     code = -7
 
@@ -114,7 +114,7 @@ class PathsFailedWarning(RuntimeWarning):
 
 
 class NotANumberWarning(RuntimeWarning):
-    """A value was not a finite number for a path that counts. So its means are not finite either."""
+    """A value was not a finite number for a path that counts, so that its means are not finite either."""
 
 
 class SlowFormulaWarning(UserWarning):

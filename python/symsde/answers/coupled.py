@@ -172,14 +172,14 @@ class LevelSampler:
         return sums, cost
 
     def draw(self, level: int, count: int) -> Draw:
-        """The same as tallies, which do not lose small variances of large numbers."""
+        """New samples as tallies of centred sums, which keep a small variance of large numbers."""
         result = NOTHING
         for fine, coarse, failed, seconds in self._samples(level, count):
             result += Draw(Tally.of(fine - coarse), Tally.of(fine), Tally.of(coarse), seconds, failed)
         return result
 
     def draw_from(self, level: int, sample: int, count: int) -> Draw:
-        """The same from a sample on, counted from 0."""
+        """The same, beginning with the sample of this number, counted from 0."""
         level = checks.integer("level", level, (0, MOST_LEVELS))
         self._used[level] = self._first + checks.integer("sample", sample, (0, _STRIDE))
         return self.draw(level, count)
@@ -290,8 +290,9 @@ def level_sampler(
 ) -> LevelSampler:  # fmt: skip
     """A `LevelSampler` for your own driver of multilevel Monte Carlo; symsde's driver is `mlmc`.
 
-    steps: number of steps of level 0. antithetic: fine paths come in pairs whose increments are exchanged within every
-    coarse step, for noises that do not commute. The other arguments are those of `mlmc`.
+    steps: number of steps of level 0. antithetic: fine paths come in pairs; within every coarse step one path has the
+    two increments of the other in reverse order. This is for noises that do not commute. The other arguments are those
+    of `mlmc`.
     """
     return LevelSampler(
         make_problem(model, f, q0=q0, p0=p0, horizon=horizon, seed=seed, **options), scheme, steps,

@@ -62,18 +62,18 @@ class MeanSquare:
 
 @checks.hinted()
 def mean_square(model: Model, scheme: str | Scheme = "midpoint", *, step: float, t: float = 0.0) -> MeanSquare:
-    """How second moments grow in one step of a scheme, exactly, for a model with quadratic Hamiltonians.
+    """Compute exactly how second moments grow in one step of a scheme, for a model with quadratic Hamiltonians.
 
     A step of such a model is a linear map M. It is computed by the library's own steps at the nodes of the law of the
     increments (Gauss-Hermite nodes for Gaussian ones, and also for dZ and K). The result has the mean of M and the mean
     of the Kronecker product of M with itself. Noise with H_k bilinear in (q, p) makes M random. Additive noise only
-    adds constants, which do not matter for stability; M is then one matrix, and the model may be a chain. If the matrix
-    of a step can be singular, as that of midpoint under noise on the stiffness, its second moments are infinite.
-    `growth` says so if such increments are likely enough that two rules disagree; then truncate the increments. All
-    quantities are dimensionless.
+    adds constants, which do not matter for stability; M is then one matrix, and the model may be a chain. For some
+    increments the equations of an implicit step can be singular, as those of midpoint under noise on the stiffness. The
+    second moments of M are then infinite. `growth` is infinite if such increments are so likely that two quadrature
+    rules disagree; then truncate the increments. All quantities are dimensionless.
 
     IncompatibleError is raised for other models, for schemes that take J or areas, and for more than two noises that
-    are not additive. TooLargeError is raised if these have more than 32 degrees of freedom.
+    are not additive. TooLargeError is raised for such noises with more than 32 degrees of freedom.
     """
     require_model(model)
     chosen = as_scheme(scheme)

@@ -24,7 +24,7 @@ from .scene_pieces import Batch
 
 
 class OpenRun:
-    """A run folder: its manifest and scene, and the results of those shards that are there."""
+    """A run folder: its manifest, its scene, and the results of the shards that are finished."""
 
     def __init__(self, path: str | os.PathLike):
         """Open a folder; see `open_run`."""
@@ -53,7 +53,7 @@ class OpenRun:
 
     @functools.cached_property
     def moments(self) -> Moments | None:
-        """Moments of the paths whose shards are there, `report.stopped` counts the others; None where there is none."""
+        """Moments of the paths whose shards are there, None without any. `report.stopped` counts the other paths."""
         there = self._there("moments")
         if not there:
             return None
@@ -68,7 +68,7 @@ class OpenRun:
 
     @functools.cached_property
     def run(self) -> Run | None:
-        """The saved paths whose shards are there; None where there is none."""
+        """The saved paths whose shards are there, None without any."""
         there = self._there("paths")
         if not there:
             return None
@@ -86,7 +86,7 @@ class OpenRun:
 
 
 def load(path: str | os.PathLike) -> LoadedRun | LoadedMoments | OpenRun:
-    """What a run has saved, as an object with its arrays, tables and figures.
+    """Load the saved results of a run, as an object with arrays, tables and figures.
 
     run = ss.load("run.nc")            # or run.npz: t, q, p, path, status, failed_step, plot, to_pandas
     moments = ss.load("moments.csv")   # or .nc, .npz: t, n_ok, mean_q, var_p, se_mean_energy, mean["name"], plot, ..

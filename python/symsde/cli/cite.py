@@ -107,7 +107,7 @@ def _project() -> str:
 
 def arguments(parser: argparse.ArgumentParser) -> None:
     """Options of `symsde cite`."""
-    parser.add_argument("--scheme", metavar="NAME", help="its sources, too")
+    parser.add_argument("--scheme", metavar="NAME", help="also print the sources of this scheme")
 
 
 def run(options: argparse.Namespace) -> int:

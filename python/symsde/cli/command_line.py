@@ -95,17 +95,17 @@ def _parser() -> argparse.ArgumentParser:
             sub.add_argument("--allow-python", action="store_true", help="let scenes name Python functions")
         return sub
 
-    run = add("run", batch.run, "Run a scene in a folder of shards, or resume it; moments.csv and run.nc.")
+    run = add("run", batch.run, "Run a scene in a folder of shards, or resume it. It ends with moments.csv and run.nc.")
     batch.arguments(run)
     merge_command.arguments(add("merge", merge_command.run, merge_command.HELP))
     plot.arguments(add("plot", plot.run, plot.HELP))
     add("check", _check, "Check a scene without running it.").add_argument("scene", metavar="SCENE.toml")
     add("template", _template, "Print a scene of a built-in model, or of a formula.").add_argument(
-        "model", metavar="MODEL", help="a name, or formula"
+        "model", metavar="MODEL", help="name of a built-in model, or the word formula"
     )
     catalogue = add("list", _list, "List models with their parameters, and schemes.")
     catalogue.add_argument("what", nargs="?", choices=("models", "schemes"), help="one of the two (default: both)")
-    catalogue.add_argument("--markdown", action="store_true", help="as the page of the documentation")
+    catalogue.add_argument("--markdown", action="store_true", help="print the page of the documentation")
     add("info", _info, "Print versions, compiler and optional packages.")
     add("selftest", selftest.run, selftest.HELP)
     cite.arguments(add("cite", cite.run, cite.HELP))

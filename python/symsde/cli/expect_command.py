@@ -17,7 +17,7 @@ from ..errors import SceneError, SymsdeError
 from ..model.definition import Model
 from .run_command import logged
 
-HELP = "Compute the mean of a function of the final state to a tolerance, by the cheapest way there is."
+HELP = "Compute the mean of a function of the final state to a tolerance, in the cheapest way."
 STOPPED = 4  #: exit code where an interval is wider than asked
 
 
@@ -25,10 +25,10 @@ def arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the options."""
     parser.add_argument("scene", metavar="SCENE.toml")
     parser.add_argument("--abs", metavar="X", type=float, help="half width of the 95 %% interval")
-    parser.add_argument("--rel", metavar="X", type=float, help="the same, over the value")
-    parser.add_argument("--max-time", metavar="S", type=float, help="seconds, after which the interval is given as is")
+    parser.add_argument("--rel", metavar="X", type=float, help="the same, divided by the value")
+    parser.add_argument("--max-time", metavar="S", type=float, help="stop after S seconds with the interval reached")
     parser.add_argument("--out", metavar="DIR", help="folder that keeps the work: the same command resumes it")
-    parser.add_argument("--quiet", action="store_true", help="value and interval alone, no progress")
+    parser.add_argument("--quiet", action="store_true", help="print value and interval only, no progress")
 
 
 def run(options: argparse.Namespace) -> int:

@@ -25,7 +25,7 @@ def arguments(parser: argparse.ArgumentParser) -> None:
     """Options of `symsde export`."""
     parser.add_argument("scene", metavar="SCENE.toml")
     parser.add_argument("--to", choices=tuple(ENDING), required=True, help="the language")
-    parser.add_argument("--out", metavar="FILE", help="where (the name of the scene, with .f90 or .c, in this folder)")
+    parser.add_argument("--out", metavar="FILE", help="file to write (default: named after the scene, in this folder)")
 
 
 def run(options: argparse.Namespace) -> int:

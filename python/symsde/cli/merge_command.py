@@ -16,7 +16,7 @@ from ..errors import SceneError
 from ..native import durable
 from .run_command import finish, logged
 
-HELP = "Merge folders that hold parts of one run (`symsde run --shard I/N`); the bits are those of one run."
+HELP = "Merge folders that hold parts of one run (`symsde run --shard I/N`). The result has the bits of one run."
 
 
 def arguments(parser: argparse.ArgumentParser) -> None:

@@ -16,19 +16,19 @@ from ..reports.plot import data, draw
 from ..run.loaded import LoadedRun, load_file
 from ..run.observers.requests import value_name
 
-HELP = "Draw a run: paths, phase plane, energy, moments with bands, what observers kept."
+HELP = "Draw a run: paths, phase plane, energy, moments with bands, results of observers."
 
 
 def arguments(parser: argparse.ArgumentParser) -> None:
     """Options of `symsde plot`."""
     parser.add_argument("source", metavar="DIR_OR_FILE", help="folder of a run, or its .nc, .npz or .csv file")
-    parser.add_argument("--what", metavar="NAME", help="one figure alone; without it all there are")
+    parser.add_argument("--what", metavar="NAME", help="draw only this figure (default: all)")
     parser.add_argument(
-        "--of", metavar="VALUE", action="append", help="figures of a value, as q_2, or an observer; may be repeated"
+        "--of", metavar="VALUE", action="append", help="draw this value, such as q_2, or observer; may be repeated"
     )
     parser.add_argument("--at", metavar="I", type=int, default=-1, help="saved time of histograms (default: the last)")
     parser.add_argument("--most", metavar="N", type=int, default=draw.MOST_PATHS, help="paths drawn (%(default)s)")
-    parser.add_argument("--out", metavar="FILE", help="of one figure: .png, .pdf or .svg")
+    parser.add_argument("--out", metavar="FILE", help="file of one figure: .png, .pdf or .svg")
 
 
 def run(options: argparse.Namespace) -> int:

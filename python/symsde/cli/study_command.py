@@ -17,10 +17,10 @@ HELP = "Measure error against run time of schemes on a scene; write a table, a C
 def arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the options."""
     parser.add_argument("scene", metavar="SCENE.toml", nargs="?")
-    parser.add_argument("--schemes", metavar="A,B", help="names, instead of those of [study]")
+    parser.add_argument("--schemes", metavar="A,B", help="names of schemes, instead of those of [study]")
     parser.add_argument("--steps", metavar="N,M", help="numbers of steps to the horizon, instead of those of [study]")
     parser.add_argument("--paths", metavar="N", type=int, help="paths of the error runs")
-    parser.add_argument("--horizon", metavar="T", type=float, help="time at which errors are taken")
+    parser.add_argument("--horizon", metavar="T", type=float, help="time at which errors are measured")
     parser.add_argument("--out", metavar="DIR", help="directory of the results (default: out/study/SCENE)")
     parser.add_argument("--all", metavar="DIR", help="study every scene of a folder that has a table [study]")
     parser.add_argument("--markdown", metavar="FILE", help="with --all: write this page, and figures/ beside it")

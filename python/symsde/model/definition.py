@@ -103,8 +103,8 @@ class Model:
 
     The other arguments declare traits, see `Traits`; silent holds the numbers k of noises with H_k = 0. Runs probe the
     traits and refuse a false one by name (`FalseTraitError`). ``derived`` says that a program derived the functions
-    from formulas and that nothing they read ever changes. Then they are probed once for each power of two of state and
-    time (flows: also of the step), and not before every run. Without a Hessian, it is approximated by differences of
+    from formulas and that nothing they read ever changes. Then they are not probed before every run, but once for each
+    power of two of state and time (flows: also of the step). Without a Hessian, it is approximated by differences of
     gradients. An exception in a Python function stops the run and is raised again from it.
     """
 

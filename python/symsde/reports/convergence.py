@@ -63,8 +63,11 @@ class Convergence:
         )
 
     def plot(self, path=None, *, ax=None, axes=None):
-        """A matplotlib figure of errors over h with their intervals, hollow where they do not count, written where a
-        path is given, or drawn into `ax`. Until 0.2 axes may stand for path, with a warning; they are returned then."""
+        """Draw errors over h with their intervals: a matplotlib figure, written if a path is given, or drawn into `ax`.
+
+        Hollow markers do not count for the order. Until 0.2 axes may be given in place of path: a warning says what to
+        write instead, and the axes are returned.
+        """
         axes = path if hasattr(path, "errorbar") else axes
         if axes is None:
             return draw.finish([self._draw], f"{self.model}, {self.paths} paths", path, ax)
@@ -102,7 +105,7 @@ def convergence(
 
     - steps: numbers of steps, each the largest one divided by a power of two
     - reference: "exact", the name of a scheme, or "auto": the exact solution if the model has one, else a better scheme
-      with `reference_steps` steps (a power of two times the largest), whose own error is estimated and shown
+      with `reference_steps` steps (a power of two times the largest). Its own error is estimated and shown
     - options: t0, seed, correction, truncation, compensated and threads of `simulate`
 
     Steps whose error is less than four times that of the reference are marked and do not count for the order; a

@@ -116,7 +116,7 @@ class PreparedRun:
 
     @property
     def report(self) -> Report:
-        """Counters and seconds of all calls, and the outcome of the last one. Warnings are for a million steps."""
+        """Counters and seconds of all calls, outcome of the last one, and the warnings for a run of a million steps."""
         report = handles.new(abi.Report, "report")
         handles.call("run_report", self._pointer, ctypes.byref(report))
         return make_report(report)
@@ -130,7 +130,7 @@ class PreparedRun:
             self._judge(status)
 
     def run(self, steps: int, save_every: int = 1, *, increments: Any = None, progress: Progress = False) -> Run:
-        """Take so many more steps. Save the first state and the state after every `save_every` steps.
+        """Take `steps` more steps. Save the first state and the state after every `save_every` steps.
 
         increments: your own dW, shape (steps*2^refine, noise, path), or (steps*2^refine, noise) for all paths. Ctrl-C
         stops the run, and so does a progress function that returns True. `resume` then completes it.
@@ -159,7 +159,7 @@ class PreparedRun:
         first_path: int | None = None,
         first_step: int | None = None,
     ) -> None:
-        """Start again: all paths are ok. What you do not give is as it was prepared, or as at the last reset."""
+        """Start again, with all paths ok. What you do not give is kept from the last reset, or else from `prepare`."""
         old = self._setup
         given = {"q0": q0, "p0": p0, "q0_low": q0_low, "p0_low": p0_low}
         chosen = {name: getattr(old, name) for name in given}
@@ -293,7 +293,7 @@ def _put_increments(given: abi.Input, increments: np.ndarray) -> None:
 
 @checks.hinted(*OPTIONS)
 def prepare(model: Model, scheme: str | Scheme = "midpoint", *, step: float, q0: Any, p0: Any, **options: Any):
-    """A `PreparedRun`: checks the input, probes the model at (q0, p0) and allocates memory once.
+    """Make a `PreparedRun`: check the input, probe the model at (q0, p0) and allocate memory, all once.
 
         run = ss.prepare(model, "midpoint", step=0.01, q0=1.0, p0=0.0, paths=100, seed=1)
         for _ in range(1000):
@@ -304,7 +304,7 @@ def prepare(model: Model, scheme: str | Scheme = "midpoint", *, step: float, q0:
 
     q0, p0, step and the options are those of `simulate`. steps, save_every, increments and progress are given to the
     methods instead. The run keeps model and scheme alive. With `threads` above 1, waking the threads takes longer than
-    a step of few paths.
+    one step of a few paths.
     """
     checks.not_given("prepare", options, _DECIDED)
     return PreparedRun(make_setup(model, q0=q0, p0=p0, step=step, scheme=scheme, steps=0, **options))

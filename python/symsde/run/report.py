@@ -96,7 +96,7 @@ class Reported:
 
     @functools.cached_property
     def report(self) -> Report:
-        """What the run did: stepper, what was left out, counters, failures, timings and versions."""
+        """How the run was computed: stepper, what was left out, counters, failures, timings and versions."""
         return make_report(self._reported)
 
 

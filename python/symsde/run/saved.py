@@ -23,17 +23,21 @@ class PathTables:
     energy: np.ndarray | None  #: (time, path) of H; None where it is not known
 
     def plot(self, path=None, *, ax=None, what: str = "", of: Sequence[str] | None = None, most: int = 50):
-        """A matplotlib figure, written where a path is given, or drawn into `ax`, one axes for each panel.
+        """Draw a matplotlib figure, written if a path is given, or draw into `ax`, one axes for each panel.
 
-        what: "paths" (values along time), "phase" (p_i over q_i), "energy" or "map" (q_i and p_i of one path over time
-        and i in colours); unless told, paths, or the map of eight degrees of freedom and more. of: names of values, as
-        ["q_2"], of a map "q" or "p"; most: paths that are drawn.
+        - what: "paths" (values over time), "phase" (p_i over q_i), "energy" or "map" (q_i and p_i of one path in
+          colours, over time and i). The default is "map" for eight degrees of freedom and more, else "paths"
+        - of: names of values, such as ["q_2"]; of a map, "q" or "p"
+        - most: the largest number of paths that are drawn
         """
         return importlib.import_module("symsde.reports.plot").run(self, (path, ax), what, of, most)
 
     def to_pandas(self, *, long: bool = False):
-        """A pandas.DataFrame, one row for each path and time, indexed by both: q_1 .., p_1 .. . With long=True one row
-        for each degree of freedom, too, indexed by path, t and dof: q and p."""
+        """A pandas.DataFrame, one row for each path and time, indexed by both, with columns q_1 .., p_1 .. .
+
+        With long=True there is one row for each path, time and degree of freedom, indexed by path, t and dof, with
+        columns q and p.
+        """
         return tabular.of_run(self, long)
 
 
@@ -61,20 +65,22 @@ class MomentTables:
         return list(self._columns)
 
     def table(self, kind: str) -> np.ndarray:
-        """Of a kind, mean, var or se_mean: (time, value), the values as in `columns`."""
+        """The table of one kind, "mean", "var" or "se_mean": (time, value), the values in the order of `columns`."""
         return self._tables[kind]
 
     def to_arrays(self) -> tuple[np.ndarray, np.ndarray]:
-        """Means and their standard errors, each (time, value), the values as in `columns`."""
+        """Means and their standard errors, each (time, value), the values in the order of `columns`."""
         return self._tables["mean"], self._tables["se_mean"]
 
     def plot(self, path=None, *, ax=None, what: str = "moments", of: Sequence[str] | None = None):
-        """A matplotlib figure of means with bands of two standard errors and of the standard deviation, written where a
-        path is given, or drawn into `ax`, one axes for each panel. what: "moments", "energy" or "map" (means of
-        q_i and p_i over time and i in colours, for chains); of: names of values, as in `columns`, of a map "q" or "p".
+        """Draw means with two bands: two standard errors, and the standard deviation.
+
+        A matplotlib figure is written if a path is given; or draw into `ax`, one axes for each panel. what: "moments",
+        "energy" or "map" (means of q_i and p_i in colours, over time and i, for chains). of: names of values, as in
+        `columns`; of a map, "q" or "p".
         """
         return importlib.import_module("symsde.reports.plot").moments(self, (path, ax), what, of)
 
     def to_pandas(self):
-        """A pandas.DataFrame, one row for each time, the columns of the .csv table."""
+        """A pandas.DataFrame with one row for each time and the columns of the .csv table."""
         return tabular.of_moments(self)

@@ -116,12 +116,12 @@ class Run(PathTables, Reported):
 
     @property
     def has_energy(self) -> bool:
-        """Whether the model has a value, H."""
+        """Whether the model has a value function, so that H is known."""
         return self.model.traits.has_value
 
     @functools.cached_property
     def energy(self) -> np.ndarray | None:
-        """(time, path) of H, computed when it is looked at; None of a model without value."""
+        """H, (time, path), computed when it is first read; None if the model has no value function."""
         if not self.has_energy:
             return None
         return np.array([self.model.value(q, p, t=t) for t, q, p in zip(self.t, self.q, self.p, strict=True)])
@@ -220,13 +220,13 @@ def simulate(
     - threads: by default SYMSDE_NUM_THREADS, else the choice of OpenMP; one for Python functions and in forked
       processes
     - progress: True shows a bar; a function f(done, total) may return True to stop the run
-    - general: use the general stepper; fixed_point: so many fixed-point iterations instead of Newton's; max_iter:
-      Newton iterations in a step; lanes: size of a block, never changes a result
+    - general: use the general stepper; fixed_point: number of fixed-point iterations in place of Newton's;
+      max_iter: most Newton iterations in a step; lanes: size of a block, never changes a result
 
     Bad input raises a ValueError (`symsde.errors`) that says what is allowed; nothing is computed. Ctrl-C stops the run
-    and raises KeyboardInterrupt. Its attribute `partial` is the Run until then, with NaN where no path came, or None
-    before the run began. An exception raised by the handler of another signal has `partial` too. Paths that fail are
-    NaN from then on, and a PathsFailedWarning says how many failed.
+    and raises KeyboardInterrupt. Its attribute `partial` is the Run until then, with NaN at times that were not
+    reached, or None before the run began. An exception raised by the handler of another signal has `partial` too. Paths
+    that fail are NaN from then on, and a PathsFailedWarning says how many failed.
     """
     given = locals()  # all of the above, by name
     del given["progress"]

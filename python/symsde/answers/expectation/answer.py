@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class Alternative:
-    """A method that was not chosen."""
+    """A method that was not chosen, and its estimated cost."""
 
     method: str
     scheme: str
@@ -22,7 +22,7 @@ class Alternative:
 
 @dataclass(frozen=True)
 class Answer:
-    """E f with a 95 % interval; made by `expect`. All quantities are dimensionless."""
+    """E f with a 95 % interval, as `expect` returns it. All quantities are dimensionless."""
 
     value: float
     interval: tuple[float, float]  #: low and high end, 95 %, for noise and bias together

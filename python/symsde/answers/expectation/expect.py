@@ -53,15 +53,15 @@ def expect(
 
     A pilot measures variance, weak error and cost of a few schemes that suit the model, or of the given one. Then the
     plan with the shortest estimated time is carried out. The answer says what was chosen and why, and what the
-    alternatives would have cost. The choice depends on measured times, even the step and the number of paths of a given
-    scheme and method. So two answers differ in their bits.
+    alternatives would have cost. The choice depends on measured times, and so do the step and the number of paths even
+    if you give scheme and method. Two answers to one question therefore differ in their bits.
 
     Bad input raises a ValueError before long work: f of the wrong shape, with infinite variance or with values that are
     not numbers, or a tolerance below rounding. Ctrl-C raises KeyboardInterrupt. Its attribute `partial` is the answer
     until then, or None if the pilot was not finished or fewer than two scramblings were drawn.
 
-    If too few paths carry the variation of f, the interval includes what was not seen: 3/paths times the scale of f. If
-    this makes the interval wider than asked, `reached` is false, and a note says so.
+    If f varies on too few paths, rare events may be missing from the sample. The half width is then at least 3/paths
+    times the scale of f. If this makes the interval wider than asked, `reached` is false, and a note says so.
     """
     watch = Watch(max_time, progress)
     with watch.carrying(Answer):

@@ -83,8 +83,8 @@ def mlmc(
     The number of paths of each level follows from its measured variance and cost. Levels are added until the bias,
     estimated from the means of the finest levels, is small beside the noise. The interval includes both. All quantities
     are dimensionless. Bad input raises a ValueError before long work. Ctrl-C raises KeyboardInterrupt. Its attribute
-    `partial` is the estimate of the levels begun so far, or None before the first. If too few paths carry the variation
-    of f, the interval includes what was not seen, as in `expect`.
+    `partial` is the estimate of the levels begun so far, or None before the first. If f varies on too few paths,
+    the interval is widened for rare events that may be missing, as in `expect`.
     """
     watch = Watch(max_time, progress)
     with watch.carrying(Multilevel):

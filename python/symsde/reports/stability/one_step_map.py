@@ -43,11 +43,11 @@ class FixedPoint:
 def fixed_points(
     model: Model, scheme: str | Scheme = "midpoint", *, step: float, period: int = 1, box: tuple[float, float] = (4, 4)
 ) -> list[FixedPoint]:
-    """Points of |q| <= box[0], |p| <= box[1] that `period` steps without noise map to themselves, by rising q and p.
+    """Points that `period` steps without noise map to themselves, with |q| <= box[0], |p| <= box[1], by rising q, p.
 
-    For models of one degree of freedom whose noise is none or of strength zero, and that do not depend on time: the
-    steps are all taken from t = 0. Newton's iteration starts at points of the axis p = 0 and of a grid; points that
-    none of them leads to are not found. A cycle is told by each of its points. Everything is dimensionless.
+    The model must have one degree of freedom and no noise, or noise of strength zero. It must not depend on time, since
+    all steps are taken from t = 0. Newton's iteration starts at points of the axis p = 0 and of a grid; a point that it
+    reaches from none of these is not found. All points of a cycle are returned. Everything is dimensionless.
     """
     if not isinstance(model, Model):
         raise ss.errors.WrongTypeError(f"model = {checks.shown(model)} is no model: give one of ss.models")

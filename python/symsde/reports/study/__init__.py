@@ -41,7 +41,7 @@ class WorkPrecision:
     peers: list[dict] = field(default_factory=list)  #: of other packages on the same problem, measured beside symsde
 
     def words(self) -> str:
-        """Which scheme and step to use for which error, as text."""
+        """Text that says which scheme and step to use for which error."""
         return words.paragraph(self.rows, self.orders)
 
     def __str__(self) -> str:
@@ -51,7 +51,7 @@ class WorkPrecision:
         return f"{head}, against {references}\n{table.terminal(self.rows, self.orders)}"
 
     def data(self) -> dict:
-        """What the figure shows, for a JSON file; `of_data` reads it."""
+        """The numbers of the figure, for a JSON file that `symsde.reports.study.of_data` reads."""
         known = {key: getattr(self, key) for key in ("name", "model", "horizon", "schemes", "rows")}
         return known | ({"peers": self.peers} if self.peers else {})
 
@@ -62,8 +62,10 @@ class WorkPrecision:
             self.plot(target / "work-precision.png", pdf=True)
 
     def plot(self, path: str | os.PathLike | None = None, *, ax=None, pdf: bool = False):
-        """A matplotlib figure of strong and weak error against run time and step, written where a path is given (on
-        request a PDF beside it), or of the strong error alone, drawn into two axes `ax`."""
+        """Draw strong and weak error against run time and step: a matplotlib figure, written if a path is given.
+
+        pdf: write a PDF beside it. With two axes `ax`, only the strong error is drawn, into these.
+        """
         return study_figure.plot(self, path, ax, pdf=pdf)
 
 
@@ -95,7 +97,7 @@ def work_precision(
     - steps: numbers of steps to the horizon, each the largest one divided by a power of two
     - horizon: time at which errors are measured; paths: number of paths of the error runs, at least 40
     - reference: "exact", the name of a scheme, or "auto": the exact solution if the model has one, else a better scheme
-      with `reference_steps` steps (a power of two times the largest), whose own error is estimated and shown
+      with `reference_steps` steps (a power of two times the largest). Its own error is estimated and shown
     - repeats: timed runs of a point, at least 5, on one thread
     - interval: relative half width wanted of the strong errors; too few paths for it are refused
     - invariants: {name: f(q, p)}; by default H if every noise Hamiltonian commutes with it

@@ -70,7 +70,7 @@ class Observer:
 
 @dataclass(frozen=True)
 class Histogram(Observer):
-    """Counts of one value in bins of equal width from low to high, and below and above, at every saved time."""
+    """Counts of one value in bins of equal width from low to high, below low and above high, at every saved time."""
 
     KIND: ClassVar[str] = "histogram"
     of: str
@@ -87,9 +87,10 @@ class Histogram(Observer):
 class Quantiles(Observer):
     """Quantiles of one value at every saved time, from counts in bins of equal relative width on both sides of zero.
 
-    shares: of the paths below, such as 0.5 for the median. The bins determine a quantile to 1/(2 parts) of its value;
-    the standard errors include this. Magnitudes below low count as zero, those above high as outside. Each power of two
-    between low and high needs `parts` (a power of two) integers for each sign and saved time.
+    shares: the share of paths below each quantile, such as 0.5 for the median. The bins determine a quantile to
+    1/(2 parts) of its value; the standard errors include this. Magnitudes below low count as zero, those above high as
+    outside. Each power of two between low and high needs `parts` integers (a power of two) for each sign and saved
+    time.
     """
 
     KIND: ClassVar[str] = "quantiles"
@@ -121,8 +122,8 @@ class Covariance(Observer):
 class Autocorrelation(Observer):
     """Autocovariance and autocorrelation of one value of a stationary process over time.
 
-    For lags of 0 .. `lags` saved points: averages over time along each path that is ok to the end, then over paths.
-    about: a number near the mean; it saves digits if the mean is large.
+    The lags are 0 .. `lags` saved points. Averages are taken over time along each path that is ok to the end, then over
+    these paths. about: a number near the mean; it saves digits if the mean is large.
     """
 
     KIND: ClassVar[str] = "autocorrelation"
