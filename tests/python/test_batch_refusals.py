@@ -327,7 +327,7 @@ def test_a_signal_ends_the_error_check(place, capsys, monkeypatch):
 def test_the_error_check_is_not_left_out_silently(place, capsys):
     given = ["run", str(place / "scene.toml"), "--out", str(place / "part1"), "--quiet", "--error-check"]
     assert command_line.main([*given, "--shard", "1/2"]) == command_line.OK
-    assert "symsde: --error-check is made of the whole: give it to `symsde run`" in capsys.readouterr().err
+    assert "symsde: a part makes no --error-check: give it to `symsde run`" in capsys.readouterr().err
     assert command_line.main([*given[:4], "--dry-run", "--error-check"]) == command_line.OK
     assert "not counted: --error-check" in capsys.readouterr().out
     other = place / "other.toml"

@@ -277,7 +277,7 @@ def test_a_far_lane_changes_no_other():
         ("Sum(q[i+8]*q[i-8], i)", {}, "reach over 17 of 8 sites: give more"),
         ("Sum(beta, i)", {}, r"a sum without q\[i\]"),
         ("Sum(x[i], i)", {}, "an index of something that is not q or p: coefficients are the same at all sites"),
-        ("Sum(i*q[i]**2, i)", {}, r"takes i as a number: sites differ by q\[i\] and p\[i\] alone"),
+        ("Sum(i*q[i]**2, i)", {}, r"takes i as a number: a term may depend on its site only by q\[i\] and p\[i\]"),
         ("Sum(cos(q[i]-q[j]), i, j)", {}, "over all sites by one index"),
         ("Sum(q[i], i)", {"noise": ["k*q[k]"]}, "k, which is not given|takes k as a number"),
         ("Sum(q[i], beta)", {}, "sums over beta, which means something else"),

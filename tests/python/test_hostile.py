@@ -188,7 +188,7 @@ def test_a_path_that_cannot_begin_fails_alone_whatever_runs_with_it(tmp_path):
 
 
 def test_points_of_brackets_need_both():
-    with pytest.raises(ss.errors.WrongTypeError, match="one of q and p is given: sample points need both"):
+    with pytest.raises(ss.errors.WrongTypeError, match="only one of q and p is given: give both"):
         ss.commutator(KUBO, q=1.0)
 
 

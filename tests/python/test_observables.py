@@ -93,7 +93,7 @@ def test_passages_of_formulas(found):
 
 def test_bridges_that_are_missing_are_told(found, tmp_path, capsys):
     """Where noise may act on a value without Brownian bridges: in the result, in files, on the screen."""
-    sentence = "r^2 is looked at after every step and not between, where noise may carry paths out and back"
+    sentence = "r^2 is checked only at the ends of steps, since only q and p have Brownian bridges"
     assert found.remarks() == [f"loss: {found.observed['loss'].remarks()[0]}"]
     assert sentence in found.remarks()[0] and sentence in found.attributes()["remarks"]
     start = {"q0": 0.0, "p0": 0.4, "step": 0.1, "steps": 20, "paths": 300}

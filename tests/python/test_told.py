@@ -81,7 +81,7 @@ def test_what_was_reached_and_what_an_interval_is(pilot):
         "max_time = 1e-09 s was over: the half width is 0.03, not 0.02, as asked",
     )
     (bound,) = finished(0.02, 0.0019, 0.01).notes
-    assert bound.startswith("the method leaves no noise beside the bias of the step (0.002 of 0.01): the interval is a")
+    assert bound.startswith("the standard error 0.002 is negligible beside the bias of the step 0.01: the interval")
     assert finished(0.02, 0.0021, 0.01).notes == ()
 
 

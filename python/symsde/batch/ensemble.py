@@ -80,7 +80,7 @@ def ensemble(
     progress: Progress = False,
     **options: Any,
 ) -> Moments:
-    """Compute the moments of `moments`, bit for bit, in shards that run wherever an executor puts them.
+    """Compute the same moments as `moments`, bit for bit, in shards that an executor distributes.
 
     - executor: one of `concurrent.futures`, or something with the same interface: a process pool,
       mpi4py.futures.MPIPoolExecutor, Dask's client.get_executor(). Each shard is one task on one thread. Model and
@@ -91,14 +91,14 @@ def ensemble(
     - the other arguments are those of `moments`
 
     After a stop the moments are those of the finished shards, and `report.stopped` counts the paths that are missing.
-    Ctrl-C, or a signal whose handler raises, gives the exception these moments as `partial` (None if no shard was
-    finished).
+    Ctrl-C, or a signal whose handler raises, ends the call by an exception. Its attribute `partial` holds these
+    moments, or None if no shard was finished.
     """
     bar, tell = told_by(progress)
     if executor is not None and not callable(getattr(executor, "submit", None)):
         raise WrongTypeError(
-            f"executor = {checks.shown(executor)} takes no work: give an executor of concurrent.futures, or what has "
-            "a method submit as these have; None for threads of this process"
+            f"executor = {checks.shown(executor)} takes no work: give an executor of concurrent.futures, an object "
+            "with the same method submit, or None for threads of this process"
         )
     functions = check_observables(observables)
     given = checks.own({"q0": q0, "p0": p0, "step": step, "steps": steps, **options})

@@ -40,17 +40,17 @@ log = logging.getLogger("symsde")
 def arguments(parser: argparse.ArgumentParser) -> None:
     """Options of `symsde run`."""
     parser.add_argument("scene", metavar="SCENE.toml")
-    parser.add_argument("--out", metavar="DIR", help="folder of the run (default: named after the scene); resumes")
-    parser.add_argument("--shard", metavar="I/N", type=str, help="compute part I of N only, I from 1")
+    parser.add_argument("--out", metavar="DIR", help="folder of the run, new or to resume (default: the scene's name)")
+    parser.add_argument("--shard", metavar="I/N", type=str, help="compute only part I of N parts, counted from 1")
     parser.add_argument("--shard-paths", metavar="N", help="paths of a shard, 256 times a power of two")
-    limits = "end cleanly before: 90s, 30min, 23.5h, 23:30:00 or 1-12 (days-hours)"
+    limits = "stop cleanly before this time is over: 90s, 30min, 23.5h, 23:30:00 or 1-12 (days-hours)"
     parser.add_argument("--max-walltime", metavar="TIME", help=limits)
-    parser.add_argument("--checkpoint", metavar="TIME", help="time between states of long paths (default: 10 s)")
+    parser.add_argument("--checkpoint", metavar="TIME", help="time between saved states of long paths (default: 10 s)")
     parser.add_argument(
-        "--dry-run", action="store_true", help="say what it takes (time by a short pilot), write nothing"
+        "--dry-run", action="store_true", help="print what it takes (time by a short pilot); write nothing"
     )
     parser.add_argument(
-        "--error-check", action="store_true", help="some of the paths at half the step too: differences"
+        "--error-check", action="store_true", help="run some paths at half the step, too, and print the differences"
     )
     parser.add_argument("--quiet", action="store_true", help="no progress and no table")
 
@@ -214,7 +214,7 @@ def _partly(options, batch: Batch, folder: RunFolder, missing: list[Piece], part
         )
     if options.error_check:
         print(
-            "symsde: --error-check is made of the whole: give it to `symsde run` in the folder of `symsde merge`",
+            "symsde: a part makes no --error-check: give it to `symsde run` in the folder of `symsde merge`",
             file=sys.stderr,
         )
     failed = sum(folder.read(piece).facts["failed"] for piece in part.of(batch.pieces))

@@ -38,7 +38,7 @@ def commutator(model: Model, q: Any = None, p: Any = None, t: float = 0.0) -> Co
     """
     require_model(model)
     if (q is None) != (p is None):
-        raise WrongTypeError("one of q and p is given: sample points need both; without both there are 16 points")
+        raise WrongTypeError("only one of q and p is given: give both, or neither for 16 points chosen by symsde")
     if q is None:
         angle = np.arange(1, 16 * model.ndof + 1).reshape(model.ndof, 16)
         q, p = 1.5 * np.sin(0.7 * angle + 0.3), 1.5 * np.cos(1.3 * angle)

@@ -32,7 +32,7 @@ from .setup import OPTIONS, Setup, make_setup
 
 
 class Moments(MomentTables, Reported):
-    """Means, unbiased variances and standard errors of means, at each time over the paths that are ok until then."""
+    """Means, unbiased variances and standard errors of means; at each time, of the paths that are ok until then."""
 
     mean_q: np.ndarray  #: (time, dof); likewise var_q, se_mean_q
     mean_p: np.ndarray  #: (time, dof); likewise var_p, se_mean_p
@@ -180,7 +180,7 @@ class Moments(MomentTables, Reported):
         return [f"{name}: {text}" for name, result in self.observed.items() for text in result.remarks()]
 
     def doubts(self) -> list[str]:
-        """Sentences about values that were not finite for some path that counts: means do not leave these out."""
+        """Sentences about values that were not finite for a path that counts; their means are not finite either."""
         found, finite = [], np.isfinite(self._tables["mean"])
         if finite.all():
             return found
@@ -189,7 +189,7 @@ class Moments(MomentTables, Reported):
             bad = times[values == value]
             found.append(
                 f"{self.columns()[value]} is not a finite number for some paths at {bad.size} of {len(self.t)} saved "
-                f"times, first at t = {self.t[bad[0]]:g}: neither are its means there"
+                f"times, first at t = {self.t[bad[0]]:g}: its means there are not finite either"
             )
         return found
 
@@ -241,7 +241,7 @@ def moments(
 
     - observables: name -> a formula or a function. A formula is a text such as "q_1**2 + p_1**2" or an expression of
       sympy, in the model's own names and parameters; it is compiled. A function of q, p, (dof, lane) each, returns
-      (lane,) values. The lanes are paths; if there are few paths, those of several saved times
+      (lane,) values. A lane is a path; if there are few paths, a call holds the lanes of several saved times
     - observers: name -> further statistics of these values, one of `symsde.observe`; the results are in `observed`
     - the other arguments are those of `simulate`; first_path is a multiple of 256, so that shards merge to the same
       bits

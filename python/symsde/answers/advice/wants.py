@@ -94,7 +94,9 @@ class Invariants:
         self.problem = problem
         times = times_of(problem)
         if depends_on_time(problem.model, times):
-            raise InvalidArgumentError("want = 'invariants': H depends on time here, nothing is to be kept")
+            raise InvalidArgumentError(
+                "want = 'invariants': H depends on time, so that nothing keeps it: give want = 'paths' or 'moments'"
+            )
         if problem.model.value(problem.q0, problem.p0)[0] == 0:
             raise InvalidArgumentError(
                 "want = 'invariants': H is 0 at the initial state, and changes are relative to it: add a constant to H"

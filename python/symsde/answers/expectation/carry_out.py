@@ -274,15 +274,15 @@ class Execution:
             )
             if unknown or enough:
                 over = (
-                    f"the bias of the step is known only to {found.bias:.2g}: halving the step changes the ends "
-                    "of paths too much, or too few paths show that; give a larger tolerance, a shorter horizon or "
-                    "another scheme"
+                    f"the bias of the step is known only to {found.bias:.2g}: final states at steps h and h/2 differ "
+                    "too much, or too few paths were drawn; give a larger tolerance, a shorter horizon or another "
+                    "scheme"
                 )
             found.notes.append(f"{over}: the half width is {found.half:.3g}, not {wanted:.3g}, as asked")
         if found.error < _SILENT * found.bias and not unknown and self.pilot.problem.model.nnoise:
             found.notes.append(
-                f"the method leaves no noise beside the bias of the step ({found.error:.1g} of {found.bias:.1g}): the "
-                "interval is a bound that holds for every seed, not with 95 %"
+                f"the standard error {found.error:.1g} is negligible beside the bias of the step {found.bias:.1g}: the "
+                "interval is a bound of this bias for every seed, not a 95 % interval"
             )
         others = (Alternative(x.method, x.scheme.name, horizon / x.steps, x.seconds) for x in self.others)
         return Answer(

@@ -63,8 +63,8 @@ def require_variance(values: np.ndarray, name: str, count: int = 0) -> None:
         return
     if 0 < (largest := float(np.abs(values).max())) < _SMALLEST and not Tally.of(values / largest).few:
         raise InvalidArgumentError(
-            f"f = {name} was at most {largest:.3g} on {values.size} paths, whose square double precision does not "
-            f"hold: give it in a unit in which it is larger than {_SMALLEST:g}"
+            f"f = {name} was at most {largest:.3g} on {values.size} paths, and squares of such values underflow in "
+            f"double precision: multiply f by a constant, so that its values are larger than {_SMALLEST:g}"
         )
     index, error = tail_index(values, count)
     if index + _DOUBT * error < 2 and not _ends(values, count):

@@ -76,7 +76,7 @@ def make_tolerance(absolute: object, relative: object) -> Tolerance:
 def may_be_zero(value: float, error: float) -> InvalidArgumentError:
     """What is wrong with a relative half width of this value."""
     return InvalidArgumentError(
-        f"the mean of f is {value:.3g} +- {error:.3g}: a half width relative to it cannot be kept where it may be 0; "
+        f"the mean of f is {value:.3g} +- {error:.3g} and may be 0, so that no half width relative to it can be kept: "
         "give abs, the half width itself"
     )
 

@@ -75,8 +75,8 @@ def doubt(seen: Tally, hidden: float) -> str:
     if seen.m2 == 0:
         text = f"f was {seen.mean:g} on all of {seen.n} paths: {below}"
     else:
-        text = f"a few of {seen.n} paths carry all variation of f: {below}"
-    return f"{text}; it may add {hidden:.1g}, which is in the interval" if hidden > 0 else text
+        text = f"f varies on only a few of {seen.n} paths: {below}"
+    return f"{text}; it may change the mean by {hidden:.1g}, and the interval includes this" if hidden > 0 else text
 
 
 def _scale(problem: Problem, scheme: Scheme, steps: int, mean: float, *, beside: bool) -> float:

@@ -131,8 +131,8 @@ class SiteReader(Reader):
     def _named(self, name: str) -> Any:
         if self.index and name == self.index:
             raise FormulaTextError(
-                f"it takes {name} as a number: sites differ by q[{name}] and p[{name}] alone; few sites that differ "
-                "are written as q1, q2, .. without n"
+                f"it takes {name} as a number: a term may depend on its site only by q[{name}] and p[{name}]; write a "
+                "few sites with coefficients of their own as q1, q2, .. without n"
             )
         return super()._named(name)
 

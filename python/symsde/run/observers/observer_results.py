@@ -41,7 +41,7 @@ class Observed:
         return []
 
     def plot(self, path=None, *, ax=None, at: int = -1):
-        """A matplotlib figure, written where a path is given, or drawn into `ax`; at: saved time of a histogram."""
+        """Draw a matplotlib figure, written if a path is given, or draw into `ax`; at: saved time of a histogram."""
         return importlib.import_module("symsde.reports.plot").observed(self, (path, ax), at)
 
     def __repr__(self) -> str:
@@ -265,9 +265,9 @@ class PassageResult(Observed):
         if not (wanted.bridge and self._is_derived):
             return []
         return [
-            f"{self._names[0]} is looked at after every step and not between, where noise may carry paths out and "
-            "back: there are Brownian bridges of q and p alone, so that fewer paths leave than would, by the order of "
-            "the root of the step; halve the step to see how many"
+            f"{self._names[0]} is checked only at the ends of steps, since only q and p have Brownian bridges: paths "
+            "that leave and return within a step are missed, a share of the order of the root of the step; halve the "
+            "step to see how large it is"
         ]
 
 
