@@ -64,7 +64,7 @@ int main(void) {
    CHECK(calls == PROBE + 2 * NTIME);
    EXPECT(SYMSDE_INVALID_ARGUMENT, "observables_lanes = -1", moments_into(1, -1));
    mixes = 1;
-   EXPECT(SYMSDE_FALSE_TRAIT, "observable 1 does not take every path by itself", moments_into(1, 0));
+   EXPECT(SYMSDE_FALSE_TRAIT, "observable 1 mixes paths", moments_into(1, 0));
    CHECK(calls <= PROBE);
    return close_report();
 }

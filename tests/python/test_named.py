@@ -146,8 +146,8 @@ BAD = {
     "number": "is no function (this is 3): write module:function",
     "total": "observable 'r' is one number for all paths: return one for each",
     "wide": "observable 'r' has shape (1, 8): return shape (8,)",
-    "about": "observable 'r' does not take every path by itself: it is",
-    "chance": "observable 'r' does not take every path by itself: it is",
+    "about": "observable 'r' mixes paths: it is",
+    "chance": "observable 'r' mixes paths: it is",
     "text": "observable 'r' holds <U1 values: return an array of real numbers",
 }
 

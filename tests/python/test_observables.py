@@ -435,7 +435,7 @@ MIXING = {
     "chance": lambda q, p: np.random.default_rng().random(q.shape[1]),
     "no number": lambda q, p: np.where(q[0] == q[0].max(), np.nan, q[0]),
 }
-ALONE = r"does not take every path by itself: it is .* for a path beside others"
+ALONE = r"mixes paths: it is .* for a path among different ones, and .* among copies of it"
 
 
 @pytest.mark.parametrize("name", MIXING)

@@ -49,7 +49,7 @@ contains
                     ' saved points, and there are '//to_text(ntime)//' saved times: give 0 to '//to_text(ntime - 1))
       if (.not. abs(request%low) <= huge(1.0_wp)) &
          call raise(error, invalid_argument, 'new_autocorrelation_observer', 'about = '//to_text(request%low)// &
-                    ' is no number near the mean: give a finite one')
+                    ' is not finite: give a number near the mean')
    end subroutine new_autocorrelation_observer
 
    subroutine open_block(self)

@@ -41,8 +41,8 @@ contains
             call refuse('bins from '//to_text(low)//' to '//to_text(high)//' have no width: give low < high, both '// &
                         'finite')
          else if (relative .and. low < 2*tiny(low)) then
-            call refuse('bins of one relative width begin at low = '//to_text(low)//': give the smallest magnitude '// &
-                        'that is to be told from 0, 4.5e-308 or more')
+            call refuse('low = '//to_text(low)//' is too small for bins of equal relative width: give the smallest '// &
+                        'magnitude that is to be distinguished from 0, 4.5e-308 or more')
          else if (relative .and. .not. any(bins == [(2**i, i=0, 12)])) then
             call refuse('bins = '//to_text(bins)//' parts of each power of two: give a power of two up to '// &
                         to_text(most_parts))

@@ -60,9 +60,9 @@ contains
             scale = maxval(abs(among(:, i)), mask=abs(among(:, i)) <= huge(1.0_wp))
             do lane = 1, nlane
                if (state_of(lane) /= state .or. are_same(among(lane, i), alike(lane, i), scale)) cycle
-               call raise(error, false_trait, 'moments', 'observable '//to_text(i)//' does not take every path by '// &
-                          'itself: it is '//to_text(among(lane, i))//' for a path beside others, and '// &
-                          to_text(alike(lane, i))//' where all are like it, at q_1 = '//to_text(near(q0(1), state))// &
+               call raise(error, false_trait, 'moments', 'observable '//to_text(i)//' mixes paths: it is '// &
+                          to_text(among(lane, i))//' for a path among different ones, and '//to_text(alike(lane, i))// &
+                          ' among copies of it, at q_1 = '//to_text(near(q0(1), state))// &
                           ', p_1 = '//to_text(near(p0(1), state))//'; compute each value from the state of its own '// &
                           'path, and never sum over paths')
                return

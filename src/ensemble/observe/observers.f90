@@ -153,7 +153,8 @@ contains
                      ' (q, p, the energy where there is one, observables): give numbers of these')
       else if (allocated(request%shares)) then
          if (.not. all(request%shares >= 0 .and. request%shares <= 1)) &
-            call refuse('a quantile is asked for a share that is not between 0 and 1')
+            call refuse('shares of quantiles from '//to_text(minval(request%shares))//' to '// &
+                        to_text(maxval(request%shares))//': give numbers between 0 and 1')
       end if
 
    contains

@@ -94,8 +94,9 @@ contains
                        'be infinite')
          else if (self%bridges .and. run%law /= law_gaussian) then
             call raise(error, incompatible, 'new_passage_observer', 'the '//law_text(run%law)//' increments of '// &
-                       'this scheme are no points of Brownian paths, which could leave between two steps: give a '// &
-                       'scheme with Gaussian increments, or ask for no bridges, so that steps alone are looked at')
+                       'this scheme do not follow a Brownian path, so no Brownian bridge exists between its steps: '// &
+                       'give a scheme with Gaussian increments, or ask for no bridges; then passages are seen at '// &
+                       'the ends of steps')
          end if
       end associate
    end subroutine new_passage_observer

@@ -99,9 +99,9 @@ contains
          if (sqrt(2*options%truncation*abs(log(abs(options%step)/options%truncation_time))) < cut) return
       end if
       if (expected > 1e-3_wp) call add(text, 'noise of Lipschitz constant '//to_text(bounds%lipschitz)//' ('// &
-                                       bounds%lipschitz_source//') is too strong for certain solvability: '// &
-                                       'normals above '//to_text(cut)//', expected '//to_text(expected)// &
-                                       ' times in this run, may have no solution or the wrong one; take a '// &
+                                       bounds%lipschitz_source//') is so strong that some implicit steps '// &
+                                       'may have no solution, or the wrong one: those with normals above '// &
+                                       to_text(cut)//', about '//to_text(expected)//' of them in this run; take a '// &
                                        'smaller step or truncate')
    end subroutine warn_of_noise
 

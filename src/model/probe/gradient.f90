@@ -102,7 +102,7 @@ contains
       if (bad%lane == 0) return
       associate (alone => merge(gq(one, bad%i), gp(one, bad%i), bad%half == 1), &
                  alike => merge(aq(lane, bad%i), ap(lane, bad%i), bad%half == 1))
-         call refuse(points, 'does not take every lane by itself: dS/d'//trim(component(bad))//' is '// &
+         call refuse(points, 'mixes lanes: dS/d'//trim(component(bad))//' is '// &
                      to_text(alone)//' where the other lanes hold other paths, and '//to_text(alike)// &
                      ' where they hold the same', one, bad%i, 'compute each lane from its own w, q and p, '// &
                      'never sum over lanes, and write all of every output', error)

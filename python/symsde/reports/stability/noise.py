@@ -49,7 +49,7 @@ def stiff_multiplicative(quick: bool) -> Expectations:
         result.at_most(name, "distance to the root of the equations", error[good].max(), 1e-9)
         result.same(name, "paths that fail", int((~good).sum()), 0, "the equations are linear")
         if probability > 1e-3:
-            result.same(name, "warned before the run", says(run.report, "too strong for certain solvability"), True)
+            result.same(name, "warned before the run", says(run.report, "so strong that some implicit steps"), True)
     return result
 
 
@@ -68,7 +68,7 @@ def squeezing(quick: bool) -> Expectations:
         probability = sign_probability(sigma, h, steps) if bound > 1 else 0.0
         name = f"sigma c sqrt(h)/2 = {bound:g}"
         result.fraction(name, "paths with the wrong sign of q", wrong, paths, probability)
-        warned = says(run.report, "too strong for certain solvability")
+        warned = says(run.report, "so strong that some implicit steps")
         result.same(name, "warned", warned, bound >= 1, "iff 1 or more")
         found.append(wrong / paths)
         expected.append(probability)
