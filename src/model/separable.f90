@@ -80,15 +80,15 @@ contains
       real(wp), intent(in) :: vq(nlane, ndof), vp(nlane, ndof)
       real(wp), intent(out) :: uq(nlane, ndof), up(nlane, ndof)
       real(wp) :: hqq(2, 2), hpp(2, 2)
-      real(wp), allocatable :: blocks(:, :)
+      real(wp), allocatable :: blocks(:, :, :, :)  !! hqq and hpp, each (nlane, ndof, ndof)
 
       if (nlane == 1 .and. ndof == 2) then
          call self%evaluate(nlane, ndof, nnoise, t, w, q, p, hqq=hqq, hpp=hpp)
          call multiply(1, 2, hqq, hpp, vq, vp, uq, up)
       else
-         allocate (blocks(nlane*ndof**2, 2))
-         call self%evaluate(nlane, ndof, nnoise, t, w, q, p, hqq=blocks(:, 1), hpp=blocks(:, 2))
-         call multiply(nlane, ndof, blocks(:, 1), blocks(:, 2), vq, vp, uq, up)
+         allocate (blocks(nlane, ndof, ndof, 2))
+         call self%evaluate(nlane, ndof, nnoise, t, w, q, p, hqq=blocks(:, :, :, 1), hpp=blocks(:, :, :, 2))
+         call multiply(nlane, ndof, blocks(:, :, :, 1), blocks(:, :, :, 2), vq, vp, uq, up)
       end if
    end subroutine hessian_vector
 
