@@ -18,6 +18,9 @@
 !> none, and those of a single step lane by lane by `take_sound`.
 !>
 !> A block has several lanes, or one: a path by itself, whose numbers lie side by side.
+!>
+!> Kernels of blocks do not branch on a lane: they compute the new number in all lanes, and `merge` takes it or the old
+!> one. A branch would stop the compiler from using vectors, and lanes that failed are few.
 module symsde_step_block_state
    use symsde_base_kinds, only: wp, i8
    use symsde_base_status, only: nonfinite
@@ -50,7 +53,8 @@ module symsde_step_block_state
       procedure :: take_first
    end type lane_state
 
-   !> States between steps that are taken at once, kept until observers are shown them; low parts are not kept.
+   !> States between steps that are taken at once, kept until observers are shown them: an advance begins at n = 0.
+   !> Low parts are not kept, since an observer sees q and p alone.
    type :: passed_states
       integer :: n = 0                                   !! how many are there
       real(wp), allocatable :: q(:, :, :), p(:, :, :)    !! (nlane, ndof, as many as fit)
@@ -125,7 +129,8 @@ contains
       integer :: nbad
 
       call find_bad(self%nlane, self%ndof, dq, dp, self%q, self%p, self%status, self%bad, nbad)
-      ! a lane whose rescue is not finite has failed after all
+      ! The argument `status` says which lanes the step failed, and self%status which of them the rescue could not help.
+      ! A lane whose rescue is not finite has failed after all.
       where (status /= 0 .and. self%status == 0 .and. self%bad > 0) self%status = nonfinite
       self%bad = merge(self%bad, 1.0_wp, status /= 0)
       call add(self%nlane, self%ndof, dq, self%bad, self%q, self%q_low)
@@ -191,7 +196,8 @@ contains
    end subroutine take_sound
 
    !> Take lanes out that are ok, because an observer wants no more of them: from here on they are like those that
-   !> failed, with a status of their own.
+   !> failed, with a status of their own. Their state stays the one in which the observer had what it waited for, such as
+   !> the end of a first passage.
    subroutine retire(self, leaves, status, step)
       class(lane_state), intent(inout) :: self
       logical, intent(in) :: leaves(self%nlane)
@@ -427,6 +433,7 @@ contains
       do lane = 1, nlane
          bad(lane) = merge(0.0_wp, 1.0_wp, abs(bad(lane)) <= 0 .and. status(lane) == 0)
       end do
+      ! Ones and zeros add up without rounding, in whatever order.
       nbad = nint(sum(bad))
    end subroutine find_bad
 
