@@ -139,6 +139,11 @@ def test_work_that_takes_longer_than_told_says_so(monkeypatch):
         clock.tell(0.3)
     now.seconds += 100.0
     clock.tell(0.4)  # once
+    clock = Watch(None, progress=False)
+    clock.announce("plan", 2.0)
+    now.seconds += 4.0
+    with pytest.warns(ss.BudgetWarning, match="4 s so far, about 4 s in all"):
+        clock.tell(33.0)  # a part held more units than were wanted
 
 
 def test_short_calls_take_one_thread(monkeypatch):

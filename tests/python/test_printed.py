@@ -348,15 +348,16 @@ def test_the_time_of_a_dry_run_is_that_of_all_threads(monkeypatch, threads, piec
     )
 
 
-def test_progress_tells_the_time_that_is_left(monkeypatch, caplog):
-    """A quarter takes 20 seconds: 60 are left."""
+@pytest.mark.parametrize(("found", "left"), [(0, 60), (15, 150)])
+def test_progress_tells_the_time_that_is_left(found, left, monkeypatch, caplog):
+    """A quarter takes 20 seconds: 60 are left. If 15 of its 25 parts were found done, the 75 left take 150."""
     now = [100.0]
     monkeypatch.setattr(show.time, "monotonic", lambda: now[0])
     with caplog.at_level(logging.INFO, logger="symsde"):
-        lines = show.Lines()
+        lines = show.display(False, found)
         now[0] += 20.0
         lines(25, 100)
-    assert caplog.messages == ["25 % of 100 path-steps, about 60 s left"]
+    assert caplog.messages == [f"25 % of 100 path-steps, about {left} s left"]
 
 
 def test_least_median_and_most_of_the_seeds():

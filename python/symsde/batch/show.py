@@ -43,10 +43,10 @@ class Show:
 class Lines:
     """A line in the log each 10 % or minute, none for what is over soon."""
 
-    def __init__(self) -> None:
-        """The clock begins."""
+    def __init__(self, found: int = 0) -> None:
+        """The clock begins; so many path-steps were found done, and took none of its seconds."""
         self._last = self._begin = time.monotonic()
-        self._tenths = 0
+        self._tenths, self._found = 0, found
 
     def __call__(self, done: int, total: int) -> None:
         """Say it, if it is time."""
@@ -56,15 +56,15 @@ class Lines:
         if waited < _SOON or (tenths <= self._tenths and waited < _LATE):
             return
         self._last, self._tenths = now, tenths
-        left = (now - self._begin) * (total - done) / max(1, done)
+        left = (now - self._begin) * (total - done) / max(1, done - self._found)
         log.info("%d %% of %.3g path-steps, about %.0f s left", 100 * done // total, total, left)
 
     def close(self) -> None:
         """Nothing to end."""
 
 
-def display(quiet: bool) -> _Bar | Lines | None:
-    """What shows progress on standard error."""
+def display(quiet: bool, found: int) -> _Bar | Lines | None:
+    """What shows progress on standard error, of work of which so many path-steps were found done."""
     if quiet:
         return None
-    return _Bar() if sys.stderr is not None and sys.stderr.isatty() else Lines()
+    return _Bar(found) if sys.stderr is not None and sys.stderr.isatty() else Lines(found)

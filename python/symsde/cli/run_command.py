@@ -121,8 +121,8 @@ class Conditions:
 
 def compute(task: Task, mine: list[Piece], folder: RunFolder, conditions: Conditions) -> bool:
     """The shards of some pieces that are not there; whether all went well, here and with the other ranks."""
-    shown = display(conditions.quiet)
     done = sum(piece.work for piece in mine if folder.is_done(piece))
+    shown = display(conditions.quiet, done)
     failure: Exception | None = None
     try:
         show = Show(sum(piece.work for piece in mine), done, shown)

@@ -108,9 +108,9 @@ def say(text: str) -> None:
 class _Bar:
     """A bar by tqdm where it is installed, else one line on stderr."""
 
-    def __init__(self) -> None:
+    def __init__(self, found: int = 0) -> None:
         self._bar = None
-        self._shown = -1
+        self._shown, self._found = -1, found
 
     def __call__(self, done: int, total: int) -> None:
         if self._bar is None:
@@ -121,15 +121,14 @@ class _Bar:
             self._shown = percent
             say(f"\r{percent:3d} %")
 
-    @staticmethod
-    def _tqdm(total: int):
+    def _tqdm(self, total: int):
         if sys.stderr is None or sys.stderr.closed:
             return False
         try:
             tqdm = importlib.import_module("tqdm.auto")
         except ImportError:
             return False
-        return tqdm.tqdm(total=total, unit="step", unit_scale=True, leave=False)
+        return tqdm.tqdm(total=total, initial=self._found, unit="step", unit_scale=True, leave=False)
 
     def close(self) -> None:
         """End the line."""

@@ -103,12 +103,13 @@ class Watch:
             self._reckoned = math.inf
 
     def tell(self, share: float) -> None:
-        """This share of the work is done."""
+        """This share of the work is done. It is above one where a part held more units than were wanted."""
+        share = min(1.0, share)
         spent = self.seconds - self._announced
         self._tell_anew(spent, share)
         self._warn_of_more(spent, share)
         if self._tell:
-            self._stopped |= bool(self._tell(round(_TICKS * min(1.0, share)), _TICKS))
+            self._stopped |= bool(self._tell(round(_TICKS * share), _TICKS))
 
     @contextlib.contextmanager
     def carrying(self, kind: type) -> Iterator[None]:
