@@ -24,6 +24,16 @@ def test_generated_page_is_current(page, capsys):
     assert shown.rstrip("\n") == committed.rstrip("\n"), ".venv/bin/python docs/generate.py writes it again"
 
 
+def test_pages_list_the_same_packages():
+    """Those that ./bootstrap installs where they are missing; g++ brings gcc and the headers of C."""
+    pages = [ROOT / "README.md", ROOT / "docs/first-ten-minutes.md", ROOT / "docs/install.md"]
+    lists = [re.findall(r"apt-get install (.*)", page.read_text(encoding="utf-8")) for page in pages]
+    assert lists[0] == lists[1] == lists[2] and len(lists[0]) == 1
+    installed = (ROOT / "bootstrap").read_text(encoding="utf-8").partition("missing_packages()")[2].partition("\n}")[0]
+    names = {*re.findall(r"\w:([\w-]+)", installed), *re.findall(r"[\w-]+-(?:dev|venv)", installed)}
+    assert names - {"gcc", "libc6-dev"} | {"g++"} == {*lists[0][0].split()}
+
+
 def test_every_name_has_its_rows():
     page = tables.schemes_markdown()
     for name in ss.schemes.names():

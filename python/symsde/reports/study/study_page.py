@@ -27,8 +27,9 @@ at most 0.1; the fastest is bold. The column E H error gives the error of the me
 counts. The *weak error* is the largest of the errors of E q, E p (means over degrees of freedom) and E H, with 95 %
 intervals. Errors with hollow markers are not significantly different from zero. `symsde study SCENE.toml` writes every
 point to work-precision.csv. The panels of other packages, and their curves of symsde, show one run of [Other packages
-on the same problems](peers.md). The equations are the same, but that run was made on another machine. It starts
-synchrotron and linear_oscillator from another initial state, and it ends linear_oscillator at T = 4.
+on the same problems](peers.md). That run was made at another time, so compare its times with each other, not with
+those of the tables here. Its equations are the same, but synchrotron and linear_oscillator start from another initial
+state, and linear_oscillator ends at T = 4.
 
 Measured with {made_by}, {machine}. Run times move with the machine; errors do not.
 """
