@@ -63,11 +63,12 @@ def left(
     means: Sequence[float], errors: Sequence[float], order: float, extra: float = 0.0, *,
     settled: bool = True, second: float = 0.0,
 ) -> tuple[float, float]:  # fmt: skip
-    """The same, of levels that are settled or not; second: what second powers of phases may hide at the finest step.
+    """The same estimate and its error, if the levels may not be settled.
 
-    Where the two finest of three or more are seen, it is told by two powers of h, as far as a third changes it. A
-    scheme of weak order one may have the errors of one of order two on all steps that were tried: the differences then
-    fall by four, and what falls by two is hidden in how this number changes.
+    second: error of the finest step that second powers of phases may hide. If the differences of three levels are seen,
+    the estimate fits two powers of h to the two finest, and its error includes how far a third power changes it. A
+    scheme of weak order one may have the errors of order two at all steps that were tried: its differences then fall by
+    a factor of four, and the part that falls by two shows only in this change.
     """
     finest = list(zip(means, errors, strict=True))[1 - TERMS :]
     if not settled:
@@ -83,8 +84,8 @@ def left(
 
 
 def settled(square: float, variance: float, means: Sequence[float], errors: Sequence[float], order: float) -> bool:
-    """The mean square of the finest change is small beside the variance of f; or the last differences are seen, of one
-    sign, and fall as the order says."""
+    """Whether powers of h may be counted on: the mean square of the finest change is small beside the variance of f; or
+    the last three differences are seen, have one sign, and fall as the order says."""
     if square <= CLOSE * variance:
         return True
     last = list(zip(means, errors, strict=True))[-TERMS:]
@@ -93,8 +94,11 @@ def settled(square: float, variance: float, means: Sequence[float], errors: Sequ
 
 
 def second_powers(square: float, variance: float, order: float, size: float) -> float:
-    """What they may hide, by the mean square of the finest change, and by the size of the largest changes: an f that
-    jumps changes on few paths by as much as it varies at all, and in proportion to what its paths are off."""
+    """Error that second powers of phases may hide, from the mean square of the finest change of f.
+
+    size: size of the largest changes. It is near two standard deviations of f if f jumps. Then f changes on few paths,
+    in proportion to their error, and nothing is hidden: the result is 0.
+    """
     if variance <= 0 or size > _JUMP * math.sqrt(variance):
         return 0.0
     return 2 ** (order - 1) / (2**order - 1) ** 2 * square / math.sqrt(variance)
@@ -102,7 +106,7 @@ def second_powers(square: float, variance: float, order: float, size: float) -> 
 
 @functools.lru_cache(maxsize=1024)
 def _weights(order: float, extra: float, terms: int) -> tuple[float, ...]:
-    """Of three differences in E f - E f(x_h), if that is made of so many powers of h, the lowest being `order`."""
+    """Weights of the last three differences in E f - E f(x_h), a sum of `terms` powers of h from `order` on."""
     powers = order + np.arange(terms)
     rows = 2.0 ** np.outer(np.arange(TERMS)[::-1][-terms:], powers)  # of what each power adds to the finest difference
     rest = 2.0 ** (-extra * powers) / (2.0**powers - 1)

@@ -13,17 +13,17 @@ from .problem import Problem
 
 
 def suitable(problem: Problem) -> list[Scheme]:
-    """Schemes worth trying."""
+    """The schemes that are worth trying for this model."""
     return fitting(problem, _names(problem.model.traits))
 
 
 def fitting(problem: Problem, names: Iterable[str]) -> list[Scheme]:
-    """Those of these schemes that the library takes for this model and these options; each was set up once."""
+    """Those of the named schemes that the library accepts for this model and these options; each is set up once."""
     return [scheme for scheme in map(as_scheme, names) if _fits(problem, scheme)]
 
 
 def best_coupled(problem: Problem) -> Scheme:
-    """The scheme whose levels differ least for their cost."""
+    """The scheme of multilevel Monte Carlo: gauss_dkdkd if it suits the model, else midpoint."""
     known = [scheme for scheme in suitable(problem) if scheme.name == "gauss_dkdkd"]
     return known[0] if known else as_scheme("midpoint")
 
@@ -37,19 +37,22 @@ def weak_order(problem: Problem, scheme: Scheme) -> float:
 
 
 def of_phases(scheme: Scheme, weak: float) -> float:
-    """The power of a step by which phases are off: the order without noise, at least the weak one."""
+    """The power of h in the error of phases: the order without noise, or the weak order if that is higher."""
     return max(float(scheme.info.order_noise_free or 0), weak)
 
 
 def _splits_evenly(traits: Traits, name: str) -> bool:
-    """Drifts and kicks of order two; the kicks have the mean of the second Magnus term right (docs/method/weak.md)."""
+    """Whether the scheme has weak order two for this model although its noises do not commute.
+
+    Its drifts and kicks have order two, and its kicks the right mean of the second Magnus term (docs/method/weak.md).
+    """
     if not traits.kicked:
         return False
     return name == "lobatto2_swapped" or (name == "stormer_verlet" and traits.additive)
 
 
 def commutes(model: Model, t: float) -> bool:
-    """The noises commute at this time, as far as traits and sample points tell."""
+    """Whether the noises commute at time t, as far as traits and sample points tell."""
     traits = model.traits
     if model.nnoise < 2 or traits.additive or traits.position_noise:
         return True
@@ -57,7 +60,7 @@ def commutes(model: Model, t: float) -> bool:
 
 
 def _names(traits: Traits) -> list[str]:
-    """By traits, as the table of docs/schemes.md has it; the first is the cheapest to begin with."""
+    """Names of schemes for these traits, as in the table of docs/schemes.md; the pilot begins with the first."""
     names = ["stormer_verlet", "midpoint", "lobatto2_swapped"] if traits.separable else ["midpoint"]
     if traits.kicked:
         names += ["gauss_dkdkd", "chin4a"]
@@ -69,7 +72,7 @@ def _names(traits: Traits) -> list[str]:
 
 
 def _fits(problem: Problem, scheme: Scheme) -> bool:
-    """The library takes this scheme for this model with these options."""
+    """Whether the library accepts this scheme for this model with these options."""
     try:
         problem.try_out(scheme)
     except SymsdeError:

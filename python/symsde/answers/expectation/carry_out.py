@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """The work that a plan asks for, and the interval that it gives.
 
-Units are drawn until Var/N <= (1 - s) (half/t_N)^2, their variance being estimated from themselves as they come, half
-the half width that is wanted, t_N of Student's law and s the share of the bias.
+N units are drawn until Var/N <= (1 - s) (half/t_N)^2. Here Var is the variance of a unit, estimated from the units so
+far; half is the half width that is wanted, t_N the quantile of Student's law, and s the share of the bias.
 """
 
 from __future__ import annotations
@@ -47,7 +47,7 @@ _SPARE = 1.02  #: units beyond those that the variance asks for, so that a secon
 
 @dataclass
 class _Outcome:
-    """What a plan gave."""
+    """The result of a plan."""
 
     value: float
     half: float
@@ -59,12 +59,12 @@ class _Outcome:
 
 
 class Execution:
-    """Draws until the interval is narrow enough, or the time is over."""
+    """Carries out a plan: units are drawn until the interval is narrow enough, or the time is over."""
 
     def __init__(
         self, pilot: Pilot | StoredPilot, plans: Sequence[Plan | StoredPlan], store: Nowhere | InFolder | None = None
     ):
-        """The first of the plans is carried out; its draws are kept in the store."""
+        """Take the first of the plans, and warn if it will take long; its draws are kept in the store."""
         self.pilot, self.plan, self.others = pilot, plans[0], plans[1:]
         self.store = Nowhere(pilot.watch) if store is None else store
         self.tolerance, self.watch = pilot.tolerance, pilot.watch
@@ -83,14 +83,14 @@ class Execution:
             self._shorten(left)
 
     def _shorten(self, left: float) -> None:
-        """Fewer points of a scrambling, so that the time allows as many as an interval takes."""
+        """Reduce the points of a scrambling, so that the time allows as many scramblings as an interval needs."""
         halvings = math.ceil(math.log2(self.plan.seconds / max(left, 1e-3)))
         given = self.plan.options["log2_points"]
         fewer = [max(points - halvings, min(points, _LEAST_POINTS)) for points in np.atleast_1d(given).tolist()]
         self.plan.options["log2_points"] = fewer if self.plan.method == EVEN_LEVELS else fewer[0]
 
     def answer(self) -> Answer:
-        """Carry the plan out; Ctrl-C carries the answer until then, None where there is none."""
+        """Carry the plan out. Ctrl-C carries the answer so far, or None if there is none."""
         plan, step = self.plan, self.pilot.problem.horizon / self.plan.steps
         done = f"{self.pilot.seconds:.2g} s for the pilot"
         self.watch.announce(
@@ -100,6 +100,7 @@ class Execution:
         return ways.get(self.plan.method, self._one_step)()
 
     def _one_step(self) -> Answer:
+        """The answer by units of one estimator."""
         drawn, tails = NOTHING, Doubt(self.pilot.problem)
         try:
             estimator = self._begun(self.plan.estimator(FIRST, self.pilot.problem))
@@ -127,7 +128,11 @@ class Execution:
         return self._answer(drawn)
 
     def _even_levels(self) -> Answer:
-        """Scramblings of every level; then more points or units where the variance over the seconds is largest."""
+        """The answer by multilevel quasi-Monte Carlo.
+
+        Every level begins with the same number of scramblings. Then the level with the largest variance per second gets
+        more points or units.
+        """
         plan, least, problem = self.plan, Quasi.least_units, self.pilot.problem
         count = len(plan.options["log2_points"])
         levels = [self._begun(plan.even_level(i, FIRST + i, problem)) for i in range(count)]
@@ -160,14 +165,17 @@ class Execution:
         return self._of_even_levels(drawn)
 
     def _begun(self, estimator: Estimator) -> Estimator:
-        """With a quarter of the points that are planned, where more can be added to the same sequences."""
+        """The estimator with which the work begins: a quarter of the planned points, if points can be added later."""
         if isinstance(estimator, Quasi) and isinstance(self.store, Nowhere):
             planned = estimator.log2_points
             estimator.log2_points = max(planned - _FEWER, min(planned, _LOWEST))
         return estimator
 
     def _is_doubled(self, estimator: Estimator, drawn: Drawn, missing: float) -> bool:
-        """Twice the points of all units instead of so many more units; a folder keeps what units have, as it is."""
+        """Whether the points of all units are doubled, instead of drawing so many more units.
+
+        They are not if a folder keeps the draws: units that are kept do not change.
+        """
         return (
             isinstance(estimator, Quasi)
             and isinstance(self.store, Nowhere)
@@ -178,20 +186,24 @@ class Execution:
         )
 
     def _excess(self, drawn: list[Drawn]) -> float:
-        """Variance of the value, over the share of the error that is left to noise."""
+        """Variance of the value minus the variance that noise may have."""
         noise = self._noises(drawn)
         error = self.tolerance.half_width(sum(x.units.mean for x in drawn)) / quantile(_units_of(drawn, noise))
         return sum(noise) - (1 - BIAS_SHARE) * error**2
 
     def _noises(self, drawn: list[Drawn]) -> list[float]:
-        """Variance of the mean of every level. Where all units of f itself are the same, that which as many independent
-        paths would have: f may jump seldom, and the pilot saw it."""
+        """Variance of the mean of every level (level,).
+
+        If all units of the coarsest level are equal, it is that of as many independent paths: f may jump seldom, which
+        the pilot saw.
+        """
         noise = [x.units.variance / x.units.n for x in drawn]
         if drawn[0].units.m2 == 0:
             noise[0] = self.plan.variance / max(drawn[0].paths, 1)
         return noise
 
     def _of_even_levels(self, drawn: list[Drawn]) -> Answer:
+        """The answer from the units of every level."""
         value, bias = sum(x.units.mean for x in drawn), math.hypot(*self.plan.bias)
         noise = self._noises(drawn)
         error = math.sqrt(sum(noise))
@@ -201,14 +213,15 @@ class Execution:
         return self._finished(_Outcome(value, half, error, bias, paths, notes))
 
     def _more(self, estimator: Estimator, drawn: Drawn, missing: int, name: str = "units") -> Drawn | None:
-        """The next units, of as many as are missing; None where the time is over."""
+        """The next part of the missing units; None if the time is over."""
         return self.store.more(name, drawn, missing, estimator.part, estimator.draw_from)
 
     def _planned(self) -> int:
-        """Units to begin with, by what the pilot knows of their variance; no more than a moment takes.
+        """Number of units to begin with, from the variance that the pilot knows; no more than a moment takes.
 
-        Of skew units the mean and the variance go together: where their own variance tells how many there are, the mean
-        is off by their skewness times their size over their number, which counts beside the error where they are few.
+        The mean and the variance of skew units are correlated. If the variance of the units themselves decides how many
+        are drawn, their mean has a bias of skewness times standard deviation over their number. Beside the error of few
+        units this counts; so their number follows from other units, those of the pilot.
         """
         if self.plan.method == Quasi.name:
             return 0
@@ -216,17 +229,18 @@ class Execution:
         return min(AT_ONCE, math.ceil(ENOUGH * self.plan.variance / max((1 - BIAS_SHARE) * error**2, 1e-300)))
 
     def _units_for(self, units: Tally) -> int:
-        """Units whose noise has its share of the error, by their variance so far."""
+        """Number of units whose noise keeps its share of the error, from the variance so far."""
         error = self.tolerance.half_width(units.mean) / quantile(units.n)
         allowed = (1 - BIAS_SHARE) * error**2
         return min(2**40, math.ceil(_SPARE * self._variance(units) / max(allowed, 1e-300)))
 
     def _variance(self, units: Tally) -> float:
-        """Of a unit; at least what the pilot knows of it, where few units differ: f may jump seldom."""
+        """Variance of a unit; at least that of the pilot if few units differ, because f may jump seldom."""
         few = units.m2 == 0 if self.plan.method == Quasi.name else units.few
         return max(units.variance, self.plan.variance) if few else units.variance
 
     def _answer(self, drawn: Drawn) -> Answer:
+        """The answer from these units."""
         units, bias = drawn.units, math.hypot(*self.plan.bias)
         error = math.sqrt(self._variance(units) / units.n)
         wanted, notes = self.tolerance.half_width(units.mean), _failures(drawn)
@@ -235,7 +249,10 @@ class Execution:
         return self._finished(_Outcome(units.mean, half, error, bias, drawn.paths, notes))
 
     def _seen(self, drawn: Drawn) -> Tally:
-        """Values of f; each unit counts as one, but means over many points do not tell how few carry them."""
+        """The values of f that were seen, as a tally. A unit of one path counts as a value.
+
+        Means over many points do not show how few points carry them; then the pilot's values stand for all paths.
+        """
         known = self.pilot.looked_at.units
         if self.plan.method != Quasi.name or known.m2 == 0:
             return known + drawn.units
@@ -243,6 +260,7 @@ class Execution:
         return Tally(known.n + drawn.paths, known.mean, *(share * x for x in (known.m2, known.m3, known.m4)))
 
     def _multilevel(self) -> Answer:
+        """The answer by multilevel Monte Carlo."""
         plan = self.plan
         sampler = LevelSampler(self.pilot.problem, plan.scheme, plan.coarsest_steps, first=FIRST_OF_LEVEL)
         estimate = Estimate(
@@ -257,6 +275,7 @@ class Execution:
             raise
 
     def _of_levels(self, found: Multilevel) -> Answer:
+        """The answer from a multilevel estimate."""
         first, *finer = (x.paths + x.failed for x in found.levels)
         paths = first + 2 * sum(finer)  # a fine and a coarse one
         outcome = _Outcome(found.value, found.half_width, found.error, found.bias, paths, list(found.notes))
@@ -264,6 +283,7 @@ class Execution:
         return self._finished(outcome)
 
     def _finished(self, found: _Outcome) -> Answer:
+        """The answer from an outcome, with notes on what was not reached, and why."""
         horizon = self.pilot.problem.horizon
         wanted = self.tolerance.half_width(found.value)
         reached, unknown = self.tolerance.is_reached(found.half, found.value), NORMAL * found.bias > wanted
@@ -303,6 +323,7 @@ class Execution:
         )
 
     def _why(self) -> str:
+        """The reason for the plan: its estimated seconds, and those of the next."""
         plan = self.plan
         reckoned = told(plan.seconds)
         if not self.others:
@@ -316,28 +337,32 @@ class Execution:
 
 
 def _more(missing: float) -> int:
-    """Units of a level that are added at a time: those that are missing, a few at least."""
+    """Number of units that are added to a level at a time: the missing ones, at least 3 and at most 17."""
     return max(_TOP_UP, math.ceil(_SPARE * min(missing, Quasi.least_units)))
 
 
 def _share_of_points(share: float) -> float:
-    """Of the points that are wanted, where this is the share of what their variance is wanted to be in what it is."""
+    """Share of the points that are drawn, given the ratio of the variance that is wanted to the variance so far."""
     return min(1.0, share) ** (1 / USUAL)
 
 
 def _with_twice_the_points(estimator: Quasi, drawn: Drawn) -> Drawn:
+    """The same units with twice the points; their seconds are added."""
     new = estimator.doubled()
     return dataclasses.replace(new, seconds=new.seconds + drawn.seconds)
 
 
 def _units_of(drawn: list[Drawn], shares: list[float]) -> int:
-    """As many units of one sample would know the variance of the sum as well (Satterthwaite 1946), of which each level
-    has this share."""
+    """Number of units of one sample that tell the variance of the sum of levels as well (Satterthwaite 1946).
+
+    shares: variance of the mean of each level (level,).
+    """
     doubt = sum(share**2 / (x.units.n - 1) for share, x in zip(shares, drawn, strict=True))
     return 1 + int(sum(shares) ** 2 / doubt) if doubt > 0 else max(x.units.n for x in drawn)
 
 
 def _failures(drawn: Drawn) -> list[str]:
+    """A note on the units that failed, if there are any."""
     if not drawn.failed:
         return []
     size = drawn.paths // (drawn.failed + drawn.units.n)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""What every way to the interval would cost, and the cheapest.
+"""The estimated cost of every way to the interval.
 
 The error e that the tolerance allows is shared, e^2 = Var/N + bias^2 with bias^2 <= s e^2, s = BIAS_SHARE. The step is
 the longest whose bias keeps that; then with V = Var f, V_l, C_l as in `coupled.py` and a the weak order
@@ -38,7 +38,7 @@ _FEWEST = 5  #: log2 of the points of a level
 
 @dataclass(eq=False)
 class Plan:
-    """A way to the interval: a method, a scheme, a step, and what it is reckoned to cost."""
+    """A way to the interval: a method, a scheme, a step, and its estimated cost."""
 
     method: str
     trial: Trial
@@ -53,37 +53,37 @@ class Plan:
 
     @property
     def steps(self) -> int:
-        """To the horizon."""
+        """Number of steps to the horizon."""
         return self.trial.steps(self.level)
 
     @property
     def bias(self) -> tuple[float, float]:
-        """What the step leaves of E f, and the standard error of this estimate."""
+        """Estimate of E f - E f(x_h), the bias of the step, and the standard error of this estimate."""
         return (self.trial.rest if self.method == Extrapolated.name else self.trial.bias)(self.level)
 
     @property
     def scheme(self) -> Scheme:
-        """Its scheme."""
+        """The scheme of the trial."""
         return self.trial.scheme
 
     @property
     def coarsest_steps(self) -> int:
-        """To the horizon, of the first level of multilevel."""
+        """Number of steps to the horizon of the coarsest level of multilevel."""
         return self.trial.steps(self.coarsest)
 
     def estimator(self, first: int, problem: Problem) -> Estimator:
-        """What draws it, from a path on."""
+        """The estimator of this plan, whose first path has the index `first`."""
         return estimator_of(self.method, problem, self.scheme, self.steps, first=first, options=self.options)
 
     def even_level(self, index: int, first: int, problem: Problem) -> Quasi:
-        """What draws a level of multilevel quasi-Monte Carlo."""
+        """The estimator of a level of multilevel quasi-Monte Carlo; index 0 is the coarsest level."""
         return even_level_of(problem, self.scheme, self.coarsest_steps, index, first=first, options=self.options)
 
 
 def estimator_of(
     method: str, problem: Problem, scheme: Scheme, steps: int, *, first: int, options: dict
 ) -> Estimator:  # fmt: skip
-    """The estimator of a method, from a path on."""
+    """The estimator of a method at this scheme and number of steps, whose first path has the index `first`."""
     kinds = {kind.name: kind for kind in (Plain, Antithetic, Extrapolated, control.Control, Quasi)}
     return kinds[method](problem, scheme, steps, first, **options)
 
@@ -91,18 +91,18 @@ def estimator_of(
 def even_level_of(
     problem: Problem, scheme: Scheme, coarsest: int, index: int, *, first: int, options: dict
 ) -> Quasi:  # fmt: skip
-    """Of multilevel quasi-Monte Carlo the estimator of a level, counted from the coarsest one."""
+    """The estimator of a level of multilevel quasi-Monte Carlo; index 0 is the coarsest level."""
     points = options["log2_points"][index]
     return Quasi(problem, scheme, coarsest << index, first, log2_points=points, differences=index > 0)
 
 
 def _allowed(error: float) -> float:
-    """Variance of the value that is left to noise."""
+    """Variance (1 - s) e^2 that noise may give the value, if its error may be e."""
     return max((1 - BIAS_SHARE) * error**2, 1e-300)
 
 
 def coarse_enough(left: Callable[[int], tuple[float, float]], error: float, first: int = 0) -> int | None:
-    """The longest step of the ladder that leaves little beside this error; None where none does."""
+    """The first level of the ladder whose bias `left(level)` is small beside this error; None if there is none."""
     for level in range(first, LEVELS + MOST_HALVINGS):
         if _small(left(level), error):
             return level
@@ -110,7 +110,7 @@ def coarse_enough(left: Callable[[int], tuple[float, float]], error: float, firs
 
 
 def longest(left: Callable[[float], tuple[float, float]], error: float) -> float | None:
-    """The same between the steps of the ladder, to a thousandth of a halving."""
+    """The longest such step, also between the steps of the ladder: a real level, to a thousandth of a halving."""
     level = coarse_enough(left, error)
     if not level:
         return level
@@ -122,12 +122,12 @@ def longest(left: Callable[[float], tuple[float, float]], error: float) -> float
 
 
 def _small(left: tuple[float, float], error: float) -> bool:
-    """What is left, noise in it included, keeps its share of this error."""
+    """Whether a bias and its standard error together stay below the share s^(1/2) of this error."""
     return math.hypot(*left) <= math.sqrt(BIAS_SHARE) * error
 
 
 def plain(trial: Trial, error: float) -> Plan | None:
-    """Independent paths of one step."""
+    """The plan of independent paths at one step; None if no step has a small bias."""
     level = longest(trial.bias, error)
     if level is None:
         return None
@@ -137,7 +137,7 @@ def plain(trial: Trial, error: float) -> Plan | None:
 
 
 def extrapolated(trial: Trial, error: float) -> Plan | None:
-    """Two steps on the same paths."""
+    """The plan of extrapolation from two steps on the same paths; None if f does not vary or no step is fine enough."""
     level = coarse_enough(trial.rest, error, first=1)
     if level is None or trial.variance <= 0:
         return None
@@ -150,7 +150,7 @@ def extrapolated(trial: Trial, error: float) -> Plan | None:
 
 
 def multilevel(trial: Trial, error: float) -> Plan | None:
-    """Levels from the best coarsest one to the one whose bias is small."""
+    """The plan of multilevel from the best coarsest level to the first with a small bias; None if there is none."""
     finest = coarse_enough(trial.bias, error)
     if finest is None or trial.variance <= 0:
         return None
@@ -170,7 +170,7 @@ def multilevel(trial: Trial, error: float) -> Plan | None:
 
 
 def of_variant(trial: Trial, method: str, error: float) -> Plan | None:
-    """Antithetic or control variate by what was measured of it, at the longest step."""
+    """The plan of a method whose units were measured, at the longest step; None if they were not."""
     variant, level = trial.measured.get(method), longest(trial.bias, error)
     if variant is None or level is None or math.isinf(variants.price(trial, method, level)):
         return None
@@ -182,6 +182,7 @@ def of_variant(trial: Trial, method: str, error: float) -> Plan | None:
 
 
 def _seconds_of(trial: Trial, variant: variants.Variant, level: float, error: float, method: str) -> float:
+    """Seconds of this method at a level for this error, from the seconds measured at the level of the variant."""
     unit = variant.seconds * trial.seconds(level) / trial.seconds(variant.level)
     longer = variants.price(trial, method, level) / variants.price(trial, method, variant.level)
     units = _units(variant, error)
@@ -191,18 +192,21 @@ def _seconds_of(trial: Trial, variant: variants.Variant, level: float, error: fl
 
 
 def _units(variant: variants.Variant, error: float) -> float:
-    """That this error takes."""
+    """Number of units that this error needs."""
     return max(float(Estimator.least_units), variant.variance / _allowed(error))
 
 
 def without_bias(trial: Trial, error: float) -> float:
-    """Seconds of the cheapest of these at the finest step of the ladder, were its bias small."""
+    """Seconds of the cheapest measured method at the finest step of the ladder, if its bias were small."""
     known = ((method, x) for method, x in trial.measured.items() if x is not None)
     return min((_seconds_of(trial, x, LEVELS - 1, error, method) for method, x in known), default=math.inf)
 
 
 def even(trial: Trial, error: float) -> Plan | None:
-    """Quasi-Monte Carlo: points a unit such that the fewest units are enough, by how the variance fell."""
+    """The plan of quasi-Monte Carlo; None if it does not apply or was not measured.
+
+    A unit gets so many points that the fewest units are enough, if the variance falls as it did in the pilot.
+    """
     level = longest(trial.bias, error)
     near_enough = -1 if level is None else min(level, LEVELS - 1) - _NEAR
     known = [x for x in trial.even.values() if x is not None and x.level > near_enough]
@@ -221,15 +225,18 @@ def even(trial: Trial, error: float) -> Plan | None:
 
 
 def _points(units: dict[int, Tally], needed: float, usual: float = variants.USUAL) -> float:
-    """log2 of the points of a unit, from those that were tried on, whose variance is what is needed: work begins with
-    a quarter of the next power of two, and takes twice as many, or more units, as it sees how their variance falls."""
+    """log2 of the points with which a unit has the variance `needed`, extrapolated from the units that were tried.
+
+    The work begins with a quarter of the next power of two, and doubles the points or adds units as their variance
+    shows.
+    """
     known = max(units)
     more = math.log2(max(units[known].variance, 1e-300) / needed) / variants.fall(units, usual)
     return known + max(more, -2.0)
 
 
 def even_levels(trial: Trial, error: float) -> Plan | None:
-    """Multilevel quasi-Monte Carlo, from the best coarsest level that was looked at."""
+    """The plan of multilevel quasi-Monte Carlo from the best coarsest level; None if no level was measured."""
     finest = coarse_enough(trial.bias, error)
     if not finest or not quasi.applies(trial.problem, trial.scheme, trial.steps(finest)):
         return None
@@ -242,7 +249,11 @@ def even_levels(trial: Trial, error: float) -> Plan | None:
 
 
 def _even_levels(trial: Trial, coarsest: int, finest: int, needed: float) -> Plan | None:
-    """Points are doubled where the variance of a unit over its seconds is largest, until its sum is what is needed."""
+    """The same from a given coarsest level.
+
+    The points of the level with the largest variance of a unit per second are doubled, until the sum of the variances
+    is at most `needed`.
+    """
     variance, slope, path, once = [], [], [], []
     for level in range(coarsest, finest + 1):
         near = max((x for x in trial.even.values() if x and x.level <= level), key=lambda x: x.level)

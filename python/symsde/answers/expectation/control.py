@@ -34,14 +34,17 @@ MOST_FIT = 2048
 
 
 class Control(Estimator):
-    """The mean over independent paths of f minus its regression on the linear response."""
+    """The mean over independent paths of f minus its regression on the linear response Z."""
 
     name = "control variate"
 
     def __init__(
         self, problem: Problem, scheme: Scheme, steps: int, first: int, *, fit: int = FIT, differences: bool = False
     ):
-        """Compute the responses and fit the regression on paths of its own: of f, or of its change from 2h to h."""
+        """Compute the responses, and fit the regression on `fit` paths that are not used otherwise.
+
+        differences: a unit is the change of f from step 2h to h, not f itself.
+        """
         super().__init__(problem, scheme, steps, first)
         self._fit_on, self._differences = fit, differences
         self._response = self._differing() if differences else _directions(problem, responses(problem, steps))
@@ -52,7 +55,10 @@ class Control(Estimator):
         self._begin = self._next
 
     def _differing(self) -> np.ndarray:
-        """Responses to the fine increments of the scheme itself, and by how much those of its coarse paths differ."""
+        """Responses (direction, step*noise) at step h, and those at 2h minus these.
+
+        They are those of the scheme, or of midpoint if the scheme takes more than increments.
+        """
         problem, noises = self.problem, self.problem.model.nnoise
         by = self.scheme if quasi.columns(problem, self.scheme) == 1 else "midpoint"
         fine, coarse = (_responses(problem, steps, by) for steps in (self.steps, self.steps // 2))
@@ -61,7 +67,7 @@ class Control(Estimator):
 
     @property
     def part(self) -> int:
-        """Units that are computed at a time."""
+        """Number of paths that are computed at a time; their increments are held in memory."""
         return self.problem.chunk_of(self.steps)
 
     def _units(self, first: int, count: int) -> tuple[np.ndarray, np.ndarray]:
@@ -69,6 +75,7 @@ class Control(Estimator):
         return values - self.coefficients @ self._controls(first, count), ok
 
     def _values(self, first: int, count: int) -> tuple[np.ndarray, np.ndarray]:
+        """f or its change (path,) without the controls, and which paths are ok (path,)."""
         paths = {"first_path": first, "paths": count}
         if not self._differences:
             return self.problem.values(self.problem.run(self.scheme, self.steps, **paths))
@@ -76,7 +83,7 @@ class Control(Estimator):
         return fine - coarse, ok
 
     def _controls(self, first: int, count: int) -> np.ndarray:
-        """(control, path), each of mean zero and of size one."""
+        """Controls (control, path): Z_i and Z_i Z_j - C_ij, each divided by its size; their means are 0."""
         dw = self.problem.increments(self.scheme, self.steps, first, count)
         z = self._response @ dw.reshape(-1, count)
         c = self._covariance
@@ -85,7 +92,7 @@ class Control(Estimator):
         return np.array(rows).reshape(len(rows), count)
 
     def _fit(self) -> np.ndarray:
-        """Coefficients of the regression, by least squares."""
+        """Coefficients (control,) of the regression of f on the controls, by least squares."""
         parts = []
         for _ in range(0, self._fit_on, min(self.part, self._fit_on)):
             count = min(self.part, self._fit_on)
@@ -99,21 +106,25 @@ class Control(Estimator):
 
 
 def fit_for(units: float) -> int:
-    """Paths for the regression of so many units: it adds about the number of controls over these to their variance."""
+    """Number of paths on which the regression for so many units is fitted.
+
+    A fit on n paths increases the variance of the units by a fraction of about the number of controls over n.
+    """
     return int(min(max(_CONTROLS * math.sqrt(units), FIT), MOST_FIT))
 
 
 def applies(problem: Problem, steps: int) -> bool:
-    """There is noise, its increments are Gaussian, and there are not too many of them."""
+    """Whether there is noise, its increments are Gaussian, and they are not too many for a control variate."""
     rows = steps * problem.model.nnoise
     return 0 < rows <= MOST_ROWS and problem.options.get("truncation") is None
 
 
 def responses(problem: Problem, steps: int) -> np.ndarray:
-    """Derivatives of the final state by every increment, (2 dof, step*noise).
+    """Derivatives G (2 dof, step*noise) of the final state by every increment.
 
-    They are smooth along the way: those of many steps are read off a polynomial of third degree through the four
-    nearest of fewer. Any G gives a Z whose covariance is known; a better one leaves less variance.
+    They change smoothly along the way. If there are many steps, G is therefore computed for fewer, and interpolated
+    by a polynomial of third degree through the four nearest. Any G gives a Z with a known covariance, so an error of G
+    adds no bias; a better G leaves less variance.
     """
     coarse = max(RESPONSES, _FINER * fewest_steps(problem))
     if steps <= coarse:
@@ -130,7 +141,7 @@ def responses(problem: Problem, steps: int) -> np.ndarray:
 
 
 def _responses(problem: Problem, steps: int, scheme: str | Scheme = "midpoint") -> np.ndarray:
-    """The same of every step, by central differences."""
+    """The same derivatives for every step, by central differences of runs of this scheme."""
     rows, noises = steps * problem.model.nnoise, problem.model.nnoise
     bump = _BUMP * np.sqrt(problem.horizon / steps)
     ends = []
@@ -144,7 +155,10 @@ def _responses(problem: Problem, steps: int, scheme: str | Scheme = "midpoint") 
 
 
 def _directions(problem: Problem, response: np.ndarray) -> np.ndarray:
-    """The responses of all components where they are few, else of f alone; none that noise does not reach."""
+    """Rows (direction, step*noise) of the response: all components of the state if these are few, else f alone.
+
+    Rows that noise does not reach are left out.
+    """
     if problem.model.ndof > _FULL:
         response = _slope(problem) @ response
     size = np.linalg.norm(response, axis=1)

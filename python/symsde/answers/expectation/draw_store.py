@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Where the draws of an answer are kept: nowhere, or as shards in a folder, from which the work goes on.
+"""Where the draws of an answer are kept: nowhere, or as shards in a folder, from which the work can be resumed.
 
-A folder holds the choice that the pilot made, and parts of the draws by the indices of their units. How many there are
-to be follows from what earlier parts hold, their seconds too: so whoever finds the shards takes the same way through
-them, in a later process, or beside others that draw what this one will want next.
+A folder holds the choice of the pilot, and parts of the draws by the indices of their units. The size of a part follows
+from earlier parts alone, their seconds included. So every process that reads the folder asks for the same parts in the
+same order, be it later or at the same time; and processes that share the folder can draw ahead for each other.
 """
 
 from __future__ import annotations
@@ -46,7 +46,7 @@ Part = Drawn | Draw
 
 @dataclass
 class StoredPlan:
-    """A plan as a folder keeps it."""
+    """A plan, as a folder keeps it."""
 
     method: str
     scheme: Scheme
@@ -58,17 +58,17 @@ class StoredPlan:
     options: dict = field(default_factory=dict)
 
     def estimator(self, first: int, problem: Problem) -> Estimator:
-        """What draws it, from a path on."""
+        """The estimator of this plan, whose first path has the index `first`."""
         return estimator_of(self.method, problem, self.scheme, self.steps, first=first, options=self.options)
 
     def even_level(self, index: int, first: int, problem: Problem) -> Quasi:
-        """What draws a level of multilevel quasi-Monte Carlo."""
+        """The estimator of a level of multilevel quasi-Monte Carlo; index 0 is the coarsest level."""
         return even_level_of(problem, self.scheme, self.coarsest_steps, index, first=first, options=self.options)
 
 
 @dataclass
 class StoredPilot:
-    """What work takes of a pilot."""
+    """Those parts of a pilot that the work needs."""
 
     problem: Problem
     tolerance: Tolerance
@@ -78,20 +78,22 @@ class StoredPilot:
 
 
 class Nowhere:
-    """Draws are made when they are wanted, as far as the time goes, and not kept."""
+    """A store that keeps nothing: units are drawn when they are wanted, as far as the time allows."""
 
     seconds = 0.0  #: of the processor, of parts that other processes drew
 
     def __init__(self, watch: Watch):
-        """The watch tells how many units fit into what is left."""
+        """Take the watch that tells how many units fit into the time that is left."""
         self._watch = watch
 
     def more(
         self, _name: str, drawn: Part, missing: int, usual: int, draw: Callable[[int, int], Part], *,
         exactly: bool = True,
     ) -> Part | None:  # fmt: skip
-        """The next of the units that are missing, `usual` at a time; None where the time is over, by what those took.
-        As few as an interval takes are drawn whatever the time."""
+        """Draw the next of the missing units, `usual` at a time; None if no more fit into the time.
+
+        The seconds of the units drawn so far tell how many fit. The two units that an interval needs are always drawn.
+        """
         first, count, least = drawn.units.n + drawn.failed, min(usual, missing), LEAST - drawn.units.n
         if least <= 0:
             count = int(min(count, self._watch.room(drawn.seconds / first)))
@@ -104,10 +106,10 @@ class Nowhere:
 
 
 class InFolder:
-    """Draws are kept, and shared with other processes in the same folder."""
+    """A store that keeps draws in a folder, and shares them with other processes that use it."""
 
     def __init__(self, folder: RunFolder, watch: Watch):
-        """Parts that are there are read, others are drawn until the time is over."""
+        """Take the folder, and the watch that tells when the time is over."""
         self.folder, self._watch, self.seconds = folder, watch, 0.0
         self._name = uuid.uuid4().hex  # of this work: its own parts are in its own seconds
 
@@ -115,20 +117,23 @@ class InFolder:
         self, name: str, drawn: Part, missing: int, usual: int, draw: Callable[[int, int], Part], *,
         exactly: bool = False,
     ) -> Part | None:  # fmt: skip
-        """The next of the units that are missing; a part may hold more than these, unless exactly these are wanted."""
+        """The next part of the missing units, read or drawn; it may hold more than these, unless `exactly` is true."""
         first = drawn.units.n + drawn.failed
         count = self.grain(usual, missing, drawn.seconds / first if first else -1.0)
         return self.part(name, first, min(count, missing) if exactly else count, missing, draw)
 
     def grain(self, usual: int, count: int, seconds: float) -> int:
-        """Units that take long enough for a file, and not longer than a kill should cost."""
+        """Number of units of a part, given their number in all and the seconds of one (negative: not known).
+
+        A part takes long enough to be worth a file, and not so long that a kill would cost much.
+        """
         if seconds < 0:
             return usual
         wanted = min(max(count * seconds / _PARTS, _SHORTEST), _LONGEST) / max(seconds, 1e-9)
         return usual if wanted < usual else int(wanted) // usual * usual
 
     def part(self, name: str, first: int, count: int, ahead: int, draw: Callable[[int, int], Part]) -> Part | None:
-        """Of the folder; while another process draws it, later ones are drawn here."""
+        """The part that begins with the unit `first`. While another process draws it, later parts are drawn here."""
         begins = range(first, first + max(1, min(ahead // count, _AHEAD)) * count, count)
         pieces = [Piece(f"{name}-{begin:012d}-{count}", "draws", begin, count, count) for begin in begins]
         while True:
@@ -143,7 +148,7 @@ class InFolder:
                 time.sleep(_ELSEWHERE)
 
     def _draw(self, piece: Piece, draw: Callable[[int, int], Part]) -> bool:
-        """Whether nobody else had it, so that it is there now."""
+        """Draw and write this part, unless another process works at it; whether it is there now."""
         if not self.folder.claim(piece):
             return False
         try:
@@ -154,7 +159,7 @@ class InFolder:
         return True
 
     def choice(self, pilot: Callable[[], tuple[Any, list[Plan]]]) -> None:
-        """Let there be a choice: that of the first process that comes."""
+        """Wait until the folder has a choice; the first process that comes makes it."""
         while not self.folder.is_done(CHOICE):
             if not self.folder.claim(CHOICE):
                 time.sleep(_ELSEWHERE)
@@ -168,7 +173,7 @@ class InFolder:
     def read_choice(
         self, problem: Problem, tolerance: Tolerance, schemes: dict[str, Scheme]
     ) -> tuple[StoredPilot, list[StoredPlan]]:
-        """What was chosen, whoever did so."""
+        """The choice in the folder, made by this process or by another."""
         shard = self.folder.read(CHOICE)
         pilot = StoredPilot(problem, tolerance, self._watch, _part_of(shard), shard.facts["seconds"])
         plans = []
@@ -178,7 +183,7 @@ class InFolder:
         return pilot, plans
 
     def save(self, answer: Answer) -> None:
-        """As answer.json."""
+        """Write the answer as answer.json."""
         content = {key: getattr(answer, key) for key in _ANSWERED} | {"made": provenance.made()}
         text = files.json_text(content, digits=None, indent=1)
         durable.write(self.folder.path / "answer.json", text.encode(), keep=False)
@@ -192,14 +197,14 @@ _ANSWERED = (
 
 @contextlib.contextmanager
 def open_folder(path: Any, inputs: dict[str, Any], seed: int, watch: Watch) -> Iterator[InFolder]:
-    """The folder of these inputs, made or gone on with; one of others is refused."""
+    """Make or open the folder of these inputs; a folder of other inputs is refused."""
     record = manifest.of_inputs(inputs, seed, UNIT)
     with RunFolder.open_to_write(path, record, [], None) as folder:
         yield InFolder(folder, watch)
 
 
 def inputs_of(problem: Problem, tolerance: Tolerance, scheme: Scheme | None, method: str | None) -> dict[str, Any]:
-    """What an answer depends on: of functions, their values at a few points."""
+    """All that an answer depends on; functions count by their values at a few points."""
     model, target = problem.model, problem.target
     asked = {
         "f": target.name,

@@ -1,5 +1,9 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Ways to sample E f at one step: each gives independent units whose mean is the value, and what they took."""
+"""Ways to sample E f at one step.
+
+Each estimator draws independent units, whose mean is the value: a unit is f on one path, a combination of f on two
+paths, or f minus a control variate. It also measures the seconds of the processor that the units took.
+"""
 
 from __future__ import annotations
 
@@ -19,7 +23,7 @@ ENOUGH = 1.2  #: times the units that the pilot's variance asks for, so that few
 
 @dataclass(frozen=True)
 class Drawn:
-    """Some units."""
+    """Some units of an estimator."""
 
     units: Tally
     seconds: float  #: of the processor
@@ -27,7 +31,7 @@ class Drawn:
     paths: int  #: computed, those of failed units too
 
     def __add__(self, other: Drawn) -> Drawn:
-        """Both together."""
+        """The units of both together."""
         return Drawn(
             self.units + other.units,
             self.seconds + other.seconds,
@@ -40,44 +44,44 @@ NOTHING = Drawn(Tally(), 0.0, 0, 0)
 
 
 class Estimator:
-    """Paths of one scheme and step from an index on; `draw` computes the next ones."""
+    """An estimator by paths of one scheme and step, from the index `first` on; `draw` computes the next units."""
 
     name = ""
     paths_a_unit = 1
     least_units = 256  #: of an interval
 
     def __init__(self, problem: Problem, scheme: Scheme, steps: int, first: int):
-        """Nothing is drawn yet."""
+        """Take a scheme with `steps` steps to the horizon; nothing is drawn yet. first: index of the first path."""
         self.problem, self.scheme, self.steps = problem, scheme, steps
         self._next = self._begin = first  # a subclass that uses up some paths moves both
 
     @property
     def begin(self) -> int:
-        """Index of the first unit."""
+        """Index of the path of the first unit."""
         return self._begin
 
     @property
     def step(self) -> float:
-        """Size of a step."""
+        """The step h = horizon/steps."""
         return self.problem.horizon / self.steps
 
     @property
     def part(self) -> int:
-        """Units that are computed at a time."""
+        """Number of units that are computed at a time."""
         return self.problem.chunk
 
     def sample(self, count: int) -> tuple[np.ndarray, np.ndarray]:
-        """Values of the next units, and which of them are ok."""
+        """Values (unit,) of the next `count` units, and which of them are ok (unit,)."""
         first, self._next = self._next, self._next + count
         return self._units(first, count)
 
     def draw_from(self, unit: int, count: int) -> Drawn:
-        """So many units from one on, counted from 0."""
+        """Draw `count` units, beginning with the one of this number, counted from 0."""
         self._next = self._begin + unit
         return self.draw(count)
 
     def draw(self, count: int) -> Drawn:
-        """So many new units."""
+        """Draw the next `count` units."""
         result = NOTHING
         while count > 0:
             part = min(count, self.part)
@@ -90,12 +94,12 @@ class Estimator:
         return result
 
     def _units(self, first: int, count: int) -> tuple[np.ndarray, np.ndarray]:
-        """Values of units, and which of them are ok."""
+        """Values (unit,) of `count` units from the index `first` on, and which of them are ok (unit,)."""
         raise NotImplementedError
 
 
 class Plain(Estimator):
-    """The mean over independent paths."""
+    """The mean of f over independent paths."""
 
     name = "plain"
 
@@ -104,9 +108,10 @@ class Plain(Estimator):
 
 
 class Extrapolated(Estimator):
-    """The mean of P_h + (P_h - P_2h)/(2^a - 1), both on one Brownian path: of E P_h what falls as h^a is gone.
+    """The mean of P_h + (P_h - P_2h)/(2^a - 1), P_h being f at step h: it has no term h^a in its bias.
 
-    Talay and Tubaro 1990, Stoch. Anal. Appl. 8, 483; coupled, so that the difference adds little variance.
+    See Talay and Tubaro 1990, Stoch. Anal. Appl. 8, 483. Both paths follow one Brownian path here, so the difference
+    adds little variance.
     """
 
     name = "extrapolated"
@@ -124,14 +129,14 @@ class Extrapolated(Estimator):
 
 
 class Antithetic(Estimator):
-    """The mean over pairs of paths, one with the increments of the other turned round."""
+    """The mean of f over pairs of paths; the increments of the second are those of the first with the other sign."""
 
     name = "antithetic"
     paths_a_unit = 2
 
     @property
     def part(self) -> int:
-        """Units that are computed at a time."""
+        """Number of pairs that are computed at a time; their increments are held in memory."""
         return self.problem.chunk_of(self.steps)
 
     def _units(self, first: int, count: int) -> tuple[np.ndarray, np.ndarray]:
@@ -142,5 +147,6 @@ class Antithetic(Estimator):
         return (one + other) / 2, ok & also
 
     def _driven(self, dw: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Values (path,) of f on the paths that dw (step, noise, path) drives, and which paths are ok (path,)."""
         more = {"increments": dw, "truncation": None}  # they are truncated already
         return self.problem.values(self.problem.run(self.scheme, self.steps, paths=dw.shape[2], **more))

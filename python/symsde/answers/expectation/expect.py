@@ -60,7 +60,7 @@ def expect(
     not numbers, or a tolerance below rounding. Ctrl-C raises KeyboardInterrupt. Its attribute `partial` is the answer
     until then, or None if the pilot was not finished or fewer than two scramblings were drawn.
 
-    If f varies on too few paths, rare events may be missing from the sample. The half width is then at least 3.8/paths
+    If f varies on too few paths, rare events may be missing from the sample. The half width is then at least 3.84/paths
     times the scale of f. If this makes the interval wider than asked, `reached` is false, and a note says so.
     """
     watch = Watch(max_time, progress)

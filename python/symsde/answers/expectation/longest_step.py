@@ -23,7 +23,10 @@ _POINTS = 9  #: of the way
 
 
 def frequency(problem: Problem, paths: int = 0) -> float:
-    """The largest frequency of the linearised equations, on a few points of the way; at least 1/horizon."""
+    """The largest frequency omega of the header, at a few times along the way; at least 1/horizon.
+
+    paths: number of paths with noise that are looked at, too.
+    """
     declared = problem.model.traits.max_frequency
     ways = [*_way(problem), *(_ways(problem, paths) if paths and problem.model.nnoise else ())]
     return max(_fastest(problem, ways), declared, 1 / problem.horizon)
@@ -41,7 +44,10 @@ def mild_steps(problem: Problem) -> int:
 
 
 def _fastest(problem: Problem, ways: Iterable, w: np.ndarray | None = None) -> float:
-    """Frequency of sum_j w_j H_j, by default of H, along these ways."""
+    """The largest frequency of sum_j w_j H_j along ways that give (t, q, p), with q and p (dof, path).
+
+    w (noise + 1,) are the weights; None stands for H alone.
+    """
     blocks = zip(*(problem.model.hessian(q, p, w, t) for t, q, p in ways), strict=True)
     qq, qp, pp = (np.moveaxis(np.concatenate(block, axis=2), 2, 0) for block in blocks)
     flow = np.block([[qp, pp], [-qq, -qp.transpose(0, 2, 1)]])
@@ -50,14 +56,14 @@ def _fastest(problem: Problem, ways: Iterable, w: np.ndarray | None = None) -> f
 
 
 def fewest_steps(problem: Problem) -> int:
-    """Steps to the horizon, the fewest that every scheme may be tried with."""
+    """The fewest steps to the horizon with which every scheme is tried: T omega/SHARPEST."""
     if "fewest steps" not in problem.known:
         problem.known["fewest steps"] = max(1, math.ceil(problem.horizon * frequency(problem) / SHARPEST))
     return problem.known["fewest steps"]
 
 
 def _ways(problem: Problem, paths: int):
-    """The same of paths with noise, without the first states; nothing where they fail."""
+    """Give (t, q, p) along paths with noise at later times; paths that fail are left out."""
     rows = max(8 * (_POINTS - 1), fewest_steps(problem))
     rows += -rows % (_POINTS - 1)
     try:
@@ -71,7 +77,7 @@ def _ways(problem: Problem, paths: int):
 
 
 def _way(problem: Problem):
-    """Times and states without noise, by 64 steps of the midpoint rule; the initial one where it fails."""
+    """Give (t, q, p) along the path without noise, by 64 steps of midpoint; the initial state alone if these fail."""
     yield problem.options.get("t0", 0.0), problem.q0, problem.p0
     rows = 8 * (_POINTS - 1)
     try:

@@ -105,14 +105,17 @@ def mlmc(
 
 
 class Estimate(Levels):
-    """A multilevel estimate that grows until it is narrow enough."""
+    """A multilevel estimate: levels and paths are added until its interval is narrow enough."""
 
     def __init__(
         self, sampler: LevelSampler, tolerance: Tolerance, *, levels: int, first: int, watch: Watch,
         known: Tally | None = None, store: Nowhere | InFolder | None = None,
     ):  # fmt: skip
-        """Nothing is drawn yet. known: values of f that were looked at already; without them, some are first. store:
-        where draws are kept."""
+        """Nothing is drawn yet.
+
+        levels: the largest number of levels; first: paths with which a level begins; known: values of f that were
+        looked at already (if there are none, some are drawn first); store: where draws are kept.
+        """
         super().__init__(weak_order(sampler.problem, sampler.scheme), known or Tally())
         self.sampler, self.tolerance, self.watch = sampler, tolerance, watch
         self.most, self.first = levels, first
@@ -121,7 +124,7 @@ class Estimate(Levels):
         self.notes: list[str] = []
 
     def run(self) -> Multilevel:
-        """Draw until the interval is narrow enough, the levels or the time are used up."""
+        """Draw until the interval is narrow enough, or until the levels or the time are used up."""
         try:
             if not self.known.n:
                 self.known = self._look_at_f()
@@ -136,13 +139,13 @@ class Estimate(Levels):
             raise
 
     def _look_at_f(self) -> Tally:
-        """Values of f at a step of moderate length; refused where they have no variance."""
+        """Draw values of f at a step of moderate length, and refuse f if they have no variance."""
         sampler, level = self.sampler, min(FIRST_LEVELS, self.most) - 1
         plain = Plain(sampler.problem, sampler.scheme, sampler.steps(level), _LOOKED_AT_FROM)
         return look(plain, self.tolerance, self.watch).units
 
     def _work(self) -> bool:
-        """Draw what is missing, or add a level; false where nothing is left to do."""
+        """Draw missing paths, or add a level; false if nothing is left to do."""
         wanted = self._wanted()
         missing = [max(0, n - draw.difference.n) for n, draw in zip(wanted, self.draws, strict=True)]
         if any(missing):
@@ -170,6 +173,7 @@ class Estimate(Levels):
         return True
 
     def _add_level(self) -> None:
+        """Begin the next level; refuse if fewer than two of its paths come to the end."""
         level = len(self.draws)
         self.draws.append(NOTHING)
         self._draw(level, self.first)
@@ -181,7 +185,7 @@ class Estimate(Levels):
             )
 
     def _draw(self, level: int, count: int) -> None:
-        """So many samples more, in parts between which the clock is looked at."""
+        """Draw `count` more samples of a level, in parts; between these the clock is looked at."""
         usual, name = max(256, self.sampler.problem.chunk), f"level-{level:02d}"
         draw = partial(self.sampler.draw_from, level)
         while count > 0 and not (self.watch.over and self.draws[level].difference.n > 1):
@@ -193,24 +197,24 @@ class Estimate(Levels):
         self._tails.look(self.draws[level].fine, self.sampler.scheme, self.sampler.steps(level))
 
     def _finest_is_cheap(self) -> bool:
-        """Twice the paths of the finest level cost less than a fifth of what was spent."""
+        """Whether the finest level took less than a fifth of all seconds, so that its paths may be doubled."""
         return self.draws[-1].seconds < 0.2 * sum(draw.seconds for draw in self.draws)
 
     def _check(self) -> None:
-        """What the first samples show that makes further work vain."""
+        """Refuse a tolerance that further work cannot reach, as the first samples show."""
         fine, (value, error) = self.draws[0].fine, self._told()
         self.tolerance.check(value, math.sqrt(fine.mean**2 + fine.variance))
         if self.tolerance.relative is not None and math.fabs(value) < error:
             raise may_be_zero(value, error)
 
     def _told(self) -> tuple[float, float]:
-        """The value and its error; where levels do not tell it from 0, those of the values looked at if these do."""
+        """The value and its error; the mean of the values looked at, if these tell it from 0 and the levels do not."""
         known, levels = self.known, (self.value, self.error)
         seen = math.fabs(known.mean) > SEEN * known.error
         return (known.mean, known.error) if seen and math.fabs(self.value) < self.error else levels
 
     def _wanted(self) -> list[int]:
-        """Paths of each level that give the noise its share of the error at the least cost."""
+        """Number of paths of each level (level,), by which the noise keeps its share of the error at the least cost."""
         noise = (1 - BIAS_SHARE) * self._error_wanted() ** 2
         levels = range(len(self.draws))
         spread = [math.sqrt(self._variance(i) / self._seconds(i)) for i in levels]
@@ -220,26 +224,27 @@ class Estimate(Levels):
         return [min(2**40, math.ceil(s * total / max(noise, 1e-300))) for s in spread]
 
     def _error_wanted(self) -> float:
-        """Root mean square error that gives the half width, with as many paths as the fewest that a level has."""
+        """Root mean square error that gives the half width; Student's t is that of the level with the fewest paths."""
         fewest = min(draw.difference.n for draw in self.draws)
         return self.tolerance.half_width(self._told()[0]) / quantile(fewest)
 
     def _variance(self, level: int) -> float:
-        """V_l; of level 0 at least that of the values looked at, where few of its own differ."""
+        """V_l. For level 0 it is at least the variance of the values looked at, if few of its own values differ."""
         few = level == 0 and self.draws[level].difference.few and self.known.n > 1
         return max(self.variance_of(level), self.known.variance if few else 0.0)
 
     def _error(self, level: int) -> float:
-        """Standard error of the mean of a level."""
+        """Standard error (V_l/N_l)^(1/2) of the mean of a level."""
         n = self.draws[level].difference.n
         return math.sqrt(self._variance(level) / n) if n > 1 else math.inf
 
     def _seconds(self, level: int) -> float:
-        """Of a path."""
+        """Seconds C_l of a path of a level."""
         draw = self.draws[level]
         return max(draw.seconds, 1e-9) / max(1, draw.difference.n)
 
     def _tell(self, wanted: list[int]) -> None:
+        """Tell the share of the work that is done, if so many paths of each level (level,) are wanted."""
         done = sum(draw.seconds for draw in self.draws)
         missing = sum(
             max(0, n - draw.difference.n) * self._seconds(i)
@@ -248,11 +253,11 @@ class Estimate(Levels):
         self.watch.tell(done / max(done + missing, 1e-300))
 
     def _allowed(self) -> float:
-        """Size of the bias that may be left."""
+        """Largest bias s^(1/2) e that may be left."""
         return math.sqrt(BIAS_SHARE) * self._error_wanted()
 
     def _left(self) -> tuple[float, float]:
-        """What is left of the error of the step, and its standard error."""
+        """The bias E f - E f(x_L) of the finest level, and the standard error of this estimate."""
         finer = range(1, max(self.begun, 1))
         means, errors = [self.draws[i].difference.mean for i in finer], [self._error(i) for i in finer]
         order = self.order if len(means) >= weak.TERMS else weak.order_of(means, errors, self.order)
@@ -261,16 +266,16 @@ class Estimate(Levels):
 
     @property
     def value(self) -> float:
-        """Sum of the means."""
+        """The estimate of E f: the sum of the means of the levels."""
         return math.fsum(draw.difference.mean for draw in self.draws[: self.begun])
 
     @property
     def error(self) -> float:
-        """Its standard error."""
+        """Standard error of the value."""
         return math.sqrt(math.fsum(self._error(i) ** 2 for i in range(self.begun)))
 
     def answer(self) -> Multilevel:
-        """What is known so far, by the levels that were begun: there is one at least."""
+        """The result so far, from the levels that were begun, of which there is at least one."""
         value, error, begun = self.value, self.error, self.begun
         bias = math.hypot(*self._left()) if begun > 1 else math.inf
         half = half_width(error, bias, min(draw.difference.n for draw in self.draws[:begun]))
@@ -306,6 +311,7 @@ class Estimate(Levels):
         )
 
     def _level(self, i: int) -> Level:
+        """The row of a level in the result."""
         draw, consistency = self.draws[i], 0.0
         if i:
             before = self.draws[i - 1].fine
@@ -320,7 +326,7 @@ class Estimate(Levels):
 
 
 def _doubts(levels: tuple[Level, ...]) -> list[str]:
-    """What the levels show that the interval does not."""
+    """Doubts about the levels that the interval does not include, each a sentence."""
     notes = []
     failed = sum(x.failed for x in levels)
     if failed:

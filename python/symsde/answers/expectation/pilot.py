@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The pilot: short runs of every scheme that fits, and the plan that they speak for."""
+"""The pilot: short runs of every scheme that fits, and the plan that is the cheapest by them."""
 
 from __future__ import annotations
 
@@ -63,12 +63,12 @@ _NEEDS = {
 
 
 class Pilot:
-    """Trials of the schemes, and the value as far as they tell it."""
+    """The trials of the schemes, the values of f that were looked at, and the plans that follow from them."""
 
     def __init__(
         self, problem: Problem, tolerance: Tolerance, watch: Watch, schemes: Sequence[Scheme], method: str | None
     ):
-        """Try the first scheme that works; refuse what no work could answer."""
+        """Try schemes until one works, and look at f; refuse what no work could answer."""
         self.problem, self.tolerance, self.watch, self.method = problem, tolerance, watch, method
         if not schemes:
             raise InvalidArgumentError(
@@ -90,23 +90,23 @@ class Pilot:
         self._least = watch.seconds  #: of the processor, that nothing could be known without
 
     def try_all(self) -> None:
-        """Every scheme that is left."""
+        """Try every scheme that is left."""
         while self._untried:
             self._try_next()
 
     def _highest(self) -> float:
-        """Weak order of the schemes that were not tried; one that is higher may take far fewer steps."""
+        """The highest weak order of the schemes that were not tried. A higher order may need far fewer steps."""
         return max(map(_order, self._untried), default=0.0)
 
     def _try_highest(self) -> None:
-        """The first of these of the highest order."""
+        """Try the first scheme of this order."""
         highest = max(self._untried, key=_order)
         self._untried.remove(highest)
         self._untried.insert(0, highest)
         self._try_next()
 
     def _try_next(self) -> None:
-        """The next scheme on a ladder of steps."""
+        """Try the next scheme on a ladder of steps."""
         paths = _PATHS if self.problem.model.nnoise else 2
         trial = Trial(self.problem.on_one_thread(), self._untried.pop(0), self._coarsest, paths)
         if trial.usable:
@@ -115,7 +115,7 @@ class Pilot:
                 trial.known = self.looked_at.units
 
     def _look_at_f(self) -> None:
-        """Values of f at a trustworthy step: their variance, their mean, their tails."""
+        """Draw values of f at the step whose levels differ least: they tell its variance, its mean and its tails."""
         trial = min(self.trials, key=lambda x: x.spread(LEVELS - 1) + x.seconds(LEVELS - 1) * 1e-12)
         plain = Plain(trial.problem, trial.scheme, trial.steps(LEVELS - 1), _FIRST)
         self.looked_at = look(plain, self.tolerance, self.watch)
@@ -129,12 +129,13 @@ class Pilot:
             x.known = self.looked_at.units
 
     def _may_be_zero(self) -> bool:
+        """Whether the tolerance is relative and the mean of f is within three standard errors of 0."""
         seen = self.looked_at.units
         return self.tolerance.relative is not None and math.fabs(seen.mean) < SEEN * seen.error
 
     @property
     def value(self) -> float:
-        """The mean of f as far as it is known."""
+        """The mean of the values of f that were looked at."""
         return self.looked_at.units.mean
 
     @property
@@ -143,10 +144,10 @@ class Pilot:
         return self.tolerance.error(self.value)
 
     def choose(self) -> list[Plan]:
-        """Every plan, the cheapest first.
+        """All plans, the cheapest first.
 
-        The least that nothing could be known without is a ladder of one scheme. What else is measured, method by
-        method and scheme by scheme, takes together no more than a share of what the best plan so far is reckoned to.
+        The ladder of one scheme is always measured. All further measurements, method by method and scheme by scheme,
+        together take no more than a fifth of the estimated time of the best plan so far.
         """
         plans = self.plans()
         while not self.watch.over and (task := self._next(plans)) is not None:
@@ -157,7 +158,10 @@ class Pilot:
         return plans
 
     def _rehearsed(self, plans: list[Plan]) -> list[Plan]:
-        """With the seconds that a part of the work takes, of the cheapest, as long as that is another one then."""
+        """The plans in the order of their seconds, after a part of the work of the cheapest was timed.
+
+        This is repeated while another plan becomes the cheapest, three times at most.
+        """
         for _ in range(_REHEARSALS):
             best = plans[0]
             if best.is_rehearsed or best.seconds < _AT_ONCE or self.watch.over or not self.problem.model.nnoise:
@@ -167,7 +171,7 @@ class Pilot:
         return plans
 
     def _best_known(self) -> list[Plan]:
-        """Where the bias is not known as well as asked for: the plans for the least error that there are any for."""
+        """Plans for the smallest error, doubled step by step, that any plan reaches: the bias is not known better."""
         error = self.error
         for _ in range(_WIDER):
             error *= 2
@@ -176,6 +180,7 @@ class Pilot:
         raise NumericalError(self._hopeless())
 
     def _hopeless(self) -> str:
+        """The message if no plan reaches even a much larger error."""
         way = f"by {self.method} " if self.method else ""
         return (
             f"no scheme reaches a standard error of {self.error:.3g} {way}up to "
@@ -184,8 +189,10 @@ class Pilot:
         )
 
     def plans(self, error: float | None = None) -> list[Plan]:
-        """Plans of every trial by all that was measured, of the method that is asked for; the cheapest first. They keep
-        the error that the tolerance allows, or one that is given."""
+        """Plans of every trial by all that was measured, for the method that was asked for; the cheapest first.
+
+        error: root mean square error that they keep; by default the one that the tolerance allows.
+        """
         ways = [choice.plain, choice.extrapolated, choice.multilevel, choice.even, choice.even_levels]
         ways += [partial(choice.of_variant, method=method) for method in MEASURED]
         found = [way(trial, error=error or self.error) for trial in self.trials for way in ways]
@@ -193,7 +200,7 @@ class Pilot:
         return sorted(wanted, key=lambda plan: plan.seconds)
 
     def _next(self, plans: list[Plan]) -> Callable[[], None] | None:
-        """What is to be measured next; None where nothing is worth it."""
+        """The measurement that is made next; None if none is worth its time."""
         if not plans:  # whatever it takes, the way to one at least
             tasks = sorted(self._tasks(), key=lambda task: task[0]) + self._last_tasks()
             return tasks[0][1] if tasks else None
@@ -202,7 +209,7 @@ class Pilot:
         return next((task for seconds, task in self._tasks(plans[0]) if seconds <= left), None)
 
     def _tasks(self, best: Plan | None = None) -> Iterator[tuple[float, Callable[[], None]]]:
-        """Seconds that each measurement takes, about, and the measurement; the most promising first."""
+        """Give (seconds, measurement), with estimated seconds; the most promising comes first."""
         known = [(plan, trial) for trial in self.trials if (plan := choice.plain(trial, self.error)) is not None]
         known.sort(key=lambda x: x[0].seconds)
         if best is not None:
@@ -233,8 +240,11 @@ class Pilot:
 
     @staticmethod
     def _again(best: Plan) -> Iterator[tuple[float, Callable[[], None]]]:
-        """The same method at a step that is much longer than the one whose units were looked at: they vary more; levels
-        with far more points than were looked at, as how the variance falls was seen on few."""
+        """Measurements of the best plan that were made too far from it.
+
+        Its step may be much longer than the one at which its units were measured, which then vary more. Its levels may
+        have far more points than were tried, so that the fall of their variance is extrapolated far.
+        """
         known = best.trial.measured.get(best.method)
         if known is not None and best.level < known.level - _NEAR:
             seconds = variants.price(best.trial, best.method, best.level)
@@ -249,7 +259,7 @@ class Pilot:
                 yield variants.price(trial, Quasi.name, level, most), partial(trial.look_evenly, level, most)
 
     def _hopes(self, best: Plan) -> Iterator[tuple[float, Callable[[], None]]]:
-        """Differences by Sobol's points where noise alone may hide that the bias of a far cheaper way is small."""
+        """Differences by Sobol points of trials that would be far cheaper if only noise hides that their bias is small."""
         for trial in self.trials:
             if choice.without_bias(trial, self.error) < _HOPE * best.seconds:
                 yield from self._changes(trial)
@@ -257,7 +267,7 @@ class Pilot:
 
     @staticmethod
     def _changes(trial: Trial, *, of_all: bool = False) -> Iterator[tuple[float, Callable[[], None]]]:
-        """Differences with the control variate, where it leaves little of f itself: of all where that is not known."""
+        """Differences with the control variate, if it leaves little variance of f; with `of_all`, of any trial."""
         known = trial.measured.get(Control.name)
         little = known is not None and known.variance < _LITTLE * trial.variance
         if not trial.changes and (of_all or little):
@@ -266,7 +276,7 @@ class Pilot:
                 yield seconds, trial.look_at_changes
 
     def _variants(self, trial: Trial, level: float) -> Iterator[tuple[float, Callable[[], None]]]:
-        """Methods whose units were not looked at, for a millisecond each."""
+        """Methods whose units were not measured yet; each takes about a millisecond."""
         for method, kind in MEASURED.items():
             if self.method in (None, method) and method not in trial.measured:
                 seconds = variants.price(trial, method, level)
@@ -275,14 +285,17 @@ class Pilot:
 
     @staticmethod
     def _evenly(trial: Trial, levels: Iterable[int]) -> Iterator[tuple[float, Callable[[], None]]]:
-        """Levels that were not looked at by Sobol's points."""
+        """Those of these levels that were not measured by Sobol points yet."""
         for level in levels:
             if level not in trial.even and math.isfinite(seconds := variants.price(trial, Quasi.name, level)):
                 yield seconds, partial(trial.look_evenly, level)
 
     def _last_tasks(self) -> list[tuple[float, Callable[[], None]]]:
-        """Where nothing reaches the tolerance yet: a control variate of what levels change, where it is cheap; other
-        schemes, then more paths."""
+        """Measurements to make while no plan reaches the tolerance.
+
+        They are a control variate of the changes from level to level, if it is cheap; then other schemes; then finer
+        steps or more paths.
+        """
         cheap = [x for trial in self.trials for x in self._changes(trial, of_all=True) if x[0] < _CHEAP]
         if self._untried:
             higher = self._highest() > max(_order(x.scheme) for x in self.trials)
@@ -295,11 +308,11 @@ class Pilot:
 
 
 def _order(scheme: Scheme) -> float:
-    """Weak order, as the certificate has it."""
+    """The weak order in the certificate of the scheme; 0 if there is none."""
     return scheme.info.orders["weak"].value or 0.0
 
 
 def _noise_decides(best: Plan) -> bool:
-    """Its step is that of noise in its bias: more paths may allow a longer one."""
+    """Whether noise in the bias determines the step of this plan: more paths may then allow a longer step."""
     seen, noise = best.bias
     return best.level != 0 and noise >= math.fabs(seen)

@@ -45,22 +45,22 @@ class Problem:
 
     @property
     def chunk(self) -> int:
-        """Paths of one call."""
+        """Number of paths that one call of `simulate` computes: their states fit into a cache."""
         return max(256, _NUMBERS // (4 * self.model.ndof) // 256 * 256)
 
     def chunk_of(self, steps: int) -> int:
-        """The same of paths whose increments are held."""
+        """The same if the increments of all steps of these paths are held in memory."""
         return max(8, min(self.chunk, _DRAWN // (steps * max(1, self.model.nnoise))))
 
     def increments(self, scheme: Scheme, steps: int, first: int, count: int) -> np.ndarray:
-        """dW (step, noise, path) that drive so many paths from the first on."""
+        """The increments dW (step, noise, path) that drive `count` paths from the index `first` on."""
         return increments(
             self.model, step=self.horizon / steps, steps=steps, paths=count, first_path=first, seed=self.seed,
             truncation=self.options.get("truncation"), scheme=scheme,
         )  # fmt: skip
 
     def run(self, scheme: str | Scheme, steps: int, **more: Any) -> Run:
-        """Paths to the horizon, of which the last state is kept."""
+        """Compute paths to the horizon and keep their last state. `more` are arguments of `simulate`, such as paths."""
         options = {"save_every": steps, "seed": self.seed, **self.options, **more}
         work, unit = steps * more.get("paths", 1), f"seconds of a step of {getattr(scheme, 'name', scheme)}"
         if self.options.get("threads") is None and work * self.known.get(unit, 0.0) < _WORTH:
@@ -77,16 +77,16 @@ class Problem:
         return found
 
     def on_one_thread(self) -> Problem:
-        """The same question: short runs are not worth waking threads, and their seconds tell more on one."""
+        """The same question on one thread: for short runs it does not pay to wake threads, and times are steadier."""
         return dataclasses.replace(self, options={**self.options, "threads": 1})
 
     def try_out(self, scheme: str | Scheme) -> Report:
-        """Set a run up, but make no step: what does not fit raises a SymsdeError."""
+        """Set up a run of no step and return its report; a scheme or option that does not fit raises a SymsdeError."""
         options = {key: value for key, value in self.options.items() if key != "threads"}
         return simulate(self.model, q0=self.q0, p0=self.p0, scheme=scheme, step=self.horizon, steps=0, **options).report
 
     def values(self, run: Run) -> tuple[np.ndarray, np.ndarray]:
-        """f at the end of every path, and which of them are ok: did not fail, and are not on their way to infinity."""
+        """f at the end of every path (path,), and which paths are ok (path,): did not fail, nor leave beyond 1e100."""
         ok = run.status == 0
         for state in (run.q[-1], run.p[-1]):
             ok &= (np.abs(state) < _GONE).all(axis=0)
@@ -99,7 +99,7 @@ class Problem:
 def make_problem(
     model: Model, f: Function | str, *, q0: Any, p0: Any, horizon: float, seed: int = 0, **options: Any
 ) -> Problem:
-    """Check everything that is given; each refusal is a sentence."""
+    """The problem of these arguments, after all of them were checked; a refusal says in a sentence what to give."""
     require_model(model)
     for key in options:
         if key not in OPTIONS:

@@ -32,7 +32,7 @@ _HELD = 2**20  #: numbers of a sequence that are kept for the next units
 
 
 class Quasi(Estimator):
-    """The mean over randomisations of Sobol's points: of f, or of its change from twice the step to the step."""
+    """The mean over randomisations of Sobol points of f, or of its change from step 2h to h."""
 
     name = "quasi-Monte Carlo"
     least_units = 16
@@ -40,7 +40,7 @@ class Quasi(Estimator):
     def __init__(
         self, problem: Problem, scheme: Scheme, steps: int, first: int, *, log2_points: int, differences: bool = False
     ):
-        """Units of 2^log2_points paths."""
+        """A unit has 2^log2_points paths; `differences` asks for the change of f."""
         super().__init__(problem, scheme, steps, first)
         self.log2_points, self._differences = log2_points, differences
         self._columns = columns(problem, scheme)
@@ -50,16 +50,16 @@ class Quasi(Estimator):
 
     @property
     def paths_a_unit(self) -> int:
-        """Fine and coarse ones."""
+        """Number of paths of a unit: one a point, or two, if it takes a fine and a coarse one."""
         return (2 if self._differences else 1) << self.log2_points
 
     @property
     def part(self) -> int:
-        """Units that are computed at a time."""
+        """Number of units that are computed at a time."""
         return max(1, self._at_a_time >> self.log2_points)
 
     def doubled(self) -> Drawn:
-        """All units drawn so far with twice the points: those that they have, and as many more of their sequences."""
+        """Double the points of all units drawn so far: the next points of the same sequences are added."""
         begin, count = time.process_time(), len(self._means)
         points = range(1 << self.log2_points, 2 << self.log2_points)
         means, good = self._means.copy(), self._good.copy()
@@ -75,16 +75,17 @@ class Quasi(Estimator):
 
     @property
     def dimension(self) -> int:
-        """Of the points."""
+        """Dimension of the points: step*noise*column."""
         return self.steps * self.problem.model.nnoise * self._columns
 
     @property
     def _at_a_time(self) -> int:
-        """Paths, whole blocks of the sequence."""
+        """Number of paths that are computed at a time, a power of two."""
         most = max(8, self.problem.chunk_of(self.steps) // self._columns)
         return 1 << (most.bit_length() - 1)
 
     def _units(self, first: int, count: int) -> tuple[np.ndarray, np.ndarray]:
+        """Means (unit,) and which units are ok (unit,). They are kept for `doubled` if they come in turn."""
         both, ok = self.fine_and_difference(first, count)
         means = both[int(self._differences)]
         if first - self._begin == len(self._means):
@@ -94,9 +95,10 @@ class Quasi(Estimator):
     def fine_and_difference(
         self, first: int, count: int, points: range | None = None
     ) -> tuple[np.ndarray, np.ndarray]:  # fmt: skip
-        """Means of f and of its change from twice the step, (2, unit); the latter 0 where it is not wanted.
+        """Means (2, unit) of f and of its change from step 2h, and which units are ok (unit,).
 
-        Over so many of the points, all of a unit where none are given: powers of two.
+        The change is 0 if it is not wanted. points: a range of the points of a unit, by default all; its start and its
+        length are powers of two, or the start is 0.
         """
         begin = first - self._begin
         total, ok = np.zeros((2, count)), np.ones(count, bool)
@@ -111,7 +113,7 @@ class Quasi(Estimator):
         return total / len(points), ok
 
     def _values(self, dw: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:
-        """f, and where it is wanted its change, with the paths that are ok."""
+        """Pairs of values (path,) and ok (path,): of f, and of its change if that is wanted."""
         driven = {"increments": dw, "paths": dw.shape[2]}
         if not self._differences:
             return [self.problem.values(self.problem.run(self.scheme, self.steps, **driven))]
@@ -120,10 +122,10 @@ class Quasi(Estimator):
 
 
 class Points:
-    """Normals from Sobol's points by one matrix scrambling, and a shift for every unit."""
+    """Standard normal numbers from Sobol points with one matrix scrambling, and a digital shift for every unit."""
 
     def __init__(self, dimension: int, seed: list[int]):
-        """Of a dimension; the seed tells the scrambling and all shifts."""
+        """Make the sequence of this dimension; the seed determines the scrambling and all shifts."""
         self._dimension, self._seed = dimension, seed
         generator = np.random.default_rng(seed)
         self._sobol = load().Sobol(dimension, rng=generator, bits=MOST_POINTS)
@@ -133,14 +135,14 @@ class Points:
         self._drawn = 0
 
     def normals(self, unit: int, units: int, start: int, count: int) -> np.ndarray:
-        """(dimension, units*count): of so many units the points from `start` on."""
+        """Normals (dimension, units*count): `count` points from `start` on, of `units` units from `unit` on."""
         shifts = self._shifts_of(unit + units)[unit:].T
         points = self._integers(start, count)
         shifted = points[:, np.newaxis, :] ^ shifts[:, :, np.newaxis]
         return self._ndtri((shifted.reshape(self._dimension, units * count) + _HALF) * 2.0**-MOST_POINTS)
 
     def _shifts_of(self, units: int) -> np.ndarray:
-        """(unit, dimension), of all units from the first one; the same whatever their number."""
+        """Shifts (unit, dimension) of all units from the first on; they do not depend on the number of units."""
         if units > len(self._shifts):
             generator = np.random.default_rng([*self._seed, 1])
             shape = (max(units, 16), self._dimension)
@@ -148,7 +150,7 @@ class Points:
         return self._shifts[:units]
 
     def _integers(self, start: int, count: int) -> np.ndarray:
-        """(dimension, count) of the sequence, as multiples of 2^-30."""
+        """Points (dimension, count) of the sequence from `start` on, in multiples of 2^-30."""
         if start + count <= self._held.shape[1]:
             return self._held[:, start : start + count]
         if start != self._drawn:
@@ -163,10 +165,10 @@ class Points:
 
 
 class Bridge:
-    """Increments of a Brownian path from normals, those of the coarsest features first."""
+    """The Brownian bridge: increments of a path from normals, of which the first determine its coarsest features."""
 
     def __init__(self, steps: int, horizon: float):
-        """For so many steps to the horizon."""
+        """Prepare the halvings of the interval from 0 to the horizon with so many steps."""
         self.steps, self.step = steps, horizon / steps
         self._halvings = []  #: rows of normals, left, middle and right of the points that one halving adds, and weights
         row, waiting = 1, [(0, steps)]
@@ -181,9 +183,10 @@ class Bridge:
             waiting = [half for a, m, b in ends for half in ((a, m), (m, b))]
 
     def increments(self, normals: np.ndarray) -> np.ndarray:
-        """dW, and where there are two or three groups of normals dZ and K beside it: (step, group*noise, path).
+        """Increments (step, group*noise, path): dW, with two groups also dZ, with three also K.
 
-        normals: (group, step, noise, path). dZ = h (dW/2 + H), H ~ N(0, h/12); K ~ N(0, h/720): independent of dW.
+        normals has the shape (group, step, noise, path). dZ = h (dW/2 + H) with H ~ N(0, h/12), and K ~ N(0, h/720); H
+        and K are independent of dW.
         """
         w = np.zeros((self.steps + 1, *normals.shape[2:]))
         w[-1] = np.sqrt(self.steps * self.step) * normals[0, 0]
@@ -198,7 +201,7 @@ class Bridge:
 
 
 def columns(problem: Problem, scheme: Scheme) -> int:
-    """Numbers that drive a noise in a step: 1 where it is dW, 2 with dZ, 3 with K; 0 where areas or J are needed."""
+    """How many numbers drive a noise in a step: 1 for dW, 2 with dZ, 3 with K; 0 if the scheme needs areas or J."""
     info, traits = scheme.info, problem.model.traits
     areas = info.uses_areas and problem.model.nnoise > 1 and not (traits.additive or traits.position_noise)
     if info.law != "Gaussian" or areas or (info.uses_magnus and not traits.additive):
@@ -207,17 +210,17 @@ def columns(problem: Problem, scheme: Scheme) -> int:
 
 
 def load() -> ModuleType:
-    """Where the points come from."""
+    """Load and return scipy.stats.qmc, where the points come from."""
     return optional("scipy.stats.qmc", "qmc")
 
 
 def seconds_to_load() -> float:
-    """That SciPy takes once a process, about; 0 where it is there already."""
+    """Seconds that loading SciPy takes once a process, about; 0 if it is loaded."""
     return 0.0 if "scipy.stats.qmc" in sys.modules else _TO_LOAD
 
 
 def applies(problem: Problem, scheme: Scheme, steps: int) -> bool:
-    """There is noise that is not truncated, of a dimension that Sobol points have, and SciPy is there."""
+    """Whether quasi-Monte Carlo applies: noise without truncation, a dimension that Sobol points have, and SciPy."""
     rows = steps * problem.model.nnoise * columns(problem, scheme)
     if not 0 < rows <= MOST_DIMENSIONS or problem.options.get("truncation") is not None:
         return False
@@ -226,5 +229,5 @@ def applies(problem: Problem, scheme: Scheme, steps: int) -> bool:
 
 @functools.cache
 def _is_there(package: str) -> bool:
-    """It can be loaded; looked for once, as that takes 50 us."""
+    """Whether the package can be loaded; it is looked for once, because that takes 50 us."""
     return importlib.util.find_spec(package) is not None

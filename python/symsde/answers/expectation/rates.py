@@ -20,7 +20,7 @@ class Rate:
     half: float  #: half width of its 95 % interval; of the noise of the levels alone
 
     def __str__(self) -> str:
-        """As 1.98 +- 0.05."""
+        """The slope and its half width, such as 1.98 +- 0.05."""
         return "not seen" if math.isnan(self.value) else f"{self.value:.2f} +- {self.half:.2f}"
 
 
@@ -28,7 +28,10 @@ UNSEEN = Rate(math.nan, math.nan)
 
 
 def fall(values: Sequence[float], errors: Sequence[float]) -> Rate:
-    """-d log2 |value| / d level of those that are above two of their errors."""
+    """The slope of -log2 |value| over the level, fitted to values (level,) that exceed twice their errors (level,).
+
+    The weights are the squared inverses of the errors of log2 |value|, of which each is at least 1e-3.
+    """
     values, errors = (np.abs(np.asarray(x, dtype=float)) for x in (values, errors))
     levels = np.flatnonzero((values > 2 * errors) & (values > 0))
     if levels.size < 2:

@@ -1,6 +1,9 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""A small part of the work of a plan, as the work draws it: what a pilot times in few paths on one thread may take
-several times as long in large arrays, at far more steps, or on threads that wait for each other."""
+"""A rehearsal: a small part of the work of a plan is drawn and timed, just as the work draws it.
+
+The pilot times few paths on one thread. In large arrays, at many more steps, or on threads that wait for each other,
+the same paths may take several times as long.
+"""
 
 from __future__ import annotations
 
@@ -25,7 +28,7 @@ _LEAST = 6  #: log2 of the units, or points of one
 
 
 def rehearse(plan: Plan, problem: Problem) -> None:
-    """Let the plan know the seconds of the work by some of it, and the variance of its units, too."""
+    """Correct the seconds of the plan, and the variance of its units, by a part of its work."""
     told = sum(units * unit for units, unit in plan.parts)
     seconds = sum(_of_levels(plan, problem) if plan.method == "multilevel" else _of_units(plan, problem))
     plan.seconds *= seconds / told if told > 0 else 1.0
@@ -33,14 +36,14 @@ def rehearse(plan: Plan, problem: Problem) -> None:
 
 
 def _of_levels(plan: Plan, problem: Problem) -> Iterator[float]:
-    """Of each level of multilevel."""
+    """Give the estimated seconds of each level of multilevel."""
     sampler = LevelSampler(problem, plan.scheme, plan.coarsest_steps, first=FIRST_OF_LEVEL)
     for level, (units, _) in enumerate(plan.parts):
         yield _seconds(lambda count, level=level: sampler.draw(level, count).seconds, units, problem.chunk)
 
 
 def _of_units(plan: Plan, problem: Problem) -> Iterator[float]:
-    """Of an estimator, or of the estimator of each level."""
+    """Give the estimated seconds of the estimator, or of the estimator of each level, set-up apart."""
     for i, (units, _) in enumerate(plan.parts):
         begin = time.process_time()
         estimator = plan.even_level(i, FIRST + i, problem) if len(plan.parts) > 1 else plan.estimator(FIRST, problem)
@@ -52,9 +55,10 @@ def _of_units(plan: Plan, problem: Problem) -> Iterator[float]:
 
 
 def _of_draws(plan: Plan, estimator: Estimator, units: float) -> float:
-    """Of so many units as the pilot reckons, and of more or fewer as the variance of those that are drawn here tells.
+    """Estimated seconds of the units that the plan needs.
 
-    The cheapest of several plans is more often than not one whose variance the pilot, by few units, took too small.
+    Their number is corrected by the variance of the units drawn here. The cheapest of several plans is often one whose
+    variance the pilot, from few units, estimated too small.
     """
     drawn: list[Drawn] = []
 
@@ -71,17 +75,18 @@ def _of_draws(plan: Plan, estimator: Estimator, units: float) -> float:
 
 
 def _of_points(estimator: Quasi, count: int) -> float:
+    """Seconds of one unit of so many points, a power of two."""
     estimator.log2_points = round(math.log2(count))
     return estimator.draw(1).seconds
 
 
 def _seconds(draw: Callable[[int], float], units: float, part: float = math.inf) -> float:
-    """Of so many units."""
+    """Estimated seconds of so many units, drawn `part` at a time."""
     return _whole(*_times(draw, units, part), units, part)
 
 
 def _times(draw: Callable[[int], float], units: float, part: float) -> tuple[float, float]:
-    """Seconds of a call for a part, and of a unit, by two draws of a few of these."""
+    """Seconds of a call, and of a unit beyond that, from two draws of few units."""
     most = 1 << max(_LEAST, math.ceil(math.log2(max(min(_SHARE * units, part), 1))))
     few, many = draw(most >> 2), draw(most)
     unit = min(max(many - few, 0.0) / (most - (most >> 2)), many / most)
@@ -89,4 +94,5 @@ def _times(draw: Callable[[int], float], units: float, part: float) -> tuple[flo
 
 
 def _whole(call: float, unit: float, units: float, part: float) -> float:
+    """Seconds of so many units, if each call draws `part` of them."""
     return math.ceil(units / part if part < math.inf else 1) * call + units * unit

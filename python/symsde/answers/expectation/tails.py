@@ -33,31 +33,33 @@ _DOUBT = 2.0  #: standard errors of the index that decide
 
 
 def _logarithms(values: np.ndarray, count: int) -> np.ndarray:
-    """Of so many of the largest values over the next one, of the root of their number where none is given; none where
-    that is zero."""
+    """log(y_i/y_{k+1}), (k,), with y_1 >= y_2 >= .. the distances of the values (n,) from their median.
+
+    k is `count`, or the root of n if that is 0. The array is empty if y_{k+1} = 0.
+    """
     size = np.sort(np.abs(values - np.median(values)))[::-1]
     count = count or int(np.sqrt(size.size))
     return np.log(size[:count]) - np.log(size[count]) if size[count] > 0 else np.zeros(0)
 
 
 def tail_index(values: np.ndarray, count: int = 0) -> tuple[float, float]:
-    """Hill's estimate of a with P(|f| > x) ~ x^-a from so many of the largest values, and its standard error."""
+    """Hill's estimate of a in P(|f| > x) ~ x^-a from the `count` largest of the values (n,), and its standard error."""
     logarithms = _logarithms(values, count)
     index = 1 / logarithms.mean() if logarithms.any() else np.inf
     return index, index / np.sqrt(logarithms.size) if np.isfinite(index) else 0.0
 
 
 def _ends(values: np.ndarray, count: int) -> bool:
-    """Whether the largest values fall off faster than by any power."""
+    """Whether the largest values fall off faster than any power: the ratio of the header is below 2 by two errors."""
     logarithms = _logarithms(values, count)
     return (logarithms**2).mean() / logarithms.mean() ** 2 < 2 - _DOUBT * 2 / math.sqrt(logarithms.size)
 
 
 def require_variance(values: np.ndarray, name: str, count: int = 0) -> None:
-    """Refuse values whose largest ones fall off so slowly that their variance is infinite, or whose squares vanish.
+    """Refuse values (n,) if the largest fall off so slowly that the variance is infinite, or if squares underflow.
 
-    Where few of them carry what there is of f, as on the flanks of a peak, others may be of any size: it is not the
-    unit that is too large.
+    Small values are not refused if few of them carry f, as on the flanks of a peak: values elsewhere may then be of any
+    size, and a factor of f would not help.
     """
     if values.size < LEAST:
         return
@@ -76,10 +78,10 @@ def require_variance(values: np.ndarray, name: str, count: int = 0) -> None:
 
 
 def first_values(plain: Plain) -> Drawn:
-    """Some values of f; refused where they have no variance.
+    """Draw some values of f, and refuse f if they have no variance.
 
-    A lognormal law falls off as a power where few values show it, of an index that grows further out: so where the
-    first values seem to have no variance, the outermost of many more decide.
+    Few values of a lognormal law look like those of a power law; further out their index grows. So if the first values
+    seem to have no variance, the outermost 256 of 65536 more values decide.
     """
     values, ok = plain.sample(_LOOKED_AT if plain.problem.model.nnoise else 2)
     drawn, count, good = Drawn(Tally.of(values[ok]), 0.0, int((~ok).sum()), values.size), 0, values[ok]
@@ -91,14 +93,18 @@ def first_values(plain: Plain) -> Drawn:
 
 
 class Doubt:
-    """Looks again, once, where few of many values carry all variation: one path of thousands may escape."""
+    """Looks at f again, once, if few of many values carry all of its variation: one path in thousands may escape."""
 
     def __init__(self, problem: Problem):
-        """Nothing was looked at."""
+        """Nothing was looked at yet."""
         self._problem, self._looked = problem, False
 
     def look(self, seen: Tally, scheme: Scheme, steps: int) -> None:
-        """Refuse an f whose values vary without a bound, by as many more of them as seemed to be enough."""
+        """Refuse f if its values have no variance.
+
+        seen: the values of the work so far, by paths of this scheme with so many steps. If few of at least 2^15 of them
+        differ, 2^15 new values are drawn, and the outermost 32 of these decide.
+        """
         name = self._problem.target.name
         if seen.n > 1 and not math.isfinite(seen.m2):
             raise NumericalError(

@@ -23,7 +23,7 @@ class Tally:
 
     @classmethod
     def of(cls, values: np.ndarray) -> Tally:
-        """Of values (n,), all finite."""
+        """The tally of values (n,), which are all finite."""
         if not values.size:
             return cls()
         with np.errstate(over="ignore", invalid="ignore"):  # of values that blow up, whose variance then says so
@@ -34,7 +34,7 @@ class Tally:
             return cls(values.size, mean, *(float(power.sum()) for power in powers))
 
     def __add__(self, other: Tally) -> Tally:
-        """Both samples together (Pebay 2008, arbitrary orders of central moments)."""
+        """The tally of both samples together, by the update of central moments of Pebay (2008)."""
         if not self.n or not other.n:
             return self if self.n else other
         n, a, b = self.n + other.n, self.n, other.n
@@ -54,12 +54,12 @@ class Tally:
 
     @property
     def variance(self) -> float:
-        """Unbiased; infinite for fewer than two values."""
+        """The unbiased estimate m2/(n - 1) of the variance; infinite for fewer than two values."""
         return self.m2 / (self.n - 1) if self.n > 1 else math.inf
 
     @property
     def error(self) -> float:
-        """Standard error of the mean."""
+        """Standard error (variance/n)^(1/2) of the mean."""
         return math.sqrt(self.variance / self.n) if self.n > 1 else math.inf
 
     @property
@@ -69,17 +69,18 @@ class Tally:
 
     @property
     def size(self) -> float:
-        """How far the values that differ lie from the rest, where these are few; the standard deviation at least."""
+        """Distance (m4/m2)^(1/2) of the few values that differ from the rest; one standard deviation at least."""
         return math.sqrt(self.m4 / self.m2) if self.m2 > 0 else 0.0
 
     @property
     def few(self) -> bool:
-        """So few values differ from the rest that their scatter tells too little.
+        """Whether so few values differ from the rest that their scatter does not tell the variance.
 
-        Of n values, j of them not 0, the kurtosis is n/j. Fourth powers of 0 tell nothing of it: those of 1e-90 are.
+        If j of n values are not 0, the kurtosis is about n/j, so this asks whether j < 20. m4 = 0 says nothing about j,
+        because fourth powers of deviations below 1e-81 underflow; then the answer is yes.
         """
         return self.m4 == 0 or self.few_of(self.n)
 
     def few_of(self, count: int) -> bool:
-        """As few of so many values differ, if they do so as often as these."""
+        """The same for `count` values, if values differ from the rest as often as they do here."""
         return self.kurtosis * _FEW > count

@@ -22,7 +22,7 @@ class Target:
     """f as it is called: with q, p of shape (dof, path), it returns (path,) real numbers."""
 
     def __init__(self, f: Function | str, model: Model, t: float):
-        """A callable, or a formula in the names that observables have."""
+        """Take a callable f(q, p), or a formula in the names that observables have, at the time t."""
         self._made = f, model, t
         self.is_truth = False  #: it returns truth values
         self.name = f if isinstance(f, str) else getattr(f, "__name__", "f")
@@ -34,11 +34,11 @@ class Target:
             )
 
     def __reduce__(self) -> tuple:
-        """For pickle: made again."""
+        """How pickle makes the target again: from its arguments."""
         return Target, self._made
 
     def __call__(self, q: np.ndarray, p: np.ndarray) -> np.ndarray:
-        """Values (path,); WrongShapeError tells what came instead."""
+        """Values of f (path,) at q and p (dof, path); a WrongShapeError says which other shape f returned."""
         values = self._of_states(q, p)
         paths = q.shape[1]
         array = np.asarray(values)
@@ -53,11 +53,11 @@ class Target:
         return array.astype(np.float64, copy=False)
 
     def try_at(self, q0: np.ndarray, p0: np.ndarray) -> None:
-        """Refuse an f that does not work, at the initial state (dof, 1), before any path is computed."""
+        """Refuse an f that does not work at the initial state q0, p0 (dof, 1), before any path is computed."""
         self(checks.full(q0, _TRIED), checks.full(p0, _TRIED))
 
     def _of_states(self, q: np.ndarray, p: np.ndarray) -> Any:
-        """Whatever the function returns, which may not write to the states."""
+        """What the function returns, of whatever type. The function may not write to q and p (dof, path)."""
         try:
             return self._function(_not_to_write(q), _not_to_write(p))
         except ValueError as refused:
@@ -70,14 +70,14 @@ class Target:
 
 
 def _not_to_write(state: np.ndarray) -> np.ndarray:
-    """The same numbers, of which an f that changes them in place is told."""
+    """A view of the state (dof, path) that cannot be written to: an f that tries to raises an error."""
     view = state.view()
     view.flags.writeable = False
     return view
 
 
 def require_numbers(target: Target, values: np.ndarray, ok: np.ndarray, run) -> None:
-    """Refuse values that are no numbers on paths that are ok, and show where they came from."""
+    """Refuse values (path,) that are not finite on paths that are ok (path,), and show the state of one of them."""
     bad = ok & ~np.isfinite(values)
     if not bad.any():
         return
@@ -90,6 +90,6 @@ def require_numbers(target: Target, values: np.ndarray, ok: np.ndarray, run) -> 
 
 
 def _of_formula(text: str, model: Model, t: float) -> Function:
-    """The formula at t as a function of NumPy; its names are those of observables."""
+    """The formula at time t as a function f(q, p) of NumPy arrays; its names are those of observables."""
     read = FormulaObservables(model, {"f": text}, compiles=False)
     return lambda q, p: read(t, q, p)[0]

@@ -33,7 +33,7 @@ class Tolerance:
     relative: float | None
 
     def half_width(self, value: float) -> float:
-        """Of the interval around this value."""
+        """Half width that the interval around this value is to have."""
         return self.absolute if self.absolute is not None else self.relative * math.fabs(value)
 
     def error(self, value: float) -> float:
@@ -41,11 +41,11 @@ class Tolerance:
         return self.half_width(value) / NORMAL
 
     def is_reached(self, half: float, value: float) -> bool:
-        """This half width is as small as asked, or a little larger."""
+        """Whether this half width is at most 1.05 times the one that was asked for."""
         return half <= _NEARLY * self.half_width(value)
 
     def check(self, value: float, size: float) -> None:
-        """Refuse what rounding makes impossible: `size` is that of the values of f."""
+        """Refuse a half width that rounding makes impossible for values of f whose root mean square is `size`."""
         half = self.half_width(value)
         if half < _ROUNDING * max(size, math.fabs(value)):
             raise InvalidArgumentError(
@@ -54,12 +54,12 @@ class Tolerance:
             )
 
     def __str__(self) -> str:
-        """As it was given."""
+        """The tolerance as it was given, such as abs = 0.01."""
         return f"abs = {self.absolute:g}" if self.absolute is not None else f"rel = {self.relative:g}"
 
 
 def make_tolerance(absolute: object, relative: object) -> Tolerance:
-    """From the arguments abs and rel, one of which is given."""
+    """The tolerance of the arguments abs and rel; exactly one of them is not None."""
     if (absolute is None) == (relative is None):
         raise WrongTypeError(
             "give one of abs and rel: the half width of the 95 % interval, or this half width over the value"
@@ -74,7 +74,7 @@ def make_tolerance(absolute: object, relative: object) -> Tolerance:
 
 
 def may_be_zero(value: float, error: float) -> InvalidArgumentError:
-    """What is wrong with a relative half width of this value."""
+    """The refusal of a relative half width, if the mean is this value with this error and may be 0."""
     return InvalidArgumentError(
         f"the mean of f is {value:.3g} +- {error:.3g} and may be 0, so that no half width relative to it can be kept: "
         "give abs, the half width itself"
@@ -86,7 +86,10 @@ _STUDENT = (12.7062, 4.3027, 3.1824, 2.7764, 2.5706, 2.4469, 2.3646, 2.3060, 2.2
 
 
 def quantile(units: int) -> float:
-    """Of Student's law with units - 1 degrees of freedom at 97.5 %: tabled, then to 1e-3 (Cornish, Fisher 1938)."""
+    """The 97.5 % quantile t of Student's law with units - 1 degrees of freedom.
+
+    It is tabled up to ten; beyond that, the expansion of Cornish and Fisher (1938) holds to 1e-3.
+    """
     z, n = NORMAL, units - 1
     if n <= len(_STUDENT):
         return _STUDENT[max(n, 1) - 1]
@@ -94,19 +97,21 @@ def quantile(units: int) -> float:
 
 
 def half_width(error: float, bias: float, units: int) -> float:
-    """Of a 95 % interval with this standard error, of so many units, and a bias of this size, of unknown sign.
+    """Half width of a 95 % interval, given the standard error of so many units and a bias of unknown sign.
 
-    Both enter squared: the bias is at most a third of the error where BIAS_SHARE is kept, and the interval then holds
-    with 94.9 to 95.9 %, whatever part of that bias is really there. Few units tell less of the error, not of the bias.
+    It is ((t error)^2 + (1.96 bias)^2)^(1/2). If BIAS_SHARE is kept, the bias is at most a third of the error; the
+    interval then holds with 94.9 to 95.9 %, whatever part of that bias is really there. Student's t stands beside the
+    error alone, because the bias is not known from these units.
     """
     return math.hypot(quantile(units) * error, NORMAL * bias)
 
 
 def half_width_when_stopped(error: float, bias: float, units: int, wanted: float) -> float:
-    """The same of work that ended because this error was small enough: a larger error, up to what was asked for.
+    """The same half width for work that ended because its error had become small enough.
 
-    Work ends where its error looks small, the more often too early the fewer units tell of it: of 16 or 48 units, whose
-    points were doubled or not, 92.8 % hold without this, 94.8 % and more with it. The work is the same.
+    Such work ends when its error looks small, so that error is more often too small than too large. It is therefore
+    taken larger, by 0.75 of its own standard error, as far as the half width stays below `wanted`. Without this, 92.8 %
+    of the intervals of 16 or 48 units hold (whether their points were doubled or not); with it, 94.8 % and more do.
     """
     larger = error * (1 + _SCATTER / math.sqrt(2 * units))
     return max(half_width(error, bias, units), min(wanted, half_width(larger, bias, units)))

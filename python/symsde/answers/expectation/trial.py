@@ -34,10 +34,13 @@ UNSTABLE = 4  #: coarsest steps that are tried, each half of the one before, whe
 
 
 class Trial(Levels):
-    """A scheme on a ladder of steps, each half of the one before."""
+    """A scheme on a ladder of LEVELS steps, each half of the one before."""
 
     def __init__(self, problem: Problem, scheme: Scheme, coarsest: int, paths: int):
-        """Try the ladder with few paths; `usable` tells whether any of it holds."""
+        """Try the ladder from so many coarsest steps on, with so many paths of a level.
+
+        If paths fail, a ladder with steps half as long is tried, four in all; `usable` says whether one of them held.
+        """
         super().__init__(weak_order(problem, scheme), Tally())
         self.problem, self.scheme = problem, scheme
         self.seconds_spent = 0.0
@@ -59,25 +62,25 @@ class Trial(Levels):
             coarsest *= 2
 
     def _holds(self) -> bool:
-        """No path failed, and the levels do not move apart by more than f varies."""
+        """Whether no path failed, and the changes from level to level do not grow beyond the variation of f."""
         if any(draw.failed for draw in self.draws):
             return False
         spread = [draw.variance for draw in self.draws[1:]]
         return all(map(math.isfinite, spread)) and spread[-1] <= 4 * max(spread[0], self.draws[0].fine.variance)
 
     def more(self, paths: int) -> None:
-        """More paths on every level."""
+        """Draw so many more paths on every level."""
         for level in range(LEVELS):
             self._draw(level, paths)
 
     def double(self) -> None:
-        """Twice the paths of the levels with differences."""
+        """Double the paths of every level above 0."""
         self.doubled += 1
         for level in range(1, LEVELS):
             self._draw(level, self.draws[level].difference.n)
 
     def go_finer(self) -> None:
-        """The ladder goes on by one step that is half of the finest, and begins one later."""
+        """Move the ladder on by a halving: its coarsest level is dropped, and one beyond the finest is drawn."""
         self._first += 1
         self.draws = [*self.draws[1:], NOTHING]
         self.even, self.changes, self.measured = {}, {}, {}
@@ -85,10 +88,11 @@ class Trial(Levels):
 
     @property
     def may_go_finer(self) -> bool:
-        """Its levels are not settled, but may be by finer steps: paths come nearer to each other, or phases differ.
+        """Whether the levels are not settled, but finer steps may settle them.
 
-        What a step leaves of a phase is (omega h)^a/20 a radian and less; if all of that is small to the horizon, and
-        paths end elsewhere still, they part by themselves.
+        They may if paths come nearer to each other at each halving, or if phases are still wrong. The error of a phase
+        is at most (omega h)^a/20 a radian. If that is small up to the horizon, and paths end apart all the same, they
+        part because the motion is unstable.
         """
         fewest = fewest_steps(self.problem)
         turned = fewest * SHARPEST * (SHARPEST * fewest / self.steps(LEVELS - 1)) ** of_phases(self.scheme, self.order)
@@ -96,7 +100,7 @@ class Trial(Levels):
         return not self.settled and self._first < MOST_HALVINGS and (turned > _TURNED or nearer)
 
     def seconds_to_tell(self, error: float) -> float:
-        """What it takes until the bias is known to this error, about: by finer steps, or by more paths."""
+        """Estimated seconds until the bias is known to this error, by finer steps or by more paths."""
         seconds = sum(draw.seconds for draw in self.draws[1:])
         noise = self.bias(LEVELS - 1)[1]
         return seconds if self.may_go_finer else seconds * (noise / error) ** 2
@@ -108,7 +112,7 @@ class Trial(Levels):
         self.seconds_spent += drawn.seconds
 
     def _time(self) -> None:
-        """Seconds of a path as a + b steps, those of a call apart."""
+        """Fit seconds of a path as a + b n, with n the number of steps; the seconds of a call are left out."""
         few, many = (self.steps(level) for level in (0, LEVELS - 1))
         drawn = self.draws[-1]
         enough = _LONG_ENOUGH * drawn.difference.n / max(drawn.seconds, 1e-9)
@@ -123,17 +127,17 @@ class Trial(Levels):
         self._once = max(path - self._slope * few, 0.0)
 
     def _seconds_of(self, steps: int, count: int) -> float:
-        """Of a call for so many paths."""
+        """Seconds of a call for so many paths."""
         seconds = Plain(self.problem, self.scheme, steps, 0).draw(count).seconds
         self.seconds_spent += seconds
         return seconds
 
     def look_at(self, kind: type[Estimator], level: float) -> None:
-        """What few units of another method show."""
+        """Measure a few units of another method at a level."""
         self.measured[kind.name] = measure(self, kind, level)
 
     def look_evenly(self, level: int, most: int = LONG) -> None:
-        """What few scramblings of 2^most Sobol points show at a level."""
+        """Measure a few scramblings of 2^most Sobol points at a level."""
         begin = time.process_time()
         quasi.load()
         self.loading += time.process_time() - begin
@@ -141,33 +145,37 @@ class Trial(Levels):
         self.even[level] = measure_even(self, level, most)
 
     def look_at_changes(self) -> None:
-        """What levels change, without what a linear response to the noise changes: of linear models without noise."""
+        """Measure the changes from level to level, minus their linear response to the noise (a control variate).
+
+        For linear models no noise is left.
+        """
         self._biases.clear()
         self.changes = {level: measure_changes(self, level) for level in range(1, LEVELS)}
 
     def seconds(self, level: float) -> float:
-        """Of a path at a level of the ladder."""
+        """Seconds of a path at a level of the ladder, which may lie between two of its steps."""
         return self._once + self._slope * self.sampler.coarsest * 2.0 ** (self._first + level)
 
     def steps(self, level: float) -> int:
-        """Steps to the horizon at a level."""
+        """Number of steps to the horizon at a level."""
         return math.ceil(self.sampler.coarsest * 2.0 ** (self._first + level) * _NEARLY)
 
     @property
     def settled(self) -> bool:
-        """Powers of h may be counted on."""
+        """Whether powers of h may be counted on."""
         return self.are_settled(*self._differences(), self.order)
 
     def bias(self, level: float) -> tuple[float, float]:
         """E f - E f(x_h) at a level of the ladder, and the standard error of this estimate.
 
-        Between two levels it is taken for a multiple of h^a and a number, a the weak order.
+        Between two levels it is interpolated by b_0 + b_1 h^a, where a is the weak order.
         """
         if level not in self._biases:
             self._biases[level] = self._bias(level)
         return self._biases[level]
 
     def _bias(self, level: float) -> tuple[float, float]:
+        """The same, computed anew."""
         if level != int(level):
             begin = math.floor(level)
             coarse, fine = self.bias(begin), self.bias(begin + 1)
@@ -179,7 +187,7 @@ class Trial(Levels):
         return self._left(means, errors, int(level))
 
     def rest(self, level: int) -> tuple[float, float]:
-        """The same of what extrapolation from this level and the one before leaves; its order is taken as no higher."""
+        """The same for extrapolation from this level and the one before it. Its order is taken to be a, too."""
         means, errors = self._differences()
         up, whole = 2**self.order, 2**self.order - 1
         pairs = range(1, len(means))
@@ -187,7 +195,7 @@ class Trial(Levels):
         return self._left(changes, [math.hypot(up * errors[i], errors[i - 1]) / whole for i in pairs], level)
 
     def _differences(self) -> tuple[list[float], list[float]]:
-        """Means of f(x_h) - f(x_2h) at levels above 0, and their errors."""
+        """Means of f(x_h) - f(x_2h) at levels above 0, and their errors; each is the best known by any method."""
         means = [draw.difference.mean for draw in self.draws[1:]]
         errors = [self.error_of(level) for level in range(1, LEVELS)]
         known = [(level, x.change[x.most].mean, x.error) for level, x in self.even.items() if x and x.error > 0]
@@ -198,7 +206,7 @@ class Trial(Levels):
         return means, errors
 
     def spread(self, level: int) -> float:
-        """Variance of f(x_h) - f(x_2h) at a level above 0; beyond those tried, it falls as there."""
+        """Variance of f(x_h) - f(x_2h) at a level above 0; beyond the finest level it is extrapolated."""
         known = [draw.variance for draw in self.draws]
         if level < LEVELS:
             return known[level]
@@ -206,7 +214,7 @@ class Trial(Levels):
         return known[-1] * min(fall, 1.0) ** (level - LEVELS + 1)
 
     def _left(self, means: list[float], errors: list[float], level: int) -> tuple[float, float]:
-        """What all finer levels add to a level, and its error, from differences up to the last level that was tried."""
+        """What all finer levels together add to the mean of a level, and its error, from the differences known."""
         halved = max(level - LEVELS + 1, 0)
         tail, noise = self.left_by(means, errors, self.order, phases=self.order, settled=self.settled, halved=halved)
         finer = LEVELS - 1 - level

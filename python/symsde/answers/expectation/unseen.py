@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""What paths may not have shown of f: where few or none of them carry its variation, their scatter tells nothing.
+"""A bound of what paths may not have shown of f: if few of them carry its variation, their scatter tells little.
 
-Of n paths j are those that differ, by about a size s: then f is off its mean by up to s (z^2/2 + z sqrt(j + z^2/4))/n
-with 97.5 % on that side, z = 1.96 (Wilson 1927, for small j/n): 3.8 s/n where none was seen, 11 s/n where 20 were.
+If f differs on j of n paths, by about a size s, its mean may be wrong by s (z^2/2 + z sqrt(j + z^2/4))/n, at 97.5 % on
+this side, with z = 1.96 (Wilson 1927, for small j/n). This is z^2 s/n = 3.84 s/n if j = 0, and 10.9 s/n if j = 20.
 """
 
 from __future__ import annotations
@@ -28,8 +28,10 @@ _ROUNDING = 1e-13  #: relative variation of f that is none
 
 
 def look(plain: Plain, tolerance: Tolerance, watch: Watch) -> Drawn:
-    """Values of f that have a variance, and so many that what they did not show is no more than the half width asked
-    for, or that enough of them differ: of what happens seldom fewer tell neither its mean nor its bias."""
+    """Draw values of f until enough of them differ, or until the unseen part is within the half width asked for.
+
+    Fewer values of a rare event tell neither its mean nor its bias. Values without a variance are refused.
+    """
     drawn = first_values(plain)
     while drawn.units.n and drawn.paths <= _MOST and not watch.over and watch.seconds <= _LONG:
         hidden = unseen(plain.problem, plain.scheme, plain.steps, drawn.units)
@@ -40,11 +42,11 @@ def look(plain: Plain, tolerance: Tolerance, watch: Watch) -> Drawn:
 
 
 def unseen(problem: Problem, scheme: Scheme, steps: int, seen: Tally) -> float:
-    """Half width that an interval must have for what these values of f did not show; 0 mostly.
+    """Half width that an interval must have because of what these values of f did not show; it is mostly 0.
 
-    It counts where fewer than about 20 values differ from the rest. The scale is that of those values; where f is flat
-    around the ends of most paths, so that it may jump elsewhere, that of f between and beside them, 1 for truth values.
-    An f that changes with the state and is yet the same on all paths is one that the motion keeps: nothing is unseen.
+    It is above 0 if fewer than about 20 values differ from the rest. Its scale s is that of those values. If f is flat
+    around the ends of most paths, it may jump elsewhere: then s is the range of f between and beside these ends, 1 for
+    truth values. If f changes with the state and is equal on all paths, the motion conserves it: nothing is unseen.
     """
     if not problem.model.nnoise or not seen.few:
         return 0.0
@@ -56,7 +58,7 @@ def unseen(problem: Problem, scheme: Scheme, steps: int, seen: Tally) -> float:
 def widened(  # noqa: PLR0917
     half: float, problem: Problem, scheme: Scheme, steps: int, seen: Tally, notes: list[str]
 ) -> float:
-    """The half width of an interval that holds what was not seen, with a note where that decides."""
+    """The half width `half`, or a larger one that includes what was not seen; a note is added if that decides."""
     hidden = unseen(problem, scheme, steps, seen)
     if hidden > half or (seen.m2 == 0 and problem.model.nnoise):
         notes.append(doubt(seen, hidden))
@@ -64,13 +66,13 @@ def widened(  # noqa: PLR0917
 
 
 def _share(seen: Tally) -> float:
-    """Probability by which what differs may be off the share of it that was seen."""
+    """Bound of the error of the share of paths that differ: the formula of the header with s = 1."""
     differ = seen.n / seen.kurtosis if seen.kurtosis > 0 else 0.0
     return (NORMAL**2 / 2 + NORMAL * math.sqrt(differ + NORMAL**2 / 4)) / seen.n
 
 
 def doubt(seen: Tally, hidden: float) -> str:
-    """The same as a sentence."""
+    """The note on what was not seen, which may change the mean by `hidden`."""
     below = f"what happens with a probability below {_share(seen):.1g} was not seen"
     if seen.m2 == 0:
         text = f"f was {seen.mean:g} on all of {seen.n} paths: {below}"
@@ -80,7 +82,10 @@ def doubt(seen: Tally, hidden: float) -> str:
 
 
 def _scale(problem: Problem, scheme: Scheme, steps: int, mean: float, *, beside: bool) -> float:
-    """How far f is from its mean in the box of the first state and of ends of paths, or as wide again on each side."""
+    """The largest distance of f from its mean in the box of the initial state and of the ends of paths.
+
+    beside: the box is three times as wide, with these in the middle. The result is 0 if f changes around most ends.
+    """
     run = problem.run(scheme, steps, first_path=_FIRST, paths=_PATHS)
     ends = np.concatenate([run.q[-1], run.p[-1]])[:, run.status == 0]
     if not ends.size or not np.ptp(ends, axis=1).any():
@@ -99,7 +104,7 @@ def _scale(problem: Problem, scheme: Scheme, steps: int, mean: float, *, beside:
 
 
 def _values(problem: Problem, states: np.ndarray) -> np.ndarray:
-    """f at states where no path may ever come: NaN where it does not work."""
+    """f (state,) at states (2 dof, state) that no path may reach; NaN if f does not work there."""
     dof = problem.model.ndof
     with np.errstate(all="ignore"):
         try:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""What few units of a method beside plain paths show: their variance, and what a unit takes."""
+"""Measurements of other methods than plain paths: the variance of a few units, and the seconds that a unit takes."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ _FEW = 1.2  #: standard errors of eight units, as many of a normal law
 
 @dataclass(frozen=True)
 class Variant:
-    """A method at a level of a trial."""
+    """A method, measured at a level of a trial."""
 
     level: float
     variance: float  #: of a unit
@@ -55,17 +55,17 @@ class Even:
 
     @property
     def error(self) -> float:
-        """Standard error of the mean change, by the most points."""
+        """Standard error of the mean change, from the units with the most points."""
         return _FEW * self.change[self.most].error
 
     @property
     def most(self) -> int:
-        """log2 of the most points of a unit."""
+        """log2 of the largest number of points of a unit."""
         return max(self.fine)
 
 
 def measure(trial: Trial, kind: type[Estimator], level: float) -> Variant | None:
-    """Antithetic, or the control variate; None where half of the units fail."""
+    """Measure antithetic paths or the control variate at a level; None if half of the units fail."""
     begin = time.process_time()
     estimator = kind(trial.problem, trial.scheme, trial.steps(level), FIRST)
     prepared = time.process_time() - begin
@@ -84,7 +84,7 @@ def measure(trial: Trial, kind: type[Estimator], level: float) -> Variant | None
 
 
 def measure_even(trial: Trial, level: int, most: int = LONG) -> Even | None:
-    """Quasi-Monte Carlo with 2^most points; None where a path fails."""
+    """Measure scramblings of 2^6 and of 2^most Sobol points at a level; None if a path fails."""
     fine, change, seconds = {}, {}, {}
     begin = time.process_time()
     estimator = Quasi(
@@ -106,14 +106,17 @@ def measure_even(trial: Trial, level: int, most: int = LONG) -> Even | None:
 
 
 def _as_if_one_differed(units: Tally, points: int, variance: float) -> Tally:
-    """Of units that are all the same, as of an f that jumps where none of 2^points points came: one of all may yet."""
+    """The tally of these units of 2^points points. If all are equal, f may jump where no point came.
+
+    The tally then gets the variance of units in which one point of all differs.
+    """
     if units.m2 > 0:
         return units
     return Tally(units.n, units.mean, (units.n - 1) * variance / (units.n * 4.0**points))
 
 
 def measure_changes(trial: Trial, level: int) -> Tally | None:
-    """Changes of f from the level before, minus their regression on linear responses; None where few paths have any."""
+    """Changes of f from the level before, minus a regression on linear responses; None if f changes on few paths."""
     steps = trial.steps(level)
     estimator = control.Control(
         trial.problem, trial.scheme, steps, FIRST + level * UNITS, fit=_CHANGES, differences=True
@@ -123,7 +126,7 @@ def measure_changes(trial: Trial, level: int) -> Tally | None:
 
 
 def price_of_changes(trial: Trial, levels: Iterable[int]) -> float:
-    """Seconds that these take, about; infinite where there are none."""
+    """Estimated seconds of `measure_changes` at these levels; infinite if the control variate does not apply."""
     noises, total = trial.problem.model.nnoise, 0.0
     for level in levels:
         if not control.applies(trial.problem, trial.steps(level)):
@@ -134,9 +137,10 @@ def price_of_changes(trial: Trial, levels: Iterable[int]) -> float:
 
 
 def fall(variances: dict[int, Tally], usual: float = USUAL) -> float:
-    """-log2 of the variance for a doubling of the points: of what is seen and what is usual, by how well each is known.
+    """-log2 of the factor by which the variance of a unit changes if its points are doubled.
 
-    Eight units know a variance to a half, so that two of them tell the fall by eight times the points to a third.
+    It is the mean of the fall that is seen and the usual one, weighted by how well each is known. From eight units a
+    variance is known to a half, so the fall between units of eight times as many points is known to a third.
     """
     short, most = min(variances), max(variances)
     few, more = (max(variances[points].variance, 1e-300) for points in (short, most))
@@ -146,7 +150,7 @@ def fall(variances: dict[int, Tally], usual: float = USUAL) -> float:
 
 
 def price(trial: Trial, method: str, level: float, most: int = LONG) -> float:
-    """Seconds that it takes to measure it, about; infinite where the method does not apply."""
+    """Estimated seconds to measure a method at a level; infinite if the method does not apply."""
     problem, steps, path = trial.problem, trial.steps(level), trial.seconds(level)
     if method == Quasi.name:
         applies = quasi.applies(problem, trial.scheme, steps)

@@ -31,7 +31,7 @@ class Watch:
     """Holds the time of the clock against max_time, and counts the processor's seconds since it was made."""
 
     def __init__(self, max_time: float | None, progress: Progress):
-        """Start."""
+        """Both clocks begin here; `max_time` is in seconds of the clock, None for no limit."""
         self._bar, self._tell = told_by(progress)
         self.max_time = math.inf if max_time is None else checks.finite("max_time", max_time)
         if self.max_time <= 0:
@@ -43,39 +43,42 @@ class Watch:
 
     @property
     def elapsed(self) -> float:
-        """Seconds of the clock since the start."""
+        """Seconds of the clock since the watch was made."""
         return time.monotonic() - self._begin
 
     @property
     def seconds(self) -> float:
-        """Of the processor, by all threads of this process, since the start."""
+        """Seconds of the processor that all threads of this process took since the watch was made."""
         return time.process_time() - self._begin_of_work
 
     @property
     def over(self) -> bool:
-        """No work is to be begun any more."""
+        """Whether no more work is to be begun: the time is over, or the progress function asked to stop."""
         return self._stopped or self._ended or self.elapsed >= self.max_time
 
     def room(self, seconds: float) -> float:
-        """Units of so many seconds of the processor each that fit into what is left, where others want it, too."""
+        """Number of units that fit into the time that is left, if each takes so many seconds of the processor.
+
+        Other processes may use the processor, too; the clock then runs faster than its seconds, by the factor so far.
+        """
         elapsed = self.elapsed
         slower = max(elapsed / max(self.seconds, 1e-9), 1.0)
         return max(self.max_time - elapsed, 0.0) / max(slower * seconds, 1e-12)
 
     def end(self) -> None:
-        """What comes next would take longer than what is left."""
+        """Note that the next unit would take longer than the time that is left, so that no more is begun."""
         self._ended = True
 
     @property
     def why(self) -> str:
-        """What ended the work."""
+        """The reason why the work ended, as part of a sentence."""
         if self._stopped:
             return "the progress function asked to stop"
         end = "leaves no time for more" if self._ended else "was over"
         return f"max_time = {self.max_time:g} s {end}"
 
     def announce(self, plan: str, seconds: float) -> None:
-        """What is to be done now, and the seconds of the processor that it is reckoned to take."""
+        """Tell the plan of the work that begins now, estimated to take so many seconds of the processor."""
         self._reckoned, self._announced = seconds, self.seconds
         self._last_told = max(seconds, _UNTOLD)
         self._say(plan)
@@ -86,13 +89,13 @@ class Watch:
             say(f"symsde: {sentence}\n")
 
     def _tell_anew(self, spent: float, share: float) -> None:
-        """The seconds of a plan that has grown: by levels, points or units that its pilot did not see the need of."""
+        """Tell a new estimate if the work has grown by levels, points or units that the pilot did not foresee."""
         if share >= _KNOWN and spent > _LONGER * self._last_told * share:
             self._last_told = spent / share
             self._say(f"the plan has grown: {told(self._last_told)} in all")
 
     def _warn_of_more(self, spent: float, share: float) -> None:
-        """Once, where the work takes much longer than was told."""
+        """Warn once if the work takes much longer than was estimated."""
         if self._reckoned > 0 and spent > _LONGER * self._reckoned + _MOMENT:
             said = max(self._reckoned, _UNTOLD)
             checks.warn(
@@ -103,7 +106,7 @@ class Watch:
             self._reckoned = math.inf
 
     def tell(self, share: float) -> None:
-        """This share of the work is done. It is above one where a part held more units than were wanted."""
+        """Tell that this share of the work is done. It is above one if a part held more units than were wanted."""
         share = min(1.0, share)
         spent = self.seconds - self._announced
         self._tell_anew(spent, share)
@@ -113,7 +116,10 @@ class Watch:
 
     @contextlib.contextmanager
     def carrying(self, kind: type) -> Iterator[None]:
-        """Work whose exceptions carry what there is of this kind, as `partial`, or None: no run within it."""
+        """Let every exception of the work within have an attribute `partial`: a result of this kind, or None.
+
+        A run within the work sets the attribute to a run of its own; this one is replaced by None.
+        """
         try:
             yield
         except BaseException as stop:
@@ -124,6 +130,6 @@ class Watch:
             self.close()
 
     def close(self) -> None:
-        """End the line of the bar."""
+        """End the line on which the bar is shown."""
         if self._bar is not None:
             self._bar.close()
