@@ -259,7 +259,7 @@ class Pilot:
                 yield variants.price(trial, Quasi.name, level, most), partial(trial.look_evenly, level, most)
 
     def _hopes(self, best: Plan) -> Iterator[tuple[float, Callable[[], None]]]:
-        """Differences by Sobol points of trials that would be far cheaper if only noise hides that their bias is small."""
+        """Differences by Sobol points of trials that would be far cheaper if noise alone hides a small bias."""
         for trial in self.trials:
             if choice.without_bias(trial, self.error) < _HOPE * best.seconds:
                 yield from self._changes(trial)
