@@ -7,7 +7,7 @@ check_rooms.py --self-test  plants a violation of every rule and requires that e
 
 A room is a folder below an area (src/step/midpoint); a file that stands directly in an area is a room of its own.
 Arrows between rooms make no circle. An area that has rooms holds at most five files beside them. A module whose
-header says "Private to its family." is used in its room alone.
+header says "Private to its family." is used in its room alone, and so is a body (.inc) but for those of src/solve.
 
 The rooms of the Python package are its folders: arrows between them, whether imported at once, when needed or by name,
 make no circle, and no two of its files have the same name. What objects are shown and drawn by may be imported by name
@@ -21,6 +21,8 @@ import tempfile
 from collections import Counter, defaultdict
 from graphlib import CycleError, TopologicalSorter
 from pathlib import Path
+
+from bodies import INCLUDE
 
 MOST_BESIDE = 5
 PRIVATE = re.compile(r"^!> Private to its family\.$", re.M)
@@ -56,9 +58,14 @@ def arrows(modules):
 def imported(text, package):
     """The modules of the Python package that a file imports, as tuples of names below it; package: where it stands."""
     for node in ast.walk(ast.parse(text)):
-        if isinstance(node, ast.ImportFrom) and node.level:
-            at = package[: len(package) - node.level + 1] + tuple((node.module or "").split("."))
-            yield from (tuple(part for part in (*at, name.name) if part) for name in node.names)
+        if isinstance(node, ast.Import):
+            paths = [name.name.split(".") for name in node.names]
+        elif isinstance(node, ast.ImportFrom):
+            above = ("symsde", *package)[: len(package) + 2 - node.level] if node.level else ()
+            paths = [(*above, *(node.module or "").split("."), name.name) for name in node.names]
+        else:
+            continue
+        yield from (tuple(filter(None, path[1:])) for path in paths if path[0] == "symsde" and path[1:])
 
 
 def packages(root):
@@ -132,6 +139,9 @@ def findings(root):
         for other in used(text):
             if other in modules and modules[other][:2] != (area, room) and PRIVATE.search(modules[other][2]):
                 yield f"{name} uses {other}, which is private to its family"
+        for body in INCLUDE.findall(text):
+            if "/" in body and "/solve/" not in body:
+                yield f"{name} includes {body}, which is a body of another family"
     graph, names = packages(root)
     try:
         TopologicalSorter(graph).prepare()
@@ -143,12 +153,13 @@ def findings(root):
 
 
 def planted(root, files, python):
-    """A tree of these modules, path -> what they use; those in capitals are private. And these files in Python."""
+    """A tree of these modules, path -> what they use or include; those in capitals are private. And these in Python."""
     for path, uses in files.items():
         file = root / "src" / path.lower()
         file.parent.mkdir(parents=True, exist_ok=True)
         head = "!> Private to its family.\n" if path != path.lower() else ""
-        file.write_text(head + "".join(f"   use symsde_{name}, only: x\n" for name in uses))
+        lines = (f"   include '{it}'\n" if ".inc" in it else f"   use symsde_{it}, only: x\n" for it in uses)
+        file.write_text(head + "".join(lines))
     for path, text in python.items():
         file = root / "python" / "symsde" / path
         file.parent.mkdir(parents=True, exist_ok=True)
@@ -165,14 +176,17 @@ def self_test():
         "in a circle": {**sound, "step/a/y.f90": ("step_c",), "step/c.f90": ("step_b_z",)},
         "6 files beside": {**sound, **{f"step/d{i}.f90": () for i in range(5)}},
         "is private": {**sound, "step/b/z.f90": ("step_a_x",)},
+        "of another family": {**sound, "step/b/z.f90": ("step_a_y", "../a/x.inc")},
     }
     python = {"run/x.py": "from ..model.y import z\n", "model/y.py": ""}
     circle = {**python, "model/y.py": "def f():\n    from .. import run\n"}
     named = {**python, "model/y.py": 'import_module("symsde.run.html"), import_module("symsde.run.x")\n'}
+    absolute = {**python, "model/y.py": "import symsde.run.x\n"}
+    whole = {**python, "model/y.py": "from symsde import run\n"}
     twice = {**python, "run/y.py": ""}
     cases = {wanted: (files, python) for wanted, files in cases.items()}
     cases |= {"packages in a circle": (sound, circle), "2 files of the name y": (sound, twice)}
-    cases |= {"model -> run": (sound, named)}
+    cases |= {"model -> run": (sound, named), "run -> model": (sound, absolute), "packages in": (sound, whole)}
     for wanted, (files, modules) in cases.items():
         with tempfile.TemporaryDirectory() as folder:
             planted(Path(folder), files, modules)

@@ -16,6 +16,7 @@ import symsde as ss
 ROOT = Path(__file__).parents[2]
 LIBRARY = os.path.realpath(ss.native.library.library._name)
 DEEPEST = 12  # calls from simulate to the model
+DEEPER = {"gauss2_": 2, "_midpoint": 5}  # where brackets are added, where a midpoint step stands between kicks
 Numbers = ctypes.POINTER(ctypes.c_double)
 Gradient = ctypes.CFUNCTYPE(ctypes.c_int, *3 * [ctypes.c_int], ctypes.c_double, *5 * [Numbers], ctypes.c_void_p)
 Both = ctypes.CFUNCTYPE(ctypes.c_int, *3 * [ctypes.c_int], ctypes.c_double, *8 * [Numbers], ctypes.c_void_p)
@@ -94,30 +95,46 @@ def module_of(name):
 
 
 def page():
-    """Modules of the table, in its order."""
+    """Modules of the table, in its order; that of a body is the module beside it."""
     text = (ROOT / "CONTRIBUTING.md").read_text(encoding="utf-8")
     table = text.split("## The main path")[1].split("\n## ")[0]
-    files = re.findall(r"^\| `src/([\w/]+)\.f90`", table, re.MULTILINE)
-    assert all((ROOT / "src" / f"{file}.f90").is_file() for file in files)
-    return ["symsde_" + file.replace("/", "_") for file in files]
+    files = re.findall(r"^\| `src/([\w/]+)\.(f90|inc)`", table, re.MULTILINE)
+    assert len(files) == table.count("\n| `")
+    assert all((ROOT / "src" / f"{file}.{kind}").is_file() for file, kind in files)
+    return ["symsde_" + file.replace("/", "_") for file, _ in files]
 
 
+def of_library(call):
+    """The modules from the driver, whom C calls, to the model."""
+    modules = [module_of(name) for name in call]
+    first = next(i for i, module in enumerate(modules) if module.startswith("symsde_ensemble"))
+    return modules[first : next(i for i, module in enumerate(modules) if module.startswith("symsde_model"))]
+
+
+@pytest.mark.parametrize("paths", [1, 1000])
 @pytest.mark.parametrize("scheme", ["midpoint", "stormer_verlet"])
-def test_the_page_is_the_way_of_a_step(scheme):
-    known = page()
-    ways = set()
-    for paths in (1, 1000):
-        calls = traced(scheme, paths)
+def test_the_page_is_the_way_of_a_step(scheme, paths):
+    _, *known = page()  # simulate of Fortran, whose place C has here
+    calls = traced(scheme, paths)
+    assert calls
+    for call in calls:
+        modules = list(dict.fromkeys(of_library(call)))
+        assert [module for module in modules if module in known] == known[: None if scheme == "midpoint" else -1]
+        assert all(module in known or re.match(r"symsde_step_[a-z]+_", module) for module in modules)  # only steppers
+
+
+@pytest.mark.skipif(not any(".isra" in name for _, name in SYMBOLS), reason="nothing was put in its caller's place")
+@pytest.mark.parametrize("paths", [1, 1000])
+def test_every_scheme_has_few_callers(paths):
+    tried = 0
+    for scheme in ss.schemes.names():
+        try:
+            calls = traced(scheme, paths)
+        except ss.errors.IncompatibleError:
+            continue  # the pendulum's noise is not additive, it has no frequencies
+        tried += 1
         assert calls
-        for call in calls:
-            modules = [module_of(name) for name in call]
-            first = next(i for i, module in enumerate(modules) if module.startswith("symsde_ensemble"))
-            model = next(i for i, module in enumerate(modules) if module.startswith("symsde_model"))
-            assert model - first < DEEPEST, modules
-            at = [known.index(module) for module in modules[first:model] if module in known]
-            assert at == sorted(at), modules
-            ways.add(tuple(dict.fromkeys(known[place] for place in at)))
-    assert len(ways) == 1
-    assert {"symsde_ensemble_run_driver", "symsde_ensemble_run_threads", "symsde_ensemble_block_runner"} < set(
-        ways.pop()
-    )
+        most = DEEPEST + sum(more for part, more in DEEPER.items() if part in scheme)
+        for call in calls:  # simulate and the model are not among those of the library
+            assert len(of_library(call)) + 1 <= most, (scheme, call)
+    assert tried > 30
