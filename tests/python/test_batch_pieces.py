@@ -29,6 +29,11 @@ class Memory:
         self.states.append(shard_file.to_bytes(state))
 
 
+def never(_done, _total):
+    """Do not stop."""
+    return False
+
+
 def interrupted(task, piece, after):
     """The shard of a piece that is stopped again and again, each time after so many questions."""
     store, sittings = Memory(), 0
@@ -66,6 +71,31 @@ def test_long_paths_go_on_from_their_checkpoints(steps, every, compensated, monk
         np.testing.assert_array_equal(found.arrays[name], getattr(known, name), err_msg=name)
     assert found.facts["failed"] == 1
     assert found.facts["counters"]["path_steps"] == known.report.counters["path_steps"]
+
+
+@pytest.mark.parametrize(("takes", "after"), [(0, [11, 22, 33, 44, 55]), (2, [11, 52])])
+def test_checkpoints_come_as_soon_as_they_may(takes, after, monkeypatch):
+    """When their seconds have passed, and twenty times what it took to write the last one. Steps take a second each."""
+    now = 0.0
+
+    def one_step(_clock, _length):
+        nonlocal now
+        now += 1
+        return 1
+
+    class Slow(Memory):
+        def write(self, state):
+            nonlocal now
+            now += takes
+            super().write(state)
+
+    monkeypatch.setattr(execute, "_FIRST", 1)
+    monkeypatch.setattr(execute._Clock, "next_length", one_step)
+    monkeypatch.setattr(execute.time, "monotonic", lambda: now)
+    options = {"q0": 1.0, "p0": 0.0, "step": 0.1, "steps": 60, "paths": 1}
+    store = Slow()
+    execute.compute(execute.Task(ss.models.kubo(), options), plan.Piece("one", "paths", 0, 1, 60), 1, never, store)
+    assert [shard_file.from_bytes(state, "memory").facts["step"] for state in store.states] == after
 
 
 def test_shares_are_all_pieces_once():
