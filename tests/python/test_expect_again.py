@@ -79,6 +79,27 @@ def test_work_begins_with_a_quarter_of_the_points(pilot):
         assert Execution(pilot, [plan]).answer().paths == 16 * 2**begun
 
 
+@pytest.mark.filterwarnings("ignore::symsde.BudgetWarning")
+@pytest.mark.parametrize(
+    ("planned", "seconds", "left", "cut"),
+    [
+        (11, 4.0, 4.0, 11),
+        (11, 32.0, 4.0, 8),
+        (11, 33.0, 4.0, 7),
+        (11, 1e6, 4.0, 6),
+        (5, 32.0, 4.0, 5),
+        (11, 0.008, -1.0, 8),
+        ([11, 7, 5], 32.0, 4.0, [8, 6, 5]),  # of levels
+    ],
+)
+def test_points_are_cut_to_the_time_that_is_left(pilot, planned, seconds, left, cut):
+    """By halvings, to 2^6 at the least, and of no time that is left as of a thousandth of a second."""
+    pilot.watch = SimpleNamespace(seconds=0.0, max_time=100.0, elapsed=100.0 - left)
+    method = Quasi.name if isinstance(planned, int) else choice.EVEN_LEVELS
+    plan = plan_of(pilot.trials[0], method, seconds=seconds, options={"log2_points": planned})
+    assert Execution(pilot, [plan]).plan.options == {"log2_points": cut}
+
+
 def test_what_is_done_once_is_scaled_to_the_step(pilot):
     """Responses take as many paths as there are increments: at three levels more they take the longer, by their price;
     without the bias the finest level of the ladder counts."""
