@@ -80,9 +80,9 @@ def test_a_run_is_its_parts(row):
 
 ALONE = axes.covering(
     name=("synchrotron", "henon_heiles", "driven_pendulum", "fpu_chain"),  # they go one by one
-    scheme=("midpoint", "stormer_verlet", "gauss2_strong32", "gauss_dkdkd"),
-    steps=range(1, 10), first_step=range(4), refine=(-1, 0, 1), compensated=(False, True), common=((), (2,)),
-    cut=(None, (1.5, 20.0)), few=(1, 3),
+    scheme=("midpoint", "stormer_verlet", "gauss2_strong32", "gauss_dkdkd", "chin4a_strong2"),
+    steps=range(1, 10), first_step=(0, 1, 2, 3, 4, 6, 13), refine=(-3, -2, -1, 0, 1, 2), compensated=(False, True),
+    common=((), (2,)), cut=(None, (1.5, 20.0)), few=(1, 3),
 )  # fmt: skip
 
 

@@ -92,6 +92,14 @@ def test_several_particles_in_one_noisy_field():
     assert private.var_q[-1, 0] > 1
 
 
+@pytest.mark.parametrize("given", [1, (1, 1), [np.int64(1)] * 3, np.array([1.0, 1.0]), {1}])
+def test_a_noise_may_be_named_again(given):
+    """Whatever holds the numbers: the same bits, and the same words in files."""
+    once, found = (ss.simulate(MODEL, **RUN, paths=3, common_noise=x) for x in ([1], given))
+    np.testing.assert_array_equal(found.q, once.q)
+    assert found.attributes()["options"] == once.attributes()["options"]
+
+
 @pytest.mark.parametrize(
     ("given", "error", "words"),
     [

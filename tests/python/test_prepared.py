@@ -168,6 +168,42 @@ def test_a_stopped_run_resumes():
     assert run.next_step == 61
 
 
+@pytest.mark.parametrize("ill", [0, 1])
+def test_paths_that_a_stop_cut_short_have_not_failed(ill):
+    """Warnings count those alone that have, before the stop or in the call that it ends, and say so once."""
+    q0 = np.full((2, 3), 0.1)
+    q0[:, :ill] = 1e200
+    run = ss.prepare(ss.models.henon_heiles(), "stormer_verlet", q0=q0, p0=0.0, step=1e-3, paths=3)
+    with warnings.catch_warnings(record=True) as said:
+        warnings.simplefilter("always")
+        for call in (lambda stop: run.run(10**7, 10**7, progress=stop), lambda stop: run.resume(progress=stop)):
+            call(lambda done, total: True)
+            assert run.status.tolist() == [3] * ill + [5] * (3 - ill)
+    assert [str(x.message).partition(":")[0] for x in said] == [f"{ill} of 3 paths failed"] * ill
+
+
+def test_what_a_call_gave_stays_as_it_is(model):
+    """Whatever comes after: steps, another call, what the host writes into the state, failures, a reset."""
+    run = ss.prepare(model, paths=3, compensated=True, **WHERE)
+    run.run(2)
+    given = run.run(4, save_every=2)
+
+    def told():
+        names = ("q", "p", "t", "path", "status", "failed_step", "last_q", "last_p", "q_low", "p_low")
+        return {x: np.array(getattr(given, x)) for x in names}, given.report, given.setup.q0.copy()
+
+    before = told()
+    assert np.array_equal(before[0]["last_q"], run.q) and np.array_equal(before[0]["p_low"], run.p_low)
+    run.step()
+    run.run(3)
+    run.q[...] = run.p[...] = 1.79e308
+    run.p_low[...] = 1.0
+    with pytest.warns(ss.PathsFailedWarning):
+        run.step()
+    run.reset(0.7)
+    np.testing.assert_equal(told(), before)
+
+
 def test_interrupts_and_exceptions_leave_a_run_that_goes_on():
     """An exception of the progress function stops and is raised; the run can be resumed."""
     model = ss.models.kubo()
