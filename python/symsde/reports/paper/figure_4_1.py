@@ -17,6 +17,7 @@ from .experiment import Experiment, panels
 OMEGA, SIGMA1, SIGMA2 = 2.0, 0.2, 0.1
 STEP, TIME, LEVELS = 0.02, 100.0, 6
 STEPS = round(TIME / STEP)
+START = {"q0": 0.0, "p0": 0.0}
 SHOWN = 0.2  # of q: below it two curves of Figure 4.1 can pass for one
 
 
@@ -24,7 +25,7 @@ def run(quick):
     """Ten seeds, what the reference formula is, and what 100 fixed-point iterations are worth."""
     seeds = list(range(1, 4 if quick else 11))
     parameters = {
-        "omega": OMEGA, "sigma1": SIGMA1, "sigma2": SIGMA2, "q0": 0.0, "p0": 0.0, "step": STEP, "time": TIME,
+        "omega": OMEGA, "sigma1": SIGMA1, "sigma2": SIGMA2, **START, "step": STEP, "time": TIME,
         "finer": 2**LEVELS, "seeds": seeds, "many_paths": 64 if quick else 1000,
         "many_paths_seed": 1000,
     }  # fmt: skip
@@ -43,7 +44,7 @@ def run(quick):
 def simulate(model, seed, scheme="midpoint", finer=0, **options):
     """q(t) at the multiples of STEP, computed with step STEP/2^finer on the Brownian path of this seed."""
     return ss.simulate(
-        model, q0=0.0, p0=0.0, step=STEP / 2**finer, steps=STEPS * 2**finer, save_every=2**finer, scheme=scheme,
+        model, **START, step=STEP / 2**finer, steps=STEPS * 2**finer, save_every=2**finer, scheme=scheme,
         seed=seed, refine=LEVELS - finer, paths=1, **options,
     )  # fmt: skip
 
@@ -105,8 +106,8 @@ def _many_paths(experiment, model, paths):
     every = 5
     coarse, smaller, fine = (
         ss.simulate(
-            model, q0=0.0, p0=0.0, step=STEP / 2**finer, steps=STEPS * 2**finer, save_every=every * 2**finer,
-            scheme="midpoint", seed=1000, refine=LEVELS - finer, paths=paths,
+            model, **START, step=STEP / 2**finer, steps=STEPS * 2**finer, save_every=every * 2**finer,
+            scheme="midpoint", seed=experiment.parameters["many_paths_seed"], refine=LEVELS - finer, paths=paths,
         ).q[:, 0]
         for finer in (0, 3, LEVELS)
     )  # fmt: skip
@@ -167,7 +168,7 @@ def _iterations(experiment, model):
 def _work(model, fixed_point):
     steps, paths = (2000, 256) if fixed_point == 0 else (200, 256)
     computed = ss.moments(
-        model, q0=0.0, p0=0.0, step=STEP, steps=steps, save_every=steps, scheme="midpoint", paths=paths, seed=1,
+        model, **START, step=STEP, steps=steps, save_every=steps, scheme="midpoint", paths=paths, seed=1,
         threads=1, fixed_point=fixed_point,
     )  # fmt: skip
     report = computed.report

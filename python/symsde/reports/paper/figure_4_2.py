@@ -13,6 +13,7 @@ from .. import look
 from .experiment import Experiment, panels, strong_order
 
 STEP, TIME, SEED, PATHS = 0.02, 200.0, 42, 10
+START = {"q0": 0.0, "p0": 0.0}
 SCHEMES = {"symplectic_euler": "(89)-(90)", "symplectic_euler_adjoint": "(91)-(92)"}
 CASES = {"one_noise": (1.0, 0.0), "two_noises": (1.0, 1.0)}  # gamma, sigma
 
@@ -22,7 +23,7 @@ def run(quick):
     order_paths = 200 if quick else 2000
     parameters = {
         "cases": {name: {"gamma": gamma, "sigma": sigma} for name, (gamma, sigma) in CASES.items()},
-        "q0": 0.0, "p0": 0.0, "step": STEP, "time": TIME, "paths": PATHS, "order_paths": order_paths,
+        **START, "step": STEP, "time": TIME, "paths": PATHS, "order_paths": order_paths,
         "moment_seed": SEED + 1, "order_seed": SEED + 2,
     }  # fmt: skip
     title = f"Figure 4.2: two additive noises, h = {STEP}, t in [0, {TIME:g}], {PATHS} paths"
@@ -34,7 +35,7 @@ def run(quick):
         for scheme, equations in SCHEMES.items():
             experiment.numbers[case][scheme] |= strong_order(
                 experiment, equations, f", {_text(case)}", model, scheme, paths=order_paths, levels=range(6, 13),
-                time=10.24, seed=SEED + 2, q0=0.0, p0=0.0,
+                time=10.24, seed=parameters["order_seed"], **START,
             )  # fmt: skip
     return experiment
 
@@ -45,9 +46,7 @@ def _text(case):
 
 
 def _errors(experiment, model, case, scheme):
-    computed = ss.simulate(
-        model, q0=0.0, p0=0.0, step=STEP, steps=round(TIME / STEP), scheme=scheme, paths=PATHS, seed=SEED
-    )
+    computed = ss.simulate(model, **START, step=STEP, steps=round(TIME / STEP), scheme=scheme, paths=PATHS, seed=SEED)
     exact, _ = ss.diagnose.exact(computed)
     errors = np.abs(computed.q[:, 0] - exact[:, 0]).max(axis=0)
     amplitudes = np.abs(exact[:, 0]).max(axis=0)
@@ -65,8 +64,8 @@ def _growth(experiment, model, case, paths):
     gamma, sigma = CASES[case]
     steps = 200
     computed = ss.simulate(
-        model, q0=0.0, p0=0.0, step=0.1, steps=steps, save_every=steps, scheme="symplectic_euler", paths=paths,
-        seed=SEED + 1,
+        model, **START, step=0.1, steps=steps, save_every=steps, scheme="symplectic_euler", paths=paths,
+        seed=experiment.parameters["moment_seed"],
     )  # fmt: skip
     q, p = ss.diagnose.exact(computed)
     squares = q[-1, 0] ** 2 + p[-1, 0] ** 2

@@ -12,13 +12,14 @@ from .. import look
 from .experiment import Experiment, panels, strong_order
 
 A, SIGMA, SEED = 1.0, 0.5, 2024
+START = {"q0": 1.0, "p0": 0.0}
 
 
 def run(quick):
     """Path, invariant and order."""
     long_steps = 10**5 if quick else 10**6
     parameters = {
-        "a": A, "sigma": SIGMA, "q0": 1.0, "p0": 0.0, "path_step": 0.02, "path_steps": 1000, "invariant_step": 0.02,
+        "a": A, "sigma": SIGMA, **START, "path_step": 0.02, "path_steps": 1000, "invariant_step": 0.02,
         "invariant_steps": long_steps, "order_time": 1.0, "order_paths": 1000 if quick else 3000,
         "order_seed": SEED + 1,
     }  # fmt: skip
@@ -26,14 +27,14 @@ def run(quick):
     model = ss.models.kubo(a=A, sigma=SIGMA)
     _path(experiment, model)
     _invariant(experiment, model, long_steps)
-    _order(experiment, model, parameters["order_paths"])
+    _order(experiment, model)
     return experiment
 
 
 def _path(experiment, model):
     """One figure's worth of time: against the exact rotation, and against the rotation (71)-(72) makes exactly."""
     step, steps = experiment.parameters["path_step"], experiment.parameters["path_steps"]
-    options = {"q0": 1.0, "p0": 0.0, "step": step, "steps": steps, "paths": 8, "seed": SEED}
+    options = {**START, "step": step, "steps": steps, "paths": 8, "seed": SEED}
     computed = ss.simulate(model, scheme="midpoint", **options)
     exact_q, exact_p = ss.diagnose.exact(computed)
     dw = ss.increments(model, step=step, steps=steps, paths=8, seed=SEED)[:, 0]
@@ -56,7 +57,7 @@ def _invariant(experiment, model, steps):
     """p^2 + q^2 over very many steps."""
     every = steps // 1000
     computed = ss.simulate(
-        model, q0=1.0, p0=0.0, step=experiment.parameters["invariant_step"], steps=steps, save_every=every,
+        model, **START, step=experiment.parameters["invariant_step"], steps=steps, save_every=every,
         scheme="midpoint", paths=8, seed=SEED,
     )  # fmt: skip
     drift = np.abs(computed.q[:, 0] ** 2 + computed.p[:, 0] ** 2 - 1).max(axis=1)
@@ -66,14 +67,17 @@ def _invariant(experiment, model, steps):
     experiment.curves |= {"long_t": computed.t, "drift": drift}
 
 
-def _order(experiment, model, paths):
+def _order(experiment, model):
     """RMS error at t = 1 for steps 2^-7 .. 2^-13 on the same Brownian paths, and the error constant.
 
     A step lags by x - 2 atan(x/2) = x^3/12 + ..; with x = a h + sigma dW the sum over t/h steps has mean square
     (h/12)^2 [(3 a sigma^2 t)^2 + 15 sigma^6 t] to leading order in h.
     """
-    found = strong_order(experiment, "(71)-(72)", "", model, "midpoint", paths=paths, levels=range(7, 14), time=1.0,
-                         seed=SEED + 1, q0=1.0, p0=0.0)  # fmt: skip
+    parameters = experiment.parameters
+    found = strong_order(
+        experiment, "(71)-(72)", "", model, "midpoint", paths=parameters["order_paths"], levels=range(7, 14),
+        time=parameters["order_time"], seed=parameters["order_seed"], **START,
+    )  # fmt: skip
     expected = np.sqrt((3 * A * SIGMA**2) ** 2 + 15 * SIGMA**6) / 12
     constant = found["order_rms_errors"][-1] / found["order_steps"][-1]
     experiment.near("(71)-(72)", "rms error / h at the finest step", constant, expected, 0.04 * expected)

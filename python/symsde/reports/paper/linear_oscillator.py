@@ -15,13 +15,14 @@ from .experiment import Experiment, panels
 
 SIGMA, TIME, SEED = 1.0, 100.0, 24
 LONG_STEP = 0.1
+START = {"q0": 1.0, "p0": 0.0}
 
 
 def run(quick):
     """Growth of the second moment, its slope against the step, and the blow-up of Euler-Maruyama."""
     paths, slope_paths = (10_000, 20_000) if quick else (200_000, 1_000_000)
     parameters = {
-        "sigma": SIGMA, "q0": 1.0, "p0": 0.0, "time": TIME, "paths": paths, "slope_paths": slope_paths,
+        "sigma": SIGMA, **START, "time": TIME, "paths": paths, "slope_paths": slope_paths,
         "small_step": 0.02,
     }  # fmt: skip
     title = f"Linear oscillator (20)-(21), sigma = {SIGMA:g}, t in [0, {TIME:g}], {paths} paths"
@@ -36,7 +37,7 @@ def run(quick):
 def second_moment(model, scheme, step, paths, save_every):
     """Times, E(p^2+q^2) and its standard error: twice the mean energy, for H = (p^2+q^2)/2."""
     found = ss.moments(
-        model, q0=1.0, p0=0.0, step=step, steps=round(TIME / step), save_every=save_every, scheme=scheme, paths=paths,
+        model, **START, step=step, steps=round(TIME / step), save_every=save_every, scheme=scheme, paths=paths,
         seed=SEED,
     )  # fmt: skip
     return {"step": step, "t": found.t, "mean": 2 * found.mean_energy, "standard_error": 2 * found.se_mean_energy}
@@ -48,11 +49,12 @@ def _at(found, i):
 
 
 def _growth(experiment, model, paths):
-    found = second_moment(model, "midpoint", 0.02, paths, 250)
+    step = experiment.parameters["small_step"]
+    found = second_moment(model, "midpoint", step, paths, 250)
     t = found["t"]
     for time in (10.0, 25.0, 50.0, 100.0):
         i = int(np.argmin(np.abs(t - time)))
-        text = f"E(p^2+q^2), midpoint, h = 0.02, t = {time:g}"
+        text = f"E(p^2+q^2), midpoint, h = {step:g}, t = {time:g}"
         experiment.within("(24)", text, _at(found, i), 1 + SIGMA**2 * t[i])
     experiment.numbers["growth"] = {**found, "expected": 1 + SIGMA**2 * t}
     # for the figure at the step of Euler-Maruyama's blow-up
