@@ -19,7 +19,7 @@ module symsde_model_user_real_lanes
       real(wp), allocatable :: x(:)
    end type buffer_type
 
-   !> One for each thread: its buffers are used by one call at a time.
+   !> One for each thread: its buffers are used by one call at a time. It has no value, which is no part of a step.
    type, extends(model_type) :: real_lanes_model
       private
       class(model_type), pointer :: model => null()
@@ -27,7 +27,6 @@ module symsde_model_user_real_lanes
       type(buffer_type), pointer :: buffer(:) => null()       !! (narray); behind a pointer, for a model is intent(in)
    contains
       procedure :: gradient
-      procedure :: value => weighted_value
       procedure :: hessian
       procedure :: hessian_vector
       procedure :: third_derivative
@@ -86,16 +85,6 @@ contains
          if (present(hp)) call spread_lanes(nlane, n, ndof, b, hp)
       end associate
    end subroutine gradient
-
-   !> Value of sum_j w_j H_j, of all lanes: it is no part of a step.
-   subroutine weighted_value(self, nlane, ndof, nnoise, t, w, q, p, value)
-      class(real_lanes_model), intent(in) :: self
-      integer, intent(in) :: nlane, ndof, nnoise
-      real(wp), intent(in) :: t, w(nlane, 0:nnoise), q(nlane, ndof), p(nlane, ndof)
-      real(wp), intent(out) :: value(nlane)
-
-      call self%model%value(nlane, ndof, nnoise, t, w, q, p, value)
-   end subroutine weighted_value
 
    !> Blocks of the Hessian of sum_j w_j H_j.
    subroutine hessian(self, nlane, ndof, nnoise, t, w, q, p, hqq, hqp, hpp)
