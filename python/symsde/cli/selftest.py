@@ -42,7 +42,7 @@ def noise() -> Check:
     """The generator and its map of counters: numbers that were written down."""
     dw = increments(_kubo(), step=0.25, steps=2, paths=3, seed=20260101)
     worst = np.abs(dw[:, 0, :] - _KNOWN).max()
-    return Check("noise", f"six known increments to {worst:.0e}", bool(worst < 1e-14))
+    return Check("noise", f"six increments agree with known numbers to {worst:.0e}", bool(worst < 1e-14))
 
 
 def one_step() -> Check:
@@ -51,7 +51,7 @@ def one_step() -> Check:
     q, p = step(_kubo(), "midpoint", 1.0, 0.0, 0.1, dw=dw[np.newaxis])
     angle = 2 * np.arctan((0.1 + 0.3 * dw) / 2)
     worst = max(np.abs(q[0] - np.cos(angle)).max(), np.abs(p[0] + np.sin(angle)).max())
-    return Check("one step", f"midpoint is a rotation to {worst:.0e}", bool(worst < 1e-14))
+    return Check("one step", f"a step of midpoint is a rotation to {worst:.0e}", bool(worst < 1e-14))
 
 
 def structure() -> Check:
@@ -59,7 +59,11 @@ def structure() -> Check:
     model = models.get("pendulum")
     worst = max(diagnose.symplecticity(model, name)[0] for name in ("midpoint", "stormer_verlet", "gauss2"))
     heun = diagnose.symplecticity(model, "heun")[0]
-    return Check("structure", f"symplectic to {worst:.0e}, Heun {heun:.0e}", bool(worst < 1e-12 and heun > 1e-6))
+    return Check(
+        "structure",
+        f"three schemes are symplectic to {worst:.0e}, Heun to {heun:.0e}",
+        bool(worst < 1e-12 and heun > 1e-6),
+    )
 
 
 def order() -> Check:
@@ -73,7 +77,7 @@ def mean() -> Check:
     found = moments(_kubo(), **_START, step=0.02, steps=100, paths=20_000, seed=1, save_every=100)
     away = (found.mean_q[1, 0] - np.exp(-0.045 * 2) * np.cos(2.0)) / found.se_mean_q[1, 0]
     good = abs(away) < 6 and abs(found.se_mean_q[1, 0] * np.sqrt(20_000) - 0.37) < 0.1
-    return Check("mean", f"{abs(away):.1f} standard errors from the exact one", bool(good))
+    return Check("mean", f"the mean is {abs(away):.1f} standard errors from the exact one", bool(good))
 
 
 def resume() -> Check:
@@ -82,7 +86,11 @@ def resume() -> Check:
     whole = simulate(_kubo(), **_START, steps=200, save_every=100, **options)
     half = simulate(_kubo(), q0=whole.q[1], p0=whole.p[1], steps=100, save_every=100, first_step=100, **options)
     same = np.array_equal(whole.q[2], half.q[1]) and np.array_equal(whole.p[2], half.p[1])
-    return Check("resume", "bits of one run" if same else "other bits than one run", bool(same))
+    return Check(
+        "resume",
+        "a run in two parts has the bits of one" if same else "a run in two parts has other bits than one",
+        bool(same),
+    )
 
 
 def threads() -> Check:
@@ -91,7 +99,7 @@ def threads() -> Check:
     one, several = (simulate(_kubo(), threads=n, lanes=lanes, **options) for n, lanes in ((1, 64), (4, 24)))
     same = np.array_equal(one.q, several.q) and np.array_equal(one.p, several.p)
     used = several.report.threads
-    found = f"{used} threads, bits of one" if same else f"{used} threads compute other bits than one"
+    found = f"{used} threads compute the bits of one" if same else f"{used} threads compute other bits than one"
     return Check("threads", found, bool(same and one.report.threads == 1))
 
 
