@@ -54,7 +54,7 @@ def _growth(experiment, model, paths):
     t = found["t"]
     for time in (10.0, 25.0, 50.0, 100.0):
         i = int(np.argmin(np.abs(t - time)))
-        text = f"E(p^2+q^2), midpoint, h = {step:g}, t = {time:g}"
+        text = f"E(p^2+q^2), midpoint, h = {step:g}, t = {t[i]:g}"
         experiment.within("(24)", text, _at(found, i), 1 + SIGMA**2 * t[i])
     experiment.numbers["growth"] = {**found, "expected": 1 + SIGMA**2 * t}
     # for the figure at the step of Euler-Maruyama's blow-up
