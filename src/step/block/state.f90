@@ -196,8 +196,8 @@ contains
    end subroutine take_sound
 
    !> Take lanes out that are ok, because an observer wants no more of them: from here on they are like those that
-   !> failed, with a status of their own. Their state stays the one in which the observer had what it waited for, such as
-   !> the end of a first passage.
+   !> failed, with a status of their own. Their state stays the one in which the observer had what it waited for, as the
+   !> end of a first passage.
    subroutine retire(self, leaves, status, step)
       class(lane_state), intent(inout) :: self
       logical, intent(in) :: leaves(self%nlane)
