@@ -152,6 +152,50 @@ def own_noise():
     return ss.schemes.from_tableau(a, abar, [0.4, 0.6], allow_nonsymplectic=True, b=b, bbar=bbar, beta=[0.7, 0.3])
 
 
+class OwnWeights(reference.OneStep):
+    """The increments count by weights of their own at the nodes: shares of those of the drift, told by the time."""
+
+    def __init__(self, ridges, t, drive, nodes, shares):
+        """Nodes and shares are those of the quadrature."""
+        super().__init__(ridges, t, drive)
+        self._times, self._shares = t + drive.h * nodes, shares
+
+    def __call__(self, t, x, w=None):
+        share = self._shares[np.argmin(np.abs(self._times - t))]
+        return super().__call__(t, x, self.w * np.where(np.arange(len(self.w)) == 0, 1, share)[:, None])
+
+
+#: sum to one: none at the first node or in the middle, a step back, none of it those of the drift
+NOISY = {2: ([0.0, 1.0], [1.3, -0.3], [0.3, 0.7]), 3: ([0.0, 0.4, 0.6], [0.3, 0.0, 0.7], [0.6, -0.1, 0.5])}
+QUADRATURES = (("gauss2", 2), ("lobatto2", 2), ("otr", 2), ("gauss3", 3), ("lobatto3", 3), ("lobatto2", 1),
+               ("gauss2", 1), ("gauss3", 2), ("lobatto3", 2))  # fmt: skip
+WEIGHED = axes.covering(**axes.AXES, rule=QUADRATURES, own=range(3), kind=range(3), general=(False, True))
+
+
+@pytest.mark.parametrize("row", WEIGHED, ids=map(axes.ident, WEIGHED))
+def test_noise_has_the_weights_that_a_quadrature_gives_it(row):
+    """Tableaus where there are as many nodes as degrees, else polynomials with more nodes; reversed, too."""
+    name, degree = row["rule"]
+    nodes, alpha = reference.rule(name)
+    beta, galerkin = np.array(NOISY[len(nodes)][row["own"]]), degree < len(nodes)
+    kind = ("position", "kick", "mass" if galerkin else "coupled")[row["kind"]]
+    ridges = axes.ridges_of(kind, row["ndof"], row["nnoise"], row["time"])
+    turned = slice(None, None, -1 if row["first_step"] else 1)
+    given = [x[turned] for x in (nodes, alpha)]
+    scheme = ss.schemes.from_quadrature(*given, degree, noise_weights=beta[turned])
+    h, t0 = 0.1 * row["sign"], 0.3
+    x, rows = axes.start(row["ndof"], PATHS), axes.rows_of(h, 1, 1, row["nnoise"], PATHS)
+    how = {"step": h, "steps": 1, "t0": t0, "scheme": scheme, "paths": PATHS, "increments": rows, "correction": "none"}
+    how |= {"general": row["general"], "first_step": row["first_step"], "first_path": row["first_path"]}
+    run = ss.simulate(axes.model_of(ridges, kind), q0=x[0], p0=x[1], **how)
+    hhat = OwnWeights(ridges, t0 + row["first_step"] * h, reference.polygon(h, rows), nodes, beta / alpha)
+    if galerkin:
+        end = reference.galerkin_step(hhat, degree, (nodes, alpha), np.concatenate(x))
+    else:
+        end = reference.tableau_step(hhat, (*reference.collocation(nodes, alpha), alpha, nodes), np.concatenate(x))
+    np.testing.assert_allclose(np.concatenate([run.q[1], run.p[1]]), end, rtol=0, atol=2e-12)
+
+
 REVERSED = (*ONE_SIDED, "lobatto3", "P2N2Q2Otr", "dirk:0.25", "heun", "own")
 BACK = axes.covering(**axes.AXES, kind=("position", "separable", "coupled"), scheme=REVERSED)
 

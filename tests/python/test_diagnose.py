@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Symplecticity, action, Euler-Lagrange residuals, exact solutions, convergence."""
 
+import axes
 import numpy as np
 import pytest
 import symsde as ss
@@ -209,6 +210,42 @@ def test_exact_solution_is_of_the_halved_path(scheme):
         errors.append(np.sqrt(np.mean((q[-1] - found.q[-1]) ** 2)))
     order = ss.schemes.get(scheme).info.orders["additive"].value
     assert abs(np.log2(errors[0] / errors[1]) - order) < 0.35
+
+
+TURNED = {
+    "kubo": lambda sign: ss.models.kubo(sigma=0.5 * sign),
+    "linear_oscillator": lambda sign: ss.models.linear_oscillator(sigma=0.5 * sign),
+    "additive_oscillator": lambda sign: ss.models.additive_oscillator(sigma=0.5, gamma=0.4 * sign),
+}
+REVERSED = axes.covering(
+    name=tuple(TURNED), scheme=("midpoint", "gauss2_strong32", "gauss_dkdkd"), step=(0.02, 0.7, 5.0), first_step=(0, 7),
+    refine=(-1, 0, 1), paths=(1, 3, 40), common=((), (1,)),
+)  # fmt: skip
+
+
+@pytest.mark.parametrize("row", REVERSED, ids=map(axes.ident, REVERSED))
+def test_exact_solutions_of_steps_back_are_those_of_steps_with_momenta_turned(row):
+    """On the same increments, of which those that act on p count with the other sign."""
+    q0, p0 = axes.start(1, row["paths"])
+    how = {x: row[x] for x in ("first_step", "refine", "paths")} | {"first_path": 5, "seed": 3, "steps": 9}
+    how |= {
+        "scheme": "midpoint" if row["name"] != "linear_oscillator" else row["scheme"],
+        "common_noise": row["common"],
+    }
+    found = []
+    for sign in (1, -1):
+        run = ss.simulate(TURNED[row["name"]](sign), q0=q0, p0=sign * p0, step=sign * row["step"], **how)
+        q, p = ss.diagnose.exact(run)
+        found.append([q, sign * p])
+    np.testing.assert_allclose(found[0], found[1], rtol=0, atol=1e-12)
+    assert np.ptp(found[0][0]) > 1e-3
+
+
+@pytest.mark.parametrize(("q", "p"), [(x, y) for x in (-1e9, 1e9) for y in (-1e9, 1e9)])
+def test_states_far_to_either_side_are_differenced_in_proportion(q, p):
+    """Near 1e9 differences over 1/32 would tell 1e-6 of rounding alone."""
+    model, how = ss.models.linear_oscillator(), {"step": 0.2, "dw": 0.3}
+    assert ss.diagnose.symplecticity(model, "midpoint", q=q, p=p, **how).max() < 1e-10
 
 
 def test_convergence_against_a_reference_that_is_good_enough():

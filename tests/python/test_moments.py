@@ -2,6 +2,7 @@
 """Moments equal those of the saved paths."""
 
 import csv
+import warnings
 
 import numpy as np
 import pytest
@@ -69,6 +70,36 @@ def test_python_observables_are_asked_for_many_times_at_once(lanes, threads):
     del sizes[:3]  # of the probe
     assert sum(n for _, n in sizes) == -(-50 // block) * block * 61
     assert max(n for _, n in sizes) <= 4096 and len(sizes) == -(-50 // block)
+
+
+@pytest.mark.parametrize("paths", [1, 3, 20, 300])
+@pytest.mark.parametrize("every", [1, 2])
+@pytest.mark.parametrize("ends", ["all", "absorbed", "some"])
+def test_observables_of_paths_that_all_end_early(paths, every, ends):
+    """What was shown before the last path of a block ended waits to be asked for, and is: the means of saved paths."""
+
+    def gradient(t, w, q, p):
+        return np.where(q > 1.3, np.nan, -w[0] * q + 0.1 * w[1]), w[0] * p
+
+    model = ss.Model(ndof=1, nnoise=1, gradient=gradient)
+    start = np.linspace(0.9, 1.1, paths)[None]
+    if ends == "some":
+        start[:, :1] = -9.0
+    how = {"q0": start, "p0": 0.3, "step": 0.1, "steps": 20, "save_every": every, "paths": paths, "scheme": "heun"}
+    watch = {"out": ss.observe.Passage("q", high=1.2)} if ends == "absorbed" else {}
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # of failed paths, and of times without any
+        found = ss.moments(model, observables={"a": lambda q, p: q[0] ** 2}, observers=watch, **how)
+        run = ss.simulate(model, **{**how, "save_every": 1})
+        q = run.q[:, 0]
+        if ends == "absorbed":
+            q = np.where(np.maximum.accumulate(q, axis=0) < 1.2, q, np.nan)
+        values = q[::every] ** 2
+        mean = np.nanmean(np.where(np.isfinite(values), values, np.nan), axis=1)
+    counts = np.isfinite(values).sum(axis=1)
+    np.testing.assert_array_equal(found.n_ok, counts)
+    np.testing.assert_allclose(found.mean["a"], mean, rtol=1e-12)
+    assert counts[0] == paths and counts[-1] == (1 if ends == "some" else 0)
 
 
 def test_growth_of_energy():

@@ -2,6 +2,7 @@
 """First passages between two steps: a bridge has the law of its noise, and a noise that is shared has one bridge."""
 
 import math
+import warnings
 
 import numpy as np
 import pytest
@@ -152,6 +153,37 @@ def test_a_value_that_is_lost_with_its_step(end, edge, absorb, paths):
     else:  # at 0.3, after three steps, before they fail
         assert upper.n == doomed and set(upper.step) == {3} and upper.there.tolist() == [paths, *[paths - doomed] * 3]
     assert upper.count.sum() == upper.n
+
+
+@pytest.mark.parametrize("absorb", [True, False])
+@pytest.mark.parametrize("lanes", [None, 8, 64])
+@pytest.mark.parametrize("of", ["p_1", "q_1"])
+def test_what_becomes_of_others_is_nothing_to_a_path(of, lanes, absorb):
+    """Every second path ends beyond q = 3, one after the other, or stays: the others leave by the same bridges, whose
+    rates differ from path to path."""
+    both, turn = (0.3, 0.2), of == "q_1"
+
+    def gradient(t, w, q, p):
+        rate = w[1] * (both[0] + both[1] * np.sin(5 * (p if turn else q)))
+        ill = np.where(q > 3, np.nan, 0)
+        return (ill + 0 * rate, w[0] * (1 + 0 * p) + rate) if turn else (ill + rate, w[0] * (1 + 0 * p))
+
+    model = ss.Model(ndof=1, nnoise=1, gradient=gradient)
+    paths, found = 200, []
+    for doomed in (True, False):
+        q0, p0 = np.linspace(-4.0, -3.0, paths)[None], np.linspace(-0.2, 0.2, paths)[None]
+        if doomed:
+            q0[:, 1::2] = 2.95 - 0.2 * (np.arange(paths // 2) % 9)
+        watch = observe.Passage(of, *((-4.5, -1.5) if turn else (-0.6, 0.6)), absorb=absorb)
+        run = {"step": 0.2, "steps": 9, "paths": paths, "lanes": lanes, "threads": 1, "seed": 2, "scheme": "heun"}
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", ss.PathsFailedWarning)
+            result = ss.moments(model, q0=q0, p0=p0, observers={"out": watch}, **run)
+        assert (result.report.failed > 50) == doomed or turn
+        out, healthy = result.observed["out"], result.observed["out"].path % 2 == 0
+        found.append([x[healthy] for x in (out.path, out.step, out.state)])
+    np.testing.assert_equal(found[0], found[1])
+    assert 10 < len(found[0][0]) < 100 and out.bridged > 5
 
 
 def test_steps_after_others_decide_by_numbers_of_their_own():

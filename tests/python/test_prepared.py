@@ -182,6 +182,38 @@ def test_paths_that_a_stop_cut_short_have_not_failed(ill):
     assert [str(x.message).partition(":")[0] for x in said] == [f"{ill} of 3 paths failed"] * ill
 
 
+@pytest.mark.parametrize("ended", ["done", "stopped", "raised", "failed"])
+def test_a_reset_ends_what_was_begun(ended):
+    """However the calls before ended: the bits, counts and refusals of a new run, in single steps and in calls."""
+    how = {"q0": np.full((2, 3), 0.1), "p0": 0.2, "step": 1e-3, "paths": 3, "seed": 3}
+    run = ss.prepare(ss.models.henon_heiles(), "stormer_verlet", **how)
+
+    def ends(done, total):
+        if ended == "raised":
+            raise KeyError("mine")
+        return ended == "stopped"
+
+    if ended == "failed":
+        run.q[:, 1] = 1e200
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        try:
+            steps = 10**7 if ended in {"stopped", "raised"} else 4
+            run.run(steps, steps, progress=ends)
+        except KeyError:
+            pass
+    assert run.status.any() == (ended != "done")
+    run.reset()
+    with pytest.raises(ss.errors.IncompatibleError, match="nothing to resume"):
+        run.resume()
+    assert run.next_step == 0 and run.t == 0.0 and not run.status.any() and (run.failed_step == -1).all()
+    run.step()
+    found = run.run(5)
+    whole = ss.simulate(ss.models.henon_heiles(), scheme="stormer_verlet", steps=6, **how)
+    assert np.array_equal(found.q, whole.q[1:]) and np.array_equal(found.t, whole.t[1:])
+    assert found.report.status == 0 and found.report.failed == found.report.stopped == 0
+
+
 def test_what_a_call_gave_stays_as_it_is(model):
     """Whatever comes after: steps, another call, what the host writes into the state, failures, a reset."""
     run = ss.prepare(model, paths=3, compensated=True, **WHERE)
