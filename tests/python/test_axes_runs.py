@@ -160,6 +160,29 @@ def test_increments_are_those_of_the_run(row):
         np.testing.assert_allclose(finer.reshape(STEPS, 2, *finer.shape[1:]).sum(axis=1), dw, rtol=0, atol=1e-15)
 
 
+WEAK = axes.covering(
+    scheme=tuple(x for x in ss.schemes.names() if ss.schemes.get(x).info.law != "Gaussian"), nnoise=(1, 2, 3),
+    sign=(1, -1), first_step=(0, 7), first_path=(0, 2**31 + 5), refine=(0, 1, 2), paths=(1, 3, 40),
+)  # fmt: skip
+
+
+@pytest.mark.parametrize("row", WEAK, ids=map(axes.ident, WEAK))
+def test_increments_of_weak_schemes_are_those_of_the_run(row):
+    """Of the law that the scheme draws: roots of h, or of 3 h and none, with either sign."""
+    law = {"two-point": (1.0,), "three-point": (0.0, 3**0.5)}[ss.schemes.get(row["scheme"]).info.law]
+    ridges, how = scene_of({**row, "ndof": 2, "time": ""})
+    model, draws = axes.model_of(ridges, "position"), {x: how[x] for x in ("step", "seed", "refine", "first_step")}
+    draws |= {x: how[x] for x in ("first_path", "paths", "scheme")}
+    dw = ss.increments(model, steps=STEPS, **draws)
+    np.testing.assert_array_equal(dw, ss.diagnose.driving_increments(ss.simulate(model, steps=STEPS, **how)))
+    if not ss.schemes.get(row["scheme"]).info.uses_areas:
+        given = ss.simulate(model, steps=STEPS, increments=dw, **{**how, "refine": 0})
+        same(ss.simulate(model, steps=STEPS, **how), part(given, slice(None)))
+    if row["refine"] == 0 and row["paths"] == 40:
+        sizes = np.unique((np.abs(dw) / H**0.5).round(12))
+        assert set(sizes) <= set(np.round(law, 12)) and len(sizes) == len(law) and (dw > 0).any() and (dw < 0).any()
+
+
 def test_increments_have_their_law():
     """Mean squares of 4 noises are |h|, none is another: 20 numbers within 5.2 of their errors (4e-6)."""
     model = axes.model_of(axes.ridges_of("kick", 1, 4), "kick")

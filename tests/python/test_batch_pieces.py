@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """How a run is cut into pieces, and long pieces that go on from their checkpoints."""
 
+import dataclasses
 import threading
 import warnings
 from types import SimpleNamespace
@@ -9,7 +10,7 @@ import numpy as np
 import pytest
 import symsde as ss
 from symsde import errors
-from symsde.batch import execute, shard_file, share
+from symsde.batch import execute, folder, shard_file, share
 from symsde.batch import pieces as plan
 from symsde.cli import command_line, run_command
 
@@ -48,6 +49,23 @@ def interrupted(task, piece, after):
         assert sittings < 1000
         if (found := execute.compute(task, piece, 1, tell, store)) is not None:
             return found, sittings
+
+
+OTHER = {"run": None, "name": "paths-000002", "kind": "moments", "first": 512, "paths": 128}
+
+
+@pytest.mark.parametrize("what", OTHER)
+def test_a_checkpoint_of_another_is_not_taken(what, tmp_path):
+    """Of another run, or of another piece: it would be gone on with, and its steps counted as done."""
+    (tmp_path / "shards").mkdir()
+    piece = plan.Piece("paths-000001", "paths", 256, 256, 1000)
+    records = [{"inputs": {"seed": seed}} for seed in (1, 2 if what == "run" else 1)]
+    one, other = (folder.RunFolder(tmp_path, record, [piece]) for record in records)
+    one.write_checkpoint(piece, shard_file.Shard({"q": np.ones(3)}, {"step": 7}))
+    assert one.read_checkpoint(piece).facts["step"] == 7
+    changed = piece if what == "run" else dataclasses.replace(piece, **{what: OTHER[what]})
+    other.checkpoint_path(piece).rename(moved := other.checkpoint_path(changed))
+    assert moved.exists() and other.read_checkpoint(changed) is None
 
 
 @pytest.mark.parametrize("compensated", [False, True])

@@ -315,6 +315,20 @@ def test_multilevel_by_itself_goes_on(model, tmp_path, monkeypatch):
 
 @pytest.mark.parametrize(
     ("name", "other"),
+    [("steps", 16), ("levels", 11), ("first", 32), ("antithetic", True), ("scheme", "gauss2"), ("seed", 2),
+     ("abs", 0.6), ("horizon", 1.5), ("q0", 1.5), ("p0", 0.5), ("t0", 0.5)],
+)  # fmt: skip
+def test_multilevel_draws_of_another_call_are_another_run(name, other, tmp_path):
+    """Each input alone: none hides behind another that changes with it."""
+    asked = {**PLACE, "scheme": "midpoint", "steps": 8, "first": 16, "abs": 0.5, "seed": 1, "out": tmp_path}
+    model = ss.models.linear_oscillator()
+    ss.mlmc(model, "q**2", **asked)
+    with pytest.raises(ss.errors.SceneError, match="holds another run"):
+        ss.mlmc(model, "q**2", **{**asked, name: other})
+
+
+@pytest.mark.parametrize(
+    ("name", "other"),
     [("t0", 0.5), ("correction", "none"), ("truncation", (3.0, 50.0)), ("areas", "law"), ("area_time", 2.0),
      ("compensated", True)],
 )  # fmt: skip

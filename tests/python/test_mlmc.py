@@ -12,8 +12,10 @@ from clock import Clock, WorkClock
 from symsde.answers.coupled import LevelSampler
 from symsde.answers.expectation import bias, mlmc
 from symsde.answers.expectation.multilevel_answer import Level
+from symsde.answers.expectation.problem import make_problem
 from symsde.answers.expectation.rates import fall
 from symsde.answers.expectation.tally import Tally
+from symsde.schemes import as_scheme
 
 PLACE = {"q0": 1.0, "p0": 0.0}
 
@@ -89,6 +91,35 @@ def test_truncation_of_the_coarse_path_is_that_of_its_own_step():
     bound = math.sqrt(4 * abs(math.log(2 * step))) * math.sqrt(2 * step)
     for dw in (coarse, alone):
         np.testing.assert_allclose(np.abs(dw).max(), bound, rtol=1e-12)  # some of 131072 draws beyond 3.7 are
+
+
+@pytest.mark.parametrize("scheme", ["midpoint", "gauss_dkdkd", "chin4a"])
+@pytest.mark.parametrize("options", [{}, {"truncation": (2, 1.0)}, {"t0": 0.7, "compensated": True}])
+def test_increments_of_a_problem_drive_its_runs(scheme, options):
+    """Antithetic paths and control variates are made of them: whatever the options, they are those of the runs."""
+    problem = make_problem(ss.models.synchrotron(), "q**2", **PLACE, horizon=2.0, seed=2**40 + 3, **options)
+    dw = problem.increments(as_scheme(scheme), 32, 2**33 + 5, 3000)
+    run = problem.run(as_scheme(scheme), 32, first_path=2**33 + 5, paths=3000)
+    np.testing.assert_array_equal(dw, ss.diagnose.driving_increments(run))
+    beyond = np.abs(dw).max() > 3.4 * 0.25  # 3.33 standard deviations are the bound
+    assert beyond != ("truncation" in options) and dw.shape == (32, 2, 3000)
+
+
+@pytest.mark.parametrize("first", [0, 2**40])
+@pytest.mark.parametrize("level", [0, 1, 3])
+def test_samples_by_their_numbers(first, level):
+    """Sample n of level l is path 2^41 l + first + n, in whatever order samples are asked for."""
+    problem = make_problem(ss.models.synchrotron(), "q**2", **PLACE, horizon=2.0, seed=3)
+    sampler = LevelSampler(problem, "midpoint", 4, first=first)
+    for sample in (300, 0, 7):
+        found = sampler.draw_from(level, sample, 40)
+        paths = {"first_path": 2**41 * level + first + sample, "paths": 40}
+        fine = problem.values(problem.run("midpoint", 4 << level, **paths))[0]
+        coarse = 0 * fine
+        if level:
+            coarse = problem.values(problem.run("midpoint", 2 << level, refine=1, **paths))[0]
+        assert found.fine.mean == pytest.approx(fine.mean(), rel=1e-13)
+        assert found.difference.mean == pytest.approx((fine - coarse).mean(), rel=1e-11)
 
 
 def test_sums_are_those_of_giles_interface():

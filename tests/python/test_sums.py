@@ -44,6 +44,24 @@ MIXED = {
 }
 
 
+IN_TIME = ("Sum(q[i]*cos(3*t), i)", "t*Sum(q[i+1]*p[i], i)", "Sum(t + q[i], i)/(1 + Sum(p[i]**2, i))", "q1*sin(5*t)",
+           "t", "Sum(q[i]**2, i)")  # fmt: skip
+
+
+@pytest.mark.parametrize("formula", IN_TIME)
+@pytest.mark.parametrize("paths", [1, 3, 20])
+def test_formulas_beside_a_function_are_taken_at_their_times(formula, paths):
+    """A function of Python is shown several saved times at once, unless a formula beside it reads the time, in sums
+    too: the same values as by itself."""
+    run = {**RUN, **start(), "paths": paths, "save_every": 1}
+    alone = ss.moments(chain("periodic"), observables={"f": formula}, **run)
+    beside = ss.moments(chain("periodic"), observables={"f": formula, "own": lambda q, p: q[0] + 0 * p[0]}, **run)
+    for found in (alone, beside):
+        np.testing.assert_allclose(found.mean["f"], alone.mean["f"], rtol=1e-13, atol=1e-15)
+    np.testing.assert_allclose(beside.mean["own"], beside.mean_q[:, 0], rtol=1e-14)
+    assert np.ptp(alone.mean["f"]) > 1e-4
+
+
 @pytest.fixture(scope="module")
 def beta():
     """A chain of the library, whose ends are its own: sums over its sites stop where neighbours do."""
