@@ -3,6 +3,7 @@
 
 import functools
 import itertools
+import warnings
 
 import axes
 import numpy as np
@@ -150,6 +151,72 @@ def test_steps_by_bands(row):
     compare(axes.model_of(ridges, kind, bandwidth=reach), ridges, scheme, row)
 
 
+GROUPS = ("midpoint", "gauss2", "gauss3", "dirk:0.25", "two midpoints", "back and forth",
+          "midpoint and gauss2")  # fmt: skip
+STEEP = axes.covering(
+    scheme=GROUPS, time=axes.AXES["time"], sign=(1, -1), first_step=(0, 7), paths=(1, 3, 20), size=(0.3, 1.0),
+    n=(4, 12), noises=(1, 3), declared=(1, None),
+)  # fmt: skip
+
+
+def composed(name):
+    """Of stages that wait for others: groups that are solved one after the other."""
+    fractions = {"two midpoints": [0.3, 0.7], "back and forth": [1.3, -0.9, 0.6], "midpoint and gauss2": [0.4, 0.6]}
+    parts = ["midpoint", "gauss2"] if "gauss2" in name else ["midpoint"] * 3
+    return ss.schemes.composition(parts[: len(fractions[name])], fractions[name]) if name in fractions else name
+
+
+@pytest.mark.parametrize("row", STEEP, ids=map(axes.ident, STEEP))
+def test_steps_of_steep_chains(row):
+    """Of springs so stiff that no iteration contracts: rows, strips and matrices find what the general stepper does."""
+    n, m = row["n"], row["noises"]
+
+    def of(q, f):
+        """From the stretches of all springs, the walls among them, to the forces."""
+        pulls = f(np.diff(q, axis=0, prepend=0 * q[:1], append=0 * q[:1]))
+        return pulls[:-1] - pulls[1:]
+
+    def weights(t, w):
+        stiff = 4 + (2 * np.sin(2.3 * t) if row["time"] in {"H", "both"} else 0)
+        noise = 0.3 * (1 + (np.cos(3.1 * t) if row["time"] in {"noise", "both"} else 0))
+        return w[0] * stiff, noise * np.stack([w[1 + k % m] if k <= m else 0 * w[0] for k in range(n)])
+
+    def gradient(t, w, q, p):
+        stiff, noise = weights(t, w)
+        return stiff * of(q, lambda x: x + x**3) + noise * np.cos(q), w[0] * p
+
+    def hessian_vector(t, w, q, p, *v):
+        stiff, noise = weights(t, w)
+        stretched = np.diff(q, axis=0, prepend=0 * q[:1], append=0 * q[:1])
+        return stiff * of(v[0], lambda x: (1 + 3 * stretched**2) * x) - noise * np.sin(q) * v[0], w[0] * v[1]
+
+    traits = dict.fromkeys(("separable", "position_noise", "identity_mass"), True) | {"bandwidth": row["declared"]}
+    model = ss.Model(ndof=n, nnoise=m, gradient=gradient, hessian_vector=hessian_vector, **traits)
+    q0, p0 = axes.start(n, row["paths"])
+    given = {"q0": q0, "p0": p0, "step": row["size"] * row["sign"], "steps": 3, "paths": row["paths"], "seed": 3}
+    given |= {"scheme": composed(row["scheme"]), "first_step": row["first_step"], "t0": 0.3, "max_iter": 40}
+    run, general = (ss.simulate(model, **given, general=x) for x in (False, True))
+    assert not run.status.any() and not general.status.any()
+    np.testing.assert_allclose([run.q, run.p], [general.q, general.p], rtol=0, atol=1e-9)
+
+
+ONE = [(kind, s) for kind in ("position", "separable", "coupled", "both") for s in (*TABLEAUS, *BRACKETS)
+       if kind in KINDS[s] and s not in {"heun", "euler_maruyama"}]  # fmt: skip
+
+
+@pytest.mark.parametrize(("kind", "scheme"), ONE)
+def test_one_degree_of_freedom_takes_no_more_solves(kind, scheme):
+    """Than the general stepper, whose matrix is that of all unknowns: what is wrong in one of its own costs a solve."""
+    model = axes.model_of(axes.ridges_of(kind, 1, 2, "both"), kind)
+    q0, p0 = axes.start(1, 40)
+    given = {"q0": q0, "p0": p0, "step": 0.4, "steps": 8, "paths": 40, "seed": 4, "scheme": scheme}
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", ss.PathsFailedWarning)
+        counts = [ss.simulate(model, **given, general=x).report.counters for x in (False, True)]
+    own, general = (x["solves"] / x["path_steps"] for x in counts)
+    assert own <= 1.02 * general
+
+
 #: solves a step of gauss2_strong32 at h = 0.6, measured and 3 % more; a second derivative of a bracket that is wrong in
 #: Newton's matrix costs 5 % to 35 % more and nothing else
 SOLVES = {"pendulum": 2.57, "synchrotron": 2.95, "driven_pendulum": 3.08, 1: 4.09, 2: 5.46, 3: 5.95}
@@ -227,3 +294,28 @@ def test_steps_back_are_steps_with_momenta_turned(name, scheme):
         np.testing.assert_allclose([two.q, -two.p], [one.q, one.p], rtol=0, atol=1e-12)
         solves = [run.report.counters["solves"] for run in (one, two)]
         assert abs(solves[0] - solves[1]) <= 0.02 * max(solves)
+
+
+BLOCKS = axes.covering(block=("qq", "qp", "pq", "pp"), of=(0, 1, 2), reach=(2, 3, 9), declared=(0, 1), n=(12, 30))
+
+
+@pytest.mark.parametrize("row", BLOCKS, ids=map(axes.ident, BLOCKS))
+def test_a_band_that_is_too_narrow_is_refused(row):
+    """One pair of variables of H or of a noise, farther apart than declared, in whichever block."""
+    n, at, far = row["n"], 1, 1 + row["reach"]
+    first, second = row["block"]
+
+    def gradient(t, w, q, p, s=0.3):
+        out = {"q": w[0] * q + 0 * p, "p": w[0] * p + 0 * q}
+        given, s = {"q": q, "p": p}, s * w[row["of"]]
+        out[first][at] = out[first][at] + s * given[second][far]
+        out[second][far] = out[second][far] + s * given[first][at]
+        return out["q"], out["p"]
+
+    def run(bandwidth):
+        model = ss.Model(ndof=n, nnoise=2, gradient=gradient, bandwidth=bandwidth)
+        return ss.simulate(model, q0=0.4, p0=0.3, step=0.1, steps=1)
+
+    with pytest.raises(ss.errors.FalseTraitError, match=f"declares bandwidth {row['declared']}"):
+        run(row["declared"])
+    assert np.isfinite(run(None).q).all() and np.isfinite(run(row["reach"]).q).all()

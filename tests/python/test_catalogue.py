@@ -202,6 +202,19 @@ def test_schemes_from_schemes(kubo, options):
         ss.schemes.composition(["midpoint", "midpoint"], [1.0])
 
 
+@pytest.mark.parametrize("base", ["midpoint", "stormer_verlet", "gauss2", "lobatto3", "gauss3", "jump"])
+def test_a_triple_jump_cancels_the_first_error_of_its_base(base):
+    """Of order r it is h^(r+1): fractions g, 1 - 2 g, g of a step have 2 g^(r+1) + (1 - 2 g)^(r+1) = 0."""
+    known = ss.schemes.triple_jump("midpoint") if base == "jump" else ss.schemes.get(base)
+    found = ss.schemes.triple_jump(known)
+    order, alpha = known.info.order_noise_free, known.tableau().alpha
+    shares = found.tableau().alpha.reshape(3, -1) / alpha
+    np.testing.assert_allclose(shares, [[g] * len(alpha) for g in shares[:, 0]], rtol=1e-12)
+    assert shares[1, 0] < 0 and np.ptp(shares[[0, 2]]) < 1e-12 and found.info.order_noise_free == order + 2
+    assert shares[:, 0].sum() == pytest.approx(1, rel=1e-13)
+    assert (shares[:, 0] ** (order + 1)).sum() == pytest.approx(0, abs=1e-12)
+
+
 @pytest.mark.parametrize(
     ("name", "order"), [("verlet_dz", 2), ("averaged_shift_midpoint", 1.5), ("drift_preserving", 1)]
 )
