@@ -3,8 +3,8 @@
 !>
 !>    l_ik = u_ik/u_kk,   u_ij <- u_ij - l_ik u_kj   (i, j > k),   x = U^{-1} L^{-1} b
 !>
-!> Its innermost loop has as many numbers as rows are left; vectors pay from `few` of them on. It has no strips, and
-!> eliminates the matrix where it stands.
+!> The innermost loop of a block goes over its lanes. Here it goes down a column, over as many numbers as rows are
+!> left, and vectors pay from `few` of them on. There are no strips, and the factors replace the matrix.
 module symsde_solve_elimination_single_path
    use symsde_base_kinds, only: wp
    implicit none

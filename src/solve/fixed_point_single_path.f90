@@ -34,7 +34,8 @@ module symsde_solve_fixed_point_single_path
       ! A change that is not finite already stays so.
       zero = 0*moved
       if (beside > 0) call take_beside(beside, sign, f, x, moved, largest, zero)
-      !GCC$ novector  ! few numbers
+      ! These are fewer than a vector has room for.
+      !GCC$ novector
       do i = beside + 1, n
          d = abs(sign*f(i) - x(i))
          x(i) = sign*f(i)
@@ -42,7 +43,7 @@ module symsde_solve_fixed_point_single_path
          largest = max(largest, abs(f(i)))
          zero = zero + 0*d
       end do
-      change(1) = moved + zero  ! NaN stays
+      change(1) = moved + zero  ! zero is NaN where some change was not finite
       extent(1) = largest
    end subroutine take
 
@@ -124,7 +125,7 @@ module symsde_solve_fixed_point_single_path
       ! Most sweeps are neither the last one nor too slow: three comparisons say so, and `verdict` is asked of others.
       do sweep = first, final
          associate (d => change(sweep))
-            if (d < last .and. d <= too_slow*last .and. d*d > rounding*extent(sweep)*last) then  ! most go on so
+            if (d < last .and. d <= too_slow*last .and. d*d > rounding*extent(sweep)*last) then
                last = d
                cycle
             end if

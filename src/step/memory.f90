@@ -12,6 +12,7 @@
 !>
 !> Stages count twice where noise has coefficients of its own. These are upper bounds: vectors of the system's size, and
 !> for each lane of an implicit scheme the matrix of its unknowns, dense or by bands, with the blocks of the Hessian.
+!> They are taken from what the modules of each family allocate: a new array there may ask for a larger number here.
 !> tests/python/test_memory.py runs models and schemes under a limit of memory and finds a bound that is too low; one
 !> that is too high refuses large systems for nothing.
 module symsde_step_memory

@@ -49,8 +49,8 @@ contains
    !> Give the paths of a block to a narrower runner if half of its lanes have a status; else note in active%enough with
    !> how many such lanes that will be, which ends a chunk. The width is halved as often as the paths that are left fit.
    !> Nothing is done near the end of a run, nor where there is no memory for narrower blocks.
-   subroutine narrow_down(recipe, wide, active)
-      type(runner_factory), intent(in) :: recipe
+   subroutine narrow_down(factory, wide, active)
+      type(runner_factory), intent(in) :: factory
       type(block_runner), intent(inout), target :: wide            !! the runner of the whole block
       type(block_runner), pointer, intent(inout) :: active  !! the one that has its paths now
       type(block_runner), pointer :: next
@@ -59,7 +59,7 @@ contains
       associate (nlane => active%state%nlane)
          active%enough = nlane  ! the chunk goes on whatever fails, unless said otherwise below
          ! Blocks of eight lanes are the narrowest: a vector is not halved.
-         if (.not. recipe%narrows .or. narrower_width(nlane) == nlane) return
+         if (.not. factory%narrows .or. narrower_width(nlane) == nlane) return
          if (wide%options%first_step + wide%options%nstep - active%step < worth_while) return
          ! Half of the lanes, or nearly: as many as the next narrower block does without.
          active%enough = nlane - narrower_width(nlane)
@@ -71,7 +71,7 @@ contains
       do while (narrower_width(width) < width .and. nlive <= narrower_width(width))
          width = narrower_width(width)
       end do
-      call find_runner(recipe, wide, width, next)
+      call find_runner(factory, wide, width, next)
       ! The block stays as wide as it is, and no longer looks for the lanes that leave it.
       if (.not. associated(next)) then
          active%enough = active%state%nlane
@@ -101,8 +101,8 @@ contains
 
    !> The runner of this width from the list of the wide one, made if there is none yet; null where it cannot be made:
    !> then the block stays as wide as it is.
-   subroutine find_runner(recipe, wide, width, runner)
-      type(runner_factory), intent(in) :: recipe
+   subroutine find_runner(factory, wide, width, runner)
+      type(runner_factory), intent(in) :: factory
       type(block_runner), intent(inout), target :: wide
       integer, intent(in) :: width
       type(block_runner), pointer, intent(out) :: runner
@@ -115,7 +115,7 @@ contains
          runner => runner%narrower
       end do
       allocate (runner)
-      call recipe%new_runner(runner, width, .true., error)
+      call factory%new_runner(runner, width, .true., error)
       if (allocated(error)) then
          deallocate (runner)
          return

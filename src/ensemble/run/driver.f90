@@ -52,7 +52,7 @@ module symsde_ensemble_run_driver
       type(run_report) :: report     !! totals of all drives; the outcome of the last one
       class(model_type), pointer, private :: model => null()
       class(noise_type), allocatable, private :: noise         !! where a drive is not given its own
-      type(runner_factory), private :: recipe
+      type(runner_factory), private :: factory
       type(block_runner), allocatable, private :: runners(:)   !! one for every thread
    contains
       procedure :: drive
@@ -120,7 +120,7 @@ contains
       self%model => model
       self%options = options
       call check_state(options, model%traits%ndof, q0, p0, error)
-      if (.not. allocated(error)) call resolve_task(self%recipe%task, model, scheme, steppers_of(options), error)
+      if (.not. allocated(error)) call resolve_task(self%factory%task, model, scheme, steppers_of(options), error)
       if (.not. allocated(error)) call plan_run(self, observer, single, error)
       call probe_declared(model, options%t0, q0(1, :), p0(1, :), error)
       call observer%probe(options%t0, q0(1, :), p0(1, :), error)
@@ -159,13 +159,13 @@ contains
       call check_options(self%options, error)
       if (allocated(error)) return
       if (present(dw)) then
-         call new_noise(given, self%model, self%options, lost, error, dw, self%recipe%task%scheme)
+         call new_noise(given, self%model, self%options, lost, error, dw, self%factory%task%scheme)
          noise => given
       else
          noise => self%noise
          if (noise%asked%has(path_areas)) &
-            call check_area_counters(self%model%traits%nnoise, self%recipe%task%scheme%law, self%options, noise%areas, &
-                                     error)
+            call check_area_counters(self%model%traits%nnoise, self%factory%task%scheme%law, self%options, &
+                                     noise%areas, error)
       end if
       if (allocated(error)) return
       start = seconds()
@@ -177,7 +177,7 @@ contains
       call self%model%clear_failure()
       shared%total = self%options%npath*self%options%nstep
       call blas_single_thread()
-      call run_blocks(self%runners(:nthread), self%recipe, self%options, from, monitor, shared)
+      call run_blocks(self%runners(:nthread), self%factory, self%options, from, monitor, shared)
       call blas_restore_threads()
       self%report%seconds_run = self%report%seconds_run + (seconds() - start)
       call summarise(self, shared)
@@ -199,7 +199,7 @@ contains
       self%options%seed = options%seed
       if (options%seed /= seed) &
          call new_noise(self%noise, self%model, self%options, self%report%lost_variance, error, &
-                        scheme=self%recipe%task%scheme)
+                        scheme=self%factory%task%scheme)
    end subroutine renumber
 
    !> Choose the lanes of a block (one, where paths are so few that they go one by one) and the threads: as many as
@@ -215,7 +215,7 @@ contains
       if (allocated(error)) return
       if (self%options%npath <= most_single .and. has_any_lanes(self%model)) then
          call fit(1)
-         if (.not. allocated(error)) call new_single_path(single, self%recipe%task, self%options%npath, error)
+         if (.not. allocated(error)) call new_single_path(single, self%factory%task, self%options%npath, error)
       end if
       if (.not. allocated(single)) call fit(choose_nlane(self%options, self%model))
 
@@ -229,7 +229,7 @@ contains
          associate (report => self%report)
             report%nlane = nlane
             report%nthread = int(min(int(nthread, i8), (self%options%npath + nlane - 1)/nlane))
-            call fit_threads(self%recipe%task, self%options, observer, nlane, report%nthread, self%recipe%narrows, &
+            call fit_threads(self%factory%task, self%options, observer, nlane, report%nthread, self%factory%narrows, &
                              error)
          end associate
       end subroutine fit
@@ -246,9 +246,9 @@ contains
       integer :: i, n, info
 
       associate (report => self%report, model => self%model)
-         self%recipe%options = self%options
-         self%recipe%asked = self%noise%asked
-         report%correction = self%recipe%task%correction
+         self%factory%options = self%options
+         self%factory%asked = self%noise%asked
+         report%correction = self%factory%task%correction
          ! those that will work: others would be made for nothing
          n = usable_threads(report%nthread, real(model%traits%ndof, wp)*self%options%npath*self%options%nstep)
          allocate (self%runners(n), stat=info)
@@ -258,7 +258,7 @@ contains
          end if
          has_padding = mod(self%options%npath, int(report%nlane, i8)) > 0
          do i = 1, n
-            call self%recipe%new_runner(self%runners(i), report%nlane, has_padding, error, single)
+            call self%factory%new_runner(self%runners(i), report%nlane, has_padding, error, single)
             if (allocated(error)) return
          end do
          report%stepper = self%runners(1)%stepper%name

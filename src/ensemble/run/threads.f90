@@ -72,9 +72,9 @@ contains
    !> Run the parallel loop over blocks. All threads must round as the calling one does, or results would depend on
    !> which of them takes a block. Threads of OpenMP still round as the calling one did when they were started, or as
    !> parallel regions of the host set them, so they are set here, and given back as they were.
-   subroutine run_blocks(runners, recipe, options, start, monitor, shared)
+   subroutine run_blocks(runners, factory, options, start, monitor, shared)
       type(block_runner), intent(inout), target :: runners(:)
-      type(runner_factory), intent(in) :: recipe
+      type(runner_factory), intent(in) :: factory
       type(run_options), intent(in) :: options
       type(initial_state), intent(in) :: start
       class(monitor_type), intent(inout), target :: monitor
@@ -82,24 +82,24 @@ contains
       integer(c_int) :: mode, own
 
       if (size(runners) == 1) then  ! a team of one costs a microsecond
-         call run_share(1, runners, recipe, options, start, monitor, shared)
+         call run_share(1, runners, factory, options, start, monitor, shared)
       else
          mode = float_mode()
          !$omp parallel num_threads(size(runners)) default(none) private(own) &
-         !$omp shared(runners, recipe, options, start, monitor, shared, mode)
+         !$omp shared(runners, factory, options, start, monitor, shared, mode)
          own = float_mode()
          call set_float_mode(mode)
-         call run_share(omp_get_thread_num() + 1, runners, recipe, options, start, monitor, shared)
+         call run_share(omp_get_thread_num() + 1, runners, factory, options, start, monitor, shared)
          call set_float_mode(own)
          !$omp end parallel
       end if
    end subroutine run_blocks
 
    !> Take one block after another on this thread, by its own runner, until none is left.
-   subroutine run_share(me, runners, recipe, options, start, monitor, shared)
+   subroutine run_share(me, runners, factory, options, start, monitor, shared)
       integer, intent(in) :: me   !! 1 is the thread that called the library
       type(block_runner), intent(inout), target :: runners(:)
-      type(runner_factory), intent(in) :: recipe
+      type(runner_factory), intent(in) :: factory
       type(run_options), intent(in) :: options
       type(initial_state), intent(in) :: start
       class(monitor_type), intent(inout), target :: monitor
@@ -126,7 +126,7 @@ contains
             call runners(me)%pass_over(options%first_path + iblock*nlane, nreal, start)
          else
             call runners(me)%begin(options%first_path + iblock*nlane, nreal, start)
-            call run_block(runners(me), recipe, monitor%chunk, flag, shared)
+            call run_block(runners(me), factory, monitor%chunk, flag, shared)
          end if
          !$omp critical (symsde_end_block)
          call runners(me)%observer%end_block(runners(me)%state)
@@ -188,9 +188,9 @@ contains
    !> Take one block to its end, chunk by chunk. Between chunks the stop flag is read, the monitor is told, and paths
    !> that are left over go on in a narrower block. Chunks take a moment by the clock, which decides about nothing
    !> else, or the number of steps that the monitor wants.
-   subroutine run_block(runner, recipe, chunk, flag, shared)
+   subroutine run_block(runner, factory, chunk, flag, shared)
       type(block_runner), intent(inout), target :: runner
-      type(runner_factory), intent(in) :: recipe
+      type(runner_factory), intent(in) :: factory
       integer(i8), intent(in) :: chunk   !! steps of each, as the monitor wants; 0 = those of a moment
       type(stop_flag), intent(inout) :: flag
       type(shared_state), intent(inout) :: shared
@@ -204,7 +204,7 @@ contains
          !$omp atomic read
          stop_now = shared%stopping
          if (stop_now) exit
-         call narrow_down(recipe, runner, active)
+         call narrow_down(factory, runner, active)
          before = active%step
          active%chunk = merge(chunk, runner%chunk, chunk > 0)
          began = seconds()

@@ -178,7 +178,7 @@ contains
             step = (out - 1)*every
             do while (plain .and. step < out*every)
                several = merge(group, 1, out*every - step >= group)
-               call swing(several, plan, first - 1, n, w(:, :, step + 1:step + several), x, y)
+               call kick_drift_kick_lanes(several, plan, first - 1, n, w(:, :, step + 1:step + several), x, y)
                step = step + several
             end do
             do step = step + 1, out*every
@@ -198,7 +198,7 @@ contains
    ! ---- kernels ----------------------------------------------------------------------------------
 
    !> VEC Kick, drift and kick of n lanes: one step, or a group of them that goes on in registers.
-   pure subroutine swing(nstep, plan, before_first, n, w, x, y)
+   pure subroutine kick_drift_kick_lanes(nstep, plan, before_first, n, w, x, y)
       integer, intent(in) :: nstep, before_first, n    !! lanes before these
       type(kick_plan), intent(in) :: plan
       real(wp), intent(in), contiguous :: w(:, 0:, :)  !! (nlane, 0:2, nstep)
@@ -219,7 +219,7 @@ contains
                                  x(lane, 2), y(lane, 1), y(lane, 2))
          end do
       end if
-   end subroutine swing
+   end subroutine kick_drift_kick_lanes
 
    !> VEC The i-th drift of n lanes.
    pure subroutine drift_lanes(i, plan, n, x, y)

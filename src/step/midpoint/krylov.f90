@@ -36,8 +36,8 @@ module symsde_step_midpoint_krylov
 
 contains
 
-   !> Room for nlane lanes and two degrees of freedom or more.
-   !> No matrices are made room for: of the Newton iteration only its test is used.
+   !> Room for nlane lanes and two degrees of freedom or more, without matrices: of Newton's iteration its test alone
+   !> is used.
    subroutine new_krylov_midpoint(self, model, nlane, options)
       type(krylov_midpoint), intent(out) :: self
       class(model_type), intent(in) :: model

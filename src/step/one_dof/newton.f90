@@ -1,5 +1,7 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> Newton's iteration for the slopes of all stages of one degree of freedom, in a block of lanes: newton.inc.
+!> Newton's iteration for the slopes of all stages of one degree of freedom, in a block of lanes, by newton.inc:
+!>
+!>    F_i = Hhat_p(Q_i,P_i),  G_i = -Hhat_q(Q_i,P_i),  Q_i = q_n + sum_j a_ij F_j,  P_i = p_n + sum_j abar_ij G_j
 !>
 !> Here every part is asked for the whole block at once: the model or its brackets for all lanes at one stage, and the
 !> block's solver for all systems. Lanes that are done are computed along and not changed.
@@ -47,7 +49,7 @@ module symsde_step_one_dof_newton
       self%newton%last = merge(from%newton%last(places), self%newton%last, status == 0)
       self%newton%iteration = from%newton%iteration
       self%first = from%first(places)
-      self%flies = from%flies
+      self%from_velocity = from%from_velocity
    end subroutine resume
 
    !> qs = Hhat_p(q_n, p_n) at the time of the first stage, where it is the first guess. Without that guess nobody is
@@ -58,7 +60,7 @@ module symsde_step_one_dof_newton
       type(step_record), intent(in) :: step
       real(wp), intent(in) :: q(self%nlane), p(self%nlane)
 
-      if (self%flies) call ham%velocity(step%t + self%c(1)*step%h, step%w, q, p, self%qs)
+      if (self%from_velocity) call ham%velocity(step%t + self%c(1)*step%h, step%w, q, p, self%qs)
    end subroutine find_velocity
 
    !> Gradient and Hessian of stage i; for i = 0 in the middle of the step, in the place of the first stage.

@@ -1,7 +1,9 @@
 ! SPDX-License-Identifier: BSD-3-Clause
 !> Newton's iteration for the slopes of all stages of one degree of freedom and a single path: newton.inc with one lane.
 !>
-!> The equations are those of the body. What differs is who is asked: an angle's sine and cosine terms are found once a
+!>    F_i = Hhat_p(Q_i,P_i),  G_i = -Hhat_q(Q_i,P_i),  Q_i = q_n + sum_j a_ij F_j,  P_i = p_n + sum_j abar_ij G_j
+!>
+!> What differs from a block is who is asked: an angle's sine and cosine terms are found once a
 !> step for every stage, and then no call of the model is left in the iteration; angles with brackets go through
 !> step/hamiltonian/brackets_angle_single_path; systems are eliminated as numbers. All of these have a block's bits.
 !>
@@ -45,14 +47,14 @@ module symsde_step_one_dof_newton_single_path
 
       w => step%w
       if (.not. allocated(self%terms)) then  ! no angle: the model is asked
-         if (self%flies) call ham%velocity(step%t + self%c(1)*step%h, w, q, p, self%qs)
+         if (self%from_velocity) call ham%velocity(step%t + self%c(1)*step%h, w, q, p, self%qs)
          return
       end if
       ! The terms depend on h, dW and the time of a stage, not on (q, p): all iterations of the step use these.
       do i = 1, self%s
          call ham%model%angle(ham%nnoise, step%t + self%c(i)*step%h, w, self%terms(i))
       end do
-      if (.not. self%flies) return
+      if (.not. self%from_velocity) return
       ! A gradient is counted, as a block counts the one that it asks the model for.
       call find_angle_velocity(self%terms(1), p(1), self%qs(1), unused)
       ham%counters%gradients = ham%counters%gradients + 1

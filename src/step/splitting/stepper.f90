@@ -36,10 +36,10 @@ module symsde_step_splitting_stepper
    end function lanes
 
    !> Find weights ahead: a block does nothing here, since its lanes are weighed side by side in each step.
-   subroutine foresee(self, steps)
+   subroutine prefetch_weights(self, steps)
       type(splitting_stepper), intent(inout) :: self
       type(steps_record), intent(in) :: steps
-   end subroutine foresee
+   end subroutine prefetch_weights
 
    !> f (nlane, ndof) = (sum_j w_j H_j)_q at x, with the weights w = (b_i h, w_i1, .., w_im) of kick i. p does not
    !> matter: noises are in position, and H is separable, or has the weight b_i = 0 where midpoint steps move it.

@@ -1,5 +1,7 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> Drifts and kicks of a single path: stepper.inc with one lane, x <- x + tau_i M^-1 y and y <- y - f_i in turn.
+!> Drifts and kicks of a single path, in turn, by stepper.inc with one lane:
+!>
+!>    x <- x + tau_i M^-1 y,     y <- y - f_i
 !>
 !> The weights w_ik, v and D_kl of all steps of a call are found at once, as if each step were a lane of a block, so
 !> that they fill vectors. Then they are transposed, so that those of one step stand side by side. Found step by step,
@@ -7,7 +9,7 @@
 !> angle are found once a kick, for all Hamiltonians.
 !>
 !> An increment that is asked for by itself finds its weights alone: `now` counts the steps of a call, and what lies
-!> beyond those that were foreseen is weighed when it comes.
+!> beyond those that were prefetched is weighed when it comes.
 module symsde_step_splitting_stepper_single_path
    use symsde_base_counters, only: counters_type, add_counters
    use symsde_base_functionals, only: functional_set
@@ -51,7 +53,7 @@ module symsde_step_splitting_stepper_single_path
 
    !> The weights of all steps of a call: what drives step i is put into lane i of a store, which is weighed as one step
    !> of many lanes. The times of the steps do not matter to weights.
-   subroutine foresee(self, steps)
+   subroutine prefetch_weights(self, steps)
       type(splitting_stepper), intent(inout), target :: self
       type(steps_record), intent(in) :: steps
       type(step_record) :: record
@@ -79,7 +81,7 @@ module symsde_step_splitting_stepper_single_path
                ahead%w(1, k, i, :n) = weights%w(:n, k, i)
             end do
          end do
-         ! `increment` counts `now` from here on; the pointers show all steps that were foreseen.
+         ! `increment` counts `now` from here on; the pointers show all steps that were prefetched.
          self%nahead = n
          self%now = 0
          self%w(1:, 0:, 1:, 1:) => self%ahead%w
@@ -91,7 +93,7 @@ module symsde_step_splitting_stepper_single_path
          ahead%v(1, :, :n) = transpose(weights%v(:n, :))
          if (allocated(weights%d)) ahead%d(1, :, :n) = transpose(weights%d(:n, :))
       end associate
-   end subroutine foresee
+   end subroutine prefetch_weights
 
    !> Room for as many steps as a call takes (steps%most), made when the first call comes: it says which functionals
    !> drive the steps.

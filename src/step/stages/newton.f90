@@ -1,7 +1,9 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> Newton's iteration for implicit stages in a few lanes of a block: the equations of the displacements Z_i are in
-!> newton.inc, with the matrix delta_ik I + h B_ik K_k. All lanes are asked for gradient and Hessian together; those
-!> that rest are not corrected.
+!> Newton's iteration for implicit stages in a few lanes of a block, by newton.inc, for displacements Z_i = Q_i - q_n:
+!>
+!>    Z_i - d_i + h sum_k B_ik Hhat_q(q_n + Z_k) = 0,     matrix delta_ik I + h B_ik K_k
+!>
+!> All lanes are asked for gradient and Hessian together; those that rest are not corrected.
 !>
 !> Private to its family.
 module symsde_step_stages_newton

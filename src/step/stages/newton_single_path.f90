@@ -1,6 +1,10 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> Newton's iteration for implicit stages of a single path: newton.inc with one lane, whose small dense systems are
-!> solved by solve/newton_single_path, where they stand. A system whose pivots are not trusted is formed once more.
+!> Newton's iteration for implicit stages of a single path, by newton.inc with one lane:
+!>
+!>    Z_i - d_i + h sum_k B_ik Hhat_q(q_n + Z_k) = 0,     matrix delta_ik I + h B_ik K_k
+!>
+!> Small dense systems are solved by solve/newton_single_path in the place of the matrix. One whose pivots are not
+!> trusted is formed once more, and solved by LAPACK.
 !>
 !> Private to its family.
 module symsde_step_stages_newton_single_path

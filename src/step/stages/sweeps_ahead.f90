@@ -210,8 +210,8 @@ contains
          ! Sweeps first .. ahead, and their verdict; where they still run one more is taken.
          do while (last >= 0 .and. ahead <= most)
             if (self%angles) then
-               call swing(slot%i1, slot%i2, first, ahead, self%terms, self%base, self%b, self%f(1, 1, before), change, &
-                          extent)
+               call sweep_angle(slot%i1, slot%i2, first, ahead, self%terms, self%base, self%b, &
+                                self%f(1, 1, before), change, extent)
             else
                call model%sweeps(m, s, slot%i1, slot%i2, first, ahead, self%times, w, p, self%base, self%b, most, &
                                  self%f(1, 1, before), change, extent)
@@ -236,7 +236,7 @@ contains
    !> on and around, and F_i = a sin x + (b cos x + (c x + d)). change and extent have the largest change and the
    !> largest F of each sweep. Models that take sweeps themselves have the same interface. Sums are those of four
    !> stages, whatever their number: how gcc contracts a loop must not depend on it.
-   subroutine swing(i1, i2, first, last, terms, base, b, f, change, extent)
+   subroutine sweep_angle(i1, i2, first, last, terms, base, b, f, change, extent)
       integer, value :: i1, i2, first, last
       type(angle_terms), intent(in) :: terms(nstage)
       real(wp), intent(in) :: base(nstage), b(nstage, nstage, 2)
@@ -274,6 +274,6 @@ contains
          change(k) = moved
          extent(k) = size
       end do
-   end subroutine swing
+   end subroutine sweep_angle
 
 end module symsde_step_stages_sweeps_ahead

@@ -1,6 +1,9 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> Newton's iteration for stages of a chain, for a single path: the equations are in tridiagonal.inc. The path is a
-!> strip of which one lane runs, while the others rest.
+!> Newton's iteration for stages of a chain, for a single path, by tridiagonal.inc:
+!>
+!>    (B^{-1}/h (x) I + K) d = G + Hhat_q,   G <- G - B^{-1} d/h,     K = diag(Hhat_qq(Q_1), .., Hhat_qq(Q_s))
+!>
+!> The path is a strip of which one lane runs, while the others rest.
 !>
 !> Private to its family.
 module symsde_step_stages_tridiagonal_single_path
