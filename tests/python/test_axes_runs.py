@@ -244,3 +244,29 @@ def test_observers_tell_of_the_paths(row):
             found.observed["some"].values, np.moveaxis(x[:, :, [0, 299]], 2, 0)[:, :, : 2 * n]
         )
         np.testing.assert_allclose(found.observed["cov"].covariance[-1], np.cov([x[-1, of], x[-1, 0]]), rtol=1e-10)
+
+
+COUNTED = axes.covering(
+    scheme=tuple(ss.schemes.names()), paths=(1, 3, 5), refine=(-1, 0, 1), sign=(1, -1), first_step=(0, 7)
+)
+
+
+@pytest.mark.parametrize("row", COUNTED, ids=map(axes.ident, COUNTED))
+def test_counters_count_paths_and_no_padding(row):
+    """Of linear equations every path-step takes as much, a sweep more or less: few paths their part of a full block."""
+    model = ss.Model(ndof=1, nnoise=2, gradient=lambda t, w, q, p: (w[0] * q + w[1] - 0.5 * w[2], w[0] * p),
+                     **axes.TRAITS["kick"], quadratic=True, rotation=[1.0])  # fmt: skip
+    how = {
+        "step": H * row["sign"],
+        "steps": STEPS,
+        "first_step": row["first_step"],
+        "scheme": row["scheme"],
+        "lanes": 8,
+    }
+    how["refine"] = row["refine"] if ss.schemes.get(row["scheme"]).info.law == "Gaussian" else max(row["refine"], 0)
+    few, all_ = (ss.simulate(model, q0=0.4, p0=0.1, paths=n, **how).report.counters for n in (row["paths"], 8))
+    assert few["path_steps"] == STEPS * row["paths"]
+    part = {x: n * row["paths"] / 8 for x, n in all_.items()}
+    assert few["normals"] == part["normals"] > 0
+    for name, n in few.items():
+        assert abs(n - part[name]) <= 0.1 * part[name], name
