@@ -28,8 +28,10 @@ START = {"q0": 1.0, "p0": 0.0, "horizon": 2.0}
 
 
 @pytest.fixture
-def pilot():
-    """Of E p^2 of an oscillator with noises on q and p, before anything is chosen."""
+def pilot(monkeypatch):
+    """Of E p^2 of an oscillator with noises on q and p, before anything is chosen. Its times are those of work that was
+    counted: what it looks at depends on estimated seconds."""
+    WorkClock(monkeypatch)
     problem = make_problem(ss.models.additive_oscillator(sigma=0.5, gamma=1.0), "p**2", **START)
     return Pilot(problem, make_tolerance(5e-4, None), Watch(None, False), suitable(problem), None)
 
