@@ -10,7 +10,7 @@ from types import SimpleNamespace
 import pytest
 import symsde as ss
 from clock import WorkClock
-from symsde.answers.expectation import choice, pilot, problem, watch
+from symsde.answers.expectation import choice, pilot, problem, quasi, watch
 from symsde.answers.expectation.carry_out import Execution
 from symsde.answers.expectation.estimators import Plain
 from symsde.answers.expectation.problem import make_problem
@@ -28,6 +28,7 @@ class SlowerAtShortSteps(WorkClock):
 
     def __init__(self, monkeypatch):
         super().__init__(monkeypatch)
+        monkeypatch.setattr(quasi, "seconds_to_load", lambda: 1.0)  # whatever the tests before have loaded
         fill = Run.fill
 
         def filled(result, *given):

@@ -1,7 +1,5 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> Explicit steps of a single path: tableau.inc with one lane, for models that are asked by gradients,
-!>
-!>    Q_i = q_n + sum_j a_ij Hhat_p(Q_j, P_j),   P_i = p_n - sum_j abar_ij Hhat_q(Q_j, P_j),   stage after stage.
+!> Explicit steps of a single path: tableau.inc with one lane, for models that are asked by gradients.
 !>
 !> lanes(self) is the constant 1, which gfortran folds into the bounds of the body. So loops over lanes are gone, and no
 !> pass is padded to the width of a vector. The bits are those of a lane of a block.

@@ -91,7 +91,6 @@ contains
       allocate (self%x(strip_lanes, n), self%f(strip_lanes, n), self%k(strip_lanes, 0:1, 0:n))
    end subroutine make_room
 
-   !> x by Newton's iteration, in room that the first step makes.
    !> x of the lanes without a status, by Newton's iteration from V = 0 or from the dq that V gave.
    subroutine solve(self, ham, eq, w, status)
       class(tridiagonal_midpoint), intent(inout) :: self

@@ -1,8 +1,5 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> Newton's iteration for the slopes of all stages of one degree of freedom, in a block of lanes, by newton.inc:
-!>
-!>    F_i = Hhat_p(Q_i,P_i),  G_i = -Hhat_q(Q_i,P_i),  Q_i = q_n + sum_j a_ij F_j,  P_i = p_n + sum_j abar_ij G_j
-!>
+!> Newton's iteration for the slopes of all stages of one degree of freedom, in a block of lanes, by newton.inc.
 !> Here every part is asked for the whole block at once: the model or its brackets for all lanes at one stage, and the
 !> block's solver for all systems. Lanes that are done are computed along and not changed.
 !>

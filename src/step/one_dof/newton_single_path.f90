@@ -1,10 +1,8 @@
 ! SPDX-License-Identifier: BSD-3-Clause
 !> Newton's iteration for the slopes of all stages of one degree of freedom and a single path: newton.inc with one lane.
 !>
-!>    F_i = Hhat_p(Q_i,P_i),  G_i = -Hhat_q(Q_i,P_i),  Q_i = q_n + sum_j a_ij F_j,  P_i = p_n + sum_j abar_ij G_j
-!>
-!> What differs from a block is who is asked: an angle's sine and cosine terms are found once a
-!> step for every stage, and then no call of the model is left in the iteration; angles with brackets go through
+!> What differs from a block is who is asked: an angle's sine and cosine terms are found once a step for every stage, and
+!> then no call of the model is left in the iteration; angles with brackets go through
 !> step/hamiltonian/brackets_angle_single_path; systems are eliminated as numbers. All of these have a block's bits.
 !>
 !> Private to its family.

@@ -27,7 +27,7 @@ module symsde_step_splitting_coefficients
    use symsde_scheme_kicks, only: kicks_type, mean_coefficient
    implicit none
    private
-   public :: kick_weights, new_kick_weights
+   public :: kick_weights, new_kick_weights, add_product
 
    !> The coefficients of a scheme of kicks, and the weights that they make of the step that was weighed last.
    type :: kick_weights
@@ -197,7 +197,7 @@ contains
       end do
    end subroutine sum_of_two
 
-   !> VEC f = f + factor x y, lane by lane.
+   !> VEC f = f + factor x y, lane by lane. Parentheses leave the addition as the one operation to contract.
    pure subroutine add_product(nlane, factor, x, y, f)
       integer, intent(in) :: nlane
       real(wp), intent(in) :: factor, x(nlane), y(nlane)

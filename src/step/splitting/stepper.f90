@@ -13,7 +13,7 @@ module symsde_step_splitting_stepper
    use symsde_scheme_scheme, only: correction_none
    use symsde_step_block_state, only: lane_state, passed_states
    use symsde_step_splitting_drift, only: drift_flow, new_drift_flow
-   use symsde_step_splitting_coefficients, only: kick_weights, new_kick_weights
+   use symsde_step_splitting_coefficients, only: kick_weights, new_kick_weights, add_product
    use symsde_step_splitting_midpoint_drift, only: midpoint_flow, new_midpoint_flow
    use symsde_step_hamiltonian_one_step, only: new_one_step_hamiltonian
    use symsde_step_stepper, only: stepper_type, stepper_task, advance_by_increments

@@ -1,7 +1,5 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> Drifts and kicks of a single path, in turn, by stepper.inc with one lane:
-!>
-!>    x <- x + tau_i M^-1 y,     y <- y - f_i
+!> Drifts and kicks of a single path, in turn, by stepper.inc with one lane.
 !>
 !> The weights w_ik, v and D_kl of all steps of a call are found at once, as if each step were a lane of a block, so
 !> that they fill vectors. Then they are transposed, so that those of one step stand side by side. Found step by step,
@@ -22,7 +20,7 @@ module symsde_step_splitting_stepper_single_path
    use symsde_scheme_scheme, only: correction_none
    use symsde_step_block_state, only: lane_state, passed_states
    use symsde_step_splitting_drift, only: drift_flow, new_drift_flow
-   use symsde_step_splitting_coefficients, only: kick_weights, new_kick_weights
+   use symsde_step_splitting_coefficients, only: kick_weights, new_kick_weights, add_product
    use symsde_step_splitting_midpoint_drift, only: midpoint_flow, new_midpoint_flow
    use symsde_step_hamiltonian_one_step, only: new_one_step_hamiltonian
    use symsde_step_stepper, only: stepper_type, stepper_task, advance_by_increments

@@ -1,8 +1,5 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> Newton's iteration for implicit stages in a few lanes of a block, by newton.inc, for displacements Z_i = Q_i - q_n:
-!>
-!>    Z_i - d_i + h sum_k B_ik Hhat_q(q_n + Z_k) = 0,     matrix delta_ik I + h B_ik K_k
-!>
+!> Newton's iteration for implicit stages in a few lanes of a block, by newton.inc.
 !> All lanes are asked for gradient and Hessian together; those that rest are not corrected.
 !>
 !> Private to its family.

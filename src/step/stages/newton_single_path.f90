@@ -1,8 +1,5 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> Newton's iteration for implicit stages of a single path, by newton.inc with one lane:
-!>
-!>    Z_i - d_i + h sum_k B_ik Hhat_q(q_n + Z_k) = 0,     matrix delta_ik I + h B_ik K_k
-!>
+!> Newton's iteration for implicit stages of a single path, by newton.inc with one lane.
 !> Small dense systems are solved by solve/newton_single_path in the place of the matrix. One whose pivots are not
 !> trusted is formed once more, and solved by LAPACK.
 !>

@@ -1,7 +1,5 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> Newton's iteration for stages of a chain, in the lanes of a block, by tridiagonal.inc:
-!>
-!>    (B^{-1}/h (x) I + K) d = G + Hhat_q,   G <- G - B^{-1} d/h,     K = diag(Hhat_qq(Q_1), .., Hhat_qq(Q_s))
+!> Newton's iteration for stages of a chain, in the lanes of a block, by tridiagonal.inc.
 !>
 !> Private to its family.
 module symsde_step_stages_tridiagonal

@@ -1,8 +1,5 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> Newton's iteration for stages of a chain, for a single path, by tridiagonal.inc:
-!>
-!>    (B^{-1}/h (x) I + K) d = G + Hhat_q,   G <- G - B^{-1} d/h,     K = diag(Hhat_qq(Q_1), .., Hhat_qq(Q_s))
-!>
+!> Newton's iteration for stages of a chain, for a single path, by tridiagonal.inc.
 !> The path is a strip of which one lane runs, while the others rest.
 !>
 !> Private to its family.
