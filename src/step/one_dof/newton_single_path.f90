@@ -1,9 +1,9 @@
 ! SPDX-License-Identifier: BSD-3-Clause
 !> Newton's iteration for the slopes of all stages of one degree of freedom and a single path: newton.inc with one lane.
 !>
-!> What differs from a block is who is asked: an angle's sine and cosine terms are found once a step for every stage, and
-!> then no call of the model is left in the iteration; angles with brackets go through
-!> step/hamiltonian/brackets_angle_single_path; systems are eliminated as numbers. All of these have a block's bits.
+!> What differs from a block is who is asked: an angle's sine and cosine terms are found once a step for every stage, so
+!> that the iteration calls no model; angles with brackets go through step/hamiltonian/brackets_angle_single_path;
+!> systems are eliminated as numbers. All of these have a block's bits.
 !>
 !> Private to its family.
 module symsde_step_one_dof_newton_single_path
