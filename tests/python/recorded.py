@@ -2,6 +2,7 @@
 """Results in a few numbers that no change of them leaves alone, and a table of such numbers in a file."""
 
 import dataclasses
+import functools
 import re
 import zlib
 from pathlib import Path
@@ -54,10 +55,27 @@ def number(*arrays, rtol=1e-9, scale=np.arcsinh):
     return Number(float(x.sum()), rtol * float(np.abs(x).sum()) + 1e-300)
 
 
-def counted(counters):
-    """Those of counters that may depend on rounding, as one number: a step in some takes one iteration more or less."""
-    total = number([n for found in counters for x, n in found.items() if x not in EXACT], scale=np.positive).value
-    return Number(total, 0.03 * total + 12 * np.sqrt(total))
+def counted(found):
+    """Counters that rounding may change where anything iterates, each by path and summed over runs."""
+    totals = {name: sum(counters[name] / paths for counters, paths in found) for name in found[0][0]}
+    room = (0.01, 3) if totals["iterations"] else (1e-9, 0)
+    return [Number(n, room[0] * n + room[1] * np.sqrt(n)) for name, n in totals.items() if name not in EXACT]
+
+
+def tallied(group):
+    """Of a group of (scheme, key, numbers, (counters, paths) of its runs): the keys, and what runs of a scheme took."""
+
+    @functools.wraps(group)
+    def rows():
+        by_scheme = {}
+        for scheme, key, numbers, found in group():
+            by_scheme.setdefault(scheme, []).extend(found)
+            yield key, numbers
+        for scheme, found in by_scheme.items():
+            if found:
+                yield f"work of {scheme}", counted(found)
+
+    return rows
 
 
 def plain(text):
@@ -78,11 +96,6 @@ def exact_of(report):
     """What a report says, without what rounding or the machine may change."""
     said = (report.stepper, report.correction, report.left_out, report.warnings, report.outcome, report.lost_variance)
     return [*(report.counters[x] for x in EXACT), *said, report.failed, report.stopped, report.lanes]
-
-
-def work(report):
-    """Its counters and what it says: those that may depend on rounding as one number."""
-    return [counted([report.counters]), code(exact_of(report))]
 
 
 def parts_of(x, found, told):

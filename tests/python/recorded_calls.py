@@ -2,6 +2,7 @@
 """What the functions of the package give, beside runs: numbers, text, files. Clocks count steps."""
 
 import contextlib
+import inspect
 import io
 import itertools
 import os
@@ -202,6 +203,43 @@ def replaced(given, values):
     return [[*given[:i], x, *given[i + 1 :]] for i in range(len(given)) for x in values]
 
 
+def swept():
+    """Functions with arguments that they take, of which each is to be replaced."""
+    model, scheme = ss.models.henon_heiles(), "midpoint"
+    place = {"q0": 0.1, "p0": 0.2, "step": 0.1}
+    run = ss.simulate(model, **place, steps=4)
+    made = ss.prepare(model, **place)
+    at = {"q": 0.1, "p": 0.2, "t": 0.3}
+    gradient = lambda q, p, w=None: (q, p)  # noqa: E731
+    return {
+        "step": (ss.step, {"model": model, "scheme": scheme, "step": 0.1, "dw": 0.1, **at}),
+        "increments": (ss.increments, {"model": model, "step": 0.1, "steps": 4}),
+        "symplecticity": (ss.diagnose.symplecticity, {"model": model, "scheme": scheme, "step": 0.1, "dw": 0.1, **at}),
+        "stationary_path": (
+            ss.diagnose.stationary_path,
+            {"model": model, "scheme": scheme, "q_start": 0.1, "q_end": 0.3, "step": 0.1, "steps": 2},
+        ),
+        **{x: (getattr(ss.diagnose, x), {"run": run}) for x in ("action", "exact", "driving_increments")},
+        "mean_square": (ss.mean_square, {"model": ss.models.kubo(), "scheme": scheme, "step": 0.1, "t": 0.0}),
+        "commutator": (ss.commutator, {"model": model, **at}),
+        "value": (model.value, {**at, "w": (1.0, 0.2, 0.3)}),
+        "gradient": (model.gradient, {**at, "w": (1.0, 0.2, 0.3)}),
+        "reset": (made.reset, {"q0": 0.1, "p0": 0.2, "seed": 3, "first_path": 2, "first_step": 1}),
+        "step of a prepared run": (made.step, {"dw": (0.1, 0.2)}),
+        "run of a prepared run": (made.run, {"steps": 4, "save_every": 2}),
+        "level_sampler": (ss.level_sampler, {"model": ss.models.kubo(), "f": "q", "scheme": scheme, **PLACE}),
+        "work_precision": (
+            ss.work_precision,
+            {"model": ss.models.kubo(), "schemes": [scheme], "steps": (2, 4), "paths": 40, **PLACE},
+        ),
+        "model_from_sympy": (ss.model_from_sympy, {"H": "p**2/2 + k*q**2", "noise": ["q"], "params": {"k": 1.0}}),
+        "Model": (ss.Model, {"ndof": 1, "nnoise": 1, "gradient": gradient}),
+        "Paths": (ss.observe.Paths, {"paths": (0, 1), "of": ("q_1",)}),
+        "symmetric_composition": (ss.schemes.symmetric_composition, {"scheme": "P2N2Q2Otr", "name": "mine"}),
+        "status_text": (ss.status_text, {"code": 1}),
+    }
+
+
 def refusals():
     """What is said of bad input, with its numbers."""
     model, place = ss.models.henon_heiles(), {"q0": 0.1, "p0": 0.2, "step": 0.1, "steps": 4}
@@ -225,6 +263,10 @@ def refusals():
         given = PLACE | ({"tolerance": 0.1} if of == "advise" else {})
         found = [said_of(asking[of], *first, **given | {name: x}) for x in BAD if repr(x) not in {"0", "2.5"}]
         yield f"{of} {name}", [code(found)]
+    for of, (call, given) in swept().items():
+        known = inspect.signature(call).parameters.values()
+        for name in (x.name for x in known if x.kind is not x.VAR_KEYWORD):
+            yield f"{of} {name}", [code([said_of(call, **given | {name: x}) for x in BAD if [of, x] != ["steps", 0]])]
     for text in TEXTS:
         formula = said_of(ss.model_from_sympy, text, ["0.1*q1"])
         yield f"formula {text}", [code(formula, said_of(ss.moments, model, **place, observables={"a": text}))]

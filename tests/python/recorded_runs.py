@@ -9,7 +9,7 @@ import warnings
 import axes
 import numpy as np
 import symsde as ss
-from recorded import code, counted, exact_of, facts, number, work
+from recorded import code, exact_of, facts, number, tallied
 from symsde import observe
 from test_axes_models import FORMULAS, MODELS, TURNS, compiled
 from test_axes_steps import KINDS, NO_GENERAL, ONE_SIDED, own_noise
@@ -36,6 +36,7 @@ SHAPE = {
     "flat": (True, False),
 }
 PATHS = (1, 4, 300)
+EACH = 4  # runs of each of these, in which ever new options meet
 STEPS, T0 = 4, 0.35
 MADE = {
     "own noise": own_noise,
@@ -124,31 +125,35 @@ def lenient(call, model, how):
             how = {name: value for name, value in how.items() if name != gone}
 
 
-def told(call, *runs):
-    """The numbers of some runs, of (model, arguments): one of each, one of their work, and what is exact of all."""
+def told(*groups):
+    """Of groups of runs, each (model, arguments): a number of each group, what is exact of all, and their counters."""
     numbers, loose, exact = [], [], []
-    for model, how in runs:
-        run, said = lenient(call, model, how)
-        exact.append(said)
-        if run is not None:
-            low = [] if run.q_low is None else [1 + run.q_low, 1 + run.p_low]
-            numbers.append(number(run.q, run.p, run.t, run.last_q, run.last_p, run.energy, *low))
-            loose.append(run.report.counters)
-            exact += [exact_of(run.report), run.status.tolist(), run.failed_step.tolist(), run.path.tolist()]
-    return [*numbers, counted(loose), code(*exact)]
+    for group in groups:
+        arrays = []
+        for model, how in group:
+            run, said = lenient(ss.simulate, model, how)
+            exact.append(said)
+            if run is not None:
+                low = [] if run.q_low is None else [1 + run.q_low, 1 + run.p_low]
+                arrays += [run.q, run.p, run.t, run.last_q, run.last_p, run.energy, *low]
+                loose.append((run.report.counters, how["paths"]))
+                exact += [exact_of(run.report), run.status.tolist(), run.failed_step.tolist(), run.path.tolist()]
+        numbers.append(number(*arrays))
+    return [*numbers, code(*exact)], loose
 
 
+@tallied
 def own_models():
     """Every scheme by models of functions of Python of every kind that it takes."""
     rows, paths = rounds(1, **WHERE, **HOW, **SHAPE), itertools.cycle((4, 1, 20))
     for scheme in SCHEMES:
         for kind in kinds_of(scheme):
             runs = []
-            for row, many in itertools.islice(zip(rows, paths, strict=False), 2):
+            for row, many in itertools.islice(zip(rows, paths, strict=False), 4):
                 ridges = axes.ridges_of(kind, row["ndof"], row["nnoise"], row["time"])
                 given = arguments(row, row["ndof"], row["nnoise"], many, scheme)
                 runs.append((axes.model_of(ridges, kind, third=row["third"]), given))
-            yield f"{scheme}/{kind}", told(ss.simulate, *runs)
+            yield scheme, f"{scheme}/{kind}", *told(runs)
 
 
 def of_each(seed, models):
@@ -157,42 +162,54 @@ def of_each(seed, models):
     for (name, (kind, model, nnoise, *more)), scheme in itertools.product(models.items(), SCHEMES):
         turns = scheme in TURNS and not (more and more[-1])
         if kind in kinds_of(scheme) and not turns:
-            runs = [(model, arguments(next(rows), model.ndof, nnoise, paths, scheme)) for paths in PATHS]
-            yield f"{scheme}/{name}", told(ss.simulate, *runs)
+            runs = [
+                [(model, arguments(next(rows), model.ndof, nnoise, paths, scheme)) for _ in range(EACH)]
+                for paths in PATHS
+            ]
+            yield scheme, f"{scheme}/{name}", *told(*runs)
 
 
+@tallied
 def built_in():
     """Models that the library knows."""
     eight = ("kick", ss.models.fpu_chain(8, 0.8, 0.3), 8, None)
     yield from of_each(2, {**MODELS, "fpu_chain of 8": eight})
 
 
+@tallied
 def formulas():
     """Models from formulas, which are compiled."""
     yield from of_each(3, {kind: (kind, compiled(kind)[0], FORMULAS[kind][1]) for kind in FORMULAS})
 
 
+@tallied
 def chains():
     """Neighbours alone: banded matrices, and those that are found to be dense."""
     chosen = axes.covering(
         **SHAPE | {"ndof": (4, 7, 12)}, kind=tuple(axes.TRAITS), reach=(1, 2), scheme=range(8), paths=(1, 3, 9)
     )
-    for row, how in zip(chosen, rounds(4, **WHERE, **HOW), strict=False):
+    turns = itertools.product(range(3), chosen)
+    for (turn, row), how in zip(turns, rounds(4, **WHERE, **HOW), strict=False):
         fitting = [scheme for scheme in SCHEMES if row["kind"] in kinds_of(scheme) and scheme not in TURNS]
-        scheme = fitting[(row["scheme"] * 5 + row["ndof"]) % len(fitting)]
+        scheme = fitting[(row["scheme"] * 5 + row["ndof"] + turn) % len(fitting)]
         ridges = axes.chain_of(row["kind"], row["ndof"], row["nnoise"], row["reach"], row["time"])
         model = axes.model_of(ridges, row["kind"], third=row["third"], bandwidth=row["reach"])
         given = arguments(how, row["ndof"], row["nnoise"], row["paths"], scheme)
-        yield f"{axes.ident(row)}-{scheme}", told(ss.simulate, (model, given))
+        yield scheme, f"{axes.ident(row)}-{scheme}", *told([(model, given)])
 
 
+def every_third(**chosen):
+    """A covering design in which schemes, a third of them at a time, meet all else."""
+    for first in range(3):
+        yield from axes.covering(scheme=SCHEMES[first::3], **chosen)
+
+
+@tallied
 def calls():
     """Prepared runs: steps, steps by given increments, second calls, resets, states that are written."""
-    chosen = {"scheme": SCHEMES[::3], "of": ("synchrotron", "henon_heiles", "driven_pendulum", "fpu_chain of 3", "own")}
-    chosen |= {"paths": (1, 4, 40)}
-    for row, how in zip(
-        axes.covering(**chosen), rounds(5, **WHERE, **HOW | {"max_iter": (100,), "given": ("",)}), strict=False
-    ):
+    names = ("synchrotron", "henon_heiles", "driven_pendulum", "fpu_chain of 3", "own")
+    hows = rounds(5, **WHERE, **HOW | {"max_iter": (100,), "given": ("",)})
+    for row, how in zip(every_third(of=names, paths=(1, 4, 40)), hows, strict=False):
         if row["of"] == "own":
             model, kind = axes.model_of(axes.ridges_of("kick", 2, 3, "both"), "kick"), "kick"
         else:
@@ -216,10 +233,8 @@ def calls():
         found.append(run.run(every))
         arrays = [x for one in found for x in (one.q, one.p, one.last_q, one.t)]
         exact = [(one.status, one.failed_step, one.path) for one in found]
-        yield (
-            axes.ident(row),
-            [number(*arrays), *work(run.report), code(run.next_step, repr(run), said, *sum(exact, ()))],
-        )
+        numbers = [number(*arrays), code(exact_of(run.report), run.next_step, repr(run), said, *sum(exact, ()))]
+        yield row["scheme"], axes.ident(row), numbers, [(run.report.counters, row["paths"])]
 
 
 def ill_of(ridges, row, q):
@@ -234,12 +249,13 @@ def ill_of(ridges, row, q):
     return gradient
 
 
+@tallied
 def failing():
     """Steps that are too large: damped, continued, failed, at few iterations; some lanes alone have no number."""
-    chosen = {"scheme": SCHEMES[:-6:2], "paths": (1, 4, 40), "kind": ("position", "coupled", "kick"), "nnoise": (1, 3)}
+    chosen = {"paths": (1, 4, 40), "kind": ("position", "coupled", "kick"), "nnoise": (1, 3)}
     chosen |= {"ndof": (1, 2, 4), "ill": ("steep", "one", "some", "all", "few"), "sign": (1, -1), "first_step": (0, 7)}
     chosen |= {"time": axes.AXES["time"], "general": (False, True), "compensated": (False, True), "save_every": (1, 2)}
-    for row in axes.covering(**chosen):
+    for row in every_third(**chosen):
         if row["kind"] not in kinds_of(row["scheme"]) or row["scheme"] in TURNS:
             continue
         ridges, h = axes.ridges_of(row["kind"], row["ndof"], row["nnoise"], row["time"]), 0.2 * row["sign"]
@@ -256,7 +272,7 @@ def failing():
         given = {x: row[x] for x in ("first_step", "paths", "general", "compensated", "save_every")}
         given |= {"scheme": scheme_of(row["scheme"]), "step": h * big, "steps": STEPS, "t0": T0, "q0": q0, "p0": p0}
         given |= {"max_iter": 3} if row["ill"] == "few" else {}
-        yield axes.ident(row), told(ss.simulate, (model, given))
+        yield row["scheme"], axes.ident(row), *told([(model, given)])
 
 
 def observers(n, ends):
@@ -276,18 +292,18 @@ def square(q, p):
     return (q**2 + 0.3 * p**2).sum(axis=0)
 
 
+@tallied
 def moments():
     """Moments, energies, observables and all observers."""
     names = ("kubo", "linear_oscillator", "driven_pendulum", "henon_heiles", "fpu_chain of 3", "own", "both", "coupled")
     chosen = {
         "of": names,
-        "scheme": SCHEMES[1::3],
         "paths": (1, 5, 300, 600),
         "absorb": (False, True),
         "bridge": (False, True),
     }
     less = WHERE | HOW | {"first_path": (0, 2**31), "max_iter": (100,), "lanes": (None, 8), "save_every": (1, 2, 4)}
-    for row, how in zip(axes.covering(**chosen), rounds(6, **less), strict=False):
+    for row, how in zip(every_third(**chosen), rounds(6, **less), strict=False):
         if row["of"] in MODELS:
             kind, model, *_ = MODELS[row["of"]]
         else:
@@ -302,10 +318,12 @@ def moments():
         if found is None and "bridge" in said[-1]:
             given["observers"] = observers(model.ndof, ends | {"bridge": False})
             found, said = lenient(ss.moments, model, given)
-        yield axes.ident(row), [code(said)] if found is None else [
-            *facts([vars(x) for x in found.observed.values()]), number(found.m2, *found._tables.values()),
-            *work(found.report), code(found.n_ok, found.failed, found.failed_step, found.remarks(), said),
-        ]  # fmt: skip
+        if found is None:
+            yield fitting[0], axes.ident(row), [code(said)], []
+            continue
+        exact = (exact_of(found.report), found.n_ok, found.failed, found.failed_step, found.remarks(), said)
+        numbers = [*facts([vars(x) for x in found.observed.values()]), number(found.m2, *found._tables.values())]
+        yield fitting[0], axes.ident(row), [*numbers, code(*exact)], [(found.report.counters, paths)]
 
 
 GROUPS = (calls, failing, built_in, formulas, moments, chains, own_models)

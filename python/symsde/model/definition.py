@@ -408,14 +408,14 @@ def _user_handle(name: str, traits: abi.Traits, functions: dict[str, Any], accep
 
 def _checked_flows(flows: Mapping[str, Any] | None) -> dict[str, Any]:
     """Whole steps by scheme; refuses what is not compiled."""
-    for scheme, function in (flows or {}).items():
-        checks.name_of("scheme of a flow", scheme)
+    given = checks.table("flows", {} if flows is None else flows)
+    for scheme, function in given.items():
         if _callbacks.compiled("flow", function) is None:
             raise WrongTypeError(
                 f"flows[{scheme!r}] = {checks.shown(function)} is not compiled: give a numba cfunc of "
                 "symsde.numba_signature('flow'), a ctypes function pointer or a LowLevelCallable"
             )
-    return dict(flows or {})
+    return given
 
 
 def _with_flows(make: Callable[[], ModelHandle], flows: dict[str, Any], any_lanes: bool) -> ModelHandle:
