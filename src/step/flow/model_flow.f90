@@ -110,8 +110,7 @@ contains
       self%most_single = 1
       self%explicit = plain .and. (task%follows .or. task%scheme%form == splitting_form)
       self%one_solve = task%model%traits%one_solve(.false.) .and. .not. self%explicit
-      call new_one_step_hamiltonian(self%ham, task%model, task%nlane, task%correction, &
-                                    merge(0.0_wp, task%scheme%correction_coefficient(), plain))
+      call new_one_step_hamiltonian(self%ham, task%model, task%nlane, correction_none, 0.0_wp)  ! corrected by the flow
    end subroutine make
 
    !> Of the model's flows, that of the catalogue's scheme with this tableau: nothing depends on what users call it.
