@@ -159,7 +159,10 @@ You get a built-in model by `symsde.models.<name>(...)` in Python, by `new_<name
 in C, and by `name = "<name>"` in the table `[model]` of a scene. The equations are
 
 $$
-dp = -H_q\\,dt - \\sum_k H_{k,q}\\circ dW_k,\\qquad dq = H_p\\,dt + \\sum_k H_{k,p}\\circ dW_k
+\\begin{aligned}
+dp &= -H_q\\,dt - \\sum_k H_{k,q}\\circ dW_k\\\\
+dq &= \\phantom{-}H_p\\,dt + \\sum_k H_{k,p}\\circ dW_k
+\\end{aligned}
 $$
 
 in the sense of Stratonovich. All quantities are dimensionless. Links lead to the rows of the

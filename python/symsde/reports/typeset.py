@@ -39,7 +39,10 @@ def markdown(page: str) -> str:
 
 
 def displayed(lines: list[str]) -> str | None:
-    """Lines of formulas, parted by two spaces or more, as one formula; None if they hold anything else."""
+    """Lines of formulas, parted by two spaces or more, as one formula; None if they hold anything else.
+
+    A line of several formulas becomes as many lines: side by side, they are wider than a phone.
+    """
     rows = []
     for line in lines:
         cells = [typeset(cell) for cell in re.split(r"\s{2,}", line.strip())]
@@ -48,9 +51,13 @@ def displayed(lines: list[str]) -> str | None:
             or "=" not in line
         ):
             return None
-        shown = (rf"\text{{{cell}}}" if cell[0] in "([" else cell.replace("$", "") for cell in cells)
-        rows.append(r" \qquad ".join(shown))
-    return rows[0] if len(rows) == 1 else r"\begin{gathered} " + r" \\ ".join(rows) + r" \end{gathered}"
+        shown = [rf"\text{{{cell}}}" if cell[0] in "([" else cell.replace("$", "") for cell in cells]
+        several = sum(cell[0] == "$" for cell in cells) > 1
+        rows += shown if several else [r" \qquad ".join(shown)]
+    if len(rows) == 1:
+        return rows[0]
+    aligned = (row.replace(" = ", " &= ", 1) if " = " in row else f"&{row}" for row in rows)
+    return r"\begin{aligned} " + r" \\ ".join(aligned) + r" \end{aligned}"
 
 
 def tex(formula: str) -> str:
