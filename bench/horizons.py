@@ -118,8 +118,9 @@ def _dearer(circle: bool) -> float:
 def save(path: Path, data: dict) -> None:
     """Draw the cost of a path by its horizon, a panel for each want."""
     wants = list(dict.fromkeys(row["want"] for row in data["rows"]))
-    with look.drawing(path, 11.0, 3.6, 130) as page:
-        for axes, want in zip(page.subplots(1, len(wants), sharey=True), wants, strict=True):
+    with look.drawing(path, 4.8, 5.4, 160) as page:  # whose labels can be read on a phone
+        panels = page.subplots((len(wants) + 1) // 2, 2, sharex=True, sharey=True)
+        for axes, want in zip(panels.flat, wants, strict=True):
             for name in dict.fromkeys((*SCHEMES, *ON_KUBO)):
                 points = [
                     (row["horizon"], row["microseconds"])
@@ -128,12 +129,15 @@ def save(path: Path, data: dict) -> None:
                 ]
                 if points:
                     axes.plot(*zip(*points, strict=True), label=name, **look.of_scheme(name))
-            axes.set(xscale="log", yscale="log", xlabel="horizon $T$", title=want)
-        page.axes[0].set_ylabel(r"$\mu$s a path")
+            axes.set(xscale="log", yscale="log", title=want)
+        for axes in panels[-1]:
+            axes.set_xlabel("horizon $T$")
+        for axes in panels[:, 0]:
+            axes.set_ylabel(r"$\mu$s a path")
         named = {}
         for axes in page.axes:
             named |= dict(zip(*reversed(axes.get_legend_handles_labels()), strict=True))
-        page.legend(named.values(), named.keys(), loc="outside lower center", ncols=7)
+        page.legend(named.values(), named.keys(), loc="outside lower center", ncols=3)
 
 
 def _nothing(q: np.ndarray, p: np.ndarray) -> np.ndarray:

@@ -56,7 +56,7 @@ def _apart(found: np.ndarray, exact: np.ndarray) -> float:
 def save(path, data: dict) -> None:
     """Errors against the step, with lines of order one and two."""
     h = 1 / np.array(data["steps"])
-    with look.drawing(path, 5.6, 4.0, 110) as page:
+    with look.drawing(path, 4.6, 3.8, 160) as page:
         axis = page.subplots()
         for name, errors in data["curves"].items():
             scheme, _, more = name.partition(",")

@@ -10,7 +10,7 @@ on a quiet machine.
 
 import matplotlib.pyplot as plt
 import symsde as ss
-from symsde.reports.look import of_scheme
+from symsde.reports.look import of_scheme, readable
 
 schemes = ("midpoint", "stormer_verlet", "gauss_dkdkd", "chin4a", "heun")
 study = ss.work_precision(
@@ -29,6 +29,7 @@ for scheme in schemes:
     plt.loglog(times, errors, label=scheme, **of_scheme(scheme))
 plt.xlabel("microseconds a path")
 plt.ylabel("root mean square error")
+readable([plt.gca()])
 plt.legend()
 
 # %%

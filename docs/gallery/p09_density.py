@@ -24,7 +24,7 @@ run = ss.simulate(
     seed=1,
     scheme="stormer_verlet",
 )
-figure, panels = plt.subplots(1, 3, sharex=True, sharey=True, figsize=(8, 3))
+figure, panels = plt.subplots(1, 3, sharex=True, sharey=True, figsize=(4.8, 2.4))
 for panel, n in zip(panels, (1, 2, 3), strict=True):
     count, *_ = panel.hist2d(
         run.q[n, 0], run.p[n, 0], bins=120, range=[[-3, 3], [-2.5, 2.5]], cmap="magma"

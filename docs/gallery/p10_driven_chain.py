@@ -4,8 +4,8 @@ A chain driven by noise
 =======================
 
 Each of the 64 masses of a Fermi-Pasta-Ulam chain is shaken by its own noise. The mean energy
-grows by :math:`n\\sigma^2/2` in a unit of time, for any nonlinearity. The left panel shows one
-path, the right one the ensemble.
+grows by :math:`n\\sigma^2/2` in a unit of time, for any nonlinearity. The upper panel shows one
+path, the lower one the ensemble.
 """
 
 import matplotlib.pyplot as plt
@@ -26,20 +26,19 @@ common = {
 path = ss.simulate(model, **common)
 mom = ss.moments(model, paths=2000, **common)
 
-figure, (left, right) = plt.subplots(1, 2, figsize=(8, 3.5))
-figure.get_layout_engine().set(wspace=0.12)
-picture = left.imshow(
+figure, (upper, lower) = plt.subplots(2, 1, figsize=(4.6, 5.2))
+picture = upper.imshow(
     path.q[:, :, 0].T, aspect="auto", origin="lower", extent=[0, path.t[-1], 1, n], cmap="RdBu"
 )
-left.set_xlabel("t")
-left.set_ylabel("mass")
-left.grid(False)
-figure.colorbar(picture, ax=left, label="q")
-right.plot(mom.t, mom.mean_energy, label="midpoint, h = 0.1")
-right.plot(mom.t, n * sigma**2 / 2 * mom.t, "k:", label=r"$n\sigma^2 t/2$")
-right.set_xlabel("t")
-right.set_ylabel("mean energy")
-right.legend()
+upper.set_xlabel("t")
+upper.set_ylabel("mass")
+upper.grid(False)
+figure.colorbar(picture, ax=upper, label="q")
+lower.plot(mom.t, mom.mean_energy, label="midpoint, h = 0.1")
+lower.plot(mom.t, n * sigma**2 / 2 * mom.t, "k:", label=r"$n\sigma^2 t/2$")
+lower.set_xlabel("t")
+lower.set_ylabel("mean energy")
+lower.legend()
 
 assert np.all(
     np.abs(mom.mean_energy - n * sigma**2 / 2 * mom.t)[1:]

@@ -9,7 +9,7 @@ an order above 1/2. With the Lévy areas of the same paths the order is one.
 
 import matplotlib.pyplot as plt
 import symsde as ss
-from symsde.reports.look import of_scheme
+from symsde.reports.look import of_scheme, readable
 
 model = ss.models.noncommutative_oscillator(s1=0.5, s2=0.5)
 print(ss.commutator(model))
@@ -26,5 +26,6 @@ for scheme in ("midpoint", "gauss2", "midpoint_areas"):
 plt.xlabel("h")
 plt.ylabel("root mean square error at t = 1")
 plt.legend(title="order")
+readable([plt.gca()])
 
 assert orders["midpoint"] < 0.75 < orders["midpoint_areas"]

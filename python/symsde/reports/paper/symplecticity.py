@@ -205,7 +205,7 @@ def invariant_curves():
 
 def draw_invariant(curves, path, pdf=False):
     """The mean of the invariant over time under six schemes; curves as {label of SHOWN: (t, mean)}."""
-    with panels(path, [["invariant"]], height=2.8, pdf=pdf) as axes:
+    with panels(path, [["invariant"]], width=4.6, height=3.0, pdf=pdf) as axes:
         axis = axes["invariant"]
         for key, (label, scheme, line, width) in SHOWN.items():
             t, mean = curves[key]

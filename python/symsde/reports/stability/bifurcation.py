@@ -226,10 +226,10 @@ def table(curves: dict) -> list[list[str]]:
 
 def save(path: Path, curves: dict) -> None:
     """Draw q of the points against omega h: full where they are stable; lines are the cycles of kicks."""
-    with look.drawing(path, 9.5, 5.4, 120) as page:
-        axes = page.subplots(len(MODELS), len(DRAWN), sharex=True, sharey="row")
-        for row, (name, schemes) in enumerate(curves["points"].items()):
-            for axis, scheme in zip(axes[row], DRAWN, strict=True):
+    with look.drawing(path, 4.8, 7.4, 160) as page:
+        axes = page.subplots(len(DRAWN), len(MODELS), sharex=True, sharey=True)
+        for column, (name, schemes) in enumerate(curves["points"].items()):
+            for axis, scheme in zip(axes[:, column], DRAWN, strict=True):
                 colour = look.colour(scheme)
                 for x, q, stable, period in schemes[scheme]:
                     axis.plot(x, q, ls="", marker="o" if period == 2 else "s", ms=3, color=colour,
@@ -243,13 +243,12 @@ def save(path: Path, curves: dict) -> None:
                     axis.text(0.5, 0.6, "none", ha="center", transform=axis.transAxes)
                 limit = axis.axvline(2, color=look.GREY, ls=":", lw=0.9)
                 axis.set(xlim=(SCAN[0], SCAN[-1]), ylim=(-4, 4))
-                if not row:
-                    axis.set_title(scheme)
-            axes[row, 0].set_ylabel(f"{name}\n$q$")
-        for axis in axes[-1]:
-            axis.set_xlabel(r"$\omega h$")
+                if not column:
+                    axis.set_ylabel(f"{scheme}\n$q$")
+            axes[0, column].set_title(name)
+            axes[-1, column].set_xlabel(r"$\omega h$")
         key = partial(importlib.import_module("matplotlib.lines").Line2D, [], [], ls="", ms=4, color=look.BLACK)
         keys = {"cycle of two steps, stable": key(marker="o"), "cycle of two steps, unstable": key(marker="o", mfc="w")}
         keys |= {"fixed point, unstable": key(marker="s", mfc="w"), "cycle by hand": key(ls="-", color=look.GREY)}
         keys[r"linear limit of stormer_verlet, $\omega h = 2$"] = limit
-        page.legend(keys.values(), keys.keys(), loc="outside lower center", ncols=5)
+        page.legend(keys.values(), keys.keys(), loc="outside lower center", ncols=2)

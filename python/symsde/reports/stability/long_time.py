@@ -80,8 +80,11 @@ def kubo_change(scheme: str, steps: int) -> np.ndarray:
 
 
 def save(path: Path, curves: dict) -> None:
-    """Draw both; points beyond the edge are left out, and a cross ends a curve that goes there."""
-    with look.panels(path, [["energy", "kubo"]], 10.0, 4.0, 130) as axes:
+    """Draw both; points beyond the edge are left out, and a cross ends a curve that goes there.
+
+    One panel stands above the other, so that the labels can be read where the figure is as wide as a phone.
+    """
+    with look.panels(path, [["energy"], ["kubo"]], 4.6, 5.6, 160) as axes:
         for scheme in SCHEMES:
             for axis, time, key in ((axes["energy"], "t", scheme), (axes["kubo"], "kubo_t", f"kubo_{scheme}")):
                 t, change = np.array(curves[time], dtype=float), np.array(curves[key], dtype=float)
@@ -95,4 +98,4 @@ def save(path: Path, curves: dict) -> None:
         line = importlib.import_module("matplotlib.lines").Line2D
         cross = line([], [], ls="", marker="X", ms=7, color=look.BLACK, label="lost from here on")
         names = [*axes["kubo"].get_lines(), cross]
-        axes["kubo"].figure.legend(names, [x.get_label() for x in names], loc="outside lower center", ncols=7)
+        axes["kubo"].figure.legend(names, [x.get_label() for x in names], loc="outside lower center", ncols=3)
