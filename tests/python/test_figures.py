@@ -134,9 +134,9 @@ def test_points_of_the_step(drawn):
     shown_in = [not axis.texts for axis in axes]
     assert shown_in[::2] == [name in ("stormer_verlet", "heun") for name in bifurcation.DRAWN]
     assert shown_in[1::2] == [False] * 4
-    assert [axis.get_title() for axis in axes[:4]] == list(bifurcation.DRAWN)
-    assert [axes[i].get_ylabel() for i in (0, 4)] == ["hardening spring\n$q$", "pendulum\n$q$"]
-    assert {axis.get_xlabel() for axis in axes[4:]} == {r"$\omega h$"}
+    assert [axis.get_ylabel() for axis in axes[::2]] == [f"{name}\n$q$" for name in bifurcation.DRAWN]
+    assert [axis.get_title() for axis in axes[:2]] == ["hardening spring", "pendulum"]
+    assert {axis.get_xlabel() for axis in axes[-2:]} == {r"$\omega h$"}
 
 
 def test_labels_of_energy_over_a_long_time(drawn):
