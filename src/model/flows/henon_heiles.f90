@@ -1,7 +1,10 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> Whole steps on the Henon-Heiles system: drifts, and kicks at nodes c_i of the step, each by a part b_i of the
-!> potential and of the noises. The schemes are Stormer-Verlet, the Euler pair, the other Lobatto pair of two stages,
-!> and the kicks of scheme/splitting, which for additive noise have no other parts. Kick i and the drifts are
+!>    H = (p.p + q.q)/2 + alpha (q_1^2 q_2 - q_2^3/3),   H_k = sigma_k q_k   (k = 1, 2)
+!>
+!> Whole steps on this system: drifts, and kicks at nodes c_i of the step, each by a part b_i of the potential and of
+!> the noises. The schemes are Stormer-Verlet, the Euler pair, the other Lobatto pair of two stages, and the kicks of
+!> scheme/splitting, which for additive noise have no other parts: the force-gradient potential c h^2/2 sum_k
+!> H_k,q.H_k,q of scheme/kicks is constant where H_k,q is. Kick i and the drifts are
 !>
 !>    dp_1 = -b_i (h (q_1 + 2 alpha q_1 q_2) + sigma1 W_1),  dp_2 = -b_i (h (q_2 + alpha (q_1^2 - q_2^2)) + sigma2 W_2),
 !>    W_k = dW_k + (gamma_i/b_i) a_k,  a_k = dZ_k/h - dW_k/2,   dq = tau p
@@ -9,6 +12,10 @@
 !> or, where a scheme rotates, the exact flow of (p.p + q.q)/2 in place of a drift, and kicks without their linear
 !> part. Every step is drift, kick, drift, kick, drift, of which a scheme leaves out what it has not: its duration or
 !> part is zero.
+!>
+!> The gamma_i obey gamma_1 + gamma_2 = 0 and gamma_1 c_1 + gamma_2 c_2 = -1 (scheme/kicks): a kick at the node c_i is
+!> then given its share of dZ. With Verlet's nodes 0 and 1 that is gamma = (1, -1), with Gauss's (1 -+ 1/sqrt 3)/2 it
+!> is gamma = (sqrt 3, -sqrt 3). Kicks by dW alone have gamma = 0.
 !>
 !> Few lanes at a time go through all of their steps; a path that is alone does so in registers.
 module symsde_model_flows_henon_heiles
@@ -36,10 +43,12 @@ module symsde_model_flows_henon_heiles
       real(wp) :: shape(2) = 0    !! gamma_i/b_i, part of dZ/h - dW/2 in each kick
       real(wp) :: linear = 1      !! factor of the linear force in the kicks
       logical :: rotates = .false.  !! drifts are rotations, which take the linear force over
-      ! What follows from the size of a step, and the system that is moved.
+      ! The rest is what follows from the size of a step, and the system that is moved: henon_heiles_flow fills it, once
+      ! for all the steps that it is asked for.
       real(wp) :: h = 0
       type(henon_heiles_terms) :: of
       real(wp) :: tau(3) = 0      !! times of the drifts
+      ! A rotation by the angle tau_i is kept as cos tau_i - 1 and sin tau_i.
       real(wp) :: cosine_less_one(3) = 0, sine(3) = 0
    end type kick_plan
 
@@ -69,6 +78,8 @@ contains
          plan = kick_plan(drift=[0, 1, 0], part=[0.5_wp, 0.5_wp], nvelocity=1)
       case ('lobatto2_swapped', 'verlet_dkd_weak2')
          plan = kick_plan(drift=[0.5_wp, 0.5_wp, 0.0_wp], part=[1, 0])
+         ! The two names mean one map, but are counted as the general steppers count them: velocities of a tableau are
+         ! gradients, and drifts of a splitting are not.
          if (scheme == 'lobatto2_swapped') plan%nvelocity = 2
       case ('verlet_kdk', 'verlet_kdk_strong2')
          plan = kick_plan(drift=[0, 1, 0], part=[0.5_wp, 0.5_wp], shape=[2, -2])
@@ -76,6 +87,7 @@ contains
          plan = kick_plan(drift=[gauss, 1 - 2*gauss, gauss], part=[0.5_wp, 0.5_wp], &
                           shape=sqrt(12.0_wp)*[1, -1], &
                           rotates=scheme == 'gauss_dkdkd_rotation')
+         ! The rotation is the flow of the quadratic part of H: a kick has the cubic force and the noise alone.
          if (plan%rotates) plan%linear = 0
       case default
          plan = kick_plan()
@@ -96,6 +108,7 @@ contains
       integer :: first
 
       call find_plan(scheme, plan)
+      ! The plan is completed by all that depends on h alone, so that no step computes it again.
       plan%h = steps%h
       plan%of = terms
       plan%tau = plan%drift*steps%h
@@ -112,10 +125,12 @@ contains
             call pass(plan, steps, first, w, dz, q, p, qn, pn)
          end do
       end if
+      ! Each kick evaluates one force; padding lanes, past nreal, are not counted.
       counters%gradients = counters%gradients + (plan%nvelocity + count(plan%part > 0))*steps%nstep*steps%nreal
    end subroutine henon_heiles_flow
 
-   !> Take the steps of lane 1 alone: each waits for the one before it, and all numbers stay in registers.
+   !> Take the steps of lane 1 alone: each waits for the one before it, and all numbers stay in registers. w is h, dW_1,
+   !> dW_2 and dz is dZ_1, dZ_2 of each step; qn and pn are the states that are asked for.
    pure subroutine pass_alone(plan, steps, w, dz, q, p, qn, pn)
       type(kick_plan), intent(in) :: plan
       type(steps_record), intent(in) :: steps
@@ -126,12 +141,14 @@ contains
       integer :: i, step, out
 
       rate = 1/plan%h
+      ! (x1, x2) is q and (y1, y2) is p.
       x1 = q(1, 1)
       x2 = q(1, 2)
       y1 = p(1, 1)
       y2 = p(1, 2)
       do out = 1, steps%nstep/steps%every
          do step = (out - 1)*steps%every + 1, out*steps%every
+            ! The loop is unrolled, so that i is a constant in each of its three passes.
             !GCC$ unroll 3
             do i = 1, 3
                if (plan%rotates) then
@@ -169,6 +186,8 @@ contains
       integer :: i, n, step, out, several
       logical :: plain  ! two kicks by dW, and a drift between them
 
+      ! Of all plans, the one of Stormer-Verlet alone is plain: it needs no dZ, hence no more than dW of several steps
+      ! at once.
       plain = all(plan%part > 0) .and. .not. (any(plan%drift([1, 3]) > 0) .or. any(abs(plan%shape) > 0))
       n = min(tile, steps%nlane - first + 1)
       associate (last => first + n - 1, every => steps%every)
@@ -176,11 +195,14 @@ contains
          y(:n, :) = p(first:last, :)
          do out = 1, steps%nstep/every
             step = (out - 1)*every
+            ! While a group of steps fits before the next state that is shown, the lanes take the group; then they go
+            ! step by step.
             do while (plain .and. step < out*every)
                several = merge(group, 1, out*every - step >= group)
                call kick_drift_kick_lanes(several, plan, first - 1, n, w(:, :, step + 1:step + several), x, y)
                step = step + several
             end do
+            ! Where the plan is plain no step is left for this loop, and otherwise it takes all of them.
             do step = step + 1, out*every
                do i = 1, 3
                   if (plan%drift(i) > 0) call drift_lanes(i, plan, n, x, y)
@@ -205,6 +227,8 @@ contains
       real(wp), intent(inout), dimension(tile, 2) :: x, y
       integer :: lane, step
 
+      ! The group has a length that the compiler knows: it unrolls the inner loop, and x and y stay in registers
+      ! across it.
       if (nstep == group) then
          do lane = 1, n
             !GCC$ unroll 4
@@ -221,7 +245,7 @@ contains
       end if
    end subroutine kick_drift_kick_lanes
 
-   !> VEC The i-th drift of n lanes.
+   !> VEC The i-th drift of n lanes: q + tau_i p, or the rotation by tau_i in each plane (q_k, p_k).
    pure subroutine drift_lanes(i, plan, n, x, y)
       integer, intent(in) :: i, n
       type(kick_plan), intent(in) :: plan
@@ -250,6 +274,7 @@ contains
       real(wp) :: shape, rate
       integer :: lane
 
+      ! Of a step, w holds dW_1 of all nlane lanes, then dW_2; this tile begins at its first element, and dz likewise.
       shape = plan%shape(i)
       rate = 1/plan%h
       do lane = 1, n
@@ -267,7 +292,8 @@ contains
       weight = w + shape*(rate*dz - (0.5_wp*w))
    end function weight
 
-   !> One step of two kicks with a drift between them, of one lane.
+   !> One step of two kicks with a drift between them, of one lane: Stormer-Verlet, whose kicks have half of h and of
+   !> both dW each, and weigh no dZ.
    pure subroutine kick_drift_kick(plan, w1, w2, x1, x2, y1, y2)
       type(kick_plan), intent(in) :: plan   !! whose linear force is all of it
       real(wp), intent(in) :: w1, w2
@@ -286,6 +312,8 @@ contains
       real(wp), intent(inout) :: x, y
       real(wp) :: moved
 
+      ! Increments are added, rather than the state multiplied by cos tau and sin tau: what is rounded is then small
+      ! with tau.
       moved = x + (cosine_less_one*x + (sine*y))
       y = y + (cosine_less_one*y - (sine*x))
       x = moved
@@ -298,6 +326,8 @@ contains
       real(wp), intent(in) :: part, u1, u2, x1, x2
       real(wp), intent(inout) :: y1, y2
 
+      ! linear is 1, or 0 where a rotation carries the linear force; x2 stands by itself in the second force, and is
+      ! left out by merge.
       associate (h => plan%h, linear => plan%linear, alpha => plan%of%alpha)
          y1 = y1 - part*(h*(x1*(linear + 2*alpha*x2)) + (plan%of%sigma1*u1))
          y2 = y2 - part*(h*(merge(x2, 0.0_wp, linear > 0) + alpha*(x1*x1 - (x2*x2))) + (plan%of%sigma2*u2))

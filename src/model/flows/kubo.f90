@@ -1,9 +1,16 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> Whole steps of the midpoint rule on the Kubo oscillator: Cayley rotations by theta = a h + sigma dW.
+!>    H = a (p^2 + q^2)/2,   H_1 = sigma (p^2 + q^2)/2,   Hhat = h H + dW H_1 = theta (p^2 + q^2)/2
+!>
+!> Whole steps of the midpoint rule on the Kubo oscillator: Cayley rotations by theta = a h + sigma dW. The rule,
+!>
+!>    dq = theta (p + dp/2),  dp = -theta (q + dq/2)
+!>
+!> is linear in (dq, dp) and has the solution
 !>
 !>    dq = theta (p - theta q/2)/(1 + theta^2/4),  dp = -theta (q + theta p/2)/(1 + theta^2/4)
 !>
-!> which is [WHSB] (71)-(72) solved for the new state. A block goes through a group of steps in one pass over its
+!> which is [WHSB] (71)-(72) solved for the new state. It is a rotation by 2 arctan(theta/2): q^2 + p^2 is kept but for
+!> what is rounded, and no theta makes the equations singular. A block goes through a group of steps in one pass over its
 !> lanes. A single path has theta/2 and theta/(1 + theta^2/4) found for many steps before the first of them: what a
 !> step waits for is then the rotation of the step before alone, and no division.
 module symsde_model_flows_kubo
@@ -28,12 +35,14 @@ contains
       real(wp), contiguous, pointer :: w(:, :, :)
 
       w => steps%w  ! contiguous, as gfortran 12 does not see of a component
+      ! w(:, 0, :) holds h and is not read: a h is the same in all steps and is formed once.
       associate (s => steps, n => steps%nstep*steps%nreal)
          if (s%nreal == 1) then
             call turn_one_lane(s, a*s%h, sigma, w, q(1), p(1), qn, pn)
          else
             call turn_lanes(s, a*s%h, sigma, w, q, p, qn, pn)
          end if
+         ! The stepper that this flow replaces would solve one linear system in each step, hence both counts.
          counters%iterations = counters%iterations + n
          counters%solves = counters%solves + n
       end associate
@@ -49,6 +58,8 @@ contains
 
       associate (every => steps%every)
          do out = 1, steps%nstep/every
+            ! The state is copied to the place of the next result and moved there: from q, or from the result before
+            ! it.
             qn(:, out) = q
             pn(:, out) = p
             if (out > 1) qn(:, out) = qn(:, out - 1)
@@ -58,6 +69,7 @@ contains
             do step = first, last - group + 1, group
                call turn_group(steps%nlane, turn, sigma, w(1, 0, step), qn(1, out), pn(1, out))
             end do
+            ! Fewer steps than a group are left, and are taken one by one.
             do step = last - mod(every, group) + 1, last
                call turn_once(steps%nlane, turn, sigma, w(1, 1, step), qn(1, out), pn(1, out))
             end do
@@ -94,6 +106,8 @@ contains
       do lane = 1, nlane
          x = q(lane)
          y = p(lane)
+         ! The steps of a lane wait for each other, while those of neighbouring lanes are computed side by side. What
+         ! is gained over turn_once is that (q, p) is read and written once in eight steps.
          !GCC$ unroll 8
          do step = 1, group
             call find_factor(turn + sigma*w(lane, 1, step), half, factor)
@@ -123,6 +137,8 @@ contains
          do step = 1, n
             call find_factor(turn + sigma*w(1, 1, first + step), half(step), factor(step))
          end do
+         ! A chunk may end between two states that are asked for: `left` counts the steps that are still missing up to
+         ! the next one, across chunks.
          i = 0
          do while (i < n)
             do step = i + 1, min(n, i + left)
@@ -145,6 +161,7 @@ contains
       real(wp), intent(in) :: theta
       real(wp), intent(out) :: half, factor
 
+      ! This is the only division of a step, and it does not depend on the state.
       half = 0.5_wp*theta
       factor = theta/(1 + half*half)
    end subroutine find_factor
@@ -155,6 +172,7 @@ contains
       real(wp), intent(inout) :: q, p
       real(wp) :: dq, dp
 
+      ! Both increments are formed from the old state before either is added.
       dq = factor*(p - half*q)
       dp = -factor*(q + half*p)
       q = q + dq

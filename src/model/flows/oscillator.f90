@@ -18,6 +18,10 @@
 !> D = det M, C = D alpha M^-1 1, B = D alpha M^-1 a 1, and A is C with a and abar exchanged, which leaves B as it is
 !> where a scheme is symplectic.
 !>
+!> The exact step is dz = (exp(Z) - 1) Z^-1 (v, -f), and a scheme puts N/D for exp(Z): (N/D - 1) Z^-1 = 2 o/D needs no
+!> inverse of Z, and b and e enter through f and v alone. Since det (N/D) = (u^2 + o^2 a c)/(u^2 + o^2 a c), each step
+!> is symplectic as it is computed.
+!>
 !> Each scheme brings one step of one lane, `take`, to the loops over steps and lanes of oscillator_steps.inc.
 module symsde_model_flows_oscillator
    use symsde_base_counters, only: counters_type
@@ -29,7 +33,8 @@ module symsde_model_flows_oscillator
    public :: oscillator_terms, oscillator_flow, oscillator_has_flow
 
    !> An oscillator: its angular velocity r, the strengths A, B, C, E of its noises, and which noise each of them is:
-   !> 0 where the strength is zero.
+   !> 0 where the strength is zero. With H = r (p^2 + q^2)/2, the noises are A q^2/2, B q, C p^2/2 and E p; one noise may
+   !> be two of them, as that of Kubo's oscillator is (A q^2 + C p^2)/2.
    type :: oscillator_terms
       real(wp) :: rate = 1
       real(wp) :: a = 0, b = 0, c = 0, e = 0
@@ -48,6 +53,11 @@ module symsde_model_flows_oscillator
       real(wp) :: u(2) = 0, o = 0
    end type pade_terms
 
+   ! Pade's numerators of exp(Z), with Z^2 = -x, x = a c:
+   !    midpoint   1 + Z/2                                         u = 1,                      o = 1/2
+   !    gauss2     1 + Z/2 + Z^2/12                                u = 1 - x/12,               o = 1/2
+   !    gauss3     1 + Z/2 + Z^2/10 + Z^3/120                      u = 1 - x/10,               o = 1/2 - x/120
+   !    gauss4     1 + Z/2 + 3 Z^2/28 + Z^3/84 + Z^4/1680          u = 1 - 3 x/28 + x^2/1680,  o = 1/2 - x/84
    type(pade_terms), parameter :: &
       pade(midpoint:gauss4) = [pade_terms(), pade_terms(u=[-1/12.0_wp, 0.0_wp]), &
                                pade_terms(u=[-1/10.0_wp, 0.0_wp], o=-1/120.0_wp), &
@@ -59,6 +69,8 @@ module symsde_model_flows_oscillator
       real(wp) :: a(3) = 0, b(2) = 0, c(3) = 0, d(2) = 0
    end type step_quotients
 
+   ! A of three and of four stages is one3 and one4, C is other3 and other4, B is both3 and both4, D is below3 and
+   ! below4.
    real(wp), parameter :: one3(3) = [-1/8.0_wp, 0.0_wp, 0.0_wp], other3(3) = [-1/8.0_wp, 1/288.0_wp, 0.0_wp], &
                           both3(2) = [-1/48.0_wp, 0.0_wp], below3(2) = [1/24.0_wp, 0.0_wp], &
                           one4(3) = [-2/15.0_wp, 1/300.0_wp, 0.0_wp], &
@@ -78,6 +90,7 @@ contains
       type(oscillator_terms), intent(in) :: terms
       character(*), intent(in) :: scheme
 
+      ! With noise in b or e, F_p.F_q/2 has more terms than d q p, which the corrected steps of this file lack.
       has_flow = index_of(scheme) > 0
       if (index_of(scheme) >= corrected_euler) has_flow = terms%noise_b == 0 .and. terms%noise_e == 0
       if (index_of(scheme) == gauss2 .and. scheme /= 'gauss2') has_flow = is_of_one_form(terms)  ! its brackets
@@ -145,7 +158,11 @@ contains
 
       w => steps%w  ! contiguous, as gfortran 12 does not see of a component
       which = index_of(scheme)
+      ! Noise of number 0 reads the column w(:, 0, :), which holds h, and has strength zero: what is read does not
+      ! matter.
       additive = terms%noise_a == 0 .and. terms%noise_c == 0
+      ! An adjoint goes as its partner on the turned oscillator, with the step -h and with q and p exchanged in the
+      ! call.
       associate (t => terms, back => turned(terms), h => terms%rate*steps%h)
          select case (which)
          case (euler)
@@ -169,6 +186,8 @@ contains
          end select
       end associate
       n = steps%nstep*steps%nreal
+      ! Schemes from midpoint on are counted as the implicit steppers count, one solve in one iteration, the others by
+      ! the gradients of a step: a force and a velocity, and of Stormer-Verlet two forces.
       if (which >= midpoint) then
          counters%iterations = counters%iterations + n
          counters%solves = counters%solves + n
@@ -182,6 +201,8 @@ contains
    pure type(oscillator_terms) function turned(t)
       type(oscillator_terms), intent(in) :: t
 
+      ! To exchange q and p alone is anti-canonical, and changes the sign of Hhat: that of its strengths here, that of
+      ! h in the call.
       turned = oscillator_terms(rate=t%rate, a=-t%c, b=-t%e, c=-t%a, e=-t%b, noise_a=t%noise_c, noise_b=t%noise_e, &
                                 noise_c=t%noise_a, noise_e=t%noise_b)
    end function turned
@@ -236,6 +257,8 @@ contains
 
          a = t%a*wa
          c = t%c*wc
+         ! F_p.F_q/2 = (A dW_i q) (C dW_k p)/2 = d q p. The correction is of the noises alone: a and c are here
+         ! without h.
          d = 0.5_wp*(a*c)
          y = (y - (h + a)*x)*(1/(1 + d))
          x = x + ((h + c)*y + d*x)
@@ -281,6 +304,7 @@ contains
          z = a*c
          u = 1 + z*(numbers%u(1) + z*numbers%u(2))
          o = 0.5_wp + z*numbers%o
+         ! The one division of a step: 2 o/det (u - o Z).
          factor = 2*o/(u*u + z*(o*o))
          x = x + (u*velocity - (o*c)*force)*factor
          y = y - (u*force + (o*a)*velocity)*factor

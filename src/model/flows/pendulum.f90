@@ -6,6 +6,9 @@
 !>    symplectic Euler   p' = (p - (h sin q + g q))/(1 + d),  q' = q + ((h + g) p' + d q)   [WHSB] (89)-(90)
 !>    its adjoint        q' = (q + (h + g) p)/(1 + d),  p' = p - (h sin q' + g q') + d p    [WHSB] (91)-(92)
 !>
+!> The first has +d q p = F_p.F_q/2 with F = dW H_1 = g (p^2 + q^2)/2, the second has -d q p: without this correction
+!> either scheme converges to another equation than that of Stratonovich.
+!>
 !> The implicit end, p' of the first and q' of the second, is linear in what it asks for: no iteration is needed. A
 !> path that is alone is lane 1, the others go through their steps a tile at a time.
 module symsde_model_flows_pendulum
@@ -19,7 +22,8 @@ module symsde_model_flows_pendulum
 
 contains
 
-   !> Take steps by the contract of model_type%flow. A step counts as one solve.
+   !> Take steps by the contract of model_type%flow: from (q, p) to the states after every steps%every-th step, in qn and
+   !> pn. A step counts as one solve.
    subroutine pendulum_euler_flow(adjoint, sigma, steps, q, p, qn, pn, counters)
       logical, intent(in) :: adjoint
       real(wp), intent(in) :: sigma
@@ -39,12 +43,14 @@ contains
                call step_lanes(adjoint, sigma, s, first, w, q(first), p(first), qn, pn)
             end do
          end if
+         ! Padding lanes are moved, too, but not counted.
          counters%iterations = counters%iterations + n
          counters%solves = counters%solves + n
       end associate
    end subroutine pendulum_euler_flow
 
    !> Take all steps of a tile of lanes from `first` on: sine and cosine of all its angles, then the rest of the step.
+   !> The cosine comes with the sine and is not used: no equation is iterated that would ask for a slope.
    subroutine step_lanes(adjoint, sigma, steps, first, w, q, p, qn, pn)
       logical, intent(in) :: adjoint
       type(steps_record), intent(in) :: steps
@@ -56,11 +62,14 @@ contains
       integer :: step, out, n
 
       n = size(q)
+      ! The state of the tile stays in (x, y) through all steps; what is asked for is copied out.
       x(:n) = q
       y(:n) = p
       do out = 1, steps%nstep/steps%every
          do step = (out - 1)*steps%every + 1, out*steps%every
             if (adjoint) then
+               ! Symplectic Euler takes the sine at the old angle, its adjoint at the new one: hence the order of the
+               ! calls.
                call solve_for_angles(n, sigma, steps%h, w(first, 1, step), y, x)
                call sincos_lanes(n, x, sine, cosine)
                call move_momenta(n, sigma, steps%h, w(first, 1, step), x, sine, y)
@@ -74,7 +83,7 @@ contains
       end do
    end subroutine step_lanes
 
-   !> Take all steps of lane 1, by numbers in registers.
+   !> Take all steps of lane 1, by numbers in registers: the same operations as those of a lane of a tile.
    subroutine step_alone(adjoint, sigma, steps, w, q, p, qn, pn)
       logical, intent(in) :: adjoint
       type(steps_record), intent(in) :: steps
@@ -102,7 +111,7 @@ contains
 
    ! ---- kernels ----------------------------------------------------------------------------------
 
-   !> VEC One step of symplectic Euler for n lanes, whose sines are known.
+   !> VEC One step of symplectic Euler for n lanes, whose sines at the old angles are known: p' first, then q' by p'.
    pure subroutine solve_and_drift(n, sigma, h, dw, sine, x, y)
       integer, intent(in) :: n
       real(wp), intent(in) :: sigma, h, dw(n), sine(n)
@@ -114,7 +123,8 @@ contains
       end do
    end subroutine solve_and_drift
 
-   !> VEC The first half of a step of the adjoint for n lanes: q'.
+   !> VEC The first half of a step of the adjoint for n lanes: x is q, then q', and y is the old p. The sine of q' is
+   !> found between the halves.
    pure subroutine solve_for_angles(n, sigma, h, dw, y, x)
       integer, intent(in) :: n
       real(wp), intent(in) :: sigma, h, dw(n), y(n)
@@ -138,12 +148,14 @@ contains
       end do
    end subroutine move_momenta
 
-   !> One step of symplectic Euler: y is p, then p', and x is q, then q'.
+   !> One step of symplectic Euler by the equations at the head, with g = sigma dW: y is p, then p', and x is q, then
+   !> q'. One division serves the step.
    pure subroutine euler(h, g, sine, x, y)
       real(wp), intent(in) :: h, g, sine
       real(wp), intent(inout) :: x, y
       real(wp) :: d
 
+      ! d q p has the derivative d p' in q, which the division by 1 + d solves for; its derivative in p is d q.
       d = 0.5_wp*(g*g)
       y = ((y - g*x) - h*sine)*(1/(1 + d))
       x = x + ((h + g)*y + d*x)
@@ -154,6 +166,7 @@ contains
       real(wp), intent(in) :: h, g, y
       real(wp), intent(inout) :: x
 
+      ! -d q p gives q' a term -d q', which the division by 1 + d solves for.
       x = (x + (h + g)*y)*(1/(1 + 0.5_wp*(g*g)))
    end subroutine solve_for_angle
 
@@ -162,6 +175,7 @@ contains
       real(wp), intent(in) :: h, g, x, sine
       real(wp), intent(inout) :: y
 
+      ! -d q p gives p' the term +d p, at the old p.
       y = ((y + 0.5_wp*(g*g)*y) - g*x) - h*sine
    end subroutine move_momentum
 

@@ -1,8 +1,13 @@
 ! SPDX-License-Identifier: BSD-3-Clause
+!>    p_1/2 = p - Hhat_q(q)/2,   q' = q + Hhat_p(p_1/2),   p' = p_1/2 - Hhat_q(q')/2
+!>
 !> Whole steps of Stormer-Verlet where one degree of freedom feels the sine and the cosine of its angle:
 !>
 !>    Hhat_q = a sin q + b cos q + c q,  Hhat_p = e p
 !>    a = r h + A dW_i,  b = B dW_j,  c = C dW_k,  e = h + E dW_l
+!>
+!> The synchrotron is of this kind, with r = omega^2, H_1 = B sin q, H_2 = -A cos q, and so is the pendulum, with
+!> r = 1 and one noise H_1 = C q^2/2 + E p^2/2, C = E.
 !>
 !> A step is half a kick, a drift and half a kick. The angle after a step is that before the next one: sine and
 !> cosine, most of the work, are found once a step. A path that is alone is lane 1, the others go through their steps
@@ -53,7 +58,8 @@ contains
       counters%gradients = counters%gradients + 3*steps%nstep*steps%nreal
    end subroutine sine_flow
 
-   !> Take all steps of n lanes from `first` on.
+   !> Take all steps of n lanes from `first` on, each in three passes: up to the new angle, its sine and cosine, and the
+   !> second kick. The passes are apart because sine and cosine are found for many angles at once.
    subroutine verlet(terms, steps, first, n, w, q, p, qn, pn)
       type(sine_terms), intent(in) :: terms
       type(steps_record), intent(in) :: steps
@@ -65,6 +71,8 @@ contains
       integer :: step, out
 
       rate = terms%rate*steps%h
+      ! The sine and the cosine of the first angle are found before the steps: each step leaves those of its last one
+      ! behind.
       s%x(:n) = q
       s%y(:n) = p
       call sincos_lanes(n, s%x, s%sine, s%cosine)
@@ -80,7 +88,7 @@ contains
       end do
    end subroutine verlet
 
-   !> Take all steps of lane 1, by numbers in registers.
+   !> Take all steps of lane 1, by numbers in registers: a, b and c are halves here, as they are in a tile.
    subroutine verlet_alone(terms, steps, w, q, p, qn, pn)
       type(sine_terms), intent(in) :: terms
       type(steps_record), intent(in) :: steps
@@ -99,6 +107,7 @@ contains
             call find_weights(terms, rate, w(1, terms%noise_a, step), w(1, terms%noise_b, step), &
                               w(1, terms%noise_c, step), a, b, c)
             call kick(a, b, c, sine, cosine, x, y)
+            ! The drift's weight e is h, which no rate multiplies, and noise.
             x = x + (h + terms%e*w(1, terms%noise_e, step))*y
             sine = sincos_one(x, cosine)
             call kick(a, b, c, sine, cosine, x, y)
@@ -143,6 +152,7 @@ contains
       real(wp), intent(in) :: rate, wa, wb, wc
       real(wp), intent(out) :: a, b, c
 
+      ! Halving is exact: each of the two kicks subtracts these times sin q, cos q and q.
       a = 0.5_wp*(rate + terms%a*wa)
       b = 0.5_wp*(terms%b*wb)
       c = 0.5_wp*(terms%c*wc)
@@ -153,6 +163,8 @@ contains
       real(wp), intent(in) :: a, b, c, sine, cosine, x
       real(wp), intent(inout) :: y
 
+      ! At one angle a step ends and the next begins, with the same sine and cosine: the sum of the second kick is
+      ! found while that of the first is still being added to y.
       y = y - (c*x + b*cosine + a*sine)
    end subroutine kick
 
