@@ -33,8 +33,8 @@ module symsde_model_flows_oscillator
    public :: oscillator_terms, oscillator_flow, oscillator_has_flow
 
    !> An oscillator: its angular velocity r, the strengths A, B, C, E of its noises, and which noise each of them is:
-   !> 0 where the strength is zero. With H = r (p^2 + q^2)/2, the noises are A q^2/2, B q, C p^2/2 and E p; one noise may
-   !> be two of them, as that of Kubo's oscillator is (A q^2 + C p^2)/2.
+   !> 0 where the strength is zero. With H = r (p^2 + q^2)/2, the noises are A q^2/2, B q, C p^2/2 and E p; one noise
+   !> may be two of them, as that of Kubo's oscillator is (A q^2 + C p^2)/2.
    type :: oscillator_terms
       real(wp) :: rate = 1
       real(wp) :: a = 0, b = 0, c = 0, e = 0

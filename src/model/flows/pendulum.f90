@@ -22,8 +22,8 @@ module symsde_model_flows_pendulum
 
 contains
 
-   !> Take steps by the contract of model_type%flow: from (q, p) to the states after every steps%every-th step, in qn and
-   !> pn. A step counts as one solve.
+   !> Take steps by the contract of model_type%flow: from (q, p) to the states after every steps%every-th step, in qn
+   !> and pn. A step counts as one solve.
    subroutine pendulum_euler_flow(adjoint, sigma, steps, q, p, qn, pn, counters)
       logical, intent(in) :: adjoint
       real(wp), intent(in) :: sigma
