@@ -10,9 +10,9 @@
 !>    dq = theta (p - theta q/2)/(1 + theta^2/4),  dp = -theta (q + theta p/2)/(1 + theta^2/4)
 !>
 !> which is [WHSB] (71)-(72) solved for the new state. It is a rotation by 2 arctan(theta/2): q^2 + p^2 is kept but
-!> for what is rounded, and no theta makes the equations singular. A block goes through a group of steps in one pass over its
-!> lanes. A single path has theta/2 and theta/(1 + theta^2/4) found for many steps before the first of them: what a
-!> step waits for is then the rotation of the step before alone, and no division.
+!> for what is rounded, and no theta makes the equations singular. A block goes through a group of steps in one pass
+!> over its lanes. A single path has theta/2 and theta/(1 + theta^2/4) found for many steps before the first of them:
+!> what a step waits for is then the rotation of the step before alone, and no division.
 module symsde_model_flows_kubo
    use symsde_base_counters, only: counters_type
    use symsde_base_kinds, only: wp
