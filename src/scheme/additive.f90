@@ -31,11 +31,15 @@ contains
       real(wp), parameter :: a(2, 2) = reshape([0.5_wp, 0.5_wp, 0.0_wp, 0.0_wp], [2, 2])
       real(wp), parameter :: abar(2, 2) = reshape([0.0_wp, 0.5_wp, 0.0_wp, 0.5_wp], [2, 2])
       real(wp), parameter :: ends(2) = [0.0_wp, 1.0_wp]
+      ! Both have weights 1/2: a is Lobatto IIIB of two stages and abar is IIIA. (a, abar) is position Verlet, drift,
+      ! kick, drift; (abar, a) is velocity Verlet, kick, drift, kick.
       character(*), parameter :: plain = 'gauss2_strong32 for strong order 3/2, or midpoint'
 
       select case (name)
       case ('verlet_dz')
          call scheme_from_tableau(scheme, a, abar, halves, name, .false., error, c=middle)
+         ! With dp = .. + gamma dW the frame adds gamma (dZ - h dW/2) to q after the step, which is what raises the
+         ! order from 1.
          call claim(scheme, 2.0_wp, 2.0_wp)
          scheme%frame = frame_shift
          scheme%symmetric = .false.  ! its shift by dZ comes last
@@ -45,6 +49,9 @@ contains
       case ('averaged_shift_midpoint')
          call scheme_from_tableau(scheme, half, half, one, name, .false., error)
          call claim(scheme, 1.5_wp, 1.5_wp)
+         ! The step is a midpoint rule of z = x - B (W - W_n), B = J grad H_k constant, under a Hamiltonian that has B
+         ! dZ/h, the mean of the path over the step, and (h/12) sum_k B_k^T H'' B_k, from the variance h/6 of the path
+         ! around that mean.
          scheme%frame = frame_mean_path
          scheme%needs = model_needs(additive=.true., instead=plain)
          scheme%asks = functionals([path_dz])
@@ -54,6 +61,8 @@ contains
          call scheme_from_tableau(scheme, abar, a, halves, name, .false., error, c=ends)
          call claim(scheme, 1.0_wp, 1.0_wp)
          scheme%frame = frame_rotation
+         ! The noise is one kick at the start, beta = (1, 0); the force beside the linear part is kicked half at
+         ! either end.
          call new_kicks(scheme%kicks, ends, halves, flow=flow_rotation)
          scheme%kicks%beta = [1, 0]
          scheme%symmetric = .false.  ! its noise comes first
@@ -98,6 +107,7 @@ contains
       n = size(nodes)
       allocate (a(n, n), abar(n, n), bbar(n, n))
       do i = 1, n
+         ! a_ij = c_i w_j has equal columns up to w: all stages lie on the straight line q_n + c_i h Psi.
          a(i, :) = nodes(i)*weights
          abar(i, :) = 0.5_wp*weights
          bbar(i, :) = weights

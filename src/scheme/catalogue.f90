@@ -1,5 +1,18 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> The catalogue of schemes by name. Everything that comes from a quadrature is built from it.
+!>    L_h(q_n,q_{n+1}) = ext sum_i alpha_i [P_i . q_d'(c_i) - h H(P_i,q_d(c_i))] - sum_i beta_i sum_k dW_k H_k
+!>
+!> The catalogue of schemes by name. Everything that comes from a quadrature (c_i, alpha_i) and a degree s of q_d is
+!> built from it, by this discrete Lagrangian (scheme/discrete_lagrangian); the coefficients of no such scheme are
+!> written down:
+!>
+!>    midpoint, gauss2, gauss3, gauss4         s nodes of Gauss
+!>    symplectic_euler and its adjoint         s = 1, the left and the right rectangle
+!>    stormer_verlet = lobatto2, lobatto3, ..  s nodes of Lobatto: IIIA for q, IIIB for p; `swapped` the other way
+!>    PsNrQu                                   degree s, r >= s nodes, quadrature of order u
+!>    lambda:x                                 s = 1, one node x
+!>
+!> The others are tableaux (heun, dirk:c), kicks and drifts (scheme/splitting), a tableau with a modified Hamiltonian
+!> (scheme/expansion) or with a step around it (scheme/additive), and Euler-Maruyama.
 module symsde_scheme_catalogue
    use symsde_base_kinds, only: wp
    use symsde_base_status, only: error_type, raise, unknown_name, invalid_argument
@@ -18,6 +31,7 @@ module symsde_scheme_catalogue
    private
    public :: get_scheme, scheme_names, scheme_families
 
+   ! What get_scheme knows and what unknown names are compared with; every family with a parameter ends in a colon.
    integer, parameter :: nplain = 44  !! names without a parameter; the families follow
    character(len=name_length), parameter :: all_names(nplain + 2) = [character(len=name_length) :: & !&
       'midpoint', 'symplectic_euler', 'symplectic_euler_adjoint', 'stormer_verlet', & !&
@@ -89,6 +103,8 @@ contains
       case ('verlet_dz', 'averaged_shift_midpoint', 'drift_preserving', 'exact_rotation')
          call additive_scheme(scheme, name, error)
       case default
+         ! Names of kicks are asked for first, those with a parameter inside last: they give the message of unknown
+         ! names.
          call splitting_scheme(scheme, name, known, error)
          if (.not. known) call parametrised(scheme, name, error)
       end select
@@ -104,6 +120,7 @@ contains
       type(error_type), allocatable, intent(inout) :: error
       real(wp), allocatable :: nodes(:), weights(:)
 
+      ! The reference is that of the literature, in place of the one that scheme_from_quadrature has given.
       call get_quadrature(rule, nodes, weights, error)
       if (allocated(error)) return
       call scheme_from_quadrature(scheme, degree, nodes, weights, name, error)
@@ -116,6 +133,8 @@ contains
       character(*), intent(in) :: name
       type(error_type), allocatable, intent(inout) :: error
 
+      ! Commutators of order h^2 must be smaller than the solver's error: where brackets with dZ or weak order 2 are
+      ! asked for, the solver of the modified Hamiltonian is of order four.
       if (index(name, 'gauss2') == 1) then
          call from_rule(scheme, name, 'gauss2', 2, '', error)
       else
@@ -128,6 +147,7 @@ contains
    pure integer function degree_of(name)
       character(*), intent(in) :: name
 
+      ! The digit's place in the list of digits is its value.
       degree_of = index('12345678', name(scan(name, '12345678'):scan(name, '12345678')))
    end function degree_of
 
@@ -136,12 +156,14 @@ contains
       type(scheme_type), intent(inout) :: scheme
       real(wp) :: keep(scheme%nstage, scheme%nstage)
 
+      ! For symplectic tableaux the conjugate of abar is a: the swapped tableau is symplectic, too.
       keep = scheme%a
       scheme%a = scheme%abar
       scheme%abar = keep
       keep = scheme%b
       scheme%b = scheme%bbar
       scheme%bbar = keep
+      ! The polynomial q_d of this degree is no longer that of q: a degree of 0 says that there is none.
       scheme%degree = 0
    end subroutine swap
 
@@ -155,6 +177,8 @@ contains
       real(wp), parameter :: heun(2, 2) = reshape([0.0_wp, 1.0_wp, 0.0_wp, 0.0_wp], [2, 2])
       integer :: i
 
+      ! Heun: Q_2 = q_n + h f(q_n), weights 1/2: beta^T b e = 1/2, hence Stratonovich. Euler-Maruyama has a = 0,
+      ! weight 1.
       if (name == 'heun') then
          call scheme_from_tableau(scheme, heun, heun, half, name, .true., error)
          scheme%reference = 'Heun; Kloeden, Platen 1992; not symplectic'
@@ -162,6 +186,8 @@ contains
          call scheme_from_tableau(scheme, none, none, one, name, .true., error)
          scheme%form = ito_form
          scheme%reference = 'Euler-Maruyama for the Ito form; Kloeden, Platen 1992; not symplectic'
+         ! Strong order 1 for additive noise, where the Ito and the Stratonovich form are one, and 1/2 for all other
+         ! noise.
          call set_order(scheme%order(additive_noise), 1.0_wp, evidence_claimed)
          do i = commutative_noise, commuting_flows
             call set_order(scheme%order(i), 0.5_wp, evidence_claimed)
@@ -185,12 +211,15 @@ contains
       if (known) return
       if (index(name, 'dirk:') == 1) then
          call read_parameter(name, 'dirk:', x, error)
+         ! With c = 0 or 1 one of the two midpoint steps would have the length zero, and its weight too.
          if (x <= 0 .or. x >= 1) call refuse_parameter(name, '0 < c < 1, as in dirk:0.25', error)
          if (.not. allocated(error)) call dirk(scheme, name, x, error)
       else if (index(name, 'lambda:') == 1) then
          call read_parameter(name, 'lambda:', x, error)
          if (x < 0 .or. x > 1) call refuse_parameter(name, '0 <= x <= 1, as in lambda:0.3', error)
          if (allocated(error)) return
+         ! One node x: Q = (1 - x) q_n + x q_{n+1}, P = x p_n + (1 - x) p_{n+1}. x = 1/2 is the midpoint rule, 0 and 1
+         ! are the Euler pair; all others need the drift correction with the factor 1/2 - x.
          nodes = x
          call scheme_from_quadrature(scheme, 1, nodes, one, name, error)
          scheme%reference = 'one-sided family, [WHSB] (71)-(72), (89)-(92)'
@@ -211,6 +240,8 @@ contains
       type(error_type), allocatable, intent(inout) :: error
       real(wp) :: a(2, 2), weights(2)
 
+      !       c/2    0
+      !       c      (1-c)/2        weights c, 1 - c;  abar = a, as of each midpoint step
       a(:, 1) = c
       a(1, 1) = 0.5_wp*c
       a(1, 2) = 0
@@ -231,6 +262,7 @@ contains
       integer :: s, r, u
 
       known = .false.
+      ! Digit 2 is the degree s, digit 4 the number of nodes r, digit 6 the order u that the rule must have.
       if (len_trim(name) /= 9) return
       s = index('1234', name(2:2))
       r = index('1234', name(4:4))
@@ -238,6 +270,7 @@ contains
       select case (name(7:9))
       case ('Gau')
          rule = 'gauss'//name(4:4)
+         ! Gauss's rules have order 2 r, Lobatto's 2 r - 2, and the open trapezoid order 2.
          known = u == 2*r
       case ('Lob')
          rule = 'lobatto'//name(4:4)
@@ -247,6 +280,7 @@ contains
          known = r == 2 .and. u == 2
       case default  ! not known
       end select
+      ! r < s would leave control points undetermined.
       known = known .and. min(s, r, u) > 0 .and. s <= r
       known = known .and. name(1:1)//name(3:3)//name(5:5) == 'PNQ'
       if (.not. known) return
@@ -262,6 +296,7 @@ contains
       integer :: iostat
 
       x = 0.5_wp
+      ! Only digits, signs, points and exponents are read: a Fortran read would take NaN and infinities, too.
       text = name(len(family) + 1:)
       iostat = merge(1, 0, text == '' .or. verify(trim(text), '0123456789.+-eE') > 0)
       if (iostat == 0) read (text, '(f40.0)', iostat=iostat) x
@@ -270,6 +305,7 @@ contains
                  "' has no number after the colon; write for example "//family//'0.25')
    end subroutine read_parameter
 
+   !> Raise the error of a parameter outside its range; `allowed` says the range.
    subroutine refuse_parameter(name, allowed, error)
       character(*), intent(in) :: name, allowed
       type(error_type), allocatable, intent(inout) :: error
@@ -278,6 +314,7 @@ contains
                  "the parameter of '"//trim(name)//"' must satisfy "//allowed)
    end subroutine refuse_parameter
 
+   !> The length of the first three of a list of names.
    pure integer function length_of_three(names) result(last)
       character(*), intent(in) :: names  !! at least four, separated by commas
       integer :: i

@@ -1,4 +1,8 @@
 ! SPDX-License-Identifier: BSD-3-Clause
+!>    symplecticity   max_ij |alpha_i abar_ij + alpha_j a_ji - alpha_i alpha_j|, and three with beta, b, bbar
+!>    adjointness     max_ij |a_ij + a_i'j' - alpha_j|, .. ,  i' = r + 1 - i
+!>    consistency     beta^T b e = beta^T bbar e = 1/2
+!>
 !> The certificate of a scheme: what its coefficients prove, what is claimed beside that, and what was measured.
 !>
 !> Residuals are computed here from the coefficients. Structure is derived where the stepper executes them, claimed
@@ -82,9 +86,11 @@ contains
       c%frame = scheme%frame
       c%needs = scheme%needs
       if (allocated(scheme%remark)) c%remark = scheme%remark
+      ! Galerkin forms are symplectic as discrete Lagrangians and kicks as exact flows: they have no residual.
       if (scheme%form == tableau_form) c%symplecticity_residual = symplecticity_residual(scheme)
       c%symplectic = scheme%form /= ito_form .and. c%symplecticity_residual < coefficient_tolerance
       c%symmetry_residual = symmetry_residual(scheme)
+      ! A frame that does something at one end of the step alone is not seen in the coefficients.
       c%symmetric = c%symmetry_residual < coefficient_tolerance .and. &
                     scheme%frame /= frame_shift .and. scheme%frame /= frame_rotation
       c%quadratic_residual = quadratic_residual(scheme)
@@ -94,10 +100,12 @@ contains
       c%structure = scheme%structure
       c%order = scheme%order
       c%order_noise_free = scheme%order_noise_free
+      ! What is explicit for any Hamiltonian is so for separable ones: the second question overrides the first.
       if (is_explicit(scheme, .true.)) c%explicit_for = explicit_if_separable
       if (is_explicit(scheme, .false.)) c%explicit_for = always_explicit
       if (scheme%form == splitting_form .and. scheme%kicks%flow == flow_midpoint) &
          c%implicit_drifts = scheme%kicks%ndrift()
+      ! One gradient of Hhat a stage, and one an iteration of each midpoint step between kicks.
       c%gradients_per_step = scheme%nstage + c%implicit_drifts
       c%unknowns = implicit_unknowns(scheme, .false.)
       c%unknowns_if_separable = implicit_unknowns(scheme, .true.)
@@ -111,6 +119,7 @@ contains
       real(wp) :: conjugate
 
       c%stratonovich_sum = stratonovich_sum(scheme)
+      ! Of the Ito form the sum must be zero, and for additive noise H_k,qp = 0 leaves no correction to be needed.
       if (scheme%form == ito_form .or. scheme%frame /= frame_none .or. scheme%needs%additive) return
       conjugate = conjugate_stratonovich_sum(scheme)
       c%correction_coefficient = scheme%correction_coefficient()
@@ -139,6 +148,7 @@ contains
       text = text//')'
    end subroutine describe
 
+   !> The answer in a word.
    pure function yes_no(truth) result(text)
       logical, intent(in) :: truth
       character(len=merge(3, 2, truth)) :: text
@@ -156,6 +166,7 @@ contains
       text = text//label//value//new_line('a')
    end subroutine add
 
+   !> The line of the name: form, degree, and number of stages, nodes or kicks.
    pure subroutine add_form(text, c)
       character(:), allocatable, intent(inout) :: text
       type(certificate_type), intent(in) :: c
@@ -175,6 +186,9 @@ contains
       call add(text, 'scheme', c%name//' ('//form//')')
    end subroutine add_form
 
+   !> The line of symplecticity: a residual where the tableau is the step, else the reason why the form is symplectic.
+   !> A correction is a Hamiltonian whose gradient takes a Hessian product of Hhat: by differences it is a gradient no
+   !> more.
    pure subroutine add_symplecticity(text, c)
       character(:), allocatable, intent(inout) :: text
       type(certificate_type), intent(in) :: c
@@ -197,6 +211,8 @@ contains
       call add(text, 'symplectic', value)
    end subroutine add_symplecticity
 
+   !> The line of the equation that is approximated, and of the correction F_p.F_q (1/2 - beta^T b e) where it is
+   !> needed.
    pure subroutine add_consistency(text, c)
       character(:), allocatable, intent(inout) :: text
       type(certificate_type), intent(in) :: c
@@ -217,6 +233,7 @@ contains
       call add(text, 'consistency', value)
    end subroutine add_consistency
 
+   !> The line of symmetry, with the distance from the adjoint where nothing is added to the coefficients.
    pure subroutine add_symmetry(text, c)
       character(:), allocatable, intent(inout) :: text
       type(certificate_type), intent(in) :: c
@@ -230,6 +247,7 @@ contains
       call add(text, 'symmetric', value)
    end subroutine add_symmetry
 
+   !> The line of the invariants, quadratic ones (a = abar) or those bilinear in q and p.
    pure subroutine add_invariants(text, c)
       character(:), allocatable, intent(inout) :: text
       type(certificate_type), intent(in) :: c
@@ -246,6 +264,7 @@ contains
       call add(text, 'quadratic invariants', value)
    end subroutine add_invariants
 
+   !> How the line of an order begins: the kind of convergence and the class of noise.
    pure function order_label(i) result(label)
       integer, intent(in) :: i
       character(len=23) :: label
@@ -284,6 +303,7 @@ contains
          call name_functionals(c%asks, asked)
          call add(text, 'increments', asked//' beside dW')
       else if (c%brackets%are_added()) then
+         ! Each bracket begins with a comma, the first of which is cut off.
          brackets = ''
          if (c%brackets%single) brackets = brackets//', {H_k,H} with dZ'
          if (c%brackets%areas) brackets = brackets//', {H_l,H_k} with areas'
@@ -299,6 +319,7 @@ contains
          call add(text, 'increments', law_text(c%law)//': for expectations, not path by path')
    end subroutine add_expansion
 
+   !> The line that says for which models no equations are solved; a correction makes every scheme implicit.
    pure subroutine add_explicit(text, c)
       character(:), allocatable, intent(inout) :: text
       type(certificate_type), intent(in) :: c
@@ -313,6 +334,7 @@ contains
       call add(text, 'explicit', value)
    end subroutine add_explicit
 
+   !> The line of gradients and unknowns: of explicit schemes per step, of implicit ones per iteration.
    pure subroutine add_cost(text, c)
       character(:), allocatable, intent(inout) :: text
       type(certificate_type), intent(in) :: c
@@ -359,6 +381,7 @@ contains
       call add(text, 'needs', value)
    end subroutine add_needs
 
+   !> All lines, in the order: what it is, what it preserves, how accurate it is, what it costs, what it needs.
    pure subroutine write_certificate(c, text)
       type(certificate_type), intent(in) :: c
       character(:), allocatable, intent(out) :: text
@@ -378,6 +401,7 @@ contains
       call add_needs(text, c)
    end subroutine write_certificate
 
+   !> The length of the text, which the result of certificate_text has: the lines are written twice.
    pure integer function text_length(c)
       type(certificate_type), intent(in) :: c
       character(:), allocatable :: lines

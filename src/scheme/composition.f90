@@ -1,4 +1,6 @@
 ! SPDX-License-Identifier: BSD-3-Clause
+!>    Phi*_{h,dW} = (Phi_{-h,-dW})^-1,      Phi^m_{gamma_m (h,dW)} o .. o Phi^1_{gamma_1 (h,dW)},   sum_k gamma_k = 1
+!>
 !> New schemes from old ones: the adjoint, compositions of fractions of a step, the triple jump.
 !>
 !> All are tableaux again, so the general stepper executes them and a certificate judges them. The
@@ -38,12 +40,14 @@ contains
       call check_plain('adjoint_scheme', base, error)
       if (allocated(error)) return
       scheme = base
+      ! Backwards in time the last stage comes first: i' = r + 1 - i.
       r = base%nstage
       s = base%degree
       scheme%c = 1 - base%c(r:1:-1)
       scheme%alpha = base%alpha(r:1:-1)
       scheme%beta = base%beta(r:1:-1)
       if (base%form == galerkin_form) then
+         ! q_d(1 - t) has the control points in reversed order, and its slope has the other sign.
          scheme%basis(:, 0:s) = base%basis(r:1:-1, s:0:-1)
          scheme%slope(:, 0:s) = -base%slope(r:1:-1, s:0:-1)
       else
@@ -68,6 +72,8 @@ contains
       r = size(alpha)
       do j = 1, r
          do i = 1, r
+            ! The step back begins where the step has ended: what is summed up to stage i from the end is the whole
+            ! less the part up to it from the start.
             adjoint(i, j) = alpha(r + 1 - j) - a(r + 1 - i, r + 1 - j)
             if (abs(adjoint(i, j)) < 8*epsilon(1.0_wp)) adjoint(i, j) = 0
          end do
@@ -89,6 +95,7 @@ contains
 
       call check_parts(parts, fractions, error)
       if (allocated(error)) return
+      ! The stages of part k stand behind those of the parts before it, in a lower block triangle.
       r = sum(parts%nstage)
       scheme%form = tableau_form
       scheme%nstage = r
@@ -104,8 +111,11 @@ contains
       do k = 2, size(parts)
          scheme%reference = scheme%reference//', '//parts(k)%name
       end do
+      ! The conditions are known up to order four; where all parts have a higher order, the whole has at least that of
+      ! the least.
       order = max(tableau_order(scheme%a, scheme%abar, scheme%alpha), minval(parts%order_noise_free))
       call declare_properties(scheme, order)
+      ! A symmetric scheme has even order: an odd one that is proven is exceeded.
       if (scheme%symmetric .and. mod(order, 2) == 1) call declare_properties(scheme, order + 1)
    end subroutine composed_scheme
 
@@ -118,6 +128,7 @@ contains
       real(wp), intent(in) :: fraction  !! that of this part
       integer :: last, i
 
+      ! Of all increments the part has `fraction`, in proportion to time: its own matrices and weights are scaled.
       last = first + part%nstage
       scheme%c(first + 1:last) = start + fraction*part%c
       scheme%alpha(first + 1:last) = fraction*part%alpha
@@ -126,6 +137,7 @@ contains
       scheme%abar(first + 1:last, first + 1:last) = fraction*part%abar
       scheme%b(first + 1:last, first + 1:last) = fraction*part%b
       scheme%bbar(first + 1:last, first + 1:last) = fraction*part%bbar
+      ! A stage of a later part begins where this part has ended: with all of its increment, alpha and not a.
       do i = last + 1, scheme%nstage
          scheme%a(i, first + 1:last) = fraction*part%alpha
          scheme%abar(i, first + 1:last) = fraction*part%alpha
@@ -134,6 +146,7 @@ contains
       end do
    end subroutine append_part
 
+   !> Parts must be tableaux driven by Gaussian increments, with finite fractions that sum to one.
    subroutine check_parts(parts, fractions, error)
       type(scheme_type), intent(in) :: parts(:)
       real(wp), intent(in) :: fractions(:)
@@ -155,6 +168,7 @@ contains
                call raise(error, incompatible, 'composed_scheme', "'"//parts(k)%name//"' is not a tableau; "// &
                           'only tableaux are composed into one scheme')
             call check_plain('composed_scheme', parts(k), error)
+            ! gamma dW of a three-point dW is not an increment of a three-point law over gamma h.
             if (parts(k)%law /= law_gaussian) &
                call raise(error, incompatible, 'composed_scheme', "'"//parts(k)%name//"' is made for "// &
                           law_text(parts(k)%law)//' increments, whose parts have another law; compose '// &
@@ -191,6 +205,8 @@ contains
       own_name = base%name//'_symmetric'
       if (present(name)) own_name = name
       parts(1) = base
+      ! Phi*_{h/2} o Phi_{h/2}: base acts first. Both halves get dW/2, so that the drift corrections of the two
+      ! cancel.
       call adjoint_scheme(parts(2), base, error)
       if (allocated(error)) return
       call composed_scheme(scheme, parts, [0.5_wp, 0.5_wp], own_name, error)
@@ -208,12 +224,15 @@ contains
       character(:), allocatable :: own_name
       real(wp) :: g, fractions(3)
 
+      ! Without symmetry the next error is of degree p + 2, and the order would be p + 1.
       if (.not. base%symmetric) call raise(error, incompatible, 'triple_jump', "'"//base%name// &
                                            "' is not symmetric, and the triple jump would not raise its order; "// &
                                            'compose it with its adjoint first (symmetric_composition)')
       if (allocated(error)) return
       own_name = base%name//'_triple_jump'
       if (present(name)) own_name = name
+      ! 2 g^(p+1) + (1 - 2 g)^(p+1) = 0 removes the leading error, of degree p + 1. The middle part goes back in time,
+      ! as 1 - 2 g < 0, and back along the path: its increments have the same sign as its fraction.
       g = 1/(2 - 2**(1.0_wp/(base%order_noise_free + 1)))
       fractions = g
       fractions(2) = 1 - 2*g
@@ -222,6 +241,8 @@ contains
       parts(3) = base
       call composed_scheme(scheme, parts, fractions, own_name, error)
       if (allocated(error)) return
+      ! composed_scheme has found what the conditions up to order four tell; beyond them the order is known by
+      ! construction.
       call declare_properties(scheme, base%order_noise_free + 2)
    end subroutine triple_jump
 

@@ -1,6 +1,9 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> Which stage values of a tableau need which others: whether a scheme is explicit, and in which
-!> order.
+!>    Q_i <- H_p(P_j, Q_j)  where a_ij or b_ij /= 0,          P_i <- H_q(P_j, Q_j)  where abar_ij or bbar_ij /= 0
+!>
+!> Which stage values of a tableau need which others: whether a scheme is explicit, and in which order. Stage values
+!> are the vertices of a graph, numbered i for Q_i and nstage + i for P_i; a value needs those that its arrows come
+!> from. A scheme is explicit where this graph has no cycle.
 !>
 !> Q_i needs H_p at stage j where a_ij or b_ij is not zero, P_i needs H_q there by abar and bbar.
 !> H_p at stage j needs (Q_j,P_j), for separable Hamiltonians P_j alone; H_q needs Q_j alone then.
@@ -20,6 +23,8 @@ contains
       logical, intent(in) :: separable  !! every H_j(q,p) = T_j(p) + U_j(q)
       integer :: order(2*scheme%nstage), known
 
+      ! Kicks and drifts of a separable H are explicit; midpoint steps between kicks are not. Galerkin forms have no
+      ! tableau and remain implicit.
       is_explicit = scheme%form == splitting_form .and. separable .and. scheme%kicks%flow /= flow_midpoint
       if (.not. scheme%has_tableau()) return
       call evaluation_order(scheme, separable, order, known)
@@ -42,6 +47,7 @@ contains
       order = 0
       known = 0
       before = -1
+      ! Take every value whose needs are all done, until a pass finds none: on an acyclic graph all are taken.
       do while (known > before)
          before = known
          do i = 1, size(done)
@@ -71,6 +77,8 @@ contains
       end if
       needs = dependencies(scheme, separable)
       left = .true.
+      ! What remains needs something that remains, and is needed by something that remains. Each pass that changes
+      ! anything takes one value at least, so that twice their number is more than enough passes.
       do i = 1, 2*size(left)  ! from the front: known already; from the back: known afterwards
          do j = 1, size(left)
             keep(j) = any(needs(j, :) .and. left) .and. any(needs(:, j) .and. left)
@@ -79,6 +87,7 @@ contains
       end do
       unknowns = 0
       do i = 1, size(left)
+         ! The midpoint rule's Q_1 and P_1 are two; stages with equal rows have equal values, and are one unknown.
          if (left(i) .and. .not. repeats(scheme, i, left)) unknowns = unknowns + 1
       end do
    end function implicit_unknowns
@@ -94,6 +103,8 @@ contains
       r = scheme%nstage
       of_q = abs(scheme%a) > 0 .or. abs(scheme%b) > 0
       of_p = abs(scheme%abar) > 0 .or. abs(scheme%bbar) > 0
+      ! For separable Hamiltonians H_p is a function of P_j alone and H_q of Q_j alone: the blocks on the diagonal, Q
+      ! from Q and P from P, are then empty.
       needs(:r, r + 1:) = of_q
       needs(r + 1:, :r) = of_p
       needs(:r, :r) = of_q .and. .not. separable
@@ -109,6 +120,7 @@ contains
 
       r = scheme%nstage
       repeats = .false.
+      ! Values of Q are compared with values of Q, those of P with those of P; k is where the kind of i begins.
       do j = 1 + r*((i - 1)/r), i - 1
          if (.not. left(j)) cycle
          k = r*((i - 1)/r)
@@ -123,6 +135,7 @@ contains
       end do
    end function repeats
 
+   !> Whether two rows of coefficients are equal but for rounding.
    pure logical function same(x, y)
       real(wp), intent(in) :: x(:), y(:)
 

@@ -1,15 +1,26 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> From a quadrature to a scheme: the discrete Lagrangian of [WHSB] (49), (53)-(58), (63)-(65),
-!> closed by free internal momenta.
+!>    p_n = -dL_h/dq_n,    p_{n+1} = dL_h/dq_{n+1},    L_h ~ ext int (p.q' - H) dt - sum_k int H_k o dW_k
+!>
+!> From a quadrature to a scheme: the discrete Lagrangian of [WHSB] (49), (53)-(58), (63)-(65), closed by free
+!> internal momenta.
 !>
 !> q_d is a polynomial of degree s through q_n and q_{n+1}, P_i a momentum at the node c_i:
 !>
 !>    L_h(q_n,q_{n+1}) = ext sum_i alpha_i [P_i . q_d'(c_i) - h H(P_i,q_d(c_i))] - sum_i beta_i sum_k dW_k H_k
 !>
+!> Its variations are the equations of the step, in the P_i and in the inner control points q^mu of q_d:
+!>
+!>    q_d'(c_i) = h H_p + sum_k (beta_i/alpha_i) dW_k H_k,p   at (P_i, q_d(c_i))
+!>    sum_i [alpha_i l_mu'(c_i) P_i - l_mu(c_i) (alpha_i h H_q + sum_k beta_i dW_k H_k,q)] = 0,   0 < mu < s
+!>
 !> and p_n = -dL_h/dq_n, p_{n+1} = dL_h/dq_{n+1}. With r = s nodes it is a partitioned tableau: with
 !> V_i = q_d'(c_i) the stages are Q_i = q_n + sum_j a_ij V_j with a_ij the integral of the j-th
 !> Lagrange polynomial from 0 to c_i, and the variations with respect to V_j give P_j (Holm and
 !> Tyranowski, BIT 58, 2018; Ober-Bloebaum and Saake, 2015).
+!>
+!> Why the momenta are free: where P_i is tied to p_n and p_{n+1}, as in the paper, (63)-(65) are 4n equations for 2n
+!> unknowns, and agree for one node alone (scheme_from_end_point_rule). With r < s the control points are
+!> undetermined. With r > s the q'(c_i) are not independent of each other, and H_pp must be invertible for the P_i.
 module symsde_scheme_discrete_lagrangian
    use symsde_base_kinds, only: wp
    use symsde_base_lanes, only: is_finite_lane
@@ -52,6 +63,7 @@ contains
          call check_numbers(degree, nodes, noise_weights, 'noise weights', error)
       if (.not. allocated(error)) call check_choice(degree, nodes, weights, error)
       if (allocated(error)) return
+      ! The noise shares the weights of the drift unless it has its own.
       beta = weights
       if (present(noise_weights)) beta = noise_weights
       order = ascending(nodes)
@@ -62,11 +74,14 @@ contains
       scheme%c = nodes(order)
       scheme%alpha = weights(order)
       scheme%beta = beta(order)
+      ! As many nodes as degrees make the velocities V_i = q_d'(c_i) free: a tableau.
       if (scheme%nstage == degree) then
          call fill_tableau(scheme)
       else
          call fill_galerkin(scheme)
       end if
+      ! The order without noise is limited by the polynomial, 2 s, and by the rule, whose degree of exactness is one
+      ! less than its order.
       exactness = exactness_degree(nodes, weights)
       call declare_properties(scheme, min(2*degree, exactness + 1))
    end subroutine scheme_from_quadrature
@@ -102,6 +117,8 @@ contains
                        '; (63)-(65) agree only if they add up to one: take 1 - '//to_text(q_nodes(1))//' for p')
       end if
       if (allocated(error)) return
+      ! One node with a free momentum is the consistent choice: P is then found to be lambda p_n + (1 - lambda)
+      ! p_{n+1}.
       call scheme_from_quadrature(scheme, 1, q_nodes, weights, name, error)
    end subroutine scheme_from_end_point_rule
 
@@ -148,6 +165,9 @@ contains
       integer :: needed
 
       needed = degree - 1
+      ! sum_i alpha_i q_d'(c_i) must be q_{n+1} - q_n, which takes exactness to degree s - 1; with more nodes than
+      ! degrees also the first moment, int t dt = 1/2, must be right: it decides whether the Stratonovich equation is
+      ! met.
       if (size(nodes) > degree) needed = max(needed, 1)
       if (size(nodes) < degree) then
          call raise(error, incompatible, place, 'a polynomial of degree '//to_text(degree)//' with '// &
@@ -177,11 +197,13 @@ contains
          allocate (s%b(r, r), s%bbar(r, r))
          do j = 1, r
             do i = 1, r
+               ! V_j is the velocity of all Hamiltonians, in which the noise is weighed by beta_j/alpha_j.
                s%b(i, j) = s%a(i, j)*(s%beta(j)/s%alpha(j))
                s%bbar(i, j) = s%beta(j) - s%beta(j)*s%a(j, i)/s%alpha(i)
             end do
          end do
          s%bbar = tidy(s%bbar)
+         ! Equal weights must give equal bits: one gradient a stage then serves drift and noise.
          if (.not. any(abs(s%alpha - s%beta) > 0)) s%bbar = s%abar
       end associate
    end subroutine fill_tableau
@@ -195,6 +217,7 @@ contains
 
       s = scheme%degree
       do mu = 0, s/2
+         ! (1 - cos(pi mu/s))/2, and the mirror images exactly so.
          control(mu) = sin(0.5_wp*acos(-1.0_wp)*mu/s)**2
          control(s - mu) = 1 - control(mu)
       end do
@@ -220,6 +243,8 @@ contains
       type(error_type), allocatable :: error
       integer :: i, j, k
 
+      ! The integrand has degree r - 1, for which (r + 1)/2 nodes of Gauss are enough. int_0^{c_i} is c_i times a mean
+      ! over [0,1], with the nodes c_i x_k.
       call get_quadrature('gauss'//to_text((size(nodes) + 1)/2), x, w, error)
       a = 0
       do j = 1, size(nodes)

@@ -1,5 +1,8 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> What a scheme needs of a model, against what the model declares.
+!>    additive        H_k linear in (q, p)          identity_mass   H = p.p/2 + U(t,q)
+!>    position_noise  H_k(t,q)                      constant_mass   H = p.M^-1 p/2 + U(t,q)
+!>
+!> What a scheme needs of a model, against what the model declares by its traits.
 module symsde_scheme_needs
    use symsde_base_traits, only: model_traits
    use symsde_scheme_scheme, only: scheme_type
@@ -19,6 +22,8 @@ contains
 
       noisy = traits%nnoise > 0
       associate (needs => scheme%needs)
+         ! Galerkin schemes with more nodes than degrees take noise in position, or additive noise in p as well where
+         ! drift and noise share their weights: all nodes see one velocity of the noise then.
          will_do = .false.
          if (needs%additive_will_do) will_do = traits%additive .and. scheme%noise_coefficients_equal()
          if (needs%additive .and. noisy .and. .not. traits%additive) then
@@ -27,6 +32,7 @@ contains
             missing = 'noise in p alone (trait position_noise)'
             if (needs%additive_will_do) &
                missing = missing//', or additive noise where drift and noise share their weights'
+            ! The needs below are of H itself, and hold without noise, too.
          else if (needs%identity_mass .and. .not. traits%identity_mass) then
             missing = 'H = p.p/2 + U(q) (trait identity_mass)'
          else if (needs%constant_mass .and. .not. traits%has_constant_mass()) then

@@ -1,8 +1,10 @@
 ! SPDX-License-Identifier: BSD-3-Clause
+!>    strong   (E |x_N - x(T)|^2)^(1/2) <= C h^order,          weak   |E f(x_N) - E f(x(T))| <= C h^order
+!>
 !> Orders of convergence and what they rest on: order conditions that the coefficients meet, a claim, a measurement.
 !>
-!> A derived order is computed from the coefficients that the stepper executes. A claimed one is said by the author of a
-!> scheme, or of this library, on arguments that no program here checks. Either may have been measured besides
+!> A derived order is computed from the coefficients that the stepper executes. A claimed one is said by the author of
+!> a scheme, or of this library, on arguments that no program here checks. Either may have been measured besides
 !> (scheme/measured): a value with its 95 % half-width on one problem, and how far below the smallest error counted
 !> that of the reference lies.
 module symsde_scheme_orders
@@ -20,6 +22,7 @@ module symsde_scheme_orders
       enumerator :: commuting_flows = 4    !! strong, every {H,H_k} constant as well (Kubo oscillator)
       enumerator :: weak_order = 5         !! of expectations, commutative noise
    end enum
+   ! The classes are nested but for the weak one: additive noises commute, and commuting flows are commutative.
    integer, parameter :: norder = 5
    character(len=15), parameter :: order_names(norder) = ['additive noise ', 'commutative    ', 'general        ', &
                                                           'commuting flows', 'weak           ']
@@ -50,6 +53,7 @@ contains
       order%evidence = merge(evidence, evidence_none, value > 0)
    end subroutine set_order
 
+   !> The word that the certificate has for what an order rests on.
    pure function evidence_text(evidence) result(text)
       integer, intent(in) :: evidence
       character(len=merge(7, merge(7, 4, evidence == evidence_derived), evidence == evidence_claimed)) :: text

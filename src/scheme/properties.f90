@@ -1,6 +1,10 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> What follows from the coefficients of a scheme: symplecticity, symmetry, invariants, expected
-!> orders.
+!>    symplectic      alpha_i abar_ij + alpha_j a_ji = alpha_i alpha_j, and those with noise (scheme/tableau)
+!>    symmetric       alpha_j = alpha_j',  c_i + c_i' = 1,  a_ij + a_i'j' = alpha_j,       i' = r + 1 - i
+!>    invariants      a = abar and b = bbar, of a symplectic tableau: all quadratic ones are kept
+!>    Stratonovich    beta^T b e = beta^T bbar e = 1/2,                                    e = (1, .., 1)
+!>
+!> What follows from the coefficients of a scheme: symplecticity, symmetry, invariants, expected orders.
 !>
 !> Everything here is derived from the coefficients. What schemes claim beyond that is set, and marked as claimed,
 !> where they are made (scheme/expansion, scheme/additive, scheme/catalogue).
@@ -34,6 +38,8 @@ contains
       logical :: consistent, correctable
       real(wp) :: commutative, commuting
 
+      ! The factor of the term H_k,qp H_k,p dW^2 and its like in an expansion of the step is beta^T b e, that of the
+      ! Stratonovich equation is 1/2.
       consistent = abs(stratonovich_sum(scheme) - 0.5_wp) < coefficient_tolerance .and. &
                    abs(conjugate_stratonovich_sum(scheme) - 0.5_wp) < coefficient_tolerance
       correctable = abs(stratonovich_sum(scheme) + conjugate_stratonovich_sum(scheme) - 1) < &
@@ -147,11 +153,14 @@ contains
 
       m(:, :, 1) = a
       m(:, :, 2) = abar
+      ! m(:, :, x) is a for x = 1 and abar for x = 2, c(:, x) its row sums; all colourings of each tree are tried.
       c = sum(m, dim=2)
       worst = 0
       worst(1) = abs(sum(alpha) - 1)
       do x = 1, 2
          row = matmul(alpha, m(:, :, x))
+         ! The trees of order 2, 3 and 4, by alpha^T: c (2); c c (3), m c (6); c c c (4), c (m c) (8), m (c c) (12), m
+         ! m c (24).
          call require(worst(2), dot_product(alpha, c(:, x)), 2)
          do y = 1, 2
             call require(worst(3), sum(alpha*c(:, x)*c(:, y)), 3)

@@ -1,5 +1,11 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> Named quadratures on [0,1], the choice from which a scheme is built ([WHSB] (49), (62)).
+!>    int_0^1 f(t) dt  ~  sum_i alpha_i f(c_i),     0 <= c_1 < c_2 < .. <= 1,     sum_i alpha_i = 1
+!>
+!> Named quadratures on [0,1], the choice from which a scheme is built ([WHSB] (49), (62)). The nodes become the times
+!> of the stages and the weights the factors of the Hamiltonians in the discrete Lagrangian
+!> (scheme/discrete_lagrangian). With R nodes the rules of Gauss are exact to degree 2R - 1, those of Radau to 2R - 2,
+!> of Lobatto to 2R - 3, which are as many as zero, one and two end points among the nodes leave. All have closed
+!> forms, so that nothing is iterated.
 module symsde_scheme_quadrature
    use symsde_base_kinds, only: wp
    use symsde_base_status, only: error_type, raise, unknown_name
@@ -40,12 +46,15 @@ contains
       case ('rectangle_right')
          nodes = [1.0_wp]
          weights = [1.0_wp]
+         ! With one node the two rectangles give the Euler pair: Hhat at (q_n, p_{n+1}) and at (q_{n+1}, p_n).
       case ('trapezoid')
          nodes = [0.0_wp, 1.0_wp]
          weights = [0.5_wp, 0.5_wp]
+         ! The trapezoid has the nodes and weights of lobatto2, and is known by both names.
       case ('open_trapezoid')
          nodes = [1.0_wp/3.0_wp, 2.0_wp/3.0_wp]
          weights = [0.5_wp, 0.5_wp]
+         ! The nodes 1/3 and 2/3 with equal weights are exact to degree one only.
       case ('midpoint', 'gauss1', 'gauss2', 'gauss3', 'gauss4')
          call gauss(name, nodes, weights)
       case ('lobatto2', 'lobatto3', 'lobatto4')
@@ -69,20 +78,24 @@ contains
 
       select case (name)
       case ('gauss2')
+         ! P_2(x) = (3 x^2 - 1)/2 on [-1,1].
          x = sqrt(1.0_wp/3.0_wp)
          nodes = 0.5_wp + 0.5_wp*x*[-1.0_wp, 1.0_wp]
          weights = [0.5_wp, 0.5_wp]
       case ('gauss3')
+         ! P_3(x) = (5 x^3 - 3 x)/2.
          x = sqrt(3.0_wp/5.0_wp)
          nodes = 0.5_wp + 0.5_wp*x*[-1.0_wp, 0.0_wp, 1.0_wp]
          weights = [5.0_wp, 8.0_wp, 5.0_wp]/18
       case ('gauss4')
+         ! P_4(x) = (35 x^4 - 30 x^2 + 3)/8 has the zeros x^2 = (3 +- 2 sqrt(6/5))/7.
          w = sqrt(6.0_wp/5.0_wp)
          x = sqrt((3 + 2*w)/7)
          y = sqrt((3 - 2*w)/7)
          nodes = 0.5_wp + 0.5_wp*(x*[-1.0_wp, 0.0_wp, 0.0_wp, 1.0_wp] + &
                                   y*[0.0_wp, -1.0_wp, 1.0_wp, 0.0_wp])
          w = sqrt(30.0_wp)
+         ! The outer nodes have the smaller weights, (18 - sqrt 30)/72.
          weights = (18 + w*[-1.0_wp, 1.0_wp, 1.0_wp, -1.0_wp])/72
       case default
          nodes = [0.5_wp]
@@ -98,9 +111,11 @@ contains
 
       select case (name)
       case ('lobatto3')
+         ! Simpson's rule.
          nodes = [0.0_wp, 0.5_wp, 1.0_wp]
          weights = [1.0_wp, 4.0_wp, 1.0_wp]/6
       case ('lobatto4')
+         ! The inner nodes are the zeros of P_3', at +- 1/sqrt 5 on [-1,1].
          x = sqrt(1.0_wp/5.0_wp)
          nodes = 0.5_wp*([0.0_wp, 1.0_wp, 1.0_wp, 2.0_wp] + x*[0.0_wp, -1.0_wp, 1.0_wp, 0.0_wp])
          weights = [1.0_wp, 5.0_wp, 5.0_wp, 1.0_wp]/12
@@ -117,8 +132,10 @@ contains
       real(wp) :: x
 
       x = sqrt(6.0_wp)
+      ! The rules on the right are those on the left seen backwards, c_i -> 1 - c_i.
       select case (name)
       case ('radau_left2')
+         ! int t^2 dt = 1/3 = (3/4) (2/3)^2: exact to degree two.
          nodes = [0.0_wp, 2.0_wp/3.0_wp]
          weights = [0.25_wp, 0.75_wp]
       case ('radau_right2')
@@ -144,12 +161,16 @@ contains
 
       degree = -1
       if (.not. abs(sum(weights) - 1) <= tolerance) return
+      ! Legendre's polynomials P_k(x), x = 2 t - 1, have vanishing moments for k > 0: a rule is exact to degree d
+      ! where the sums over its nodes vanish for k = 1 .. d.
       x = 2*nodes - 1
+      ! older and old are P_{k-1} and P_k at the nodes.
       older = 1
       old = x
       do k = 1, 2*size(nodes)
          degree = k - 1
          if (.not. abs(dot_product(weights, old)) <= tolerance) return
+         ! (k + 1) P_{k+1} = (2 k + 1) x P_k - k P_{k-1}
          new = ((2*k + 1)*x*old - k*older)/(k + 1)
          older = old
          old = new

@@ -13,6 +13,13 @@
 !>    L_h(q_n,q_{n+1}) = ext sum_i alpha_i [P_i . q_d'(c_i) - h H(P_i,q_d(c_i))] - sum_i beta_i sum_k dW_k H_k
 !>
 !> Splitting form (drifts and kicks for noise in position): scheme/kicks
+!>
+!> Ito form (Euler-Maruyama, for comparison): x_{n+1} = x_n + h f(x_n) + sum_k dW_k J grad H_k(x_n) with the drift f
+!> of the Ito equation
+!>
+!> In every form all stages share the increments dW_k of the step: h and dW_k are weights of the Hamiltonians, and
+!> what is symplectic for every h is so for every path. What a scheme needs of the path beside dW stands in `asks`,
+!> what it adds to Hhat in `brackets`, what a model must be in `needs`.
 module symsde_scheme_scheme
    use symsde_base_kinds, only: wp
    use symsde_base_functionals, only: functional_set
@@ -124,6 +131,7 @@ contains
          equal = .not. (any(abs(self%a - self%b) > 0) .or. any(abs(self%abar - self%bbar) > 0))
    end function noise_coefficients_equal
 
+   !> Whether any bracket is added to the one-step Hamiltonian; crossed ones come with nested ones alone.
    pure logical function are_added(self)
       class(bracket_terms), intent(in) :: self
 
@@ -137,6 +145,7 @@ contains
       is_midpoint = .false.
       if (self%form /= tableau_form .or. self%frame /= frame_none .or. self%nstage /= 1) return
       if (.not. self%noise_coefficients_equal()) return
+      ! The numbers are exact in binary, whoever gave them.
       is_midpoint = abs(self%a(1, 1) - 0.5_wp) <= 0 .and. abs(self%abar(1, 1) - 0.5_wp) <= 0 .and. &
                     abs(self%alpha(1) - 1) <= 0 .and. abs(self%c(1) - 0.5_wp) <= 0
    end function is_midpoint
@@ -149,6 +158,7 @@ contains
 
       coefficient = 0
       if (self%form == tableau_form) coefficient = 0.5_wp - dot_product(self%beta, sum(self%b, dim=2))
+      ! Zero says that no correction is formed, which would cost a Hessian: it must not be missed by rounding.
       if (abs(coefficient) < 16*epsilon(1.0_wp)) coefficient = 0
    end function correction_coefficient
 

@@ -1,6 +1,10 @@
 ! SPDX-License-Identifier: BSD-3-Clause
+!>    drift by x h   q' = q + x h M^-1 p
+!>    kick i         p' = p - (b_i h U_q + sum_k (beta_i dW_k + gamma_i a_k + eta_i K_k) H_k,q)
+!>
 !> Splitting schemes by name: drifts and kicks for H = p.M^-1 p/2 + U(t,q) with noise in position, explicit and
-!> symplectic (scheme/kicks says what the coefficients mean, docs/method/explicit.md derives them).
+!> symplectic (scheme/kicks says what the coefficients mean and which potentials are added, docs/method/explicit.md
+!> derives them).
 !>
 !>    gauss_dkdkd            kicks at Gauss' two nodes: c = 0, two forces and nothing else
 !>    verlet_kdk             kicks at both ends
@@ -44,20 +48,28 @@ contains
       flow = flow_free
       if (index(name, '_rotation') > 0) flow = flow_rotation
       if (index(name, '_midpoint') > 0) flow = flow_midpoint
+      ! The smaller node of Gauss, (1 - 1/sqrt 3)/2.
       x = 0.5_wp*(1 - sqrt(third))
       select case (name)
       case ('gauss_dkdkd', 'gauss_dkdkd_strong2', 'gauss_dkdkd_rotation', 'gauss_dkdkd_midpoint')
+         ! gamma = (sqrt 3, -sqrt 3) from gamma_1 + gamma_2 = 0 and gamma_1 x + gamma_2 (1 - x) = -1. These nodes have
+         ! sum_{i<j} (c_j - c_i) (beta_i beta_j + gamma_i gamma_j/12) = (1/4 - 1/4)/sqrt 3 = 0: no product of
+         ! gradients is needed.
          call new_kicks(kicks, [x, 1 - x], half, sqrt(3.0_wp)*[1, -1], flow=flow)
          scheme%reference = 'kicks at Gauss'' nodes; docs/method/explicit.md'
       case ('verlet_kdk', 'verlet_kdk_strong2', 'verlet_kdk_midpoint')
+         ! Here that sum is 1/4 - 1/12 = 1/6: the potential with c = 1/6 is added.
          call new_kicks(kicks, ends, half, [1.0_wp, -1.0_wp], flow=flow)
          scheme%reference = 'velocity Verlet with dZ; docs/method/explicit.md'
       case ('chin4a', 'chin4a_strong2')
+         ! Simpson's weights with kappa = -1/72 are of order four without noise; eta meets sum_i eta_i c_i^2 = 2, the
+         ! K in int s^2 dW = dW/3 - a + 2 K.
          call new_kicks(kicks, [0.0_wp, 0.5_wp, 1.0_wp], [sixth, 2*third, sixth], [1.0_wp, 0.0_wp, -1.0_wp], &
                         eta=[4.0_wp, -8.0_wp, 4.0_wp], kappa=[0.0_wp, -1/72.0_wp, 0.0_wp], zeta=-12.0_wp, &
                         share=[0.0_wp, 1.0_wp, 0.0_wp])
          scheme%reference = 'forward flow 4A (Chin 1997) with dZ and K; docs/method/explicit.md'
       case ('verlet_dkd_weak2')
+         ! A single kick has c = 0.
          call new_kicks(kicks, [0.5_wp], [1.0_wp])
          scheme%reference = 'position Verlet with three-point dW; docs/method/weak.md'
       case default
@@ -76,6 +88,7 @@ contains
       type(kicks_type), intent(in) :: kicks
       type(error_type), allocatable, intent(inout) :: error
 
+      ! A misprint among the coefficients above is found here, when the scheme is asked for.
       if (moment_residual(kicks, 1) > tolerance) then
          call raise(error, invalid_argument, 'splitting_scheme', 'the kicks of '//name//' miss the moments of '// &
                     'the noise: their weights must sum to 1 and have the mean 1/2, those of a sum to 0 with mean -1')
@@ -88,6 +101,9 @@ contains
       scheme%alpha = kicks%beta
       scheme%beta = kicks%beta
       scheme%kicks = kicks
+      ! Drifts are kicked by gradients of potentials alone: noise must be in position. The mass matters where
+      ! velocities M^-1 p or products H_k,q.M^-1 H_l,q are formed, which midpoint steps without products leave to the
+      ! model's own gradient.
       scheme%needs = model_needs(position_noise=.true., identity_mass=kicks%flow == flow_rotation, &
                                  constant_mass=kicks%flow /= flow_midpoint .or. has_products(kicks), &
                                  rotation=kicks%flow == flow_rotation, &
@@ -96,6 +112,7 @@ contains
       if (kicks%uses_dz()) scheme%asks = functionals([path_dz])
       scheme%asks%has(path_stt_area) = kicks%uses_k()
       scheme%asks%has(path_magnus) = kicks%samples
+      ! Drifts, kicks and rotations are exact flows, and the midpoint rule is symplectic: so is what they compose.
       scheme%symplectic = .true.
       scheme%symmetric = is_palindrome(kicks)
    end subroutine complete
@@ -107,9 +124,9 @@ contains
       has_products = kicks%samples .or. any(abs(kicks%kappa) > 0) .or. abs(mean_coefficient(kicks)) > 0
    end function has_products
 
-   !> Orders hold for noise in position with a constant mass (any H where midpoint steps have no products beside them);
-   !> other models are refused. The strong ones follow from the moments that the kicks meet, since the mean of the
-   !> second Magnus term is taken away by construction; with dW alone there is the weak one.
+   !> Orders hold for noise in position with a constant mass (any H where midpoint steps have no products beside
+   !> them); other models are refused. The strong ones follow from the moments that the kicks meet, since the mean of
+   !> the second Magnus term is taken away by construction; with dW alone there is the weak one.
    pure subroutine set_orders(scheme, kicks)
       type(scheme_type), intent(inout) :: scheme
       type(kicks_type), intent(in) :: kicks

@@ -1,5 +1,16 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> A scheme from a partitioned tableau that a user or the catalogue gives.
+!>    Q_i = q_n + sum_j (a_ij h H_p + sum_k b_ij dW_k H_k,p)(P_j, Q_j),      weights alpha_i of h, beta_i of dW_k
+!>    P_i = p_n - sum_j (abar_ij h H_q + sum_k bbar_ij dW_k H_k,q)(P_j, Q_j)
+!>
+!> Q_i and P_i are positions and momenta of stage i, and q_{n+1}, p_{n+1} the same sums with the weights in place of
+!> the rows.
+!>
+!> A scheme from a partitioned tableau that a user or the catalogue gives. It is symplectic where
+!>
+!>    alpha_i abar_ij + alpha_j a_ji = alpha_i alpha_j,    beta_i abar_ij + alpha_j b_ji = beta_i alpha_j,
+!>    alpha_i bbar_ij + beta_j a_ji = alpha_i beta_j,      beta_i bbar_ij + beta_j b_ji = beta_i beta_j
+!>
+!> hold for all i, j. They suffice, and are needed where no stage is superfluous.
 module symsde_scheme_tableau
    use symsde_base_kinds, only: wp
    use symsde_base_lanes, only: is_finite_lane
@@ -35,6 +46,8 @@ contains
       real(wp), intent(in), optional :: c(:)        !! times of the stages, default row sums of a (nstage)
       real(wp) :: residual
 
+      ! The shapes come first, then the sums: a sum of weights means nothing before their number is right. Each check
+      ! leaves an error that stands as it is.
       call check_vector('alpha', alpha, size(alpha), error)
       call check_matrix('a', a, size(alpha), error)
       call check_matrix('abar', abar, size(alpha), error)
@@ -45,6 +58,7 @@ contains
       call check_sum('alpha', alpha, error)
       if (present(beta)) call check_sum('beta', beta, error)
       if (allocated(error)) return
+      ! The noise has the coefficients of the drift unless it has its own.
       call fill(scheme, a, abar, alpha)
       if (present(c)) scheme%c = c
       if (present(beta)) scheme%beta = beta
@@ -52,6 +66,7 @@ contains
       if (present(bbar)) scheme%bbar = bbar
       scheme%name = trim(name)
       scheme%reference = 'tableau given by the user'
+      ! The condition is written so that a residual that is not a number refuses the tableau.
       residual = symplecticity_residual(scheme)
       if (.not. (allow_nonsymplectic .or. residual < coefficient_tolerance)) then
          call raise(error, incompatible, place, "the tableau '"//trim(name)// &
@@ -61,6 +76,7 @@ contains
                     'allow_nonsymplectic')
          return
       end if
+      ! Without noise the order is that of (a, abar, alpha) alone.
       call declare_properties(scheme, tableau_order(a, abar, alpha))
    end subroutine scheme_from_tableau
 
@@ -74,12 +90,15 @@ contains
       scheme%alpha = alpha
       scheme%a = a
       scheme%abar = abar
+      ! The time of a stage is that of Q_i, one for H_p and H_q alike: two times in a stage would break symplecticity
+      ! where H(t,q,p) is not separable.
       scheme%c = sum(a, dim=2)
       scheme%beta = alpha
       scheme%b = a
       scheme%bbar = abar
    end subroutine fill
 
+   !> One finite number for each stage.
    subroutine check_vector(what, x, nstage, error)
       character(*), intent(in) :: what
       real(wp), intent(in) :: x(:)
@@ -95,12 +114,14 @@ contains
       end if
    end subroutine check_vector
 
+   !> A square matrix of finite numbers, of as many rows as there are weights.
    subroutine check_matrix(what, x, nstage, error)
       character(*), intent(in) :: what
       real(wp), intent(in) :: x(:, :)
       integer, intent(in) :: nstage
       type(error_type), allocatable, intent(inout) :: error
 
+      ! is_finite_lane sees NaN and infinities by their bits, as optimised comparisons may not.
       if (any(shape(x) /= nstage)) then
          call raise(error, wrong_shape, place, what//' is '//to_text(size(x, 1))//' by '// &
                     to_text(size(x, 2))//'; with '//to_text(nstage)//' weights it must be '// &
@@ -111,6 +132,7 @@ contains
       end if
    end subroutine check_matrix
 
+   !> sum_i alpha_i = 1: the scheme is consistent with the drift, and with beta in its place with the noise.
    subroutine check_sum(what, x, error)
       character(*), intent(in) :: what
       real(wp), intent(in) :: x(:)
