@@ -1,7 +1,11 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> The discrete action [WHSB] (46) along given paths, its gradient, and what it says of computed
-!> paths: the discrete Euler-Lagrange equations (47)-(48) and the Legendre transforms (53)-(54),
-!> (57)-(58).
+!>    S = sum_n Lbar_h(p_n, q_n, p_{n+1}, q_{n+1})                                              (46)
+!>    dLbar_h(n-1)/dq_n + dLbar_h(n)/dq_n = 0,   dLbar_h(n-1)/dp_n + dLbar_h(n)/dp_n = 0        (47)-(48)
+!>    p_n = -dLbar_h/dq_n,  0 = dLbar_h/dp_n,   p_{n+1} = dLbar_h/dq_{n+1},  0 = dLbar_h/dp_{n+1}
+!>
+!> The discrete action along given paths, its gradient, and what it says of computed paths: the discrete
+!> Euler-Lagrange equations and the Legendre transforms (53)-(54), (57)-(58) of [WHSB]. Lbar_h is that of
+!> diagnose/lagrangian.
 !>
 !> Paths are (q_n, p_n), n = 0 .. nstep, at t_n = t0 + (first_step + n) step, with the increments
 !> that drove them: a run with save_every = 1. They need not be solutions: action and gradient are
@@ -63,6 +67,7 @@ contains
       if (.not. fits2(action, size(q, 1), size(dw, 3))) call refuse_shape('action', error)
       if (allocated(error)) return
       call blas_single_thread()
+      ! Blocks of paths are the outer loop and steps the inner one: what a step needs is copied once.
       blocks: do first = 1, size(q, 1), work%nlane
          work%status = 0
          do n = 1, size(dw, 3)
@@ -72,6 +77,7 @@ contains
             call lagrangian%value(time_of(options, n), work%w, work%q0, work%p0, work%q1, work%p1, &
                                   work%action, work%status)
             do lane = 1, work%nreal
+               ! A lane whose stages were once not solved keeps its status, and gives NaN from then on.
                action(first + lane - 1, n) = nan_unless(work%status(lane) == 0, work%action(lane))
             end do
          end do
@@ -98,6 +104,7 @@ contains
 
       if (allocated(error)) return
       call prepare(lagrangian, work, model, scheme, options, q, p, dw, error)
+      ! A path of nstep steps has nstep - 1 interior states.
       associate (n => max(size(dw, 3) - 1, 0))
          if (.not. fits3(gradient_q, size(q, 1), size(q, 2), n) .or. &
              .not. fits3(gradient_p, size(q, 1), size(q, 2), n)) &
@@ -131,7 +138,10 @@ contains
       do i = 1, size(gradient_q, 2)
          do lane = 1, work%nreal
             path = first + lane - 1
+            ! 1, or NaN, which makes NaN of all that it multiplies.
             unit = nan_unless(work%status(lane) == 0, 1.0_wp)
+            ! State `left` has got its right derivatives, of the step before, already: now the left ones of this step
+            ! are added.
             if (left > 0) then
                gradient_q(path, i, left) = gradient_q(path, i, left) + unit*work%d%left_q(lane, i)
                gradient_p(path, i, left) = gradient_p(path, i, left) + unit*work%d%left_p(lane, i)
@@ -180,6 +190,7 @@ contains
          do n = 1, size(dw, 3)
             call ask_monitor(work, first, n, dw, 'euler_lagrange_residual', error, monitor)
             if (allocated(error)) exit blocks
+            ! The right derivatives of the step before: (47) and (48) join them to the left ones of this step.
             before_q = work%d%right_q
             before_p = work%d%right_p
             call load_step(work, first, n, q, p, dw)
@@ -188,8 +199,10 @@ contains
                call enlarge(before_q, work%d%left_q, largest(:, 1))
                call enlarge(before_p, work%d%left_p, largest(:, 2))
             end if
+            !   p_n + dLbar_h/dq_n  and  dLbar_h/dp_n
             call enlarge(work%p0, work%d%left_q, largest(:, 3))
             call enlarge(zero, work%d%left_p, largest(:, 3))
+            !   p_{n+1} - dLbar_h/dq_{n+1}  and  dLbar_h/dp_{n+1}
             work%p1 = -work%p1
             call enlarge(work%p1, work%d%right_q, largest(:, 4))
             call enlarge(zero, work%d%right_p, largest(:, 4))
@@ -221,6 +234,7 @@ contains
       if (.not. fits3(dw, size(q, 1), model%traits%nnoise, size(dw, 3))) &
          call refuse_shape('dw', error)
       if (allocated(error)) return
+      ! Memory is asked for before it is taken: a refusal says what to make smaller.
       nlane = lanes_of_diagnosis(model, scheme, size(q, 1, i8))
       call require_memory(lagrangian_numbers(model, scheme, nlane), 'the discrete Lagrangian of model '//model%name// &
                           ' under scheme '//scheme%name, 'give a smaller system or a scheme of one stage', &
@@ -231,6 +245,7 @@ contains
       work%h = options%step
       allocate (work%w(nlane, 0:model%traits%nnoise), work%action(nlane), work%status(nlane))
       allocate (work%q0(nlane, n), work%p0(nlane, n), work%q1(nlane, n), work%p1(nlane, n))
+      ! The derivatives are zero at first: they are read as those of the step before the first one, and not used.
       allocate (work%d%left_q(nlane, n), work%d%left_p(nlane, n), work%d%right_q(nlane, n), &
                 work%d%right_p(nlane, n), source=0.0_wp)
    end subroutine prepare
@@ -260,6 +275,7 @@ contains
       do i = 1, size(x, 2)
          do lane = 1, size(x, 1)
             size_now = abs(x(lane, i) + y(lane, i))
+            ! A lane that holds NaN keeps it.
             if (size_now <= largest(lane) .or. .not. largest(lane) <= huge(largest)) cycle
             largest(lane) = nan_unless(size_now <= huge(size_now), size_now)
          end do
@@ -274,6 +290,7 @@ contains
       fits2 = size(x, 1) == n1 .and. size(x, 2) == n2
    end function fits2
 
+   !> The same of three.
    pure logical function fits3(x, n1, n2, n3)
       real(wp), intent(in) :: x(:, :, :)
       integer, intent(in) :: n1, n2, n3
@@ -281,6 +298,7 @@ contains
       fits3 = size(x, 1) == n1 .and. size(x, 2) == n2 .and. size(x, 3) == n3
    end function fits3
 
+   !> One message for all arrays: it tells every shape that is wanted.
    subroutine refuse_shape(what, error)
       character(*), intent(in) :: what
       type(error_type), allocatable, intent(inout) :: error
@@ -311,6 +329,7 @@ contains
       end do
    end subroutine load_step
 
+   !> The four derivatives of Lbar_h of step n, into work%d.
    subroutine differentiate(lagrangian, work, options, n)
       type(discrete_lagrangian), intent(inout) :: lagrangian
       type(step_block), intent(inout) :: work
@@ -329,6 +348,7 @@ contains
       time_of = options%t0 + real(options%first_step + n - 1, wp)*options%step
    end function time_of
 
+   !> x, or NaN where something went wrong: a number would be taken for a result.
    elemental real(wp) function nan_unless(ok, x)
       logical, intent(in) :: ok
       real(wp), intent(in) :: x

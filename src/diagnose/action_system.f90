@@ -12,6 +12,12 @@
 !>    p_{m+1}   q_{m+1} - q_m - sum_i alpha_i V_i
 !>    q_{m+1}   p_{m+1} - p_{m+2} - sum_i alpha_i Hhat_q(P_i,Q_i) of step m+1          (47), (55)-(56)
 !>
+!> With Hhat_qq, Hhat_qp, Hhat_pp at (P_i, Q_i) and Q_i = q_m + sum_j a_ij V_j the second derivatives are
+!>
+!>    V_j V_k   -sum_i alpha_i a_ij a_ik Hhat_qq         V_j P_i   alpha_i delta_ij - alpha_i a_ij Hhat_qp
+!>    P_i P_i   -alpha_i Hhat_pp                         V_j p_{m+1}   -alpha_j
+!>    q_m: as V_j with 1 in place of a_ij                p_{m+1} q_{m+1}   1,     p_{m+1} q_m   -1
+!>
 !> Nothing is divided by a second derivative of Hhat, so steps in which it is singular do no harm. The
 !> matrix is the symmetric banded Hessian of S. Of the scheme a, alpha and c enter (diagnose/lagrangian).
 module symsde_diagnose_action_system
@@ -68,6 +74,8 @@ contains
       self%nstep = nstep
       self%length = 2*n*(r + 1)
       self%nunknown = nstep*self%length - n
+      ! The unknowns of step m are coupled with q_m, the last ndof of the step before: with V_1 .. p_{m+1} behind it,
+      ! these span one length of a step.
       self%width = self%length - 1
       self%t0 = t0
       self%h = h
@@ -179,18 +187,22 @@ contains
       integer, intent(in) :: step, i, lane
       integer :: j, v, p, e
 
+      ! v, p and e are the places before V_i, P_i and p_{m+1}; q_{m+1} stands n behind p_{m+1}.
       associate (n => self%ndof, lag => self%lagrangian, x => self%x, r => self%r)
          v = self%stage_at(step, i)
          p = v + n
          e = self%momentum_at(step)
          r(v + 1:v + n, lane) = r(v + 1:v + n, lane) &
                                 + lag%alpha(i)*(x(p + 1:p + n, lane) - x(e + 1:e + n, lane))
+         !   P_i: alpha_i (V_i - Hhat_p)
          r(p + 1:p + n, lane) = lag%alpha(i)*(x(v + 1:v + n, lane) - self%hp(lane, :))
+         !   p_{m+1}: -alpha_i V_i
          r(e + 1:e + n, lane) = r(e + 1:e + n, lane) - lag%alpha(i)*x(v + 1:v + n, lane)
          do j = 1, lag%nstage
             v = self%stage_at(step, j)
             r(v + 1:v + n, lane) = r(v + 1:v + n, lane) - lag%alpha(i)*lag%a(i, j)*self%hq(lane, :)
          end do
+         !   q_m, which is an unknown of the step before: -alpha_i Hhat_q
          e = e - self%length + n
          if (step > 1) r(e + 1:e + n, lane) = r(e + 1:e + n, lane) - lag%alpha(i)*self%hq(lane, :)
       end associate
@@ -205,11 +217,14 @@ contains
 
       associate (n => self%ndof, x => self%x, r => self%r)
          e = self%momentum_at(step)
+         !   p_{m+1}: q_{m+1} - q_m
          from = self%position(step - 1, lane)
          to = self%position(step, lane)
          r(e + 1:e + n, lane) = r(e + 1:e + n, lane) + (to - from)
+         !   q_{m+1}: p_{m+1}, where it is not the given q_N
          if (step < self%nstep) &
             r(e + n + 1:e + 2*n, lane) = r(e + n + 1:e + 2*n, lane) + x(e + 1:e + n, lane)
+         !   q_m: -p_{m+1}, where it is not the given q_0
          last = e - self%length + n
          if (step > 1) r(last + 1:last + n, lane) = r(last + 1:last + n, lane) - x(e + 1:e + n, lane)
       end associate
@@ -222,6 +237,8 @@ contains
       integer :: i, at
 
       at = self%momentum_at(1)
+      ! p_0 is no unknown: it follows from the solved stages, and tells from where the scheme itself would go along
+      ! the path.
       p = transpose(self%x(at + 1:at + self%ndof, :))
       do i = 1, self%lagrangian%nstage
          call stage_point(self, 1, i)
@@ -240,10 +257,14 @@ contains
       integer, intent(in) :: lane
       integer :: step, i, k, e
 
+      ! Each pair of unknowns is entered twice, since the solver with row exchanges takes the whole band. The first
+      ! `width` rows of it are room for what the exchanges fill in.
       self%band = 0
       do step = 1, self%nstep
          e = self%momentum_at(step)
          do k = 1, self%ndof
+            ! The bilinear terms p_{m+1}.(q_{m+1} - q_m) and alpha_i (P_i - p_{m+1}).V_i have constant second
+            ! derivatives.
             if (step < self%nstep) call add_pair(self, e + k, e + self%ndof + k, 1.0_wp)
             if (step > 1) call add_pair(self, e + k, e - self%length + self%ndof + k, -1.0_wp)
             do i = 1, self%lagrangian%nstage
@@ -273,6 +294,8 @@ contains
             at(j) = self%stage_at(step, j)
             c(j) = lag%a(i, j)
          end do
+         ! Q_i is a sum of q_m and the V_j with the factors c: its derivatives are entered with these at all of their
+         ! places. hqp(k, l) is the derivative in q_k and p_l.
          p = at(i) + n
          do l = 1, n
             do k = 1, n

@@ -1,6 +1,9 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> The stochastic Hamilton principle as a tool: the path between two given positions that makes the
-!> discrete action stationary, [WHSB] Theorem 2.3 and (46)-(48), on a given Brownian path.
+!>    dS(x) = 0,   S = sum_m Lbar_h(m),  q_0 and q_N given;      x <- x + length d,   S''(x) d = -S'(x)
+!>
+!> The stochastic Hamilton principle as a tool: the path between two given positions that makes the discrete action
+!> stationary, [WHSB] Theorem 2.3 and (46)-(48), on a given Brownian path. The unknowns x are the V_i, P_i, p_{m+1}
+!> and q_{m+1} of all steps.
 !>
 !> Newton's method on diagnose/action_system, its banded matrix solved with row exchanges. A correction is
 !> shortened while it does not lower the residual; a path is done when a full correction no longer does
@@ -84,11 +87,13 @@ contains
       if (present(dw)) given => dw
       if (present(guess_q)) given_q => guess_q
       if (present(guess_p)) given_p => guess_p
+      ! Pointers stand for the optional arrays, so that their absence is one question further down.
       call check(model, options, q_start, q_end, q, p, status, error, given_q, given_p)
       if (present(rcond)) then
          if (size(rcond) /= size(status)) call refuse_shape('rcond', error)
       end if
       if (allocated(error)) return
+      ! There are at most 2 ndof (2 r + 1) unknowns a step: noise may have stages of its own.
       if (4.0_wp*model%traits%ndof*(scheme%nstage + 1)*options%nstep > huge(0)) then
          call raise(error, too_large, place, to_text(options%nstep)//' steps have more unknowns than can be '// &
                     'numbered: give fewer steps')
@@ -107,9 +112,12 @@ contains
                     ' steps: give fewer steps or paths')
          return
       end if
+      ! The path is the one that a run with these options would be driven by, whatever blocks it is drawn in.
       call collect_increments(noise, options, w, error, monitor)
       if (allocated(error)) return
       call blas_single_thread()
+      ! A block has few paths: each has a banded matrix of its own, which is factored for one path after the other in
+      ! the same room.
       do first = 1, size(q, 1), lane_unit
          nreal = min(lane_unit, size(q, 1) - first + 1)
          call load(system, first, nreal, q_start, q_end, w)
@@ -135,6 +143,8 @@ contains
       stages = 2.0_wp*scheme%nstage   ! at most: noise may have stages of its own
       length = 2*n*(stages + 1)
       unknowns = length*options%nstep
+      ! The increments; what the noise draws; the Lagrangian; a band with its fill, 3 width + 1 wide; vectors of
+      ! unknowns; the Hessians of all stages.
       numbers = real(options%npath, wp)*m*options%nstep &
                 + noise_numbers(model%traits%nnoise, scheme%asks, default_nlane) &
                 + lagrangian_numbers(model, scheme, lane_unit) + 6*unknowns*length + 64*unknowns &
@@ -153,6 +163,7 @@ contains
       class(monitor_type), intent(inout), optional :: monitor
       integer :: iteration, lane
 
+      ! Of a path that is done the unknowns stay as they are, and are differentiated with the others.
       states(:nreal)%running = .true.
       do iteration = 0, max_iter
          call system%differentiate()
@@ -179,9 +190,12 @@ contains
       logical :: better
 
       associate (x => system%x(:, lane), r => system%r(:, lane))
+         ! Armijo's rule with the factor 1/4: a correction of `length` must lower the residual by a quarter of what it
+         ! would lower it by if the equations were linear. At the first iteration there is nothing to compare with.
          norm = norm2(r)
          better = norm <= (1 - 0.25_wp*state%length)*state%norm
          if (.not. allocated(state%x)) better = norm <= huge(norm)
+         ! A trial that is no better is taken back: a shorter correction starts from the same unknowns.
          if (.not. better .and. allocated(state%x)) x = state%x
          if (better) then
             state%norm = norm
@@ -189,10 +203,12 @@ contains
          else if (.not. allocated(state%x)) then
             call finish(nonfinite)
             return
+            ! The residual cannot be lowered, and is rounding: this is the solution.
          else if (state%norm <= rounding*sqrt(real(size(x), wp))*maxval(abs(x))) then
             call finish(status_ok)
             return
          else
+            ! Neither better nor solved: half of the correction is tried next, from the unknowns that were put back.
             state%length = 0.5_wp*state%length
          end if
          if (norm <= 0) then
@@ -229,9 +245,11 @@ contains
       type(banded_factors) :: factors
 
       call system%fill_matrix(lane)
+      ! The right side becomes the correction in place.
       state%d = -system%r(:, lane)
       state%length = 1
       call new_banded_factors(factors, system%nunknown, system%width, system%width, system%band)
+      ! A matrix that is not finite is no conjugate point: it has a status of its own.
       state%status = nonfinite
       state%running = factors%norm <= huge(1.0_wp)   ! NaN and infinities enter the norm
       if (.not. state%running) return
@@ -240,6 +258,7 @@ contains
          if (allocated(error)) return
          call factor_columns(factors, system%band, patience)
       end do
+      ! The reciprocal condition tells how far the end point is from a conjugate point, where S'' is singular.
       call solve_factored_lapack(factors, system%band, state%d, state%status, state%rcond)
       state%running = state%status == status_ok
    end subroutine find_correction
@@ -282,6 +301,7 @@ contains
                if (associated(guess_p)) p = guess_p(path, :, step + 1)
                do i = 1, system%lagrangian%nstage
                   at = system%stage_at(step, i)
+                  ! Along a straight line V_i is q_{m+1} - q_m; stages of the noise alone begin with no velocity.
                   system%x(at + 1:at + n, lane) = merge(v, 0.0_wp, system%lagrangian%part(i) == 1)
                   system%x(at + n + 1:at + 2*n, lane) = p
                end do
@@ -303,6 +323,7 @@ contains
       real(wp) :: p0(system%nlane, system%ndof), now(system%ndof)
       integer :: lane, path, step, at
 
+      ! p_0 first, as it needs the stages of the first step. The other momenta are unknowns, and are read from x.
       call system%first_momentum(p0)
       do lane = 1, nreal
          path = first + lane - 1
@@ -314,6 +335,7 @@ contains
             at = system%momentum_at(step)
             if (step > 0) p(path, :, step + 1) = system%x(at + 1:at + system%ndof, lane)
          end do
+         ! A path that was not found must not be taken for one.
          if (status(path) == status_ok) cycle
          q(path, :, :) = ieee_value(0.0_wp, ieee_quiet_nan)
          p(path, :, :) = ieee_value(0.0_wp, ieee_quiet_nan)
@@ -363,6 +385,7 @@ contains
 
    end subroutine check
 
+   !> One message for all arrays, with all shapes that are wanted.
    subroutine refuse_shape(what, error)
       character(*), intent(in) :: what
       type(error_type), allocatable, intent(inout) :: error

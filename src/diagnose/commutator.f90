@@ -1,16 +1,19 @@
 ! SPDX-License-Identifier: BSD-3-Clause
+!>    {F,G} = F_q.G_p - F_p.G_q,     grad {F,G} = Hess F V_G - Hess G V_F,     V_G = (G_p, -G_q)
+!>
 !> Do the noises of a model commute, and which order is to be expected then? By brackets at sample points.
 !>
 !>    {H_k,H_l} constant for all k, l    commutative noises: increments alone reach strong order 1, dZ 3/2
 !>    {H,H_k} constant for all k, and    the drift commutes too: the flow is that of H t + sum_k H_k W_k
 !>    no H_k changes in time
 !>
-!> A bracket is constant where its gradient Hess F V_G - Hess G V_F vanishes (V: the Hamiltonian field). It is measured
-!> against |Hess F| |V_G| + |Hess G| |V_F|, the largest one among the points, and not against the two products: these
-!> may vanish each by itself, up to rounding, as for sin(q+p) and cos(q+p). The norms are those of products with the
-!> field under changes of sign, which do not cancel all at once. Numbers below 1e-6 are rounding, or the error of
-!> differences where the model has no analytic Hessian. Noise that changes in time, H_k = sigma(t) I, does not
-!> commute with the drift: in the phase space with time the bracket is {H,H_k} - H_{k,t}. Points can refute, not prove.
+!> A bracket is constant where its gradient Hess F V_G - Hess G V_F vanishes (V: the Hamiltonian field). It is
+!> measured against |Hess F| |V_G| + |Hess G| |V_F|, the largest one among the points, and not against the two
+!> products: these may vanish each by itself, up to rounding, as for sin(q+p) and cos(q+p). The norms are those of
+!> products with the field under changes of sign, which do not cancel all at once. Numbers below 1e-6 are rounding, or
+!> the error of differences where the model has no analytic Hessian. Noise that changes in time, H_k = sigma(t) I,
+!> does not commute with the drift: in the phase space with time the bracket is {H,H_k} - H_{k,t}. Points can refute,
+!> not prove.
 module symsde_diagnose_commutator
    use, intrinsic :: ieee_arithmetic, only: ieee_value, ieee_positive_inf
    use symsde_base_kinds, only: wp, i8
@@ -71,6 +74,7 @@ contains
                                               model%traits%has_hessian .and. .not. model%traits%has_hessian_vector)), &
                           'the brackets at '//to_text(size(q, 1))//' points', 'give fewer points', 'commutator', error)
       if (allocated(error)) return
+      ! The points are lanes of one call of the model.
       points%n = size(q, 1)
       points%t = t
       allocate (points%q, source=q)
@@ -78,6 +82,7 @@ contains
       done = 0
       nbracket = int(model%traits%nnoise, i8)*(model%traits%nnoise + 1)/2
       do k = 1, model%traits%nnoise
+         ! j = 0 is the drift H, paired with every noise; j > 0 are the pairs of noises.
          do j = 0, k - 1
             call stop_if_wanted(monitor, done, nbracket, 'commutator', error)
             if (allocated(error)) return
@@ -85,6 +90,7 @@ contains
             size_kl = relative_gradient(model, points, j, k)
             if (j == 0) then
                result%drift = max(result%drift, size_kl)
+               ! The pair that commutes least is kept for the message.
             else if (size_kl > result%noise .or. result%k == 0) then
                result%noise = size_kl
                result%k = j
@@ -110,16 +116,20 @@ contains
 
       call field(model, points, j, points%t, fq, fp)
       call field(model, points, k, points%t, gq, gp)
+      ! The scale is the larger of two: what rounding alone could leave of the two products, and their largest size
+      ! under changes of sign.
       scale = floor_of_differences(model, points, fq, fp)*largest(gq, gp) &
               + floor_of_differences(model, points, gq, gp)*largest(fq, fp)
       difference = 0
       do pattern = 1, npattern
          call product_with(model, points, j, gq, gp, pattern, aq, ap)
          call product_with(model, points, k, fq, fp, pattern, bq, bp)
+         ! The first pattern is the bracket itself; all patterns measure the size of the products.
          if (pattern == 1) difference = largest(aq - bq, ap - bp)
          scale = max(scale, largest(aq, ap) + largest(bq, bp))
       end do
       relative = 0
+      ! Both are zero for Hamiltonians that are linear: these commute. What is not finite must not pass for commuting.
       if (scale > 0) relative = difference/scale
       if (.not. difference + scale <= huge(scale)) relative = huge(relative)
    end function relative_gradient
@@ -136,6 +146,7 @@ contains
       w = 0
       w(:, j) = 1
       call model%gradient(points%n, model%traits%ndof, model%traits%nnoise, t, w, points%q, points%p, vp, vq)
+      ! gradient has put H_p into vq and H_q into vp.
       vp = -vp
    end subroutine field
 
@@ -157,6 +168,7 @@ contains
       if (pattern == 2) sp = -vp
       if (pattern > 2) then
          do i = 1, model%traits%ndof
+            ! Signs without a pattern among the degrees of freedom, the same in every call: results repeat.
             sq(:, i) = sign(1.0_wp, sin(real(i*(2*pattern - 1), wp)))*vq(:, i)
             sp(:, i) = sign(1.0_wp, cos(real(i*(3*pattern - 2), wp)))*vp(:, i)
          end do
@@ -175,6 +187,7 @@ contains
 
       size_at_least = 0
       if (model%traits%has_hessian .or. model%traits%has_hessian_vector) return
+      ! A difference of gradients of size |f|, over the step default_step times the state, has the error eps |f|/step.
       size_at_least = epsilon(1.0_wp)*largest(fq, fp)/(default_step*max(1.0_wp, largest(points%q, points%p))*vanishing)
    end function floor_of_differences
 
@@ -190,6 +203,7 @@ contains
 
       relative = 0
       call field(model, points, k, points%t, fq, fp)
+      ! Three times without a common period: a noise that is periodic in one of them is not in the others.
       do i = 1, size(later)
          call field(model, points, k, points%t + later(i), gq, gp)
          change = largest(gq - fq, gp - fp)

@@ -8,6 +8,8 @@
 !>
 !>    quadratic models      whose flows commute: the flow of t H + sum_k W_k(t) H_k (diagnose/linear_flow)
 !>
+!> with C_k = int cos(h - s) dW_k(s) and S_k = int sin(h - s) dW_k(s) over the step: sigma moves q, gamma moves p.
+!>
 !> W(t) is the sum of the run's increments. (C_k, S_k) are drawn from their law given what the run itself takes from
 !> the path, dW_k, H_k = dZ_k/h - dW_k/2 and K_k, two normals more for each step and noise (noise/oscillator_law): the
 !> solution has the exact law jointly with the increments, and where the scheme takes dZ or K, with these. For schemes
@@ -93,6 +95,7 @@ contains
       if (.not. allocated(error)) call check_shapes(model%traits%ndof, options, q0, p0, q, p, error)
       if (allocated(error)) return
       fine = finest(options)
+      ! The generator is that of the run, asked for the same paths and steps: the increments are the same numbers.
       call new_noise(noise, model, fine, lost, error, given)
       if (present(scheme)) call ask_for(scheme, model, noise, error)
       if (allocated(error)) return
@@ -105,11 +108,14 @@ contains
             call stop_if_wanted(monitor, work%first*fine%nstep + done*work%nreal, fine%npath*fine%nstep, &
                                 'exact_solution', error)
             if (allocated(error)) return
+            ! Steps are drawn in pairs; the first one may be the second of its pair.
             if (noise%nnoise > 0 .and. (mod(n, 2_i8) == 0 .or. n == fine%first_step)) &
                call fill(work, noise, system, fine, n/2)
             call advance(work, noise, system, fine, n)
             done = done + 1
             if (mod(done, fine%save_every) /= 0) cycle
+            ! These depend on W(t) alone: the state is computed where it is saved, from the start, and errors do not
+            ! add up.
             if (.not. system%additive) call rotate(work, system, real(done, wp)*fine%step)
             call save_point(work, int(done/fine%save_every) + 1, q, p)
          end do
@@ -134,8 +140,8 @@ contains
       noise%asked = scheme%asks%needed_for(model%traits)
    end subroutine ask_for
 
-   !> Increments of the steps 2*pair and 2*pair+1, and for additive noise their H_k and K_k: those of the run, or drawn
-   !> here as a run would.
+   !> Increments of the steps 2*pair and 2*pair+1, and for additive noise their H_k and K_k: those of the run, or
+   !> drawn here as a run would.
    subroutine fill(work, noise, system, options, pair)
       type(exact_block), intent(inout) :: work
       class(noise_type), intent(in) :: noise
@@ -153,6 +159,7 @@ contains
          if (noise%silent(k)) cycle
          from = work%request%path
          if (noise%common(k)) from = 0
+         ! H_k and K_k by the numbers that a run draws; below they give way to those of the run, where it draws them.
          call shape_draws(work%nlane, options%seed, from, pair, k, options%step, shape, stt_area, drawn)
          work%shape(:, k, :) = shape
          work%stt_area(:, k, :) = stt_area
@@ -190,6 +197,7 @@ contains
                        '(refine) instead')
       end select
       if (.not. system%additive) return
+      ! dq = .. + H_k,p dW_k and dp = .. - H_k,q dW_k.
       system%a = 1
       allocate (system%to_q(model%traits%nnoise), system%to_p(model%traits%nnoise))
       do k = 1, model%traits%nnoise
@@ -319,10 +327,12 @@ contains
       half = int(mod(n, 2_i8))
       if (.not. system%additive) then
          do k = 1, size(work%sum_w, 2)
+            !   W_k(t_{n+1}) = W_k(t_n) + dW_k
             call add_compensated(work%nlane, work%store%w(:, k, half), work%sum_w(:, k), work%low(:, k))
          end do
          return
       end if
+      ! 1 - cos h without cancellation.
       versine = 2*sin(0.5_wp*options%step)**2
       sine = sin(options%step)
       call turn(work%nlane, versine, sine, work%q(:, 1), work%p(:, 1))
@@ -333,6 +343,7 @@ contains
          call oscillator_draws(work%nlane, options%seed, from, n, k, work%xi1, work%xi2)
          call oscillator_integrals(work%nlane, options%step, work%store%w(:, k, half), work%shape(:, k, half), &
                                    work%stt_area(:, k, half), work%xi1, work%xi2, work%c, work%s)
+         !   u = to_q (C; -S) + to_p (S; C)
          work%q(:, 1) = work%q(:, 1) + (system%to_q(k)*work%c + system%to_p(k)*work%s)
          work%p(:, 1) = work%p(:, 1) + (system%to_p(k)*work%c - system%to_q(k)*work%s)
       end do

@@ -1,5 +1,8 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> Invariants along saved paths: their values, and how far they drift.
+!>    drift = max_n |I(q_n, p_n)/I(q_0, p_0) - 1|,      I = p.p + q.q  or  I = H(t, q, p)
+!>
+!> Invariants along saved paths: their values, and how far they drift. dI = {I,H} dt + sum_k {I,H_k} o dW_k vanishes
+!> for the first on Kubo's oscillator, and for H where every {H,H_k} does.
 module symsde_diagnose_invariants
    use, intrinsic :: ieee_arithmetic, only: ieee_value, ieee_quiet_nan
    use symsde_base_kinds, only: wp
@@ -24,6 +27,7 @@ contains
       do path = 1, size(values, 1)
          do n = 1, size(values, 2)
             change = abs(values(path, n)/values(path, 1) - 1)
+            ! A change that is NaN is not skipped here: it ends the path's search, and is the result.
             if (change <= drift(path)) cycle
             drift(path) = change
             if (change <= huge(change)) cycle
@@ -67,6 +71,7 @@ contains
          return
       end if
       allocate (w(size(q, 1), 0:model%traits%nnoise), source=0.0_wp)
+      ! The weights choose H alone among H, H_1 .. H_m; all paths are lanes of one call.
       w(:, 0) = 1
       allocate (value(size(q, 1)))
       associate (npath => size(q, 1), ndof => size(q, 2), nnoise => model%traits%nnoise)

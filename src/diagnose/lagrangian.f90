@@ -14,6 +14,10 @@
 !>             + ext_{V,P} sum_i alpha_i [(P_i - p_{n+1}).V_i - Hhat(P_i,Q_i)],
 !>    Q_i = q_n + sum_j a_ij V_j
 !>
+!> Stationary in P_i, and in V_j:
+!>
+!>    alpha_i (V_i - Hhat_p(P_i,Q_i)) = 0,     alpha_j (P_j - p_{n+1}) - sum_i alpha_i a_ij Hhat_q(P_i,Q_i) = 0
+!>
 !> so V_i = Hhat_p(P_i,Q_i) and P_i = p_{n+1} + sum_j (alpha_j a_ji/alpha_i) Hhat_q(P_j,Q_j), solved
 !> here by Newton. (57) then holds identically and (58) is the constraint. It is not a function of
 !> q_n, q_{n+1} alone, because that one does not exist where Hhat_pp is singular, as for the Kubo
@@ -66,6 +70,7 @@ contains
       class(model_type), intent(in) :: model
       type(scheme_type), intent(in) :: scheme
 
+      ! V_i and Hhat_q at stage i, in ndof degrees of freedom each.
       n = 2*model%traits%ndof*scheme%nstage
       if (.not. has_one_part(model, scheme)) n = 2*n
    end function count_unknowns
@@ -116,6 +121,7 @@ contains
       allocate (self%qs(nlane, n), self%ps(nlane, n), self%hq(nlane, n), self%hp(nlane, n))
       allocate (self%v(nlane, 0:model%traits%nnoise, 2))
       if (self%one_stage) return
+      ! A quadratic Hhat makes the equations linear; one iteration then solves them.
       newton%max_iter = options%max_iter
       call new_newton(self%newton, nlane, 2*n*self%nstage, newton, &
                       model%traits%quadratic .and. correction == correction_none, -1, -1)
@@ -137,6 +143,8 @@ contains
          call one_point(self, q0, p0, q1, p1)
          call self%ham%gradient(t + self%c(1)*w(1, 0), self%v(:, :, 1), self%qs, self%ps, &
                                 self%hq, self%hp)
+         !   d/dq_n = -P - (1-lambda) Hhat_q,                 d/dq_{n+1} = P - lambda Hhat_q
+         !   d/dp_n = lambda (q_{n+1} - q_n - Hhat_p),        d/dp_{n+1} = (1-lambda) (q_{n+1} - q_n - Hhat_p)
          d%left_q = -self%ps - (1 - self%a(1, 1))*self%hq
          d%right_q = self%ps - self%a(1, 1)*self%hq
          d%left_p = self%a(1, 1)*((q1 - q0) - self%hp)
@@ -144,6 +152,10 @@ contains
          return
       end if
       call solve_stages(self, t, w(1, 0), q0, p1, status)
+      ! By the envelope theorem only what is explicit in the end points is differentiated: the internal variables are
+      ! stationary.
+      !   d/dq_n = -p_{n+1} - sum_i alpha_i Hhat_q,        d/dq_{n+1} = p_{n+1}
+      !   d/dp_n = 0,                                      d/dp_{n+1} = q_{n+1} - q_n - sum_i alpha_i V_i
       d%left_q = -p1
       d%left_p = 0
       d%right_q = p1
@@ -175,6 +187,7 @@ contains
          return
       end if
       call solve_stages(self, t, w(1, 0), q0, p1, status)
+      !   p_{n+1}.(q_{n+1} - q_n) + sum_i alpha_i [(P_i - p_{n+1}).V_i - Hhat(P_i,Q_i)]
       action = sum(p1*(q1 - q0), dim=2)
       associate (n => self%ham%ndof)
          do i = 1, self%nstage
@@ -234,6 +247,7 @@ contains
          allocate (alpha(2*r), a(2*r, 2*r))
          alpha(:r) = scheme%alpha
          alpha(r + 1:) = scheme%beta
+         ! Every stage, of drift or noise, sees the slopes of both: drift slopes by a, noise slopes by b.
          a(:r, :r) = scheme%a
          a(r + 1:, :r) = scheme%a
          a(:r, r + 1:) = scheme%b
@@ -248,6 +262,7 @@ contains
          self%alpha = alpha(k)
          self%a = a(k, k)
          self%part = (k - 1)/r + 1
+         ! Stages of the noise have the times of those of the drift.
          k = mod(k - 1, r) + 1
          self%c = scheme%c(k)
       end associate
@@ -260,6 +275,7 @@ contains
       self%one_stage = one_part .and. self%nstage == 1
       allocate (self%back(self%nstage, self%nstage))
       do i = 1, self%nstage
+         !   back_ij = alpha_j a_ji/alpha_i:  the momenta P_i = p_{n+1} + sum_j back_ij Hhat_q(P_j,Q_j)
          self%back(i, :) = self%alpha*self%a(:, i)/self%alpha(i)
       end do
    end subroutine flatten
@@ -313,6 +329,7 @@ contains
       integer(i8), intent(inout) :: status(self%ham%nlane)
       integer :: i, at
 
+      ! Slopes of zero, so Q_i = q_n and P_i = p_{n+1}, are off by the size of a step.
       self%x = 0
       call self%newton%start(status)
       do while (self%newton%running)
@@ -323,6 +340,7 @@ contains
                                            self%hqq, self%hqp, self%hpp)
             associate (n => self%ham%ndof)
                at = 2*n*(i - 1)
+               !   r = (V_i - Hhat_p(P_i,Q_i), F_i - Hhat_q(P_i,Q_i)),   F_i the second slope
                self%newton%r(:, at + 1:at + n) = self%x(:, at + 1:at + n) - self%hp
                self%newton%r(:, at + n + 1:at + 2*n) = self%x(:, at + n + 1:at + 2*n) - self%hq
             end associate
@@ -345,6 +363,8 @@ contains
             to = 2*n*(j - 1)
             do l = 1, n
                do k = 1, n
+                  ! dQ_i/dV_j = a_ij and dP_i/dF_j = back_ij. hqp(k, l) is the derivative in q_k and p_l, hence the
+                  ! order of its indices.
                   m(:, at + k, to + l) = -self%a(i, j)*self%hqp(:, l, k)
                   m(:, at + k, to + n + l) = -self%back(i, j)*self%hpp(:, k, l)
                   m(:, at + n + k, to + l) = -self%a(i, j)*self%hqq(:, k, l)
@@ -371,6 +391,8 @@ contains
          call ham%model%value(ham%nlane, ham%ndof, ham%nnoise, t, self%v(:, :, part), self%qs, &
                               self%ps, h)
          if (ham%correction == correction_none) return
+         ! The correction: coefficient h sum_k H_k,p.H_k,q in its mean form, or coefficient F_p.F_q with F = sum_k
+         ! dW_k H_k.
          noise = 0
          if (ham%correction == correction_mean) then
             do k = 1, ham%nnoise

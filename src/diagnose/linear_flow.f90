@@ -1,10 +1,14 @@
 ! SPDX-License-Identifier: BSD-3-Clause
+!>    dz = sum_j (A_j z + b_j) o dW_j,  dW_0 = dt,     A_i A_j = A_j A_i,  A_i b_j = A_j b_i
+!>    z(t) = exp(t A_0 + sum_k W_k A_k) z_0 + ..,      as exp of the matrices (A_j, b_j; 0, 0) acting on (z, 1)
+!>
 !> Quadratic Hamiltonians whose flows commute: the solution is the flow of one of them, of
 !>
 !>    S = t H + sum_k W_k(t) H_k,   z(t) = exp(J Hess S) z_0  with what linear terms of S add,
 !>
-!> whatever the path between. Fields J grad H_j = A_j z + b_j are read from gradients at unit points; they commute where
-!> A_i A_j = A_j A_i and A_i b_j = A_j b_i, to rounding. With b_j as one more column it is one matrix exponential.
+!> whatever the path between. Fields J grad H_j = A_j z + b_j are read from gradients at unit points; they commute
+!> where A_i A_j = A_j A_i and A_i b_j = A_j b_i, to rounding. With b_j as one more column it is one matrix
+!> exponential.
 module symsde_diagnose_linear_flow
    use symsde_base_kinds, only: wp
    use symsde_model_abstract, only: model_type
@@ -43,6 +47,7 @@ contains
          reason = 'has more than 64 degrees of freedom or noises'
       end if
       if (len(reason) > 0) return
+      ! The trait is a declaration: the fields are read, and then held against the model at other points and times.
       allocate (self%field(self%n + 1, self%n + 1, 0:m), source=0.0_wp)
       do j = 0, m
          call read_field(self, model, t0, j)
@@ -52,6 +57,7 @@ contains
       end do
       do j = 0, m
          do i = 0, j - 1
+            ! The extra row is zero, so that one product of matrices tests both conditions.
             if (.not. commute(self%field(:, :, i), self%field(:, :, j))) reason = 'has flows that do not commute'
          end do
       end do
@@ -75,6 +81,7 @@ contains
          z(i) = -1
          call field_at(self, model, t, j, z, left)
          z(i) = 0
+         ! The difference at opposite points leaves out b_j, and what is even in z.
          self%field(:self%n, i, j) = 0.5_wp*(right - left)
       end do
    end subroutine read_field
@@ -89,6 +96,7 @@ contains
       integer :: i
 
       do i = 1, self%n
+         ! No component is zero or equal to another: what is not linear in z shows.
          z(i) = 1.3_wp + 0.7_wp*modulo(0.618_wp*i, 1.0_wp)
       end do
       known = matmul(self%field(:self%n, :self%n, j), z)
@@ -121,6 +129,7 @@ contains
       field(d + 1:) = -hq(1, :)
    end subroutine field_at
 
+   !> Whether a b = b a, up to rounding of the products.
    pure logical function commute(a, b)
       real(wp), intent(in) :: a(:, :), b(:, :)
       real(wp), dimension(size(a, 1), size(a, 1)) :: ab, ba
@@ -139,16 +148,19 @@ contains
       real(wp) :: moved(self%n)
       integer :: k
 
+      !   S = t F_0 + sum_k W_k F_k with F_j = (A_j, b_j; 0, 0)
       s = t*self%field(:, :, 0)
       do k = 1, size(w)
          s = s + w(k)*self%field(:, :, k)
       end do
       flow = exponential(self%n + 1, s)
+      ! The flow acts on (z, 1): its last column is what the linear terms add.
       moved = matmul(flow(:self%n, :self%n), z)
       z = moved + flow(:self%n, self%n + 1)
    end subroutine solve
 
-   !> exp(s): Taylor's series of s/2^k, of size 1/2 at most, squared k times; its first term left out is 1e-19 of one.
+   !> exp(s): Taylor's series of s/2^k, of size 1/2 at most, squared k times; its first term left out, 2^-16/16!, is
+   !> below 1e-18 of one.
    pure function exponential(n, s) result(e)
       integer, intent(in) :: n
       real(wp), intent(in) :: s(n, n)
@@ -156,6 +168,7 @@ contains
       integer, parameter :: degree = 15
       integer :: i, k
 
+      ! With the norm below 2^e, division by 2^(e+1) leaves less than 1/2, without rounding.
       k = max(0, exponent(maxval(sum(abs(s), dim=1))) + 1)
       part = scale(s, -k)
       one = 0
@@ -163,6 +176,7 @@ contains
          one(i, i) = 1
       end do
       e = one
+      ! Horner's rule: 1 + s/1 (1 + s/2 (1 + .. )).
       do i = degree, 1, -1
          product = matmul(part, e)
          e = one + product/i

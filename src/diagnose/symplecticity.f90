@@ -1,5 +1,8 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> How far one step is from symplectic: its tangent map M with frozen increments, and M^T J M - J.
+!>    M = d(q_{n+1}, p_{n+1})/d(q_n, p_n) = I + D,      defect = max_ij |M^T J M - J| = max_ij |D^T J + J D + D^T J D|
+!>    f'(x) ~ (1/e) sum_k w_k f(x + k e),  k = -4 .. 4,      w_k = -w_{-k} = 4/5, -1/5, 4/105, -1/280
+!>
+!> How far one step is from symplectic: its tangent map M with frozen increments, J = (0, I; -I, 0), and M^T J M - J.
 !>
 !> M comes from central differences of eighth order of the stepper's own map, so that what is tested
 !> is what runs. Increments are differenced, not states, and the spacing is a power of two: the
@@ -123,6 +126,7 @@ contains
          do i = 1, n
             m(:, i, j) = d(i, j, :)
          end do
+         ! The differences are those of the increments: D = M - I.
          m(:, j, j) = m(:, j, j) + 1
       end do
    end subroutine tangent_map
@@ -156,6 +160,7 @@ contains
       call check(model, options, steps%q, steps%p, steps%dw, base, error)
       if (allocated(error)) return
       npoint = size(steps%q, 1)
+      ! Each of the 2 ndof variables is moved to eight places, at every point.
       total = int(npoint, i8)*2*n*nstencil
       nlane = lanes_of_diagnosis(model, scheme, total)
       call resolve_task(task, model, scheme, steppers_of(options), error)
@@ -171,6 +176,7 @@ contains
       if (allocated(error)) return
       allocate (d(2*n, 2*n, npoint), source=0.0_wp)
       call new_step_store(store, nlane, model%traits%nnoise, 2, options%step, scheme%asks)
+      ! The record points into the store, whose weights are overwritten for every block.
       call store%show(0, options%t0, step)
       allocate (status(nlane))
       allocate (qs(nlane, n), ps(nlane, n), dq(nlane, n), dp(nlane, n))
@@ -185,6 +191,7 @@ contains
          if (associated(steps%areas) .and. associated(step%of(path_areas)%x)) &
             call spread_integrals(first, nreal, n, steps%areas, step%of(path_areas)%x)
          status = 0
+         ! The stepper is the one that a run would take, with its solver and its stopping rule.
          call stepper%increment(step, qs, ps, dq, dp, status)
          call collect(steps, first, nreal, base, dq, dp, status, d)
       end do
@@ -244,10 +251,12 @@ contains
       do lane = 1, nreal
          call locate(first + lane - 1, n, point, variable, k)
          if (variable <= n) then
+            ! Division by a power of two is exact: the only errors are those of the increments.
             factor = weight(k)/length(base, steps%q(point, variable))
          else
             factor = weight(k)/length(base, steps%p(point, variable - n))
          end if
+         ! One point that was not solved makes the whole tangent map NaN at its state.
          if (status(lane) /= 0) factor = ieee_value(factor, ieee_quiet_nan)
          d(:n, variable, point) = d(:n, variable, point) + factor*dq(lane, :)
          d(n + 1:, variable, point) = d(n + 1:, variable, point) + factor*dp(lane, :)
@@ -286,6 +295,7 @@ contains
             entry = with_unit(n, i, d(:, j)) - with_unit(n, j, d(:, i)) &
                     + dot_product(d(:n, i), d(n + 1:, j)) - dot_product(d(n + 1:, i), d(:n, j))
             if (.not. abs(entry) <= huge(entry)) entry = ieee_value(entry, ieee_quiet_nan)
+            ! A comparison with NaN is false: .not. lets NaN through, and the next line ends the search with it.
             if (.not. abs(entry) <= defect) defect = abs(entry)
             if (.not. defect <= huge(defect)) return
          end do
