@@ -48,11 +48,14 @@ contains
       associate (nlane => work%nlane, ndof => work%ndof, nnoise => work%nnoise)
          call model%gradient(nlane, ndof, nnoise, t, wf, q, p, work%fq, work%fp)
          call model%gradient(nlane, ndof, nnoise, t, wg, q, p, work%gq, work%gp)
+         ! (G_p, -G_q) and (F_p, -F_q) are the fields of G and F: the Hessian of each sum is multiplied by the field
+         ! of the other.
          work%gq = -work%gq
          work%fq = -work%fq
          call model%hessian_vector(nlane, ndof, nnoise, t, wf, q, p, work%gp, work%gq, bq, bp)
          call model%hessian_vector(nlane, ndof, nnoise, t, wg, q, p, work%fp, work%fq, work%uq, work%up)
       end associate
+      ! Both weights may differ from lane to lane: {F,G} is bilinear in them.
       bq = bq - work%uq
       bp = bp - work%up
    end subroutine bracket_gradient
@@ -67,6 +70,7 @@ contains
 
       associate (nlane => work%nlane, ndof => work%ndof, nnoise => work%nnoise)
          call model%gradient(nlane, ndof, nnoise, t, w, q, p, work%fq, work%fp)
+         ! F_q and F_p change their places: d/dq (F_p.F_q) = F_qq F_p + F_qp F_q.
          call model%hessian_vector(nlane, ndof, nnoise, t, w, q, p, work%fp, work%fq, cq, cp)
       end associate
    end subroutine correction_gradient

@@ -1,5 +1,11 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> The rows of a chain: as a user's function, which models may have one, and force and stiffness of a whole block.
+!>    S = sum_j w_j H_j = w_0 p.p/2 + sum_i u_i(q_i, q_{i+1})
+!>    row i:  hq(i) = dS/dq_i,   hqq(0,i) = d2S/dq_i^2,   hqq(1,i) = d2S/(dq_i dq_{i+1})
+!>
+!> The rows of a chain: as a user's function, which models may have one, and force and stiffness of a whole block. Row
+!> i depends on q_{i-1}, q_i and q_{i+1} alone, and comes with its stiffness: a solver then eliminates mass after mass
+!> without a matrix in memory. Positions stand before the first and behind the last row, which are zero at the ends of
+!> a chain.
 module symsde_model_chain_rows
    use, intrinsic :: iso_c_binding, only: c_double, c_int, c_ptr
    use symsde_base_kinds, only: wp
@@ -36,8 +42,8 @@ contains
                  'need: declare bandwidth 1, identity_mass, and position_noise or additive, or give no rows')
    end subroutine check_chain
 
-   !> What force_stiffness gives with b = 1, of a model that offers chain_rows, for at most a strip of lanes. The strip
-   !> is filled up with the last one.
+   !> What force_stiffness gives with b = 1, of a model that offers chain_rows, for at most a strip of lanes. The
+   !> strip is filled up with the last one.
    subroutine block_from_rows(model, nlane, ndof, nnoise, t, w, q, hq, hqq)
       class(model_type), intent(in) :: model
       integer, intent(in) :: nlane, ndof, nnoise
@@ -46,6 +52,7 @@ contains
       real(wp), allocatable :: ws(:, :), qs(:, :), f(:, :), k(:, :, :)  !! of a strip
       integer :: lane
 
+      ! A strip has strip_lanes lanes, whatever nlane is: the length of its loops is known to the compiler.
       allocate (ws(strip_lanes, 0:nnoise), qs(strip_lanes, 0:ndof + 1), f(strip_lanes, ndof), &
                 k(strip_lanes, 0:1, ndof))
       qs(:, 0) = 0

@@ -1,4 +1,7 @@
 ! SPDX-License-Identifier: BSD-3-Clause
+!>    H_j(t,q,p) = T_j(t,p) + U_j(t,q),        S = sum_j w_j H_j
+!>    grad S = (sum_j w_j U_j', sum_j w_j T_j'),     Hess S = (sum_j w_j U_j'', 0; 0, sum_j w_j T_j'')
+!>
 !> Models whose Hamiltonians are sums of a function of q and a function of p, written as one kernel.
 !>
 !> An extension gives `evaluate`, which computes whichever of gradient and diagonal Hessian blocks
@@ -37,6 +40,8 @@ module symsde_model_separable
 contains
 
    !> Gradient of sum_j w_j H_j.
+   !> Both halves come from one call, so that a kernel that needs the sine and the cosine of q for S_q finds them
+   !> once.
    subroutine gradient(self, nlane, ndof, nnoise, t, w, q, p, hq, hp)
       class(separable_model), intent(in) :: self
       integer, intent(in) :: nlane, ndof, nnoise
@@ -59,6 +64,7 @@ contains
    end subroutine hessian
 
    !> Gradient and Hessian at one point.
+   !> Newton's iteration asks for both at one point.
    subroutine gradient_hessian(self, nlane, ndof, nnoise, t, w, q, p, hq, hp, hqq, hqp, hpp)
       class(separable_model), intent(in) :: self
       integer, intent(in) :: nlane, ndof, nnoise
@@ -71,8 +77,8 @@ contains
       if (present(hqp)) hqp = 0
    end subroutine gradient_hessian
 
-   !> Hessian of sum_j w_j H_j times (vq, vp). Room for the blocks of a path with two degrees of freedom is at hand: to
-   !> allocate it would take as long as the rest.
+   !> Hessian of sum_j w_j H_j times (vq, vp). Room for the blocks of a path with two degrees of freedom is at hand:
+   !> to allocate it would take as long as the rest.
    subroutine hessian_vector(self, nlane, ndof, nnoise, t, w, q, p, vq, vp, uq, up)
       class(separable_model), intent(in) :: self
       integer, intent(in) :: nlane, ndof, nnoise
@@ -82,6 +88,7 @@ contains
       real(wp) :: hqq(2, 2), hpp(2, 2)
       real(wp), allocatable :: blocks(:, :, :, :)  !! hqq and hpp, each (nlane, ndof, ndof)
 
+      ! What a path by itself asks for most: its blocks are arrays of a length that the compiler knows.
       if (nlane == 1 .and. ndof == 2) then
          call self%evaluate(nlane, ndof, nnoise, t, w, q, p, hqq=hqq, hpp=hpp)
          call multiply(1, 2, hqq, hpp, vq, vp, uq, up)
@@ -102,6 +109,7 @@ contains
 
       do i = 1, ndof
          do lane = 1, nlane
+            ! The sum begins with its first product instead of zero, which saves an addition.
             uq(lane, i) = (hqq(lane, i, 1)*vq(lane, 1))
             up(lane, i) = (hpp(lane, i, 1)*vp(lane, 1))
          end do

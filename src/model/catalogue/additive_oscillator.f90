@@ -1,9 +1,10 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> The oscillator with two additive noises [WHSB] (84)-(86).
-!>
 !>    H = (p^2 + q^2)/2,   H_1 = sigma p,   H_2 = -gamma q
+!>    dp = -q dt + gamma dW_2,   dq = p dt + sigma dW_1
 !>
-!> so dp = -q dt + gamma dW_2, dq = p dt + sigma dW_1.
+!> The oscillator with two additive noises [WHSB] (84)-(86). E(p^2 + q^2) = p_0^2 + q_0^2 + (sigma^2 + gamma^2) t.
+!> {H_1,H_2} = sigma gamma is a constant, whose field vanishes: the noises commute. By default sigma = 0, gamma = 1,
+!> the data of figure 4.2 of [WHSB], which leave one noise. Time is in units of 1/(angular frequency).
 module symsde_model_catalogue_additive_oscillator
    use symsde_base_kinds, only: wp
    use symsde_base_status, only: error_type
@@ -45,12 +46,14 @@ contains
       self%sigma = sigma
       self%gamma = gamma
       self%name = 'additive_oscillator'
+      ! b = -gamma dW_2 and e = sigma dW_1 in model/flows/oscillator.
       self%terms = oscillator_terms(b=-gamma, noise_b=2, e=sigma, noise_e=1)
       self%traits = model_traits( &
                     ndof=1, nnoise=2, separable=.true., quadratic=.true., additive=.true., &
                     position_noise=is_zero(sigma), identity_mass=.true., max_frequency=1.0_wp, &
                     has_value=.true., has_hessian=.true., has_hessian_vector=.true., has_linear_terms=.true., &
                     autonomous=.true.)
+      ! An exact rotation of the linear part serves schemes with noise in position alone.
       if (is_zero(sigma)) self%traits%rotation = [1.0_wp]
       allocate (self%traits%silent(2))
       self%traits%silent(1) = is_zero(sigma)
@@ -64,6 +67,7 @@ contains
       real(wp), intent(in) :: t, w(nlane, 0:nnoise), q(nlane, ndof), p(nlane, ndof)
       real(wp), intent(out) :: value(nlane)
 
+      !   S = w_0 (p^2 + q^2)/2 + sigma w_1 p - gamma w_2 q
       value = w(:, 0)*(p(:, 1)**2 + q(:, 1)**2)/2 + self%sigma*w(:, 1)*p(:, 1) &
               - self%gamma*w(:, 2)*q(:, 1)
    end subroutine weighted_value
@@ -79,6 +83,7 @@ contains
 
       sigma = self%sigma
       gamma = self%gamma
+      !   S_q = w_0 q - gamma w_2,   S_p = w_0 p + sigma w_1
       if (present(hq)) hq(:, 1) = w(:, 0)*q(:, 1) - gamma*w(:, 2)
       if (present(hp)) hp(:, 1) = w(:, 0)*p(:, 1) + sigma*w(:, 1)
       if (present(hqq)) hqq(:, 1, 1) = w(:, 0)

@@ -1,5 +1,18 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> The built-in models by name, with their parameters by key.
+!>    kubo                       H = a (p^2 + q^2)/2             H_1 = sigma (p^2 + q^2)/2
+!>    linear_oscillator          H = (p^2 + q^2)/2               H_1 = -sigma q
+!>    synchrotron                H = p^2/2 - omega^2 cos q       H_1 = sigma1 sin q,  H_2 = -sigma2 cos q
+!>    additive_oscillator        H = (p^2 + q^2)/2               H_1 = sigma p,  H_2 = -gamma q
+!>    pendulum                   H = p^2/2 - cos q               H_1 = sigma (p^2 + q^2)/2
+!>    driven_pendulum            H = p^2/2 - omega^2 (1 + epsilon cos nu t) cos q,  noises in q and cos q that swing
+!>    noncommutative_oscillator  H = (p^2 + q^2)/2               H_1 = s1 p^2/2,  H_2 = s2 q^2/2
+!>    henon_heiles               H = (p.p + q.q)/2 + alpha (q_1^2 q_2 - q_2^3/3),   H_k = sigmak q_k
+!>    fpu_chain                  H = sum p_i^2/2 + sum (r_i^2/2 + beta r_i^4/4),    H_k = -sigma q_k
+!>
+!> The built-in models by name, with their parameters by key. kubo, linear_oscillator, synchrotron and
+!> additive_oscillator are the examples of [WHSB]; the others show what these cannot: noise that does not commute or
+!> that multiplies a nonlinear system, dependence on time, several and many degrees of freedom. Each has as many
+!> noises as it has H_k.
 !>
 !> Names and defaults of parameters stand in each model's own file. A new model has a place among the
 !> imports and in each of all_names, is_built_in, tabulate, allocate_model and construct.
@@ -29,6 +42,7 @@ module symsde_model_catalogue_by_name
    private
    public :: model_names, parameter_names, parameter_defaults, tabulate, get_model, is_built_in
 
+   ! The order in which models are listed; users see it.
    character(len=name_length), parameter :: all_names(9) = [character(len=name_length) :: &
                                                             'kubo', 'linear_oscillator', 'synchrotron', &
                                                             'additive_oscillator', 'pendulum', 'driven_pendulum', &
@@ -48,6 +62,7 @@ contains
    pure logical function is_built_in(model)
       class(model_type), intent(in) :: model
 
+      ! `type is` holds for the very type alone: an extension of a model may give other functions, and is probed.
       is_built_in = .true.
       select type (model)
       type is (kubo_model)
@@ -95,16 +110,21 @@ contains
       real(wp), allocatable :: parameters(:)
 
       if (allocated(error)) return
+      ! The table of defaults becomes the list of parameters, in which given values replace some.
       call tabulate(name, names, parameters)
+      ! A name that is not known has no parameters, while every model has one at least.
       if (size(names) == 0) then
          known = model_names()
          call raise(error, unknown_name, 'get_model', 'there is no model '''//trim(name)// &
                     '''; there are '//nearest_names(name, known))
       end if
+      ! Errors above and below are collected: each of these procedures does nothing where one stands.
       call set_parameters(name, names, keys, values, parameters, error)
       if (allocated(error)) return
+      ! The type is chosen before it is filled: a constructor needs a variable of its own type.
       call allocate_model(model, name)
       call construct(model, parameters, error)
+      ! A model that refused its parameters must not be used.
       if (allocated(error)) deallocate (model)
    end subroutine get_model
 
@@ -116,6 +136,7 @@ contains
 
       select case (name)
       case ('kubo')
+         ! A model's file says which parameters it has, in the order in which its constructor takes them.
          names = kubo_names
          defaults = kubo_defaults
       case ('linear_oscillator')
@@ -143,6 +164,7 @@ contains
          names = fpu_chain_names
          defaults = fpu_chain_defaults
       case default
+         ! No names stand for no such model.
          allocate (names(0), defaults(0))
       end select
    end subroutine tabulate
@@ -163,8 +185,10 @@ contains
                     ' values; give one value for each name')
          return
       end if
+      ! A key given twice is refused rather than the later value taken, which would hide a misprint.
       given = .false.
       do i = 1, size(keys)
+         ! Texts of different lengths are compared as if padded by blanks.
          k = findloc(names == keys(i), .true., dim=1)
          if (k == 0) then
             call raise(error, unknown_name, 'get_model', 'model '''//trim(name)// &
@@ -201,6 +225,8 @@ contains
    end subroutine allocate_model
 
    !> Construct it from all its parameters, in the order of its table.
+   !> x(i) is the i-th parameter of the table of the model: of kubo x = (a, sigma), of synchrotron (omega, sigma1,
+   !> sigma2).
    subroutine construct(model, x, error)
       class(model_type), intent(inout) :: model
       real(wp), intent(in) :: x(:)  !! parameters
@@ -225,6 +251,7 @@ contains
       type is (henon_heiles_model)
          call new_henon_heiles(model, x(1), x(2), x(3), error)
       type is (fpu_chain_model)
+         ! The number of masses comes through an interface of real numbers; a part of a mass is refused.
          call whole_number('n', x(1), n, error)
          call new_fpu_chain(model, n, x(2), x(3), error)
       end select
@@ -238,6 +265,7 @@ contains
       type(error_type), allocatable, intent(inout) :: error
 
       n = 0
+      ! Of NaN, infinities and numbers too large for an integer n stays zero, and the next line refuses them.
       if (abs(x) <= huge(n)) n = nint(x)
       if (.not. abs(x - n) <= 0) &
          call raise(error, invalid_argument, 'get_model', 'parameter '//key//' is '//to_text(x)// &

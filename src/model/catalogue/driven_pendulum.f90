@@ -1,12 +1,13 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> A pendulum with a driven point of suspension, shaken by noises whose strength swings, too: everything but p^2/2
-!> depends on time. Modulated traps and synchrotrons with a modulated voltage have this form.
-!>
 !>    H = p^2/2 - omega^2 (1 + epsilon cos nu t) cos q
-!>    H_1 = -sigma1 (1 + alpha sin nu t) q,   H_2 = -sigma2 (1 + alpha sin nu t) cos q
+!>    H_1 = -sigma1 s(t) q,   H_2 = -sigma2 s(t) cos q,   s(t) = 1 + alpha sin nu t
+!>    dp = -omega^2 (1 + epsilon cos nu t) sin q dt + s(t) (sigma1 dW_1 - sigma2 sin q dW_2),   dq = p dt
 !>
-!> H_1 is a torque by itself (additive), H_2 moves the point of suspension. Small oscillations follow Mathieu's
-!> equation; nu = 2 omega is its main resonance.
+!> A pendulum with a driven point of suspension, shaken by noises whose strength swings, too: everything but p^2/2
+!> depends on time. Modulated traps and synchrotrons with a modulated voltage have this form. H_1 is a torque by
+!> itself (additive), H_2 moves the point of suspension. Small oscillations follow Mathieu's equation; nu = 2 omega is
+!> its main resonance. Noises in position commute at all times. Schemes differ here by the times at which they take
+!> forces, those of their stages or one time of the step.
 module symsde_model_catalogue_driven_pendulum
    use symsde_base_kinds, only: wp
    use symsde_base_sincos, only: sincos_lanes, sincos_one, sincos_tile
@@ -20,6 +21,8 @@ module symsde_model_catalogue_driven_pendulum
    private
    public :: driven_pendulum_model, new_driven_pendulum, driven_pendulum_names, driven_pendulum_defaults
 
+   ! By default nu = 2 omega, the main resonance, with a drive of a third: small oscillations grow until cos q bounds
+   ! them.
    character(*), parameter :: driven_pendulum_names(6) = &
                               [character(len=name_length) :: 'omega', 'epsilon', 'nu', 'sigma1', 'sigma2', 'alpha']
    real(wp), parameter :: driven_pendulum_defaults(6) = [1.0_wp, 0.3_wp, 2.0_wp, 0.2_wp, 0.1_wp, 0.5_wp]
@@ -70,6 +73,8 @@ contains
       self%sigma2 = sigma2
       self%alpha = alpha
       self%name = 'driven_pendulum'
+      ! The slope of the torque is zero, that of sigma2 s(t) sin q at most sigma2 (1 + |alpha|); the frequency of H is
+      ! at most omega sqrt(1 + |epsilon|).
       strength = abs(sigma2)*(1 + abs(alpha))
       self%traits = model_traits( &
                     ndof=1, nnoise=2, separable=.true., position_noise=.true., additive=is_zero(sigma2), &
@@ -79,6 +84,7 @@ contains
       allocate (self%traits%silent(2))
       self%traits%silent(1) = is_zero(sigma1)
       self%traits%silent(2) = is_zero(sigma2)
+      ! The linear part without drive; what the drive adds is left to the kicks.
       allocate (self%traits%rotation(1), source=abs(omega))
    end subroutine new_driven_pendulum
 
@@ -91,6 +97,7 @@ contains
       real(wp), dimension(nlane) :: sine, cosine, torque, pull
 
       call sincos_lanes(nlane, q(:, 1), sine, cosine)
+      !   S = w_0 p^2/2 - pull cos q - torque q
       call self%combine(nlane, t, w(:, 0), w(:, 1), w(:, 2), torque, pull)
       value = w(:, 0)*p(:, 1)**2/2 - pull*cosine - torque*q(:, 1)
    end subroutine weighted_value
@@ -105,7 +112,9 @@ contains
       real(wp), dimension(sincos_tile) :: sine, cosine, torque, pull
       integer :: first, last, n
 
+      !   S_q = pull sin q - torque,   S_qq = pull cos q,   S_p = w_0 p,   S_pp = w_0
       if (present(hq) .or. present(hqq)) then
+         ! Torque and pull of a tile stay in cache with its sines.
          do first = 1, nlane, sincos_tile
             n = min(sincos_tile, nlane - first + 1)
             last = first + n - 1
@@ -128,6 +137,7 @@ contains
       real(wp), dimension(1) :: torque, pull
 
       call self%combine(1, t, w(0:0), w(1:1), w(2:2), torque, pull)
+      !   S = e p^2/2 - a cos q + d q
       terms%a = pull(1)
       terms%d = -torque(1)
       terms%e = w(0)
@@ -142,6 +152,8 @@ contains
       real(wp), intent(out) :: torque(nlane), pull(nlane)
       real(wp) :: sine, cosine, frequency2, strength
 
+      ! Time is one number for all lanes: what depends on it is found once, and not lane by lane.
+      !   pull = omega^2 (1 + epsilon cos nu t) w_0 + sigma2 s(t) w_2,   torque = sigma1 s(t) w_1
       sine = sincos_one(self%nu*t, cosine)
       frequency2 = self%omega2*(1 + self%epsilon*cosine)
       strength = 1 + self%alpha*sine

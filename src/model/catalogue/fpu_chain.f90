@@ -1,10 +1,11 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> The Fermi-Pasta-Ulam chain (beta model) between fixed ends, with an additive noise on every
-!> momentum.
+!>    H = sum_i p_i^2/2 + sum_{i=0}^{n} (r_i^2/2 + beta r_i^4/4),   r_i = q_{i+1} - q_i,  q_0 = q_{n+1} = 0
+!>    H_k = -sigma q_k,   k = 1 .. n
+!>    dp_i = (f(r_i) - f(r_{i-1})) dt + sigma dW_i,   dq_i = p_i dt,   f(r) = r + beta r^3
 !>
-!>    H = sum_i p_i^2/2 + sum_{i=0}^{n} (r_i^2/2 + beta r_i^4/4),
-!>        r_i = q_{i+1} - q_i,  q_0 = q_{n+1} = 0
-!>    H_k = -sigma q_k                                  so dp_k = .. + sigma dW_k,  k = 1 .. n
+!> The Fermi-Pasta-Ulam chain (beta model) between fixed ends, with an additive noise on every momentum. E H = H_0 + n
+!> sigma^2 t/2: every noise adds sigma^2/2 a unit of time. Without beta H is quadratic, with the frequencies 2 sin(pi
+!> k/(2 n + 2)), all below 2. The units are the mass and the stiffness of a spring.
 !>
 !> The cost of everything but the dense Hessian is proportional to n.
 module symsde_model_catalogue_fpu_chain
@@ -60,6 +61,8 @@ contains
       self%beta = beta
       self%sigma = sigma
       self%name = 'fpu_chain'
+      ! The Hessian is tridiagonal, and one number wide where there is one mass. A frequency is bounded without beta
+      ! alone.
       self%traits = model_traits( &
                     ndof=n, nnoise=n, separable=.true., additive=.true., position_noise=.true., autonomous=.true., &
                     quadratic=is_zero(beta), identity_mass=.true., bandwidth=min(1, n - 1), &
@@ -101,6 +104,9 @@ contains
       real(wp), intent(out), optional :: hq(nlane, ndof), hp(nlane, ndof)
       integer :: i
 
+      !   S_qi = w_0 (f(r_{i-1}) - f(r_i)) - sigma w_i,   f(r) = r + beta r^3,   S_p = w_0 p
+      ! Three loops for it have the same bits: by masses for few of a path, by springs for many of a path, by lanes
+      ! for blocks.
       if (present(hq) .and. nlane == 1 .and. ndof <= few_sites) then
          call gradient_few(ndof, self%beta, self%sigma, w, q, hq)
       else if (present(hq) .and. nlane == 1) then
@@ -126,6 +132,7 @@ contains
       integer :: i
 
       wall = 0
+      ! The spring at the left end, r_0 = q_1; the wall is a mass at rest behind the last one.
       force = q(:, 1)*(1 + beta*q(:, 1)**2)
       do i = 1, n - 1
          call gradient_row(nlane, beta, sigma, w, w(1, i), q(1, i), q(1, i + 1), force, hq(1, i))
@@ -156,6 +163,7 @@ contains
       force = q(1)*(1 + beta*q(1)**2)
       !GCC$ novector
       do i = 1, n - 1
+         ! The spring behind mass i: its force acts on mass i and, with the other sign, on mass i + 1.
          r = q(i + 1) - q(i)
          next_force = (r*(1 + beta*r**2))
          hq(i) = w(0)*(force - next_force) - (sigma*w(i))
@@ -176,6 +184,7 @@ contains
       integer :: first, last, i
 
       weight = w(0)
+      ! force(i) is that of the spring behind mass first + i; force(0) is handed from tile to tile.
       force(0) = q(1)*(1 + beta*q(1)**2)
       do first = 0, n - 1, tile
          last = min(tile, n - first)
@@ -183,6 +192,7 @@ contains
             r = q(first + i + 1) - q(first + i)
             force(i) = r*(1 + beta*r**2)
          end do
+         ! The last spring ends at the wall.
          if (first + last == n) then
             r = 0 - q(n)
             force(last) = r*(1 + beta*r**2)
@@ -222,15 +232,18 @@ contains
       real(wp) :: r, force(3), k(3)
       integer :: i
 
+      ! The three springs q_1, q_2 - q_1, -q_2, with k = w_0 (1 + 3 beta r^2).
       !GCC$ unroll 3
       !GCC$ novector
       do i = 1, 3
+         ! The number of the spring is a constant in each of the three passes: nothing is chosen at run time.
          r = merge(q1, merge(q2 - q1, 0 - q2, i == 2), i == 1)
          force(i) = (r*(1 + self%beta*r**2))
          k(i) = (w(0)*(1 + 3*self%beta*r**2))
       end do
       f1 = w(0)*(force(1) - force(2)) - (self%sigma*w(1))
       f2 = w(0)*(force(2) - force(3)) - (self%sigma*w(2))
+      !   K = (k_1 + k_2, -k_2; -k_2, k_2 + k_3)
       k11 = k(1) + k(2)
       k21 = -k(2)
       k12 = -k(2)
@@ -248,6 +261,7 @@ contains
       integer :: i, j
 
       if (present(hqq)) then
+         ! The bands are spread over a matrix that is zero elsewhere; bands(:, d, i) is the entry (i, i + d).
          allocate (bands(nlane, -1:1, ndof))
          call self%hessian_banded(nlane, ndof, nnoise, 1, t, w, q, p, hqq=bands)
          hqq = 0
@@ -279,9 +293,12 @@ contains
 
       if (present(hqq)) then
          hqq = 0
+         !   S_qq: k_{i-1} + k_i on the diagonal, -k_i beside it,   k_i = w_0 (1 + 3 beta r_i^2)
          call stiffness(nlane, ndof, 0, self%beta, w(:, 0), q, lower)
          do i = 1, ndof
             call stiffness(nlane, ndof, i, self%beta, w(:, 0), q, upper)
+            ! `lower` is the stiffness of the spring before mass i, `upper` of that behind it: each spring is
+            ! evaluated once.
             hqq(:, 0, i) = lower + upper
             if (i < ndof) hqq(:, 1, i) = -upper
             if (i > 1) hqq(:, -1, i) = -lower
@@ -310,6 +327,7 @@ contains
       beta = self%beta
       sigma = self%sigma
       do lane = 1, strip_lanes
+         ! The strip begins with the spring before its first row: positions first - 1 and last + 1 are given, too.
          weight(lane) = w(lane, 0)
          call spring(beta, weight(lane), q(lane, first) - q(lane, first - 1), force(lane), k(lane))
       end do
@@ -371,6 +389,7 @@ contains
       integer :: first, last, i
 
       weight = w(0)
+      ! As gradient_alone, with the stiffness beside the force; tiles of 64 springs stay in the first cache.
       call spring(beta, weight, q(1), force(0), k(0))
       do first = 0, n - 1, tile
          last = min(tile, n - first)
@@ -394,6 +413,7 @@ contains
       real(wp), intent(out) :: force, k
       real(wp) :: s
 
+      !   f = r + beta r^3,   k = w_0 (1 + 3 beta r^2)
       s = beta*r**2
       force = r + s*r
       k = weight*(1 + 3*s)
@@ -411,6 +431,7 @@ contains
 
       do i = 0, ndof
          call stiffness(nlane, ndof, i, self%beta, w(:, 0), q, k)
+         ! The force of spring i on both of its ends, for the displacements vq: k_i (vq_{i+1} - vq_i).
          call stretch(nlane, ndof, i, vq, r)
          if (i > 0) uq(:, i) = uq(:, i) - k*r
          if (i < ndof) uq(:, i + 1) = k*r

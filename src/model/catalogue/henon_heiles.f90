@@ -1,9 +1,12 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> The Henon-Heiles system with an additive noise on each momentum; two degrees of freedom.
-!>
 !>    H = (p.p + q.q)/2 + alpha (q_1^2 q_2 - q_2^3/3),   H_1 = sigma1 q_1,   H_2 = sigma2 q_2
+!>    dp_1 = -(q_1 + 2 alpha q_1 q_2) dt - sigma1 dW_1,             dq_1 = p_1 dt
+!>    dp_2 = -(q_2 + alpha (q_1^2 - q_2^2)) dt - sigma2 dW_2,       dq_2 = p_2 dt
 !>
-!> so dp_k = .. - sigma_k dW_k. The potential is unbounded below: paths escape, and overflow then.
+!> The Henon-Heiles system with an additive noise on each momentum; two degrees of freedom. The potential is unbounded
+!> below: beyond three saddles, at the distance 1/alpha and of the energy 1/(6 alpha^2), paths escape, and overflow
+!> then. As long as none does, E H = H_0 + (sigma1^2 + sigma2^2) t/2. The unit of time is 1/(frequency of small
+!> oscillations).
 module symsde_model_catalogue_henon_heiles
    use symsde_base_counters, only: counters_type
    use symsde_base_kinds, only: wp, i8
@@ -18,6 +21,7 @@ module symsde_model_catalogue_henon_heiles
    private
    public :: henon_heiles_model, new_henon_heiles, henon_heiles_names, henon_heiles_defaults
 
+   ! The saddles have the energy 1/6 with alpha = 1, and the noises move the energy by 1/100 a unit of time.
    character(*), parameter :: henon_heiles_names(3) = &
                               [character(len=name_length) :: 'alpha', 'sigma1', 'sigma2']
    real(wp), parameter :: henon_heiles_defaults(3) = [1.0_wp, 0.1_wp, 0.1_wp]
@@ -56,11 +60,13 @@ contains
       self%sigma1 = sigma1
       self%sigma2 = sigma2
       self%name = 'henon_heiles'
+      ! Both frequencies of the linear part are one, for schemes that rotate; H has no bound of its frequencies.
       self%traits = model_traits( &
                     ndof=2, nnoise=2, separable=.true., additive=.true., position_noise=.true., autonomous=.true., &
                     quadratic=is_zero(alpha), identity_mass=.true., rotation=[1.0_wp, 1.0_wp], &
                     has_value=.true., has_hessian=.true., has_hessian_vector=.true., has_scalar_pair=.true., &
                     has_scalar_sweeps=.true.)
+      ! A noise of strength zero is not drawn.
       allocate (self%traits%silent(2))
       self%traits%silent(1) = is_zero(sigma1)
       self%traits%silent(2) = is_zero(sigma2)
@@ -73,6 +79,7 @@ contains
       real(wp), intent(in) :: t, w(nlane, 0:nnoise), q(nlane, ndof), p(nlane, ndof)
       real(wp), intent(out) :: value(nlane)
 
+      !   S = w_0 H + sigma1 w_1 q_1 + sigma2 w_2 q_2
       value = w(:, 0)*((p(:, 1)**2 + p(:, 2)**2 + q(:, 1)**2 + q(:, 2)**2)/2 &
                        + self%alpha*(q(:, 1)**2*q(:, 2) - q(:, 2)**3/3)) &
               + self%sigma1*w(:, 1)*q(:, 1) + self%sigma2*w(:, 2)*q(:, 2)
@@ -85,6 +92,7 @@ contains
       real(wp), intent(in) :: t, w(nlane, 0:nnoise), q(nlane, ndof), p(nlane, ndof)
       real(wp), intent(out), optional :: hq(nlane, ndof), hp(nlane, ndof)
 
+      !   S_q1 = w_0 (q_1 + 2 alpha q_1 q_2) + sigma1 w_1,   S_q2 = w_0 (q_2 + alpha (q_1^2 - q_2^2)) + sigma2 w_2
       if (present(hq) .and. nlane == 1) then
          call force_of_one(self%alpha, self%sigma1, self%sigma2, w(1, 0), w(1, 1), w(1, 2), q(1, 1), q(1, 2), &
                            hq(1, 1), hq(1, 2))
@@ -106,6 +114,7 @@ contains
       real(wp), intent(out), optional :: hqq(nlane, ndof, ndof), hpp(nlane, ndof, ndof)
 
       call self%gradient(nlane, ndof, nnoise, t, w, q, p, hq, hp)
+      !   S_qq = w_0 (1 + 2 alpha q_2, 2 alpha q_1; 2 alpha q_1, 1 - 2 alpha q_2),   S_pp = w_0 I
       if (present(hqq)) call stiffness(nlane, self%alpha, w, q, hqq)
       if (present(hpp)) then
          hpp(:, 1, 1) = w(:, 0)
@@ -116,6 +125,7 @@ contains
    end subroutine evaluate
 
    !> VEC Gradient in q.
+   !> hq(:, 1) = w_0 (q_1 + 2 alpha q_1 q_2) + sigma1 w_1,   hq(:, 2) = w_0 (q_2 + alpha (q_1^2 - q_2^2)) + sigma2 w_2
    pure subroutine force(nlane, alpha, sigma1, sigma2, w, q, hq)
       integer, intent(in) :: nlane
       real(wp), intent(in) :: alpha, sigma1, sigma2, w(nlane, 0:2), q(nlane, 2)
@@ -129,6 +139,7 @@ contains
    end subroutine force
 
    !> VEC Hessian in q.
+   !> Noise is linear in q and adds nothing; the matrix is symmetric, and stored whole.
    pure subroutine stiffness(nlane, alpha, w, q, hqq)
       integer, intent(in) :: nlane
       real(wp), intent(in) :: alpha, w(nlane), q(nlane, 2)
@@ -147,6 +158,7 @@ contains
       real(wp), intent(in) :: alpha, w, q1, q2
       real(wp), intent(out) :: k11, k21, k22
 
+      ! The trace is 2 w_0 whatever q is, as alpha (q_1^2 q_2 - q_2^3/3) is a harmonic function.
       k11 = w*(1 + 2*alpha*q2)
       k21 = w*2*alpha*q1
       k22 = w*(1 - 2*alpha*q2)
@@ -158,11 +170,14 @@ contains
       real(wp), intent(in) :: alpha, sigma1, sigma2, w, w1, w2, q1, q2
       real(wp), intent(out) :: hq1, hq2
 
+      ! The sum with the noise and the product of positions are found side by side, and added last.
       hq1 = (w*q1 + sigma1*w1) + (2*alpha*w)*q1*q2
       hq2 = (w*q2 + sigma2*w2) + (alpha*w)*(q1**2 - q2**2)
    end subroutine force_of_one
 
-   !> Sweeps over stages of one path, see model_type. Every number of stages has loops of its own length.
+   !> Sweeps over stages of one path, see model_type: base(i, :) is what Q_i has without forces, b(j, i, :) the share
+   !> of the force of stage j in Q_i, f(:, :, k) the forces after sweep k, of which f(:, :, first - 1) is given. Every
+   !> number of stages has loops of its own length.
    subroutine sweeps(self, nnoise, nstage, i1, i2, first, last, t, w, p, base, b, most, f, change, extent)
       class(henon_heiles_model), intent(in) :: self
       integer, intent(in) :: nnoise, nstage, i1, i2, first, last, most
@@ -171,6 +186,7 @@ contains
       real(wp), intent(inout), dimension(most) :: change, extent
 
       associate (alpha => self%alpha, s1 => self%sigma1, s2 => self%sigma2)
+         ! Literals tell the compiler the length of the loops: it takes them apart.
          select case (nstage)
          case (2)
             call sweep_stages(2, alpha, s1, s2, w(0), w(1), w(2), i1, i2, first, last, base, b, most, f, change, extent)
@@ -196,27 +212,35 @@ contains
       integer :: i, j, k, m, at
 
       do i = 1, s
+         ! The forces of all stages are kept in registers, one array for each degree of freedom.
          f1(i) = f(i, 1, first - 1)
          f2(i) = f(i, 2, first - 1)
       end do
       do k = first, last
+         ! Q_i = base_i + sum_j b_ji f_j;   f_i = S_q(Q_i),   i = i1 .. i2, each with the newest forces of the others
+         ! The first sweep has coefficients of its own, b(:, :, 1); all later ones share b(:, :, 2).
          at = min(k, 2)
          moved = 0
          size = 0
          !GCC$ unroll 4
          !GCC$ novector
          do i = 1, s
+            ! Stages outside i1 .. i2 keep their forces: they are known, or do not matter.
             if (i >= i1 .and. i <= i2) then
                x1 = base(i, 1)
                x2 = base(i, 2)
+               ! The sum begins with the stage itself: the force that was found last, of the stage before, is added
+               ! last, so that the chain from force to force is short.
                !GCC$ unroll 4
                !GCC$ novector
                do m = i, i + s - 1
+                  ! Stages are taken in a circle, i, i + 1, .., i - 1.
                   j = merge(m - s, m, m > s)
                   x1 = x1 + b(j, i, at)*f1(j)
                   x2 = x2 + b(j, i, at)*f2(j)
                end do
                call force_of_one(alpha, sigma1, sigma2, h, w1, w2, x1, x2, new1, new2)
+               ! How far forces have moved, and how large they are, is judged by the caller.
                moved = max(moved, max(abs(new1 - f1(i)), abs(new2 - f2(i))))
                size = max(size, max(abs(new1), abs(new2)))
                f1(i) = new1
@@ -231,6 +255,7 @@ contains
    end subroutine sweep_stages
 
    !> Force and stiffness of one path, see model_type.
+   !> By the operations of a block: a path by itself has the same bits.
    subroutine pair(self, nnoise, t, w, q1, q2, f1, f2, k11, k21, k12, k22)
       class(henon_heiles_model), intent(in) :: self
       integer, intent(in) :: nnoise
@@ -263,6 +288,8 @@ contains
       integer(i8), intent(inout) :: status(steps%nlane)
       type(counters_type), intent(inout) :: counters
 
+      ! Paths that escape overflow to states that are not finite: status is not touched here, and the library finds
+      ! them.
       call henon_heiles_flow(scheme, henon_heiles_terms(self%alpha, self%sigma1, self%sigma2), steps, q, p, qn, pn, &
                              counters)
    end subroutine flow

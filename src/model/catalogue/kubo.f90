@@ -1,7 +1,16 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> The Kubo oscillator [WHSB] (35)-(37): a rotation with a random angular velocity.
-!>
 !>    H = a (p^2 + q^2)/2,   H_1 = sigma (p^2 + q^2)/2
+!>    dp = -a q dt - sigma q o dW,   dq = a p dt + sigma p o dW
+!>
+!> The Kubo oscillator [WHSB] (35)-(37): a rotation with a random angular velocity. With theta = a t + sigma W(t) the
+!> solution is
+!>
+!>    q = q_0 cos theta + p_0 sin theta,   p = p_0 cos theta - q_0 sin theta
+!>
+!> so that p^2 + q^2 is constant on every path; means turn by a t and shrink by exp(-sigma^2 t/2). The flows commute,
+!> {H,H_1} = 0: a scheme of even order r without noise has strong order r/2 here (scheme/properties). One-sided
+!> schemes need their correction, since H_1,p H_1,q = sigma^2 p q. q and p have one unit, the square root of an
+!> action.
 module symsde_model_catalogue_kubo
    use symsde_base_counters, only: counters_type
    use symsde_base_kinds, only: wp, i8
@@ -47,6 +56,7 @@ contains
       self%a = a
       self%sigma = sigma
       self%name = 'kubo'
+      ! In the terms of model/flows/oscillator: r = a, A = C = sigma, and one noise for both.
       self%terms = oscillator_terms(rate=a, a=sigma, noise_a=1, c=sigma, noise_c=1)
       self%traits = model_traits( &
                     ndof=1, nnoise=1, separable=.true., quadratic=.true., &
@@ -55,6 +65,7 @@ contains
                     has_value=.true., has_hessian=.true., has_hessian_vector=.true., has_linear_terms=.true., &
                     autonomous=.true., &
                     max_frequency=abs(a), noise_lipschitz=abs(sigma))
+      ! Without noise H is that of an oscillator, and all traits of noise hold.
       allocate (self%traits%silent(1), source=is_zero(sigma))
    end subroutine new_kubo
 
@@ -65,6 +76,7 @@ contains
       real(wp), intent(in) :: t, w(nlane, 0:nnoise), q(nlane, ndof), p(nlane, ndof)
       real(wp), intent(out) :: value(nlane)
 
+      !   S = theta (p^2 + q^2)/2,   theta = a w_0 + sigma w_1
       value = (self%a*w(:, 0) + self%sigma*w(:, 1))*(p(:, 1)**2 + q(:, 1)**2)/2
    end subroutine weighted_value
 
@@ -79,6 +91,7 @@ contains
 
       a = self%a
       sigma = self%sigma
+      !   grad S = theta (q, p),   Hess S = theta I
       if (present(hq)) hq(:, 1) = (a*w(:, 0) + sigma*w(:, 1))*q(:, 1)
       if (present(hp)) hp(:, 1) = (a*w(:, 0) + sigma*w(:, 1))*p(:, 1)
       if (present(hqq)) hqq(:, 1, 1) = a*w(:, 0) + sigma*w(:, 1)
@@ -86,12 +99,14 @@ contains
    end subroutine evaluate
 
    !> The terms for one path, see model_type.
+   !> The angular velocity a multiplies w_0 here, which oscillator_model takes with the rate one.
    subroutine angle(self, nnoise, t, w, terms)
       class(kubo_model), intent(in) :: self
       integer, intent(in) :: nnoise
       real(wp), intent(in) :: t, w(0:nnoise)
       type(angle_terms), intent(out) :: terms
 
+      ! S = c q^2/2 + e p^2/2 with c = e = theta.
       terms%c = self%a*w(0) + self%sigma*w(1)
       terms%e = terms%c
    end subroutine angle
@@ -108,6 +123,8 @@ contains
       integer(i8), intent(inout) :: status(steps%nlane)
       type(counters_type), intent(inout) :: counters
 
+      ! The midpoint rule has a flow of its own, without division in the chain from step to step; others are those of
+      ! oscillators.
       if (scheme == 'midpoint') then
          call kubo_flow(self%a, self%sigma, steps, q, p, qn, pn, counters)
       else

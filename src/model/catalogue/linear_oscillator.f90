@@ -1,7 +1,10 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> The linear stochastic oscillator [WHSB] (20)-(21).
+!>    H = (p^2 + q^2)/2,   H_1 = -sigma q
+!>    dp = -q dt + sigma dW,   dq = p dt
 !>
-!>    H = (p^2 + q^2)/2,   H_1 = -sigma q        so dp = -q dt + sigma dW, dq = p dt
+!> The linear stochastic oscillator [WHSB] (20)-(21). E(p^2 + q^2) = p_0^2 + q_0^2 + sigma^2 t grows linearly, as (24)
+!> of [WHSB] says for p_0 = 0, q_0 = 1; the energy H is half of it. The noise is additive and in position: every
+!> scheme has its order for additive noise, and none needs a correction. Time is in units of 1/(angular frequency).
 module symsde_model_catalogue_linear_oscillator
    use symsde_base_kinds, only: wp
    use symsde_base_status, only: error_type
@@ -38,6 +41,7 @@ contains
       if (allocated(error)) return
       self%sigma = sigma
       self%name = 'linear_oscillator'
+      ! b = -sigma dW is the constant force of the flows of model/flows/oscillator.
       self%terms = oscillator_terms(b=-sigma, noise_b=1)
       self%traits = model_traits( &
                     ndof=1, nnoise=1, separable=.true., quadratic=.true., additive=.true., &
@@ -55,6 +59,7 @@ contains
       real(wp), intent(in) :: t, w(nlane, 0:nnoise), q(nlane, ndof), p(nlane, ndof)
       real(wp), intent(out) :: value(nlane)
 
+      !   S = w_0 (p^2 + q^2)/2 - sigma w_1 q
       value = w(:, 0)*(p(:, 1)**2 + q(:, 1)**2)/2 - self%sigma*w(:, 1)*q(:, 1)
    end subroutine weighted_value
 
@@ -68,6 +73,7 @@ contains
       real(wp) :: sigma
 
       sigma = self%sigma
+      !   S_q = w_0 q - sigma w_1,   S_p = w_0 p;   the noise has no second derivatives
       if (present(hq)) hq(:, 1) = w(:, 0)*q(:, 1) - sigma*w(:, 1)
       if (present(hp)) hp(:, 1) = w(:, 0)*p(:, 1)
       if (present(hqq)) hqq(:, 1, 1) = w(:, 0)

@@ -1,7 +1,8 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> An oscillator with two noises that do not commute: {H_1,H_2} = -s1 s2 p q.
+!>    H = (p^2 + q^2)/2,   H_1 = s1 p^2/2,   H_2 = s2 q^2/2,        {H_1,H_2} = -s1 s2 p q
+!>    dp = -q dt - s2 q o dW_2,   dq = p dt + s1 p o dW_1
 !>
-!>    H = (p^2 + q^2)/2,   H_1 = s1 p^2/2,   H_2 = s2 q^2/2
+!> An oscillator with two noises that do not commute, random kinetic and random potential energy.
 !>
 !> With increments alone no scheme has a strong order above 1/2 here (docs/method/setting.md).
 module symsde_model_catalogue_noncommutative_oscillator
@@ -33,6 +34,7 @@ module symsde_model_catalogue_noncommutative_oscillator
 contains
 
    !> A non-commutative oscillator. Refuses parameters that are not finite (invalid_argument).
+   !>   s1, s2 [1/sqrt(time)], in units of time of 1/(angular frequency)
    subroutine new_noncommutative_oscillator(self, s1, s2, error)
       type(noncommutative_oscillator_model), intent(out) :: self
       real(wp), intent(in) :: s1  !! noise of the kinetic energy [1/sqrt(time)]
@@ -46,6 +48,7 @@ contains
       self%s1 = s1
       self%s2 = s2
       self%name = 'noncommutative_oscillator'
+      ! a = h + s2 dW_2 and c = h + s1 dW_1 in model/flows/oscillator.
       self%terms = oscillator_terms(a=s2, noise_a=2, c=s1, noise_c=1)
       self%traits = model_traits( &
                     ndof=1, nnoise=2, separable=.true., quadratic=.true., &
@@ -54,6 +57,7 @@ contains
                     has_value=.true., has_hessian=.true., has_hessian_vector=.true., has_linear_terms=.true., &
                     autonomous=.true., &
                     max_frequency=1.0_wp, noise_lipschitz=abs(s1) + abs(s2))
+      ! With s1 = 0 the noise left is in position, with s2 = 0 in momentum; either one alone commutes with itself.
       allocate (self%traits%silent(2))
       self%traits%silent(1) = is_zero(s1)
       self%traits%silent(2) = is_zero(s2)
@@ -66,6 +70,7 @@ contains
       real(wp), intent(in) :: t, w(nlane, 0:nnoise), q(nlane, ndof), p(nlane, ndof)
       real(wp), intent(out) :: value(nlane)
 
+      !   S = (w_0 + s1 w_1) p^2/2 + (w_0 + s2 w_2) q^2/2:  linear, so that moments are known by an exponential
       value = (w(:, 0) + self%s1*w(:, 1))*p(:, 1)**2/2 + (w(:, 0) + self%s2*w(:, 2))*q(:, 1)**2/2
    end subroutine weighted_value
 
@@ -80,6 +85,7 @@ contains
 
       s1 = self%s1
       s2 = self%s2
+      !   S_q = (w_0 + s2 w_2) q,   S_p = (w_0 + s1 w_1) p
       if (present(hq)) hq(:, 1) = (w(:, 0) + s2*w(:, 2))*q(:, 1)
       if (present(hp)) hp(:, 1) = (w(:, 0) + s1*w(:, 1))*p(:, 1)
       if (present(hqq)) hqq(:, 1, 1) = w(:, 0) + s2*w(:, 2)

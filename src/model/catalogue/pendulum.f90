@@ -1,8 +1,11 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> A pendulum with one multiplicative noise: H_{1,p} H_{1,q} = sigma^2 p q does not vanish, so
-!> one-sided schemes need their correction here.
-!>
 !>    H = p^2/2 - cos q,   H_1 = sigma (p^2 + q^2)/2
+!>    dp = -sin q dt - sigma q o dW,   dq = p dt + sigma p o dW
+!>
+!> A pendulum with one multiplicative noise: H_{1,p} H_{1,q} = sigma^2 p q does not vanish, so one-sided schemes need
+!> their correction here. {H_1,H} = sigma p (q - sin q) does not vanish either: nothing of the scheme's error is
+!> hidden, as it would be on Kubo's oscillator, and schemes of any kind can be compared on it. Time is in units of
+!> 1/(frequency of small oscillations). q is not taken modulo 2 pi, since H_1 is no periodic function.
 module symsde_model_catalogue_pendulum
    use symsde_base_counters, only: counters_type
    use symsde_base_kinds, only: wp, i8
@@ -20,9 +23,11 @@ module symsde_model_catalogue_pendulum
    private
    public :: pendulum_model, new_pendulum, pendulum_names, pendulum_defaults
 
+   !   sigma [1/time^(1/2)], where time is in units of 1/(frequency of small oscillations)
    character(*), parameter :: pendulum_names(1) = [character(len=name_length) :: 'sigma']
    real(wp), parameter :: pendulum_defaults(1) = [0.5_wp]
 
+   ! The flows with which one-sided schemes are asked for, their correction included.
    character(*), parameter :: euler = 'symplectic_euler'//corrected, adjoint = 'symplectic_euler_adjoint'//corrected
 
    type, extends(separable_model) :: pendulum_model
@@ -51,12 +56,14 @@ contains
       if (allocated(error)) return
       self%sigma = sigma
       self%name = 'pendulum'
+      ! grad H_1 = sigma (q, p) has the Lipschitz constant |sigma|; the slope of sin q is one at most.
       self%traits = model_traits( &
                     ndof=1, nnoise=1, separable=.true., additive=is_zero(sigma), &
                     position_noise=is_zero(sigma), identity_mass=.true., &
                     has_value=.true., has_hessian=.true., has_hessian_vector=.true., &
                     has_third_derivative=.true., has_angle_terms=.true., autonomous=.true., &
                     max_frequency=1.0_wp, noise_lipschitz=abs(sigma))
+      ! Without noise the model is additive and has noise in position by default: every scheme is allowed.
       allocate (self%traits%silent(1), source=is_zero(sigma))
    end subroutine new_pendulum
 
@@ -68,6 +75,7 @@ contains
       real(wp), intent(out) :: value(nlane)
       real(wp) :: sine(nlane), cosine(nlane)
 
+      !   S = w_0 (p^2/2 - cos q) + sigma w_1 (p^2 + q^2)/2
       call sincos_lanes(nlane, q(:, 1), sine, cosine)
       value = w(:, 0)*(p(:, 1)**2/2 - cosine) + self%sigma*w(:, 1)*(p(:, 1)**2 + q(:, 1)**2)/2
    end subroutine weighted_value
@@ -83,7 +91,10 @@ contains
       integer(i8) :: none
       integer :: first, last, n
 
+      !   S_q = w_0 sin q + sigma w_1 q,       S_p  = (w_0 + sigma w_1) p
+      !   S_qq = w_0 cos q + sigma w_1,        S_pp = w_0 + sigma w_1
       sigma = self%sigma
+      ! none is a component of the model, which no compiler knows to be zero: the operation on bits below stays.
       none = self%none
       if (present(hq) .or. present(hqq)) then
          do first = 1, nlane, sincos_tile
@@ -96,13 +107,14 @@ contains
                                                       + rounded(sigma*w(first:last, 1), none)
          end do
       end if
+      ! T = (w_0 + sigma w_1) p^2/2 needs no sine, and is not taken by tiles.
       if (present(hp)) hp(:, 1) = (w(:, 0) + rounded(sigma*w(:, 1), none))*p(:, 1)
       if (present(hpp)) hpp(:, 1, 1) = w(:, 0) + rounded(sigma*w(:, 1), none)
    end subroutine evaluate
 
-   !> A product by itself. A sum of two may be contracted with either, and is not with the same one in lanes and in the
-   !> terms of a path by itself; parentheses around it are lost where gfortran makes vectors. What passes through an
-   !> operation on integers is contracted nowhere.
+   !> A product by itself. A sum of two may be contracted with either, and is not with the same one in lanes and in
+   !> the terms of a path by itself; parentheses around it are lost where gfortran makes vectors. What passes through
+   !> an operation on integers is contracted nowhere.
    elemental real(wp) function rounded(product, none)
       real(wp), intent(in) :: product
       integer(i8), intent(in) :: none  !! 0, which the compiler must not know
@@ -117,6 +129,7 @@ contains
       real(wp), intent(in) :: t, w(0:nnoise)
       type(angle_terms), intent(out) :: terms
 
+      !   S = e p^2/2 - a cos q + c q^2/2,   a = w_0,  c = sigma w_1,  e = w_0 + sigma w_1
       terms%a = w(0)
       terms%b = -0.0_wp  ! the two that vanish leave a zero its sign
       terms%c = rounded(self%sigma*w(1), self%none)
@@ -140,6 +153,7 @@ contains
          call sincos_where_weighted(n, w(first, 0), q(first, 1), sine, cosine)
          uq(first:last, 1) = -w(first:last, 0)*sine(:n)*(aq(first:last, 1)*bq(first:last, 1))
       end do
+      ! No Hamiltonian has third derivatives in p, or mixed ones: H_1 is quadratic.
       up = 0
    end subroutine third_derivative
 
@@ -163,6 +177,7 @@ contains
       integer(i8), intent(inout) :: status(steps%nlane)
       type(counters_type), intent(inout) :: counters
 
+      ! The corrected Euler pair needs no iteration, as H_1 is quadratic; Stormer-Verlet needs no correction.
       if (scheme == euler .or. scheme == adjoint) then
          call pendulum_euler_flow(scheme == adjoint, self%sigma, steps, q, p, qn, pn, counters)
       else

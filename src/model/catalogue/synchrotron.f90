@@ -1,7 +1,12 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> Synchrotron oscillations of particles in storage rings [WHSB] (73)-(75).
-!>
 !>    H = p^2/2 - omega^2 cos q,   H_1 = sigma1 sin q,   H_2 = -sigma2 cos q
+!>    dp = -omega^2 sin q dt - sigma1 cos q dW_1 - sigma2 sin q dW_2,   dq = p dt
+!>
+!> Synchrotron oscillations of particles in storage rings [WHSB] (73)-(75): q is the phase of a particle, sigma1 noise
+!> of the phase and sigma2 of the amplitude of the field. Noises in position commute, {H_1,H_2} = 0, the Ito and
+!> Stratonovich equations are one, and no scheme needs a correction. dE H/dt = E(sigma1^2 cos^2 q + sigma2^2 sin^2
+!> q)/2, so that E H = H_0 + sigma^2 t/2 exactly where both strengths are sigma. Defaults are the data of figure 4.1
+!> of [WHSB].
 module symsde_model_catalogue_synchrotron
    use symsde_base_counters, only: counters_type
    use symsde_base_kinds, only: wp, i8
@@ -18,6 +23,7 @@ module symsde_model_catalogue_synchrotron
    private
    public :: synchrotron_model, new_synchrotron, synchrotron_names, synchrotron_defaults
 
+   !   omega [1/time],  sigma1 and sigma2 [1/time^(3/2)], as q has no unit and p = dq/dt
    character(*), parameter :: synchrotron_names(3) = &
                               [character(len=name_length) :: 'omega', 'sigma1', 'sigma2']
    real(wp), parameter :: synchrotron_defaults(3) = [2.0_wp, 0.2_wp, 0.1_wp]
@@ -52,10 +58,12 @@ contains
       call require_finite('new_synchrotron', 'sigma2', sigma2, error)
       call require_finite('new_synchrotron', 'omega**2', omega**2, error)
       if (allocated(error)) return
+      ! omega enters H by its square alone; that it does not overflow was asked above.
       self%omega2 = omega**2
       self%sigma1 = sigma1
       self%sigma2 = sigma2
       self%name = 'synchrotron'
+      ! What moves positions is h p alone, and sin q and cos q have slopes of one at most, hence the bounds below.
       self%traits = model_traits( &
                     ndof=1, nnoise=2, separable=.true., position_noise=.true., &
                     additive=is_zero(sigma1) .and. is_zero(sigma2), identity_mass=.true., &
@@ -63,7 +71,10 @@ contains
                     has_angle_terms=.true., autonomous=.true., &
                     max_frequency=abs(omega), noise_lipschitz=abs(sigma1) + abs(sigma2))
       allocate (self%traits%silent(2))
+      ! Of H the part omega^2 q^2/2 is linear: small oscillations have the frequency omega.
       allocate (self%traits%rotation(1), source=abs(omega))
+      ! With one strength zero the model has one noise, and its draws are as if the other were there: paths do not
+      ! change.
       self%traits%silent(1) = is_zero(sigma1)
       self%traits%silent(2) = is_zero(sigma2)
    end subroutine new_synchrotron
@@ -77,6 +88,7 @@ contains
       real(wp) :: sine(nlane), cosine(nlane)
 
       call sincos_lanes(nlane, q(:, 1), sine, cosine)
+      !   S = w_0 p^2/2 + b sin q - a cos q,   a = omega^2 w_0 + sigma2 w_2,   b = sigma1 w_1
       value = w(:, 0)*p(:, 1)**2/2 + self%sigma1*w(:, 1)*sine &
               - (self%omega2*w(:, 0) + self%sigma2*w(:, 2))*cosine
    end subroutine weighted_value
@@ -89,6 +101,7 @@ contains
       real(wp), intent(out), optional :: hq(nlane, ndof), hp(nlane, ndof)
       real(wp), intent(out), optional :: hqq(nlane, ndof, ndof), hpp(nlane, ndof, ndof)
 
+      !   S_q = a sin q + b cos q,   S_qq = a cos q - b sin q,   S_p = w_0 p,   S_pp = w_0
       if (present(hq) .and. present(hqq)) then
          call sincos_lanes(nlane, q, hq, hqq)  ! in their places, without further arrays
          call force_and_slope(nlane, self%omega2, self%sigma1, self%sigma2, w, hq, hqq)
@@ -108,6 +121,7 @@ contains
       real(wp), intent(in) :: t, w(0:nnoise)
       type(angle_terms), intent(out) :: terms
 
+      !   S = e p^2/2 - a cos q + b sin q
       terms%a = self%omega2*w(0) + self%sigma2*w(2)
       terms%b = self%sigma1*w(1)
       terms%e = w(0)
@@ -122,8 +136,10 @@ contains
       real(wp) :: cosine(sincos_tile)
       integer :: first, n
 
+      ! Sine and cosine are found a tile at a time, the sine in the place of the force.
       do first = 1, nlane, sincos_tile
          n = min(sincos_tile, nlane - first + 1)
+         ! hq holds the sine until the kernel has made the force of it.
          call sincos_lanes(n, q(first), hq(first), cosine)
          call force(n, self%omega2, self%sigma1, self%sigma2, w(first, 0), w(first, 1), w(first, 2), cosine, hq(first))
       end do
@@ -137,11 +153,13 @@ contains
       real(wp), intent(out) :: hqq(nlane)
       real(wp) :: sine(nlane)
 
+      ! The force comes out beside the slope and is left in `sine`.
       call sincos_lanes(nlane, q, sine, hqq)
       call force_and_slope(nlane, self%omega2, self%sigma1, self%sigma2, w, sine, hqq)
    end subroutine slope_alone
 
    !> Whether flow takes steps of this scheme.
+   !> Of the schemes that models take by themselves, Stormer-Verlet alone needs no solver here.
    pure logical function has_flow(self, scheme)
       class(synchrotron_model), intent(in) :: self
       character(*), intent(in) :: scheme
@@ -161,6 +179,7 @@ contains
       integer(i8), intent(inout) :: status(steps%nlane)
       type(counters_type), intent(inout) :: counters
 
+      ! In model/flows/sine r = omega^2, A = sigma2 with dW_2 and B = sigma1 with dW_1.
       call sine_flow(sine_terms(rate=self%omega2, a=self%sigma2, b=self%sigma1, noise_a=2, noise_b=1), &
                      steps, q, p, qn, pn, counters)
    end subroutine flow
@@ -177,6 +196,7 @@ contains
       integer :: lane
 
       do lane = 1, nlane
+         !   a = omega^2 w_0 + sigma2 w_2,   b = sigma1 w_1,   hq = a sin q + b cos q
          a = omega2*w0(lane) + sigma2*w2(lane)
          b = sigma1*w1(lane)
          hq(lane) = a*hq(lane) + b*cosine(lane)
