@@ -1,4 +1,7 @@
 ! SPDX-License-Identifier: BSD-3-Clause
+!>    X_k = (H_k,p, -H_k,q),    X_kl = [X_k,X_l],    X_jkl = [X_j,X_kl] = DX_kl X_j - DX_j X_kl
+!>    rho = sum |X_jkl|^2/sum |X_kl|^2  [1/time],    tau = 6/rho,    n = tau/(12 |h|) leaves a step
+!>
 !> The time scale of a model's areas: how finely a step must be halved, so that what is left of an area does not
 !> exceed what the scheme leaves out anyway.
 !>
@@ -75,6 +78,7 @@ contains
       tau = 0
       ! A sum that is not finite passes here, and is refused below.
       if (.not. single > 0 .and. single <= huge(single)) return
+      ! Squares are compared, so that the relative size enters by its square, too.
       if (by_noise > vanishing**2*noise_scale .and. by_noise <= huge(tau)) then
          tau = 6*single/by_noise
       else if (by_drift > vanishing**2*drift_scale .and. by_drift <= huge(tau)) then
@@ -113,6 +117,7 @@ contains
       call field_of_one(points, points%x, j, single)
       call field_of_bracket(points, points%x, k, l, bracket)
       scale = scale + sum(sum(single**2, dim=2)*sum(bracket**2, dim=2))
+      !   a = DX_kl X_j ~ (X_kl(x + e X_j) - X_kl(x - e X_j))/(2 e)
       e = step_along(points%n, single)
       do i = 1, 2*points%n
          fore(:, i) = points%x(:, i) + e*single(:, i)
@@ -123,6 +128,7 @@ contains
       do i = 1, 2*points%n
          a(:, i) = (a(:, i) - b(:, i))/(2*e)
       end do
+      !   b = DX_j X_kl ~ (X_j(x + e X_kl) - X_j(x - e X_kl))/(2 e)
       e = step_along(points%n, bracket)
       do i = 1, 2*points%n
          fore(:, i) = points%x(:, i) + e*bracket(:, i)

@@ -1,4 +1,6 @@
 ! SPDX-License-Identifier: BSD-3-Clause
+!>    S = sum_j w_j H_j,    g = grad S = (S_q, S_p),    Dg = Hess S = (Hess S)^T
+!>
 !> The probe of what every gradient must be, whatever is declared: that of a weighted sum of Hamiltonians, in each
 !> lane by itself.
 !>
@@ -36,6 +38,7 @@ contains
       integer :: k, lane
 
       if (allocated(error)) return
+      ! Weights without zeros, and different ones in every lane: a term with the weight of another lane shows.
       allocate (w, v, mold=points%w)
       do k = 0, points%nnoise
          do lane = 1, nlane
@@ -47,6 +50,7 @@ contains
       call largest_component(points%ndof, gq, gp, scale)
       call probe_lanes(points, w, gq, gp, scale, error)
       call probe_weights(points, w, v, gq, gp, scale, error)
+      ! Symmetry is asked of one sum of all Hamiltonians at first: one test, however many noises there are.
       call points%take_all()
       call probe_symmetry(points, error)
    end subroutine probe_gradient
@@ -62,6 +66,7 @@ contains
       type(error_type), allocatable, intent(inout) :: error
       real(wp), allocatable :: own_q(:, :), own_p(:, :), own_w(:, :)
 
+      ! The model gets copies, which are compared with what was given.
       allocate (own_q, source=q)
       allocate (own_p, source=p)
       allocate (own_w, source=w)
@@ -69,6 +74,7 @@ contains
       gq = before
       gp = before
       call points%model%gradient(nlane, points%ndof, points%nnoise, points%t, own_w, own_q, own_p, gq, gp)
+      ! Both comparisons are false for NaN: states at which a model is not finite are passed over.
       if (any(own_q < q .or. own_q > q) .or. any(own_p < p .or. own_p > p) .or. any(own_w < w .or. own_w > w)) &
          call raise(error, false_trait, here, "the gradient of model '"//points%model%name//"' writes into q, p or "// &
                     'w, which are its inputs: work on copies of them')
@@ -135,6 +141,7 @@ contains
       call largest_component(points%ndof, aq, ap, other)
       call ask(points, points%q, points%p, w + 2*v, 0.7_wp, bq, bp, error)
       if (allocated(error)) return
+      !   g(w) + 2 g(v) against g(w + 2 v)
       aq = gq + 2*aq
       ap = gp + 2*ap
       call worst(bq - aq, bp - ap, scale + 2*other, vanishing, bad)
@@ -155,6 +162,7 @@ contains
       integer :: i, lane
 
       if (allocated(error)) return
+      ! v is one direction, the direction of the points another; both without zeros, so that no entry of Dg escapes.
       allocate (vq, vp, mold=points%zero)
       do i = 1, points%ndof
          vq(:, i) = generic(i, 11)
@@ -162,8 +170,10 @@ contains
       end do
       call points%product(points%vq, points%vp, uq, up, scale)
       call points%product(vq, vp, xq, xp, other)
+      !   v.(Dg u) and u.(Dg v)
       one_way = sum(vq*uq, dim=2) + sum(vp*up, dim=2)
       other_way = sum(points%vq*xq, dim=2) + sum(points%vp*xp, dim=2)
+      ! What terms could sum to without cancelling; it is not finite where one of the scales is not.
       size_of = sum(abs(vq*uq), dim=2) + sum(abs(vp*up), dim=2) + 0*(scale + other)
       do lane = 1, npoint
          if (min(scale(lane), other(lane)) < 0) cycle  ! no verdict: a difference is not to be trusted
@@ -187,11 +197,13 @@ contains
       real(wp) :: there, back
       integer :: k
 
+      ! The search takes 2 ndof products for each sum, by differences.
       if (points%ndof > largest_search) then
          call refuse(points, 'is that of no Hamiltonian: its derivative is not symmetric, along two directions it '// &
                      'is '//to_text(one_way)//' and '//to_text(other_way), lane, 1, remedy, error)
          return
       end if
+      ! Which Hamiltonian it is that is not symmetric: each one by itself.
       do k = 0, points%last_sum()
          call points%take_sum(k)
          call worst_pair(points, lane, row, column, there, back)
@@ -217,10 +229,12 @@ contains
 
       n = points%ndof
       call derivative(points, lane, d)
+      ! The largest asymmetry among all pairs of the 2 ndof variables.
       at = maxloc(abs(d - transpose(d)))
       there = d(at(1), at(2))
       back = d(at(2), at(1))
       if (.not. abs(there - back) > matching*maxval(abs(d))) return
+      ! Variables are numbered q first: past n they are momenta.
       row = finding(lane, merge(1, 2, at(1) <= n), merge(at(1), at(1) - n, at(1) <= n))
       column = finding(lane, merge(1, 2, at(2) <= n), merge(at(2), at(2) - n, at(2) <= n))
    end subroutine worst_pair
@@ -237,6 +251,7 @@ contains
          do half = 1, 2
             do i = 1, n
                call points%row_of_hessian(finding(lane, half, i), uq, up)
+               ! Column by column: the product with a unit vector is a column, also where the matrix is not symmetric.
                d(:n, (half - 1)*n + i) = uq(lane, :)
                d(n + 1:, (half - 1)*n + i) = up(lane, :)
             end do

@@ -1,4 +1,6 @@
 ! SPDX-License-Identifier: BSD-3-Clause
+!>    identity_mass   H_p(q,p) = p;       constant_mass   H_p(q_a, p_a + p_b) = H_p(q_a, p_a) + H_p(q_b, p_b)
+!>
 !> The probe of what a model declares of its kinetic energy: H_p = p, or H_p = M^-1 p with a constant M.
 !>
 !> Private to its family.

@@ -1,8 +1,10 @@
 ! SPDX-License-Identifier: BSD-3-Clause
+!>    grad sum_k w_k H_k(t, q, p) = grad sum_k w_k H_k(0, q, p)   for all t?
+!>
 !> Whether noises change in time: their gradients at eight points and many times, compared bit by bit, for a
-!> Hamiltonian that does not depend on time gives the same bits at all times. Points and times can prove that
-!> noises change, not that they do not: a change that begins after 1e5 units of time, or is over between two of
-!> the times, is not noticed.
+!> Hamiltonian that does not depend on time gives the same bits at all times. Points and times can prove that noises
+!> change, not that they do not: a change that begins after 1e5 units of time, or is over between two of the times, is
+!> not noticed.
 module symsde_model_probe_noise_time
    use symsde_base_kinds, only: wp, i8
    use symsde_base_lanes, only: lane_unit
@@ -26,10 +28,12 @@ contains
       integer :: i, l
 
       noise_changes_in_time = .false.
+      ! Fixed states of order one, another one in each of eight lanes: what is found does not depend on a run.
       do i = 1, model%traits%ndof
          q(:, i) = [(sin(1.3_wp*i + 0.7_wp*l), l=1, lane_unit)]
          p(:, i) = [(cos(0.9_wp*i + 1.1_wp*l), l=1, lane_unit)]
       end do
+      ! H itself may depend on time. The weights of noises differ, so that two of them cannot cancel at all points.
       w(:, 0) = 0
       do i = 1, model%traits%nnoise
          w(:, i) = [(1 + 0.37_wp*sin(1.9_wp*i + l), l=1, lane_unit)]
@@ -38,6 +42,7 @@ contains
          if (m == 0) return
          call model%gradient(lane_unit, n, m, 0.0_wp, w, q, p, first_q, first_p)
          later = earliest
+         ! About forty times, in geometric progression: the unit of time of the model is not known.
          do while (later < latest)
             call model%gradient(lane_unit, n, m, later, w, q, p, hq, hp)
             noise_changes_in_time = differ(size(hq), hq, first_q) .or. differ(size(hp), hp, first_p)

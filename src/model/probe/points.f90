@@ -1,4 +1,7 @@
 ! SPDX-License-Identifier: BSD-3-Clause
+!>    Hess S v ~ (g(x + e v) - g(x - e v))/(2 e),     g = grad S,   S = sum_j w_j H_j,   x = (q, p)
+!>    e = eps^(1/3) max(1, |x|)  and  e = eps^(1/3)/4:  trusted where both agree
+!>
 !> The points, sums and directions of a probe, and differences that know when not to be trusted.
 !>
 !> Three points are probed at once, one a lane: the initial state and two displaced from it by fixed
@@ -70,6 +73,7 @@ contains
       end associate
       self%zero = 0
       do i = 1, self%ndof
+         ! The direction is the same at all points; states differ in every coordinate.
          self%vq(:, i) = generic(i, 0)
          self%vp(:, i) = generic(i, 5)
          self%q(1, i) = q0(i)
@@ -78,6 +82,7 @@ contains
             self%q(lane, i) = displaced(q0(i), i, lane)
             self%p(lane, i) = displaced(p0(i), i, lane + 5)
          end do
+         ! Models are called with nlane lanes; those past the points repeat the last of them.
          self%q(npoint + 1:, i) = self%q(npoint, i)
          self%p(npoint + 1:, i) = self%p(npoint, i)
       end do
@@ -97,6 +102,7 @@ contains
       integer, intent(in) :: i, salt
       real(wp), parameter :: golden = 0.618033988749894848_wp, silver = 0.414213562373095049_wp
 
+      ! Multiples of two irrational numbers, modulo one; the sign follows from another combination of them.
       generic = 0.5_wp + 0.5_wp*fraction_of(i*golden + salt*silver)
       if (fraction_of(i*silver + salt*golden) < 0.5_wp) generic = -generic
    end function generic
@@ -112,6 +118,7 @@ contains
    pure integer function last_sum(self)
       class(probe_points), intent(in) :: self
 
+      !   0: H,    1 .. 16: H_1 .. H_16,    17: a sum of H_17 .. H_m
       last_sum = min(self%nnoise, probed_alone + 1)
    end function last_sum
 
@@ -191,15 +198,20 @@ contains
       step = default_step*max(1.0_wp, state)
       call difference(self, step, vq, vp, uq, up)
       call largest_component(self%ndof, uq, up, scale)
+      ! An entry is compared with the largest entry of the product, or with the gradient over the length of the state
+      ! where that is larger: of a sum that is linear all entries are rounding, and have nothing else to be compared
+      ! with.
       scale = max(scale, self%slope/max(1.0_wp, state)) + 0*(scale + self%slope)
       if (present(sure)) then
          if (.not. sure) return
       end if
       step = default_step/4
       call difference(self, step, vq, vp, xq, xp)
+      ! The two differences, and how far they are apart.
       xq = uq - xq
       xp = up - xp
       call largest_component(self%ndof, xq, xp, apart)
+      ! The condition is written so that NaN gives no verdict.
       where (.not. (apart <= agreement*scale .and. state <= too_far)) scale = no_verdict
    end subroutine product
 
@@ -241,9 +253,11 @@ contains
       real(wp) :: excess
       integer :: i, lane
 
+      ! excess is the largest ratio so far, and what the next component must exceed.
       excess = tolerance
       do i = 1, size(uq, 2)
          do lane = 1, npoint
+            ! Passes over no_verdict, which is negative, and over NaN.
             if (.not. scale(lane) >= 0) cycle
             if (abs(uq(lane, i)) > excess*scale(lane)) then
                found = finding(lane, 1, i)
@@ -280,6 +294,7 @@ contains
       real(wp) :: scale(nlane)
 
       allocate (unit, source=self%zero)
+      ! The unit vector of q_i or p_i, at all points.
       unit(:, row%i) = 1
       if (row%half == 1) call self%product(unit, self%zero, uq, up, scale)
       if (row%half == 2) call self%product(self%zero, unit, uq, up, scale)
@@ -300,6 +315,7 @@ contains
       call slope_with(self, step, slope, values)
       step = default_step/4
       call slope_with(self, step, other, values)
+      ! Where the two steps disagree the caller gives no verdict.
       apart = abs(slope - other)
       where (.not. state <= too_far) apart = huge(apart)
    end subroutine slope_of_values
@@ -314,12 +330,14 @@ contains
       integer :: i, sign
 
       allocate (x, y, mold=self%zero)
+      !   (S(x + e v) - S(x - e v))/(2 e)
       do sign = -1, 1, 2
          do i = 1, self%ndof
             x(:, i) = self%q(:, i) + sign*step*self%vq(:, i)
             y(:, i) = self%p(:, i) + sign*step*self%vp(:, i)
          end do
          call self%model%value(nlane, self%ndof, self%nnoise, self%t, self%w, x, y, values)
+         ! The lower end is kept while `values` is filled with the upper one.
          if (sign < 0) lower = values
       end do
       slope = (values - lower)/(2*step)

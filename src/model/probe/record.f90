@@ -1,13 +1,16 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> Which probes a model has passed, where its functions are derived from formulas by a program and never change.
+!>    number = 1 + low + 2^31 high,    low <- 48271 low + x,   high <- 69621 high + x   (mod 2^31 - 1)
+!>
+!> over all numbers x that a probe depends on: which probes a model has passed, where its functions are derived from
+!> formulas by a program and never change.
 !>
 !> Such a model is probed once for each size of its state and time, not by every run: a probe costs hundreds of
 !> gradients, and finds nothing new. It takes points as far from the state as the state is large, so that a state of
 !> another binary order is another probe; generated code, too, takes other ways for large arguments. Functions written
 !> by hand are probed by every run, since what `user` points to may have changed.
 !>
-!> A probe is known by a number made from all that it depends on. Several threads may ask and enter at once: numbers are
-!> read and written whole, and one that is overwritten is a probe that is made again.
+!> A probe is known by a number made from all that it depends on. Several threads may ask and enter at once: numbers
+!> are read and written whole, and one that is overwritten is a probe that is made again.
 module symsde_model_probe_record
    use symsde_base_kinds, only: wp, i8
    use symsde_base_traits, only: model_traits
@@ -44,6 +47,7 @@ contains
       class(probe_record), intent(inout) :: self
 
       call self%release()
+      ! A new record, which copies made before do not see.
       allocate (self%common)
    end subroutine keep
 
@@ -61,6 +65,7 @@ contains
       integer(i8) :: one
       integer :: i
 
+      ! Where nothing is kept nothing was passed: every run probes.
       knows = .false.
       if (.not. associated(self%common)) return
       do i = 1, most
@@ -91,6 +96,7 @@ contains
       class(probe_record), intent(inout) :: self
       type(probe_record), intent(in) :: other
 
+      ! A model that is copied onto itself must not release what it holds.
       if (associated(self%common, other%common)) return
       call self%release()
       if (.not. associated(other%common)) return
@@ -109,6 +115,7 @@ contains
       self%common%owners = self%common%owners - 1
       left = self%common%owners
       !$omp end atomic
+      ! The count and its value are captured at once: only one thread sees zero.
       if (left == 0) deallocate (self%common)
       nullify (self%common)
    end subroutine release
@@ -125,13 +132,17 @@ contains
 
       low = 1
       high = 1
+      ! What is probed, by its letters.
       do i = 1, len(what)
          call take(iachar(what(i:i)))
       end do
+      ! Binary orders of the largest component and of time: points are displaced by as much.
       call take(exponent(max(1.0_wp, maxval(abs(q)), maxval(abs(p)))))
       call take(exponent(max(1.0_wp, abs(t))))
+      ! Of a stepper that takes whole steps, the order of magnitude and the sign of the step.
       call take(exponent(step))
       call take(merge(1, 0, step < 0))
+      ! Everything declared that some probe tests: what is declared anew is probed anew.
       call take(traits%ndof)
       call take(traits%nnoise)
       call take(traits%bandwidth)
@@ -151,6 +162,7 @@ contains
             call take_flag(traits%silent(i))
          end do
       end if
+      ! Below 2^62, so that the sum cannot overflow.
       number = 1 + low + ishft(high, 31)
 
    contains

@@ -1,4 +1,6 @@
 ! SPDX-License-Identifier: BSD-3-Clause
+!>    hq(i) = S_q(i),    hqq(0,i) = S_qq(i,i),    hqq(1,i) = S_qq(i,i+1)
+!>
 !> The probe of the rows of a chain, which give force and stiffness mass by mass: the force must be the gradient, and
 !> the stiffness its derivative.
 module symsde_model_probe_rows
@@ -28,6 +30,7 @@ contains
       if (allocated(error)) return
       n = points%ndof
       allocate (hq(nlane, n), hqq(nlane, 0:1, n), bands(nlane, -1:1, n))
+      ! What is compared with comes from the functions of whole systems, what is judged from the rows.
       call points%gradient(gq, gp, scale)
       call points%model%hessian_banded(nlane, n, points%nnoise, 1, points%t, points%w, points%q, points%p, hqq=bands)
       call block_from_rows(points%model, nlane, n, points%nnoise, points%t, points%w, points%q, hq, hqq)
@@ -49,8 +52,10 @@ contains
 
          do lane = 1, nlane
             largest = maxval(abs(wanted(lane, :)))
+            ! Also false for NaN.
             if (.not. all(abs(wanted(lane, :)) <= huge(largest))) cycle
             do i = 1, n
+               ! A row that is not finite is refused here, since the gradient at this point is finite.
                if (abs(found(lane, i) - wanted(lane, i)) <= tolerance*largest) cycle
                call raise(error, false_trait, 'probe_model', "model '"//points%model%name//"' gives rows whose "// &
                           what//' is '//to_text(found(lane, i))//' in row '//to_text(i)//' (counted from 1), where '// &

@@ -1,4 +1,6 @@
 ! SPDX-License-Identifier: BSD-3-Clause
+!>    S'''[a,b] ~ [g(x+e(a+b)) + g(x-e(a+b)) - g(x+e(a-b)) - g(x-e(a-b))]/(4 e^2),     g = grad S,   x = (q, p)
+!>
 !> The probe of third derivatives: they must be what second differences of the gradient are.
 module symsde_model_probe_third
    use symsde_base_kinds, only: wp
@@ -16,10 +18,10 @@ module symsde_model_probe_third
 
 contains
 
-   !> Compare S'''[a,b] with [g(x+e(a+b)) + g(x-e(a+b)) - g(x+e(a-b)) - g(x-e(a-b))]/(4 e^2), g the gradient of the
-   !> sum S that is probed. A step in proportion to the state suits powers; far from the origin it passes over whole
-   !> periods of a sine, so that what it refutes is asked of two steps of (eps |x|)^(1/4), which suit lengths of one.
-   !> Points where a gradient is not finite are passed over.
+   !> Compare S'''[a,b] with the second difference of the gradient g of the sum S that is probed, a the direction of
+   !> the probe. A step in proportion to the state suits powers; far from the origin it passes over whole periods of
+   !> a sine, so that what it refutes is asked of two steps of (eps |x|)^(1/4), which suit lengths of one. Points
+   !> where a gradient is not finite are passed over.
    subroutine probe_third(points, error)
       type(probe_points), intent(in) :: points
       type(error_type), allocatable, intent(inout) :: error
@@ -29,6 +31,7 @@ contains
 
       if (allocated(error)) return
       n = points%ndof
+      ! b is a second direction without zeros: a and b together reach every entry of the tensor.
       allocate (bq, bp, uq, up, mold=points%zero)
       allocate (dq(nlane, n, nstep), dp(nlane, n, nstep))
       do i = 1, n
@@ -36,6 +39,7 @@ contains
          bp(:, i) = generic(i, 8)
       end do
       do i = 1, nlane
+         ! eps^(1/4) balances the error of a second difference, e^2, with that of rounding, eps/e^2.
          state = max(1.0_wp, maxval(abs(points%q(i, :))), maxval(abs(points%p(i, :))))
          far(i) = step*state
          short(i) = step*state**0.25_wp
@@ -45,6 +49,7 @@ contains
          call x%model%third_derivative(nlane, n, x%nnoise, x%t, x%w, x%q, x%p, x%vq, x%vp, bq, bp, uq, up)
       end associate
       call second_difference(points, far, bq, bp, dq(:, :, 1), dp(:, :, 1), largest(:, 1))
+      ! Most models end here, after four gradients.
       if (fits(uq, dq, largest, 1) .and. fits(up, dp, largest, 1)) return
       call second_difference(points, short, bq, bp, dq(:, :, 2), dp(:, :, 2), largest(:, 2))
       call second_difference(points, shorter, bq, bp, dq(:, :, 3), dp(:, :, 3), largest(:, 3))
@@ -73,6 +78,7 @@ contains
             end do
             call points%model%gradient(nlane, points%ndof, points%nnoise, points%t, points%w, xq, xp, gq, gp)
             do i = 1, points%ndof
+               ! s = 1 takes a + b, s = -1 takes a - b, which enters with the other sign; r is the sign of e.
                dq(:, i) = dq(:, i) + s*gq(:, i)/(4*e**2)
                dp(:, i) = dp(:, i) + s*gp(:, i)/(4*e**2)
                largest = largest + (abs(gq(:, i)) + abs(gp(:, i)))
@@ -94,6 +100,7 @@ contains
       call find_allowed(wanted, largest, nstep, allowed)
       do i = 1, points%ndof
          if (allocated(error)) return
+         ! With all three differences: each must refute it.
          lane = refuted(found(:, i), wanted(:, i, :), allowed, nstep)
          if (lane == 0) cycle
          call raise(error, false_trait, 'probe_model', "model '"//points%model%name//"' offers "// &
@@ -128,6 +135,8 @@ contains
 
       do s = 1, m
          do lane = 1, npoint
+            !   1e-3 of the largest component + 1e-5 of the gradients that were subtracted
+            ! Rounding leaves about eps/e^2 = 1e-8 of the gradients at a state of size one.
             allowed(lane, s) = matching*maxval(abs(wanted(lane, :, s))) + vanishing*largest(lane, s)
          end do
       end do
@@ -141,6 +150,7 @@ contains
 
       do lane = 1, npoint
          if (.not. all(allowed(lane, :) <= huge(allowed))) cycle
+         ! One difference that agrees is enough: a badly chosen step refutes what is right.
          if (any(abs(found(lane) - wanted(lane, :m)) <= allowed(lane, :))) cycle
          if (m == nstep) then
             if (.not. abs(wanted(lane, 2) - wanted(lane, 3)) <= maxval(allowed(lane, 2:))) cycle

@@ -1,9 +1,9 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> The probe: what a model declares, tested by differences of its gradients at three points.
+!>    Hess S v ~ (g(x + e v) - g(x - e v))/(2 e),   g = grad S,   S = H, H_k or a sum: zero where a trait says so
 !>
-!> A false declaration is refused by name, with the numbers that refute it. Products with directions that have no zeros
-!> decide, so that the cost is that of some tens of gradients whatever the number of degrees of freedom; only then is
-!> the entry looked for. A probe refutes, it does not prove: what is false only far from the initial state passes.
+!> The probe: what a model declares, tested by differences of its gradients at three points, and refused by name with
+!> the numbers that refute it. Directions without zeros decide, which takes some tens of gradients for any number of
+!> degrees of freedom; then the entry is looked for. What is false far from the initial state alone passes.
 module symsde_model_probe_traits
    use symsde_base_kinds, only: wp
    use symsde_base_memory, only: require_memory
