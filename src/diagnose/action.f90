@@ -57,6 +57,7 @@ contains
       integer :: first, n, lane
 
       if (allocated(error)) return
+      ! Gradients would not do: the action needs the values of H and H_k.
       if (.not. model%traits%has_value) then
          call raise(error, missing_operation, 'discrete_action', 'the model has gradients '// &
                     'only, and the action needs the values of its Hamiltonians: give the '// &
@@ -74,6 +75,7 @@ contains
             call ask_monitor(work, first, n, dw, 'discrete_action', error, monitor)
             if (allocated(error)) exit blocks
             call load_step(work, first, n, q, p, dw)
+            !   Lbar_h(p_{n-1}, q_{n-1}, p_n, q_n) of all lanes
             call lagrangian%value(time_of(options, n), work%w, work%q0, work%p0, work%q1, work%p1, &
                                   work%action, work%status)
             do lane = 1, work%nreal
@@ -119,6 +121,7 @@ contains
             if (allocated(error)) exit blocks
             call load_step(work, first, n, q, p, dw)
             call differentiate(lagrangian, work, options, n)
+            ! Each Lbar_h depends on two states: its derivatives are added to the gradient at both.
             call add_ends(work, first, n - 1, gradient_q, gradient_p)
          end do
       end do blocks
@@ -146,6 +149,7 @@ contains
                gradient_q(path, i, left) = gradient_q(path, i, left) + unit*work%d%left_q(lane, i)
                gradient_p(path, i, left) = gradient_p(path, i, left) + unit*work%d%left_p(lane, i)
             end if
+            ! The last state is an end of the path.
             if (left >= size(gradient_q, 3)) cycle
             gradient_q(path, i, left + 1) = unit*work%d%right_q(lane, i)
             gradient_p(path, i, left + 1) = unit*work%d%right_p(lane, i)
@@ -196,6 +200,7 @@ contains
             call load_step(work, first, n, q, p, dw)
             call differentiate(lagrangian, work, options, n)
             if (n > 1) then
+               ! (47) and (48), from the second step on.
                call enlarge(before_q, work%d%left_q, largest(:, 1))
                call enlarge(before_p, work%d%left_p, largest(:, 2))
             end if
@@ -261,6 +266,7 @@ contains
       integer(i8) :: nstep, nblock
 
       nstep = size(dw, 3)
+      ! Progress is counted in steps of blocks, those of the blocks that are done first.
       nblock = (size(dw, 1) + work%nlane - 1)/work%nlane
       call stop_if_wanted(monitor, (first - 1)/work%nlane*nstep + n - 1, nblock*nstep, place, error)
    end subroutine ask_monitor
@@ -318,6 +324,7 @@ contains
       integer :: lane, path
 
       work%nreal = min(work%nlane, size(q, 1) - first + 1)
+      ! The weights of H and of the noises in Hhat.
       work%w(:, 0) = work%h
       do lane = 1, work%nlane
          path = first + min(lane, work%nreal) - 1

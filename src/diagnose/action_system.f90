@@ -66,6 +66,7 @@ contains
       type(error_type), allocatable, intent(inout) :: error
       integer :: n, r, info
 
+      ! Of the Lagrangian the system takes Hhat, a, alpha, c, and which part of Hhat each stage sees.
       self%lagrangian = lagrangian
       n = lagrangian%ham%ndof
       r = lagrangian%nstage
@@ -112,6 +113,7 @@ contains
       integer, intent(in) :: step, lane
       real(wp) :: q(self%ndof)
 
+      ! q_0 and q_N are given, the others are the last ndof unknowns of their steps.
       if (step == 0) then
          q = self%q_start(lane, :)
       else if (step == self%nstep) then
@@ -155,6 +157,7 @@ contains
 
       associate (n => self%ndof)
          do lane = 1, self%nlane
+            !   Q_i = q_m + sum_j a_ij V_j,   P_i is an unknown itself
             q = self%position(step - 1, lane)
             do j = 1, self%lagrangian%nstage
                at = self%stage_at(step, j)
@@ -269,6 +272,7 @@ contains
             if (step > 1) call add_pair(self, e + k, e - self%length + self%ndof + k, -1.0_wp)
             do i = 1, self%lagrangian%nstage
                associate (v => self%stage_at(step, i), alpha => self%lagrangian%alpha(i))
+                  !   V_i P_i: alpha_i,   V_i p_{m+1}: -alpha_i
                   call add_pair(self, v + k, v + self%ndof + k, alpha)
                   call add_pair(self, v + k, e + k, -alpha)
                end associate
@@ -289,6 +293,7 @@ contains
 
       associate (lag => self%lagrangian, n => self%ndof)
          at(0) = (step - 1)*self%length - n   ! q_m, and its share of Q_i
+         ! q_0 is no unknown, and has no place in the matrix.
          c(0) = merge(1.0_wp, 0.0_wp, step > 1)
          do j = 1, lag%nstage
             at(j) = self%stage_at(step, j)
@@ -299,6 +304,7 @@ contains
          p = at(i) + n
          do l = 1, n
             do k = 1, n
+               !   P_i P_i: -alpha_i Hhat_pp;   below, with c: -alpha_i c_j Hhat_qp and -alpha_i c_j c_k Hhat_qq
                call add_entry(self, p + k, p + l, -lag%alpha(i)*self%hpp(lane, k, l, i, step))
                do j = 0, lag%nstage
                   if (abs(c(j)) <= 0) cycle

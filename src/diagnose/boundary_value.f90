@@ -5,6 +5,11 @@
 !> stationary, [WHSB] Theorem 2.3 and (46)-(48), on a given Brownian path. The unknowns x are the V_i, P_i, p_{m+1}
 !> and q_{m+1} of all steps.
 !>
+!> S'' is symmetric and banded, 4 ndof (r + 1) - 1 numbers wide for r stages: a correction costs as many operations as
+!> there are steps, times the cube of a step's unknowns. It is indefinite, since S is stationary and not least, which
+!> is why rows are exchanged and no Cholesky factor is taken. At a conjugate point the linearised equations have a
+!> solution that vanishes at both ends, and S'' is singular.
+!>
 !> Newton's method on diagnose/action_system, its banded matrix solved with row exchanges. A correction is
 !> shortened while it does not lower the residual; a path is done when a full correction no longer does
 !> and the residual is rounding. The result is the path that the scheme itself takes from (q_0, p_0) to
@@ -99,6 +104,7 @@ contains
                     'numbered: give fewer steps')
          return
       end if
+      ! Set up in this order: room, the Lagrangian of the scheme, the noise of the run, the equations of a block.
       call judge_memory(model, scheme, options, error)
       call new_discrete_lagrangian(lagrangian, model, scheme, options, lane_unit, error)
       if (.not. allocated(error)) call new_noise(noise, model, options, lost, error, given, scheme)
@@ -106,6 +112,8 @@ contains
       call new_action_system(system, lagrangian, int(options%nstep), &
                              options%t0 + real(options%first_step, wp)*options%step, options%step, error)
       if (allocated(error)) return
+      ! All increments are drawn at once: an equation of step m contains those of its neighbours, and Newton asks
+      ! again and again.
       allocate (w(options%npath, noise%nnoise, options%nstep), stat=info)
       if (info /= 0) then
          call raise(error, out_of_memory, place, 'no memory for the increments of '//to_text(options%nstep)// &
@@ -120,6 +128,7 @@ contains
       ! the same room.
       do first = 1, size(q, 1), lane_unit
          nreal = min(lane_unit, size(q, 1) - first + 1)
+         ! A block: end points and weights, the first unknowns, Newton's iteration, and what the caller is given.
          call load(system, first, nreal, q_start, q_end, w)
          call start_guess(system, model, first, nreal, given_q, given_p)
          call solve_block(system, options%max_iter, nreal, states, int(first - 1, i8), options%npath, error, monitor)
@@ -165,6 +174,7 @@ contains
 
       ! Of a path that is done the unknowns stay as they are, and are differentiated with the others.
       states(:nreal)%running = .true.
+      ! Iteration 0 judges the guess. Every later one judges the trial that the one before it has made.
       do iteration = 0, max_iter
          call system%differentiate()
          do lane = 1, nreal
@@ -197,9 +207,11 @@ contains
          if (.not. allocated(state%x)) better = norm <= huge(norm)
          ! A trial that is no better is taken back: a shorter correction starts from the same unknowns.
          if (.not. better .and. allocated(state%x)) x = state%x
+         ! Accept the trial, if it is better.
          if (better) then
             state%norm = norm
             state%x = x
+            ! At the guess itself the equations are not finite: there is nothing to start from.
          else if (.not. allocated(state%x)) then
             call finish(nonfinite)
             return
@@ -211,12 +223,14 @@ contains
             ! Neither better nor solved: half of the correction is tried next, from the unknowns that were put back.
             state%length = 0.5_wp*state%length
          end if
+         ! All equations hold exactly: no correction would change anything.
          if (norm <= 0) then
             call finish(status_ok)
          else if (last .or. state%length < shortest) then
             call finish(not_converged)
             if (state%norm <= rounding*sqrt(real(size(x), wp))*maxval(abs(x))) state%status = status_ok
          else
+            ! A new correction from accepted unknowns; after a refusal the old one is tried at its new length.
             if (better) call find_correction(system, lane, state, done, npath, error, monitor)
             if (state%running) x = state%x + state%length*state%d
          end if
@@ -224,6 +238,7 @@ contains
 
    contains
 
+      !> The path is done, with this status.
       subroutine finish(status)
          integer(i4), intent(in) :: status
 
@@ -244,6 +259,7 @@ contains
       class(monitor_type), intent(inout), optional :: monitor
       type(banded_factors) :: factors
 
+      !   S''(x) d = -S'(x)
       call system%fill_matrix(lane)
       ! The right side becomes the correction in place.
       state%d = -system%r(:, lane)
@@ -273,6 +289,7 @@ contains
       system%w(:, 0, :) = system%h
       do lane = 1, system%nlane
          path = first + min(lane, nreal) - 1
+         ! The weights of Hhat in each step are h, dW_1 .. dW_m; end points may be one for all paths.
          system%w(lane, 1:, :) = dw(path, :, :)
          system%q_start(lane, :) = q_start(min(path, size(q_start, 1)), :)
          system%q_end(lane, :) = q_end(min(path, size(q_end, 1)), :)
@@ -296,6 +313,7 @@ contains
                before = now
                now = before + (system%q_end(lane, :) - system%q_start(lane, :))/nstep
                if (associated(guess_q)) now = guess_q(path, :, step + 1)
+               !   v = q_{m+1} - q_m,   p = v/h
                v = now - before
                p = merge(v/system%h, 0.0_wp, model%traits%identity_mass)
                if (associated(guess_p)) p = guess_p(path, :, step + 1)
@@ -330,6 +348,7 @@ contains
          status(path) = states(lane)%status
          p(path, :, 1) = p0(lane, :)
          do step = 0, system%nstep
+            ! State n stands at n + 1; p_{m+1} is read from the end of step m.
             now = system%position(step, lane)
             q(path, :, step + 1) = now
             at = system%momentum_at(step)
@@ -356,6 +375,7 @@ contains
       if (allocated(error)) return
       if (options%nstep < 1) call raise(error, invalid_argument, place, 'steps = '//to_text(options%nstep)// &
                                         ': a path between two positions needs at least one step')
+      !   (npath, ndof, nstep + 1)
       wanted(1) = options%npath
       wanted(2) = model%traits%ndof
       wanted(3) = options%nstep + 1
@@ -373,6 +393,7 @@ contains
 
    contains
 
+      !> A given position is that of one path or of each, and finite.
       subroutine check_ends(what, x)
          character(*), intent(in) :: what
          real(wp), intent(in) :: x(:, :)

@@ -97,6 +97,7 @@ contains
                result%l = k
             end if
          end do
+         ! {H,H_k} - H_k,t in the phase space with time: both parts must vanish for themselves.
          result%drift = max(result%drift, change_in_time(model, points, k))
       end do
       result%commutative = result%noise <= vanishing
@@ -114,6 +115,7 @@ contains
       real(wp) :: difference, scale
       integer :: pattern
 
+      ! (fq, fp) is V_F and (gq, gp) is V_G, F = H_j and G = H_k.
       call field(model, points, j, points%t, fq, fp)
       call field(model, points, k, points%t, gq, gp)
       ! The scale is the larger of two: what rounding alone could leave of the two products, and their largest size
@@ -122,6 +124,7 @@ contains
               + floor_of_differences(model, points, gq, gp)*largest(fq, fp)
       difference = 0
       do pattern = 1, npattern
+         !   a = Hess F V_G,   b = Hess G V_F
          call product_with(model, points, j, gq, gp, pattern, aq, ap)
          call product_with(model, points, k, fq, fp, pattern, bq, bp)
          ! The first pattern is the bracket itself; all patterns measure the size of the products.
@@ -217,6 +220,7 @@ contains
       real(wp), intent(in) :: xq(:, :), xp(:, :)   !! (npoint, ndof)
 
       largest = max(maxval(abs(xq)), maxval(abs(xp)))
+      ! maxval may pass over NaN.
       if (.not. all(abs(xq) <= huge(largest)) .or. .not. all(abs(xp) <= huge(largest))) &
          largest = ieee_value(largest, ieee_positive_inf)
    end function largest
@@ -226,6 +230,7 @@ contains
       integer, intent(in) :: nnoise
       type(commutator_type), intent(inout) :: c
 
+      ! From the strongest statement to the weakest: each class of noise contains the ones before it.
       if (nnoise == 0) then
          c%text = 'no noise: the order without noise of the scheme'
       else if (c%flows_commute) then

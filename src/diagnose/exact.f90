@@ -100,6 +100,7 @@ contains
       if (present(scheme)) call ask_for(scheme, model, noise, error)
       if (allocated(error)) return
       call new_block(work, noise, model%traits%ndof, model%traits%nnoise, fine)
+      ! Block after block of paths, each step after step at the step of the draws.
       do while (work%first < fine%npath)
          call begin_block(work, fine, q0, p0)
          call save_point(work, 1, q, p)
@@ -113,6 +114,7 @@ contains
                call fill(work, noise, system, fine, n/2)
             call advance(work, noise, system, fine, n)
             done = done + 1
+            ! The solution is wanted at the times that the run saves, t0 included.
             if (mod(done, fine%save_every) /= 0) cycle
             ! These depend on W(t) alone: the state is computed where it is saved, from the start, and errors do not
             ! add up.
@@ -131,12 +133,14 @@ contains
       type(error_type), allocatable, intent(inout) :: error
 
       if (allocated(error)) return
+      ! Increments of two or three points come from no Brownian path.
       if (scheme%law /= law_gaussian) then
          call raise(error, incompatible, 'exact_solution', 'scheme '//scheme%name//' draws '//law_text(scheme%law)// &
                     ' increments and follows no Brownian path, so there is no exact solution beside it: compare '// &
                     'expectations, or take a scheme with Gaussian increments')
          return
       end if
+      ! The same functionals are asked of the same source: it draws the same numbers as in the run.
       noise%asked = scheme%asks%needed_for(model%traits)
    end subroutine ask_for
 
@@ -152,10 +156,12 @@ contains
       real(wp) :: shape(work%nlane, 0:1), stt_area(work%nlane, 0:1)
       integer :: k
 
+      ! dW of both steps of a pair, and what else was asked of the source.
       work%request%pair = pair
       call noise%fill(work%request, work%store, drawn)
       if (.not. system%additive) return
       do k = 1, noise%nnoise
+         ! A silent noise moves nothing.
          if (noise%silent(k)) cycle
          from = work%request%path
          if (noise%common(k)) from = 0
@@ -164,6 +170,7 @@ contains
          work%shape(:, k, :) = shape
          work%stt_area(:, k, :) = stt_area
       end do
+      !   H_k = dZ_k/h - dW_k/2
       if (noise%asked%has(path_dz)) &
          work%shape = work%store%of(path_dz)%x/options%step - 0.5_wp*work%store%w(:, 1:, :)
       if (noise%asked%has(path_stt_area)) work%stt_area = work%store%of(path_stt_area)%x
@@ -180,6 +187,7 @@ contains
 
       select type (model)
       type is (kubo_model)
+         !   H_p(0, 1) = a,   H_1,p(0, 1) = sigma
          system%a = slope(model, 0, 1.0_wp)
          system%sigma = slope(model, 1, 1.0_wp)
       type is (linear_oscillator_model)
@@ -187,6 +195,7 @@ contains
       type is (additive_oscillator_model)
          system%additive = .true.
       class default
+         ! Any other model may still be linear with commuting flows: its fields are read and tested.
          allocate (system%flow)
          call new_linear_flow(system%flow, model, options%t0, &
                               options%t0 + options%step*real(options%first_step + options%nstep, wp), reason)
@@ -231,14 +240,17 @@ contains
       fine = options
       fine%truncation = 0
       if (options%refine <= 0 .or. options%refine > max_refine) return  ! beyond it: refused later
+      ! The run's step is made of 2^refine steps of the generator, and all counts of steps are multiplied by as many.
       parts = 2_i8**options%refine
       fine%refine = 0
       fine%step = options%step/real(parts, wp)
       fine%nstep = options%nstep*parts
       fine%first_step = options%first_step*parts
+      ! save_every may exceed the steps of the run, and its multiple must not overflow.
       fine%save_every = min(options%save_every, max(options%nstep, 1_i8))*parts
    end function finest
 
+   !> Room for (npath, ndof, ntime) in q and p, ntime counting t0; initial states of one path or of each.
    subroutine check_shapes(ndof, options, q0, p0, q, p, error)
       integer, intent(in) :: ndof
       type(run_options), intent(in) :: options
@@ -271,6 +283,7 @@ contains
 
    end subroutine check_shapes
 
+   !> Room for a block of lanes and for a pair of steps; H_k and K_k stay zero where they are not drawn.
    subroutine new_block(work, noise, ndof, nnoise, options)
       type(exact_block), intent(out) :: work
       class(noise_type), intent(in) :: noise
@@ -298,10 +311,12 @@ contains
       integer(i8) :: row
       integer :: lane
 
+      ! Lanes behind the last path repeat it: they are computed and not saved.
       work%nreal = int(min(int(work%nlane, i8), options%npath - work%first))
       work%request%nreal = work%nreal
       call path_of_lane(work%nlane, options%first_path + work%first, work%nreal, work%request%path)
       do lane = 1, work%nlane
+         ! One initial state may serve all paths.
          row = work%first + min(lane, work%nreal)
          work%q0(lane, :) = q0(min(row, size(q0, 1, i8)), :)
          work%p0(lane, :) = p0(min(row, size(p0, 1, i8)), :)
@@ -309,6 +324,7 @@ contains
       work%q = work%q0
       work%p = work%p0
       work%sum_w = 0
+      ! sum_w + low is W(t): low holds what the sum has rounded away.
       work%low = 0
    end subroutine begin_block
 
@@ -335,9 +351,11 @@ contains
       ! 1 - cos h without cancellation.
       versine = 2*sin(0.5_wp*options%step)**2
       sine = sin(options%step)
+      !   Y <- Y + (F - I) Y,   F - I = (-versine, sin h; -sin h, -versine)
       call turn(work%nlane, versine, sine, work%q(:, 1), work%p(:, 1))
       do k = 1, size(system%to_q)
          if (abs(system%to_q(k)) <= 0 .and. abs(system%to_p(k)) <= 0) cycle
+         ! (C_k, S_k) from dW_k, H_k, K_k and two normals that no run draws.
          from = work%request%path
          if (noise%common(k)) from = 0
          call oscillator_draws(work%nlane, options%seed, from, n, k, work%xi1, work%xi2)
@@ -357,6 +375,7 @@ contains
       real(wp) :: theta, z(2*size(work%q, 2)), w(size(work%sum_w, 2))
       integer :: lane, n
 
+      !   z(t) = exp(t A_0 + sum_k W_k(t) A_k) z_0 with the linear terms
       if (allocated(system%flow)) then
          n = size(work%q, 2)
          do lane = 1, work%nreal
@@ -370,12 +389,14 @@ contains
          return
       end if
       do lane = 1, work%nlane
+         !   theta = a t + sigma W(t)
          theta = system%a*t + system%sigma*(work%sum_w(lane, 1) + work%low(lane, 1))
          work%q(lane, 1) = work%q0(lane, 1)*cos(theta) + work%p0(lane, 1)*sin(theta)
          work%p(lane, 1) = work%p0(lane, 1)*cos(theta) - work%q0(lane, 1)*sin(theta)
       end do
    end subroutine rotate
 
+   !> Copy the states of the real lanes to their paths, at the saved time isave.
    subroutine save_point(work, isave, q, p)
       type(exact_block), intent(in) :: work
       integer, intent(in) :: isave

@@ -109,12 +109,15 @@ contains
       type(newton_options) :: newton
       integer :: n, correction
 
+      ! Schemes without an action are refused before anything is allocated.
       call check_scheme(scheme, error)
       if (allocated(error)) return
       call resolve_correction(correction, model, scheme, options%correction, error)
       if (allocated(error)) return
+      ! From here on only a, alpha and c are known.
       call flatten(self, scheme, has_one_part(model, scheme), error)
       if (allocated(error)) return
+      ! Hhat includes the correction that the options ask for: the Lagrangian is that of the corrected scheme.
       call new_one_step_hamiltonian(self%ham, model, nlane, correction, &
                                     scheme%correction_coefficient())
       n = model%traits%ndof
@@ -286,6 +289,7 @@ contains
       real(wp), intent(in) :: w(self%ham%nlane, 0:self%ham%nnoise)
 
       self%v(:, :, 1) = w
+      ! Where noise has stages of its own, each kind of stage sees its Hamiltonians alone.
       if (all(self%part == 1)) return
       self%v(:, 1:, 1) = 0
       self%v(:, :, 2) = w
@@ -298,6 +302,7 @@ contains
       real(wp), intent(in), dimension(self%ham%nlane, self%ham%ndof) :: q0, p0, q1, p1
 
       associate (lambda => self%a(1, 1))
+         ! At lambda = 1/2 the midpoint of both, as in (61)-(62); at 0 and 1 the Euler pair, as in (88).
          self%qs = (1 - lambda)*q0 + lambda*q1
          self%ps = lambda*p0 + (1 - lambda)*p1
       end associate
@@ -315,6 +320,7 @@ contains
          self%ps = p1
          do j = 1, self%nstage
             at = 2*n*(j - 1)
+            !   Q_i = q_n + sum_j a_ij V_j,   P_i = p_{n+1} + sum_j back_ij F_j
             self%qs = self%qs + self%a(i, j)*self%x(:, at + 1:at + n)
             self%ps = self%ps + self%back(i, j)*self%x(:, at + n + 1:at + 2*n)
          end do
@@ -346,6 +352,7 @@ contains
             end associate
             call matrix_rows(self, i)
          end do
+         ! One Newton step of all lanes; lanes that have failed or are done stay where they are.
          call self%newton%update(self%x, status, self%ham%counters)
       end do
    end subroutine solve_stages
@@ -373,6 +380,7 @@ contains
             end do
          end do
          do k = at + 1, at + 2*n
+            ! The slopes themselves, V_i and F_i.
             m(:, k, k) = m(:, k, k) + 1
          end do
       end associate
@@ -388,6 +396,7 @@ contains
       integer :: k
 
       associate (ham => self%ham)
+         !   h H + sum_k dW_k H_k, or one part of it
          call ham%model%value(ham%nlane, ham%ndof, ham%nnoise, t, self%v(:, :, part), self%qs, &
                               self%ps, h)
          if (ham%correction == correction_none) return

@@ -41,6 +41,7 @@ contains
       m = model%traits%nnoise
       self%n = 2*model%traits%ndof
       reason = ''
+      ! A model without the trait is not tried, however linear it may be.
       if (.not. model%traits%quadratic) then
          reason = 'is not declared quadratic'
       else if (max(model%traits%ndof, m) > largest) then
@@ -53,6 +54,7 @@ contains
          call read_field(self, model, t0, j)
       end do
       do j = 0, m
+         ! A field that changes between t0 and t1 has no such solution.
          if (.not. holds(self, model, t0, t1, j)) reason = 'changes in time, or is not quadratic'
       end do
       do j = 0, m
@@ -101,6 +103,7 @@ contains
       end do
       known = matmul(self%field(:self%n, :self%n, j), z)
       known = known + self%field(:self%n, self%n + 1, j)
+      ! Rounding of the sum, with room to spare: what is not linear misses by far more.
       allowed = 1.0e-10_wp*(maxval(abs(known)) + maxval(abs(self%field(:, :, j))))
       holds = .true.
       do i = 1, size(looked_at)
@@ -182,6 +185,7 @@ contains
          e = one + product/i
       end do
       do i = 1, k
+         !   exp(s) = exp(s/2^k)^(2^k)
          product = matmul(e, e)
          e = product
       end do

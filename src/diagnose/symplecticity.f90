@@ -39,6 +39,7 @@ module symsde_diagnose_symplecticity
                                               1.0_wp, 2.0_wp, 3.0_wp, 4.0_wp]
    real(wp), parameter :: weight(nstencil) = [1/280.0_wp, -4/105.0_wp, 0.2_wp, -0.8_wp, &
                                               0.8_wp, -0.2_wp, 4/105.0_wp, -1/280.0_wp]
+   ! The spacing is a compromise: e^8 times a ninth derivative against the rounding of increments over e.
    real(wp), parameter :: default_spacing = 1/32.0_wp
    real(wp), parameter :: longest_state = 1024  !! in units of the length over which forces vary
 
@@ -83,8 +84,10 @@ contains
                     to_text(size(defect))//' points; '//to_text(size(q, 1))//' states were given')
          return
       end if
+      ! One difference quotient serves both: D, of which the defect is made, and M = I + D.
       call differentiate(model, scheme, options, steps, d, error, spacing, monitor)
       if (allocated(error)) return
+      ! Of a point that was not solved D is NaN, and so is the defect.
       do i = 1, size(defect)
          defect(i) = defect_of(model%traits%ndof, d(:, :, i))
       end do
@@ -159,6 +162,7 @@ contains
       if (present(spacing)) base = spacing
       call check(model, options, steps%q, steps%p, steps%dw, base, error)
       if (allocated(error)) return
+      ! The stepper is built as for a run: solver, correction and bounds are those of the options.
       npoint = size(steps%q, 1)
       ! Each of the 2 ndof variables is moved to eight places, at every point.
       total = int(npoint, i8)*2*n*nstencil
@@ -166,6 +170,7 @@ contains
       call resolve_task(task, model, scheme, steppers_of(options), error)
       if (allocated(error)) return
       call find_step_memory(task, memory)
+      ! D of all points, states and increments of a block, and the stepper itself.
       call require_memory(4.0_wp*npoint*real(n, wp)**2 + nlane*(8.0_wp*n + 2*model%traits%nnoise) &
                           + memory%numbers(nlane), &
                           'the tangent map of '//to_text(2*n)//' variables at '//to_text(npoint)// &
@@ -184,6 +189,8 @@ contains
       do first = 0, total - 1, nlane
          call stop_if_wanted(monitor, first, total, 'symplecticity_defect', error)
          if (allocated(error)) exit
+         ! A block of stencil points: states, increments, and where the scheme asks dZ and areas; then one step of
+         ! each.
          nreal = int(min(int(nlane, i8), total - first))
          call spread_points(steps, first, nreal, base, qs, ps, store%w(:, 1:, 0))
          if (associated(steps%dz) .and. associated(step%of(path_dz)%x)) &
@@ -210,6 +217,7 @@ contains
       n = size(steps%q, 2)
       do lane = 1, size(qs, 1)
          call locate(first + min(lane, nreal) - 1, n, point, variable, k)
+         ! All points of a stencil have the same increments: M is the map along one path.
          qs(lane, :) = steps%q(point, :)
          ps(lane, :) = steps%p(point, :)
          noise(lane, :) = steps%dw(point, :)
@@ -258,6 +266,8 @@ contains
          end if
          ! One point that was not solved makes the whole tangent map NaN at its state.
          if (status(lane) /= 0) factor = ieee_value(factor, ieee_quiet_nan)
+         ! Column `variable` of D, summed over the eight offsets as they come; dq is in its upper half, dp in its
+         ! lower one.
          d(:n, variable, point) = d(:n, variable, point) + factor*dq(lane, :)
          d(n + 1:, variable, point) = d(n + 1:, variable, point) + factor*dp(lane, :)
       end do
@@ -269,6 +279,7 @@ contains
       integer, intent(in) :: n
       integer, intent(out) :: point, variable, k  !! all from 1
 
+      !   number = ((point - 1) 2 ndof + variable - 1) 8 + k - 1
       k = int(mod(number, int(nstencil, i8))) + 1
       variable = int(mod(number/nstencil, 2_i8*n)) + 1
       point = int(number/(2_i8*n*nstencil)) + 1
@@ -279,6 +290,7 @@ contains
    elemental real(wp) function length(base, x)
       real(wp), intent(in) :: base, x
 
+      ! exponent(y) - 1 is floor(log_2 y): the power of two at or below the spacing.
       length = scale(1.0_wp, exponent(base*max(1.0_wp, abs(x)/longest_state)) - 1)
    end function length
 
@@ -292,6 +304,7 @@ contains
       defect = 0
       do j = 1, 2*n
          do i = 1, 2*n
+            !   (J D)_ij + (D^T J)_ij + (D^T J D)_ij,   (D^T J)_ij = -(J D)_ji
             entry = with_unit(n, i, d(:, j)) - with_unit(n, j, d(:, i)) &
                     + dot_product(d(:n, i), d(n + 1:, j)) - dot_product(d(n + 1:, i), d(:n, j))
             if (.not. abs(entry) <= huge(entry)) entry = ieee_value(entry, ieee_quiet_nan)
@@ -331,6 +344,7 @@ contains
                     to_text(size(dw, 2))//'); needed are q and p (npoint,'// &
                     to_text(model%traits%ndof)//') and dw (npoint,'// &
                     to_text(model%traits%nnoise)//')')
+         ! The offsets reach four spacings, which must be normal numbers.
       else if (.not. (base >= tiny(base)*16 .and. base <= 1024)) then
          call raise(error, invalid_argument, 'symplecticity_defect', 'spacing = '//to_text(base)// &
                     ' is out of range: give a positive number small against the length over '// &
