@@ -183,6 +183,7 @@ contains
          call scheme_from_tableau(scheme, heun, heun, half, name, .true., error)
          scheme%reference = 'Heun; Kloeden, Platen 1992; not symplectic'
       else
+         ! The tableau a = 0 with one stage: forces at (q_n, p_n). The stepper of the Ito form converts the drift.
          call scheme_from_tableau(scheme, none, none, one, name, .true., error)
          scheme%form = ito_form
          scheme%reference = 'Euler-Maruyama for the Ito form; Kloeden, Platen 1992; not symplectic'
@@ -225,6 +226,7 @@ contains
          scheme%reference = 'one-sided family, [WHSB] (71)-(72), (89)-(92)'
       else
          names = all_names
+         ! Three of the nearest names tell a misprint; the whole list would hide it.
          call raise(error, unknown_name, 'get_scheme', "there is no scheme '"//trim(name)// &
                     "'; the nearest names are "// &
                     few(nearest_names(name, names))// &
@@ -264,6 +266,7 @@ contains
       known = .false.
       ! Digit 2 is the degree s, digit 4 the number of nodes r, digit 6 the order u that the rule must have.
       if (len_trim(name) /= 9) return
+      ! A digit outside its list gives zero, which no scheme has.
       s = index('1234', name(2:2))
       r = index('1234', name(4:4))
       u = index('12345678', name(6:6))

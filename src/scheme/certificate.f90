@@ -27,6 +27,7 @@ module symsde_scheme_certificate
    public :: never_explicit, explicit_if_separable, always_explicit
 
    enum, bind(c)
+      ! For which models a step solves no equations.
       enumerator :: never_explicit = 0
       enumerator :: explicit_if_separable = 1  !! every H_j = T_j(p) + U_j(q), and no correction active
       enumerator :: always_explicit = 2
@@ -75,6 +76,7 @@ contains
       type(scheme_type), intent(in) :: scheme
       type(certificate_type) :: c
 
+      ! What the scheme says of itself is copied: a certificate outlives it.
       c%name = scheme%name
       c%reference = scheme%reference
       c%form = scheme%form
@@ -88,15 +90,18 @@ contains
       if (allocated(scheme%remark)) c%remark = scheme%remark
       ! Galerkin forms are symplectic as discrete Lagrangians and kicks as exact flows: they have no residual.
       if (scheme%form == tableau_form) c%symplecticity_residual = symplecticity_residual(scheme)
+      ! Judged anew from the residual, whatever the scheme has declared.
       c%symplectic = scheme%form /= ito_form .and. c%symplecticity_residual < coefficient_tolerance
       c%symmetry_residual = symmetry_residual(scheme)
       ! A frame that does something at one end of the step alone is not seen in the coefficients.
       c%symmetric = c%symmetry_residual < coefficient_tolerance .and. &
                     scheme%frame /= frame_shift .and. scheme%frame /= frame_rotation
       c%quadratic_residual = quadratic_residual(scheme)
+      !   symplectic and a = abar, b = bbar: p^T C q + q^T A q/2 + p^T B p/2 is kept wherever the flows keep it
       c%keeps_quadratic = c%symplectic .and. c%quadratic_residual < coefficient_tolerance
       call judge_consistency(c, scheme)
       c%keeps_bilinear = c%symplectic
+      ! Orders were set, each with its evidence, where the scheme was made.
       c%structure = scheme%structure
       c%order = scheme%order
       c%order_noise_free = scheme%order_noise_free
@@ -107,6 +112,7 @@ contains
          c%implicit_drifts = scheme%kicks%ndrift()
       ! One gradient of Hhat a stage, and one an iteration of each midpoint step between kicks.
       c%gradients_per_step = scheme%nstage + c%implicit_drifts
+      ! Unknowns for each degree of freedom, for any H and for separable ones.
       c%unknowns = implicit_unknowns(scheme, .false.)
       c%unknowns_if_separable = implicit_unknowns(scheme, .true.)
    end function certificate
@@ -121,6 +127,7 @@ contains
       c%stratonovich_sum = stratonovich_sum(scheme)
       ! Of the Ito form the sum must be zero, and for additive noise H_k,qp = 0 leaves no correction to be needed.
       if (scheme%form == ito_form .or. scheme%frame /= frame_none .or. scheme%needs%additive) return
+      !   correction (1/2 - beta^T b e) F_p.F_q:  exists where beta^T b e + beta^T bbar e = 1
       conjugate = conjugate_stratonovich_sum(scheme)
       c%correction_coefficient = scheme%correction_coefficient()
       c%correction_needed = max(abs(c%stratonovich_sum - 0.5_wp), abs(conjugate - 0.5_wp)) &
@@ -135,6 +142,7 @@ contains
       character(:), allocatable, intent(out) :: text
       character(len=60) :: numbers
 
+      ! The order as a number, then what it rests on, then slope and 95 % half-width of a measurement.
       text = 'none'
       if (.not. order%value > 0) return
       write (numbers, '(f8.1)') order%value
@@ -162,6 +170,7 @@ contains
       character(*), intent(in) :: what, value
       character(len=24) :: label
 
+      ! Labels are padded to one width, so that values stand below each other.
       label = what
       text = text//label//value//new_line('a')
    end subroutine add
@@ -173,6 +182,7 @@ contains
       character(:), allocatable :: form
 
       select case (c%form)
+         ! The kind of coefficients first, then how many of them.
       case (tableau_form); form = 'tableau, '
       case (galerkin_form); form = 'Galerkin, degree '//to_text(c%degree)//', '
       case (splitting_form); form = 'drifts and kicks, '
@@ -206,6 +216,7 @@ contains
          if (c%structure == evidence_claimed) &
             value = yes_no(c%symplectic)//', claimed: its own stepper executes more than the tableau'
       end if
+      ! A difference of gradients is a gradient but for its error: so far is a corrected step symplectic.
       if (c%symplectic .and. c%correction_needed) &
          value = value//'; corrected, and without an analytic Hessian, to the error of its differences'
       call add(text, 'symplectic', value)
@@ -220,6 +231,7 @@ contains
 
       if (c%form == ito_form) then
          value = 'Ito form, the drift is converted'
+         ! beta^T b e = 1/2, or what differs from it multiplies a constant.
       else if (.not. c%correction_needed) then
          value = 'Stratonovich, no correction'
       else if (c%correction_exists) then
@@ -241,6 +253,7 @@ contains
 
       value = yes_no(c%symmetric)
       if (c%structure /= evidence_claimed) value = value//', distance from the adjoint '//to_text(c%symmetry_residual)
+      ! Without noise dZ = 0, and what is left is symmetric.
       if (c%frame == frame_shift) value = 'without noise only, its shift by dZ comes last'
       if (c%frame == frame_rotation) value = 'without noise only, its noise comes first'
       if (c%structure == evidence_claimed) value = value//', claimed'
@@ -253,6 +266,7 @@ contains
       type(certificate_type), intent(in) :: c
       character(:), allocatable :: value
 
+      ! Quadratic ones include those of the form q^T D p.
       if (c%keeps_quadratic) then
          value = 'preserved exactly'
       else if (c%keeps_bilinear) then
@@ -282,6 +296,7 @@ contains
 
       do i = 1, norder
          call describe(c%order(i), value)
+         ! Nested brackets give order 2 to commutative noises; those of noises among each other, crossed, to all.
          if (i == weak_order .and. c%brackets%nested) then
             if (c%brackets%crossed) then
                value = value//' for every noise'
@@ -299,6 +314,7 @@ contains
       type(certificate_type), intent(in) :: c
       character(:), allocatable :: brackets, asked
 
+      ! Brackets name what they take of the path; other schemes that take more than dW say what.
       if (.not. c%brackets%are_added() .and. .not. c%asks%is_empty()) then
          call name_functionals(c%asks, asked)
          call add(text, 'increments', asked//' beside dW')
@@ -340,6 +356,7 @@ contains
       type(certificate_type), intent(in) :: c
       character(:), allocatable :: value
 
+      ! Counted for one step, or where equations are solved for one iteration.
       value = counted(to_text(c%gradients_per_step), 'gradient')
       if (c%implicit_drifts > 0) then
          value = counted(to_text(c%nstage), 'gradient')//'; midpoint steps: '//to_text(c%implicit_drifts)// &
@@ -362,6 +379,7 @@ contains
          call add(text, 'needs', 'H_pp not singular, noises in position or all additive: '// &
                   'nodes that see different velocities of the noise tear their momenta apart')
       associate (needs => c%needs)
+         ! The needs in words: of the noise first, then of the kinetic energy and of the linear part.
          if (needs%additive) then
             value = 'additive noise'
             if (needs%position_noise) value = value//' in p alone'

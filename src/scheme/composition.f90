@@ -59,6 +59,7 @@ contains
       scheme%name = base%name//'_adjoint'
       if (present(name)) scheme%name = trim(name)
       scheme%reference = 'adjoint of '//base%name
+      ! Backwards in time a scheme has the same order.
       call declare_properties(scheme, base%order_noise_free)
    end subroutine adjoint_scheme
 
@@ -229,6 +230,7 @@ contains
                                            "' is not symmetric, and the triple jump would not raise its order; "// &
                                            'compose it with its adjoint first (symmetric_composition)')
       if (allocated(error)) return
+      ! The fractions are g, 1 - 2 g, g.
       own_name = base%name//'_triple_jump'
       if (present(name)) own_name = name
       ! 2 g^(p+1) + (1 - 2 g)^(p+1) = 0 removes the leading error, of degree p + 1. The middle part goes back in time,

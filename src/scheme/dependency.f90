@@ -101,6 +101,7 @@ contains
       integer :: r
 
       r = scheme%nstage
+      ! Drift and noise are computed together: a value waits where either needs it.
       of_q = abs(scheme%a) > 0 .or. abs(scheme%b) > 0
       of_p = abs(scheme%abar) > 0 .or. abs(scheme%bbar) > 0
       ! For separable Hamiltonians H_p is a function of P_j alone and H_q of Q_j alone: the blocks on the diagonal, Q

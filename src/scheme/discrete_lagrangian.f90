@@ -190,6 +190,7 @@ contains
 
       associate (s => scheme, r => scheme%nstage)
          s%form = tableau_form
+         !   a_ij = int_0^{c_i} l_j(t) dt,   abar_ij = alpha_j - alpha_j a_ji/alpha_i
          a = collocation(s%c)
          s%a = tidy(a)
          a = symplectic_conjugate(s%a, s%alpha)

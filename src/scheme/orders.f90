@@ -49,6 +49,7 @@ contains
       real(wp), intent(in) :: value
       integer, intent(in) :: evidence
 
+      ! No order is no evidence: a scheme that does not converge claims nothing.
       order%value = value
       order%evidence = merge(evidence, evidence_none, value > 0)
    end subroutine set_order

@@ -158,6 +158,7 @@ contains
       worst = 0
       worst(1) = abs(sum(alpha) - 1)
       do x = 1, 2
+         ! alpha^T m: the trees whose root has one branch.
          row = matmul(alpha, m(:, :, x))
          ! The trees of order 2, 3 and 4, by alpha^T: c (2); c c (3), m c (6); c c c (4), c (m c) (8), m (c c) (12), m
          ! m c (24).

@@ -18,6 +18,7 @@ module symsde_scheme_quadrature
       'rectangle_left', 'rectangle_right', 'midpoint', 'trapezoid', 'open_trapezoid', & !&
       'gauss1', 'gauss2', 'gauss3', 'gauss4', 'lobatto2', 'lobatto3', 'lobatto4', & !&
       'radau_left2', 'radau_left3', 'radau_right2', 'radau_right3'] !&
+   ! A rule that is exact misses a moment by rounding of nodes and weights alone.
    real(wp), parameter :: tolerance = 64*epsilon(1.0_wp)  !! of a moment that ought to vanish
 
 contains
@@ -80,6 +81,7 @@ contains
       case ('gauss2')
          ! P_2(x) = (3 x^2 - 1)/2 on [-1,1].
          x = sqrt(1.0_wp/3.0_wp)
+         ! Nodes are moved from [-1,1] to [0,1], t = (1 + x)/2, and weights halved.
          nodes = 0.5_wp + 0.5_wp*x*[-1.0_wp, 1.0_wp]
          weights = [0.5_wp, 0.5_wp]
       case ('gauss3')

@@ -42,6 +42,7 @@ module symsde_scheme_scheme
       enumerator :: splitting_form = 4 !! executed from kicks
    end enum
    enum, bind(c)
+      ! What is added to Hhat so that a scheme with beta^T b e = lambda /= 1/2 meets the Stratonovich equation.
       enumerator :: correction_auto = 0        !! increments form, or none where the traits prove it vanishes
       enumerator :: correction_none = 1
       enumerator :: correction_mean = 2        !! (1/2-lambda) |h| sum_k H_{k,p}.H_{k,q}
@@ -171,6 +172,7 @@ contains
 
       do j = 1, size(alpha)
          do i = 1, size(alpha)
+            !   from alpha_i abar_ij + alpha_j a_ji = alpha_i alpha_j
             abar(i, j) = alpha(j) - alpha(j)*a(j, i)/alpha(i)
          end do
       end do
@@ -191,6 +193,7 @@ contains
       real(wp) :: residual
 
       associate (s => scheme)
+         !   (alpha, abar, alpha, a),  (beta, abar, alpha, b),  (alpha, bbar, beta, a),  (beta, bbar, beta, b)
          residual = max(condition(s%alpha, s%abar, s%alpha, s%a), condition(s%beta, s%abar, s%alpha, s%b), &
                         condition(s%alpha, s%bbar, s%beta, s%a), condition(s%beta, s%bbar, s%beta, s%b))
       end associate

@@ -6,7 +6,7 @@
 !> scheme/splitting, which for additive noise have no other parts: the force-gradient potential c h^2/2 sum_k
 !> H_k,q.H_k,q of scheme/kicks is constant where H_k,q is. Kick i and the drifts are
 !>
-!>    dp_1 = -b_i (h (q_1 + 2 alpha q_1 q_2) + sigma1 W_1),  dp_2 = -b_i (h (q_2 + alpha (q_1^2 - q_2^2)) + sigma2 W_2),
+!> dp_1 = -b_i (h (q_1 + 2 alpha q_1 q_2) + sigma1 W_1),  dp_2 = -b_i (h (q_2 + alpha (q_1^2 - q_2^2)) + sigma2 W_2),
 !>    W_k = dW_k + (gamma_i/b_i) a_k,  a_k = dZ_k/h - dW_k/2,   dq = tau p
 !>
 !> or, where a scheme rotates, the exact flow of (p.p + q.q)/2 in place of a drift, and kicks without their linear
@@ -43,8 +43,8 @@ module symsde_model_flows_henon_heiles
       real(wp) :: shape(2) = 0    !! gamma_i/b_i, part of dZ/h - dW/2 in each kick
       real(wp) :: linear = 1      !! factor of the linear force in the kicks
       logical :: rotates = .false.  !! drifts are rotations, which take the linear force over
-      ! The rest is what follows from the size of a step, and the system that is moved: henon_heiles_flow fills it, once
-      ! for all the steps that it is asked for.
+      ! The rest is what follows from the size of a step, and the system that is moved: henon_heiles_flow fills it,
+      ! once for all the steps that it is asked for.
       real(wp) :: h = 0
       type(henon_heiles_terms) :: of
       real(wp) :: tau(3) = 0      !! times of the drifts
@@ -70,6 +70,8 @@ contains
       real(wp), parameter :: gauss = 0.5_wp*(1 - sqrt(1/3.0_wp))
 
       select case (scheme)
+         ! Drifts and kicks of each scheme, as fractions of h and as parts of the potential, in the order drift, kick,
+         ! drift, kick, drift.
       case ('symplectic_euler')
          plan = kick_plan(drift=[0, 1, 0], part=[1, 0], nvelocity=1)
       case ('symplectic_euler_adjoint')
@@ -129,8 +131,8 @@ contains
       counters%gradients = counters%gradients + (plan%nvelocity + count(plan%part > 0))*steps%nstep*steps%nreal
    end subroutine henon_heiles_flow
 
-   !> Take the steps of lane 1 alone: each waits for the one before it, and all numbers stay in registers. w is h, dW_1,
-   !> dW_2 and dz is dZ_1, dZ_2 of each step; qn and pn are the states that are asked for.
+   !> Take the steps of lane 1 alone: each waits for the one before it, and all numbers stay in registers. w is h,
+   !> dW_1, dW_2 and dz is dZ_1, dZ_2 of each step; qn and pn are the states that are asked for.
    pure subroutine pass_alone(plan, steps, w, dz, q, p, qn, pn)
       type(kick_plan), intent(in) :: plan
       type(steps_record), intent(in) :: steps

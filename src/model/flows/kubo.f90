@@ -88,6 +88,7 @@ contains
       do lane = 1, nlane
          x = q(lane)
          y = p(lane)
+         !   theta = a h + sigma dW
          call find_factor(turn + sigma*dw(lane), half, factor)
          call cayley(half, factor, x, y)
          q(lane) = x
@@ -132,6 +133,7 @@ contains
       y = p
       out = 0
       left = steps%every
+      ! A chunk of 128 pairs of factors stays in the first cache.
       do first = 0, steps%nstep - 1, chunk
          n = min(chunk, steps%nstep - first)
          do step = 1, n

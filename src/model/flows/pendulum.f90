@@ -36,6 +36,7 @@ contains
 
       w => steps%w  ! contiguous, as gfortran 12 does not see of a component
       associate (s => steps, n => steps%nstep*steps%nreal)
+         ! As a lane has the same operations by itself and among others, results do not depend on which way is taken.
          if (s%nreal == 1) then
             call step_alone(adjoint, sigma, s, w, q(1), p(1), qn, pn)
          else
@@ -137,6 +138,7 @@ contains
    end subroutine solve_for_angles
 
    !> VEC The second half of a step of the adjoint for n lanes: p' from the sine of q'.
+   !>   p' = p - (h sin q' + g q') + d p
    pure subroutine move_momenta(n, sigma, h, dw, x, sine, y)
       integer, intent(in) :: n
       real(wp), intent(in) :: sigma, h, dw(n), x(n), sine(n)

@@ -55,11 +55,12 @@ contains
             call verlet(terms, steps, first, min(sincos_tile, steps%nlane - first + 1), w, q(first), p(first), qn, pn)
          end do
       end if
+      ! Two forces and a velocity, although the sine of the second force serves the first one of the next step, too.
       counters%gradients = counters%gradients + 3*steps%nstep*steps%nreal
    end subroutine sine_flow
 
-   !> Take all steps of n lanes from `first` on, each in three passes: up to the new angle, its sine and cosine, and the
-   !> second kick. The passes are apart because sine and cosine are found for many angles at once.
+   !> Take all steps of n lanes from `first` on, each in three passes: up to the new angle, its sine and cosine, and
+   !> the second kick. The passes are apart because sine and cosine are found for many angles at once.
    subroutine verlet(terms, steps, first, n, w, q, p, qn, pn)
       type(sine_terms), intent(in) :: terms
       type(steps_record), intent(in) :: steps
