@@ -33,6 +33,7 @@ module symsde_model_catalogue_additive_oscillator
 contains
 
    !> An oscillator with additive noises. Refuses parameters that are not finite (invalid_argument).
+   !> By its flow terms a step needs no gradient at all.
    subroutine new_additive_oscillator(self, sigma, gamma, error)
       type(additive_oscillator_model), intent(out) :: self
       real(wp), intent(in) :: sigma  !! noise of the position [1/sqrt(time)]
@@ -55,6 +56,7 @@ contains
                     autonomous=.true.)
       ! An exact rotation of the linear part serves schemes with noise in position alone.
       if (is_zero(sigma)) self%traits%rotation = [1.0_wp]
+      ! A noise of strength zero is not drawn, and the paths of the other stay the same.
       allocate (self%traits%silent(2))
       self%traits%silent(1) = is_zero(sigma)
       self%traits%silent(2) = is_zero(gamma)
@@ -86,6 +88,7 @@ contains
       !   S_q = w_0 q - gamma w_2,   S_p = w_0 p + sigma w_1
       if (present(hq)) hq(:, 1) = w(:, 0)*q(:, 1) - gamma*w(:, 2)
       if (present(hp)) hp(:, 1) = w(:, 0)*p(:, 1) + sigma*w(:, 1)
+      !   S_qq = S_pp = w_0
       if (present(hqq)) hqq(:, 1, 1) = w(:, 0)
       if (present(hpp)) hpp(:, 1, 1) = w(:, 0)
    end subroutine evaluate

@@ -190,6 +190,7 @@ contains
       do i = 1, size(keys)
          ! Texts of different lengths are compared as if padded by blanks.
          k = findloc(names == keys(i), .true., dim=1)
+         ! The nearest of the model's own names are told.
          if (k == 0) then
             call raise(error, unknown_name, 'get_model', 'model '''//trim(name)// &
                        ''' has no parameter '''//trim(keys(i))//'''; it has '// &
@@ -201,6 +202,7 @@ contains
             return
          end if
          given(k) = .true.
+         ! Range and finiteness are judged by the model's constructor.
          parameters(k) = values(i)
       end do
    end subroutine set_parameters

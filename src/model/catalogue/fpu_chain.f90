@@ -85,6 +85,7 @@ contains
       value = 0
       do i = 0, ndof
          call stretch(nlane, ndof, i, q, r)
+         !   S = w_0 (sum_i p_i^2/2 + sum_i (r_i^2/2 + beta r_i^4/4)) - sigma sum_k w_k q_k
          value = value + r**2/2 + beta*r**4/4
       end do
       do i = 1, ndof
@@ -114,6 +115,7 @@ contains
       else if (present(hq)) then
          call gradient_lanes(nlane, ndof, self%beta, self%sigma, w, q, hq)
       end if
+      ! A path by itself takes numbers of neighbouring masses side by side, a block those of neighbouring lanes.
       if (present(hp) .and. nlane == 1) then
          call velocity_alone(ndof, w(1, 0), p, hp)
       else if (present(hp)) then
@@ -123,7 +125,8 @@ contains
       end if
    end subroutine gradient
 
-   !> All rows of a block, one after the other.
+   !> All rows of a block, one after the other: hq_i = w_0 (f(r_{i-1}) - f(r_i)) - sigma w_i in every lane, with each
+   !> f found once and handed on.
    subroutine gradient_lanes(nlane, n, beta, sigma, w, q, hq)
       integer, intent(in) :: nlane, n
       real(wp), intent(in) :: beta, sigma, w(nlane, 0:n), q(nlane, n)
@@ -140,7 +143,7 @@ contains
       call gradient_row(nlane, beta, sigma, w, w(1, n), q(1, n), wall, force, hq(1, n))
    end subroutine gradient_lanes
 
-   !> VEC
+   !> VEC hp = w_0 p of one lane, masses side by side.
    pure subroutine velocity_alone(n, weight, p, hp)
       integer, intent(in) :: n
       real(wp), intent(in) :: weight, p(n)
@@ -250,7 +253,8 @@ contains
       k22 = k(2) + k(3)
    end subroutine pair
 
-   !> Dense blocks of the Hessian of sum_j w_j H_j, for callers that do not use the bands.
+   !> Dense blocks of the Hessian of sum_j w_j H_j, for callers that do not use the bands. The noises are linear and
+   !> add nothing; S_qp = 0 and S_pp = w_0 I.
    subroutine hessian(self, nlane, ndof, nnoise, t, w, q, p, hqq, hqp, hpp)
       class(fpu_chain_model), intent(in) :: self
       integer, intent(in) :: nlane, ndof, nnoise
@@ -333,6 +337,7 @@ contains
       end do
       do i = first, last
          do lane = 1, strip_lanes
+            !   hq_i = w_0 (f(r_{i-1}) - f(r_i)) - sigma w_i,   hqq_ii = k_{i-1} + k_i,   hqq_i,i+1 = -k_i
             call spring(beta, weight(lane), q(lane, i + 1) - q(lane, i), next_force, next_k)
             hq(lane, i) = weight(lane)*(force(lane) - next_force) - (sigma*w(lane, i))
             hqq(lane, 0, i) = k(lane) + next_k
@@ -359,7 +364,8 @@ contains
       end if
    end subroutine force_stiffness
 
-   !> The stiffness of all rows of many lanes.
+   !> The stiffness of all rows of many lanes, row i with its entry beside the diagonal, which couples it to row i +
+   !> 1. The bands below the diagonal are their mirror image, and are not given.
    pure subroutine upper_bands(nlane, ndof, b, beta, w, q, hqq)
       integer, intent(in) :: nlane, ndof, b
       real(wp), intent(in) :: beta
@@ -379,7 +385,8 @@ contains
       end do
    end subroutine upper_bands
 
-   !> VEC
+   !> VEC Force and stiffness of all masses of one lane, springs side by side. hq and hqq have the bits that
+   !> chain_rows gives a lane of a strip: a path does not change by being alone.
    pure subroutine rows_alone(n, beta, sigma, w, q, hq, hqq)
       integer, intent(in) :: n
       real(wp), intent(in) :: beta, sigma, w(0:n), q(n)
@@ -407,7 +414,8 @@ contains
       end do
    end subroutine rows_alone
 
-   !> Force and weighted stiffness of a spring.
+   !> Force and weighted stiffness of a spring that is stretched by r. The force is not weighted: the difference of
+   !> two is, which takes one product instead of two.
    pure subroutine spring(beta, weight, r, force, k)
       real(wp), intent(in) :: beta, weight, r
       real(wp), intent(out) :: force, k
@@ -419,7 +427,7 @@ contains
       k = weight*(1 + 3*s)
    end subroutine spring
 
-   !> Hessian of sum_j w_j H_j times (vq, vp).
+   !> Hessian of sum_j w_j H_j times (vq, vp): uq_i = k_{i-1} (vq_i - vq_{i-1}) - k_i (vq_{i+1} - vq_i), up = w_0 vp.
    subroutine hessian_vector(self, nlane, ndof, nnoise, t, w, q, p, vq, vp, uq, up)
       class(fpu_chain_model), intent(in) :: self
       integer, intent(in) :: nlane, ndof, nnoise
@@ -433,6 +441,7 @@ contains
          call stiffness(nlane, ndof, i, self%beta, w(:, 0), q, k)
          ! The force of spring i on both of its ends, for the displacements vq: k_i (vq_{i+1} - vq_i).
          call stretch(nlane, ndof, i, vq, r)
+         ! uq of mass i + 1 is begun by spring i, and completed by spring i + 1.
          if (i > 0) uq(:, i) = uq(:, i) - k*r
          if (i < ndof) uq(:, i + 1) = k*r
       end do
@@ -465,6 +474,7 @@ contains
       real(wp), intent(out) :: k(nlane)
 
       call stretch(nlane, ndof, i, q, k)
+      ! k holds r_i until here.
       k = w*(1 + 3*beta*k**2)
    end subroutine stiffness
 

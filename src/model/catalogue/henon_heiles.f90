@@ -113,10 +113,12 @@ contains
       real(wp), intent(out), optional :: hq(nlane, ndof), hp(nlane, ndof)
       real(wp), intent(out), optional :: hqq(nlane, ndof, ndof), hpp(nlane, ndof, ndof)
 
+      ! Absent outputs stay absent on the way.
       call self%gradient(nlane, ndof, nnoise, t, w, q, p, hq, hp)
       !   S_qq = w_0 (1 + 2 alpha q_2, 2 alpha q_1; 2 alpha q_1, 1 - 2 alpha q_2),   S_pp = w_0 I
       if (present(hqq)) call stiffness(nlane, self%alpha, w, q, hqq)
       if (present(hpp)) then
+         ! Masses are one: S_pp = w_0 I.
          hpp(:, 1, 1) = w(:, 0)
          hpp(:, 2, 1) = 0
          hpp(:, 1, 2) = 0

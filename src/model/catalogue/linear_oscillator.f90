@@ -76,6 +76,7 @@ contains
       !   S_q = w_0 q - sigma w_1,   S_p = w_0 p;   the noise has no second derivatives
       if (present(hq)) hq(:, 1) = w(:, 0)*q(:, 1) - sigma*w(:, 1)
       if (present(hp)) hp(:, 1) = w(:, 0)*p(:, 1)
+      !   S_qq = S_pp = w_0
       if (present(hqq)) hqq(:, 1, 1) = w(:, 0)
       if (present(hpp)) hpp(:, 1, 1) = w(:, 0)
    end subroutine evaluate

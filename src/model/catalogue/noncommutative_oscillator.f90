@@ -88,6 +88,7 @@ contains
       !   S_q = (w_0 + s2 w_2) q,   S_p = (w_0 + s1 w_1) p
       if (present(hq)) hq(:, 1) = (w(:, 0) + s2*w(:, 2))*q(:, 1)
       if (present(hp)) hp(:, 1) = (w(:, 0) + s1*w(:, 1))*p(:, 1)
+      !   S_qq = w_0 + s2 w_2,   S_pp = w_0 + s1 w_1
       if (present(hqq)) hqq(:, 1, 1) = w(:, 0) + s2*w(:, 2)
       if (present(hpp)) hpp(:, 1, 1) = w(:, 0) + s1*w(:, 1)
    end subroutine evaluate

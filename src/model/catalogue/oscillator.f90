@@ -27,6 +27,7 @@ module symsde_model_catalogue_oscillator
 contains
 
    !> Whether flow takes steps of this scheme.
+   !> It depends on the noises, too: oscillator_has_flow knows which steps a noise in a .. e rules out.
    pure logical function has_flow(self, scheme)
       class(oscillator_model), intent(in) :: self
       character(*), intent(in) :: scheme

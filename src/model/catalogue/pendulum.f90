@@ -119,6 +119,7 @@ contains
       real(wp), intent(in) :: product
       integer(i8), intent(in) :: none  !! 0, which the compiler must not know
 
+      ! The bits of the product, or'ed with zero.
       rounded = transfer(ior(transfer(product, 0_i8), none), 0.0_wp)
    end function rounded
 
@@ -151,6 +152,7 @@ contains
          n = min(sincos_tile, nlane - first + 1)
          last = first + n - 1
          call sincos_where_weighted(n, w(first, 0), q(first, 1), sine, cosine)
+         !   d/dq (w_0 cos q a_q b_q) = -w_0 sin q a_q b_q
          uq(first:last, 1) = -w(first:last, 0)*sine(:n)*(aq(first:last, 1)*bq(first:last, 1))
       end do
       ! No Hamiltonian has third derivatives in p, or mixed ones: H_1 is quadratic.
@@ -181,6 +183,7 @@ contains
       if (scheme == euler .or. scheme == adjoint) then
          call pendulum_euler_flow(scheme == adjoint, self%sigma, steps, q, p, qn, pn, counters)
       else
+         !   kick by sin q h + sigma dW q,   drift by (h + sigma dW) p
          call sine_flow(sine_terms(c=self%sigma, e=self%sigma, noise_c=1, noise_e=1), &
                         steps, q, p, qn, pn, counters)
       end if

@@ -110,6 +110,7 @@ contains
       else if (present(hqq)) then
          call slope_alone(self, nlane, w, q, hqq)
       end if
+      !   T = w_0 p^2/2
       if (present(hp)) hp(:, 1) = w(:, 0)*p(:, 1)
       if (present(hpp)) hpp(:, 1, 1) = w(:, 0)
    end subroutine evaluate
@@ -141,6 +142,7 @@ contains
          n = min(sincos_tile, nlane - first + 1)
          ! hq holds the sine until the kernel has made the force of it.
          call sincos_lanes(n, q(first), hq(first), cosine)
+         ! Weights of the tile: w(first, j) is where those of H_j begin.
          call force(n, self%omega2, self%sigma1, self%sigma2, w(first, 0), w(first, 1), w(first, 2), cosine, hq(first))
       end do
    end subroutine force_alone
@@ -216,6 +218,7 @@ contains
          a = omega2*w(lane, 0) + sigma2*w(lane, 2)
          b = sigma1*w(lane, 1)
          sine = hq(lane)
+         ! Both are read before either is overwritten.
          cosine = hqq(lane)
          hq(lane) = a*sine + b*cosine
          hqq(lane) = a*cosine - b*sine

@@ -68,6 +68,7 @@ contains
       ! another power of rho.
       do l = 2, points%m
          do k = 1, l - 1
+            !   single = sum |X_kl|^2,   by_noise = sum |X_jkl|^2,   by_drift = sum |X_0kl|^2
             single = single + square_of_bracket(points, k, l)
             by_drift = by_drift + square_of_nested(points, 0, k, l, drift_scale)
             do j = 1, points%m

@@ -21,6 +21,7 @@ module symsde_model_probe_gradient
    public :: probe_gradient
 
    character(*), parameter :: here = 'probe_model'
+   ! Gradients are compared to six digits, second derivatives by differences to four.
    real(wp), parameter :: vanishing = 1.0e-6_wp  !! differences below this part of the gradient are rounding
    real(wp), parameter :: matching = 1.0e-4_wp   !! relative mismatch of second derivatives
    integer, parameter :: largest_search = 64     !! ndof up to which the entry to blame is looked for
@@ -46,6 +47,7 @@ contains
             v(lane, k) = generic(k + 1, 40 + lane)
          end do
       end do
+      ! The outputs hold 0 before this call and 0.7 before all others: one that the model does not write shows.
       call ask(points, points%q, points%p, w, 0.0_wp, gq, gp, error)
       call largest_component(points%ndof, gq, gp, scale)
       call probe_lanes(points, w, gq, gp, scale, error)
@@ -93,6 +95,7 @@ contains
       integer :: lane
 
       if (allocated(error)) return
+      ! All lanes get the state and the weights of one of them.
       call ask(points, spread(points%q(one, :), 1, nlane), spread(points%p(one, :), 1, nlane), &
                spread(w(one, :), 1, nlane), 0.7_wp, aq, ap, error)
       if (allocated(error)) return
@@ -103,6 +106,7 @@ contains
          sq(one, :) = aq(lane, :) - gq(one, :)
          sp(one, :) = ap(lane, :) - gp(one, :)
          call worst(sq, sp, scale, vanishing, bad)
+         ! The difference of each lane is judged in the place of lane `one`, whose scale it has.
          if (bad%lane > 0) exit
       end do
       if (bad%lane == 0) return
@@ -128,6 +132,7 @@ contains
       type(finding) :: bad
 
       if (allocated(error)) return
+      !   g(0) = 0
       call ask(points, points%q, points%p, 0*w, 0.7_wp, aq, ap, error)
       if (allocated(error)) return
       call worst(aq, ap, scale, vanishing, bad)
@@ -168,6 +173,7 @@ contains
          vq(:, i) = generic(i, 11)
          vp(:, i) = generic(i, 17)
       end do
+      !   (uq, up) = Dg u and (xq, xp) = Dg v, with u the direction of the points
       call points%product(points%vq, points%vp, uq, up, scale)
       call points%product(vq, vp, xq, xp, other)
       !   v.(Dg u) and u.(Dg v)
@@ -177,6 +183,7 @@ contains
       size_of = sum(abs(vq*uq), dim=2) + sum(abs(vp*up), dim=2) + 0*(scale + other)
       do lane = 1, npoint
          if (min(scale(lane), other(lane)) < 0) cycle  ! no verdict: a difference is not to be trusted
+         ! Also passed over where a number is NaN.
          if (.not. abs(one_way(lane) - other_way(lane)) > matching*size_of(lane)) cycle
          call blame(points, lane, one_way(lane), other_way(lane), error)
          return
@@ -228,6 +235,7 @@ contains
       integer :: n, at(2)
 
       n = points%ndof
+      !   d(i,j) - d(j,i) = 0 of a Hamiltonian
       call derivative(points, lane, d)
       ! The largest asymmetry among all pairs of the 2 ndof variables.
       at = maxloc(abs(d - transpose(d)))

@@ -61,6 +61,7 @@ contains
 
       changed = 0
       do i = 1, n
+         ! Counted rather than left early: a loop without an exit takes numbers side by side.
          changed = changed + merge(1_i8, 0_i8, (abs(a(i)) <= huge(a) .or. abs(b(i)) <= huge(b)) .and. &
                                    .not. abs(a(i) - b(i)) <= 0)
       end do

@@ -19,8 +19,11 @@ module symsde_model_probe_points
    public :: no_verdict, probe_points, new_probe_points, nlane, npoint, finding, generic, worst, largest_entry, &
              largest_component
 
+   ! Three points tell a constant from what takes the same value twice by accident.
    integer, parameter :: npoint = 3          !! lanes 1 .. npoint are different points
    integer, parameter :: probed_alone = 16   !! noises probed one by one, the rest in one sum
+   ! Of the size of the state, or of one: large enough for terms of higher degree to show, small enough for a user's
+   ! functions to be defined there.
    real(wp), parameter :: displacement = 0.3_wp
    real(wp), parameter :: no_verdict = -1     !! a scale against which nothing is judged
    real(wp), parameter :: too_far = 1.0e6_wp  !! state that leaves a step of 1e-6 no digits
@@ -161,6 +164,7 @@ contains
       integer :: k
 
       do k = first, self%nnoise
+         ! Weights of size 1/2 to 1: what one Hamiltonian violates no other makes good.
          self%w(:, k) = generic(k + 1, 1)
       end do
       self%sum_name = '(a sum of H_'//to_text(first)//' .. H_'//to_text(self%nnoise)//')'
@@ -196,6 +200,7 @@ contains
 
       call largest_component(self%ndof, self%q, self%p, state)
       step = default_step*max(1.0_wp, state)
+      ! The step suits functions that vary over the length of the state.
       call difference(self, step, vq, vp, uq, up)
       call largest_component(self%ndof, uq, up, scale)
       ! An entry is compared with the largest entry of the product, or with the gradient over the length of the state
@@ -206,6 +211,7 @@ contains
          if (.not. sure) return
       end if
       step = default_step/4
+      ! This one suits functions that vary over lengths of one, such as sines far from the origin.
       call difference(self, step, vq, vp, xq, xp)
       ! The two differences, and how far they are apart.
       xq = uq - xq
@@ -260,6 +266,7 @@ contains
             ! Passes over no_verdict, which is negative, and over NaN.
             if (.not. scale(lane) >= 0) cycle
             if (abs(uq(lane, i)) > excess*scale(lane)) then
+               ! tiny stands for a scale of zero, against which any number but zero is too large.
                found = finding(lane, 1, i)
                excess = abs(uq(lane, i))/max(scale(lane), tiny(excess))
             end if

@@ -37,6 +37,7 @@ contains
       ! The last mass has no neighbour beyond it, so that this entry means nothing in either.
       hqq(:, 1, n) = 0
       bands(:, 1, n) = 0
+      ! Forces are compared to six digits, and the stiffness to four, since bands may be differences.
       call compare('force', gq, hq, vanishing)
       call compare('diagonal of the stiffness', bands(:, 0, :), hqq(:, 0, :), matching)
       call compare('stiffness beside the diagonal', bands(:, 1, :), hqq(:, 1, :), matching)
@@ -51,6 +52,7 @@ contains
          integer :: lane, i
 
          do lane = 1, nlane
+            ! Entries are compared with the largest of their lane: small ones may be rounding of larger terms.
             largest = maxval(abs(wanted(lane, :)))
             ! Also false for NaN.
             if (.not. all(abs(wanted(lane, :)) <= huge(largest))) cycle

@@ -41,6 +41,7 @@ contains
       do i = 1, nlane
          ! eps^(1/4) balances the error of a second difference, e^2, with that of rounding, eps/e^2.
          state = max(1.0_wp, maxval(abs(points%q(i, :))), maxval(abs(points%p(i, :))))
+         !   e = eps^(1/4) |x|,   (eps |x|)^(1/4),   and half of the second
          far(i) = step*state
          short(i) = step*state**0.25_wp
          shorter(i) = short(i)/2
@@ -53,6 +54,7 @@ contains
       if (fits(uq, dq, largest, 1) .and. fits(up, dp, largest, 1)) return
       call second_difference(points, short, bq, bp, dq(:, :, 2), dp(:, :, 2), largest(:, 2))
       call second_difference(points, shorter, bq, bp, dq(:, :, 3), dp(:, :, 3), largest(:, 3))
+      ! Only where all three refute a component, and the two short ones agree with each other.
       call judge(points, largest, 'q', uq, dq, error)
       call judge(points, largest, 'p', up, dp, error)
    end subroutine probe_third
@@ -70,6 +72,7 @@ contains
       dq = 0
       dp = 0
       largest = 0
+      !   x + r e (a + s b),   r, s = -1, 1
       do s = -1, 1, 2
          do r = -1, 1, 2
             do i = 1, points%ndof
@@ -81,6 +84,7 @@ contains
                ! s = 1 takes a + b, s = -1 takes a - b, which enters with the other sign; r is the sign of e.
                dq(:, i) = dq(:, i) + s*gq(:, i)/(4*e**2)
                dp(:, i) = dp(:, i) + s*gp(:, i)/(4*e**2)
+               ! Summed over components, too: it bounds what rounding of any of them can do.
                largest = largest + (abs(gq(:, i)) + abs(gp(:, i)))
             end do
          end do
@@ -149,6 +153,7 @@ contains
       real(wp), intent(in) :: found(:), wanted(:, :), allowed(npoint, m)
 
       do lane = 1, npoint
+         ! A gradient that is not finite makes `allowed` not finite.
          if (.not. all(allowed(lane, :) <= huge(allowed))) cycle
          ! One difference that agrees is enough: a badly chosen step refutes what is right.
          if (any(abs(found(lane) - wanted(lane, :m)) <= allowed(lane, :))) cycle
