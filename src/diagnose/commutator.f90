@@ -7,6 +7,10 @@
 !>    {H,H_k} constant for all k, and    the drift commutes too: the flow is that of H t + sum_k H_k W_k
 !>    no H_k changes in time
 !>
+!> The gradient follows from {F,G} = grad F . V_G with V_G = J grad G: differentiating F gives Hess F V_G,
+!> differentiating G gives (J Hess G)^T grad F = -Hess G J grad F = -Hess G V_F. Two Hessian-vector products tell it,
+!> no third derivative.
+!>
 !> A bracket is constant where its gradient Hess F V_G - Hess G V_F vanishes (V: the Hamiltonian field). It is
 !> measured against |Hess F| |V_G| + |Hess G| |V_F|, the largest one among the points, and not against the two
 !> products: these may vanish each by itself, up to rounding, as for sin(q+p) and cos(q+p). The norms are those of

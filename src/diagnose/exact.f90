@@ -10,6 +10,16 @@
 !>
 !> with C_k = int cos(h - s) dW_k(s) and S_k = int sin(h - s) dW_k(s) over the step: sigma moves q, gamma moves p.
 !>
+!> The recursion is the variation of constants. With A = (0, 1; -1, 0), F = exp(A h) and the constant vectors b_k that
+!> dW_k moves (q, p) by,
+!>
+!>    dY = A Y dt + sum_k b_k dW_k,      Y_{k+1} = F Y_k + sum_k int exp(A (h - s)) b_k dW_k(s),
+!>    exp(A s) = (cos s, sin s; -sin s, cos s),      b = (to_q, to_p):  int = to_q (C; -S) + to_p (S; C)
+!>
+!> Given dW_k the integrals C_k and S_k are no functions of the increments: what is left of them has the size h^(3/2),
+!> and is normal with a known covariance. A reference that put their mean in its place would have an error of the
+!> order of the schemes that it is to judge.
+!>
 !> W(t) is the sum of the run's increments. (C_k, S_k) are drawn from their law given what the run itself takes from
 !> the path, dW_k, H_k = dZ_k/h - dW_k/2 and K_k, two normals more for each step and noise (noise/oscillator_law): the
 !> solution has the exact law jointly with the increments, and where the scheme takes dZ or K, with these. For schemes
@@ -344,6 +354,8 @@ contains
       if (.not. system%additive) then
          do k = 1, size(work%sum_w, 2)
             !   W_k(t_{n+1}) = W_k(t_n) + dW_k
+            ! Sums of many increments lose digits, which would turn the Kubo oscillator by a wrong angle late in a
+            ! run.
             call add_compensated(work%nlane, work%store%w(:, k, half), work%sum_w(:, k), work%low(:, k))
          end do
          return

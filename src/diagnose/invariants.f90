@@ -75,6 +75,7 @@ contains
       w(:, 0) = 1
       allocate (value(size(q, 1)))
       associate (npath => size(q, 1), ndof => size(q, 2), nnoise => model%traits%nnoise)
+         ! H may depend on time: each saved time is a call of its own.
          do n = 1, size(t)
             qn = q(:, :, n)
             pn = p(:, :, n)

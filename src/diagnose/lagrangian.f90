@@ -24,6 +24,12 @@
 !> oscillator at a h + sigma dW = 0. Of the scheme only a, alpha and c enter, never abar: a wrong
 !> abar, or a wrong sign in a stepper, shows in the Legendre transforms. Noise coefficients of their
 !> own (b, beta) make stages of their own, with the Hamiltonians h H and sum_k dW_k H_k.
+!>
+!> With (53), p_n = -dLbar_h/dq_n = p_{n+1} + sum_j alpha_j Hhat_q(P_j,Q_j), the momenta are those of the tableau:
+!>
+!>    P_i = p_n - sum_j abar_ij Hhat_q(P_j,Q_j),      abar_ij = alpha_j - alpha_j a_ji/alpha_i
+!>
+!> so that the symplectic conjugate of a is not put in but comes out, and (53) fails for a scheme with another abar.
 module symsde_diagnose_lagrangian
    use symsde_base_kinds, only: wp, i8
    use symsde_base_lanes, only: lanes_for

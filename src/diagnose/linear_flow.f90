@@ -9,6 +9,9 @@
 !> whatever the path between. Fields J grad H_j = A_j z + b_j are read from gradients at unit points; they commute
 !> where A_i A_j = A_j A_i and A_i b_j = A_j b_i, to rounding. With b_j as one more column it is one matrix
 !> exponential.
+!>
+!> In the Stratonovich sense d exp(X) = exp(X) dX where all X(t) commute with each other, as those made of commuting
+!> F_j do; then exp(t F_0 + sum_k W_k F_k) solves the equation, and no step is needed on the way.
 module symsde_diagnose_linear_flow
    use symsde_base_kinds, only: wp
    use symsde_model_abstract, only: model_type

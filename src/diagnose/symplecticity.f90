@@ -4,6 +4,10 @@
 !>
 !> How far one step is from symplectic: its tangent map M with frozen increments, J = (0, I; -I, 0), and M^T J M - J.
 !>
+!> D^T J + J D + D^T J D is what is left of M^T J M once J is subtracted by hand: its terms are of the size of the
+!> step, and its rounding with them, while that of M^T J M - J would be of size one. Increments of the noise are the
+!> same at all points of a stencil, since the paper's theorem is of the map along a given path.
+!>
 !> M comes from central differences of eighth order of the stepper's own map, so that what is tested
 !> is what runs. Increments are differenced, not states, and the spacing is a power of two: the
 !> rounding of the states cancels. What is left, with spacing e = 1/32, is the truncation
