@@ -141,7 +141,7 @@ contains
       do i = 1, size(gradient_q, 2)
          do lane = 1, work%nreal
             path = first + lane - 1
-            ! 1, or NaN, which makes NaN of all that it multiplies.
+            ! The unit is 1, or NaN, which makes NaN of all that it multiplies.
             unit = nan_unless(work%status(lane) == 0, 1.0_wp)
             ! State `left` has got its right derivatives, of the step before, already: now the left ones of this step
             ! are added.
@@ -194,13 +194,13 @@ contains
          do n = 1, size(dw, 3)
             call ask_monitor(work, first, n, dw, 'euler_lagrange_residual', error, monitor)
             if (allocated(error)) exit blocks
-            ! The right derivatives of the step before: (47) and (48) join them to the left ones of this step.
+            ! Keep the right derivatives of the step before: (47) and (48) join them to the left ones of this step.
             before_q = work%d%right_q
             before_p = work%d%right_p
             call load_step(work, first, n, q, p, dw)
             call differentiate(lagrangian, work, options, n)
             if (n > 1) then
-               ! (47) and (48), from the second step on.
+               ! (47) and (48) are asked from the second step on.
                call enlarge(before_q, work%d%left_q, largest(:, 1))
                call enlarge(before_p, work%d%left_p, largest(:, 2))
             end if
@@ -296,7 +296,7 @@ contains
       fits2 = size(x, 1) == n1 .and. size(x, 2) == n2
    end function fits2
 
-   !> The same of three.
+   !> Whether an array of three dimensions has these extents.
    pure logical function fits3(x, n1, n2, n3)
       real(wp), intent(in) :: x(:, :, :)
       integer, intent(in) :: n1, n2, n3
@@ -324,7 +324,7 @@ contains
       integer :: lane, path
 
       work%nreal = min(work%nlane, size(q, 1) - first + 1)
-      ! The weights of H and of the noises in Hhat.
+      ! The weights of H and H_1 .. H_m in Hhat are h and dW_1 .. dW_m.
       work%w(:, 0) = work%h
       do lane = 1, work%nlane
          path = first + min(lane, work%nreal) - 1

@@ -104,7 +104,8 @@ contains
                     'numbered: give fewer steps')
          return
       end if
-      ! Set up in this order: room, the Lagrangian of the scheme, the noise of the run, the equations of a block.
+      ! Make sure of the room first; then set up the Lagrangian of the scheme, the noise of the run, and the
+      ! equations of a block.
       call judge_memory(model, scheme, options, error)
       call new_discrete_lagrangian(lagrangian, model, scheme, options, lane_unit, error)
       if (.not. allocated(error)) call new_noise(noise, model, options, lost, error, given, scheme)
@@ -128,7 +129,7 @@ contains
       ! the same room.
       do first = 1, size(q, 1), lane_unit
          nreal = min(lane_unit, size(q, 1) - first + 1)
-         ! A block: end points and weights, the first unknowns, Newton's iteration, and what the caller is given.
+         ! Each block loads its end points and weights, guesses the unknowns, iterates, and stores its paths.
          call load(system, first, nreal, q_start, q_end, w)
          call start_guess(system, model, first, nreal, given_q, given_p)
          call solve_block(system, options%max_iter, nreal, states, int(first - 1, i8), options%npath, error, monitor)
@@ -152,8 +153,8 @@ contains
       stages = 2.0_wp*scheme%nstage   ! at most: noise may have stages of its own
       length = 2*n*(stages + 1)
       unknowns = length*options%nstep
-      ! The increments; what the noise draws; the Lagrangian; a band with its fill, 3 width + 1 wide; vectors of
-      ! unknowns; the Hessians of all stages.
+      ! Counted are the increments, what the noise draws, the Lagrangian, a band with its fill (3 width + 1 wide),
+      ! vectors of unknowns, and the Hessians of all stages.
       numbers = real(options%npath, wp)*m*options%nstep &
                 + noise_numbers(model%traits%nnoise, scheme%asks, default_nlane) &
                 + lagrangian_numbers(model, scheme, lane_unit) + 6*unknowns*length + 64*unknowns &
@@ -220,7 +221,8 @@ contains
             call finish(status_ok)
             return
          else
-            ! Neither better nor solved: half of the correction is tried next, from the unknowns that were put back.
+            ! The trial is neither better nor solved: half of the correction is tried next, from the unknowns that
+            ! were put back.
             state%length = 0.5_wp*state%length
          end if
          ! All equations hold exactly: no correction would change anything.
@@ -230,7 +232,7 @@ contains
             call finish(not_converged)
             if (state%norm <= rounding*sqrt(real(size(x), wp))*maxval(abs(x))) state%status = status_ok
          else
-            ! A new correction from accepted unknowns; after a refusal the old one is tried at its new length.
+            ! Accepted unknowns get a new correction; after a refusal the old one is tried at its new length.
             if (better) call find_correction(system, lane, state, done, npath, error, monitor)
             if (state%running) x = state%x + state%length*state%d
          end if
@@ -341,7 +343,8 @@ contains
       real(wp) :: p0(system%nlane, system%ndof), now(system%ndof)
       integer :: lane, path, step, at
 
-      ! p_0 first, as it needs the stages of the first step. The other momenta are unknowns, and are read from x.
+      ! Find p_0 first, which needs the stages of the first step. The other momenta are unknowns, and are read from
+      ! x.
       call system%first_momentum(p0)
       do lane = 1, nreal
          path = first + lane - 1

@@ -101,7 +101,8 @@ contains
                result%l = k
             end if
          end do
-         ! {H,H_k} - H_k,t in the phase space with time: both parts must vanish for themselves.
+         ! In the phase space with time the bracket is {H,H_k} - H_k,t; both of its parts are asked to vanish by
+         ! themselves.
          result%drift = max(result%drift, change_in_time(model, points, k))
       end do
       result%commutative = result%noise <= vanishing
@@ -175,7 +176,7 @@ contains
       if (pattern == 2) sp = -vp
       if (pattern > 2) then
          do i = 1, model%traits%ndof
-            ! Signs without a pattern among the degrees of freedom, the same in every call: results repeat.
+            ! The signs have no pattern among the degrees of freedom, but are the same in every call: results repeat.
             sq(:, i) = sign(1.0_wp, sin(real(i*(2*pattern - 1), wp)))*vq(:, i)
             sp(:, i) = sign(1.0_wp, cos(real(i*(3*pattern - 2), wp)))*vp(:, i)
          end do
@@ -210,7 +211,8 @@ contains
 
       relative = 0
       call field(model, points, k, points%t, fq, fp)
-      ! Three times without a common period: a noise that is periodic in one of them is not in the others.
+      ! The three times have no common period: a noise that repeats itself after one of them does not after the
+      ! others.
       do i = 1, size(later)
          call field(model, points, k, points%t + later(i), gq, gp)
          change = largest(gq - fq, gp - fp)
@@ -234,7 +236,7 @@ contains
       integer, intent(in) :: nnoise
       type(commutator_type), intent(inout) :: c
 
-      ! From the strongest statement to the weakest: each class of noise contains the ones before it.
+      ! The strongest statement that holds is made: each class of noise contains the ones before it.
       if (nnoise == 0) then
          c%text = 'no noise: the order without noise of the scheme'
       else if (c%flows_commute) then

@@ -110,7 +110,7 @@ contains
       if (present(scheme)) call ask_for(scheme, model, noise, error)
       if (allocated(error)) return
       call new_block(work, noise, model%traits%ndof, model%traits%nnoise, fine)
-      ! Block after block of paths, each step after step at the step of the draws.
+      ! Blocks of paths are the outer loop, and the steps at which the noise is drawn the inner one.
       do while (work%first < fine%npath)
          call begin_block(work, fine, q0, p0)
          call save_point(work, 1, q, p)
@@ -166,7 +166,7 @@ contains
       real(wp) :: shape(work%nlane, 0:1), stt_area(work%nlane, 0:1)
       integer :: k
 
-      ! dW of both steps of a pair, and what else was asked of the source.
+      ! The source gives dW of both steps of a pair, and what else it was asked for.
       work%request%pair = pair
       call noise%fill(work%request, work%store, drawn)
       if (.not. system%additive) return
@@ -175,7 +175,8 @@ contains
          if (noise%silent(k)) cycle
          from = work%request%path
          if (noise%common(k)) from = 0
-         ! H_k and K_k by the numbers that a run draws; below they give way to those of the run, where it draws them.
+         ! Draw H_k and K_k by the numbers that a run draws; below they give way to those of the run, where it draws
+         ! them.
          call shape_draws(work%nlane, options%seed, from, pair, k, options%step, shape, stt_area, drawn)
          work%shape(:, k, :) = shape
          work%stt_area(:, k, :) = stt_area
@@ -360,14 +361,14 @@ contains
          end do
          return
       end if
-      ! 1 - cos h without cancellation.
+      ! The versine 1 - cos h is found without cancellation.
       versine = 2*sin(0.5_wp*options%step)**2
       sine = sin(options%step)
       !   Y <- Y + (F - I) Y,   F - I = (-versine, sin h; -sin h, -versine)
       call turn(work%nlane, versine, sine, work%q(:, 1), work%p(:, 1))
       do k = 1, size(system%to_q)
          if (abs(system%to_q(k)) <= 0 .and. abs(system%to_p(k)) <= 0) cycle
-         ! (C_k, S_k) from dW_k, H_k, K_k and two normals that no run draws.
+         ! Draw (C_k, S_k) given dW_k, H_k and K_k, by two normals that no run draws.
          from = work%request%path
          if (noise%common(k)) from = 0
          call oscillator_draws(work%nlane, options%seed, from, n, k, work%xi1, work%xi2)

@@ -76,7 +76,7 @@ contains
       class(model_type), intent(in) :: model
       type(scheme_type), intent(in) :: scheme
 
-      ! V_i and Hhat_q at stage i, in ndof degrees of freedom each.
+      ! The unknowns are V_i and Hhat_q at stage i, in ndof degrees of freedom each.
       n = 2*model%traits%ndof*scheme%nstage
       if (.not. has_one_part(model, scheme)) n = 2*n
    end function count_unknowns
@@ -308,7 +308,7 @@ contains
       real(wp), intent(in), dimension(self%ham%nlane, self%ham%ndof) :: q0, p0, q1, p1
 
       associate (lambda => self%a(1, 1))
-         ! At lambda = 1/2 the midpoint of both, as in (61)-(62); at 0 and 1 the Euler pair, as in (88).
+         ! lambda = 1/2 gives the midpoint of both, as in (61)-(62), and 0 and 1 give the Euler pair, as in (88).
          self%qs = (1 - lambda)*q0 + lambda*q1
          self%ps = lambda*p0 + (1 - lambda)*p1
       end associate
@@ -341,7 +341,7 @@ contains
       integer(i8), intent(inout) :: status(self%ham%nlane)
       integer :: i, at
 
-      ! Slopes of zero, so Q_i = q_n and P_i = p_{n+1}, are off by the size of a step.
+      ! Begin with slopes of zero, Q_i = q_n and P_i = p_{n+1}, which are off by the size of a step.
       self%x = 0
       call self%newton%start(status)
       do while (self%newton%running)
@@ -358,7 +358,7 @@ contains
             end associate
             call matrix_rows(self, i)
          end do
-         ! One Newton step of all lanes; lanes that have failed or are done stay where they are.
+         ! Take one Newton step in all lanes; those that have failed or are done stay where they are.
          call self%newton%update(self%x, status, self%ham%counters)
       end do
    end subroutine solve_stages
@@ -386,7 +386,7 @@ contains
             end do
          end do
          do k = at + 1, at + 2*n
-            ! The slopes themselves, V_i and F_i.
+            ! V_i and F_i themselves stand in the equations with the factor one.
             m(:, k, k) = m(:, k, k) + 1
          end do
       end associate
@@ -406,8 +406,8 @@ contains
          call ham%model%value(ham%nlane, ham%ndof, ham%nnoise, t, self%v(:, :, part), self%qs, &
                               self%ps, h)
          if (ham%correction == correction_none) return
-         ! The correction: coefficient h sum_k H_k,p.H_k,q in its mean form, or coefficient F_p.F_q with F = sum_k
-         ! dW_k H_k.
+         ! Add the correction: coefficient h sum_k H_k,p.H_k,q in its mean form, or coefficient F_p.F_q with F =
+         ! sum_k dW_k H_k.
          noise = 0
          if (ham%correction == correction_mean) then
             do k = 1, ham%nnoise

@@ -106,7 +106,7 @@ contains
       end do
       known = matmul(self%field(:self%n, :self%n, j), z)
       known = known + self%field(:self%n, self%n + 1, j)
-      ! Rounding of the sum, with room to spare: what is not linear misses by far more.
+      ! The bound is that of rounding, with room to spare: what is not linear misses by far more.
       allowed = 1.0e-10_wp*(maxval(abs(known)) + maxval(abs(self%field(:, :, j))))
       holds = .true.
       do i = 1, size(looked_at)
@@ -182,7 +182,7 @@ contains
          one(i, i) = 1
       end do
       e = one
-      ! Horner's rule: 1 + s/1 (1 + s/2 (1 + .. )).
+      ! Sum the series by Horner's rule, 1 + s/1 (1 + s/2 (1 + .. )).
       do i = degree, 1, -1
          product = matmul(part, e)
          e = one + product/i

@@ -174,7 +174,7 @@ contains
       call resolve_task(task, model, scheme, steppers_of(options), error)
       if (allocated(error)) return
       call find_step_memory(task, memory)
-      ! D of all points, states and increments of a block, and the stepper itself.
+      ! Counted are D of all points, states and increments of a block, and the stepper itself.
       call require_memory(4.0_wp*npoint*real(n, wp)**2 + nlane*(8.0_wp*n + 2*model%traits%nnoise) &
                           + memory%numbers(nlane), &
                           'the tangent map of '//to_text(2*n)//' variables at '//to_text(npoint)// &
@@ -193,8 +193,8 @@ contains
       do first = 0, total - 1, nlane
          call stop_if_wanted(monitor, first, total, 'symplecticity_defect', error)
          if (allocated(error)) exit
-         ! A block of stencil points: states, increments, and where the scheme asks dZ and areas; then one step of
-         ! each.
+         ! Each block loads the states of its stencil points and their increments, dZ and areas where the scheme asks
+         ! for them, and takes one step.
          nreal = int(min(int(nlane, i8), total - first))
          call spread_points(steps, first, nreal, base, qs, ps, store%w(:, 1:, 0))
          if (associated(steps%dz) .and. associated(step%of(path_dz)%x)) &
@@ -270,7 +270,7 @@ contains
          end if
          ! One point that was not solved makes the whole tangent map NaN at its state.
          if (status(lane) /= 0) factor = ieee_value(factor, ieee_quiet_nan)
-         ! Column `variable` of D, summed over the eight offsets as they come; dq is in its upper half, dp in its
+         ! Column `variable` of D is summed over the eight offsets as they come; dq is in its upper half, dp in its
          ! lower one.
          d(:n, variable, point) = d(:n, variable, point) + factor*dq(lane, :)
          d(n + 1:, variable, point) = d(n + 1:, variable, point) + factor*dp(lane, :)

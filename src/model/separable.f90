@@ -88,7 +88,7 @@ contains
       real(wp) :: hqq(2, 2), hpp(2, 2)
       real(wp), allocatable :: blocks(:, :, :, :)  !! hqq and hpp, each (nlane, ndof, ndof)
 
-      ! What a path by itself asks for most: its blocks are arrays of a length that the compiler knows.
+      ! A path by itself asks for this case most: its blocks are arrays of a length that the compiler knows.
       if (nlane == 1 .and. ndof == 2) then
          call self%evaluate(nlane, ndof, nnoise, t, w, q, p, hqq=hqq, hpp=hpp)
          call multiply(1, 2, hqq, hpp, vq, vp, uq, up)

@@ -31,7 +31,8 @@ module symsde_scheme_catalogue
    private
    public :: get_scheme, scheme_names, scheme_families
 
-   ! What get_scheme knows and what unknown names are compared with; every family with a parameter ends in a colon.
+   ! These are the names that get_scheme knows, and with which unknown ones are compared; a family with a parameter
+   ! ends in a colon.
    integer, parameter :: nplain = 44  !! names without a parameter; the families follow
    character(len=name_length), parameter :: all_names(nplain + 2) = [character(len=name_length) :: & !&
       'midpoint', 'symplectic_euler', 'symplectic_euler_adjoint', 'stormer_verlet', & !&
@@ -133,8 +134,8 @@ contains
       character(*), intent(in) :: name
       type(error_type), allocatable, intent(inout) :: error
 
-      ! Commutators of order h^2 must be smaller than the solver's error: where brackets with dZ or weak order 2 are
-      ! asked for, the solver of the modified Hamiltonian is of order four.
+      ! What the solver leaves out must be smaller than the brackets that are added: those for strong order 3/2 and
+      ! weak order 2 go on gauss2, areas alone and two-point increments on midpoint.
       if (index(name, 'gauss2') == 1) then
          call from_rule(scheme, name, 'gauss2', 2, '', error)
       else
@@ -177,18 +178,18 @@ contains
       real(wp), parameter :: heun(2, 2) = reshape([0.0_wp, 1.0_wp, 0.0_wp, 0.0_wp], [2, 2])
       integer :: i
 
-      ! Heun: Q_2 = q_n + h f(q_n), weights 1/2: beta^T b e = 1/2, hence Stratonovich. Euler-Maruyama has a = 0,
-      ! weight 1.
+      ! Heun's second stage is x_n + h f(x_n) and its weights are 1/2: beta^T b e = 1/2, hence Stratonovich.
+      ! Euler-Maruyama has a = 0 and one weight 1.
       if (name == 'heun') then
          call scheme_from_tableau(scheme, heun, heun, half, name, .true., error)
          scheme%reference = 'Heun; Kloeden, Platen 1992; not symplectic'
       else
-         ! The tableau a = 0 with one stage: forces at (q_n, p_n). The stepper of the Ito form converts the drift.
+         ! The tableau a = 0 takes forces at (q_n, p_n). The stepper of the Ito form converts the drift.
          call scheme_from_tableau(scheme, none, none, one, name, .true., error)
          scheme%form = ito_form
          scheme%reference = 'Euler-Maruyama for the Ito form; Kloeden, Platen 1992; not symplectic'
-         ! Strong order 1 for additive noise, where the Ito and the Stratonovich form are one, and 1/2 for all other
-         ! noise.
+         ! The strong order is 1 for additive noise, where the Ito and the Stratonovich form are one, and 1/2 for all
+         ! other noise.
          call set_order(scheme%order(additive_noise), 1.0_wp, evidence_claimed)
          do i = commutative_noise, commuting_flows
             call set_order(scheme%order(i), 0.5_wp, evidence_claimed)
@@ -219,8 +220,8 @@ contains
          call read_parameter(name, 'lambda:', x, error)
          if (x < 0 .or. x > 1) call refuse_parameter(name, '0 <= x <= 1, as in lambda:0.3', error)
          if (allocated(error)) return
-         ! One node x: Q = (1 - x) q_n + x q_{n+1}, P = x p_n + (1 - x) p_{n+1}. x = 1/2 is the midpoint rule, 0 and 1
-         ! are the Euler pair; all others need the drift correction with the factor 1/2 - x.
+         ! The one node x gives Q = (1 - x) q_n + x q_{n+1}, P = x p_n + (1 - x) p_{n+1}. x = 1/2 is the midpoint
+         ! rule, 0 and 1 are the Euler pair; all but 1/2 need the drift correction with the factor 1/2 - x.
          nodes = x
          call scheme_from_quadrature(scheme, 1, nodes, one, name, error)
          scheme%reference = 'one-sided family, [WHSB] (71)-(72), (89)-(92)'

@@ -27,7 +27,7 @@ module symsde_scheme_certificate
    public :: never_explicit, explicit_if_separable, always_explicit
 
    enum, bind(c)
-      ! For which models a step solves no equations.
+      ! These say for which models a step solves no equations.
       enumerator :: never_explicit = 0
       enumerator :: explicit_if_separable = 1  !! every H_j = T_j(p) + U_j(q), and no correction active
       enumerator :: always_explicit = 2
@@ -90,7 +90,7 @@ contains
       if (allocated(scheme%remark)) c%remark = scheme%remark
       ! Galerkin forms are symplectic as discrete Lagrangians and kicks as exact flows: they have no residual.
       if (scheme%form == tableau_form) c%symplecticity_residual = symplecticity_residual(scheme)
-      ! Judged anew from the residual, whatever the scheme has declared.
+      ! Symplecticity is judged anew from the residual, whatever the scheme has declared.
       c%symplectic = scheme%form /= ito_form .and. c%symplecticity_residual < coefficient_tolerance
       c%symmetry_residual = symmetry_residual(scheme)
       ! A frame that does something at one end of the step alone is not seen in the coefficients.
@@ -110,9 +110,9 @@ contains
       if (is_explicit(scheme, .false.)) c%explicit_for = always_explicit
       if (scheme%form == splitting_form .and. scheme%kicks%flow == flow_midpoint) &
          c%implicit_drifts = scheme%kicks%ndrift()
-      ! One gradient of Hhat a stage, and one an iteration of each midpoint step between kicks.
+      ! Each stage takes one gradient of Hhat, and each midpoint step between kicks one for every iteration.
       c%gradients_per_step = scheme%nstage + c%implicit_drifts
-      ! Unknowns for each degree of freedom, for any H and for separable ones.
+      ! Unknowns are counted for each degree of freedom, for any H and for separable ones.
       c%unknowns = implicit_unknowns(scheme, .false.)
       c%unknowns_if_separable = implicit_unknowns(scheme, .true.)
    end function certificate
@@ -142,7 +142,7 @@ contains
       character(:), allocatable, intent(out) :: text
       character(len=60) :: numbers
 
-      ! The order as a number, then what it rests on, then slope and 95 % half-width of a measurement.
+      ! The text gives the order, what it rests on, and the slope with its 95 % half-width where it was measured.
       text = 'none'
       if (.not. order%value > 0) return
       write (numbers, '(f8.1)') order%value
@@ -182,7 +182,7 @@ contains
       character(:), allocatable :: form
 
       select case (c%form)
-         ! The kind of coefficients first, then how many of them.
+         ! The kind of coefficients is named first, then how many of them there are.
       case (tableau_form); form = 'tableau, '
       case (galerkin_form); form = 'Galerkin, degree '//to_text(c%degree)//', '
       case (splitting_form); form = 'drifts and kicks, '
@@ -216,7 +216,7 @@ contains
          if (c%structure == evidence_claimed) &
             value = yes_no(c%symplectic)//', claimed: its own stepper executes more than the tableau'
       end if
-      ! A difference of gradients is a gradient but for its error: so far is a corrected step symplectic.
+      ! A Hessian product by differences has an error, and a corrected step is symplectic up to it.
       if (c%symplectic .and. c%correction_needed) &
          value = value//'; corrected, and without an analytic Hessian, to the error of its differences'
       call add(text, 'symplectic', value)
@@ -231,7 +231,7 @@ contains
 
       if (c%form == ito_form) then
          value = 'Ito form, the drift is converted'
-         ! beta^T b e = 1/2, or what differs from it multiplies a constant.
+         ! Either beta^T b e = 1/2, or what differs from it multiplies a constant.
       else if (.not. c%correction_needed) then
          value = 'Stratonovich, no correction'
       else if (c%correction_exists) then
@@ -356,7 +356,7 @@ contains
       type(certificate_type), intent(in) :: c
       character(:), allocatable :: value
 
-      ! Counted for one step, or where equations are solved for one iteration.
+      ! Gradients are counted for one step, or where equations are solved for one iteration.
       value = counted(to_text(c%gradients_per_step), 'gradient')
       if (c%implicit_drifts > 0) then
          value = counted(to_text(c%nstage), 'gradient')//'; midpoint steps: '//to_text(c%implicit_drifts)// &
@@ -379,7 +379,7 @@ contains
          call add(text, 'needs', 'H_pp not singular, noises in position or all additive: '// &
                   'nodes that see different velocities of the noise tear their momenta apart')
       associate (needs => c%needs)
-         ! The needs in words: of the noise first, then of the kinetic energy and of the linear part.
+         ! Needs of the noise are told first, then those of the kinetic energy and of the linear part.
          if (needs%additive) then
             value = 'additive noise'
             if (needs%position_noise) value = value//' in p alone'

@@ -206,8 +206,8 @@ contains
       own_name = base%name//'_symmetric'
       if (present(name)) own_name = name
       parts(1) = base
-      ! Phi*_{h/2} o Phi_{h/2}: base acts first. Both halves get dW/2, so that the drift corrections of the two
-      ! cancel.
+      ! The map is Phi*_{h/2} o Phi_{h/2}: base acts first. Both halves get dW/2, so that the drift corrections of
+      ! the two cancel.
       call adjoint_scheme(parts(2), base, error)
       if (allocated(error)) return
       call composed_scheme(scheme, parts, [0.5_wp, 0.5_wp], own_name, error)

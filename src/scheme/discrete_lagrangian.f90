@@ -74,7 +74,7 @@ contains
       scheme%c = nodes(order)
       scheme%alpha = weights(order)
       scheme%beta = beta(order)
-      ! As many nodes as degrees make the velocities V_i = q_d'(c_i) free: a tableau.
+      ! With as many nodes as degrees the velocities V_i = q_d'(c_i) are free, and the scheme is a tableau.
       if (scheme%nstage == degree) then
          call fill_tableau(scheme)
       else
@@ -218,7 +218,7 @@ contains
 
       s = scheme%degree
       do mu = 0, s/2
-         ! (1 - cos(pi mu/s))/2, and the mirror images exactly so.
+         ! The points are (1 - cos(pi mu/s))/2, and are exactly symmetric.
          control(mu) = sin(0.5_wp*acos(-1.0_wp)*mu/s)**2
          control(s - mu) = 1 - control(mu)
       end do

@@ -158,10 +158,10 @@ contains
       worst = 0
       worst(1) = abs(sum(alpha) - 1)
       do x = 1, 2
-         ! alpha^T m: the trees whose root has one branch.
+         ! row = alpha^T m serves the trees whose root has one branch.
          row = matmul(alpha, m(:, :, x))
-         ! The trees of order 2, 3 and 4, by alpha^T: c (2); c c (3), m c (6); c c c (4), c (m c) (8), m (c c) (12), m
-         ! m c (24).
+         ! The trees of order 2, 3 and 4 and their densities are, multiplied by alpha^T: c (2); c c (3), m c (6); c c
+         ! c (4), c (m c) (8), m (c c) (12), m m c (24).
          call require(worst(2), dot_product(alpha, c(:, x)), 2)
          do y = 1, 2
             call require(worst(3), sum(alpha*c(:, x)*c(:, y)), 3)

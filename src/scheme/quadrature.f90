@@ -79,13 +79,13 @@ contains
 
       select case (name)
       case ('gauss2')
-         ! P_2(x) = (3 x^2 - 1)/2 on [-1,1].
+         ! The nodes on [-1,1] are the zeros of P_2(x) = (3 x^2 - 1)/2.
          x = sqrt(1.0_wp/3.0_wp)
          ! Nodes are moved from [-1,1] to [0,1], t = (1 + x)/2, and weights halved.
          nodes = 0.5_wp + 0.5_wp*x*[-1.0_wp, 1.0_wp]
          weights = [0.5_wp, 0.5_wp]
       case ('gauss3')
-         ! P_3(x) = (5 x^3 - 3 x)/2.
+         ! The nodes on [-1,1] are the zeros of P_3(x) = (5 x^3 - 3 x)/2.
          x = sqrt(3.0_wp/5.0_wp)
          nodes = 0.5_wp + 0.5_wp*x*[-1.0_wp, 0.0_wp, 1.0_wp]
          weights = [5.0_wp, 8.0_wp, 5.0_wp]/18
@@ -113,7 +113,7 @@ contains
 
       select case (name)
       case ('lobatto3')
-         ! Simpson's rule.
+         ! This is Simpson's rule.
          nodes = [0.0_wp, 0.5_wp, 1.0_wp]
          weights = [1.0_wp, 4.0_wp, 1.0_wp]/6
       case ('lobatto4')
@@ -137,7 +137,7 @@ contains
       ! The rules on the right are those on the left seen backwards, c_i -> 1 - c_i.
       select case (name)
       case ('radau_left2')
-         ! int t^2 dt = 1/3 = (3/4) (2/3)^2: exact to degree two.
+         ! Since int t^2 dt = 1/3 = (3/4) (2/3)^2, the rule is exact to degree two.
          nodes = [0.0_wp, 2.0_wp/3.0_wp]
          weights = [0.25_wp, 0.75_wp]
       case ('radau_right2')

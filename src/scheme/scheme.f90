@@ -42,7 +42,8 @@ module symsde_scheme_scheme
       enumerator :: splitting_form = 4 !! executed from kicks
    end enum
    enum, bind(c)
-      ! What is added to Hhat so that a scheme with beta^T b e = lambda /= 1/2 meets the Stratonovich equation.
+      ! These say what is added to Hhat so that a scheme with beta^T b e = lambda /= 1/2 meets the Stratonovich
+      ! equation.
       enumerator :: correction_auto = 0        !! increments form, or none where the traits prove it vanishes
       enumerator :: correction_none = 1
       enumerator :: correction_mean = 2        !! (1/2-lambda) |h| sum_k H_{k,p}.H_{k,q}

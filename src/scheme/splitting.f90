@@ -48,7 +48,7 @@ contains
       flow = flow_free
       if (index(name, '_rotation') > 0) flow = flow_rotation
       if (index(name, '_midpoint') > 0) flow = flow_midpoint
-      ! The smaller node of Gauss, (1 - 1/sqrt 3)/2.
+      ! x is the smaller node of Gauss, (1 - 1/sqrt 3)/2.
       x = 0.5_wp*(1 - sqrt(third))
       select case (name)
       case ('gauss_dkdkd', 'gauss_dkdkd_strong2', 'gauss_dkdkd_rotation', 'gauss_dkdkd_midpoint')

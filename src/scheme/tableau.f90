@@ -60,7 +60,7 @@ contains
       if (allocated(error)) return
       ! The noise has the coefficients of the drift unless it has its own.
       call fill(scheme, a, abar, alpha)
-      ! Times of its own, as those of position Verlet, whose force is taken in the middle of the step.
+      ! Position Verlet, for one, has times that are no row sums of a: its force is taken in the middle of the step.
       if (present(c)) scheme%c = c
       if (present(beta)) scheme%beta = beta
       if (present(b)) scheme%b = b

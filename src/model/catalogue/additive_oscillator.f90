@@ -33,7 +33,6 @@ module symsde_model_catalogue_additive_oscillator
 contains
 
    !> An oscillator with additive noises. Refuses parameters that are not finite (invalid_argument).
-   !> By its flow terms a step needs no gradient at all.
    subroutine new_additive_oscillator(self, sigma, gamma, error)
       type(additive_oscillator_model), intent(out) :: self
       real(wp), intent(in) :: sigma  !! noise of the position [1/sqrt(time)]

@@ -42,7 +42,7 @@ module symsde_model_catalogue_by_name
    private
    public :: model_names, parameter_names, parameter_defaults, tabulate, get_model, is_built_in
 
-   ! The order in which models are listed; users see it.
+   ! Models are listed in this order, which users see.
    character(len=name_length), parameter :: all_names(9) = [character(len=name_length) :: &
                                                             'kubo', 'linear_oscillator', 'synchrotron', &
                                                             'additive_oscillator', 'pendulum', 'driven_pendulum', &
@@ -164,7 +164,7 @@ contains
          names = fpu_chain_names
          defaults = fpu_chain_defaults
       case default
-         ! No names stand for no such model.
+         ! No names say that there is no such model.
          allocate (names(0), defaults(0))
       end select
    end subroutine tabulate

@@ -21,8 +21,7 @@ module symsde_model_catalogue_driven_pendulum
    private
    public :: driven_pendulum_model, new_driven_pendulum, driven_pendulum_names, driven_pendulum_defaults
 
-   ! By default nu = 2 omega, the main resonance, with a drive of a third: small oscillations grow until cos q bounds
-   ! them.
+   ! By default nu = 2 omega, the main resonance, where small oscillations grow until they are small no more.
    character(*), parameter :: driven_pendulum_names(6) = &
                               [character(len=name_length) :: 'omega', 'epsilon', 'nu', 'sigma1', 'sigma2', 'alpha']
    real(wp), parameter :: driven_pendulum_defaults(6) = [1.0_wp, 0.3_wp, 2.0_wp, 0.2_wp, 0.1_wp, 0.5_wp]
@@ -84,7 +83,7 @@ contains
       allocate (self%traits%silent(2))
       self%traits%silent(1) = is_zero(sigma1)
       self%traits%silent(2) = is_zero(sigma2)
-      ! The linear part without drive; what the drive adds is left to the kicks.
+      ! Rotations take the linear part without drive; what the drive adds is left to the kicks.
       allocate (self%traits%rotation(1), source=abs(omega))
    end subroutine new_driven_pendulum
 

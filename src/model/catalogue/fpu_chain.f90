@@ -135,7 +135,7 @@ contains
       integer :: i
 
       wall = 0
-      ! The spring at the left end, r_0 = q_1; the wall is a mass at rest behind the last one.
+      ! The first spring is that at the left end, r_0 = q_1; the wall is a mass at rest behind the last one.
       force = q(:, 1)*(1 + beta*q(:, 1)**2)
       do i = 1, n - 1
          call gradient_row(nlane, beta, sigma, w, w(1, i), q(1, i), q(1, i + 1), force, hq(1, i))
@@ -166,7 +166,7 @@ contains
       force = q(1)*(1 + beta*q(1)**2)
       !GCC$ novector
       do i = 1, n - 1
-         ! The spring behind mass i: its force acts on mass i and, with the other sign, on mass i + 1.
+         ! The force of the spring behind mass i acts on mass i and, with the other sign, on mass i + 1.
          r = q(i + 1) - q(i)
          next_force = (r*(1 + beta*r**2))
          hq(i) = w(0)*(force - next_force) - (sigma*w(i))
@@ -235,7 +235,7 @@ contains
       real(wp) :: r, force(3), k(3)
       integer :: i
 
-      ! The three springs q_1, q_2 - q_1, -q_2, with k = w_0 (1 + 3 beta r^2).
+      ! The three springs are stretched by q_1, q_2 - q_1 and -q_2, and have k = w_0 (1 + 3 beta r^2).
       !GCC$ unroll 3
       !GCC$ novector
       do i = 1, 3
@@ -396,7 +396,8 @@ contains
       integer :: first, last, i
 
       weight = w(0)
-      ! As gradient_alone, with the stiffness beside the force; tiles of 64 springs stay in the first cache.
+      ! The loops are those of gradient_alone, with the stiffness beside the force; tiles of 64 springs stay in the
+      ! first cache.
       call spring(beta, weight, q(1), force(0), k(0))
       do first = 0, n - 1, tile
          last = min(tile, n - first)
@@ -439,7 +440,7 @@ contains
 
       do i = 0, ndof
          call stiffness(nlane, ndof, i, self%beta, w(:, 0), q, k)
-         ! The force of spring i on both of its ends, for the displacements vq: k_i (vq_{i+1} - vq_i).
+         ! For the displacements vq, spring i pulls at both of its ends by k_i (vq_{i+1} - vq_i).
          call stretch(nlane, ndof, i, vq, r)
          ! uq of mass i + 1 is begun by spring i, and completed by spring i + 1.
          if (i > 0) uq(:, i) = uq(:, i) - k*r

@@ -113,7 +113,6 @@ contains
       real(wp), intent(out), optional :: hq(nlane, ndof), hp(nlane, ndof)
       real(wp), intent(out), optional :: hqq(nlane, ndof, ndof), hpp(nlane, ndof, ndof)
 
-      ! Absent outputs stay absent on the way.
       call self%gradient(nlane, ndof, nnoise, t, w, q, p, hq, hp)
       !   S_qq = w_0 (1 + 2 alpha q_2, 2 alpha q_1; 2 alpha q_1, 1 - 2 alpha q_2),   S_pp = w_0 I
       if (present(hqq)) call stiffness(nlane, self%alpha, w, q, hqq)
@@ -257,7 +256,7 @@ contains
    end subroutine sweep_stages
 
    !> Force and stiffness of one path, see model_type.
-   !> By the operations of a block: a path by itself has the same bits.
+   !> The operations are those of a block: a path by itself has the same bits.
    subroutine pair(self, nnoise, t, w, q1, q2, f1, f2, k11, k21, k12, k22)
       class(henon_heiles_model), intent(in) :: self
       integer, intent(in) :: nnoise

@@ -56,7 +56,7 @@ contains
       self%a = a
       self%sigma = sigma
       self%name = 'kubo'
-      ! In the terms of model/flows/oscillator: r = a, A = C = sigma, and one noise for both.
+      ! In the terms of model/flows/oscillator r = a and A = C = sigma, with one noise for both.
       self%terms = oscillator_terms(rate=a, a=sigma, noise_a=1, c=sigma, noise_c=1)
       self%traits = model_traits( &
                     ndof=1, nnoise=1, separable=.true., quadratic=.true., &

@@ -27,7 +27,7 @@ module symsde_model_catalogue_pendulum
    character(*), parameter :: pendulum_names(1) = [character(len=name_length) :: 'sigma']
    real(wp), parameter :: pendulum_defaults(1) = [0.5_wp]
 
-   ! The flows with which one-sided schemes are asked for, their correction included.
+   ! By these names one-sided schemes are asked for with their correction included.
    character(*), parameter :: euler = 'symplectic_euler'//corrected, adjoint = 'symplectic_euler_adjoint'//corrected
 
    type, extends(separable_model) :: pendulum_model
@@ -119,7 +119,7 @@ contains
       real(wp), intent(in) :: product
       integer(i8), intent(in) :: none  !! 0, which the compiler must not know
 
-      ! The bits of the product, or'ed with zero.
+      ! The bits of the product are or'ed with zero, which changes none of them.
       rounded = transfer(ior(transfer(product, 0_i8), none), 0.0_wp)
    end function rounded
 

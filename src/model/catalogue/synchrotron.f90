@@ -142,7 +142,7 @@ contains
          n = min(sincos_tile, nlane - first + 1)
          ! hq holds the sine until the kernel has made the force of it.
          call sincos_lanes(n, q(first), hq(first), cosine)
-         ! Weights of the tile: w(first, j) is where those of H_j begin.
+         ! The weights of H_j in this tile begin at w(first, j).
          call force(n, self%omega2, self%sigma1, self%sigma2, w(first, 0), w(first, 1), w(first, 2), cosine, hq(first))
       end do
    end subroutine force_alone

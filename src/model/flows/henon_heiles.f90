@@ -70,8 +70,8 @@ contains
       real(wp), parameter :: gauss = 0.5_wp*(1 - sqrt(1/3.0_wp))
 
       select case (scheme)
-         ! Drifts and kicks of each scheme, as fractions of h and as parts of the potential, in the order drift, kick,
-         ! drift, kick, drift.
+         ! Each plan gives the drifts as fractions of h and the kicks as parts of the potential, in the order drift,
+         ! kick, drift, kick, drift.
       case ('symplectic_euler')
          plan = kick_plan(drift=[0, 1, 0], part=[1, 0], nvelocity=1)
       case ('symplectic_euler_adjoint')

@@ -209,8 +209,8 @@ contains
 
    ! ---- the schemes: one step of one lane each --------------------------
    !
-   ! Products of noise stand behind those with x and y, which are then the ones that are contracted, wherever a step is
-   ! inlined.
+   ! Products of noise stand behind those with x and y, which are then the ones that are contracted, wherever a step
+   ! is inlined.
 
    !> VEC Symplectic Euler: the force at x, then the velocity at the new y.
    pure subroutine euler_steps(t, steps, h, w, q, p, qn, pn)
@@ -257,8 +257,8 @@ contains
 
          a = t%a*wa
          c = t%c*wc
-         ! F_p.F_q/2 = (A dW_i q) (C dW_k p)/2 = d q p. The correction is of the noises alone: a and c are here
-         ! without h.
+         ! F_p.F_q/2 = (A dW_i q) (C dW_k p)/2 = d q p is a correction of the noises alone: a and c are here without
+         ! h.
          d = 0.5_wp*(a*c)
          y = (y - (h + a)*x)*(1/(1 + d))
          x = x + ((h + c)*y + d*x)
@@ -304,7 +304,7 @@ contains
          z = a*c
          u = 1 + z*(numbers%u(1) + z*numbers%u(2))
          o = 0.5_wp + z*numbers%o
-         ! The one division of a step: 2 o/det (u - o Z).
+         ! The one division of a step is by det (u - o Z).
          factor = 2*o/(u*u + z*(o*o))
          x = x + (u*velocity - (o*c)*force)*factor
          y = y - (u*force + (o*a)*velocity)*factor

@@ -55,7 +55,8 @@ contains
             call verlet(terms, steps, first, min(sincos_tile, steps%nlane - first + 1), w, q(first), p(first), qn, pn)
          end do
       end if
-      ! Two forces and a velocity, although the sine of the second force serves the first one of the next step, too.
+      ! Counted are two forces and a velocity, although the sine of the second force serves the first one of the next
+      ! step, too.
       counters%gradients = counters%gradients + 3*steps%nstep*steps%nreal
    end subroutine sine_flow
 

@@ -39,7 +39,7 @@ contains
       integer :: k, lane
 
       if (allocated(error)) return
-      ! Weights without zeros, and different ones in every lane: a term with the weight of another lane shows.
+      ! No weight is zero, and all lanes have different ones: a term with the weight of another lane shows.
       allocate (w, v, mold=points%w)
       do k = 0, points%nnoise
          do lane = 1, nlane
@@ -167,7 +167,7 @@ contains
       integer :: i, lane
 
       if (allocated(error)) return
-      ! v is one direction, the direction of the points another; both without zeros, so that no entry of Dg escapes.
+      ! v is one direction, that of the points is another; both have no zeros, so that no entry of Dg escapes.
       allocate (vq, vp, mold=points%zero)
       do i = 1, points%ndof
          vq(:, i) = generic(i, 11)
@@ -179,11 +179,11 @@ contains
       !   v.(Dg u) and u.(Dg v)
       one_way = sum(vq*uq, dim=2) + sum(vp*up, dim=2)
       other_way = sum(points%vq*xq, dim=2) + sum(points%vp*xp, dim=2)
-      ! What terms could sum to without cancelling; it is not finite where one of the scales is not.
+      ! size_of is what the terms sum to without cancelling; it is not finite where one of the scales is not.
       size_of = sum(abs(vq*uq), dim=2) + sum(abs(vp*up), dim=2) + 0*(scale + other)
       do lane = 1, npoint
          if (min(scale(lane), other(lane)) < 0) cycle  ! no verdict: a difference is not to be trusted
-         ! Also passed over where a number is NaN.
+         ! Points where a number is NaN are passed over, too.
          if (.not. abs(one_way(lane) - other_way(lane)) > matching*size_of(lane)) cycle
          call blame(points, lane, one_way(lane), other_way(lane), error)
          return
@@ -210,7 +210,7 @@ contains
                      'is '//to_text(one_way)//' and '//to_text(other_way), lane, 1, remedy, error)
          return
       end if
-      ! Which Hamiltonian it is that is not symmetric: each one by itself.
+      ! Each Hamiltonian is looked at by itself, to name the one that is not symmetric.
       do k = 0, points%last_sum()
          call points%take_sum(k)
          call worst_pair(points, lane, row, column, there, back)
@@ -237,7 +237,7 @@ contains
       n = points%ndof
       !   d(i,j) - d(j,i) = 0 of a Hamiltonian
       call derivative(points, lane, d)
-      ! The largest asymmetry among all pairs of the 2 ndof variables.
+      ! The pair of variables with the largest asymmetry is told.
       at = maxloc(abs(d - transpose(d)))
       there = d(at(1), at(2))
       back = d(at(2), at(1))
@@ -259,7 +259,7 @@ contains
          do half = 1, 2
             do i = 1, n
                call points%row_of_hessian(finding(lane, half, i), uq, up)
-               ! Column by column: the product with a unit vector is a column, also where the matrix is not symmetric.
+               ! The product with a unit vector is a column of d, also where the matrix is not symmetric.
                d(:n, (half - 1)*n + i) = uq(lane, :)
                d(n + 1:, (half - 1)*n + i) = up(lane, :)
             end do

@@ -28,7 +28,7 @@ contains
       integer :: i, l
 
       noise_changes_in_time = .false.
-      ! Fixed states of order one, another one in each of eight lanes: what is found does not depend on a run.
+      ! The states are fixed, of order one, and different in all lanes: what is found does not depend on a run.
       do i = 1, model%traits%ndof
          q(:, i) = [(sin(1.3_wp*i + 0.7_wp*l), l=1, lane_unit)]
          p(:, i) = [(cos(0.9_wp*i + 1.1_wp*l), l=1, lane_unit)]
@@ -42,7 +42,7 @@ contains
          if (m == 0) return
          call model%gradient(lane_unit, n, m, 0.0_wp, w, q, p, first_q, first_p)
          later = earliest
-         ! About forty times, in geometric progression: the unit of time of the model is not known.
+         ! The times, about forty, are in geometric progression, since the unit of time of the model is not known.
          do while (later < latest)
             call model%gradient(lane_unit, n, m, later, w, q, p, hq, hp)
             noise_changes_in_time = differ(size(hq), hq, first_q) .or. differ(size(hp), hp, first_p)
@@ -61,7 +61,8 @@ contains
 
       changed = 0
       do i = 1, n
-         ! Counted rather than left early: a loop without an exit takes numbers side by side.
+         ! Changes are counted, rather than the loop left at the first: a loop without an exit takes numbers side by
+         ! side.
          changed = changed + merge(1_i8, 0_i8, (abs(a(i)) <= huge(a) .or. abs(b(i)) <= huge(b)) .and. &
                                    .not. abs(a(i) - b(i)) <= 0)
       end do

@@ -22,8 +22,8 @@ module symsde_model_probe_points
    ! Three points tell a constant from what takes the same value twice by accident.
    integer, parameter :: npoint = 3          !! lanes 1 .. npoint are different points
    integer, parameter :: probed_alone = 16   !! noises probed one by one, the rest in one sum
-   ! Of the size of the state, or of one: large enough for terms of higher degree to show, small enough for a user's
-   ! functions to be defined there.
+   ! This part of the state is large enough for terms of higher degree to show, and small enough for a user's
+   ! functions to be defined there, as far as one can know.
    real(wp), parameter :: displacement = 0.3_wp
    real(wp), parameter :: no_verdict = -1     !! a scale against which nothing is judged
    real(wp), parameter :: too_far = 1.0e6_wp  !! state that leaves a step of 1e-6 no digits
@@ -105,7 +105,7 @@ contains
       integer, intent(in) :: i, salt
       real(wp), parameter :: golden = 0.618033988749894848_wp, silver = 0.414213562373095049_wp
 
-      ! Multiples of two irrational numbers, modulo one; the sign follows from another combination of them.
+      ! Multiples of two irrational numbers are taken modulo one; the sign follows from another combination of them.
       generic = 0.5_wp + 0.5_wp*fraction_of(i*golden + salt*silver)
       if (fraction_of(i*silver + salt*golden) < 0.5_wp) generic = -generic
    end function generic
@@ -164,7 +164,7 @@ contains
       integer :: k
 
       do k = first, self%nnoise
-         ! Weights of size 1/2 to 1: what one Hamiltonian violates no other makes good.
+         ! The weights are of size 1/2 to 1 without a pattern: what one Hamiltonian violates no other makes good.
          self%w(:, k) = generic(k + 1, 1)
       end do
       self%sum_name = '(a sum of H_'//to_text(first)//' .. H_'//to_text(self%nnoise)//')'
@@ -213,7 +213,7 @@ contains
       step = default_step/4
       ! This one suits functions that vary over lengths of one, such as sines far from the origin.
       call difference(self, step, vq, vp, xq, xp)
-      ! The two differences, and how far they are apart.
+      ! See how far the two differences are apart.
       xq = uq - xq
       xp = up - xp
       call largest_component(self%ndof, xq, xp, apart)
@@ -263,7 +263,7 @@ contains
       excess = tolerance
       do i = 1, size(uq, 2)
          do lane = 1, npoint
-            ! Passes over no_verdict, which is negative, and over NaN.
+            ! This passes over no_verdict, which is negative, and over NaN.
             if (.not. scale(lane) >= 0) cycle
             if (abs(uq(lane, i)) > excess*scale(lane)) then
                ! tiny stands for a scale of zero, against which any number but zero is too large.
@@ -301,7 +301,7 @@ contains
       real(wp) :: scale(nlane)
 
       allocate (unit, source=self%zero)
-      ! The unit vector of q_i or p_i, at all points.
+      ! The vector is the unit vector of q_i or of p_i at all points.
       unit(:, row%i) = 1
       if (row%half == 1) call self%product(unit, self%zero, uq, up, scale)
       if (row%half == 2) call self%product(self%zero, unit, uq, up, scale)

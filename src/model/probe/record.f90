@@ -47,7 +47,7 @@ contains
       class(probe_record), intent(inout) :: self
 
       call self%release()
-      ! A new record, which copies made before do not see.
+      ! The record is a new one, which copies made before do not see.
       allocate (self%common)
    end subroutine keep
 
@@ -132,17 +132,17 @@ contains
 
       low = 1
       high = 1
-      ! What is probed, by its letters.
+      ! What is probed enters by its letters.
       do i = 1, len(what)
          call take(iachar(what(i:i)))
       end do
-      ! Binary orders of the largest component and of time: points are displaced by as much.
+      ! The state and time enter by their binary orders: points are displaced by as much.
       call take(exponent(max(1.0_wp, maxval(abs(q)), maxval(abs(p)))))
       call take(exponent(max(1.0_wp, abs(t))))
-      ! Of a stepper that takes whole steps, the order of magnitude and the sign of the step.
+      ! Of a stepper that takes whole steps the order of magnitude and the sign of the step enter.
       call take(exponent(step))
       call take(merge(1, 0, step < 0))
-      ! Everything declared that some probe tests: what is declared anew is probed anew.
+      ! All that is declared and that some probe tests enters, so that another declaration is another probe.
       call take(traits%ndof)
       call take(traits%nnoise)
       call take(traits%bandwidth)
@@ -162,7 +162,7 @@ contains
             call take_flag(traits%silent(i))
          end do
       end if
-      ! Below 2^62, so that the sum cannot overflow.
+      ! Both halves are below 2^31, so that the sum cannot overflow.
       number = 1 + low + ishft(high, 31)
 
    contains

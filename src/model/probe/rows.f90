@@ -54,7 +54,7 @@ contains
          do lane = 1, nlane
             ! Entries are compared with the largest of their lane: small ones may be rounding of larger terms.
             largest = maxval(abs(wanted(lane, :)))
-            ! Also false for NaN.
+            ! The comparison is false for NaN, too.
             if (.not. all(abs(wanted(lane, :)) <= huge(largest))) cycle
             do i = 1, n
                ! A row that is not finite is refused here, since the gradient at this point is finite.

@@ -54,7 +54,7 @@ contains
       if (fits(uq, dq, largest, 1) .and. fits(up, dp, largest, 1)) return
       call second_difference(points, short, bq, bp, dq(:, :, 2), dp(:, :, 2), largest(:, 2))
       call second_difference(points, shorter, bq, bp, dq(:, :, 3), dp(:, :, 3), largest(:, 3))
-      ! Only where all three refute a component, and the two short ones agree with each other.
+      ! A component is refused only where all three refute it and the two short ones agree with each other.
       call judge(points, largest, 'q', uq, dq, error)
       call judge(points, largest, 'p', up, dp, error)
    end subroutine probe_third
@@ -84,7 +84,7 @@ contains
                ! s = 1 takes a + b, s = -1 takes a - b, which enters with the other sign; r is the sign of e.
                dq(:, i) = dq(:, i) + s*gq(:, i)/(4*e**2)
                dp(:, i) = dp(:, i) + s*gp(:, i)/(4*e**2)
-               ! Summed over components, too: it bounds what rounding of any of them can do.
+               ! The sum is over components, too: it bounds what rounding of any of them can do.
                largest = largest + (abs(gq(:, i)) + abs(gp(:, i)))
             end do
          end do
@@ -104,7 +104,7 @@ contains
       call find_allowed(wanted, largest, nstep, allowed)
       do i = 1, points%ndof
          if (allocated(error)) return
-         ! With all three differences: each must refute it.
+         ! All three differences must refute it.
          lane = refuted(found(:, i), wanted(:, i, :), allowed, nstep)
          if (lane == 0) cycle
          call raise(error, false_trait, 'probe_model', "model '"//points%model%name//"' offers "// &
