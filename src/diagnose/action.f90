@@ -164,6 +164,11 @@ contains
    !>    residual(:, 3)   |p_n + dLbar_h/dq_n|, |dLbar_h/dp_n|                    (53)-(54), (59)
    !>    residual(:, 4)   |p_{n+1} - dLbar_h/dq_{n+1}|, |dLbar_h/dp_{n+1}|        (57)-(58), (59)
    !>
+   !> The first two say that the path is stationary, the last two that it is the scheme's. With several stages
+   !> dLbar_h/dq_{n+1} is p_{n+1} itself, so that the fourth is the equation of q_{n+1}, sum_i alpha_i V_i = q_{n+1} -
+   !> q_n; the third is the equation of p_n, in which a wrong abar shows. A wrong increment, a step of another length
+   !> or a solver that stopped early shows in both.
+   !>
    !> Absolute numbers: round-off is at most 7e-16 times the size of the states (measured: 5000
    !> steps of 0.02, six models, seven schemes). The first two are zero for a single step. Errors as
    !> discrete_action, but values are not needed.

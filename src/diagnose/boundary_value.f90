@@ -42,6 +42,7 @@ module symsde_diagnose_boundary_value
    public :: stationary_path
 
    real(wp), parameter :: rounding = 1e-12_wp        !! residual of a solved path, in units of the unknowns
+   ! A path that no part of a correction down to 1e-6 improves is given up.
    real(wp), parameter :: shortest = 2.0_wp**(-20)   !! of a full correction
    real(wp), parameter :: patience = 2e7_wp          !! multiplications of a linear solve between two questions
    character(*), parameter :: place = 'stationary_path'
@@ -314,6 +315,7 @@ contains
             do step = 1, nstep
                before = now
                now = before + (system%q_end(lane, :) - system%q_start(lane, :))/nstep
+               ! Of a given guess the first position is not used, since q_0 is known.
                if (associated(guess_q)) now = guess_q(path, :, step + 1)
                !   v = q_{m+1} - q_m,   p = v/h
                v = now - before
@@ -323,6 +325,7 @@ contains
                   at = system%stage_at(step, i)
                   ! Along a straight line V_i is q_{m+1} - q_m; stages of the noise alone begin with no velocity.
                   system%x(at + 1:at + n, lane) = merge(v, 0.0_wp, system%lagrangian%part(i) == 1)
+                  ! All stages of a step begin with its one momentum.
                   system%x(at + n + 1:at + 2*n, lane) = p
                end do
                at = system%momentum_at(step)

@@ -109,10 +109,12 @@ contains
       call new_noise(noise, model, fine, lost, error, given)
       if (present(scheme)) call ask_for(scheme, model, noise, error)
       if (allocated(error)) return
+      ! The step of a block's store is that of the draws, as is all below.
       call new_block(work, noise, model%traits%ndof, model%traits%nnoise, fine)
       ! Blocks of paths are the outer loop, and the steps at which the noise is drawn the inner one.
       do while (work%first < fine%npath)
          call begin_block(work, fine, q0, p0)
+         ! The first saved time is t0.
          call save_point(work, 1, q, p)
          do n = fine%first_step, fine%first_step + fine%nstep - 1
             done = n - fine%first_step
@@ -351,6 +353,7 @@ contains
       real(wp) :: versine, sine
       integer :: half, k
 
+      ! The step is the first or the second one of its pair.
       half = int(mod(n, 2_i8))
       if (.not. system%additive) then
          do k = 1, size(work%sum_w, 2)
@@ -367,6 +370,7 @@ contains
       !   Y <- Y + (F - I) Y,   F - I = (-versine, sin h; -sin h, -versine)
       call turn(work%nlane, versine, sine, work%q(:, 1), work%p(:, 1))
       do k = 1, size(system%to_q)
+         ! A noise of strength zero adds nothing, and takes no draws of its own.
          if (abs(system%to_q(k)) <= 0 .and. abs(system%to_p(k)) <= 0) cycle
          ! Draw (C_k, S_k) given dW_k, H_k and K_k, by two normals that no run draws.
          from = work%request%path

@@ -88,6 +88,7 @@ contains
       type(scheme_type), intent(in) :: scheme
       integer(i8), intent(in) :: npath   !! paths or points
 
+      ! The square of the unknowns, over 16, stands in the place of degrees of freedom: so much longer a lane takes.
       nlane = lanes_for(int(min(real(count_unknowns(model, scheme), wp)**2/16 + 1, 1e6_wp)), npath)
    end function lanes_of_diagnosis
 
@@ -100,6 +101,7 @@ contains
 
       n = model%traits%ndof
       unknowns = count_unknowns(model, scheme)
+      ! Newton's matrices of all lanes, Hessians, points and weights, and room of the solver.
       numbers = nlane*(unknowns**2 + 9*n**2 + 80*n + 12*unknowns + 10*(model%traits%nnoise + 1)) + 2*unknowns**2
    end function lagrangian_numbers
 
@@ -129,6 +131,7 @@ contains
       n = model%traits%ndof
       allocate (self%qs(nlane, n), self%ps(nlane, n), self%hq(nlane, n), self%hp(nlane, n))
       allocate (self%v(nlane, 0:model%traits%nnoise, 2))
+      ! One stage needs no solver: P and Q are known from the end points.
       if (self%one_stage) return
       ! A quadratic Hhat makes the equations linear; one iteration then solves them.
       newton%max_iter = options%max_iter

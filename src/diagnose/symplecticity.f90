@@ -8,6 +8,9 @@
 !> step, and its rounding with them, while that of M^T J M - J would be of size one. Increments of the noise are the
 !> same at all points of a stencil, since the paper's theorem is of the map along a given path.
 !>
+!> A defect above rounding has one of three causes: the scheme is not symplectic; its solver stopped early; or
+!> Hessians in its correction or brackets are differences of gradients, whose error is no gradient.
+!>
 !> M comes from central differences of eighth order of the stepper's own map, so that what is tested
 !> is what runs. Increments are differenced, not states, and the spacing is a power of two: the
 !> rounding of the states cancels. What is left, with spacing e = 1/32, is the truncation
@@ -39,6 +42,7 @@ module symsde_diagnose_symplecticity
    public :: symplecticity_defect, tangent_map
 
    integer, parameter :: nstencil = 8
+   ! The stencil of eighth order: four points on either side, none in the middle.
    real(wp), parameter :: offset(nstencil) = [-4.0_wp, -3.0_wp, -2.0_wp, -1.0_wp, &
                                               1.0_wp, 2.0_wp, 3.0_wp, 4.0_wp]
    real(wp), parameter :: weight(nstencil) = [1/280.0_wp, -4/105.0_wp, 0.2_wp, -0.8_wp, &
@@ -197,6 +201,7 @@ contains
          ! for them, and takes one step.
          nreal = int(min(int(nlane, i8), total - first))
          call spread_points(steps, first, nreal, base, qs, ps, store%w(:, 1:, 0))
+         ! Functionals that are not given are zero, as the store has set them.
          if (associated(steps%dz) .and. associated(step%of(path_dz)%x)) &
             call spread_integrals(first, nreal, n, steps%dz, step%of(path_dz)%x)
          if (associated(steps%areas) .and. associated(step%of(path_areas)%x)) &
@@ -305,6 +310,7 @@ contains
       real(wp) :: entry
       integer :: i, j
 
+      ! The matrix is antisymmetric; all its entries are looked at, which costs nothing beside the steps.
       defect = 0
       do j = 1, 2*n
          do i = 1, 2*n

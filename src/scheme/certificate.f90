@@ -5,6 +5,15 @@
 !>
 !> The certificate of a scheme: what its coefficients prove, what is claimed beside that, and what was measured.
 !>
+!>    line of the text       rests on
+!>    symplectic             the residual of a tableau; the form of other data; a claim where a frame adds more
+!>    consistency            beta^T b e and beta^T bbar e
+!>    symmetric              the distance from the adjoint, and which end of a step a frame acts at
+!>    quadratic invariants   a - abar and b - bbar, of what is symplectic
+!>    strong .., weak        scheme/orders: derived or claimed, and measured
+!>    explicit, cost         scheme/dependency: cycles among the stage values
+!>    needs                  the traits that a model must declare (scheme/needs)
+!>
 !> Residuals are computed here from the coefficients. Structure is derived where the stepper executes them, claimed
 !> where a special stepper does something else; orders say for each class of noise what they rest on (scheme/orders).
 module symsde_scheme_certificate
@@ -100,6 +109,7 @@ contains
       !   symplectic and a = abar, b = bbar: p^T C q + q^T A q/2 + p^T B p/2 is kept wherever the flows keep it
       c%keeps_quadratic = c%symplectic .and. c%quadratic_residual < coefficient_tolerance
       call judge_consistency(c, scheme)
+      ! A discrete Lagrangian does not change under linear maps of q: what Noether's theorem gives then is q^T D p.
       c%keeps_bilinear = c%symplectic
       ! Orders were set, each with its evidence, where the scheme was made.
       c%structure = scheme%structure
@@ -109,6 +119,7 @@ contains
       if (is_explicit(scheme, .true.)) c%explicit_for = explicit_if_separable
       if (is_explicit(scheme, .false.)) c%explicit_for = always_explicit
       if (scheme%form == splitting_form .and. scheme%kicks%flow == flow_midpoint) &
+         ! Each drift between kicks is a midpoint step of H, with a solver of its own.
          c%implicit_drifts = scheme%kicks%ndrift()
       ! Each stage takes one gradient of Hhat, and each midpoint step between kicks one for every iteration.
       c%gradients_per_step = scheme%nstage + c%implicit_drifts
@@ -331,6 +342,7 @@ contains
          call add(text, 'brackets added', brackets(3:)//'; without an analytic Hessian symplectic to the error '// &
                   'of its differences')
       end if
+      ! Discrete increments share the first moments of Gaussian ones, but follow no path.
       if (c%law /= law_gaussian) &
          call add(text, 'increments', law_text(c%law)//': for expectations, not path by path')
    end subroutine add_expansion

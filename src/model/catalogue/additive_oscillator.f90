@@ -48,6 +48,7 @@ contains
       self%name = 'additive_oscillator'
       ! b = -gamma dW_2 and e = sigma dW_1 in model/flows/oscillator.
       self%terms = oscillator_terms(b=-gamma, noise_b=2, e=sigma, noise_e=1)
+      ! Noise that moves positions (sigma is not zero) is additive but not in position: schemes of kicks refuse it.
       self%traits = model_traits( &
                     ndof=1, nnoise=2, separable=.true., quadratic=.true., additive=.true., &
                     position_noise=is_zero(sigma), identity_mass=.true., max_frequency=1.0_wp, &

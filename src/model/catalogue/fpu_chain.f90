@@ -68,6 +68,7 @@ contains
                     quadratic=is_zero(beta), identity_mass=.true., bandwidth=min(1, n - 1), &
                     has_value=.true., has_hessian=.true., has_hessian_vector=.true., has_chain_rows=.true., &
                     has_scalar_rows=.true., has_scalar_pair=n == 2, max_frequency=merge(2.0_wp, 0.0_wp, is_zero(beta)))
+      ! All noises have one strength: all are silent, or none.
       allocate (self%traits%silent(n), source=is_zero(sigma))
    end subroutine new_fpu_chain
 

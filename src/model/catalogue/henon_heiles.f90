@@ -116,6 +116,7 @@ contains
       call self%gradient(nlane, ndof, nnoise, t, w, q, p, hq, hp)
       !   S_qq = w_0 (1 + 2 alpha q_2, 2 alpha q_1; 2 alpha q_1, 1 - 2 alpha q_2),   S_pp = w_0 I
       if (present(hqq)) call stiffness(nlane, self%alpha, w, q, hqq)
+      ! Both kinetic blocks are diagonal, and the potential is not.
       if (present(hpp)) then
          ! Masses are one: S_pp = w_0 I.
          hpp(:, 1, 1) = w(:, 0)

@@ -58,6 +58,8 @@ contains
       self%name = 'kubo'
       ! In the terms of model/flows/oscillator r = a and A = C = sigma, with one noise for both.
       self%terms = oscillator_terms(rate=a, a=sigma, noise_a=1, c=sigma, noise_c=1)
+      ! The frequency |a| is that of H alone; grad H_1 = sigma (q, p) has the Lipschitz constant |sigma|. With a = 1
+      ! the mass is one.
       self%traits = model_traits( &
                     ndof=1, nnoise=1, separable=.true., quadratic=.true., &
                     additive=is_zero(sigma), position_noise=is_zero(sigma), &

@@ -43,6 +43,7 @@ contains
       self%name = 'linear_oscillator'
       ! b = -sigma dW is the constant force of the flows of model/flows/oscillator.
       self%terms = oscillator_terms(b=-sigma, noise_b=1)
+      ! H is quadratic, with the frequency one: where it is rotated exactly the kicks have the noise alone.
       self%traits = model_traits( &
                     ndof=1, nnoise=1, separable=.true., quadratic=.true., additive=.true., &
                     position_noise=.true., identity_mass=.true., &

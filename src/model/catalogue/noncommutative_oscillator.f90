@@ -50,6 +50,8 @@ contains
       self%name = 'noncommutative_oscillator'
       ! a = h + s2 dW_2 and c = h + s1 dW_1 in model/flows/oscillator.
       self%terms = oscillator_terms(a=s2, noise_a=2, c=s1, noise_c=1)
+      ! The Lipschitz constants of s1 p and s2 q are |s1| and |s2|; H_1 = s1 p^2/2 makes the mass of Hhat random, that
+      ! of H is one.
       self%traits = model_traits( &
                     ndof=1, nnoise=2, separable=.true., quadratic=.true., &
                     additive=is_zero(s1) .and. is_zero(s2), position_noise=is_zero(s1), &
