@@ -109,7 +109,8 @@ contains
       !   symplectic and a = abar, b = bbar: p^T C q + q^T A q/2 + p^T B p/2 is kept wherever the flows keep it
       c%keeps_quadratic = c%symplectic .and. c%quadratic_residual < coefficient_tolerance
       call judge_consistency(c, scheme)
-      ! A discrete Lagrangian does not change under linear maps of q: what Noether's theorem gives then is q^T D p.
+      ! Where a linear map of q leaves the Lagrangian as it is, its discrete one is left, too, and Noether's theorem
+      ! keeps q^T D p.
       c%keeps_bilinear = c%symplectic
       ! Orders were set, each with its evidence, where the scheme was made.
       c%structure = scheme%structure

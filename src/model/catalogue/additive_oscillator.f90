@@ -5,6 +5,9 @@
 !> The oscillator with two additive noises [WHSB] (84)-(86). E(p^2 + q^2) = p_0^2 + q_0^2 + (sigma^2 + gamma^2) t.
 !> {H_1,H_2} = sigma gamma is a constant, whose field vanishes: the noises commute. By default sigma = 0, gamma = 1,
 !> the data of figure 4.2 of [WHSB], which leave one noise. Time is in units of 1/(angular frequency).
+!>
+!> The paper finds the Euler pair (89)-(92) for it from the discrete Lagrangian (88). sigma and gamma have the unit
+!> of q over sqrt(time).
 module symsde_model_catalogue_additive_oscillator
    use symsde_base_kinds, only: wp
    use symsde_base_status, only: error_type

@@ -8,6 +8,9 @@
 !> itself (additive), H_2 moves the point of suspension. Small oscillations follow Mathieu's equation; nu = 2 omega is
 !> its main resonance. Noises in position commute at all times. Schemes differ here by the times at which they take
 !> forces, those of their stages or one time of the step.
+!>
+!> Units: q has none, p, omega and nu are [1/time], H is [1/time^2], and sigma1 and sigma2 are [1/time^(3/2)];
+!> epsilon and alpha have none.
 module symsde_model_catalogue_driven_pendulum
    use symsde_base_kinds, only: wp
    use symsde_base_sincos, only: sincos_lanes, sincos_one, sincos_tile

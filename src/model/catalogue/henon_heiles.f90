@@ -7,6 +7,8 @@
 !> below: beyond three saddles, at the distance 1/alpha and of the energy 1/(6 alpha^2), paths escape, and overflow
 !> then. As long as none does, E H = H_0 + (sigma1^2 + sigma2^2) t/2. The unit of time is 1/(frequency of small
 !> oscillations).
+!>
+!> Units: alpha is [1/length], and sigma1 and sigma2 are [1/sqrt(time)] in those of length and frequency.
 module symsde_model_catalogue_henon_heiles
    use symsde_base_counters, only: counters_type
    use symsde_base_kinds, only: wp, i8
@@ -116,7 +118,6 @@ contains
       call self%gradient(nlane, ndof, nnoise, t, w, q, p, hq, hp)
       !   S_qq = w_0 (1 + 2 alpha q_2, 2 alpha q_1; 2 alpha q_1, 1 - 2 alpha q_2),   S_pp = w_0 I
       if (present(hqq)) call stiffness(nlane, self%alpha, w, q, hqq)
-      ! Both kinetic blocks are diagonal, and the potential is not.
       if (present(hpp)) then
          ! Masses are one: S_pp = w_0 I.
          hpp(:, 1, 1) = w(:, 0)

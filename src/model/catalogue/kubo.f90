@@ -11,6 +11,9 @@
 !> {H,H_1} = 0: a scheme of even order r without noise has strong order r/2 here (scheme/properties). One-sided
 !> schemes need their correction, since H_1,p H_1,q = sigma^2 p q. q and p have one unit, the square root of an
 !> action.
+!>
+!> The paper finds the midpoint rule (71)-(72) for it from the discrete Lagrangian (61)-(62). Units: a is [1/time]
+!> and sigma [1/sqrt(time)], so that a h and sigma dW are angles.
 module symsde_model_catalogue_kubo
    use symsde_base_counters, only: counters_type
    use symsde_base_kinds, only: wp, i8

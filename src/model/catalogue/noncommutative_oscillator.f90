@@ -5,6 +5,10 @@
 !> An oscillator with two noises that do not commute, random kinetic and random potential energy.
 !>
 !> With increments alone no scheme has a strong order above 1/2 here (docs/method/setting.md).
+!>
+!> The one-sided schemes are consistent here without correction, since H_k,p.H_k,q = 0 for both noises, and the
+!> midpoint rule with areas has strong order 1. s1 and s2 are [1/sqrt(time)], in units of time of 1/(angular
+!> frequency).
 module symsde_model_catalogue_noncommutative_oscillator
    use symsde_base_kinds, only: wp
    use symsde_base_status, only: error_type
@@ -34,7 +38,6 @@ module symsde_model_catalogue_noncommutative_oscillator
 contains
 
    !> A non-commutative oscillator. Refuses parameters that are not finite (invalid_argument).
-   !>   s1, s2 [1/sqrt(time)], in units of time of 1/(angular frequency)
    subroutine new_noncommutative_oscillator(self, s1, s2, error)
       type(noncommutative_oscillator_model), intent(out) :: self
       real(wp), intent(in) :: s1  !! noise of the kinetic energy [1/sqrt(time)]

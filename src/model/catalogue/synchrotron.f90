@@ -7,6 +7,9 @@
 !> Stratonovich equations are one, and no scheme needs a correction. dE H/dt = E(sigma1^2 cos^2 q + sigma2^2 sin^2
 !> q)/2, so that E H = H_0 + sigma^2 t/2 exactly where both strengths are sigma. Defaults are the data of figure 4.1
 !> of [WHSB].
+!>
+!> The paper takes the midpoint rule for it, (82)-(83). Units: q has none, p and omega are [1/time], H is [1/time^2],
+!> and sigma1 and sigma2 are [1/time^(3/2)], so that sigma dW is [1/time] as p is.
 module symsde_model_catalogue_synchrotron
    use symsde_base_counters, only: counters_type
    use symsde_base_kinds, only: wp, i8
