@@ -146,6 +146,7 @@ contains
    end subroutine angle
 
    !> The sum is w_0 p^2/2 - pull cos q - torque q.
+   !> The time t is that of a stage, t_n + c_i h.
    subroutine combine(self, nlane, t, w0, w1, w2, torque, pull)
       class(driven_pendulum_model), intent(in) :: self
       integer, intent(in) :: nlane

@@ -179,6 +179,8 @@ contains
    end subroutine gradient_few
 
    !> VEC All rows of one lane: springs side by side.
+   !> Two loops, springs and then masses, of which neither waits for the one before it; tiles keep the forces in
+   !> cache.
    pure subroutine gradient_alone(n, beta, sigma, w, q, hq)
       integer, intent(in) :: n
       real(wp), intent(in) :: beta, sigma, w(0:n), q(n)
@@ -227,6 +229,7 @@ contains
    end subroutine gradient_row
 
    !> Force and stiffness of one path of two masses, see model_type.
+   !>   f = S_q = w_0 (f_1 - f_2, f_2 - f_3) - sigma (w_1, w_2),   f_i = r_i + beta r_i^3
    subroutine pair(self, nnoise, t, w, q1, q2, f1, f2, k11, k21, k12, k22)
       class(fpu_chain_model), intent(in) :: self
       integer, intent(in) :: nnoise
@@ -286,6 +289,7 @@ contains
    end subroutine hessian
 
    !> Bands of the Hessian blocks; entries outside the matrix are zero.
+   !>   hqq(:, d, i) = S_qq(i, i + d):   -k_{i-1} for d = -1,   k_{i-1} + k_i for d = 0,   -k_i for d = 1
    subroutine hessian_banded(self, nlane, ndof, nnoise, b, t, w, q, p, hqq, hqp, hpp)
       class(fpu_chain_model), intent(in) :: self
       integer, intent(in) :: nlane, ndof, nnoise
@@ -320,6 +324,8 @@ contains
    end subroutine hessian_banded
 
    !> VEC Rows of gradient and bands for a strip of lanes; every spring is evaluated once.
+   !> The loop over rows is the outer one: a row needs the spring before it alone, which stays in registers of the
+   !> strip.
    subroutine chain_rows(self, ndof, nnoise, first, last, t, w, q, hq, hqq)
       class(fpu_chain_model), intent(in) :: self
       integer, intent(in) :: ndof, nnoise, first, last
@@ -453,6 +459,7 @@ contains
    end subroutine hessian_vector
 
    !> r_i = x_{i+1} - x_i with x_0 = x_{n+1} = 0, for i = 0 .. n.
+   !> x is q, of which the stretches of the springs are made, or a displacement vq, of which their changes are.
    pure subroutine stretch(nlane, ndof, i, x, r)
       integer, intent(in) :: nlane, ndof, i
       real(wp), intent(in) :: x(nlane, ndof)

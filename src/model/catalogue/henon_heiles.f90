@@ -157,6 +157,7 @@ contains
    end subroutine stiffness
 
    !> The same of one lane.
+   !>   S_qq = w_0 (1 + 2 alpha q_2, 2 alpha q_1; 2 alpha q_1, 1 - 2 alpha q_2), as k11, k21 = k12 and k22
    pure subroutine stiffness_of_one(alpha, w, q1, q2, k11, k21, k22)
       real(wp), intent(in) :: alpha, w, q1, q2
       real(wp), intent(out) :: k11, k21, k22

@@ -132,6 +132,7 @@ contains
    end subroutine angle
 
    !> Gradient in q by itself.
+   !> Explicit schemes want the force alone: the cosine is kept for a tile and never for a block.
    subroutine force_alone(self, nlane, w, q, hq)
       class(synchrotron_model), intent(in) :: self
       integer, intent(in) :: nlane
@@ -151,6 +152,8 @@ contains
    end subroutine force_alone
 
    !> Hessian in q by itself.
+   !> What asks for a stiffness without a force, such as a Hessian-vector product, is rare: the force is computed and
+   !> dropped.
    subroutine slope_alone(self, nlane, w, q, hqq)
       class(synchrotron_model), intent(in) :: self
       integer, intent(in) :: nlane

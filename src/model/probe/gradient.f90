@@ -11,6 +11,8 @@
 !> A model that lacks one of these runs all the same, and what it gives obeys no Hamiltonian equations. The probe
 !> takes fourteen gradients in all, whatever the numbers of degrees of freedom and noises: five for lanes and weights,
 !> and nine for the symmetry.
+!> The five have the weights w, w in all lanes alike, 0, v and w + 2 v; the nine are that of the sum, for its size,
+!> and two products of two differences each.
 module symsde_model_probe_gradient
    use symsde_base_kinds, only: wp
    use symsde_base_status, only: error_type, raise, false_trait

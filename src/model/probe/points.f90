@@ -4,6 +4,10 @@
 !>
 !> The points, sums and directions of a probe, and differences that know when not to be trusted.
 !>
+!> Gradients are what every model has; second differences of values would lose more digits besides. A central
+!> difference has the error e^2 and the rounding eps/e, of which e = eps^(1/3) makes the least. Two steps are needed
+!> since e is measured in an unknown length: where they disagree, neither is believed.
+!>
 !> Three points are probed at once, one a lane: the initial state and two displaced from it by fixed
 !> pseudo-random amounts of order one. The other lanes repeat the last point. Nothing here is
 !> random: the same model is always probed in the same way.
@@ -92,6 +96,7 @@ contains
    end subroutine new_probe_points
 
    !> The coordinate x, displaced by a pseudo-random part of its size, or of one where it is smaller.
+   !> The numbers are no random ones: a refusal can be repeated.
    pure real(wp) function displaced(x, i, salt)
       real(wp), intent(in) :: x
       integer, intent(in) :: i, salt

@@ -2,6 +2,8 @@
 !>    S'''[a,b] ~ [g(x+e(a+b)) + g(x-e(a+b)) - g(x+e(a-b)) - g(x-e(a-b))]/(4 e^2),     g = grad S,   x = (q, p)
 !>
 !> The probe of third derivatives: they must be what second differences of the gradient are.
+!> A second difference of the gradient takes four gradients. One is tried first, and two more where it disagrees,
+!> which is at most twelve gradients beside the one call of third_derivative.
 module symsde_model_probe_third
    use symsde_base_kinds, only: wp
    use symsde_base_status, only: error_type, raise, false_trait
