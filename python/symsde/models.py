@@ -20,8 +20,10 @@ def names() -> list[str]:
 
 
 def parameters(name: str) -> dict[str, float]:
-    """Parameters of a built-in model with their defaults; UnknownNameError lists the nearest names."""
+    """Parameters of a built-in model with their defaults; UnknownNameError names the nearest."""
     given = handles.encode(checks.name_of("model", name))
+    if name not in (known := names()):
+        raise checks.none_such("model", name, known)
     lines = handles.text("model_parameters", given, has_error=True).splitlines()
     pairs = (line.split("=") for line in lines if line.strip())
     return {key.strip(): float(value) for key, value in pairs}

@@ -206,18 +206,14 @@ def names() -> list[str]:
 
 
 def get(name: str) -> Scheme:
-    """A scheme of the catalogue; UnknownNameError lists the nearest names."""
+    """A scheme of the catalogue; UnknownNameError names the nearest."""
     pointer = ctypes.c_void_p()
     try:
         _handles.call("scheme_get", _handles.encode(checks.name_of("scheme", name)), ctypes.byref(pointer))
     except UnknownNameError as error:
         if "scheme_names()" not in str(error):
             raise
-        first = ", ".join(checks.nearest(name, names()).split(", ")[:4])
-        raise UnknownNameError(
-            f"there is no scheme {checks.shown(name)}: the nearest names are {first}; `symsde list` and "
-            "symsde.schemes.names() show all"
-        ) from None
+        raise checks.none_such("scheme", name, names()) from None
     return Scheme(pointer, (get, (name,)))
 
 

@@ -9,7 +9,7 @@ module symsde_base_text
    use symsde_base_kinds, only: wp, i8
    implicit none
    private
-   public :: to_text, counted, nearest_names, name_length
+   public :: to_text, counted, nearest_name, nearest_names, name_length
 
    integer, parameter :: name_length = 32  !! longest name of a model, a scheme or a parameter
 
@@ -99,6 +99,16 @@ contains
 
       text = padded_real(x)
    end function real_text
+
+   !> The name of a list that is most like the given one; of equally near ones the first.
+   pure function nearest_name(given, names) result(name)
+      character(*), intent(in) :: given     !! what the user wrote
+      character(*), intent(in) :: names(:)  !! what is allowed, at least one name
+      character(len=len(names)) :: name
+      integer :: i
+
+      name = names(minloc([(edit_distance(trim(given), trim(names(i))), i=1, size(names))], dim=1))
+   end function nearest_name
 
    !> The names of a list, those most like the given one first, joined by commas.
    pure function nearest_names(given, names) result(text)

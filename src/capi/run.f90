@@ -265,7 +265,7 @@ contains
       end select
    end subroutine copy_model
 
-   !> The status of an advance; the report is asked for by itself.
+   !> The status of an advance. The caller gets the report by symsde_run_report.
    function end_advance(holder, refusal, error) result(status)
       type(run_handle), pointer, intent(in) :: holder
       type(error_type), allocatable, intent(in) :: refusal

@@ -16,7 +16,7 @@
 module symsde_scheme_catalogue
    use symsde_base_kinds, only: wp
    use symsde_base_status, only: error_type, raise, unknown_name, invalid_argument
-   use symsde_base_text, only: name_length, nearest_names
+   use symsde_base_text, only: name_length, nearest_name
    use symsde_scheme_additive, only: additive_scheme
    use symsde_scheme_expansion, only: expand_scheme
    use symsde_scheme_measured, only: add_measurements
@@ -67,7 +67,7 @@ contains
    !> The scheme of a name: one of scheme_names(), a family with its parameter ('dirk:0.25',
    !> 'lambda:0.3'), or PsNrQu with Gau, Lob or Otr: degree s, r nodes, quadrature of order u
    !> (Gauss, Lobatto, open trapezoid; Holm and Tyranowski 2018).
-   !> Errors: unknown_name, with the nearest names; invalid_argument for a parameter that is not
+   !> Errors: unknown_name, with the nearest name; invalid_argument for a parameter that is not
    !> allowed.
    subroutine get_scheme(scheme, name, error)
       type(scheme_type), intent(out) :: scheme
@@ -229,9 +229,7 @@ contains
          names = all_names
          ! Three of the nearest names tell a misprint; the whole list would hide it.
          call raise(error, unknown_name, 'get_scheme', "there is no scheme '"//trim(name)// &
-                    "'; the nearest names are "// &
-                    few(nearest_names(name, names))// &
-                    '; scheme_names() lists all')
+                    "'; the nearest is "//trim(nearest_name(name, names))//'; scheme_names() lists all')
       end if
    end subroutine parametrised
 
@@ -317,25 +315,5 @@ contains
       call raise(error, invalid_argument, 'get_scheme', &
                  "the parameter of '"//trim(name)//"' must satisfy "//allowed)
    end subroutine refuse_parameter
-
-   !> The length of the first three of a list of names.
-   pure integer function length_of_three(names) result(last)
-      character(*), intent(in) :: names  !! at least four, separated by commas
-      integer :: i
-
-      last = 0
-      do i = 1, 3
-         last = last + index(names(last + 1:), ',')
-      end do
-      last = last - 1
-   end function length_of_three
-
-   !> The first three of a list of names.
-   pure function few(names) result(text)
-      character(*), intent(in) :: names
-      character(len=length_of_three(names)) :: text
-
-      text = names
-   end function few
 
 end module symsde_scheme_catalogue

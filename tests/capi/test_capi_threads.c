@@ -87,9 +87,9 @@ static void be_refused(worker *me) {
    EXPECT(SYMSDE_INVALID_ARGUMENT, wanted,
           symsde_simulate(shared_kubo, shared_midpoint, &options, &input, &paths, NULL, &error));
    snprintf(me->name, sizeof me->name, "%.*s%d", 1 + 2 * me->id, "nonsense_nonsense", me->id);
-   snprintf(wanted, sizeof wanted, "there is no model '%s'; there are ", me->name);
+   snprintf(wanted, sizeof wanted, "there is no model '%s'; the nearest is ", me->name);
    EXPECT(SYMSDE_UNKNOWN_NAME, wanted, symsde_model_get(me->name, 0, NULL, NULL, &model, &error));
-   snprintf(wanted, sizeof wanted, "there is no scheme '%s'; the nearest names are ", me->name);
+   snprintf(wanted, sizeof wanted, "there is no scheme '%s'; the nearest is ", me->name);
    EXPECT(SYMSDE_UNKNOWN_NAME, wanted, symsde_scheme_get(me->name, &scheme, &error));
 }
 

@@ -32,7 +32,7 @@ WORDS = {
     "which-scheme": ("us a path", "others:"),
 }
 NEEDS = dict.fromkeys(("README", "formulas", "own-model", "scenes"), ("sympy",))
-NEEDS |= {"expect": ("scipy",), **dict.fromkeys(("first-ten-minutes", "project"), ("sympy", "matplotlib"))}
+NEEDS |= {"expect": ("scipy",), **dict.fromkeys(("first-ten-minutes", "project", "results"), ("sympy", "matplotlib"))}
 #: The folder in which a page is read: this scene, one part of its run, and functions of one's own.
 BASE = """\
 [model]

@@ -143,24 +143,38 @@ def warn(text: str, kind: type[Warning]) -> None:
     warnings.warn(text, kind, stacklevel=level)
 
 
+def _like(given: str, known: Sequence[str]) -> list[str]:
+    """The known names that are like a given one, what is meant or the nearest first."""
+    close = difflib.get_close_matches(given, known, n=len(known) or 1, cutoff=0.5)
+    meant = _ELSEWHERE.get(given.lower())
+    return [meant, *(name for name in close if name != meant)] if meant in known else close
+
+
 def nearest(given: str, known: Iterable[str]) -> str:
     """The known names, what is meant or those most like the given one first, joined by commas."""
     known = list(known)
-    close = difflib.get_close_matches(given, known, n=len(known) or 1, cutoff=0.5)
-    meant = _ELSEWHERE.get(given.lower())
-    if meant in known:
-        close = [meant, *(name for name in close if name != meant)]
+    close = _like(given, known)
     return ", ".join([*close, *(name for name in known if name not in close)])
+
+
+def none_such(what: str, given: str, known: Sequence[str]) -> UnknownNameError:
+    """The error of a name that is not in the catalogue: it says which is the nearest, and how to see all."""
+    close = _like(given, known)
+    hint = f"the nearest is {close[0]}; " if close else ""
+    return UnknownNameError(f"there is no {what} {shown(given)}: {hint}`symsde list {what}s` shows all")
 
 
 def no_option(key: str, known: Iterable[str]) -> WrongTypeError:
     """The error of an option that there is not."""
     known = list(known)
-    meant = _ELSEWHERE.get(key.lower())
-    hint = f"it is called {meant} here; " if meant in known else ""
-    if "horizon" in (key, meant) and "horizon" not in known and "steps" in known:
-        hint = "the time of a run is step times steps; "
-    return WrongTypeError(f"there is no option {key!r}: {hint}there are {nearest(key, known)}")
+    meant, close = _ELSEWHERE.get(key.lower()), _like(key, known)
+    if meant in known:
+        hint = f"it is called {meant} here"
+    elif "horizon" in (key, meant) and "steps" in known and "horizon" not in known:
+        hint = "the time of a run is step times steps"
+    else:
+        hint = f"the nearest is {close[0]}" if close else f"there are {nearest(key, known)}"
+    return WrongTypeError(f"there is no option {key!r}: {hint}")
 
 
 def hinted(*more: str) -> Callable:

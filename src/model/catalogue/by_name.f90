@@ -19,7 +19,7 @@
 module symsde_model_catalogue_by_name
    use symsde_base_kinds, only: wp
    use symsde_base_status, only: error_type, raise, invalid_argument, unknown_name, wrong_shape
-   use symsde_base_text, only: name_length, nearest_names, to_text
+   use symsde_base_text, only: name_length, nearest_name, nearest_names, to_text
    use symsde_model_abstract, only: model_type
    use symsde_model_catalogue_additive_oscillator, only: additive_oscillator_model, new_additive_oscillator, &
                                                          additive_oscillator_names, additive_oscillator_defaults
@@ -98,7 +98,7 @@ contains
    end function parameter_defaults
 
    !> A built-in model. Parameters that are not given keep their defaults. Refuses an unknown model
-   !> or key with the nearest names (unknown_name), a key given twice, a value the model refuses
+   !> or key with the nearest name or names (unknown_name), a key given twice, a value the model refuses
    !> (invalid_argument), keys and values of different number (wrong_shape).
    subroutine get_model(model, name, keys, values, error)
       class(model_type), allocatable, intent(out) :: model
@@ -116,7 +116,7 @@ contains
       if (size(names) == 0) then
          known = model_names()
          call raise(error, unknown_name, 'get_model', 'there is no model '''//trim(name)// &
-                    '''; there are '//nearest_names(name, known))
+                    '''; the nearest is '//trim(nearest_name(name, known))//'; model_names() lists all')
       end if
       ! Errors above and below are collected: each of these procedures does nothing where one stands.
       call set_parameters(name, names, keys, values, parameters, error)

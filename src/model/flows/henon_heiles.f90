@@ -286,8 +286,9 @@ contains
       end do
    end subroutine kick_lanes
 
-   !> The weight W_k of a kick over its part, dW + (gamma/b) (dZ/h - dW/2). Here and below, of a sum of two products
-   !> the first is contracted: parentheses around the other say so, or a path by itself would have other bits.
+   !> The weight W_k of a kick over its part, dW + (gamma/b) (dZ/h - dW/2). In a sum of two products the
+   !> compiler may contract either one; parentheses around the second product let it contract the first only, here and
+   !> below, so that a path by itself has the same bits as in a block.
    pure real(wp) function weight(shape, rate, w, dz)
       real(wp), intent(in) :: shape, rate, w, dz
 
