@@ -70,13 +70,16 @@ class Observer:
 
 @dataclass(frozen=True)
 class Histogram(Observer):
-    """Counts of one value in bins of equal width from low to high, below low and above high, at every saved time."""
+    """Counts of one value in bins of equal width from low to high (50 by default), below low and above high.
+
+    They are counted at every saved time.
+    """
 
     KIND: ClassVar[str] = "histogram"
     of: str
     low: float
     high: float
-    bins: int
+    bins: int = 50
 
     def fields(self) -> dict[str, Any]:
         """Range and bins."""
