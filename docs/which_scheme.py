@@ -188,9 +188,9 @@ _HEAD = """\
 
 # Which scheme for my problem
 
-Take **midpoint**, unless the model is separable and not stiff. Then take **stormer_verlet**, or **chin4a** if
-H = p.p/2 + U(q), the noise depends on position alone and you want the paths themselves. The library can also measure
-what is best for your model:
+If the model is stiff or not separable, take **midpoint**. Otherwise take **stormer_verlet**, or **chin4a** if H =
+p.p/2 + U(q), the noise depends on position alone and you want the paths themselves. The library can also measure what
+is best for your model:
 
 ```python
 import symsde as ss
@@ -223,8 +223,8 @@ _BY_STIFFNESS = """\
 The table gives the largest omega h, where omega is the fastest frequency, up to which a step adds less than 1 % to the
 growth of the second moments of linear equations. The three numbers are for sigma sqrt(h) = 0.01, 0.1 and 0.32; one
 number holds for all three. "all" means up to 3.2; a dash means that the scheme does not take this noise.
-[Stability](stability.md#how-long-a-step-may-be) gives the limits without noise. A stable step does not resolve a motion
-beyond omega h = 1: `report.warnings` says so.
+[Stability](stability.md#how-long-a-step-may-be) gives the limits without noise. A step beyond omega h = 1 may be
+stable, but it does not resolve the motion: `report.warnings` says so.
 """
 _BY_WANT = """\
 ## By what is wanted

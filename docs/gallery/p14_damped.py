@@ -36,8 +36,8 @@ plt.ylabel("q")
 plt.legend()
 
 # %%
-# The standard error of a variance of n normal numbers is sqrt(2/n) of it; the mean is the damped
-# oscillation.
+# The standard error of the variance of n normal numbers is sqrt(2/n) times this variance; the mean
+# is the damped oscillation.
 
 assert abs(mom.var_q[-1, 0] / limit - 1) < 5 * np.sqrt(2 / 20_000)
 nu = np.sqrt(omega**2 - gamma**2 / 4)

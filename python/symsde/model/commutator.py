@@ -18,7 +18,7 @@ from .definition import Model, require_model
 
 @dataclass(frozen=True)
 class Commutator:
-    """What the Poisson brackets of a model's Hamiltonians are at sample points. Points can refute, but not prove."""
+    """Poisson brackets of a model's Hamiltonians at sample points, which can refute that they vanish, not prove it."""
 
     commutative: bool  #: every {H_k,H_l} is constant: increments alone reach strong order 1, dZ 3/2
     flows_commute: bool  #: every {H,H_k} is constant too, and no noise changes in time

@@ -67,7 +67,7 @@ class Model:
         dp = -H_q dt - sum_k H_{k,q} o dW_k        dq = H_p dt + sum_k H_{k,p} o dW_k     [WHSB] (3)-(4)
 
     Each function evaluates the weighted sum S = sum_j w[j] H_j of the Hamiltonians H_0 = H, H_1 .. H_m for many lanes
-    at once. A lane is a path; each lane must be computed from its own numbers alone.
+    at once. A lane is a path; compute each lane independently of the others.
 
     - ``gradient(t, w, q, p) -> (S_q, S_p)`` is required.
     - ``value(t, w, q, p) -> S`` returns the shape (lane,).
@@ -104,8 +104,8 @@ class Model:
     The other arguments declare traits, see `Traits`; silent holds the numbers k of noises with H_k = 0. Runs probe the
     traits and refuse a false one by name (`FalseTraitError`). ``derived`` says that a program derived the functions
     from formulas and that nothing they read ever changes. Then they are not probed before every run, but once for each
-    power of two of state and time (flows: also of the step). Without a Hessian, it is approximated by differences of
-    gradients. An exception in a Python function stops the run and is raised again from it.
+    power of two that the size of state and time reaches (flows: also that of the step). Without a Hessian, it is
+    approximated by differences of gradients. An exception in a Python function stops the run and is raised again.
     """
 
     #: (q0, p0, t0) -> refuses an initial state of all paths, (dof, 1), from which no run can begin: formulas know

@@ -44,7 +44,7 @@ def models_markdown() -> str:
         "parameters and defaults",
         "degrees of freedom",
         "noises",
-        "traits at the defaults",
+        "traits for these defaults",
     ]
     return _typeset([_HEAD, "# Built-in models", "", _MODELS_INTRODUCTION, markdown(header, rows), *sections])
 
@@ -181,17 +181,17 @@ tableaux (`from_tableau`).
 _ORDERS_INTRODUCTION = """\
 The first four columns give strong orders for classes of noise. The noise is additive if every H_k is linear. It is
 commutative if there is one noise or all {H_k,H_l} are constant. General noise is any other. In the fourth column, the
-flows commute with each other and with that of the drift (Kubo oscillator). Then follow the weak order, and the order
-of the deterministic scheme ("no noise"). A dash means that the scheme does not converge path by path, or that it is
-not made for such noise. One-sided schemes have their orders with the correction "increments".
+flows commute with each other and with that of the drift (Kubo oscillator). The last two columns give the weak order,
+and the order of the deterministic scheme ("no noise"). A dash means that the scheme does not converge path by path, or
+that it is not made for such noise. One-sided schemes have their orders with the correction "increments".
 
 The parentheses give the orders that `docs/measure_orders.py` measured, with the half-width of the 95 % interval. If
-the reference is not exact, its own error over the smallest error that counted follows ([data](measured.json)
-has the problems and the references). Nothing in parentheses means that the scheme does not take these models.
-Additive noise was measured on a pendulum with noise in q and p, where no bracket is constant; schemes that refuse
-this pendulum were measured on a chain of one mass. Weak orders were measured without sampling, on second moments of
-linear problems against exp(T L). If a measured weak order is above the claimed one, this holds for these problems
-only (no drift of third order, one noise).
+the reference is not exact, a further number follows: the error of the reference, divided by the smallest error that
+was used for the order. The [data](measured.json) name the problems and the references. If there are no parentheses,
+the scheme cannot be used for these models. Additive noise was measured on a pendulum with noise in q and p, where no
+bracket is constant; schemes that refuse this pendulum were measured on a chain of one mass. Weak orders were measured
+without sampling, on second moments of linear problems against exp(T L). If a measured weak order is above the claimed
+one, this holds for these problems only (no drift of third order, one noise).
 """
 _STRUCTURE_INTRODUCTION = """\
 - "invariants kept" says which invariants the scheme keeps exactly: all quadratic ones, the bilinear ones q^T D p

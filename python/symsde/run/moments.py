@@ -32,7 +32,7 @@ from .setup import OPTIONS, Setup, make_setup
 
 
 class Moments(MomentTables, Reported):
-    """Means, unbiased variances and standard errors of means; at each time, of the paths that are ok until then."""
+    """Means, unbiased variances and standard errors of means, at each time over the paths that are ok until then."""
 
     mean_q: np.ndarray  #: (time, dof); likewise var_q, se_mean_q
     mean_p: np.ndarray  #: (time, dof); likewise var_p, se_mean_p

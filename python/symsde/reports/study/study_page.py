@@ -19,19 +19,19 @@ INTRODUCTION = """\
 All schemes follow the same Brownian paths at all steps. The *strong error* is the root mean square distance in (q, p)
 at the horizon from the exact solution. If the model has no exact solution, a better scheme with a finer step serves as
 reference; the dotted line is its own error. *Run time* is the processor time of one path on one thread: the median of
-{repeats} repeats after a warm-up, with quartiles as bars. Timed runs are not the error runs. They draw increments of
-their own step, not sums over finer steps. What is set up once a run is not counted. The slopes leave out points on a
-plateau (hollow markers) and points that failed or diverged (crosses). They are slopes over the measured steps, not
-asymptotic orders. In the tables, "us to 0.1" is the lowest run time of a path, in microseconds, at which the error is
-at most 0.1; the fastest is bold. The column E H error gives the error of the mean energy at the longest step that
-counts. The *weak error* is the largest of the errors of E q, E p (means over degrees of freedom) and E H, with 95 %
-intervals. Errors with hollow markers are not significantly different from zero. `symsde study SCENE.toml` writes every
-point to work-precision.csv. The panels of other packages, and their curves of symsde, show one run of [Other packages
-on the same problems](peers.md). That run was made at another time, so compare its times with each other, not with
-those of the tables here. Its equations are the same, but synchrotron and linear_oscillator start from another initial
-state, and linear_oscillator ends at T = 4.
+{repeats} repeats after a warm-up, with quartiles as bars. The runs that are timed are other runs than those that give
+the errors: they draw increments of their own step, not sums over finer steps. The set-up of a run is not counted. The
+slopes leave out points on a plateau (hollow markers) and points that failed or diverged (crosses). They are slopes
+over the measured steps, not asymptotic orders. In the tables, "us to 0.1" is the lowest run time of a path, in
+microseconds, at which the error is at most 0.1; the fastest is bold. The column E H error gives the error of the mean
+energy at the longest step that counts. The *weak error* is the largest of the errors of E q, E p (means over degrees
+of freedom) and E H, with 95 % intervals. Errors with hollow markers are not significantly different from zero.
+`symsde study SCENE.toml` writes every point to work-precision.csv. The panels of other packages, and their curves of
+symsde, show one run of [Other packages on the same problems](peers.md). That run was made at another time, so compare
+its times with each other, not with those of the tables here. Its equations are the same, but synchrotron and
+linear_oscillator start from another initial state, and linear_oscillator ends at T = 4.
 
-Measured with {made_by}, {machine}. Run times move with the machine; errors do not.
+Measured with {made_by}, {machine}. Run times depend on the machine; errors do not.
 """
 
 
