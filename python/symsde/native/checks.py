@@ -143,9 +143,9 @@ def warn(text: str, kind: type[Warning]) -> None:
     warnings.warn(text, kind, stacklevel=level)
 
 
-def _like(given: str, known: Sequence[str]) -> list[str]:
-    """The known names that are like a given one, what is meant or the nearest first."""
-    close = difflib.get_close_matches(given, known, n=len(known) or 1, cutoff=0.5)
+def _like(given: str, known: Sequence[str], share: float = 0.5) -> list[str]:
+    """The known names of which this share is like a given one, what is meant or the nearest first."""
+    close = difflib.get_close_matches(given, known, n=len(known) or 1, cutoff=share)
     meant = _ELSEWHERE.get(given.lower())
     return [meant, *(name for name in close if name != meant)] if meant in known else close
 
@@ -167,7 +167,7 @@ def none_such(what: str, given: str, known: Sequence[str]) -> UnknownNameError:
 def no_option(key: str, known: Iterable[str]) -> WrongTypeError:
     """The error of an option that there is not."""
     known = list(known)
-    meant, close = _ELSEWHERE.get(key.lower()), _like(key, known)
+    meant, close = _ELSEWHERE.get(key.lower()), _like(key, known, 0.7)  # or it is no slip, and all are told
     if meant in known:
         hint = f"it is called {meant} here"
     elif "horizon" in (key, meant) and "steps" in known and "horizon" not in known:
