@@ -68,6 +68,28 @@ def equations(texts):
                 yield f"{page}: refers to the formula {label}, which does not exist"
 
 
+def letters(row):
+    """About how many letters wide a row of TeX is: a script is half as wide, a relation or an operator twice."""
+    row = re.sub(r"\\[,;! ]|\\[Bb]ig[lr]|\\(?:text|mathrm|mathtt|operatorname|phantom)", "", row)
+    row = re.sub(r"\\[td]?frac(\d|\{[^{}]*\})(\d|\{[^{}]*\})", lambda found: max(found[1], found[2], key=len), row)
+    row = re.sub(r"[_^](?:\{([^{}]*)\}|\\\w+|.)", lambda found: "'" * len(re.sub(r"\\\w+", "x", found[1] or "x")), row)
+    row = re.sub(r"\\(?:le|ge|circ|cdot|quad|sum|int|sqrt)\b|[=+<>-]", "xx", row.replace(r"\qquad", "xxx"))
+    row = re.sub(r"[{}\s]", "", re.sub(r"\\\w+|\\.", "x", row))
+    return len(row) - len(re.findall(r"[.,()|\[\]']", row)) / 2
+
+
+def wide(text):
+    """Displayed formulas fit a phone, 375 points wide: rows are at most 31 letters wide."""
+    for formula in re.findall(r"^\$\$\s*(.*?)\$\$", text, re.M | re.S):
+        if "pmatrix" in formula:
+            continue
+        split = re.split(r"\\\\", re.sub(r"\\(?:begin|end)\{\w+\}", "", formula))
+        cells = [[letters(cell) for cell in row.split("&")] for row in split if row.strip()]
+        count = max(map(len, cells))
+        if sum(map(max, zip(*(row for row in cells if len(row) == count), strict=True))) > 31:
+            yield f"has a formula too wide for a phone, set it in several lines: {' '.join(formula.split())[:60]}"
+
+
 def paths(root, text):
     """Files of the tree that are named in the text."""
     for name in re.findall(r"`([^`\n]+)`", prose(text)):
@@ -164,7 +186,7 @@ def findings(root):
     files = (file for pattern in PAGES for file in sorted(root.glob(pattern)))
     texts = {file.relative_to(root).as_posix(): file.read_text(encoding="utf-8") for file in files}
     for page, text in texts.items():
-        for rule in (links(root, page, text), printed(root, page, text), paths(root, text)):
+        for rule in (links(root, page, text), printed(root, page, text), paths(root, text), wide(text)):
             yield from (f"{page}: {finding}" for finding in rule)
     yield from equations(texts)
     yield from (f"{PAPER_MAP}: {finding}" for finding in paper_map(root))
@@ -190,6 +212,7 @@ PLANTED = (
     ("docs/method/a.md", "[(2)-(3)]", "[(2)-(93)]", "shows (2)-(93)"),
     ("docs/method/a.md", "{eq}`eq-a`", "{eq}`eq-c`", "refers to the formula eq-c"),
     ("docs/method/a.md", "(eq-b)", "(eq-a)", "share the label eq-a"),
+    ("docs/method/a.md", "\ny\n", "\n" + r"Q_n = q_n + q,\qquad " * 4 + "\n", "too wide for a phone"),
     ("docs/paper-map.md", "(1)-(92)", "(1)-(91)", "no row for (92)"),
     ("docs/paper-map.md", "Lemma 2.2", "Lemma 2.1", "no row for Lemma 2.2"),
     ("docs/paper-map.md", "`src/a.f90`", "`src/b.f90`", "names src/b.f90"),
