@@ -99,6 +99,10 @@ static void test_flow(void) {
    OK(symsde_model_set_flow(model, "midpoint", flow, &error));
    CHECK(difference(model, options) < 1e-13);
    CHECK(user.calls > 0);
+   user.calls = 0;
+   OK(symsde_model_set_flow(model, "gauss2", flow, &error)); /* of another scheme: that of midpoint stays */
+   CHECK(difference(model, options) < 1e-13);
+   CHECK(user.calls > 0);
    user.fault = 1.01;
    EXPECT(SYMSDE_FALSE_TRAIT, "whole steps of scheme midpoint|not those of the library",
           symsde_simulate(model, scheme, &options, &input, &paths, &report, &error));
