@@ -38,8 +38,8 @@ class WorkClock:
             monkeypatch.setattr(kind, "fill", self._counting(kind.fill))
 
     def _counting(self, fill):
-        def counted(result, *given):
-            fill(result, *given)
+        def counted(result, *given, **more):
+            fill(result, *given, **more)
             n, ndof = result.report.counters, result.setup.model.ndof
             work = sum(n[name] for name in ("gradients", "hessians", "hessian_vectors", "solves", "iterations"))
             self.now += 1e-4 + 1e-8 * (ndof * (work + n["path_steps"]) + n["normals"])
