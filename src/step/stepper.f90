@@ -12,6 +12,10 @@
 !> thousand paths and for a path by itself, which is a block of one lane. A stepper owns its workspace: every thread
 !> has its own.
 !>
+!> A block is padded to whole vectors of eight lanes, and its passes tell lanes that are done from others. A run of few
+!> paths pays for both and uses little of either: every path of such a run is a block of one lane. A stepper says up to
+!> how many paths that is faster, at most most_single.
+!>
 !> A stepper describes itself: which tasks it fits (a function beside its type, asked before there is one, where a form
 !> or frame of its own does not say it), how it is made for one, and what it leaves out. The factory keeps them in
 !> order.
@@ -27,7 +31,10 @@ module symsde_step_stepper
    use symsde_step_hamiltonian_one_step, only: one_step_hamiltonian
    implicit none
    private
-   public :: stepper_type, stepper_task, advance_by_increments
+   public :: stepper_type, stepper_task, advance_by_increments, most_single, few_of
+
+   integer, parameter :: most_single = 12         !! paths of a run that any stepper takes one by one
+   integer, parameter :: wide = 32                !! degrees of freedom of a wide system
 
    !> What a stepper is wanted for. All but the lanes is found once for a run (`resolve_task` of step/factory). `scheme`
    !> is executed: it points to the scheme that was asked for, or to `tableau` where that scheme is one for this model.
@@ -144,6 +151,15 @@ contains
       real(wp), intent(inout) :: q(self%ham%nlane, self%ham%ndof), p(self%ham%nlane, self%ham%ndof)
       integer(i8), intent(inout) :: status(self%ham%nlane)
    end subroutine move
+
+   !> Paths up to which those of a block are faster one by one: as many as were measured for narrow systems, and more
+   !> of wide ones, where a block takes its passes through memory.
+   pure integer function few_of(n, narrow, broad)
+      integer, intent(in) :: n              !! degrees of freedom
+      integer, intent(in) :: narrow, broad  !! paths of a narrow system, of a wide one
+
+      few_of = merge(broad, narrow, n >= wide)
+   end function few_of
 
    !> Whether the scheme's tableau makes the step, with nothing around it.
    pure logical function is_tableau(self)

@@ -37,8 +37,7 @@ module symsde_ensemble_run_driver
    use symsde_scheme_scheme, only: scheme_type
    use symsde_solve_lapack, only: blas_single_thread, blas_restore_threads
    use symsde_step_factory, only: resolve_task
-   use symsde_step_few_paths, only: most_single
-   use symsde_step_stepper, only: stepper_type
+   use symsde_step_stepper, only: stepper_type, most_single
    implicit none
    private
    public :: ensemble_type, new_ensemble, run_ensemble, choose_nlane, new_noise, check_state

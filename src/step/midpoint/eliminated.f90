@@ -24,13 +24,12 @@ module symsde_step_midpoint_eliminated
    use symsde_solve_newton, only: newton_options
    use symsde_step_hamiltonian_one_step, only: new_one_step_hamiltonian
    use symsde_step_implicit_newton_krylov, only: does_without_matrices
-   use symsde_step_few_paths, only: few_of
    use symsde_step_midpoint_dense, only: dense_midpoint, new_dense_midpoint
    use symsde_step_midpoint_equation, only: midpoint_equation, new_midpoint_equation, midpoint_part
    use symsde_step_midpoint_krylov, only: krylov_midpoint, new_krylov_midpoint
    use symsde_step_midpoint_tridiagonal, only: tridiagonal_midpoint, new_tridiagonal_midpoint
    use symsde_step_midpoint_update, only: find_bad_sums, add_in_place, find_bad
-   use symsde_step_stepper, only: stepper_type, stepper_task
+   use symsde_step_stepper, only: stepper_type, stepper_task, few_of
    implicit none
    private
    public :: midpoint_stepper, midpoint_fits, new_midpoint_stepper, midpoint_serves, choose_way

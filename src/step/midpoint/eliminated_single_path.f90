@@ -16,13 +16,12 @@ module symsde_step_midpoint_eliminated_single_path
    use symsde_scheme_scheme, only: correction_none
    use symsde_solve_newton, only: newton_options
    use symsde_step_hamiltonian_one_step, only: new_one_step_hamiltonian
-   use symsde_step_few_paths, only: few_of
    use symsde_step_midpoint_dense_single_path, only: dense_midpoint, new_dense_midpoint
    use symsde_step_midpoint_eliminated, only: choose_way, by_rows, by_products
    use symsde_step_midpoint_equation, only: midpoint_equation, new_midpoint_equation, midpoint_part
    use symsde_step_midpoint_krylov, only: krylov_midpoint, new_krylov_midpoint
    use symsde_step_midpoint_tridiagonal_single_path, only: tridiagonal_midpoint, new_tridiagonal_midpoint
-   use symsde_step_stepper, only: stepper_type, stepper_task
+   use symsde_step_stepper, only: stepper_type, stepper_task, few_of
    implicit none
    private
    public :: midpoint_stepper, new_midpoint_stepper, by_products

@@ -17,8 +17,7 @@ module symsde_step_midpoint_full
    use symsde_step_hamiltonian_one_step, only: one_step_hamiltonian, new_one_step_hamiltonian
    use symsde_step_implicit_newton_krylov, only: newton_krylov, new_newton_krylov, hessian_product, &
                                                  does_without_matrices, iterates_first
-   use symsde_step_few_paths, only: few_of
-   use symsde_step_stepper, only: stepper_type, stepper_task
+   use symsde_step_stepper, only: stepper_type, stepper_task, few_of
    implicit none
    private
    public :: midpoint_full_stepper, midpoint_full_fits, new_midpoint_full_stepper

@@ -12,13 +12,12 @@ module symsde_step_midpoint_mean_force
    use symsde_base_vectors, only: add_times
    use symsde_model_abstract, only: model_type
    use symsde_scheme_scheme, only: scheme_type, correction_none
-   use symsde_step_few_paths, only: few_of
    use symsde_step_midpoint_dense, only: dense_midpoint, new_dense_midpoint, &
                                          solve_contracting, solve_by_matrices, find_force_stiffness
    use symsde_step_midpoint_equation, only: midpoint_equation, new_midpoint_equation, position
    use symsde_step_hamiltonian_noise_shift, only: noise_shift, new_noise_shift
    use symsde_step_hamiltonian_one_step, only: one_step_hamiltonian, new_one_step_hamiltonian
-   use symsde_step_stepper, only: stepper_type, stepper_task
+   use symsde_step_stepper, only: stepper_type, stepper_task, few_of
    implicit none
    private
    public :: mean_force_stepper, mean_force_fits

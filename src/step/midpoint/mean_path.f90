@@ -26,7 +26,6 @@ module symsde_step_midpoint_mean_path
    use symsde_base_record, only: step_record
    use symsde_model_probe_noise_time, only: noise_changes_in_time
    use symsde_scheme_scheme, only: bracket_terms, correction_none
-   use symsde_step_few_paths, only: few_of
    use symsde_step_midpoint_eliminated, only: midpoint_stepper, new_midpoint_stepper, midpoint_serves
    use symsde_step_midpoint_eliminated_single_path, only: eliminated_single_path => midpoint_stepper, &
                                                           new_eliminated_single_path => new_midpoint_stepper
@@ -37,7 +36,7 @@ module symsde_step_midpoint_mean_path
    use symsde_step_hamiltonian_noise_shift, only: noise_shift, new_noise_shift
    use symsde_step_hamiltonian_one_step, only: new_one_step_hamiltonian
    use symsde_step_implicit_rescue, only: rescue_type, new_rescue
-   use symsde_step_stepper, only: stepper_type, stepper_task
+   use symsde_step_stepper, only: stepper_type, stepper_task, few_of
    implicit none
    private
    public :: mean_path_stepper

@@ -19,7 +19,6 @@ module symsde_step_stages_stepper_single_path
    use symsde_step_hamiltonian_one_step, only: new_one_step_hamiltonian
    use symsde_step_implicit_general, only: general_stepper, new_general_stepper
    use symsde_step_implicit_newton_krylov, only: does_without_matrices
-   use symsde_step_few_paths, only: few_of, most_single
    use symsde_step_midpoint_eliminated_single_path, only: midpoint_stepper, new_midpoint_stepper, by_products
    use symsde_step_midpoint_full, only: midpoint_full_stepper, new_midpoint_full_stepper
    use symsde_step_stages_equations_single_path, only: stage_equations, new_stage_equations, iterate_group, solved, &
@@ -28,7 +27,7 @@ module symsde_step_stages_stepper_single_path
    use symsde_step_stages_newton_single_path, only: stage_newton, new_stage_newton
    use symsde_step_stages_tridiagonal_single_path, only: tridiagonal_stages, new_tridiagonal_stages, &
                                                          fits_tridiagonal_stages, solves_at_once
-   use symsde_step_stepper, only: stepper_type, stepper_task
+   use symsde_step_stepper, only: stepper_type, stepper_task, few_of, most_single
    implicit none
    private
    public :: stages_stepper, stages_fits, fits_stages
