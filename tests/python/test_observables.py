@@ -161,6 +161,14 @@ def test_formulas_beside_functions(found):
     assert pickle.loads(pickle.dumps(both)).mean["total"][-1] == both.mean["total"][-1]
 
 
+def test_the_time_within_a_sum_is_that_of_the_state():
+    """Of a few paths several states go together to observables that Python computes, if no formula needs the time."""
+    few = {**RUN, "paths": 1}
+    run = ss.simulate(model(), **few)
+    both = ss.moments(model(), observables={"sum": "Sum(cos(t)*q[i], i)", "total": total}, **few)
+    np.testing.assert_allclose(both.mean["sum"], np.cos(run.t) * run.q[..., 0].sum(axis=1), rtol=1e-12)
+
+
 def test_functions_are_watched_too(found):
     def square(q, p):
         return q[0] ** 2 + q[1] ** 2
