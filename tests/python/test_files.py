@@ -71,6 +71,20 @@ def check_attributes(given):
     assert datetime.datetime.fromisoformat(when).tzinfo is not None and "pytest" in command
 
 
+@pytest.mark.parametrize(
+    "asked",
+    [
+        {"common_noise": [2], "refine": -1, "compensated": True, "first_path": 5, "max_iter": 7, "seed": 2**60},
+        {"scheme": "midpoint_areas", "areas": "law", "common_noise": [1, 2], "first_step": 3, "general": True},
+        {"scheme": "symplectic_euler", "correction": "mean", "fixed_point": 30, "t0": -0.5, "area_time": 0.25},
+    ],
+)
+def test_options_are_told_as_they_were_asked_for(asked):
+    run = ss.simulate(ss.models.henon_heiles(), q0=0.1, p0=0.0, step=0.1, steps=2, **asked)
+    told = json.loads(run.attributes()["options"])
+    assert {name: told[name] for name in asked if name != "scheme"} == {x: y for x, y in asked.items() if x != "scheme"}
+
+
 def test_every_variable_says_what_it_is(run, moments):
     """In words and units, as CF asks."""
     pytest.importorskip("xarray")
