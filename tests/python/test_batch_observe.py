@@ -118,7 +118,7 @@ def test_other_observers_are_another_run(file, tmp_path, capsys):
         (('of = "q_2"', 'of = "q_3"'), "[[observe]]: passage of 'q_3': there is no such value"),
         (('kind = "extremes"', 'kind = "extreme"'), "kind = 'extreme' does not exist: there are extremes"),
         (("within = 0.9", "wthin = 0.9"), "'wthin' is no key of passage: there are within"),
-        (("bins = 20", ""), "the observer 'x' lacks bins"),
+        (("high = 1", ""), "the observer 'x' lacks high"),
         (("bins = 20", "bins = 0"), "bins = 0 is out of range"),
         (('name = "x"', 'name = "passage"'), "two observers of the name 'passage'"),
         (("[[observe]]\nkind", "[observe]\nkind"), "is not TOML"),
