@@ -105,9 +105,12 @@ contains
       character(*), intent(in) :: given     !! what the user wrote
       character(*), intent(in) :: names(:)  !! what is allowed, at least one name
       character(len=len(names)) :: name
-      integer :: i
+      integer :: distance(size(names)), i
 
-      name = names(minloc([(edit_distance(trim(given), trim(names(i))), i=1, size(names))], dim=1))
+      do i = 1, size(names)
+         distance(i) = edit_distance(trim(given), trim(names(i)))
+      end do
+      name = names(minloc(distance, dim=1))
    end function nearest_name
 
    !> The names of a list, those most like the given one first, joined by commas.
