@@ -162,10 +162,9 @@ def test_formulas_beside_functions(found):
 
 
 def test_the_time_within_a_sum_is_that_of_the_state():
-    few = {**RUN, "paths": 1}  # several of its states go together to functions of Python that need no time
-    run, asked = ss.simulate(model(), **few), {"sum": "Sum(cos(t)*q[i], i)", "total": total}
-    found = ss.moments(model(), observables=asked, **few).mean["sum"]
-    np.testing.assert_allclose(found, np.cos(run.t) * run.q[..., 0].sum(axis=1), rtol=1e-12)
+    run = ss.simulate(model(), **(few := {**RUN, "paths": 1}))  # functions see several of its states together
+    found = ss.moments(model(), observables={"sum": "Sum(cos(t)*q[i], i)", "total": total}, **few)
+    np.testing.assert_allclose(found.mean["sum"], np.cos(run.t) * run.q[..., 0].sum(axis=1), rtol=1e-12)
 
 
 def test_functions_are_watched_too(found):
