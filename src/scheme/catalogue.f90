@@ -227,7 +227,7 @@ contains
          scheme%reference = 'one-sided family, [WHSB] (71)-(72), (89)-(92)'
       else
          names = all_names
-         ! Three of the nearest names tell a misprint; the whole list would hide it.
+         ! The nearest name tells a misprint; the whole list would hide it.
          call raise(error, unknown_name, 'get_scheme', "there is no scheme '"//trim(name)// &
                     "'; the nearest is "//trim(nearest_name(name, names))//'; scheme_names() lists all')
       end if
