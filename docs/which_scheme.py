@@ -200,8 +200,9 @@ print(ss.advise(ss.models.synchrotron(), q0=1.0, p0=0.0, horizon=4.0, tolerance=
 
 It tries the schemes that suit the traits of the model, with three steps on the same Brownian paths. For each it finds
 the longest step that keeps the tolerance, and then it takes the cheapest
-([how](expect.md#scheme-and-step-for-a-tolerance)). `want="moments"` and `want="invariants"` ask for other errors. The
-tables below were measured on the built-in models; each number links to its measurement.
+([Scheme and step for a tolerance](expect.md#scheme-and-step-for-a-tolerance)). `want="moments"` and
+`want="invariants"` ask for other errors. The tables below were measured on the built-in models; each number links to
+its measurement.
 """
 _BY_NOISE = """\
 ## By noise, for paths

@@ -197,7 +197,7 @@ _STRUCTURE_INTRODUCTION = """\
 - "invariants kept" says which invariants the scheme keeps exactly: all quadratic ones, the bilinear ones q^T D p
   (such as angular momentum), or none.
 - "correction" is the coefficient 1/2 - lambda of the drift correction. With it the scheme solves the Stratonovich
-  equation ([why](method/noise.md#the-correction-of-the-euler-pair)).
+  equation ([The correction of the Euler pair](method/noise.md#the-correction-of-the-euler-pair)).
 - "beside dW" says what a step needs in addition to Gaussian increments.
 - "explicit" says for which models a step needs no solver.
 - "gradients; unknowns" gives the gradients of the one-step Hamiltonian in each iteration, and the unknowns of the
