@@ -116,7 +116,7 @@ def of_run(data: Paths, what: str, of: Sequence[str] | None, most: int) -> tuple
     of = of and [value_name(name, data.columns()) for name in of]
     if what == "phase":
         pairs = [_pair(name, data) for name in (of or ["q_1"])]
-        return [_phase(data, q, p, shown) for q, p in pairs], title
+        return [_phase(data, q, p, shown, i == 0) for i, (q, p) in enumerate(pairs)], title
     if what == "energy":
         if data.energies is None:
             raise InvalidArgumentError(
@@ -124,7 +124,7 @@ def of_run(data: Paths, what: str, of: Sequence[str] | None, most: int) -> tuple
             )
         of = ["energy"]
     names = of or ["q_1", "p_1"]
-    return [_along(data, name, shown) for name in names], title
+    return [_along(data, name, shown, i == 0) for i, name in enumerate(names)], title
 
 
 def _shown(data: Paths, most: int) -> np.ndarray:
@@ -175,33 +175,33 @@ def _is_sparse(x: np.ndarray, y: np.ndarray) -> bool:
     return seen.size > 0 and bool(np.median(seen) > _JUMP)
 
 
-def _lines(axes: Any, x: np.ndarray, y: np.ndarray, path: np.ndarray, mark: dict[str, str]) -> None:
-    """A line for each path, with these marks."""
+def _lines(axes: Any, x: np.ndarray, y: np.ndarray, path: np.ndarray, mark: dict[str, str], *, named: bool) -> None:
+    """A line for each path, with these marks; named in the first panel, and a path has its colour in all."""
     faint = {"alpha": 1.0 if len(path) <= len(look.COLOURS) else 0.5}
     for i, index in enumerate(path):
         along = x if x.ndim == 1 else x[:, i]
         axes.plot(along, y[:, i], color=look.COLOURS[i % len(look.COLOURS)], label=f"path {index}", **mark, **faint)
-    if len(path) <= 8:
+    if named and len(path) <= 8:
         axes.legend()
 
 
-def _along(data: Paths, name: str, shown: np.ndarray) -> Callable:
+def _along(data: Paths, name: str, shown: np.ndarray, named: bool) -> Callable:
     values = data.values(name)[:, shown]
 
     def panel(axes: Any) -> None:
-        _lines(axes, data.t, values, data.path[shown], _mark(len(data.t)))
+        _lines(axes, data.t, values, data.path[shown], _mark(len(data.t)), named=named)
         axes.set_xlabel("t")
         axes.set_ylabel(name)
 
     return panel
 
 
-def _phase(data: Paths, q: str, p: str, shown: np.ndarray) -> Callable:
+def _phase(data: Paths, q: str, p: str, shown: np.ndarray, named: bool) -> Callable:
     x, y = data.values(q)[:, shown], data.values(p)[:, shown]
 
     def panel(axes: Any) -> None:
         mark = {"marker": ".", "linestyle": ""} if _is_sparse(x, y) else _mark(len(x))
-        _lines(axes, x, y, data.path[shown], mark)
+        _lines(axes, x, y, data.path[shown], mark, named=named)
         axes.set_xlabel(q)
         axes.set_ylabel(p)
 
