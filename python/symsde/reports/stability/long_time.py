@@ -90,12 +90,14 @@ def save(path: Path, curves: dict) -> None:
                 t, change = np.array(curves[time], dtype=float), np.array(curves[key], dtype=float)
                 seen = change < 1e3
                 dashed = "--" if scheme == "gauss2" else "-"  # which lies on midpoint in (b)
-                lost = {"markevery": [-1], "marker": "X", "ms": 7} if seen.any() and not seen.all() else {}
-                shown = t[seen], np.maximum(change[seen], 1e-17)
-                axis.plot(*shown, ls=dashed, color=look.colour(scheme), label=scheme, **lost)
+                t, change = t[seen], np.maximum(change[seen], 1e-17)
+                axis.plot(t, change, ls=dashed, color=look.colour(scheme), label=scheme)
+                if 0 < seen.sum() < len(seen):
+                    axis.plot(t[-1], change[-1], "X", ms=7, color=look.colour(scheme))
         axes["energy"].set(xscale="log", yscale="log", xlabel="$t$", ylabel="$|H/H_0-1|$", ylim=(1e-12, 1e3))
         axes["kubo"].set(xscale="log", yscale="log", xlabel="$t$", ylabel="rms change of $p^2+q^2$", ylim=(1e-17, 1e3))
         line = importlib.import_module("matplotlib.lines").Line2D
         cross = line([], [], ls="", marker="X", ms=7, color=look.BLACK, label="lost from here on")
-        names = [*axes["kubo"].get_lines(), cross]
-        axes["kubo"].figure.legend(names, [x.get_label() for x in names], loc="outside lower center", ncols=3)
+        drawn, names = axes["kubo"].get_legend_handles_labels()
+        page = axes["kubo"].figure
+        page.legend([*drawn, cross], [*names, cross.get_label()], loc="outside lower center", ncols=3)

@@ -17,7 +17,7 @@ def save(path: Path, curves: dict) -> None:
     panels = {"energy_input": _energy, "resonances": _resonances, "quartic_steps": _iterations, "squeezing": _signs,
               "invariant_drift": _drift}  # fmt: skip
     mosaic = [["energy_input", "resonances"], ["quartic_steps", "squeezing"], ["invariant_drift"] * 2]
-    with look.panels(path, mosaic, 10.0, 8.4, 130) as axes:
+    with look.panels(path, mosaic, 7.5, 7.6, 115) as axes:
         for name, draw in panels.items():
             if name in curves:
                 draw(axes[name], curves)
@@ -35,7 +35,7 @@ def _energy(axis, curves) -> None:
             axis.plot(curves[part]["h"], curves[part][key], ls="", mfc="none", label="observed", **style)
     axis.axvline(2, color=look.GREY, ls=":", lw=0.9, label=r"$\omega h=2$")
     axis.set(xscale="log", yscale="log", xlabel=r"$\omega h$", ylabel="energy input / exact")
-    axis.legend()
+    axis.legend(loc="lower left", handlelength=1.2, borderaxespad=0.1)
 
 
 def _resonances(axis, curves) -> None:
@@ -51,17 +51,17 @@ def _resonances(axis, curves) -> None:
 
 def _iterations(axis, curves) -> None:
     data = curves["quartic_steps"]
-    for row, q0, colour in zip(data["iterations"], data["q0"], look.COLOURS, strict=False):
-        axis.plot(data["h"], row, "o-", color=colour, label=f"$q_0$ = {q0:g}")
+    for row, q0, mark in zip(data["iterations"], data["q0"], ("o-", "s--", "^-.", "v:"), strict=False):
+        axis.plot(data["h"], row, mark, color=look.colour("midpoint"), label=f"$q_0$ = {q0:g}")
     axis.axhline(MOST, color=look.GREY, ls=":", lw=0.9, label=f"allowed: {MOST}")
-    axis.set(xscale="log", xlabel="$h$", ylabel="Newton iterations", ylim=(0, MOST + 5))
-    axis.legend()
+    axis.set(xscale="log", xlabel="$h$", ylabel="Newton iterations", ylim=(0, 1.6 * MOST))
+    axis.legend(loc="upper left", ncols=2)
 
 
 def _signs(axis, curves) -> None:
     data = curves["squeezing"]
-    axis.plot(data["bound"], data["expected"], "_", ms=16, color=look.BLUE, label="expected")
-    axis.plot(data["bound"], data["wrong"], "o", color=look.VERMILION, mfc="none", label="observed")
+    axis.plot(data["bound"], data["expected"], "_", ms=16, color=look.BLACK, label="expected")
+    axis.plot(data["bound"], data["wrong"], "o", color=look.colour("midpoint"), mfc="none", label="observed")
     axis.axvline(1, color=look.GREY, ls=":", lw=0.9, label="solvable below 1")
     axis.set(xlabel=r"$\sigma c \sqrt{h}/2$", ylabel="wrong signs", ylim=(-0.03, 0.55))
     axis.legend()
@@ -69,11 +69,10 @@ def _signs(axis, curves) -> None:
 
 def _drift(axis, curves) -> None:
     data = curves["invariant_drift"]
-    for (rule, values), colour in zip(
-        [item for item in data.items() if item[0] != "steps"], look.COLOURS, strict=False
-    ):
-        style = "--" if "compensated" in rule else "-"
-        axis.plot(data["steps"], np.maximum(values, 1e-17), style, color=colour, label=rule)
+    rules = {rule: values for rule, values in data.items() if rule != "steps"}
+    styles = (("-", look.BLUE), ("--", look.BLUE), ("-", look.WINE), ("--", look.BLACK), ("-.", look.SKY))
+    for (rule, values), (line, colour) in zip(rules.items(), styles, strict=False):
+        axis.plot(data["steps"], np.maximum(values, 1e-17), line, color=colour, label=rule)
     steps = np.asarray(data["steps"], dtype=float)
     axis.plot(steps, 3e-17 * np.sqrt(steps), ":", color=look.GREY, label=r"$\sqrt{\mathrm{steps}}$")
     axis.set(xscale="log", yscale="log", xlabel="steps", ylabel="rms change of $p^2 + q^2$")
