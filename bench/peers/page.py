@@ -58,13 +58,17 @@ def save(path: Path, data: dict) -> None:
     """A panel for each problem."""
     rows = data["peers"]
     problems = list(dict.fromkeys(row["problem"] for row in rows))
-    with look.drawing(path, 3.2 * len(problems), 4.2, 110) as page:
-        panels = page.subplots(1, len(problems), squeeze=False)[0]
-        for axes, problem in zip(panels, problems, strict=True):
-            draw(axes, [row for row in rows if row["problem"] == problem])
-            axes.set_title(TITLES[problem], fontsize=8)
-        panels[0].set_ylabel("strong error (rms)")
+    height = (len(problems) + 1) // 2
+    with look.drawing(path, 7.2, 0.8 + 2.9 * height, 120) as page:
+        panels = page.subplots(height, 2, squeeze=False).ravel()
         handles = {}
-        for axes in panels:
+        for axes, problem in zip(panels, problems, strict=False):
+            draw(axes, [row for row in rows if row["problem"] == problem])
+            axes.set_title(TITLES[problem], loc="left")
+            axes.set_ylabel("strong error (rms)")
             handles |= dict(zip(*reversed(axes.get_legend_handles_labels()), strict=True))
-        page.legend(handles.values(), handles.keys(), loc="outside lower center", ncols=6, fontsize=7)
+        spare = panels[len(problems) :]
+        for axes in spare:
+            axes.set_axis_off()
+        place, where = (spare[0], "center") if spare.size else (page, "outside lower center")
+        place.legend(handles.values(), handles.keys(), loc=where, ncols=1 if spare.size else 4)

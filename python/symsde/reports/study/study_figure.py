@@ -26,11 +26,11 @@ def plot(study, path: object = None, ax: object = None, *, pdf: bool = False):
 
 
 def _draw_all(path: Path | None, study, *, pdf: bool):
-    """Strong errors, weak ones below where there are any, and other packages beside them."""
+    """Strong errors, weak ones below where there are any, and other packages below them."""
     rows = 2 if any(weak_error(row) for row in study.rows) else 1
-    columns = 3 if study.peers else 2
-    with look.drawing(path, 4.5 * columns, 0.6 + 4.0 * rows, 120, pdf=pdf) as page:
-        grid = page.add_gridspec(rows, columns)
+    all_rows = rows + 1 if study.peers else rows
+    with look.drawing(path, 7.2, 1.0 + 3.2 * all_rows, 120, pdf=pdf) as page:
+        grid = page.add_gridspec(all_rows, 2)
         left = page.add_subplot(grid[0, 0])
         right = page.add_subplot(grid[0, 1], sharey=left)
         right.tick_params(labelleft=False)
@@ -42,13 +42,14 @@ def _draw_all(path: Path | None, study, *, pdf: bool):
             draw_weak(study, below, beside)
         legend = dict(zip(*reversed(left.get_legend_handles_labels()), strict=True))
         if study.peers:
-            others = page.add_subplot(grid[:, 2])
+            others = page.add_subplot(grid[rows, :])
             peers.draw(others, study.peers)
+            others.set_ylabel("strong error (rms)")
             others.set_title(f"other packages: {peers.TITLES[study.peers[0]['problem']]}", loc="left", fontsize=9)
             shown = dict(zip(*reversed(others.get_legend_handles_labels()), strict=True))
             ours = {f"{peers.OURS}, {kind} {scheme}" for kind in ("given", "own") for scheme in study.schemes}
             legend |= {name: line for name, line in shown.items() if name not in ours}  # those look as in the others
-        page.legend(legend.values(), legend.keys(), loc="outside lower center", ncols=5 if study.peers else 4)
+        page.legend(legend.values(), legend.keys(), loc="outside lower center", ncols=3)
     return page
 
 
