@@ -17,7 +17,7 @@ release = symsde.__version__
 
 extensions = ["myst_parser", "sphinx.ext.autodoc", "sphinx_design", "sphinx_copybutton", "sphinx_gallery.gen_gallery"]
 extensions += ["sphinx-mathjax-offline"]  # formulas show without a network
-exclude_patterns = ["gallery/*"]  # programs; their pages are made in examples/
+exclude_patterns = ["gallery/*", "**sg_execution_times*"]  # programs, whose pages are made in examples/; run times
 myst_enable_extensions = ["colon_fence", "dollarmath"]
 myst_heading_anchors = 3
 numfig = True  # formulas carry the number of their chapter
@@ -27,6 +27,7 @@ html_title = f"symsde {release}"
 html_show_sphinx = False
 html_static_path = ["static"]
 html_css_files = ["site.css"]
+html_js_files = ["scroll.js"]
 templates_path = []
 autodoc_member_order = "bysource"
 autodoc_typehints = "signature"
@@ -53,6 +54,18 @@ def _docstring(_app, _what, _name, _obj, _options, lines):
     lines[:] = as_rest("\n".join(lines)).splitlines()
 
 
+def _numbers(app, doctree):
+    """In tables no line ends within a number, which may have an exponent or a per cent sign."""
+    for text in [x for entry in doctree.findall(nodes.entry) for x in entry.findall(nodes.Text)]:
+        parts = re.split(r"(\d[\d.]*e[-+]\d+|\d[\d.]* %)", text)
+        if len(parts) > 1 and not isinstance(text.parent, nodes.math | nodes.literal):
+            kinds = [
+                nodes.inline("", part, classes=["number"]) if i % 2 else nodes.Text(part)
+                for i, part in enumerate(parts)
+            ]
+            text.parent.replace(text, [kind for kind, part in zip(kinds, parts, strict=True) if part])
+
+
 def _anchors(app, doctree):
     """What a page marks by <a id=".."></a> is a place that links may name, as headings are."""
     slugs = app.env.metadata[app.env.docname].setdefault("myst_slugs", {})
@@ -61,6 +74,7 @@ def _anchors(app, doctree):
 
 
 def setup(app):
-    """Connect the reader of docstrings, and that of anchors."""
+    """Connect the reader of docstrings, and what changes pages that were read."""
+    app.connect("doctree-read", _numbers)
     app.connect("autodoc-process-docstring", _docstring)
     app.connect("doctree-read", _anchors)
