@@ -90,6 +90,12 @@ def wide(text):
             yield f"has a formula too wide for a phone, set it in several lines: {' '.join(formula.split())[:60]}"
 
 
+def comments(text):
+    """No line of a text begins with %: the site takes it for a comment and leaves it out."""
+    for line in re.findall(r"^\s*(%.*)$", prose(text), re.M):
+        yield f"has a line that the site leaves out: {line[:40]}"
+
+
 def paths(root, text):
     """Files of the tree that are named in the text."""
     for name in re.findall(r"`([^`\n]+)`", prose(text)):
@@ -186,7 +192,8 @@ def findings(root):
     files = (file for pattern in PAGES for file in sorted(root.glob(pattern)))
     texts = {file.relative_to(root).as_posix(): file.read_text(encoding="utf-8") for file in files}
     for page, text in texts.items():
-        for rule in (links(root, page, text), printed(root, page, text), paths(root, text), wide(text)):
+        rules = (links(root, page, text), printed(root, page, text), paths(root, text), wide(text), comments(text))
+        for rule in rules:
             yield from (f"{page}: {finding}" for finding in rule)
     yield from equations(texts)
     yield from (f"{PAPER_MAP}: {finding}" for finding in paper_map(root))
@@ -213,6 +220,7 @@ PLANTED = (
     ("docs/method/a.md", "{eq}`eq-a`", "{eq}`eq-c`", "refers to the formula eq-c"),
     ("docs/method/a.md", "(eq-b)", "(eq-a)", "share the label eq-a"),
     ("docs/method/a.md", "\ny\n", "\n" + r"Q_n = q_n + q,\qquad " * 4 + "\n", "too wide for a phone"),
+    ("README.md", "[here]", "15\n% [here]", "the site leaves out"),
     ("docs/paper-map.md", "(1)-(92)", "(1)-(91)", "no row for (92)"),
     ("docs/paper-map.md", "Lemma 2.2", "Lemma 2.1", "no row for Lemma 2.2"),
     ("docs/paper-map.md", "`src/a.f90`", "`src/b.f90`", "names src/b.f90"),

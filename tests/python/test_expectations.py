@@ -117,6 +117,7 @@ def test_a_page_is_written_whole_with_its_figures(tmp_path, monkeypatch):
     page.add("First.\n", "## Second\n")
     page.figure("curve", {"x": np.arange(3), "y": math.inf}, lambda *given: drawn.append(given), "A curve")
     page.add(pages.wrapped("word " * 40, "  "))
+    assert "\n%" not in pages.wrapped("a" * 118 + " 15 % of b")
     page.write()
     lines = target.read_text().splitlines()
     assert lines[:9] == [

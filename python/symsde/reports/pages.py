@@ -48,8 +48,10 @@ def made_by() -> str:
 
 
 def wrapped(text: str, indent: str = "") -> str:
-    """A paragraph in lines as long as they may be, the later ones indented."""
-    return textwrap.fill(text, WIDTH, subsequent_indent=indent, break_long_words=False, break_on_hyphens=False)
+    """A paragraph in lines as long as they may be, the later ones indented. None begins with %: that is a comment."""
+    kept = text.replace(" %", "\u00a0%")
+    lines = textwrap.fill(kept, WIDTH, subsequent_indent=indent, break_long_words=False, break_on_hyphens=False)
+    return lines.replace("\u00a0%", " %")
 
 
 class Page:
