@@ -57,7 +57,7 @@ def _docstring(_app, _what, _name, _obj, _options, lines):
 def _numbers(app, doctree):
     """In tables no line ends within a number, which may have an exponent or a per cent sign."""
     for text in [x for entry in doctree.findall(nodes.entry) for x in entry.findall(nodes.Text)]:
-        parts = re.split(r"(\d[\d.]*e[-+]\d+|\d[\d.]* %)", text)
+        parts = re.split(r"(\d[\d.]*e[-+]\d+|\d[\d.]* %|\d[\d.]* \+- [\d.]+)", text)
         if len(parts) > 1 and not isinstance(text.parent, nodes.math | nodes.literal):
             kinds = [
                 nodes.inline("", part, classes=["number"]) if i % 2 else nodes.Text(part)
