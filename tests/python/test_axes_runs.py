@@ -270,3 +270,18 @@ def test_counters_count_paths_and_no_padding(row):
     assert few["normals"] == part["normals"] > 0
     for name, n in few.items():
         assert abs(n - part[name]) <= 0.1 * part[name], name
+
+
+@pytest.mark.parametrize("scheme", ["stormer_verlet", "symplectic_euler", "verlet_kdk", "heun", "chin4a"])
+def test_a_path_that_fails_beside_others_stays_at_its_last_good_state(scheme):
+    """Two of sixteen paths overflow, at other steps each: what was saved before the step that failed is their last."""
+    q0 = np.full((2, 16), 0.1)
+    q0[1, 3], q0[0, 7] = 40.0, 30.0
+    with pytest.warns(ss.PathsFailedWarning, match="2 paths"):
+        run = ss.simulate(ss.models.henon_heiles(), q0=q0, p0=0.03, step=0.1, steps=100, scheme=scheme, paths=16)
+    first, second = run.failed_step[[3, 7]]
+    assert 0 < first < second and np.count_nonzero(run.status) == 2
+    for path, step in ((3, first), (7, second)):
+        np.testing.assert_array_equal(run.last_q[:, path], run.q[step, :, path])
+        np.testing.assert_array_equal(run.last_p[:, path], run.p[step, :, path])
+        assert np.isfinite(run.p[step, :, path]).all() and np.isnan(run.p[step + 1, :, path]).all()
