@@ -41,8 +41,8 @@ for scheme in ("midpoint", "heun"):
     change[scheme] = abs(areas[-1] / areas[0] - 1)
     right.plot(run.t, areas / areas[0], label=scheme, color=of_scheme(scheme)["color"])
     if scheme == "midpoint":
-        for n in (0, 20, 60):
-            left.fill(run.q[n, 0], run.p[n, 0], alpha=0.6, label=f"t = {run.t[n]:g}")
+        for n, grey in ((0, "0.8"), (20, "0.6"), (60, "0.3")):
+            left.fill(run.q[n, 0], run.p[n, 0], color=grey, label=f"t = {run.t[n]:g}")
 left.set_xlabel("q")
 left.set_ylabel("p")
 left.legend()

@@ -36,10 +36,10 @@ other = decay * (np.cos(turn * mom.t) - sigma**2 / (2 * turn) * np.sin(turn * mo
 floor = np.abs(other - exact).max()
 plt.axhline(floor, color="k", linestyle="--", label="error of the other equation")
 plt.axhline(2 * max(noise.values()), color="k", linestyle=":", label="two standard errors")
-plt.ylim(1e-3, 0.3)
+plt.ylim(2e-4, 0.3)
 plt.xlabel("h")
 plt.ylabel(r"largest error of $E\,q$ for $t\leq 5$")
-plt.legend(loc="center left")
+plt.legend(loc="lower right")
 
 # %%
 # Without the correction, smaller steps lead to the other equation. With it, the error falls with

@@ -5,7 +5,8 @@ A path by its two ends
 
 The scheme comes from a discrete stochastic action: the path that makes the action stationary
 between two given positions, on a given Brownian path, is a path of the scheme. Here the whole
-path is solved for at once, not step by step.
+path is solved for at once, not step by step. The figure shows five such paths, each on a
+Brownian path of its own.
 """
 
 import matplotlib.pyplot as plt
