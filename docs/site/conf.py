@@ -54,6 +54,14 @@ def _docstring(_app, _what, _name, _obj, _options, lines):
     lines[:] = as_rest("\n".join(lines)).splitlines()
 
 
+def _signature(_app, what, _name, thing, _options, signature, returned):
+    """Classes of results are made by functions: how the package itself makes them is no business of a reader."""
+    made_by_users = (symsde.Model, symsde.observe.Observer, BaseException)
+    if what == "class" and (thing is symsde.FormulaModel or not issubclass(thing, made_by_users)):
+        return "", None
+    return signature, returned
+
+
 def _numbers(app, doctree):
     """In tables no line ends within a number, which may have an exponent or a per cent sign."""
     for text in [x for entry in doctree.findall(nodes.entry) for x in entry.findall(nodes.Text)]:
@@ -66,6 +74,23 @@ def _numbers(app, doctree):
             text.parent.replace(text, [kind for kind, part in zip(kinds, parts, strict=True) if part])
 
 
+def _punctuation(app, doctree):
+    """A bracket before a formula, and a comma or the like after it, stay in its line."""
+    for formula in list(doctree.findall(nodes.math)):
+        around = formula.parent
+        place = around.index(formula)
+        before, after = (around[i] if 0 <= i < len(around) else None for i in (place - 1, place + 1))
+        begin = "(" if isinstance(before, nodes.Text) and before.endswith("(") else ""
+        end = re.match(r"[,.;:)]*", after)[0] if isinstance(after, nodes.Text) else ""
+        if not begin + end:
+            continue
+        if begin:
+            around.replace(before, nodes.Text(before[:-1]))
+        if end:
+            around.replace(after, nodes.Text(after[len(end) :]))
+        around[place] = nodes.inline("", nodes.Text(begin), formula.deepcopy(), nodes.Text(end), classes=["whole"])
+
+
 def _anchors(app, doctree):
     """What a page marks by <a id=".."></a> is a place that links may name, as headings are."""
     slugs = app.env.metadata[app.env.docname].setdefault("myst_slugs", {})
@@ -76,5 +101,7 @@ def _anchors(app, doctree):
 def setup(app):
     """Connect the reader of docstrings, and what changes pages that were read."""
     app.connect("doctree-read", _numbers)
+    app.connect("doctree-read", _punctuation)
     app.connect("autodoc-process-docstring", _docstring)
+    app.connect("autodoc-process-signature", _signature)
     app.connect("doctree-read", _anchors)

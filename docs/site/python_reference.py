@@ -40,7 +40,7 @@ INTERNAL = {
 INTERNAL_OF_MODULES = {
     "diagnose": ("driving_increments", "exact_of"),
     "errors": ("from_code", "shortened"),
-    "observe": ("fields", "names", "remarks", "struct", "variables"),
+    "observe": ("fields", "kept", "names", "remarks", "struct", "variables"),
     "schemes": ("as_scheme",),
 }
 MODULES = ("models", "schemes", "observe", "diagnose", "errors")

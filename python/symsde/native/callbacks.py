@@ -243,8 +243,10 @@ def numba_signature(kind: str):
 def numba_sincos():
     """The library's sine and cosine as a function for numba.cfunc, several times as fast as math.sin.
 
-    sincos = symsde.numba_sincos()           # outside the cfunc; inside it, with n real numbers each:
-    sincos(n, x, sine, cosine)               # pointers, or array.ctypes; an int, 0 = ok
+    Make it outside of the cfunc, and call it inside, with n real numbers each:
+
+        sincos = symsde.numba_sincos()
+        sincos(n, x, sine, cosine)           # pointers, or array.ctypes; an int, 0 = ok
     """
     array = ctypes.POINTER(ctypes.c_double)
     return ctypes.cast(library.symsde_sincos, ctypes.CFUNCTYPE(ctypes.c_int, ctypes.c_int, array, array, array))

@@ -239,7 +239,7 @@ def moments(
 ) -> Moments:
     """Integrate paths and keep moments of q, p, the energy H and observables, in memory independent of paths and steps.
 
-    - observables: name -> a formula or a function. A formula is a text such as "q_1**2 + p_1**2" or an expression of
+    - observables: name -> a formula or a function. A formula is a text such as `"q_1**2 + p_1**2"` or an expression of
       sympy, in the model's own names and parameters; it is compiled. A function of q, p, (dof, lane) each, returns
       (lane,) values. A lane is a path; if there are few paths, a call holds the lanes of several saved times
     - observers: name -> further statistics of these values, one of `symsde.observe`; the results are in `observed`

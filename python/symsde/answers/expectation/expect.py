@@ -42,7 +42,7 @@ def expect(
 ) -> Answer:
     """Estimate E f(q, p) at t0 + horizon with a 95 % interval of the half width that you ask for, in the cheapest way.
 
-    - f: a function of q, p, (dof, path) each, that returns (path,); or a formula as text, such as "q**2"
+    - f: a function of q, p, (dof, path) each, that returns (path,); or a formula as text, such as `"q**2"`
     - q0, p0: initial state of all paths, a number or (dof,)
     - abs, rel: half width of the interval, or half width over the value; give one of the two
     - scheme, method: use this one; methods are plain, antithetic, extrapolated, control variate, multilevel and

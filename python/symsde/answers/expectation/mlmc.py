@@ -67,7 +67,7 @@ def mlmc(
 ) -> Multilevel:
     """Estimate E f(q, p) at t0 + horizon by multilevel Monte Carlo, with a 95 % interval of the half width asked for.
 
-    - f: a function of q, p, (dof, path) each, that returns (path,); or a formula as text, such as "q**2"
+    - f: a function of q, p, (dof, path) each, that returns (path,); or a formula as text, such as `"q**2"`
     - q0, p0: initial state of all paths, a number or (dof,)
     - abs, rel: half width of the interval, or half width over the value; give one of the two
     - scheme: by default gauss_dkdkd if the noises depend on position and H = p.p/2 + U(q), else midpoint

@@ -128,10 +128,10 @@ def model_from_sympy(
       and noises such as "-sigma*q[k]", one for each site
     - ends: "free", "fixed" (zero beyond the ends) or "periodic"
 
-    Texts such as "p**2/2 - omega**2*cos(q)" are read by a parser of arithmetic, which executes nothing. Derivatives and
-    traits are derived. C code is generated, compiled by the system's compiler and kept on disk (SYMSDE_CACHE). Values
-    of parameters are passed to it when it runs. ``model.formula`` describes all of this. An InvalidArgumentError quotes
-    the formula that is wrong. All quantities are dimensionless.
+    Texts such as `"p**2/2 - omega**2*cos(q)"` are read by a parser of arithmetic, which executes nothing. Derivatives
+    and traits are derived. C code is generated, compiled by the system's compiler and kept on disk (SYMSDE_CACHE).
+    Values of parameters are passed to it when it runs. ``model.formula`` describes all of this. An InvalidArgumentError
+    quotes the formula that is wrong. All quantities are dimensionless.
     """
     given = {
         "H": H,
