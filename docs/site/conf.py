@@ -57,7 +57,7 @@ def _docstring(_app, _what, _name, _obj, _options, lines):
 def _signature(_app, what, _name, thing, _options, signature, returned):
     """Classes of results are made by functions: how the package itself makes them is no business of a reader."""
     made_by_users = (symsde.Model, symsde.observe.Observer, BaseException)
-    if what == "class" and (thing is symsde.FormulaModel or not issubclass(thing, made_by_users)):
+    if signature and what == "class" and (thing is symsde.FormulaModel or not issubclass(thing, made_by_users)):
         return "", None
     return signature, returned
 
