@@ -11,6 +11,7 @@ module symsde_step_stages_equations
    use symsde_base_functionals, only: functional_set, nfunctional, path_dz, path_areas
    use symsde_base_kinds, only: wp, i8
    use symsde_base_record, only: step_record, step_store, new_step_store
+   use symsde_base_vectors, only: scale
    use symsde_model_abstract, only: model_type
    use symsde_scheme_scheme, only: scheme_type, correction_none
    use symsde_solve_fixed_point, only: take_first, take, judge_sweep, most_sweeps, done, left
