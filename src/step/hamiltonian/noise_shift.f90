@@ -17,6 +17,7 @@ module symsde_step_hamiltonian_noise_shift
    use symsde_base_record, only: step_record
    use symsde_base_vectors, only: add_times, scale
    use symsde_model_abstract, only: model_type
+   use symsde_step_hamiltonian_one_step, only: one_step_hamiltonian
    implicit none
    private
    public :: noise_shift, new_noise_shift
@@ -26,7 +27,6 @@ module symsde_step_hamiltonian_noise_shift
       integer :: nlane = 0, n = 0, m = 0    !! lanes, degrees of freedom, noises
       real(wp), allocatable :: v(:, :)      !! weights, v_0 = 0 (nlane, 0:m)
       real(wp), allocatable, dimension(:, :) :: hq, hp  !! (nlane, n)
-      integer, public :: asked = 0          !! gradients, since the caller has counted
    contains
       procedure :: weigh
       procedure :: add
@@ -67,24 +67,22 @@ contains
    end subroutine weigh
 
    !> Add the shift to (q, p), with B at time t, or take it away where sign = -1: sign sum_k v_k H_k,p is added to q,
-   !> and sign sum_k v_k H_k,q is taken from p. Noise in position does not move q. Callers count the gradient: `asked`
-   !> tells them how many.
-   subroutine add(self, model, t, sign, q, p)
+   !> and sign sum_k v_k H_k,q is taken from p. Noise in position does not move q. One call of the model gives both.
+   subroutine add(self, ham, t, sign, q, p)
       class(noise_shift), intent(inout) :: self
-      class(model_type), intent(in) :: model
+      type(one_step_hamiltonian), intent(inout) :: ham   !! model and counters
       real(wp), intent(in) :: t, sign
       real(wp), intent(inout) :: q(self%nlane, self%n), p(self%nlane, self%n)
 
       if (self%m == 0) return
-      if (model%traits%position_noise) then
-         call model%gradient(self%nlane, self%n, self%m, t, self%v, q, p, hq=self%hq)
+      if (ham%model%traits%position_noise) then
+         call ham%model%gradient(self%nlane, self%n, self%m, t, self%v, q, p, hq=self%hq)
       else
-         call model%gradient(self%nlane, self%n, self%m, t, self%v, q, p, self%hq, self%hp)
+         call ham%model%gradient(self%nlane, self%n, self%m, t, self%v, q, p, self%hq, self%hp)
          call add_times(self%nlane*self%n, sign, self%hp, q)
       end if
       call add_times(self%nlane*self%n, -sign, self%hq, p)
-      ! One call of the model gives both derivatives.
-      self%asked = self%asked + 1
+      ham%counters%gradients = ham%counters%gradients + ham%nreal
    end subroutine add
 
    !> VEC v = a dW + b dZ/h

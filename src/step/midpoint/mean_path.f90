@@ -118,15 +118,13 @@ contains
       self%qs = q
       self%ps = p
       call self%shift%weigh(0.0_wp, 1.0_wp, step)
-      call self%shift%add(self%ham%model, step%t + 0.5_wp*step%h, 1.0_wp, self%qs, self%ps)
+      call self%shift%add(self%ham, step%t + 0.5_wp*step%h, 1.0_wp, self%qs, self%ps)
       call add_change(self, step, 0.5_wp, self%qs, self%ps)
       call drift_midpoint(self, step, dq, dp, status)
       ! The shift of the whole step, B dW + c, goes to the increments of z.
       call self%shift%weigh(1.0_wp, 0.0_wp, step)
-      call self%shift%add(self%ham%model, step%t + 0.5_wp*step%h, 1.0_wp, dq, dp)
+      call self%shift%add(self%ham, step%t + 0.5_wp*step%h, 1.0_wp, dq, dp)
       call add_change(self, step, 1.0_wp, dq, dp)
-      self%ham%counters%gradients = self%ham%counters%gradients + self%shift%asked*self%ham%nreal
-      self%shift%asked = 0
    end subroutine increment
 
    !> The step of H* from (qs, ps), with weights (h, 0, .., 0). Lanes that fail in it are rescued with the same
@@ -160,8 +158,8 @@ contains
 
       if (.not. (self%time_dependent .and. associated(step%of(path_dz)%x))) return
       call self%shift%weigh(0.5_wp, -1.0_wp, step)
-      call self%shift%add(self%ham%model, step%t + step%h, share, q, p)
-      call self%shift%add(self%ham%model, step%t, -share, q, p)
+      call self%shift%add(self%ham, step%t + step%h, share, q, p)
+      call self%shift%add(self%ham, step%t, -share, q, p)
    end subroutine add_change
 
    !> What this stepper and the one within have counted.

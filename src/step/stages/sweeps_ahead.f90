@@ -20,7 +20,7 @@
 !>
 !> Private to its family.
 module symsde_step_stages_sweeps_ahead
-   use symsde_base_kinds, only: wp
+   use symsde_base_kinds, only: wp, i8
    use symsde_base_record, only: step_record
    use symsde_base_sincos, only: sincos_one
    use symsde_model_abstract, only: model_type, angle_terms
@@ -118,6 +118,7 @@ contains
       logical, intent(out) :: taken
       real(wp), pointer, contiguous :: w(:, :)  ! a name that gfortran 12 knows to be contiguous
       real(wp) :: x(2), y(2)
+      integer(i8) :: gradients
 
       ! Steps of one size share their coefficients.
       if (abs(step%h - self%h) > 0) call find_coefficients(self, step%h)
@@ -131,10 +132,10 @@ contains
          x(:n) = q
          y(:n) = p
          call self%shift%weigh(-0.5_wp, 1.0_wp, step)
-         call self%shift%add(ham%model, step%t, 1.0_wp, x, y)
+         gradients = ham%counters%gradients
+         call self%shift%add(ham, step%t, 1.0_wp, x, y)
          call move(self, ham, n, self%plan%nstage, step%t, w, too_stiff, q, y, dq, dp, taken)
-         if (taken) ham%counters%gradients = ham%counters%gradients + self%shift%asked
-         self%shift%asked = 0
+         if (.not. taken) ham%counters%gradients = gradients
       end associate
    end subroutine take
 
