@@ -22,7 +22,7 @@ module symsde_step_hamiltonian_mass
       logical :: diagonal = .false.
       integer :: asked = 0                                !! gradients that a velocity costs
       real(wp), allocatable :: inverse(:)                 !! the diagonal of M^-1 (ndof)
-      logical, private :: known = .false.                 !! it was looked at
+      logical :: known = .false.                          !! it was looked at
       real(wp), allocatable, private :: unit(:, :)        !! the weight of H alone (nlane, 0:nnoise)
       real(wp), allocatable, private :: hp(:, :)          !! H_p (nlane, ndof)
    contains
@@ -46,22 +46,11 @@ contains
       self%asked = 1
    end subroutine new_constant_mass
 
-   !> Look for the numbers, once, at a place where some path is. Callers may ask before every step: after the first
-   !> time this is a test of one flag.
+   !> Look whether every velocity is a number times its momentum, at a place where some path is. That is so where numbers
+   !> found for one momentum are those of seven others, to rounding. The place itself does not matter: the numbers are the
+   !> same for all paths, blocks and threads. One momentum after the other: a view of the real lanes of a block
+   !> (model/user/real_lanes) does not look at more than there are paths.
    subroutine look(self, model, nlane, t, q)
-      class(constant_mass), intent(inout) :: self
-      class(model_type), intent(in) :: model
-      integer, intent(in) :: nlane
-      real(wp), intent(in) :: t, q(nlane, size(self%inverse))
-
-      if (.not. self%known) call find_numbers(self, model, nlane, t, q)
-   end subroutine look
-
-   !> Whether every velocity is a number times its momentum. That is so where numbers found for one momentum are those
-   !> of seven others, to rounding. The place itself does not matter: the numbers are the same for all paths, blocks and
-   !> threads. One momentum after the other: a view of the real lanes of a block (model/user/real_lanes) does not look
-   !> at more than there are paths.
-   subroutine find_numbers(self, model, nlane, t, q)
       class(constant_mass), intent(inout) :: self
       class(model_type), intent(in) :: model
       integer, intent(in) :: nlane
@@ -92,7 +81,7 @@ contains
       end do
       ! A mass that is not diagonal goes on costing a gradient for each velocity.
       if (self%diagonal) self%asked = 0
-   end subroutine find_numbers
+   end subroutine look
 
    !> v = M^-1 p (nlane, ndof): the drift with the weight of H alone, one. The position q is where the path is, though
    !> velocities do not depend on it.
@@ -118,7 +107,7 @@ contains
       integer :: i
 
       ! The first drift finds out; no caller need have looked before.
-      call self%look(model, nlane, t, q)
+      if (.not. self%known) call self%look(model, nlane, t, q)
       if (.not. self%diagonal) then
          call model%gradient(nlane, size(self%inverse), model%traits%nnoise, t, w, q, p, hp=dq)
          return
@@ -140,34 +129,16 @@ contains
       real(wp), intent(out) :: total(nlane, size(self%inverse))
       integer :: i
 
-      ! One call of the model and one sum where M is not diagonal; else one pass, over numbers of a path or over
-      ! lanes.
+      ! One call of the model and one sum where M is not diagonal; else one pass.
       if (.not. self%diagonal) then
          if (.not. allocated(self%hp)) allocate (self%hp, mold=start)
          call self%velocity(model, nlane, t, q, p, self%hp)
          call add_vectors(size(start), self%hp, start, total)
-      else if (nlane == 1) then
-         call add_scalar(size(start), self%inverse, p, start, total)
       else
          do i = 1, size(self%inverse)
             total(:, i) = start(:, i) + self%inverse(i)*p(:, i)
          end do
       end if
    end subroutine add
-
-   ! ---- kernels ----------------------------------------------------------------------------------
-
-   !> VEC total = start + c x of one path: its numbers lie side by side, so the loop over degrees of freedom is the one
-   !> that vectors take.
-   pure subroutine add_scalar(n, c, x, start, total)
-      integer, intent(in) :: n
-      real(wp), intent(in) :: c(n), x(n), start(n)
-      real(wp), intent(out) :: total(n)
-      integer :: i
-
-      do i = 1, n
-         total(i) = start(i) + c(i)*x(i)
-      end do
-   end subroutine add_scalar
 
 end module symsde_step_hamiltonian_mass
