@@ -26,9 +26,8 @@ module symsde_step_midpoint_mean_path
    use symsde_base_record, only: step_record
    use symsde_model_probe_noise_time, only: noise_changes_in_time
    use symsde_scheme_scheme, only: bracket_terms, correction_none
-   use symsde_step_midpoint_eliminated, only: midpoint_stepper, new_midpoint_stepper, midpoint_serves
-   use symsde_step_midpoint_eliminated_single_path, only: eliminated_single_path => midpoint_stepper, &
-                                                          new_eliminated_single_path => new_midpoint_stepper
+   use symsde_step_midpoint_eliminated, only: midpoint_stepper, midpoint_serves
+   use symsde_step_midpoint_eliminated_single_path, only: eliminated_single_path => midpoint_stepper
    use symsde_step_midpoint_full, only: midpoint_full_stepper, new_midpoint_full_stepper
    use symsde_step_midpoint_full_single_path, only: full_single_path => midpoint_full_stepper, &
                                                     new_full_single_path => new_midpoint_full_stepper
@@ -63,8 +62,6 @@ contains
    subroutine make(self, task)
       class(mean_path_stepper), intent(inout) :: self
       type(stepper_task), intent(in) :: task
-      type(midpoint_stepper), allocatable :: eliminated
-      type(eliminated_single_path), allocatable :: eliminated_single
       type(midpoint_full_stepper), allocatable :: full
       type(full_single_path), allocatable :: single
       type(bracket_terms) :: brackets
@@ -74,15 +71,9 @@ contains
       brackets = active_brackets(bracket_terms(nested=.true.), task%model%traits)
       if (midpoint_serves(task%model, task%newton) .and. .not. brackets%are_added()) then
          self%left_out = 'half of the unknowns: identity mass'
-         if (task%nlane == 1) then
-            allocate (eliminated_single)
-            call new_eliminated_single_path(eliminated_single, task%model, 1, task%newton)
-            call move_alloc(eliminated_single, self%inner)
-         else
-            allocate (eliminated)
-            call new_midpoint_stepper(eliminated, task%model, task%nlane, task%newton)
-            call move_alloc(eliminated, self%inner)
-         end if
+         if (task%nlane == 1) allocate (eliminated_single_path :: self%inner)
+         if (task%nlane > 1) allocate (midpoint_stepper :: self%inner)
+         call self%inner%make(task)
       else if (task%nlane == 1) then
          allocate (single)
          call new_full_single_path(single, task%model, 1, task%newton, brackets=brackets)
