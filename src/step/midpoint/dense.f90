@@ -4,8 +4,7 @@
 !>    x + f(base + c x) = 0,     for V with c = h/4, f = Hhat_q;   for dq with c = 1/2, f = (h/2) Hhat_q - (h p_n + g),
 !>
 !> by matrices I + (h/4) K or, for V, by the fixed-point iteration first: the body is dense.inc. What differs from a
-!> single path is how the model is asked, for all lanes at once, and that the passes over lanes come by `use`, since a
-!> call costs little beside a block.
+!> single path is that the passes over lanes come by `use`, since a call costs little beside a block.
 !>
 !> Private to its family.
 module symsde_step_midpoint_dense
@@ -15,6 +14,7 @@ module symsde_step_midpoint_dense
    use symsde_model_abstract, only: model_type, angle_terms
    use symsde_solve_newton, only: newton_options, new_newton, start, update, judge, first_scalar, &
                                   update_scalar
+   use symsde_step_midpoint_angle, only: find_angle_force
    use symsde_step_midpoint_equation, only: midpoint_equation, midpoint_part, position, correct_pair, weigh_force
    use symsde_step_hamiltonian_one_step, only: one_step_hamiltonian
    use symsde_solve_fixed_point, only: take_first, take, judge_sweep, most_sweeps, stiff_rate, swept => done
@@ -24,17 +24,5 @@ module symsde_step_midpoint_dense
 
    include 'dense.inc'
    include '../../solve/all_lanes.inc'
-
-   !> Hhat_q (nlane, n) and Hhat_qq (nlane, n, n) at q, by one call of the model for all lanes. The momenta that the
-   !> model is given are zero: with H_p = p and noise in position or additive neither of the two depends on them.
-   subroutine find_force_stiffness(self, model, eq, w, q, hq, hqq)
-      class(dense_midpoint), intent(in) :: self
-      class(model_type), intent(in) :: model
-      type(midpoint_equation), intent(in) :: eq
-      real(wp), intent(in) :: w(eq%nlane, 0:eq%m), q(eq%nlane, eq%n)
-      real(wp), intent(out) :: hq(eq%nlane, eq%n), hqq(eq%nlane, eq%n, eq%n)
-
-      call model%gradient_hessian(eq%nlane, eq%n, eq%m, eq%t, w, q, eq%still, hq=hq, hqq=hqq)
-   end subroutine find_force_stiffness
 
 end module symsde_step_midpoint_dense

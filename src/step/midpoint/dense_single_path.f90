@@ -32,28 +32,4 @@ module symsde_step_midpoint_dense_single_path
    include '../../solve/stagnation_scalar.inc'
    include '../../solve/one_lane.inc'
 
-   !> Hhat_q (n) and Hhat_qq (n, n) at q, with momenta zero, on which they do not depend. Two unknowns are asked for
-   !> as numbers, without arrays. A Hamiltonian of one angle is asked once a step, at its first iteration, for the
-   !> terms of which force and stiffness are made; these do not depend on q, so later iterations take a sine and a
-   !> cosine alone.
-   subroutine find_force_stiffness(self, model, eq, w, q, hq, hqq)
-      class(dense_midpoint), intent(inout) :: self
-      class(model_type), intent(in) :: model
-      type(midpoint_equation), intent(in) :: eq
-      real(wp), intent(in) :: w(0:eq%m), q(eq%n)
-      real(wp), intent(out) :: hq(eq%n), hqq(eq%n, eq%n)
-
-      ! Two unknowns have a procedure that takes and returns numbers, with the bits of the general one.
-      if (eq%n == 2) then
-         call model%pair(eq%m, eq%t, w, q(1), q(2), hq(1), hq(2), hqq(1, 1), hqq(2, 1), hqq(1, 2), hqq(2, 2))
-      else if (model%traits%has_angle_terms) then
-         ! The terms serve the equation of V and, in a noncontracting step, that of dq: h, dW and the time are the
-         ! same in both.
-         if (self%newton%iteration == 0 .and. .not. eq%for_dq) call model%angle(eq%m, eq%t, w, self%terms)
-         call find_angle_force(self%terms, q(1), hq(1), hqq(1, 1))
-      else
-         call model%gradient_hessian(1, eq%n, eq%m, eq%t, w, q, eq%still, hq=hq, hqq=hqq)
-      end if
-   end subroutine find_force_stiffness
-
 end module symsde_step_midpoint_dense_single_path

@@ -27,49 +27,4 @@ module symsde_step_midpoint_one_dof_single_path
    include '../../solve/stagnation.inc'
    include '../../solve/one_lane.inc'
 
-   !> Hhat_p of separable Hamiltonians, the first guess of F. With terms of an angle it is e p; the terms are asked
-   !> for here and serve the whole step, whose iterations find them in self%terms.
-   subroutine find_velocity(self, tm, w, q, p, hp)
-      type(midpoint_one_dof_stepper), intent(inout) :: self
-      real(wp), intent(in) :: tm, w(1, 0:self%ham%nnoise), q(1, 1), p(1, 1)
-      real(wp), intent(out) :: hp(1, 1)
-      real(wp) :: unused
-
-      if (self%ham%model%traits%has_angle_terms) then
-         call self%ham%model%angle(self%ham%nnoise, tm, w, self%terms)
-         call find_angle_velocity(self%terms, p(1, 1), hp(1, 1), unused)
-         self%ham%counters%gradients = self%ham%counters%gradients + 1
-      else
-         call self%ham%velocity(tm, w, q, p, hp)
-      end if
-   end subroutine find_velocity
-
-   !> Gradient and Hessian at (q, p), by the terms of an angle, which are asked for once a step. The Hessian is zero for
-   !> a fixed-point iteration, as the mixed derivative of a separable model is.
-   subroutine evaluate(self, tm, w, q, p, first)
-      type(midpoint_one_dof_stepper), intent(inout) :: self
-      real(wp), intent(in) :: tm, w(1, 0:self%ham%nnoise), q(1, 1), p(1, 1)
-      logical, intent(in) :: first  !! of this step
-
-      ! The order of the questions: a given number of fixed-point iterations needs the gradient alone, as in a block;
-      ! then an angle; then separable models, whose Hhat_qp stays zero; then all others.
-      if (self%newton%options%fixed_point > 0) then
-         call self%ham%gradient(tm, w, q, p, self%hq, self%hp)
-         self%hqq = 0
-         self%hpp = 0
-      else if (self%separable .and. self%ham%model%traits%has_angle_terms) then
-         ! In a step that began with the velocity the terms are there already. Gradients and Hessians are counted as
-         ! they are where the model is asked for them.
-         if (first) call self%ham%model%angle(self%ham%nnoise, tm, w, self%terms)
-         self%ham%counters%gradients = self%ham%counters%gradients + 1
-         self%ham%counters%hessians = self%ham%counters%hessians + 1
-         call find_angle_point(self%terms, q(1, 1), p(1, 1), self%hq(1, 1), self%hp(1, 1), self%hqq(1, 1, 1), &
-                               self%hpp(1, 1, 1))
-      else if (self%separable) then
-         call self%ham%gradient_hessian(tm, w, q, p, self%hq, self%hp, hqq=self%hqq, hpp=self%hpp)
-      else
-         call self%ham%gradient_hessian(tm, w, q, p, self%hq, self%hp, self%hqq, self%hqp, self%hpp)
-      end if
-   end subroutine evaluate
-
 end module symsde_step_midpoint_one_dof_single_path

@@ -13,12 +13,18 @@ module symsde_step_one_dof_newton
    use symsde_solve_blocks, only: block_solver, new_block_solver
    use symsde_solve_newton, only: newton_type, newton_options, new_newton, start, judge
    use symsde_solve_stagnation, only: correct_lanes, restart_lanes
+   use symsde_step_hamiltonian_brackets_angle_single_path, only: evaluate_angle
    use symsde_step_hamiltonian_one_step, only: one_step_hamiltonian
    use symsde_step_hamiltonian_brackets_one_dof, only: single_brackets, new_single_brackets, q_, p_, qq, qp, pp, nplace
+   use symsde_step_midpoint_angle, only: find_angle_velocity, find_angle_point
    use symsde_step_stages_slope_sums, only: sum_slopes => add_slopes
    implicit none
    private
    public :: one_dof_newton, new_one_dof_newton, resume
+
+   interface solve_systems  !! all lanes of a block at once
+      module procedure :: solve_by_lanes
+   end interface solve_systems
 
    include 'newton.inc'
    include 'two_stages.inc'
@@ -48,37 +54,5 @@ module symsde_step_one_dof_newton
       self%first = from%first(places)
       self%from_velocity = from%from_velocity
    end subroutine resume
-
-   !> qs = Hhat_p(q_n, p_n) at the time of the first stage, where it is the first guess. Without that guess nobody is
-   !> asked.
-   subroutine find_velocity(self, ham, step, q, p)
-      type(one_dof_newton), intent(inout) :: self
-      type(one_step_hamiltonian), intent(inout) :: ham
-      type(step_record), intent(in) :: step
-      real(wp), intent(in) :: q(self%nlane), p(self%nlane)
-
-      if (self%from_velocity) call ham%velocity(step%t + self%c(1)*step%h, step%w, q, p, self%qs)
-   end subroutine find_velocity
-
-   !> Gradient and Hessian of stage i; for i = 0 in the middle of the step, in the place of the first stage.
-   subroutine evaluate(self, ham, i, step, q, p)
-      type(one_dof_newton), intent(inout) :: self
-      type(one_step_hamiltonian), intent(inout) :: ham
-      integer, intent(in) :: i
-      type(step_record), intent(in) :: step
-      real(wp), intent(in) :: q(self%nlane), p(self%nlane)
-
-      call ask_model(self, ham, i, step, q, p)
-   end subroutine evaluate
-
-   !> Solve the systems of all lanes, side by side, whose right-hand sides stand in d from column `first` on.
-   subroutine solve_systems(self, first, status, counters)
-      type(one_dof_newton), intent(inout) :: self
-      integer, intent(in) :: first
-      integer(i8), intent(inout) :: status(self%nlane)
-      type(counters_type), intent(inout) :: counters
-
-      call solve_by_lanes(self, self%d(:, first:), status, counters)
-   end subroutine solve_systems
 
 end module symsde_step_one_dof_newton

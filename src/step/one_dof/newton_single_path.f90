@@ -32,63 +32,6 @@ module symsde_step_one_dof_newton_single_path
    include '../../solve/correction.inc'
    include '../../solve/one_lane.inc'
 
-   !> The terms of an angle in every stage, and qs = Hhat_p(q_n, p_n) at the time of the first stage, where it is the
-   !> first guess. Of an angle it is e p, with the terms of that stage.
-   subroutine find_velocity(self, ham, step, q, p)
-      type(one_dof_newton), intent(inout) :: self
-      type(one_step_hamiltonian), intent(inout) :: ham
-      type(step_record), intent(in) :: step
-      real(wp), intent(in) :: q(1), p(1)
-      real(wp), pointer, contiguous :: w(:, :)  ! a name that gfortran 12 knows to be contiguous
-      real(wp) :: unused
-      integer :: i
-
-      w => step%w
-      if (.not. allocated(self%terms)) then  ! no angle: the model is asked
-         if (self%from_velocity) call ham%velocity(step%t + self%c(1)*step%h, w, q, p, self%qs)
-         return
-      end if
-      ! The terms depend on h, dW and the time of a stage, not on (q, p): all iterations of the step use these.
-      do i = 1, self%s
-         call ham%model%angle(ham%nnoise, step%t + self%c(i)*step%h, w, self%terms(i))
-      end do
-      if (.not. self%from_velocity) return
-      ! A gradient is counted, as a block counts the one that it asks the model for.
-      call find_angle_velocity(self%terms(1), p(1), self%qs(1), unused)
-      ham%counters%gradients = ham%counters%gradients + 1
-   end subroutine find_velocity
-
-   !> Gradient and Hessian of stage i; for i = 0 in the middle of the step, in the place of the first stage. An angle's
-   !> terms are there where its Hamiltonian is separable and no brackets are added, and then i = 0 does not occur.
-   subroutine evaluate(self, ham, i, step, q, p)
-      type(one_dof_newton), intent(inout) :: self
-      type(one_step_hamiltonian), intent(inout) :: ham
-      integer, intent(in) :: i
-      type(step_record), intent(in) :: step
-      real(wp), intent(in) :: q(1), p(1)
-
-      integer :: asked
-
-      asked = 1
-      ! Three ways to the same numbers: a separable angle by its terms; an angle with brackets, whose kernel works on
-      ! numbers in registers; any other model by a call for one lane, which counts by itself.
-      if (allocated(self%terms)) then
-         associate (h => self%h(1, :, i))
-            call find_angle_point(self%terms(i), q(1), p(1), h(q_), h(p_), h(qq), h(pp))
-         end associate
-      else if (self%bracketed_angle) then
-         associate (b => self%brackets)
-            call evaluate_angle(b%kinetic, ham%modified, i, step, b%c, b%rate, q, p, self%h(:, :, max(i, 1)))
-            asked = b%asked
-         end associate
-      else
-         call ask_model(self, ham, i, step, q, p)
-         return
-      end if
-      ham%counters%gradients = ham%counters%gradients + asked
-      ham%counters%hessians = ham%counters%hessians + asked
-   end subroutine evaluate
-
    !> total = start + sum_j c_j x_j from j = first on, the sum of slopes of step/stages/slope_sums for one path.
    !> Products with the coefficient zero are added, too: they change nothing, and a test of each would cost more.
    pure subroutine sum_slopes(nlane, s, first, c, x, start, total)
@@ -129,7 +72,7 @@ module symsde_step_one_dof_newton_single_path
       ! Elimination has overwritten the matrix, and solutions the right-hand sides: both are formed once more from
       ! slopes and derivatives, which are still there.
       call linearise_all(self)
-      call solve_by_lanes(self, self%d(:, first:), status, counters)
+      call solve_by_lanes(self, first, status, counters)
    end subroutine solve_systems
 
 end module symsde_step_one_dof_newton_single_path
