@@ -45,11 +45,4 @@ module symsde_step_explicit_tableau
       lanes = self%ham%nlane
    end function lanes
 
-   !> Degrees of freedom, the other bound of the body's arrays.
-   pure integer function degrees(self)
-      type(explicit_stepper), intent(in) :: self
-
-      degrees = self%ham%ndof
-   end function degrees
-
 end module symsde_step_explicit_tableau

@@ -36,11 +36,4 @@ module symsde_step_explicit_tableau_single_path
       lanes = 1
    end function lanes
 
-   !> Degrees of freedom: what is left of the bounds of the body's arrays.
-   pure integer function degrees(self)
-      type(explicit_stepper), intent(in) :: self
-
-      degrees = self%ham%ndof
-   end function degrees
-
 end module symsde_step_explicit_tableau_single_path
