@@ -20,7 +20,8 @@ module symsde_step_explicit_angle_steps_single_path
    use symsde_base_traits, only: model_traits
    use symsde_model_abstract, only: angle_terms
    use symsde_scheme_scheme, only: scheme_type, correction_none, ito_form
-   use symsde_step_explicit_evaluation_order, only: evaluation_order, new_explicit_plan, to_q, to_p
+   use symsde_step_explicit_evaluation_order, only: evaluation_order, new_explicit_plan, add_slopes, to_q, &
+                                                    to_p
    use symsde_step_hamiltonian_one_step, only: new_one_step_hamiltonian
    use symsde_step_implicit_euler_pair, only: is_euler_pair
    use symsde_step_stepper, only: stepper_type, stepper_task, few_of
@@ -145,32 +146,5 @@ module symsde_step_explicit_angle_steps_single_path
          c%hessians = c%hessians + 1
       end associate
    end subroutine find_noise_product
-
-   !> Sum k of a plan for one number, with the additions of step/explicit/evaluation_order in their order. The
-   !> parentheses keep the first product from being contracted with the next.
-   pure subroutine add_slopes(n, plan, kind, k, slope, total, start)
-      integer, intent(in) :: n, kind, k
-      type(evaluation_order), intent(in) :: plan
-      real(wp), intent(in) :: slope(plan%nstage)
-      real(wp), intent(inout) :: total(1)
-      real(wp), intent(in), optional :: start(1)
-      real(wp) :: x
-      integer :: j, first
-
-      associate (stage => plan%stage(:, k, kind), c => plan%weight(:, k, kind))
-         ! Without a start the first product is the sum so far.
-         first = merge(1, 2, present(start))
-         if (present(start)) then
-            x = start(1)
-         else
-            x = (c(1)*slope(stage(1)))
-         end if
-         !GCC$ novector
-         do j = first, plan%many(k, kind)
-            x = x + c(j)*slope(stage(j))
-         end do
-         total(1) = x
-      end associate
-   end subroutine add_slopes
 
 end module symsde_step_explicit_angle_steps_single_path

@@ -18,8 +18,6 @@ module symsde_step_explicit_evaluation_order
    private
    public :: evaluation_order, new_explicit_plan, add_slopes, to_q, to_p
 
-   integer, parameter :: narrow = 4  !! up to so many numbers are summed one by one
-
    !> One evaluation: of Hhat_q, of Hhat_p, or of both, at one stage.
    type :: evaluation
       integer :: stage = 0
@@ -169,7 +167,7 @@ contains
       if (all(has_force) .and. all(has_velocity)) found = order(:n)
    end subroutine find_order
 
-   !> total = start + sum k of a kind (to_q or to_p), without start sum k alone, of at least one slope. Slopes are
+   !> VEC total = start + sum k of a kind (to_q or to_p), without start sum k alone, of at least one slope. Slopes are
    !> (n, nstage), n being all numbers of a block or of a path. Products are added in the order of the stages.
    pure subroutine add_slopes(n, plan, kind, k, slope, total, start)
       integer, intent(in) :: n, kind, k
@@ -177,68 +175,25 @@ contains
       real(wp), intent(in) :: slope(n, plan%nstage)
       real(wp), intent(inout) :: total(n)
       real(wp), intent(in), optional :: start(n)
-
-      associate (many => plan%many(k, kind))
-         ! Both ways add the products in the same order, and round alike.
-         if (n <= narrow) then
-            call add_few(n, plan%nstage, many, plan%stage(1, k, kind), plan%weight(1, k, kind), slope, total, start)
-         else
-            call add_many(n, plan%nstage, many, plan%stage(1, k, kind), plan%weight(1, k, kind), slope, total, start)
-         end if
-      end associate
-   end subroutine add_slopes
-
-   !> VEC total = start + sum_j c_j slope_j of many numbers, slope by slope, so that each pass reads one column of
-   !> slopes.
-   pure subroutine add_many(n, nstage, many, stage, c, slope, total, start)
-      integer, intent(in) :: n, nstage, many, stage(many)
-      real(wp), intent(in) :: c(many), slope(n, nstage)
-      real(wp), intent(inout) :: total(n)
-      real(wp), intent(in), optional :: start(n)
       integer :: i, j
 
-      ! With a start its first product is added to it; without one that product is the sum so far.
-      if (present(start)) then
-         do i = 1, n
-            total(i) = start(i) + c(1)*slope(i, stage(1))
-         end do
-      else
-         do i = 1, n
-            total(i) = c(1)*slope(i, stage(1))
-         end do
-      end if
-      do j = 2, many
-         do i = 1, n
-            total(i) = total(i) + c(j)*slope(i, stage(j))
-         end do
-      end do
-   end subroutine add_many
-
-   !> The same of few numbers, which have just been written one by one: a vector of them would wait until they are in
-   !> memory. Parentheses keep the first product of a sum from being contracted with the next.
-   pure subroutine add_few(n, nstage, many, stage, c, slope, total, start)
-      integer, intent(in) :: n, nstage, many, stage(many)
-      real(wp), intent(in) :: c(many), slope(n, nstage)
-      real(wp), intent(inout) :: total(n)
-      real(wp), intent(in), optional :: start(n)
-      real(wp) :: x
-      integer :: i, j, first
-
-      ! With a start all products are added to it, without one those behind the first.
-      first = merge(1, 2, present(start))
-      !GCC$ novector
-      do i = 1, n
+      associate (stage => plan%stage(:, k, kind), c => plan%weight(:, k, kind))
+         ! With a start its first product is added to it; without one that product is the sum so far.
          if (present(start)) then
-            x = start(i)
+            do i = 1, n
+               total(i) = start(i) + c(1)*slope(i, stage(1))
+            end do
          else
-            x = (c(1)*slope(i, stage(1)))
+            do i = 1, n
+               total(i) = c(1)*slope(i, stage(1))
+            end do
          end if
-         !GCC$ novector
-         do j = first, many
-            x = x + c(j)*slope(i, stage(j))
+         do j = 2, plan%many(k, kind)
+            do i = 1, n
+               total(i) = total(i) + c(j)*slope(i, stage(j))
+            end do
          end do
-         total(i) = x
-      end do
-   end subroutine add_few
+      end associate
+   end subroutine add_slopes
 
 end module symsde_step_explicit_evaluation_order
