@@ -117,12 +117,12 @@ contains
       integer :: i
 
       associate (kicks => self%kicks, w => step%w)
-         ! a_k = dZ_k/h - dW_k/2 is independent of dW_k.
-         if (self%uses_dz) call find_a(nlane, step%h, w(:, k), step%of(path_dz)%x(:, k), self%a)
+         ! a_k = dZ_k/h - dW_k/2 is independent of dW_k, of variance |h|/12.
+         if (self%uses_dz) self%a(:nlane) = step%of(path_dz)%x(:nlane, k)/step%h - 0.5_wp*w(:nlane, k)
          do i = 1, size(kicks%c)
             ! w_ik = beta_i dW_k + gamma_i a_k; eta_i K_k is added below.
             if (abs(kicks%gamma(i)) > 0) then
-               call sum_of_two(nlane, kicks%beta(i), w(:, k), kicks%gamma(i), self%a, self%w(1, k, i))
+               self%w(:nlane, k, i) = kicks%beta(i)*w(:nlane, k) + (kicks%gamma(i)*self%a(:nlane))
             else
                call scale(nlane, kicks%beta(i), w(:, k), self%w(1, k, i))
             end if
@@ -172,30 +172,6 @@ contains
    end subroutine find_d
 
    ! ---- kernels ----------------------------------------------------------------------------------
-
-   !> VEC a = dZ/h - dW/2, the part of dZ that is independent of dW, of variance |h|/12.
-   pure subroutine find_a(nlane, h, dw, dz, a)
-      integer, intent(in) :: nlane
-      real(wp), intent(in) :: h, dw(nlane), dz(nlane)
-      real(wp), intent(out) :: a(nlane)
-      integer :: lane
-
-      do lane = 1, nlane
-         a(lane) = dz(lane)/h - 0.5_wp*dw(lane)
-      end do
-   end subroutine find_a
-
-   !> VEC total = b x + c y, the first product being the one to be contracted.
-   pure subroutine sum_of_two(nlane, b, x, c, y, total)
-      integer, intent(in) :: nlane
-      real(wp), intent(in) :: b, x(nlane), c, y(nlane)
-      real(wp), intent(out) :: total(nlane)
-      integer :: lane
-
-      do lane = 1, nlane
-         total(lane) = b*x(lane) + (c*y(lane))
-      end do
-   end subroutine sum_of_two
 
    !> VEC f = f + factor x y, lane by lane. Parentheses leave the addition as the one operation to contract.
    pure subroutine add_product(nlane, factor, x, y, f)
