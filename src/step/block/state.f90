@@ -142,10 +142,8 @@ contains
    pure logical function has_new_failures(self)
       class(lane_state), intent(in) :: self
 
-      ! Padding has a status, too: in a block that is not full, or where lanes have failed before, they are counted. The
-      ! bits of all together come first, by a loop that takes vectors.
-      has_new_failures = iany(self%status) /= 0
-      if (has_new_failures .and. self%nfailed > 0) has_new_failures = count(self%status /= 0) > self%nfailed
+      ! Padding has a status, too, and is counted in nfailed.
+      has_new_failures = count(self%status /= 0) > self%nfailed
    end function has_new_failures
 
    !> Judge states that a model took whole steps to, before they are shown: taken says that no further lane has failed.
@@ -160,9 +158,9 @@ contains
       logical, intent(out) :: taken
       integer :: nbad
 
-      ! A single path has no padding, and one number of all its states decides.
+      ! A single path has no padding, and how many of its numbers are finite decides.
       if (self%nlane == 1) then
-         nbad = merge(0, 1, are_finite(self%ndof*nout, q, p) .and. status(1) == 0)
+         nbad = merge(0, 1, count(abs(q) <= huge(q)) + count(abs(p) <= huge(p)) == 2*size(q) .and. status(1) == 0)
       else
          call find_bad_states(self%nlane, self%ndof*nout, nreal, status, q, p, self%bad, nbad)
       end if
@@ -374,24 +372,6 @@ contains
       end do
       nbad = int(count)
    end subroutine find_bad_states
-
-   !> VEC Whether all n numbers of q and p are finite. As integers the bits of |x| are ordered as |x|, with infinities
-   !> and NaNs above all, so huge_bits - bits(|x|) is negative only for these, and the sign stays in `ior`. Adding up
-   !> 0*x would make every sum wait for the one before.
-   pure logical function are_finite(n, q, p)
-      integer, intent(in) :: n
-      real(wp), intent(in) :: q(n), p(n)
-      integer(i8), parameter :: huge_bits = transfer(huge(1.0_wp), 0_i8)
-      integer(i8) :: bad
-      integer :: i
-
-      bad = 0
-      do i = 1, n
-         bad = ior(bad, ior(huge_bits - iand(transfer(q(i), 0_i8), huge(bad)), &
-                            huge_bits - iand(transfer(p(i), 0_i8), huge(bad))))
-      end do
-      are_finite = bad >= 0
-   end function are_finite
 
    !> VEC Put the last good state (q, p) in place of all nout states (qn, pn) in lanes with a status, so that
    !> observers see failed paths where they ended.
