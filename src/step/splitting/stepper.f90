@@ -8,7 +8,9 @@ module symsde_step_splitting_stepper
    use symsde_base_counters, only: counters_type, add_counters
    use symsde_base_kinds, only: wp, i8
    use symsde_base_record, only: step_record, steps_record
+   use symsde_base_sincos, only: sincos_one
    use symsde_base_vectors, only: add, subtract, add_times, scale
+   use symsde_model_abstract, only: angle_terms
    use symsde_scheme_kicks, only: flow_rotation, flow_midpoint
    use symsde_scheme_scheme, only: correction_none
    use symsde_step_block_state, only: lane_state, passed_states
@@ -27,6 +29,7 @@ module symsde_step_splitting_stepper
    end type ahead_type
 
    include 'stepper.inc'
+   include 'derivatives.inc'
 
    !> Lanes of the block.
    pure integer function lanes(self)
@@ -40,36 +43,5 @@ module symsde_step_splitting_stepper
       type(splitting_stepper), intent(inout) :: self
       type(steps_record), intent(in) :: steps
    end subroutine prefetch_weights
-
-   !> f (nlane, ndof) = (sum_j w_j H_j)_q at x, with the weights w = (b_i h, w_i1, .., w_im) of kick i. p does not
-   !> matter: noises are in position, and H is separable, or has the weight b_i = 0 where midpoint steps move it.
-   subroutine find_force(self, t, w, p)
-      type(splitting_stepper), intent(inout) :: self
-      real(wp), intent(in) :: t, w(lanes(self), 0:self%ham%nnoise), p(lanes(self), self%ham%ndof)
-
-      associate (ham => self%ham)
-         ! The force alone is asked for: hp is left out.
-         call ham%model%gradient(ham%nlane, ham%ndof, ham%nnoise, t, w, self%x, p, hq=self%f)
-         ham%counters%gradients = ham%counters%gradients + ham%nreal
-      end associate
-   end subroutine find_force
-
-   !> H_j' and H_j'' at the point x of a kick with one degree of freedom, of H (j = 0) and of the noises that are not
-   !> silent, one call with a unit weight for each: slope and curvature, (nlane, 0:nnoise).
-   subroutine find_derivatives(self, t, p)
-      type(splitting_stepper), intent(inout) :: self
-      real(wp), intent(in) :: t, p(lanes(self), 1)
-      integer :: j, k
-
-      do j = 0, size(self%weights%noisy)
-         k = 0
-         ! Unit weights pick H_k out of the sum that the model computes, and are taken back.
-         if (j > 0) k = self%weights%noisy(j)
-         self%unit(:, k) = 1
-         call self%ham%model%gradient_hessian(lanes(self), 1, self%ham%nnoise, t, self%unit, self%x, p, &
-                                              hq=self%slope(:, k), hqq=self%curvature(:, k))
-         self%unit(:, k) = 0
-      end do
-   end subroutine find_derivatives
 
 end module symsde_step_splitting_stepper

@@ -28,17 +28,16 @@ module symsde_step_splitting_stepper_single_path
    private
    public :: splitting_stepper
 
-   !> Weights of the steps to come, and the terms a .. f of an angle (model_type%angle).
+   !> Weights of the steps to come.
    type :: ahead_type
       type(kick_weights), allocatable :: weights  !! of the steps to come, a lane for each
       type(step_store) :: store                   !! what drives these steps, shown as one step
       real(wp), allocatable :: w(:, :, :, :)      !! the same weights, sorted by step (1, 0:nnoise, nkick, step)
       real(wp), allocatable :: v(:, :, :), d(:, :, :)  !! V and D, sorted alike, of products (1, .., step)
-      type(angle_terms), allocatable :: terms(:)  !! a .. f of each H_j by itself (0:nnoise)
-      logical :: knows_terms = .false.            !! terms are found, and serve all times
    end type ahead_type
 
    include 'stepper.inc'
+   include 'derivatives.inc'
 
    ! ---- what a path by itself does otherwise than a block ------------------------------------------
 
@@ -115,63 +114,5 @@ module symsde_step_splitting_stepper_single_path
          if (allocated(self%weights%d)) allocate (ahead%d(1, size(self%weights%d, 2), steps%most))
       end associate
    end subroutine make_ahead
-
-   !> f = (sum_j w_j H_j)_q at x, with the weights of a kick. That of an angle follows from its terms, with the
-   !> additions of the model's gradient in their order.
-   subroutine find_force(self, t, w, p)
-      type(splitting_stepper), intent(inout) :: self
-      real(wp), intent(in) :: t, w(0:self%ham%nnoise), p(self%ham%ndof)
-      type(angle_terms) :: terms
-      real(wp) :: sine, cosine
-
-      associate (ham => self%ham, x => self%x(1, 1))
-         ! The terms are those of sum_j w_j H_j, so that one sine and one cosine serve all of them.
-         if (ham%model%traits%has_angle_terms) then
-            call ham%model%angle(ham%nnoise, t, w, terms)
-            sine = sincos_one(x, cosine)
-            self%f(1, 1) = terms%a*sine + (terms%b*cosine + (terms%c*x + terms%d))
-         else
-            call ham%model%gradient(1, ham%ndof, ham%nnoise, t, w, self%x, p, hq=self%f)
-         end if
-         ham%counters%gradients = ham%counters%gradients + 1
-      end associate
-   end subroutine find_force
-
-   !> H_j' and H_j'' at the point x of a kick with one degree of freedom, of H (j = 0) and of the noises that are not
-   !> silent. Angles have terms for each H_j, which are found once where the model does not depend on time.
-   subroutine find_derivatives(self, t, p)
-      type(splitting_stepper), intent(inout) :: self
-      real(wp), intent(in) :: t, p(1)
-      real(wp) :: sine, cosine
-      integer :: j, k
-
-      associate (model => self%ham%model, m => self%ham%nnoise, noisy => self%weights%noisy, ahead => self%ahead)
-         if (model%traits%has_angle_terms) then
-            ! One sine and one cosine at x serve the derivatives of all H_j.
-            if (.not. allocated(ahead%terms)) allocate (ahead%terms(0:m))
-            sine = sincos_one(self%x(1, 1), cosine)
-         end if
-         ! j counts the Hamiltonians that are asked for, k is the number of each: 0 for H, else that of a noise.
-         do j = 0, size(noisy)
-            k = 0
-            if (j > 0) k = noisy(j)
-            self%unit(1, k) = 1
-            if (model%traits%has_angle_terms) then
-               associate (terms => ahead%terms(k))
-                  if (.not. ahead%knows_terms) call model%angle(m, t, self%unit, terms)
-                  ! slope = a sin x + (b cos x + (c x + d)), curvature = a cos x + (c - b sin x).
-                  self%slope(1, k) = terms%a*sine + (terms%b*cosine + (terms%c*self%x(1, 1) + terms%d))
-                  self%curvature(1, k) = terms%a*cosine + (terms%c - terms%b*sine)
-               end associate
-            else
-               call model%gradient_hessian(1, 1, m, t, self%unit, self%x, p, hq=self%slope(:, k), &
-                                           hqq=self%curvature(:, k))
-            end if
-            self%unit(1, k) = 0
-         end do
-         ! Terms of a model that does not depend on time serve every kick of every step.
-         ahead%knows_terms = model%traits%autonomous
-      end associate
-   end subroutine find_derivatives
 
 end module symsde_step_splitting_stepper_single_path
