@@ -22,7 +22,7 @@ module symsde_step_hamiltonian_mass
       logical :: diagonal = .false.
       integer :: asked = 0                                !! gradients that a velocity costs
       real(wp), allocatable :: inverse(:)                 !! the diagonal of M^-1 (ndof)
-      logical :: known = .false.                          !! it was looked at
+      logical :: known = .false.                          !! it was looked at; asked before `look`, which makes arrays
       real(wp), allocatable, private :: unit(:, :)        !! the weight of H alone (nlane, 0:nnoise)
       real(wp), allocatable, private :: hp(:, :)          !! H_p (nlane, ndof)
    contains
