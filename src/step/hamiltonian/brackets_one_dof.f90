@@ -137,6 +137,7 @@ contains
    end subroutine begin
 
    !> Gradient and Hessian h(:, q_), .., h(:, pp) of all at (q, p), in stage i or, i = 0, in the middle of the step.
+   !> Kinetic brackets have their own way (step/hamiltonian/brackets_one_dof_kinetic).
    subroutine evaluate(self, parts, i, step, q, p, h, counters, nreal)
       class(single_brackets), intent(inout) :: self
       type(modified_hamiltonian), intent(inout) :: parts
@@ -148,17 +149,13 @@ contains
       integer, intent(in) :: nreal
 
       associate (t => self%times(i))
-         if (allocated(self%kinetic)) then
-            call self%kinetic%evaluate(parts, i, step, self%c, self%rate, q, p, h)
-         else
-            ! The order is that of the head: derivatives of all H_j first, then single brackets and areas, then nested
-            ! brackets, for which d(:, :, 0) is overwritten, and last what comes from other points and times.
-            call ask(self, parts, t, q, p)
-            if (self%thirds) counters%hessian_vectors = counters%hessian_vectors + nreal*self%asked
-            call add_up(self, parts, step, h)
-            if (self%nested) call add_nested(self, parts, t, step, q, p, h)
-            if (self%partly) call parts%add_rest(t, step, q, p, h(:, q_), h(:, p_), counters, nreal)
-         end if
+         ! The order is that of the head: derivatives of all H_j first, then single brackets and areas, then nested
+         ! brackets, for which d(:, :, 0) is overwritten, and last what comes from other points and times.
+         call ask(self, parts, t, q, p)
+         if (self%thirds) counters%hessian_vectors = counters%hessian_vectors + nreal*self%asked
+         call add_up(self, parts, step, h)
+         if (self%nested) call add_nested(self, parts, t, step, q, p, h)
+         if (self%partly) call parts%add_rest(t, step, q, p, h(:, q_), h(:, p_), counters, nreal)
       end associate
       counters%gradients = counters%gradients + nreal*self%asked
       counters%hessians = counters%hessians + nreal*self%asked

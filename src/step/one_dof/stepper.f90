@@ -37,6 +37,7 @@ module symsde_step_one_dof_stepper
       type(one_step_hamiltonian) :: ham
       type(one_dof_newton) :: solver
       type(step_store) :: store
+      integer :: n = 0, lanes(few_lanes) = 0          !! how many were gathered, and where they come from
       integer(i8) :: status(few_lanes) = 0
       real(wp), dimension(few_lanes) :: q = 0, p = 0
    end type last_lanes
@@ -102,71 +103,86 @@ contains
       call new_step_store(self%store, few_lanes, model%traits%nnoise, 2, 0.0_wp, asked)
    end subroutine new_last_lanes
 
-   !> Newton's iteration from its first guess until no lane runs, then the weighted sums of the slopes. The count of
-   !> running lanes decides when to gather; what a lane computes does not depend on it.
+   !> Newton's iteration from its first guess until no lane runs, at last in the small block, then the weighted sums of
+   !> the slopes. The count of running lanes decides when to gather; what a lane computes does not depend on it.
    subroutine increment(self, step, q, p, dq, dp, status)
       class(one_dof_stepper), intent(inout) :: self
       type(step_record), intent(in) :: step
       real(wp), intent(in) :: q(self%ham%nlane, self%ham%ndof), p(self%ham%nlane, self%ham%ndof)
       real(wp), intent(out) :: dq(self%ham%nlane, self%ham%ndof), dp(self%ham%nlane, self%ham%ndof)
       integer(i8), intent(inout) :: status(self%ham%nlane)
+      type(step_record) :: gathered
 
-      associate (solver => self%solver)
+      associate (solver => self%solver, few => self%few)
          call solver%begin(self%ham, step, q, p, status)
          do while (solver%newton%running)
-            if (allocated(self%few) .and. solver%newton%nrunning <= few_lanes) then
-               call finish(self, self%few, step, q, p, status)
-               exit
-            end if
+            if (allocated(self%few) .and. solver%newton%nrunning <= few_lanes) exit
             call solver%iterate(self%ham, step, q, p, status)
          end do
+         if (solver%newton%running) then
+            call gather(few, self%ham, solver, step, q, p, status, gathered)
+            do while (few%solver%newton%running)
+               call few%solver%iterate(few%ham, gathered, few%q, few%p, few%status)
+            end do
+            call scatter(few, self%ham, solver, status)
+         end if
          call solver%add_up(dq, dp)
       end associate
    end subroutine increment
 
-   !> Go on with the lanes that are running, gathered: their states, increments and functionals, slopes and statuses are
-   !> copied, and slopes and statuses come back. Lanes that fill up the small block repeat its last one and rest.
-   subroutine finish(self, few, step, q, p, status)
-      type(one_dof_stepper), intent(inout) :: self
-      type(last_lanes), intent(inout), target :: few
+   !> Copy the lanes that are running into the small block: their states, increments and functionals, slopes and
+   !> statuses. Lanes that fill it up repeat its last one and rest.
+   subroutine gather(self, ham, solver, step, q, p, status, gathered)
+      type(last_lanes), intent(inout), target :: self
+      type(one_step_hamiltonian), intent(in) :: ham
+      type(one_dof_newton), intent(in) :: solver
       type(step_record), intent(in) :: step
-      real(wp), intent(in) :: q(self%ham%nlane), p(self%ham%nlane)
-      integer(i8), intent(inout) :: status(self%ham%nlane)
-      type(step_record) :: gathered
-      integer :: lanes(few_lanes), n, i, f
+      real(wp), intent(in) :: q(ham%nlane), p(ham%nlane)
+      integer(i8), intent(in) :: status(ham%nlane)
+      type(step_record), intent(out) :: gathered  !! the step of the gathered lanes
+      integer :: i, f
 
       ! Lanes that run have the size of their last correction in `last`, which is negative in all others.
-      n = 0
-      do i = 1, self%ham%nlane
-         if (.not. self%solver%newton%last(i) >= 0) cycle
-         n = n + 1
-         lanes(n) = i
+      self%n = 0
+      do i = 1, ham%nlane
+         if (.not. solver%newton%last(i) >= 0) cycle
+         self%n = self%n + 1
+         self%lanes(self%n) = i
       end do
-      ! At least one lane runs, so there is a last one to repeat.
-      lanes(n + 1:) = lanes(n)
-      few%q = q(lanes)
-      few%p = p(lanes)
-      few%store%h = step%h
-      few%store%w(:, :, 0) = step%w(lanes, :)
-      do f = 1, nfunctional  ! those which the store has room for are the ones that brackets read
-         if (allocated(few%store%of(f)%x)) few%store%of(f)%x(:, :, 0) = step%of(f)%x(lanes, :)
-      end do
-      call few%store%show(0, step%t, gathered)
-      ! Any status but 0 makes a lane rest; this one is never seen, as only the first n are copied back.
-      few%status = not_converged  ! lanes that fill up the block rest
-      few%status(:n) = status(lanes(:n))
-      few%ham%nreal = count(lanes(:n) <= self%ham%nreal)  ! padding of the block is counted nowhere
-      ! The step is rebuilt for the gathered lanes, at the same time t_n. Their iteration goes on with the count and
-      ! the sizes of corrections that it had, so that the bounds and tests of Newton's iteration do not begin anew.
-      call resume(few%solver, few%ham, self%solver, lanes, gathered, few%status)
-      do while (few%solver%newton%running)
-         call few%solver%iterate(few%ham, gathered, few%q, few%p, few%status)
-      end do
-      self%solver%x(lanes(:n), :) = few%solver%x(:n, :)
-      status(lanes(:n)) = few%status(:n)
-      ! the small block belongs to this stepper: what it counted does, too
-      call add_counters(self%ham%counters, few%ham%counters)
-      few%ham%counters = counters_type()
-   end subroutine finish
+      associate (n => self%n, lanes => self%lanes)
+         ! At least one lane runs, so there is a last one to repeat.
+         lanes(n + 1:) = lanes(n)
+         self%q = q(lanes)
+         self%p = p(lanes)
+         self%store%h = step%h
+         self%store%w(:, :, 0) = step%w(lanes, :)
+         do f = 1, nfunctional  ! those which the store has room for are the ones that brackets read
+            if (allocated(self%store%of(f)%x)) self%store%of(f)%x(:, :, 0) = step%of(f)%x(lanes, :)
+         end do
+         call self%store%show(0, step%t, gathered)
+         ! Any status but 0 makes a lane rest; this one is never seen, as only the first n are copied back.
+         self%status = not_converged  ! lanes that fill up the block rest
+         self%status(:n) = status(lanes(:n))
+         self%ham%nreal = count(lanes(:n) <= ham%nreal)  ! padding of the block is counted nowhere
+         ! The step is rebuilt for the gathered lanes, at the same time t_n. Their iteration goes on with the count and
+         ! the sizes of corrections that it had, so that the bounds and tests of Newton's iteration do not begin anew.
+         call resume(self%solver, self%ham, solver, lanes, gathered, self%status)
+      end associate
+   end subroutine gather
+
+   !> Bring slopes and statuses of the gathered lanes back to the block, with what was counted.
+   subroutine scatter(self, ham, solver, status)
+      type(last_lanes), intent(inout) :: self
+      type(one_step_hamiltonian), intent(inout) :: ham
+      type(one_dof_newton), intent(inout) :: solver
+      integer(i8), intent(inout) :: status(ham%nlane)
+
+      associate (n => self%n, lanes => self%lanes)
+         solver%x(lanes(:n), :) = self%solver%x(:n, :)
+         status(lanes(:n)) = self%status(:n)
+      end associate
+      call add_counters(ham%counters, self%ham%counters)
+      self%ham%counters = counters_type()
+   end subroutine scatter
 
 end module symsde_step_one_dof_stepper
