@@ -7,10 +7,10 @@
 !> added, with or without compensation, checked, and refused for failed paths in step/block/state. Increments and not
 !> states are what a stepper finds, since compensated sums need all digits of dq, which q_{n+1} would round away.
 !>
-!> Two kinds of steppers do more. One that takes lanes in small groups may add their increments itself while these are
-!> in cache (`moves`); a model that takes whole steps has an `advance` of its own. It is the same for a block of a
-!> thousand paths and for a path by itself, which is a block of one lane. A stepper owns its workspace: every thread
-!> has its own.
+!> Three kinds of steppers do more. One that takes lanes in small groups may add their increments itself while these
+!> are in cache (`moves`); one may find what many steps need before the first of them (`prefetch`); a model that takes
+!> whole steps has an `advance` of its own. It is the same for a block of a thousand paths and for a path by itself,
+!> which is a block of one lane. A stepper owns its workspace: every thread has its own.
 !>
 !> A block is padded to whole vectors of eight lanes, and its passes tell lanes that are done from others. A run of few
 !> paths pays for both and uses little of either: every path of such a run is a block of one lane. A stepper says up to
@@ -31,7 +31,7 @@ module symsde_step_stepper
    use symsde_step_hamiltonian_one_step, only: one_step_hamiltonian
    implicit none
    private
-   public :: stepper_type, stepper_task, advance_by_increments, most_single, few_of
+   public :: stepper_type, stepper_task, most_single, few_of
 
    integer, parameter :: most_single = 12         !! paths of a run that any stepper takes one by one
    integer, parameter :: wide = 32                !! degrees of freedom of a wide system
@@ -71,7 +71,8 @@ module symsde_step_stepper
    contains
       procedure(make_interface), deferred :: make
       procedure(increment_interface), deferred :: increment
-      procedure :: advance => advance_by_increments
+      procedure :: advance
+      procedure :: prefetch
       procedure :: move
       procedure :: make_room
       procedure :: tally
@@ -104,7 +105,7 @@ contains
    !> after every steps%every steps, they are put down in passed, the last one, too. The step in which a lane fails is
    !> the last one that is taken: then the lane is where it was, with a status, and others have gone on. Who asked sees
    !> to it that the lane is rescued, or its failure recorded.
-   subroutine advance_by_increments(self, steps, state, passed, ntaken, failed)
+   subroutine advance(self, steps, state, passed, ntaken, failed)
       class(stepper_type), intent(inout) :: self
       type(steps_record), intent(inout) :: steps
       type(lane_state), intent(inout) :: state
@@ -114,6 +115,7 @@ contains
       integer :: left
 
       call self%make_room()
+      call self%prefetch(steps)
       passed%n = 0
       left = steps%every
       do ntaken = 1, steps%nstep
@@ -132,7 +134,15 @@ contains
          if (steps%nstep > steps%every) call passed%put(state)
       end do
       ntaken = steps%nstep
-   end subroutine advance_by_increments
+   end subroutine advance
+
+   !> Find what these steps need, for all at once, before the first of them; by default nothing. The increments that
+   !> follow are those of these steps, in order, until `advance` begins anew. Who asks a stepper for increments itself
+   !> never calls `advance`, so that nothing is found ahead for those.
+   subroutine prefetch(self, steps)
+      class(stepper_type), intent(inout), target :: self
+      type(steps_record), intent(in) :: steps
+   end subroutine prefetch
 
    !> Room for the increments of a step, made by the first one: a stepper that moves states itself, or is never used,
    !> has none before.

@@ -13,12 +13,11 @@ module symsde_step_splitting_stepper
    use symsde_model_abstract, only: angle_terms
    use symsde_scheme_kicks, only: flow_rotation, flow_midpoint
    use symsde_scheme_scheme, only: correction_none
-   use symsde_step_block_state, only: lane_state, passed_states
    use symsde_step_splitting_drift, only: drift_flow, new_drift_flow
    use symsde_step_splitting_coefficients, only: kick_weights, new_kick_weights, add_product
    use symsde_step_splitting_midpoint_drift, only: midpoint_flow, new_midpoint_flow
    use symsde_step_hamiltonian_one_step, only: new_one_step_hamiltonian
-   use symsde_step_stepper, only: stepper_type, stepper_task, advance_by_increments
+   use symsde_step_stepper, only: stepper_type, stepper_task
    implicit none
    private
    public :: splitting_stepper
@@ -39,9 +38,9 @@ module symsde_step_splitting_stepper
    end function lanes
 
    !> Find weights ahead: a block does nothing here, since its lanes are weighed side by side in each step.
-   subroutine prefetch_weights(self, steps)
-      type(splitting_stepper), intent(inout) :: self
+   subroutine prefetch(self, steps)
+      class(splitting_stepper), intent(inout), target :: self
       type(steps_record), intent(in) :: steps
-   end subroutine prefetch_weights
+   end subroutine prefetch
 
 end module symsde_step_splitting_stepper

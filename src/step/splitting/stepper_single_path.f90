@@ -18,12 +18,11 @@ module symsde_step_splitting_stepper_single_path
    use symsde_model_abstract, only: angle_terms
    use symsde_scheme_kicks, only: flow_rotation, flow_midpoint
    use symsde_scheme_scheme, only: correction_none
-   use symsde_step_block_state, only: lane_state, passed_states
    use symsde_step_splitting_drift, only: drift_flow, new_drift_flow
    use symsde_step_splitting_coefficients, only: kick_weights, new_kick_weights, add_product
    use symsde_step_splitting_midpoint_drift, only: midpoint_flow, new_midpoint_flow
    use symsde_step_hamiltonian_one_step, only: new_one_step_hamiltonian
-   use symsde_step_stepper, only: stepper_type, stepper_task, advance_by_increments
+   use symsde_step_stepper, only: stepper_type, stepper_task
    implicit none
    private
    public :: splitting_stepper
@@ -50,8 +49,8 @@ module symsde_step_splitting_stepper_single_path
 
    !> The weights of all steps of a call: what drives step i is put into lane i of a store, which is weighed as one step
    !> of many lanes. The times of the steps do not matter to weights.
-   subroutine prefetch_weights(self, steps)
-      type(splitting_stepper), intent(inout), target :: self
+   subroutine prefetch(self, steps)
+      class(splitting_stepper), intent(inout), target :: self
       type(steps_record), intent(in) :: steps
       type(step_record) :: record
       integer :: i, k, f
@@ -90,7 +89,7 @@ module symsde_step_splitting_stepper_single_path
          ahead%v(1, :, :n) = transpose(weights%v(:n, :))
          if (allocated(weights%d)) ahead%d(1, :, :n) = transpose(weights%d(:n, :))
       end associate
-   end subroutine prefetch_weights
+   end subroutine prefetch
 
    !> Room for as many steps as a call takes (steps%most), made when the first call comes: it says which functionals
    !> drive the steps.
