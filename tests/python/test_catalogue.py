@@ -105,6 +105,18 @@ def test_families():
     assert ss.schemes.get("dirk:0.25").info.nstage == 2
 
 
+def test_galerkin_schemes_are_those_whose_rule_has_the_order_in_the_name():
+    """PsNrQu: degree s <= r nodes, and u the order of the rule with r nodes; any other digits are no scheme."""
+    has_order = {"Gau": lambda r: 2 * r, "Lob": lambda r: 2 * r - 2, "Otr": lambda r: 2 if r == 2 else 0}
+    for s, r, u, rule in itertools.product(range(6), range(6), range(10), has_order):
+        name = f"P{s}N{r}Q{u}{rule}"
+        if 1 <= s <= r <= 4 and u == has_order[rule](r) > 0:
+            assert ss.schemes.get(name).name == name
+        else:
+            with pytest.raises(ss.errors.SymsdeError):
+                ss.schemes.get(name)
+
+
 def test_scheme_from_quadrature_is_gauss2(kubo, options):
     root = np.sqrt(3) / 6
     scheme = ss.schemes.from_quadrature([0.5 - root, 0.5 + root], [0.5, 0.5], degree=2, name="mine")
