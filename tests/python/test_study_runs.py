@@ -2,6 +2,7 @@
 """What a study costs, by a clock that is known, and when it goes on where an earlier one stopped."""
 
 import json
+import re
 from types import SimpleNamespace
 
 import numpy as np
@@ -83,6 +84,14 @@ def test_number_of_paths_of_a_timed_run(monkeypatch):
         monkeypatch.setattr(plan, "run", run)
         monkeypatch.setattr(plan, "set_up", lambda *_: None)
         assert timing.cost(plan, plan.schemes[0], 4)["timing_paths"] == 256 * blocks
+
+
+def test_progress_counts_the_points(capsys, monkeypatch):
+    monkeypatch.setattr(study, "cost", lambda *_: {"seconds": 1.0, "seconds_low": 1.0, "seconds_high": 1.0})
+    ss.work_precision(model=ss.models.kubo(), **GIVEN | {"steps": [4, 8]}, name="mine", progress=True)
+    told = re.findall(r"(\d/\d) mine: (\w+), (\d) steps", capsys.readouterr().err)
+    names, steps = ["midpoint", "midpoint", "heun", "heun"], ["4", "8", "4", "8"]
+    assert told == list(zip(["1/4", "2/4", "3/4", "4/4"], names, steps, strict=True))
 
 
 OTHER_STUDIES = [
