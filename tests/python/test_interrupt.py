@@ -129,6 +129,14 @@ def test_what_progress_raises_carries_the_run(kubo):
     assert (caught.value.partial.q[0] == 1).all()
 
 
+@pytest.mark.parametrize(("function", "result"), [(ss.simulate, ss.Run), (ss.moments, ss.Moments)])
+def test_what_stops_before_the_run_begins_carries_nothing(function, result, kubo, monkeypatch):
+    monkeypatch.setattr(result, "fill", lambda *_: raises(0, None))
+    with pytest.raises(HandledError) as caught:
+        function(kubo, paths=3, **LONG)
+    assert caught.value.partial is None
+
+
 @pytest.mark.parametrize("times", [10**5, 2 * 10**6])
 def test_moments_with_many_saved_times_show_progress_and_stop(times, kubo):
     """Blocks tell of their steps before they are done, and what no path reached costs nothing to give back.
