@@ -55,7 +55,9 @@ def export(folder, name, language, capsys):
     ending = {"fortran": "f90", "c": "c"}[language]
     target = folder / f"{name}.{ending}"
     assert command_line.main(["export", str(folder / f"{name}.toml"), "--to", language, "--out", str(target)]) == 0
-    return capsys.readouterr().out.strip(), target.read_text()
+    text = target.read_text()
+    assert text.endswith("\n") and not text.endswith("\n\n")
+    return capsys.readouterr().out.strip(), text
 
 
 def numbers(folder, line, name):

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import symsde as ss
 
 pytest.importorskip("sympy")
 mpmath = pytest.importorskip("mpmath")
@@ -165,3 +166,10 @@ def test_far_arguments_are_those_of_the_c_library(name):
     assert (y[np.isinf(expected)] == expected[np.isinf(expected)]).all()
     near, _ = function(name)(x[:, :1])
     np.testing.assert_array_equal(y[:1], near)  # neighbours that are far change nothing
+
+
+@pytest.mark.usefixtures("quick_compiler")
+def test_factors_below_the_line_are_divided_by_at_once():
+    model = ss.model_from_sympy("p**2/2 + q/((1 + q**2)*(2 + cos(q)))", [], q="q", p="p")
+    value = model.formula.source.split("of_value(IN, OUT value) {")[1].split("\n}")[0]
+    assert value.count(" / ") == 1

@@ -376,7 +376,7 @@ def test_cost_is_all_that_was_spent(monkeypatch):
 
 def test_paths_that_all_fail_are_told_of():
     model = ss.models.henon_heiles(sigma1=0.6, sigma2=0.6)
-    with pytest.raises(ss.errors.NumericalError, match="^1024 paths failed at 8 steps and 0 came to the end: give"):
+    with pytest.raises(ss.errors.NumericalError, match=r"^1024 paths failed at 8 steps and 0 came to the end: give"):
         ss.mlmc(model, "q1**2", q0=3.0, p0=3.0, horizon=20.0, abs=1e-2, scheme="stormer_verlet", steps=8)
 
 

@@ -242,3 +242,11 @@ def test_an_escape_that_the_pilot_does_not_see_ends_the_work():
     found.look(Tally.of(rare), as_scheme("stormer_verlet"), 40)  # once
     with pytest.raises(ss.errors.NumericalError, match="their variance overflows"):
         found.look(Tally(10, 0.0, math.inf), as_scheme("stormer_verlet"), 40)
+
+
+@pytest.mark.usefixtures("work_clock")
+def test_a_width_relative_to_a_mean_of_zero_is_refused_after_so_many_looks():
+    """E q = 0, and 2^18 values of variance (1/2 - sin(2)/4) have this standard error: no more are drawn."""
+    given = {"q0": 0.0, "p0": 0.0, "horizon": 1.0, "rel": 0.05, "max_time": 60.0}
+    with pytest.raises(ss.errors.InvalidArgumentError, match=r"\+- 0\.00102 and may be 0"):
+        ss.expect(ss.models.linear_oscillator(), "q", **given)
