@@ -258,3 +258,17 @@ def test_no_private_function_is_named_by_a_refusal(kubo):
         with pytest.raises((TypeError, ValueError), match="nonsense") as caught:
             call(function)
         assert "make_" not in str(caught.value) and "_setup" not in str(caught.value)
+
+
+def test_traits_are_probed_around_the_state_that_is_given():
+    asked = []
+
+    def gradient(t, w, q, p):
+        asked.append((q.copy(), p.copy()))
+        return w[0] * q, w[0] * p
+
+    model = ss.Model(ndof=1, nnoise=0, gradient=gradient, separable=True)
+    asked.clear()
+    model.probe(5.0, -5.0)
+    q, p = (np.concatenate([x.ravel() for x in points]) for points in zip(*asked, strict=True))
+    assert (q[0], p[0]) == (5.0, -5.0) and (np.abs(q - 5) < 2).all() and (np.abs(p + 5) < 2).all()
