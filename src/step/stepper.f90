@@ -9,8 +9,8 @@
 !>
 !> Three kinds of steppers do more. One that takes lanes in small groups may add their increments itself while these
 !> are in cache (`moves`); one may find what many steps need before the first of them (`prefetch`); a model that takes
-!> whole steps has an `advance` of its own. It is the same for a block of a thousand paths and for a path by itself,
-!> which is a block of one lane. A stepper owns its workspace: every thread has its own.
+!> whole steps has an `advance` of its own. A run asks in the same way for the steps of a block of a thousand paths and
+!> for those of a path by itself, which is a block of one lane. A stepper owns its workspace: every thread has its own.
 !>
 !> A block is padded to whole vectors of eight lanes, and its passes tell lanes that are done from others. A run of few
 !> paths pays for both and uses little of either: every path of such a run is a block of one lane. A stepper says up to
@@ -136,9 +136,9 @@ contains
       ntaken = steps%nstep
    end subroutine advance
 
-   !> Find what these steps need, for all at once, before the first of them; by default nothing. The increments that
-   !> follow are those of these steps, in order, until `advance` begins anew. Who asks a stepper for increments itself
-   !> never calls `advance`, so that nothing is found ahead for those.
+   !> Find what these steps need before the first of them, for all at once; by default nothing. `advance` then asks for
+   !> the increments of these steps alone, in order. Steppers inside of others, rescues and diagnoses ask for increments
+   !> only, and nothing is found ahead for them.
    subroutine prefetch(self, steps)
       class(stepper_type), intent(inout), target :: self
       type(steps_record), intent(in) :: steps

@@ -16,7 +16,7 @@ module symsde_ensemble_block_noise_buffer
    use symsde_base_interrupt, only: interrupt_type
    use symsde_base_kinds, only: wp, i8
    use symsde_base_record, only: steps_record, step_store, step_request, describe_step_store
-   use symsde_ensemble_block_prefetch, only: pairs_ahead, pairs_of
+   use symsde_ensemble_block_ahead, only: pairs_ahead, pairs_of
    use symsde_noise_source, only: noise_type
    implicit none
    private

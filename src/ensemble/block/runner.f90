@@ -3,11 +3,11 @@
 !>
 !>    begin:     load the states of the paths, show them to the observer
 !>    run_chunk: until the chunk is over
-!>                  draw      what drives the next steps, unless it was drawn ahead
-!>                  plan      how many steps are taken at once, and which states on the way are saved
-!>                  advance   the stepper takes them, up to the first in which a lane fails
-!>                  show      the saved states to the observer, which may retire lanes
-!>                  settle    failed lanes: they are rescued, or their failure is recorded
+!>                  draw         what drives the next steps, unless it was drawn ahead
+!>                  plan_states  how many steps are taken at once, and which states on the way are saved
+!>                  take_steps   the stepper takes them, up to the first in which a lane fails (`advance`); then
+!>                    show_states  the saved states are shown to the observer, which may retire lanes
+!>                    settle       failed lanes are rescued, or their failure is recorded
 !>    finish:    account for saved times that were not reached, count the steps
 !>
 !> Steps are counted from the beginning of the run of which this may be a part, and t_n = t0 + n h is formed from the
@@ -22,7 +22,7 @@ module symsde_ensemble_block_runner
    use symsde_base_lanes, only: path_of_lane
    use symsde_base_record, only: steps_record
    use symsde_base_status, only: stopped
-   use symsde_ensemble_block_prefetch, only: states_ahead, most_shown
+   use symsde_ensemble_block_ahead, only: states_ahead, most_shown
    use symsde_ensemble_block_noise_buffer, only: noise_buffer, new_noise_buffer
    use symsde_ensemble_block_initial_state, only: initial_state
    use symsde_ensemble_observe_observer, only: observer_type
@@ -75,7 +75,7 @@ contains
    !> A runner around a stepper, with room for what sources of noise will be asked for; to be equipped before it runs.
    !> States on the way are kept, and shown several at once, for a path by itself and for models that take whole
    !> steps. Other blocks take their steps up to one saved point, which is shown from where it is.
-   !> Room for states is bounded by memory (prefetch), and by how many saved points the run has.
+   !> Room for states is bounded by memory (states_ahead), and by how many saved points the run has.
    subroutine new_block_runner(self, options, nlane, stepper, asked)
       type(block_runner), intent(out) :: self
       type(run_options), intent(in) :: options
@@ -240,7 +240,11 @@ contains
          from = self%state
          call self%stepper%tally(before)
       end if
-      call advance(self, nout, every, ntaken, failed)
+      ! The stepper takes them one after the other by default, or at once where the model does. ntaken counts the step
+      ! in which a lane failed, too.
+      call self%drawn%show(step, nout*every, time_of(self, step), self%steps)
+      self%steps%every = every
+      call self%stepper%advance(self%steps, self%state, self%passed, ntaken, failed)
       ! States on the way: they are shown as if the failing step, the last one, had not been tried.
       if (nout > 1) then
          if (failed) call set_back(self%state, reached)
@@ -266,20 +270,6 @@ contains
       ! saved.
       if ((nout == 1 .or. failed) .and. steps_to_save(self) == self%options%save_every) call save_point(self)
    end subroutine take_steps
-
-   !> Let the stepper take nout times `every` steps from where the block is, by default one after the other, or at
-   !> once where the model does. ntaken counts the step in which a lane failed, too; the saved states on the way stand
-   !> in self%passed.
-   subroutine advance(self, nout, every, ntaken, failed)
-      type(block_runner), intent(inout) :: self
-      integer, intent(in) :: nout, every
-      integer, intent(out) :: ntaken
-      logical, intent(out) :: failed
-
-      call self%drawn%show(self%step, nout*every, time_of(self, self%step), self%steps)
-      self%steps%every = every
-      call self%stepper%advance(self%steps, self%state, self%passed, ntaken, failed)
-   end subroutine advance
 
    !> A step failed after others: the states before it are shown without what became of it, which is kept in `reached`.
    !> Lanes that failed in this step have a status and no failed step yet.

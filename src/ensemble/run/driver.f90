@@ -1,6 +1,9 @@
 ! SPDX-License-Identifier: BSD-3-Clause
 !> An ensemble: model, scheme and options, checked and probed, with a runner for every thread; and how it is driven.
 !>
+!>    new_ensemble: options, task of the steppers, lanes and threads, probes, noise, runners, warnings
+!>    drive:        equip the runners, run_blocks (ensemble/run/threads), summarise
+!>
 !> Path i is a pure function of (seed, i, model, initial state, t0, scheme, step, refine, options, build,
 !> CPU type): never of threads, blocks, neighbours or the number of paths.
 module symsde_ensemble_run_driver

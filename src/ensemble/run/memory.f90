@@ -8,7 +8,7 @@ module symsde_ensemble_run_memory
    use symsde_base_status, only: error_type
    use symsde_base_text, only: to_text
    use symsde_base_traits, only: model_traits
-   use symsde_ensemble_block_prefetch, only: pairs_ahead, states_ahead
+   use symsde_ensemble_block_ahead, only: pairs_ahead, states_ahead
    use symsde_ensemble_block_shrink_block, only: narrower_width
    use symsde_ensemble_observe_observer, only: observer_type
    use symsde_ensemble_options, only: run_options

@@ -2,6 +2,11 @@
 !> How blocks are spread over threads: the loop over them, which is the only parallel region of the library, and how
 !> many threads it takes.
 !>
+!>    run_blocks: start the threads
+!>    run_share:  take one block after the other, until none is left
+!>    run_block:  take a block to its end, chunk by chunk
+!>    watch:      wait on the calling thread for the others
+!>
 !> Private to its family.
 module symsde_ensemble_run_threads
    use, intrinsic :: iso_c_binding, only: c_int

@@ -79,10 +79,11 @@ contains
       self%failed_step = -1
    end subroutine new_lane_state
 
-   !> Add the increments of one step where the result is finite and the lane is still ok. Where that is not so in a lane
-   !> that went on until now, failed says so, and the lane has a status: for someone to rescue it, and to `record` in
-   !> which step it failed. A step in which all goes well costs no pass over the statuses of its own: the pass that adds
-   !> counts the lanes that it refuses, and more of them than had failed before mean a new failure.
+   !> Add the increments of one step where the result is finite and the lane is still ok; the stepper's `advance` asks
+   !> for it after every step. Where that is not so in a lane that went on until now, failed says so, and the lane has a
+   !> status: for someone to rescue it, and to `record` in which step it failed. A step in which all goes well costs no
+   !> pass over the statuses of its own: the pass that adds counts the lanes that it refuses, and more of them than had
+   !> failed before mean a new failure.
    subroutine advance(self, dq, dp, failed)
       class(lane_state), intent(inout) :: self
       real(wp), intent(in) :: dq(self%nlane, self%ndof), dp(self%nlane, self%ndof)

@@ -3,7 +3,7 @@
 !>
 !> Both are bounded by the room that they take: 288 kB of increments, 32 kB of positions. Two pairs of steps and one
 !> state are kept whatever they take. How many there are changes no result.
-module symsde_ensemble_block_prefetch
+module symsde_ensemble_block_ahead
    use symsde_base_kinds, only: i8
    implicit none
    private
@@ -51,4 +51,4 @@ contains
       pairs_of = int(min(nstep/2 + 2, int(most, i8)))
    end function pairs_of
 
-end module symsde_ensemble_block_prefetch
+end module symsde_ensemble_block_ahead
