@@ -5,9 +5,11 @@
 !> differently from its vector body, and a path would depend on the size of its block.
 module symsde_base_lanes
    use symsde_base_kinds, only: wp, i8
+   use symsde_base_vectors, only: copy
    implicit none
    private
-   public :: lane_unit, default_nlane, padded, lanes_for, is_finite_lane, all_finite, path_of_lane
+   public :: lane_unit, default_nlane, padded, lanes_for, lanes_together, is_finite_lane, all_finite, path_of_lane
+   public :: take_lanes, take_where
 
    integer, parameter :: lane_unit = 8         !! every nlane is a multiple of this
    integer, parameter :: default_nlane = 256   !! lanes of a block of small systems
@@ -30,6 +32,18 @@ contains
       lanes_for = max(lane_unit, min(default_nlane, block_values/max(ndof*16, 1)/lane_unit*lane_unit))
       if (npath < lanes_for) lanes_for = padded(int(max(npath, 1_i8)))
    end function lanes_for
+
+   !> Lanes of nlane that are taken together, so that an array of them and of ndof columns stays in the nearest cache:
+   !> whole units that divide nlane, `least` lanes or more. One lane is taken by itself.
+   pure integer function lanes_together(nlane, ndof, least) result(width)
+      integer, intent(in) :: nlane, ndof, least
+      integer, parameter :: cached = 1024  ! numbers of one array
+
+      width = nlane
+      do while (mod(nlane, width) /= 0 .or. (width*ndof > cached .and. width > least))
+         width = width - lane_unit
+      end do
+   end function lanes_together
 
    !> Global path of each lane; lanes past the last real path repeat it.
    pure subroutine path_of_lane(nlane, first, nreal, path)
@@ -65,5 +79,34 @@ contains
       end do
       all_finite = abs(sum(zero)) <= 0 .and. all(is_finite_lane(x(n - rest + 1:)))
    end function all_finite
+
+   !> Copy the lanes before + 1 .. before + wanted of x to y.
+   pure subroutine take_lanes(nlane, n, before, wanted, x, y)
+      integer, intent(in) :: nlane, n, before, wanted
+      real(wp), intent(in) :: x(nlane, n)
+      real(wp), intent(out) :: y(wanted, n)
+      integer :: i
+
+      if (wanted == nlane) then  ! all of them, as a copy of memory
+         call copy(nlane*n, x, y)
+         return
+      end if
+      do i = 1, n
+         y(:, i) = x(before + 1:before + wanted, i)
+      end do
+   end subroutine take_lanes
+
+   !> y = x in lanes whose status is 0; others keep what they have.
+   pure subroutine take_where(nlane, n, status, x, y)
+      integer, intent(in) :: nlane, n
+      integer(i8), intent(in) :: status(nlane)
+      real(wp), intent(in) :: x(nlane, n)
+      real(wp), intent(inout) :: y(nlane, n)
+      integer :: i
+
+      do i = 1, n
+         y(:, i) = merge(x(:, i), y(:, i), status == 0)
+      end do
+   end subroutine take_where
 
 end module symsde_base_lanes

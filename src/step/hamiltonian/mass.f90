@@ -23,11 +23,10 @@ module symsde_step_hamiltonian_mass
       integer :: asked = 0                                !! gradients that a velocity costs
       real(wp), allocatable :: inverse(:)                 !! the diagonal of M^-1 (ndof)
       logical :: known = .false.                          !! it was looked at; asked before `look`, which makes arrays
-      real(wp), allocatable, private :: unit(:, :)        !! the weight of H alone (nlane, 0:nnoise)
+      real(wp), allocatable :: unit(:, :)                 !! the weight of H alone (nlane, 0:nnoise)
       real(wp), allocatable, private :: hp(:, :)          !! H_p (nlane, ndof)
    contains
       procedure :: look
-      procedure :: velocity
       procedure :: drift
       procedure :: add
    end type constant_mass
@@ -83,20 +82,9 @@ contains
       if (self%diagonal) self%asked = 0
    end subroutine look
 
-   !> v = M^-1 p (nlane, ndof): the drift with the weight of H alone, one. The position q is where the path is, though
-   !> velocities do not depend on it.
-   subroutine velocity(self, model, nlane, t, q, p, v)
-      class(constant_mass), intent(inout) :: self
-      class(model_type), intent(in) :: model
-      integer, intent(in) :: nlane
-      real(wp), intent(in) :: t, q(nlane, size(self%inverse)), p(nlane, size(self%inverse))  !! where the path is
-      real(wp), intent(out) :: v(nlane, size(self%inverse))
-
-      call self%drift(model, nlane, t, self%unit, q, p, v)
-   end subroutine velocity
-
-   !> dq = h M^-1 p (nlane, ndof), with h = w(:, 0). Noise is in position, so its weights do not matter to H_p: they
-   !> are handed to the model as they are.
+   !> dq = h M^-1 p (nlane, ndof), with h = w(:, 0), or the velocity itself, with `unit` in the place of w. Noise is in
+   !> position, so its weights do not matter to H_p: they are handed to the model as they are. The position q is where
+   !> the path is, though velocities do not depend on it.
    subroutine drift(self, model, nlane, t, w, q, p, dq)
       class(constant_mass), intent(inout) :: self
       class(model_type), intent(in) :: model
@@ -132,7 +120,7 @@ contains
       ! One call of the model and one sum where M is not diagonal; else one pass.
       if (.not. self%diagonal) then
          if (.not. allocated(self%hp)) allocate (self%hp, mold=start)
-         call self%velocity(model, nlane, t, q, p, self%hp)
+         call self%drift(model, nlane, t, self%unit, q, p, self%hp)
          call add_vectors(size(start), self%hp, start, total)
       else
          do i = 1, size(self%inverse)

@@ -90,12 +90,13 @@ contains
    end subroutine new_stage_plan
 
    !> The groups, each after those it waits for. Stage i reaches k where it waits for k through any number of stages
-   !> (the transitive closure of waits); two that reach each other are mates. A group comes when all that its stages
-   !> reach outside of it has come.
+   !> (the transitive closure of waits); two that reach each other are mates, and each is its own mate. A group comes
+   !> when all that its stages reach outside of it has come.
    pure subroutine find_groups(self, waits)
       type(stage_plan), intent(inout) :: self
       logical, intent(in) :: waits(self%nstage, self%nstage)  !! stage i waits for stage k
-      logical :: reaches(self%nstage, self%nstage), same(self%nstage), done(self%nstage)
+      logical, dimension(self%nstage, self%nstage) :: reaches, mates
+      logical :: done(self%nstage)
       integer :: first(self%nstage)  ! first stage of each group
       integer :: i, k
 
@@ -106,21 +107,21 @@ contains
             if (reaches(i, k)) reaches(i, :) = reaches(i, :) .or. reaches(k, :)
          end do
       end do
+      mates = reaches .and. transpose(reaches)
       done = .false.
       do while (.not. all(done))
          do i = 1, self%nstage
             if (done(i)) cycle
-            same = mates(reaches, i)
-            if (any(reaches(i, :) .and. .not. (same .or. done))) cycle
+            mates(i, i) = .true.
+            if (any(reaches(i, :) .and. .not. (mates(:, i) .or. done))) cycle
             self%ngroup = self%ngroup + 1
             first(self%ngroup) = i
-            done = done .or. same
+            done = done .or. mates(:, i)
          end do
       end do
       allocate (self%group(self%ngroup))
       do k = 1, self%ngroup
-         same = mates(reaches, first(k))
-         call fill_group(self%group(k), self%b, same)
+         call fill_group(self%group(k), self%b, mates(:, first(k)))
          ! A single stage that does not reach itself; larger groups are made of stages that reach each other.
          self%group(k)%explicit = .not. reaches(first(k), first(k))
       end do
@@ -171,18 +172,6 @@ contains
          end associate
       end do
    end function in_order
-
-   !> The stages that stage i waits for and that wait for it, and itself.
-   pure function mates(reaches, i) result(same)
-      logical, intent(in) :: reaches(:, :)
-      integer, intent(in) :: i
-      logical :: same(size(reaches, 1))
-      integer :: k
-
-      do k = 1, size(same)
-         same(k) = k == i .or. (reaches(i, k) .and. reaches(k, i))
-      end do
-   end function mates
 
    !> A group from its stages (same) and the B of all, b(k, i) = B_ik: its own B, its stages' coefficients of slopes
    !> outside of it (earlier), and the inverse of its B or the two factors.

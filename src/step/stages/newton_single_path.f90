@@ -6,6 +6,7 @@
 !> Private to its family.
 module symsde_step_stages_newton_single_path
    use symsde_base_kinds, only: wp, i8
+   use symsde_base_lanes, only: take_where
    use symsde_base_traits, only: model_traits, dense
    use symsde_solve_newton, only: newton_type, newton_options, new_newton
    use symsde_solve_newton_single_path, only: update

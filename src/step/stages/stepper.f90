@@ -9,11 +9,11 @@
 module symsde_step_stages_stepper
    use symsde_base_counters, only: counters_type, add_counters
    use symsde_base_kinds, only: wp, i8
-   use symsde_base_lanes, only: lane_unit
+   use symsde_base_lanes, only: lane_unit, lanes_together, take_where
    use symsde_base_memory, only: memory_for
    use symsde_base_record, only: step_record
    use symsde_base_status, only: not_converged
-   use symsde_base_traits, only: model_traits, strip_lanes
+   use symsde_base_traits, only: strip_lanes
    use symsde_model_abstract, only: model_type
    use symsde_scheme_scheme, only: scheme_type, tableau_form, correction_none
    use symsde_solve_fixed_point, only: stiff_rate
@@ -43,24 +43,6 @@ module symsde_step_stages_stepper
 
       lanes = self%width
    end function lanes
-
-   !> Lanes of a part of nlane: the most whose arrays fit into the cache, a number that divides nlane. At least one
-   !> unit of lanes is taken, and one strip of a chain. Parts of 16 lanes for all chains took up to 1.7 times as long
-   !> for 4 to 16 sites.
-   pure integer function width_of(nlane, traits) result(width)
-      integer, intent(in) :: nlane
-      type(model_traits), intent(in) :: traits
-      integer, parameter :: cached_values = 1024  ! numbers of one array of a part
-      integer :: least
-
-      ! The whole block, unless it is too wide or does not divide.
-      width = nlane
-      ! Chains with rows go in whole strips where the block has whole strips.
-      least = merge(strip_lanes, lane_unit, traits%has_chain_rows .and. modulo(nlane, strip_lanes) == 0)
-      do while (mod(nlane, width) /= 0 .or. (width*traits%ndof > cached_values .and. width > least))
-         width = width - lane_unit
-      end do
-   end function width_of
 
    !> One step of the block, part by part, each from its own (q_n, p_n) to its own increments; what the parts have
    !> counted is collected at its end.

@@ -8,10 +8,11 @@
 module symsde_step_stages_stepper_single_path
    use symsde_base_counters, only: counters_type, add_counters
    use symsde_base_kinds, only: wp, i8
+   use symsde_base_lanes, only: lane_unit, lanes_together, take_where
    use symsde_base_memory, only: memory_for
    use symsde_base_record, only: step_record
    use symsde_base_status, only: not_converged
-   use symsde_base_traits, only: model_traits
+   use symsde_base_traits, only: strip_lanes
    use symsde_model_abstract, only: model_type
    use symsde_scheme_scheme, only: scheme_type, tableau_form, correction_none
    use symsde_solve_fixed_point, only: stiff_rate
@@ -32,7 +33,7 @@ module symsde_step_stages_stepper_single_path
    private
    public :: stages_stepper, stages_fits, fits_stages
 
-   ! The body. What it asks of this module stands below: lanes, width_of and increment.
+   ! The body. What it asks of this module stands below: lanes and increment.
    include 'stepper.inc'
 
    ! ---- what a path by itself does otherwise than a block ------------------------------------------
@@ -43,15 +44,6 @@ module symsde_step_stages_stepper_single_path
 
       lanes = 1
    end function lanes
-
-   !> The only part of a block of one lane is this lane.
-   pure integer function width_of(nlane, traits) result(width)
-      integer, intent(in) :: nlane
-      type(model_traits), intent(in) :: traits
-
-      ! Nothing is gained by more: loops over lanes are gone.
-      width = 1
-   end function width_of
 
    !> One step: by sweeps ahead where they are there and end it, else by the body, from the same (q_n, p_n).
    subroutine increment(self, step, q, p, dq, dp, status)
@@ -66,7 +58,8 @@ module symsde_step_stages_stepper_single_path
       ! They may be there where the F alone are unknown, without a mass to divide by and without a C.
       if (allocated(self%equations%ahead)) then
          ! Nothing is counted where these sweeps do not end the step.
-         call self%equations%ahead%take(self%ham, step, too_stiff_for(self), q, p, dq, dp, taken)
+         call self%equations%ahead%take(self%ham, self%equations%shift, step, too_stiff_for(self), q, p, dq, &
+                                        dp, taken)
          if (taken) return
       end if
       ! Counters of the equations are added up by `tally`, not after every step.

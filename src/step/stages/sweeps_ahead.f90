@@ -25,7 +25,7 @@ module symsde_step_stages_sweeps_ahead
    use symsde_base_sincos, only: sincos_one
    use symsde_model_abstract, only: model_type, angle_terms
    use symsde_solve_fixed_point_single_path, only: judge_ahead, done
-   use symsde_step_hamiltonian_noise_shift, only: noise_shift, new_noise_shift
+   use symsde_step_hamiltonian_noise_shift, only: noise_shift
    use symsde_step_hamiltonian_one_step, only: one_step_hamiltonian
    use symsde_step_stages_groups, only: stage_plan
    implicit none
@@ -46,7 +46,6 @@ module symsde_step_stages_sweeps_ahead
    type :: sweeps_ahead
       private
       type(stage_plan) :: plan
-      type(noise_shift), allocatable :: shift   !! shift of p_n, see step/stages/equations
       logical :: angles = .false.               !! the force is that of an angle
       type(group_slot) :: slot(nstage)          !! one for each group
       real(wp) :: h = 0                         !! the step that the coefficients were found for
@@ -64,11 +63,10 @@ contains
 
    !> Room for these steps; not allocated where they do not serve the model and the scheme: at most four stages are
    !> there, and those of a group have consecutive numbers.
-   subroutine new_sweeps_ahead(self, model, plan, shifts)
+   subroutine new_sweeps_ahead(self, model, plan)
       type(sweeps_ahead), allocatable, intent(out) :: self
       class(model_type), intent(in) :: model
       type(stage_plan), intent(in) :: plan
-      logical, intent(in) :: shifts  !! brackets shift the momenta
       integer :: g
 
       associate (t => model%traits)
@@ -83,9 +81,6 @@ contains
             self%slot(g) = group_slot(group%stage(1), group%stage(group%nmember), group%explicit)
          end associate
       end do
-      if (.not. shifts) return
-      allocate (self%shift)
-      call new_noise_shift(self%shift, model, 1)
    end subroutine new_sweeps_ahead
 
    !> The coefficients of steps of size h, those that are not there being zero.
@@ -108,9 +103,10 @@ contains
 
    !> One step from (q, p): increments (dq, dp), or taken = .false., and then nothing is known and nothing is counted.
    !> Brackets that are a shift of p_n (step/stages/equations) come before the sweeps.
-   subroutine take(self, ham, step, too_stiff, q, p, dq, dp, taken)
+   subroutine take(self, ham, shift, step, too_stiff, q, p, dq, dp, taken)
       class(sweeps_ahead), intent(inout) :: self
       type(one_step_hamiltonian), intent(inout) :: ham
+      type(noise_shift), allocatable, intent(inout) :: shift  !! of p_n, see step/stages/equations
       type(step_record), intent(in) :: step
       real(wp), intent(in) :: too_stiff   !! contraction from which a step is given up
       real(wp), intent(in) :: q(ham%ndof), p(ham%ndof)
@@ -124,16 +120,16 @@ contains
       if (abs(step%h - self%h) > 0) call find_coefficients(self, step%h)
       w => step%w
       associate (n => ham%ndof)
-         if (.not. allocated(self%shift)) then
+         if (.not. allocated(shift)) then
             call move(self, ham, n, self%plan%nstage, step%t, w, too_stiff, q, p, dq, dp, taken)
             return
          end if
          ! The shift is along noise in position: y becomes the shifted p_n, and x stays q_n.
          x(:n) = q
          y(:n) = p
-         call self%shift%weigh(-0.5_wp, 1.0_wp, step)
+         call shift%weigh(-0.5_wp, 1.0_wp, step)
          gradients = ham%counters%gradients
-         call self%shift%add(ham, step%t, 1.0_wp, x, y)
+         call shift%add(ham, step%t, 1.0_wp, x, y)
          call move(self, ham, n, self%plan%nstage, step%t, w, too_stiff, q, y, dq, dp, taken)
          if (.not. taken) ham%counters%gradients = gradients
       end associate

@@ -5,6 +5,7 @@
 !> Private to its family.
 module symsde_step_stages_tridiagonal_single_path
    use symsde_base_kinds, only: wp, i8
+   use symsde_base_lanes, only: take_where
    use symsde_base_status, only: singular
    use symsde_base_traits, only: model_traits, strip_lanes
    use symsde_solve_block_tridiagonal, only: eliminate_down_blocks, correct_up_blocks, site_above, new_site_above
