@@ -62,7 +62,6 @@ module symsde_step_hamiltonian_brackets
       type(algebra_work), private :: work
    contains
       procedure :: add_gradient
-      procedure :: add_rest
    end type modified_hamiltonian
 
 contains
@@ -110,8 +109,10 @@ contains
       end associate
    end subroutine new_modified_hamiltonian
 
-   !> Add the gradient of all active parts to the wanted outputs.
-   subroutine add_gradient(self, t, step, q, p, hq, hp, counters, nreal)
+   !> Add the gradient of all active parts to the wanted outputs, or the rest alone: what derivatives at one point do
+   !> not give, nested brackets by differences, and noises that change in time. All else is found by
+   !> step/hamiltonian/brackets_one_dof then, which asks for all derivatives at the point itself.
+   subroutine add_gradient(self, t, step, q, p, hq, hp, counters, nreal, rest)
       class(modified_hamiltonian), intent(inout) :: self
       real(wp), intent(in) :: t                                 !! where H and H_k are taken [time]
       type(step_record), intent(in) :: step                     !! with the functionals of active brackets
@@ -119,41 +120,24 @@ contains
       real(wp), intent(inout), optional :: hq(self%nlane, self%ndof), hp(self%nlane, self%ndof)
       type(counters_type), intent(inout) :: counters
       integer, intent(in) :: nreal                              !! real paths of the block
+      logical, intent(in), optional :: rest
+      logical :: whole
 
+      whole = .not. present(rest)
+      if (.not. whole) whole = .not. rest
       self%sq = 0
       self%sp = 0
-      ! Single brackets come first: they leave the weights c_k behind, from which add_motion makes its own.
-      if (self%active%single) call add_single(self, t, step, q, p)
-      if (self%active%areas) call add_areas(self, t, step, q, p)
-      if (self%active%nested) call add_nested(self, t, step, q, p)
+      ! The weights c_k of single brackets come first: add_motion makes its own from them.
+      call find_single_weights(self, step)
+      if (whole .and. self%active%single) call add_single(self, t, q, p)
+      if (whole .and. self%active%areas) call add_areas(self, t, step, q, p)
+      if (self%active%nested .and. (whole .or. .not. has_exact_bracket(self%model%traits))) &
+         call add_nested(self, t, step, q, p)
       if (self%time_dependent) call add_motion(self, step, q, p)
       if (present(hq)) hq = hq + self%sq
       if (present(hp)) hp = hp + self%sp
       call count_up(self, counters, nreal)
    end subroutine add_gradient
-
-   !> Add what derivatives at one point do not give: nested brackets by differences, and noises that change in time.
-   !> The rest is found by step/hamiltonian/brackets_one_dof, which asks for all derivatives at the point itself. It
-   !> does not leave the weights c_k here, so they are formed where noises that change need them.
-   subroutine add_rest(self, t, step, q, p, hq, hp, counters, nreal)
-      class(modified_hamiltonian), intent(inout) :: self
-      real(wp), intent(in) :: t
-      type(step_record), intent(in) :: step
-      real(wp), intent(in) :: q(self%nlane, self%ndof), p(self%nlane, self%ndof)
-      real(wp), intent(inout) :: hq(self%nlane, self%ndof), hp(self%nlane, self%ndof)
-      type(counters_type), intent(inout) :: counters
-      integer, intent(in) :: nreal
-
-      self%sq = 0
-      self%sp = 0
-      if (self%active%nested .and. .not. has_exact_bracket(self%model%traits)) &
-         call add_nested(self, t, step, q, p)
-      call find_single_weights(self, step)
-      if (self%time_dependent) call add_motion(self, step, q, p)
-      hq = hq + self%sq
-      hp = hp + self%sp
-      call count_up(self, counters, nreal)
-   end subroutine add_rest
 
    !> Count what was asked of the model since the last call, for nreal paths: lanes that are padding count nowhere.
    subroutine count_up(self, counters, nreal)
@@ -202,13 +186,11 @@ contains
    end subroutine find_single_weights
 
    !> {F,H} with F = sum_k (h dW_k/2 - dZ_k) H_k. For F(q) and H = p.p/2 + U(q) it is F_q . p.
-   subroutine add_single(self, t, step, q, p)
+   subroutine add_single(self, t, q, p)
       type(modified_hamiltonian), intent(inout) :: self
       real(wp), intent(in) :: t
-      type(step_record), intent(in) :: step
       real(wp), intent(in) :: q(self%nlane, self%ndof), p(self%nlane, self%ndof)
 
-      call find_single_weights(self, step)
       associate (n => self%nlane, d => self%ndof, m => self%nnoise)
          if (self%simple) then  ! {F,H} = F_q.p, with the gradient (F_qq p, F_q); F_qq = 0 for additive noise
             call self%model%gradient(n, d, m, t, self%c, q, p, hq=self%bp)

@@ -155,7 +155,7 @@ contains
          if (self%thirds) counters%hessian_vectors = counters%hessian_vectors + nreal*self%asked
          call add_up(self, parts, step, h)
          if (self%nested) call add_nested(self, parts, t, step, q, p, h)
-         if (self%partly) call parts%add_rest(t, step, q, p, h(:, q_), h(:, p_), counters, nreal)
+         if (self%partly) call parts%add_gradient(t, step, q, p, h(:, q_), h(:, p_), counters, nreal, rest=.true.)
       end associate
       counters%gradients = counters%gradients + nreal*self%asked
       counters%hessians = counters%hessians + nreal*self%asked
@@ -273,7 +273,7 @@ contains
             else
                ! b = {F,H_k} with two of its third derivatives where F and H_k are separable, then bb = {b,H_k}.
                call find_bracket(n, self%thirds, d, d(:, :, k), b)
-               call find_seconds(n, b, d(:, :, k), bb)
+               call find_bracket(n, .false., b, d(:, :, k), bb)
                if (self%thirds) call add_mixed_thirds(n, b, d(:, :, k), bb)
             end if
             if (self%along) call add_along(self, parts, t, k, q, p, bb)
@@ -328,24 +328,16 @@ contains
       end do
    end subroutine add_multiple
 
-   !> The derivatives b of {F,G} for F and G of the model itself, with their derivatives f and g.
+   !> VEC Gradient of {F,G} = F_q G_p - F_p G_q, and what second derivatives have of its Hessian, the first column at
+   !> the head of this file. F may be a bracket itself: no more than its derivatives up to the second are read then.
+   !> With `thirds` F and G are separable, so F_qp = 0 and F_qqp = F_qpp = 0: what third derivatives have of the Hessian
+   !> is added, and third derivatives of {F,G} itself are found:
+   !> {F,G}_qqp = F_qqq G_pp - F_pp G_qqq and {F,G}_qpp = F_qq G_ppp - F_ppp G_qq.
    pure subroutine find_bracket(nlane, thirds, f, g, b)
       integer, intent(in) :: nlane
       logical, intent(in) :: thirds
       real(wp), intent(in), dimension(nlane, all) :: f, g
       real(wp), intent(inout) :: b(nlane, all)
-
-      ! The seconds are set, the thirds are added to them.
-      call find_seconds(nlane, f, g, b)
-      if (thirds) call add_thirds(nlane, f, g, b)
-   end subroutine find_bracket
-
-   !> VEC Gradient of {F,G} = F_q G_p - F_p G_q, and what second derivatives have of its Hessian, the first column at
-   !> the head of this file. F may be a bracket itself: no more than its derivatives up to the second are read.
-   pure subroutine find_seconds(nlane, f, g, b)
-      integer, intent(in) :: nlane
-      real(wp), intent(in), dimension(nlane, pp) :: f, g
-      real(wp), intent(inout) :: b(nlane, pp)
       integer :: l
 
       do l = 1, nlane
@@ -355,24 +347,14 @@ contains
          b(l, qp) = difference_of_two(f(l, qq), g(l, pp), f(l, pp), g(l, qq))
          b(l, pp) = 2*difference_of_two(f(l, qp), g(l, pp), f(l, pp), g(l, qp))
       end do
-   end subroutine find_seconds
-
-   !> VEC F and G are separable, so F_qp = 0 and F_qqp = F_qpp = 0: add what third derivatives have of the Hessian of
-   !> {F,G}, and find the third derivatives of {F,G} itself:
-   !> {F,G}_qqp = F_qqq G_pp - F_pp G_qqq and {F,G}_qpp = F_qq G_ppp - F_ppp G_qq.
-   pure subroutine add_thirds(nlane, f, g, b)
-      integer, intent(in) :: nlane
-      real(wp), intent(in), dimension(nlane, all) :: f, g
-      real(wp), intent(inout) :: b(nlane, all)
-      integer :: l
-
+      if (.not. thirds) return
       do l = 1, nlane
          b(l, qq) = b(l, qq) + difference_of_two(f(l, qqq), g(l, p_), f(l, p_), g(l, qqq))
          b(l, pp) = b(l, pp) + difference_of_two(f(l, q_), g(l, ppp), f(l, ppp), g(l, q_))
          b(l, qqp) = difference_of_two(f(l, qqq), g(l, pp), f(l, pp), g(l, qqq))
          b(l, qpp) = difference_of_two(f(l, qq), g(l, ppp), f(l, ppp), g(l, qq))
       end do
-   end subroutine add_thirds
+   end subroutine find_bracket
 
    !> VEC Add what third derivatives have of the Hessian of {B,G}, where B is a bracket of separable Hamiltonians and G
    !> is separable: B has qqp and qpp (B_qqq and B_ppp would need fourth derivatives), and G has qqq and ppp.

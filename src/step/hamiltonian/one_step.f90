@@ -179,17 +179,25 @@ contains
    end subroutine gradient_hessian
 
    !> Add the gradient of the correction to the wanted outputs: factor grad(F_p.F_q) for every term of it, one in the
-   !> increments form, and as many as there are noises in the mean form.
+   !> increments form, and as many as there are noises in the mean form. A term takes one gradient and one
+   !> Hessian-vector product.
    subroutine add_correction(self, t, w, q, p, hq, hp)
       type(one_step_hamiltonian), intent(inout) :: self
       real(wp), intent(in) :: t, w(self%nlane, 0:self%nnoise)
       real(wp), intent(in) :: q(self%nlane, self%ndof), p(self%nlane, self%ndof)
       real(wp), intent(inout), optional :: hq(self%nlane, self%ndof), hp(self%nlane, self%ndof)
-      integer :: k
+      integer :: i, k
 
       do k = 1, nterm(self)  ! each term is a product F_p.F_q with an F of its own
          call choose_term(self, k, w)
-         call add_product(self, t, q, p, hq, hp)
+         call correction_gradient(self%work, self%model, t, self%v, q, p, self%uq, self%up)
+         self%counters%gradients = self%counters%gradients + self%nreal
+         self%counters%hessian_vectors = self%counters%hessian_vectors + self%nreal
+         ! The factor is a number of each lane, since h is one of its weights.
+         do i = 1, self%ndof
+            if (present(hq)) hq(:, i) = hq(:, i) + self%factor*self%uq(:, i)
+            if (present(hp)) hp(:, i) = hp(:, i) + self%factor*self%up(:, i)
+         end do
       end do
    end subroutine add_correction
 
@@ -241,24 +249,6 @@ contains
          self%factor = self%coefficient
       end if
    end subroutine choose_term
-
-   !> Add factor*grad(F_p.F_q) for F = sum_j v_j H_j: one gradient and one Hessian-vector product.
-   subroutine add_product(self, t, q, p, hq, hp)
-      type(one_step_hamiltonian), intent(inout) :: self
-      real(wp), intent(in) :: t
-      real(wp), intent(in) :: q(self%nlane, self%ndof), p(self%nlane, self%ndof)
-      real(wp), intent(inout), optional :: hq(self%nlane, self%ndof), hp(self%nlane, self%ndof)
-      integer :: i
-
-      call correction_gradient(self%work, self%model, t, self%v, q, p, self%uq, self%up)
-      self%counters%gradients = self%counters%gradients + self%nreal
-      self%counters%hessian_vectors = self%counters%hessian_vectors + self%nreal
-      ! The factor is a number of each lane, since h is one of its weights.
-      do i = 1, self%ndof
-         if (present(hq)) hq(:, i) = hq(:, i) + self%factor*self%uq(:, i)
-         if (present(hp)) hp(:, i) = hp(:, i) + self%factor*self%up(:, i)
-      end do
-   end subroutine add_product
 
    !> Add factor*((D F_p)^T D F_q + (D F_q)^T D F_p), with D F_p = (F_pq, F_pp) and D F_q = (F_qq, F_qp). By blocks
    !>
