@@ -17,7 +17,7 @@ module symsde_step_explicit_tableau
    use symsde_step_stepper, only: stepper_type, stepper_task, few_of
    implicit none
    private
-   public :: explicit_stepper, explicit_fits
+   public :: explicit_stepper, explicit_fits, room_type
 
    !> The slopes f and v of a stage, and a place (x, y) = (Q_i, P_i).
    type :: room_type
@@ -28,6 +28,14 @@ module symsde_step_explicit_tableau
 
    include 'tableau.inc'
    include 'tableau_gradients.inc'
+
+   !> Make room for the slopes of a stage and for one place, of blocks of nlane lanes.
+   subroutine make_room(self, nlane, ndof)
+      class(room_type), intent(inout) :: self
+      integer, intent(in) :: nlane, ndof
+
+      allocate (self%f(nlane, ndof), self%v(nlane, ndof), self%x(nlane, ndof), self%y(nlane, ndof))
+   end subroutine make_room
 
    !> Whether an explicit stepper executes the task: the stages follow each other for this model, and Hhat has neither
    !> brackets nor a correction, which may tie q to p where the model is separable.

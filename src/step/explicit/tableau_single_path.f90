@@ -10,20 +10,13 @@ module symsde_step_explicit_tableau_single_path
    use symsde_scheme_scheme, only: scheme_type, correction_none, ito_form
    use symsde_step_explicit_evaluation_order, only: evaluation_order, new_explicit_plan, add_slopes, to_q, &
                                                     to_p
+   use symsde_step_explicit_tableau, only: room_type
    use symsde_step_hamiltonian_one_step, only: new_one_step_hamiltonian
    use symsde_step_implicit_euler_pair, only: is_euler_pair
    use symsde_step_stepper, only: stepper_type, stepper_task, few_of
    implicit none
    private
    public :: explicit_stepper
-
-   !> The slopes f and v of a stage, and a place (x, y) = (Q_i, P_i). As in a block they are allocated, with nlane
-   !> = 1.
-   type :: room_type
-      real(wp), allocatable, dimension(:, :) :: f, v, x, y  !! (nlane, ndof)
-   contains
-      procedure :: make => make_room
-   end type room_type
 
    ! The body, and how its slopes are found by gradients of the model.
    include 'tableau.inc'
