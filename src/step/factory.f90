@@ -86,46 +86,29 @@ contains
       type(stepper_task), intent(in) :: task
       class(stepper_type), allocatable, intent(inout) :: stepper  !! not allocated; still so if it does not fit
 
-      select case (i)
-      case (model_flow); if (allocated(task%flow)) allocate (model_flow_stepper :: stepper)
-      case (verlet_dz); if (task%scheme%frame == frame_shift) allocate (verlet_dz_stepper :: stepper)
-      case (mean_path); if (task%scheme%frame == frame_mean_path) allocate (mean_path_stepper :: stepper)
-      case (explicit); if (explicit_fits(task)) call offer_explicit(task, stepper)
-      case (mean_force)
-         if (mean_force_fits(task)) then
-            if (task%nlane == 1) allocate (mean_force_single_path :: stepper)
-            if (task%nlane > 1) allocate (mean_force_stepper :: stepper)
-         end if
-      case (midpoint)
-         if (midpoint_fits(task)) then
-            if (task%nlane == 1) allocate (midpoint_single_path :: stepper)
-            if (task%nlane > 1) allocate (midpoint_stepper :: stepper)
-         end if
-      case (midpoint_one_dof)
-         if (midpoint_one_dof_fits(task)) then
-            if (task%nlane == 1) allocate (midpoint_one_dof_single_path :: stepper)
-            if (task%nlane > 1) allocate (midpoint_one_dof_stepper :: stepper)
-         end if
-      case (midpoint_full)
-         if (midpoint_full_fits(task)) then
-            if (task%nlane == 1) allocate (midpoint_full_single_path :: stepper)
-            if (task%nlane > 1) allocate (midpoint_full_stepper :: stepper)
-         end if
-      case (euler_pair); if (euler_pair_fits(task)) allocate (euler_pair_stepper :: stepper)
-      case (one_dof)
-         if (one_dof_fits(task)) then
-            if (task%nlane == 1) allocate (one_dof_single_path :: stepper)
-            if (task%nlane > 1) allocate (one_dof_stepper :: stepper)
-         end if
-      case (stages)
-         if (stages_fits(task)) then
-            if (task%nlane == 1) allocate (stages_single_path :: stepper)
-            if (task%nlane > 1) allocate (stages_stepper :: stepper)
-         end if
+      ! The number of a stepper of blocks; of a single path it has a minus sign.
+      select case (merge(-i, i, task%nlane == 1))
+      case (model_flow, -model_flow); if (allocated(task%flow)) allocate (model_flow_stepper :: stepper)
+      case (verlet_dz, -verlet_dz); if (task%scheme%frame == frame_shift) allocate (verlet_dz_stepper :: stepper)
+      case (mean_path, -mean_path); if (task%scheme%frame == frame_mean_path) allocate (mean_path_stepper :: stepper)
+      case (explicit, -explicit); if (explicit_fits(task)) call offer_explicit(task, stepper)
+      case (mean_force); if (mean_force_fits(task)) allocate (mean_force_stepper :: stepper)
+      case (-mean_force); if (mean_force_fits(task)) allocate (mean_force_single_path :: stepper)
+      case (midpoint); if (midpoint_fits(task)) allocate (midpoint_stepper :: stepper)
+      case (-midpoint); if (midpoint_fits(task)) allocate (midpoint_single_path :: stepper)
+      case (midpoint_one_dof); if (midpoint_one_dof_fits(task)) allocate (midpoint_one_dof_stepper :: stepper)
+      case (-midpoint_one_dof); if (midpoint_one_dof_fits(task)) allocate (midpoint_one_dof_single_path :: stepper)
+      case (midpoint_full); if (midpoint_full_fits(task)) allocate (midpoint_full_stepper :: stepper)
+      case (-midpoint_full); if (midpoint_full_fits(task)) allocate (midpoint_full_single_path :: stepper)
+      case (euler_pair, -euler_pair); if (euler_pair_fits(task)) allocate (euler_pair_stepper :: stepper)
+      case (one_dof); if (one_dof_fits(task)) allocate (one_dof_stepper :: stepper)
+      case (-one_dof); if (one_dof_fits(task)) allocate (one_dof_single_path :: stepper)
+      case (stages); if (stages_fits(task)) allocate (stages_stepper :: stepper)
+      case (-stages); if (stages_fits(task)) allocate (stages_single_path :: stepper)
          ! From here on the oracles, which ask for nothing but the form of the scheme.
-      case (general); if (task%is_tableau()) allocate (general_stepper :: stepper)
-      case (euler_maruyama); if (task%scheme%form == ito_form) call offer_explicit(task, stepper)
-      case (galerkin); if (task%scheme%form == galerkin_form) allocate (galerkin_stepper :: stepper)
+      case (general, -general); if (task%is_tableau()) allocate (general_stepper :: stepper)
+      case (euler_maruyama, -euler_maruyama); if (task%scheme%form == ito_form) call offer_explicit(task, stepper)
+      case (galerkin, -galerkin); if (task%scheme%form == galerkin_form) allocate (galerkin_stepper :: stepper)
       case default  ! splitting
          if (task%scheme%form == splitting_form .or. task%scheme%frame == frame_rotation) then
             if (task%nlane == 1) allocate (splitting_single_path :: stepper)
