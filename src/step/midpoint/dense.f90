@@ -20,7 +20,7 @@ module symsde_step_midpoint_dense
    use symsde_solve_fixed_point, only: take_first, take, judge_sweep, most_sweeps, stiff_rate, swept => done
    implicit none
    private
-   public :: dense_midpoint, new_dense_midpoint, find_force_stiffness
+   public :: dense_midpoint, find_force_stiffness
 
    include 'dense.inc'
    include '../../solve/all_lanes.inc'

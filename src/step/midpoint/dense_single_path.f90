@@ -22,7 +22,7 @@ module symsde_step_midpoint_dense_single_path
                                                    stiff_rate, swept => done
    implicit none
    private
-   public :: dense_midpoint, new_dense_midpoint, find_force_stiffness
+   public :: dense_midpoint, find_force_stiffness
 
    include 'dense.inc'
    include 'equation.inc'

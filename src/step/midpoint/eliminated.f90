@@ -11,24 +11,25 @@
 !> not. Where rows are eliminated, states are moved at once (`move`) instead of by increments, while (q, p) of these
 !> lanes are in cache.
 !>
-!> A strip goes through a step in this order: its weights are copied (take_rows), V is found (solve_for_v), and then
+!> A strip goes through a step in this order: its weights are copied (take_lanes), V is found (solve_for_v), and then
 !> either its increments (finish_increments) or its new states (move_together). What remains of a block that is no
 !> whole number of strips is filled up with copies (fill_up).
 module symsde_step_midpoint_eliminated
    use symsde_base_kinds, only: wp, i8
    use symsde_base_record, only: step_record
-   use symsde_base_lanes, only: lane_unit
+   use symsde_base_lanes, only: lane_unit, take_lanes
+   use symsde_base_status, only: nonfinite
    use symsde_base_traits, only: strip_lanes
    use symsde_model_abstract, only: model_type
    use symsde_scheme_scheme, only: correction_none
    use symsde_solve_newton, only: newton_options
    use symsde_step_hamiltonian_one_step, only: new_one_step_hamiltonian
    use symsde_step_implicit_newton_krylov, only: does_without_matrices
-   use symsde_step_midpoint_dense, only: dense_midpoint, new_dense_midpoint
-   use symsde_step_midpoint_equation, only: midpoint_equation, new_midpoint_equation, midpoint_part
-   use symsde_step_midpoint_krylov, only: krylov_midpoint, new_krylov_midpoint
-   use symsde_step_midpoint_tridiagonal, only: tridiagonal_midpoint, new_tridiagonal_midpoint
-   use symsde_step_midpoint_update, only: find_bad_sums, add_in_place, find_bad
+   use symsde_step_midpoint_dense, only: dense_midpoint
+   use symsde_step_midpoint_equation, only: midpoint_equation, midpoint_part
+   use symsde_step_midpoint_krylov, only: krylov_midpoint
+   use symsde_step_midpoint_tridiagonal, only: tridiagonal_midpoint
+   use symsde_step_midpoint_update, only: find_bad_sums, add_in_place
    use symsde_step_stepper, only: stepper_type, stepper_task, few_of
    implicit none
    private
@@ -98,41 +99,6 @@ contains
       end associate
    end function choose_way
 
-   !> Make the part that solves, and say how many lanes of a block go together in it. Rows that the model gives are
-   !> taken by strips; the bands of other models are asked of a whole block, if it is made of strips.
-   subroutine make_part(self, way, model, nlane, options, together)
-      type(midpoint_stepper), intent(inout) :: self
-      integer, intent(in) :: way, nlane
-      class(model_type), intent(in) :: model
-      type(newton_options), intent(in) :: options
-      integer, intent(out) :: together
-
-      ! All lanes go together unless the part is one for strips.
-      together = nlane
-      select case (way)
-      case (by_rows)
-         ! A model that gives rows of a few lanes is asked for those of a strip. One that gives bands for a block is
-         ! asked once for all of its lanes.
-         if (model%traits%has_chain_rows .or. modulo(nlane, strip_lanes) /= 0) together = strip_lanes
-         allocate (tridiagonal_midpoint :: self%part)
-      case (by_products)
-         allocate (krylov_midpoint :: self%part)
-      case default
-         allocate (dense_midpoint :: self%part)
-      end select
-      ! States are moved where strips go through a block without a remainder. A noise that moves positions is left
-      ! out: move_together adds no g.
-      self%moves = way == by_rows .and. modulo(nlane, together) == 0 .and. .not. self%has_shift
-      select type (part => self%part)
-      type is (tridiagonal_midpoint)
-         call new_tridiagonal_midpoint(part, model, together, options)
-      type is (krylov_midpoint)
-         call new_krylov_midpoint(part, model, together, options)
-      type is (dense_midpoint)
-         call new_dense_midpoint(part, model, together, options)
-      end select
-   end subroutine make_part
-
    !> Allocate copies of the states and weights of a strip, where states are moved or the last strip of a block is not
    !> full. This waits for the first step, as the arrays of the equation do.
    subroutine make_room_of_strips(self)
@@ -169,7 +135,7 @@ contains
          ! asked for as one array; states are read where they are.
          do before = 0, nlane - together, together
             self%eq%nreal = max(0, min(together, self%ham%nreal - before))
-            call take_rows(nlane, self%ham%nnoise + 1, before, step%w, self%w)
+            call take_lanes(nlane, self%ham%nnoise + 1, before, together, step%w, self%w)
             call step_together(self, nlane, before, self%w, q, p, dq, dp, status(before + 1))
          end do
          ! The loop has left `before` behind the last whole strip.
@@ -195,7 +161,7 @@ contains
                ! The only strip is the block itself, whose weights need no copy.
                call move_together(self, nlane, before, step%w, q, p, status)
             else
-               call take_rows(nlane, self%ham%nnoise + 1, before, step%w, self%w)
+               call take_lanes(nlane, self%ham%nnoise + 1, before, together, step%w, self%w)
                call move_together(self, nlane, before, self%w, q, p, status(before + 1))
             end if
          end do
@@ -255,7 +221,8 @@ contains
             call finish_increments(self, together, 0, w, self%q, self%p, self%dq, self%dp, status)
             eq%base(:, 1:n) = self%q + self%dq
             eq%x = self%p + self%dp
-            call find_bad(together, n, eq%base(1, 1), eq%x, status)
+            where (status == 0 .and. .not. (all(abs(eq%base(:, 1:n)) <= huge(q), 2) .and. &
+                                            all(abs(eq%x) <= huge(p), 2))) status = nonfinite
             do i = 1, n
                q(first:last, i) = merge(eq%base(:, i), q(first:last, i), status == 0)
                p(first:last, i) = merge(eq%x(:, i), p(first:last, i), status == 0)
@@ -270,21 +237,5 @@ contains
          end if
       end associate
    end subroutine move_together
-
-   !> VEC y = lanes before+1 .. before+strip_lanes of x: rows of a block become those of a strip.
-   pure subroutine take_rows(nlane, nrow, before, x, y)
-      integer, intent(in) :: nlane, nrow, before
-      real(wp), intent(in) :: x(nlane, nrow)
-      real(wp), intent(out) :: y(strip_lanes, nrow)
-      integer :: i, lane
-
-      do i = 1, nrow
-         ! The number of lanes of a strip is a constant, so their loop is written out.
-         !GCC$ unroll 16
-         do lane = 1, strip_lanes
-            y(lane, i) = x(before + lane, i)
-         end do
-      end do
-   end subroutine take_rows
 
 end module symsde_step_midpoint_eliminated

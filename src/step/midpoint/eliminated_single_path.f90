@@ -12,15 +12,16 @@
 module symsde_step_midpoint_eliminated_single_path
    use symsde_base_kinds, only: wp, i8
    use symsde_base_record, only: step_record
+   use symsde_base_traits, only: strip_lanes
    use symsde_model_abstract, only: model_type
    use symsde_scheme_scheme, only: correction_none
    use symsde_solve_newton, only: newton_options
    use symsde_step_hamiltonian_one_step, only: new_one_step_hamiltonian
-   use symsde_step_midpoint_dense_single_path, only: dense_midpoint, new_dense_midpoint
+   use symsde_step_midpoint_dense_single_path, only: dense_midpoint
    use symsde_step_midpoint_eliminated, only: choose_way, by_rows, by_products
-   use symsde_step_midpoint_equation, only: midpoint_equation, new_midpoint_equation, midpoint_part
-   use symsde_step_midpoint_krylov, only: krylov_midpoint, new_krylov_midpoint
-   use symsde_step_midpoint_tridiagonal_single_path, only: tridiagonal_midpoint, new_tridiagonal_midpoint
+   use symsde_step_midpoint_equation, only: midpoint_equation, midpoint_part
+   use symsde_step_midpoint_krylov, only: krylov_midpoint
+   use symsde_step_midpoint_tridiagonal_single_path, only: tridiagonal_midpoint
    use symsde_step_stepper, only: stepper_type, stepper_task, few_of
    implicit none
    private
@@ -44,39 +45,6 @@ contains
 
    include 'eliminated.inc'
    include '../../solve/one_lane.inc'
-
-   !> Make the part that solves the equation of V: rows where K is tridiagonal, products where it is dense and large,
-   !> else matrices. Products are those of a block of one lane, for lanes that step/stages/stepper has not solved by
-   !> iteration.
-   !> What is allocated here is an extension of midpoint_part, made in a local variable first, since its constructor
-   !> takes the extended type. One lane goes "together": there are no strips, and `move` is not offered.
-   subroutine make_part(self, way, model, nlane, options, together)
-      type(midpoint_stepper), intent(inout) :: self
-      integer, intent(in) :: way, nlane
-      class(model_type), intent(in) :: model
-      type(newton_options), intent(in) :: options
-      integer, intent(out) :: together
-      type(tridiagonal_midpoint), allocatable :: rows
-      type(dense_midpoint), allocatable :: matrix
-      type(krylov_midpoint), allocatable :: products
-
-      ! Which of the three ways is taken has been decided by choose_way from the model and the options, as for a
-      ! block.
-      together = 1
-      if (way == by_rows) then
-         allocate (rows)
-         call new_tridiagonal_midpoint(rows, model, options)
-         call move_alloc(rows, self%part)
-      else if (way == by_products) then
-         allocate (products)
-         call new_krylov_midpoint(products, model, 1, options)
-         call move_alloc(products, self%part)
-      else
-         allocate (matrix)
-         call new_dense_midpoint(matrix, model, 1, options)
-         call move_alloc(matrix, self%part)
-      end if
-   end subroutine make_part
 
    !> dq and dp of the path (1, ndof): the equation is set for this step, and the part solves it. There are no strips
    !> to go through and no copies to make; the only lane is a real path, so that everything is counted.

@@ -25,11 +25,12 @@
 !> Private to its family.
 module symsde_step_midpoint_equation
    use symsde_base_kinds, only: wp, i8
-   use symsde_solve_newton, only: newton_type
+   use symsde_model_abstract, only: model_type
+   use symsde_solve_newton, only: newton_type, newton_options
    use symsde_step_hamiltonian_one_step, only: one_step_hamiltonian
    implicit none
    private
-   public :: midpoint_equation, new_midpoint_equation, midpoint_part
+   public :: midpoint_equation, midpoint_part
    public :: position, correct_pair, weigh_force
 
    !> The equations of the lanes that are taken through a step together.
@@ -58,10 +59,20 @@ module symsde_step_midpoint_equation
    type, abstract :: midpoint_part
       type(newton_type) :: newton
    contains
+      procedure(make_interface), deferred :: make
       procedure(solve_interface), deferred :: solve
    end type midpoint_part
 
    abstract interface
+      !> Make it ready for nlane lanes of a model: its Newton iteration, and room.
+      subroutine make_interface(self, model, nlane, options)
+         import :: midpoint_part, model_type, newton_options
+         class(midpoint_part), intent(inout) :: self
+         class(model_type), intent(in) :: model
+         integer, intent(in) :: nlane
+         type(newton_options), intent(in) :: options
+      end subroutine make_interface
+
       !> x by Newton's iteration, from V = 0 or from the dq that V gave; the first one for V notes the rate.
       subroutine solve_interface(self, ham, eq, w, status)
          import :: midpoint_part, midpoint_equation, one_step_hamiltonian, wp, i8
@@ -74,16 +85,6 @@ module symsde_step_midpoint_equation
    end interface
 
 contains
-
-   !> The equations of so many lanes, without room.
-   subroutine new_midpoint_equation(self, nlane, n, m)
-      type(midpoint_equation), intent(out) :: self
-      integer, intent(in) :: nlane, n, m
-
-      self%nlane = nlane
-      self%n = n
-      self%m = m
-   end subroutine new_midpoint_equation
 
    !> Room for its lanes.
    !> Rows 0 and n+1 of base are zero and stay so: a chain reads its neighbours there, and its ends have none.

@@ -7,7 +7,7 @@
 !> iteration takes the block as it is.
 module symsde_step_midpoint_full
    use symsde_base_kinds, only: wp, i8
-   use symsde_base_lanes, only: lane_unit
+   use symsde_base_lanes, only: lane_unit, lanes_together
    use symsde_base_record, only: step_record
    use symsde_base_traits, only: dense
    use symsde_model_abstract, only: model_type
@@ -39,18 +39,6 @@ module symsde_step_midpoint_full
             fits = fits .and. .not. (t%eliminates_momenta() .or. (t%ndof > 1 .and. t%divides_by_mass()))
       end associate
    end function midpoint_full_fits
-
-   !> Lanes that are swept together: a divisor of all, in whole vectors, few enough for an array of so many lanes and
-   !> ndof columns to stay in the nearest cache.
-   pure integer function lanes_together(nlane, ndof) result(width)
-      integer, intent(in) :: nlane, ndof
-      integer, parameter :: cached = 1024  ! numbers of one array
-
-      width = nlane
-      do while (mod(nlane, width) /= 0 .or. (width*ndof > cached .and. width > lane_unit))
-         width = width - lane_unit
-      end do
-   end function lanes_together
 
    !> dq and dp of the lanes without a status whose sweeps contract, part by part. In lanes that were given up
    !> self%left = 0, else -1. Each part is told how many of its lanes are real paths, for the counters.

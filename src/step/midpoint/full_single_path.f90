@@ -7,6 +7,7 @@
 !> of the few lanes that it takes together, so that they stay in cache, and a path by itself is no more than that.
 module symsde_step_midpoint_full_single_path
    use symsde_base_kinds, only: wp, i8
+   use symsde_base_lanes, only: lane_unit, lanes_together
    use symsde_base_record, only: step_record
    use symsde_base_traits, only: dense
    use symsde_model_abstract, only: model_type
@@ -24,13 +25,6 @@ module symsde_step_midpoint_full_single_path
 
    include 'full.inc'
    include '../../solve/one_lane.inc'
-
-   !> Lanes that are swept together: the path is swept by itself.
-   pure integer function lanes_together(nlane, ndof) result(width)
-      integer, intent(in) :: nlane, ndof
-
-      width = 1
-   end function lanes_together
 
    !> Increments where sweeps contract; self%left = 0 where they do not, and Newton's iteration begins anew, else -1,
    !> any number but 0.

@@ -23,7 +23,7 @@ module symsde_step_midpoint_krylov
    use symsde_step_hamiltonian_one_step, only: one_step_hamiltonian
    implicit none
    private
-   public :: krylov_midpoint, new_krylov_midpoint
+   public :: krylov_midpoint
 
    !> The part without matrices: GMRES and its vectors, the point and the residual.
    type, extends(midpoint_part) :: krylov_midpoint
@@ -31,6 +31,7 @@ module symsde_step_midpoint_krylov
       type(newton_krylov) :: products
       real(wp), allocatable :: q(:, :), r(:, :)  !! Q and residual (nlane, ndof)
    contains
+      procedure :: make
       procedure :: solve
    end type krylov_midpoint
 
@@ -38,8 +39,8 @@ contains
 
    !> Room for nlane lanes and two degrees of freedom or more, without matrices: of Newton's iteration its test alone
    !> is used.
-   subroutine new_krylov_midpoint(self, model, nlane, options)
-      type(krylov_midpoint), intent(out) :: self
+   subroutine make(self, model, nlane, options)
+      class(krylov_midpoint), intent(inout) :: self
       class(model_type), intent(in) :: model
       integer, intent(in) :: nlane
       type(newton_options), intent(in) :: options
@@ -49,7 +50,7 @@ contains
          call new_newton_krylov(self%products, nlane, n, n)
          allocate (self%q(nlane, n), self%r(nlane, n))
       end associate
-   end subroutine new_krylov_midpoint
+   end subroutine make
 
    !> x of the lanes without a status, from V = 0 or from the dq that V gave. Matrix, goal and judgement of every
    !> iteration are those of step/implicit/newton_krylov; here are the residual x + f and the products.

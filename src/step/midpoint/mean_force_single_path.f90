@@ -11,8 +11,8 @@ module symsde_step_midpoint_mean_force_single_path
    use symsde_base_traits, only: dense
    use symsde_model_abstract, only: model_type
    use symsde_scheme_scheme, only: correction_none
-   use symsde_step_midpoint_dense_single_path, only: dense_midpoint, new_dense_midpoint, find_force_stiffness
-   use symsde_step_midpoint_equation, only: midpoint_equation, new_midpoint_equation, position
+   use symsde_step_midpoint_dense_single_path, only: dense_midpoint, find_force_stiffness
+   use symsde_step_midpoint_equation, only: midpoint_equation, position
    use symsde_step_hamiltonian_noise_shift, only: noise_shift, new_noise_shift
    use symsde_step_hamiltonian_one_step, only: one_step_hamiltonian, new_one_step_hamiltonian
    use symsde_step_stepper, only: stepper_type, stepper_task, few_of

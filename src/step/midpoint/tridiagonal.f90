@@ -37,7 +37,7 @@ module symsde_step_midpoint_tridiagonal
    use symsde_step_hamiltonian_one_step, only: one_step_hamiltonian
    implicit none
    private
-   public :: tridiagonal_midpoint, new_tridiagonal_midpoint
+   public :: tridiagonal_midpoint
 
    integer, parameter :: panel = 32  !! rows asked of the model at once
 
@@ -55,6 +55,7 @@ module symsde_step_midpoint_tridiagonal
       real(wp) :: meeting(strip_lanes, 2) = 0         !! corrections where these meet
       real(wp) :: trusted(strip_lanes) = 0
    contains
+      procedure :: make
       procedure :: solve
    end type tridiagonal_midpoint
 
@@ -64,8 +65,8 @@ contains
    !> rows: then a panel of rows is evaluated at once, else all of them. Room is made for the first step. The
    !> quadratic stopping test is for rows and Hessian-vector products of the model; other bands are not taken to be
    !> exact derivatives.
-   subroutine new_tridiagonal_midpoint(self, model, nlane, options)
-      type(tridiagonal_midpoint), intent(out) :: self
+   subroutine make(self, model, nlane, options)
+      class(tridiagonal_midpoint), intent(inout) :: self
       class(model_type), intent(in) :: model
       integer, intent(in) :: nlane
       type(newton_options), intent(in) :: options
@@ -77,7 +78,7 @@ contains
          call new_newton(self%newton, nlane, n, options, t%quadratic .and. exact, -1, -1, judge_only=.true., &
                          exact=exact)
       end associate
-   end subroutine new_tridiagonal_midpoint
+   end subroutine make
 
    !> Allocate the arrays of a panel (or of all rows), the eliminated rows of a strip, and for models without rows
    !> copies of a strip of the block.
@@ -143,13 +144,15 @@ contains
          call correct(self, ham, eq, w, 0, eq%x, status)
       else
          do before = 0, eq%nlane - strip_lanes, strip_lanes
-            ! An iteration eliminates and corrects a strip before it goes on to the next, so that its rows are read
-            ! while they are in cache.
-            call take_strip(eq%nlane, eq%n, before, eq%x, self%hq(1, 1), self%hqq(1, 0, 1), self%x, self%f, &
-                            self%k(1, 0, 1))
+            ! Unknowns, force and stiffness of a strip are copied. An iteration eliminates and corrects a strip before
+            ! it goes on to the next, so that its rows are read while they are in cache.
+            last = before + strip_lanes
+            self%x(:, :) = eq%x(before + 1:last, :)
+            self%f(:, :) = self%hq(before + 1:last, 1:)
+            self%k(:, :, 1:) = self%hqq(before + 1:last, :, 1:)
             call eliminate_all(self, eq, self%x, self%f, self%k)
             call correct(self, ham, eq, w, before, self%x, status)
-            eq%x(before + 1:before + strip_lanes, :) = self%x
+            eq%x(before + 1:last, :) = self%x
          end do
       end if
       ham%counters%gradients = ham%counters%gradients + eq%nreal
@@ -313,21 +316,5 @@ contains
          end do
       end associate
    end subroutine solve_suspects
-
-   ! ---- kernels ----------------------------------------------------------------------------------
-
-   !> Copy unknowns, force and stiffness of a strip from those of a block, whose lanes are farther apart.
-   pure subroutine take_strip(nlane, n, before, x, hq, hqq, xs, f, k)
-      integer, intent(in) :: nlane, n, before
-      real(wp), intent(in) :: x(nlane, n), hq(nlane, n), hqq(nlane, 0:1, n)
-      real(wp), intent(out) :: xs(strip_lanes, n), f(strip_lanes, n), k(strip_lanes, 0:1, n)
-      integer :: i
-
-      do i = 1, n
-         xs(:, i) = x(before + 1:before + strip_lanes, i)
-         f(:, i) = hq(before + 1:before + strip_lanes, i)
-         k(:, :, i) = hqq(before + 1:before + strip_lanes, :, i)
-      end do
-   end subroutine take_strip
 
 end module symsde_step_midpoint_tridiagonal

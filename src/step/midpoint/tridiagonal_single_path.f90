@@ -22,22 +22,24 @@ module symsde_step_midpoint_tridiagonal_single_path
    use symsde_step_midpoint_equation, only: midpoint_equation, midpoint_part, position
    implicit none
    private
-   public :: tridiagonal_midpoint, new_tridiagonal_midpoint
+   public :: tridiagonal_midpoint
 
    type, extends(midpoint_part) :: tridiagonal_midpoint
       private
       real(wp), allocatable, dimension(:) :: q, f, before, factor, rhs  !! Q, f, x before its correction, room (n)
       real(wp), allocatable :: k(:, :)                                  !! Hhat_qq, row 0 is not read (0:1, 0:n)
    contains
+      procedure :: make
       procedure :: solve
    end type tridiagonal_midpoint
 
 contains
 
    !> Make the part for one lane and a chain of ndof rows.
-   subroutine new_tridiagonal_midpoint(self, model, options)
-      type(tridiagonal_midpoint), intent(out) :: self
+   subroutine make(self, model, nlane, options)
+      class(tridiagonal_midpoint), intent(inout) :: self
       class(model_type), intent(in) :: model
+      integer, intent(in) :: nlane
       type(newton_options), intent(in) :: options
 
       associate (t => model%traits, n => model%traits%ndof, &
@@ -45,7 +47,7 @@ contains
          call new_newton(self%newton, 1, n, options, t%quadratic .and. exact, -1, -1, judge_only=.true., exact=exact)
          allocate (self%q(n), self%f(n), self%before(n), self%factor(n), self%rhs(n), self%k(0:1, 0:n))
       end associate
-   end subroutine new_tridiagonal_midpoint
+   end subroutine make
 
    !> x of the path, from V = 0 or from the dq that V gave. An iteration is one call of the model, one elimination
    !> that also corrects x, and one test.

@@ -7,7 +7,7 @@
 !> file is compiled without contraction: no product is fused with the sum. Contracted sums would be as good, but a
 !> run would have other bits where states are moved than where increments are asked for.
 !>
-!> The first two procedures take lanes before+1 .. before+together of states of nlane lanes; V and status are those
+!> Both procedures take lanes before+1 .. before+together of states of nlane lanes; V and status are those
 !> of the strip alone.
 !>
 !> Private to its family.
@@ -17,7 +17,7 @@ module symsde_step_midpoint_update
    use symsde_base_status, only: nonfinite
    implicit none
    private
-   public :: find_bad_sums, add_in_place, find_bad
+   public :: find_bad_sums, add_in_place
 
 contains
 
@@ -67,19 +67,5 @@ contains
          end do
       end do
    end subroutine add_in_place
-
-   !> Give a lane the status nonfinite where its state is not finite. The comparison with huge is false for NaN as
-   !> well.
-   pure subroutine find_bad(nlane, n, q, p, status)
-      integer, intent(in) :: nlane, n
-      real(wp), intent(in) :: q(nlane, n), p(nlane, n)
-      integer(i8), intent(inout) :: status(nlane)
-      integer :: lane
-
-      do lane = 1, nlane
-         if (status(lane) /= 0) cycle
-         if (.not. (all(abs(q(lane, :)) <= huge(q)) .and. all(abs(p(lane, :)) <= huge(p)))) status(lane) = nonfinite
-      end do
-   end subroutine find_bad
 
 end module symsde_step_midpoint_update
