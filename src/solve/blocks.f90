@@ -33,8 +33,7 @@ module symsde_solve_blocks
       integer :: kl = -1                          !! diagonals below the main one; < 0: dense
       integer :: ku = -1                          !! diagonals above the main one
       integer :: rows = 0                         !! n, or kl+ku+1: middle extent of the matrices
-      integer(i8) :: solves = 0                   !! systems solved so far
-      integer(i8) :: lapack_solves = 0            !! those of them that LAPACK solved
+      integer(i8) :: lapack_solves = 0            !! systems that LAPACK solved so far
       integer :: width = 0                        !! lanes eliminated together
       real(wp), allocatable :: smallest(:)        !! (nlane) pivot monitor
       real(wp), allocatable :: rhs(:, :)          !! (nlane,n) right-hand sides
@@ -87,7 +86,6 @@ contains
 
       nactive = count(active)
       if (nactive == 0) return
-      self%solves = self%solves + nactive
       ! A monitor of zero sends every active lane to LAPACK.
       if (too_large(self)) then
          self%smallest = 0
