@@ -29,7 +29,7 @@ module symsde_step_midpoint_eliminated
    use symsde_step_midpoint_equation, only: midpoint_equation, midpoint_part
    use symsde_step_midpoint_krylov, only: krylov_midpoint
    use symsde_step_midpoint_tridiagonal, only: tridiagonal_midpoint
-   use symsde_step_midpoint_update, only: find_bad_sums, add_in_place
+   use symsde_step_midpoint_update, only: add_in_place
    use symsde_step_stepper, only: stepper_type, stepper_task, few_of
    implicit none
    private
@@ -212,9 +212,12 @@ contains
       call solve_for_v(self, nlane, before, w, q, p, status)
       associate (eq => self%eq, n => self%eq%n, together => self%eq%nlane, first => before + 1, &
                  last => before + self%eq%nlane)
-         ! Where a lane needs dq as its unknown, increments of the whole strip are formed in copies. base and x are
-         ! free afterwards and take the new states.
-         if (eq%noncontracting) then
+         ! |q + h (p + V/2)| and |p + V| are at most (extent + |V|) (1 + |h|), with extent the largest of |q| and |p|.
+         ! Where that is not far from overflow, or where a lane needs dq as its unknown, increments of the whole strip
+         ! are formed in copies, and their sums looked at. The negation lets a NaN through to this closer look. base
+         ! and x are free afterwards and take the new states.
+         if (eq%noncontracting .or. &
+             .not. maxval(self%extent + self%part%newton%size)*(1 + abs(eq%h)) <= 0.1_wp*huge(eq%h)) then
             ! The states as they were: (q, p) of the block are written only below, lane by lane.
             self%q = q(first:last, :)
             self%p = p(first:last, :)
@@ -228,11 +231,6 @@ contains
                p(first:last, i) = merge(eq%x(:, i), p(first:last, i), status == 0)
             end do
          else
-            ! |q + h (p + V/2)| and |p + V| are at most (extent + |V|) (1 + |h|), with extent the largest of |q| and
-            ! |p|. As long as that is far from overflow no sum need be looked at. The negation lets a NaN through to
-            ! the closer look.
-            if (.not. maxval(self%extent + self%part%newton%size)*(1 + abs(eq%h)) <= 0.1_wp*huge(eq%h)) &
-               call find_bad_sums(nlane, n, before, together, eq%h, q, p, eq%x, status)
             call add_in_place(nlane, n, before, together, eq%h, eq%x, status, q, p)
          end if
       end associate

@@ -7,44 +7,17 @@
 !> file is compiled without contraction: no product is fused with the sum. Contracted sums would be as good, but a
 !> run would have other bits where states are moved than where increments are asked for.
 !>
-!> Both procedures take lanes before+1 .. before+together of states of nlane lanes; V and status are those
-!> of the strip alone.
+!> Lanes before+1 .. before+together of states of nlane lanes are taken; V and status are those of the strip alone.
 !>
 !> Private to its family.
 module symsde_step_midpoint_update
    use symsde_base_kinds, only: wp, i8
    use symsde_base_lanes, only: lane_unit
-   use symsde_base_status, only: nonfinite
    implicit none
    private
-   public :: find_bad_sums, add_in_place
+   public :: add_in_place
 
 contains
-
-   !> Give a lane the status nonfinite where q + dq or p + dp is not finite, dp = V and dq = h (p + V/2). It is
-   !> called only where the sizes of state and V leave room for an overflow, which is rare.
-   pure subroutine find_bad_sums(nlane, n, before, together, h, q, p, v, status)
-      integer, intent(in) :: nlane, n, before, together
-      real(wp), intent(in) :: h, q(nlane, n), p(nlane, n), v(together, n)
-      integer(i8), intent(inout) :: status(together)
-      real(wp) :: x, y, zero(lane_unit)
-      integer :: i, done, lane
-
-      do done = 0, together - lane_unit, lane_unit
-         zero = 0
-         do i = 1, n
-            !GCC$ unroll 8
-            do lane = 1, lane_unit
-               x = q(before + done + lane, i) + h*(p(before + done + lane, i) + 0.5_wp*v(done + lane, i))
-               y = p(before + done + lane, i) + v(done + lane, i)
-               zero(lane) = zero(lane) + (0*x + 0*y)  ! NaN where one is not finite
-            end do
-         end do
-         do lane = 1, lane_unit
-            if (.not. abs(zero(lane)) <= 0 .and. status(done + lane) == 0) status(done + lane) = nonfinite
-         end do
-      end do
-   end subroutine find_bad_sums
 
    !> VEC q = q + h (p + V/2) and p = p + V in lanes without a status; the others keep their state.
    pure subroutine add_in_place(nlane, n, before, together, h, v, status, q, p)
