@@ -214,7 +214,7 @@ contains
       type(modified_hamiltonian), intent(inout) :: self
       type(step_record), intent(in) :: step
       real(wp), intent(in) :: q(self%nlane, self%ndof), p(self%nlane, self%ndof)
-      real(wp) :: t1
+      real(wp) :: t1, c
       integer :: k
 
       ! Both ends of the step, and not derivatives in time, which models do not offer.
@@ -226,23 +226,16 @@ contains
          call add_sum(self, step%t, q, p, 0.0_wp, 0.0_wp, -1.0_wp)
       end if
       if (.not. self%turning) return
+      ! c grad {F,G} with F = H_k(t_1), G = H_k(t_0): Hess F (G_p, -G_q) - Hess G (F_p, -F_q).
+      c = -abs(step%h)/12
       do k = 1, self%nnoise
-         if (self%noisy(k)) call add_change(self, step%t, t1, k, -abs(step%h)/12, q, p)
+         if (.not. self%noisy(k)) cycle
+         call self%field_of(step%t, k, q, p)
+         call self%add_product(t1, self%f, c, self%vq, self%vp, q, p, self%sq, self%sp)
+         call self%field_of(t1, k, q, p)
+         call self%add_product(step%t, self%f, -c, self%vq, self%vp, q, p, self%sq, self%sp)
       end do
    end subroutine add_motion
-
-   !> Add c grad {F,G} with F = H_k(t1), G = H_k(t0): Hess F (G_p, -G_q) - Hess G (F_p, -F_q).
-   subroutine add_change(self, t0, t1, k, c, q, p)
-      type(modified_hamiltonian), intent(inout) :: self
-      real(wp), intent(in) :: t0, t1, c
-      integer, intent(in) :: k
-      real(wp), intent(in) :: q(self%nlane, self%ndof), p(self%nlane, self%ndof)
-
-      call self%field_of(t0, k, q, p)
-      call self%add_product(t1, self%f, c, self%vq, self%vp, q, p, self%sq, self%sp)
-      call self%field_of(t1, k, q, p)
-      call self%add_product(t0, self%f, -c, self%vq, self%vp, q, p, self%sq, self%sp)
-   end subroutine add_change
 
    !> Add the gradient of sum_{k<l} A_kl {H_l,H_k} as sum_l {H_l, sum_{k<l} A_kl H_k}: m - 1 brackets of weighted sums
    !> instead of m (m-1)/2 brackets, since a model sums over its Hamiltonians within one call.

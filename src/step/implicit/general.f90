@@ -199,7 +199,6 @@ contains
             end do
          end do
       end associate
-
    end subroutine look_back
 
    !> dq = sum_i alpha_i F_i, dp = sum_i alpha_i G_i.

@@ -109,23 +109,18 @@ contains
       integer(i8), intent(in) :: failed_step(nlane)  !! >= 0: the lane had failed in an earlier step
       real(wp), intent(inout) :: dq(:, :), dp(:, :)
       integer(i8), intent(inout) :: status(nlane)
-      integer :: lanes(lane_unit), lane, n
+      integer, allocatable :: lanes(:)
+      integer :: lane, first, n
 
       if (.not. self%available) return
       if (.not. allocated(self%stepper)) call make_stepper(self)
-      ! Lanes are gathered until there are eight.
-      n = 0
-      do lane = 1, nlane
-         ! Padding and paths that failed before have their step; other statuses are no matter of a solver.
-         if (failed_step(lane) >= 0 .or. .not. any(status(lane) == [not_converged, singular, nonfinite])) cycle
-         n = n + 1
-         lanes(n) = lane
-         if (n == lane_unit) then
-            call rescue_lanes(self, n, lanes, step, q, p, dq, dp, status)
-            n = 0
-         end if
+      ! Padding and paths that failed before have their step; other statuses are no matter of a solver.
+      lanes = pack([(lane, lane=1, nlane)], failed_step < 0 .and. &
+                   (status == not_converged .or. status == singular .or. status == nonfinite))
+      do first = 1, size(lanes), lane_unit
+         n = min(lane_unit, size(lanes) - first + 1)
+         call rescue_lanes(self, n, lanes(first:first + n - 1), step, q, p, dq, dp, status)
       end do
-      if (n > 0) call rescue_lanes(self, n, lanes, step, q, p, dq, dp, status)
    end subroutine attempt
 
    !> Make the general stepper of the scheme for eight lanes, with damping, and room for their states and increments.
@@ -147,7 +142,7 @@ contains
    !> have a status from the beginning and so rest.
    subroutine rescue_lanes(self, n, lanes, step, q, p, dq, dp, status)
       type(rescue_type), intent(inout), target :: self
-      integer, intent(in) :: n, lanes(lane_unit)
+      integer, intent(in) :: n, lanes(n)
       type(step_record), intent(in) :: step
       real(wp), intent(in) :: q(:, :), p(:, :)
       real(wp), intent(inout) :: dq(:, :), dp(:, :)
@@ -223,7 +218,7 @@ contains
    !> The others keep the status of rung 1: a run reports what happened to the scheme's own solver.
    subroutine keep(self, n, lanes, lane_status, dq, dp, status, saved)
       type(rescue_type), intent(in) :: self
-      integer, intent(in) :: n, lanes(lane_unit)
+      integer, intent(in) :: n, lanes(n)
       integer(i8), intent(in) :: lane_status(lane_unit)
       real(wp), intent(inout) :: dq(:, :), dp(:, :)
       integer(i8), intent(inout) :: status(:)
