@@ -80,19 +80,24 @@ contains
       all_finite = abs(sum(zero)) <= 0 .and. all(is_finite_lane(x(n - rest + 1:)))
    end function all_finite
 
-   !> Copy the lanes before + 1 .. before + wanted of x to y.
+   !> VEC Copy the lanes before + 1 .. before + wanted of x to y: all of them, or whole units, whose loop is written out.
    pure subroutine take_lanes(nlane, n, before, wanted, x, y)
       integer, intent(in) :: nlane, n, before, wanted
       real(wp), intent(in) :: x(nlane, n)
       real(wp), intent(out) :: y(wanted, n)
-      integer :: i
+      integer :: i, done, lane
 
       if (wanted == nlane) then  ! all of them, as a copy of memory
          call copy(nlane*n, x, y)
          return
       end if
       do i = 1, n
-         y(:, i) = x(before + 1:before + wanted, i)
+         do done = 0, wanted - lane_unit, lane_unit
+            !GCC$ unroll 8
+            do lane = done + 1, done + lane_unit
+               y(lane, i) = x(before + lane, i)
+            end do
+         end do
       end do
    end subroutine take_lanes
 
