@@ -80,7 +80,7 @@ contains
       all_finite = abs(sum(zero)) <= 0 .and. all(is_finite_lane(x(n - rest + 1:)))
    end function all_finite
 
-   !> VEC Copy the lanes before + 1 .. before + wanted of x to y: all of them, or whole units, whose loop is written out.
+   !> VEC Copy the lanes before + 1 .. before + wanted of x to y: all, or whole units, whose loop is written out.
    pure subroutine take_lanes(nlane, n, before, wanted, x, y)
       integer, intent(in) :: nlane, n, before, wanted
       real(wp), intent(in) :: x(nlane, n)
