@@ -144,7 +144,7 @@ contains
    end subroutine increment
 
    !> Update (q, p) strip by strip, in cache: the sums that the caller would form from increments are formed here,
-   !> with the same bits (step/midpoint/update). There is no remainder, as make_part has seen to.
+   !> with the same bits (step/midpoint/update). There is no remainder where states are moved.
    subroutine move(self, step, q, p, status)
       class(midpoint_stepper), intent(inout) :: self
       type(step_record), intent(in) :: step
