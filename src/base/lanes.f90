@@ -9,7 +9,7 @@ module symsde_base_lanes
    implicit none
    private
    public :: lane_unit, default_nlane, padded, lanes_for, lanes_together, is_finite_lane, all_finite, path_of_lane
-   public :: take_lanes, take_where
+   public :: slice_lanes, take_where
 
    integer, parameter :: lane_unit = 8         !! every nlane is a multiple of this
    integer, parameter :: default_nlane = 256   !! lanes of a block of small systems
@@ -81,7 +81,7 @@ contains
    end function all_finite
 
    !> VEC Copy the lanes before + 1 .. before + wanted of x to y: all, or whole units, whose loop is written out.
-   pure subroutine take_lanes(nlane, n, before, wanted, x, y)
+   pure subroutine slice_lanes(nlane, n, before, wanted, x, y)
       integer, intent(in) :: nlane, n, before, wanted
       real(wp), intent(in) :: x(nlane, n)
       real(wp), intent(out) :: y(wanted, n)
@@ -99,7 +99,7 @@ contains
             end do
          end do
       end do
-   end subroutine take_lanes
+   end subroutine slice_lanes
 
    !> y = x in lanes whose status is 0; others keep what they have.
    pure subroutine take_where(nlane, n, status, x, y)

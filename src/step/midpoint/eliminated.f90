@@ -11,13 +11,13 @@
 !> not. Where rows are eliminated, states are moved at once (`move`) instead of by increments, while (q, p) of these
 !> lanes are in cache.
 !>
-!> A strip goes through a step in this order: its weights are copied (take_lanes), V is found (solve_for_v), and then
+!> A strip goes through a step in this order: its weights are copied (slice_lanes), V is found (solve_for_v), and then
 !> either its increments (finish_increments) or its new states (move_together). What remains of a block that is no
 !> whole number of strips is filled up with copies (fill_up).
 module symsde_step_midpoint_eliminated
    use symsde_base_kinds, only: wp, i8
    use symsde_base_record, only: step_record
-   use symsde_base_lanes, only: lane_unit, take_lanes
+   use symsde_base_lanes, only: lane_unit, slice_lanes
    use symsde_base_status, only: nonfinite
    use symsde_base_traits, only: strip_lanes
    use symsde_model_abstract, only: model_type
@@ -135,7 +135,7 @@ contains
          ! asked for as one array; states are read where they are.
          do before = 0, nlane - together, together
             self%eq%nreal = max(0, min(together, self%ham%nreal - before))
-            call take_lanes(nlane, self%ham%nnoise + 1, before, together, step%w, self%w)
+            call slice_lanes(nlane, self%ham%nnoise + 1, before, together, step%w, self%w)
             call step_together(self, nlane, before, self%w, q, p, dq, dp, status(before + 1))
          end do
          ! The loop has left `before` behind the last whole strip.
@@ -161,7 +161,7 @@ contains
                ! The only strip is the block itself, whose weights need no copy.
                call move_together(self, nlane, before, step%w, q, p, status)
             else
-               call take_lanes(nlane, self%ham%nnoise + 1, before, together, step%w, self%w)
+               call slice_lanes(nlane, self%ham%nnoise + 1, before, together, step%w, self%w)
                call move_together(self, nlane, before, self%w, q, p, status(before + 1))
             end if
          end do

@@ -10,7 +10,7 @@
 module symsde_step_stages_equations
    use symsde_base_functionals, only: functional_set, nfunctional, path_dz, path_areas
    use symsde_base_kinds, only: wp, i8
-   use symsde_base_lanes, only: take_lanes
+   use symsde_base_lanes, only: slice_lanes
    use symsde_base_record, only: step_record, step_store, new_step_store
    use symsde_base_vectors, only: scale
    use symsde_model_abstract, only: model_type
@@ -48,12 +48,12 @@ module symsde_step_stages_equations
       integer :: f
 
       x => step%w
-      call take_lanes(size(x, 1), size(x, 2), first - 1, lanes(self), x, self%store%w)
+      call slice_lanes(size(x, 1), size(x, 2), first - 1, lanes(self), x, self%store%w)
       ! Functionals that no bracket asks for have no room in the store, and are not copied.
       do f = 1, nfunctional
          if (.not. allocated(self%store%of(f)%x)) cycle
          x => step%of(f)%x
-         call take_lanes(size(x, 1), size(x, 2), first - 1, lanes(self), x, self%store%of(f)%x)
+         call slice_lanes(size(x, 1), size(x, 2), first - 1, lanes(self), x, self%store%of(f)%x)
       end do
       self%store%h = step%h
       call self%store%show(0, step%t, self%shown)

@@ -10,7 +10,7 @@
 module symsde_step_stages_equations_single_path
    use symsde_base_functionals, only: functional_set, path_dz, path_areas
    use symsde_base_kinds, only: wp, i8
-   use symsde_base_lanes, only: take_lanes
+   use symsde_base_lanes, only: slice_lanes
    use symsde_base_record, only: step_record, step_store, new_step_store
    use symsde_base_vectors, only: scale
    use symsde_model_abstract, only: model_type
