@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Bad input: the right exception, a sentence that names what was given, and everything lives on."""
 
+import re
+
 import numpy as np
 import pytest
 import symsde as ss
@@ -272,3 +274,20 @@ def test_traits_are_probed_around_the_state_that_is_given():
     model.probe(5.0, -5.0)
     q, p = (np.concatenate([x.ravel() for x in points]) for points in zip(*asked, strict=True))
     assert (q[0], p[0]) == (5.0, -5.0) and (np.abs(q - 5) < 2).all() and (np.abs(p + 5) < 2).all()
+
+
+@pytest.mark.parametrize(
+    ("of_p", "of_q", "words"),
+    [
+        (0.3, 0.0, "dp_2 by p_1 is 0, and of dH_0/dp_1 by p_2 0.3"),
+        (0.0, 0.2, "dp_2 by q_1 is 0.2, and of dH_0/dq_1 by p_2 0"),
+    ],
+)
+def test_the_pair_that_is_no_gradient_is_named(of_p, of_q, words):
+    model = ss.Model(
+        ndof=2,
+        nnoise=0,
+        gradient=lambda t, w, q, p: (w[0] * q, w[0] * np.stack([p[0] + of_p * p[1], p[1] + of_q * q[0]])),
+    )
+    with pytest.raises(errors.FalseTraitError, match=re.escape(f"the derivative of dH_0/{words}, at")):
+        model.probe([0.3, 0.4], [0.1, 0.2])
