@@ -120,11 +120,11 @@ contains
       real(wp), intent(inout), optional :: hq(self%nlane, self%ndof), hp(self%nlane, self%ndof)
       type(counters_type), intent(inout) :: counters
       integer, intent(in) :: nreal                              !! real paths of the block
-      logical, intent(in), optional :: rest
+      logical, intent(in), optional :: rest                     !! the rest alone
       logical :: whole
 
-      whole = .not. present(rest)
-      if (.not. whole) whole = .not. rest
+      whole = .true.
+      if (present(rest)) whole = .not. rest
       self%sq = 0
       self%sp = 0
       ! The weights c_k of single brackets come first: add_motion makes its own from them.
