@@ -290,18 +290,33 @@ def test_options_that_mean_nothing(options, sentence, place, capsys):
 
 
 def test_a_part_of_more_than_there_are_shards(place, capsys):
-    """Nothing is done, which is said; the part does not fail, since the others do the work."""
+    """Nothing is done and no folder made, which is said; the part does not fail, since the others do the work."""
     given = ["run", str(place / "scene.toml"), "--out", str(place / "out"), "--shard", "11/12"]
     assert command_line.main([*given, "--shard-paths", "256"]) == command_line.OK
-    told = "symsde: part 11/12 has nothing to do: the run is cut into 10: give as many parts at most\n"
+    told = "symsde: part 11/12 has nothing to do: the run is cut into 10 shards: give as many parts at most\n"
     shown = capsys.readouterr()
     assert told in shown.err and "is done" not in shown.out
-    given[3] = str(place / "other")
     assert command_line.main([*given, "--shard-paths", "512"]) == command_line.OK
-    assert (
-        "cut into 6: give as many parts at most, or --shard-paths 256 or less in all parts" in capsys.readouterr().err
-    )
-    assert not list((place / "other" / "shards").iterdir())
+    finer = "cut into 6 shards: give as many parts at most, or --shard-paths 256 and 10 parts at most, in all parts"
+    assert finer in capsys.readouterr().err
+    assert not (place / "out").exists()
+
+
+@pytest.mark.parametrize("part", ["4/4", "9/9", "10/10"])
+def test_advice_for_more_parts_can_be_followed(part, place, capsys):
+    """A part that has nothing to do names a size of shards; with it the part has work, in a folder that is new."""
+    given = ["run", str(place / "scene.toml"), "--out", str(place / "new"), "--quiet", "--shard"]
+    assert command_line.main([*given, part]) == command_line.OK
+    size = re.search(r"--shard-paths (\d+), in all parts", capsys.readouterr().err)[1]
+    assert command_line.main([*given, part, "--shard-paths", size]) == command_line.OK
+    assert not capsys.readouterr().err and len(list((place / "new" / "shards").iterdir())) == 1
+
+
+def test_a_part_without_work_still_looks_whose_folder_it_is(place, capsys):
+    (place / "scene.toml").write_text(SCENE.replace("q0 = 1.0", "q0 = 2.0"))
+    given = ["run", str(place / "scene.toml"), "--out", str(place / "part1"), "--shard", "99/99"]
+    assert command_line.main(given) == command_line.BAD_INPUT
+    assert "run.q0 = 1 there, 2 here" in capsys.readouterr().err
 
 
 def test_a_signal_ends_the_error_check(place, capsys, monkeypatch):

@@ -12,7 +12,7 @@ from ..native.checks import integer
 UNIT = 256  #: paths of a unit: pieces of moments are 2^k of them, from a multiple of their size
 _LEAST, _MOST = 2**27, 2**29  # path-steps times degrees of freedom of a piece: seconds, which its file adds little to
 _PIECES = 32  # as many as that, where they are worth it, so that a few processes are busy until the end
-_FILES = 2**14  # more than that no folder should have to hold
+FILES = 2**14  #: more than that no folder should have to hold
 _SAVED = 2**26  # bytes of paths in a piece
 
 
@@ -46,7 +46,7 @@ def shard_paths(extent: Extent, wanted: object = None) -> int:
     total = cost * extent.paths
     target = min(max(total // _PIECES, _LEAST), _MOST)
     size = UNIT
-    while size < extent.paths and (2 * size * cost <= target or extent.paths > _FILES * size):
+    while size < extent.paths and (2 * size * cost <= target or extent.paths > FILES * size):
         size *= 2
     return size
 

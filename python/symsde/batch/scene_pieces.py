@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from ..native import files
 from . import manifest, scene
 from .execute import Task
-from .pieces import Extent, Piece, plan, shard_paths
+from .pieces import FILES, UNIT, Extent, Piece, plan, shard_paths
 from .scene import Scene
 
 
@@ -33,12 +33,28 @@ class Batch:
             size = there["shard_paths"]
         else:
             size = shard_paths(extent, int(wanted) if wanted and re.fullmatch(r"-?\d{1,30}", wanted) else wanted)
-        pieces = plan(extent, size, moments=chosen.moments, saved=chosen.paths)
+        pieces = _plan(chosen, size)
         return cls(chosen, Task(chosen.model, chosen.run, chosen.observables, chosen.observers), size, pieces, out)
 
     def of_kind(self, kind: str) -> list[Piece]:
         """Its pieces of moments, or of paths."""
         return [piece for piece in self.pieces if piece.kind == kind]
+
+    def finer(self, wanted: int) -> tuple[int, int] | None:
+        """The paths of smaller shards, and the number of these: the largest ones that are as many as wanted, else the
+        smallest; None where smaller ones are not more, or too many for a folder."""
+        size, found = self.size // 2, None
+        while size >= UNIT and self.scene.run.get("paths", 1) <= FILES * size:
+            if (count := len(_plan(self.scene, size))) > (found[1] if found else len(self.pieces)):
+                found = size, count
+            if count >= wanted:
+                break
+            size //= 2
+        return found
+
+
+def _plan(chosen: Scene, size: int) -> list[Piece]:
+    return plan(extent_of(chosen), size, moments=chosen.moments, saved=chosen.paths)
 
 
 def extent_of(chosen: Scene) -> Extent:

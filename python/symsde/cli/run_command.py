@@ -21,7 +21,7 @@ from ..batch.dry import need
 from ..batch.error_check import error_check
 from ..batch.execute import Task
 from ..batch.folder import RunFolder
-from ..batch.pieces import UNIT, Piece
+from ..batch.pieces import Piece
 from ..batch.ranks import Ranks
 from ..batch.scene_pieces import Batch, extent_of
 from ..batch.share import Share
@@ -64,16 +64,18 @@ def run(options: argparse.Namespace) -> int:
         raise InvalidArgumentError("--out is empty: give a folder, or leave it out")
     batch = Batch.of(options.scene, options.out or Path(options.scene).stem, options.shard_paths)
     record = manifest.of_scene(batch.scene, batch.size)
+    folder = Path(batch.out)
+    if there := manifest.read(folder):
+        manifest.require_same(there, record, folder)
     if options.dry_run:
-        folder = Path(batch.out)
-        if there := manifest.read(folder):
-            manifest.require_same(there, record, folder)
         print(need(batch.task, part.of(batch.pieces), batch.size, extent_of(batch.scene).saved, folder))
         if options.error_check:
             print("not counted: --error-check, some of the paths again, at the step and at half of it")
         return OK
     ranks = Ranks.launched()
     options.quiet = options.quiet or ranks.rank > 0
+    if not part.of(batch.pieces):
+        return _nothing(batch, part, ranks)
     with (
         logged(options.quiet),
         Stop(limit) as stop,
@@ -85,8 +87,6 @@ def run(options: argparse.Namespace) -> int:
         if ranks.rank > 0 or not fine:
             return OK if fine else INTERNAL  # the rank that failed says why, rank 0 the rest
         missing = folder.missing()
-        if not part.of(batch.pieces):
-            return _nothing(batch, part)
         if missing and (stop.reason or part.n == 1):
             partial = save_partial(batch, folder)
             return _stopped(stop, options, folder, missing, partial)
@@ -194,14 +194,18 @@ def _stopped(stop: Stop, options: argparse.Namespace, folder: RunFolder, missing
     return STOPPED
 
 
-def _nothing(batch: Batch, part: Share) -> int:
-    """A part of more than there are shards: no error, since the others do the work, but said."""
-    finer = f", or --shard-paths {batch.size // 2} or less in all parts" if batch.size > UNIT else ""
-    print(
-        f"symsde: part {part} has nothing to do: the run is cut into {len(batch.pieces)}: give as many parts at most"
-        f"{finer}",
-        file=sys.stderr,
-    )
+def _nothing(batch: Batch, part: Share, ranks: Ranks) -> int:
+    """A part of more than there are shards: no error, since the others do the work, but said. No folder is made."""
+    finer = ""
+    if cut := batch.finer(part.n):
+        most = "" if cut[1] >= part.n else f" and {counted(cut[1], 'part')} at most"
+        finer = f", or --shard-paths {cut[0]}{most}, in all parts and in new folders"
+    if ranks.rank == 0:
+        print(
+            f"symsde: part {part} has nothing to do: the run is cut into {counted(len(batch.pieces), 'shard')}: give "
+            f"as many parts at most{finer}",
+            file=sys.stderr,
+        )
     return OK
 
 
