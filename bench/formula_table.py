@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The tables of docs/formulas.md: formulas beside the catalogue, and what it takes to compile them.
+"""The table of docs/formulas-inside.md: formulas beside the catalogue, and what it takes to compile them.
 
 formula_table.py [REPEATS [SECONDS]]: processor time of a path-step on one thread, of runs of about SECONDS, formula and
 catalogue in turn; the median of the ratios of REPEATS such pairs. Compilations are of a cache of their own.

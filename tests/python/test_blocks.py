@@ -31,7 +31,7 @@ WORDS = {
     "results": ("outcome",),
     "which-scheme": ("us a path", "others:"),
 }
-NEEDS = dict.fromkeys(("README", "formulas", "own-model", "scenes"), ("sympy",))
+NEEDS = dict.fromkeys(("README", "formulas", "formulas-inside", "own-model", "scenes"), ("sympy",))
 NEEDS |= {"expect": ("scipy",), **dict.fromkeys(("first-ten-minutes", "project", "results"), ("sympy", "matplotlib"))}
 #: The folder in which a page is read: this scene, one part of its run, and functions of one's own.
 BASE = """\
