@@ -275,7 +275,7 @@ typedef struct symsde_options {
    double t0;              /* time of step 0 [time] */
    int64_t save_every;     /* steps between saved points */
    int64_t first_path;     /* global index of the first path */
-   int64_t first_step;     /* absolute index of the first step: to resume */
+   int64_t first_step;     /* index of the first step, which chooses its noise: 0 draws that of step 0 again */
    int32_t refine;         /* l > 0: a step sums 2^l draws; l < 0: halved by the Brownian bridge -l times */
    int32_t correction;     /* enum symsde_correction */
    double truncation;      /* order l of truncated increments; 0 = none */

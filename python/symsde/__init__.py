@@ -28,7 +28,14 @@ from .answers.mean_square import MeanSquare, mean_square
 from .batch.ensemble import ensemble
 from .batch.opened import OpenRun, load, open_run
 from .cli.selftest import selftest
-from .errors import BudgetWarning, NotANumberWarning, PathsFailedWarning, ReferenceWarning, SymsdeError
+from .errors import (
+    BudgetWarning,
+    NotANumberWarning,
+    PathsFailedWarning,
+    ReferenceWarning,
+    RepeatedNoiseWarning,
+    SymsdeError,
+)
 from .model.commutator import Commutator, commutator
 from .model.definition import Model, Traits
 from .model.formulas import FormulaModel, model_from_sympy
@@ -78,6 +85,7 @@ __all__ = [
     "PathsFailedWarning",
     "PreparedRun",
     "ReferenceWarning",
+    "RepeatedNoiseWarning",
     "Report",
     "Run",
     "Scheme",

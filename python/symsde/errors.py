@@ -117,6 +117,14 @@ class NotANumberWarning(RuntimeWarning):
     """A value was not a finite number for a path that counts, so that its means are not finite either."""
 
 
+class RepeatedNoiseWarning(UserWarning):
+    """A run begins where another one may have ended, but with the noise of the first steps of its seed."""
+
+
+#: warnings of runs whose sentences their reports or moments hold, too: those who put runs together say them once
+OF_RUNS = (PathsFailedWarning, NotANumberWarning, RepeatedNoiseWarning)
+
+
 class SlowFormulaWarning(UserWarning):
     """Formulas are evaluated without a compiler; the message says how slow this is."""
 

@@ -27,7 +27,7 @@ module symsde_ensemble_options
       integer(i8) :: save_every = 1         !! steps between saved points
       integer :: refine = 0                 !! l > 0: a step is the sum of 2^l draws; l < 0: Brownian bridge
       integer(i8) :: first_path = 0         !! global index of the first path
-      integer(i8) :: first_step = 0         !! absolute index of the first step: to resume
+      integer(i8) :: first_step = 0         !! index n of the first step, at t0 + n h; chooses its noise
       integer :: correction = correction_auto
       real(wp) :: truncation = 0            !! order l of truncated increments, 0 = none
       real(wp) :: truncation_time = 0       !! time scale tau of the truncation [time]

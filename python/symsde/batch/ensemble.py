@@ -9,7 +9,7 @@ import warnings
 from concurrent.futures import Executor
 from typing import Any
 
-from ..errors import NotANumberWarning, PathsFailedWarning, SymsdeError, WrongTypeError
+from ..errors import OF_RUNS, NotANumberWarning, PathsFailedWarning, SymsdeError, WrongTypeError
 from ..model.definition import Model
 from ..native import abi, checks
 from ..native.handles import status_text
@@ -103,6 +103,7 @@ def ensemble(
     functions = check_observables(observables)
     given = checks.own({"q0": q0, "p0": p0, "step": step, "steps": steps, **options})
     setup = make_setup(model, in_python=are_in_python(functions), **given)
+    setup.warn_of_repeated_noise()
     size = _size(setup, shard_paths)
     pieces = plan(_extent(setup), size, moments=True, saved=())
     task = Task(model, given, functions, requests.check_observers(observers))
@@ -112,7 +113,7 @@ def ensemble(
     begin = time.monotonic()
     try:
         with warnings.catch_warnings():
-            for said in (PathsFailedWarning, NotANumberWarning):  # once, below
+            for said in OF_RUNS:  # once, here
                 warnings.simplefilter("ignore", said)
             done = dispatch(task, pieces, Context(memory, Stop(), show), executor)
     except BaseException as stop:

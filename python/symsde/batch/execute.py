@@ -13,7 +13,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from ..errors import NotANumberWarning, PathsFailedWarning
+from ..errors import OF_RUNS
 from ..model.definition import Model
 from ..run.moments import Moments, moments
 from ..run.observers import requests
@@ -80,7 +80,7 @@ def compute(
     facts. In a process of its own it says nothing of failed paths: the shard does, and who merges the shards."""
     if threading.current_thread() is threading.main_thread():  # filters are those of the process
         with warnings.catch_warnings():
-            for said in (PathsFailedWarning, NotANumberWarning):
+            for said in OF_RUNS:
                 warnings.simplefilter("ignore", said)
             return _compute(task, piece, threads, tell, checkpoint)
     return _compute(task, piece, threads, tell, checkpoint)

@@ -16,7 +16,7 @@ from typing import NoReturn
 
 from .. import models, schemes
 from ..batch import scene
-from ..errors import NotANumberWarning, NotWrittenError, PathsFailedWarning, SymsdeError, shortened
+from ..errors import OF_RUNS, NotWrittenError, SymsdeError, shortened
 from ..native import cpu, files, library
 from ..native.build import build_info
 from ..reports import tables
@@ -41,7 +41,7 @@ def main(arguments: list[str] | None = None) -> int:
     """Run the command line; the exit code."""
     try:
         with warnings.catch_warnings(), _terminated_as_interrupted(), patient_output():
-            for said in (PathsFailedWarning, NotANumberWarning):  # by the exit code and a line
+            for said in OF_RUNS:  # by the exit code and a line
                 warnings.simplefilter("ignore", said)
             parser = _parser()
             options = parser.parse_args(arguments)

@@ -253,6 +253,7 @@ def moments(
     try:
         given = check_observables(observables)
         setup = make_setup(model, q0=q0, p0=p0, step=step, steps=steps, in_python=are_in_python(given), **options)
+        setup.warn_of_repeated_noise()
         result = Moments(setup, given, requests.check_observers(observers))
         result.fill(given, progress)
     except BaseException as stop:

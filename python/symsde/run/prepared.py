@@ -166,7 +166,7 @@ class PreparedRun:
         for name, value in given.items():
             if value is not None:
                 chosen[name] = checks.state(name, value, old.model.ndof, old.paths)
-        options = _copy_of(old.options)
+        options = abi.Options.from_buffer_copy(old.options)
         for name, value, bounds in (
             ("seed", seed, UINT64),
             ("first_path", first_path, INT64),
@@ -215,18 +215,8 @@ class PreparedRun:
 
     def _setup_of(self, steps: int, save_every: int) -> Setup:
         """The setup of so many steps from here, for a Run that can be re-examined."""
-        options = _copy_of(self._setup.options)
-        options.steps, options.save_every, options.first_step = steps, save_every, self.next_step
-        low = (None, None) if self._q_low is None else (self._q_low.copy(), self._p_low.copy())
-        return Setup(
-            model=self.model,
-            scheme=self.scheme,
-            options=options,
-            q0=self._q.copy(),
-            p0=self._p.copy(),
-            q0_low=low[0],
-            p0_low=low[1],
-        )
+        state = self._q, self._p, self._q_low, self._p_low
+        return self._setup.from_here(self.next_step, steps, save_every, state)
 
     def _fill(self, run: Run, name: str, *steps: int, progress: Progress) -> Run:
         """Let the library advance, and save into a Run."""
@@ -281,10 +271,6 @@ class PreparedRun:
             )
 
 
-def _copy_of(options: abi.Options) -> abi.Options:
-    return abi.Options.from_buffer_copy(options)
-
-
 def _put_increments(given: abi.Input, increments: np.ndarray) -> None:
     """Increments (row, noise, path) into an input; they must live as long as it."""
     given.increments = address(increments)
@@ -303,8 +289,10 @@ def prepare(model: Model, scheme: str | Scheme = "midpoint", *, step: float, q0:
         run.reset()
 
     q0, p0, step and the options are those of `simulate`. steps, save_every, increments and progress are given to the
-    methods instead. The run keeps model and scheme alive. With `threads` above 1, waking the threads takes longer than
-    one step of a few paths.
+    methods instead. Each call of run or step goes on with the noise of the next step: first_step is only for a start in
+    the middle of another run. There it is the index of that run's next step, and t0 is that run's t0; without it the
+    noise of the first steps comes again. The run keeps model and scheme alive. With `threads` above 1, waking the
+    threads takes longer than one step of a few paths.
     """
     checks.not_given("prepare", options, _DECIDED)
     return PreparedRun(make_setup(model, q0=q0, p0=p0, step=step, scheme=scheme, steps=0, **options))

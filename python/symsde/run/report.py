@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import functools
 from dataclasses import dataclass
 
@@ -97,7 +98,9 @@ class Reported:
     @functools.cached_property
     def report(self) -> Report:
         """How the run was computed: stepper, what was left out, counters, failures, timings and versions."""
-        return make_report(self._reported)
+        report = make_report(self._reported)
+        repeated = self.setup.repeated_noise()
+        return dataclasses.replace(report, warnings=(*report.warnings, repeated)) if repeated else report
 
 
 def filled(result: Reported | None) -> Reported | None:

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from ..errors import InvalidArgumentError, WrongShapeError, WrongTypeError
+from ..errors import InvalidArgumentError, RepeatedNoiseWarning, WrongShapeError, WrongTypeError
 from ..model.definition import Model, require_model
 from ..native import abi, checks
 from ..native import handles as _handles
@@ -21,7 +21,8 @@ from ..schemes import Scheme, as_scheme
 
 _LIBRARY_LANES = 256  # of a block in the library, at most
 _PYTHON_VALUES = 2048  # numbers of an array that a Python function is given
-_COUNT = 2**47  # range of the counters of paths and steps
+COUNT = 2**47  #: range of the counters of paths and steps
+_WHOLE = 1e-9  # relative: times that are typed, or sums of steps
 _INPUT_SIZE = _handles.new(abi.Input, "input").struct_size
 
 
@@ -37,6 +38,7 @@ class Setup:
     increments: np.ndarray | None = None  #: (row, noise, 1 or path)
     q0_low: np.ndarray | None = None  #: (dof, path)
     p0_low: np.ndarray | None = None
+    by_path: bool = False  #: the start was given with a column for each path, as states of a run are
 
     @property
     def ntime(self) -> int:
@@ -67,6 +69,32 @@ class Setup:
     def handles(self) -> tuple:
         """The leading arguments of a run in the C interface, after the model."""
         return self.scheme._handle.pointer, ctypes.byref(self.options)
+
+    def from_here(self, first_step: int, steps: int, save_every: int, state: Sequence[np.ndarray | None]) -> Setup:
+        """The same from a later state, (q, p, q_low, p_low), which is copied, over so many steps with their noise."""
+        options = abi.Options.from_buffer_copy(self.options)
+        options.first_step, options.steps, options.save_every = first_step, steps, save_every
+        q0, p0, *low = (None if part is None else part.copy() for part in state)
+        return Setup(self.model, self.scheme, options, q0, p0, None, *low)
+
+    def repeated_noise(self) -> str:
+        """A sentence where states of paths begin whole steps after 0 with the noise of step 0; empty elsewhere."""
+        options = self.options
+        if not (options.t0 and self.by_path and options.steps) or options.first_step or self.increments is not None:
+            return ""
+        before = options.t0 / options.step
+        if not (0.5 < before < COUNT and abs(before - round(before)) < _WHOLE * before and self.model.nnoise):
+            return ""
+        return (
+            f"t0 = {options.t0:g} is {checks.counted(round(before), 'step')} after 0, and each path has a state of its "
+            "own, as where a run goes on: but with first_step = 0 the noise is that of the first steps of this seed "
+            f"again. Give first_step={round(before)} and t0=0, which mean the same times, or call run.extend(steps)"
+        )
+
+    def warn_of_repeated_noise(self) -> None:
+        """Say so."""
+        if text := self.repeated_noise():
+            checks.warn(text, RepeatedNoiseWarning)
 
     def attributes(self) -> dict[str, str]:
         """What made the run, as text for files."""
@@ -139,13 +167,13 @@ def _common_noise(options: abi.Options, _name: str, value: object) -> None:
 
 #: name of an option -> its default, which is that of the library, and what checks another value and puts it in
 _READ = {
-    "paths": (1, _integer((1, _COUNT))),
+    "paths": (1, _integer((1, COUNT))),
     "seed": (0, _integer(UINT64)),
     "t0": (0.0, _number),
-    "save_every": (1, _integer((1, _COUNT))),
+    "save_every": (1, _integer((1, COUNT))),
     "refine": (0, _integer(INT32)),
-    "first_path": (0, _integer((0, _COUNT))),
-    "first_step": (0, _integer((0, _COUNT))),
+    "first_path": (0, _integer((0, COUNT))),
+    "first_step": (0, _integer((0, COUNT))),
     "correction": ("auto", _choice(abi.CORRECTIONS)),
     "truncation": (None, _truncation),
     "areas": ("path", _choice(abi.AREAS)),
@@ -179,7 +207,7 @@ def _options_of(model: Model, given: dict[str, Any], in_python: bool) -> abi.Opt
         raise WrongTypeError(f"{missing} is missing: give step, the size h, and steps, their number")
     options = _handles.new(abi.Options, "options")
     options.step = checks.number("step", step)
-    options.steps = checks.integer("steps", steps, (0, _COUNT))
+    options.steps = checks.integer("steps", steps, (0, COUNT))
     for key in changed:
         _READ[key][1](options, key, given[key])
     if lanes is not None:
@@ -187,12 +215,17 @@ def _options_of(model: Model, given: dict[str, Any], in_python: bool) -> abi.Opt
     elif model.in_python:
         options.lanes = _lanes_for(model, options.paths)
     options.threads = threads_of(threads, in_python or model.in_python)
-    if options.steps % options.save_every:
+    require_multiple(options.steps, options.save_every)
+    return options
+
+
+def require_multiple(steps: int, save_every: int) -> None:
+    """Refuse steps of which the last one would not be saved."""
+    if steps % save_every:
         raise InvalidArgumentError(
-            f"steps = {options.steps} is not a multiple of save_every = {options.save_every}: "
+            f"steps = {steps} is not a multiple of save_every = {save_every}: "
             "the last saved point would be missed; change one of the two"
         )
-    return options
 
 
 def _changed(given: dict[str, Any]) -> list[str]:
@@ -222,9 +255,9 @@ def setup_of(given: dict[str, Any]) -> Setup:
     increments, q0_low, p0_low = take("increments", None), take("q0_low", None), take("p0_low", None)
     chosen = _options_of(model, given, take("in_python", False))
     ndof, paths = model.traits.ndof, chosen.paths
-    may_fail = model.check_start is not None and checks.is_one(q0) and checks.is_one(p0)
+    by_path = not (checks.is_one(q0) and checks.is_one(p0))
     q0, p0 = checks.state("q0", q0, ndof, paths), checks.state("p0", p0, ndof, paths)
-    if may_fail:
+    if model.check_start is not None and not by_path:
         model.check_start(q0, p0, chosen.t0)
     return Setup(
         model,
@@ -235,6 +268,7 @@ def setup_of(given: dict[str, Any]) -> Setup:
         None if increments is None else increments_array(increments),
         None if q0_low is None else _low("q0_low", q0_low, ndof, paths),
         None if p0_low is None else _low("p0_low", p0_low, ndof, paths),
+        by_path,
     )
 
 

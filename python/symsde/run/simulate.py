@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from ..errors import IncompatibleError
 from ..model.definition import Model
 from ..native import abi, checks, files, handles
 from ..native.checks import address, addresses, counted
@@ -20,7 +21,7 @@ from ..schemes import Scheme
 from . import tabular
 from .report import Reported, filled
 from .saved import PathTables
-from .setup import Setup, setup_of
+from .setup import COUNT, Setup, require_multiple, setup_of
 
 _INT32, _INT64 = np.dtype(np.int32), np.dtype(np.int64)
 _PATHS_SIZE = handles.new(abi.Paths, "paths").struct_size
@@ -65,8 +66,8 @@ class Run(PathTables, Reported):
         if setup.options.compensated:
             self.q_low, self.p_low = np.empty(last), np.empty(last)
 
-    def fill(self, progress: Progress) -> None:
-        """Let the library integrate."""
+    def fill(self, progress: Progress, before: Run | None = None) -> None:
+        """Let the library integrate; before: the run that is extended."""
         arrays = (self.q, self.p, self.status, self.failed_step, self.last_q, self.last_p)
         low = () if self.q_low is None else (self.q_low, self.p_low)
         paths = abi.Paths(_PATHS_SIZE, None, *addresses(arrays + low))  # the rest is NULL, as t is
@@ -84,8 +85,52 @@ class Run(PathTables, Reported):
                     allow=(abi.STOPPED, abi.PATHS_FAILED),
                 )
             finally:
+                if before is not None and before.status.any() and report.threads:
+                    self._keep_failures(before, report)
                 self._keep_report(report)
             self._warn_of_failures()
+
+    def extend(self, steps: int, *, save_every: int | None = None, progress: Progress = False) -> Run:
+        """Go on for `steps` more steps: a Run from the last state, whose end has the bits of one long run.
+
+        Model, scheme, step, seed and options are those of this run; save_every too, unless given. The first saved state
+        is the last one of this run. Paths that failed stay failed. A run with prescribed increments, or one that was
+        stopped before its end, is refused with an IncompatibleError.
+        """
+        here = self.setup.options
+        if self.setup.increments is not None:
+            raise IncompatibleError(
+                "this run was driven by prescribed increments, and there are none for more steps: call simulate with "
+                f"q0=run.last_q, p0=run.last_p, first_step={here.first_step + here.steps} and the next increments"
+            )
+        if (self.status == abi.STOPPED).any():
+            raise IncompatibleError(
+                "this run was stopped before its end, so its paths are not at one time: call simulate with the "
+                "arguments of this run to compute it whole, then extend that"
+            )
+        steps = checks.integer("steps", steps, (0, COUNT))
+        every = here.save_every if save_every is None else checks.integer("save_every", save_every, (1, COUNT))
+        require_multiple(steps, every)
+        state = self.last_q, self.last_p, self.q_low, self.p_low
+        run = Run(self.setup.from_here(here.first_step + here.steps, steps, every, state))
+        try:
+            run.fill(progress, self)
+        except BaseException as stop:
+            carry(stop, lambda: filled(run))
+            raise
+        return run
+
+    def _keep_failures(self, before: Run, report: abi.Report) -> None:
+        """Paths that failed before stay as they were."""
+        gone = before.status != 0
+        self.q[:, :, gone] = self.p[:, :, gone] = np.nan
+        for name in ("status", "failed_step", "last_q", "last_p", "q_low", "p_low"):
+            if (kept := getattr(before, name)) is not None:
+                getattr(self, name)[..., gone] = kept[..., gone]
+        report.failed = int(np.count_nonzero((self.status != 0) & (self.status != abi.STOPPED)))
+        report.stopped = int(np.count_nonzero(self.status == abi.STOPPED))
+        if report.failed and not report.status:
+            report.status = abi.PATHS_FAILED
 
     @functools.cached_property
     def t(self) -> np.ndarray:
@@ -207,7 +252,8 @@ def simulate(
     - increments: your own dW, (steps*2^refine, noise, path), or (steps*2^refine, noise) for all paths; for schemes that
       take them, dZ of all noises as further columns, and then K
     - refine: l > 0 drives a step by the sum of 2^l draws; l < 0 halves increments -l times by the Brownian bridge
-    - first_step: absolute index of the first step; with q0, p0 = last_q, last_p of an earlier run it resumes that run
+    - first_step: absolute index n of the first step, which chooses its noise; its time is t0 + n*step. With q0, p0 =
+      last_q, last_p and t0 of an earlier run of n steps, it goes on with that run, as `run.extend(steps)` does
     - correction: of one-sided schemes, "auto", "none", "mean" or "increments"
     - truncation: (order, time scale) of truncated increments
     - areas: how Levy areas are drawn: "path", from the Brownian path, or "law", which has the right law at bounded cost
@@ -233,6 +279,7 @@ def simulate(
     run = None
     try:
         run = Run(setup_of(given))
+        run.setup.warn_of_repeated_noise()
         run.fill(progress)
     except BaseException as stop:
         carry(stop, lambda: filled(run))
