@@ -1,8 +1,14 @@
 # SPDX-License-Identifier: BSD-3-Clause
 # A machine with compilers, CMake, Make and LAPACK alone: the tree is configured, and what needs Python is skipped.
+# MPI's compiler is there without its modules, as other packages of Debian bring it.
 cmake_minimum_required(VERSION 3.25)
 
 file(REMOVE_RECURSE ${WORK})
+file(WRITE ${WORK}/bin/mpifort "#!/bin/sh
+case $1 in -show*) echo gfortran -I${WORK}/nowhere -lmpi;; *) exit 1;; esac
+")
+file(CHMOD ${WORK}/bin/mpifort PERMISSIONS OWNER_READ OWNER_EXECUTE)
+set(ENV{PATH} "${WORK}/bin:$ENV{PATH}")
 execute_process(COMMAND ${CMAKE_COMMAND} -S ${ROOT} -B ${WORK} -G "Unix Makefiles" -D SYMSDE_PYTHON=OFF
    -D SYMSDE_PKG_CONFIG=OFF -D SYMSDE_MESON=OFF -D CMAKE_Fortran_COMPILER=${FORTRAN} -D CMAKE_C_COMPILER=${CC}
    COMMAND_ERROR_IS_FATAL ANY)
