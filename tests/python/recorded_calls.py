@@ -210,7 +210,7 @@ def swept():
     run = ss.simulate(model, **place, steps=4)
     made = ss.prepare(model, **place)
     at = {"q": 0.1, "p": 0.2, "t": 0.3}
-    gradient = lambda q, p, w=None: (q, p)  # noqa: E731
+    gradient = lambda t, w, q, p: (q, p)  # noqa: E731
     return {
         "step": (ss.step, {"model": model, "scheme": scheme, "step": 0.1, "dw": 0.1, **at}),
         "increments": (ss.increments, {"model": model, "step": 0.1, "steps": 4}),

@@ -135,7 +135,7 @@ def told(*groups):
             exact.append(said)
             if run is not None:
                 low = [] if run.q_low is None else [1 + run.q_low, 1 + run.p_low]
-                arrays += [run.q, run.p, run.t, run.last_q, run.last_p, run.energy, *low]
+                arrays += [run.q, run.p, run.t, run.last_q, run.last_p, run.energy if run.has_energy else None, *low]
                 loose.append((run.report.counters, how["paths"]))
                 exact += [exact_of(run.report), run.status.tolist(), run.failed_step.tolist(), run.path.tolist()]
         numbers.append(number(*arrays))

@@ -120,7 +120,10 @@ def test_one_path_has_no_variance(kubo):
 def test_model_without_value():
     model = ss.Model(ndof=1, nnoise=0, gradient=lambda t, w, q, p: (w[0] * q, w[0] * p))
     found = ss.moments(model, q0=1.0, p0=0.0, step=0.1, steps=5, paths=3)
-    assert found.mean_energy is None and found.columns() == ["q_1", "p_1"]
+    assert found.columns() == ["q_1", "p_1"]
+    for name in ("mean_energy", "var_energy", "se_mean_energy"):
+        with pytest.raises(ss.errors.MissingOperationError, match="no energies of user"):
+            getattr(found, name)
 
 
 def test_files(kubo, options, tmp_path):

@@ -72,7 +72,10 @@ def test_the_energy_of_a_run(run):
     np.testing.assert_array_equal(run.energy, known)
     assert run.energy.shape == (5, 30) and np.isnan(run.energy[-1, 0]) and run.has_energy
     plain = ss.Model(ndof=1, nnoise=0, gradient=lambda t, w, q, p: (w[0] * q, w[0] * p))
-    assert ss.simulate(plain, q0=1.0, p0=0.0, step=0.1, steps=2).energy is None
+    found = ss.simulate(plain, q0=1.0, p0=0.0, step=0.1, steps=2)
+    with pytest.raises(ss.errors.MissingOperationError, match=r"no energies of user.*value\(t, w, q, p\)"):
+        _ = found.energy
+    assert not found.has_energy
 
 
 def test_degrees_of_freedom_and_time_are_coordinates(run, moments):
@@ -123,7 +126,9 @@ def test_files_are_loaded_again(ending, run, moments, tmp_path):
         saved = ss.load(str(tmp_path / f"run.{ending}"))
         for name in ("t", "q", "p", "path", "status", "failed_step"):
             np.testing.assert_array_equal(getattr(saved, name), getattr(run, name))
-        assert saved.attributes()["scheme"] == "stormer_verlet" and saved.energy is None
+        assert saved.attributes()["scheme"] == "stormer_verlet" and not saved.has_energy
+        with pytest.raises(ss.errors.MissingOperationError, match="holds q and p, and no energies"):
+            _ = saved.energy
         assert repr(saved) == ("<saved run of henon_heiles by stormer_verlet: 5 times, 2 degrees of freedom, 30 paths>")
     if pytest.importorskip("pandas"):
         assert found.to_pandas().equals(moments.to_pandas())

@@ -111,6 +111,7 @@ class Model:
     #: (q0, p0, t0) -> refuses an initial state of all paths, (dof, 1), from which no run can begin: formulas know
     check_start: Callable[[np.ndarray, np.ndarray, float], None] | None = None
 
+    @checks.hinted()
     def __init__(
         self,
         *,
@@ -454,6 +455,7 @@ def _kinds(functions: dict[str, Any]) -> set[str]:
                 "compile it, or leave it out"
             )
         elif callable(function):
+            checks.takes(kind, function, "t", "w", *_callbacks.VECTORS[kind])
             kinds.add("Python")
         else:
             raise WrongTypeError(

@@ -33,8 +33,9 @@ RETURNS = {
     "gradient_hessian": ("hq", "hp", "hqq", "hqp", "hpp"),
     "third_derivative": ("uq", "up"),
 }
-# kind -> number of vectors (dof, lane) among the inputs after w
-_VECTORS = {"gradient": 2, "value": 2, "hessian": 2, "hessian_vector": 4, "gradient_hessian": 2, "third_derivative": 6}
+# kind -> vectors (dof, lane) among the inputs of a Python function, after t and w
+VECTORS = dict.fromkeys(RETURNS, ("q", "p"))
+VECTORS |= {"hessian_vector": ("q", "p", "vq", "vp"), "third_derivative": ("q", "p", "aq", "ap", "bq", "bp")}
 
 
 class WithData(NamedTuple):
@@ -104,7 +105,7 @@ def _shape(name: str, nlane: int, ndof: int) -> tuple[int, ...]:
 
 def from_python(kind: str, function: Callable, failures: Failures) -> ctypes._CFuncPtr:
     """A Python function f(t, w, q, p, ...) as callback of this kind."""
-    names, nvector = RETURNS[kind], _VECTORS[kind]
+    names, nvector = RETURNS[kind], len(VECTORS[kind])
 
     def callback(nlane, ndof, nham, t, w, *addresses):
         try:

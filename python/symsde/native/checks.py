@@ -132,6 +132,7 @@ _ELSEWHERE = {
     **dict.fromkeys(("verlet", "leapfrog", "velocity_verlet", "strang"), "stormer_verlet"),
     **dict.fromkeys(("rng", "random_state"), "seed"),
     **dict.fromkeys(("t", "t_end", "tmax", "t_final", "duration"), "horizon"),
+    **dict.fromkeys(("kind", "type", "style"), "what"),
 }
 
 
@@ -177,8 +178,11 @@ def no_option(key: str, known: Iterable[str]) -> WrongTypeError:
     return WrongTypeError(f"there is no option {key!r}: {hint}")
 
 
-def hinted(*more: str) -> Callable:
-    """Of a function with these options in its **: what Python refuses at the call, as dt without step, gets a hint."""
+def hinted(*more: str, told: str = "") -> Callable:
+    """Of a function with these options in its **: what Python refuses at the call, as dt without step, gets a hint.
+
+    told: what else is said of an option that there is not, {key}.
+    """
 
     def wrap(function: Callable) -> Callable:
         @functools.wraps(function)
@@ -188,15 +192,30 @@ def hinted(*more: str) -> Callable:
             except TypeError as error:
                 if error.__traceback__.tb_next is None:  # at the call, and not within
                     known = dict.fromkeys([*inspect.signature(function).parameters, *more])
-                    known.pop("options", None)
+                    for name in ("options", "self"):
+                        known.pop(name, None)
                     for key in given:
                         if key not in known:
-                            raise no_option(key, known) from None
+                            raise WrongTypeError(f"{no_option(key, known)}{told.format(key=key)}") from None
                 raise
 
         return call
 
     return wrap
+
+
+def takes(what: str, function: Callable, *arguments: str) -> None:
+    """Refuse a Python function that cannot be called with so many arguments in their order."""
+    try:
+        signature = inspect.signature(function)
+    except (TypeError, ValueError):  # of functions that do not tell
+        return
+    try:
+        signature.bind(*arguments)
+    except TypeError:
+        raise WrongTypeError(
+            f"{what} is a function of {signature}: it is called as f({', '.join(arguments)}), in this order"
+        ) from None
 
 
 def not_given(function: str, options: dict, decided: dict[str, str]) -> None:

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ..errors import InvalidArgumentError, SceneError, SymsdeError
+from ..errors import InvalidArgumentError, MissingOperationError, SceneError, SymsdeError
 from ..native import files
 from ..native.checks import counted
 from .saved import MomentTables, PathTables
@@ -30,7 +30,14 @@ class LoadedRun(PathTables):
         self._attributes, self.title = attributes, attributes["title"]
         self.t, self.q, self.p, self.path = (variables[name] for name in ("t", "q", "p", "path"))
         self.status, self.failed_step = variables["status"], variables["failed_step"]
-        self.has_energy, self.energy = False, None
+        self.has_energy = False
+
+    @property
+    def energy(self) -> np.ndarray:
+        """A file of paths holds none: a MissingOperationError."""
+        raise MissingOperationError(
+            f"the file of {self.title} holds q and p, and no energies: compute them by model.value(q, p) of its model"
+        )
 
     def attributes(self) -> dict[str, str]:
         """What made the run, as text."""

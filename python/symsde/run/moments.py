@@ -36,7 +36,6 @@ class Moments(MomentTables, Reported):
 
     mean_q: np.ndarray  #: (time, dof); likewise var_q, se_mean_q
     mean_p: np.ndarray  #: (time, dof); likewise var_p, se_mean_p
-    mean_energy: np.ndarray | None  #: (time,) of H, None without value; likewise var_energy, se_mean_energy
     mean: dict[str, np.ndarray]  #: (time,) of each observable; likewise var, se_mean
     m2: np.ndarray  #: (time, value), sums of squared deviations, by which parts of an ensemble merge exactly
     failed: np.ndarray  #: global indices of the first 1000 failed paths; likewise failed_status, failed_step

@@ -8,7 +8,17 @@ from collections.abc import Iterable, Sequence
 
 import numpy as np
 
+from ..errors import MissingOperationError
+from ..native import checks
 from . import tabular
+
+
+def no_energy(title: str) -> MissingOperationError:
+    """The error of energies that are not known."""
+    return MissingOperationError(
+        f"there are no energies of {title}: its model has no function value(t, w, q, p), which gives H; give it one, "
+        "as symsde.Model(value=..), and run again, or compute H from q and p"
+    )
 
 
 class PathTables:
@@ -20,8 +30,9 @@ class PathTables:
     p: np.ndarray
     path: np.ndarray  #: (path,), global indices
     has_energy: bool  #: whether H is known
-    energy: np.ndarray | None  #: (time, path) of H; None where it is not known
+    energy: np.ndarray  #: (time, path) of H; a MissingOperationError where it is not known
 
+    @checks.hinted()
     def plot(self, path=None, *, ax=None, what: str = "", of: Sequence[str] | None = None, most: int = 50):
         """Draw a matplotlib figure, written if a path is given, or draw into `ax`, one axes for each panel.
 
@@ -54,11 +65,21 @@ class MomentTables:
         first = 2 * ndof + has_energy
         names = [f"{x}_{i + 1}" for x in "qp" for i in range(ndof)]
         self._columns = [*names, *(["energy"] if has_energy else []), *observables]
+        self._energies = {kind: table[:, 2 * ndof] for kind, table in self._tables.items() if has_energy}
         for kind, table in self._tables.items():
             setattr(self, f"{kind}_q", table[:, :ndof])
             setattr(self, f"{kind}_p", table[:, ndof : 2 * ndof])
-            setattr(self, f"{kind}_energy", table[:, 2 * ndof] if has_energy else None)
             setattr(self, kind, {name: table[:, i] for i, name in enumerate(self._columns) if i >= first})
+
+    def _energy(self, kind: str) -> np.ndarray:
+        """Its column of a table."""
+        if not self._energies:
+            raise no_energy(self.title)
+        return self._energies[kind]
+
+    mean_energy = property(lambda self: self._energy("mean"), doc="(time,) of H, where it is known.")
+    var_energy = property(lambda self: self._energy("var"), doc="(time,) of H, where it is known.")
+    se_mean_energy = property(lambda self: self._energy("se_mean"), doc="(time,) of H, where it is known.")
 
     def columns(self) -> list[str]:
         """Names of the values, in their order: q_1 .. q_n, p_1 .. p_n, energy, observables."""
@@ -72,6 +93,7 @@ class MomentTables:
         """Means and their standard errors, each (time, value), the values in the order of `columns`."""
         return self._tables["mean"], self._tables["se_mean"]
 
+    @checks.hinted()
     def plot(self, path=None, *, ax=None, what: str = "moments", of: Sequence[str] | None = None):
         """Draw means with two bands: two standard errors, and the standard deviation.
 

@@ -20,8 +20,9 @@ from ..native.signals import carry
 from ..schemes import Scheme
 from . import tabular
 from .report import Reported, filled
-from .saved import PathTables
+from .saved import PathTables, no_energy
 from .setup import COUNT, Setup, require_multiple, setup_of
+from .setup import Setup, setup_of
 
 _INT32, _INT64 = np.dtype(np.int32), np.dtype(np.int64)
 _PATHS_SIZE = handles.new(abi.Paths, "paths").struct_size
@@ -165,10 +166,10 @@ class Run(PathTables, Reported):
         return self.model.traits.has_value
 
     @functools.cached_property
-    def energy(self) -> np.ndarray | None:
-        """H, (time, path), computed when it is first read; None if the model has no value function."""
+    def energy(self) -> np.ndarray:
+        """H, (time, path), computed when it is first read; a MissingOperationError without a value function."""
         if not self.has_energy:
-            return None
+            raise no_energy(self.title)
         return np.array([self.model.value(q, p, t=t) for t, q, p in zip(self.t, self.q, self.p, strict=True)])
 
     def _variables(self) -> files.Variables:

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from ...errors import IncompatibleError, InvalidArgumentError, SlowFormulaWarning
+from ...errors import IncompatibleError, InvalidArgumentError, SlowFormulaWarning, UnknownNameError
 from ...native import callbacks, checks
 from ..definition import Model
 from . import compiler, emit_c, emit_flow, emit_sites, in_numpy
@@ -98,9 +98,16 @@ class FormulaModel(Model):
     def _parameter(self, name: str) -> str:
         """The name of a parameter, as formulas have it."""
         known = list(self.parameters)
+        if not known:
+            raise UnknownNameError(
+                f"there is no parameter {checks.shown(name)}: the formulas have none ({self._quoted()})"
+            )
         return known[checks.choice("the parameter", folded(name), known)]
 
 
+@checks.hinted(
+    told="; the value of a symbol stands in params, as params={{'{key}': 0.2}}, where H or a noise holds {key}"
+)
 def model_from_sympy(
     H: Any,
     noise: Any = (),

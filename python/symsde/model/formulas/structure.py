@@ -93,7 +93,7 @@ class Prover:
         real = [self.sympy.Symbol(f"c{k}", real=True) for k in range(len(problem.parameters))]
         values = dict(zip(real, problem.parameters.values(), strict=True))
         self.values = values
-        self.special = {x: int(v) for x, v in values.items() if v in (0.0, 1.0, -1.0)}
+        self.special = {x: self.sympy.Integer(int(v)) for x, v in values.items() if v in (0.0, 1.0, -1.0)}
         self.hams = [h.xreplace(self.special) for h in problem.hamiltonians]
         self.q, self.p = ([self.sympy.Symbol(x, real=True) for x in problem.coordinates(letter)] for letter in "qp")
         self.t = self.sympy.Symbol("t", real=True)

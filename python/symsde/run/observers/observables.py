@@ -32,7 +32,9 @@ def check_observables(given: object) -> dict[str, Observable]:
         )
     for name, observable in given.items():
         _check_name(name)
-        if not callable(observable) and not is_formula(observable):
+        if callable(observable) and not is_formula(observable):
+            checks.takes(f"observable {name!r}", observable, "q", "p")
+        elif not is_formula(observable):
             given_text = checks.shown(observable)
             raise WrongTypeError(
                 f"observable {name!r} cannot be called: give f(q, p), or a formula as text, not {given_text}"
