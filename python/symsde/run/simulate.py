@@ -22,7 +22,6 @@ from . import tabular
 from .report import Reported, filled
 from .saved import PathTables, no_energy
 from .setup import COUNT, Setup, require_multiple, setup_of
-from .setup import Setup, setup_of
 
 _INT32, _INT64 = np.dtype(np.int32), np.dtype(np.int64)
 _PATHS_SIZE = handles.new(abi.Paths, "paths").struct_size
