@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Is `symsde.advise` near the measured front? Its advice beside every scheme of the pages, on this machine.
 
-    .venv/bin/python bench/advice.py                # every scene, as a table for docs/expect.md
+    .venv/bin/python bench/advice.py                # every scene, as a table for docs/expect-inside.md
     .venv/bin/python bench/advice.py kubo fpu_chain # some of them
 
 Errors by the number of steps are those of docs/figures/work-precision-*.json, which do not move with the machine. Each
