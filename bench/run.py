@@ -6,14 +6,16 @@ Called by `./bootstrap bench`, with its arguments:
            [--rows REGEX] [--repeats N] [--markdown docs/performance.md] [--json FILE]
 `./bootstrap bench loops [REGEX]` runs the section loops alone, and of it the rows that match.
 Only the standard library is needed; what else is compared with (NumPy, numba, MKL) is skipped where it is not
-installed. Each module of topics/ measures and writes one section.
+installed. Each module of topics/ measures and writes one section of the page of tables, first_screen.py the page.
 """
 
 import argparse
+import importlib.util
 import json
 import sys
 from pathlib import Path
 
+import first_screen
 from topics import (
     avx2,
     blocks,
@@ -52,11 +54,24 @@ def page(results: dict) -> str:
     described = "\n".join(f"- {key}: {value}" for key, value in results["machine"].items())
     sections = [topic.section(results[name]) for name, topic in TOPICS.items() if name in results]
     return (
-        "# Performance\n\n`./bootstrap bench --markdown docs/performance.md` writes this page; all numbers are of one "
-        "run on one\nmachine. Compare ratios, not nanoseconds, between machines. Times are wall-clock times "
+        "# Performance: the tables\n\n`./bootstrap bench --markdown docs/performance.md` writes this page; all numbers "
+        "are of one run on one\nmachine. Compare ratios, not nanoseconds, between machines. Times are wall-clock times "
         "unless they are\ncalled processor times. Other work disturbed wall-clock times if the load was near or above "
         f"the number of\ncores.\n\n{described}\n\n" + "\n\n".join(sections) + "\n"
     )
+
+
+def write(target: Path, tables: str, results: dict) -> None:
+    """Write the tables beside the page; the page and its picture, too, where all that they show was measured."""
+    target.with_stem(f"{target.stem}-tables").write_text(tables, encoding="utf-8")
+    if (data := first_screen.data(results.get("loops", []))) is None:
+        return
+    target.write_text(first_screen.page(data, tables), encoding="utf-8")
+    figure = target.parent / "figures" / "performance.json"
+    figure.parent.mkdir(exist_ok=True)
+    figure.write_text(json.dumps(data, indent=1) + "\n", encoding="utf-8")
+    if importlib.util.find_spec("matplotlib") is not None:
+        first_screen.save(figure.with_suffix(".png"), data)
 
 
 def parse() -> argparse.Namespace:
@@ -86,7 +101,7 @@ def main() -> int:
     text = page(results)
     print(text)
     if options.markdown:
-        options.markdown.write_text(text, encoding="utf-8")
+        write(options.markdown, text, results)
     if options.json:
         options.json.write_text(json.dumps(results, indent=1) + "\n", encoding="utf-8")
     return 0

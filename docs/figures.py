@@ -5,7 +5,7 @@
     .venv/bin/python docs/figures.py --measure           # first the data of those without run times
     .venv/bin/python docs/figures.py --horizons          # those of horizons, which are run times: on a quiet machine
 
-Without run times are kubo_invariant, mean-square and weak-orders.
+Without run times are kubo_invariant, mean-square, weak-orders, step-limits and the drawings.
 The other data are written with their pages, which hold run times: `symsde stability --markdown docs/stability.md` and
 `symsde study --all examples/scenes --markdown docs/work-precision.md`. A test draws all figures and compares them.
 """
@@ -17,14 +17,17 @@ from pathlib import Path
 from symsde.native import files
 from symsde.reports import study
 from symsde.reports.paper import symplecticity
-from symsde.reports.stability import bifurcation, long_time, stability_figure
+from symsde.reports.stability import bifurcation, limits, long_time, stability_figure
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "bench"))
 sys.path.insert(0, str(Path(__file__).resolve().parent))
+import drawings
+import first_screen
 import horizons
 import mean_square_map
 import symsde as ss
 import weak_orders
+import which_scheme
 from peers import page as peers
 
 
@@ -38,12 +41,17 @@ OTHERS = {
     "first-paths": first_paths,
     "stability": stability_figure.save,
     "fixed-points": bifurcation.save,
+    "step-limits": limits.save,
     "long-time": long_time.save,
     "mean-square": mean_square_map.save,
     "horizons": horizons.save,
+    "performance": first_screen.save,
     "peers": peers.save,
     "weak-orders": weak_orders.save,
+    "which-scheme": drawings.save_questions,
+    "step": drawings.save_step,
 }  #: stem of the data -> drawing
+DRAWN = {"which-scheme": which_scheme.picture, "step": drawings.step, "step-limits": limits.growth}
 
 
 def draw(data: Path, picture: Path) -> None:
@@ -58,7 +66,10 @@ def draw(data: Path, picture: Path) -> None:
 
 
 def measure() -> None:
-    """Compute the data of the README's figure and of weak orders (seconds), and of mean-square stability (a minute)."""
+    """Compute the data of drawings, of the README's figure and of weak orders (seconds), and of mean-square stability
+    (a minute)."""
+    for name, compute in DRAWN.items():
+        (FOLDER / f"{name}.json").write_text(files.json_text(compute()), encoding="utf-8")
     text = files.json_text(symplecticity.invariant_curves())
     (FOLDER / "kubo_invariant.json").write_text(text, encoding="utf-8")
     for name, module in (("mean-square", mean_square_map), ("weak-orders", weak_orders)):

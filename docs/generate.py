@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Write docs/models.md, schemes.md and which-scheme.md from the library and docs/figures, and a notebook from a page.
+"""Write docs/models.md, schemes.md, which-scheme.md and its tables from the library and docs/figures, and a notebook.
 
     .venv/bin/python docs/generate.py
 
@@ -19,6 +19,7 @@ PAGES = {
     "models.md": tables.models_markdown,
     "schemes.md": tables.schemes_markdown,
     "which-scheme.md": which_scheme.page,
+    "which-scheme-tables.md": which_scheme.tables,
 }
 
 

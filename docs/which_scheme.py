@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""docs/which-scheme.md: from the candidates of `symsde.advise` and from the measurements in docs/figures."""
+"""docs/which-scheme.md, and its tables: from the candidates of `symsde.advise` and the measurements in docs/figures."""
 
 import json
 from pathlib import Path
@@ -63,16 +63,58 @@ USE = {
 GALERKIN = "a Galerkin scheme of the action: variational experiments; if r = s, it is a tableau of the rows above"
 
 
+#: asked on the first screen, in this order: the question, the problem where the answer is yes, the scheme, and why
+FIRST = (
+    (
+        "Do the noises not commute,\nand do the paths count?",
+        "noises that do not commute, and the paths themselves count",
+        "gauss2_strong32_areas",
+        "strong order one instead of 1/2, by the areas between noises",
+    ),
+    (
+        "Do all flows commute, or is\nthere hardly any noise?",
+        "flows that commute (Kubo), or hardly any noise",
+        "gauss2",
+        "order four without noise",
+    ),
+    (
+        "Is it stiff, or\nnot separable?",
+        "stiff, or not separable",
+        "midpoint",
+        "stable at every step, for every kind of noise; the first choice if you are in doubt",
+    ),
+    (
+        "Noise in position alone, and\npaths to errors below 0.01?",
+        "H = p.p/2 + U(q), noise in position alone, small errors of paths",
+        "chin4a",
+        "the longest step for a given error",
+    ),
+    ("", "separable, all other cases", "stormer_verlet", "explicit, the cheapest step"),
+)
+
+
 def page():
-    """The whole page."""
+    """The page: one screen, then how to go on."""
+    rows = [[problem, f"`{name}`", why] for _, problem, name, why in FIRST]
+    table = markdown(["your problem", "scheme", "because"], rows)
+    return typeset.markdown("\n".join([_HEAD, table, _MEASURE, _BY_WANT]))
+
+
+def picture():
+    """What the picture of the first screen shows: questions from top to bottom, and the schemes of the answers."""
+    return {"step": 1.0, "questions": [[question, name] for question, _, name, _ in FIRST]}
+
+
+def tables():
+    """The page of all tables."""
     studies = {path.stem.partition("precision-")[2]: _study(path) for path in FIGURES.glob("work-precision-*.json")}
     return typeset.markdown(
         "\n".join(
             [
-                *(_HEAD, _BY_NOISE, _noise_table(studies)),
+                *(_TABLES, _BY_NOISE, _noise_table(studies)),
                 *(_BY_HORIZON, _horizons(_data("horizons"))),
                 *(_BY_STIFFNESS, _stiffness(_data("mean-square"))),
-                *(_BY_WANT, _wants()),
+                *("## Orders and invariants\n", _wants()),
                 *("## Every scheme in a line\n", _uses()),
             ]
         )
@@ -113,10 +155,10 @@ def _candidates(text):
 
 def _cell(scene, found):
     if not found:
-        return f"[-](work-precision.md#{scene})"
+        return f"[-](work-precision-tables.md#{scene})"
     best = found[0]
     text = f"{best['scheme']}, h = {best['h']:.3g}, {1e6 * best['seconds']:.3g} us"
-    return f"[{text}](work-precision.md#{scene})"
+    return f"[{text}](work-precision-tables.md#{scene})"
 
 
 def _horizons(data):
@@ -188,9 +230,20 @@ _HEAD = """\
 
 # Which scheme for my problem
 
-If the model is stiff or not separable, take **midpoint**. Otherwise take **stormer_verlet**, or **chin4a** if H =
-p.p/2 + U(q), the noise depends on position alone and you want the paths themselves. The library can also measure what
-is best for your model:
+If the model is stiff or not separable, take **midpoint**. Otherwise take **stormer_verlet**, or **chin4a** if you want
+the paths themselves to small errors. A model is *separable* if H and its noises are sums of a function of q and one of
+p; it is *stiff* if its fastest frequency is much faster than the motion that you look at.
+
+![A way through the schemes by four questions](figures/which-scheme.png)
+
+"""
+_MEASURE = """\
+chin4a is an explicit scheme for H = p.p/2 + U(q) with noise in position alone. It does as stormer_verlet does, kicks
+and drifts in turn, but it also uses the gradient of the squared force, and draws the integrals of the noise over a
+step beside its increments (S. A. Chin 1997; [Explicit schemes](method/explicit.md)). A step takes three to five times
+as long as one of stormer_verlet, and may be much longer for the same error.
+
+## Measured on your model
 
 ```python
 import symsde as ss
@@ -198,11 +251,18 @@ import symsde as ss
 print(ss.advise(ss.models.synchrotron(), q0=1.0, p0=0.0, horizon=4.0, tolerance=1e-3))
 ```
 
-It tries the schemes that suit the traits of the model, with three steps on the same Brownian paths. For each it finds
-the longest step that keeps the tolerance, and then it takes the cheapest
+`ss.advise` tries the schemes that suit the traits of the model (what is known about its Hamiltonians), with three steps
+on the same Brownian paths. For each it finds the longest step that keeps the tolerance, and then it takes the cheapest
 ([Scheme and step for a tolerance](expect.md#scheme-and-step-for-a-tolerance)). `want="moments"` and
-`want="invariants"` ask for other errors. The tables below were measured on the built-in models; each number links to
-its measurement.
+`want="invariants"` ask for other errors.
+"""
+_TABLES = """\
+<!-- Generated by docs/generate.py; do not edit. -->
+
+# Which scheme: the tables
+
+These tables were measured on the built-in models; each number links to its measurement. [Which scheme for my
+problem](which-scheme.md) is the short way.
 """
 _BY_NOISE = """\
 ## By noise, for paths
@@ -230,9 +290,16 @@ stable, but it does not resolve the motion: `report.warnings` says so.
 _BY_WANT = """\
 ## By what is wanted
 
-- **Paths**: the strong order for your kind of noise counts.
+- **Paths**: the strong order for your kind of noise counts
+  ([cheapest schemes by noise](which-scheme-tables.md#by-noise-for-paths),
+  [orders](which-scheme-tables.md#orders-and-invariants)).
 - **Means**: the weak order counts. But the cost of sampling matters more often than the step, see [an answer with an
   error bar](expect.md).
+- **Long times**: schemes that are not symplectic cost more and more
+  ([by horizon](which-scheme-tables.md#by-horizon)).
+- **Stiff systems**: [the longest step](which-scheme-tables.md#by-stiffness) of every scheme.
 - **Invariants**: schemes with equal tableaux for q and p keep quadratic invariants to rounding (norms, Casimirs,
   p^2 + q^2 of the Kubo oscillator). Every symplectic scheme here keeps q^T D p (angular momentum).
+
+[Every scheme in a line](which-scheme-tables.md#every-scheme-in-a-line) says what each one is for.
 """

@@ -183,17 +183,19 @@ def test_pages_of_measurements_say_what_their_data_say():
     page, bifurcation = (
         importlib.import_module(f"symsde.reports.{x}") for x in ("study.study_page", "stability.bifurcation")
     )
-    text = (ROOT / "docs/work-precision.md").read_text(encoding="utf-8")
+    text, scenes = ((ROOT / f"docs/work-precision{x}.md").read_text(encoding="utf-8") for x in ("", "-tables"))
     studies = []
     for file in sorted((ROOT / "docs/figures").glob("work-precision-*.json")):
         study = page.of_data(json.loads(file.read_text(encoding="utf-8")))
-        own = text.partition(f"\n## {study.name}\n")[2].partition("\n## ")[0]
+        own = scenes.partition(f"\n## {study.name}\n")[2].partition("\n## ")[0]
         for part in (page._table(study), page.wrapped(study.words())):
             assert typeset.markdown(part) in own, study.name
         studies.append(study)
     lessons = text.partition("## What was learned")[2].partition("\n## ")[0]
     for line in page.learned(studies):
         assert typeset.markdown(page.wrapped(f"- {line}", "  ")) in lessons
+    for part in page.begin(studies):
+        assert typeset.markdown(part) in text.partition("\n## ")[0]
     kept = json.loads((ROOT / "docs/figures/fixed-points.json").read_text(encoding="utf-8"))
     text = (ROOT / "docs/stability.md").read_text(encoding="utf-8")
     assert typeset.markdown(pages.markdown(bifurcation.HEAD, bifurcation.table(kept))) in text

@@ -11,8 +11,9 @@ import pytest
 import symsde as ss
 
 ROOT = Path(__file__).parents[2]
-sys.path[:0] = [str(ROOT / "docs"), str(ROOT / "docs" / "site")]
+sys.path[:0] = [str(ROOT / "docs"), str(ROOT / "docs" / "site"), str(ROOT / "bench")]
 import c_reference  # noqa: E402
+import first_screen  # noqa: E402
 import fortran_reference  # noqa: E402
 import notebook  # noqa: E402
 import plain  # noqa: E402
@@ -25,18 +26,19 @@ from symsde.reports import typeset  # noqa: E402
 
 
 def test_which_scheme_is_current():
-    committed = (ROOT / "docs" / "which-scheme.md").read_text(encoding="utf-8")
-    assert committed == which_scheme.page(), "docs/generate.py writes it again"
+    for name, page in (("which-scheme", which_scheme.page), ("which-scheme-tables", which_scheme.tables)):
+        committed = (ROOT / "docs" / f"{name}.md").read_text(encoding="utf-8")
+        assert committed == page(), "docs/generate.py writes it again"
 
 
 @pytest.mark.parametrize("data", sorted(which_scheme.FIGURES.glob("work-precision-*.json")), ids=lambda path: path.stem)
 def test_the_table_names_the_cheapest_points(data):
     """Every cell against the rows of the measurement, by another way of looking."""
     study = json.loads(data.read_text(encoding="utf-8"))
-    page = (ROOT / "docs" / "which-scheme.md").read_text(encoding="utf-8")
+    page = (ROOT / "docs" / "which-scheme-tables.md").read_text(encoding="utf-8")
     row = next(line for line in page.splitlines() if f"| {study['name']}, to $t = " in line)
     for tolerance, cell in zip(which_scheme.TOLERANCES, row.strip("|").split(" | ")[2:], strict=True):
-        assert f"(work-precision.md#{study['name']})" in cell
+        assert f"(work-precision-tables.md#{study['name']})" in cell
         good = [
             (r["seconds"], r["scheme"], r["h"])
             for r in study["rows"]
@@ -47,6 +49,31 @@ def test_the_table_names_the_cheapest_points(data):
             continue
         seconds, scheme, h = min(good)
         assert f"[{scheme}, h = {h:.3g}, {1e6 * seconds:.3g} us]" in cell
+
+
+def test_the_first_screen_says_what_was_measured():
+    """Its picture asks what its table says, and each scheme is the fastest where the table of measurements says so."""
+    assert json.loads((which_scheme.FIGURES / "which-scheme.json").read_text()) == which_scheme.picture()
+    tables = (ROOT / "docs" / "which-scheme-tables.md").read_text(encoding="utf-8").splitlines()
+    cells = {line.split(" | ")[1].partition(",")[0]: line.split(" | ")[2:] for line in tables if ", to $t = " in line}
+    assert which_scheme.FIRST[0][2] in cells["noncommutative_oscillator"][1]
+    assert "[gauss2," in cells["kubo"][1] and "[chin4a," in cells["synchrotron"][2]
+    assert sum("[stormer_verlet," in row[0] for row in cells.values()) > len(cells) / 2
+
+
+def test_the_page_of_performance_says_what_its_tables_say():
+    """The page is that of its data, and every number of its picture stands in a row of the tables."""
+    tables, page = ((ROOT / f"docs/performance{x}.md").read_text(encoding="utf-8") for x in ("-tables", ""))
+    data = json.loads((which_scheme.FIGURES / "performance.json").read_text(encoding="utf-8"))
+    assert page == first_screen.page(data, tables)
+    assert "In a run of 32 paths, a step of one path takes 3.2 to 26 ns" in page and "284 of 330 are met" in page
+    rows = [[cell.strip() for cell in line.split("|")] for line in tables.splitlines()]
+    words = {"few1": "1 path", "few32": "32 paths"}
+    for row in data["rows"]:
+        found = next(cells for cells in rows if cells[1:3] == [words[row["group"]], row["scene"]])
+        assert [float(cell) for cell in found[3:5]] == row["times"]
+    loops = [{"group": row["group"], "name": row["scene"], "numbers": [*row["times"], 1.0]} for row in data["rows"]]
+    assert first_screen.data(loops) == data and first_screen.data(loops[1:]) is None
 
 
 def test_the_notebook_of_the_project_is_current():
@@ -61,7 +88,8 @@ def test_the_page_of_scenes_explains_every_key():
 
 
 def test_every_scheme_has_a_use():
-    page = (ROOT / "docs" / "which-scheme.md").read_text(encoding="utf-8").partition("in a line")[2]
+    text = (ROOT / "docs" / "which-scheme-tables.md").read_text(encoding="utf-8")
+    page = text.partition("## Every scheme in a line")[2]
     for name in ss.schemes.names():
         assert page.count(f"| `{name}` |") == 1, name
     assert set(which_scheme.USE) <= {*ss.schemes.names(), "dirk:0.25", "lambda:0.3"}

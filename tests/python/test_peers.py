@@ -117,13 +117,13 @@ def test_the_tables_of_the_committed_page_are_those_of_its_data():
 def test_the_page_of_scenes_shows_the_same_rows():
     """Of the five scenes, the data of the figures hold the rows, and the text says who wins there and by how much."""
     data = json.loads((ROOT / "docs/figures/peers.json").read_text())["peers"]
-    text = re.sub(r"\s+", " ", (ROOT / "docs/work-precision.md").read_text())
+    text, scenes = (re.sub(r"\s+", " ", (ROOT / f"docs/work-precision{x}.md").read_text()) for x in ("", "-tables"))
     for problem, scene in peers.SCENES.items():
         kept = json.loads((ROOT / f"docs/figures/work-precision-{scene}.json").read_text())
         assert (
             kept["peers"] == [row for row in data if row["problem"] == problem] == study.of_data(kept).data()["peers"]
         )
-        assert re.sub(r"\s+", " ", study_page.beside(kept["peers"])) in text.partition(f"## {scene} ")[2]
+        assert re.sub(r"\s+", " ", study_page.beside(kept["peers"])) in scenes.partition(f"## {scene} ")[2]
     assert re.sub(r"\s+", " ", peers.lesson(data)) in text
     assert peers.lesson(data).endswith("on fpu_chain (numba_loop Heun, up to 2.9 times faster to the same error).")
     assert peers.lesson([row for row in data if row["problem"] == "kubo"]).count("on none of the scenes") == 1

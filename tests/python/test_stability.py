@@ -32,11 +32,13 @@ def test_every_criterion_holds(tmp_path, capsys):
     printed = capsys.readouterr().out
     assert "FAILED" not in printed
     assert code == 0
-    text = (tmp_path / "page.md").read_text()
+    page, text = ((tmp_path / name).read_text() for name in ("page.md", "page-tables.md"))
     heads = [line for line in text.splitlines() if re.match(r"## \d", line)]
     assert [head.partition(".")[0] for head in heads] == [f"## {n}" for n in range(1, len(SCENARIOS) + 1)]
-    first, last = text.index("| schemes |"), text.index("![Energy over a long time]")
-    assert first < last < text.index("## 1. ")
+    begin = page.partition("\n## ")[0]
+    assert [begin.count(f"| `{name}` | ") for name in limits.FIRST] == [1] * 5 and "![Growth of" in begin
+    first, last = page.index("## How long a step may be"), page.index("![Energy over a long time]")
+    assert first < last and "verdict" not in page
     met = len(re.findall(r"\| ok \|$", text, re.MULTILINE))
     assert f"{met} of {met} expectations are met" in " ".join(text.split()) and "**FAILED**" not in text
     assert f"{met} expectations met, 0 failed" in printed and "(quick sample)" in text
@@ -231,6 +233,6 @@ def test_what_failed_is_said_with_its_cause(tmp_path, monkeypatch):
     good.same("one", "first", 1, 1)
     bad.same("two", "second", 3, 4)
     stability_page.write(tmp_path / "page.md", [good, bad], False)
-    text = (tmp_path / "page.md").read_text()
+    text = (tmp_path / "page-tables.md").read_text()
     assert "1 of 2 expectations are met" in text and "(quick" not in text and f"symsde {ss.__version__}" in text
     assert text.index("## 1. Good") < text.index("## 2. Bad") < text.index("A known cause.")

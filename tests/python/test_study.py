@@ -231,8 +231,9 @@ def test_page(tmp_path):
         command_line.main(["study", "--all", str(folder), "--out", str(tmp_path), "--markdown", str(page), "--quiet"])
         == command_line.OK
     )
-    text = page.read_text()
+    text = page.with_stem("page-tables").read_text()
     assert "## kubo" in text and "What each scene left out" in text
+    assert "[kubo](page-tables.md#kubo)" in page.read_text() and "\n| kubo | " in page.read_text()
     assert (tmp_path / "figures" / "work-precision-kubo.png").is_file()
 
 

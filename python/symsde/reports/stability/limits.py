@@ -6,6 +6,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 
@@ -13,6 +14,7 @@ import symsde as ss
 
 from ...answers.linear_stability import is_stable, stable_up_to, step_matrix
 from ...errors import SymsdeError
+from .. import look
 from ..expectations import Expectations
 from .scenario import simulate
 
@@ -20,6 +22,8 @@ NEXT = np.linspace(1.0, 1.1, 201)[1:]  #: of a limit: where growth beyond it is 
 LONG = 3.0  #: omega h at which the turn of a step is told
 SHORT = 0.1  #: omega h at which growth is told where no step is stable
 KNOWN = {"midpoint": math.inf, "lobatto3": math.sqrt(8), "symplectic_euler": 2.0, "stormer_verlet": 2.0, "heun": 0.0}
+FIRST = ("midpoint", "gauss2", "chin4a", "stormer_verlet", "heun")  #: those that the page begins with
+DRAWN = np.linspace(0.05, 5.0, 100)  #: omega h at which their growth is drawn
 HEAD = ("schemes", "symplectic", "stable up to omega h", "what happens beyond")
 
 
@@ -80,6 +84,22 @@ def table(found: list[Limit]) -> list[list[str]]:
         symplectic = "yes" if ss.schemes.get(one.scheme).info.symplectic else "no"
         rows.setdefault((symplectic, upto, one.words()), []).append(f"`{one.scheme}`")
     return [[", ".join(names), *words] for words, names in rows.items()]
+
+
+def growth() -> dict:
+    """Log of the growth of |z| by a step at every omega_h that is drawn, by scheme."""
+    found = {name: [round(rate(name, x), 6) + 0.0 for x in DRAWN] for name in FIRST}
+    return {"omega_h": DRAWN.tolist(), "growth": found}
+
+
+def save(path: Path, data: dict) -> None:
+    """Draw what `growth` computed."""
+    with look.drawing(path, 5.2, 2.9, 160) as page:
+        axes = page.subplots()
+        for name, rates in data["growth"].items():
+            axes.plot(data["omega_h"], rates, label=name, markevery=6, **look.of_scheme(name))
+        axes.set(xlabel=r"$\omega h$", ylabel="log of the growth in a step", ylim=(-0.05, 1.5))
+        axes.legend()
 
 
 def stability_limits(quick: bool) -> Expectations:

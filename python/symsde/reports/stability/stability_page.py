@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The page docs/stability.md."""
+"""The pages docs/stability.md and, with every expectation, docs/stability-tables.md."""
 
 from __future__ import annotations
 
@@ -9,6 +9,20 @@ from .. import expectations, pages
 from ..expectations import Expectations
 from . import bifurcation, limits, long_time, stability_figure
 
+FIRST = (
+    "A scheme is stable as long as the step h times the fastest frequency omega of the system stays below its limit: 2 "
+    "for stormer_verlet, 3.46 for chin4a, no limit for midpoint and the Gauss schemes. Stable is not accurate: a step "
+    "beyond omega h = 1 does not resolve the motion. Heun's and Euler-Maruyama's rules grow at every step, so that the "
+    "question is only how long a run may be."
+)
+CAPTION = (
+    "Growth of an oscillator in a step, for five schemes. Below its limit a symplectic scheme does not grow at all "
+    "(rounding is drawn as zero); beyond it, each step multiplies the state by a factor."
+)
+NEXT = (
+    "The next sections have the limits of all schemes, of orbits of large amplitude, and the energy over long times. "
+    "[Expected and measured](stability-tables.md) holds all {total} checks."
+)
 INTRODUCTION = (
     "This page compares measurements{quick} with what was expected of symsde: {met} of {total} expectations are met. "
     "A mean of random numbers is as expected if it is within {allowed:g} standard errors; one correct mean in a "
@@ -59,12 +73,18 @@ of truncated noise. (e) Drift of an invariant, for several stopping rules and wa
 
 
 def write(target: Path, found: list[Expectations], quick: bool) -> None:
-    """Write the page and its figures."""
-    page = pages.Page(target, "symsde stability --markdown docs/stability.md", "Stiff and extreme cases")
+    """Write the page, the one of all checks beside it, and their figures."""
+    command = "symsde stability --markdown docs/stability.md"
+    page = pages.Page(target, command, "Stiff and extreme cases")
+    appendix = pages.Page(target.with_stem(f"{target.stem}-tables"), command, "Stiff and extreme cases: every check")
     met = expectations.count(found, True)
     total = met + expectations.count(found, False)
     facts = {"met": met, "total": total, "allowed": expectations.STANDARD_ERRORS, "made_by": pages.made_by()}
-    page.add(pages.wrapped(INTRODUCTION.format(quick=" (quick sample)" if quick else "", **facts)))
+    appendix.add(pages.wrapped(INTRODUCTION.format(quick=" (quick sample)" if quick else "", **facts)))
+    page.add(pages.wrapped(FIRST))
+    page.figure("step-limits", limits.growth(), limits.save, "Growth of an oscillator in a step")
+    page.add(pages.wrapped(CAPTION), pages.markdown(limits.HEAD, limits.table(limits.limits(limits.FIRST))))
+    page.add(pages.wrapped(NEXT.format(total=total)))
     curves = {part.name: part.curves for part in found if part.curves}
     if "stability_limits" in curves:
         rows = limits.table(curves.pop("stability_limits")["limits"])
@@ -81,9 +101,10 @@ def write(target: Path, found: list[Expectations], quick: bool) -> None:
         page.add("## Energy over a long time")
         page.figure("long-time", curves.pop("long_time"), long_time.save, "Energy over a long time")
         page.add(LONG_TIME)
-    page.add("## Expected and measured")
-    page.figure("stability", curves, stability_figure.save, "Expected and measured")
-    page.add(FIGURE)
+    appendix.add("## In pictures")
+    appendix.figure("stability", curves, stability_figure.save, "Expected and measured")
+    appendix.add(FIGURE)
     for number, part in enumerate(found, 1):
-        page.add(f"## {number}. {part.title}", expectations.section(part, "case"))
+        appendix.add(f"## {number}. {part.title}", expectations.section(part, "case"))
     page.write()
+    appendix.write()

@@ -1,10 +1,11 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The page docs/work-precision.md: every scene of a folder, its figure, its table, and what was learned."""
+"""The pages docs/work-precision.md, what was learned, and work-precision-tables.md, every scene of a folder."""
 
 from __future__ import annotations
 
 import json
 import os
+from collections import Counter
 from dataclasses import replace
 from pathlib import Path
 
@@ -15,6 +16,18 @@ from .left_out import HEAD, left_out
 from .study_scenes import about
 
 COMMAND = "symsde study --all examples/scenes --markdown docs/work-precision.md"
+SHOWN = ("kubo", "synchrotron", "henon_heiles", "fpu_chain", "noncommutative_oscillator")  #: first of all
+ERRORS = (0.1, 0.001)  #: of its first table
+CAPTION = (
+    "Error of paths over the run time of one path, and over the step, for {name}: lower and further left is better. "
+    "The table gives the fastest scheme for two errors, its step, and its run time in microseconds (us)."
+)
+TABLES = (
+    "Figure, table and summary of each scene. [Error against run time]({page}#how-it-was-measured) says how this was "
+    "measured, and what was learned. In the columns, *slope* is the slope of the strong error over the step, *normals* "
+    "to *iterations* count what a step of a path needs, and *worst drift* is the largest root mean square change of "
+    "the invariant."
+)
 INTRODUCTION = """\
 All schemes follow the same Brownian paths at all steps. The *strong error* is the root mean square distance in (q, p)
 at the horizon from the exact solution. If the model has no exact solution, a better scheme with a finer step serves as
@@ -36,22 +49,67 @@ Measured with {made_by}, {machine}. Run times depend on the machine; errors do n
 
 
 def write(file: str | os.PathLike, scenes: list[Path], studies: list[WorkPrecision]) -> None:
-    """Write the page, and its figures into figures/ beside it."""
-    page = Page(file, COMMAND, "Error against run time")
-    repeats = studies[0].rows[0]["repeats"]
-    page.add(INTRODUCTION.format(repeats=repeats, made_by=made_by(), machine=machine()), "## What was learned")
-    others = _peers(Path(file).parent / "figures" / "peers.json")
+    """Write the page, that of all scenes beside it, and its figures into figures/ there."""
+    target = Path(file)
+    page = Page(target, COMMAND, "Error against run time")
+    appendix = Page(target.with_stem(f"{target.stem}-tables"), COMMAND, "Error against run time: every scene")
+    others = _peers(target.parent / "figures" / "peers.json")
+    for part in begin(studies):
+        page.add(part)
     lessons = [*learned(studies), *([peers.lesson(others)] if others else [])]
-    page.add("\n".join(wrapped(f"- {line}", "  ") for line in lessons))
-    page.add("## What each scene left out", *_left_out(scenes))
+    page.add("## What was learned", "\n".join(wrapped(f"- {line}", "  ") for line in lessons))
+    repeats = studies[0].rows[0]["repeats"]
+    how = INTRODUCTION.format(repeats=repeats, made_by=made_by(), machine=machine())
+    page.add("## How it was measured", how, "## Every scene")
+    page.add("\n".join(f"- [{study.name}]({_place(target, study.name)})" for study in studies))
+    page.write()
+    appendix.add(wrapped(TABLES.format(page=target.name)))
     for scene, alone in zip(scenes, studies, strict=True):
         study = replace(alone, peers=peers.of_scene(others, alone.name))
-        page.add(f"## {study.name}", about(scene))
-        page.figure(f"work-precision-{study.name}", study.data(), _draw, study.name)
-        page.add(_table(study), wrapped(study.words()))
+        appendix.add(f"## {study.name}", about(scene))
+        appendix.figure(f"work-precision-{study.name}", study.data(), _draw, study.name)
+        appendix.add(_table(study), wrapped(study.words()))
         if study.peers:
-            page.add(wrapped(beside(study.peers)))
-    page.write()
+            appendix.add(wrapped(beside(study.peers)))
+    appendix.add("## What each scene left out", *_left_out(scenes))
+    appendix.write()
+
+
+def begin(studies: list[WorkPrecision]) -> list[str]:
+    """The first screen: a sentence, a picture, a table of at most five scenes."""
+    shown = [study for study in studies if study.name in SHOWN] or studies[: len(SHOWN)]
+    drawn = next((study.name for study in shown if study.name == "synchrotron"), shown[0].name)
+    parts = [wrapped(" ".join(_most(studies, error) for error in ERRORS))]
+    parts += [f"![{drawn}](figures/work-precision-{drawn}.png)", wrapped(CAPTION.format(name=drawn))]
+    rows = [[study.name, *_fastest(study)] for study in shown]
+    return [*parts, markdown(["scene", *(f"paths to {error:g}" for error in ERRORS)], rows)]
+
+
+def _place(target: Path, name: str) -> str:
+    return f"{target.stem}-tables.md#{name}"
+
+
+def _best(study: WorkPrecision, error: float) -> dict | None:
+    """The fastest point that keeps an error."""
+    return next(iter(study_words.cheapest([row for row in study.rows if row["status"] == "ok"], error)), None)
+
+
+def _most(studies: list[WorkPrecision], error: float) -> str:
+    """Which schemes win at an error, and on how many scenes."""
+    found = Counter(best["scheme"] for study in studies if (best := _best(study, error)))
+    if not found:
+        return f"No scheme reaches an error of {error:g}."
+    (first, most), *rest = found.most_common()
+    text = f"For paths to {error:g}, {first} is the fastest scheme on {most} of {len(studies)} scenes"
+    if rest:
+        text += ", " + study_words.listed([f"{name} on {count}" for name, count in rest])
+    none = len(studies) - sum(found.values())
+    return f"{text}; on {none} no scheme that was measured reaches this error." if none else f"{text}."
+
+
+def _fastest(study: WorkPrecision) -> list[str]:
+    found = [_best(study, error) for error in ERRORS]
+    return [f"{b['scheme']}, h = {b['h']:.3g}, {1e6 * b['seconds']:.3g} us" if b else "-" for b in found]
 
 
 def beside(rows: list[dict]) -> str:
