@@ -320,9 +320,9 @@ typedef struct symsde_report {
    int32_t threads, lanes; /* lanes of a block: 1 where few paths are taken one by one */
    double lost_variance;    /* variance that a normal number loses by truncation */
    double seconds_setup, seconds_run;
-   char stepper[64];
-   char left_out[512];
-   char warnings[2048]; /* problems found before the run, one a line */
+   char stepper[64], left_out[512];
+   char warnings[2048];  /* problems found before the run, one a line */
+   char functionals[32]; /* of the path beside dW, as "dZ and K": they decide it for refine < 0 */
 } symsde_report;
 
 int symsde_report_init(symsde_report *report);

@@ -27,6 +27,7 @@ module symsde_capi_report
       character(kind=c_char) :: stepper(64)
       character(kind=c_char) :: left_out(512)
       character(kind=c_char) :: warnings(2048)
+      character(kind=c_char) :: functionals(32)
    end type c_report
 
 contains
@@ -118,6 +119,7 @@ contains
       call put(r%stepper, c%stepper)
       call put(r%left_out, c%left_out)
       call put(r%warnings, c%warnings)
+      call put(r%functionals, c%functionals)
 
    contains
 

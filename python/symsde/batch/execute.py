@@ -114,7 +114,8 @@ def facts_of(report: Report) -> dict[str, Any]:
     """What a report says that is the same whenever and on however many threads the piece is computed."""
     facts = {name: getattr(report, name) for name in ("stepper", "correction", "failed", "lanes", "lost_variance")}
     counters = {name: report.counters[name] for name in _STEADY}
-    return {**facts, "left_out": list(report.left_out), "warnings": list(report.warnings), "counters": counters}
+    told = {name: list(getattr(report, name)) for name in ("left_out", "warnings", "functionals")}
+    return {**facts, **told, "counters": counters}
 
 
 _STATE = ("last_q", "last_p", "q_low", "p_low", "status", "failed_step")

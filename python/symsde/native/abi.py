@@ -168,6 +168,7 @@ class Report(Structure):
         ("stepper", c_char * 64),
         ("left_out", c_char * 512),
         ("warnings", c_char * 2048),
+        ("functionals", c_char * 32),
     )
 
 

@@ -103,6 +103,8 @@ def convergence(
 ) -> Convergence:
     """Strong errors at time `horizon` (> 0) for several numbers of steps, all on the same Brownian paths.
 
+    Scheme and reference follow sums of the same finest draws (refine >= 0), whatever they take of the path beside dW.
+
     - steps: numbers of steps, each the largest one divided by a power of two
     - reference: "exact", the name of a scheme, or "auto": the exact solution if the model has one, else a better scheme
       with `reference_steps` steps (a power of two times the largest). Its own error is estimated and shown

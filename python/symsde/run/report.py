@@ -24,6 +24,7 @@ class Report:
     correction: str  #: the correction that was used
     left_out: tuple[str, ...]  #: what was skipped because it was not needed
     warnings: tuple[str, ...]  #: problems found before the run, with numbers
+    functionals: tuple[str, ...]  #: of the path, beside dW: dZ, areas, K, J; for refine < 0 they choose it
     counters: dict[str, int]  #: path_steps, normals, gradients, hessians, iterations, solves, ...
     failed: int  #: paths that failed
     stopped: int  #: paths that a stop cut short
@@ -42,6 +43,7 @@ class Report:
             "stepper": self.stepper,
             "correction": self.correction,
             "left out": "; ".join(self.left_out) or "nothing",
+            **({"driven by": " and ".join(("dW", *self.functionals))} if self.functionals else {}),
             "counters": counted,
             "warnings": "; ".join(self.warnings) or "none",
             "paths": f"{self.failed} failed, {self.stopped} stopped",
@@ -119,6 +121,7 @@ def make_report(given: abi.Report) -> Report:
         correction=abi.CORRECTIONS[given.correction],
         left_out=tuple(part for part in left_out.split("; ") if part),
         warnings=tuple(given.warnings.decode("utf-8", "replace").splitlines()),
+        functionals=tuple(given.functionals.decode("utf-8", "replace").split(" and ")) if given.functionals else (),
         counters={name: getattr(given, name) for name in abi.COUNTERS},
         failed=given.failed,
         stopped=given.stopped,

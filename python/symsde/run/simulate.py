@@ -251,7 +251,8 @@ def simulate(
     - seed: 0 .. 2^64 - 1
     - increments: your own dW, (steps*2^refine, noise, path), or (steps*2^refine, noise) for all paths; for schemes that
       take them, dZ of all noises as further columns, and then K
-    - refine: l > 0 drives a step by the sum of 2^l draws; l < 0 halves increments -l times by the Brownian bridge
+    - refine: l > 0 drives a step by the sum of 2^l draws; l < 0 halves increments -l times by the Brownian bridge. With
+      l < 0 schemes share a path only if they take the same of it (`report.functionals`); with l >= 0 all share it
     - first_step: absolute index n of the first step, which chooses its noise; its time is t0 + n*step. With q0, p0 =
       last_q, last_p and t0 of an earlier run of n steps, it goes on with that run, as `run.extend(steps)` does
     - correction: of one-sided schemes, "auto", "none", "mean" or "increments"

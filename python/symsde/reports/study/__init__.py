@@ -90,7 +90,7 @@ def work_precision(
     about: Mapping[str, str] | None = None,
     **options: Any,
 ) -> WorkPrecision:
-    """Error against run time of several schemes at several steps, all on the same Brownian paths.
+    """Error against run time of several schemes at several steps, all on the same Brownian paths (refine >= 0).
 
     - schemes: names or Schemes; by default midpoint, symplectic_euler, stormer_verlet, gauss2 and heun, and also
       gauss_dkdkd and chin4a if the model suits them
