@@ -6,7 +6,7 @@ module symsde_base_sincos
    use symsde_base_kinds, only: wp, i4, i8
    implicit none
    private
-   public :: sincos_lanes, sincos_where_weighted, sincos_one, sincos_bound, sincos_tile
+   public :: sincos_lanes, sincos_where_weighted, sincos_one, sine_of, sincos_bound, sincos_tile
 
    !> Arguments up to this size take the fast path: then x 2/pi rounds to less than 2**16, which
    !> makes the products with the 37-bit parts of pi/2 exact.
@@ -92,6 +92,16 @@ contains
          c = cos(x)
       end if
    end function sincos_one
+
+   !> The sine alone, with the bits of a lane, for coefficients of a step. A loop over the intrinsic becomes a call of
+   !> the vector math library, whose last bits depend on the width of the registers.
+   elemental real(wp) function sine_of(x) result(s)
+      real(wp), intent(in) :: x  !! radians
+      real(wp) :: as_array(1), cosine(1)
+
+      call sincos_lanes(1_i4, [x], as_array, cosine)
+      s = as_array(1)
+   end function sine_of
 
    !> The fast path. x = q pi/2 + r + low with q the nearest integer (Cody and Waite); x - q
    !> half_pi_1 is exact, and low collects what the second subtraction lost and the third part.

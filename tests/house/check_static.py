@@ -1,9 +1,12 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""check_static.py LIST: exit 1 where an object named in the file LIST holds storage that threads would share.
+"""check_static.py LIST: exit 1 where an object named in LIST holds what threads share or machines compute otherwise.
 
 Handles are independent only as long as nothing outlives a call but what hangs on them: no saved variable, no module
 variable, no COMMON. gfortran 12 makes such storage unasked for the length of a function result of deferred length
 (slen.N), and for local arrays that are too large for the stack where -frecursive is missing.
+
+Loops over sin, cos, exp and log become calls of the C library's vector functions (_ZGV..), whose last bits depend on
+the width of the registers and on the processor: src/base/sincos.f90 has sincos_lanes and sine_of for these.
 """
 
 import re
@@ -34,8 +37,8 @@ def text(data, start):
     return data[start : data.index(b"\0", start)].decode()
 
 
-def variables(data):
-    """Names of the variables of an object in sections that can be written to."""
+def symbols(data):
+    """(name, type, section's index and name) of every symbol of an object."""
     parts = sections(data)
     for _, kind, offset, size, link in parts:
         if kind != 2:  # the table of symbols
@@ -43,13 +46,19 @@ def variables(data):
         for entry in range(offset, offset + size, 24):
             name, info, _, part = struct.unpack_from("<IBBH", data, entry)
             inside = parts[part][0] if 0 < part < len(parts) else ""
-            shared = inside.startswith((".bss", ".data")) and not inside.startswith(".data.rel.ro")
-            if info & 15 == OBJECT and (shared or part == COMMON):
-                yield text(data, parts[link][2] + name)
+            yield text(data, parts[link][2] + name), info & 15, part, inside
+
+
+def variables(data):
+    """Names of the variables of an object in sections that can be written to."""
+    for name, kind, part, inside in symbols(data):
+        shared = inside.startswith((".bss", ".data")) and not inside.startswith(".data.rel.ro")
+        if kind == OBJECT and (shared or part == COMMON):
+            yield name
 
 
 def main():
-    """Report every variable that is neither known to be constant nor guarded."""
+    """Report every variable that is neither known to be constant nor guarded, and every vector function."""
     files = [Path(line) for line in Path(sys.argv[1]).read_text().split("\n") if line]
     found = [
         f"{file.name}: {name} is static storage, which threads share"
@@ -57,7 +66,13 @@ def main():
         for name in variables(file.read_bytes())
         if not (CONSTANT.search(name) or GUARDED.search(name))
     ]
-    print("\n".join(found) or f"{len(files)} objects hold no static storage")
+    found += [
+        f"{file.name}: {name} has other last bits where registers are wider"
+        for file in files
+        for name, *_ in symbols(file.read_bytes())
+        if name.startswith("_ZGV")
+    ]
+    print("\n".join(found) or f"{len(files)} objects hold no static storage, and call no vector functions")
     return 1 if found or not files else 0
 
 

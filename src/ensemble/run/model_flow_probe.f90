@@ -13,6 +13,7 @@ module symsde_ensemble_run_model_flow_probe
    use symsde_base_kinds, only: wp, i8
    use symsde_base_lanes, only: lane_unit
    use symsde_base_record, only: step_record, steps_record, step_store, new_step_store
+   use symsde_base_sincos, only: sine_of
    use symsde_base_status, only: error_type, raise, false_trait
    use symsde_base_text, only: to_text
    use symsde_model_abstract, only: model_type
@@ -136,12 +137,12 @@ contains
       call new_step_store(store, nlane, model%traits%nnoise, nstep, h, scheme%asks%needed_for(model%traits))
       do s = 0, nstep - 1
          do k = 1, model%traits%nnoise
-            store%w(:, k, s) = sqrt(abs(h))*[(sin(1.0_wp + i + 3*k + 11*s), i=1, nlane)]
+            store%w(:, k, s) = sqrt(abs(h))*[(sine_of(1.0_wp + i + 3*k + 11*s), i=1, nlane)]
          end do
          do f = 1, nfunctional
             if (.not. store%asked%has(f)) cycle
             do k = 1, size(store%of(f)%x, 2)
-               store%of(f)%x(:, k, s) = 0.1_wp*abs(h)**1.5_wp*[(cos(1.0_wp + i + 5*k + 13*s), i=1, nlane)]
+               store%of(f)%x(:, k, s) = 0.1_wp*abs(h)**1.5_wp*[(sine_of(2.0_wp + i + 5*k + 13*s), i=1, nlane)]
             end do
          end do
       end do
@@ -214,8 +215,8 @@ contains
 
       do i = 1, size(q0)
          do lane = 1, nlane
-            x(lane, i) = q0(i) + 0.01_wp*sin(real(lane + 3*i, wp))
-            y(lane, i) = p0(i) + 0.01_wp*cos(real(lane + 5*i, wp))
+            x(lane, i) = q0(i) + 0.01_wp*sine_of(real(lane + 3*i, wp))
+            y(lane, i) = p0(i) + 0.01_wp*sine_of(real(lane + 5*i + 2, wp))
          end do
       end do
    end subroutine begin

@@ -23,6 +23,7 @@ module symsde_model_flows_henon_heiles
    use symsde_base_functionals, only: path_dz
    use symsde_base_kinds, only: wp
    use symsde_base_record, only: steps_record
+   use symsde_base_sincos, only: sine_of
    implicit none
    private
    public :: henon_heiles_terms, henon_heiles_flow, henon_heiles_has_flow
@@ -115,8 +116,8 @@ contains
       plan%of = terms
       plan%tau = plan%drift*steps%h
       ! cos - 1 without cancellation.
-      plan%cosine_less_one = -2*sin(0.5_wp*plan%tau)**2
-      plan%sine = sin(plan%tau)
+      plan%cosine_less_one = -2*sine_of(0.5_wp*plan%tau)**2
+      plan%sine = sine_of(plan%tau)
       w => steps%w  ! contiguous, as gfortran 12 does not see of a component
       dz => w  ! stands in where dZ has no weight, or all noises are silent
       if (any(abs(plan%shape) > 0) .and. associated(steps%of(path_dz)%x)) dz => steps%of(path_dz)%x

@@ -17,6 +17,7 @@
 module symsde_model_probe_area_time
    use symsde_base_kinds, only: wp
    use symsde_base_lanes, only: lane_unit
+   use symsde_base_sincos, only: sine_of
    use symsde_base_status, only: error_type, raise, incompatible
    use symsde_model_abstract, only: model_type
    use symsde_model_algebra, only: algebra_work, new_algebra_work, bracket_gradient
@@ -56,7 +57,7 @@ contains
       points%m = model%traits%nnoise
       allocate (points%x(lane_unit, 2*points%n))
       do i = 1, 2*points%n
-         points%x(:, i) = [(sin(1.3_wp*i + 0.7_wp*l + 0.2_wp*i*l), l=1, lane_unit)]
+         points%x(:, i) = [(sine_of(1.3_wp*i + 0.7_wp*l + 0.2_wp*i*l), l=1, lane_unit)]
       end do
       call new_algebra_work(points%work, lane_unit, points%n, points%m)
       single = 0

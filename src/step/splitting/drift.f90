@@ -18,6 +18,7 @@
 !> Private to its family.
 module symsde_step_splitting_drift
    use symsde_base_kinds, only: wp
+   use symsde_base_sincos, only: sine_of
    implicit none
    private
    public :: drift_flow, new_drift_flow
@@ -91,11 +92,11 @@ contains
       real(wp), intent(in) :: tau
 
       self%duration(leg) = tau
-      self%cosine_less_one(:, leg) = -2*sin(0.5_wp*tau*self%omega)**2
-      self%sine(:, leg) = self%omega*sin(tau*self%omega)
+      self%cosine_less_one(:, leg) = -2*sine_of(0.5_wp*tau*self%omega)**2
+      self%sine(:, leg) = self%omega*sine_of(tau*self%omega)
       ! sin(omega tau)/omega becomes tau as omega -> 0, a free drift.
       where (self%omega > 0)
-         self%sine_over(:, leg) = sin(tau*self%omega)/self%omega
+         self%sine_over(:, leg) = sine_of(tau*self%omega)/self%omega
       else where
          self%sine_over(:, leg) = tau
       end where
