@@ -6,8 +6,14 @@ set(_sets dev release native sanitize sanitize-threads coverage)
 set(SYMSDE_FLAGS release CACHE STRING "Set of compile flags: ${_sets}")
 set_property(CACHE SYMSDE_FLAGS PROPERTY STRINGS ${_sets})
 
-# Portable: no contraction, so that every x86-64 machine computes the same.
-set(_release -O3 -fno-trapping-math -fno-math-errno -ffp-contract=off)
+# One rule for all libraries that users build: a product and a sum are one operation (contraction) wherever the processor
+# has it, so that those for one machine, for x86-64-v3 and v4, and wheels compute the same bits. All sums contract alike:
+# tuning for some processors would leave out those in registers, and a path by itself would have other bits than one of a
+# block.
+set(_release -O3 -fno-trapping-math -fno-math-errno -ffp-contract=fast)
+if(CMAKE_SYSTEM_PROCESSOR MATCHES "^(x86_64|amd64|AMD64)$")
+   list(APPEND _release --param=avoid-fma-max-bits=0)
+endif()
 set(_fortran_warnings
    -std=f2018 -fimplicit-none -Wall -Wextra -Wimplicit-interface -Wimplicit-procedure
    -Wno-unused-dummy-argument  # a kernel's interface is common to models that need less of it
@@ -17,9 +23,7 @@ set(_c_warnings -std=c11 -Wall -Wextra -Wpedantic -Wstrict-prototypes -Wmissing-
 if(SYMSDE_FLAGS STREQUAL "release")
    set(_common ${_release})
 elseif(SYMSDE_FLAGS STREQUAL "native")
-   # All sums contract alike: tuning for some processors would leave out those in registers, and a path by itself would
-   # have other bits than one of a block.
-   set(_common ${_release} -march=native -ffp-contract=fast --param=avoid-fma-max-bits=0)
+   set(_common ${_release} -march=native)
 elseif(SYMSDE_FLAGS STREQUAL "dev")
    set(_common -Og -g -Werror)
    set(_fortran ${_fortran_warnings} -fcheck=all -finit-real=snan -fbacktrace)

@@ -172,8 +172,8 @@ int symsde_model_hessian(symsde_model model, int64_t npath, double t, const doub
                          double *hqq, double *hqp, double *hpp, symsde_error *error);
 
 /* sine[n] and cosine[n] of x[n] radians, for callbacks. This is several times as fast as the C library lane by lane. For
- * |x| <= 1e5 they are within 1 ulp, with the same bits on every x86-64 processor if the library is built without
- * contraction; for larger |x| they are those of the C library. A lane depends on its own x alone. The arrays must not
+ * |x| <= 1e5 they are within 1 ulp, with the same bits on every processor with fused multiply-add; for larger |x| they
+ * are those of the C library. A lane depends on its own x alone. The arrays must not
  * overlap. The status is SYMSDE_INVALID_ARGUMENT if an array is NULL or n < 0; a callback has no use for a message */
 int symsde_sincos(int n, const double *x, double *sine, double *cosine);
 

@@ -43,14 +43,16 @@ contains
       type(c_ptr), intent(in), value :: buffer, needed
       integer(c_size_t), intent(in), value :: size
       integer(c_int) :: status
-      character(:), allocatable :: openmp, options
+      character(:), allocatable :: arithmetic, openmp, options
 
       call drop_folders(compiler_options(), options)
       openmp = trim(merge('yes', 'no ', index(compiler_options(), '-fopenmp') > 0))
+      arithmetic = trim(merge('fused        ', 'rounded twice', is_fused()))
       call put_text('version: '//library_version//new_line('a')// &
                     'compiler: '//compiler_version()//new_line('a')// &
                     'compile options: '//options//new_line('a')// &
                     'counter map of the noise: '//to_text(counter_map_version)//new_line('a')// &
+                    'arithmetic: '//arithmetic//new_line('a')// &
                     'openmp: '//openmp//new_line('a'), buffer, size, needed)
       status = status_ok
    end function symsde_build_info
@@ -69,6 +71,16 @@ contains
       end if
       status = finish(refusal, error)
    end function symsde_memory_left
+
+   !> Whether this library computes a b + c as one operation. The product (1 + e)(1 - e) = 1 - e**2 rounds to 1.
+   logical function is_fused()
+      real(wp), volatile :: a, b, c
+
+      a = 1 + epsilon(1.0_wp)
+      b = 1 - epsilon(1.0_wp)
+      c = -1
+      is_fused = abs(a*b + c) > 0
+   end function is_fused
 
    !> Compile options without those that name folders of the machine that built the library.
    pure subroutine drop_folders(options, kept)

@@ -1,6 +1,6 @@
 ! SPDX-License-Identifier: BSD-3-Clause
 !> Uniform and normal numbers from the generator's words. Only + - * / sqrt and integer bits, so
-!> that the numbers are the same on every x86-64 level when contraction is off; no library
+!> that the numbers are the same on every x86-64 processor with fused multiply-add; no library
 !> function, so that a lane does not depend on where in a vector it sits.
 !>
 !> Normals come by Box and Muller, four from one draw of the generator: words 1-2 make those of the fine

@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""check_aarch64.py ROOT WORK: nine scenes have the same bits on aarch64 as here, by the portable build.
+"""check_aarch64.py ROOT WORK: nine scenes have the same bits on aarch64 as here, by fused multiply-add on both.
 
 Debian's cross compilers (gfortran-aarch64-linux-gnu) build the library as an archive, qemu-user-static runs a program
 that holds it. The scenes are small: of LAPACK only the names are there, and who calls them ends the program.
 
-Exit 77 (skipped) where compilers or emulator are not installed.
+Exit 77 (skipped) where compilers or emulator are not installed, or this processor is below x86-64-v3.
 """
 
 import re
@@ -12,6 +12,8 @@ import shutil
 import subprocess
 import sys
 from pathlib import Path
+
+from symsde.native import cpu
 
 ARM = "aarch64-linux-gnu-"
 NEEDED = (f"{ARM}gfortran", f"{ARM}gcc", "qemu-aarch64-static")
@@ -30,7 +32,11 @@ def main() -> int:
             f"skipped: {', '.join(missing)} not installed; apt-get install gfortran-aarch64-linux-gnu qemu-user-static"
         )
         return 77
-    here = ask(program(root, work / "here", "gfortran"))
+    if "v3" not in cpu.levels():
+        print("skipped: this processor has no fused multiply-add of x86-64-v3")
+        return 77
+    level = [f"-DCMAKE_{language}_FLAGS=-march=x86-64-v3" for language in ("Fortran", "C")]
+    here = ask(program(root, work / "here", "gfortran", *level))
     there = ask(
         "qemu-aarch64-static", "-L", "/usr/aarch64-linux-gnu", program(root, work / "aarch64", f"{ARM}gfortran", *CROSS)
     )

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """check_wheel.py ROOT WORK: build the wheel, unpack it elsewhere, and run the variants of the library that it contains.
 
-Every variant that this processor can run computes the same bits, and holds the vector registers of its level. What pip
-makes without being asked for variants holds one library, that of this processor, with the same bits; README runs with
-it.
+Every variant with fused multiply-add that this processor can run computes the same bits, which are those of the build
+that runs this test if that is fused, too; each holds the vector registers of its level. What pip makes without being
+asked for variants holds one library, that of this processor, with the same bits; README runs with it.
 
 check_wheel.py --self-test: lists of files with licences that are missing, or libraries that are not known, are refused,
 and so are variants with other bits or narrower registers.
@@ -20,28 +20,26 @@ import sys
 import zipfile
 from pathlib import Path
 
-SCENES = [
-    ("kubo", "midpoint"),
-    ("synchrotron", "midpoint"),
-    ("synchrotron", "gauss2"),
-    ("synchrotron", "lobatto3"),
-    ("pendulum", "gauss2_strong32"),
-    ("driven_pendulum", "chin4a"),
-    ("henon_heiles", "stormer_verlet"),
-    ("fpu_chain", "midpoint"),
-    ("noncommutative_oscillator", "midpoint_areas"),
-]
-# The version, the library that was loaded, and a digest of paths of every kind of stepper.
-TRIAL = f"""
-import hashlib, symsde
-from symsde.native import cpu as _cpu; from symsde.native import library as _library
-digest = hashlib.sha256()
-for name, scheme in {SCENES}:
+# The version, the library that was loaded, a digest of one path and of 37 by every scheme of every model, forward and
+# backward in time, the levels of the processor, and how products are added.
+TRIAL = """
+import hashlib, warnings, symsde
+from symsde.native import cpu, library
+warnings.simplefilter("ignore")
+digest, runs = hashlib.sha256(), 0
+for name in symsde.models.names():
     model = symsde.models.get(name)
-    run = symsde.simulate(model, q0=0.3, p0=0.2, step=0.05, steps=40, paths=37, scheme=scheme, seed=5, save_every=10)
-    assert not run.status.any(), (name, scheme)
-    digest.update(run.q.tobytes() + run.p.tobytes())
-print(symsde.__version__, _library.found(), digest.hexdigest(), ",".join(_cpu.levels()), sep="\\n")
+    for scheme in symsde.schemes.names():
+        for paths, step in ((1, 0.05), (37, 0.05), (37, -0.13)):
+            try:
+                run = symsde.simulate(model, q0=0.3, p0=0.2, step=step, steps=20, paths=paths, scheme=scheme, seed=5)
+            except symsde.errors.SymsdeError:
+                continue  # a scheme that does not fit this model
+            runs += 1
+            digest.update(run.q.tobytes() + run.p.tobytes() + run.status.tobytes())
+assert runs > 700, runs
+print(symsde.__version__, library.found(), digest.hexdigest(), ",".join(cpu.levels()), sep="\\n")
+print(symsde.build_info()["arithmetic"])
 """
 MOST = 6_500_000  # bytes of a repaired wheel, most of which are three libraries
 #: What a repaired wheel may bundle, and the texts of its licences.
@@ -75,10 +73,14 @@ def main():
     levels = first[3].split(",") if first[3] else []
     if levels and f"-{levels[0]}/" not in first[1] and levels[0] != "baseline":
         faults.append(f"{first[1]} is not the variant {levels[0]} of this processor")
+    if levels[:1] in (["v3"], ["v4"]):
+        here = run_trial(dict(os.environ), work)
+        faults += arithmetic_faults(first, here)
     for level in levels:
         found = run_trial({**environment, "SYMSDE_CPU": level}, work)
         code = subprocess.run(["objdump", "-d", found[1]], check=True, capture_output=True, text=True).stdout
-        faults += variant_faults(level, found[2] == first[2], code)
+        same = found[2] == first[2] if found[4] == first[4] else level == "baseline"
+        faults += variant_faults(level, same, code)
     faults += repaired_faults(wheel, work)
     build(root, work / "one")
     libraries = [str(path.relative_to(work / "one/site")) for path in (work / "one/site").rglob("libsymsde.so")]
@@ -105,6 +107,13 @@ def build(root: Path, work: Path, *settings: str) -> Path:
     with zipfile.ZipFile(wheel) as archive:
         archive.extractall(work / "site")
     return wheel
+
+
+def arithmetic_faults(variant: list[str], here: list[str]) -> list[str]:
+    """What is wrong with the highest variant beside the build that runs this test."""
+    if variant[4] != "fused":
+        return [f"{variant[1]} adds products {variant[4]}"]
+    return [f"{variant[1]} computes other bits than {here[1]}"] * (here[4] == "fused" and here[2] != variant[2])
 
 
 def variant_faults(level: str, same: bool, code: str) -> list[str]:
@@ -158,12 +167,18 @@ def self_test() -> int:
         wrong += [] if variant_faults(level, True, code) == [] else [f"a sound {level} is refused"]
         wrong += [] if len(variant_faults(level, False, code)) == 1 else [f"{level} with other bits passes"]
         wrong += [] if len(variant_faults(level, True, narrow)) == 1 else [f"{level} with narrower registers passes"]
+    sound = ["0.1.0", "a.so", "0a1b", "v3,baseline", "fused"]
+    for changed, count in (((1, "b.so"), 0), ((2, "0a1c"), 1), ((4, "rounded twice"), 0)):
+        here = [changed[1] if i == changed[0] else text for i, text in enumerate(sound)]
+        found = arithmetic_faults(sound, here)
+        wrong += [] if len(found) == count else [f"a build that differs by {changed} beside a variant: {found}"]
+    wrong += [] if arithmetic_faults([*sound[:4], "rounded twice"], sound) else ["a variant that rounds twice passes"]
     print(*wrong or ["every planted fault is found"], sep="\n")
     return len(wrong)
 
 
 def run_trial(environment: dict[str, str], work: Path) -> list[str]:
-    """Version, library, digest and levels that a process with this environment sees."""
+    """Version, library, digest, levels and arithmetic that a process with this environment sees."""
     command = [sys.executable, "-c", TRIAL]
     done = subprocess.run(command, env=environment, cwd=work, check=True, capture_output=True, text=True)
     return done.stdout.splitlines()

@@ -13,7 +13,6 @@ import hashlib
 import importlib.util
 import os
 import platform
-import re
 import shlex
 import shutil
 import subprocess
@@ -34,7 +33,7 @@ FLAGS = ("-std=c11", "-O3", "-march=native", "-fPIC", "-shared", "-fno-math-errn
 FLAGS += ("-ffp-contract=off", "-fno-semantic-interposition", "-w")
 if platform.machine() in ("x86_64", "AMD64"):
     FLAGS += ("-mprefer-vector-width=512",)  # where the processor has them: 1.0 instead of 1.12 of the built-in's time
-if re.findall(r"-ffp-contract=(\w+)", build_info().get("compile options", ""))[-1:] == ["fast"]:
+if build_info().get("arithmetic") == "fused":
     FLAGS += ("-DCONTRACTS",)
 LONG = (
     300_000  #: characters of a text, of which 60000 are functions, beyond which it is compiled for less time: bits stay
