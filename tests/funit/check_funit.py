@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Tests of the stand-in for pFUnit: what a real pFUnit 4.14 refuses, checks and accepts, it does too.
 
-check_funit.py CMAKE COMPILER TRANSLATOR INCLUDE_DIR LIBRARY [FLAG]
+check_funit.py CMAKE COMPILER TRANSLATOR DRIVER INCLUDE_DIR LIBRARY [FLAG]
 
 Every case is a suite of its own, which is translated, compiled and run; it ends as its kind says.
 """
@@ -11,8 +11,8 @@ import sys
 import tempfile
 from pathlib import Path
 
-CMAKE, COMPILER, TRANSLATOR, INCLUDE, LIBRARY = sys.argv[1:6]
-FLAGS = [flag for flag in sys.argv[6:] if flag]
+CMAKE, COMPILER, TRANSLATOR, DRIVER, INCLUDE, LIBRARY = sys.argv[1:7]
+FLAGS = [flag for flag in sys.argv[7:] if flag]
 
 SUITE = """\
 module test_case
@@ -103,15 +103,19 @@ SET_UP_FAILS = {
 TEAR_DOWN = {"before": "", "after": SET_UP_FAILS["after"]}
 
 
-def outcome(folder: Path, line: str, before: str = "", after: str = "") -> tuple[str, str]:
+def outcome(folder: Path, line: str, before: str = "", after: str = "", flags: tuple = ()) -> tuple[str, str]:
     """How the suite with this line ends, and what was said."""
-    suite, program, executable = (folder / name for name in ("test_case.pf", "test_case.f90", "test_case"))
+    names = "test_case.pf", "test_case.F90", "test_case_driver.F90", "test_case.inc", "test_case"
+    suite, source, driver, suites, executable = (folder / name for name in names)
     suite.write_text(SUITE.format(line=line, before=before, after=after))
-    translate = [CMAKE, "-D", f"SUITE={suite}", "-D", f"PROGRAM={program}", "-P", TRANSLATOR]
-    compile_it = [COMPILER, "-O0", "-cpp", "-ffree-line-length-none", *FLAGS, f"-I{INCLUDE}", f"-J{folder}"]
+    driver.write_text(Path(DRIVER).read_text())
+    suites.write_text("ADD_SUITE(test_case_suite)\n")
+    translate = [CMAKE, "-D", f"SUITE={suite}", "-D", f"SOURCE={source}", "-P", TRANSLATOR]
+    compile_it = [COMPILER, "-O0", "-ffree-line-length-none", *FLAGS, *flags, f"-DSUITE_LIST=<{suites}>"]
+    compile_it += [f"-I{INCLUDE}", f"-J{folder}", str(source), str(driver), LIBRARY, "-o", str(executable)]
     for name, command in (
         ("refused by text", translate),
-        ("refused by type", [*compile_it, str(program), LIBRARY, "-o", str(executable)]),
+        ("refused by the compiler", compile_it),
         ("fails", [str(executable)]),
     ):
         done = subprocess.run(command, check=False, capture_output=True, text=True)
@@ -122,13 +126,15 @@ def outcome(folder: Path, line: str, before: str = "", after: str = "") -> tuple
 
 def main() -> int:
     """Run every case; the number of those that end otherwise than they should is the exit code."""
-    cases = [(line, {}, "refused by type") for line in REFUSED_BY_TYPE]
+    cases = [(line, {}, "refused by the compiler") for line in REFUSED_BY_TYPE]
     cases += [(line, {}, "refused by text") for line in REFUSED_BY_TEXT]
     cases += [(line, {}, "fails") for line in FAILS]
     cases += [(line, {}, "passes") for line in PASSES]
     for name in ("run", "stub", "fail", "throw"):
         own = f"   subroutine {name}()\n   end subroutine {name}"
-        cases.append(("@assertTrue(.true.)", {"before": own}, "refused by type"))
+        cases.append(("@assertTrue(.true.)", {"before": own}, "refused by the compiler"))
+    # a build that turns the preprocessor off is noticed: its drivers have no suites, as pFUnit's would not compile
+    cases.append(("@assertTrue(.true.)", {"flags": ("-nocpp",)}, "fails"))
     wrong = 0
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)

@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: BSD-3-Clause
-# cmake -D SUITE=test_x.pf -D PROGRAM=test_x.f90 -P translate.cmake
+# cmake -D SUITE=test_x.pf -D SOURCE=test_x.F90 -P translate.cmake
 #
 # Writes the suite as free-form Fortran, line for line, so that compilers report lines of the .pf file:
 #    @test, @before, @after   blank; the subroutine that follows is noted
 #    @assertXxx(...)          call assertXxx(...); if (funit_failed('test_x.pf', line)) return
-# and appends the program that runs the tests. What pFUnit would refuse is refused here too.
+# and appends the subroutine test_x_suite that runs the tests. What pFUnit would refuse is refused here too.
 cmake_minimum_required(VERSION 3.25)
 
 get_filename_component(name "${SUITE}" NAME_WE)
@@ -34,7 +34,7 @@ set(tests "")
 set(before "")
 set(after "")
 set(module "")
-set(output "# 1 \"${SUITE}\"\n")
+set(output "#line 1 \"${SUITE}\"\n")
 foreach(line IN LISTS text)
    math(EXPR number "${number} + 1")
    string(REPLACE "${filler}" "" line "${line}")
@@ -85,7 +85,9 @@ if(NOT module STREQUAL name)
    refuse(1 "the module is called '${module}', the file '${name}'")
 endif()
 
-string(APPEND output "\nprogram run_${name}\n   use funit\n")
+math(EXPR number "${number} + 3")
+get_filename_component(source "${SOURCE}" NAME)
+string(APPEND output "#line ${number} \"${source}\"\nsubroutine ${name}_suite()\n   use funit\n")
 foreach(procedure IN LISTS tests before after)
    string(APPEND output "   use ${name}, only: ${procedure}\n")
 endforeach()
@@ -102,10 +104,10 @@ foreach(procedure IN LISTS tests)
    string(APPEND output "   end if\n")
    string(APPEND output "   call funit_end()\n")
 endforeach()
-string(APPEND output "   call funit_finish()\nend program run_${name}\n")
+string(APPEND output "end subroutine ${name}_suite\n")
 
 string(REPLACE "${semicolon}" ";" output "${output}")
 string(REPLACE "${open}" "[" output "${output}")
 string(REPLACE "${close}" "]" output "${output}")
 string(REPLACE "${backslash}" "\\" output "${output}")
-file(WRITE "${PROGRAM}" "${output}")
+file(WRITE "${SOURCE}" "${output}")
