@@ -25,7 +25,7 @@ module symsde_base_record
       real(wp) :: t = 0                                   !! t_n, when the step begins [time]
       real(wp) :: h = 0                                   !! the step, with its sign [time]
       real(wp), pointer, contiguous :: w(:, :) => null()  !! h, dW_1 .. dW_m (nlane, 0:nnoise)
-      type(functional_values) :: of(nfunctional)          !! of(path_dz)%x, ..; null where not asked for
+      type(functional_values) :: of(nfunctional) = functional_values()  !! of(path_dz)%x, ..; null where not asked for
    end type step_record
 
    !> The values of one functional in several steps.
@@ -48,7 +48,7 @@ module symsde_base_record
       real(wp) :: h = 0                                      !! each step, with its sign [time]
       integer :: max_iter = 0                                !! bound of a solver's iterations in a step
       real(wp), pointer, contiguous :: w(:, :, :) => null()  !! h, dW_1 .. dW_m (nlane, 0:nnoise, nstep)
-      type(functional_run) :: of(nfunctional)                !! of(path_dz)%x, ..; null where not asked for
+      type(functional_run) :: of(nfunctional) = functional_run()  !! of(path_dz)%x, ..; null where not asked for
    contains
       procedure :: show => show_one
       procedure :: leave_one

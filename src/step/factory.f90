@@ -53,7 +53,7 @@ module symsde_step_factory
    type :: stepper_options
       integer :: correction = correction_auto
       logical :: general = .false.   !! use the oracle of the scheme, whatever the traits allow
-      type(newton_options) :: newton
+      type(newton_options) :: newton = newton_options()
       logical :: as_increments = .false.  !! for compensated sums: no states, whose last place is coarser
    end type stepper_options
 

@@ -47,7 +47,7 @@ module symsde_model_flows_henon_heiles
       ! The rest is what follows from the size of a step, and the system that is moved: henon_heiles_flow fills it,
       ! once for all the steps that it is asked for.
       real(wp) :: h = 0
-      type(henon_heiles_terms) :: of
+      type(henon_heiles_terms) :: of = henon_heiles_terms()
       real(wp) :: tau(3) = 0      !! times of the drifts
       ! A rotation by the angle tau_i is kept as cos tau_i - 1 and sin tau_i.
       real(wp) :: cosine_less_one(3) = 0, sine(3) = 0
