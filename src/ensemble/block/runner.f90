@@ -326,7 +326,7 @@ contains
 
    !> Count the steps that each path has taken, and the normals of the pairs of steps that it began: not what the block
    !> computed for paths that were gone, or drew ahead. So these numbers do not depend on how paths share blocks.
-   pure subroutine count_steps(self)
+   subroutine count_steps(self)
       type(block_runner), intent(inout) :: self
       integer :: lane, nwhole
 
@@ -341,7 +341,7 @@ contains
 
    !> Count the steps of n paths from where the block began to the step `next`, which they did not take. Normals are
    !> drawn for pairs of steps 2 j, 2 j + 1, of which the first and the last may be half used.
-   pure subroutine add_steps(self, n, next)
+   subroutine add_steps(self, n, next)
       type(block_runner), intent(inout) :: self
       integer, intent(in) :: n
       integer(i8), intent(in) :: next
