@@ -2,14 +2,14 @@
 !> The error of the C interface, and the checks that every function makes of its pointers and structs.
 module symsde_capi_error
    use, intrinsic :: iso_c_binding, only: &
-      c_associated, c_char, c_f_pointer, c_int, c_int32_t, c_ptr, c_size_t
+      c_associated, c_char, c_f_pointer, c_funptr, c_int, c_int32_t, c_ptr, c_size_t
    use symsde_base_kinds, only: wp, i8
    use symsde_base_status, only: error_type, raise, status_ok, invalid_argument, too_large, wrong_shape
    use symsde_base_text, only: to_text
    use symsde_capi_text, only: put_chars
    implicit none
    private
-   public :: finish, require, check_sizes, take_struct, give_struct
+   public :: finish, require, require_function, check_sizes, take_struct, give_struct
 
    integer, parameter :: message_size = 1024
 
@@ -56,8 +56,7 @@ contains
       end if
    end function finish
 
-   !> A pointer that is needed must not be NULL. (gfortran 12 cannot tell c_ptr from c_funptr where a generic name is
-   !> resolved, and takes the last of them: one for functions would need a name of its own.)
+   !> A pointer that is needed must not be NULL.
    subroutine require(pointer, what, error)
       type(c_ptr), intent(in) :: pointer
       character(*), intent(in) :: what   !! name of the argument
@@ -66,6 +65,17 @@ contains
       if (.not. c_associated(pointer)) &
          call raise(error, invalid_argument, 'require', what//' is NULL: give its address')
    end subroutine require
+
+   !> A function that is needed must not be NULL. (Under the name `require`, too, gfortran 12 would not tell c_ptr from
+   !> c_funptr.)
+   subroutine require_function(pointer, what, error)
+      type(c_funptr), intent(in) :: pointer
+      character(*), intent(in) :: what   !! name of the argument
+      type(error_type), allocatable, intent(inout) :: error
+
+      if (.not. c_associated(pointer)) &
+         call raise(error, invalid_argument, 'require', what//' is NULL: give its address')
+   end subroutine require_function
 
    !> Sizes of an array of the caller: none negative, and its bytes must fit into 62 bits.
    subroutine check_sizes(n1, n2, n3, what, error)

@@ -8,7 +8,7 @@ module symsde_capi_moments
    use symsde_base_status, only: error_type, raise, invalid_argument
    use symsde_base_text, only: to_text
    use symsde_capi_arrays, only: view
-   use symsde_capi_error, only: finish, require, check_sizes, take_struct, give_struct
+   use symsde_capi_error, only: finish, require, require_function, check_sizes, take_struct, give_struct
    use symsde_capi_input, only: run_input, read_input
    use symsde_capi_model, only: use_model
    use symsde_capi_observer, only: read_observers, give_observed
@@ -137,7 +137,7 @@ contains
       if (copy%observables_lanes < 0 .or. copy%observables_lanes > most_lanes) &
          call raise(error, invalid_argument, 'symsde_compute_moments', 'observables_lanes = '// &
                     to_text(copy%observables_lanes)//' is out of range: give 0 to '//to_text(most_lanes))
-      if (copy%nobservable > 0) call require(copy%observables, 'observables', error)
+      if (copy%nobservable > 0) call require_function(copy%observables, 'observables', error)
       nvalue = 2*model%traits%ndof + merge(1, 0, model%traits%has_value) + copy%nobservable
       call check_sizes(options%nstep/options%save_every + 1, nvalue, 1_i8, 'mean', error)
       call require(copy%t, 't', error)
