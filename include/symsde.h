@@ -59,7 +59,6 @@ typedef struct symsde_error {
 
 /* Texts are copied into buffer: at most size bytes, terminated. *needed, if not NULL, receives the size of the text. */
 int symsde_status_text(int code, char *buffer, size_t size, size_t *needed);
-/* version of the library */
 int symsde_version(char *buffer, size_t size, size_t *needed);
 /* lines "key: value": version, compiler, compile options, version of the counter map of the noise */
 int symsde_build_info(char *buffer, size_t size, size_t *needed);
@@ -90,7 +89,8 @@ typedef struct symsde_traits {
 
 /* Callbacks compute whole blocks, arrays [..][nlane]; each lane must use its own numbers alone. w[nham][nlane] are the
  * weights of H_0 .. H_m (nham = nnoise + 1). They return 0; another value ends the run (SYMSDE_CALLBACK_FAILED). A lane
- * fails if its result is NaN. Outputs are never NULL without symsde_model_accept_null. Several threads call at once. */
+ * fails if its result is NaN, as all outputs are before a call. No output is NULL without symsde_model_accept_null. Several
+ * threads call at once. */
 /* gradient of sum_j w[j] H_j: hq[ndof][nlane], hp[ndof][nlane] */
 typedef int (*symsde_gradient)(int nlane, int ndof, int nham, double t, const double *w, const double *q,
                                const double *p, double *hq, double *hp, void *user);
@@ -292,7 +292,6 @@ typedef struct symsde_options {
    int32_t areas;          /* enum symsde_areas */
    uint64_t common_noise;  /* bit k - 1: every path gets the W_k of path 0; the others differ by path */
 } symsde_options;
-
 int symsde_options_init(symsde_options *options);
 
 /* The input of a run besides model, scheme and options. */
@@ -306,9 +305,7 @@ typedef struct symsde_input {
    symsde_progress progress;      /* may be NULL */
    void *progress_user;
 } symsde_input;
-
 int symsde_input_init(symsde_input *input);
-
 typedef struct symsde_report {
    size_t struct_size;
    int32_t status;      /* the outcome of the whole run, also returned */
@@ -324,9 +321,7 @@ typedef struct symsde_report {
    char warnings[2048];  /* problems found before the run, one a line */
    char functionals[32]; /* of the path beside dW, as "dZ and K": they decide it for refine < 0 */
 } symsde_report;
-
 int symsde_report_init(symsde_report *report);
-
 /* Saved paths, in the caller's arrays; ntime = steps/save_every + 1. Values after a failure are NaN. */
 typedef struct symsde_paths {
    size_t struct_size;
@@ -401,7 +396,6 @@ typedef struct symsde_moments {
    int32_t nobserver; /* number of streaming observers */
    symsde_observer *const *observers; /* [nobserver] */
 } symsde_moments;
-
 int symsde_moments_init(symsde_moments *moments);
 int symsde_compute_moments(symsde_model model, symsde_scheme scheme, const symsde_options *options,
                            const symsde_input *input, symsde_moments *moments, symsde_report *report,

@@ -19,7 +19,7 @@ except ImportError:
 BETA, SIGMA, N = 1.0, 0.1, 64
 
 
-@numba.cfunc(ss.numba_signature("gradient"))
+@numba.cfunc(ss.numba_signature("gradient"), error_model="numpy")
 def gradient(nlane, ndof, nham, t, w, q, p, hq, hp, user):  # noqa: PLR0917 - the C signature
     """Gradient of the weighted sum, for the probes and for schemes that do not ask for rows."""
     weights = numba.carray(w, (nham, nlane))
@@ -35,7 +35,7 @@ def gradient(nlane, ndof, nham, t, w, q, p, hq, hp, user):  # noqa: PLR0917 - th
     return 0
 
 
-@numba.cfunc(ss.numba_signature("chain_rows"))
+@numba.cfunc(ss.numba_signature("chain_rows"), error_model="numpy")
 def rows(nlane, ndof, nham, first, last, t, w, q, hq, hqq, user):  # noqa: PLR0917
     """Force and stiffness of rows first .. last, counted from 0; q begins with the row before, zero beyond the ends."""
     count = last - first + 1

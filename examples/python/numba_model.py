@@ -21,7 +21,8 @@ sincos = ss.numba_sincos()  # the library's own, several times as fast as math.s
 
 
 # Arrays are pointers: w is (1 + noise, lane), q, p, hq and hp are (dof, lane), the lane fastest. Write all outputs.
-@numba.cfunc(ss.numba_signature("gradient"))
+# error_model="numpy": a division by zero gives inf in that lane; otherwise numba leaves the function in the middle.
+@numba.cfunc(ss.numba_signature("gradient"), error_model="numpy")
 def gradient(nlane, ndof, nham, t, w, q, p, hq, hp, user):  # noqa: PLR0917 - the C signature
     """Gradient of w[0] H + w[1] H_1 for a block of paths."""
     sine, cosine = np.empty(nlane), np.empty(nlane)
@@ -33,7 +34,7 @@ def gradient(nlane, ndof, nham, t, w, q, p, hq, hp, user):  # noqa: PLR0917 - th
     return 0
 
 
-@numba.cfunc(ss.numba_signature("hessian"))
+@numba.cfunc(ss.numba_signature("hessian"), error_model="numpy")
 def hessian(nlane, ndof, nham, t, w, q, p, hqq, hqp, hpp, user):  # noqa: PLR0917
     """Second derivatives; without this function they are approximated by differences of gradients."""
     sine, cosine = np.empty(nlane), np.empty(nlane)

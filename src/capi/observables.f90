@@ -60,6 +60,8 @@ contains
       integer(c_int) :: code
 
       if (self%nvalue == 0) return
+      ! What the function leaves unwritten is no number.
+      values = ieee_value(t, ieee_quiet_nan)
       if (self%failure_code() == 0) then
          code = self%on_observables(nlane, ndof, t, q, p, values, self%user)
          if (code == 0) return

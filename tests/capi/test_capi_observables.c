@@ -5,15 +5,20 @@
  */
 #include "run.h"
 
+#include <math.h>
+
 enum { NVALUE = 2 + 1 + 2, PROBE = 3 /* calls */ };
 
 static double t[2][NTIME], mean[2][NTIME * NVALUE], variance[2][NTIME * NVALUE], se[2][NTIME * NVALUE];
 static int64_t n_ok[2][NTIME];
-static int calls, most, mixes;
+static int calls, most, mixes, leaves;
 
 /* r^2, that of a neighbour where they are mixed, and the time that is told */
 static int observe(int nlane, int ndof, double time, const double *q, const double *p, double *values, void *user) {
    (void)ndof, (void)user;
+   if (leaves && calls == PROBE) {
+      return 0; /* early: nothing is written */
+   }
    for (int i = 0; i < nlane; i++) {
       const int k = mixes ? nlane - 1 - i : i;
       values[i] = q[k] * q[k] + 2 * p[k] * p[k];
@@ -63,6 +68,11 @@ int main(void) {
    OK(moments_into(1, 1)); /* less than a block: one time each */
    CHECK(calls == PROBE + 2 * NTIME);
    EXPECT(SYMSDE_INVALID_ARGUMENT, "observables_lanes = -1", moments_into(1, -1));
+   leaves = 1;
+   OK(moments_into(1, 0));
+   CHECK(isnan(mean[1][NVALUE - 1]) && isnan(mean[1][NTIME * NVALUE - 1]));
+   CHECK(mean[1][NTIME * NVALUE - NVALUE] == mean[0][NTIME * NVALUE - NVALUE]); /* q is known all the same */
+   leaves = 0;
    mixes = 1;
    EXPECT(SYMSDE_FALSE_TRAIT, "observable 1 mixes paths", moments_into(1, 0));
    CHECK(calls <= PROBE);

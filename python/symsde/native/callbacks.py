@@ -228,8 +228,10 @@ def numba_signature(kind: str):
         x, out = numba.carray(q, (ndof, nlane)), numba.carray(hq, (ndof, nlane))
         out[0] = ...
 
-    Write every output. If the model is made with accepts_null=True, the pointers of unwanted outputs are NULL. Then
-    test `if out.ctypes.data != 0` before you write; writing to NULL ends the process.
+    Write every output: it is NaN before the call, and a lane that is not written fails. numba leaves a function at a
+    division by zero, unless `numba.cfunc` is given `error_model="numpy"`. If the model is made with accepts_null=True,
+    the pointers of unwanted outputs are NULL. Then test `if out.ctypes.data != 0` before you write; writing to NULL
+    ends the process.
     """
     checks.choice("kind", kind, list(abi.CALLBACKS))
     types = optional("numba", "fast").types

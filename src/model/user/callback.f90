@@ -3,10 +3,11 @@
 !>
 !> Arrays have the lane fastest: Fortran q(nlane, ndof) is C q[ndof][nlane], w(nlane, 0:nnoise) is
 !> w[nham][nlane] with nham = nnoise + 1, and hqp(nlane, i, j) = d2/(dq_i dp_j) is hqp[j][i][nlane].
-!> An output that is not wanted is room that is thrown away, or NULL for functions that accept it: one that writes to
-!> NULL ends the process, and no probe says so before. The functions are called from several threads at once, must
-!> compute every lane by itself, and mark a lane that fails by NaN. A nonzero return aborts the run: the outputs of
-!> that call become NaN and failure_code() tells the first such code.
+!> An output that is not wanted is room that is thrown away, or NULL for functions that accept it: to write to NULL ends
+!> the process. The functions are called from several threads at once, must compute every lane by itself, and mark a
+!> lane that fails by NaN. Outputs are NaN before every call, so lanes that are left unwritten fail, too: numba returns
+!> 0 in the middle of a block where a lane divides by zero. A nonzero return aborts the run: the outputs of that call
+!> become NaN and failure_code() tells the first such code.
 !>
 !> Each function is given a whole block, padded to full vectors; where any_lanes says so, the real lanes alone.
 !> Do not copy with allocate(source=): two models would own one record. Assignment is safe.
@@ -151,8 +152,7 @@ contains
                            q, p, qn, pn, status, code)
       if (code == 0) return
       call note(self, code)
-      call spoil(steps%nlane, size(qn)/steps%nlane, qn)
-      call spoil(steps%nlane, size(pn)/steps%nlane, pn)
+      call spoil(size(qn), qn, pn)
    end subroutine flow
 
    !> One more function, before the model is used: rows of force and stiffness. c_null_funptr: without it again.
@@ -205,23 +205,21 @@ contains
       real(wp), pointer, contiguous :: unwanted(:)
       integer(i4) :: code
 
+      call spoil(nlane*ndof, hq, hp)
       code = out_of_memory
       if (self%null_accepted .or. (present(hq) .and. present(hp))) then
          code = self%on_gradient(nlane, ndof, nnoise + 1, t, w, q, p, hq, hp, self%user)
       else
          call find_room(nlane*ndof, few, more, unwanted)
-         if (.not. associated(unwanted)) then
-            continue
-         else if (present(hq)) then
+         if (present(hq) .and. associated(unwanted)) then
             code = self%on_gradient(nlane, ndof, nnoise + 1, t, w, q, p, hq, unwanted, self%user)
-         else
+         else if (associated(unwanted)) then
             code = self%on_gradient(nlane, ndof, nnoise + 1, t, w, q, p, unwanted, hp, self%user)
          end if
       end if
       if (code == 0) return
       call note(self, code)
-      call spoil(nlane, ndof, hq)
-      call spoil(nlane, ndof, hp)
+      call spoil(nlane*ndof, hq, hp)
    end subroutine gradient
 
    !> Value of sum_j w_j H_j; NaN where the user offers none.
@@ -236,10 +234,11 @@ contains
          call value_missing(self, nlane, ndof, nnoise, t, w, q, p, value)
          return
       end if
+      call spoil(nlane, value)
       code = self%on_value(nlane, ndof, nnoise + 1, t, w, q, p, value, self%user)
       if (code == 0) return
       call note(self, code)
-      call spoil(nlane, 1, value)
+      call spoil(nlane, value)
    end subroutine weighted_value
 
    !> Blocks of the Hessian of sum_j w_j H_j; from the joint function, by products or differences where the
@@ -248,8 +247,7 @@ contains
       class(callback_model), intent(in) :: self
       integer, intent(in) :: nlane, ndof, nnoise
       real(wp), intent(in) :: t, w(nlane, 0:nnoise), q(nlane, ndof), p(nlane, ndof)
-      real(wp), intent(out), optional :: hqq(nlane, ndof, ndof), hqp(nlane, ndof, ndof)
-      real(wp), intent(out), optional :: hpp(nlane, ndof, ndof)
+      real(wp), intent(out), dimension(nlane, ndof, ndof), optional :: hqq, hqp, hpp
       integer(i4) :: code
 
       if (.not. associated(self%on_hessian)) then
@@ -261,15 +259,14 @@ contains
          return
       end if
       if (self%null_accepted .or. (present(hqq) .and. present(hqp) .and. present(hpp))) then
+         call spoil(nlane*ndof**2, hqq, hqp, hpp)
          code = self%on_hessian(nlane, ndof, nnoise + 1, t, w, q, p, hqq, hqp, hpp, self%user)
       else
          call whole_hessian(self, nlane, ndof, nnoise, t, w, q, p, code, hqq, hqp, hpp)
       end if
       if (code == 0) return
       call note(self, code)
-      call spoil(nlane, ndof*ndof, hqq)
-      call spoil(nlane, ndof*ndof, hqp)
-      call spoil(nlane, ndof*ndof, hpp)
+      call spoil(nlane*ndof**2, hqq, hqp, hpp)
    end subroutine hessian
 
    !> Hessian of sum_j w_j H_j times (vq, vp); from the Hessian or by differences where the user
@@ -286,11 +283,11 @@ contains
          call hessian_vector_composed(self, nlane, ndof, nnoise, t, w, q, p, vq, vp, uq, up)
          return
       end if
+      call spoil(nlane*ndof, uq, up)
       code = self%on_hessian_vector(nlane, ndof, nnoise + 1, t, w, q, p, vq, vp, uq, up, self%user)
       if (code == 0) return
       call note(self, code)
-      call spoil(nlane, ndof, uq)
-      call spoil(nlane, ndof, up)
+      call spoil(nlane*ndof, uq, up)
    end subroutine hessian_vector
 
    !> Gradient and Hessian at one point; one after the other where the user offers no joint function.
@@ -299,8 +296,7 @@ contains
       integer, intent(in) :: nlane, ndof, nnoise
       real(wp), intent(in) :: t, w(nlane, 0:nnoise), q(nlane, ndof), p(nlane, ndof)
       real(wp), intent(out), optional :: hq(nlane, ndof), hp(nlane, ndof)
-      real(wp), intent(out), optional :: hqq(nlane, ndof, ndof), hqp(nlane, ndof, ndof)
-      real(wp), intent(out), optional :: hpp(nlane, ndof, ndof)
+      real(wp), intent(out), dimension(nlane, ndof, ndof), optional :: hqq, hqp, hpp
       integer(i4) :: code
 
       if (.not. associated(self%on_gradient_hessian)) then
@@ -310,17 +306,16 @@ contains
       end if
       if (self%null_accepted .or. (present(hq) .and. present(hp) .and. present(hqq) .and. present(hqp) .and. &
                                    present(hpp))) then
+         call spoil(nlane*ndof, hq, hp)
+         call spoil(nlane*ndof**2, hqq, hqp, hpp)
          code = self%on_gradient_hessian(nlane, ndof, nnoise + 1, t, w, q, p, hq, hp, hqq, hqp, hpp, self%user)
       else
          call whole_gradient_hessian(self, nlane, ndof, nnoise, t, w, q, p, code, hq, hp, hqq, hqp, hpp)
       end if
       if (code == 0) return
       call note(self, code)
-      call spoil(nlane, ndof, hq)
-      call spoil(nlane, ndof, hp)
-      call spoil(nlane, ndof*ndof, hqq)
-      call spoil(nlane, ndof*ndof, hqp)
-      call spoil(nlane, ndof*ndof, hpp)
+      call spoil(nlane*ndof, hq, hp)
+      call spoil(nlane*ndof**2, hqq, hqp, hpp)
    end subroutine gradient_hessian
 
    !> Rows of force and stiffness of a strip; asked for where the trait has_chain_rows says that they are there.
@@ -332,11 +327,13 @@ contains
       real(wp), intent(out) :: hq(strip_lanes, first:last), hqq(strip_lanes, 0:1, first:last)
       integer(i4) :: code
 
+      call spoil(size(hq), hq)
+      call spoil(size(hqq), hqq)
       code = self%on_chain_rows(strip_lanes, ndof, nnoise + 1, first - 1, last - 1, t, w, q, hq, hqq, self%user)
       if (code == 0) return
       call note(self, code)
-      call spoil(strip_lanes, last - first + 1, hq)
-      call spoil(strip_lanes, 2*(last - first + 1), hqq)
+      call spoil(size(hq), hq)
+      call spoil(size(hqq), hqq)
    end subroutine chain_rows
 
    !> Force and upper bands: of one lane by its rows, where there are such.
@@ -361,12 +358,14 @@ contains
          padded(1) = 0
          padded(2:ndof + 1) = q(1, :)
          padded(ndof + 2) = 0
+         call spoil(ndof, hq)
+         call spoil(2*ndof, hqq)
          code = self%on_chain_rows(1, ndof, nnoise + 1, 0, ndof - 1, t, w, padded, hq, hqq, self%user)
       end if
       if (code == 0) return
       call note(self, code)
-      call spoil(1, ndof, hq)
-      call spoil(1, 2*ndof, hqq)
+      call spoil(ndof, hq)
+      call spoil(2*ndof, hqq)
    end subroutine force_stiffness
 
    !> Third derivatives of sum_j w_j H_j along two vectors; asked for where the trait has_third_derivative says that
@@ -379,11 +378,11 @@ contains
       real(wp), intent(out) :: uq(nlane, ndof), up(nlane, ndof)
       integer(i4) :: code
 
+      call spoil(nlane*ndof, uq, up)
       code = self%on_third_derivative(nlane, ndof, nnoise + 1, t, w, q, p, aq, ap, bq, bp, uq, up, self%user)
       if (code == 0) return
       call note(self, code)
-      call spoil(nlane, ndof, uq)
-      call spoil(nlane, ndof, up)
+      call spoil(nlane*ndof, uq, up)
    end subroutine third_derivative
 
    !> All blocks of the Hessian by a function that does not accept NULL; those that are wanted are kept.
@@ -392,8 +391,7 @@ contains
       integer, intent(in) :: nlane, ndof, nnoise
       real(wp), intent(in) :: t, w(nlane, 0:nnoise), q(nlane, ndof), p(nlane, ndof)
       integer(i4), intent(out) :: code
-      real(wp), intent(out), optional :: hqq(nlane, ndof, ndof), hqp(nlane, ndof, ndof)
-      real(wp), intent(out), optional :: hpp(nlane, ndof, ndof)
+      real(wp), intent(out), dimension(nlane, ndof, ndof), optional :: hqq, hqp, hpp
       real(wp), target :: few(little)
       real(wp), allocatable, target :: more(:)
       real(wp), pointer, contiguous :: r(:)
@@ -402,6 +400,7 @@ contains
       associate (b => nlane*ndof**2)
          call find_room(3*b, few, more, r)
          if (.not. associated(r)) return
+         call spoil(3*b, r)
          code = self%on_hessian(nlane, ndof, nnoise + 1, t, w, q, p, r(:b), r(b + 1:2*b), r(2*b + 1:3*b), self%user)
          call keep(b, r(:b), hqq)
          call keep(b, r(b + 1:2*b), hqp)
@@ -416,8 +415,7 @@ contains
       real(wp), intent(in) :: t, w(nlane, 0:nnoise), q(nlane, ndof), p(nlane, ndof)
       integer(i4), intent(out) :: code
       real(wp), intent(out), optional :: hq(nlane, ndof), hp(nlane, ndof)
-      real(wp), intent(out), optional :: hqq(nlane, ndof, ndof), hqp(nlane, ndof, ndof)
-      real(wp), intent(out), optional :: hpp(nlane, ndof, ndof)
+      real(wp), intent(out), dimension(nlane, ndof, ndof), optional :: hqq, hqp, hpp
       real(wp), target :: few(little)
       real(wp), allocatable, target :: more(:)
       real(wp), pointer, contiguous :: r(:), s(:)
@@ -427,6 +425,7 @@ contains
          call find_room(3*b + 2*g, few, more, r)
          if (.not. associated(r)) return
          s => r(3*b + 1:)
+         call spoil(3*b + 2*g, r)
          code = self%on_gradient_hessian(nlane, ndof, nnoise + 1, t, w, q, p, s(:g), s(g + 1:2*g), r(:b), &
                                          r(b + 1:2*b), r(2*b + 1:3*b), self%user)
          call keep(g, s(:g), hq)

@@ -8,6 +8,7 @@ module symsde_model_user_callback_flow
    use symsde_base_functionals, only: nfunctional
    use symsde_base_kinds, only: wp, i4, i8
    use symsde_base_record, only: steps_record
+   use symsde_model_user_outputs, only: spoil
    implicit none
    private
    public :: user_flows, flow_callback
@@ -138,6 +139,7 @@ contains
       type(c_ptr) :: functionals(nfunctional)
       integer :: f
 
+      call spoil(size(qn), qn, pn)
       functionals = c_null_ptr
       do f = 1, nfunctional
          if (.not. associated(steps%of(f)%x)) cycle

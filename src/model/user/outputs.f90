@@ -1,17 +1,19 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> Outputs of a user's functions: room for those that nobody wants, and NaN in those of a function that failed.
+!> Outputs of a user's functions: room for those that nobody wants, and NaN in all that a function leaves unwritten.
 !>
 !> Private to its family.
 module symsde_model_user_outputs
-   use, intrinsic :: ieee_arithmetic, only: ieee_value, ieee_quiet_nan
    use, intrinsic :: iso_c_binding, only: c_intptr_t, c_loc
-   use symsde_base_kinds, only: wp
+   use symsde_base_kinds, only: wp, i8
    implicit none
    private
    public :: little, find_room, keep, spoil
 
    integer, parameter :: line = 8              !! numbers of a line of the cache, where columns begin
    integer, parameter :: little = 512 + line   !! numbers on the stack, with what is left out before the first line
+
+   !> Quiet, as its bits: ieee_value is a call, which takes as long as a function of one lane.
+   real(wp), parameter :: not_a_number = transfer(int(z'7FF8000000000000', i8), 1.0_wp)
 
 contains
 
@@ -43,12 +45,31 @@ contains
       if (present(y)) y = x
    end subroutine keep
 
-   !> An output of a function that failed; absent outputs stay absent.
-   pure subroutine spoil(nlane, n, x)
-      integer, intent(in) :: nlane, n
-      real(wp), intent(out), optional :: x(nlane, n)
+   !> NaN in outputs of n numbers each; absent outputs stay absent. Before a call, so that what the function leaves
+   !> unwritten is seen, and where it failed.
+   pure subroutine spoil(n, x, y, z)
+      integer, intent(in) :: n
+      real(wp), intent(out), dimension(n), optional :: x, y, z
 
-      if (present(x)) x = ieee_value(1.0_wp, ieee_quiet_nan)
+      if (present(x)) call fill(n, x)
+      if (present(y)) call fill(n, y)
+      if (present(z)) call fill(n, z)
    end subroutine spoil
+
+   !> NaN in n numbers. Few numbers are written one by one: vectors take longer, and they are read one by one.
+   pure subroutine fill(n, x)
+      integer, intent(in) :: n
+      real(wp), intent(out) :: x(n)
+      integer :: i
+
+      if (n > line) then
+         x = not_a_number
+      else
+         !GCC$ novector
+         do i = 1, n
+            x(i) = not_a_number
+         end do
+      end if
+   end subroutine fill
 
 end module symsde_model_user_outputs
