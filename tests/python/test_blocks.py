@@ -32,7 +32,8 @@ WORDS = {
     "which-scheme": ("us a path", "others:"),
 }
 NEEDS = dict.fromkeys(("README", "formulas", "formulas-inside", "own-model", "scenes"), ("sympy",))
-NEEDS |= {"expect": ("scipy",), **dict.fromkeys(("first-ten-minutes", "project", "results"), ("sympy", "matplotlib"))}
+NEEDS |= dict.fromkeys(("exit-times", "first-ten-minutes", "project", "results", "scan"), ("sympy", "matplotlib"))
+NEEDS |= {"expect": ("scipy",), "beams": ("matplotlib",)}
 #: The folder in which a page is read: this scene, one part of its run, and functions of one's own.
 BASE = """\
 [model]
