@@ -65,6 +65,11 @@ def __getattr__(name: str) -> ModuleType | Callable:
     return importlib.import_module(_MOVED[name])
 
 
+def __dir__() -> list[str]:
+    """What users call: neither modules that only this package needs, nor what it is made with."""
+    return sorted(__all__)
+
+
 __version__ = build_info()["version"]
 
 __all__ = [

@@ -120,7 +120,7 @@ def test_advice_is_stable_and_told_why():
         ({"tolerance": 1e-12}, ss.errors.NumericalError, "larger tolerance"),
         ({"want": "path"}, ss.errors.UnknownNameError, "paths"),
         ({"horizon": -1.0}, ss.errors.InvalidArgumentError, "horizon"),
-        ({"step": 0.1}, ss.errors.WrongTypeError, "no option 'step'"),
+        ({"step": 0.1}, ss.errors.WrongTypeError, "'step' is no option.*it is found for the tolerance"),
         ({"model": 3}, ss.errors.WrongTypeError, "is not a model"),
     ],
 )

@@ -104,6 +104,7 @@ def gradient(t, w, q, p):
 
 MODEL = ss.models.kubo()
 ONE = {"q0": 1.0, "p0": 0.0}
+TO_ONE = {**ONE, "horizon": 1.0, "abs": 0.1}
 
 OTHERS = [
     (lambda: ss.models.parameters(3), errors.WrongTypeError, ["model = 3", "string"]),
@@ -144,8 +145,12 @@ OTHERS = [
         errors.WrongTypeError,
         ["steps is missing"],
     ),
-    (lambda: ss.convergence(MODEL, **ONE, steps=[4, 8], dt=1), errors.InvalidArgumentError, ["'dt' is no option"]),
-    (lambda: ss.convergence(MODEL, **ONE, schemes=["gauss2"]), errors.InvalidArgumentError, ["'schemes' is no option"]),
+    (lambda: ss.convergence(MODEL, **ONE, steps=[4, 8], dt=1), errors.WrongTypeError, ["no option 'dt'"]),
+    (
+        lambda: ss.convergence(MODEL, **ONE, schemes=["gauss2"]),
+        errors.WrongTypeError,
+        ["no option 'schemes'"],
+    ),
     (lambda: ss.convergence(MODEL, **ONE, horizon=-1.0), errors.InvalidArgumentError, ["horizon = -1", "above 0"]),
     (
         lambda: ss.work_precision(MODEL, **ONE, invariants={"I": 1}),
@@ -195,6 +200,15 @@ OTHERS = [
         errors.WrongTypeError,
         ["observable 'x' is a function of (t, q, p)", "f(q, p)"],
     ),
+    (lambda: ss.expect(MODEL, "q", **ONE, tol=1), errors.WrongTypeError, ["no option 'tol': it is called abs here"]),
+    (
+        lambda: ss.expect(MODEL, "q", **ONE, metod=1),
+        errors.WrongTypeError,
+        ["nearest is method"],
+    ),
+    (lambda: ss.expect(MODEL, "q", **TO_ONE, paths=9), errors.WrongTypeError, ["'paths' is no option", "tolerance"]),
+    (lambda: ss.expect(MODEL, "q", **TO_ONE, method="qmc"), errors.UnknownNameError, ["called 'quasi-Monte Carlo'"]),
+    (lambda: ss.models.kubo(sgma=0.1), errors.WrongTypeError, ["no option 'sgma': the nearest is sigma"]),
     (lambda: ss.Model(ndof=1, nnoise=0, grad=gradient), errors.WrongTypeError, ["no option 'grad'", "gradient"]),
     (lambda: ss.simulate(MODEL, **GOOD).plot(kind="line"), errors.WrongTypeError, ["no option 'kind'", "called what"]),
     (lambda: ss.moments(MODEL, **GOOD).plot(kind="line"), errors.WrongTypeError, ["no option 'kind'", "called what"]),

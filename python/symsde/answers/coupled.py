@@ -24,12 +24,13 @@ import math
 import time
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Unpack
 
 import numpy as np
 
 from ..errors import InvalidArgumentError, PathsFailedWarning
 from ..native import checks
+from ..run.setup import EndOptions
 from ..run.simulate import Run
 from ..schemes import Scheme, as_scheme
 from .expectation import bias
@@ -286,7 +287,7 @@ def driven_by_more(scheme: Scheme) -> bool:
 @checks.hinted(*OPTIONS)
 def level_sampler(
     model, f, *, q0: Any, p0: Any, horizon: float, scheme: str | Scheme = "midpoint", steps: int = 1, seed: int = 0,
-    antithetic: bool = False, **options: Any,
+    antithetic: bool = False, **options: Unpack[EndOptions],
 ) -> LevelSampler:  # fmt: skip
     """A `LevelSampler` for your own driver of multilevel Monte Carlo; symsde's driver is `mlmc`.
 

@@ -8,7 +8,7 @@ import math
 import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, TypedDict
 
 import numpy as np
 
@@ -31,7 +31,20 @@ FAR = 6  #: to one that may be of the same higher order, or the scheme itself
 AREAS = 4  #: the same where areas are drawn, whose cost grows fourfold with each
 SMALL = 4  #: degrees of freedom up to which a scheme with dense Newton is an affordable reference
 _COMPARED = ("midpoint", "symplectic_euler", "stormer_verlet", "gauss2", "heun")
-OPTIONS = ("t0", "seed", "correction", "truncation", "compensated", "threads")  #: of `simulate`, common to all runs
+
+
+class StudyOptions(TypedDict, total=False):
+    """Options of `simulate` that are common to all runs of a study."""
+
+    t0: float
+    seed: int
+    correction: str
+    truncation: tuple[float, float] | None
+    compensated: bool
+    threads: int | None
+
+
+OPTIONS = tuple(StudyOptions.__annotations__)
 
 
 @dataclass(frozen=True)
@@ -112,7 +125,7 @@ def check_options(options: Mapping[str, Any]) -> None:
     """Refuse what is no option of the runs."""
     for key in options:
         if key not in OPTIONS:
-            raise InvalidArgumentError(f"{key!r} is no option of a study: there are {checks.nearest(key, OPTIONS)}")
+            raise checks.no_option(key, OPTIONS)
 
 
 def make_plan(

@@ -7,7 +7,7 @@ import dataclasses
 import time
 import warnings
 from concurrent.futures import Executor
-from typing import Any
+from typing import Any, Unpack
 
 from ..errors import OF_RUNS, NotANumberWarning, PathsFailedWarning, SymsdeError, WrongTypeError
 from ..model.definition import Model
@@ -18,7 +18,7 @@ from ..native.signals import carry
 from ..run.moments import Moments
 from ..run.observers import requests
 from ..run.observers.observables import Observable, are_in_python, check_observables
-from ..run.setup import OPTIONS, make_setup
+from ..run.setup import RunOptions, make_setup
 from .dispatch import Context, dispatch
 from .execute import Task
 from .merged_results import MomentsInWork
@@ -65,7 +65,7 @@ class _Memory:
         self.paths += piece.paths
 
 
-@checks.hinted(*OPTIONS)
+@checks.hinted(*RunOptions.__annotations__)
 def ensemble(
     model: Model,
     *,
@@ -78,7 +78,7 @@ def ensemble(
     executor: Executor | None = None,
     shard_paths: int | None = None,
     progress: Progress = False,
-    **options: Any,
+    **options: Unpack[RunOptions],
 ) -> Moments:
     """Compute the same moments as `moments`, bit for bit, in shards that an executor distributes.
 

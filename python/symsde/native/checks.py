@@ -14,13 +14,15 @@ import os
 import sys
 import warnings
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from typing import Any
+from typing import Any, ParamSpec, TypeVar
 
 import numpy as np
 
 from ..errors import InvalidArgumentError, TooLargeError, UnknownNameError, WrongShapeError, WrongTypeError
 from .library import library
 
+_P = ParamSpec("_P")
+_R = TypeVar("_R")
 _address_of, _byte_at = ctypes.addressof, ctypes.c_char.from_buffer
 
 INT32 = (-(2**31), 2**31 - 1)
@@ -131,6 +133,11 @@ _ELSEWHERE = {
     **dict.fromkeys(("trajectories", "samples", "realizations", "particles"), "paths"),
     **dict.fromkeys(("verlet", "leapfrog", "velocity_verlet", "strang"), "stormer_verlet"),
     **dict.fromkeys(("rng", "random_state"), "seed"),
+    **dict.fromkeys(("tol", "atol", "tolerance", "eps"), "abs"),
+    "rtol": "rel",
+    **dict.fromkeys(("qmc", "sobol", "quasi"), "quasi-Monte Carlo"),
+    **dict.fromkeys(("mlmc", "multi-level"), "multilevel"),
+    **dict.fromkeys(("mc", "monte carlo", "montecarlo"), "plain"),
     **dict.fromkeys(("t", "t_end", "tmax", "t_final", "duration"), "horizon"),
     **dict.fromkeys(("kind", "type", "style"), "what"),
 }
@@ -165,8 +172,8 @@ def none_such(what: str, given: str, known: Sequence[str]) -> UnknownNameError:
     return UnknownNameError(f"there is no {what} {shown(given)}: {hint}`symsde list {what}s` shows all")
 
 
-def no_option(key: str, known: Iterable[str]) -> WrongTypeError:
-    """The error of an option that there is not."""
+def no_option(key: str, known: Iterable[str], told: str = "") -> WrongTypeError:
+    """The error of an option that there is not; told: what else is said."""
     known = list(known)
     meant, close = _ELSEWHERE.get(key.lower()), _like(key, known, 0.7)  # or it is no slip, and all are told
     if meant in known:
@@ -175,28 +182,31 @@ def no_option(key: str, known: Iterable[str]) -> WrongTypeError:
         hint = "the time of a run is step times steps"
     else:
         hint = f"the nearest is {close[0]}" if close else f"there are {nearest(key, known)}"
-    return WrongTypeError(f"there is no option {key!r}: {hint}")
+    error = WrongTypeError(f"there is no option {key!r}: {hint}{told}")
+    error.option = key
+    return error
 
 
-def hinted(*more: str, told: str = "") -> Callable:
+def hinted(*more: str, told: str = "") -> Callable[[Callable[_P, _R]], Callable[_P, _R]]:
     """Of a function with these options in its **: what Python refuses at the call, as dt without step, gets a hint.
 
     told: what else is said of an option that there is not, {key}.
     """
 
-    def wrap(function: Callable) -> Callable:
+    def wrap(function: Callable[_P, _R]) -> Callable[_P, _R]:
         @functools.wraps(function)
-        def call(*args: Any, **given: Any) -> Any:
+        def call(*args: _P.args, **given: _P.kwargs) -> _R:
             try:
                 return function(*args, **given)
             except TypeError as error:
-                if error.__traceback__.tb_next is None:  # at the call, and not within
+                # at the call, or by a function that was handed the options and knows fewer
+                if error.__traceback__.tb_next is None or getattr(error, "option", None) in given:
                     known = dict.fromkeys([*inspect.signature(function).parameters, *more])
                     for name in ("options", "self"):
                         known.pop(name, None)
                     for key in given:
                         if key not in known:
-                            raise WrongTypeError(f"{no_option(key, known)}{told.format(key=key)}") from None
+                            raise no_option(key, known, told.format(key=key)) from None
                 raise
 
         return call
@@ -228,7 +238,9 @@ def not_given(function: str, options: dict, decided: dict[str, str]) -> None:
 def choice(name: str, value: object, known: Sequence[str]) -> int:
     """Position of a name in a list of allowed ones."""
     if name_of(name, value) not in known:
-        raise UnknownNameError(f"{name} = {value!r} does not exist: there are {nearest(value, known)}")
+        meant = _ELSEWHERE.get(value.lower())
+        hint = f"it is called {meant!r} here" if meant in known else f"there are {nearest(value, known)}"
+        raise UnknownNameError(f"{name} = {value!r} does not exist: {hint}")
     return known.index(value)
 
 

@@ -5,13 +5,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Unpack
 
 import numpy as np
 
 from ..answers.coupled import end, squares
 from ..answers.coupled_errors import References, strong_error
-from ..answers.error_plan import BATCHES, OPTIONS, Plan, check_options, make_plan
+from ..answers.error_plan import BATCHES, OPTIONS, Plan, StudyOptions, check_options, make_plan
 from ..errors import NumericalError, ReferenceWarning
 from ..model.definition import Model
 from ..native import checks
@@ -99,7 +99,7 @@ def convergence(
     paths: int = 1000,
     reference: str = "auto",
     reference_steps: int | None = None,
-    **options: Any,
+    **options: Unpack[StudyOptions],
 ) -> Convergence:
     """Strong errors at time `horizon` (> 0) for several numbers of steps, all on the same Brownian paths.
 

@@ -12,7 +12,7 @@ import os
 import re
 from collections.abc import Iterable, Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, Unpack
 
 import numpy as np
 
@@ -28,7 +28,7 @@ from .observers.observables import Observable, are_in_python, bind, check_observ
 from .observers.partial_statistics import Kinds, PartialStatistics, Scope, structs
 from .report import Reported, filled
 from .saved import MomentTables
-from .setup import OPTIONS, Setup, make_setup
+from .setup import RunOptions, Setup, make_setup
 
 
 class Moments(MomentTables, Reported):
@@ -223,7 +223,7 @@ class Moments(MomentTables, Reported):
         )
 
 
-@checks.hinted(*OPTIONS)
+@checks.hinted(*RunOptions.__annotations__)
 def moments(
     model: Model,
     *,
@@ -234,7 +234,7 @@ def moments(
     observables: dict[str, Observable] | None = None,
     observers: dict[str, requests.Observer] | None = None,
     progress: Progress = False,
-    **options: Any,
+    **options: Unpack[RunOptions],
 ) -> Moments:
     """Integrate paths and keep moments of q, p, the energy H and observables, in memory independent of paths and steps.
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import ctypes
 import weakref
-from typing import Any
+from typing import Any, Unpack
 
 import numpy as np
 
@@ -18,7 +18,7 @@ from ..native.progress import Monitor, Progress
 from ..native.signals import carry, held
 from ..schemes import Scheme
 from .report import Report, filled, make_report
-from .setup import OPTIONS, Setup, increments_array, make_setup
+from .setup import PathOptions, Setup, increments_array, make_setup
 from .simulate import Run
 
 _DECIDED = dict.fromkeys(("steps", "save_every", "increments", "progress"), "give it to the run's methods")
@@ -277,8 +277,10 @@ def _put_increments(given: abi.Input, increments: np.ndarray) -> None:
     given.increment_rows, given.increment_noises, given.increment_paths = increments.shape
 
 
-@checks.hinted(*OPTIONS)
-def prepare(model: Model, scheme: str | Scheme = "midpoint", *, step: float, q0: Any, p0: Any, **options: Any):
+@checks.hinted(*PathOptions.__annotations__)
+def prepare(
+    model: Model, scheme: str | Scheme = "midpoint", *, step: float, q0: Any, p0: Any, **options: Unpack[PathOptions]
+) -> PreparedRun:
     """Make a `PreparedRun`: check the input, probe the model at (q0, p0) and allocate memory, all once.
 
         run = ss.prepare(model, "midpoint", step=0.01, q0=1.0, p0=0.0, paths=100, seed=1)

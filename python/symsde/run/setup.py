@@ -7,7 +7,7 @@ import ctypes
 import json
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, TypedDict
 
 import numpy as np
 
@@ -24,6 +24,43 @@ _PYTHON_VALUES = 2048  # numbers of an array that a Python function is given
 COUNT = 2**47  #: range of the counters of paths and steps
 _WHOLE = 1e-9  # relative: times that are typed, or sums of steps
 _INPUT_SIZE = _handles.new(abi.Input, "input").struct_size
+
+
+class EndOptions(TypedDict, total=False):
+    """Options of `simulate` that those share who ask for the end of paths."""
+
+    t0: float
+    correction: str
+    truncation: tuple[float, float] | None
+    areas: str
+    area_time: float | None
+    compensated: bool
+    threads: int | None
+
+
+class PathOptions(EndOptions, total=False):
+    """Those of every step."""
+
+    paths: int
+    seed: int
+    refine: int
+    first_path: int
+    first_step: int
+    common_noise: int | Sequence[int]
+    general: bool
+    fixed_point: int
+    max_iter: int
+    lanes: int | None
+    q0_low: Any
+    p0_low: Any
+
+
+class RunOptions(PathOptions, total=False):
+    """Those of a run, beside model, initial state and steps."""
+
+    scheme: str | Scheme
+    save_every: int
+    increments: Any
 
 
 @dataclass
@@ -255,8 +292,9 @@ def setup_of(given: dict[str, Any]) -> Setup:
     increments, q0_low, p0_low = take("increments", None), take("q0_low", None), take("p0_low", None)
     chosen = _options_of(model, given, take("in_python", False))
     ndof, paths = model.traits.ndof, chosen.paths
+    shaped = checks.state("q0", q0, ndof, paths), checks.state("p0", p0, ndof, paths)
     by_path = not (checks.is_one(q0) and checks.is_one(p0))
-    q0, p0 = checks.state("q0", q0, ndof, paths), checks.state("p0", p0, ndof, paths)
+    q0, p0 = shaped
     if model.check_start is not None and not by_path:
         model.check_start(q0, p0, chosen.t0)
     return Setup(

@@ -90,6 +90,7 @@ class Run(PathTables, Reported):
                 self._keep_report(report)
             self._warn_of_failures()
 
+    @checks.hinted()
     def extend(self, steps: int, *, save_every: int | None = None, progress: Progress = False) -> Run:
         """Go on for `steps` more steps: a Run from the last state, whose end has the bits of one long run.
 

@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 import ctypes
-from typing import Any
+from typing import Any, Unpack
 
 import numpy as np
 
@@ -13,7 +13,7 @@ from ..native import abi, checks
 from ..native.checks import address
 from ..native.progress import Monitor
 from ..schemes import Scheme, as_scheme
-from .setup import OPTIONS, make_options, make_setup
+from .setup import PathOptions, make_options, make_setup
 from .simulate import Run
 
 _DECIDED = {"q0": "give q", "p0": "give p", "t0": "give t", "steps": "it makes one", "increments": "give dw"}
@@ -21,7 +21,7 @@ _DECIDED |= {"paths": "the points are those of q, p and dw", "save_every": "it m
 _DECIDED |= {"progress": "it makes one step"}
 
 
-@checks.hinted(*OPTIONS)
+@checks.hinted(*PathOptions.__annotations__)
 def step(  # noqa: PLR0917 - the step reads like its formula
     model: Model,
     scheme: str | Scheme,
@@ -30,7 +30,7 @@ def step(  # noqa: PLR0917 - the step reads like its formula
     step: float,
     dw: Any = 0.0,
     t: float = 0.0,
-    **options: Any,
+    **options: Unpack[PathOptions],
 ) -> tuple[np.ndarray, np.ndarray]:
     """The state after one step of size `step` from (q, p) with increments dw: two arrays (dof, point).
 

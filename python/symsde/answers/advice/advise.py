@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Unpack
 
 import numpy as np
 
@@ -13,6 +13,7 @@ from ...errors import InvalidArgumentError, MissingOperationError, NumericalErro
 from ...model.commutator import commutator
 from ...model.definition import Model
 from ...native import checks
+from ...run.setup import EndOptions
 from ...schemes import Scheme
 from ..expectation.candidates import fitting
 from ..expectation.longest_step import frequency
@@ -67,7 +68,7 @@ class Advice:
 @checks.hinted(*OPTIONS)
 def advise(
     model: Model, *, q0: Any, p0: Any, horizon: float, tolerance: float, want: str = "paths", seed: int = 0,
-    **options: Any,
+    **options: Unpack[EndOptions],
 ) -> Advice:  # fmt: skip
     """Find the scheme and the step that keep a tolerance at the lowest cost of a path, from short runs.
 

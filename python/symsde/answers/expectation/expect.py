@@ -4,11 +4,12 @@
 from __future__ import annotations
 
 import os
-from typing import Any
+from typing import Any, Unpack
 
 from ...model.definition import Model
 from ...native import checks
 from ...native.progress import Progress
+from ...run.setup import EndOptions
 from ...schemes import Scheme, as_scheme
 from .answer import Answer
 from .candidates import suitable
@@ -38,7 +39,7 @@ def expect(
     max_time: float | None = None,
     progress: Progress = False,
     out: str | os.PathLike | None = None,
-    **options: Any,
+    **options: Unpack[EndOptions],
 ) -> Answer:
     """Estimate E f(q, p) at t0 + horizon with a 95 % interval of the half width that you ask for, in the cheapest way.
 

@@ -12,13 +12,14 @@ from __future__ import annotations
 import math
 import os
 from functools import partial
-from typing import Any
+from typing import Any, Unpack
 
 from ...errors import NumericalError
 from ...model.definition import Model
 from ...native import checks
 from ...native.progress import Progress
 from ...native.signals import carry
+from ...run.setup import EndOptions
 from ...schemes import Scheme, as_scheme
 from ..coupled import MOST_LEVELS, NOTHING, Levels, LevelSampler
 from . import bias as weak
@@ -63,7 +64,7 @@ def mlmc(
     max_time: float | None = None,
     progress: Progress = False,
     out: str | os.PathLike | None = None,
-    **options: Any,
+    **options: Unpack[EndOptions],
 ) -> Multilevel:
     """Estimate E f(q, p) at t0 + horizon by multilevel Monte Carlo, with a 95 % interval of the half width asked for.
 

@@ -17,13 +17,14 @@ from ...model.definition import Model, require_model
 from ...native import checks
 from ...run.moments import try_out
 from ...run.report import Report
-from ...run.setup import Lent
+from ...run.setup import EndOptions, Lent
 from ...run.simulate import Run, simulate
 from ...run.step import increments
 from ...schemes import Scheme
 from .target import Function, Target, require_numbers
 
-OPTIONS = ("t0", "correction", "truncation", "areas", "area_time", "compensated", "threads")  #: of `simulate`
+OPTIONS = tuple(EndOptions.__annotations__)  #: of `simulate`
+_DECIDED = dict.fromkeys(("step", "steps", "paths", "save_every"), "it is found for the tolerance")
 _GONE = 1e100  #: states beyond this have left, whatever f makes of them
 _WORTH = 3e-3  #: seconds of a call, below which threads that wait for each other cost more than they give
 _NUMBERS = 2**17  #: of the saved states of one call of `simulate`: what a cache holds
@@ -101,6 +102,7 @@ def make_problem(
 ) -> Problem:
     """The problem of these arguments, after all of them were checked; a refusal says in a sentence what to give."""
     require_model(model)
+    checks.not_given("a question with a horizon", options, _DECIDED)
     for key in options:
         if key not in OPTIONS:
             raise checks.no_option(key, OPTIONS)

@@ -10,10 +10,10 @@ import os
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, Unpack
 
 from ...answers.coupled_errors import References, measure
-from ...answers.error_plan import OPTIONS, Plan, make_plan
+from ...answers.error_plan import OPTIONS, Plan, StudyOptions, make_plan
 from ...model.definition import Model
 from ...native import checks, files
 from ...native.progress import say
@@ -88,7 +88,7 @@ def work_precision(
     progress: bool = False,
     name: str | None = None,
     about: Mapping[str, str] | None = None,
-    **options: Any,
+    **options: Unpack[StudyOptions],
 ) -> WorkPrecision:
     """Error against run time of several schemes at several steps, all on the same Brownian paths (refine >= 0).
 
