@@ -68,7 +68,7 @@ def page(given: dict, tables: str) -> str:
     of_small = [ours / loop for ours, loop in small]
     lines = ["| scene and scheme | 32 paths: symsde | loop | one path: symsde | loop |", "| --- " * 5 + "|"]
     for name, words in ROWS.items():
-        cells = [f"{x:.3g}" for group in (MANY, ONE) for x in times[group, name]]
+        cells = [f"{float(f'{x:.3g}'):g}" for group in (MANY, ONE) for x in times[group, name]]
         lines.append(f"| {words} | " + " | ".join(cells) + " |")
     met, missed = (tables.count(f"| {word} ") for word in ("met", "missed"))
     return PAGE.format(

@@ -18,6 +18,7 @@ from symsde.native import files
 from symsde.reports import study
 from symsde.reports.paper import symplecticity
 from symsde.reports.stability import bifurcation, limits, long_time, stability_figure
+from symsde.reports.study import study_page
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "bench"))
 sys.path.insert(0, str(Path(__file__).resolve().parent))
@@ -40,6 +41,7 @@ FOLDER = Path(__file__).with_name("figures")
 OTHERS = {
     "first-paths": first_paths,
     "stability": stability_figure.save,
+    "work-precision": study_page.save_first,
     "fixed-points": bifurcation.save,
     "step-limits": limits.save,
     "long-time": long_time.save,

@@ -251,9 +251,10 @@ import symsde as ss
 print(ss.advise(ss.models.synchrotron(), q0=1.0, p0=0.0, horizon=4.0, tolerance=1e-3))
 ```
 
-`ss.advise` tries the schemes that suit the traits of the model (what is known about its Hamiltonians), with three steps
-on the same Brownian paths. For each it finds the longest step that keeps the tolerance, and then it takes the cheapest
-([Scheme and step for a tolerance](expect.md#scheme-and-step-for-a-tolerance)). `want="moments"` and
+`ss.advise` tries the schemes that suit the [traits](words.md#trait) of the model (what is known about its
+Hamiltonians), with three steps on the same Brownian paths. For each it finds the longest step that keeps the
+tolerance, and then it takes the cheapest ([Scheme and step for a
+tolerance](expect.md#scheme-and-step-for-a-tolerance)). `want="moments"` and
 `want="invariants"` ask for other errors.
 """
 _TABLES = """\

@@ -18,7 +18,7 @@ def section(found: list[dict]) -> str:
     rates = [[b["name"], spread(b["values"])] for b in found if b["kind"] == "machine"]
     return (
         "## Building blocks\n\n"
-        "The times are ns of processor time for each item, in blocks of 256 lanes on one thread.\n\n"
+        "The times are ns of processor time for each item, in blocks of 256 [lanes](words.md#lane) on one thread.\n\n"
         + table(["block", "ns"], blocks)
         + "\n\nRates of the machine on one thread:\n\n"
         + table(["machine", "rate"], rates)

@@ -76,6 +76,35 @@ def test_the_page_of_performance_says_what_its_tables_say():
     assert first_screen.data(loops) == data and first_screen.data(loops[1:]) is None
 
 
+def unexplained(text):
+    """Words whose first standing in the prose of a page is no link to the page of words."""
+    for pattern in (
+        r"```.*?^```$",
+        r"(?<=\n\n)(?: {4}.*\n+)+",
+        r"`[^`]*`",
+        r"<!--.*?-->",
+        r"^#.*$",
+        r"^\|.*$",
+        r"^:::.*$",
+    ):
+        text = re.sub(pattern, "", text, flags=re.M | re.S if ".*?" in pattern else re.M)
+    for word in ("lane", "trait", "certificate"):
+        first = re.search(rf"\b{word}s?\b(?!\))", text, re.I)
+        if first and not re.match(rf"\*?\]\((?:docs/|\.\./)?words\.md#{word}\)", text[first.end() :]):
+            yield word
+
+
+@pytest.mark.parametrize(
+    "page",
+    [ROOT / "README.md", *(ROOT / "docs").glob("*.md"), *(ROOT / "docs/method").glob("*.md")],
+    ids=lambda x: x.stem,
+)
+def test_words_of_the_project_are_explained_where_they_first_stand(page):
+    if page.stem != "words":
+        assert not list(unexplained(page.read_text(encoding="utf-8")))
+    assert list(unexplained("It has\nlanes, a [trait](words.md#trait), `certificate`.")) == ["lane"]
+
+
 def test_the_notebook_of_the_project_is_current():
     assert notebook.TARGET.read_text(encoding="utf-8") == notebook.notebook(), "docs/generate.py writes it again"
 

@@ -9,6 +9,7 @@ from collections import Counter
 from dataclasses import replace
 from pathlib import Path
 
+from .. import look
 from ..pages import Page, made_by, markdown, wrapped
 from . import WorkPrecision, of_data, peers, study_figure, study_words
 from .learned import learned
@@ -16,10 +17,11 @@ from .left_out import HEAD, left_out
 from .study_scenes import about
 
 COMMAND = "symsde study --all examples/scenes --markdown docs/work-precision.md"
+DRAWN, FIGURE = "synchrotron", "work-precision"  #: the scene of the first picture, and its file
 SHOWN = ("kubo", "synchrotron", "henon_heiles", "fpu_chain", "noncommutative_oscillator")  #: first of all
 ERRORS = (0.1, 0.001)  #: of its first table
 CAPTION = (
-    "Error of paths over the run time of one path, and over the step, for {name}: lower and further left is better. "
+    "Error of paths over the run time of one path for the scene {name}: lower and further left is better. "
     "The table gives the fastest scheme for two errors, its step, and its run time in microseconds (us)."
 )
 TABLES = (
@@ -54,8 +56,10 @@ def write(file: str | os.PathLike, scenes: list[Path], studies: list[WorkPrecisi
     page = Page(target, COMMAND, "Error against run time")
     appendix = Page(target.with_stem(f"{target.stem}-tables"), COMMAND, "Error against run time: every scene")
     others = _peers(target.parent / "figures" / "peers.json")
-    for part in begin(studies):
-        page.add(part)
+    words, table = begin(studies)
+    page.add(words)
+    page.figure(FIGURE, first_picture(studies), save_first, "Error against run time")
+    page.add(wrapped(CAPTION.format(name=_drawn(studies).name)), table)
     lessons = [*learned(studies), *([peers.lesson(others)] if others else [])]
     page.add("## What was learned", "\n".join(wrapped(f"- {line}", "  ") for line in lessons))
     repeats = studies[0].rows[0]["repeats"]
@@ -75,14 +79,38 @@ def write(file: str | os.PathLike, scenes: list[Path], studies: list[WorkPrecisi
     appendix.write()
 
 
-def begin(studies: list[WorkPrecision]) -> list[str]:
-    """The first screen: a sentence, a picture, a table of at most five scenes."""
-    shown = [study for study in studies if study.name in SHOWN] or studies[: len(SHOWN)]
-    drawn = next((study.name for study in shown if study.name == "synchrotron"), shown[0].name)
-    parts = [wrapped(" ".join(_most(studies, error) for error in ERRORS))]
-    parts += [f"![{drawn}](figures/work-precision-{drawn}.png)", wrapped(CAPTION.format(name=drawn))]
-    rows = [[study.name, *_fastest(study)] for study in shown]
-    return [*parts, markdown(["scene", *(f"paths to {error:g}" for error in ERRORS)], rows)]
+def begin(studies: list[WorkPrecision]) -> tuple[str, str]:
+    """Sentences and table of the first screen; the table has at most five scenes."""
+    rows = [[study.name, *_fastest(study)] for study in _shown(studies)]
+    sentences = wrapped(" ".join(_most(studies, error) for error in ERRORS))
+    return sentences, markdown(["scene", *(f"paths to {error:g}" for error in ERRORS)], rows)
+
+
+def _shown(studies: list[WorkPrecision]) -> list[WorkPrecision]:
+    return [study for study in studies if study.name in SHOWN] or studies[: len(SHOWN)]
+
+
+def _drawn(studies: list[WorkPrecision]) -> WorkPrecision:
+    return next((study for study in studies if study.name == DRAWN), _shown(studies)[0])
+
+
+def first_picture(studies: list[WorkPrecision]) -> dict:
+    """Run times in microseconds and errors of one scene, by scheme: what `save_first` draws."""
+    rows = [row for row in _drawn(studies).rows if row["status"] == "ok"]
+    return {
+        name: [[1e6 * row["seconds"], row["err_strong"]] for row in rows if row["scheme"] == name]
+        for name in dict.fromkeys(row["scheme"] for row in rows)
+    }
+
+
+def save_first(path: Path, data: dict) -> None:
+    """Draw error against run time, a line for each scheme."""
+    with look.drawing(path, 5.2, 2.9, 160) as page:
+        axes = page.subplots()
+        for name, points in data.items():
+            axes.loglog(*zip(*points, strict=True), label=name, **look.of_scheme(name))
+        axes.set(xlabel=r"run time of a path [$\mu$s]", ylabel="error of paths (rms)")
+        axes.legend(loc="center left", bbox_to_anchor=(1.0, 0.5))
 
 
 def _place(target: Path, name: str) -> str:
@@ -142,8 +170,8 @@ def _left_out(scenes: list[Path]) -> list[str]:
     kept = max(row.bytes_kept for row in rows)
     text = (
         "The table counts operations of one step of one path. The counts are those of the report of a run of each "
-        "scene with its own scheme. Traits decide what is left out, and tests check these counts. Runs for moments "
-        f"keep no paths: their results take at most {kept} bytes here, for any number of paths."
+        "scene with its own scheme. [Traits](words.md#trait) decide what is left out, and tests check these counts. "
+        f"Runs for moments keep no paths: their results take at most {kept} bytes here, for any number of paths."
     )
     return [wrapped(text), markdown(HEAD, (row.cells() for row in rows))]
 
