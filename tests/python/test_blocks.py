@@ -55,8 +55,7 @@ OWN = "def far(q, p):\n    return (abs(q[0]) > 0.9) * 1.0\n"
 ELSEWHERE = (
     "#",
     '. "$HOME/venv',
-    "array=$(sbatch ",
-    "sbatch ",
+    "sh jobs/submit.sh",
     "python3 -m venv ",
     "pip install ",
     "cmake ",
@@ -212,11 +211,11 @@ def test_what_is_wrong_with_a_page_is_found(folder):
 
 
 def test_files_for_slurm_set_up_what_they_need():
-    """Each has an environment, and as many threads as Slurm gives; the merge waits for the array."""
+    """Each has an environment, and as many threads as Slurm gives; those of `symsde slurm` are run by test_jobs.py."""
     text = (ROOT / "docs/cluster.md").read_text(encoding="utf-8")
     files = [body for kind, _, body in FENCE.findall(text) if "#SBATCH --array" in body]
-    assert len(files) == 2
+    assert len(files) == 1
     for body in files:
         assert '. "$HOME/venv/bin/activate"' in body and "#SBATCH --cpus-per-task=" in body
         assert "export SYMSDE_NUM_THREADS=$SLURM_CPUS_PER_TASK\n" in body
-    assert "array=$(sbatch --parsable parts.sbatch)" in text and '--dependency="afterany:$array" merge.sbatch' in text
+    assert "symsde slurm scene.toml --out jobs" in text

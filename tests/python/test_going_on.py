@@ -118,6 +118,7 @@ QUIET = {
     "said": {"first_step": 10, "t0": 0.0},
     "another step": {"first_step": 5},
     "one state": {"q0": 1.0, "p0": np.array([0.5])},
+    "one column": {"q0": [[1.0]], "p0": [[0.5]]},
     "at the beginning": {"t0": 0.0},
     "between steps": {"t0": 1.05},
     "before": {"t0": -1.0},
@@ -138,6 +139,9 @@ def test_own_increments_and_no_noise_are_not_warned():
         warnings.simplefilter("error")
         ss.simulate(ss.models.kubo(), **piece(increments=np.zeros((10, 1))))
         ss.simulate(ss.model_from_sympy("p**2/2 + q**2/2"), **piece())
+        ss.expect(ss.models.kubo(), "q", q0=1.0, p0=0.0, t0=1.0, horizon=1.0, abs=0.3)
+        ss.advise(ss.models.kubo(), q0=1.0, p0=0.0, t0=1.0, horizon=1.0, tolerance=0.3)
+        ss.convergence(ss.models.kubo(), q0=np.ones((1, 40)), p0=0.0, t0=1.0, steps=[4, 8], paths=40)
         ss.step(ss.models.kubo(), "midpoint", np.ones((1, 3)), np.ones((1, 3)), 0.1, 0.2, t=1.0)
 
 

@@ -3,24 +3,33 @@
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
+import hashlib
+import json
+import os
 import time
 import warnings
+from collections.abc import Iterator
 from concurrent.futures import Executor
 from typing import Any, Unpack
 
+import numpy as np
+
 from ..errors import OF_RUNS, NotANumberWarning, PathsFailedWarning, SymsdeError, WrongTypeError
 from ..model.definition import Model
-from ..native import abi, checks
+from ..native import abi, checks, files
 from ..native.handles import status_text
 from ..native.progress import Progress, told_by
 from ..native.signals import carry
 from ..run.moments import Moments
 from ..run.observers import requests
 from ..run.observers.observables import Observable, are_in_python, check_observables
-from ..run.setup import RunOptions, make_setup
+from ..run.setup import RunOptions, Setup, make_setup
+from . import computed, manifest
 from .dispatch import Context, dispatch
 from .execute import Task
+from .folder import RunFolder
 from .merged_results import MomentsInWork
 from .pieces import Extent, Piece, plan
 from .pieces import shard_paths as paths_of_a_shard
@@ -30,25 +39,28 @@ from .stop import Stop
 
 
 class _Memory:
-    """Shards that become moments as they come."""
+    """Shards that become moments as they come, and are kept in a folder where there is one."""
 
     def __init__(self, work: MomentsInWork):
         self._work = work
+        self._added: set[str] = set()
         self.paths = 0
+        self.folder: RunFolder | None = None
 
-    @staticmethod
-    def is_done(_piece: Piece) -> bool:
-        """None was there before."""
-        return False
+    def is_done(self, piece: Piece) -> bool:
+        """Whether it is there; one that the folder holds is merged when it is first seen."""
+        if piece.name not in self._added and self.folder is not None and self.folder.is_done(piece):
+            self._add(piece, self.folder.read(piece))
+        return piece.name in self._added
 
-    @staticmethod
-    def claim(_piece: Piece) -> bool:
-        """All are ours."""
-        return True
+    def claim(self, piece: Piece) -> bool:
+        """All are ours, unless another process with this folder has it."""
+        return self.folder is None or self.folder.claim(piece)
 
-    @staticmethod
-    def release(_piece: Piece) -> None:
-        """Nobody else waits."""
+    def release(self, piece: Piece) -> None:
+        """Others with this folder may have it."""
+        if self.folder is not None:
+            self.folder.release(piece)
 
     @staticmethod
     def set_aside(_piece: Piece, _part: Shard) -> None:
@@ -60,7 +72,13 @@ class _Memory:
         return None
 
     def write(self, piece: Piece, shard: Shard) -> None:
-        """Merge it."""
+        """Keep and merge it."""
+        if self.folder is not None:
+            self.folder.write(piece, shard)
+        self._add(piece, shard)
+
+    def _add(self, piece: Piece, shard: Shard) -> None:
+        self._added.add(piece.name)
         self._work.add(piece, shard)
         self.paths += piece.paths
 
@@ -77,6 +95,7 @@ def ensemble(
     observers: dict[str, requests.Observer] | None = None,
     executor: Executor | None = None,
     shard_paths: int | None = None,
+    out: str | os.PathLike | None = None,
     progress: Progress = False,
     **options: Unpack[RunOptions],
 ) -> Moments:
@@ -87,6 +106,8 @@ def ensemble(
       observables must be picklable for other processes. By default threads of this process are used. The executor is
       not shut down.
     - shard_paths: paths of a shard, 256 times a power of two; by default some seconds of work
+    - out: a folder that keeps the shards that are done. The same call goes on from there after a stop, or after a
+      process of the executor died; several processes can share the folder. Another call is refused
     - progress: True, or a function f(done, total) of path-steps that may return True to stop
     - the other arguments are those of `moments`
 
@@ -95,6 +116,11 @@ def ensemble(
     moments, or None if no shard was finished.
     """
     bar, tell = told_by(progress)
+    if callable(getattr(executor, "get_executor", None)):
+        raise WrongTypeError(
+            f"executor = {checks.shown(executor)} is a client of Dask, whose tasks are no futures of "
+            "concurrent.futures: give client.get_executor()"
+        )
     if executor is not None and not callable(getattr(executor, "submit", None)):
         raise WrongTypeError(
             f"executor = {checks.shown(executor)} takes no work: give an executor of concurrent.futures, an object "
@@ -109,12 +135,14 @@ def ensemble(
     task = Task(model, given, functions, requests.check_observers(observers))
     work = MomentsInWork(task, size)
     memory = _Memory(work)
-    show = Show(sum(piece.work for piece in pieces), 0, tell)
     begin = time.monotonic()
     try:
-        with warnings.catch_warnings():
+        with warnings.catch_warnings(), _kept(out, task, setup, size, pieces) as folder:
             for said in OF_RUNS:  # once, here
                 warnings.simplefilter("ignore", said)
+            memory.folder = folder
+            found = [piece for piece in pieces if memory.is_done(piece)]
+            show = Show(sum(piece.work for piece in pieces), sum(piece.work for piece in found), tell)
             done = dispatch(task, pieces, Context(memory, Stop(), show), executor)
     except BaseException as stop:
         carry(stop, lambda: _found(work, setup.paths - memory.paths, begin) if memory.paths else None)
@@ -134,6 +162,36 @@ def ensemble(
     for doubt in found.doubts():
         checks.warn(doubt, NotANumberWarning)
     return found
+
+
+@contextlib.contextmanager
+def _kept(
+    out: str | os.PathLike | None, task: Task, setup: Setup, size: int, pieces: list[Piece]
+) -> Iterator[RunFolder | None]:
+    """The folder that keeps the shards; refused where it holds another run. None where none is wanted."""
+    if out is None:
+        yield None
+        return
+    start = computed.Start(setup.q0[:, :1], setup.p0[:, :1], setup.options.t0, setup.options.step * setup.options.steps)
+    functions = {name: x for name, x in task.observables.items() if callable(x)}
+    formulas = {name: str(x) for name, x in task.observables.items() if not callable(x)}
+    arrays = {name: getattr(setup, name) for name in ("q0", "p0", "q0_low", "p0_low", "increments")}
+    inputs = {
+        "ensemble": json.loads(setup.attributes()["options"]),
+        "arrays": {name: _hash(x) for name, x in arrays.items() if x is not None},
+        "observables": formulas,
+        "observers": {name: {"kind": x.KIND, **dataclasses.asdict(x)} for name, x in task.observers.items()},
+        "computed": computed.of(task.model, setup.scheme, start, functions),
+    }
+    inputs = json.loads(json.dumps(inputs))  # as a manifest has them
+    record = manifest.of_inputs(inputs, setup.options.seed, size)
+    with RunFolder.open_to_write(os.fspath(files.path_of("out", out)), record, pieces, None) as folder:
+        yield folder
+
+
+def _hash(array: np.ndarray) -> str:
+    """The shape, and a hash of the numbers."""
+    return f"{array.shape} {hashlib.sha256(np.ascontiguousarray(array, '<f8').tobytes()).hexdigest()[:16]}"
 
 
 def _found(work: MomentsInWork, missing: int, begin: float) -> Moments:

@@ -141,7 +141,12 @@ def _flat(manifest: dict[str, Any], before: str = "") -> Iterator[tuple[str, Any
 
 
 def require_run(there: dict[str, Any], folder: Path) -> None:
-    """Refuse the folder of an expectation, where that of a run is meant."""
+    """Refuse the folder of an expectation or of an ensemble, where that of a run is meant."""
+    if "ensemble" in there["inputs"]:
+        raise SceneError(
+            f"{folder} holds the shards of an ensemble: the call of `symsde.ensemble` that made it resumes it; give a "
+            "folder that `symsde run` has written"
+        )
     if "expect" in there["inputs"]:
         how = f"`symsde expect SCENE.toml --out {folder}` resumes it; its answer is answer.json"
         if "mlmc" in there["inputs"]:

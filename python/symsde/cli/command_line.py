@@ -20,17 +20,19 @@ from ..errors import OF_RUNS, NotWrittenError, SymsdeError, shortened
 from ..native import cpu, files, library
 from ..native.build import build_info
 from ..reports import tables
+from . import advise_command as advise
 from . import cite, merge_command, selftest
 from . import expect_command as expect
 from . import export_command as export
 from . import plot_command as plot
 from . import run_command as batch
+from . import slurm_command as slurm
 from . import stability_command as stability
 from . import study_command as study
 from .output import patient_output
 
 OK, INTERNAL, BAD_INPUT, PATHS_FAILED, STOPPED, NOT_WRITTEN = 0, 1, 2, 3, 4, 5
-_WITH_SCENES = ("run", "merge", "plot", "check", "study", "expect")
+_WITH_SCENES = ("run", "merge", "plot", "check", "study", "expect", "advise", "slurm", "stability")
 _EPILOG = (
     "exit codes: 0 ok, 1 internal error, 2 bad input, 3 some paths failed or a value was not a finite number, "
     "4 stopped, 5 a file or folder failed"
@@ -113,6 +115,8 @@ def _parser() -> argparse.ArgumentParser:
     work = add("study", study.run, study.HELP)
     study.arguments(work)
     expect.arguments(add("expect", expect.run, expect.HELP))
+    advise.arguments(add("advise", advise.run, advise.HELP))
+    slurm.arguments(add("slurm", slurm.run, slurm.HELP))
     extremes = add("stability", stability.run, stability.HELP)
     stability.arguments(extremes)
     paper = add("paper", _paper, "Run every experiment of the paper; write results.json and figures.")
@@ -166,11 +170,15 @@ def _schemes() -> str:
     lines = ["schemes"]
     for name in schemes.names():
         info = schemes.get(name).info
-        strong = (info.orders[key].value for key in ("additive", "commutative", "general"))
-        orders = f"strong order {' / '.join(f'{value:g}' for value in strong)}"
+        strong = [info.orders[key].value for key in ("additive", "commutative", "general")]
+        orders = f"strong order {' / '.join(f'{value:g}' for value in strong)}," if any(strong) else ""
+        orders = f"{orders:30s} weak order {info.orders['weak'].value:g}"
         kind = "symplectic" if info.symplectic else "not symplectic"
         lines.append(f"  {name:26s} {kind:15s} {orders}  {info.reference}")
-    lines.append("  (strong orders: additive / commutative / general noise; also dirk:C and lambda:X, as lambda:0.3)")
+    lines.append(
+        "  (strong orders: additive / commutative / general noise; schemes without one draw two- or three-point"
+    )
+    lines.append("  point increments, which follow no Brownian path; also dirk:C and lambda:X, as lambda:0.3)")
     return "\n".join(lines)
 
 

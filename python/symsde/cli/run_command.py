@@ -74,7 +74,7 @@ def run(options: argparse.Namespace) -> int:
         return OK
     ranks = Ranks.launched()
     options.quiet = options.quiet or ranks.rank > 0
-    if not part.of(batch.pieces):
+    if part.n > 1 and not part.of(batch.pieces):
         return _nothing(batch, part, ranks)
     with (
         logged(options.quiet),

@@ -1,34 +1,71 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""`symsde stability`: every scenario, its table and its figure."""
+"""`symsde stability`: how long a step of a scene may be; without one every scenario, its table and its figure."""
 
 from __future__ import annotations
 
 import argparse
 import importlib
+import math
 from pathlib import Path
 from time import perf_counter
 
+from ..answers.advice.advise import candidates
+from ..answers.expectation.longest_step import frequency
+from ..answers.linear_stability import stable_up_to
+from ..batch import scene
+from ..errors import InvalidArgumentError
 from ..native import files
 from ..reports import expectations, pages
+from ..schemes import as_scheme
+from .advise_command import problem_of
 
-HELP = "Run stiff and extreme scenarios; compare what is observed with what is expected."
+HELP = "How long a step of a scene may be; without a scene, run stiff and extreme cases and compare with expectations."
+_LEFT = ("quick", "out", "markdown")  #: options of the cases
 FAILED = 1
+_PATHS = 64  #: of a scene, whose fastest frequency counts
 
 
 def arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the options."""
+    parser.add_argument("scene", metavar="SCENE.toml", nargs="?", help="print the limits of its schemes")
     parser.add_argument("--quick", action="store_true", help="fewer paths and steps, under twenty seconds")
-    parser.add_argument("--out", metavar="DIR", default="out/stability", help="directory of the results (%(default)s)")
+    parser.add_argument("--out", metavar="DIR", help="directory of the results (default: out/stability)")
     parser.add_argument("--markdown", metavar="FILE", help="write this page, and figures/ beside it")
 
 
 def run(options: argparse.Namespace) -> int:
     """Do it; 0, or 1 if a criterion failed."""
+    if options.scene is not None:
+        if given := [f"--{name}" for name in _LEFT if getattr(options, name)]:
+            raise InvalidArgumentError(f"{', '.join(given)} is for the cases of symsde: leave it out beside a scene")
+        print(of_scene(options.scene))
+        return 0
     files.optional("matplotlib", "plot")
     stability = importlib.import_module("symsde.reports.stability")
     page = importlib.import_module("symsde.reports.stability.stability_page")
-    with files.folder(options.out) as directory:
+    with files.folder(options.out or "out/stability") as directory:
         return _scenarios(stability, page, directory, options)
+
+
+def of_scene(file: str) -> str:
+    """A table: of each scheme that suits a scene the limit of omega h, the longest step, and what its step comes to."""
+    chosen = scene.load(file)
+    problem = problem_of(chosen, "stability")
+    own, h = as_scheme(chosen.run.get("scheme", "midpoint")).name, abs(chosen.run["step"])
+    omega = frequency(problem, _PATHS)
+    ways = f"the fastest of {_PATHS} paths" if problem.model.nnoise else "the fastest along its path"
+    lines = [
+        f"{file}: {problem.model!r} by {own}, step {h:g}",
+        f"frequency {omega:.4g}, {ways} to t = {problem.horizon:g}: omega h = {omega * h:.3g}",
+        f"{'scheme':26s} {'omega h':>8s} {'longest step':>13s}  this step",
+    ]
+    for name in dict.fromkeys([own, *(scheme.name for scheme in candidates(problem))]):
+        limit = stable_up_to(name)[0]
+        ends = ("every", "every") if limit == math.inf else (f"{limit:.3g}", f"{limit / omega:.3g}")
+        verdict = "stable" if omega * h < limit else "never stable" if not limit else "too long"
+        lines.append(f"{name:26s} {ends[0]:>8s} {ends[1]:>13s}  {verdict}")
+    lines.append("limits are those of a linear oscillator without noise; where springs harden, stay below 0.65 of them")
+    return "\n".join(lines)
 
 
 def _scenarios(stability, page, directory: Path, options: argparse.Namespace) -> int:

@@ -293,9 +293,9 @@ def setup_of(given: dict[str, Any]) -> Setup:
     chosen = _options_of(model, given, take("in_python", False))
     ndof, paths = model.traits.ndof, chosen.paths
     shaped = checks.state("q0", q0, ndof, paths), checks.state("p0", p0, ndof, paths)
-    by_path = not (checks.is_one(q0) and checks.is_one(p0))
+    is_one = checks.is_one(q0) and checks.is_one(p0)
     q0, p0 = shaped
-    if model.check_start is not None and not by_path:
+    if model.check_start is not None and is_one:
         model.check_start(q0, p0, chosen.t0)
     return Setup(
         model,
@@ -306,7 +306,7 @@ def setup_of(given: dict[str, Any]) -> Setup:
         None if increments is None else increments_array(increments),
         None if q0_low is None else _low("q0_low", q0_low, ndof, paths),
         None if p0_low is None else _low("p0_low", p0_low, ndof, paths),
-        by_path,
+        not is_one and paths in (q0.shape[1], p0.shape[1]),
     )
 
 

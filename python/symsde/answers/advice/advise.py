@@ -13,6 +13,7 @@ from ...errors import InvalidArgumentError, MissingOperationError, NumericalErro
 from ...model.commutator import commutator
 from ...model.definition import Model
 from ...native import checks
+from ...native.progress import Progress, told_by
 from ...run.setup import EndOptions
 from ...schemes import Scheme
 from ..expectation.candidates import fitting
@@ -68,7 +69,7 @@ class Advice:
 @checks.hinted(*OPTIONS)
 def advise(
     model: Model, *, q0: Any, p0: Any, horizon: float, tolerance: float, want: str = "paths", seed: int = 0,
-    **options: Unpack[EndOptions],
+    progress: Progress = False, **options: Unpack[EndOptions],
 ) -> Advice:  # fmt: skip
     """Find the scheme and the step that keep a tolerance at the lowest cost of a path, from short runs.
 
@@ -76,6 +77,8 @@ def advise(
     - want: "paths", the root mean square distance in (q, p); "moments", the largest error of the means of q, p and H;
       "invariants", the largest change of H up to the horizon (with noise if the noise keeps H, else without)
     - q0, p0: initial state, a number or (dof,); options: those of `expect`
+    - progress: True shows a bar of the schemes that were tried; a function f(done, total) may return True: the advice
+      is then among the schemes tried so far
 
     Errors are differences to runs with half the step on the same Brownian paths. Costs are timed on one thread. A step
     is at most 0.65 of the scheme's stability limit for the fastest motion that 64 paths reach. Schemes that are not
@@ -93,15 +96,28 @@ def advise(
         raise MissingOperationError("want = 'invariants' needs H itself: give the model a value function")
     kind = KINDS[want](problem)
     fastest = frequency(problem, _PATHS)
+    bar, tell = told_by(progress)
     found, tried, cheapest = [], [], math.inf
-    for scheme in candidates(problem):
-        ladder = Ladder(problem, scheme, kind, fewest=_fewest_steps(problem, scheme, fastest))
-        steps = ladder.climb(tolerance, cheapest)
-        tried.append(scheme.name)
-        if steps is not None:
-            count = max(1, math.ceil(steps))
-            found.append((Option(scheme.name, count, problem.horizon / count, ladder.seconds(count)), ladder))
-            cheapest = min(cheapest, found[-1][0].seconds)
+    try:
+        schemes = candidates(problem)
+        for scheme in schemes:
+            if tell is not None and tell(len(tried), len(schemes)):
+                break
+            ladder = Ladder(problem, scheme, kind, fewest=_fewest_steps(problem, scheme, fastest))
+            steps = ladder.climb(tolerance, cheapest)
+            tried.append(scheme.name)
+            if steps is not None:
+                count = max(1, math.ceil(steps))
+                found.append((Option(scheme.name, count, problem.horizon / count, ladder.seconds(count)), ladder))
+                cheapest = min(cheapest, found[-1][0].seconds)
+        else:
+            if tell is not None:
+                tell(len(tried), len(schemes))
+    finally:
+        if bar:
+            bar.close()
+    if not tried:
+        raise NumericalError("advice was stopped before a scheme was tried: there is none")
     if not found:
         raise NumericalError(
             f"none of {', '.join(tried)} keeps an error of {tolerance:g} at steps that a pilot can afford: give a "
