@@ -1,8 +1,13 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Drawings that show no measurement: the questions of which-scheme.md, and a step with its nodes."""
+"""The questions of which-scheme.md, a step with its nodes, and curves that the code of pages computes."""
 
 from __future__ import annotations
 
+import contextlib
+import io
+import os
+import re
+import tempfile
 from pathlib import Path
 
 import numpy as np
@@ -80,6 +85,47 @@ def step() -> dict:
     found |= {"nodes": nodes, "weights": np.array([0.5, 0.5]), "at_nodes": np.polyval(parabola, nodes)}
     found = {key: np.round(value, 6).tolist() for key, value in found.items()}
     return found | {"control": {"at": at.tolist(), "position": control.tolist()}}
+
+
+#: page -> panels: names of its code for x, y, error and a law, which may be missing, and labels
+BANDS = {
+    "scan": [("sigmas", "energy", "2 * error", "", r"$\sigma$", r"$E\,H$ at $t = 10$")],
+    "exit-times": [("found.t", "found.lost", "2 * found.se_lost", "", "$t$", "share that has left")],
+    "beams": [
+        ("alone.t", "e", "", "e[0] + 0.02**2 / 2 * alone.t", "$t$", "emittance"),
+        ("lost.t", "lost.lost", "2 * lost.se_lost", "", "$t$", "share lost"),
+    ],
+}
+
+
+def bands(page: str) -> dict:
+    """Run the Python code of a page down to its picture, in a folder of its own, and take the numbers of its panels."""
+    text = Path(__file__).with_name(f"{page}.md").read_text(encoding="utf-8").partition(f"](figures/{page}.png)")[0]
+    names: dict = {}
+    with tempfile.TemporaryDirectory() as folder, contextlib.chdir(folder), contextlib.redirect_stdout(io.StringIO()):
+        os.environ.setdefault("MPLBACKEND", "Agg")
+        for block in re.findall(r"^```python\n(.*?)^```$", text, re.M | re.S):
+            exec(compile(block, page, "exec"), names)
+    found = []
+    for *values, xlabel, ylabel in BANDS[page]:
+        numbers = [[float(f"{x:.6g}") for x in eval(code, names)] if code else [] for code in values]
+        found.append(dict(zip(("x", "y", "error", "law"), numbers, strict=True)) | {"xlabel": xlabel, "ylabel": ylabel})
+    return {"panels": found}
+
+
+def save_bands(path: Path, data: dict) -> None:
+    """Draw curves with their bands."""
+    count = len(data["panels"])
+    with look.drawing(path, 5.4, 2.6 if count > 1 else 3.0, 160) as page:
+        for axes, panel in zip(page.subplots(1, count, squeeze=False)[0], data["panels"], strict=True):
+            x, y = np.array(panel["x"]), np.array(panel["y"])
+            if panel["error"]:
+                error = np.array(panel["error"])
+                axes.fill_between(x, y - error, y + error, alpha=0.3, color=look.BLUE, lw=0)
+            if panel["law"]:
+                axes.plot(x, panel["law"], "--", color=look.BLACK)
+            axes.plot(x, y, ".-", color=look.BLUE)
+            axes.set(xlabel=panel["xlabel"], ylabel=panel["ylabel"])
 
 
 def _box(axes, x: float, y: float, text: str, colour: str, *, size: int = 9) -> None:

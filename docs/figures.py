@@ -10,6 +10,7 @@ The other data are written with their pages, which hold run times: `symsde stabi
 `symsde study --all examples/scenes --markdown docs/work-precision.md`. A test draws all figures and compares them.
 """
 
+import functools
 import json
 import sys
 from pathlib import Path
@@ -52,8 +53,9 @@ OTHERS = {
     "weak-orders": weak_orders.save,
     "which-scheme": drawings.save_questions,
     "step": drawings.save_step,
-}  #: stem of the data -> drawing
+} | dict.fromkeys(drawings.BANDS, drawings.save_bands)  #: stem of the data -> drawing
 DRAWN = {"which-scheme": which_scheme.picture, "step": drawings.step, "step-limits": limits.growth}
+DRAWN |= {page: functools.partial(drawings.bands, page) for page in drawings.BANDS}
 
 
 def draw(data: Path, picture: Path) -> None:

@@ -48,10 +48,10 @@ def section(scenes: list[dict]) -> str:
     heads = ["scene", "library [ns]", "limit [ns]", "library/limit", "fraction", "target", ""]
     return (
         "## Scenes beside hand-fused programs\n\n"
-        "The table gives ns of processor time for a step of a path on one thread: the median (least .. largest) of\n"
-        "runs that alternate between library and [limit program](words.md#limit-program). Those of bench/limits\n"
-        "have the same scheme, generator and arithmetic, but no status, checks and observers. The fraction is the\n"
-        "time of the limit program over that of the library. That of `synchrotron_midpoint_fused` has a copy of sine and\n"
-        "cosine in its single loop. `kubo_single_path` and `synchrotron_single_path` compare one path with a plain\n"
-        "scalar loop with a ziggurat generator.\n\n" + table(heads, rows)
+        "The table gives ns of processor time for a step of a path on one thread: the median (least .. largest)\n"
+        "of runs that alternate between library and [limit program](words.md#limit-program). Those of\n"
+        "bench/limits have the same scheme, generator and arithmetic, but no status, checks and observers. The\n"
+        "fraction is the time of the limit program over that of the library. That of `synchrotron_midpoint_fused`\n"
+        "has a copy of sine and cosine in its single loop. `kubo_single_path` and `synchrotron_single_path`\n"
+        "compare one path with a plain scalar loop with a ziggurat generator.\n\n" + table(heads, rows)
     )

@@ -7,12 +7,14 @@ import re
 import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
 import symsde as ss
 
 ROOT = Path(__file__).parents[2]
 sys.path[:0] = [str(ROOT / "docs"), str(ROOT / "docs" / "site"), str(ROOT / "bench")]
 import c_reference  # noqa: E402
+import drawings  # noqa: E402
 import first_screen  # noqa: E402
 import fortran_reference  # noqa: E402
 import notebook  # noqa: E402
@@ -74,6 +76,17 @@ def test_the_page_of_performance_says_what_its_tables_say():
         assert [float(cell) for cell in found[3:5]] == row["times"]
     loops = [{"group": row["group"], "name": row["scene"], "numbers": [*row["times"], 1.0]} for row in data["rows"]]
     assert first_screen.data(loops) == data and first_screen.data(loops[1:]) is None
+
+
+@pytest.mark.parametrize("page", drawings.BANDS)
+def test_pictures_of_pages_show_what_their_code_computes(page):
+    """Run again, on any build: the numbers of the picture to a tenth of its bands, or to 1 %."""
+    pytest.importorskip("sympy"), pytest.importorskip("matplotlib")
+    kept = json.loads((which_scheme.FIGURES / f"{page}.json").read_text(encoding="utf-8"))["panels"]
+    for found, panel in zip(drawings.bands(page)["panels"], kept, strict=True):
+        np.testing.assert_allclose(found["x"], panel["x"], rtol=1e-5)
+        allowed = np.maximum(np.abs(panel["y"]) / 100, np.array(panel["error"] or 0.0) / 10)
+        assert (np.abs(np.subtract(found["y"], panel["y"])) <= allowed + 1e-12).all() and found["law"] == panel["law"]
 
 
 def unexplained(text):
