@@ -214,13 +214,3 @@ def test_stability_of_a_scene(step, verdict, tmp_path, capsys):
     assert lines["gauss_dkdkd"][3] == "stable"
     assert command_line.main(["stability", str(scene), "--quick"]) == command_line.BAD_INPUT
     assert "--quick is for the cases of symsde: leave it out beside a scene" in capsys.readouterr().err
-
-
-def test_the_list_says_weak_orders(capsys):
-    """Of all schemes; strong ones where there are any."""
-    assert command_line.main(["list", "schemes"]) == 0
-    lines = {line.split()[0]: " ".join(line.split()) for line in capsys.readouterr().out.splitlines()[1:-2]}
-    assert set(lines) == set(ss.schemes.names())
-    assert all(" weak order " in line and "0 / 0 / 0" not in line for line in lines.values())
-    assert "weak order 2" in lines["gauss2_weak2"] and "strong" not in lines["gauss2_weak2"].partition("weak order")[0]
-    assert "strong order 1 / 1 / 0.5, weak order 1 " in lines["midpoint"]
