@@ -14,6 +14,7 @@ from dataclasses import dataclass
 from typing import Protocol
 
 from ..errors import WrongTypeError
+from ..native.library import processors, unbind
 from ..run.observers.observables import are_in_python
 from .execute import Checkpoint, Task, compute
 from .pieces import Piece
@@ -67,9 +68,14 @@ def dispatch(task: Task, pieces: Sequence[Piece], context: Context, executor: Ex
         here = _Many(task, executor, _workers_of(executor))
         return _Loop(todo, context, here).run()
     workers, threads = division(task, len(todo))
-    with ThreadPoolExecutor(workers) as own:
+    with own_threads(workers) as own:
         here = _Here(task, own, (workers, threads), context)
         return _Loop(todo, context, here).run()
+
+
+def own_threads(workers: int) -> ThreadPoolExecutor:
+    """Threads for pieces, which are not bound to the processor of the thread that starts them."""
+    return ThreadPoolExecutor(workers, initializer=unbind)
 
 
 def division(task: Task, pieces: int) -> tuple[int, int | None]:
@@ -91,7 +97,7 @@ def _threads(given: int | None) -> int | None:
     for name in ("SYMSDE_NUM_THREADS", "OMP_NUM_THREADS"):
         if text := os.environ.get(name):
             return int(text) if text.isdigit() and 1 <= int(text) <= 1024 else None
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    return len(processors())
 
 
 def _workers_of(executor: Executor) -> int:

@@ -80,6 +80,25 @@ def _is_command() -> bool:
     return bool(sys.argv) and (sys.argv[0] == "-m" or Path(sys.argv[0]).name == "symsde")
 
 
+def _affinity() -> set[int]:
+    """Numbers of the processors that the operating system lets this thread use."""
+    return os.sched_getaffinity(0) if hasattr(os, "sched_getaffinity") else set(range(os.cpu_count() or 1))
+
+
+def processors() -> set[int]:
+    """Numbers of the processors for work of this process. With OMP_PROC_BIND or OMP_PLACES the runtime of OpenMP binds
+    the thread that loads it to one of them, and threads of Python that it starts later would share this one."""
+    now = _affinity()
+    return _before if now == _bound else now
+
+
+def unbind() -> None:
+    """Let the calling thread use all processors()."""
+    if hasattr(os, "sched_setaffinity"):
+        os.sched_setaffinity(0, processors())
+
+
+_before = _affinity()
 try:
     library = load()
 except SymsdeError as error:
@@ -87,3 +106,4 @@ except SymsdeError as error:
         raise
     print(f"symsde: {error}", file=sys.stderr)  # as the command says of any other bad input, before it can run
     sys.exit(2)
+_bound = _affinity()

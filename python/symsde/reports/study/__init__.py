@@ -47,8 +47,7 @@ class WorkPrecision:
     def __str__(self) -> str:
         """Table, one line a point."""
         head = f"{self.name}: {self.model} to t = {self.horizon:g}, {self.rows[0]['paths'] if self.rows else 0} paths"
-        names = dict.fromkeys(row["reference"] for row in self.rows)
-        references = " and, for schemes of nearly its order, ".join(names)
+        references = ", ".join(dict.fromkeys(row["reference"] for row in self.rows))
         return f"{head}, against {references}\n{table.terminal(self.rows, self.orders)}"
 
     def data(self) -> dict:
