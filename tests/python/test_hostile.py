@@ -195,13 +195,14 @@ def test_points_of_brackets_need_both():
 def test_a_sentence_keeps_its_beginning_and_its_end():
     with pytest.raises(ss.errors.WrongTypeError) as caught:
         ss.moments(KUBO, **RUN, **{"x" * 100_000: 1})
-    assert str(caught.value).startswith("there is no option 'xxx") and str(caught.value).endswith("threads, lanes")
+    assert str(caught.value).startswith("there is no option 'xxx") and str(caught.value).endswith("increments")
     assert str(ss.errors.SceneError("word " * 20_000 + "end")).endswith("word end")
 
 
 @pytest.mark.parametrize(
     "verb",
-    ["", "run", "check", "template", "plot", "expect", "list", "study", "export --to c", "cite --scheme", "run --shard",
+    ["", "run", "check", "template", "plot", "expect", "list", "study", "advise --tolerance 1", "slurm",
+     "stability", "export --to c", "cite --scheme", "run --shard",
      "merge --out x", "completion"],
 )  # fmt: skip
 def test_the_command_line_repeats_no_page(verb, capsys):

@@ -64,6 +64,15 @@ def test_every_task_of_the_array_runs_and_the_merge_has_the_bits_of_one_run(tmp_
     np.testing.assert_array_equal(one.table("se_mean"), other.table("se_mean"))
 
 
+def test_the_environment_is_the_users(tmp_path):
+    """Scripts are written again, but not over what was added for a cluster."""
+    _, folder, _ = written(tmp_path, "--parts", "2")
+    mine = folder / slurm_command.ENVIRONMENT
+    mine.write_text(text := mine.read_text() + "module load gcc\n")
+    assert written(tmp_path, "--parts", "3")[0] == 0 and mine.read_text() == text
+    assert "--array=1-3" in (folder / slurm_command.PARTS).read_text()
+
+
 def test_both_jobs_are_submitted_and_the_merge_waits(tmp_path, monkeypatch):
     """By a command of that name, which writes down how it was called."""
     _, folder, _ = written(tmp_path, "--parts", "2")

@@ -4,6 +4,7 @@
 import csv
 import math
 import re
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -193,6 +194,14 @@ def test_the_file_holds_every_number(result):
 def cell(text):
     """A number of a table; per cents as such."""
     return None if text == "-" else float(text.rstrip("%"))
+
+
+def test_two_references_are_told_apart(result):
+    """That of schemes of higher order is finer, and the head says which is whose."""
+    names = [f"chin4a_strong2, {n} steps" for n in (1024, 8192)]
+    rows = [{**row, "reference": names[i > 0]} for i, row in enumerate(result.study.rows)]
+    head = str(replace(result.study, rows=rows)).partition("\n")[0]
+    assert head.endswith(f"against {names[0]} and, for schemes of nearly its order, {names[1]}")
 
 
 def test_the_table_on_the_terminal(result):

@@ -51,7 +51,8 @@ def run(options: argparse.Namespace) -> int:
     }
     with files.folder(out) as folder:
         for name, text in texts.items():
-            _write(folder / name, text)
+            if name != ENVIRONMENT or not (folder / name).exists():  # which may hold lines of the user's
+                _write(folder / name, text)
     print(f"{counted(parts, 'part')} of at least {size} paths a shard; written to {out}: {', '.join(texts)}")
     print(f"look through {ENVIRONMENT}, then `sh {shlex.quote(f'{out}/{SUBMIT}')}`; the results come to {out}/whole")
     return 0
@@ -60,11 +61,13 @@ def run(options: argparse.Namespace) -> int:
 def _plan(options: argparse.Namespace, out: str) -> tuple[Path, int, int]:
     """The folder, how many parts, and paths of a shard: smaller ones, where there are fewer shards than parts."""
     place = files.path_of("--out", out).resolve()
+    batch = Batch.of(options.scene, str(place))
+    if not batch.pieces:
+        raise SceneError(f"{options.scene} asks for neither moments nor paths: there is nothing to compute")
     if "\n" in str(place) or "\n" in str(Path(options.scene).resolve()):
         raise InvalidArgumentError("the names of scene and folder must not hold a line break: scripts are lines")
     if there := next((name for name in (manifest.NAME, "part-1", "whole") if (place / name).exists()), None):
         raise SceneError(f"{out} holds {there}, so a run was begun there: give another folder with --out")
-    batch = Batch.of(options.scene, str(place))
     if options.parts is None:
         return place, min(len(batch.pieces), _DEFAULT), batch.size
     wanted = checks.integer("--parts", options.parts, (1, _MOST))

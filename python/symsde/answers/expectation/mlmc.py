@@ -339,7 +339,7 @@ def _doubts(levels: tuple[Level, ...]) -> list[str]:
         if x.kurtosis > _HEAVY and x.paths < x.kurtosis * 100:
             notes.append(
                 f"level {i}: the kurtosis {x.kurtosis:.0f} makes its variance uncertain by "
-                f"{100 * math.sqrt(x.kurtosis / x.paths):.0f} %: f may jump; give more first paths"
+                f"{100 * math.sqrt(x.kurtosis / x.paths):.0f} %: f may jump; begin levels with more paths (first=)"
             )
         if x.consistency > _INCONSISTENT:
             notes.append(

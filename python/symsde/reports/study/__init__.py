@@ -47,7 +47,8 @@ class WorkPrecision:
     def __str__(self) -> str:
         """Table, one line a point."""
         head = f"{self.name}: {self.model} to t = {self.horizon:g}, {self.rows[0]['paths'] if self.rows else 0} paths"
-        references = ", ".join(dict.fromkeys(row["reference"] for row in self.rows))
+        names = dict.fromkeys(row["reference"] for row in self.rows)
+        references = " and, for schemes of nearly its order, ".join(names)
         return f"{head}, against {references}\n{table.terminal(self.rows, self.orders)}"
 
     def data(self) -> dict:
