@@ -14,7 +14,7 @@
 !> The five have the weights w, w in all lanes alike, 0, v and w + 2 v; the nine are that of the sum, for its size,
 !> and two products of two differences each.
 module symsde_model_probe_gradient
-   use symsde_base_kinds, only: wp
+   use symsde_base_kinds, only: wp, i8, unwritten
    use symsde_base_status, only: error_type, raise, false_trait
    use symsde_base_text, only: to_text
    use symsde_model_probe_points, only: probe_points, nlane, npoint, finding, generic, worst, largest_component
@@ -82,7 +82,28 @@ contains
       if (any(own_q < q .or. own_q > q) .or. any(own_p < p .or. own_p > p) .or. any(own_w < w .or. own_w > w)) &
          call raise(error, false_trait, here, "the gradient of model '"//points%model%name//"' writes into q, p or "// &
                     'w, which are its inputs: work on copies of them')
+      call refuse_unwritten(points, gq, gp, error)
    end subroutine ask
+
+   !> Refuse a callback that leaves an output as it was before the call.
+   subroutine refuse_unwritten(points, gq, gp, error)
+      type(probe_points), intent(in) :: points
+      real(wp), intent(in), dimension(nlane, points%ndof) :: gq, gp
+      type(error_type), allocatable, intent(inout) :: error
+      type(finding) :: bad
+      integer :: i, lane
+
+      do i = 1, points%ndof
+         do lane = 1, nlane
+            if (allocated(error)) return
+            bad = finding(lane, 0, i)
+            if (transfer(gp(lane, i), 0_i8) == transfer(unwritten, 0_i8)) bad%half = 2
+            if (transfer(gq(lane, i), 0_i8) == transfer(unwritten, 0_i8)) bad%half = 1
+            if (bad%half > 0) call refuse(points, 'leaves dS/d'//trim(component(bad))//' unwritten', &
+                                          lane, i, 'write all of every output', error)
+         end do
+      end do
+   end subroutine refuse_unwritten
 
    !> Give one lane's state and weights to all lanes: each must then have the gradient that this lane had among
    !> others.

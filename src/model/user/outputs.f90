@@ -4,16 +4,13 @@
 !> Private to its family.
 module symsde_model_user_outputs
    use, intrinsic :: iso_c_binding, only: c_intptr_t, c_loc
-   use symsde_base_kinds, only: wp, i8
+   use symsde_base_kinds, only: wp, unwritten
    implicit none
    private
    public :: little, find_room, keep, spoil
 
    integer, parameter :: line = 8              !! numbers of a line of the cache, where columns begin
    integer, parameter :: little = 512 + line   !! numbers on the stack, with what is left out before the first line
-
-   !> Quiet, as its bits: ieee_value is a call, which takes as long as a function of one lane.
-   real(wp), parameter :: not_a_number = transfer(int(z'7FF8000000000000', i8), 1.0_wp)
 
 contains
 
@@ -63,11 +60,11 @@ contains
       integer :: i
 
       if (n > line) then
-         x = not_a_number
+         x = unwritten
       else
          !GCC$ novector
          do i = 1, n
-            x(i) = not_a_number
+            x(i) = unwritten
          end do
       end if
    end subroutine fill
