@@ -29,6 +29,8 @@ def test_a_name_is_one_coordinate_everywhere(q, p):
     mine = model(q, p)
     every = [*zip(q, ("q_1", "q_2"), strict=True), *zip(p, ("p_1", "p_2"), strict=True)]
     names = {name: column for own, column in every for name in (own, column, column.replace("_", ""))}
+    own = {column: column if own[0] in "qp" else own for own, column in every}  # as results call it
+    assert [*own.values(), "energy"] == list(ss.simulate(mine, **START).columns())
     observables = {f"my_{name}": name for name in names}
     of = {f"h_{column}": ss.observe.Quantiles(column, shares=[0.5]) for column in set(names.values())}
     found = ss.moments(mine, **START, observables=observables, observers=of)
@@ -37,7 +39,7 @@ def test_a_name_is_one_coordinate_everywhere(q, p):
         states, k = getattr(run, column[0]), int(column[-1]) - 1
         expected = states[:, k].mean(axis=1)
         np.testing.assert_allclose(found.mean[f"my_{name}"], expected, rtol=1e-14)
-        np.testing.assert_allclose(found.table("mean")[:, found.columns().index(column)], expected, rtol=1e-14)
+        np.testing.assert_allclose(found.table("mean")[:, found.columns().index(own[column])], expected, rtol=1e-14)
         np.testing.assert_allclose(found.observed[f"h_{column}"].quantile[:, 0], expected, rtol=0.02)
         start = {key: START[key] for key in ("q0", "p0")}
         answer = ss.mlmc(mine, name, **start, horizon=0.4, steps=4, abs=0.01)
@@ -87,7 +89,9 @@ def test_a_parameter_q_is_that_for_f_as_for_observables():
 
 def test_no_observable_has_the_name_that_formulas_have_for_a_coordinate():
     start = {"q0": 1.0, "p0": 0.0, "step": 0.1, "steps": 2}
-    with pytest.raises(ss.errors.InvalidArgumentError, match="observable 'q1': this name is taken, formulas call"):
+    with pytest.raises(
+        ss.errors.InvalidArgumentError, match="observable 'q1': this name is taken, results and formulas call"
+    ):
         ss.moments(ss.models.kubo(), **start, observables={"q1": "p"})
     assert ss.moments(ss.models.kubo(), **start, observables={"q2": "q**2"}).mean["q2"][0] == 1.0
 

@@ -167,8 +167,9 @@ def test_paths_outside_of_a_histogram_are_counted():
     """Below, above, and no number: each counts."""
     counts = np.array([[3, 4]])
     found = SimpleNamespace(
-        observer=observe.Histogram("q_1", -1, 1, 2), t=np.array([0.5]), counts=counts, below=[10], above=[200],
-        not_a_number=[3000], density=counts / 7, se_density=counts / 70, edges=np.array([-1.0, 0.0, 1.0]),
+        observer=observe.Histogram("q_1", -1, 1, 2), looked_at=("q_1",), t=np.array([0.5]), counts=counts,
+        below=[10], above=[200], not_a_number=[3000], density=counts / 7, se_density=counts / 70,
+        edges=np.array([-1.0, 0.0, 1.0]),
     )  # fmt: skip
     assert draw.of_observed(found)[1] == "q_1 at t = 0.5, 7 paths, 3210 outside"
 
@@ -219,7 +220,7 @@ def every_result(run, moments):
     """All that has a plot, with its number of panels, or of those that can be drawn into axes of one's own."""
     kubo = {"q0": 1.0, "p0": 0.0, "steps": [4, 8], "paths": 40}
     study = ss.work_precision(ss.models.kubo(), schemes=["midpoint", "heun"], repeats=5, **kubo)
-    return [(run, 2), (moments, 4), *((x, 1) for x in moments.observed.values()),
+    return [(run, 4), (moments, 6), *((x, 1) for x in moments.observed.values()),
             (ss.convergence(ss.models.kubo(), **kubo), 1), (study, 2)]  # fmt: skip
 
 
@@ -268,7 +269,7 @@ def test_what_cannot_be_drawn(run, moments, model, tmp_path):
     plain = ss.Model(ndof=1, nnoise=0, gradient=lambda t, w, q, p: (w[0] * q, w[0] * p))
     with pytest.raises(InvalidArgumentError, match="energy is not known"):
         ss.simulate(plain, q0=1.0, p0=0.0, step=0.1, steps=2).plot(what="energy")
-    with pytest.raises(InvalidArgumentError, match="no energy"):
+    with pytest.raises(InvalidArgumentError, match="the energy is not known, as the model has no value"):
         ss.moments(plain, q0=1.0, p0=0.0, step=0.1, steps=2).plot(what="energy")
 
 
@@ -467,4 +468,5 @@ def test_names_are_drawn_as_they_are(tmp_path):
     page.canvas.draw()
     assert "mean $x^{2$" in {text for axes in page.axes for text in (axes.get_ylabel(), axes.get_title())}
     found.save(tmp_path / "moments.npz")
-    assert command_line.main(["plot", str(tmp_path / "moments.npz"), "--out", str(tmp_path / "figure.png")]) == 0
+    given = ["plot", str(tmp_path / "moments.npz"), "--what", "moments", "--out", str(tmp_path / "figure.png")]
+    assert command_line.main(given) == 0

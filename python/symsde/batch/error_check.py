@@ -33,7 +33,7 @@ class ErrorCheck:
     t: np.ndarray  #: (time,)
     n: np.ndarray  #: (time,), paths that count
     rms: np.ndarray  #: (time,), root mean square of the distance of the paths in (q, p)
-    names: tuple[str, ...]  #: of the values: q_1, .., p_1, .., energy, observables, squares of q_1 .. and p_1 ..
+    names: tuple[str, ...]  #: of the values: coordinates, momenta, energy, observables, squares of the first two
     mean: np.ndarray  #: (time, value), differences of means
     se_mean: np.ndarray  #: (time, value), their standard errors
     seconds: tuple[float, float]  #: of the two runs
@@ -121,7 +121,7 @@ def compare(full: Run, half: Run, seconds: tuple[float, float], own: Rows | None
 def _values(run: Run, own: Rows | None) -> tuple[tuple[str, ...], np.ndarray]:
     """q, p, the energy where the model has one, observables, and squares: (time, value, path)."""
     ndof = run.q.shape[1]
-    names = [f"{x}_{i + 1}" for x in "qp" for i in range(ndof)]
+    names = list(run.model.coordinates)
     parts = [run.q, run.p]
     if run.model.traits.has_value:
         names.append("energy")

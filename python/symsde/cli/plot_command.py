@@ -4,17 +4,18 @@
 from __future__ import annotations
 
 import argparse
+import functools
 import os
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
 from ..batch.opened import open_run
-from ..errors import InvalidArgumentError, SceneError
+from ..errors import InvalidArgumentError, SceneError, UnknownNameError
 from ..native import checks, files
 from ..reports.plot import data, draw
 from ..run.loaded import LoadedRun, load_file
-from ..run.observers.requests import value_name
+from ..run.saved import MomentTables, PathTables
 
 HELP = "Draw a run: paths, phase plane, energy, moments with bands, results of observers."
 
@@ -57,6 +58,11 @@ class Figure:
 
     make: Callable[[], tuple]  #: its panels and title
     shows: tuple[str, ...]  #: values that it can show
+    called: Callable[[str], str] = str  #: the name that a value has among these
+
+    def has(self, names: list[str]) -> bool:
+        """Whether it can show all of these."""
+        return {self.called(name) for name in names} <= set(self.shows)
 
 
 Figures = dict[str, Figure]
@@ -72,11 +78,11 @@ def _chosen(known: Figures, options: argparse.Namespace) -> Figures:
     for name in options.of or []:
         if name in named and name not in every:
             return {named[name]: known[named[name]]}
-    wanted = [value_name(name, every) for name in options.of or []]
+    wanted = options.of or []
     for name in wanted:
-        data.known(name, [*every, *named])
-    options.of = wanted or None
-    chosen = {name: figure for name, figure in known.items() if set(wanted) <= set(figure.shows)}
+        if not any(figure.has([name]) for figure in known.values()):
+            raise UnknownNameError(f"there is no value {name!r}: there are {checks.nearest(name, [*every, *named])}")
+    chosen = {name: figure for name, figure in known.items() if figure.has(wanted)}
     if not chosen:
         raise InvalidArgumentError(
             f"no figure shows {' and '.join(wanted)} together: draw one after the other, or give one of --what: "
@@ -90,37 +96,39 @@ def _of_folder(folder: Path, options: argparse.Namespace) -> Figures:
     found = open_run(folder)
     figures: Figures = {}
     if (saved := found.run) is not None:
-        figures |= _of_paths(data.paths_of(saved), options)
+        figures |= _of_paths(saved, options)
     if (moments := found.moments) is not None:
-        figures |= _of_means(data.means_of(moments), options)
-        for name, result in moments.observed.items():
-            shows = tuple(result.observer.names(moments.columns()))
-            figures[f"observed-{name}"] = Figure(lambda result=result: draw.of_observed(result, options.at), shows)
+        figures |= _of_moments(moments, options)
     return figures
 
 
 def _of_file(file: Path, options: argparse.Namespace) -> Figures:
     found = load_file(file)
-    if isinstance(found, LoadedRun):
-        return _of_paths(data.paths_of(found), options)
-    return _of_means(data.means_of(found), options)
+    return _of_paths(found, options) if isinstance(found, LoadedRun) else _of_moments(found, options)
 
 
-def _of_means(found: data.Means, options: argparse.Namespace) -> Figures:
-    figures = {"moments": Figure(lambda: draw.of_moments(found, "moments", options.of), tuple(found.columns()))}
-    if f"q_{draw.CHAIN}" in found.columns():
-        figures["moments-map"] = Figure(lambda: draw.of_moments(found, "map", options.of), ("q", "p"))
+def _of_moments(found: MomentTables, options: argparse.Namespace) -> Figures:
+    means, values = data.means_of(found), found.values
+    figures = {"moments": Figure(lambda: draw.of_moments(means, "moments", options.of), values.names, values.called)}
+    if values.ndof >= draw.CHAIN:
+        figures["moments-map"] = Figure(lambda: draw.of_moments(means, "map", options.of), ("q", "p"))
+    for name, result in getattr(found, "observed", {}).items():
+        make = functools.partial(draw.of_observed, result, options.at)
+        figures[f"observed-{name}"] = Figure(make, result.looked_at, values.called)
     return figures
 
 
-def _of_paths(found: data.Paths, options: argparse.Namespace) -> Figures:
-    columns = tuple(found.columns())
-    shows = {"paths": columns, "phase": tuple(name for name in columns if name != "energy")}
-    if found.q.shape[1] >= draw.CHAIN:
-        shows["map"] = ("q", "p")
-    if found.energies:
+def _of_paths(found: PathTables, options: argparse.Namespace) -> Figures:
+    paths, values = data.paths_of(found), found.values
+    shows = {"paths": values.names, "phase": values.q + values.p}
+    if options.what == "trajectory":
+        shows["trajectory"] = values.names
+    if values.has_energy:
         shows["energy"] = ("energy",)
+    called = dict.fromkeys(shows, values.called)
+    if values.ndof >= draw.CHAIN:
+        shows["map"], called["map"] = ("q", "p"), str
     return {
-        what: Figure(lambda what=what: draw.of_run(found, what, options.of, options.most), names)
+        what: Figure(functools.partial(draw.of_run, paths, what, options.of, options.most), names, called[what])
         for what, names in shows.items()
     }

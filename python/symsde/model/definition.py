@@ -110,6 +110,7 @@ class Model:
 
     #: (q0, p0, t0) -> refuses an initial state of all paths, (dof, 1), from which no run can begin: formulas know
     check_start: Callable[[np.ndarray, np.ndarray, float], None] | None = None
+    _coordinates: tuple[str, ...] = ()  #: names of its own for coordinates and momenta, if it has some
 
     @checks.hinted()
     def __init__(
@@ -250,6 +251,11 @@ class Model:
         """Values of the parameters, to be read. A model never changes."""
         return types.MappingProxyType(self._parameters)
 
+    @property
+    def coordinates(self) -> tuple[str, ...]:
+        """Names of the coordinates and then of the momenta in results and files: q_1 .., p_1 .. or the model's own."""
+        return self._coordinates or tuple(f"{x}_{i + 1}" for x in "qp" for i in range(self.ndof))
+
     ndof = property(lambda self: self.traits.ndof, doc="Degrees of freedom.")
     nnoise = property(lambda self: self.traits.nnoise, doc="Noises.")
 
@@ -337,6 +343,11 @@ class Model:
                 "one weight for each Hamiltonian H_0 .. H_m"
             )
         return q, p, checks.full(w, npath), npath
+
+
+def fits_files(name: str) -> bool:
+    """Whether columns and variables of files can have a name."""
+    return bool(name) and name.isprintable() and not set("/#") & set(name) and name == name.strip()
 
 
 def require_model(model: object) -> None:

@@ -15,6 +15,7 @@ from ..errors import InvalidArgumentError, MissingOperationError, SceneError, Sy
 from ..native import files
 from ..native.checks import counted
 from .saved import MomentTables, PathTables
+from .values import Values
 
 KINDS = ("mean", "var", "se_mean")
 
@@ -28,6 +29,7 @@ class LoadedRun(PathTables):
     def __init__(self, variables: Mapping[str, np.ndarray], attributes: dict[str, str]):
         """The arrays of a file."""
         self._attributes, self.title = attributes, attributes["title"]
+        self.values = Values.of(_coordinates(attributes, variables["q"].shape[1]), "energy" in variables)
         self.t, self.q, self.p, self.path = (variables[name] for name in ("t", "q", "p", "path"))
         self.status, self.failed_step = variables["status"], variables["failed_step"]
         self.has_energy = False
@@ -62,10 +64,9 @@ class LoadedMoments(MomentTables):
         self._attributes, self.title, self.variables = attributes, attributes["title"], dict(variables)
         self.t, self.n_ok = variables["t"], variables["n_ok"]
         names = list(tables["mean"])
-        ndof = sum(re.fullmatch(r"q_\d+", name) is not None for name in names)
         self._tables = {kind: np.stack([table[name] for name in names], axis=1) for kind, table in tables.items()}
-        has_energy = names[2 * ndof : 2 * ndof + 1] == ["energy"]
-        self._name_columns(ndof, has_energy, names[2 * ndof + has_energy :])
+        ndof = sum(re.fullmatch(r"q_\d+", name) is not None for name in names)
+        self._show_columns(Values(tuple(names), len(_coordinates(attributes, ndof)) // 2))
 
     def attributes(self) -> dict[str, str]:
         """What made the moments, as text."""
@@ -85,7 +86,7 @@ def load_file(path: Path) -> LoadedRun | LoadedMoments:
         variables, attributes = _arrays(path)
         if "q" in variables:
             return LoadedRun(variables, attributes)
-        return LoadedMoments(_columns(variables), variables, attributes)
+        return LoadedMoments(_columns(variables, attributes), variables, attributes)
     except SymsdeError:
         raise
     except (KeyError, ValueError, IndexError, StopIteration) as error:
@@ -105,12 +106,18 @@ def _arrays(path: Path) -> tuple[dict[str, np.ndarray], dict[str, str]]:
     return found, json.loads(str(found.pop("attributes")))
 
 
-def _columns(variables: Mapping[str, np.ndarray]) -> dict[str, dict[str, np.ndarray]]:
-    """Variables of a file of moments by kind and name: mean_q as q_1 .., mean_energy as energy."""
+def _coordinates(attributes: Mapping[str, str], ndof: int) -> list[str]:
+    """Names of coordinates and momenta of a file."""
+    return json.loads(attributes.get("names", "[]")) or [f"{x}_{i + 1}" for x in "qp" for i in range(ndof)]
+
+
+def _columns(variables: Mapping[str, np.ndarray], attributes: Mapping[str, str]) -> dict[str, dict[str, np.ndarray]]:
+    """Variables of a file of moments by kind and name: mean_q as those of the coordinates, mean_energy as energy."""
     tables: dict[str, dict[str, np.ndarray]] = {kind: {} for kind in KINDS}
+    coordinates = _coordinates(attributes, variables["mean_q"].shape[1])
     for kind, table in tables.items():
-        for x in "qp":
-            table |= {f"{x}_{i + 1}": row for i, row in enumerate(variables[f"{kind}_{x}"].T)}
+        rows = np.concatenate([variables[f"{kind}_{x}"] for x in "qp"], axis=1).T
+        table |= dict(zip(coordinates, rows, strict=True))
     names = [name.removeprefix("var_") for name in variables if re.match("var_(?!q$|p$)", name)]
     names = [name for name in names if all(f"{kind}_{name}" in variables for kind in tables)]  # not of an observer
     for name in names:

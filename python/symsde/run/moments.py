@@ -29,6 +29,7 @@ from .observers.partial_statistics import Kinds, PartialStatistics, Scope, struc
 from .report import Reported, filled
 from .saved import MomentTables
 from .setup import RunOptions, Setup, make_setup
+from .values import Values
 
 
 class Moments(MomentTables, Reported):
@@ -51,7 +52,7 @@ class Moments(MomentTables, Reported):
         self.setup = setup
         self.observers = dict(observers or {})
         self._observables = described(observables)
-        refuse_coordinates(self._observables, setup.model.ndof)
+        refuse_coordinates(self._observables, setup.model)
         self._has_energy = setup.model.traits.has_value
         ndof = setup.model.ndof
         nvalue = 2 * ndof + self._has_energy + len(self._observables)
@@ -60,7 +61,7 @@ class Moments(MomentTables, Reported):
         self.n_ok = np.empty(setup.ntime, np.int64)
         self._tables = {kind: np.empty((setup.ntime, nvalue)) for kind in ("mean", "var", "se_mean")}
         self.m2 = np.empty((setup.ntime, nvalue))
-        self._name_columns(ndof, self._has_energy, self._observables)
+        self._show_columns(Values.of(setup.model.coordinates, self._has_energy, self._observables))
         self.kept = {name: self.scope.room(observer) for name, observer in self.observers.items()}
         if self.observers:
             self._check_names()
@@ -83,12 +84,12 @@ class Moments(MomentTables, Reported):
     def __setstate__(self, state: dict[str, Any]) -> None:
         """From a copy or a pickle: the columns show its own tables."""
         self.__dict__.update(state)
-        self._name_columns(self.setup.model.ndof, self._has_energy, self._observables)
+        self._show_columns(self.values)
 
     @property
     def scope(self) -> Scope:
         """What observers look at."""
-        return Scope(self.setup, self.columns(), len(self._observables))
+        return Scope(self.setup, self.values)
 
     @functools.cached_property
     def observed(self) -> dict[str, observer_results.Observed]:

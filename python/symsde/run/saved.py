@@ -4,13 +4,14 @@
 from __future__ import annotations
 
 import importlib
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 
 from ..errors import MissingOperationError
 from ..native import checks
 from . import tabular
+from .values import Values
 
 
 def no_energy(title: str) -> MissingOperationError:
@@ -25,6 +26,7 @@ class PathTables:
     """Saved paths."""
 
     title: str  #: model and scheme
+    values: Values  #: names of coordinates, momenta and the energy
     t: np.ndarray  #: (time,), t0 included
     q: np.ndarray  #: (time, dof, path)
     p: np.ndarray
@@ -33,18 +35,37 @@ class PathTables:
     energy: np.ndarray  #: (time, path) of H; a MissingOperationError where it is not known
 
     @checks.hinted()
-    def plot(self, path=None, *, ax=None, what: str = "", of: Sequence[str] | None = None, most: int = 50):
+    def plot(self, path=None, *, ax=None, what: str = "", of: str | Sequence[str] | None = None, most: int = 50):
         """Draw a matplotlib figure, written if a path is given, or draw into `ax`, one axes for each panel.
 
-        - what: "paths" (values over time), "phase" (p_i over q_i), "energy" or "map" (q_i and p_i of one path in
-          colours, over time and i). The default is "map" for eight degrees of freedom and more, else "paths"
-        - of: names of values, such as ["q_2"]; of a map, "q" or "p"
+        - what: "paths" (values over time), "phase" (p_i over q_i), "trajectory" (one value over another, such as y
+          over x), "energy" or "map" (q_i and p_i of one path in colours, over time and i). The default is "map" for
+          eight degrees of freedom and more, else "paths"
+        - of: a name or names of values, as in `columns`; of a trajectory two, by default the first two coordinates; of
+          a map "q" or "p". Without it all coordinates and momenta are drawn, of a chain the first
         - most: the largest number of paths that are drawn
         """
         return importlib.import_module("symsde.reports.plot").run(self, (path, ax), what, of, most)
 
+    def animate(self, path=None, *, ax=None, of: Sequence[str] | None = None, most: int = 1000, rate: float = 20.0):
+        """Make a matplotlib FuncAnimation of the paths as points in a plane, with a frame for each saved time.
+
+        - path: a .gif file, written by pillow; or draw into `ax`, one axes. In a notebook, show what is returned by its
+          `to_jshtml`
+        - of: the two values of the plane, as in `columns`; by default the first coordinate and its momentum
+        - most: the largest number of paths that are drawn; rate: frames a second
+        """
+        return importlib.import_module("symsde.reports.plot").animation(self, (path, ax), of, most, rate)
+
+    def columns(self) -> list[str]:
+        """Names of the values, in their order: coordinates, momenta, and the energy where it is known.
+
+        Coordinates have the model's own names, such as x and px, or else q_1 .. q_n and p_1 .. p_n.
+        """
+        return list(self.values.names)
+
     def to_pandas(self, *, long: bool = False):
-        """A pandas.DataFrame, one row for each path and time, indexed by both, with columns q_1 .., p_1 .. .
+        """A pandas.DataFrame, one row for each path and time, indexed by both, with a column for each coordinate.
 
         With long=True there is one row for each path, time and degree of freedom, indexed by path, t and dof, with
         columns q and p.
@@ -57,19 +78,19 @@ class MomentTables:
 
     title: str  #: model and scheme
     t: np.ndarray  #: (time,)
+    values: Values  #: names of the values
     n_ok: np.ndarray  #: (time,), paths that count
     _tables: dict[str, np.ndarray]  #: mean, var, se_mean -> (time, value)
 
-    def _name_columns(self, ndof: int, has_energy: bool, observables: Iterable[str]) -> None:
+    def _show_columns(self, values: Values) -> None:
         """Attributes that show the columns of the tables: q, p, the energy, observables."""
-        first = 2 * ndof + has_energy
-        names = [f"{x}_{i + 1}" for x in "qp" for i in range(ndof)]
-        self._columns = [*names, *(["energy"] if has_energy else []), *observables]
-        self._energies = {kind: table[:, 2 * ndof] for kind, table in self._tables.items() if has_energy}
+        self.values, ndof = values, values.ndof
+        first = 2 * ndof + values.has_energy
+        self._energies = {kind: table[:, 2 * ndof] for kind, table in self._tables.items() if values.has_energy}
         for kind, table in self._tables.items():
             setattr(self, f"{kind}_q", table[:, :ndof])
             setattr(self, f"{kind}_p", table[:, ndof : 2 * ndof])
-            setattr(self, kind, {name: table[:, i] for i, name in enumerate(self._columns) if i >= first})
+            setattr(self, kind, {name: table[:, first + i] for i, name in enumerate(values.observables)})
 
     def _energy(self, kind: str) -> np.ndarray:
         """Its column of a table."""
@@ -82,8 +103,11 @@ class MomentTables:
     se_mean_energy = property(lambda self: self._energy("se_mean"), doc="(time,) of H, where it is known.")
 
     def columns(self) -> list[str]:
-        """Names of the values, in their order: q_1 .. q_n, p_1 .. p_n, energy, observables."""
-        return list(self._columns)
+        """Names of the values, in their order: coordinates, momenta, energy, observables.
+
+        Coordinates have the model's own names, such as x and px, or else q_1 .. q_n and p_1 .. p_n.
+        """
+        return list(self.values.names)
 
     def table(self, kind: str) -> np.ndarray:
         """The table of one kind, "mean", "var" or "se_mean": (time, value), the values in the order of `columns`."""
@@ -93,13 +117,28 @@ class MomentTables:
         """Means and their standard errors, each (time, value), the values in the order of `columns`."""
         return self._tables["mean"], self._tables["se_mean"]
 
+    def doubts(self) -> list[str]:
+        """Sentences about values that were not finite for a path that counts; their means are not finite either."""
+        found, finite = [], np.isfinite(self._tables["mean"])
+        if finite.all():
+            return found
+        times, values = np.nonzero(~finite & (self.n_ok > 0)[:, np.newaxis])
+        for value in np.unique(values):
+            bad = times[values == value]
+            found.append(
+                f"{self.columns()[value]} is not a finite number for some paths at {bad.size} of {len(self.t)} saved "
+                f"times, first at t = {self.t[bad[0]]:g}: its means there are not finite either"
+            )
+        return found
+
     @checks.hinted()
-    def plot(self, path=None, *, ax=None, what: str = "moments", of: Sequence[str] | None = None):
+    def plot(self, path=None, *, ax=None, what: str = "", of: str | Sequence[str] | None = None):
         """Draw means with two bands: two standard errors, and the standard deviation.
 
         A matplotlib figure is written if a path is given; or draw into `ax`, one axes for each panel. what: "moments",
-        "energy" or "map" (means of q_i and p_i in colours, over time and i, for chains). of: names of values, as in
-        `columns`; of a map, "q" or "p".
+        "energy" or "map" (means of q_i and p_i in colours, over time and i); the default is "map" for eight degrees of
+        freedom and more, else "moments". of: a name or names of values, as in `columns`; of a map, "q" or "p". Without
+        it all values are drawn, of a chain the first coordinate and momentum.
         """
         return importlib.import_module("symsde.reports.plot").moments(self, (path, ax), what, of)
 

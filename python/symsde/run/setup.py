@@ -144,6 +144,7 @@ class Setup:
         return {
             "model": self.model.name,
             "parameters": json.dumps(dict(self.model.parameters)),
+            **({"names": json.dumps(self.model._coordinates)} if self.model._coordinates else {}),
             "scheme": self.scheme.name,
             "options": json.dumps(chosen),
             "increments": "Brownian" if self.increments is None else "prescribed",

@@ -22,6 +22,7 @@ from . import tabular
 from .report import Reported, filled
 from .saved import PathTables, no_energy
 from .setup import COUNT, Setup, require_multiple, setup_of
+from .values import Values
 
 _INT32, _INT64 = np.dtype(np.int32), np.dtype(np.int64)
 _PATHS_SIZE = handles.new(abi.Paths, "paths").struct_size
@@ -143,6 +144,11 @@ class Run(PathTables, Reported):
     def __getstate__(self) -> dict[str, Any]:
         """For pickle and copies: with the times, which another library may round otherwise."""
         return {**self.__dict__, "t": self.t}
+
+    @property
+    def values(self) -> Values:
+        """Names of coordinates, momenta and the energy."""
+        return Values.of(self.model.coordinates, self.has_energy)
 
     @functools.cached_property
     def path(self) -> np.ndarray:

@@ -23,7 +23,7 @@ def of_run(run: Any, long: bool = False):
         index = pandas.MultiIndex.from_product(axes.values(), names=list(axes))
         return pandas.DataFrame({x: getattr(run, x).transpose(2, 0, 1).ravel() for x in "qp"}, index=index)
     index = pandas.MultiIndex.from_product([run.path, run.t], names=["path", "t"])
-    names = [f"{x}_{i + 1}" for x in "qp" for i in range(ndof)]
+    names = [*run.values.q, *run.values.p]
     values = np.concatenate([run.q, run.p], axis=1)  # (time, value, path)
     return pandas.DataFrame(values.transpose(2, 0, 1).reshape(npath * ntime, 2 * ndof), index=index, columns=names)
 
@@ -38,8 +38,8 @@ def of_moments(moments: Any):
 
 
 def first_values(moments: Any, most: int) -> list[int]:
-    """Numbers of the values that are shown first: q_1, p_1, the energy, observables."""
-    ndof = moments.setup.model.ndof
+    """Numbers of the values that are shown first: a coordinate, its momentum, the energy, observables."""
+    ndof = moments.values.ndof
     return [0, ndof, *range(2 * ndof, len(moments.columns()))][:most]
 
 
@@ -56,8 +56,7 @@ def html_of_run(run: Any) -> str:
         state = [f"{x:.6g}" for x in (*run.last_q[:, i][:3], *run.last_p[:, i][:3])]
         failed = f" at step {run.failed_step[i]}" if run.failed_step[i] >= 0 else ""
         rows.append([str(run.path[i]), f"{handles.status_text(int(run.status[i]))}{failed}", *state])
-    ndof = min(run.q.shape[1], 3)
-    names = [f"last {x}_{i + 1}" for x in "qp" for i in range(ndof)]
+    names = [f"last {name}" for name in (*run.values.q[:3], *run.values.p[:3])]
     return _page(repr(run), ["path", "status", *names], rows, len(run.path) - len(rows), "paths")
 
 

@@ -17,7 +17,7 @@ from ...native import callbacks, checks
 from ..definition import Model
 from . import compiler, emit_c, emit_flow, emit_sites, in_numpy
 from .derivatives import Derivatives
-from .named_formulas import make_problem, quoted, several
+from .named_formulas import make_problem, named, quoted, several
 from .parse import folded
 from .sites import Chain, make_chain
 from .structure import Prover, Structure
@@ -125,8 +125,9 @@ def model_from_sympy(
 
         dp = -H_q dt - sum_k H_{k,q} o dW_k        dq = H_p dt + sum_k H_{k,p} o dW_k     [WHSB] (3)-(4)
 
-    - q, p: symbols of coordinates and momenta, or their names; functions of time as from `dynamicsymbols` work too. By
-      default they are q and p, or q1, q2, .. and p1, p2, .. as the texts use them
+    - q, p: symbols of coordinates and momenta, or their names, as a list or as a text such as "x y"; functions of
+      time as from `dynamicsymbols` work too. By default they are q and p, or q1, q2, .. and p1, p2, .. as the texts use
+      them. Results, figures and files have these names; instead of q, q1, .. they have q_1, q_2, ..
     - params: values of all other symbols, by name
     - t: the symbol of time, by default t
     - invariants: candidates I. For each it is proved, or not, that I_t + {I, H} = 0 and {I, H_k} = 0
@@ -159,14 +160,15 @@ def _made(given: dict[str, Any]) -> FormulaModel:
     """A model from the arguments of `model_from_sympy`."""
     start = time.perf_counter()
     given = {**given, **{key: several(key, given[key]) for key in ("noise", "invariants")}}
-    given |= {key: several(key, given[key]) for key in "qp" if given[key] is not None}
+    given |= {key: named(key, given[key]) for key in "qp" if given[key] is not None}
     chosen = {key: value for key, value in given.items() if key not in ("name", "n", "ends")}
-    chain = None
+    chain, own = None, ()
     if given["n"] is None:
         problem = make_problem(**chosen)
         prover = Prover(problem)
         structure = prover.structure()
         ndof, nnoise, parameters, traits = problem.ndof, problem.nnoise, problem.parameters, structure.traits()
+        own = problem.columns
         texts = problem.texts[: nnoise + 1]
         derivatives = Derivatives(problem, prover.vanishing())
         source = emit_c.source(derivatives) + emit_flow.source(derivatives)
@@ -192,7 +194,7 @@ def _made(given: dict[str, Any]) -> FormulaModel:
     )
     model = FormulaModel(ndof=ndof, nnoise=nnoise, name=given["name"], derived=True, **traits, **functions)
     model.formula, model._derivatives, model._chain = formula, derivatives, chain
-    model._direct = None
+    model._coordinates, model._direct = own, None
     if compiled is not None:
         model._direct = (*(callbacks.compiled(x, functions[x]) for x in ("gradient", "value")), np.ones(nnoise + 1))
     model._parameters = dict(parameters)

@@ -163,7 +163,8 @@ def _known(formulas: tuple, names: tuple, parameters: tuple[str, ...], time: obj
     for letter, _, ndof in names:
         few = range(ndof) if ndof <= MAX_DOF else sorted(_numbers(letter, used, ndof))
         for i in few:
-            for alias in (f"{letter}_{i + 1}", f"{letter}{i + 1}", *([letter] if ndof == 1 else [])):
+            moving = str(own[letter][i]).partition("(")[0] if own[letter] else f"{letter}_{i + 1}"  # x of x(t)
+            for alias in (moving, f"{letter}_{i + 1}", f"{letter}{i + 1}", *([letter] if ndof == 1 else [])):
                 known.known.setdefault(alias, sympy.Symbol(f"{letter}{i}", real=True))
     return known
 

@@ -15,6 +15,7 @@ from typing import Any
 from ...errors import InvalidArgumentError, WrongTypeError
 from ...native import checks
 from ...native.files import optional
+from ..definition import fits_files
 from .graph import FUNCTIONS
 from .parse import FormulaTextError, Reader, check_name, folded, names_in, parse
 
@@ -31,6 +32,7 @@ class Problem:
     texts: tuple[str, ...]  #: as the user wrote them, for sentences
     ndof: int
     parameters: dict[str, float]  #: name -> value, in the order of c0, c1, ..
+    columns: tuple[str, ...] = ()  #: what results call coordinates and momenta; () = q_1 .., p_1 ..
 
     @property
     def nnoise(self) -> int:
@@ -73,8 +75,8 @@ def make_problem(*, H, noise, q, p, params, t, invariants=()) -> Problem:
         )
     candidates = several("invariants", invariants)
     texts = [x for x in (*given, *candidates) if isinstance(x, str)]
-    coordinates = {"q": several("q", _found("q", texts) if q is None else q)}
-    coordinates["p"] = several("p", _found("p", texts, len(coordinates["q"])) if p is None else p)
+    coordinates = {"q": named("q", _found("q", texts) if q is None else q)}
+    coordinates["p"] = named("p", _found("p", texts, len(coordinates["q"])) if p is None else p)
     ndof = len(coordinates["q"])
     if ndof == 0 or len(coordinates["p"]) != ndof:
         raise InvalidArgumentError(
@@ -92,6 +94,7 @@ def make_problem(*, H, noise, q, p, params, t, invariants=()) -> Problem:
         texts=tuple(written(x) for x in (*given, *candidates)),
         ndof=ndof,
         parameters=names.values,
+        columns=_columns(coordinates),
     )
 
 
@@ -108,6 +111,23 @@ def several(what: str, given: Any) -> list[Any]:
         raise WrongTypeError(f"{what} = {checks.shown(given)} has no order: give a list")
     found = checks.items(given)
     return ([] if given is None else [given]) if found is None else found
+
+
+def named(what: str, given: Any) -> list[Any]:
+    """Symbols or names, as a list; a text is names with blanks or commas between them."""
+    return [x for x in re.split(r"[\s,]+", given) if x] if isinstance(given, str) else several(what, given)
+
+
+def _columns(coordinates: Mapping[str, Sequence]) -> tuple[str, ...]:
+    """What results call coordinates and momenta: by the user's names, unless columns have these for something else."""
+    found, own = [], False
+    for letter, given in coordinates.items():
+        for i, name in enumerate(folded(x).partition("(")[0] for x in given):
+            taken = name in ("energy", "t", "path", *found) or re.fullmatch(r"[qp]_?[0-9]*", name)
+            taken = taken or not fits_files(name)
+            found.append(f"{letter}_{i + 1}" if taken else name)
+            own = own or not taken
+    return tuple(found) if own else ()
 
 
 class Names:

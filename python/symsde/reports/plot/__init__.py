@@ -3,21 +3,24 @@
 
 data      what is drawn, from objects or files
 draw      figures of it
-command   symsde plot DIR_OR_FILE
+animate   an ensemble in motion
 """
 
-from collections.abc import Sequence
-
-from . import draw
+from . import animate, draw
 from .data import means_of, paths_of
 
 
-def run(found, where: tuple, what: str = "", of: Sequence[str] | None = None, most: int = draw.MOST_PATHS):
+def run(found, where: tuple, what: str = "", of: object = None, most: int = draw.MOST_PATHS):
     """A figure of a `Run`; where: path and ax."""
     return draw.finish(*draw.of_run(paths_of(found), what, of, most), *where)
 
 
-def moments(found, where: tuple, what: str = "moments", of: Sequence[str] | None = None):
+def animation(found, where: tuple, of: object, most: int, rate: float):
+    """An animation of a `Run`."""
+    return animate.animation(paths_of(found), where, of, most, rate)
+
+
+def moments(found, where: tuple, what: str = "", of: object = None):
     """A figure of `Moments`."""
     return draw.finish(*draw.of_moments(means_of(found), what, of), *where)
 

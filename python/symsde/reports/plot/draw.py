@@ -6,7 +6,7 @@ from __future__ import annotations
 import functools
 import importlib
 import os
-import re
+import textwrap
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -17,13 +17,15 @@ import numpy as np
 from ...errors import InvalidArgumentError, WrongTypeError
 from ...native import checks, files
 from ...native.checks import counted
-from ...run.observers.requests import value_name
+from ...run.values import Values, chosen
 from .. import look
-from .data import Means, Paths, known
+from .data import Means, Paths
 
 ENDINGS = (".png", ".pdf", ".svg")
 MOST_PATHS = 50
-_WIDTH, _HEIGHT = 6.0, 2.4  # inches; the height is that of one panel
+_WIDTH, _HEIGHT, _ALONE = 6.0, 2.4, 3.4  # inches; the heights are those of one panel, of several and of one alone
+_ONE_COLUMN = 4  # panels, up to which they stand below each other; more stand in two columns
+_TITLE = 11  # characters of a title an inch
 _FEW = 200  # saved times, up to which each is marked
 _JUMP = 0.1  # of the extent of a phase plot: what lies farther apart is not joined
 CHAIN = 8  # degrees of freedom, from which on a map shows more than curves
@@ -41,27 +43,39 @@ class Curve:
 
 
 def finish(panels: Sequence[Callable], title: str, path: object = None, ax: object = None):
-    """A figure of panels one below the other, each a function of axes; written where a path is given. With `ax`, one
-    axes or one for each panel, they are drawn there, and the figure is that of these axes."""
+    """A figure of panels, each a function of axes; written where a path is given. With `ax`, one axes or one for each
+    panel, they are drawn there, and the figure is that of these axes."""
     target = None if path is None else figure_file(path)
     matplotlib = files.optional("matplotlib", "plot")
     given = None if ax is None else axes_of(ax, len(panels), path)
     figures = importlib.import_module("matplotlib.figure")
     with matplotlib.rc_context(look.STYLE):
         if given is None:
-            page = figures.Figure(figsize=(_WIDTH, 0.5 + _HEIGHT * len(panels)), layout="constrained")
-            given = list(page.subplots(len(panels), squeeze=False)[:, 0])
-            page.suptitle(title, fontsize=9)
+            columns = 1 if len(panels) <= _ONE_COLUMN else 2
+            rows = -(-len(panels) // columns)
+            width = _WIDTH if columns == 1 else 1.5 * _WIDTH
+            height = _HEIGHT if len(panels) > 1 else _ALONE
+            page = figures.Figure(figsize=(width, 0.5 + height * rows), layout="constrained")
+            given = list(page.subplots(rows, columns, squeeze=False).ravel())
+            for axes in given[len(panels) :]:
+                axes.remove()
+            given = given[: len(panels)]
+            page.suptitle(whole(title, width), fontsize=9)
         else:
             page = given[0].figure
-            given[0].set_title(title, fontsize=9)
+            given[0].set_title(whole(title, given[0].get_window_extent().width / page.dpi), fontsize=9)
         for axes, panel in zip(given, panels, strict=True):
             panel(axes)
-        _take_names_as_they_are([page._suptitle] if ax is None else [], given)
+        take_names_as_they_are([page._suptitle] if ax is None else [], given)
         look.readable(given)
         if target is not None:
             write(page, target)
     return page
+
+
+def whole(title: str, inches: float) -> str:
+    """A title on as many lines as it needs."""
+    return textwrap.fill(title, max(20, round(_TITLE * inches)))
 
 
 def figure_file(path: object) -> Path:
@@ -86,7 +100,7 @@ def axes_of(ax: object, number: int, path: object = None) -> list[Any]:
     return found
 
 
-def _take_names_as_they_are(texts: list[Any], given: Sequence[Any]) -> None:
+def take_names_as_they_are(texts: list[Any], given: Sequence[Any]) -> None:
     """No mathematics in labels: names are the user's, and may hold a $."""
     for axes in given:
         texts += [axes.xaxis.label, axes.yaxis.label, axes.title]
@@ -103,47 +117,78 @@ def write(page: Any, target: Path) -> None:
 # ---- saved paths ---------------------------------------------------------------------------------------------------
 
 
-def of_run(data: Paths, what: str, of: Sequence[str] | None, most: int) -> tuple[list[Callable], str]:
-    """Panels and title: values along time, the phase plane of each degree of freedom, the energy, or a map."""
-    what = what or ("paths" if of or data.q.shape[1] < CHAIN else "map")
-    checks.choice("what", what, ["paths", "phase", "energy", "map"])
-    shown = _shown(data, checks.integer("most", most, (1, 2**20)))
+def of_run(data: Paths, what: str, of: object, most: int) -> tuple[list[Callable], str]:
+    """Panels and title: values along time, planes of two values, the energy, or a map."""
+    what = what or ("paths" if of is not None or data.names.ndof < CHAIN else "map")
+    checks.choice("what", what, ["paths", "phase", "trajectory", "energy", "map"])
+    shown = which_paths(data, most)
     title = f"{data.title}, {len(shown)} of {counted(len(data.path), 'path')}"
     if what == "map":
         first = shown[0]
         tables = {"q": data.q[:, :, first], "p": data.p[:, :, first]}
-        return _maps(data.t, tables, of), f"{data.title}, path {data.path[first]} of {len(data.path)}"
-    of = of and [value_name(name, data.columns()) for name in of]
-    if what == "phase":
-        pairs = [_pair(name, data) for name in (of or ["q_1"])]
-        return [_phase(data, q, p, shown, i == 0) for i, (q, p) in enumerate(pairs)], title
+        return _maps(data, tables, of), f"{data.title}, path {data.path[first]} of {len(data.path)}"
     if what == "energy":
-        if data.energies is None:
-            raise InvalidArgumentError(
-                "the energy is not known here: give the folder of the run, or a model with value"
-            )
-        of = ["energy"]
-    names = of or ["q_1", "p_1"]
+        names = _energy_of(data.names, of, "is not known here: give the folder of the run, or a model with value")
+    else:
+        names = data.names.chosen("of", of)
+    if what in ("phase", "trajectory"):
+        pairs = [pair_of(data.names, names)] if what == "trajectory" else _planes(data.names, names)
+        return [_plane(data, pair, shown, i == 0) for i, pair in enumerate(pairs)], title
+    names = names or [name for i in _few(data.names.ndof) for name in (data.names.q[i], data.names.p[i])]
     return [_along(data, name, shown, i == 0) for i, name in enumerate(names)], title
 
 
-def _shown(data: Paths, most: int) -> np.ndarray:
-    """Which paths: the first ones of those that are ok somewhere."""
+def _few(ndof: int) -> range:
+    """The degrees of freedom that are drawn where no names are given: all, and of a chain the first."""
+    return range(ndof if ndof < CHAIN else 1)
+
+
+def _energy_of(values: Values, of: object, why_not: str) -> list[str]:
+    """The energy, as it is drawn alone."""
+    if not values.has_energy:
+        raise InvalidArgumentError(f"the energy {why_not}")
+    if (values.chosen("of", of) or ["energy"]) != ["energy"]:
+        raise InvalidArgumentError(
+            f"of = {checks.shown(of)} beside what = 'energy', which draws the energy alone: leave out one of the two"
+        )
+    return ["energy"]
+
+
+def _planes(values: Values, names: Sequence[str] | None) -> list[tuple[str, str]]:
+    """Each coordinate with its momentum."""
+    if names is None:
+        return [(values.q[i], values.p[i]) for i in _few(values.ndof)]
+    degrees = [values.names.index(name) % values.ndof if name != "energy" else None for name in names]
+    if None in degrees:
+        raise InvalidArgumentError(
+            "of = 'energy' has no momentum to draw it against: give what = 'trajectory' and two values"
+        )
+    return [(values.q[i], values.p[i]) for i in dict.fromkeys(degrees)]
+
+
+def pair_of(values: Values, names: Sequence[str] | None) -> tuple[str, str]:
+    """Two values that span a plane: the first two coordinates, or one with its momentum, where none are given."""
+    pair = names or ((values.q if values.ndof > 1 else values.names)[:2])
+    if len(pair) != 2:
+        raise InvalidArgumentError(
+            f"of = {checks.shown(list(pair))}: a trajectory is drawn in a plane: give two values, as in "
+            f"of={list(values.names[:2])}"
+        )
+    return tuple(pair)
+
+
+def which_paths(data: Paths, most: int) -> np.ndarray:
+    """Which paths are drawn: the first ones of those that are ok somewhere."""
+    checks.integer("most", most, (1, 2**20))
     there = np.flatnonzero(np.isfinite(data.q).all(axis=1).any(axis=0))
     if there.size == 0:
         raise InvalidArgumentError("no path has a finite value: there is nothing to draw; see status and failed_step")
     return there[:most]
 
 
-def _pair(name: str, data: Paths) -> tuple[str, str]:
-    known(name, [x for x in data.columns() if x != "energy"])
-    return f"q_{name[2:]}", f"p_{name[2:]}"
-
-
-def _maps(t: np.ndarray, tables: dict[str, np.ndarray], of: Sequence[str] | None) -> list[Callable]:
+def _maps(data: Paths | Means, tables: dict[str, np.ndarray], of: object, kind: str = "") -> list[Callable]:
     """A panel for each table, (time, dof), in colours over time and degree of freedom: red above zero, blue below."""
-    for name in (names := list(of or tables)):
-        known(name, tables)
+    t = data.t
 
     def panel(axes: Any, name: str) -> None:
         table = tables[name]
@@ -156,9 +201,9 @@ def _maps(t: np.ndarray, tables: dict[str, np.ndarray], of: Sequence[str] | None
         axes.grid(visible=False)
         axes.set_xlabel("t")
         axes.set_ylabel("degree of freedom")
-        axes.figure.colorbar(mesh, ax=axes, label=name)
+        axes.figure.colorbar(mesh, ax=axes, label=f"{kind}{name}")
 
-    return [functools.partial(panel, name=name) for name in names]
+    return [functools.partial(panel, name=name) for name in chosen("of", of, list(tables)) or tables]
 
 
 def _mark(places: int) -> dict[str, str]:
@@ -196,14 +241,17 @@ def _along(data: Paths, name: str, shown: np.ndarray, named: bool) -> Callable:
     return panel
 
 
-def _phase(data: Paths, q: str, p: str, shown: np.ndarray, named: bool) -> Callable:
-    x, y = data.values(q)[:, shown], data.values(p)[:, shown]
+def _plane(data: Paths, pair: tuple[str, str], shown: np.ndarray, named: bool) -> Callable:
+    x, y = (data.values(name)[:, shown] for name in pair)
+    is_place = set(pair) <= set(data.names.q)
 
     def panel(axes: Any) -> None:
         mark = {"marker": ".", "linestyle": ""} if _is_sparse(x, y) else _mark(len(x))
         _lines(axes, x, y, data.path[shown], mark, named=named)
-        axes.set_xlabel(q)
-        axes.set_ylabel(p)
+        axes.set_xlabel(pair[0])
+        axes.set_ylabel(pair[1])
+        if is_place:
+            axes.set_aspect("equal", adjustable="datalim")
 
     return panel
 
@@ -211,29 +259,32 @@ def _phase(data: Paths, q: str, p: str, shown: np.ndarray, named: bool) -> Calla
 # ---- moments -------------------------------------------------------------------------------------------------------
 
 
-def of_moments(data: Means, what: str, of: Sequence[str] | None) -> tuple[list[Callable], str]:
+def of_moments(data: Means, what: str, of: object) -> tuple[list[Callable], str]:
     """Panels and title: means with bands."""
+    values = data.names
+    what = what or ("moments" if of is not None or values.ndof < CHAIN else "map")
     checks.choice("what", what, ["moments", "energy", "map"])
-    if what == "energy":
-        if "energy" not in data.columns():
-            raise InvalidArgumentError("the model has no energy (no value): draw other moments")
-        of = ["energy"]
     if not (data.n_ok > 0).any():
         raise InvalidArgumentError("no path is ok at any time: there is nothing to draw; see failed and failed_step")
+    mean, var, error = (data.tables[kind] for kind in ("mean", "var", "se_mean"))
     if what == "map":
-        mean, of = data.tables["mean"], [f"mean {name}" for name in of] if of else None
-        tables = {
-            f"mean {x}": np.stack([mean[name] for name in mean if re.fullmatch(rf"{x}_\d+", name)], 1) for x in "qp"
-        }
-        return _maps(data.t, tables, of), f"{data.title}, {_paths_of(data)}"
-    of = of and [value_name(name, data.columns()) for name in of]
-    names = of or [name for name in data.columns() if name in ("q_1", "p_1") or not name.startswith(("q_", "p_"))]
-    panels = []
-    for name in names:
-        known(name, data.columns())
-        mean, var, error = (data.tables[kind][name] for kind in ("mean", "var", "se_mean"))
-        panels.append(_curves("t", f"mean {name}", [Curve("mean", data.t, mean, error, np.sqrt(var))]))
+        tables = {x: np.stack([mean[name] for name in getattr(values, x)], 1) for x in "qp"}
+        return _maps(data, tables, of, "mean "), f"{data.title}, {_paths_of(data)}"
+    if what == "energy":
+        names = _energy_of(values, of, "is not known, as the model has no value: draw other moments")
+    else:
+        names = values.chosen("of", of) or _all_of(values)
+    panels = [
+        _curves("t", f"mean {name}", [Curve("mean", data.t, mean[name], error[name], np.sqrt(var[name]))])
+        for name in names
+    ]
     return panels, f"{data.title}, {_paths_of(data)}; bands: two standard errors, standard deviation"
+
+
+def _all_of(values: Values) -> list[str]:
+    """Coordinates, each beside its momentum, the energy and observables."""
+    pairs = [name for i in _few(values.ndof) for name in (values.q[i], values.p[i])]
+    return [*pairs, *values.names[2 * values.ndof :]]
 
 
 def _paths_of(data: Means) -> str:
@@ -264,7 +315,7 @@ def _curves(xlabel: str, ylabel: str, curves: Sequence[Curve]) -> Callable:
 
 def of_observed(found: Any, at: int = -1) -> tuple[list[Callable], str]:
     """Panels and title of what an observer kept; at: which saved time of a histogram."""
-    kind, names = found.observer.KIND, ", ".join(found.observer.names(()) or ("q", "p"))
+    kind, names = found.observer.KIND, ", ".join(found.looked_at)
     if kind == "histogram":
         at = checks.integer("at", at, (-len(found.t), len(found.t) - 1))
         if not found.counts[at].any():

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from ...errors import InvalidArgumentError, WrongTypeError
-from ...model.definition import Model
+from ...model.definition import Model, fits_files
 from ...model.formulas import compiler
 from ...model.formulas.formula_observables import FormulaObservables, is_formula
 from ...native import callbacks, checks
@@ -49,20 +49,21 @@ def _check_name(name: object) -> None:
             f"observable {name!r}: this name is taken, files would hold two of it (q, p, energy, q_1, p_1, ...): "
             f"give another one, such as {'my_' + name!r}"
         )
-    if not name.isprintable() or set("/#") & set(name) or name != name.strip() or not name:
+    if not fits_files(name):
         raise InvalidArgumentError(
             f"observable {name!r}: this cannot be a name in a file: give printable characters, without '/' and '#' and "
             "without spaces around them"
         )
 
 
-def refuse_coordinates(names: Iterable[str], ndof: int) -> None:
-    """Refuse names of observables that formulas have for a coordinate."""
+def refuse_coordinates(names: Iterable[str], model: Model) -> None:
+    """Refuse names of observables that formulas or results have for a coordinate."""
     for name in names:
-        if (there := re.fullmatch(r"[qp]([0-9]{1,9})", name)) and 1 <= int(there[1]) <= ndof:
+        numbered = re.fullmatch(r"[qp]([0-9]{1,9})", name)
+        if name in model.coordinates or (numbered and 1 <= int(numbered[1]) <= model.ndof):
             raise InvalidArgumentError(
-                f"observable {name!r}: this name is taken, formulas call a coordinate so: give another one, such as "
-                f"{'my_' + name!r}"
+                f"observable {name!r}: this name is taken, results and formulas call a coordinate so: give another "
+                f"one, such as {'my_' + name!r}"
             )
 
 

@@ -20,12 +20,13 @@ class Observed:
 
     observer: Observer  #: what was asked for
     t: np.ndarray  #: (time,), saved times
+    looked_at: tuple[str, ...]  #: names of the values
     kept: PartialStatistics  #: integers and sums as in symsde.h, by which parts of an ensemble merge
 
     def __init__(self, scope: Scope, t: np.ndarray, observer: Observer, kept: PartialStatistics):
         """The answer of the library to what was kept."""
         self.observer, self.t, self.kept = observer, t, kept
-        self._names = observer.names(scope.columns)
+        self.looked_at = observer.names(scope.values)
         self._take(scope, *read(scope, observer, kept))
 
     def _take(self, scope: Scope, values: np.ndarray, errors: np.ndarray) -> None:
@@ -46,7 +47,7 @@ class Observed:
 
     def __repr__(self) -> str:
         """One line."""
-        return f"<{self.observer.KIND} of {', '.join(self._names)} at {counted(len(self.t), 'time')}>"
+        return f"<{self.observer.KIND} of {', '.join(self.looked_at)} at {counted(len(self.t), 'time')}>"
 
 
 class Slots(Observed):
@@ -132,7 +133,7 @@ class CovarianceResult(Observed):
     mean: np.ndarray  #: (time, value)
 
     def _take(self, scope: Scope, values: np.ndarray, errors: np.ndarray) -> None:
-        self.names = self._names
+        self.names = self.looked_at
         k, ntime = len(self.names), len(self.t)
         table = self.kept.sums.reshape(ntime, -1)
         self.n, self.mean = table[:, 0].astype(np.int64), np.where(table[:, :1] > 0, table[:, 1 : 1 + k], np.nan)
@@ -218,7 +219,9 @@ class PassageResult(Observed):
     there: np.ndarray  #: (time,), paths that are still there
     bridged: int | None  #: paths that left between two steps; None if this is not checked, see `remarks`
     n: int  #: paths that have left
-    mean: dict[str, float]  #: of t, q_1 .., p_1 .. when they left, over these paths; likewise se_mean
+    mean: dict[
+        str, float
+    ]  #: of t and of the coordinates and momenta when they left, over these paths; likewise se_mean
     path: np.ndarray  #: (listed,), global indices of the first of them; at most 1000
     step: np.ndarray  #: (listed,), absolute step after which each was outside
     state: np.ndarray  #: (listed, 1 + 2 dof), t, q and p there
@@ -237,11 +240,11 @@ class PassageResult(Observed):
         paths, steps = counts[3 * ntime + 1 :].reshape(2, -1)
         listed = paths >= 0
         table = sums[paths.size * width :]
-        self._is_derived = scope.columns.index(self._names[0]) >= width - 1 and scope.setup.model.nnoise > 0
+        self._is_derived = scope.values.names.index(self.looked_at[0]) >= width - 1 and scope.setup.model.nnoise > 0
         self.path, self.step = paths[listed], steps[listed]
         self.state = sums[: paths.size * width].reshape(-1, width)[listed]
         self.n = int(table[0])
-        self.names = ("t", *(f"{x}_{i + 1}" for x in "qp" for i in range((width - 1) // 2)))
+        self.names = ("t", *scope.values.q, *scope.values.p)
         means, squares = table[1 : 1 + width], table[1 + width : 1 + 2 * width]
         with np.errstate(divide="ignore", invalid="ignore"):
             errors = np.sqrt(squares / (self.n - 1) / self.n) if self.n > 1 else np.full(width, np.nan)
@@ -265,9 +268,9 @@ class PassageResult(Observed):
         if not (wanted.bridge and self._is_derived):
             return []
         return [
-            f"{self._names[0]} is checked only at the ends of steps, since only q and p have Brownian bridges: paths "
-            "that leave and return within a step are missed, a share of the order of the root of the step; halve the "
-            "step to see how large it is"
+            f"{self.looked_at[0]} is checked only at the ends of steps, since only q and p have Brownian bridges: "
+            "paths that leave and return within a step are missed, a share of the order of the root of the step; halve "
+            "the step to see how large it is"
         ]
 
 
@@ -279,7 +282,7 @@ class PathsResult(Observed):
     values: np.ndarray  #: (path, time, value); NaN after the end of a path, or if this run does not have the path
 
     def _take(self, scope: Scope, values: np.ndarray, errors: np.ndarray) -> None:
-        self.path, self.names = self.observer.fields()["paths"], self._names
+        self.path, self.names = self.observer.fields()["paths"], self.looked_at
         self.values = values.reshape(len(self.path), len(self.t), len(self.names))
 
     def variables(self, name: str) -> Variables:

@@ -4,12 +4,13 @@
 from __future__ import annotations
 
 import ctypes
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
 
 from ..setup import Setup
+from ..values import Values
 from .requests import Observer
 
 Kinds = Mapping[str, Observer]
@@ -30,39 +31,38 @@ class PartialStatistics:
 
 @dataclass(frozen=True)
 class Scope:
-    """The run that observers look at: its setup, and the names of its values, so many of which are the user's own."""
+    """The run that observers look at: its setup, and the names of its values."""
 
     setup: Setup
-    columns: Sequence[str]
-    observables: int
+    values: Values
 
     def call(self, name: str, *arguments) -> None:
         """A function of the C interface that begins with model, options and observables."""
-        self.setup.model.call(name, ctypes.byref(self.setup.options), self.observables, *arguments)
+        self.setup.model.call(name, ctypes.byref(self.setup.options), len(self.values.observables), *arguments)
 
     def room(self, observer: Observer) -> PartialStatistics:
         """Arrays for what an observer will keep; refuses what it cannot observe."""
         sizes = np.zeros(3, np.int64)
-        self.call("observer_sizes", ctypes.byref(observer.struct(self.columns)), sizes.ctypes.data)
+        self.call("observer_sizes", ctypes.byref(observer.struct(self.values)), sizes.ctypes.data)
         return PartialStatistics(np.zeros(sizes[0], np.int64), np.zeros(sizes[1]), int(sizes[2]))
 
 
 def structs(scope: Scope, observers: Kinds, kept: Mapping[str, PartialStatistics]):
     """The list of observers of symsde_moments: an array of addresses, and what must live as long."""
-    made = [observer.struct(scope.columns, kept[name].counts, kept[name].sums) for name, observer in observers.items()]
+    made = [observer.struct(scope.values, kept[name].counts, kept[name].sums) for name, observer in observers.items()]
     addresses = (ctypes.c_void_p * len(made))(*(ctypes.addressof(struct) for struct in made))
     return addresses, made
 
 
 def merge(scope: Scope, observer: Observer, left: PartialStatistics, right: PartialStatistics) -> None:
     """The left part becomes both."""
-    both = [observer.struct(scope.columns, part.counts, part.sums) for part in (left, right)]
+    both = [observer.struct(scope.values, part.counts, part.sums) for part in (left, right)]
     scope.call("observer_merge", *(ctypes.byref(struct) for struct in both))
 
 
 def read(scope: Scope, observer: Observer, kept: PartialStatistics) -> tuple[np.ndarray, np.ndarray]:
     """The answer of an observer, and its standard errors."""
     values, errors = np.empty(kept.answers), np.empty(kept.answers)
-    struct = observer.struct(scope.columns, kept.counts, kept.sums)
+    struct = observer.struct(scope.values, kept.counts, kept.sums)
     scope.call("observer_answer", ctypes.byref(struct), values.ctypes.data, errors.ctypes.data)
     return values, errors

@@ -5,8 +5,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
-import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
@@ -15,15 +14,7 @@ import numpy as np
 from ...errors import InvalidArgumentError, UnknownNameError, WrongTypeError
 from ...native import abi, checks, handles
 from ...native.checks import address
-
-
-def value_name(name: str, columns: Sequence[str]) -> str:
-    """A value as columns call it: q1 is q_1, and so is q where there is one degree of freedom."""
-    if name not in columns and (found := re.fullmatch(r"([qp])(\d*)", name)):
-        x, number = found.groups()
-        if number or f"{x}_2" not in columns:
-            return f"{x}_{number or 1}"
-    return name
+from ..values import Values
 
 
 @dataclass(frozen=True)
@@ -37,17 +28,17 @@ class Observer:
         for field in dataclasses.fields(self):
             object.__setattr__(self, field.name, checks.fixed(getattr(self, field.name)))
 
-    def names(self, columns: Sequence[str]) -> tuple[str, ...]:
+    def names(self, values: Values) -> tuple[str, ...]:
         """The values that it looks at, among those that there are."""
-        return (value_name(checks.name_of(f"the value of {type(self).__name__}", self.of), columns),)
+        return (values.called(checks.name_of(f"the value of {type(self).__name__}", self.of)),)
 
     def fields(self) -> dict[str, Any]:
         """Members of the struct of the C interface, beside kind and values."""
         return {}
 
-    def struct(self, columns: Sequence[str], counts: np.ndarray | None = None, sums: np.ndarray | None = None):
+    def struct(self, values: Values, counts: np.ndarray | None = None, sums: np.ndarray | None = None):
         """The struct of the C interface, in a run with these values; its arrays live as long as it does."""
-        names = self.names(columns)
+        names, columns = self.names(values), values.names
         for name in names:
             if name not in columns:
                 raise UnknownNameError(
@@ -116,9 +107,9 @@ class Covariance(Observer):
     KIND: ClassVar[str] = "covariance"
     of: tuple[str, ...]
 
-    def names(self, columns: Sequence[str]) -> tuple[str, ...]:
+    def names(self, values: Values) -> tuple[str, ...]:
         """The values."""
-        return _names("Covariance", self.of, columns)
+        return _names("Covariance", self.of, values)
 
 
 @dataclass(frozen=True)
@@ -187,9 +178,9 @@ class Paths(Observer):
     paths: tuple[int, ...]
     of: tuple[str, ...] = ()
 
-    def names(self, columns: Sequence[str]) -> tuple[str, ...]:
+    def names(self, values: Values) -> tuple[str, ...]:
         """The values; all of q and p where none are told."""
-        return _names("Paths", self.of, columns) or tuple(name for name in columns if re.fullmatch(r"[qp]_\d+", name))
+        return _names("Paths", self.of, values) or (*values.q, *values.p)
 
     def fields(self) -> dict[str, Any]:
         """The indices, ascending."""
@@ -202,12 +193,11 @@ def _range(observer: Any) -> dict[str, float]:
     return {key: checks.number(key, getattr(observer, key)) for key in ("low", "high")}
 
 
-def _names(what: str, given: object, columns: Sequence[str]) -> tuple[str, ...]:
-    if isinstance(given, str):
-        return (value_name(given, columns),)
-    if not isinstance(given, Sequence):
+def _names(what: str, given: object, values: Values) -> tuple[str, ...]:
+    several = [given] if isinstance(given, str) else checks.items(given)
+    if several is None:
         raise WrongTypeError(f"of = {checks.shown(given)} of {what} is no list: give names of values")
-    return tuple(value_name(checks.name_of(f"a value of {what}", name), columns) for name in given)
+    return tuple(values.called(checks.name_of(f"a value of {what}", name)) for name in several)
 
 
 KINDS = {cls.KIND: cls for cls in (Histogram, Quantiles, Covariance, Autocorrelation, Extremes, Passage, Paths)}

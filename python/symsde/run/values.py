@@ -1,0 +1,76 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Names of the values of a run: coordinates and momenta as the model calls them, the energy, observables."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+
+from ..errors import UnknownNameError, WrongTypeError
+from ..native import checks
+
+_NUMBERED = re.compile(r"([qp])_?(\d*)")
+
+
+@dataclass(frozen=True)
+class Values:
+    """Values in the order of columns: coordinates, momenta, the energy where it is known, observables."""
+
+    names: tuple[str, ...]
+    ndof: int  #: degrees of freedom, to which the first 2*ndof names belong
+
+    @classmethod
+    def of(cls, coordinates: Sequence[str], has_energy: bool, observables: Iterable[str] = ()) -> Values:
+        """Of coordinates and momenta, 2*ndof names, and what a run has beside them."""
+        return cls((*coordinates, *(["energy"] if has_energy else []), *observables), len(coordinates) // 2)
+
+    @property
+    def q(self) -> tuple[str, ...]:
+        """Names of the coordinates."""
+        return self.names[: self.ndof]
+
+    @property
+    def p(self) -> tuple[str, ...]:
+        """Names of the momenta."""
+        return self.names[self.ndof : 2 * self.ndof]
+
+    @property
+    def has_energy(self) -> bool:
+        """Whether the energy is one of them."""
+        return self.names[2 * self.ndof : 2 * self.ndof + 1] == ("energy",)
+
+    @property
+    def observables(self) -> tuple[str, ...]:
+        """Names of the observables."""
+        return self.names[2 * self.ndof + self.has_energy :]
+
+    def called(self, name: str) -> str:
+        """The name that a value has here: q_1 and q1 are the first coordinate, and so is q where there is but one."""
+        if name in self.names or not (found := _NUMBERED.fullmatch(name)):
+            return name
+        letter, number = found.groups()
+        if not number and self.ndof > 1:
+            return name
+        place = int(number[:9] or 1)
+        return (self.q if letter == "q" else self.p)[place - 1] if 1 <= place <= self.ndof else f"{letter}_{number}"
+
+    def chosen(self, what: str, given: object) -> list[str] | None:
+        """Some of the values, given by one name or by a list of names; None where none is given."""
+        return chosen(what, given, self.names, self.called)
+
+
+def chosen(what: str, given: object, known: Sequence[str], called: Callable[[str], str] = str) -> list[str] | None:
+    """Some of the known names, given as one name or as a list of names; None where none is given."""
+    if given is None:
+        return None
+    several = [given] if isinstance(given, str) else checks.items(given)
+    if not several or not all(isinstance(name, str) for name in several):
+        raise WrongTypeError(
+            f"{what} = {checks.shown(given)} holds no names: give one name, or a list of one or more, as ['{known[0]}']"
+        )
+    names = [called(name) for name in several]
+    for name in names:
+        if name not in known:
+            raise UnknownNameError(f"there is no value {name!r}: there are {checks.nearest(name, known)}")
+    return names
