@@ -125,6 +125,10 @@ class RepeatedNoiseWarning(UserWarning):
 OF_RUNS = (PathsFailedWarning, NotANumberWarning, RepeatedNoiseWarning)
 
 
+class NotSavedWarning(UserWarning):
+    """A file cannot hold all that was computed; the message names what is not in it."""
+
+
 class SlowFormulaWarning(UserWarning):
     """Formulas are evaluated without a compiler; the message says how slow this is."""
 

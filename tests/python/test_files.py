@@ -95,7 +95,8 @@ def test_every_variable_says_what_it_is(run, moments):
     assert told == {
         "time": "time", "path": "global index of the path", "q": "coordinates", "p": "momenta",
         "status": "status of the path, 0 = ok", "failed_step": "absolute step that failed, -1 = none",
-        "t": "time", "dof": "degree of freedom",
+        "t": "time", "dof": "degree of freedom", "last_q": "coordinates of the last good state",
+        "last_p": "momenta of the last good state",
     }  # fmt: skip
     assert moments.to_xarray()["se_mean_q"].attrs["long_name"] == "standard error of the mean of coordinates"
     assert moments.to_xarray()["mean_energy"].attrs["long_name"] == "mean of energy"
@@ -108,7 +109,7 @@ def test_a_file_of_paths_holds_the_run(run, ending, tmp_path):
     assert os.listdir(tmp_path) == [f"run.{ending}"]
     found, attributes = read(tmp_path / f"run.{ending}")
     expected = {"time": run.t, "path": run.path, "q": run.q, "p": run.p}
-    expected |= {"status": run.status, "failed_step": run.failed_step}
+    expected |= {"status": run.status, "failed_step": run.failed_step, "last_q": run.last_q, "last_p": run.last_p}
     expected |= {"t": run.t, "dof": [1, 2]} if ending == "nc" else {}
     assert set(found) == set(expected)
     for name, values in expected.items():
@@ -159,7 +160,9 @@ def test_a_file_of_moments_holds_the_moments(run, moments, ending, tmp_path):
     moments.save(tmp_path / f"moments.{ending}")
     found, attributes = read(tmp_path / f"moments.{ending}")
     by_hand = moments_by_hand(run)
+    variances = [by_hand[name] for name in by_hand if name.startswith("var ")]
     expected = {"time": run.t, "n_ok": by_hand["n_ok"], "failed": [517, 782]}
+    expected["m2"] = np.stack(variances, axis=1) * (by_hand["n_ok"][:, np.newaxis] - 1)
     expected |= {"failed_status": run.status[[5, 270]], "failed_step": run.failed_step[[5, 270]]}
     expected |= {"t": run.t, "dof": [1, 2]} if ending == "nc" else {}
     for kind in ("mean", "var", "se_mean"):

@@ -7,7 +7,6 @@ Half the step of a scheme of strong order r has 2^-r of its error, so that the d
 
 from __future__ import annotations
 
-import csv
 import dataclasses
 import time
 from collections.abc import Iterator
@@ -16,8 +15,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ..native import files
-from ..run import provenance
+from ..run import csv_files
 from ..run.observers.observables import Rows, rows_of
 from ..run.simulate import Run, simulate
 from .execute import Task, Tell, never
@@ -54,16 +52,11 @@ class ErrorCheck:
 
     def save(self, path: Path) -> None:
         """Write a table, one row a time."""
-        header = ["t", "paths", "rms", *(f"{kind} {name}" for kind in ("mean", "se_mean") for name in self.names)]
-        rows = np.column_stack([self.t, self.n, self.rms, self.mean, self.se_mean]).tolist()
-
-        def put(target: Path) -> None:
-            with target.open("w", newline="", encoding="utf-8") as file:
-                told = {"not compared": "\n".join(self.remarks)} if self.remarks else {}
-                file.writelines(provenance.comments({**self.attributes, **told}))
-                csv.writer(file).writerows([header, *rows])
-
-        files.replace(path, put)
+        columns = {"t": self.t, "paths": self.n, "rms": self.rms}
+        for kind in ("mean", "se_mean"):
+            columns |= {f"{kind} {name}": x for name, x in zip(self.names, getattr(self, kind).T, strict=True)}
+        told = {"not compared": "\n".join(self.remarks)} if self.remarks else {}
+        csv_files.write(path, columns, {**self.attributes, **told})
 
 
 def error_check(

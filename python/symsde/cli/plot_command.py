@@ -112,7 +112,7 @@ def _of_moments(found: MomentTables, options: argparse.Namespace) -> Figures:
     figures = {"moments": Figure(lambda: draw.of_moments(means, "moments", options.of), values.names, values.called)}
     if values.ndof >= draw.CHAIN:
         figures["moments-map"] = Figure(lambda: draw.of_moments(means, "map", options.of), ("q", "p"))
-    for name, result in getattr(found, "observed", {}).items():
+    for name, result in getattr(found, "observed", {}).items():  # which a table cannot hold
         make = functools.partial(draw.of_observed, result, options.at)
         figures[f"observed-{name}"] = Figure(make, result.looked_at, values.called)
     return figures

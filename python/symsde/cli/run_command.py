@@ -146,7 +146,7 @@ def save_partial(batch: Batch, folder: RunFolder) -> Path | None:
     others = sum(piece.paths for piece in pieces) - sum(piece.paths for piece in stopped)
     moments.report = dataclasses.replace(moments.report, stopped=moments.report.stopped + others)
     moments.scene = batch.scene.text
-    moments.save(folder.path / PARTIAL)
+    moments.save_table(folder.path / PARTIAL)
     return folder.path / PARTIAL
 
 
@@ -156,7 +156,7 @@ def finish(batch: Batch, folder: RunFolder, quiet: bool, took: float) -> int:
     if pieces := batch.of_kind("moments"):
         moments = merged_results.moments_of(batch.task, batch.size, pieces, folder.read, seconds=took)
         moments.scene = batch.scene.text
-        moments.save(folder.path / "moments.csv")
+        moments.save_table(folder.path / "moments.csv")
         (folder.path / PARTIAL).unlink(missing_ok=True)
         if moments.observers:
             moments.save(folder.path / ("moments.nc" if has_netcdf() else "moments.npz"))

@@ -66,6 +66,11 @@ _LONG_NAMES = {
     "status": "status of the path, 0 = ok",
     "failed_step": "absolute step that failed, -1 = none",
     "n_ok": "paths that count",
+    "last_q": "coordinates of the last good state",
+    "last_p": "momenta of the last good state",
+    "q_low": "low parts of the last coordinates, of compensated sums",
+    "p_low": "low parts of the last momenta, of compensated sums",
+    "m2": "sums of squared deviations of all values, in the order of columns",
     "failed": "global indices of failed paths, at most 1000",
     "failed_status": "status of these paths",
 }

@@ -8,42 +8,80 @@ import json
 import re
 from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from ..errors import InvalidArgumentError, MissingOperationError, SceneError, SymsdeError
 from ..native import files
 from ..native.checks import counted
+from .observers import observer_results
+from .report import Report, read_report
 from .saved import MomentTables, PathTables
 from .values import Values
 
 KINDS = ("mean", "var", "se_mean")
 
 
-class LoadedRun(PathTables):
+class _Loaded:
+    """What a file holds beside its tables."""
+
+    _file: Path
+    _attributes: dict[str, str]
+    _OLD: tuple[str, ...] = ()  #: attributes that older versions did not write
+    _NOT_IN_TABLES: tuple[str, ...] = ()  #: attributes that a .csv file cannot hold
+
+    def _begin(self, file: Path, attributes: dict[str, str]) -> None:
+        self._file, self._attributes, self.title = file, attributes, attributes["title"]
+        if "report" in attributes:
+            self.report = read_report(attributes["report"])
+
+    def attributes(self) -> dict[str, str]:
+        """What made the results, as text."""
+        return dict(self._attributes)
+
+    def __getattr__(self, name: str) -> Any:
+        """What the file does not hold."""
+        if name in self._NOT_IN_TABLES and self._file.suffix == ".csv":
+            raise AttributeError(
+                f"{self._file} is a table of times, which cannot hold {name}: save the moments as .nc or .npz, too"
+            )
+        if name in (*self._OLD, "report"):
+            raise AttributeError(f"{self._file} does not hold {name}: an older version has written it")
+        raise AttributeError(f"{type(self).__name__!r} object has no attribute {name!r}")
+
+
+class LoadedRun(_Loaded, PathTables):
     """Saved paths of a file."""
 
+    _OLD = ("last_q", "last_p")
+    report: Report  #: how the run was computed
+    last_q: np.ndarray  #: (dof, path), last good state
+    last_p: np.ndarray
+    q_low: np.ndarray | None = None  #: (dof, path), low parts of the last state of a compensated run
+    p_low: np.ndarray | None = None
     status: np.ndarray  #: (path,), 0 = ok
     failed_step: np.ndarray  #: (path,), absolute step that failed; -1 = none
 
-    def __init__(self, variables: Mapping[str, np.ndarray], attributes: dict[str, str]):
+    def __init__(self, file: Path, variables: Mapping[str, np.ndarray], attributes: dict[str, str]):
         """The arrays of a file."""
-        self._attributes, self.title = attributes, attributes["title"]
+        self._begin(file, attributes)
         self.values = Values.of(_coordinates(attributes, variables["q"].shape[1]), "energy" in variables)
         self.t, self.q, self.p, self.path = (variables[name] for name in ("t", "q", "p", "path"))
         self.status, self.failed_step = variables["status"], variables["failed_step"]
-        self.has_energy = False
+        self.has_energy, self._energy = self.values.has_energy, variables.get("energy")
+        for name in {"last_q", "last_p", "q_low", "p_low"} & set(variables):
+            setattr(self, name, variables[name])
 
     @property
     def energy(self) -> np.ndarray:
-        """A file of paths holds none: a MissingOperationError."""
-        raise MissingOperationError(
-            f"the file of {self.title} holds q and p, and no energies: compute them by model.value(q, p) of its model"
-        )
-
-    def attributes(self) -> dict[str, str]:
-        """What made the run, as text."""
-        return dict(self._attributes)
+        """H, (time, path); a MissingOperationError where it was not looked at before the run was saved."""
+        if self._energy is None:
+            raise MissingOperationError(
+                f"the file of {self.title} holds q and p, and no energies: look at run.energy before run.save, or "
+                "compute them by model.value(q, p) of its model"
+            )
+        return self._energy
 
     def __repr__(self) -> str:
         """One line."""
@@ -54,23 +92,38 @@ class LoadedRun(PathTables):
         )
 
 
-class LoadedMoments(MomentTables):
+class LoadedMoments(_Loaded, MomentTables):
     """Moments of a file."""
 
+    _OLD = ("m2",)
+    _NOT_IN_TABLES = ("observed", "failed", "failed_status", "failed_step", "m2")
+    report: Report  #: how the moments were computed
+    observed: dict[str, observer_results.Observed]  #: results of the observers, by their names
+    m2: np.ndarray  #: (time, value), sums of squared deviations
+    failed: np.ndarray  #: global indices of the first 1000 failed paths; likewise failed_status, failed_step
     variables: dict[str, np.ndarray]  #: all arrays of the file by their names, those of observers too
 
-    def __init__(self, tables: dict[str, dict[str, np.ndarray]], variables: Mapping, attributes: dict[str, str]):
+    def __init__(self, file: Path, tables: dict[str, dict], variables: Mapping, attributes: dict[str, str]):
         """Kind -> name -> (time,), the arrays of the file and its texts."""
-        self._attributes, self.title, self.variables = attributes, attributes["title"], dict(variables)
+        self._begin(file, attributes)
+        self.variables = dict(variables)
         self.t, self.n_ok = variables["t"], variables["n_ok"]
         names = list(tables["mean"])
         self._tables = {kind: np.stack([table[name] for name in names], axis=1) for kind, table in tables.items()}
         ndof = sum(re.fullmatch(r"q_\d+", name) is not None for name in names)
         self._show_columns(Values(tuple(names), len(_coordinates(attributes, ndof)) // 2))
 
-    def attributes(self) -> dict[str, str]:
-        """What made the moments, as text."""
-        return dict(self._attributes)
+        wanted = attributes.get("observers", "{}")
+        if file.suffix != ".csv":
+            self.observed = observer_results.filed(self.values, self.t, variables, wanted, self.remarks())
+            for name in {"m2", "failed", "failed_status", "failed_step"} & set(variables):
+                setattr(self, name, variables[name])
+        elif wanted == "{}":
+            self.observed = {}
+
+    def remarks(self) -> list[str]:
+        """Sentences about what the results of observers leave out."""
+        return json.loads(self._attributes.get("remarks", "[]"))
 
     def __repr__(self) -> str:
         """One line."""
@@ -85,8 +138,8 @@ def load_file(path: Path) -> LoadedRun | LoadedMoments:
             return _from_table(path)
         variables, attributes = _arrays(path)
         if "q" in variables:
-            return LoadedRun(variables, attributes)
-        return LoadedMoments(_columns(variables, attributes), variables, attributes)
+            return LoadedRun(path, variables, attributes)
+        return LoadedMoments(path, _columns(variables, attributes), variables, attributes)
     except SymsdeError:
         raise
     except (KeyError, ValueError, IndexError, StopIteration) as error:
@@ -142,4 +195,4 @@ def _from_table(path: Path) -> LoadedMoments:
         kind: {name.removeprefix(f"{kind} "): x for name, x in columns.items() if name.startswith(f"{kind} ")}
         for kind in KINDS
     }
-    return LoadedMoments(tables, columns, attributes)
+    return LoadedMoments(path, tables, columns, attributes)

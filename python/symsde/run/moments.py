@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-import csv
 import ctypes
 import dataclasses
 import functools
@@ -16,13 +15,13 @@ from typing import Any, Unpack
 
 import numpy as np
 
-from ..errors import FalseTraitError, InvalidArgumentError, NotANumberWarning
+from ..errors import FalseTraitError, InvalidArgumentError, NotANumberWarning, NotSavedWarning
 from ..model.definition import Model
 from ..native import abi, callbacks, checks, files, handles
 from ..native.checks import address, counted
 from ..native.progress import Monitor, Progress
 from ..native.signals import carry
-from . import provenance, tabular
+from . import csv_files, tabular
 from .observers import observer_results, requests
 from .observers.observables import Observable, are_in_python, bind, check_observables, described, refuse_coordinates
 from .observers.partial_statistics import Kinds, PartialStatistics, Scope, structs
@@ -155,7 +154,7 @@ class Moments(MomentTables, Reported):
         return tabular.html_of_moments(self)
 
     def _variables(self) -> files.Variables:
-        variables = {"n_ok": (("time",), self.n_ok)}
+        variables = {"n_ok": (("time",), self.n_ok), "m2": (("time", "value"), self.m2)}
         for name in ("failed", "failed_status", "failed_step"):
             variables[name] = (("listed",), getattr(self, name))
         for kind in self._tables:
@@ -179,41 +178,38 @@ class Moments(MomentTables, Reported):
         """Sentences about what the results of observers leave out."""
         return [f"{name}: {text}" for name, result in self.observed.items() for text in result.remarks()]
 
-    def doubts(self) -> list[str]:
-        """Sentences about values that were not finite for a path that counts; their means are not finite either."""
-        found, finite = [], np.isfinite(self._tables["mean"])
-        if finite.all():
-            return found
-        times, values = np.nonzero(~finite & (self.n_ok > 0)[:, np.newaxis])
-        for value in np.unique(values):
-            bad = times[values == value]
-            found.append(
-                f"{self.columns()[value]} is not a finite number for some paths at {bad.size} of {len(self.t)} saved "
-                f"times, first at t = {self.t[bad[0]]:g}: its means there are not finite either"
-            )
-        return found
-
     def to_xarray(self):
         """An xarray.Dataset with dims time and dof; t is another name of time."""
         return files.dataset(self._variables(), files.axes(self.t, self.mean_q.shape[1]), self.attributes())
 
     def save(self, path: str | os.PathLike) -> None:
-        """Write a .csv table, or a .nc (needs xarray and netCDF4) or .npz file. Lines with # say what made it."""
+        """Write a .nc (needs xarray and netCDF4) or .npz file, of which `symsde.load` makes the same again, or a table.
+
+        A .csv table has a row for each time, and lines that begin with # say what made it. It cannot hold what
+        observers have seen: a NotSavedWarning says so.
+        """
         target = files.path_of("path", path)
         if target.suffix == ".csv":
-            files.replace(target, self._write_csv)
+            self.save_table(target)
+            if self.observers:
+                checks.warn(f"{target}: {self._not_in_tables()}", NotSavedWarning)
         else:
             variables = {"t": (("time",), self.t), **self._variables()}
             files.write(target, self.to_xarray, variables, self.attributes(), also=".csv, ")
 
-    def _write_csv(self, path: Path) -> None:
-        header = [f"{kind} {name}" for kind in self._tables for name in self.columns()]
-        rows = np.column_stack(list(self._tables.values())).tolist()
-        with path.open("w", newline="", encoding="utf-8") as file:
-            file.writelines(provenance.comments(self.attributes()))
-            table = csv.writer(file)
-            table.writerow(["t", "n_ok", *header])
-            table.writerows([t, n, *row] for t, n, row in zip(self.t.tolist(), self.n_ok.tolist(), rows, strict=True))
+    def save_table(self, target: Path) -> None:
+        """Write a .csv table of what has one value for each time."""
+        columns = {"t": self.t, "n_ok": self.n_ok}
+        for kind, table in self._tables.items():
+            columns |= {f"{kind} {name}": x for name, x in zip(self.columns(), table.T, strict=True)}
+        told = {"not in this table": self._not_in_tables()} if self.observers else {}
+        csv_files.write(target, columns, {**self.attributes(), **told})
+
+    def _not_in_tables(self) -> str:
+        return (
+            f"a table of times cannot hold the results of the observers {', '.join(self.observers)}: save a .nc or "
+            ".npz file, too"
+        )
 
     def __repr__(self) -> str:
         """One line."""

@@ -32,6 +32,11 @@ def made() -> dict[str, str]:
     return {"date": now.isoformat(timespec="seconds"), "command": command, **build}
 
 
+def seconds(timings: Mapping[str, float]) -> dict[str, float]:
+    """Seconds that a run took; none where SOURCE_DATE_EPOCH asks for files that can be made again to the byte."""
+    return {name: 0.0 if os.environ.get("SOURCE_DATE_EPOCH") else x for name, x in timings.items()}
+
+
 def start_of(setup: Setup) -> dict[str, str]:
     """The first states: numbers where these are few, else a hash of them, (dof, path) in float64."""
     return {name: numbers_of(getattr(setup, name)) for name in ("q0", "p0")}

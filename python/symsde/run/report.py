@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import dataclasses
 import functools
+import json
 from dataclasses import dataclass
 
 from ..errors import PathsFailedWarning
@@ -91,6 +92,7 @@ class Reported:
             **self.setup.attributes(),
             **provenance.start_of(self.setup),
             "Conventions": "CF-1.11",
+            "report": json.dumps({**dataclasses.asdict(report), "timings": provenance.seconds(report.timings)}),
             "source": f"symsde {report.versions.get('version', '?')}",
             "history": f"{made['date']} {made['command']}".strip(),
             **made,
@@ -109,6 +111,13 @@ def filled(result: Reported | None) -> Reported | None:
     """The result, where the library has filled its arrays, whatever ended it then."""
     has_report = result is not None and (result._reported is not None or "report" in result.__dict__)
     return result if has_report else None
+
+
+def read_report(text: str) -> Report:
+    """A report as files hold it; what an older version did not write is None."""
+    given = json.loads(text)
+    fields = {field.name: given.get(field.name) for field in dataclasses.fields(Report)}
+    return Report(**{name: tuple(x) if isinstance(x, list) else x for name, x in fields.items()})
 
 
 def make_report(given: abi.Report) -> Report:

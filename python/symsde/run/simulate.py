@@ -184,6 +184,9 @@ class Run(PathTables, Reported):
             "p": (("time", "dof", "path"), self.p),
             "status": (("path",), self.status),
             "failed_step": (("path",), self.failed_step),
+            **{name: (("dof", "path"), getattr(self, name)) for name in ("last_q", "last_p")},
+            **{name: (("dof", "path"), getattr(self, name)) for name in ("q_low", "p_low") if self.q_low is not None},
+            **({"energy": (("time", "path"), self.energy)} if "energy" in self.__dict__ and self.has_energy else {}),
         }
 
     def attributes(self) -> dict[str, str]:
@@ -201,7 +204,10 @@ class Run(PathTables, Reported):
         return files.dataset(self._variables(), coordinates, self.attributes())
 
     def save(self, path: str | os.PathLike) -> None:
-        """Write a .nc (needs xarray and netCDF4) or .npz file."""
+        """Write a .nc (needs xarray and netCDF4) or .npz file, of which `symsde.load` makes the same again.
+
+        The energy is in it if `run.energy` was looked at before.
+        """
         variables = {"t": (("time",), self.t), "path": (("path",), self.path), **self._variables()}
         files.write(files.path_of("path", path), self.to_xarray, variables, self.attributes())
 

@@ -3,13 +3,11 @@
 
 from __future__ import annotations
 
-import csv
 from collections.abc import Mapping
 from pathlib import Path
 
-from ...native import files
 from ...native.checks import counted
-from ...run import provenance
+from ...run import csv_files, provenance
 from .. import pages
 
 #: columns of the CSV, with what they are; times in seconds, everything else dimensionless
@@ -54,22 +52,8 @@ COLUMNS = {
 def write_csv(path: Path, rows: list[dict], about: Mapping[str, str]) -> None:
     """Write one line a point; what made them and what the columns are stands before, in lines that begin with #."""
 
-    def write(part: Path) -> None:
-        with part.open("w", newline="", encoding="utf-8") as file:
-            file.writelines(provenance.comments({**about, **provenance.made(), **COLUMNS}))
-            table = csv.writer(file)
-            table.writerow(COLUMNS)
-            table.writerows([_cell(row.get(name)) for name in COLUMNS] for row in rows)
-
-    files.replace(path, write)
-
-
-def _cell(value):
-    if isinstance(value, bool):
-        return int(value)
-    if isinstance(value, float):  # of Python or NumPy, whose repr is not a number
-        return repr(float(value))
-    return "" if value is None else value
+    columns = {name: [row.get(name) for row in rows] for name in COLUMNS}
+    csv_files.write(path, columns, {**about, **provenance.made(), **COLUMNS})
 
 
 HEAD = ("scheme", "h", "strong error", "95 %", "E q error", "+-", "E H error", "+-", "drift", "s/path", "+-", "grad",

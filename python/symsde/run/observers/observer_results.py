@@ -3,21 +3,32 @@
 
 from __future__ import annotations
 
+import functools
 import importlib
-from collections.abc import Mapping
-from typing import Any
+import json
+from collections.abc import Mapping, Sequence
+from typing import Any, ClassVar
 
 import numpy as np
 
 from ...native.checks import counted
 from ...native.files import Variables
+from ..values import Values
 from .partial_statistics import PartialStatistics, Scope, read
-from .requests import Observer
+from .requests import KINDS, Observer
+
+NOT_FILED = ("counts", "edges", "below", "above", "not_a_number", "kept")
+
+
+def _as_they_are(dims: tuple[str, ...], *names: str) -> dict[str, tuple[str, tuple[str, ...]]]:
+    """Attributes that files call by the same name."""
+    return {name: (name, dims) for name in names}
 
 
 class Observed:
     """The result of one observer."""
 
+    FILED: ClassVar[dict[str, tuple[str, tuple[str, ...]]]] = {}  #: attribute -> its name and dimensions in files
     observer: Observer  #: what was asked for
     t: np.ndarray  #: (time,), saved times
     looked_at: tuple[str, ...]  #: names of the values
@@ -35,7 +46,39 @@ class Observed:
 
     def variables(self, name: str) -> Variables:
         """Arrays with the names of their dimensions, for files that hold the observer under this name."""
-        raise NotImplementedError
+        found: dict[str, Any] = {}
+        for attribute, (key, dims) in self.FILED.items():
+            if (value := getattr(self, attribute)) is not None:
+                array = np.array(list(value.values()) if isinstance(value, dict) else value)
+                found[f"{name}_{key}"] = (tuple(x if x == "time" else f"{name}_{x}" for x in dims), array)
+        return found
+
+    @classmethod
+    def filed(cls, observer: Observer, values: Values, t: np.ndarray, variables: Mapping, name: str) -> Observed:
+        """The result again, from the variables of a file that holds the observer under this name."""
+        self = cls.__new__(cls)
+        self.observer, self.t, self.looked_at = observer, t, observer.names(values)
+        for attribute, (key, _) in cls.FILED.items():
+            if (array := variables.get(f"{name}_{key}")) is not None:
+                is_text = array.dtype.kind in "OU"
+                value = tuple(map(str, array)) if is_text else array if array.ndim else array.item()
+                setattr(self, attribute, self._of_file(attribute, value))
+        return self
+
+    def _of_file(self, _attribute: str, value: Any) -> Any:
+        """An attribute as it was before it was written."""
+        return value
+
+    def __getattr__(self, name: str) -> Any:
+        """What a file does not hold."""
+        if name in self.FILED:
+            raise AttributeError(f"the file does not hold {name}: an older version has written it")
+        if name in NOT_FILED:
+            raise AttributeError(
+                f"files of results do not hold {name} of {self.observer.KIND}, which takes more room than the rest: "
+                "keep the result itself (pickle), or the folder of the run"
+            )
+        raise AttributeError(f"{type(self).__name__!r} object has no attribute {name!r}")
 
     def remarks(self) -> list[str]:
         """Sentences about what the result leaves out."""
@@ -62,17 +105,15 @@ class Slots(Observed):
         self.edges, self.counts = edges, slots[:, 1:-2]
         self.below, self.above, self.not_a_number = slots[:, 0], slots[:, -2], slots[:, -1]
 
-    def _slot_variables(self, name: str) -> dict[str, Any]:
-        found: dict[str, Any] = {f"{name}_edge": ((f"{name}_edge",), self.edges)}
-        found[f"{name}_count"] = (("time", f"{name}_bin"), self.counts)
-        for key in ("below", "above", "not_a_number"):
-            found[f"{name}_{key}"] = (("time",), getattr(self, key))
-        return found
-
 
 class HistogramResult(Slots):
     """A histogram at every saved time."""
 
+    FILED = (
+        {"edges": ("edge", ("edge",)), "counts": ("count", ("time", "bin"))}
+        | _as_they_are(("time",), "below", "above", "not_a_number")
+        | _as_they_are(("time", "bin"), "density", "se_density", "share", "se_share")
+    )
     share: np.ndarray  #: (time, bin), share of all values counted at that time
     se_share: np.ndarray  #: (time, bin), their binomial standard errors
     density: np.ndarray  #: (time, bin), share over width; likewise se_density
@@ -84,16 +125,11 @@ class HistogramResult(Slots):
         width = np.diff(self.edges)
         self.density, self.se_density = self.share / width, self.se_share / width
 
-    def variables(self, name: str) -> Variables:
-        """Edges, counts, densities."""
-        found = self._slot_variables(name)
-        dims = ("time", f"{name}_bin")
-        return {**found, f"{name}_density": (dims, self.density), f"{name}_se_density": (dims, self.se_density)}
-
 
 class QuantilesResult(Slots):
-    """Quantiles at every saved time."""
+    """Quantiles at every saved time; their counts are many and stay in the shards."""
 
+    FILED = {"shares": ("share", ("share",))} | _as_they_are(("time", "share"), "quantile", "se_quantile")
     shares: np.ndarray  #: (share,), of the paths below
     quantile: np.ndarray  #: (time, share)
     se_quantile: np.ndarray  #: (time, share), from chance (by the ranks) and half a bin together
@@ -102,15 +138,6 @@ class QuantilesResult(Slots):
         self.shares = self.observer.fields()["shares"]
         self._take_slots(_relative_edges(**self.observer.fields()))
         self.quantile, self.se_quantile = (x.reshape(len(self.t), -1) for x in (values, errors))
-
-    def variables(self, name: str) -> Variables:
-        """Shares, quantiles; the counts are many and stay in the shards."""
-        dims = ("time", f"{name}_share")
-        return {
-            f"{name}_share": ((f"{name}_share",), self.shares),
-            f"{name}_quantile": (dims, self.quantile),
-            f"{name}_se_quantile": (dims, self.se_quantile),
-        }
 
 
 def _relative_edges(low: float, high: float, bins: int, **_others: object) -> np.ndarray:
@@ -125,6 +152,11 @@ def _relative_edges(low: float, high: float, bins: int, **_others: object) -> np
 class CovarianceResult(Observed):
     """Covariances at every saved time."""
 
+    FILED = (
+        {"names": ("value", ("value",)), "mean": ("mean", ("time", "value"))}
+        | _as_they_are(("time", "value", "value_"), "covariance", "se_covariance", "correlation")
+        | _as_they_are(("time",), "n")
+    )
     names: tuple[str, ...]  #: of the values
     covariance: np.ndarray  #: (time, value, value), unbiased
     se_covariance: np.ndarray  #: (time, value, value)
@@ -142,13 +174,6 @@ class CovarianceResult(Observed):
         with np.errstate(divide="ignore", invalid="ignore"):
             self.correlation = self.covariance / (spread[:, :, np.newaxis] * spread[:, np.newaxis, :])
 
-    def variables(self, name: str) -> Variables:
-        """Covariances."""
-        dims = ("time", f"{name}_value", f"{name}_value_")
-        found: dict[str, Any] = {f"{name}_value": ((f"{name}_value",), np.array(self.names))}
-        found |= {f"{name}_{key}": (dims, getattr(self, key)) for key in ("covariance", "se_covariance")}
-        return found
-
 
 def _square(pairs: np.ndarray, k: int) -> np.ndarray:
     """(time, pair) as (time, value, value)."""
@@ -162,6 +187,9 @@ def _square(pairs: np.ndarray, k: int) -> np.ndarray:
 class AutocorrelationResult(Observed):
     """Autocorrelation along time."""
 
+    FILED = _as_they_are(
+        ("lag",), "lag", "covariance", "se_covariance", "correlation", "se_correlation"
+    ) | _as_they_are((), "n", "mean")
     lag: np.ndarray  #: (lag,), in units of time
     covariance: np.ndarray  #: (lag,); likewise se_covariance
     correlation: np.ndarray  #: (lag,), covariance over that at lag 0; likewise se_correlation
@@ -178,17 +206,13 @@ class AutocorrelationResult(Observed):
         self.n = int(table[0, 0])
         self.mean = float(table[0, 4] + self.observer.about) if self.n else np.nan
 
-    def variables(self, name: str) -> Variables:
-        """Lags, covariance, correlation."""
-        dims = (f"{name}_lag",)
-        found: dict[str, Any] = {f"{name}_lag": (dims, self.lag)}
-        keys = ("covariance", "se_covariance", "correlation", "se_correlation")
-        return {**found, **{f"{name}_{key}": (dims, getattr(self, key)) for key in keys}}
-
 
 class ExtremesResult(Observed):
     """How far a value has come."""
 
+    FILED = _as_they_are(("time",), "mean_lowest", "se_mean_lowest", "mean_highest", "se_mean_highest") | _as_they_are(
+        ("value_path_time",), "lowest", "highest"
+    )
     mean_lowest: np.ndarray  #: (time,), mean over paths of the lowest value until then; likewise se_mean_lowest
     mean_highest: np.ndarray  #: (time,); likewise se_mean_highest
     lowest: tuple[float, int, float]  #: value, path and time of the lowest of all; likewise highest
@@ -201,23 +225,32 @@ class ExtremesResult(Observed):
             path, at = (int(x) for x in self.kept.counts[2 * i : 2 * i + 2])
             setattr(self, key, (float(self.kept.sums[i]), path, float(self.t[at]) if path >= 0 else np.nan))
 
-    def variables(self, name: str) -> Variables:
-        """Means, and the two values of all."""
-        keys = ("mean_lowest", "se_mean_lowest", "mean_highest", "se_mean_highest")
-        found: dict[str, Any] = {f"{name}_{key}": (("time",), getattr(self, key)) for key in keys}
-        for key in ("lowest", "highest"):
-            found[f"{name}_{key}"] = (("value_path_time",), np.array(getattr(self, key), float))
-        return found
+    def _of_file(self, attribute: str, value: Any) -> Any:
+        if attribute not in ("lowest", "highest"):
+            return value
+        lowest, path, at = value.tolist()
+        return lowest, int(path), at
 
 
 class PassageResult(Observed):
     """Paths that left."""
 
+    FILED = (
+        _as_they_are(
+            ("time",), "lost", "se_lost", "lost_below", "lost_above", "se_lost_below", "se_lost_above", "there"
+        )
+        | _as_they_are(("time", "end"), "count")
+        | _as_they_are(("listed",), "path", "step")
+        | _as_they_are(("listed", "coordinate"), "state")
+        | {"names": ("coordinate", ("coordinate",))}
+        | _as_they_are(("coordinate",), "mean", "se_mean")
+        | _as_they_are((), "n", "bridged")
+    )
     lost: np.ndarray  #: (time,), share of all paths that have left until then; likewise se_lost, binomial
     lost_below: np.ndarray  #: (time,), through the lower end; likewise lost_above, se_lost_below, se_lost_above
     count: np.ndarray  #: (time, 2), paths that left below and above since the saved time before
     there: np.ndarray  #: (time,), paths that are still there
-    bridged: int | None  #: paths that left between two steps; None if this is not checked, see `remarks`
+    bridged: int | None = None  #: paths that left between two steps; None if this is not checked, see `remarks`
     n: int  #: paths that have left
     mean: dict[
         str, float
@@ -251,16 +284,8 @@ class PassageResult(Observed):
         self.mean = dict(zip(self.names, (means if self.n else means * np.nan).tolist(), strict=True))
         self.se_mean = dict(zip(self.names, errors.tolist(), strict=True))
 
-    def variables(self, name: str) -> Variables:
-        """Shares, counts, and the states of the paths that are listed."""
-        keys = ("lost", "se_lost", "lost_below", "lost_above", "there")
-        found: dict[str, Any] = {f"{name}_{key}": (("time",), getattr(self, key)) for key in keys}
-        found |= {f"{name}_{key}": ((f"{name}_listed",), getattr(self, key)) for key in ("path", "step")}
-        found[f"{name}_state"] = ((f"{name}_listed", f"{name}_coordinate"), self.state)
-        found[f"{name}_coordinate"] = ((f"{name}_coordinate",), np.array(self.names))
-        if self.bridged is not None:
-            found[f"{name}_bridged"] = ((), np.array(self.bridged))
-        return found
+    def _of_file(self, attribute: str, value: Any) -> Any:
+        return dict(zip(self.names, value.tolist(), strict=True)) if attribute in ("mean", "se_mean") else value
 
     def remarks(self) -> list[str]:
         """Where noise may act on a value that has no Brownian bridge."""
@@ -277,6 +302,11 @@ class PassageResult(Observed):
 class PathsResult(Observed):
     """Chosen paths."""
 
+    FILED: ClassVar = {
+        "path": ("path", ("path",)),
+        "names": ("value", ("value",)),
+        "values": ("values", ("path", "time", "value")),
+    }
     path: np.ndarray  #: (path,), global indices
     names: tuple[str, ...]  #: of the values
     values: np.ndarray  #: (path, time, value); NaN after the end of a path, or if this run does not have the path
@@ -284,14 +314,6 @@ class PathsResult(Observed):
     def _take(self, scope: Scope, values: np.ndarray, errors: np.ndarray) -> None:
         self.path, self.names = self.observer.fields()["paths"], self.looked_at
         self.values = values.reshape(len(self.path), len(self.t), len(self.names))
-
-    def variables(self, name: str) -> Variables:
-        """Indices and values."""
-        return {
-            f"{name}_path": ((f"{name}_path",), self.path),
-            f"{name}_value": ((f"{name}_value",), np.array(self.names)),
-            f"{name}_values": ((f"{name}_path", "time", f"{name}_value"), self.values),
-        }
 
 
 RESULTS = {
@@ -310,3 +332,17 @@ def observed(
 ) -> dict[str, Observed]:
     """The results of all observers of a run, by their names."""
     return {name: RESULTS[observer.KIND](scope, t, observer, kept[name]) for name, observer in observers.items()}
+
+
+def filed(
+    values: Values, t: np.ndarray, variables: Mapping[str, np.ndarray], wanted: str, remarks: Sequence[str]
+) -> dict[str, Observed]:
+    """The same from the variables of a file of moments, and what it tells: the observers as JSON, their remarks."""
+    found = {}
+    for name, fields in json.loads(wanted).items():
+        kind = fields.pop("kind")
+        observer = KINDS[kind](**fields)
+        found[name] = RESULTS[kind].filed(observer, values, t, variables, name)
+        told = [text.removeprefix(f"{name}: ") for text in remarks if text.startswith(f"{name}: ")]
+        found[name].remarks = functools.partial(list, told)
+    return found

@@ -1,0 +1,39 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Tables as files of comma-separated values, in the form that every reader takes for the same numbers.
+
+Lines end in LF, comments too. Numbers have all their digits; what is none is NaN, what is infinite inf or -inf, and a
+cell is empty where a row has no value. Only a text with a comma, a quote or a line end stands in quotes.
+"""
+
+from __future__ import annotations
+
+import csv
+import math
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ..native import files
+from . import provenance
+
+
+def write(target: Path, columns: Mapping[str, Iterable], about: Mapping[str, str]) -> None:
+    """Write columns with their names in the first row, below lines that begin with # and say what made them."""
+    cells = [[_cell(x) for x in (x.tolist() if isinstance(x, np.ndarray) else x)] for x in columns.values()]
+
+    def put(part: Path) -> None:
+        with part.open("w", newline="", encoding="utf-8") as file:
+            file.writelines(provenance.comments(about))
+            csv.writer(file, lineterminator="\n").writerows([columns, *zip(*cells, strict=True)])
+
+    files.replace(target, put)
+
+
+def _cell(value: Any) -> Any:
+    if isinstance(value, bool | np.bool_):
+        return int(value)
+    if isinstance(value, float | np.floating):  # of NumPy, too, whose repr is not a number
+        return "NaN" if math.isnan(value) else repr(float(value))
+    return "" if value is None else value
