@@ -67,7 +67,7 @@ PLAIN = (
     "study s.toml --steps 3,5", "run s.toml --shard 3/2",
 )  # fmt: skip
 PLACES = re.compile(r"(?<=-o s) .*|0\.1\.0[\w.]*")  # where headers and library are; the version
-OF_MACHINE = re.compile(r"# (history|date|command|symsde_|source|python|host|numpy|system|platform|commit)")
+OF_MACHINE = re.compile(r"# (history|date|report|command|symsde_|source|python|host|numpy|system|platform|commit)")
 MACHINES = {"build", "compiler", "hash", "version", "H", "noises", "scheme", "rotation"}  # in manifests; hashes of bits
 
 
@@ -87,7 +87,7 @@ def held(folder):
             text = json.dumps(without(json.loads(text)), sort_keys=True)
         lines = [x for x in PLACES.sub("~", text).splitlines() if not OF_MACHINE.match(x)]
         rows = [x for x in lines if re.match(r"-?\d", x) and path.suffix == ".csv"]
-        cells = [x for row in rows for x in re.split(r"[,\s]+", row) if re.fullmatch(r"[-+.\deE]+|nan", x)]
+        cells = [x for row in rows for x in re.split(r"[,\s]+", row) if re.fullmatch(r"[-+.\deE]+|NaN", x)]
         found += [np.array([float(x) for x in cells]), path.name, len(rows)]
         found.append("\n".join(x for x in lines if x not in rows))
     return found

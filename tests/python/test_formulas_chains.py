@@ -92,6 +92,18 @@ def test_the_code_is_the_same_for_any_number_of_sites():
 
 
 @pytest.mark.usefixtures("quick_compiler")
+def test_fixed_ends_have_a_bond_before_the_first_site():
+    """n + 1 bonds hold n sites between two walls; free ends leave n - 1, a ring has n."""
+    for n in (2, 3, 7):
+        for ends, bonds in (("free", n - 1), ("fixed", n + 1), ("periodic", n)):
+            model = ss.model_from_sympy("Sum(cos(q[i+1] - q[i]) + p[i]**2/2, i)", n=n, ends=ends)
+            assert model.value(0.0, 0.0)[0] == bonds
+    three = ss.model_from_sympy("Sum((q[i+1] - q[i])**2/2 + p[i]**2/2, i)", n=3, ends="fixed")
+    stiffness = three.hessian(0.0, 0.0)[0][:, :, 0]
+    np.testing.assert_array_equal(stiffness, [[2, -1, 0], [-1, 2, -1], [0, -1, 2]])
+    assert three.value(1.0, 0.0)[0] == 1.0
+
+
 @pytest.mark.parametrize("ends", ["free", "fixed", "periodic"])
 def test_ends_are_those_of_the_formula_written_out(ends):
     mine, known = chain(ends), written_out(ends)

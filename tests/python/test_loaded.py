@@ -119,7 +119,7 @@ def test_runs_come_back(run, ending, tmp_path):
     for name in ("t", "q", "p", "path", "status", "failed_step", "last_q", "last_p", "q_low", "p_low"):
         same(getattr(loaded, name), getattr(run, name), name)
     assert loaded.report == run.report and not loaded.has_energy
-    with pytest.raises(ss.errors.MissingOperationError, match="holds q and p, and no energies: look at run.energy"):
+    with pytest.raises(ss.errors.MissingOperationError, match=r"holds q and p, and no energies: look at run\.energy"):
         _ = loaded.energy
     _ = run.energy
     run.save(tmp_path / f"r.{ending}")

@@ -134,7 +134,9 @@ def model_from_sympy(
       (``model.formula.structure.invariants``)
     - n: the formulas are texts about n sites: sums such as `Sum((q[i+1] - q[i])**2/2, i)`, which stay loops for any n,
       and noises such as "-sigma*q[k]", one for each site
-    - ends: "free", "fixed" (zero beyond the ends) or "periodic"
+    - ends: of sums over neighbours. "free" leaves out what would reach beyond an end, "fixed" takes q and p beyond both
+      ends as zero, so that the bond before the first site counts as the one behind the last, and "periodic" closes the
+      ring: a sum over q[i+1] - q[i] has n - 1, n + 1 or n terms, for n = 3 these are 2, 4 or 3
 
     Texts such as `"p**2/2 - omega**2*cos(q)"` are read by a parser of arithmetic, which executes nothing. Derivatives
     and traits are derived. C code is generated, compiled by the system's compiler and kept on disk (SYMSDE_CACHE).

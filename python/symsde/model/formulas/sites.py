@@ -5,7 +5,8 @@ A sum is a density in the coordinates of a few neighbouring sites. It is differe
 sites; code goes from site to site and adds to the rows of the neighbours. At the ends
 
     free       the sum goes over the sites whose neighbours all exist
-    fixed      what lies beyond the ends is zero: a density in which some site exists counts
+    fixed      what lies beyond the ends is zero: a density in which some site exists counts, and so does the bond
+               before the first site as the one behind the last
     periodic   the site after the last is the first
 
 A noise that holds an index outside of a sum, "-sigma*q[k]", is one noise for each site. Sums that stand in anything
