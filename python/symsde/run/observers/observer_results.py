@@ -31,14 +31,18 @@ class Observed:
     FILED: ClassVar[dict[str, tuple[str, tuple[str, ...]]]] = {}  #: attribute -> its name and dimensions in files
     observer: Observer  #: what was asked for
     t: np.ndarray  #: (time,), saved times
-    looked_at: tuple[str, ...]  #: names of the values
     kept: PartialStatistics  #: integers and sums as in symsde.h, by which parts of an ensemble merge
 
     def __init__(self, scope: Scope, t: np.ndarray, observer: Observer, kept: PartialStatistics):
         """The answer of the library to what was kept."""
         self.observer, self.t, self.kept = observer, t, kept
-        self.looked_at = observer.names(scope.values)
+        self._names = observer.names(scope.values)
         self._take(scope, *read(scope, observer, kept))
+
+    @property
+    def looked_at(self) -> tuple[str, ...]:
+        """Names of the values that the observer looked at."""
+        return self._names
 
     def _take(self, scope: Scope, values: np.ndarray, errors: np.ndarray) -> None:
         """Shapes for the answer."""
@@ -57,7 +61,7 @@ class Observed:
     def filed(cls, observer: Observer, values: Values, t: np.ndarray, variables: Mapping, name: str) -> Observed:
         """The result again, from the variables of a file that holds the observer under this name."""
         self = cls.__new__(cls)
-        self.observer, self.t, self.looked_at = observer, t, observer.names(values)
+        self.observer, self.t, self._names = observer, t, observer.names(values)
         for attribute, (key, _) in cls.FILED.items():
             if (array := variables.get(f"{name}_{key}")) is not None:
                 is_text = array.dtype.kind in "OU"
@@ -90,7 +94,7 @@ class Observed:
 
     def __repr__(self) -> str:
         """One line."""
-        return f"<{self.observer.KIND} of {', '.join(self.looked_at)} at {counted(len(self.t), 'time')}>"
+        return f"<{self.observer.KIND} of {', '.join(self._names)} at {counted(len(self.t), 'time')}>"
 
 
 class Slots(Observed):
@@ -165,7 +169,7 @@ class CovarianceResult(Observed):
     mean: np.ndarray  #: (time, value)
 
     def _take(self, scope: Scope, values: np.ndarray, errors: np.ndarray) -> None:
-        self.names = self.looked_at
+        self.names = self._names
         k, ntime = len(self.names), len(self.t)
         table = self.kept.sums.reshape(ntime, -1)
         self.n, self.mean = table[:, 0].astype(np.int64), np.where(table[:, :1] > 0, table[:, 1 : 1 + k], np.nan)
@@ -273,7 +277,7 @@ class PassageResult(Observed):
         paths, steps = counts[3 * ntime + 1 :].reshape(2, -1)
         listed = paths >= 0
         table = sums[paths.size * width :]
-        self._is_derived = scope.values.names.index(self.looked_at[0]) >= width - 1 and scope.setup.model.nnoise > 0
+        self._is_derived = scope.values.names.index(self._names[0]) >= width - 1 and scope.setup.model.nnoise > 0
         self.path, self.step = paths[listed], steps[listed]
         self.state = sums[: paths.size * width].reshape(-1, width)[listed]
         self.n = int(table[0])
@@ -293,7 +297,7 @@ class PassageResult(Observed):
         if not (wanted.bridge and self._is_derived):
             return []
         return [
-            f"{self.looked_at[0]} is checked only at the ends of steps, since only q and p have Brownian bridges: "
+            f"{self._names[0]} is checked only at the ends of steps, since only q and p have Brownian bridges: "
             "paths that leave and return within a step are missed, a share of the order of the root of the step; halve "
             "the step to see how large it is"
         ]
@@ -312,7 +316,7 @@ class PathsResult(Observed):
     values: np.ndarray  #: (path, time, value); NaN after the end of a path, or if this run does not have the path
 
     def _take(self, scope: Scope, values: np.ndarray, errors: np.ndarray) -> None:
-        self.path, self.names = self.observer.fields()["paths"], self.looked_at
+        self.path, self.names = self.observer.fields()["paths"], self._names
         self.values = values.reshape(len(self.path), len(self.t), len(self.names))
 
 
