@@ -19,7 +19,7 @@ jax.config.update("jax_enable_x64", True)
 
 def paths(area, t):
     found = jax.vmap(lambda key: diffrax.VirtualBrownianTree(0.0, 1.0, 2**-12, (), key, levy_area=area).evaluate(0.0, t))(
-        jax.random.split(jax.random.PRNGKey(1), 10000))
+        jax.random.split(jax.random.PRNGKey(1), 4000))
     return np.array(getattr(found, "W", found))
 
 

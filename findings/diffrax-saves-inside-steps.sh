@@ -23,7 +23,7 @@ def path(key):
     return diffrax.diffeqsolve(terms, diffrax.Euler(), 0.0, 1.0, 0.25, jnp.zeros(()), saveat=diffrax.SaveAt(ts=times)).ys
 
 
-variance = np.array(jax.vmap(path)(jax.random.split(jax.random.PRNGKey(1), 20000))).var(axis=0)
+variance = np.array(jax.vmap(path)(jax.random.split(jax.random.PRNGKey(1), 4000))).var(axis=0)
 print("diffrax", version("diffrax"), "times", np.array(times), "variance over t", variance / np.array(times))
-assert np.allclose(variance, [1 / 16, 1 / 4, 5 / 16, 1 / 2, 1], rtol=0.05)
+assert np.allclose(variance, [1 / 16, 1 / 4, 5 / 16, 1 / 2, 1], rtol=0.1)
 END
