@@ -222,11 +222,11 @@ contains
    end subroutine begin
 
    !> The largest distance between two sets of states, relative to the largest number of the right ones plus one. It
-   !> is not a number where one of the states holds such.
+   !> is not a number where one of the states holds such, which maxval passes over with some compilers.
    pure real(wp) function gap_of(right, given)
       real(wp), intent(in) :: right(:, :, :), given(:, :, :)
 
-      gap_of = maxval(abs(given - right) + 0*sum(given - right))/(1 + maxval(abs(right)))
+      gap_of = maxval(abs(given - right))/(1 + maxval(abs(right))) + 0*sum(given - right)
    end function gap_of
 
    !> Whether two sets of states have the same bits.
