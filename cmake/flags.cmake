@@ -52,9 +52,14 @@ if(NOT CMAKE_Fortran_COMPILER_ID STREQUAL "GNU" OR CMAKE_Fortran_COMPILER_VERSIO
       "this is ${CMAKE_Fortran_COMPILER_ID} ${CMAKE_Fortran_COMPILER_VERSION}.")
 endif()
 
+# Of these, other compilers of Fortran know few.
+set(_known ${_common})
+list(FILTER _known INCLUDE REGEX "^-(O[0-3]|g|march=.*|ffp-contract=.*)$")
+
 add_library(symsde_flags INTERFACE)
 target_compile_options(symsde_flags INTERFACE
-   $<$<COMPILE_LANGUAGE:Fortran>:${_common};${_fortran}>
+   $<$<COMPILE_LANG_AND_ID:Fortran,GNU>:${_common};${_fortran}>
+   $<$<AND:$<COMPILE_LANGUAGE:Fortran>,$<NOT:$<Fortran_COMPILER_ID:GNU>>>:${_known}>
    $<$<COMPILE_LANGUAGE:C>:${_common};${_c}>)
 # A stack that cannot be executed: no object may ask for another one.
 target_link_options(symsde_flags INTERFACE LINKER:-z,noexecstack ${SYMSDE_SANITIZERS} ${_link})
