@@ -6,11 +6,11 @@ check_rooms.py ROOT --draw  write the picture of CONTRIBUTING.md anew
 check_rooms.py --self-test  plants a violation of every rule and requires that each is found
 
 A room is a folder below an area (src/step/midpoint); a file that stands directly in an area is a room of its own.
-Arrows between rooms make no circle. An area that has rooms holds at most five files beside them. A module whose
-header says "Private to its family." is used in its room alone, and so is a body (.inc) but for those of src/solve.
+Arrows between rooms make no circle. A module whose header says "Private to its family." is used in its room alone, and
+so is a body (.inc) but for those of src/solve.
 
 The rooms of the Python package are its folders: arrows between them, whether imported at once, when needed or by name,
-make no circle, and no two of its files have the same name. What objects are shown and drawn by may be imported by name
+make no circle. What objects are shown and drawn by may be imported by name
 from anywhere.
 """
 
@@ -18,13 +18,12 @@ import ast
 import re
 import sys
 import tempfile
-from collections import Counter, defaultdict
+from collections import defaultdict
 from graphlib import CycleError, TopologicalSorter
 from pathlib import Path
 
 from bodies import INCLUDE
 
-MOST_BESIDE = 5
 PRIVATE = re.compile(r"^!> Private to its family\.$", re.M)
 BY_NAME = re.compile(r'import_module\("symsde\.(\w+)\.(?!html"|plot")[\w.]+"\)')
 BEGIN, END = "<!-- rooms: written by tests/house/check_rooms.py -->\n", "<!-- end of rooms -->\n"
@@ -69,17 +68,16 @@ def imported(text, package):
 
 
 def packages(root):
-    """Package -> the packages that it imports, and how often each name of a file occurs."""
-    graph, names = defaultdict(set), Counter()
+    """Package -> the packages that it imports."""
+    graph = defaultdict(set)
     top = root / "python" / "symsde"
     for file in sorted(top.rglob("*.py")):
         parts = file.relative_to(top).parts
-        names[file.stem] += not file.stem.startswith("__")
         if len(parts) > 1:
             text = file.read_text(encoding="utf-8")
             used_here = {path[0] for path in imported(text, parts[:-1])} | set(BY_NAME.findall(text))
             graph[parts[0]] |= {name for name in used_here if (top / name).is_dir()} - {parts[0]}
-    return graph, names
+    return graph
 
 
 def folders(root):
@@ -131,10 +129,6 @@ def findings(root):
         TopologicalSorter(arrows(modules)).prepare()
     except CycleError as error:
         yield "rooms in a circle: " + " -> ".join("/".join(room) for room in error.args[1])
-    for area, rooms in folders(root).items():
-        beside = sum(path.suffix in {".f90", ".inc", ".c"} for path in (root / "src" / area).iterdir())
-        if rooms and beside > MOST_BESIDE:
-            yield f"src/{area} holds {beside} files beside its rooms, allowed are {MOST_BESIDE}"
     for name, (area, room, text) in modules.items():
         for other in used(text):
             if other in modules and modules[other][:2] != (area, room) and PRIVATE.search(modules[other][2]):
@@ -142,12 +136,10 @@ def findings(root):
         for body in INCLUDE.findall(text):
             if "/" in body and "/solve/" not in body:
                 yield f"{name} includes {body}, which is a body of another family"
-    graph, names = packages(root)
     try:
-        TopologicalSorter(graph).prepare()
+        TopologicalSorter(packages(root)).prepare()
     except CycleError as error:
         yield "packages in a circle: " + " -> ".join(error.args[1])
-    yield from (f"python/symsde has {count} files of the name {name}" for name, count in names.items() if count > 1)
     if with_picture(root) != (root / "CONTRIBUTING.md").read_text(encoding="utf-8"):
         yield "CONTRIBUTING.md: the picture of the rooms is not as the tree is: run tests/house/check_rooms.py . --draw"
 
@@ -174,7 +166,6 @@ def self_test():
     cases = {
         "": sound,
         "in a circle": {**sound, "step/a/y.f90": ("step_c",), "step/c.f90": ("step_b_z",)},
-        "6 files beside": {**sound, **{f"step/d{i}.f90": () for i in range(5)}},
         "is private": {**sound, "step/b/z.f90": ("step_a_x",)},
         "of another family": {**sound, "step/b/z.f90": ("step_a_y", "../a/x.inc")},
     }
@@ -183,9 +174,8 @@ def self_test():
     named = {**python, "model/y.py": 'import_module("symsde.run.html"), import_module("symsde.run.x")\n'}
     absolute = {**python, "model/y.py": "import symsde.run.x\n"}
     whole = {**python, "model/y.py": "from symsde import run\n"}
-    twice = {**python, "run/y.py": ""}
     cases = {wanted: (files, python) for wanted, files in cases.items()}
-    cases |= {"packages in a circle": (sound, circle), "2 files of the name y": (sound, twice)}
+    cases |= {"packages in a circle": (sound, circle)}
     cases |= {"model -> run": (sound, named), "run -> model": (sound, absolute), "packages in": (sound, whole)}
     for wanted, (files, modules) in cases.items():
         with tempfile.TemporaryDirectory() as folder:
