@@ -43,11 +43,12 @@ module symsde
    use symsde_model_catalogue_pendulum, only: pendulum_model, new_pendulum
    use symsde_model_catalogue_synchrotron, only: synchrotron_model, new_synchrotron
    use symsde_model_catalogue_by_name, only: get_model, model_names, parameter_names, parameter_defaults
+   use symsde_model_kernels, only: kernel_model, kernel_offers
    use symsde_model_user_callback, only: callback_model, new_callback_model
    use symsde_model_probe_traits, only: probe_model
    ! sincos_lanes(n, x, sine, cosine), for models of one's own: arrays of any length n at once, several times as
-   ! fast as the intrinsics lane by lane; within 1 ulp for |x| <= 1e5, with the same bits on every x86-64 processor
-   ! unless the library contracts, and the intrinsics beyond. A lane depends on its own x alone
+   ! fast as the intrinsics lane by lane; within 1 ulp for |x| <= 1e5, with the same bits on every processor with fused
+   ! multiply-add, and the intrinsics beyond. A lane depends on its own x alone
    use symsde_base_sincos, only: sincos_lanes
    ! schemes: by name, from a quadrature, from a tableau, and what is proved about them
    use symsde_scheme_scheme, only: scheme_type, tableau_form, galerkin_form, ito_form, symplectic_conjugate

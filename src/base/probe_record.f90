@@ -11,7 +11,7 @@
 !>
 !> A probe is known by a number made from all that it depends on. Several threads may ask and enter at once: numbers
 !> are read and written whole, and one that is overwritten is a probe that is made again.
-module symsde_model_probe_record
+module symsde_base_probe_record
    use symsde_base_kinds, only: wp, i8
    use symsde_base_traits, only: model_traits
    implicit none
@@ -156,7 +156,6 @@ contains
       call take_flag(traits%has_hessian)
       call take_flag(traits%has_hessian_vector)
       call take_flag(traits%has_third_derivative)
-      call take_flag(traits%has_chain_rows)
       if (allocated(traits%silent)) then
          do i = 1, size(traits%silent)
             call take_flag(traits%silent(i))
@@ -184,4 +183,4 @@ contains
 
    end function probe_number
 
-end module symsde_model_probe_record
+end module symsde_base_probe_record

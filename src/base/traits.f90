@@ -31,12 +31,7 @@ module symsde_base_traits
       logical :: has_hessian = .false.     !! Hessians are analytic, not differences of gradients
       logical :: has_hessian_vector = .false.  !! Hessian-vector products are analytic
       logical :: has_third_derivative = .false.  !! third derivatives are analytic: third_derivative of the model
-      logical :: has_chain_rows = .false.  !! force and stiffness come by rows: chain_rows of the model
-      logical :: has_scalar_rows = .false.   !! .. and with the same bits for one lane, by force_stiffness with b = 1
-      logical :: has_scalar_pair = .false.   !! two degrees of freedom of a path in numbers: pair of the model
-      logical :: has_scalar_sweeps = .false. !! .. and whole sweeps over stages: sweeps of the model
-      logical :: has_angle_terms = .false. !! of an angle: all derivatives from its terms, see angle of the model
-      logical :: has_linear_terms = .false. !! one degree of freedom, quadratic: gradients from its terms, without sine
+      logical :: any_lanes = .false.       !! a lane has the same bits whatever their number
       logical :: autonomous = .false.      !! no H_j depends on time
       real(wp) :: max_frequency = 0        !! declared bound of the frequencies of H; 0 = not declared
       real(wp) :: noise_lipschitz = 0      !! declared Lipschitz constant of sum_k |grad H_k|; 0 = not declared
@@ -49,7 +44,6 @@ module symsde_base_traits
       procedure :: eliminates_momenta
       procedure :: divides_by_mass
       procedure :: one_solve
-      procedure :: differences_alone
       procedure :: is_slow
    end type model_traits
 
@@ -102,12 +96,5 @@ contains
 
       one_solve = self%quadratic .and. (self%has_hessian_vector .or. (self%has_hessian .and. .not. banded))
    end function one_solve
-
-   !> Whether all second derivatives are differences of gradients, so that a matrix costs many of these.
-   pure logical function differences_alone(self)
-      class(model_traits), intent(in) :: self
-
-      differences_alone = .not. (self%has_hessian .or. self%has_hessian_vector .or. self%has_chain_rows)
-   end function differences_alone
 
 end module symsde_base_traits

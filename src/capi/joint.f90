@@ -103,7 +103,7 @@ contains
       type(callback_model), pointer :: known
 
       call find_callback_model(model, known, 'symsde_model_accept_any_lanes', refusal)
-      if (.not. allocated(refusal)) known%any_lanes = .true.
+      if (.not. allocated(refusal)) known%traits%any_lanes = .true.
       status = finish(refusal, error)
    end function symsde_model_accept_any_lanes
 

@@ -3,44 +3,34 @@
 !> Hamiltonians.
 !>
 !> A model knows H_0 = H, H_1 .. H_m and its traits, and nothing of schemes, noise or solvers. All
-!> that a scheme needs is value, gradient and Hessian of S(q,p) = sum_j w_j H_j(q,p), with weights
-!> of its own for every lane: with w = (h, dW_1, .., dW_m), S is the random Hamiltonian of one step
-!> of
+!> that a scheme needs is value, gradient, Hessian and third derivatives of S(q,p) = sum_j w_j H_j(q,p),
+!> with weights of its own for every lane: with w = (h, dW_1, .., dW_m), S is the random Hamiltonian of
+!> one step of
 !>
 !>    dp = -H_q dt - sum_k H_{k,q} o dW_k,   dq = H_p dt + sum_k H_{k,p} o dW_k     [WHSB] (3)-(4)
 !>
-!> (Stratonovich, everything dimensionless). Each lane must be computed from its own numbers alone.
+!> (Stratonovich, everything dimensionless). What a model may offer beyond this, for the inner loops of
+!> single steppers, is in model/kernels. Each lane must be computed from its own numbers alone.
 !> Procedures are called from several threads at once: compile models of your own with -fopenmp or
 !> -frecursive, or gfortran may make their large local arrays static.
 module symsde_model_abstract
-   use symsde_base_counters, only: counters_type
-   use symsde_base_kinds, only: wp, i8
-   use symsde_base_record, only: steps_record
-   use symsde_base_traits, only: model_traits, strip_lanes
+   use symsde_base_kinds, only: wp
+   use symsde_base_probe_record, only: probe_record
+   use symsde_base_traits, only: model_traits
    implicit none
    private
-   public :: model_type, angle_terms, difference_along, difference_default, default_step, corrected
+   public :: model_type, difference_along, difference_default, default_step
    ! the defaults, for models that offer an operation only sometimes
    public :: value_missing, hessian_by_differences, hessian_vector_composed, force_stiffness_composed
 
    !> Step of a central difference, relative to the larger of the state and one.
    real(wp), parameter :: default_step = epsilon(1.0_wp)**(1.0_wp/3)
 
-   !> Behind the name of a one-sided scheme that is asked of has_flow and flow: with its correction in increments form,
-   !> +-F_p.F_q/2 added to the one-step Hamiltonian, F = sum_k dW_k H_k.
-   character(*), parameter :: corrected = ', corrected'
-
-   !> One degree of freedom that feels the sine and the cosine of its angle:
-   !>
-   !>    sum_j w_j H_j = e p^2/2 + f p - a cos q + b sin q + c q^2/2 + d q        f = 0 of an angle
-   type :: angle_terms
-      real(wp) :: a = 0, b = 0, c = 0, d = 0, e = 0, f = 0
-   end type angle_terms
-
    !> A model is immutable once constructed: shared by all threads, intent(in) wherever it is used.
    type, abstract :: model_type
       type(model_traits) :: traits
       character(:), allocatable :: name  !! for messages and reports
+      type(probe_record) :: passed       !! probes that need not be made again
    contains
       procedure(gradient_interface), deferred :: gradient
       procedure :: value => value_missing
@@ -49,13 +39,7 @@ module symsde_model_abstract
       procedure :: gradient_hessian => gradient_hessian_composed
       procedure :: hessian_banded => hessian_banded_by_differences
       procedure :: force_stiffness => force_stiffness_composed
-      procedure :: chain_rows => chain_rows_missing
       procedure :: third_derivative => third_derivative_missing
-      procedure :: sweeps => sweeps_composed
-      procedure :: pair => pair_composed
-      procedure :: angle => angle_missing
-      procedure :: has_flow => has_no_flow
-      procedure :: flow => no_flow
       procedure :: failure_code => never_failed
       procedure :: clear_failure => nothing_to_clear
    end type model_type
@@ -213,21 +197,6 @@ contains
       hqq = bands(:, 0:b, :)
    end subroutine force_stiffness_composed
 
-   !> Rows first..last of what force_stiffness gives with b = 1, in a strip of lanes, for Hamiltonians p.p/2 + U(q)
-   !> with noise in position or additive; the stiffness is the derivative of the force to rounding. This default serves
-   !> models without it: traits%has_chain_rows is false.
-   subroutine chain_rows_missing(self, ndof, nnoise, first, last, t, w, q, hq, hqq)
-      use, intrinsic :: ieee_arithmetic, only: ieee_value, ieee_quiet_nan
-      class(model_type), intent(in) :: self
-      integer, intent(in) :: ndof, nnoise, first, last
-      real(wp), intent(in) :: t, w(strip_lanes, 0:nnoise)
-      real(wp), intent(in) :: q(strip_lanes, first - 1:last + 1)  !! rows 0 and ndof + 1 are zero
-      real(wp), intent(out) :: hq(strip_lanes, first:last), hqq(strip_lanes, 0:1, first:last)
-
-      hq = ieee_value(1.0_wp, ieee_quiet_nan)
-      hqq = ieee_value(1.0_wp, ieee_quiet_nan)
-   end subroutine chain_rows_missing
-
    !> The gradient of a^T S'' b, S = sum_j w_j H_j, for vectors a = (aq, ap) and b: third derivatives along both, with
    !> which nested brackets are exact. This default serves models without it: traits%has_third_derivative is false.
    subroutine third_derivative_missing(self, nlane, ndof, nnoise, t, w, q, p, aq, ap, bq, bp, uq, up)
@@ -241,130 +210,6 @@ contains
       uq = ieee_value(1.0_wp, ieee_quiet_nan)
       up = ieee_value(1.0_wp, ieee_quiet_nan)
    end subroutine third_derivative_missing
-
-   !> Sweeps over stages i1 .. i2 of a path with one or two degrees of freedom and noise in position. Its positions are
-   !>
-   !>    base_i + sum_j b_ji f_j      from j = i on and around, with b of the first sweep, or of the others,
-   !>
-   !> and each new f_i = Hhat_q is used at once. There are up to four stages. This default asks for gradients; a model
-   !> whose own sweeps cost so little that some may be in vain says so by traits%has_scalar_sweeps.
-   subroutine sweeps_composed(self, nnoise, nstage, i1, i2, first, last, t, w, p, base, b, most, f, change, extent)
-      class(model_type), intent(in) :: self
-      integer, intent(in) :: nnoise, nstage, i1, i2, first, last, most
-      real(wp), intent(in) :: t(nstage), w(0:nnoise), p(self%traits%ndof), base(4, 2), b(4, 4, 2)
-      real(wp), intent(inout) :: f(4, 2, 0:most)  !! of all stages, after sweeps; those before are given
-      !> Of each sweep. The change is NaN where a force is; it need not where a force at NaN is NaN, and shows later.
-      real(wp), intent(inout), dimension(most) :: change, extent
-      real(wp) :: x(2), force(2), moved, size, zero
-      integer :: i, j, k, m, d, at
-
-      do k = first, last
-         !GCC$ novector  ! here and below: vectors would wait for numbers that were stored one by one
-         do d = 1, self%traits%ndof
-            !GCC$ novector
-            do i = 1, nstage
-               f(i, d, k) = f(i, d, k - 1)
-            end do
-         end do
-         at = min(k, 2)
-         moved = 0
-         size = 0
-         zero = 0
-         do i = i1, i2
-            !GCC$ novector
-            do d = 1, self%traits%ndof
-               x(d) = base(i, d)
-               !GCC$ novector
-               do m = i, i + nstage - 1
-                  j = merge(m - nstage, m, m > nstage)
-                  x(d) = x(d) + b(j, i, at)*f(j, d, k)
-               end do
-            end do
-            call self%gradient(1, self%traits%ndof, nnoise, t(i), w, x, p, hq=force)
-            !GCC$ novector
-            do d = 1, self%traits%ndof
-               zero = zero + 0*force(d)
-               moved = max(moved, abs(force(d) - f(i, d, k)))
-               size = max(size, abs(force(d)))
-               f(i, d, k) = force(d)
-            end do
-         end do
-         change(k) = moved + zero  ! NaN stays
-         extent(k) = size
-      end do
-   end subroutine sweeps_composed
-
-   !> Hhat_q and Hhat_qq of one path of two degrees of freedom, where noise is in position or additive: numbers without
-   !> arrays, whose bits are those of gradient_hessian. This default asks for that.
-   subroutine pair_composed(self, nnoise, t, w, q1, q2, f1, f2, k11, k21, k12, k22)
-      class(model_type), intent(in) :: self
-      integer, intent(in) :: nnoise
-      real(wp), intent(in) :: t, w(0:nnoise)
-      real(wp), value :: q1, q2
-      real(wp), intent(out) :: f1, f2, k11, k21, k12, k22
-      real(wp), dimension(2) :: q, still, f
-      real(wp) :: k(2, 2)
-
-      q(1) = q1
-      q(2) = q2
-      still = 0
-      call self%gradient_hessian(1, 2, nnoise, t, w, q, still, hq=f, hqq=k)
-      f1 = f(1)
-      f2 = f(2)
-      k11 = k(1, 1)
-      k21 = k(2, 1)
-      k12 = k(1, 2)
-      k22 = k(2, 2)
-   end subroutine pair_composed
-
-   !> The terms of sum_j w_j H_j where it is one of an angle, or quadratic, for a path by itself: asked for once a time,
-   !> and force and slope at many angles follow without the model. Noises that move positions do not depend on time. The
-   !> bits are those of gradient_hessian,
-   !>
-   !>    Hhat_q = a sin q + (b cos q + (c q + d)),  Hhat_qq = a cos q + (c - b sin q),  Hhat_p = e p + f,
-   !>
-   !> where terms that vanish change none, and of no sum two products could be contracted. This default serves models
-   !> without it: traits%has_angle_terms and has_linear_terms are false.
-   subroutine angle_missing(self, nnoise, t, w, terms)
-      use, intrinsic :: ieee_arithmetic, only: ieee_value, ieee_quiet_nan
-      class(model_type), intent(in) :: self
-      integer, intent(in) :: nnoise
-      real(wp), intent(in) :: t, w(0:nnoise)
-      type(angle_terms), intent(out) :: terms
-
-      terms%a = ieee_value(1.0_wp, ieee_quiet_nan)
-   end subroutine angle_missing
-
-   !> Whether flow takes steps of this scheme. Schemes are asked for by the names of the catalogue; midpoint,
-   !> symplectic_euler, symplectic_euler_adjoint and stormer_verlet stand for every scheme that is one of these.
-   !> A flow is of the scheme as it stands, without the correction of one-sided schemes, unless `corrected` follows.
-   pure logical function has_no_flow(self, scheme) result(has_flow)
-      class(model_type), intent(in) :: self
-      character(*), intent(in) :: scheme
-
-      has_flow = .false.
-   end function has_no_flow
-
-   !> Steps of a scheme, taken by the model as a whole: from (q, p) to the states after every
-   !> steps%every-th step. The result of a lane must depend on its own numbers alone, and be the same, bit for bit,
-   !> whether steps are asked for one by one or many at once. A lane that fails gets a code of base/status, or a
-   !> state that is not finite and stays so; then steps are asked for one by one, and the library finds out which
-   !> one failed and tries to solve it. A lane with a status is not looked at any more.
-   subroutine no_flow(self, scheme, steps, ndof, q, p, qn, pn, status, counters)
-      use, intrinsic :: ieee_arithmetic, only: ieee_value, ieee_quiet_nan
-      class(model_type), intent(in) :: self
-      character(*), intent(in) :: scheme
-      type(steps_record), intent(in) :: steps
-      integer, intent(in) :: ndof
-      real(wp), intent(in) :: q(steps%nlane, ndof), p(steps%nlane, ndof)
-      real(wp), intent(out) :: qn(steps%nlane, ndof, steps%nstep/steps%every)
-      real(wp), intent(out) :: pn(steps%nlane, ndof, steps%nstep/steps%every)
-      integer(i8), intent(inout) :: status(steps%nlane)
-      type(counters_type), intent(inout) :: counters  !! of the real lanes, where the model counts
-
-      qn = ieee_value(1.0_wp, ieee_quiet_nan)
-      pn = ieee_value(1.0_wp, ieee_quiet_nan)
-   end subroutine no_flow
 
    !> Nonzero after a user callback has refused: its own return code. Built-in models never refuse.
    integer function never_failed(self) result(code)

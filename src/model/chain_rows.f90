@@ -11,7 +11,7 @@ module symsde_model_chain_rows
    use symsde_base_kinds, only: wp
    use symsde_base_status, only: error_type, raise, incompatible
    use symsde_base_traits, only: model_traits, strip_lanes
-   use symsde_model_abstract, only: model_type
+   use symsde_model_kernels, only: kernel_model
    implicit none
    private
    public :: block_from_rows, check_chain, chain_rows_callback
@@ -45,7 +45,7 @@ contains
    !> What force_stiffness gives with b = 1, of a model that offers chain_rows, for at most a strip of lanes. The
    !> strip is filled up with the last one.
    subroutine block_from_rows(model, nlane, ndof, nnoise, t, w, q, hq, hqq)
-      class(model_type), intent(in) :: model
+      class(kernel_model), intent(in) :: model
       integer, intent(in) :: nlane, ndof, nnoise
       real(wp), intent(in) :: t, w(nlane, 0:nnoise), q(nlane, ndof)
       real(wp), intent(out) :: hq(nlane, ndof), hqq(nlane, 0:1, ndof)

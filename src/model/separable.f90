@@ -9,12 +9,12 @@
 !> comes alone or with the Hessian. For few degrees of freedom: the blocks are dense.
 module symsde_model_separable
    use symsde_base_kinds, only: wp
-   use symsde_model_abstract, only: model_type
+   use symsde_model_kernels, only: kernel_model
    implicit none
    private
    public :: separable_model
 
-   type, abstract, extends(model_type) :: separable_model
+   type, abstract, extends(kernel_model) :: separable_model
    contains
       procedure(evaluate_interface), deferred :: evaluate
       procedure :: gradient

@@ -9,12 +9,12 @@
 module spring_chain
    use symsde_base_kinds, only: wp
    use symsde_base_traits, only: model_traits, strip_lanes
-   use symsde_model_abstract, only: model_type
+   use symsde_model_kernels, only: kernel_model
    implicit none
    private
    public :: spring_chain_type, new_spring_chain
 
-   type, extends(model_type) :: spring_chain_type
+   type, extends(kernel_model) :: spring_chain_type
       real(wp) :: kappa = 1, c = 0, beta = 0, a = 0, s = 0
    contains
       procedure :: value => weighted_value

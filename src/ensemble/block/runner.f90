@@ -27,7 +27,7 @@ module symsde_ensemble_block_runner
    use symsde_ensemble_block_initial_state, only: initial_state
    use symsde_ensemble_observe_observer, only: observer_type
    use symsde_ensemble_options, only: run_options
-   use symsde_model_user_real_lanes, only: real_lanes_model
+   use symsde_model_views_real_lanes, only: real_lanes_model
    use symsde_noise_source, only: noise_type
    use symsde_step_implicit_rescue, only: rescue_type
    use symsde_step_block_state, only: lane_state, new_lane_state, passed_states

@@ -12,8 +12,8 @@ module symsde_ensemble_block_runner_factory
    use symsde_ensemble_block_runner, only: block_runner, new_block_runner
    use symsde_ensemble_options, only: run_options
    use symsde_model_abstract, only: model_type
-   use symsde_model_user_callback, only: callback_model
-   use symsde_model_user_real_lanes, only: real_lanes_model, new_real_lanes
+   use symsde_model_kernels, only: kernel_offers, offers_of
+   use symsde_model_views_real_lanes, only: real_lanes_model, new_real_lanes
    use symsde_scheme_scheme, only: frame_none
    use symsde_ensemble_block_single_path, only: new_single_path
    use symsde_step_factory, only: make_stepper
@@ -75,6 +75,7 @@ contains
       logical, intent(in) :: has_padding
       type(real_lanes_model), pointer, intent(out) :: view  !! a view to be owned by the runner, or null
       class(model_type), pointer, intent(out) :: seen
+      type(kernel_offers) :: offers
 
       ! The model itself, unless a view is better.
       nullify (view)
@@ -82,13 +83,11 @@ contains
       ! Where all blocks are full there is nothing to hide.
       if (.not. has_padding) return
       ! Only functions of a user are asked for real lanes alone, where they take any number of lanes.
-      select type (model)
-      type is (callback_model)
-         if (.not. model%any_lanes .or. model%traits%has_chain_rows) return  ! rows come in strips of a fixed width
-         allocate (view)
-         call new_real_lanes(view, model)
-         seen => view
-      end select
+      offers = offers_of(model)
+      if (.not. model%traits%any_lanes .or. offers%rows) return  ! rows come in strips of a fixed width
+      allocate (view)
+      call new_real_lanes(view, model)
+      seen => view
    end subroutine look_at_real_lanes
 
 end module symsde_ensemble_block_runner_factory

@@ -31,7 +31,6 @@ module symsde_ensemble_run_driver
    use symsde_ensemble_run_threads, only: shared_state, run_blocks, choose_nthread, usable_threads
    use symsde_ensemble_run_warnings, only: set_up_warnings
    use symsde_model_abstract, only: model_type
-   use symsde_model_user_callback, only: callback_model
    use symsde_model_catalogue_by_name, only: is_built_in
    use symsde_noise_brownian, only: brownian_noise, new_brownian_noise
    use symsde_noise_prescribed, only: prescribed_noise, new_prescribed_noise
@@ -274,11 +273,7 @@ contains
    pure logical function has_any_lanes(model)
       class(model_type), intent(in) :: model
 
-      has_any_lanes = is_built_in(model)
-      select type (model)
-      type is (callback_model)
-         has_any_lanes = model%any_lanes
-      end select
+      has_any_lanes = is_built_in(model) .or. model%traits%any_lanes
    end function has_any_lanes
 
    !> Make the noise source of a run: prescribed increments where they are given, else Brownian motion. A scheme may

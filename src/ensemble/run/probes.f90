@@ -6,12 +6,11 @@
 !> Private to its family.
 module symsde_ensemble_run_probes
    use symsde_base_kinds, only: wp, i8
+   use symsde_base_probe_record, only: probe_number
    use symsde_base_status, only: error_type
    use symsde_model_abstract, only: model_type
-   use symsde_model_user_callback, only: callback_model
    use symsde_model_catalogue_by_name, only: is_built_in
    use symsde_model_probe_traits, only: probe_model
-   use symsde_model_probe_record, only: probe_number
    use symsde_scheme_scheme, only: scheme_type
    use symsde_ensemble_run_model_flow_probe, only: probe_flow
    use symsde_step_stepper, only: stepper_type
@@ -31,9 +30,9 @@ contains
 
       if (allocated(error) .or. is_built_in(model)) return
       number = probe_number('declared', model%traits, t, q0, p0, 0.0_wp)
-      if (has_passed(model, number)) return
+      if (model%passed%knows(number)) return
       call probe_model(model, t, q0, p0, error, decided)
-      if (decided .and. .not. allocated(error)) call enter(model, number)
+      if (decided .and. .not. allocated(error)) call model%passed%enter(number)
    end subroutine probe_declared
 
    !> Probe the whole steps that a model defines, where a stepper takes them, near the state of one path.
@@ -48,32 +47,9 @@ contains
 
       if (allocated(error) .or. is_built_in(model)) return
       number = probe_number(stepper%name, model%traits, t, q0, p0, h)
-      if (has_passed(model, number)) return
+      if (model%passed%knows(number)) return
       call probe_flow(stepper, model, scheme, t, h, q0, p0, error, decided)
-      if (decided .and. .not. allocated(error)) call enter(model, number)
+      if (decided .and. .not. allocated(error)) call model%passed%enter(number)
    end subroutine probe_whole_steps
-
-   !> Whether the model is known to have passed this probe.
-   logical function has_passed(model, number)
-      class(model_type), intent(in) :: model
-      integer(i8), intent(in) :: number
-
-      has_passed = .false.
-      select type (model)
-      type is (callback_model)
-         has_passed = model%passed%knows(number)
-      end select
-   end function has_passed
-
-   !> Remember that the model has passed this probe, if it keeps a record of that.
-   subroutine enter(model, number)
-      class(model_type), intent(in) :: model
-      integer(i8), intent(in) :: number
-
-      select type (model)
-      type is (callback_model)
-         call model%passed%enter(number)
-      end select
-   end subroutine enter
 
 end module symsde_ensemble_run_probes

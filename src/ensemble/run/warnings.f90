@@ -11,6 +11,7 @@ module symsde_ensemble_run_warnings
    use symsde_base_traits, only: dense
    use symsde_ensemble_options, only: run_options, time_rounding, latest_time
    use symsde_model_abstract, only: model_type
+   use symsde_model_kernels, only: kernel_offers, offers_of
    use symsde_scheme_scheme, only: scheme_type, frame_rotation
    implicit none
    private
@@ -171,15 +172,17 @@ contains
       logical, intent(out) :: looked   !! false where the Hessian is too large to look at
       real(wp) :: w(nlane, 0:model%traits%nnoise)
       real(wp), allocatable :: aqq(:, :, :), aqp(:, :, :), app(:, :, :), column(:)
+      type(kernel_offers) :: offers
       integer :: m, b, i
 
+      offers = offers_of(model)
       sums = 0
       m = model%traits%nnoise
       b = model%traits%bandwidth
       looked = b /= dense .or. n <= largest_dense
       if (.not. looked) return
       call look_at(k, w)
-      if (model%traits%has_scalar_rows) then  ! H = p.p/2 + U(q)
+      if (offers%rows_of_one) then  ! H = p.p/2 + U(q)
          call sum_rows(model, nlane, n, m, t, w, q, p, sums(:, 1))
          if (k == 0) sums(:, 3) = 1
          return

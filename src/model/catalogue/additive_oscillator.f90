@@ -55,8 +55,9 @@ contains
       self%traits = model_traits( &
                     ndof=1, nnoise=2, separable=.true., quadratic=.true., additive=.true., &
                     position_noise=is_zero(sigma), identity_mass=.true., max_frequency=1.0_wp, &
-                    has_value=.true., has_hessian=.true., has_hessian_vector=.true., has_linear_terms=.true., &
+                    has_value=.true., has_hessian=.true., has_hessian_vector=.true., &
                     autonomous=.true.)
+      self%offers%linear = .true.
       ! An exact rotation of the linear part serves schemes with noise in position alone.
       if (is_zero(sigma)) self%traits%rotation = [1.0_wp]
       ! A noise of strength zero is not drawn, and the paths of the other stay the same.

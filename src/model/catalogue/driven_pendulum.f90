@@ -17,7 +17,7 @@ module symsde_model_catalogue_driven_pendulum
    use symsde_base_status, only: error_type
    use symsde_base_text, only: name_length
    use symsde_base_traits, only: model_traits
-   use symsde_model_abstract, only: angle_terms
+   use symsde_model_kernels, only: angle_terms
    use symsde_model_parameters, only: require_finite, is_zero
    use symsde_model_separable, only: separable_model
    implicit none
@@ -81,8 +81,8 @@ contains
       self%traits = model_traits( &
                     ndof=1, nnoise=2, separable=.true., position_noise=.true., additive=is_zero(sigma2), &
                     identity_mass=.true., has_value=.true., has_hessian=.true., has_hessian_vector=.true., &
-                    has_angle_terms=.true., &
                     max_frequency=abs(omega)*sqrt(1 + abs(epsilon)), noise_lipschitz=strength)
+      self%offers%angle = .true.
       allocate (self%traits%silent(2))
       self%traits%silent(1) = is_zero(sigma1)
       self%traits%silent(2) = is_zero(sigma2)

@@ -13,7 +13,7 @@ module symsde_model_catalogue_fpu_chain
    use symsde_base_status, only: error_type, raise, invalid_argument
    use symsde_base_text, only: name_length, to_text
    use symsde_base_traits, only: model_traits, strip_lanes
-   use symsde_model_abstract, only: model_type
+   use symsde_model_kernels, only: kernel_model, kernel_offers
    use symsde_model_parameters, only: require_finite, is_zero, largest_system
    implicit none
    private
@@ -25,7 +25,7 @@ module symsde_model_catalogue_fpu_chain
 
    integer, parameter :: few_sites = 12  !! of a chain by itself that is taken spring by spring
 
-   type, extends(model_type) :: fpu_chain_model
+   type, extends(kernel_model) :: fpu_chain_model
       private
       real(wp) :: beta = 0   !! strength of the quartic term
       real(wp) :: sigma = 0  !! intensity of the noises
@@ -66,8 +66,9 @@ contains
       self%traits = model_traits( &
                     ndof=n, nnoise=n, separable=.true., additive=.true., position_noise=.true., autonomous=.true., &
                     quadratic=is_zero(beta), identity_mass=.true., bandwidth=min(1, n - 1), &
-                    has_value=.true., has_hessian=.true., has_hessian_vector=.true., has_chain_rows=.true., &
-                    has_scalar_rows=.true., has_scalar_pair=n == 2, max_frequency=merge(2.0_wp, 0.0_wp, is_zero(beta)))
+                    has_value=.true., has_hessian=.true., has_hessian_vector=.true., &
+                    max_frequency=merge(2.0_wp, 0.0_wp, is_zero(beta)))
+      self%offers = kernel_offers(rows=.true., rows_of_one=.true., pair=n == 2)
       ! All noises have one strength: all are silent, or none.
       allocate (self%traits%silent(n), source=is_zero(sigma))
    end subroutine new_fpu_chain

@@ -66,8 +66,9 @@ contains
       self%traits = model_traits( &
                     ndof=2, nnoise=2, separable=.true., additive=.true., position_noise=.true., autonomous=.true., &
                     quadratic=is_zero(alpha), identity_mass=.true., rotation=[1.0_wp, 1.0_wp], &
-                    has_value=.true., has_hessian=.true., has_hessian_vector=.true., has_scalar_pair=.true., &
-                    has_scalar_sweeps=.true.)
+                    has_value=.true., has_hessian=.true., has_hessian_vector=.true.)
+      self%offers%pair = .true.
+      self%offers%sweeps = .true.
       ! A noise of strength zero is not drawn.
       allocate (self%traits%silent(2))
       self%traits%silent(1) = is_zero(sigma1)

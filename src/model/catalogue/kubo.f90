@@ -21,7 +21,7 @@ module symsde_model_catalogue_kubo
    use symsde_base_status, only: error_type
    use symsde_base_text, only: name_length
    use symsde_base_traits, only: model_traits
-   use symsde_model_abstract, only: angle_terms
+   use symsde_model_kernels, only: angle_terms
    use symsde_model_flows_kubo, only: kubo_flow
    use symsde_model_catalogue_oscillator, only: oscillator_model
    use symsde_model_flows_oscillator, only: oscillator_terms, oscillator_flow
@@ -67,9 +67,10 @@ contains
                     ndof=1, nnoise=1, separable=.true., quadratic=.true., &
                     additive=is_zero(sigma), position_noise=is_zero(sigma), &
                     identity_mass=is_zero(a - 1), &
-                    has_value=.true., has_hessian=.true., has_hessian_vector=.true., has_linear_terms=.true., &
+                    has_value=.true., has_hessian=.true., has_hessian_vector=.true., &
                     autonomous=.true., &
                     max_frequency=abs(a), noise_lipschitz=abs(sigma))
+      self%offers%linear = .true.
       ! Without noise H is that of an oscillator, and all traits of noise hold.
       allocate (self%traits%silent(1), source=is_zero(sigma))
    end subroutine new_kubo

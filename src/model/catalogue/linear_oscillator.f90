@@ -47,9 +47,10 @@ contains
       self%traits = model_traits( &
                     ndof=1, nnoise=1, separable=.true., quadratic=.true., additive=.true., &
                     position_noise=.true., identity_mass=.true., &
-                    has_value=.true., has_hessian=.true., has_hessian_vector=.true., has_linear_terms=.true., &
+                    has_value=.true., has_hessian=.true., has_hessian_vector=.true., &
                     autonomous=.true., &
                     max_frequency=1.0_wp, rotation=[1.0_wp])
+      self%offers%linear = .true.
       allocate (self%traits%silent(1), source=is_zero(sigma))
    end subroutine new_linear_oscillator
 

@@ -59,9 +59,10 @@ contains
                     ndof=1, nnoise=2, separable=.true., quadratic=.true., &
                     additive=is_zero(s1) .and. is_zero(s2), position_noise=is_zero(s1), &
                     identity_mass=.true., &
-                    has_value=.true., has_hessian=.true., has_hessian_vector=.true., has_linear_terms=.true., &
+                    has_value=.true., has_hessian=.true., has_hessian_vector=.true., &
                     autonomous=.true., &
                     max_frequency=1.0_wp, noise_lipschitz=abs(s1) + abs(s2))
+      self%offers%linear = .true.
       ! With s1 = 0 the noise left is in position, with s2 = 0 in momentum; either one alone commutes with itself.
       allocate (self%traits%silent(2))
       self%traits%silent(1) = is_zero(s1)

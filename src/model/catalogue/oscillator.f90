@@ -9,7 +9,7 @@ module symsde_model_catalogue_oscillator
    use symsde_base_counters, only: counters_type
    use symsde_base_kinds, only: wp, i8
    use symsde_base_record, only: steps_record
-   use symsde_model_abstract, only: angle_terms
+   use symsde_model_kernels, only: angle_terms
    use symsde_model_flows_oscillator, only: oscillator_terms, oscillator_flow, oscillator_has_flow
    use symsde_model_separable, only: separable_model
    implicit none

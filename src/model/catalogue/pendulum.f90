@@ -14,7 +14,7 @@ module symsde_model_catalogue_pendulum
    use symsde_base_status, only: error_type
    use symsde_base_text, only: name_length
    use symsde_base_traits, only: model_traits
-   use symsde_model_abstract, only: angle_terms, corrected
+   use symsde_model_kernels, only: angle_terms, corrected
    use symsde_model_parameters, only: require_finite, is_zero
    use symsde_model_flows_pendulum, only: pendulum_euler_flow
    use symsde_model_separable, only: separable_model
@@ -61,8 +61,9 @@ contains
                     ndof=1, nnoise=1, separable=.true., additive=is_zero(sigma), &
                     position_noise=is_zero(sigma), identity_mass=.true., &
                     has_value=.true., has_hessian=.true., has_hessian_vector=.true., &
-                    has_third_derivative=.true., has_angle_terms=.true., autonomous=.true., &
+                    has_third_derivative=.true., autonomous=.true., &
                     max_frequency=1.0_wp, noise_lipschitz=abs(sigma))
+      self%offers%angle = .true.
       ! Without noise the model is additive and has noise in position by default: every scheme is allowed.
       allocate (self%traits%silent(1), source=is_zero(sigma))
    end subroutine new_pendulum

@@ -18,7 +18,7 @@ module symsde_model_catalogue_synchrotron
    use symsde_base_status, only: error_type
    use symsde_base_text, only: name_length
    use symsde_base_traits, only: model_traits
-   use symsde_model_abstract, only: angle_terms
+   use symsde_model_kernels, only: angle_terms
    use symsde_model_parameters, only: require_finite, is_zero
    use symsde_model_separable, only: separable_model
    use symsde_model_flows_sine, only: sine_terms, sine_flow
@@ -71,8 +71,9 @@ contains
                     ndof=1, nnoise=2, separable=.true., position_noise=.true., &
                     additive=is_zero(sigma1) .and. is_zero(sigma2), identity_mass=.true., &
                     has_value=.true., has_hessian=.true., has_hessian_vector=.true., &
-                    has_angle_terms=.true., autonomous=.true., &
+                    autonomous=.true., &
                     max_frequency=abs(omega), noise_lipschitz=abs(sigma1) + abs(sigma2))
+      self%offers%angle = .true.
       allocate (self%traits%silent(2))
       ! Of H the part omega^2 q^2/2 is linear: small oscillations have the frequency omega.
       allocate (self%traits%rotation(1), source=abs(omega))

@@ -27,7 +27,7 @@ module symsde_model_flows_oscillator
    use symsde_base_counters, only: counters_type
    use symsde_base_kinds, only: wp
    use symsde_base_record, only: steps_record
-   use symsde_model_abstract, only: corrected
+   use symsde_model_kernels, only: corrected
    implicit none
    private
    public :: oscillator_terms, oscillator_flow, oscillator_has_flow

@@ -8,6 +8,7 @@ module symsde_model_probe_rows
    use symsde_base_status, only: error_type, raise, false_trait
    use symsde_base_text, only: to_text
    use symsde_model_chain_rows, only: block_from_rows
+   use symsde_model_kernels, only: kernel_model
    use symsde_model_probe_points, only: probe_points, nlane
    implicit none
    private
@@ -20,8 +21,9 @@ contains
 
    !> Compare the force and the stiffness of all rows with the gradient and with the bands, which the model gives by
    !> other functions. Points where these are not finite are passed over.
-   subroutine probe_rows(points, error)
+   subroutine probe_rows(points, rows, error)
       type(probe_points), intent(in) :: points
+      class(kernel_model), intent(in) :: rows  !! the model of the points
       type(error_type), allocatable, intent(inout) :: error
       real(wp), allocatable :: gq(:, :), gp(:, :), bands(:, :, :), hq(:, :), hqq(:, :, :)
       real(wp) :: scale(nlane)
@@ -33,7 +35,7 @@ contains
       ! What is compared with comes from the functions of whole systems, what is judged from the rows.
       call points%gradient(gq, gp, scale)
       call points%model%hessian_banded(nlane, n, points%nnoise, 1, points%t, points%w, points%q, points%p, hqq=bands)
-      call block_from_rows(points%model, nlane, n, points%nnoise, points%t, points%w, points%q, hq, hqq)
+      call block_from_rows(rows, nlane, n, points%nnoise, points%t, points%w, points%q, hq, hqq)
       ! The last mass has no neighbour beyond it, so that this entry means nothing in either.
       hqq(:, 1, n) = 0
       bands(:, 1, n) = 0

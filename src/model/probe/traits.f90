@@ -11,6 +11,7 @@ module symsde_model_probe_traits
    use symsde_base_text, only: to_text
    use symsde_base_traits, only: model_traits
    use symsde_model_abstract, only: model_type
+   use symsde_model_kernels, only: kernel_model, kernels_of
    use symsde_model_parameters, only: check_traits
    use symsde_model_probe_gradient, only: probe_gradient
    use symsde_model_probe_mass, only: compare_mass
@@ -42,6 +43,7 @@ contains
       type(error_type), allocatable, intent(inout) :: error
       logical, intent(out), optional :: decided
       type(probe_points) :: points
+      class(kernel_model), pointer :: rows
       integer :: k
 
       if (present(decided)) decided = .false.
@@ -68,7 +70,10 @@ contains
       end do
       call points%take_all()
       if (points%ndof > dense_alone) call probe_dense(points, largest_dense, error)
-      if (model%traits%has_chain_rows) call probe_rows(points, error)
+      rows => kernels_of(model)
+      if (associated(rows)) then
+         if (rows%offers%rows) call probe_rows(points, rows, error)
+      end if
       if (present(decided)) decided = points%slope(1) <= huge(1.0_wp)
       call model%clear_failure()  ! a user's function may refuse a displaced point
    end subroutine probe_model

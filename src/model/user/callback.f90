@@ -18,8 +18,9 @@ module symsde_model_user_callback
    use symsde_base_record, only: steps_record
    use symsde_base_status, only: error_type, raise, missing_operation, out_of_memory
    use symsde_base_traits, only: model_traits, strip_lanes
-   use symsde_model_abstract, only: model_type, value_missing, hessian_by_differences, &
-                                    hessian_vector_composed, force_stiffness_composed
+   use symsde_model_abstract, only: value_missing, hessian_by_differences, hessian_vector_composed, &
+                                    force_stiffness_composed
+   use symsde_model_kernels, only: kernel_model
    use symsde_model_user_callback_flow, only: user_flows
    use symsde_model_user_callback_functions, only: gradient_callback, value_callback, hessian_callback, &
                                                    hessian_vector_callback, gradient_hessian_callback, &
@@ -27,16 +28,13 @@ module symsde_model_user_callback
    use symsde_model_chain_rows, only: check_chain, chain_rows_callback
    use symsde_model_user_outputs, only: little, find_room, keep, spoil
    use symsde_model_parameters, only: check_traits
-   use symsde_model_probe_record, only: probe_record
    implicit none
    private
    public :: callback_model, new_callback_model
 
-   type, extends(model_type) :: callback_model
+   type, extends(kernel_model) :: callback_model
       private
-      logical, public :: any_lanes = .false.     !! a lane has the same bits whatever nlane is
       type(user_flows) :: flows                  !! whole steps of schemes
-      type(probe_record), public :: passed       !! probes that need not be made again
       procedure(gradient_callback), pointer, nopass :: on_gradient => null()
       procedure(value_callback), pointer, nopass :: on_value => null()
       procedure(hessian_callback), pointer, nopass :: on_hessian => null()
@@ -148,7 +146,7 @@ contains
       type(counters_type), intent(inout) :: counters
       integer(i4) :: code
 
-      call self%flows%take(scheme, steps, ndof, merge(steps%nreal, steps%nlane, self%any_lanes), self%user, &
+      call self%flows%take(scheme, steps, ndof, merge(steps%nreal, steps%nlane, self%traits%any_lanes), self%user, &
                            q, p, qn, pn, status, code)
       if (code == 0) return
       call note(self, code)
@@ -165,14 +163,14 @@ contains
       if (allocated(error)) return
       call self%passed%forget()
       nullify (self%on_chain_rows)
-      self%traits%has_chain_rows = .false.
-      self%traits%has_scalar_rows = .false.
+      self%offers%rows = .false.
+      self%offers%rows_of_one = .false.
       if (.not. c_associated(chain_rows)) return
       call check_chain(self%name, self%traits, error)
       if (allocated(error)) return
       call c_f_procpointer(chain_rows, self%on_chain_rows)
-      self%traits%has_chain_rows = .true.
-      self%traits%has_scalar_rows = .true.  ! asked for where any_lanes says that the bits are the same
+      self%offers%rows = .true.
+      self%offers%rows_of_one = .true.  ! asked for where any_lanes says that the bits are the same
    end subroutine set_chain_rows
 
    !> One more function, before the model is used: third derivatives, for nested brackets. c_null_funptr: none again.
@@ -318,7 +316,7 @@ contains
       call spoil(nlane*ndof**2, hqq, hqp, hpp)
    end subroutine gradient_hessian
 
-   !> Rows of force and stiffness of a strip; asked for where the trait has_chain_rows says that they are there.
+   !> Rows of force and stiffness of a strip; asked for where offers%rows says that they are there.
    subroutine chain_rows(self, ndof, nnoise, first, last, t, w, q, hq, hqq)
       class(callback_model), intent(in) :: self
       integer, intent(in) :: ndof, nnoise, first, last
@@ -480,7 +478,7 @@ contains
       left%on_chain_rows => right%on_chain_rows
       left%on_third_derivative => right%on_third_derivative
       left%null_accepted = right%null_accepted
-      left%any_lanes = right%any_lanes
+      left%offers = right%offers
       left%flows = right%flows
       left%user = right%user
       call left%passed%share(right%passed)

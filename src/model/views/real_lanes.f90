@@ -1,14 +1,15 @@
 ! SPDX-License-Identifier: BSD-3-Clause
 !> A model seen through its real lanes alone: what a block pads to full vectors is not asked of the model.
 !>
-!> For models whose lanes have the same bits whatever their number (callback_model%any_lanes): a function that goes
+!> For models whose lanes have the same bits whatever their number (traits%any_lanes): a function that goes
 !> from lane to lane takes as long for one path as for one lane, and not for eight. Inputs of the real lanes are
 !> gathered, outputs spread; padding gets those of the last real lane, as if it had been computed.
-module symsde_model_user_real_lanes
+module symsde_model_views_real_lanes
    use symsde_base_counters, only: counters_type
    use symsde_base_kinds, only: wp, i8
    use symsde_base_record, only: steps_record
    use symsde_model_abstract, only: model_type
+   use symsde_model_kernels, only: kernel_model, kernels_of
    implicit none
    private
    public :: real_lanes_model, new_real_lanes
@@ -20,9 +21,10 @@ module symsde_model_user_real_lanes
    end type buffer_type
 
    !> One for each thread: its buffers are used by one call at a time. It has no value, which is no part of a step.
-   type, extends(model_type) :: real_lanes_model
+   type, extends(kernel_model) :: real_lanes_model
       private
       class(model_type), pointer :: model => null()
+      class(kernel_model), pointer :: kernels => null()       !! its whole steps, if it has any
       integer, public :: nreal = 0                            !! lanes past it are padding
       type(buffer_type), pointer :: buffer(:) => null()       !! (narray); behind a pointer, for a model is intent(in)
    contains
@@ -49,6 +51,7 @@ contains
       self%traits = model%traits
       self%name = model%name
       self%model => model
+      self%kernels => kernels_of(model)
       self%nreal = huge(0)  ! until a block says how many: what is asked at set-up has no padding
       allocate (self%buffer(narray))
    end subroutine new_real_lanes
@@ -227,7 +230,8 @@ contains
       class(real_lanes_model), intent(in) :: self
       character(*), intent(in) :: scheme
 
-      has_flow = self%model%has_flow(scheme)
+      has_flow = .false.
+      if (associated(self%kernels)) has_flow = self%kernels%has_flow(scheme)
    end function has_flow
 
    !> Whole steps are told the number of real lanes.
@@ -242,7 +246,7 @@ contains
       integer(i8), intent(inout) :: status(steps%nlane)
       type(counters_type), intent(inout) :: counters
 
-      call self%model%flow(scheme, steps, ndof, q, p, qn, pn, status, counters)
+      call self%kernels%flow(scheme, steps, ndof, q, p, qn, pn, status, counters)
    end subroutine flow
 
    integer function failure_code(self) result(code)
@@ -319,4 +323,4 @@ contains
       end do
    end subroutine spread_lanes
 
-end module symsde_model_user_real_lanes
+end module symsde_model_views_real_lanes

@@ -18,7 +18,7 @@ module symsde_step_explicit_angle_steps_single_path
    use symsde_base_kinds, only: wp, i8
    use symsde_base_record, only: step_record
    use symsde_base_traits, only: model_traits
-   use symsde_model_abstract, only: angle_terms
+   use symsde_model_kernels, only: angle_terms, kernel_offers, offers_of
    use symsde_scheme_scheme, only: scheme_type, correction_none, ito_form
    use symsde_step_explicit_evaluation_order, only: evaluation_order, new_explicit_plan, add_slopes, to_q, &
                                                     to_p
@@ -45,8 +45,10 @@ module symsde_step_explicit_angle_steps_single_path
    !> Whether these steps execute the task: it is that of a single path, and terms say all of the model.
    logical function angle_steps_fit(task) result(fits)
       type(stepper_task), intent(in) :: task
+      type(kernel_offers) :: offers
 
-      fits = task%nlane == 1 .and. (task%model%traits%has_angle_terms .or. task%model%traits%has_linear_terms)
+      offers = offers_of(task%model)
+      fits = task%nlane == 1 .and. (offers%angle .or. offers%linear)
    end function angle_steps_fit
 
    !> One path with one degree of freedom: both are known to the compiler.
@@ -78,7 +80,7 @@ module symsde_step_explicit_angle_steps_single_path
 
       ! The first evaluation of a step has i = 1, whichever stage it belongs to.
       if (i > 1 .and. self%ham%model%traits%autonomous) return
-      call self%ham%model%angle(self%ham%nnoise, t, w, self%room%terms)
+      call self%ham%fast%angle(self%ham%nnoise, t, w, self%room%terms)
    end subroutine begin_stage
 
    !> Hhat_q(q). Sine and cosine stay in the room: the Ito drift reads them again at the same place.
@@ -89,7 +91,7 @@ module symsde_step_explicit_angle_steps_single_path
 
       associate (terms => self%room%terms, sine => self%room%sine, cosine => self%room%cosine)
          ! The same additions as in the gradient of such a model; without an angle a = b = 0.
-         if (self%ham%model%traits%has_angle_terms) then
+         if (self%ham%offers%angle) then
             sine = sincos_one(q(1, 1), cosine)
             hq = terms%a*sine + (terms%b*cosine + (terms%c*q + terms%d))
          else
@@ -134,7 +136,7 @@ module symsde_step_explicit_angle_steps_single_path
          allocate (self%room%noises(self%ham%nnoise))
          do j = 1, self%ham%nnoise
             self%e(:, j) = 1
-            call self%ham%model%angle(self%ham%nnoise, t, self%e(1, :), self%room%noises(j))
+            call self%ham%fast%angle(self%ham%nnoise, t, self%e(1, :), self%room%noises(j))
             self%e(:, j) = 0
          end do
       end if

@@ -25,7 +25,7 @@ module symsde_step_flow_model_flow
    use symsde_base_status, only: error_type
    use symsde_base_text, only: name_length
    use symsde_scheme_catalogue, only: get_scheme, scheme_names
-   use symsde_model_abstract, only: corrected
+   use symsde_model_kernels, only: kernel_model, kernels_of, corrected
    use symsde_scheme_scheme, only: scheme_type, correction_none, correction_increments, tableau_form, &
                                    splitting_form, frame_none
    use symsde_step_block_state, only: lane_state, passed_states
@@ -62,8 +62,11 @@ contains
    subroutine find_flow(task)
       type(stepper_task), intent(inout) :: task
       character(:), allocatable :: name, ending   !! what stands behind the name of a scheme that is corrected
+      class(kernel_model), pointer :: fast
       logical :: found
 
+      fast => kernels_of(task%model)
+      if (.not. associated(fast)) return
       if (task%newton%fixed_point /= 0 .or. task%as_increments .or. task%general) return
       ending = ''
       if (task%correction /= correction_none) then
@@ -71,7 +74,7 @@ contains
          ending = corrected
       end if
       call name_of_flow(task%scheme, name)
-      found = task%model%has_flow(name//ending)
+      found = fast%has_flow(name//ending)
       ! A name alone proves nothing: where the scheme is none of the four, its coefficients, law and brackets must be
       ! those of the catalogue's scheme of this name. Failing that, its tableau may stand in the catalogue under
       ! another name.
@@ -88,7 +91,7 @@ contains
          ! quadratic the name is left blank.
          name = trim(merge(usual_name(task%scheme, task%has_brackets()), usual_name(task%scheme, .true.), &
                            task%model%traits%quadratic))
-         found = name /= '' .and. task%model%has_flow(name//ending)
+         found = name /= '' .and. fast%has_flow(name//ending)
       end if
       if (found) task%flow = name//ending
    end subroutine find_flow
@@ -119,14 +122,16 @@ contains
       character(:), allocatable, intent(inout) :: name
       logical, intent(out) :: found
       character(len=name_length), allocatable :: known(:)
+      class(kernel_model), pointer :: fast
       integer :: i
 
       found = .false.
+      fast => kernels_of(task%model)
       known = scheme_names()
       do i = 1, size(known)
          ! The coefficients of the four have been compared. Whether the model has such a flow is asked first: it costs
          ! less than to make the scheme.
-         if (any(four == known(i)) .or. .not. task%model%has_flow(known(i))) cycle
+         if (any(four == known(i)) .or. .not. fast%has_flow(known(i))) cycle
          found = is_of_catalogue(task%scheme, trim(known(i)))
          if (.not. found) cycle
          name = trim(known(i))
@@ -210,7 +215,7 @@ contains
       integer(i8), intent(inout) :: status(steps%nlane)
 
       associate (ham => self%ham)
-         call ham%model%flow(self%scheme, steps, ham%ndof, q, p, qn, pn, status, ham%counters)
+         call ham%fast%flow(self%scheme, steps, ham%ndof, q, p, qn, pn, status, ham%counters)
       end associate
    end subroutine flow
 

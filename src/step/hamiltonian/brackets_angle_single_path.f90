@@ -15,7 +15,7 @@ module symsde_step_hamiltonian_brackets_angle_single_path
    use symsde_base_kinds, only: wp
    use symsde_base_record, only: step_record
    use symsde_base_sincos, only: sincos_one
-   use symsde_model_abstract, only: angle_terms
+   use symsde_model_kernels, only: angle_terms
    use symsde_step_hamiltonian_brackets, only: modified_hamiltonian
    use symsde_step_hamiltonian_brackets_one_dof_kinetic, only: kinetic_brackets, q_, p_, qq, qp, pp, nplace
    implicit none

@@ -93,9 +93,9 @@ contains
          self%asked = 1 + count(parts%noisy)
          if (are_kinetic(parts)) then
             if (parts%time_dependent) self%asked = 1 + 3*count(parts%noisy)  ! H_k at both ends of the step, too
-            self%exact = self%exact .or. traits%has_angle_terms
             allocate (self%kinetic)
             call new_kinetic_brackets(self%kinetic, parts)
+            self%exact = self%exact .or. self%kinetic%angle
             return
          end if
          ! Third derivatives of a separable H_j are two numbers, and are asked for as such. Of another H_j there are
@@ -127,7 +127,7 @@ contains
       self%times(1) = step%t + c(1)*step%h
       self%times(2) = step%t + c(2)*step%h
       ! The times, and at these the terms of an angle.
-      if (allocated(self%kinetic)) call self%kinetic%begin(parts%model, step, self%times)
+      if (allocated(self%kinetic)) call self%kinetic%begin(step, self%times)
       if (.not. parts%active%single) return
       do k = 1, self%nnoise
          self%c(:, k) = 0.5_wp*step%h*step%w(:, k) - step%of(path_dz)%x(:, k)

@@ -21,7 +21,8 @@ module symsde_step_hamiltonian_brackets_one_dof_kinetic
    use symsde_base_kinds, only: wp
    use symsde_base_record, only: step_record
    use symsde_base_sincos, only: sincos_lanes
-   use symsde_model_abstract, only: model_type, angle_terms
+   use symsde_model_abstract, only: model_type
+   use symsde_model_kernels, only: kernel_model, kernel_offers, angle_terms, kernels_of, offers_of
    use symsde_step_hamiltonian_brackets_exact, only: has_exact_bracket
    use symsde_step_hamiltonian_brackets, only: modified_hamiltonian
    implicit none
@@ -38,6 +39,7 @@ module symsde_step_hamiltonian_brackets_one_dof_kinetic
       integer :: nlane = 0, nnoise = 0
       integer :: ntime = 1                         !! times of an evaluation; 3 where noises change: both ends, too
       logical :: angle = .false.
+      class(kernel_model), pointer :: fast => null()  !! the model, which knows terms of an angle
       real(wp) :: times(0:2) = 0                   !! of the evaluations in a step: its middle, and two stages
       type(angle_terms), allocatable :: terms(:, :)  !! of H_j at the times of a step (0:nnoise, 0:2)
       type(angle_terms), allocatable :: ends(:, :) !! of H_k where it begins and ends (nnoise, 2:3)
@@ -57,9 +59,11 @@ contains
    !> nested brackets are exact, without areas and without noises that change; or H = p^2/2 + U(q), noise in position.
    pure logical function are_kinetic(parts)
       type(modified_hamiltonian), intent(in) :: parts
+      type(kernel_offers) :: offers
 
+      offers = offers_of(parts%model)
       associate (traits => parts%model%traits)
-         are_kinetic = traits%has_angle_terms .and. .not. (parts%time_dependent .or. parts%active%areas) .and. &
+         are_kinetic = offers%angle .and. .not. (parts%time_dependent .or. parts%active%areas) .and. &
                        (has_exact_bracket(traits) .or. .not. parts%active%nested)
          are_kinetic = are_kinetic .or. parts%simple
       end associate
@@ -70,11 +74,14 @@ contains
    subroutine new_kinetic_brackets(self, parts)
       type(kinetic_brackets), intent(out) :: self
       type(modified_hamiltonian), intent(in) :: parts
+      type(kernel_offers) :: offers
       integer :: j
 
       self%nlane = parts%nlane
       self%nnoise = parts%nnoise
-      self%angle = parts%model%traits%has_angle_terms
+      offers = offers_of(parts%model)
+      self%angle = offers%angle
+      self%fast => kernels_of(parts%model)
       ! The differences H_k(t_1) - H_k(t_0) are asked for in every evaluation, as they depend on q.
       if (parts%time_dependent) self%ntime = 3
       associate (n => parts%nlane, m => parts%nnoise)
@@ -91,9 +98,8 @@ contains
 
    !> Begin a step: find an angle's terms at the times of its evaluations, and at its ends where noises change. The e_j
    !> are those of the middle of the step.
-   subroutine begin(self, model, step, times)
+   subroutine begin(self, step, times)
       class(kinetic_brackets), intent(inout) :: self
-      class(model_type), intent(in) :: model
       type(step_record), intent(in) :: step
       real(wp), intent(in) :: times(0:2)
       integer :: i, j
@@ -104,12 +110,12 @@ contains
       associate (m => self%nnoise)
          do j = 0, m
             do i = 0, 2
-               call model%angle(m, times(i), self%one(1, :, j), self%terms(j, i))
+               call self%fast%angle(m, times(i), self%one(1, :, j), self%terms(j, i))
             end do
             self%e(j) = self%terms(j, 0)%e
             if (self%ntime == 1 .or. j == 0) cycle
-            call model%angle(m, step%t, self%one(1, :, j), self%ends(j, 2))
-            call model%angle(m, step%t + step%h, self%one(1, :, j), self%ends(j, 3))
+            call self%fast%angle(m, step%t, self%one(1, :, j), self%ends(j, 2))
+            call self%fast%angle(m, step%t + step%h, self%one(1, :, j), self%ends(j, 3))
          end do
       end associate
    end subroutine begin

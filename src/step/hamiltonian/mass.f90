@@ -48,7 +48,7 @@ contains
    !> Look whether every velocity is a number times its momentum, at a place where some path is. That is so where
    !> numbers found for one momentum are those of seven others, to rounding. The place itself does not matter: the
    !> numbers are the same for all paths, blocks and threads. One momentum after the other: a view of the real lanes of
-   !> a block (model/user/real_lanes) does not look at more than there are paths.
+   !> a block (model/views/real_lanes) does not look at more than there are paths.
    subroutine look(self, model, nlane, t, q)
       class(constant_mass), intent(inout) :: self
       class(model_type), intent(in) :: model

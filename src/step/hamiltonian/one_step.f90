@@ -25,6 +25,7 @@ module symsde_step_hamiltonian_one_step
    use symsde_base_counters, only: counters_type
    use symsde_base_record, only: step_record
    use symsde_model_abstract, only: model_type
+   use symsde_model_kernels, only: kernel_model, kernel_offers, kernels_of, offers_of
    use symsde_model_algebra, only: algebra_work, new_algebra_work, correction_gradient
    use symsde_scheme_scheme, only: bracket_terms, correction_none, correction_mean
    use symsde_step_hamiltonian_mass, only: constant_mass, new_constant_mass
@@ -37,6 +38,8 @@ module symsde_step_hamiltonian_one_step
    !> counts what is asked of the model and keeps work arrays; the model itself is shared by all threads.
    type :: one_step_hamiltonian
       class(model_type), pointer :: model => null()
+      class(kernel_model), pointer :: fast => null()  !! the same, where it has kernels
+      type(kernel_offers) :: offers                   !! which these are
       integer :: nlane = 0, ndof = 0, nnoise = 0
       integer :: nreal = 0                    !! real paths of the block, what the counters count
       integer :: correction = correction_none
@@ -70,6 +73,8 @@ contains
       type(bracket_terms) :: active
 
       self%model => model
+      self%fast => kernels_of(model)
+      self%offers = offers_of(model)
       self%nlane = nlane
       self%ndof = model%traits%ndof
       self%nnoise = model%traits%nnoise
@@ -79,7 +84,7 @@ contains
       associate (t => model%traits)
          ! Whether Hhat_p needs no call of the model: h p for the identity, and h M^-1 p once a diagonal M is known.
          self%mass_alone = t%identity_mass .and. (t%position_noise .or. t%nnoise == 0)
-         if (t%divides_by_mass() .and. .not. t%has_angle_terms) then
+         if (t%divides_by_mass() .and. .not. self%offers%angle) then
             allocate (self%mass)
             call new_constant_mass(self%mass, nlane, t%ndof, t%nnoise)
          end if

@@ -33,7 +33,8 @@ module symsde_step_implicit_newton_krylov
    use symsde_base_kinds, only: wp, i4, i8
    use symsde_base_status, only: status_ok, nonfinite, not_converged
    use symsde_base_traits, only: model_traits, dense
-   use symsde_model_abstract, only: difference_default
+   use symsde_model_abstract, only: model_type, difference_default
+   use symsde_model_kernels, only: differences_alone
    use symsde_solve_blocks, only: max_lane_unknowns
    use symsde_solve_krylov, only: krylov_type, new_krylov
    use symsde_solve_lapack, only: solve_dense_lapack
@@ -101,13 +102,13 @@ contains
 
    !> Whether a midpoint of unknown q and p is iterated before Newton's matrices or products are asked for: they are
    !> many, or made of differences, and more than one solve.
-   pure logical function iterates_first(traits, options)
-      type(model_traits), intent(in) :: traits
+   pure logical function iterates_first(model, options)
+      class(model_type), intent(in) :: model
       type(newton_options), intent(in) :: options
 
-      associate (unknowns => 2*traits%ndof)
+      associate (traits => model%traits, unknowns => 2*model%traits%ndof)
          iterates_first = options%is_free() .and. traits%ndof > 1 .and. &
-                          (pays_by_products(traits, unknowns) .or. traits%differences_alone() .or. &
+                          (pays_by_products(traits, unknowns) .or. differences_alone(model) .or. &
                            (unknowns > small .and. .not. traits%quadratic))
       end associate
    end function iterates_first

@@ -11,7 +11,7 @@
 module symsde_step_midpoint_angle
    use symsde_base_kinds, only: wp
    use symsde_base_sincos, only: sincos_one
-   use symsde_model_abstract, only: angle_terms
+   use symsde_model_kernels, only: angle_terms
    implicit none
    private
    public :: find_angle_force, find_angle_velocity, find_angle_point

@@ -21,6 +21,7 @@ module symsde_step_midpoint_eliminated
    use symsde_base_status, only: nonfinite
    use symsde_base_traits, only: strip_lanes
    use symsde_model_abstract, only: model_type
+   use symsde_model_kernels, only: kernel_offers, offers_of, differences_alone
    use symsde_scheme_scheme, only: correction_none
    use symsde_solve_newton, only: newton_options
    use symsde_step_hamiltonian_one_step, only: new_one_step_hamiltonian
@@ -91,7 +92,7 @@ contains
       if (.not. options%is_free()) return
       associate (t => model%traits)
          ! Two unknowns are a matrix of closed form: rows pay from three on.
-         if (t%bandwidth == 1 .and. t%ndof > 2 .and. .not. t%differences_alone()) then
+         if (t%bandwidth == 1 .and. t%ndof > 2 .and. .not. differences_alone(model)) then
             way = by_rows
          else if (does_without_matrices(t, t%ndof, options)) then
             way = by_products

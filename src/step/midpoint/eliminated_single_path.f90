@@ -14,6 +14,7 @@ module symsde_step_midpoint_eliminated_single_path
    use symsde_base_record, only: step_record
    use symsde_base_traits, only: strip_lanes
    use symsde_model_abstract, only: model_type
+   use symsde_model_kernels, only: kernel_offers, offers_of
    use symsde_scheme_scheme, only: correction_none
    use symsde_solve_newton, only: newton_options
    use symsde_step_hamiltonian_one_step, only: new_one_step_hamiltonian

@@ -10,7 +10,7 @@ module symsde_step_midpoint_one_dof_single_path
    use symsde_base_counters, only: counters_type
    use symsde_base_kinds, only: wp, i8
    use symsde_base_record, only: step_record
-   use symsde_model_abstract, only: angle_terms
+   use symsde_model_kernels, only: angle_terms
    use symsde_scheme_scheme, only: correction_none
    use symsde_solve_damping, only: start_damping
    use symsde_solve_newton, only: newton_type, new_newton, mark, stop_lanes

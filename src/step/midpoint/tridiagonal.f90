@@ -29,6 +29,7 @@ module symsde_step_midpoint_tridiagonal
    use symsde_base_traits, only: strip_lanes
    use symsde_base_vectors, only: add_times
    use symsde_model_abstract, only: model_type
+   use symsde_model_kernels, only: kernel_offers, offers_of, has_exact_stiffness
    use symsde_solve_lapack, only: solve_banded_lane_lapack
    use symsde_solve_newton, only: newton_options, new_newton
    use symsde_solve_tridiagonal, only: upper_rows, eliminate_down_strip, eliminate_up_strip, meet_strip, &
@@ -70,10 +71,12 @@ contains
       class(model_type), intent(in) :: model
       integer, intent(in) :: nlane
       type(newton_options), intent(in) :: options
+      type(kernel_offers) :: offers
 
       associate (t => model%traits, n => model%traits%ndof, &
-                 exact => model%traits%has_chain_rows .or. model%traits%has_hessian_vector)
-         self%gives_rows = t%has_chain_rows
+                 exact => has_exact_stiffness(model))
+         offers = offers_of(model)
+         self%gives_rows = offers%rows
          self%nrow = merge(min(panel, n), n, self%gives_rows)
          call new_newton(self%newton, nlane, n, options, t%quadratic .and. exact, -1, -1, judge_only=.true., &
                          exact=exact)
@@ -121,7 +124,7 @@ contains
 
       h = upper_rows(eq%n)
       ! Rows that are all evaluated at once: a short chain, or the bands of a block.
-      if (self%nrow == eq%n) call linearise(self, ham%model, eq, w, 1, eq%n, self%hq(1, 1), self%hqq(1, 0, 1))
+      if (self%nrow == eq%n) call linearise(self, ham, eq, w, 1, eq%n, self%hq(1, 1), self%hqq(1, 0, 1))
       if (self%gives_rows .and. self%nrow == eq%n) then
          call eliminate_all(self, eq, eq%x, self%hq(1, 1), self%hqq)
          call correct(self, ham, eq, w, 0, eq%x, status)
@@ -131,14 +134,14 @@ contains
          ! The upper front goes through rows 1 .. h, a panel at a time.
          do first = 1, h, self%nrow
             last = min(first + self%nrow - 1, h)
-            call linearise(self, ham%model, eq, w, first, last, self%hq(1, 1), self%hqq(1, 0, 1))
+            call linearise(self, ham, eq, w, first, last, self%hq(1, 1), self%hqq(1, 0, 1))
             call eliminate(self, eq, first, last, eq%x, self%hq(1, 1), self%hqq)
          end do
          ! The lower front goes through the panels of rows h+1 .. n from the last one up. Each is asked for the row
          ! above it, too: the entry beside the diagonal that ties a panel to that row stands there.
          do first = h + 1 + self%nrow*((eq%n - h + self%nrow - 1)/self%nrow - 1), h + 1, -self%nrow
             last = min(first + self%nrow - 1, eq%n)
-            call linearise(self, ham%model, eq, w, first - 1, last, self%hq, self%hqq)
+            call linearise(self, ham, eq, w, first - 1, last, self%hq, self%hqq)
             call eliminate(self, eq, first, last, eq%x, self%hq(1, 1), self%hqq)
          end do
          call correct(self, ham, eq, w, 0, eq%x, status)
@@ -194,19 +197,19 @@ contains
 
    !> f and K in rows first .. last at Q = base + c x. In the first iteration for V the point is base itself, and is
    !> not copied.
-   subroutine linearise(self, model, eq, w, first, last, hq, hqq)
+   subroutine linearise(self, ham, eq, w, first, last, hq, hqq)
       type(tridiagonal_midpoint), intent(inout) :: self
-      class(model_type), intent(in) :: model
+      type(one_step_hamiltonian), intent(in) :: ham
       type(midpoint_equation), intent(in) :: eq
       real(wp), intent(in) :: w(eq%nlane, 0:eq%m)
       integer, intent(in) :: first, last
       real(wp), intent(inout) :: hq(eq%nlane, first:last), hqq(eq%nlane, 0:1, first:last)
 
       if (eq%starts(self%newton)) then
-         call evaluate(model, self%gives_rows, eq, w, first, last, eq%base(1, first - 1), hq, hqq)
+         call evaluate(ham, self%gives_rows, eq, w, first, last, eq%base(1, first - 1), hq, hqq)
       else
          call place(eq, first, last, self%q)
-         call evaluate(model, self%gives_rows, eq, w, first, last, self%q, hq, hqq)
+         call evaluate(ham, self%gives_rows, eq, w, first, last, self%q, hq, hqq)
       end if
       call eq%weigh(first, last, hq)
    end subroutine linearise
@@ -255,8 +258,8 @@ contains
 
    !> Hhat_q and the two upper bands of Hhat_qq in rows first .. last: hqq(:, 0, i) is the diagonal and hqq(:, 1, i)
    !> the entry right of it. Models without rows give all of them at once.
-   subroutine evaluate(model, gives_rows, eq, w, first, last, q, hq, hqq)
-      class(model_type), intent(in) :: model
+   subroutine evaluate(ham, gives_rows, eq, w, first, last, q, hq, hqq)
+      type(one_step_hamiltonian), intent(in) :: ham
       logical, intent(in) :: gives_rows
       type(midpoint_equation), intent(in) :: eq
       real(wp), intent(in) :: w(eq%nlane, 0:eq%m)
@@ -265,9 +268,9 @@ contains
       real(wp), intent(inout) :: hq(eq%nlane, first:last), hqq(eq%nlane, 0:1, first:last)
 
       if (gives_rows) then
-         call model%chain_rows(eq%n, eq%m, first, last, eq%t, w, q, hq, hqq)
+         call ham%fast%chain_rows(eq%n, eq%m, first, last, eq%t, w, q, hq, hqq)
       else
-         call model%force_stiffness(eq%nlane, eq%n, eq%m, 1, eq%t, w, q(:, 1:eq%n), eq%still, hq, hqq)
+         call ham%model%force_stiffness(eq%nlane, eq%n, eq%m, 1, eq%t, w, q(:, 1:eq%n), eq%still, hq, hqq)
       end if
    end subroutine evaluate
 
@@ -293,7 +296,7 @@ contains
          else
             call place(eq, 1, n, q)
          end if
-         call evaluate(ham%model, self%gives_rows, eq, w, 1, n, q, r, hqq)
+         call evaluate(ham, self%gives_rows, eq, w, 1, n, q, r, hqq)
          call eq%weigh(1, n, r)
          if (.not. eq%starts(newton)) call add_times(nlane*n, 1.0_wp, eq%x, r)
          ! bands(lane, d, i) is entry (i, i+d) of I + c K; K is symmetric, so the lower band is the upper one, a row

@@ -14,6 +14,7 @@ module symsde_step_midpoint_tridiagonal_single_path
    use symsde_base_status, only: status_ok
    use symsde_base_vectors, only: add_times
    use symsde_model_abstract, only: model_type
+   use symsde_model_kernels, only: has_exact_stiffness
    use symsde_solve_lapack, only: solve_banded_lane_lapack
    use symsde_solve_newton, only: newton_options, new_newton
    use symsde_solve_newton_single_path, only: start, judge
@@ -43,7 +44,7 @@ contains
       type(newton_options), intent(in) :: options
 
       associate (t => model%traits, n => model%traits%ndof, &
-                 exact => model%traits%has_chain_rows .or. model%traits%has_hessian_vector)
+                 exact => has_exact_stiffness(model))
          call new_newton(self%newton, 1, n, options, t%quadratic .and. exact, -1, -1, judge_only=.true., exact=exact)
          allocate (self%q(n), self%f(n), self%before(n), self%factor(n), self%rhs(n), self%k(0:1, 0:n))
       end associate

@@ -8,7 +8,7 @@ module symsde_step_one_dof_newton
    use symsde_base_counters, only: counters_type
    use symsde_base_kinds, only: wp, i8
    use symsde_base_record, only: step_record
-   use symsde_model_abstract, only: angle_terms
+   use symsde_model_kernels, only: angle_terms
    use symsde_scheme_scheme, only: scheme_type
    use symsde_solve_blocks, only: block_solver, new_block_solver
    use symsde_solve_newton, only: newton_type, newton_options, new_newton, start, judge

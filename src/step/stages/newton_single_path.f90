@@ -8,6 +8,7 @@ module symsde_step_stages_newton_single_path
    use symsde_base_kinds, only: wp, i8
    use symsde_base_lanes, only: take_where
    use symsde_base_traits, only: model_traits, dense
+   use symsde_model_kernels, only: pair_by_arrays
    use symsde_solve_newton, only: newton_type, newton_options, new_newton
    use symsde_solve_newton_single_path, only: update
    use symsde_step_hamiltonian_one_step, only: one_step_hamiltonian
@@ -48,7 +49,11 @@ module symsde_step_stages_newton_single_path
             k(:(band + 1)*n) = stiffness(1, :)
          else if (n == 2) then
             ! Six numbers: no arrays are passed.
-            call ham%model%pair(m, t, w, q(1), q(2), hq(1), hq(2), k(1), k(2), k(3), k(4))
+            if (ham%offers%pair) then
+               call ham%fast%pair(m, t, w, q(1), q(2), hq(1), hq(2), k(1), k(2), k(3), k(4))
+            else
+               call pair_by_arrays(ham%model, m, t, w, q(1), q(2), hq(1), hq(2), k(1), k(2), k(3), k(4))
+            end if
          else
             ! Any other dense Hessian, for one lane.
             call ham%model%gradient_hessian(1, n, m, t, w, q, p, hq=hq, hqq=k)

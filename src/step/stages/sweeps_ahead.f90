@@ -23,7 +23,8 @@ module symsde_step_stages_sweeps_ahead
    use symsde_base_kinds, only: wp, i8
    use symsde_base_record, only: step_record
    use symsde_base_sincos, only: sincos_one
-   use symsde_model_abstract, only: model_type, angle_terms
+   use symsde_model_abstract, only: model_type
+   use symsde_model_kernels, only: kernel_model, kernel_offers, angle_terms, offers_of
    use symsde_solve_fixed_point_single_path, only: judge_ahead, done
    use symsde_step_hamiltonian_noise_shift, only: noise_shift
    use symsde_step_hamiltonian_one_step, only: one_step_hamiltonian
@@ -67,15 +68,15 @@ contains
       type(sweeps_ahead), allocatable, intent(out) :: self
       class(model_type), intent(in) :: model
       type(stage_plan), intent(in) :: plan
+      type(kernel_offers) :: offers
       integer :: g
 
-      associate (t => model%traits)
-         if (.not. (t%has_angle_terms .or. (t%ndof <= 2 .and. t%has_scalar_sweeps))) return
-      end associate
+      offers = offers_of(model)
+      if (.not. (offers%angle .or. (model%traits%ndof <= 2 .and. offers%sweeps))) return
       if (plan%nstage > nstage .or. .not. plan%in_order()) return
       allocate (self)
       self%plan = plan
-      self%angles = model%traits%has_angle_terms
+      self%angles = offers%angle
       do g = 1, plan%ngroup
          associate (group => plan%group(g))
             self%slot(g) = group_slot(group%stage(1), group%stage(group%nmember), group%explicit)
@@ -161,7 +162,7 @@ contains
       before = 0
       evaluations = 0
       do g = 1, self%plan%ngroup
-         call sweep(self, ham%model, s, g, w, p, too_stiff, before, nsweep)
+         call sweep(self, ham%fast, s, g, w, p, too_stiff, before, nsweep)
          taken = nsweep > 0
          if (.not. taken) return
          before = before + nsweep
@@ -187,7 +188,7 @@ contains
    !> one by one. nsweep is how many ended it, and how many the next step takes ahead; 0 says that the step is given up.
    subroutine sweep(self, model, s, g, w, p, too_stiff, before, nsweep)
       type(sweeps_ahead), intent(inout) :: self
-      class(model_type), intent(in) :: model
+      class(kernel_model), intent(in) :: model
       integer, intent(in) :: s, g, before
       real(wp), intent(in) :: w(0:model%traits%nnoise), p(model%traits%ndof), too_stiff
       integer, intent(out) :: nsweep   !! the sweep that ended it; 0: none did

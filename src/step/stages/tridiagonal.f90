@@ -7,6 +7,8 @@ module symsde_step_stages_tridiagonal
    use symsde_base_lanes, only: take_where
    use symsde_base_status, only: singular
    use symsde_base_traits, only: model_traits, strip_lanes
+   use symsde_model_abstract, only: model_type
+   use symsde_model_kernels, only: has_exact_stiffness
    use symsde_solve_block_tridiagonal, only: eliminate_down_blocks, correct_up_blocks, site_above, new_site_above
    use symsde_solve_newton, only: newton_type, newton_options, new_newton
    use symsde_solve_tridiagonal, only: upper_rows, eliminate_down_strip, eliminate_up_strip, meet_strip, &

@@ -1,0 +1,206 @@
+! SPDX-License-Identifier: BSD-3-Clause
+!> Kernels: fast ways of a model, each for the inner loop of one kind of stepper.
+!>
+!> No model needs any. A model that extends kernel_model says in `offers` which it has. A stepper looks for them once,
+!> when it is made (kernels_of, offers_of), and does without where there are none. A kernel gives the bits that the general
+!> operations of the model give for a lane; whole steps agree to rounding.
+module symsde_model_kernels
+   use, intrinsic :: ieee_arithmetic, only: ieee_value, ieee_quiet_nan
+   use symsde_base_counters, only: counters_type
+   use symsde_base_kinds, only: wp, i8
+   use symsde_base_record, only: steps_record
+   use symsde_base_traits, only: strip_lanes
+   use symsde_model_abstract, only: model_type
+   implicit none
+   private
+   public :: kernel_model, kernel_offers, angle_terms, corrected
+   public :: kernels_of, offers_of, differences_alone, has_exact_stiffness, pair_by_arrays
+
+   !> Behind the name of a one-sided scheme that is asked of has_flow and flow: with its correction in increments form,
+   !> +-F_p.F_q/2 added to the one-step Hamiltonian, F = sum_k dW_k H_k.
+   character(*), parameter :: corrected = ', corrected'
+
+   !> One degree of freedom that feels the sine and the cosine of its angle:
+   !>
+   !>    sum_j w_j H_j = e p^2/2 + f p - a cos q + b sin q + c q^2/2 + d q        f = 0 of an angle
+   type :: angle_terms
+      real(wp) :: a = 0, b = 0, c = 0, d = 0, e = 0, f = 0
+   end type angle_terms
+
+   !> Which kernels there are. Whole steps are asked for scheme by scheme (has_flow).
+   type :: kernel_offers
+      logical :: rows = .false.         !! chain_rows: force and stiffness of a strip of lanes, row by row
+      logical :: rows_of_one = .false.  !! force_stiffness with b = 1 has the bits of chain_rows for one lane
+      logical :: pair = .false.         !! pair: two degrees of freedom of a path, without arrays
+      logical :: sweeps = .false.       !! sweeps: over stages of a path with one or two degrees of freedom
+      logical :: angle = .false.        !! angle: all derivatives of an angle follow from its terms
+      logical :: linear = .false.       !! angle: one degree of freedom, quadratic, terms without sine
+   end type kernel_offers
+
+   type, abstract, extends(model_type) :: kernel_model
+      type(kernel_offers) :: offers
+   contains
+      procedure :: chain_rows => chain_rows_missing
+      procedure :: sweeps => sweeps_missing
+      procedure :: pair => pair_composed
+      procedure :: angle => angle_missing
+      procedure :: has_flow => has_no_flow
+      procedure :: flow => no_flow
+   end type kernel_model
+
+contains
+
+   !> The model as one with kernels; null where it has none.
+   function kernels_of(model) result(kernels)
+      class(model_type), intent(in), target :: model
+      class(kernel_model), pointer :: kernels
+
+      nullify (kernels)
+      select type (model)
+      class is (kernel_model)
+         kernels => model
+      end select
+   end function kernels_of
+
+   !> Which kernels a model has.
+   pure function offers_of(model) result(offers)
+      class(model_type), intent(in) :: model
+      type(kernel_offers) :: offers
+
+      select type (model)
+      class is (kernel_model)
+         offers = model%offers
+      end select
+   end function offers_of
+
+   !> Whether all second derivatives are differences of gradients, so that a matrix costs many of these.
+   pure logical function differences_alone(model)
+      class(model_type), intent(in) :: model
+      type(kernel_offers) :: offers
+
+      offers = offers_of(model)
+      differences_alone = .not. (model%traits%has_hessian .or. model%traits%has_hessian_vector .or. offers%rows)
+   end function differences_alone
+
+   !> Whether products with the stiffness, or its rows, are the model's own, so that matrices hold to rounding.
+   pure logical function has_exact_stiffness(model)
+      class(model_type), intent(in) :: model
+      type(kernel_offers) :: offers
+
+      offers = offers_of(model)
+      has_exact_stiffness = offers%rows .or. model%traits%has_hessian_vector
+   end function has_exact_stiffness
+
+   !> Rows first..last of what force_stiffness gives with b = 1, in a strip of lanes, for Hamiltonians p.p/2 + U(q)
+   !> with noise in position or additive; the stiffness is the derivative of the force to rounding.
+   subroutine chain_rows_missing(self, ndof, nnoise, first, last, t, w, q, hq, hqq)
+      class(kernel_model), intent(in) :: self
+      integer, intent(in) :: ndof, nnoise, first, last
+      real(wp), intent(in) :: t, w(strip_lanes, 0:nnoise)
+      real(wp), intent(in) :: q(strip_lanes, first - 1:last + 1)  !! rows 0 and ndof + 1 are zero
+      real(wp), intent(out) :: hq(strip_lanes, first:last), hqq(strip_lanes, 0:1, first:last)
+
+      hq = ieee_value(1.0_wp, ieee_quiet_nan)
+      hqq = ieee_value(1.0_wp, ieee_quiet_nan)
+   end subroutine chain_rows_missing
+
+   !> Sweeps over stages i1 .. i2 of a path with one or two degrees of freedom and noise in position. Its positions are
+   !>
+   !>    base_i + sum_j b_ji f_j      from j = i on and around, with b of the first sweep, or of the others,
+   !>
+   !> and each new f_i = Hhat_q is used at once. There are up to four stages. Sweeps cost so little that some may be in
+   !> vain.
+   subroutine sweeps_missing(self, nnoise, nstage, i1, i2, first, last, t, w, p, base, b, most, f, change, extent)
+      class(kernel_model), intent(in) :: self
+      integer, intent(in) :: nnoise, nstage, i1, i2, first, last, most
+      real(wp), intent(in) :: t(nstage), w(0:nnoise), p(self%traits%ndof), base(4, 2), b(4, 4, 2)
+      real(wp), intent(inout) :: f(4, 2, 0:most)  !! of all stages, after sweeps; those before are given
+      !> Of each sweep. The change is NaN where a force is; it need not where a force at NaN is NaN, and shows later.
+      real(wp), intent(inout), dimension(most) :: change, extent
+
+      f(:, :, first:last) = ieee_value(1.0_wp, ieee_quiet_nan)
+      change(first:last) = ieee_value(1.0_wp, ieee_quiet_nan)
+      extent(first:last) = ieee_value(1.0_wp, ieee_quiet_nan)
+   end subroutine sweeps_missing
+
+   !> Hhat_q and Hhat_qq of one path of two degrees of freedom, where noise is in position or additive: numbers without
+   !> arrays, whose bits are those of gradient_hessian.
+   subroutine pair_composed(self, nnoise, t, w, q1, q2, f1, f2, k11, k21, k12, k22)
+      class(kernel_model), intent(in) :: self
+      integer, intent(in) :: nnoise
+      real(wp), intent(in) :: t, w(0:nnoise)
+      real(wp), value :: q1, q2
+      real(wp), intent(out) :: f1, f2, k11, k21, k12, k22
+
+      call pair_by_arrays(self, nnoise, t, w, q1, q2, f1, f2, k11, k21, k12, k22)
+   end subroutine pair_composed
+
+   !> The same of any model.
+   subroutine pair_by_arrays(model, nnoise, t, w, q1, q2, f1, f2, k11, k21, k12, k22)
+      class(model_type), intent(in) :: model
+      integer, intent(in) :: nnoise
+      real(wp), intent(in) :: t, w(0:nnoise)
+      real(wp), value :: q1, q2
+      real(wp), intent(out) :: f1, f2, k11, k21, k12, k22
+      real(wp), dimension(2) :: q, still, f
+      real(wp) :: k(2, 2)
+
+      q(1) = q1
+      q(2) = q2
+      still = 0
+      call model%gradient_hessian(1, 2, nnoise, t, w, q, still, hq=f, hqq=k)
+      f1 = f(1)
+      f2 = f(2)
+      k11 = k(1, 1)
+      k21 = k(2, 1)
+      k12 = k(1, 2)
+      k22 = k(2, 2)
+   end subroutine pair_by_arrays
+
+   !> The terms of sum_j w_j H_j where it is one of an angle, or quadratic, for a path by itself: asked for once a time,
+   !> and force and slope at many angles follow without the model. Noises that move positions do not depend on time. The
+   !> bits are those of gradient_hessian,
+   !>
+   !>    Hhat_q = a sin q + (b cos q + (c q + d)),  Hhat_qq = a cos q + (c - b sin q),  Hhat_p = e p + f,
+   !>
+   !> where terms that vanish change none, and of no sum two products could be contracted.
+   subroutine angle_missing(self, nnoise, t, w, terms)
+      class(kernel_model), intent(in) :: self
+      integer, intent(in) :: nnoise
+      real(wp), intent(in) :: t, w(0:nnoise)
+      type(angle_terms), intent(out) :: terms
+
+      terms%a = ieee_value(1.0_wp, ieee_quiet_nan)
+   end subroutine angle_missing
+
+   !> Whether flow takes steps of this scheme. Schemes are asked for by the names of the catalogue; midpoint,
+   !> symplectic_euler, symplectic_euler_adjoint and stormer_verlet stand for every scheme that is one of these.
+   !> A flow is of the scheme as it stands, without the correction of one-sided schemes, unless `corrected` follows.
+   pure logical function has_no_flow(self, scheme) result(has_flow)
+      class(kernel_model), intent(in) :: self
+      character(*), intent(in) :: scheme
+
+      has_flow = .false.
+   end function has_no_flow
+
+   !> Steps of a scheme, taken by the model as a whole: from (q, p) to the states after every
+   !> steps%every-th step. The result of a lane must depend on its own numbers alone, and be the same, bit for bit,
+   !> whether steps are asked for one by one or many at once. A lane that fails gets a code of base/status, or a
+   !> state that is not finite and stays so; then steps are asked for one by one, and the library finds out which
+   !> one failed and tries to solve it. A lane with a status is not looked at any more.
+   subroutine no_flow(self, scheme, steps, ndof, q, p, qn, pn, status, counters)
+      class(kernel_model), intent(in) :: self
+      character(*), intent(in) :: scheme
+      type(steps_record), intent(in) :: steps
+      integer, intent(in) :: ndof
+      real(wp), intent(in) :: q(steps%nlane, ndof), p(steps%nlane, ndof)
+      real(wp), intent(out) :: qn(steps%nlane, ndof, steps%nstep/steps%every)
+      real(wp), intent(out) :: pn(steps%nlane, ndof, steps%nstep/steps%every)
+      integer(i8), intent(inout) :: status(steps%nlane)
+      type(counters_type), intent(inout) :: counters  !! of the real lanes, where the model counts
+
+      qn = ieee_value(1.0_wp, ieee_quiet_nan)
+      pn = ieee_value(1.0_wp, ieee_quiet_nan)
+   end subroutine no_flow
+
+end module symsde_model_kernels
