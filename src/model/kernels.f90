@@ -2,8 +2,8 @@
 !> Kernels: fast ways of a model, each for the inner loop of one kind of stepper.
 !>
 !> No model needs any. A model that extends kernel_model says in `offers` which it has. A stepper looks for them once,
-!> when it is made (kernels_of, offers_of), and does without where there are none. A kernel gives the bits that the general
-!> operations of the model give for a lane; whole steps agree to rounding.
+!> when it is made (kernels_of, offers_of), and does without where there are none. A kernel gives the bits that the
+!> general operations of the model give for a lane; whole steps agree to rounding.
 module symsde_model_kernels
    use, intrinsic :: ieee_arithmetic, only: ieee_value, ieee_quiet_nan
    use symsde_base_counters, only: counters_type
