@@ -6,7 +6,7 @@
 says what a wheel unpacked in SITE costs beside the native build. Each library runs in a process of its own, one
 thread; the runs of a scene are taken in turn, and the least processor time of each counts. About twenty seconds for
 each library. Fused multiply-add is what a library for older processors lacks: one that is built for this machine with
--ffp-contract=off in _release of cmake/flags.cmake tells its share of a ratio.
+-DSYMSDE_FP_CONTRACT=off tells its share of a ratio.
 """
 
 import math

@@ -9,8 +9,9 @@ set_property(CACHE SYMSDE_FLAGS PROPERTY STRINGS ${_sets})
 # One rule for all libraries that users build: a product and a sum are one operation (contraction) wherever the processor
 # has it, so that those for one machine, for x86-64-v3 and v4, and wheels compute the same bits. All sums contract alike:
 # tuning for some processors would leave out those in registers, and a path by itself would have other bits than one of a
-# block.
-set(_release -O3 -fno-trapping-math -fno-math-errno -ffp-contract=fast)
+# block. With SYMSDE_FP_CONTRACT=off products are rounded everywhere: older processors and aarch64 agree then, too.
+set(SYMSDE_FP_CONTRACT fast CACHE STRING "Whether a product and a sum are one operation: fast, off")
+set(_release -O3 -fno-trapping-math -fno-math-errno -ffp-contract=${SYMSDE_FP_CONTRACT})
 if(CMAKE_SYSTEM_PROCESSOR MATCHES "^(x86_64|amd64|AMD64)$")
    list(APPEND _release --param=avoid-fma-max-bits=0)
 endif()
