@@ -2,7 +2,7 @@
 !> The error of the C interface, and the checks that every function makes of its pointers and structs.
 module symsde_capi_error
    use, intrinsic :: iso_c_binding, only: &
-      c_associated, c_char, c_f_pointer, c_funptr, c_int, c_int32_t, c_ptr, c_size_t
+      c_associated, c_char, c_f_pointer, c_funptr, c_int, c_int32_t, c_null_ptr, c_ptr, c_size_t
    use symsde_base_kinds, only: wp, i8
    use symsde_base_status, only: error_type, raise, status_ok, invalid_argument, too_large, wrong_shape
    use symsde_base_text, only: to_text
@@ -73,8 +73,7 @@ contains
       character(*), intent(in) :: what   !! name of the argument
       type(error_type), allocatable, intent(inout) :: error
 
-      if (.not. c_associated(pointer)) &
-         call raise(error, invalid_argument, 'require', what//' is NULL: give its address')
+      if (.not. c_associated(pointer)) call require(c_null_ptr, what, error)
    end subroutine require_function
 
    !> Sizes of an array of the caller: none negative, and its bytes must fit into 62 bits.
