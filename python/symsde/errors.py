@@ -133,6 +133,10 @@ class SlowFormulaWarning(UserWarning):
     """Formulas are evaluated without a compiler; the message says how slow this is."""
 
 
+class UnusedParameterWarning(UserWarning):
+    """A parameter of formulas that none of them holds."""
+
+
 class BudgetWarning(UserWarning):
     """The time limit was too short for the interval that was asked for."""
 

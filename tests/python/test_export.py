@@ -25,6 +25,10 @@ SCENES = {
     "names": '[model]\nH = "double**2/2*A0 - cos(E*q)*a0 + exp(-I*q**2)/(1+q**2)**(3/2) + sqrt(1 + t**2)*q"\n'
     'noise = ["value*sin(q)*double", "-NULL*log(2+q**2)*tanh(q)"]\nq = "q"\np = "double"\n'
     "[model.params]\nA0 = 1.2\na0 = 0.7\nE = 1.1\nI = 0.5\nvalue = 0.2\nNULL = 0.3\n" + RUN + 'scheme = "gauss2"\n',
+    # functions that languages have not, and those that derivatives of others become
+    "walls": '[model]\nH = "p**2/2 + sech(q) + a*coth(q+2) + csch(q+3) + erfc(q) + log(cosh(q)) + log(1+exp(q))"\n'
+    'noise = ["0.1*log(1+exp(-q))*tanh(q)"]\n[model.params]\na = 0.2\n' + RUN,
+    "wall_chain": '[model]\nH = "Sum(p[i]**2/2, i) + Sum(log(cosh(q[i+1]-q[i])) + sech(q[i]), i)"\nn = 5\n' + RUN,
     "options": '[model]\nH = "(p1**2+p2**2)/2 + q1**2*q2 + (q1**2+q2**2)/2"\nnoise = ["s*q1", "s*q2"]\n'
     "[model.params]\ns = 0.2\n" + RUN + 'refine = 1\nfirst_path = 256\nfirst_step = 4\nt0 = 0.5\ncommon_noise = [2]\n'
     'compensated = true\ntruncation = [2.0, 1.0]\nscheme = "stormer_verlet"\n',

@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """What stands beside formulas: parameters of value 0, 1 and -1, unused ones, arguments that do not exist."""
 
+import warnings
+
 import numpy as np
 import pytest
 import symsde as ss
@@ -59,3 +61,95 @@ def test_refused(case):
     function, kind, words = case
     with pytest.raises(kind, match=words):
         function()
+
+
+UNUSED = {
+    "slip": (
+        {"H": "p**2/2 + sigma*q", "params": {"sigma": 1.0, "simga": 0.3}},
+        "the parameter simga: its value.*hold sigma",
+    ),
+    "no noise": ({"H": "p**2/2 + q**2", "params": {"sigma": 0.3}}, "the parameter sigma: .*no noise is given"),
+    "two": (
+        {"H": "p**2/2", "noise": ["q"], "params": {"a": 1.0, "b": 2.0}},
+        "the parameters a, b: they change nothing$",
+    ),
+    "chain": ({"H": "Sum(p[i]**2/2, i)", "n": 3, "params": {"a": 1.0}}, "the parameter a: .*no noise is given"),
+}
+
+
+@pytest.mark.usefixtures("quick_compiler")
+@pytest.mark.parametrize(("given", "words"), UNUSED.values(), ids=UNUSED)
+def test_parameters_that_no_formula_holds_are_told(given, words):
+    with pytest.warns(errors.UnusedParameterWarning, match=words):
+        model = ss.model_from_sympy(**given)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")  # a new value is no new formula
+        model.with_parameters(**dict.fromkeys(given["params"], 2.0))
+        ss.model_from_sympy("p**2/2 + q*s", invariants=["E*q"], params={"s": 1.0, "E": 2.0})
+
+
+@pytest.mark.parametrize(
+    ("H", "noise", "words"),
+    [
+        (
+            "Sum(p[i]**2/2 + k*q[i]**2/2, i)",
+            ["-s*q[k]"],
+            r"'-s\*q\[k\]'.*the index \[k\], and k is a parameter.*q\[i\]",
+        ),
+        (
+            "Sum(p[i]**2/2, i) + Sum(s, i)**2",
+            ["k*q[j]"],
+            r"formula 'Sum\(p.*a sum without q\[i\] or p\[i\]: write the number",
+        ),
+        (
+            "Sum(p[i]**2/2, i) + Sum(q[i], s)**2",
+            ["k*q[j]"],
+            r"formula 'Sum\(p.*sums over s, .* a parameter.*another letter",
+        ),
+    ],
+)
+def test_indices_that_are_parameters(H, noise, words):
+    """What is wrong is told of the formula that holds it."""
+    with pytest.raises(errors.InvalidArgumentError, match=words):
+        ss.model_from_sympy(H, noise, params={"k": 1.0, "s": 0.1}, n=8)
+
+
+@pytest.mark.usefixtures("quick_compiler")
+@pytest.mark.parametrize(
+    ("number", "value"),
+    [
+        (sympy.Rational(2**2000 + 1, 3**1250), None),
+        (sympy.Rational(1, 2**1060), 2.0**-1060),
+        (-sympy.Rational(3**700, 2**1100), None),
+        (2**70, 2.0**70),
+        ("2**70", 2.0**70),
+        ("2**-1060", 2.0**-1060),
+    ],
+)
+def test_numbers_of_many_digits(number, value):
+    """Rationals whose numerator and denominator leave floating point, though their quotient does not."""
+    q, p = sympy.symbols("q p")
+    H = f"p**2/2 + {number}*q" if isinstance(number, str) else p**2 / 2 + number * q
+    expected = number.p / number.q if value is None else value
+    assert ss.model_from_sympy(H, q=None if isinstance(H, str) else q).gradient(1.0, 0.0)[0][0, 0] == expected
+
+
+def test_powers_of_numbers_are_bounded_by_their_value():
+    for text in ("9**9**9", "2**1100", "(1 + 1/9007199254740992)**9007199254740992*2**1030"):
+        with pytest.raises(errors.InvalidArgumentError, match="not a finite real number"):
+            ss.model_from_sympy(f"p**2/2 + {text}*q")
+    with pytest.raises(errors.InvalidArgumentError, match="exponent 70"):
+        ss.model_from_sympy("p**2/2 + q**70")
+
+
+@pytest.mark.usefixtures("quick_compiler")
+def test_dummies_are_symbols():
+    """Each is its own, whatever its name: two of one name are refused."""
+    x, y, a = (sympy.Dummy(name) for name in "xya")
+    model = ss.model_from_sympy(y**2 / 2 + a * x**3, [x], q=x, p=y, params={a: 2.0})
+    assert [x.item() for x in model.gradient(2.0, 5.0)] == [24.0, 5.0] and model.parameters == {"a": 2.0}
+    assert model.with_parameters(a=1.0).gradient(2.0, 5.0)[0] == 12.0
+    with pytest.raises(errors.InvalidArgumentError, match="two symbols of one name: x"):
+        ss.model_from_sympy(y**2 / 2 + x * sympy.Dummy("x"), q=x, p=y)
+    with pytest.raises(errors.InvalidArgumentError, match="'x' is given twice"):
+        ss.model_from_sympy(y**2 / 2, q=[x, sympy.Dummy("x")], p=[y, a])

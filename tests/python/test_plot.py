@@ -470,3 +470,22 @@ def test_names_are_drawn_as_they_are(tmp_path):
     found.save(tmp_path / "moments.npz")
     given = ["plot", str(tmp_path / "moments.npz"), "--what", "moments", "--out", str(tmp_path / "figure.png")]
     assert command_line.main(given) == 0
+
+
+@pytest.mark.parametrize("size", [1e301, 1e308, 1.7e308])
+def test_numbers_near_the_largest_are_left_out(size):
+    """Axes cannot hold them: their ends and ticks overflow. The other paths are drawn."""
+    pytest.importorskip("matplotlib")
+    model = ss.Model(ndof=1, nnoise=0, gradient=lambda t, w, q, p: (0 * q, 0 * p), value=lambda t, w, q, p: q[0])
+    how = {"q0": np.array([[size, 2.0, -size]]), "p0": 0.0, "step": 0.1, "steps": 3, "paths": 3}
+    run = ss.simulate(model, **how)
+    for what in ("paths", "phase", "energy", "map"):
+        figure = run.plot(what=what)
+        figure.canvas.draw()
+    assert "without values above 1e+300" in figure._suptitle.get_text()
+    axes = run.plot(what="paths").axes[0]
+    assert axes.get_ylim()[0] < 2 < axes.get_ylim()[1] < 1e3
+    for what in ("moments", "energy", "map"):
+        ss.moments(model, **how).plot(what=what).canvas.draw()
+    with pytest.raises(InvalidArgumentError, match="values above 1e300 are left out"):
+        ss.simulate(model, **how | {"q0": size}).plot()

@@ -12,6 +12,7 @@ from collections.abc import Callable, Iterable
 
 from ..model.formulas.emit_c import reachable
 from ..model.formulas.graph import Graph
+from .given import Given
 
 SUM, PRODUCT, ATOM = 1, 2, 9  #: how strongly parts hold together
 MAX_CHARACTERS = 90  #: of one expression; parts of longer ones get a name
@@ -64,6 +65,13 @@ class Expressions:
         """A node in an operation that holds so strongly."""
         text, own = self._text[x]
         return text if own >= strength else f"({text})"
+
+
+def called(given: Given, functions: Iterable[str]) -> list[str]:
+    """Which of these functions the formulas of a model call."""
+    made = [d.derivatives for d in given.model._chain.densities] if given.is_chain else [given.model._derivatives]
+    found = {node.what for derivatives in made for node in derivatives.graph.nodes}
+    return [name for name in functions if name in found]
 
 
 def wrapped(text: str, width: int, indent: str, mark: str = "") -> list[str]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 from ..model.definition import FLAGS
 from ..model.formulas import emit_c
-from .expressions import Expressions, wrapped
+from .expressions import Expressions, called, wrapped
 from .given import Given, columns, equal
 
 WIDTH = 110
@@ -13,6 +13,14 @@ DIGITS, LETTERS = "0123456789", "wqpab"
 IN = "int nlane, int ndof, int nham, double t, const double *w, const double *q, const double *p"
 BLOCKS = {"value": ("value",), "gradient": ("hq", "hp"), "hessian": ("hqq", "hqp", "hpp")}
 THIRD = {"third_derivative": ("tq", "tp")}
+#: functions that C has not
+FUNCTIONS = {
+    "sech": "2 / (exp(x) + exp(-x))",
+    "csch": "1 / sinh(x)",
+    "coth": "1 / tanh(x)",
+    "gauss": "exp(-x * x)",
+    "logcosh": "fabs(x) < 1 ? log(cosh(x)) : fabs(x) - log(2) + log1p(exp(-2 * fabs(x)))",
+}
 ABOUT = {
     "value": "S = sum_j w[j] H_j: arrays are [..][nlane], one lane is one path",
     "gradient": "S_q and S_p",
@@ -38,6 +46,8 @@ def _functions(given: Given) -> list[str]:
     lines = ["typedef struct parameters {"]
     lines += [f"   double {x};" for x in given.identifiers.values()] or ["   int none;"]
     lines += ["} parameters;", ""]
+    for name in called(given, FUNCTIONS):
+        lines += [f"static inline double {name}(double x) {{", f"   return {FUNCTIONS[name]};", "}", ""]
     for kind in BLOCKS | (THIRD if given.third else {}):
         lines += _function(given, kind)
     return lines

@@ -7,7 +7,7 @@ from ..errors import InvalidArgumentError
 from ..model.definition import FLAGS
 from ..model.formulas.emit_c import VECTORS
 from . import sites_in_fortran
-from .expressions import Expressions, wrapped
+from .expressions import Expressions, called, wrapped
 from .given import Given, columns, equal
 
 WIDTH = 118
@@ -19,6 +19,15 @@ ABOUT = {
     "gradient": "S_q and S_p; what is absent is not wanted",
     "hessian": "S_qq, S_qp and S_pp; hqp(:, i, j) = d2 S/(dq_i dp_j)",
     "third_derivative": "The gradient of a^T (the Hessian) b",
+}
+#: functions of x that Fortran has not
+FUNCTIONS = {
+    "sech": ["y = 2/(exp(x) + exp(-x))"],
+    "csch": ["y = 1/sinh(x)"],
+    "coth": ["y = 1/tanh(x)"],
+    "gauss": ["y = exp(-x**2)"],
+    "log1p": ["y = x", "if (abs((1 + x) - 1) > 0) y = log(1 + x)*(x/((1 + x) - 1))"],
+    "logcosh": ["y = log(cosh(x))", "if (abs(x) > 1) y = abs(x) - log(2.0_wp) + log(1 + exp(-2*abs(x)))"],
 }
 #: members of symsde_options -> components of run_options
 OPTIONS = {"steps": "nstep", "paths": "npath"}
@@ -53,6 +62,14 @@ def _module(given: Given) -> list[str]:
             lines += ["", *sites_in_fortran.procedure(given, kind, WIDTH, _Fortran, _number)]
         else:
             lines += ["", *_procedure(given, kind)]
+    for name in called(given, FUNCTIONS):
+        lines += [
+            "",
+            f"   elemental function {name}(x) result(y)",
+            "      real(wp), intent(in) :: x",
+            "      real(wp) :: y",
+        ]
+        lines += ["", *(f"      {line}" for line in FUNCTIONS[name]), f"   end function {name}"]
     return [*lines, "", f"end module formula_of_{given.stem}", ""]
 
 

@@ -17,6 +17,7 @@ from ...errors import InvalidArgumentError
 from ...native.files import optional
 from .graph import Graph
 from .named_formulas import Problem, quoted
+from .tails import Tails
 
 MAX_GRADIENT = 3_000  #: operations
 MAX_THIRD = 600  #: third derivatives that do not vanish, of all degrees of freedom together
@@ -45,6 +46,9 @@ class Derivatives:
             self.hamiltonians = [self._engine.sympify(free(h)) for h in problem.hamiltonians]
         except (TypeError, ValueError, RuntimeError, NotImplementedError, self._engine.SympifyError):
             raise InvalidArgumentError(f"the formula {quoted(problem.texts[0])} cannot be differentiated") from None
+        self._lanes = problem.lanes
+        self._tails = Tails(self._engine, lambda e: any(self._lanes.get(s.name, True) for s in e.free_symbols))
+        self._formed = [self._tails.formed(h) for h in self.hamiltonians]
         self._entries: dict[tuple, list[Any]] = {}
         self.outputs = {"value": [self._weighted(self.hamiltonians, "")]}
         for block, variables in BLOCKS.items():  # gradients first: what is too large is seen before it is squared
@@ -57,18 +61,30 @@ class Derivatives:
 
     def of(self, *variables: str) -> list[Any]:
         """Derivatives of every H_j by these variables."""
+        return [self._tails.plain(e) for e in self._of(*variables)] if variables else self.hamiltonians
+
+    def node(self, j: int, *variables: str) -> int:
+        """The node of a derivative of H_j."""
+        return self._node(self._of(*variables)[j] if variables else self.hamiltonians[j])
+
+    def _of(self, *variables: str) -> list[Any]:
+        """The same with symbols for functions that have limits (tails.py)."""
         if not variables:
-            return self.hamiltonians
+            return self._formed
         key = tuple(sorted(variables))
         if key not in self._entries:
-            self._entries[key] = [self._derivative(j, h, key) for j, h in enumerate(self.of(*key[:-1]))]
+            self._entries[key] = [self._derivative(j, h, key) for j, h in enumerate(self._of(*key[:-1]))]
         return self._entries[key]
+
+    def _node(self, e: Any) -> int:
+        written = self._tails.written(self._engine.sympify(e), self.graph, self._lanes)
+        return self.graph.add(written, self._lanes)
 
     def _derivative(self, j: int, before: Any, key: tuple[str, ...]) -> Any:
         """The last derivative of several. What hangs on a variable by its writing alone, as p + q - p, is written
         without it: rounding would bring it back, and steps of separable Hamiltonians rely on it."""
         last = self.symbol[key[-1]]
-        result = before.diff(last) if last in before.free_symbols else 0 * last
+        result = self._tails.diff(before, last) if last in self._tails.plain(before).free_symbols else 0 * last
         if (j, *key) in self._vanishing and result.expand() == 0:
             return 0 * last
         for x in sorted(x.name for x in result.free_symbols) if len(key) == 1 else ():
@@ -78,7 +94,7 @@ class Derivatives:
 
     def _without(self, e: Any, x: Any) -> Any:
         """The same function without a variable that it does not depend on; as it stands where that is not certain."""
-        if e.diff(x).expand() != 0:
+        if self._tails.plain(e) != e or e.diff(x).expand() != 0:
             return e
         others = sorted((s for s in e.free_symbols if s != x), key=str)
         for value in (0, 1):
@@ -119,7 +135,7 @@ class Derivatives:
                 if j != k:
                     along = self.graph.sum((along, self.graph.multiply(a[1], b[0])))
                 try:
-                    terms[z].append(self.graph.multiply(self._weighted(self.of(x, y, z), x + y + z), along))
+                    terms[z].append(self.graph.multiply(self._weighted(self._of(x, y, z), x + y + z), along))
                 except InvalidArgumentError:  # more operations than a graph holds
                     return None
         n = self.problem.ndof
@@ -136,28 +152,28 @@ class Derivatives:
         """Nodes of a block of derivatives: [i] or, by rows, [j][i] with i of the first letter, j of the second."""
         names = [self.problem.coordinates(letter) for letter in variables]
         if len(names) == 1:
-            return [self._weighted(self.of(x), x) for x in names[0]]
-        return [self._weighted(self.of(x, y), x + y) for y in names[1] for x in names[0]]
+            return [self._weighted(self._of(x), x) for x in names[0]]
+        return [self._weighted(self._of(x, y), x + y) for y in names[1] for x in names[0]]
 
     def _weighted(self, expressions: list[Any], what: str) -> int:
         """The node of sum_j w_j e_j."""
-        graph, lanes = self.graph, self.problem.lanes
+        graph = self.graph
         table: dict[Any, dict[int, Any]] = {}
         try:
-            for j, e in enumerate(expressions):
+            for j, e in enumerate(self._tails.written(e, graph, self._lanes) for e in expressions):
                 for factor, function in self._terms(e):
                     row = table.setdefault(function, {})
                     row[j] = row.get(j, 0) + factor
             weights = [graph.leaf(f"w{j}", True) for j in range(len(expressions))]
             terms, alone = [], {}
             for function, row in table.items():
-                parts = {j: graph.add(self._engine.sympify(factor), lanes) for j, factor in row.items()}
+                parts = {j: self._node(factor) for j, factor in row.items()}
                 if len(parts) == 1:
                     [(j, factor)] = parts.items()
-                    alone.setdefault(j, []).append((factor, graph.add(function, lanes)))
+                    alone.setdefault(j, []).append((factor, self._node(function)))
                 else:
                     coefficient = graph.sum(graph.multiply(factor, weights[j]) for j, factor in parts.items())
-                    terms.append(graph.multiply(coefficient, graph.add(function, lanes)))
+                    terms.append(graph.multiply(coefficient, self._node(function)))
             for j, group in alone.items():
                 if len(group) == 1:
                     [(factor, function)] = group
@@ -177,7 +193,7 @@ class Derivatives:
         for term in e.args if type(e).__name__ == "Add" else (e,):
             factor, function = one, one
             for x in term.args if type(term).__name__ == "Mul" else (term,):
-                if any(self.problem.lanes[s.name] for s in x.free_symbols):
+                if any(self._lanes[s.name] for s in x.free_symbols):
                     function = function * x
                 else:
                     factor = factor * x

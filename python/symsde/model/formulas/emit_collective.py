@@ -188,16 +188,16 @@ def _added_up(chain: Chain, name: str, rows: str, *vectors: str) -> str:
 
 def _value(made: Derivatives, j: int) -> int:
     """The node of the density of a sum."""
-    return made.graph.add(made.hamiltonians[j], made.problem.lanes)
+    return made.node(j)
 
 
 def _along(made: Derivatives, j: int) -> int:
     """The node of its gradient times v."""
-    graph, lanes = made.graph, made.problem.lanes
+    graph = made.graph
     terms = []
     for letter in "qp":
         for i, x in enumerate(made.problem.coordinates(letter)):
-            slope = graph.add(made.of(x)[j], lanes)
+            slope = made.node(j, x)
             if not graph.is_number(slope, 0.0):
                 terms.append(graph.multiply(slope, graph.leaf(f"v{letter}{i}", True)))
     return graph.sum(terms)

@@ -12,12 +12,18 @@ from typing import Any
 
 import numpy as np
 
-from ...errors import IncompatibleError, InvalidArgumentError, SlowFormulaWarning, UnknownNameError
+from ...errors import (
+    IncompatibleError,
+    InvalidArgumentError,
+    SlowFormulaWarning,
+    UnknownNameError,
+    UnusedParameterWarning,
+)
 from ...native import callbacks, checks
 from ..definition import Model
 from . import compiler, emit_c, emit_flow, emit_sites, in_numpy
 from .derivatives import Derivatives
-from .named_formulas import make_problem, named, quoted, several
+from .named_formulas import make_problem, named, quoted, several, unused
 from .parse import folded
 from .sites import Chain, make_chain
 from .structure import Prover, Structure
@@ -155,7 +161,23 @@ def model_from_sympy(
         "ends": ends,
         "name": name,
     }
-    return _made(given)
+    model = _made(given)
+    _warn_of_unused(params, [H, *several("noise", noise), *several("invariants", invariants)])
+    return model
+
+
+def _warn_of_unused(params: Mapping[str, float] | None, formulas: list[Any]) -> None:
+    """A value that changes nothing is a slip of a name, or a noise that was forgotten."""
+    if names := unused(params, formulas):
+        one = len(names) == 1
+        told = (
+            f"no formula holds the parameter{'' if one else 's'} {', '.join(names)}: {'its value' if one else 'they'} "
+        )
+        told += "changes nothing" if one else "change nothing"
+        held = sorted(set(map(folded, params)) - set(names))
+        told += f"; the formulas hold {', '.join(held)}" if held else ""
+        told += "" if len(formulas) > 1 else "; no noise is given: noises stand in a list, as noise=['sigma*q']"
+        checks.warn(told, UnusedParameterWarning)
 
 
 def _made(given: dict[str, Any]) -> FormulaModel:

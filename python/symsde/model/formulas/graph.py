@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable
 from dataclasses import dataclass, field
+from fractions import Fraction
 from typing import Any
 
 from ...errors import InvalidArgumentError
@@ -18,8 +19,9 @@ from .scaled import Scaled
 #: functions of one argument, as they are called in formulas
 FUNCTIONS = (
     *("sin", "cos", "tan", "exp", "log", "sqrt", "sinh", "cosh", "tanh"),
-    *("asin", "acos", "atan", "asinh", "acosh", "atanh", "erf"),
+    *("asin", "acos", "atan", "asinh", "acosh", "atanh", "sech", "csch", "coth", "erf", "erfc"),
 )
+INNER = ("log1p", "gauss", "logcosh")  #: functions that formulas become: log(1 + x), exp(-x^2), log(cosh(x))
 MAX_OPERATIONS = 12_000
 
 
@@ -40,6 +42,7 @@ class Graph:
     nodes: list[Node] = field(default_factory=list)
     _known: dict[tuple, int] = field(default_factory=dict)
     _made: dict[Any, int] = field(default_factory=dict)  #: of whole expressions
+    stand_ins: dict[Any, Any] = field(default_factory=dict)  #: symbols that are nodes -> what they stand for
 
     def node(self, what: str, *arguments: int, value: Any = None, lane: bool = False) -> int:
         """A node, the one that exists where there is an equal one."""
@@ -141,6 +144,10 @@ class Graph:
 
     # ---- from expressions of sympy or symengine ------------------------------------------------------------
 
+    def stand_in(self, symbol: Any, node: int, plain: Any) -> None:
+        """Let a symbol of expressions be a node, which is `plain`."""
+        self._made[symbol], self.stand_ins[symbol] = node, plain
+
     def add(self, expression: Any, leaves: dict[str, bool]) -> int:
         """The node of an expression; `leaves`: name -> whether it differs from lane to lane."""
         if expression in self._made:
@@ -205,9 +212,8 @@ class Graph:
 
 def constant(e: Any) -> float:
     """A constant as floating point; refuses what is not real and finite."""
-    try:
-        numerator, denominator = getattr(e, "p", None), getattr(e, "q", None)
-        value = int(numerator) / int(denominator) if isinstance(numerator, int) and denominator else float(e)
+    try:  # of whole numbers of any length exactly: symengine's own way leaves floating point on the way
+        value = float(Fraction(str(e))) if getattr(e, "is_Rational", False) else float(e)
     except (TypeError, ValueError, RuntimeError, OverflowError, ZeroDivisionError):
         value = float("nan")
     if not math.isfinite(value):

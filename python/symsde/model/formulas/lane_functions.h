@@ -19,7 +19,14 @@
  *    asinh     |x| <= 1e150                    2
  *    acosh     1 <= x <= 1e150                 2
  *    atanh     |x| < 1                         2
+ *    sech      |x| <= 708, |x| > 746           2
+ *    csch      |x| <= 708, |x| > 746           2.5
+ *    coth      finite                          2.5
  *    erf       finite                          2
+ *    erfc      |x| <= 26, |x| > 27.4          3
+ *    gauss     |x| <= 26.6, |x| > 27.3         1     exp(-x^2)
+ *    log1p     x > -1, finite                  1     log(1 + x)
+ *    logcosh   finite                          3     log(cosh(x))
  *    pow       x positive, normal, 2^-1021 < result < 2^1023   1
  */
 #include <math.h>
@@ -73,9 +80,9 @@ LANE void lane_sincos(double x, double *sine, double *cosine, const int far, int
    const double low = FMA(-turns, 1.0562999066987428e-23, (first - r) - second);
    const double z = r * r, y = z * z;
    const double s = PAIRS6(z, y, -0.16666666666666632, 0.008333333333322418, -0.00019841269829812402,
-                            2.755731369357982e-06, -2.505075838538343e-08, 1.5896811852068921e-10);
+                           2.755731369357982e-06, -2.505075838538343e-08, 1.5896811852068921e-10);
    const double c = PAIRS6(z, y, 0.0416666666666666, -0.0013888888888874131, 2.4801587289487006e-05,
-                            -2.755731435378607e-07, 2.087572347857163e-09, -1.1359658818861251e-11);
+                           -2.755731435378607e-07, 2.087572347857163e-09, -1.1359658818861251e-11);
    const double a = r + FMA(r, z * s, low);
    const double half = 0.5 * z;
    double b = 1 - half;
@@ -102,6 +109,39 @@ LANE double near_exp(double x) {
    const double shifted = FMA(x, 1.4426950408889634, to_integer);
    const double k = shifted - to_integer;
    return exp_of(shifted, FMA(-k, 1.90821492927058770002e-10, FMA(-k, 6.93147180369123816490e-01, x)));
+}
+
+/* the upper 21 bits of a mantissa: products of two such numbers have no rounding */
+LANE double upper(double x) {
+   return double_of((uint64_t)bits_of(x) & UINT64_C(0xffffffff00000000));
+}
+
+/* exp(-x^2) for |x| < 26.6, with what the square loses by rounding */
+LANE double near_gauss(double x) {
+   const double high = upper(x), low = (high - x) * (x + high), square = -high * high;
+   const double shifted = FMA(square, 1.4426950408889634, to_integer);
+   const double k = shifted - to_integer;
+   const double r = FMA(-k, 6.93147180369123816490e-01, square);
+   return exp_of(shifted, r + FMA(-k, 1.90821492927058770002e-10, low));
+}
+
+static inline double plain_gauss(double x) {
+   const double size = fabs(x) > 30 ? 30 : fabs(x), high = upper(size);
+   return x != x ? x : exp(-high * high) * exp((high - size) * (size + high));
+}
+
+/* negative where |x| lies between two bounds, and for NaN: from the second one on a function is zero in lanes, too */
+LANE int64_t between(double x, double bound, double zero) {
+   const double size = fabs(x);
+   return outside(size > zero ? 0 : size, bound);
+}
+
+LANE double lane_gauss(double x, const int far, int64_t *beyond) {
+   if (far && between(x, 26.6, 27.3) < 0)
+      return plain_gauss(x);
+   *beyond |= between(x, 26.6, 27.3);
+   const double size = fabs(x);
+   return near_gauss(size > 26.6 ? 26.6 : size) * (size > 27.3 ? 0 : 1); /* a choice of the whole is no vector */
 }
 
 LANE double lane_exp(double x, const int far, int64_t *beyond) {
@@ -148,12 +188,19 @@ LANE double lane_log(double x, const int far, int64_t *beyond) {
    return log_of(k, f, k * log_low);
 }
 
-/* log(1 + x) for x >= 0, with what 1 + x loses by rounding */
+/* log(1 + x) for x > -1, with what 1 + x loses by rounding */
 LANE double near_log1p(double x) {
    double k;
    const double u = 1 + x, lost = x - (u - 1);
    const double f = split(u, half_root, &k) - 1;
    return log_of(k, f, FMA(k, log_low, lost / u));
+}
+
+LANE double lane_log1p(double x, const int far, int64_t *beyond) {
+   if (far && not_normal(1 + x) < 0)
+      return log1p(x);
+   *beyond |= not_normal(1 + x);
+   return near_log1p(x);
 }
 
 /* Near zero a quotient of polynomials (Cephes), elsewhere by exp(2 |x|). */
@@ -171,16 +218,21 @@ LANE double lane_tanh(double x, const int far, int64_t *beyond) {
    return copysign(size < 0.625 ? small : large, x);
 }
 
-/* Near zero the series to the power 19, elsewhere by exp(|x|). */
+/* sinh(x) for 0 <= x < 1, z = x^2: the series to the power 19 */
+LANE double small_sinh(double x, double z) {
+   const double high = HORNER6(z, 2.7557319223985893e-06, 2.505210838544172e-08, 1.6059043836821613e-10,
+                               7.647163731819816e-13, 2.8114572543455206e-15, 8.22063524662433e-18);
+   const double poly = FMA(z, FMA(z, FMA(z, high, 0.0001984126984126984), 0.008333333333333333), 0.16666666666666666);
+   return FMA(x * z, poly, x);
+}
+
+/* Near zero by a series, elsewhere by exp(|x|). */
 LANE double lane_sinh(double x, const int far, int64_t *beyond) {
    if (far && !(fabs(x) <= 708))
       return sinh(x);
    *beyond |= outside(x, 708);
    const double size = fabs(x), z = x * x, y = near_exp(size);
-   const double high = HORNER6(z, 2.7557319223985893e-06, 2.505210838544172e-08, 1.6059043836821613e-10,
-                               7.647163731819816e-13, 2.8114572543455206e-15, 8.22063524662433e-18);
-   const double poly = FMA(z, FMA(z, FMA(z, high, 0.0001984126984126984), 0.008333333333333333), 0.16666666666666666);
-   const double small = FMA(size * z, poly, size), large = 0.5 * y - 0.5 / y;
+   const double small = small_sinh(size, z), large = 0.5 * y - 0.5 / y;
    return copysign(size < 1 ? small : large, x);
 }
 
@@ -190,6 +242,56 @@ LANE double lane_cosh(double x, const int far, int64_t *beyond) {
    *beyond |= outside(x, 708);
    const double y = near_exp(fabs(x));
    return 0.5 * y + 0.5 / y;
+}
+
+static inline double plain_sech(double x) {
+   const double y = exp(-fabs(x));
+   return 2 * y / (1 + y * y);
+}
+
+static inline double plain_csch(double x) {
+   const double y = exp(-fabs(x));
+   return fabs(x) < 1 ? 1 / sinh(x) : copysign(2 * y / (1 - y * y), x);
+}
+
+static inline double plain_coth(double x) {
+   return 1 / tanh(x);
+}
+
+LANE double lane_sech(double x, const int far, int64_t *beyond) {
+   if (far && between(x, 708, 746) < 0)
+      return plain_sech(x);
+   *beyond |= between(x, 708, 746);
+   const double size = fabs(x), y = near_exp(size > 708 ? -708 : -size);
+   return size > 746 ? 0 : 2 * y / FMA(y, y, 1);
+}
+
+LANE double lane_csch(double x, const int far, int64_t *beyond) {
+   if (far && between(x, 708, 746) < 0)
+      return plain_csch(x);
+   *beyond |= between(x, 708, 746);
+   const double size = fabs(x), y = near_exp(size > 708 ? -708 : -size);
+   const double quotient = (size < 1 ? 1 : 2 * y) / (size < 1 ? small_sinh(size, size * size) : FMA(-y, y, 1));
+   return copysign(size > 746 ? 0 : quotient, x);
+}
+
+LANE double lane_coth(double x, const int far, int64_t *beyond) {
+   return 1 / lane_tanh(x, far, beyond);
+}
+
+static inline double plain_logcosh(double x) {
+   const double size = fabs(x), y = sinh(size < 1 ? 0.5 * size : 0);
+   return size < 1 ? log1p(2 * y * y) : size - 0.6931471805599453 + log1p(exp(-2 * size));
+}
+
+/* log(1 + 2 sinh(x/2)^2), from 1 on |x| - log 2 + log(1 + exp(-2 |x|)) */
+LANE double lane_logcosh(double x, const int far, int64_t *beyond) {
+   if (far && !(fabs(x) <= 0x1.fffffffffffffp1023))
+      return plain_logcosh(x);
+   *beyond |= outside(x, 0x1.fffffffffffffp1023);
+   const double size = fabs(x), half = 0.5 * size, y = small_sinh(half, half * half);
+   const double more = near_log1p(size < 1 ? 2 * y * y : near_exp(size > 100 ? -200 : -2 * size));
+   return (size < 1 ? 0 : size - 0.6931471805599453) + more;
 }
 
 /* By -1/x beyond tan(3 pi/8), by (x - 1)/(x + 1) above 0.66, and a quotient of polynomials (Cephes). */
@@ -215,12 +317,12 @@ LANE double lane_atan(double x, const int far, int64_t *beyond) {
 
 /* asin(r)/r - 1 by z = r^2 <= 1/4 (fdlibm) */
 LANE double more_of_asin(double z) {
-   const double above =
-       HORNER6(z, 1.66666666666666657415e-01, -3.25565818622400915405e-01, 2.01212532134862925881e-01,
-               -4.00555345006794114027e-02, 7.91534994289814532176e-04, 3.47933107596021167570e-05);
+   const double above = HORNER6(z, 1.66666666666666657415e-01, -3.25565818622400915405e-01, 2.01212532134862925881e-01,
+                                -4.00555345006794114027e-02, 7.91534994289814532176e-04, 3.47933107596021167570e-05);
    const double below =
-       FMA(z, FMA(z, FMA(z, FMA(z, 7.70381505559019352791e-02, -6.88283971605453293030e-01), 2.02094576023350569471),
-                  -2.40339491173441421878),
+       FMA(z,
+           FMA(z, FMA(z, FMA(z, 7.70381505559019352791e-02, -6.88283971605453293030e-01), 2.02094576023350569471),
+               -2.40339491173441421878),
            1);
    return z * (above / below);
 }
@@ -272,32 +374,57 @@ LANE double lane_atanh(double x, const int far, int64_t *beyond) {
    return copysign(0.5 * near_log1p(twice + twice * size / (1 - size)), x);
 }
 
-/* Up to 1 a quotient of polynomials, which was fitted to 7e-19, then 1 - exp(-x^2) a/b (Cephes) */
+/* erf(y)/y - 1 for z = y^2 <= 1, above and below the line: fitted to 7e-19 */
+LANE double above_erf(double z) {
+   return HORNER6(z, 0.1283791670955126, -0.3170141296970381, -0.048309764364948916, -0.008812531962234244,
+                  -0.0004951304464755514, -2.071014803824855e-05);
+}
+
+LANE double below_erf(double z) {
+   return HORNER6(z, 1.0, 0.4604505596365237, 0.0937841047084297, 0.010687352702938214, 0.0006919161614429158,
+                  2.078384613287413e-05);
+}
+
+/* Up to 1 a quotient of polynomials, then 1 - exp(-x^2) a/b (Cephes) */
 LANE double lane_erf(double x, const int far, int64_t *beyond) {
    if (far && !(fabs(x) <= 0x1.fffffffffffffp1023))
       return erf(x);
    *beyond |= outside(x, 0x1.fffffffffffffp1023);
    const double size = fabs(x), y = size > 6 ? 6 : size, z = y * y;
-   const double above = HORNER6(z, 0.1283791670955126, -0.3170141296970381, -0.048309764364948916,
-                                -0.008812531962234244, -0.0004951304464755514, -2.071014803824855e-05);
-   const double below = HORNER6(z, 1.0, 0.4604505596365237, 0.0937841047084297, 0.010687352702938214,
-                                0.0006919161614429158, 2.078384613287413e-05);
-   const double over = HORNER6(
-       y, 5.57535335369399327526e2, 1.02755188689515710272e3, 9.34528527171957607540e2, 5.26445194995477358631e2,
-       1.96520832956077098242e2,
-       FMA(y, FMA(y, FMA(y, 2.46196981473530512524e-10, 5.64189564831068821977e-1), 7.46321056442269912687),
-           4.86371970985681366614e1));
+   const double over =
+       HORNER6(y, 5.57535335369399327526e2, 1.02755188689515710272e3, 9.34528527171957607540e2,
+               5.26445194995477358631e2, 1.96520832956077098242e2,
+               FMA(y, FMA(y, FMA(y, 2.46196981473530512524e-10, 5.64189564831068821977e-1), 7.46321056442269912687),
+                   4.86371970985681366614e1));
    const double under =
        HORNER6(y, 5.57535340817727675546e2, 1.65666309194161350182e3, 2.24633760818710981792e3,
                1.82390916687909736289e3, 9.75708501743205489753e2,
                FMA(y, FMA(y, FMA(y, 1, 1.32281951154744992508e1), 8.67072140885989742329e1), 3.54937778887819891062e2));
-   const double quotient = (y < 1 ? above : near_exp(-z) * over) / (y < 1 ? below : under);
+   const double quotient = (y < 1 ? above_erf(z) : near_exp(-z) * over) / (y < 1 ? below_erf(z) : under);
    return copysign(y < 1 ? FMA(y, quotient, y) : 1 - quotient, x);
 }
 
-/* the upper 21 bits of a mantissa: products of two such numbers have no rounding */
-LANE double upper(double x) {
-   return double_of((uint64_t)bits_of(x) & UINT64_C(0xffffffff00000000));
+/* Up to 1/2 as erf, then exp(-x^2)/(1 + 2 |x|) times a polynomial in (|x| - 4)/(|x| + 4), which was fitted to 5e-17 */
+LANE double lane_erfc(double x, const int far, int64_t *beyond) {
+   /* 26.5 is far, and beyond 27.4 the value is that of 26 */
+   const double bounded = copysign(between(x, 26, 27.4) < 0 ? 26.5 : fabs(x) > 27 ? 26 : fabs(x), x);
+   if (far && outside(bounded, 26) < 0)
+      return erfc(x);
+   *beyond |= outside(bounded, 26);
+   const double size = fabs(bounded), y = size > 26 ? 26 : size, z = y * y, t = (y - 4) / (y + 4);
+   const double p3 = HORNER6(t, 7.72670525116309e-08, 1.1070512091540886e-07, -1.9832259612910898e-08,
+                             -1.4819951110604989e-08, 2.441955446515271e-09, 1.5612216848786612e-09);
+   const double p2 = HORNER6(t, 0.00015062137336285567, -2.4399129119028855e-05, -1.1221043633066066e-05,
+                             5.709666307919998e-06, 2.917604010674157e-07, FMA(t, p3, -8.256374167657721e-07));
+   const double p1 = HORNER6(t, -0.06633036581170224, 0.0371675155367598, -0.016197734065010017, 0.005031969984621396,
+                             -0.0007577732294083494, FMA(t, p2, -0.0001992567277331189));
+   const double p0 = HORNER6(t, 1.2329951186255526, -0.1396211168405625, 0.01537965210262002, 0.06809705425469169,
+                             -0.10103906603632341, FMA(t, p1, 0.09373283499839018));
+   const double above = size < 0.5 ? above_erf(z) : near_gauss(y) * p0,
+                below = size < 0.5 ? below_erf(z) : FMA(2, y, 1);
+   const double quotient = above / below, whole = size < 0.5 ? 1 : 1 - copysign(1, x);
+   const double rest = size < 0.5 ? -FMA(bounded, quotient, bounded) : copysign(quotient, bounded);
+   return (whole + rest) * (x > 27.3 ? 0 : 1);
 }
 
 /* x^y = 2^(y log2 x), with log2 x in two parts as in fdlibm: x = 2^k m with m near 1 or 3/2 */
@@ -312,8 +439,9 @@ LANE double lane_pow(double x, double y, const int far, int64_t *beyond) {
    const double s_low = v * ((u - s_high * t_high) - s_high * t_low);
    const double z = s * s;
    const double series =
-       z * z * HORNER6(z, 5.99999999999994648725e-01, 4.28571428578550184252e-01, 3.33333329818377432918e-01,
-                       2.72728123808534006489e-01, 2.30660745775561754067e-01, 2.06975017800338417784e-01) +
+       z * z *
+           HORNER6(z, 5.99999999999994648725e-01, 4.28571428578550184252e-01, 3.33333329818377432918e-01,
+                   2.72728123808534006489e-01, 2.30660745775561754067e-01, 2.06975017800338417784e-01) +
        s_low * (s_high + s);
    const double square = s_high * s_high;
    const double sum = upper(3 + square + series), sum_low = series - ((sum - 3) - square);

@@ -55,6 +55,19 @@ def quoted(text: str) -> str:
     return repr(text if len(text) <= 80 else text[:77] + "...")
 
 
+def unused(params: Mapping | None, formulas: Sequence[Any]) -> list[str]:
+    """Parameters that no formula holds."""
+    used: set[str] = set()
+    for x in formulas:
+        names = (
+            names_in(x)
+            if isinstance(x, str)
+            else {s.name for s in getattr(x, "free_symbols", ()) if hasattr(s, "name")}
+        )
+        used.update(map(folded, names))
+    return [name for name in map(folded, (getattr(x, "name", x) for x in params or {})) if name not in used]
+
+
 def written(formula: Any) -> str:
     """A formula as text."""
     try:
@@ -165,7 +178,7 @@ class Names:
         for k, (key, value) in enumerate(params.items()):
             symbol = self.sympy.Symbol(f"c{k}", real=True)
             self._name(key, symbol, "the parameter")
-            self.values[folded(key)] = checks.finite(f"the parameter {key}", value)
+            self.values[folded(getattr(key, "name", key))] = checks.finite(f"the parameter {key}", value)
 
     def _time(self, t: Any) -> None:
         symbol = self.sympy.Symbol("t", real=True)
@@ -179,7 +192,7 @@ class Names:
             check_name(str(given))
         if not isinstance(given, str | self.sympy.Symbol):
             raise WrongTypeError(f"{checks.shown(given)} is no name: give symbols of sympy, or their names as text")
-        name = folded(given)
+        name = folded(getattr(given, "name", given))
         if name in self.known:
             raise InvalidArgumentError(
                 f"the name {name!r} is given twice: q, p, params and t need names of their own (letters that "
@@ -233,11 +246,12 @@ class Names:
                 f"the formula {text} holds {x}, which is no coordinate: name it in q or p, or write out the function; "
                 f"there are {', '.join(FUNCTIONS)}"
             )
-        seen: dict[str, str] = {}
+        seen: dict[str, Any] = {}
         for x in sorted(expression.free_symbols, key=str):
             name = folded(getattr(x, "name", ""))
-            if seen.setdefault(name, str(x)) != str(x):
-                raise InvalidArgumentError(f"the formula {text} holds {seen[name]} and {x}, which are one name: {name}")
+            other = seen.setdefault(name, x)
+            if str(other) != str(x) or (other is not x and isinstance(x, sympy.Dummy)):
+                raise InvalidArgumentError(f"the formula {text} holds {other} and {x}, two symbols of one name: {name}")
             if name not in self.known:
                 near = checks.nearest(str(x), self.known)
                 raise InvalidArgumentError(

@@ -30,6 +30,11 @@ MAX_EXPONENT = 32
 MAX_FACTORS = 20  #: of one product: its second derivatives have so many to the third
 _ADDITIVE, _MULTIPLICATIVE = (ast.Add, ast.Sub), (ast.Mult, ast.Div)
 _WORD, _HIDDEN = re.compile(rf"\b(?:{'|'.join(keyword.kwlist)})\b"), "word_of_python_"
+_CONSTANTS = {
+    "sech": lambda x: 1 / math.cosh(x),
+    "csch": lambda x: 1 / math.sinh(x),
+    "coth": lambda x: 1 / math.tanh(x),
+}
 _RESERVED = frozenset({*FUNCTIONS, "pi"})
 
 
@@ -199,12 +204,12 @@ class Reader:
         return value
 
     def _power(self, base: Any, exponent: Any) -> Any:
+        if base.is_number and exponent.is_number:
+            return self._constant_power(base, exponent)
         if exponent.is_number and abs(self._real(exponent)) > MAX_EXPONENT:
             raise FormulaTextError(
                 f"it holds the exponent {self._real(exponent):g}: allowed is up to {MAX_EXPONENT} in size"
             )
-        if base.is_number and exponent.is_number:
-            return self._constant_power(base, exponent)
         return base**exponent
 
     def _constant_power(self, base: Any, exponent: Any) -> Any:
@@ -214,7 +219,9 @@ class Reader:
             value = math.nan
         if isinstance(value, complex) or not math.isfinite(value):
             raise FormulaTextError("it holds a power or quotient of constants that is not a finite real number")
-        return self._small(base**exponent) if exponent.is_Integer and base.is_Rational else self._float(value)
+        if exponent.is_Integer and base.is_Rational and abs(exponent) <= MAX_EXPONENT:
+            return self._small(base**exponent)
+        return self._float(value)
 
     def _called(self, node: ast.Call, depth: int) -> Any:
         if not isinstance(node.func, ast.Name):
@@ -230,8 +237,8 @@ class Reader:
         if not argument.is_number:
             return getattr(self.sympy, name)(argument)
         try:
-            return self._float(getattr(math, name)(self._real(argument)))
-        except (ValueError, OverflowError):
+            return self._float(_CONSTANTS.get(name, getattr(math, name, None))(self._real(argument)))
+        except (ValueError, OverflowError, ZeroDivisionError):
             raise FormulaTextError(f"it holds {name} of a constant, which is not a finite real number") from None
 
 

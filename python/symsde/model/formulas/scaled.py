@@ -24,30 +24,38 @@ class Scaled:
     def node(self, e: Any) -> int | None:
         """The node of an expression; None where it is computed as it stands."""
         kind = type(e).__name__
+        if kind == "Add" and (u := self._falls(e)) is not None:
+            return self.graph.power(self.graph.node("sech", self.graph.add(u, self.leaves)), 2)
         if kind == "log" and self.grows(e.args[0]):
-            exponent, mantissa = self._parts(e.args[0])
-            return self.graph.sum((self._total(exponent), self.graph.node("log", self._product(mantissa))))
+            return self._log(e.args[0])
         if kind == "asinh" and self.grows(e.args[0]):
             return self._asinh(*self._parts(e.args[0]))
         if (kind == "Pow" and not _whole(e.args[1]) and not self._is_exponential(e) and self.grows(e.args[0])) or (
             kind == "Mul" and self._may_overflow(e.args)
         ):
-            exponent, mantissa = self._parts(e)
-            return self.graph.multiply(self._exp(exponent), self._product(mantissa))
+            return self.whole(e)
         return None
 
-    def grows(self, e: Any) -> bool:
-        """Whether an expression holds an exponential of the state, as a term, a factor or a power of such."""
+    def whole(self, e: Any) -> int:
+        """The node of what grows: no part of it overflows, and none underflows before it does itself."""
+        exponent, mantissa = self._parts(e)
+        return self.graph.multiply(self._exp(exponent), self._product(mantissa))
+
+    def grows(self, e: Any, weights: bool = True) -> bool:
+        """Whether an expression holds an exponential of the state, as a term, a factor or a power of such, or a weight
+        (tails.py), which is bounded mostly."""
         kind = type(e).__name__
+        if e in self.graph.stand_ins:
+            return weights and self.grows(self.graph.stand_ins[e])
         if kind in ("Add", "Mul"):
-            return any(self.grows(x) for x in e.args) or self._falls(e) is not None
-        return self._is_exponential(e) or (kind == "Pow" and self.grows(e.args[0]))
+            return any(self.grows(x, weights) for x in e.args) or self._falls(e) is not None
+        return self._is_exponential(e) or (kind == "Pow" and self.grows(e.args[0], weights))
 
     def _is_exponential(self, e: Any) -> bool:
         kind = type(e).__name__
         if kind == "Pow":
             return self._moves(e.args[1]) and not self._moves(e.args[0])
-        return kind in ("exp", "cosh", "sinh") and self._moves(e.args[0])
+        return kind in ("exp", "cosh", "sinh", "sech", "csch") and self._moves(e.args[0])
 
     def _falls(self, e: Any) -> Any:
         """The u of 1 - tanh(u)**2, which is cosh(u)**(-2), as derivatives of tanh are written; else None."""
@@ -62,15 +70,29 @@ class Scaled:
         return any(self.leaves[x.name] for x in e.free_symbols)
 
     def _may_overflow(self, factors: Any) -> bool:
-        """Whether one of several factors that grow, or fall, stands above the line."""
+        """Whether one of several factors that grow, or fall, stands above the line; not of weights alone."""
         grown = [x for x in factors if self.grows(x)]
-        return len(grown) > 1 and any(_sign(x.args[1]) >= 0 if type(x).__name__ == "Pow" else True for x in grown)
+        alone = [x for x in grown if self.grows(x, weights=False)]
+        return bool(alone) and len(grown) > 1 and any(self._rises(x) for x in alone)
+
+    def _rises(self, e: Any, sign: int = 1) -> bool:
+        """Whether something that grows stands above the line in a factor; sech and csch are themselves below it."""
+        kind = type(e).__name__
+        if not self.grows(e, weights=False) or self._falls(e) is not None:
+            return False
+        if kind in ("Add", "Mul"):
+            return any(self._rises(x, sign) for x in e.args)
+        if kind == "Pow" and not self._is_exponential(e):
+            return self._rises(e.args[0], sign * _sign(e.args[1])) or _sign(e.args[1]) == 0
+        return sign < 0 if kind in ("sech", "csch") else sign > 0
 
     def _parts(self, e: Any) -> tuple[Powers, Powers]:
         """Exponent, and factors of the mantissa."""
         graph, kind = self.graph, type(e).__name__
         if not self.grows(e):
             return {}, {graph.add(e, self.leaves): 1.0}
+        if e in graph.stand_ins:
+            return self._parts(graph.stand_ins[e])
         if kind == "Mul":
             exponent: Powers = {}
             mantissa: Powers = {}
@@ -81,7 +103,28 @@ class Scaled:
             return tuple({x: -2 * n for x, n in part.items()} for part in self._hyperbolic(e, u))
         if kind == "Add":
             return self._sum(e.args)
-        return self._hyperbolic(e, e.args[0]) if kind in ("cosh", "sinh") else self._power(e)
+        is_hyperbolic = kind in ("cosh", "sinh", "sech", "csch")
+        return self._hyperbolic(e, e.args[0]) if is_hyperbolic else self._power(e)
+
+    def _log(self, e: Any) -> int:
+        """The logarithm of what grows."""
+        if type(e).__name__ == "cosh":
+            return self.graph.node("logcosh", self.graph.add(e.args[0], self.leaves))
+        rest = e - 1
+        if type(e).__name__ == "Add" and self.grows(rest) and not _has_number(rest):
+            return self._log1p(*self._parts(rest))
+        exponent, mantissa = self._parts(e)
+        return self.graph.sum((self._total(exponent), self.graph.node("log", self._product(mantissa))))
+
+    def _log1p(self, exponent: Powers, mantissa: Powers) -> int:
+        """log(1 + m exp(E)), with F = max(0, E - 300), so that nothing is lost before exp(E) grows beyond all bounds:
+        F + log1p(m exp(E - F) + (exp(-F) - 1))."""
+        graph = self.graph
+        beyond = graph.sum((self._total(exponent), graph.number(-300.0)))
+        twice = graph.sum((beyond, graph.node("fabs", beyond)))
+        grown = graph.multiply(self._exp(_joined(exponent, {twice: -0.5})), self._product(mantissa))
+        less = graph.sum((self._exp({twice: -0.5}), graph.number(-1.0)))
+        return graph.sum((graph.multiply(graph.number(0.5), twice), graph.node("log1p", graph.sum((grown, less)))))
 
     def _asinh(self, exponent: Powers, mantissa: Powers) -> int:
         """Of m exp(E), with F = max(0, E) and y = m exp(E - F), which is moderate: asinh y and, with its sign,
@@ -102,12 +145,13 @@ class Scaled:
     def _hyperbolic(self, e: Any, u: Any) -> tuple[Powers, Powers]:
         """cosh u = exp |u| (1 + exp(-2 |u|))/2, sinh = tanh cosh."""
         graph = self.graph
-        odd = {graph.node("tanh", graph.add(u, self.leaves)): 1.0} if type(e).__name__ == "sinh" else {}
+        odd = {graph.node("tanh", graph.add(u, self.leaves)): 1.0} if type(e).__name__ in ("sinh", "csch") else {}
         [(u, n)] = self._exponent(u).items()
         size = graph.node("fabs", u)
         other = self._exp({size: -2 * abs(n)})
         half = graph.multiply(graph.number(0.5), graph.sum((graph.number(1.0), other)))
-        return {size: abs(n)}, {half: 1.0} | odd
+        times = -1.0 if type(e).__name__ in ("sech", "csch") else 1.0
+        return {size: times * abs(n)}, {x: times * k for x, k in ({half: 1.0} | odd).items()}
 
     def _power(self, e: Any) -> tuple[Powers, Powers]:
         """exp u, c**u, and powers of what grows."""
@@ -186,6 +230,11 @@ def _multiple(u: Any) -> Any:
         if not x.free_symbols:
             result = result * x
     return result
+
+
+def _has_number(e: Any) -> bool:
+    """Whether a sum has a number among its terms."""
+    return any(getattr(x, "is_Number", False) for x in (e.args if type(e).__name__ == "Add" else (e,)))
 
 
 def _sign(power: Any) -> int:

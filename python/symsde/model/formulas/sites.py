@@ -152,7 +152,12 @@ class SiteReader(Reader):
                 raise FormulaTextError(f"it holds an index that is not i, i + 1, .. i + {MAX_OFFSET}, i - 1, ..")
             offset = shift if isinstance(name.op, ast.Add) else -shift
             name = name.left
-        if not isinstance(name, ast.Name) or name.id in self.names:
+        if isinstance(name, ast.Name) and name.id in self.names:
+            raise FormulaTextError(
+                f"it holds the index [{name.id}], and {name.id} is a parameter: call the index by another letter, "
+                f"as in {letter}[i], or rename the parameter"
+            )
+        if not isinstance(name, ast.Name):
             raise FormulaTextError(
                 "it holds an index that is not i, i + 1, i - 1, ..: neighbours alone are tied, at all sites alike; "
                 "few sites that differ are written as q1, q2, .. without n"
@@ -175,7 +180,11 @@ class SiteReader(Reader):
             )
         index = node.args[1].id
         if index in self.names or index in ("q", "p"):
-            raise FormulaTextError(f"it sums over {index}, which means something else")
+            means = "a parameter" if index in self.names else "a coordinate"
+            raise FormulaTextError(
+                f"it sums over {index}, which means something else, {means}: call the index by another letter, as in "
+                "Sum(.., i)"
+            )
         before, self.index = self.index, index
         body = self.read(node.args[0], depth + 1)
         self.index = before
@@ -209,6 +218,7 @@ def make_chain(*, H: Any, noise: list[Any], params: Any, t: Any, n: Any, ends: A
             for body in bodies:
                 densities += _at_ends(body, _Whose(text, weight, family, names.values), ends, count)
             for stand_in in [x for x in sums if x in rest.free_symbols]:
+                at_ends(sums[stand_in], ends, count)  # what is refused is told of the formula that holds it
                 symbol = sympy.Symbol(f"q{len(inner)}", real=True)
                 rest = rest.xreplace({stand_in: inner.setdefault(sums[stand_in], symbol)})
             if rest != 0:
@@ -279,7 +289,7 @@ def at_ends(body: Any, ends: str, count: int, every_site: bool = True) -> list[t
     every_site: sites beyond the ends count, too, whose neighbours are sites."""
     symbols = offsets_of(body)
     if not symbols:
-        raise FormulaTextError("it holds a sum without q[i] or p[i]")
+        raise FormulaTextError("it holds a sum without q[i] or p[i]: write the number of sites times the term instead")
     low, high = min(symbols.values()), max(symbols.values())
     before, after = max(0, -low), max(0, high)
     if before + after >= count:

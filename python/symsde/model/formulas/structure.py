@@ -22,6 +22,7 @@ from .named_formulas import Problem
 MAX_SIMPLIFY = 400  #: operations of an expression that is worth simplifying to find that it vanishes
 MAX_TERMS = 2_000  #: of an expression that is multiplied out
 _POINTS = (0.61, 0.83, 1.17, 0.47, 1.31, 0.73, 0.94, 1.09, 0.55)  #: where expressions are tried
+_INVERSE = {"sech": "cosh", "csch": "sinh", "coth": "tanh"}
 _SMALLEST_BANDED = 8  #: degrees of freedom from which bands pay
 
 
@@ -80,7 +81,10 @@ def _value(e: Any, at: Mapping[Any, float]) -> complex:
         return sum(parts)
     if e.is_Mul:
         return math.prod(parts)
-    return parts[0] ** parts[1] if e.is_Pow else getattr(cmath, type(e).__name__)(*parts)
+    name = type(e).__name__
+    if name in _INVERSE:
+        return 1 / getattr(cmath, _INVERSE[name])(*parts)
+    return parts[0] ** parts[1] if e.is_Pow else getattr(cmath, name)(*parts)
 
 
 class Prover:

@@ -11,6 +11,8 @@ import numpy as np
 from ...run.saved import MomentTables, PathTables
 from ...run.values import Values
 
+MOST = 1e300  #: in size: what lies beyond has no place on an axis, whose ends and ticks overflow
+
 
 @dataclass(frozen=True)
 class Paths:
@@ -43,13 +45,23 @@ class Means:
     tables: Mapping[str, Mapping[str, np.ndarray]]  #: mean, var, se_mean -> name -> (time,)
 
 
+def within(values: np.ndarray) -> np.ndarray:
+    """The values, with NaN for those that no axis can hold; the same array where there are none."""
+    too_large = np.abs(values) > MOST
+    return np.where(too_large, np.nan, values) if too_large.any() else values
+
+
 def paths_of(found: PathTables) -> Paths:
     """Of saved paths."""
-    return Paths(found.title, found.t, found.q, found.p, found.path, found.values, lambda: found.energy)
+    q, p = within(found.q), within(found.p)
+    title = found.title if q is found.q and p is found.p else f"{found.title}, without values above {MOST:g}"
+    return Paths(title, found.t, q, p, found.path, found.values, lambda: within(found.energy))
 
 
 def means_of(found: MomentTables) -> Means:
     """Of moments."""
-    names = found.values.names
-    tables = {kind: dict(zip(names, found.table(kind).T, strict=True)) for kind in ("mean", "var", "se_mean")}
-    return Means(found.title, found.t, found.n_ok, found.values, tables)
+    names, kinds = found.values.names, ("mean", "var", "se_mean")
+    tables = {kind: dict(zip(names, within(found.table(kind)).T, strict=True)) for kind in kinds}
+    whole = all(within(found.table(kind)) is found.table(kind) for kind in kinds)
+    title = found.title if whole else f"{found.title}, without values above {MOST:g}"
+    return Means(title, found.t, found.n_ok, found.values, tables)

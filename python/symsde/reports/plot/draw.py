@@ -19,7 +19,7 @@ from ...native import checks, files
 from ...native.checks import counted
 from ...run.values import Values, chosen
 from .. import look
-from .data import Means, Paths
+from .data import Means, Paths, within
 
 ENDINGS = (".png", ".pdf", ".svg")
 MOST_PATHS = 50
@@ -182,7 +182,10 @@ def which_paths(data: Paths, most: int) -> np.ndarray:
     checks.integer("most", most, (1, 2**20))
     there = np.flatnonzero(np.isfinite(data.q).all(axis=1).any(axis=0))
     if there.size == 0:
-        raise InvalidArgumentError("no path has a finite value: there is nothing to draw; see status and failed_step")
+        raise InvalidArgumentError(
+            "no path has a finite value: there is nothing to draw (values above 1e300 are left out); "
+            "see status and failed_step"
+        )
     return there[:most]
 
 
@@ -192,7 +195,7 @@ def _maps(data: Paths | Means, tables: dict[str, np.ndarray], of: object, kind: 
 
     def panel(axes: Any, name: str) -> None:
         table = tables[name]
-        end = np.nanmax(np.abs(table)) or 1.0
+        end = np.nanmax(np.abs(table), initial=0.0) or 1.0
         times = t if len(t) > 1 else np.array([t[0], t[0] + 1])  # a mesh has an extent
         mesh = axes.pcolormesh(
             times, 1 + np.arange(table.shape[1]), np.broadcast_to(table, (len(times), table.shape[1])).T,
@@ -297,11 +300,12 @@ def _curves(xlabel: str, ylabel: str, curves: Sequence[Curve]) -> Callable:
     def panel(axes: Any) -> None:
         for i, curve in enumerate(curves):
             colour = look.COLOURS[i % len(look.COLOURS)]
-            axes.plot(curve.x, curve.y, color=colour, label=curve.label, **_mark(len(curve.y)))
+            y = within(curve.y)
+            axes.plot(curve.x, y, color=colour, label=curve.label, **_mark(len(y)))
             for width, alpha in ((curve.spread, 0.12), (curve.error, 0.35)):
                 if width is not None:
-                    wide = width if width is curve.spread else 2 * width
-                    axes.fill_between(curve.x, curve.y - wide, curve.y + wide, color=colour, alpha=alpha, linewidth=0)
+                    wide = within(width if width is curve.spread else 2 * width)
+                    axes.fill_between(curve.x, y - wide, y + wide, color=colour, alpha=alpha, linewidth=0)
         axes.set_xlabel(xlabel)
         axes.set_ylabel(ylabel)
         if len(curves) > 1:
