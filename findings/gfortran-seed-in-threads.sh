@@ -7,7 +7,8 @@
 #     has one number three times, threads 1 to 3 have three numbers each. The whole program, run twice, is equal.
 # For users of stochastic integrators: a hand-written ensemble that resets the seed for each step size compares paths of
 #     different noise, except those of the first thread.
-. "$(dirname "$0")/debs.sh" {gfortran-12,gcc-12,libgcc-12-dev,libgfortran-12-dev,libgfortran5,libgomp1,libquadmath0}=12.2.0-14+deb12u1 \
+. "$(dirname "$0")/debs.sh" {gfortran-12,gcc-12,libgcc-12-dev,libgfortran-12-dev}=12.2.0-14+deb12u1 \
+   {libgfortran5,libgomp1,libquadmath0}=12.2.0-14+deb12u1 \
    libisl23=0.25-1.1 libmpc3=1.3.1-1 libmpfr6=4.2.0-1
 cat > seeds.f90 <<'END'
 program seeds

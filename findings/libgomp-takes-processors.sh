@@ -31,7 +31,8 @@ if __name__ == "__main__":
 END
 all=$(env -u OMP_NUM_THREADS -u OMP_THREAD_LIMIT nproc)
 [ "$all" -ge 2 ]
-for case in "OMP_PROC_BIND=true gnu 1" "OMP_PLACES=cores gnu 1" "OMP_PROC_BIND=false gnu $all" "OMP_PROC_BIND=true intel $all"; do
+for case in "OMP_PROC_BIND=true gnu 1" "OMP_PLACES=cores gnu 1" \
+   "OMP_PROC_BIND=false gnu $all" "OMP_PROC_BIND=true intel $all"; do
    read -r setting library wanted <<< "$case"
    found=$(env -u OMP_PLACES -u OMP_PROC_BIND "$setting" python count.py "$library")
    echo "$setting, $library: processors before, after, of a worker: $found"
