@@ -1,7 +1,7 @@
 ! SPDX-License-Identifier: BSD-3-Clause
 !> The tableau that a Galerkin scheme is where H = p.M^-1 p/2 + U(q) with a constant mass M.
 !>
-!> With r nodes and degree s the velocities q_d'(c_i) are values of a polynomial of degree s - 1 (step/implicit/galerkin
+!> With r nodes and degree s the velocities q_d'(c_i) are values of a polynomial of degree s - 1 (step/oracle/galerkin
 !> has the equations), and so are the momenta of the nodes, which M takes them to. With phi_m, m = 1..s, an orthogonal
 !> basis of these polynomials for the sum over nodes,
 !>

@@ -112,6 +112,7 @@ module symsde_scheme_scheme
       procedure :: noise_coefficients_equal
       procedure :: correction_coefficient
       procedure :: is_midpoint
+      procedure :: is_euler_pair
    end type scheme_type
 
 contains
@@ -151,6 +152,20 @@ contains
       is_midpoint = abs(self%a(1, 1) - 0.5_wp) <= 0 .and. abs(self%abar(1, 1) - 0.5_wp) <= 0 .and. &
                     abs(self%alpha(1) - 1) <= 0 .and. abs(self%c(1) - 0.5_wp) <= 0
    end function is_midpoint
+
+   !> Whether this is symplectic Euler or its adjoint: one stage, lambda = 0 or 1, drift and noise alike.
+   !> These are a = 0, abar = 1 and a = 1, abar = 0, with alpha = 1 and the node c = a. A scheme with a node of the
+   !> user's own is left to the general stepper.
+   pure logical function is_euler_pair(self)
+      class(scheme_type), intent(in) :: self
+
+      is_euler_pair = .false.
+      if (self%form /= tableau_form .or. self%nstage /= 1) return
+      if (.not. self%noise_coefficients_equal() .or. abs(self%alpha(1) - 1) > 0) return
+      if (abs(self%c(1) - self%a(1, 1)) > 0) return  ! a time of the user's own
+      is_euler_pair = (abs(self%a(1, 1)) <= 0 .and. abs(self%abar(1, 1) - 1) <= 0) .or. &
+                      (abs(self%a(1, 1) - 1) <= 0 .and. abs(self%abar(1, 1)) <= 0)
+   end function is_euler_pair
 
    !> 1/2 - sum_ij beta_i b_ij: the factor of the correction that makes the scheme consistent with the
    !> Stratonovich equation. Zero for the midpoint, 1/2 - lambda for the one-sided family.

@@ -26,15 +26,15 @@ module symsde_step_factory
    use symsde_step_explicit_angle_steps_single_path, only: explicit_angle_stepper => explicit_stepper, angle_steps_fit
    use symsde_step_explicit_tableau, only: explicit_stepper, explicit_fits
    use symsde_step_explicit_tableau_single_path, only: explicit_single_path => explicit_stepper
-   use symsde_step_implicit_galerkin, only: galerkin_stepper
-   use symsde_step_implicit_general, only: general_stepper
+   use symsde_step_oracle_galerkin, only: galerkin_stepper
+   use symsde_step_oracle_general, only: general_stepper
    use symsde_step_midpoint_eliminated, only: midpoint_stepper, midpoint_fits
    use symsde_step_midpoint_eliminated_single_path, only: midpoint_single_path => midpoint_stepper
    use symsde_step_midpoint_full, only: midpoint_full_stepper, midpoint_full_fits
    use symsde_step_midpoint_full_single_path, only: midpoint_full_single_path => midpoint_full_stepper
    use symsde_step_midpoint_one_dof, only: midpoint_one_dof_stepper, midpoint_one_dof_fits
    use symsde_step_midpoint_one_dof_single_path, only: midpoint_one_dof_single_path => midpoint_one_dof_stepper
-   use symsde_step_implicit_euler_pair, only: euler_pair_stepper, euler_pair_fits
+   use symsde_step_one_sided_euler_pair, only: euler_pair_stepper, euler_pair_fits
    use symsde_step_splitting_stepper, only: splitting_stepper
    use symsde_step_splitting_stepper_single_path, only: splitting_single_path => splitting_stepper
    use symsde_step_stages_stepper, only: stages_stepper, stages_fits

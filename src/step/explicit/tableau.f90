@@ -13,7 +13,6 @@ module symsde_step_explicit_tableau
    use symsde_step_explicit_evaluation_order, only: evaluation_order, new_explicit_plan, add_slopes, to_q, &
                                                     to_p
    use symsde_step_hamiltonian_one_step, only: new_one_step_hamiltonian
-   use symsde_step_implicit_euler_pair, only: is_euler_pair
    use symsde_step_stepper, only: stepper_type, stepper_task, few_of
    implicit none
    private

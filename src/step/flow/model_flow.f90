@@ -29,7 +29,6 @@ module symsde_step_flow_model_flow
    use symsde_scheme_scheme, only: scheme_type, correction_none, correction_increments, tableau_form, &
                                    splitting_form, frame_none
    use symsde_step_block_state, only: lane_state, passed_states
-   use symsde_step_implicit_euler_pair, only: is_euler_pair
    use symsde_step_hamiltonian_one_step, only: new_one_step_hamiltonian
    use symsde_step_stepper, only: stepper_type, stepper_task
    implicit none
@@ -70,7 +69,7 @@ contains
       if (task%newton%fixed_point /= 0 .or. task%as_increments .or. task%general) return
       ending = ''
       if (task%correction /= correction_none) then
-         if (task%correction /= correction_increments .or. .not. is_euler_pair(task%scheme)) return
+         if (task%correction /= correction_increments .or. .not. task%scheme%is_euler_pair()) return
          ending = corrected
       end if
       call name_of_flow(task%scheme, name)
@@ -160,7 +159,7 @@ contains
       if (scheme%form /= tableau_form .or. scheme%frame /= frame_none .or. has_brackets) return
       if (scheme%is_midpoint()) then
          name = four(1)
-      else if (is_euler_pair(scheme)) then
+      else if (scheme%is_euler_pair()) then
          name = merge(four(3), four(2), scheme%a(1, 1) > 0.5_wp)
       else if (is_verlet(scheme)) then
          name = four(4)

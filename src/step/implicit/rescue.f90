@@ -28,7 +28,7 @@ module symsde_step_implicit_rescue
    use symsde_model_abstract, only: model_type
    use symsde_scheme_scheme, only: scheme_type, tableau_form
    use symsde_solve_newton, only: newton_options
-   use symsde_step_implicit_general, only: general_stepper, new_general_stepper
+   use symsde_step_oracle_general, only: general_stepper, new_general_stepper
    use symsde_step_block_state, only: lane_state
    use symsde_step_stepper, only: stepper_type, stepper_task
    implicit none

@@ -15,7 +15,7 @@ module symsde_step_splitting_midpoint_drift
    use symsde_base_status, only: error_type
    use symsde_scheme_catalogue, only: get_scheme
    use symsde_scheme_scheme, only: scheme_type
-   use symsde_step_implicit_general, only: general_stepper
+   use symsde_step_oracle_general, only: general_stepper
    use symsde_step_midpoint_eliminated, only: midpoint_stepper, midpoint_fits
    use symsde_step_midpoint_eliminated_single_path, only: midpoint_single_path => midpoint_stepper
    use symsde_step_midpoint_full, only: midpoint_full_stepper, midpoint_full_fits

@@ -18,7 +18,7 @@ module symsde_step_stages_stepper_single_path
    use symsde_solve_fixed_point, only: stiff_rate
    use symsde_solve_newton, only: newton_options
    use symsde_step_hamiltonian_one_step, only: new_one_step_hamiltonian
-   use symsde_step_implicit_general, only: general_stepper, new_general_stepper
+   use symsde_step_oracle_general, only: general_stepper, new_general_stepper
    use symsde_step_implicit_newton_krylov, only: does_without_matrices
    use symsde_step_midpoint_eliminated_single_path, only: midpoint_stepper, new_midpoint_stepper, by_products
    use symsde_step_midpoint_full, only: midpoint_full_stepper, new_midpoint_full_stepper

@@ -16,16 +16,16 @@
 !> A corrected Hhat has a term with products of derivatives of H_k (step/hamiltonian/one_step), so that in general it
 !> is not separable even where H is. The part of its Hessian with third derivatives is left out of the matrix: the
 !> root is the same.
-module symsde_step_implicit_euler_pair
+module symsde_step_one_sided_euler_pair
    use symsde_base_kinds, only: wp, i8
    use symsde_base_record, only: step_record
-   use symsde_scheme_scheme, only: scheme_type, tableau_form
+   use symsde_scheme_scheme, only: scheme_type
    use symsde_solve_newton, only: newton_type, new_newton
    use symsde_step_hamiltonian_one_step, only: new_one_step_hamiltonian
    use symsde_step_stepper, only: stepper_type, stepper_task
    implicit none
    private
-   public :: euler_pair_stepper, euler_pair_fits, is_euler_pair
+   public :: euler_pair_stepper, euler_pair_fits
 
    !> The stepper of both methods of the pair: which one it is, is a flag, since only signs and arguments differ.
    type, extends(stepper_type) :: euler_pair_stepper
@@ -46,7 +46,7 @@ contains
       type(stepper_task), intent(in) :: task
 
       fits = task%is_tableau() .and. .not. task%has_brackets()
-      if (fits) fits = is_euler_pair(task%scheme)
+      if (fits) fits = task%scheme%is_euler_pair()
    end function euler_pair_fits
 
    !> Make the stepper. a_11 = 0 is lambda = 0, a_11 = 1 its adjoint; hqp is room for the Hessian, of which the
@@ -66,20 +66,6 @@ contains
       end associate
       self%one_solve = self%newton%affine
    end subroutine make
-
-   !> Whether the scheme is one of the pair: one stage, lambda = 0 or 1, drift and noise alike.
-   !> These are a = 0, abar = 1 and a = 1, abar = 0, with alpha = 1 and the node c = a. A scheme with a node of the
-   !> user's own is left to the general stepper.
-   pure logical function is_euler_pair(scheme)
-      type(scheme_type), intent(in) :: scheme
-
-      is_euler_pair = .false.
-      if (scheme%form /= tableau_form .or. scheme%nstage /= 1) return
-      if (.not. scheme%noise_coefficients_equal() .or. abs(scheme%alpha(1) - 1) > 0) return
-      if (abs(scheme%c(1) - scheme%a(1, 1)) > 0) return  ! a time of the user's own
-      is_euler_pair = (abs(scheme%a(1, 1)) <= 0 .and. abs(scheme%abar(1, 1) - 1) <= 0) .or. &
-                      (abs(scheme%a(1, 1) - 1) <= 0 .and. abs(scheme%abar(1, 1)) <= 0)
-   end function is_euler_pair
 
    !> dq and dp: first the implicit end by Newton, then the explicit one from the gradient at (q_n, p_{n+1}) or
    !> (q_{n+1}, p_n).
@@ -166,4 +152,4 @@ contains
       end associate
    end subroutine evaluate
 
-end module symsde_step_implicit_euler_pair
+end module symsde_step_one_sided_euler_pair

@@ -25,7 +25,7 @@
 !>
 !> This is the oracle of these schemes, which are executed as tableaus where the mass is constant
 !> (scheme/galerkin_tableau).
-module symsde_step_implicit_galerkin
+module symsde_step_oracle_galerkin
    use symsde_base_kinds, only: wp, i8
    use symsde_base_record, only: step_record
    use symsde_scheme_scheme, only: correction_none
@@ -236,4 +236,4 @@ contains
       end associate
    end subroutine add_matrix
 
-end module symsde_step_implicit_galerkin
+end module symsde_step_oracle_galerkin

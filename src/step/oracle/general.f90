@@ -24,7 +24,7 @@
 !> with (Hhat_qp)_kl the derivative by q_k and p_l, and Hhat_pq its transpose. It is dense and knows no structure of
 !> the model or the tableau: the special steppers are held to its increments, and step/implicit/rescue solves by it
 !> what they cannot.
-module symsde_step_implicit_general
+module symsde_step_oracle_general
    use symsde_base_kinds, only: wp, i8
    use symsde_base_record, only: step_record
    use symsde_base_status, only: not_converged
@@ -326,4 +326,4 @@ contains
       end associate
    end subroutine matrix_rows
 
-end module symsde_step_implicit_general
+end module symsde_step_oracle_general
