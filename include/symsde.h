@@ -315,11 +315,11 @@ typedef struct symsde_report {
    int64_t failures, damped, continued; /* steps not solved from zero increments; then by damping; by continuation */
    int64_t failed, stopped; /* paths */
    int32_t threads, lanes; /* lanes of a block: 1 where few paths are taken one by one */
-   double lost_variance;    /* variance that a normal number loses by truncation */
-   double seconds_setup, seconds_run;
-   char stepper[64], left_out[512];
-   char warnings[2048];  /* problems found before the run, one a line */
+   double lost_variance, seconds_setup, seconds_run; /* first: what a normal number loses by truncation */
+   char stepper[64], left_out[512], warnings[2048]; /* the last: problems found before the run, one a line */
    char functionals[32]; /* of the path beside dW, as "dZ and K": they decide it for refine < 0 */
+   int64_t pivoted_solves; /* of the solves, with exchanges of rows */
+   char lapack[128];       /* whose LAPACK has solved systems; "" where lapack_solves is 0 */
 } symsde_report;
 int symsde_report_init(symsde_report *report);
 /* Saved paths, in the caller's arrays; ntime = steps/save_every + 1. Values after a failure are NaN. */

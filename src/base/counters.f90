@@ -15,7 +15,8 @@ module symsde_base_counters
       integer(i8) :: hessian_vectors = 0  !! Hessian-vector products
       integer(i8) :: iterations = 0       !! Newton or fixed-point iterations, each until its own lane was done
       integer(i8) :: solves = 0           !! linear systems solved
-      integer(i8) :: lapack_solves = 0    !! of these, by LAPACK
+      integer(i8) :: pivoted_solves = 0   !! of these, with exchanges of rows
+      integer(i8) :: lapack_solves = 0    !! of these again, by LAPACK
       integer(i8) :: failures = 0         !! path-steps that Newton from zero increments did not solve
       integer(i8) :: damped = 0           !! of these, solved by damped Newton
       integer(i8) :: continued = 0        !! of these, solved by continuation in the increments
@@ -39,6 +40,7 @@ contains
       total%hessian_vectors = total%hessian_vectors + s*part%hessian_vectors
       total%iterations = total%iterations + s*part%iterations
       total%solves = total%solves + s*part%solves
+      total%pivoted_solves = total%pivoted_solves + s*part%pivoted_solves
       total%lapack_solves = total%lapack_solves + s*part%lapack_solves
       total%failures = total%failures + s*part%failures
       total%damped = total%damped + s*part%damped

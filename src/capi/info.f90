@@ -11,6 +11,7 @@ module symsde_capi_info
    use symsde_capi_error, only: finish, require
    use symsde_capi_text, only: put_text
    use symsde_noise_philox, only: counter_map_version
+   use symsde_solve_lapack, only: name_lapack
    implicit none
    private
    public :: symsde_status_text, symsde_version, symsde_build_info, symsde_memory_left
@@ -38,22 +39,24 @@ contains
       status = status_ok
    end function symsde_version
 
-   !> Lines 'key: value' about how the library was built.
+   !> Lines 'key: value' about how the library was built, and whose LAPACK is loaded.
    function symsde_build_info(buffer, size, needed) result(status) bind(c, name='symsde_build_info')
       type(c_ptr), intent(in), value :: buffer, needed
       integer(c_size_t), intent(in), value :: size
       integer(c_int) :: status
-      character(:), allocatable :: arithmetic, openmp, options
+      character(:), allocatable :: arithmetic, openmp, options, lapack
 
       call drop_folders(compiler_options(), options)
       openmp = trim(merge('yes', 'no ', index(compiler_options(), '-fopenmp') > 0))
       arithmetic = trim(merge('fused        ', 'rounded twice', is_fused()))
+      call name_lapack(lapack)
       call put_text('version: '//library_version//new_line('a')// &
                     'compiler: '//compiler_version()//new_line('a')// &
                     'compile options: '//options//new_line('a')// &
                     'counter map of the noise: '//to_text(counter_map_version)//new_line('a')// &
                     'arithmetic: '//arithmetic//new_line('a')// &
-                    'openmp: '//openmp//new_line('a'), buffer, size, needed)
+                    'openmp: '//openmp//new_line('a')// &
+                    'lapack: '//lapack//new_line('a'), buffer, size, needed)
       status = status_ok
    end function symsde_build_info
 

@@ -28,6 +28,8 @@ module symsde_capi_report
       character(kind=c_char) :: left_out(512)
       character(kind=c_char) :: warnings(2048)
       character(kind=c_char) :: functionals(32)
+      integer(c_int64_t) :: pivoted_solves
+      character(kind=c_char) :: lapack(128)
    end type c_report
 
 contains
@@ -106,6 +108,7 @@ contains
       c%iterations = r%counters%iterations
       c%solves = r%counters%solves
       c%lapack_solves = r%counters%lapack_solves
+      c%pivoted_solves = r%counters%pivoted_solves
       c%failures = r%counters%failures
       c%damped = r%counters%damped
       c%continued = r%counters%continued
@@ -120,6 +123,7 @@ contains
       call put(r%left_out, c%left_out)
       call put(r%warnings, c%warnings)
       call put(r%functionals, c%functionals)
+      call put(r%lapack, c%lapack)
 
    contains
 

@@ -36,7 +36,8 @@ module symsde_diagnose_boundary_value
    use symsde_noise_source, only: noise_type
    use symsde_scheme_scheme, only: scheme_type
    use symsde_solve_banded_pivoting, only: banded_factors, new_banded_factors, factor_columns
-   use symsde_solve_lapack, only: solve_factored_lapack, blas_single_thread, blas_restore_threads
+   use symsde_solve_lapack, only: blas_single_thread, blas_restore_threads
+   use symsde_solve_one_system, only: solve_factored
    implicit none
    private
    public :: stationary_path
@@ -278,7 +279,7 @@ contains
          call factor_columns(factors, system%band, patience)
       end do
       ! The reciprocal condition tells how far the end point is from a conjugate point, where S'' is singular.
-      call solve_factored_lapack(factors, system%band, state%d, state%status, state%rcond)
+      call solve_factored(factors, system%band, state%d, state%status, state%rcond)
       state%running = state%status == status_ok
    end subroutine find_correction
 

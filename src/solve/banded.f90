@@ -71,8 +71,8 @@ contains
       end do
    end subroutine back_substitute_banded_lanes
 
-   !> Solve the lanes first .. first+width-1 in a compact copy, which stays in cache and keeps ab as it is, for LAPACK
-   !> and residuals.
+   !> Solve the lanes first .. first+width-1 in a compact copy, which stays in cache and keeps ab as it is, for
+   !> exchanges of rows and residuals.
    subroutine solve_banded_strip(nlane, n, kl, ku, first, width, ab, x, smallest, strip, part)
       integer, intent(in) :: nlane                          !! lanes of the block
       integer, intent(in) :: n                              !! unknowns of a system

@@ -1,19 +1,20 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> The linear systems of a block, one per lane, A x = b: elimination across lanes, LAPACK where it is better.
+!> The linear systems of a block, one per lane, A x = b: eliminated across lanes, or one by one with exchanges of rows.
 !>
 !>    one or two unknowns, dense      closed form (solve/elimination)
 !>    dense up to max_lane_unknowns   A = L U without pivoting, strips of lanes at once (solve/elimination)
 !>    banded                          likewise by bands (solve/banded)
-!>    all others                      LAPACK, lane by lane, with exchanges of rows (solve/lapack)
+!>    all others                      lane by lane, with exchanges of rows (solve/one_system)
 !>
-!> A lane whose pivots are not trusted is solved again by LAPACK from the same matrix, which elimination leaves alone.
+!> A lane whose pivots are not trusted is solved again, with exchanges of rows, from the same matrix, which elimination
+!> across lanes leaves alone.
 !> Which way a lane goes depends on its own numbers only.
 module symsde_solve_blocks
    use symsde_base_kinds, only: wp, i4, i8
    use symsde_base_status, only: status_ok
    use symsde_solve_banded, only: solve_banded_strip
    use symsde_solve_elimination, only: solve_lanes, solve_strip, strip_lanes
-   use symsde_solve_lapack, only: solve_banded_lane_lapack, solve_lane_lapack
+   use symsde_solve_one_system, only: lapack_takes, solve_banded_lane, solve_lane
    implicit none
    private
    public :: block_solver, new_block_solver, solve_block, max_lane_unknowns, pivot_floor
@@ -22,7 +23,7 @@ module symsde_solve_blocks
    !> of LAPACK's time (2.1 against 6.0 microseconds, AVX-512, OpenBLAS), at 8 a tenth.
    integer, parameter :: max_lane_unknowns = 32
 
-   !> Lanes whose pivot monitor is not above this go to LAPACK. The others lose at most three
+   !> Lanes whose pivot monitor is not above this are solved with exchanges of rows. The others lose at most three
    !> digits of sixteen in a solve, which the next Newton iteration makes good.
    real(wp), parameter :: pivot_floor = 1.0e-3_wp
 
@@ -33,7 +34,8 @@ module symsde_solve_blocks
       integer :: kl = -1                          !! diagonals below the main one; < 0: dense
       integer :: ku = -1                          !! diagonals above the main one
       integer :: rows = 0                         !! n, or kl+ku+1: middle extent of the matrices
-      integer(i8) :: lapack_solves = 0            !! systems that LAPACK solved so far
+      integer(i8) :: pivoted_solves = 0           !! systems solved with exchanges of rows so far
+      integer(i8) :: lapack_solves = 0            !! of these, by LAPACK
       integer :: width = 0                        !! lanes eliminated together
       real(wp), allocatable :: smallest(:)        !! (nlane) pivot monitor
       real(wp), allocatable :: rhs(:, :)          !! (nlane,n) right-hand sides
@@ -75,7 +77,7 @@ contains
    !> Dense: a(nlane, n, n). Banded: a(nlane, -kl:ku, n) with a(lane, d, i) = A(i, i+d). Lanes that
    !> fail get the solution zero, so that an update by it changes nothing, and their status; the
    !> status of all other lanes is left alone. What x holds in lanes that are not active is not
-   !> defined, and they never cost a LAPACK call.
+   !> defined, and they are never solved by themselves.
    subroutine solve_block(self, a, x, active, status)
       class(block_solver), intent(inout) :: self
       real(wp), intent(in) :: a(self%nlane, self%rows, self%n)  !! matrices, kept
@@ -86,13 +88,13 @@ contains
 
       nactive = count(active)
       if (nactive == 0) return
-      ! A monitor of zero sends every active lane to LAPACK.
+      ! A monitor of zero: every active lane is solved by itself.
       if (too_large(self)) then
          self%smallest = 0
          call solve_suspects(self, a, x, active, status)
          return
       end if
-      ! Elimination puts solutions in place of right-hand sides, which LAPACK may need once more; matrices are kept.
+      ! Elimination puts solutions in place of right-hand sides, which may be needed once more; matrices are kept.
       self%rhs(:, :) = x
       call eliminate(self, a, x, active)
       call find_suspects(self%nlane, self%n, x, active, self%smallest, nsuspect)
@@ -106,7 +108,7 @@ contains
       closed_form = self%kl < 0 .and. self%n <= 2
    end function closed_form
 
-   !> Whether the systems are dense and so large that LAPACK solves them lane by lane.
+   !> Whether the systems are dense and so large that they are solved lane by lane.
    pure logical function too_large(self)
       type(block_solver), intent(in) :: self
 
@@ -142,14 +144,14 @@ contains
    end subroutine eliminate
 
    !> Count the active lanes whose pivots are not trusted or whose solution is not finite; the latter get the monitor
-   !> 0, so that one number of each lane tells whom LAPACK is asked for.
+   !> 0, so that one number of each lane tells which are solved by themselves.
    subroutine find_suspects(nlane, n, x, active, smallest, nsuspect)
       integer, intent(in) :: nlane                !! lanes of the block
       integer, intent(in) :: n                    !! unknowns of a system
       real(wp), intent(in) :: x(nlane, n)         !! solutions
       logical, intent(in) :: active(nlane)        !! lanes to solve
       real(wp), intent(inout) :: smallest(nlane)  !! pivot monitor
-      integer, intent(out) :: nsuspect            !! lanes for LAPACK
+      integer, intent(out) :: nsuspect            !! lanes to solve by themselves
       integer :: lane, i
 
       do i = 1, n
@@ -164,8 +166,8 @@ contains
       end do
    end subroutine find_suspects
 
-   !> Solve the active lanes with a small pivot monitor one by one with LAPACK, from their matrices and right-hand
-   !> sides as they were. A lane that fails there gets its status and the solution zero.
+   !> Solve the active lanes with a small pivot monitor one by one with exchanges of rows, from their matrices and
+   !> right-hand sides as they were. A lane that fails there gets its status and the solution zero.
    subroutine solve_suspects(self, a, x, active, status)
       type(block_solver), intent(inout) :: self
       real(wp), intent(in) :: a(self%nlane, self%rows, self%n)  !! matrices
@@ -180,13 +182,14 @@ contains
          ! Elimination has overwritten x; where it was never tried x is still the right-hand side.
          if (.not. too_large(self)) x(lane, :) = self%rhs(lane, :)
          if (self%kl < 0) then
-            call solve_lane_lapack(self%nlane, self%n, lane, a, x, info)
+            call solve_lane(self%nlane, self%n, lane, a, x, info)
+            if (lapack_takes(self%n)) self%lapack_solves = self%lapack_solves + 1
          else
-            call solve_banded_lane_lapack(self%nlane, self%n, self%kl, self%ku, lane, a, x, info)
+            call solve_banded_lane(self%nlane, self%n, self%kl, self%ku, lane, a, x, info)
          end if
          ! Counted whether it succeeds or not; reports say how many there were.
-         self%lapack_solves = self%lapack_solves + 1
-         ! LAPACK has failed, too: the matrix is singular, or a number is not finite.
+         self%pivoted_solves = self%pivoted_solves + 1
+         ! Exchanges of rows do not help: the matrix is singular, or a number is not finite.
          if (info == status_ok) cycle
          status(lane) = info
          x(lane, :) = 0

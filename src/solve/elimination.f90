@@ -8,7 +8,7 @@
 !>
 !> with u_kk the pivot and a_kk the diagonal it came from. It is small where a pivot cancels or
 !> where an earlier small pivot made this one grow, and a scaling of rows or columns (stiff momenta
-!> beside slow positions) does not change it. Callers hand lanes with a small value to LAPACK.
+!> beside slow positions) does not change it. Callers solve lanes with a small value with exchanges of rows.
 !> A NaN or infinity in a lane shows as smallest = 0 or as a solution that is not finite.
 !>
 !> A lane's result is made of its own numbers only, in an order that nlane does not change. The factorization itself is
@@ -85,8 +85,8 @@ contains
       end select
    end subroutine solve_lanes
 
-   !> Solve the lanes first .. first+width-1 in a compact copy, which stays in cache and keeps a as it is, for LAPACK
-   !> and residuals.
+   !> Solve the lanes first .. first+width-1 in a compact copy, which stays in cache and keeps a as it is, for
+   !> exchanges of rows and residuals.
    subroutine solve_strip(nlane, n, first, width, a, x, smallest, strip, part)
       integer, intent(in) :: nlane                    !! lanes of the block
       integer, intent(in) :: n                        !! unknowns of a system
@@ -107,7 +107,7 @@ contains
          end do
          part(:, j) = x(first:last, j)
       end do
-      ! The copies become factors and solutions; a stays as it was, for LAPACK.
+      ! The copies become factors and solutions; a stays as it was.
       call factor_lanes(width, n, strip, smallest(first:last))
       call back_substitute_lanes(width, n, strip, part)
       do j = 1, n

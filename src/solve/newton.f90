@@ -199,19 +199,21 @@ contains
       type(newton_type), intent(inout) :: self
       integer(i8), intent(inout) :: status(self%nlane)
       type(counters_type), intent(inout) :: counters
-      integer(i8) :: before
+      integer(i8) :: pivoted, by_lapack
 
       ! Only lanes that run are solved; a verdict is given by the solver alone.
       self%active = self%last >= 0
       self%verdict = 0
       ! The solver counts as long as it lives; what this call adds goes to the counters.
-      before = self%solver%lapack_solves
+      pivoted = self%solver%pivoted_solves
+      by_lapack = self%solver%lapack_solves
       if (allocated(self%bands)) then
          call self%solver%solve(self%bands, self%r, self%active, self%verdict)
       else
          call self%solver%solve(self%a, self%r, self%active, self%verdict)
       end if
-      counters%lapack_solves = counters%lapack_solves + self%solver%lapack_solves - before
+      counters%pivoted_solves = counters%pivoted_solves + self%solver%pivoted_solves - pivoted
+      counters%lapack_solves = counters%lapack_solves + self%solver%lapack_solves - by_lapack
       ! Lanes whose system failed have the correction zero, and rest from here on.
       if (all(self%verdict == 0)) return
       counters%failures = counters%failures + count(self%active .and. self%verdict /= 0)

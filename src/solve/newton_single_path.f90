@@ -3,8 +3,8 @@
 !> of a lane of a block.
 !>
 !> The matrix is eliminated where it stands. Where its pivots are not trusted it is lost, so the same iteration is
-!> asked for once more, at the same x, and done by solve/newton, which keeps a matrix for LAPACK: a copy in every
-!> iteration takes a tenth of the time of a step.
+!> asked for once more, at the same x, and done by solve/newton, which keeps a matrix for exchanges of rows: a copy in
+!> every iteration takes a tenth of the time of a step.
 module symsde_solve_newton_single_path
    use symsde_base_counters, only: counters_type
    use symsde_base_kinds, only: wp, i8

@@ -35,7 +35,7 @@ module symsde_step_memory
    !> Numbers of eight bytes that a stepper holds at most, as reals: their squares outgrow integers.
    type :: step_memory
       real(wp) :: lane = 0     !! for each lane
-      real(wp) :: once = 0     !! for the one lane that LAPACK works on
+      real(wp) :: once = 0     !! for the one lane that is solved by itself
       real(wp) :: rescue = 0   !! to try failed lanes again
    contains
       procedure :: numbers
@@ -100,7 +100,7 @@ contains
       numbers = nlane*self%lane + self%once + self%rescue
    end function numbers
 
-   !> Add the matrices of an implicit step: of every lane, and of the one lane that LAPACK works on. by_parts says
+   !> Add the matrices of an implicit step: of every lane, and of the one lane that is solved by itself. by_parts says
    !> that a special stepper takes the step, which may keep bands or form products; the oracle keeps a dense matrix.
    !> The cases are those of the head: fewer unknowns of a Galerkin scheme, bands, products, and dense matrices where
    !> none of these holds.

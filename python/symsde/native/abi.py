@@ -149,6 +149,7 @@ COUNTERS = (
     "failures",
     "damped",
     "continued",
+    "pivoted_solves",
 )
 
 
@@ -159,7 +160,7 @@ class Report(Structure):
         ("struct_size", c_size_t),
         ("status", c_int32),
         ("correction", c_int32),
-        *((name, c_int64) for name in COUNTERS),
+        *((name, c_int64) for name in COUNTERS[:-1]),
         ("failed", c_int64),
         ("stopped", c_int64),
         ("threads", c_int32),
@@ -169,6 +170,8 @@ class Report(Structure):
         ("left_out", c_char * 512),
         ("warnings", c_char * 2048),
         ("functionals", c_char * 32),
+        ("pivoted_solves", c_int64),
+        ("lapack", c_char * 128),
     )
 
 

@@ -37,7 +37,7 @@ module symsde_ensemble_run_driver
    use symsde_noise_source, only: noise_type
    use symsde_noise_truncation, only: truncation_bound, lost_variance
    use symsde_scheme_scheme, only: scheme_type
-   use symsde_solve_lapack, only: blas_single_thread, blas_restore_threads
+   use symsde_solve_lapack, only: blas_single_thread, blas_restore_threads, name_lapack
    use symsde_step_factory, only: resolve_task
    use symsde_step_stepper, only: stepper_type, most_single
    implicit none
@@ -465,6 +465,7 @@ contains
          do i = 1, size(self%runners)
             call self%runners(i)%tally(report%counters)
          end do
+         if (report%counters%lapack_solves > 0) call name_lapack(report%lapack)
          report%nfailed = shared%nfailed
          report%nstopped = shared%nstopped
          report%status = status_ok

@@ -18,6 +18,7 @@ module symsde_ensemble_run_report
       character(:), allocatable :: left_out      !! what this scene did not need
       character(:), allocatable :: warnings      !! doubts known before the run, one a line
       character(:), allocatable :: functionals   !! of the path, beside dW: 'dZ and K'
+      character(:), allocatable :: lapack        !! whose LAPACK solved systems; not allocated where none did
       integer :: correction = correction_none    !! the correction that was active
       type(counters_type) :: counters
       integer(i8) :: nfailed = 0                 !! paths with a numerical failure

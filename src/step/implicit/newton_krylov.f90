@@ -26,8 +26,9 @@
 !> too few to save.
 !>
 !> Lanes that GMRES cannot solve with its bound of products get their matrices after all, by products with the unit
-!> vectors, and are solved by LAPACK: counted as such. The protocol above does not change for that: the caller is
-!> asked for products as before.
+!> vectors, and are eliminated with exchanges of rows: counted as such. They are rare, and forming a matrix takes longer
+!> than solving it, so that LAPACK is not asked however large they are. The protocol above does not change for that: the
+!> caller is asked for products as before.
 module symsde_step_implicit_newton_krylov
    use symsde_base_counters, only: counters_type
    use symsde_base_kinds, only: wp, i4, i8
@@ -37,7 +38,7 @@ module symsde_step_implicit_newton_krylov
    use symsde_model_kernels, only: differences_alone
    use symsde_solve_blocks, only: max_lane_unknowns
    use symsde_solve_krylov, only: krylov_type, new_krylov
-   use symsde_solve_lapack, only: solve_dense_lapack
+   use symsde_solve_one_system, only: solve_dense_alone
    use symsde_solve_newton, only: newton_type, newton_options
    use symsde_solve_stagnation, only: correct_lanes
    use symsde_step_hamiltonian_one_step, only: one_step_hamiltonian
@@ -70,7 +71,7 @@ module symsde_step_implicit_newton_krylov
       integer, allocatable, private :: lanes(:)         !! those whose matrices are being formed, a few at once
       real(wp), allocatable, private :: matrices(:, :, :)  !! (unknowns, unknowns, few)
       integer, private :: column = 0                    !! of these
-      integer, private :: nsolved = 0                   !! calls of LAPACK
+      integer, private :: nsolved = 0                   !! systems solved by their matrices
    contains
       procedure :: begin
       procedure :: take
@@ -236,7 +237,7 @@ contains
       end if
    end subroutine take_column
 
-   !> Solve A d = r of these lanes by LAPACK, one by one; a solution takes the place of that of GMRES.
+   !> Solve A d = r of these lanes with exchanges of rows, one by one; a solution takes the place of that of GMRES.
    subroutine solve_lanes(self)
       type(newton_krylov), intent(inout) :: self
       real(wp) :: x(self%krylov%n)
@@ -245,7 +246,7 @@ contains
       do i = 1, size(self%lanes)
          associate (lane => self%lanes(i))
             x = self%right(lane, :)
-            call solve_dense_lapack(size(x), self%matrices(:, :, i), x, self%outcome(lane))
+            call solve_dense_alone(size(x), self%matrices(:, :, i), x, self%outcome(lane))
             if (self%outcome(lane) == status_ok) self%krylov%x(lane, :) = x
          end associate
       end do
@@ -253,7 +254,7 @@ contains
    end subroutine solve_lanes
 
    !> Fail the lanes whose matrices are singular or find no memory, or whose residual is not finite, and count the
-   !> calls of LAPACK.
+   !> systems that were solved by their matrices.
    subroutine settle_unsolved(self, newton, status, counters)
       type(newton_krylov), intent(inout) :: self
       type(newton_type), intent(inout) :: newton
@@ -265,7 +266,7 @@ contains
          if (self%krylov%unsolved(lane) .and. self%outcome(lane) /= status_ok) &
             call newton%fail(lane, int(self%outcome(lane), i8), status, counters)
       end do
-      counters%lapack_solves = counters%lapack_solves + self%nsolved
+      counters%pivoted_solves = counters%pivoted_solves + self%nsolved
    end subroutine settle_unsolved
 
    !> (uq, up) = Hess Hhat(q, p) (vq, vp), without brackets. A model that has a Hessian but no product would form the

@@ -6,8 +6,8 @@
 !>
 !> Rows are eliminated from both ends, downwards in an upper front and upwards in a lower one, until the two meet;
 !> from there d is found outwards and x is corrected at once (solve/tridiagonal). Without exchanges of rows: K is
-!> symmetric, and where I + (h/4) K is positive definite elimination is stable. Lanes whose pivots are not trusted go
-!> to LAPACK.
+!> symmetric, and where I + (h/4) K is positive definite elimination is stable. Lanes whose pivots are not trusted are
+!> solved with exchanges of rows (solve/one_system).
 !>
 !> Lanes are eliminated in strips whose number of lanes the compiler knows, so that what a row hands to the next one
 !> stays in registers. Where the model gives its rows (chain_rows), a strip takes the whole step alone, in arrays
@@ -30,7 +30,7 @@ module symsde_step_midpoint_tridiagonal
    use symsde_base_vectors, only: add_times
    use symsde_model_abstract, only: model_type
    use symsde_model_kernels, only: kernel_offers, offers_of, has_exact_stiffness
-   use symsde_solve_lapack, only: solve_banded_lane_lapack
+   use symsde_solve_one_system, only: solve_banded_lane
    use symsde_solve_newton, only: newton_options, new_newton
    use symsde_solve_tridiagonal, only: upper_rows, eliminate_down_strip, eliminate_up_strip, meet_strip, &
                                        correct_strip, before_first_row, nfront
@@ -274,10 +274,10 @@ contains
       end if
    end subroutine evaluate
 
-   !> Solve running lanes of a strip whose pivots are not trusted by LAPACK, with exchanges of rows, from their
+   !> Solve running lanes of a strip whose pivots are not trusted one by one, with exchanges of rows, from their
    !> matrix I + c K, c = h/4, which is computed once more, as panels were not kept. Right-hand sides become the
    !> solution d and factors zero, those of the identity: then the pass outwards, which follows for all lanes, takes
-   !> d as it is. A matrix that LAPACK calls singular fails the lane.
+   !> d as it is. A singular matrix fails the lane.
    subroutine solve_suspects(self, ham, eq, w, before, status)
       type(tridiagonal_midpoint), intent(inout) :: self
       type(one_step_hamiltonian), intent(inout) :: ham
@@ -308,8 +308,8 @@ contains
          do i = 1, strip_lanes
             lane = before + i
             if (self%trusted(i) > 0 .or. .not. newton%last(lane) >= 0) cycle
-            call solve_banded_lane_lapack(nlane, n, 1, 1, lane, bands, r, info)
-            ham%counters%lapack_solves = ham%counters%lapack_solves + 1
+            call solve_banded_lane(nlane, n, 1, 1, lane, bands, r, info)
+            ham%counters%pivoted_solves = ham%counters%pivoted_solves + 1
             self%meeting(i, :) = 0
             self%factor(i, :) = 0
             self%rhs(i, :) = r(lane, :)

@@ -6,7 +6,7 @@
 !> turn (solve_lane), in half the time: while the upper front waits for its pivot the lower one goes on.
 !>
 !> Force and stiffness of all rows are asked for at once and kept, as one path has room for them. So the few systems
-!> whose pivots are not trusted are solved by LAPACK without a second evaluation.
+!> whose pivots are not trusted are solved with exchanges of rows without a second evaluation.
 !>
 !> Private to its family.
 module symsde_step_midpoint_tridiagonal_single_path
@@ -15,7 +15,7 @@ module symsde_step_midpoint_tridiagonal_single_path
    use symsde_base_vectors, only: add_times
    use symsde_model_abstract, only: model_type
    use symsde_model_kernels, only: has_exact_stiffness
-   use symsde_solve_lapack, only: solve_banded_lane_lapack
+   use symsde_solve_one_system, only: solve_banded_lane
    use symsde_solve_newton, only: newton_options, new_newton
    use symsde_solve_newton_single_path, only: start, judge
    use symsde_solve_tridiagonal, only: solve_lane
@@ -78,7 +78,7 @@ contains
                eq%rate = largest - 1
                eq%noncontracting = largest - 1 > 1
             end if
-            ! The correction that elimination has made is put back and made by LAPACK where a pivot is not trusted.
+            ! Where a pivot is not trusted the correction is put back and made with exchanges of rows.
             if (trusted <= 0) call solve_suspect(self, ham, eq, status)
             ham%counters%gradients = ham%counters%gradients + 1
             ham%counters%hessians = ham%counters%hessians + 1
@@ -87,7 +87,7 @@ contains
       end associate
    end subroutine solve
 
-   !> Solve (I + c K) d = x + f by LAPACK, with exchanges of rows, where pivots are not trusted: x before its
+   !> Solve (I + c K) d = x + f with exchanges of rows, where pivots are not trusted: x before its
    !> correction was kept, and the correction of solve_lane is replaced.
    subroutine solve_suspect(self, ham, eq, status)
       type(tridiagonal_midpoint), intent(inout) :: self
@@ -106,8 +106,8 @@ contains
          bands(1, 1, :) = c*self%k(1, 1:)
          bands(1, -1, 2:) = bands(1, 1, :n - 1)
          bands(1, -1, 1) = 0
-         call solve_banded_lane_lapack(1, n, 1, 1, 1, bands, r, info)
-         ham%counters%lapack_solves = ham%counters%lapack_solves + 1
+         call solve_banded_lane(1, n, 1, 1, 1, bands, r, info)
+         ham%counters%pivoted_solves = ham%counters%pivoted_solves + 1
          if (info /= status_ok) then
             ! The path has failed, and its x stays as it was.
             r = 0

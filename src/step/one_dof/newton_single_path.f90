@@ -49,7 +49,7 @@ module symsde_step_one_dof_newton_single_path
 
    !> Solve the system by elimination, which overwrites the matrix: n numbers of d from column `first` on are the
    !> right-hand side, then the solution. Where its pivots are not trusted, or a solution is not finite, the system is
-   !> made once more and solved as in a block, by LAPACK if need be.
+   !> made once more and solved as in a block, with exchanges of rows if need be.
    subroutine solve_systems(self, first, status, counters)
       type(one_dof_newton), intent(inout) :: self
       integer, intent(in) :: first  !! column of d with which the right-hand side begins

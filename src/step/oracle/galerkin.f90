@@ -20,7 +20,7 @@
 !>    mu      - l_mu(c_i) l_nu(c_i) S_qq (sum over i)     alpha_i l_mu'(c_i) I - l_mu(c_i) S_qp
 !>    node i    alpha_i l_nu'(c_i) I - l_nu(c_i) S_pq     - S_pp
 !>
-!> This matrix is not near the identity: LAPACK solves what elimination without exchanges of rows does not. Where
+!> This matrix is not near the identity: exchanges of rows solve what elimination without them does not. Where
 !> r > s it needs a nonsingular S_pp.
 !>
 !> This is the oracle of these schemes, which are executed as tableaus where the mass is constant
