@@ -34,6 +34,12 @@ def model():
     return ss.models.synchrotron(sigma1=0.8, sigma2=0.5)
 
 
+def in_folder(path, watch):
+    """The folder of a question of no matter."""
+    problem = make_problem(ss.models.kubo(), "q", q0=1.0, p0=0.0, horizon=1.0, seed=0)
+    return open_folder(path, {"expect": {}}, problem, [as_scheme("midpoint")], watch)
+
+
 def shards(folder, kind):
     return sorted((folder / "shards").glob(f"{kind}-*.npz"))
 
@@ -123,7 +129,7 @@ def test_a_damaged_part_is_drawn_anew(model, tmp_path):
 def test_while_others_draw_a_part_later_ones_are_drawn_here(tmp_path, monkeypatch):
     """The first part is another process's for three looks; the second and third are drawn in the meantime."""
     refused, drawn = [], []
-    with open_folder(tmp_path, {"expect": {}}, 0, Watch(None, False)) as store:
+    with in_folder(tmp_path, Watch(None, False)) as store:
         claim = store.folder.claim
 
         def not_the_first(piece):
@@ -142,14 +148,14 @@ def test_while_others_draw_a_part_later_ones_are_drawn_here(tmp_path, monkeypatc
     assert [part.units.mean for part in parts] == [0.0, 10.0, 20.0]
     assert drawn == [10, 20, 0] and len(refused) == 3
     assert store.seconds == 0.0  # all its own
-    with open_folder(tmp_path, {"expect": {}}, 0, Watch(None, False)) as other:
+    with in_folder(tmp_path, Watch(None, False)) as other:
         other.part("units", 0, 10, 30, draw)
         assert other.seconds == 0.5
 
 
 def test_no_part_is_begun_when_the_time_is_over_but_the_least(tmp_path):
     watch = Watch(1e-9, False)
-    with open_folder(tmp_path, {"expect": {}}, 0, watch) as store:
+    with in_folder(tmp_path, watch) as store:
         drawn = store.part("units", 0, 1, 9, lambda first, count: Drawn(Tally.of(np.ones(1)), 0.0, 0, 1))
         assert drawn.units.n == 1
         assert store.part("units", 2, 1, 9, lambda first, count: None) is None
@@ -255,7 +261,7 @@ def test_the_command_says_how_to_go_on(tmp_path, capsys):
 
 def test_claims_of_parts_are_by_name(tmp_path):
     """Two parts have two locks."""
-    with open_folder(tmp_path, {"expect": {}}, 0, Watch(None, False)) as store:
+    with in_folder(tmp_path, Watch(None, False)) as store:
         names = [draw_store.Piece(f"units-{i:012d}-5", "draws", i, 5, 5) for i in range(50)]
         assert len({store.folder._number(piece) for piece in names}) == 50
         assert isinstance(store.folder, RunFolder) and math.isfinite(store.folder._number(names[0]))

@@ -37,7 +37,7 @@ def test_every_member_of_a_report():
     given = abi.Report(status=6, correction=2, failed=11, stopped=12, threads=13, lanes=16)
     given.lost_variance, given.seconds_setup, given.seconds_run = 0.015, 1.25, 2.5
     given.stepper, given.left_out, given.warnings = b"a stepper", b"one; two", b"first\nsecond"
-    given.functionals = b"dZ and K"
+    given.functionals, given.lapack = b"dZ and K", b"somebody's 1.2"
     for i, name in enumerate(abi.COUNTERS):
         setattr(given, name, 100 + i)
     result = report.Reported()
@@ -48,10 +48,10 @@ def test_every_member_of_a_report():
     found = result.report
     expected = {"outcome": "some paths failed", "status": 6, "stepper": "a stepper", "correction": "mean"}
     expected |= {"left_out": ("one", "two"), "warnings": ("first", "second", "third"), "failed": 11, "stopped": 12}
-    expected |= {"functionals": ("dZ", "K")}
+    expected |= {"functionals": ("dZ", "K"), "lapack": "somebody's 1.2"}
     expected |= {"threads": 13, "lanes": 16, "lost_variance": 0.015, "timings": {"setup": 1.25, "run": 2.5}}
     names = ["path_steps", "normals", "gradients", "hessians", "hessian_vectors", "iterations", "solves"]
-    names += ["lapack_solves", "failures", "damped", "continued"]
+    names += ["lapack_solves", "failures", "damped", "continued", "pivoted_solves"]
     expected |= {"counters": {name: 100 + i for i, name in enumerate(names)}, "versions": ss.build_info()}
     assert vars(found) == expected
     lines = {line[:11].strip(): line[11:] for line in str(found).splitlines()}
@@ -63,6 +63,7 @@ def test_every_member_of_a_report():
     )
     assert lines["counters"] == ", ".join(f"{name.replace('_', ' ')} {100 + i}" for i, name in enumerate(names))
     assert lines["driven by"] == "dW and dZ and K"
+    assert lines["LAPACK"] == "somebody's 1.2"
     assert lines["paths"] == "11 failed, 12 stopped" and lines["threads"] == "13, 16 lanes a block"
     assert lines["seconds"] == "1.25 to set up, 2.5 to run" and lines["version"] == ss.__version__
     resumed = dataclasses.replace(found, timings={"setup": 0.0, "run": 2.5})

@@ -112,7 +112,8 @@ def kept_arrays(parts: dict[str, PartialStatistics]) -> dict[str, np.ndarray]:
 
 def facts_of(report: Report) -> dict[str, Any]:
     """What a report says that is the same whenever and on however many threads the piece is computed."""
-    facts = {name: getattr(report, name) for name in ("stepper", "correction", "failed", "lanes", "lost_variance")}
+    names = ("stepper", "correction", "lapack", "failed", "lanes", "lost_variance")
+    facts = {name: getattr(report, name) for name in names}
     counters = {name: report.counters[name] for name in _STEADY}
     told = {name: list(getattr(report, name)) for name in ("left_out", "warnings", "functionals")}
     return {**facts, **told, "counters": counters}

@@ -15,7 +15,7 @@ from ..native import checks, files
 from ..native.build import build_info
 from ..run.setup import make_setup
 from ..run.simulate import simulate
-from . import computed, named_functions
+from . import computed, named_functions, numerics
 from .pieces import is_size
 from .scene import RUN_KEYS, Scene
 
@@ -24,6 +24,7 @@ _READABLE = (1, FORMAT)  #: 1: without what the run was computed with
 NAME = "manifest.json"
 _DEFAULTS = {name: parameter.default for name, parameter in inspect.signature(simulate).parameters.items()}
 _NOT_OF_THE_RESULT = {"threads", "lanes"}  # the same bits whatever they are
+_OF_A_STEP = {"step", "correction", "general", "compensated", "fixed_point"}  # options that steppers are chosen by
 
 
 def of_scene(scene: Scene, shard_paths: int) -> dict[str, Any]:
@@ -38,11 +39,13 @@ def of_scene(scene: Scene, shard_paths: int) -> dict[str, Any]:
     inputs["computed"] = _plain(computed.of(scene.model, setup.scheme, start, functions))
     if own := {name: hashlib.sha256(path.read_bytes()).hexdigest() for name, path in python_sources(scene)}:
         inputs["python_sha256"] = own
-    return of_inputs(inputs, inputs["run"]["seed"], shard_paths)
+    options = {key: scene.run[key] for key in _OF_A_STEP & scene.run.keys()}
+    found = numerics.of(scene.model, [setup.scheme], start, **options)
+    return of_inputs(inputs, inputs["run"]["seed"], shard_paths, found)
 
 
-def of_inputs(inputs: dict[str, Any], seed: int, shard_paths: int) -> dict[str, Any]:
-    """The manifest of these inputs, as JSON can hold them."""
+def of_inputs(inputs: dict[str, Any], seed: int, shard_paths: int, found: dict[str, str]) -> dict[str, Any]:
+    """The manifest of these inputs and of what `numerics` has found, as JSON can hold them."""
     build = build_info()
     return {
         "format": FORMAT,
@@ -54,6 +57,7 @@ def of_inputs(inputs: dict[str, Any], seed: int, shard_paths: int) -> dict[str, 
         "version": build["version"],
         "compiler": build["compiler"],
         "build": build["compile options"],
+        "numerics": found,
     }
 
 

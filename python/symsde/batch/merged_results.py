@@ -130,5 +130,6 @@ def merged_report(reports: Iterable[dict[str, Any]], seconds: float = 0.0, threa
         lanes=first["lanes"],
         lost_variance=first["lost_variance"],
         timings={"setup": 0.0, "run": seconds},
+        lapack=" and ".join(dict.fromkeys(text for facts in (first, *others) if (text := facts.get("lapack")))),
         versions=build_info(),
     )

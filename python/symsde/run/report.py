@@ -33,6 +33,7 @@ class Report:
     lanes: int  #: lanes of a block; 1 where few paths are taken one by one
     lost_variance: float  #: variance that truncation takes from a normal number
     timings: dict[str, float]  #: seconds of setup and run
+    lapack: str  #: whose LAPACK solved systems, "" where none did: last bits depend on it
     versions: dict[str, str]  #: of the library, its compiler and options
 
     def __str__(self) -> str:
@@ -46,6 +47,7 @@ class Report:
             "left out": "; ".join(self.left_out) or "nothing",
             **({"driven by": " and ".join(("dW", *self.functionals))} if self.functionals else {}),
             "counters": counted,
+            **({"LAPACK": self.lapack} if self.lapack else {}),
             "warnings": "; ".join(self.warnings) or "none",
             "paths": f"{self.failed} failed, {self.stopped} stopped",
             "threads": f"{self.threads}, {checks.counted(self.lanes, 'lane')} a block",
@@ -138,5 +140,6 @@ def make_report(given: abi.Report) -> Report:
         lanes=given.lanes,
         lost_variance=given.lost_variance,
         timings={"setup": given.seconds_setup, "run": given.seconds_run},
+        lapack=given.lapack.decode("utf-8", "replace"),
         versions=build_info(),
     )

@@ -11,13 +11,13 @@ from __future__ import annotations
 import contextlib
 import time
 import uuid
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 
-from ...batch import computed, manifest
+from ...batch import computed, manifest, numerics
 from ...batch.folder import RunFolder
 from ...batch.pieces import UNIT, Piece
 from ...batch.shard_file import Shard
@@ -196,9 +196,12 @@ _ANSWERED = (
 
 
 @contextlib.contextmanager
-def open_folder(path: Any, inputs: dict[str, Any], seed: int, watch: Watch) -> Iterator[InFolder]:
-    """Make or open the folder of these inputs; a folder of other inputs is refused."""
-    record = manifest.of_inputs(inputs, seed, UNIT)
+def open_folder(
+    path: Any, inputs: dict[str, Any], problem: Problem, schemes: Iterable[Scheme], watch: Watch
+) -> Iterator[InFolder]:
+    """Make or open the folder of these inputs, by one of the schemes; a folder of other inputs is refused."""
+    found = numerics.of(problem.model, schemes, _start_of(problem), step=problem.horizon / 64, **problem.options)
+    record = manifest.of_inputs(inputs, problem.seed, UNIT, found)
     with RunFolder.open_to_write(path, record, [], None) as folder:
         yield InFolder(folder, watch)
 
@@ -217,8 +220,11 @@ def inputs_of(problem: Problem, tolerance: Tolerance, scheme: Scheme | None, met
         "method": method,
         **{key: value for key, value in problem.options.items() if key != "threads"},
     }
-    start = computed.Start(problem.q0, problem.p0, float(problem.options.get("t0", 0.0)), problem.horizon)
-    return {"expect": asked, "computed": computed.of(model, scheme, start, {target.name: target})}
+    return {"expect": asked, "computed": computed.of(model, scheme, _start_of(problem), {target.name: target})}
+
+
+def _start_of(problem: Problem) -> computed.Start:
+    return computed.Start(problem.q0, problem.p0, float(problem.options.get("t0", 0.0)), problem.horizon)
 
 
 def _shard_of(part: Part, by: str) -> Shard:

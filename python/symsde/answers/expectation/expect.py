@@ -79,7 +79,7 @@ def expect(
         if out is None:
             return Execution(*choose()).answer()
         inputs = inputs_of(problem, tolerance, None if scheme is None else schemes[0], method)
-        with open_folder(out, inputs, problem.seed, watch) as store:
+        with open_folder(out, inputs, problem, schemes, watch) as store:
             store.choice(choose)
             chosen = store.read_choice(problem, tolerance, {scheme.name: scheme for scheme in schemes})
             answer = Execution(*chosen, store).answer()

@@ -101,7 +101,7 @@ def mlmc(
             return Estimate(sampler, tolerance, **given).run()
         inputs = inputs_of(problem, tolerance, chosen, "multilevel")
         inputs["mlmc"] = {"steps": sampler.coarsest, "levels": most, "first": first, "antithetic": sampler.antithetic}
-        with open_folder(out, inputs, problem.seed, watch) as store:
+        with open_folder(out, inputs, problem, [chosen], watch) as store:
             return Estimate(sampler, tolerance, **given, store=store).run()
 
 
