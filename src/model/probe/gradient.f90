@@ -93,6 +93,7 @@ contains
       type(finding) :: bad
       integer :: i, lane
 
+      if (points%model%failure_code() /= 0) return  ! it has refused, which is told instead
       do i = 1, points%ndof
          do lane = 1, nlane
             if (allocated(error)) return
