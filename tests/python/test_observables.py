@@ -225,7 +225,7 @@ BAD = {
     "I*q1": "holds I, which is not given: there are q_1",
     "q1 > 0": "comparison",
     "foo(q1)": "foo",
-    "9**9**9**9": "exponent",
+    "9**9**9**9": "power or quotient of constants",
     "-" * 60 + "q1": "deep|nested",
     "energy": "energy.*there are.*q_1.*p2$",
     "sigma9": "sigma",
