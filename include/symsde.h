@@ -265,6 +265,9 @@ enum symsde_areas {
 /* Called on the calling thread, at most twenty times a second, with the work done and the total: path-steps of a run,
  * parts of a diagnosis. Nonzero stops the work. A stopped run returns what it has reached, a diagnosis nothing. */
 typedef int (*symsde_progress)(int64_t done, int64_t total, void *user);
+/* Called before the first step, once, on the calling thread, if there is something to warn of (symsde_report.warnings).
+ * Nonzero refuses the run, with SYMSDE_CALLBACK_FAILED. */
+typedef int (*symsde_warn)(const char *warnings, void *user);
 
 typedef struct symsde_options {
    size_t struct_size;
@@ -304,6 +307,8 @@ typedef struct symsde_input {
    const double *q0_low, *p0_low; /* low parts [ndof][paths], to resume a compensated run; NULL = zero */
    symsde_progress progress;      /* may be NULL */
    void *progress_user;
+   symsde_warn warn; /* may be NULL; of symsde_run_new, too */
+   void *warn_user;
 } symsde_input;
 int symsde_input_init(symsde_input *input);
 typedef struct symsde_report {
@@ -320,6 +325,7 @@ typedef struct symsde_report {
    char functionals[32]; /* of the path beside dW, as "dZ and K": they decide it for refine < 0 */
    int64_t pivoted_solves; /* of the solves, with exchanges of rows */
    char lapack[128];       /* whose LAPACK has solved systems; "" where lapack_solves is 0 */
+   int64_t grown;        /* paths that are ok, but both |q| and |p| grew 1e6-fold after a tenth of the run */
 } symsde_report;
 int symsde_report_init(symsde_report *report);
 /* Saved paths, in the caller's arrays; ntime = steps/save_every + 1. Values after a failure are NaN. */

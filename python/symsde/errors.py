@@ -117,12 +117,21 @@ class NotANumberWarning(RuntimeWarning):
     """A value was not a finite number for a path that counts, so that its means are not finite either."""
 
 
+class DoubtfulRunWarning(RuntimeWarning):
+    """What is known to be doubtful before a run begins, as its `report.warnings` tells it, or paths that grew
+    1e6-fold."""
+
+
+class UnsaidAbsorbWarning(FutureWarning):
+    """A passage beside other results does not say whether it absorbs; from 0.2 on that is an error."""
+
+
 class RepeatedNoiseWarning(UserWarning):
     """A run begins where another one may have ended, but with the noise of the first steps of its seed."""
 
 
 #: warnings of runs whose sentences their reports or moments hold, too: those who put runs together say them once
-OF_RUNS = (PathsFailedWarning, NotANumberWarning, RepeatedNoiseWarning)
+OF_RUNS = (PathsFailedWarning, NotANumberWarning, RepeatedNoiseWarning, DoubtfulRunWarning, UnsaidAbsorbWarning)
 
 
 class NotSavedWarning(UserWarning):

@@ -9,7 +9,7 @@ module symsde_base_text
    use symsde_base_kinds, only: wp, i8
    implicit none
    private
-   public :: to_text, counted, nearest_name, nearest_names, name_length
+   public :: to_text, counted, nearest_name, nearest_names, name_length, append_line
 
    integer, parameter :: name_length = 32  !! longest name of a model, a scheme or a parameter
 
@@ -151,5 +151,14 @@ contains
       end do
       distance = row(len(b))
    end function edit_distance
+
+   !> Add a sentence to a text, on a line of its own.
+   pure subroutine append_line(text, sentence)
+      character(:), allocatable, intent(inout) :: text
+      character(*), intent(in) :: sentence
+
+      if (len(text) > 0) text = text//new_line('a')
+      text = text//sentence
+   end subroutine append_line
 
 end module symsde_base_text

@@ -23,6 +23,8 @@ module symsde_capi_input
       type(c_ptr) :: q0_low, p0_low
       type(c_funptr) :: progress
       type(c_ptr) :: progress_user
+      type(c_funptr) :: warn
+      type(c_ptr) :: warn_user
    end type c_input
 
    !> The caller's arrays, path first; what he left out is not associated, which makes an optional
@@ -95,6 +97,7 @@ contains
       type(error_type), allocatable, intent(inout) :: error
 
       call new_callback_monitor(input%monitor, copy%progress, copy%progress_user)
+      call input%monitor%set_warn(copy%warn, copy%warn_user)
       if (.not. c_associated(copy%increments)) return
       call check_sizes(copy%increment_rows, copy%increment_noises, copy%increment_paths, 'increments', error)
       if (allocated(error)) return
@@ -117,6 +120,8 @@ contains
       input%p0_low = c_null_ptr
       input%progress = c_null_funptr
       input%progress_user = c_null_ptr
+      input%warn = c_null_funptr
+      input%warn_user = c_null_ptr
    end function blank_input
 
 end module symsde_capi_input

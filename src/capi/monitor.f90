@@ -1,8 +1,10 @@
 ! SPDX-License-Identifier: BSD-3-Clause
 !> The monitor that asks a C function.
 module symsde_capi_monitor
-   use, intrinsic :: iso_c_binding, only: c_associated, c_f_procpointer, c_funptr, c_int, c_int64_t, c_null_ptr, c_ptr
+   use, intrinsic :: iso_c_binding, only: &
+      c_associated, c_char, c_f_procpointer, c_funptr, c_int, c_int64_t, c_null_ptr, c_ptr
    use symsde_base_kinds, only: i8
+   use symsde_capi_text, only: put_chars
    use symsde_ensemble_monitor, only: monitor_type
    implicit none
    private
@@ -12,8 +14,12 @@ module symsde_capi_monitor
       private
       procedure(progress_callback), pointer, nopass :: on_progress => null()
       type(c_ptr) :: user = c_null_ptr
+      procedure(warn_callback), pointer, nopass :: on_warnings => null()
+      type(c_ptr) :: warn_user = c_null_ptr
    contains
       procedure :: wants_stop => ask_callback
+      procedure :: refuses => warn_by_callback
+      procedure :: set_warn
    end type callback_monitor
 
    abstract interface
@@ -24,6 +30,14 @@ module symsde_capi_monitor
          type(c_ptr), value :: user
          integer(c_int) :: stop_now
       end function progress_callback
+
+      !> Told of warnings, before the first step; nonzero refuses the run.
+      function warn_callback(warnings, user) bind(c) result(refuse)
+         import :: c_char, c_int, c_ptr
+         character(kind=c_char), intent(in) :: warnings(*)   !! terminated
+         type(c_ptr), value :: user
+         integer(c_int) :: refuse
+      end function warn_callback
    end interface
 
 contains
@@ -46,5 +60,27 @@ contains
       wants_stop = .false.
       if (associated(self%on_progress)) wants_stop = self%on_progress(done, total, self%user) /= 0
    end function ask_callback
+
+   !> The caller's function for warnings, or none.
+   subroutine set_warn(self, warn, user)
+      class(callback_monitor), intent(inout) :: self
+      type(c_funptr), intent(in) :: warn   !! symsde_warn, or c_null_funptr
+      type(c_ptr), intent(in) :: user      !! handed to it as it is
+
+      if (c_associated(warn)) call c_f_procpointer(warn, self%on_warnings)
+      self%warn_user = user
+   end subroutine set_warn
+
+   !> Tell the caller's function, where there is one.
+   logical function warn_by_callback(self, warnings) result(refuses)
+      class(callback_monitor), intent(inout) :: self
+      character(*), intent(in) :: warnings
+      character(kind=c_char) :: chars(len(warnings) + 1)
+
+      refuses = .false.
+      if (.not. associated(self%on_warnings)) return
+      call put_chars(warnings, chars)
+      refuses = self%on_warnings(chars, self%warn_user) /= 0
+   end function warn_by_callback
 
 end module symsde_capi_monitor

@@ -30,6 +30,7 @@ module symsde_capi_report
       character(kind=c_char) :: functionals(32)
       integer(c_int64_t) :: pivoted_solves
       character(kind=c_char) :: lapack(128)
+      integer(c_int64_t) :: grown
    end type c_report
 
 contains
@@ -122,6 +123,7 @@ contains
       call put(r%stepper, c%stepper)
       call put(r%left_out, c%left_out)
       call put(r%warnings, c%warnings)
+      c%grown = r%ngrown
       call put(r%functionals, c%functionals)
       call put(r%lapack, c%lapack)
 

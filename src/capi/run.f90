@@ -13,6 +13,7 @@ module symsde_capi_run
    use symsde_capi_paths, only: read_saved
    use symsde_capi_report, only: check_report, give_report, end_run
    use symsde_capi_scheme, only: find_scheme
+   use symsde_ensemble_monitor, only: tell_warnings
    use symsde_ensemble_options, only: run_options
    use symsde_ensemble_run_prepared, only: prepared_run, prepare
    use symsde_ensemble_observe_recorder, only: path_recorder
@@ -74,6 +75,7 @@ contains
       type(run_options) :: o
       type(run_input) :: from
       type(run_handle), pointer :: holder
+      type(run_report) :: known
       type(c_ptr), pointer :: made
       integer :: info
 
@@ -96,6 +98,10 @@ contains
       if (.not. allocated(refusal)) then
          call copy_model(m, holder%model)
          call prepare(holder%run, holder%model, s, o, from%q0, from%p0, refusal, from%q0_low, from%p0_low)
+         if (.not. allocated(refusal)) then
+            call holder%run%get_report(known)
+            call tell_warnings(from%monitor, known%warnings, refusal)
+         end if
          if (allocated(refusal)) then
             deallocate (holder)
          else

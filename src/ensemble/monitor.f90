@@ -3,10 +3,10 @@
 module symsde_ensemble_monitor
    use symsde_base_clock, only: seconds
    use symsde_base_kinds, only: wp, i8
-   use symsde_base_status, only: error_type, raise, stopped
+   use symsde_base_status, only: error_type, raise, callback_failed, stopped
    implicit none
    private
-   public :: monitor_type, stop_if_wanted, raise_stopped
+   public :: monitor_type, stop_if_wanted, raise_stopped, tell_warnings
 
    real(wp), parameter :: pause = 0.05_wp  !! between two questions [s]
 
@@ -16,6 +16,7 @@ module symsde_ensemble_monitor
       real(wp), private :: last = -huge(1.0_wp)  !! when it was asked [s]
    contains
       procedure :: wants_stop
+      procedure :: refuses
       procedure, non_overridable :: ask
    end type monitor_type
 
@@ -29,6 +30,25 @@ contains
 
       wants_stop = .false.
    end function wants_stop
+
+   !> Told before the first step of a run what there is to be warned of, one sentence a line. True refuses the run.
+   logical function refuses(self, warnings)
+      class(monitor_type), intent(inout) :: self
+      character(*), intent(in) :: warnings
+
+      refuses = .false.
+   end function refuses
+
+   !> Tell the monitor of the warnings of a run, if there are any, before its first step.
+   subroutine tell_warnings(monitor, warnings, error)
+      class(monitor_type), intent(inout) :: monitor
+      character(*), intent(in) :: warnings
+      type(error_type), allocatable, intent(inout) :: error
+
+      if (allocated(error) .or. len(warnings) == 0) return
+      if (monitor%refuses(warnings)) call raise(error, callback_failed, 'run_ensemble', 'the run was refused, '// &
+                                                'before its first step, by who was told of its warnings')
+   end subroutine tell_warnings
 
    !> Call `wants_stop`, unless that was done a moment ago.
    subroutine ask(self, done, total, stop_now)

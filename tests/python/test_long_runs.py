@@ -59,7 +59,7 @@ def test_a_path_of_many_steps_is_resumed_to_the_same_bits(tmp_path, monkeypatch)
 PEAK = """
 import re, sys
 import symsde as ss
-wanted = {"x": ss.observe.Histogram("r", 0, 2, 50), "loss": ss.observe.Passage("q_1", low=-0.99)}
+wanted = {"x": ss.observe.Histogram("r", 0, 2, 50), "loss": ss.observe.Passage("q_1", low=-0.99, absorb=True)}
 ss.ensemble(ss.models.kubo(sigma=0.3), q0=1.0, p0=0.0, step=0.05, steps=40, save_every=10, paths=int(sys.argv[1]),
             observables={"r": "q1**2 + p1**2"}, observers=wanted, threads=2)
 print(re.search(r"VmHWM:\\s*(\\d+)", open("/proc/self/status").read())[1])  # ru_maxrss is that of the parent at least

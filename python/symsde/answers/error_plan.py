@@ -13,7 +13,7 @@ from typing import Any, TypedDict
 import numpy as np
 
 from .. import diagnose
-from ..errors import InvalidArgumentError, MissingOperationError, PathsFailedWarning, RepeatedNoiseWarning, SymsdeError
+from ..errors import OF_RUNS, InvalidArgumentError, MissingOperationError, SymsdeError
 from ..model.commutator import commutator
 from ..model.definition import Model
 from ..native import checks
@@ -88,8 +88,8 @@ class Plan:
         refine = halvings(self.draws, steps) if shared else 0
         options = {"refine": refine, **self.options, **more}
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore", PathsFailedWarning)  # counted and shown instead
-            warnings.simplefilter("ignore", RepeatedNoiseWarning)  # all schemes begin where they are told to
+            for said in OF_RUNS:  # counted and shown instead
+                warnings.simplefilter("ignore", said)
             return simulate(
                 self.model, q0=self.q0, p0=self.p0, scheme=scheme, step=self.horizon / steps, steps=steps,
                 save_every=steps, paths=self.paths if paths is None else paths, **options,

@@ -16,7 +16,7 @@ import warnings
 
 import numpy as np
 
-from ..errors import PathsFailedWarning
+from ..errors import OF_RUNS
 from ..models import linear_oscillator
 from ..run.simulate import simulate
 
@@ -28,7 +28,8 @@ def step_matrix(scheme: str, omega_h: float) -> np.ndarray:
     """M (2, 2) of a step."""
     start = {"q0": np.array([[1.0, 0.0]]), "p0": np.array([[0.0, 1.0]]), "paths": 2}
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore", PathsFailedWarning)
+        for said in OF_RUNS:
+            warnings.simplefilter("ignore", said)
         run = simulate(linear_oscillator(sigma=0.0), scheme=scheme, step=omega_h, steps=1, **start)
     return np.concatenate([run.q[-1], run.p[-1]])
 

@@ -19,7 +19,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..errors import IncompatibleError, PathsFailedWarning, TooLargeError
+from ..errors import OF_RUNS, IncompatibleError, TooLargeError
 from ..model.definition import Model, require_model
 from ..native import checks
 from ..run.simulate import simulate
@@ -166,7 +166,8 @@ def _maps(model: Model, scheme: Scheme, step: float, t: float, rows: np.ndarray)
     z = np.tile(points, ways)
     given = {"increments": np.repeat(rows, size + 1, axis=2), "refine": 2} if model.nnoise else {}
     with np.errstate(all="ignore"), warnings.catch_warnings():
-        warnings.simplefilter("ignore", PathsFailedWarning)
+        for said in OF_RUNS:
+            warnings.simplefilter("ignore", said)
         run = simulate(model, q0=z[: model.ndof], p0=z[model.ndof :], scheme=scheme, step=step, steps=1, t0=t,
                        paths=z.shape[1], **given)  # fmt: skip
     ends = np.concatenate([run.q[-1], run.p[-1]])

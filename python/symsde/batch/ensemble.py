@@ -16,7 +16,7 @@ from typing import Any, Unpack
 
 import numpy as np
 
-from ..errors import OF_RUNS, NotANumberWarning, PathsFailedWarning, SymsdeError, WrongTypeError
+from ..errors import OF_RUNS, DoubtfulRunWarning, NotANumberWarning, PathsFailedWarning, SymsdeError, WrongTypeError
 from ..model.definition import Model
 from ..native import abi, checks, files
 from ..native.handles import status_text
@@ -25,6 +25,7 @@ from ..native.signals import carry
 from ..run.moments import Moments
 from ..run.observers import requests
 from ..run.observers.observables import Observable, are_in_python, check_observables
+from ..run.report import warn_of_growth
 from ..run.setup import RunOptions, Setup, make_setup
 from . import computed, manifest
 from .dispatch import Context, dispatch
@@ -132,7 +133,9 @@ def ensemble(
     setup.warn_of_repeated_noise()
     size = _size(setup, shard_paths)
     pieces = plan(_extent(setup), size, moments=True, saved=())
-    task = Task(model, given, functions, requests.check_observers(observers))
+    wanted = requests.check_observers(observers)
+    requests.warn_of_unsaid(wanted, beside=bool(functions))
+    task = Task(model, given, functions, wanted)
     work = MomentsInWork(task, size)
     memory = _Memory(work)
     begin = time.monotonic()
@@ -159,6 +162,10 @@ def ensemble(
             "and failed_step",
             PathsFailedWarning,
         )
+    for doubt in found.report.warnings:
+        if doubt != setup.repeated_noise():  # said before
+            checks.warn(doubt, DoubtfulRunWarning)
+    warn_of_growth(found.report.grown)
     for doubt in found.doubts():
         checks.warn(doubt, NotANumberWarning)
     return found

@@ -112,7 +112,7 @@ def kept_arrays(parts: dict[str, PartialStatistics]) -> dict[str, np.ndarray]:
 
 def facts_of(report: Report) -> dict[str, Any]:
     """What a report says that is the same whenever and on however many threads the piece is computed."""
-    names = ("stepper", "correction", "lapack", "failed", "lanes", "lost_variance")
+    names = ("stepper", "correction", "lapack", "failed", "grown", "lanes", "lost_variance")
     facts = {name: getattr(report, name) for name in names}
     counters = {name: report.counters[name] for name in _STEADY}
     told = {name: list(getattr(report, name)) for name in ("left_out", "warnings", "functionals")}
@@ -160,7 +160,18 @@ class _Saved:
         """What depends on the paths alone: not on where segments began, as the count of normals drawn ahead does."""
         failed = self.state["status"] != 0
         done = np.where(failed, self.state["failed_step"] - first_step, self.step)
-        return {"failed": int(np.count_nonzero(failed)), "counters": {"path_steps": int(done.sum())}}
+        counters = {"path_steps": int(done.sum())}
+        return {"failed": int(np.count_nonzero(failed)), "grown": self._grown(), "counters": counters}
+
+    def _grown(self) -> int:
+        """Paths that grew, by the saved points until a tenth of the steps: those of segments depend on the clock."""
+        t = np.concatenate(self._points["t"])
+        early = np.arange(len(t)) * self.step <= -(-self.step // 10) * max(1, len(t) - 1)
+        grew = np.ones(self.state["status"].shape, bool)
+        for x in "qp":
+            before = np.abs(np.concatenate(self._points[x])[early]).max(axis=(0, 1))
+            grew &= (before > 0) & (np.abs(self.state[f"last_{x}"]).max(axis=0) / 1e6 > before)
+        return int(np.count_nonzero(grew & (self.state["status"] == 0)))
 
     def shard(self, **facts: Any) -> Shard:
         """All of it, as a checkpoint or, at the end, as the shard."""

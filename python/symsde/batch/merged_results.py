@@ -113,7 +113,7 @@ def merged_report(reports: Iterable[dict[str, Any]], seconds: float = 0.0, threa
     first, *others = reports
     failed = first["failed"] + sum(facts["failed"] for facts in others)
     counters = {name: n + sum(facts["counters"][name] for facts in others) for name, n in first["counters"].items()}
-    stopped = sum(facts.get("stopped", 0) for facts in (first, *others))
+    stopped, grown = (sum(facts.get(name, 0) for facts in (first, *others)) for name in ("stopped", "grown"))
     status = abi.STOPPED if stopped else abi.PATHS_FAILED if failed else abi.OK
     return Report(
         outcome=status_text(status),
@@ -126,6 +126,7 @@ def merged_report(reports: Iterable[dict[str, Any]], seconds: float = 0.0, threa
         counters=counters,
         failed=failed,
         stopped=stopped,
+        grown=grown,
         threads=threads,
         lanes=first["lanes"],
         lost_variance=first["lost_variance"],

@@ -50,6 +50,11 @@ class Scene:
     observables: dict[str, observables.Observable] = field(default_factory=dict)  #: values of the user's own, by name
     observers: dict[str, requests.Observer] = field(default_factory=dict)  #: what is kept beside moments
 
+    @property
+    def unsaid(self) -> str:
+        """What is to be said of passages that do not say whether they absorb, beside other results; else nothing."""
+        return requests.unsaid(self.observers, beside=bool(self.observables) or len(self.paths) > 0)
+
     def try_out(self) -> Run:
         """Set everything up as for the run, but make no step; misuse raises SceneError."""
         try:

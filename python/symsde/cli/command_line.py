@@ -142,6 +142,8 @@ def _check(options: argparse.Namespace) -> int:
     print(f"{options.scene}: ok")
     print(f"{'model':11s}{chosen.model!r}\n{'stepper':11s}{report.stepper}")
     print(f"{'left out':11s}{'; '.join(report.left_out) or 'nothing'}")
+    for sentence in filter(None, (*report.warnings, chosen.unsaid)):
+        print(f"{'warning':11s}{sentence}")
     return OK
 
 

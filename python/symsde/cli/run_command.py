@@ -31,6 +31,7 @@ from ..errors import InvalidArgumentError
 from ..native.checks import counted
 from ..run import tabular
 from ..run.moments import Moments
+from ..run.report import of_growth
 
 OK, INTERNAL, PATHS_FAILED, STOPPED = 0, 1, 3, 4
 PARTIAL = "moments.partial.csv"
@@ -173,7 +174,8 @@ def finish(batch: Batch, folder: RunFolder, quiet: bool, took: float) -> int:
         print(f"{report or ''}\nwritten to {folder.path}".lstrip())
     if failed:
         print(f"symsde: {counted(failed, 'path')} failed; moments are over the others", file=sys.stderr)
-    for sentence in (*doubts, *remarks):
+    known = (*report.warnings, of_growth(report.grown), batch.scene.unsaid) if report else ()
+    for sentence in filter(None, (*known, *doubts, *remarks)):
         print(f"symsde: {sentence}", file=sys.stderr)
     return PATHS_FAILED if failed or doubts else OK
 

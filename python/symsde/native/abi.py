@@ -81,6 +81,7 @@ class SchemeInfo(Structure):
 
 # int f(int64_t done, int64_t total, void *user)
 Progress = CFUNCTYPE(c_int, c_int64, c_int64, c_void_p)
+Warn = CFUNCTYPE(c_int, c_char_p, c_void_p)
 
 
 class Options(Structure):
@@ -134,6 +135,8 @@ class Input(Structure):
         ("p0_low", c_void_p),
         ("progress", Progress),
         ("progress_user", c_void_p),
+        ("warn", Warn),
+        ("warn_user", c_void_p),
     )
 
 
@@ -172,6 +175,7 @@ class Report(Structure):
         ("functionals", c_char * 32),
         ("pivoted_solves", c_int64),
         ("lapack", c_char * 128),
+        ("grown", c_int64),
     )
 
 

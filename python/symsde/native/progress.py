@@ -10,7 +10,7 @@ import sys
 import threading
 from collections.abc import Callable
 
-from ..errors import WrongTypeError
+from ..errors import DoubtfulRunWarning, WrongTypeError
 from . import abi, checks, signals
 
 Progress = bool | Callable[[int, int], object]
@@ -42,10 +42,15 @@ def _ask_innermost(done: int, total: int, _user) -> int:
     return _at_work.monitors[-1].ask(done, total)
 
 
+def _warn_innermost(text: bytes, _user) -> int:
+    return _at_work.monitors[-1].warn(text.decode("utf-8", "replace"))
+
+
 class Monitor:
     """Context of one run; `callback` is what the library calls between chunks, in its thread."""
 
     callback = abi.Progress(_ask_innermost)  #: one for all, since to make one takes a share of a short run
+    warning = abi.Warn(_warn_innermost)  #: and before the first step, where there is something to warn of
 
     def __init__(self, progress: Progress, *, in_python: bool = True):
         """Check what is to be told. Functions of Python, if any are called, may make handlers of signals."""
@@ -82,6 +87,16 @@ class Monitor:
             self._error = error
             return 1
         return int(wants_stop)
+
+    def warn(self, text: str) -> int:
+        """Warn of what is doubtful before the run begins; nonzero refuses it, where warnings are made errors."""
+        try:
+            for sentence in text.splitlines():
+                checks.warn(sentence, DoubtfulRunWarning)
+        except BaseException as error:  # raised again where the run ends
+            self._error = error
+            return 1
+        return 0
 
 
 def told_by(progress: Progress) -> tuple[_Bar | None, Callable[[int, int], object] | None]:

@@ -107,6 +107,7 @@ class Moments(MomentTables, Reported):
             addresses, _made = structs(self.scope, self.observers, self.kept)
             moments.nobserver, moments.observers = len(self.observers), ctypes.addressof(addresses)
         report = handles.new(abi.Report, "report")
+        report.threads = 0  # unless the run begins
         with Monitor(progress) as monitor:
             try:
                 self._integrate(moments, report, monitor, failures)
@@ -211,12 +212,18 @@ class Moments(MomentTables, Reported):
             ".npz file, too"
         )
 
+    def _absorbed(self) -> str:
+        """How many paths left through passages that absorb, if there are such."""
+        lost = {name: x.n for name, x in self.observed.items() if getattr(x.observer, "absorb", False)}
+        told = "".join(f", {n} absorbed by {name}" for name, n in lost.items())
+        return f"{told}, {self.n_ok[-1]} left" if lost else ""
+
     def __repr__(self) -> str:
         """One line."""
         return (
             f"<moments of {self.setup.model!r} by {self.setup.scheme.name}: {', '.join(self.columns()[:8])} at "
             f"{counted(len(self.t), 'time')} from {self.t[0]:g} to {self.t[-1]:g}, "
-            f"{counted(self.setup.paths, 'path')}, {self.report.outcome}>"
+            f"{counted(self.setup.paths, 'path')}{self._absorbed()}, {self.report.outcome}>"
         )
 
 
@@ -250,7 +257,9 @@ def moments(
         given = check_observables(observables)
         setup = make_setup(model, q0=q0, p0=p0, step=step, steps=steps, in_python=are_in_python(given), **options)
         setup.warn_of_repeated_noise()
-        result = Moments(setup, given, requests.check_observers(observers))
+        wanted = requests.check_observers(observers)
+        requests.warn_of_unsaid(wanted, beside=bool(given))
+        result = Moments(setup, given, wanted)
         result.fill(given, progress)
     except BaseException as stop:
         carry(stop, lambda: filled(result))

@@ -17,7 +17,7 @@ from ..native.library import library
 from ..native.progress import Monitor, Progress
 from ..native.signals import carry, held
 from ..schemes import Scheme
-from .report import Report, filled, make_report
+from .report import Report, filled, make_report, warn_of_growth
 from .setup import PathOptions, Setup, increments_array, make_setup
 from .simulate import Run
 
@@ -34,13 +34,13 @@ class _Owner:
         self.pointer = ctypes.c_void_p()
         finalizer = weakref.finalize(self, _release, self.pointer, model._handles, self.model_handle)
         finalizer.atexit = False
-        with held():
+        with held(), Monitor(False) as monitor:
             try:
                 handles.call(
                     "run_new",
                     self.model_handle.pointer,
                     *setup.handles(),
-                    ctypes.byref(setup.input()),
+                    ctypes.byref(setup.input(monitor)),
                     ctypes.byref(self.pointer),
                 )
             finally:
@@ -235,6 +235,7 @@ class PreparedRun:
                     self._show_state(run)
                 if status:
                     self._judge(status)
+            warn_of_growth(run.report.grown)
         except BaseException as stop:
             carry(stop, lambda: filled(run))
             raise

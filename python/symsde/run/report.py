@@ -8,7 +8,7 @@ import functools
 import json
 from dataclasses import dataclass
 
-from ..errors import PathsFailedWarning
+from ..errors import DoubtfulRunWarning, PathsFailedWarning
 from ..native import abi, checks, handles
 from ..native.build import build_info
 from . import provenance
@@ -29,6 +29,7 @@ class Report:
     counters: dict[str, int]  #: path_steps, normals, gradients, hessians, iterations, solves, ...
     failed: int  #: paths that failed
     stopped: int  #: paths that a stop cut short
+    grown: int  #: paths that are ok, but whose q and p both grew 1e6-fold after a tenth of the steps
     threads: int
     lanes: int  #: lanes of a block; 1 where few paths are taken one by one
     lost_variance: float  #: variance that truncation takes from a normal number
@@ -49,7 +50,8 @@ class Report:
             "counters": counted,
             **({"LAPACK": self.lapack} if self.lapack else {}),
             "warnings": "; ".join(self.warnings) or "none",
-            "paths": f"{self.failed} failed, {self.stopped} stopped",
+            "paths": f"{self.failed} failed, {self.stopped} stopped"
+            + (f", {self.grown} grew 1e6-fold" if self.grown else ""),
             "threads": f"{self.threads}, {checks.counted(self.lanes, 'lane')} a block",
             "seconds": ", ".join(f"{time:.3g} to {what}" for what, time in times.items() if time) or "0",
             "version": self.versions.get("version", "?"),
@@ -77,6 +79,7 @@ class Reported:
                 "moments; see status and failed_step",
                 PathsFailedWarning,
             )
+        warn_of_growth(self._reported.grown)
 
     @property
     def title(self) -> str:
@@ -109,6 +112,23 @@ class Reported:
         return dataclasses.replace(report, warnings=(*report.warnings, repeated)) if repeated else report
 
 
+def of_growth(grown: int) -> str:
+    """What is to be said of paths that grew beyond all bounds; empty where none did."""
+    if not grown:
+        return ""
+    return (
+        f"{checks.counted(grown, 'path')} grew 1e6-fold, in q and in p, beyond the largest of the start and of the "
+        "state after a tenth of the steps: if the equations do not do that, the step is unstable; take a smaller one, "
+        "or midpoint"
+    )
+
+
+def warn_of_growth(grown: int) -> None:
+    """Warn where paths grew."""
+    if text := of_growth(grown):
+        checks.warn(text, DoubtfulRunWarning)
+
+
 def filled(result: Reported | None) -> Reported | None:
     """The result, where the library has filled its arrays, whatever ended it then."""
     has_report = result is not None and (result._reported is not None or "report" in result.__dict__)
@@ -136,6 +156,7 @@ def make_report(given: abi.Report) -> Report:
         counters={name: getattr(given, name) for name in abi.COUNTERS},
         failed=given.failed,
         stopped=given.stopped,
+        grown=given.grown,
         threads=given.threads,
         lanes=given.lanes,
         lost_variance=given.lost_variance,

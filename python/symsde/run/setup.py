@@ -100,7 +100,7 @@ class Setup:
         if self.p0_low is not None:
             given.p0_low = address(self.p0_low)
         if monitor is not None:
-            given.progress = monitor.callback
+            given.progress, given.warn = monitor.callback, monitor.warning
         return given
 
     def handles(self) -> tuple:

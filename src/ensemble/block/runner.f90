@@ -23,6 +23,7 @@ module symsde_ensemble_block_runner
    use symsde_base_record, only: steps_record
    use symsde_base_status, only: stopped
    use symsde_ensemble_block_ahead, only: states_ahead, most_shown
+   use symsde_ensemble_block_growth, only: growth_type
    use symsde_ensemble_block_noise_buffer, only: noise_buffer, new_noise_buffer
    use symsde_ensemble_block_initial_state, only: initial_state
    use symsde_ensemble_observe_observer, only: observer_type
@@ -53,6 +54,7 @@ module symsde_ensemble_block_runner
       type(counters_type) :: counters      !! steps and normals
       type(steps_record) :: steps          !! those that are taken at once
       type(passed_states) :: passed        !! saved states on the way; without room if states are taken one by one
+      type(growth_type) :: growth          !! how large states have been, to tell of those that grew
       integer :: enough = 0                              !! a chunk ends when so many lanes have a status
       type(block_runner), pointer :: narrower => null()  !! a list of runners of narrower blocks, which it owns
       integer, allocatable :: origin(:)                  !! of a narrower runner: its lanes in the wide block (nlane)
@@ -126,6 +128,8 @@ contains
       type(initial_state), intent(in) :: start
 
       call take_state(self, first, nreal, start)
+      ! The rest of a stopped drive, whose blocks go on from different steps, is not looked at.
+      call self%growth%begin(self%options%first_step, merge(0_i8, self%options%nstep, start%resumed), self%state)
       call self%observer%begin_block(first, nreal, self%state%nlane)
       ! The initial state is saved state 0; a block that goes on has shown it before.
       if (self%step == self%options%first_step) &
@@ -184,6 +188,7 @@ contains
          end if
          call plan_states(self, last - self%step, nout, every)
          call take_steps(self, nout, every)
+         if (self%step == self%growth%look) call self%growth%note(self%state)
       end do
    end subroutine run_chunk
 
@@ -207,6 +212,7 @@ contains
 
       ! No more steps at once than are drawn, nor than are left of the chunk.
       most = min(left, self%drawn%left(self%step))
+      if (self%step < self%growth%look) most = min(most, self%growth%look - self%step)
       ahead = steps_to_save(self)
       room = size(self%passed%q, 3)
       if (self%state%nlane > most_retaken .and. self%observer%may_retire()) room = 1

@@ -152,6 +152,7 @@ contains
       ! The narrow runner asks the same source, and shows what it reaches to the observer of the wide one.
       call to%equip(wide%options, spreading_observer(wide=wide, narrow=to), wide%drawn%noise)
       call to%begin_with(from%step, n, path)
+      to%growth%look = -1
       associate (s => to%state, x => wide%state)
          call gather_lanes(x%nlane, s%nlane, s%ndof, to%origin, x%q, s%q)
          call gather_lanes(x%nlane, s%nlane, s%ndof, to%origin, x%p, s%p)
@@ -166,6 +167,8 @@ contains
          s%failed_step(n + 1:) = from%step
          s%nfailed = s%nlane - n
       end associate
+      if (from%step < wide%growth%look) &
+         call to%growth%begin(wide%options%first_step, wide%options%nstep, to%state)
    end subroutine hand_over
 
    !> Write what became of the paths of a narrower block into the wide one, and what a pair of their steps drew.
@@ -174,6 +177,7 @@ contains
       type(block_runner), intent(in) :: narrow
 
       call spread_state(narrow%nreal, narrow%origin, narrow%state, wide%state)
+      call wide%growth%take_lanes(narrow%growth, narrow%origin(:narrow%nreal))
       ! The wide runner counts the normals of the whole block at its end.
       wide%drawn%normals_of_pair = narrow%drawn%normals_of_pair
    end subroutine leave

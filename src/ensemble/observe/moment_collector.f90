@@ -9,6 +9,7 @@ module symsde_ensemble_observe_moment_collector
    use symsde_base_kinds, only: wp, i4, i8
    use symsde_base_lanes, only: padded
    use symsde_base_status, only: absorbed, error_type
+   use symsde_base_text, only: append_line
    use symsde_ensemble_observe_observables, only: observables_type
    use symsde_ensemble_observe_observer, only: observer_type
    use symsde_ensemble_observe_observers, only: observer_plan, observer_list, new_observer_list
@@ -61,6 +62,7 @@ module symsde_ensemble_observe_moment_collector
       procedure :: begin_block
       procedure :: observe
       procedure :: may_retire
+      procedure :: add_warnings
       procedure :: skip
       procedure :: end_block
       procedure :: gather
@@ -169,6 +171,21 @@ contains
       end if
       call take(self, it, t, self%values, counts)
    end subroutine observe
+
+   !> Paths that a passage absorbs are in no statistic from then on.
+   subroutine add_warnings(self, text)
+      class(moment_collector), intent(in) :: self
+      character(:), allocatable, intent(inout) :: text
+      integer :: i
+
+      if (.not. associated(self%plan)) return
+      do i = 1, size(self%plan%requests)
+         if (.not. self%plan%requests(i)%absorbs) cycle
+         call append_line(text, 'a passage absorbs: moments and all other observers are, at each time, over the '// &
+                          'paths that have not left until then')
+         return
+      end do
+   end subroutine add_warnings
 
    logical function may_retire(self)
       class(moment_collector), intent(in) :: self

@@ -23,6 +23,7 @@ module symsde_ensemble_observe_observer
       procedure :: numbers => nothing_held
       procedure :: failure_code => never_failed
       procedure :: probe => nothing_to_probe
+      procedure :: add_warnings => nothing_to_warn
    end type observer_type
 
    abstract interface
@@ -118,5 +119,11 @@ contains
       real(wp), intent(in) :: t, q0(:), p0(:)
       type(error_type), allocatable, intent(inout) :: error
    end subroutine nothing_to_probe
+
+   !> Add what is to be known of the results before the run, a sentence a line. This default has nothing to say.
+   subroutine nothing_to_warn(self, text)
+      class(observer_type), intent(in) :: self
+      character(:), allocatable, intent(inout) :: text
+   end subroutine nothing_to_warn
 
 end module symsde_ensemble_observe_observer

@@ -21,7 +21,7 @@ module symsde_ensemble_run_driver
    use symsde_ensemble_block_runner, only: block_runner
    use symsde_ensemble_block_single_path, only: new_single_path
    use symsde_ensemble_block_initial_state, only: initial_state
-   use symsde_ensemble_monitor, only: monitor_type
+   use symsde_ensemble_monitor, only: monitor_type, tell_warnings
    use symsde_ensemble_observe_observer, only: observer_type
    use symsde_ensemble_run_probes, only: probe_declared, probe_whole_steps
    use symsde_ensemble_options, only: run_options, check_options, steppers_of
@@ -97,6 +97,8 @@ contains
       if (present(dw)) given => dw
       call new_ensemble(ensemble, model, scheme, options, from%q, from%p, observer, error, given)
       if (allocated(error)) return
+      call tell_warnings(monitor, ensemble%report%warnings, error)
+      if (allocated(error)) return
       call ensemble%drive(from, observer, monitor, error)
       report = ensemble%report
    end subroutine run_ensemble
@@ -138,6 +140,7 @@ contains
       call set_up_warnings(model, merge(1, 8, has_any_lanes(model)), scheme, options, &
                            self%runners(1)%stepper%explicit, q0(1, :), p0(1, :), &
                            self%report%lost_variance, self%report%warnings)
+      call observer%add_warnings(self%report%warnings)
       self%report%seconds_setup = seconds() - start
    end subroutine new_ensemble
 
@@ -468,6 +471,7 @@ contains
          if (report%counters%lapack_solves > 0) call name_lapack(report%lapack)
          report%nfailed = shared%nfailed
          report%nstopped = shared%nstopped
+         report%ngrown = shared%ngrown
          report%status = status_ok
          if (self%model%failure_code() /= 0 .or. self%runners(1)%observer%failure_code() /= 0) then
             report%status = callback_failed

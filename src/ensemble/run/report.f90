@@ -23,6 +23,7 @@ module symsde_ensemble_run_report
       type(counters_type) :: counters
       integer(i8) :: nfailed = 0                 !! paths with a numerical failure
       integer(i8) :: nstopped = 0                !! paths cut short by a stop
+      integer(i8) :: ngrown = 0                  !! paths that are ok and grew 1e6-fold (block/growth)
       integer :: nthread = 1, nlane = 0
       real(wp) :: lost_variance = 0              !! of a normal, by truncation
       real(wp) :: seconds_setup = 0, seconds_run = 0

@@ -35,6 +35,7 @@ module symsde_ensemble_run_threads
       integer(i8) :: next = 0, finished = 0       !! blocks: the next to be taken, and how many have ended
       integer(i8) :: done = 0, total = 0          !! steps times paths: those done, and all of the drive
       integer(i8) :: nfailed = 0, nstopped = 0    !! paths that failed, and those cut short by a stop
+      integer(i8) :: ngrown = 0                   !! paths that are ok and have grown (block/growth)
    end type shared_state
 
    !> The stop flag as one thread sees it, looked at between chunks and wherever a step takes long.
@@ -137,6 +138,8 @@ contains
          call runners(me)%observer%end_block(runners(me)%state)
          associate (status => runners(me)%state%status(:nreal))
             shared%nstopped = shared%nstopped + count(status == stopped)
+            if (.not. stopping) &
+               shared%ngrown = shared%ngrown + runners(me)%growth%count_grown(nreal, runners(me)%state)
             shared%nfailed = shared%nfailed + count(status /= 0 .and. status /= stopped .and. status /= absorbed)
          end associate
          !$omp end critical (symsde_end_block)

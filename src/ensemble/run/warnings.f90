@@ -7,7 +7,7 @@
 !> Private to its family.
 module symsde_ensemble_run_warnings
    use symsde_base_kinds, only: wp
-   use symsde_base_text, only: to_text
+   use symsde_base_text, only: add => append_line, to_text
    use symsde_base_traits, only: dense
    use symsde_ensemble_options, only: run_options, time_rounding, latest_time
    use symsde_model_abstract, only: model_type
@@ -270,14 +270,5 @@ contains
          end do
       end do
    end subroutine sum_bands
-
-   !> Add a warning on a line of its own.
-   subroutine add(text, sentence)
-      character(:), allocatable, intent(inout) :: text
-      character(*), intent(in) :: sentence
-
-      if (len(text) > 0) text = text//new_line('a')
-      text = text//sentence
-   end subroutine add
 
 end module symsde_ensemble_run_warnings

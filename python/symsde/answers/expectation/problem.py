@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from ...errors import InvalidArgumentError, PathsFailedWarning, RepeatedNoiseWarning
+from ...errors import OF_RUNS, InvalidArgumentError
 from ...model.definition import Model, require_model
 from ...native import checks
 from ...run.moments import try_out
@@ -71,8 +71,8 @@ class Problem:
         step = self.horizon / steps
         begin = time.process_time()
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore", PathsFailedWarning)  # counted, and judged by who asked
-            warnings.simplefilter("ignore", RepeatedNoiseWarning)  # all paths begin in one state
+            for said in OF_RUNS:  # counted, and judged by who asked
+                warnings.simplefilter("ignore", said)
             found = simulate(self.model, q0=self.q0, p0=self.p0, scheme=scheme, step=step, steps=steps, **options)
         if options.get("threads") == 1:
             self.known[unit] = min(self.known.get(unit, math.inf), (time.process_time() - begin) / work)

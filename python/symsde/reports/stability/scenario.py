@@ -19,7 +19,8 @@ def quiet(function):
     @functools.wraps(function)
     def called(*arguments, **options):
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore", ss.PathsFailedWarning)
+            for said in ss.errors.OF_RUNS:
+                warnings.simplefilter("ignore", said)
             return function(*arguments, **options)
 
     return called

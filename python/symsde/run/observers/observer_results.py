@@ -292,14 +292,20 @@ class PassageResult(Observed):
         return dict(zip(self.names, value.tolist(), strict=True)) if attribute in ("mean", "se_mean") else value
 
     def remarks(self) -> list[str]:
-        """Where noise may act on a value that has no Brownian bridge."""
-        wanted = self.observer
+        """Paths that were absorbed; where noise may act on a value that has no Brownian bridge."""
+        wanted, found = self.observer, []
+        if wanted.absorb:
+            found.append(
+                f"{counted(self.n, 'path')} left and ended there: from then on they are in no moment and no other "
+                "observer (absorb=True)"
+            )
         if not (wanted.bridge and self._is_derived):
-            return []
+            return found
         return [
-            f"{self._names[0]} is checked only at the ends of steps, since only q and p have Brownian bridges: "
-            "paths that leave and return within a step are missed, a share of the order of the root of the step; halve "
-            "the step to see how large it is"
+            *found,
+            f"{self._names[0]} is checked only at the ends of steps, since only q and p have Brownian bridges: paths "
+            "that leave and return within a step are missed, a share of the order of the root of the step; halve the "
+            "step to see how large it is",
         ]
 
 

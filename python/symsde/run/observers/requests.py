@@ -11,7 +11,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from ...errors import InvalidArgumentError, UnknownNameError, WrongTypeError
+from ...errors import InvalidArgumentError, UnknownNameError, UnsaidAbsorbWarning, WrongTypeError
 from ...native import abi, checks, handles
 from ...native.checks import address
 from ..values import Values
@@ -144,18 +144,28 @@ class Passage(Observer):
 
     The value is checked after every step, not only at saved times. If it is not a number, the path fails. within=a
     stands for low=-a, high=a; one end may be infinite. absorb: a path that leaves ends there and does not count from
-    then on. bridge: if noise acts on a coordinate or momentum, paths may also leave between two steps, by the law of a
-    Brownian bridge; the result says whether this was used (`bridged`). Two-point and three-point increments have no
-    such law, so schemes that draw them are refused unless bridge=False.
+    then on, in no moment and no other observer. Left out it is True; beside other observers, observables or saved
+    paths an UnsaidAbsorbWarning asks for it, and from 0.2 on it must be said there. bridge: if noise acts on a
+    coordinate or momentum, paths may also leave between two steps, by the law of a Brownian bridge; the result says
+    whether this was used (`bridged`). Two-point and three-point increments have no such law, so schemes that draw them
+    are refused unless bridge=False.
     """
 
     KIND: ClassVar[str] = "passage"
+    is_unsaid: ClassVar[bool] = False  #: absorb was left out
     of: str
     low: float = -math.inf
     high: float = math.inf
     within: float | None = None
-    absorb: bool = True
+    absorb: bool | None = None
     bridge: bool = True
+
+    def __post_init__(self) -> None:
+        """Whether absorb was said, and what it stands for."""
+        super().__post_init__()
+        object.__setattr__(self, "is_unsaid", self.absorb is None)
+        if self.is_unsaid:
+            object.__setattr__(self, "absorb", True)
 
     def fields(self) -> dict[str, Any]:
         """The interval and the two flags."""
@@ -220,6 +230,24 @@ def check_observers(given: object) -> dict[str, Observer]:
                 'symsde.observe.Histogram("q_1", -3, 3, 60)'
             )
     return dict(given)
+
+
+def unsaid(observers: Mapping[str, Observer], beside: bool) -> str:
+    """What is to be said of passages that absorb without having been told to, beside other results; else nothing."""
+    names = [name for name, observer in observers.items() if getattr(observer, "is_unsaid", False)]
+    if not names or not (beside or len(observers) > 1):
+        return ""
+    return (
+        f"{', '.join(names)}: absorb is not said of this passage, and stands for absorb=True: paths that leave end "
+        "there, and are in no other result from then on. Say absorb=True, or absorb=False to let them go on; from 0.2 "
+        "on it must be said"
+    )
+
+
+def warn_of_unsaid(observers: Mapping[str, Observer], beside: bool) -> None:
+    """The same as a warning."""
+    if text := unsaid(observers, beside):
+        checks.warn(text, UnsaidAbsorbWarning)
 
 
 def from_tables(tables: object) -> dict[str, Observer]:
