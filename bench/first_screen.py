@@ -86,7 +86,7 @@ def page(given: dict, tables: str) -> str:
 
 def save(path: Path, given: dict) -> None:
     """Draw the bars: symsde beside the loop, for many paths and for one."""
-    look = importlib.import_module("symsde.reports.look")  # bench/run.py itself needs no package
+    look = importlib.import_module("symsde.show.look")  # bench/run.py itself needs no package
     with look.drawing(path, 5.4, 3.2, 160) as picture:
         panels = picture.subplots(1, 2, sharey=True, sharex=True)
         for axes, group, title in zip(panels, (MANY, ONE), ("32 paths", "one path alone"), strict=True):

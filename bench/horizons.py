@@ -17,9 +17,9 @@ from symsde.answers.advice.wants import Invariants, Moments, Paths, Seen
 from symsde.answers.expectation.longest_step import fewest_steps
 from symsde.answers.expectation.problem import make_problem
 from symsde.models import kubo, synchrotron
-from symsde.reports import look
 from symsde.run.simulate import Run
 from symsde.schemes import as_scheme
+from symsde.show import look
 
 SCHEMES = ("midpoint", "stormer_verlet", "gauss_dkdkd", "chin4a", "heun", "taylor15")
 ON_KUBO = ("midpoint", "stormer_verlet", "gauss2", "heun", "taylor15")  #: whose noise is on p, too

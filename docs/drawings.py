@@ -11,7 +11,7 @@ import tempfile
 from pathlib import Path
 
 import numpy as np
-from symsde.reports import look
+from symsde.show import look
 
 
 def save_questions(path: Path, data: dict) -> None:

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import symsde as ss
-from symsde.reports import look
+from symsde.show import look
 
 COUNTS = (4, 8, 16, 32, 64, 128)
 STRENGTH = 0.8

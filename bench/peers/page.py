@@ -5,9 +5,9 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from symsde.reports import look
 from symsde.reports.pages import Page, markdown, wrapped
 from symsde.reports.study.peers import TITLES, curves, draw, sentence
+from symsde.show import look
 
 COMMAND = "bench/peers/run.py --page docs/peers.md"
 INTRODUCTION = """\

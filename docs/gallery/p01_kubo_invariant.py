@@ -11,7 +11,7 @@ the others leave it.
 import matplotlib.pyplot as plt
 import numpy as np
 import symsde as ss
-from symsde.reports.look import of_scheme
+from symsde.show.look import of_scheme
 
 model = ss.models.kubo(a=1.0, sigma=0.5)
 moved = {}

@@ -12,7 +12,7 @@ Euler-Maruyama it grows exponentially.
 import matplotlib.pyplot as plt
 import numpy as np
 import symsde as ss
-from symsde.reports.look import of_scheme
+from symsde.show.look import of_scheme
 
 model, step = ss.models.linear_oscillator(sigma=1.0), 0.2
 for scheme in ("midpoint", "stormer_verlet", "euler_maruyama"):

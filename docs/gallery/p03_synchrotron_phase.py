@@ -11,7 +11,7 @@ and by Euler-Maruyama, with the same noise.
 import matplotlib.pyplot as plt
 import numpy as np
 import symsde as ss
-from symsde.reports.look import of_scheme
+from symsde.show.look import of_scheme
 
 model = ss.models.synchrotron(omega=2.0, sigma1=0.1, sigma2=0.05)
 figure, panels = plt.subplots(1, 2, sharex=True, sharey=True)

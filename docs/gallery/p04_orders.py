@@ -10,7 +10,7 @@ path, :math:`dZ`, the order is higher.
 
 import matplotlib.pyplot as plt
 import symsde as ss
-from symsde.reports.look import of_scheme, readable
+from symsde.show.look import of_scheme, readable
 
 model = ss.models.synchrotron(omega=1.0, sigma1=0.2, sigma2=0.1)
 for scheme, low, high in (

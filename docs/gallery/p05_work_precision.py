@@ -10,7 +10,7 @@ on a quiet machine.
 
 import matplotlib.pyplot as plt
 import symsde as ss
-from symsde.reports.look import of_scheme, readable
+from symsde.show.look import of_scheme, readable
 
 schemes = ("midpoint", "stormer_verlet", "gauss_dkdkd", "chin4a", "heun")
 study = ss.work_precision(

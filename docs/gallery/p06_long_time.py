@@ -10,7 +10,7 @@ the pendulum turns over.
 
 import matplotlib.pyplot as plt
 import symsde as ss
-from symsde.reports.look import of_scheme
+from symsde.show.look import of_scheme
 
 model = ss.models.synchrotron(omega=1.0, sigma1=0.001, sigma2=0.0)
 end = {}

@@ -10,7 +10,7 @@ of particles, but keeps its area. A symplectic scheme keeps it, too; other schem
 import matplotlib.pyplot as plt
 import numpy as np
 import symsde as ss
-from symsde.reports.look import of_scheme
+from symsde.show.look import of_scheme
 
 model = ss.models.synchrotron(omega=1.0, sigma1=0.1, sigma2=0.1)
 angle = np.linspace(0, 2 * np.pi, 4000, endpoint=False)

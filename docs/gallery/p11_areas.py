@@ -9,7 +9,7 @@ an order above 1/2. With the Lévy areas of the same paths the order is one.
 
 import matplotlib.pyplot as plt
 import symsde as ss
-from symsde.reports.look import of_scheme, readable
+from symsde.show.look import of_scheme, readable
 
 model = ss.models.noncommutative_oscillator(s1=0.5, s2=0.5)
 print(ss.commutator(model))

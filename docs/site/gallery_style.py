@@ -2,7 +2,7 @@
 """The look of the gallery's figures: that of all figures of the project."""
 
 import matplotlib as mpl
-from symsde.reports import look
+from symsde.show import look
 
 
 def apply(_conf, _program):

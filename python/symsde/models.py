@@ -10,8 +10,14 @@ Each model stands for the Stratonovich equations
 
 from __future__ import annotations
 
-from .model.definition import Model
+import re
+from collections.abc import Callable
+from typing import ParamSpec
+
+from .model.definition import HAMILTONIANS, Model
 from .native import checks, handles
+
+_P = ParamSpec("_P")
 
 
 def names() -> list[str]:
@@ -34,7 +40,13 @@ def get(name: str, **values: float) -> Model:
     return Model.builtin(name, {**parameters(name), **values})
 
 
-@checks.hinted()
+def _built_in(make: Callable[_P, Model]) -> Callable[_P, Model]:
+    """The function of a built-in model, which hints at misspelt arguments; notebooks show the H of its docstring."""
+    HAMILTONIANS[make.__name__] = re.findall(r"\bH(?:_\w)? = .*?(?=, H_|:|\.\s)", make.__doc__ or "")
+    return checks.hinted()(make)
+
+
+@_built_in
 def kubo(a: float = 1.0, sigma: float = 0.3) -> Model:
     """Kubo oscillator [WHSB] (35)-(37): H = a (p^2 + q^2)/2, H_1 = sigma (p^2 + q^2)/2.
 
@@ -43,7 +55,7 @@ def kubo(a: float = 1.0, sigma: float = 0.3) -> Model:
     return Model.builtin("kubo", {"a": a, "sigma": sigma})
 
 
-@checks.hinted()
+@_built_in
 def linear_oscillator(sigma: float = 1.0) -> Model:
     """Linear stochastic oscillator [WHSB] (20)-(21): H = (p^2 + q^2)/2, H_1 = -sigma q.
 
@@ -52,7 +64,7 @@ def linear_oscillator(sigma: float = 1.0) -> Model:
     return Model.builtin("linear_oscillator", {"sigma": sigma})
 
 
-@checks.hinted()
+@_built_in
 def synchrotron(omega: float = 2.0, sigma1: float = 0.2, sigma2: float = 0.1) -> Model:
     """Synchrotron oscillations [WHSB] (73)-(75): H = p^2/2 - omega^2 cos q.
 
@@ -61,7 +73,7 @@ def synchrotron(omega: float = 2.0, sigma1: float = 0.2, sigma2: float = 0.1) ->
     return Model.builtin("synchrotron", {"omega": omega, "sigma1": sigma1, "sigma2": sigma2})
 
 
-@checks.hinted()
+@_built_in
 def additive_oscillator(sigma: float = 0.0, gamma: float = 1.0) -> Model:
     """Oscillator with two additive noises [WHSB] (84)-(86): H = (p^2 + q^2)/2.
 
@@ -70,7 +82,7 @@ def additive_oscillator(sigma: float = 0.0, gamma: float = 1.0) -> Model:
     return Model.builtin("additive_oscillator", {"sigma": sigma, "gamma": gamma})
 
 
-@checks.hinted()
+@_built_in
 def pendulum(sigma: float = 0.5) -> Model:
     """Pendulum with multiplicative noise: H = p^2/2 - cos q, H_1 = sigma (p^2 + q^2)/2.
 
@@ -79,7 +91,7 @@ def pendulum(sigma: float = 0.5) -> Model:
     return Model.builtin("pendulum", {"sigma": sigma})
 
 
-@checks.hinted()
+@_built_in
 def driven_pendulum(
     omega: float = 1.0,
     epsilon: float = 0.3,
@@ -100,7 +112,7 @@ def driven_pendulum(
     return Model.builtin("driven_pendulum", values)
 
 
-@checks.hinted()
+@_built_in
 def noncommutative_oscillator(s1: float = 0.5, s2: float = 0.5) -> Model:
     """Oscillator whose noises do not commute: H = (p^2 + q^2)/2, H_1 = s1 p^2/2, H_2 = s2 q^2/2.
 
@@ -109,7 +121,7 @@ def noncommutative_oscillator(s1: float = 0.5, s2: float = 0.5) -> Model:
     return Model.builtin("noncommutative_oscillator", {"s1": s1, "s2": s2})
 
 
-@checks.hinted()
+@_built_in
 def henon_heiles(alpha: float = 1.0, sigma1: float = 0.1, sigma2: float = 0.1) -> Model:
     """Henon-Heiles system, two degrees of freedom: H = (p.p + q.q)/2 + alpha (q1^2 q2 - q2^3/3).
 
@@ -118,7 +130,7 @@ def henon_heiles(alpha: float = 1.0, sigma1: float = 0.1, sigma2: float = 0.1) -
     return Model.builtin("henon_heiles", {"alpha": alpha, "sigma1": sigma1, "sigma2": sigma2})
 
 
-@checks.hinted()
+@_built_in
 def fpu_chain(n: int = 32, beta: float = 1.0, sigma: float = 0.1) -> Model:
     """Fermi-Pasta-Ulam chain of n masses between fixed ends, with an additive noise on every momentum.
 

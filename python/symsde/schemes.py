@@ -5,8 +5,6 @@ from __future__ import annotations
 
 import ctypes
 import functools
-import html
-import importlib
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
@@ -15,6 +13,7 @@ import numpy as np
 from .errors import MissingOperationError, UnknownNameError, WrongShapeError, WrongTypeError
 from .native import abi, checks
 from .native import handles as _handles
+from .show import html
 
 _FORMS = {1: "tableau", 2: "Galerkin", 3: "Euler-Maruyama", 4: "drifts and kicks"}
 _EVIDENCE = ("none", "claimed", "derived")
@@ -98,7 +97,7 @@ class Certificate(str):
 
     def _repr_html_(self) -> str:
         """Preformatted."""
-        return f"<pre>{html.escape(self)}</pre>"
+        return html.text(self)
 
 
 class Scheme:
@@ -171,7 +170,7 @@ class Scheme:
 
     def _repr_html_(self) -> str:
         """For notebooks: structure, tableau, orders."""
-        return importlib.import_module("symsde.reports.html").scheme(self)
+        return html.scheme(self)
 
     def __reduce__(self) -> tuple:
         """For pickle: made again."""

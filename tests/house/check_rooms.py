@@ -9,9 +9,9 @@ A room is a folder below an area (src/step/midpoint); a file that stands directl
 Arrows between rooms make no circle. A module whose header says "Private to its family." is used in its room alone, and
 so is a body (.inc) but for those of src/solve.
 
-The rooms of the Python package are its folders: arrows between them, whether imported at once, when needed or by name,
-make no circle. What objects are shown and drawn by may be imported by name
-from anywhere.
+The rooms of the Python package are its folders and the modules that stand directly in it: arrows between them, whether
+imported at once, when needed or by a name as text, make no circle. The package itself, which hands out the names of
+all rooms, is no room.
 """
 
 import ast
@@ -25,7 +25,7 @@ from pathlib import Path
 from bodies import INCLUDE
 
 PRIVATE = re.compile(r"^!> Private to its family\.$", re.M)
-BY_NAME = re.compile(r'import_module\("symsde\.(\w+)\.(?!html"|plot")[\w.]+"\)')
+BY_NAME = re.compile(r'(?:import_module|__import__)\(\s*f?"symsde\.(\w+)')
 BEGIN, END = "<!-- rooms: written by tests/house/check_rooms.py -->\n", "<!-- end of rooms -->\n"
 
 
@@ -68,15 +68,17 @@ def imported(text, package):
 
 
 def packages(root):
-    """Package -> the packages that it imports."""
+    """Room of the Python package -> the rooms that it imports."""
     graph = defaultdict(set)
     top = root / "python" / "symsde"
+    rooms = {path.stem for path in top.iterdir() if path.stem != "__init__"}
     for file in sorted(top.rglob("*.py")):
         parts = file.relative_to(top).parts
-        if len(parts) > 1:
+        room = parts[0].removesuffix(".py")
+        if room in rooms:
             text = file.read_text(encoding="utf-8")
             used_here = {path[0] for path in imported(text, parts[:-1])} | set(BY_NAME.findall(text))
-            graph[parts[0]] |= {name for name in used_here if (top / name).is_dir()} - {parts[0]}
+            graph[room] |= used_here & rooms - {room}
     return graph
 
 
@@ -171,13 +173,16 @@ def self_test():
     }
     python = {"run/x.py": "from ..model.y import z\n", "model/y.py": ""}
     circle = {**python, "model/y.py": "def f():\n    from .. import run\n"}
-    named = {**python, "model/y.py": 'import_module("symsde.run.html"), import_module("symsde.run.x")\n'}
+    named = {**python, "model/y.py": 'import_module("symsde.run.html")\n'}
+    formatted = {**python, "model/y.py": 'importlib.import_module(\n    f"symsde.run.{name}")\n'}
     absolute = {**python, "model/y.py": "import symsde.run.x\n"}
     whole = {**python, "model/y.py": "from symsde import run\n"}
-    cases = {wanted: (files, python) for wanted, files in cases.items()}
-    cases |= {"packages in a circle": (sound, circle)}
-    cases |= {"model -> run": (sound, named), "run -> model": (sound, absolute), "packages in": (sound, whole)}
-    for wanted, (files, modules) in cases.items():
+    direct = {**python, "run/x.py": "from .. import models\n", "models.py": "def f():\n    from .run import x\n"}
+    mapped = {**python, "run/__init__.py": '"""Runs.\n\nx, part  what is run\n"""\n', "run/part/__init__.py": ""}
+    cases = [(wanted, files, mapped) for wanted, files in cases.items()]
+    cases += [("packages in a circle: ", sound, modules) for modules in (circle, absolute, whole, named, formatted)]
+    cases += [("models -> run", sound, direct)]
+    for wanted, files, modules in cases:
         with tempfile.TemporaryDirectory() as folder:
             planted(Path(folder), files, modules)
             found = list(findings(Path(folder)))

@@ -10,8 +10,9 @@ import pytest
 import symsde as ss
 from symsde import errors
 from symsde.native import files
-from symsde.reports import expectations, look, pages
+from symsde.reports import expectations, pages
 from symsde.reports.expectations import Check, Expectations
+from symsde.show import look
 
 E = 0.1  # a standard error
 

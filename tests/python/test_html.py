@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import symsde as ss
 from symsde import schemes
-from symsde.reports import html
+from symsde.show import html
 
 
 def cells(text):
@@ -128,7 +128,7 @@ def test_schemes_say_their_orders():
 def test_models_show_their_hamiltonians():
     for name in ss.models.names():
         model = ss.models.get(name)
-        lines = html.hamiltonians(model)
+        lines = model._hamiltonians
         assert len(lines) == (2 if name == "fpu_chain" else 1 + model.nnoise), (name, lines)
         assert lines[0].startswith("H = ") and all(line in model._repr_html_() for line in lines if "<" not in line)
     text = ss.models.kubo(a=1.5, sigma=0.25)._repr_html_()
@@ -140,6 +140,11 @@ def test_formulas_are_shown_as_given():
     model = ss.model_from_sympy("p**2/2 + s*q**2", noise=["q"], params={"s": 2.0})
     text = model._repr_html_()
     assert "H = p**2/2 + s*q**2" in text.replace(" * ", "*") and "H_1 = q" in text and "separable" in text
+
+
+def test_models_of_the_user_do_not_show_built_in_ones():
+    model = ss.Model(ndof=1, nnoise=0, gradient=lambda t, w, q, p: (w[0] * q, w[0] * p), name="kubo")
+    assert "H = " not in model._repr_html_() and "sigma" not in model._repr_html_()
 
 
 def test_texts_are_escaped():

@@ -107,7 +107,7 @@ def test_the_figure_of_horizons_shows_its_rows(monkeypatch, tmp_path):
     pytest.importorskip("matplotlib")
     data = json.loads((Path(__file__).resolve().parents[2] / "docs/figures/horizons.json").read_text(encoding="utf-8"))
     pages = []
-    monkeypatch.setattr("symsde.reports.look.readable", pages.append)
+    monkeypatch.setattr("symsde.show.look.readable", pages.append)
     horizons.save(tmp_path / "figure.png", data)
     assert [axes.get_title() for axes in pages[0]] == [words for _, _, words in horizons.WANTS]
     for axes in pages[0]:

@@ -10,7 +10,7 @@ import symsde as ss
 from symsde import observe
 from symsde.cli import command_line
 from symsde.errors import InvalidArgumentError, SceneError, UnknownNameError, WrongTypeError
-from symsde.reports.plot import draw
+from symsde.show.plot import draw
 
 pytest.importorskip("matplotlib")
 
@@ -322,7 +322,7 @@ def folder(tmp_path_factory):
 def drawn_by(monkeypatch):
     """The figures that the command writes, by the names of their files."""
     figures = {}
-    monkeypatch.setattr("symsde.reports.plot.draw.write", lambda page, target: figures.__setitem__(target.name, page))
+    monkeypatch.setattr("symsde.show.plot.draw.write", lambda page, target: figures.__setitem__(target.name, page))
     return figures
 
 

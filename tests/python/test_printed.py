@@ -18,18 +18,18 @@ from symsde.answers.advice.advise import Advice, Option
 from symsde.answers.expectation.answer import Alternative, Answer
 from symsde.answers.expectation.multilevel_answer import Level, Multilevel
 from symsde.answers.expectation.rates import Rate
-from symsde.batch import dry, show
+from symsde.batch import dry, run_progress
 from symsde.batch.execute import Task
 from symsde.batch.pieces import Piece
 from symsde.cli import command_line
 from symsde.cli.run_command import print_moments
 from symsde.errors import MissingPackageError
 from symsde.native import abi, files
-from symsde.reports import look
 from symsde.reports.paper import figure_4_1
 from symsde.reports.paper.experiment import Experiment
 from symsde.reports.stability.scenario import says
 from symsde.run import report
+from symsde.show import look
 
 
 def test_every_member_of_a_report():
@@ -363,9 +363,9 @@ def test_the_time_of_a_dry_run_is_that_of_all_threads(monkeypatch, threads, piec
 def test_progress_tells_the_time_that_is_left(found, left, monkeypatch, caplog):
     """A quarter takes 20 seconds: 60 are left. If 15 of its 25 parts were found done, the 75 left take 150."""
     now = [100.0]
-    monkeypatch.setattr(show.time, "monotonic", lambda: now[0])
+    monkeypatch.setattr(run_progress.time, "monotonic", lambda: now[0])
     with caplog.at_level(logging.INFO, logger="symsde"):
-        lines = show.display(False, found)
+        lines = run_progress.display(False, found)
         now[0] += 20.0
         lines(25, 100)
     assert caplog.messages == [f"25 % of 100 path-steps, about {left} s left"]

@@ -11,7 +11,6 @@ import pytest
 import symsde as ss
 from symsde.answers import linear_stability
 from symsde.cli import command_line
-from symsde.reports import look
 from symsde.reports.expectations import Expectations
 from symsde.reports.stability import (
     SCENARIOS,
@@ -25,6 +24,7 @@ from symsde.reports.stability import (
     rounding,
     stability_page,
 )
+from symsde.show import look
 
 
 def test_every_criterion_holds(tmp_path, capsys):

@@ -18,8 +18,8 @@ from ..native.library import processors, unbind
 from ..run.observers.observables import are_in_python
 from .execute import Checkpoint, Task, compute
 from .pieces import Piece
+from .run_progress import Show
 from .shard_file import Shard
-from .show import Show
 from .stop import Stop
 
 _LOOK = 0.2  # seconds between looks at signals and progress

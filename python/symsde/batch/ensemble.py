@@ -34,8 +34,8 @@ from .folder import RunFolder
 from .merged_results import MomentsInWork
 from .pieces import Extent, Piece, plan
 from .pieces import shard_paths as paths_of_a_shard
+from .run_progress import Show
 from .shard_file import Shard
-from .show import Show
 from .stop import Stop
 
 

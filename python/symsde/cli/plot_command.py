@@ -13,9 +13,9 @@ from pathlib import Path
 from ..batch.opened import open_run
 from ..errors import InvalidArgumentError, SceneError, UnknownNameError
 from ..native import checks, files
-from ..reports.plot import data, draw
 from ..run.loaded import LoadedRun, load_file
 from ..run.saved import MomentTables, PathTables
+from ..show.plot import data, draw
 
 HELP = "Draw a run: paths, phase plane, energy, moments with bands, results of observers."
 

@@ -23,15 +23,15 @@ from ..batch.execute import Task
 from ..batch.folder import RunFolder
 from ..batch.pieces import Piece
 from ..batch.ranks import Ranks
+from ..batch.run_progress import Show, display
 from ..batch.scene_pieces import Batch, extent_of
 from ..batch.share import Share
-from ..batch.show import Show, display
 from ..batch.stop import Stop, seconds
 from ..errors import InvalidArgumentError
 from ..native.checks import counted
-from ..run import tabular
 from ..run.moments import Moments
 from ..run.report import of_growth
+from ..show import tabular
 
 OK, INTERNAL, PATHS_FAILED, STOPPED = 0, 1, 3, 4
 PARTIAL = "moments.partial.csv"

@@ -5,9 +5,8 @@ from __future__ import annotations
 
 import ctypes
 import functools
-import importlib
 import types
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -17,10 +16,13 @@ from ..errors import IncompatibleError, InvalidArgumentError, SymsdeError, Wrong
 from ..native import abi, checks, handles
 from ..native import callbacks as _callbacks
 from ..native.signals import held
+from ..show import html
 from .named import require_names
 
 #: traits that are true or false; a property of the Hamiltonians each
 FLAGS = ("separable", "additive", "position_noise", "quadratic", "identity_mass", "constant_mass")
+#: built-in model -> its H, H_1 .. as the docstring of its function in `symsde.models` has them
+HAMILTONIANS: dict[str, Sequence[str]] = {}
 _KNOWN = ("has_value", "has_hessian", "has_hessian_vector")
 
 
@@ -111,6 +113,7 @@ class Model:
     #: (q0, p0, t0) -> refuses an initial state of all paths, (dof, 1), from which no run can begin: formulas know
     check_start: Callable[[np.ndarray, np.ndarray, float], None] | None = None
     _coordinates: tuple[str, ...] = ()  #: names of its own for coordinates and momenta, if it has some
+    _hamiltonians: Sequence[str] = ()  #: "H = ..", "H_1 = .." where they are known
 
     @checks.hinted()
     def __init__(
@@ -198,6 +201,7 @@ class Model:
         self.in_python = False
         self._remade = (Model.builtin, (name, known))
         self._adopt(functools.partial(_builtin_handle, checks.name_of("name", name), known), name, known)
+        self._hamiltonians = HAMILTONIANS.get(name, ())
         return self
 
     @classmethod
@@ -267,7 +271,7 @@ class Model:
 
     def _repr_html_(self) -> str:
         """For notebooks: Hamiltonians, parameters, traits."""
-        return importlib.import_module("symsde.reports.html").model(self)
+        return html.model(self, self._hamiltonians, [flag for flag in FLAGS if getattr(self.traits, flag)])
 
     def call(self, name: str, *arguments, allow: tuple[int, ...] = ()) -> int:
         """Call the library with a handle of this model and the arguments; exceptions of callbacks are raised."""

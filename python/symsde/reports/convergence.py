@@ -16,8 +16,8 @@ from ..errors import NumericalError, ReferenceWarning
 from ..model.definition import Model
 from ..native import checks
 from ..schemes import Scheme
-from . import look
-from .plot import draw
+from ..show import look
+from ..show.plot import draw
 from .study import orders
 
 _MARKS = {"reference": "at the floor", "rounding": "rounding", "saturated": "saturated", "diverged": "diverged"}

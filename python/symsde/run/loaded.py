@@ -15,10 +15,10 @@ import numpy as np
 from ..errors import InvalidArgumentError, MissingOperationError, SceneError, SymsdeError
 from ..native import files
 from ..native.checks import counted
+from ..show.values import Values
 from .observers import observer_results
 from .report import Report, read_report
 from .saved import MomentTables, PathTables
-from .values import Values
 
 KINDS = ("mean", "var", "se_mean")
 

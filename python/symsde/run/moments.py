@@ -21,14 +21,15 @@ from ..native import abi, callbacks, checks, files, handles
 from ..native.checks import address, counted
 from ..native.progress import Monitor, Progress
 from ..native.signals import carry
-from . import csv_files, tabular
+from ..show import tabular
+from ..show.values import Values
+from . import csv_files
 from .observers import observer_results, requests
 from .observers.observables import Observable, are_in_python, bind, check_observables, described, refuse_coordinates
 from .observers.partial_statistics import Kinds, PartialStatistics, Scope, structs
 from .report import Reported, filled
 from .saved import MomentTables
 from .setup import RunOptions, Setup, make_setup
-from .values import Values
 
 
 class Moments(MomentTables, Reported):

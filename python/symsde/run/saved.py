@@ -3,15 +3,14 @@
 
 from __future__ import annotations
 
-import importlib
 from collections.abc import Sequence
 
 import numpy as np
 
 from ..errors import MissingOperationError
 from ..native import checks
-from . import tabular
-from .values import Values
+from ..show import plot, tabular
+from ..show.values import Values
 
 
 def no_energy(title: str) -> MissingOperationError:
@@ -45,7 +44,7 @@ class PathTables:
           a map "q" or "p". Without it all coordinates and momenta are drawn, of a chain the first
         - most: the largest number of paths that are drawn
         """
-        return importlib.import_module("symsde.reports.plot").run(self, (path, ax), what, of, most)
+        return plot.run(self, (path, ax), what, of, most)
 
     def animate(self, path=None, *, ax=None, of: Sequence[str] | None = None, most: int = 1000, rate: float = 20.0):
         """Make a matplotlib FuncAnimation of the paths as points in a plane, with a frame for each saved time.
@@ -55,7 +54,7 @@ class PathTables:
         - of: the two values of the plane, as in `columns`; by default the first coordinate and its momentum
         - most: the largest number of paths that are drawn; rate: frames a second
         """
-        return importlib.import_module("symsde.reports.plot").animation(self, (path, ax), of, most, rate)
+        return plot.animation(self, (path, ax), of, most, rate)
 
     def columns(self) -> list[str]:
         """Names of the values, in their order: coordinates, momenta, and the energy where it is known.
@@ -140,7 +139,7 @@ class MomentTables:
         freedom and more, else "moments". of: a name or names of values, as in `columns`; of a map, "q" or "p". Without
         it all values are drawn, of a chain the first coordinate and momentum.
         """
-        return importlib.import_module("symsde.reports.plot").moments(self, (path, ax), what, of)
+        return plot.moments(self, (path, ax), what, of)
 
     def to_pandas(self):
         """A pandas.DataFrame with one row for each time and the columns of the .csv table."""

@@ -18,11 +18,11 @@ from ..native.checks import address, addresses, counted
 from ..native.progress import Monitor, Progress
 from ..native.signals import carry
 from ..schemes import Scheme
-from . import tabular
+from ..show import tabular
+from ..show.values import Values
 from .report import Reported, filled
 from .saved import PathTables, no_energy
 from .setup import COUNT, Setup, require_multiple, setup_of
-from .values import Values
 
 _INT32, _INT64 = np.dtype(np.int32), np.dtype(np.int64)
 _PATHS_SIZE = handles.new(abi.Paths, "paths").struct_size

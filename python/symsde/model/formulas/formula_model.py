@@ -219,6 +219,7 @@ def _made(given: dict[str, Any]) -> FormulaModel:
     model = FormulaModel(ndof=ndof, nnoise=nnoise, name=given["name"], derived=True, **traits, **functions)
     model.formula, model._derivatives, model._chain = formula, derivatives, chain
     model._coordinates, model._direct = own, None
+    model._hamiltonians = [f"{'H' if j == 0 else f'H_{j}'} = {text}" for j, text in enumerate(texts)]
     if compiled is not None:
         model._direct = (*(callbacks.compiled(x, functions[x]) for x in ("gradient", "value")), np.ones(nnoise + 1))
     model._parameters = dict(parameters)

@@ -15,7 +15,7 @@ import numpy as np
 
 import symsde as ss
 
-from .. import look
+from ...show import look
 from . import printed
 from .experiment import Experiment, panels
 

@@ -6,7 +6,7 @@ from functools import partial
 
 import symsde as ss
 
-from .. import look
+from ...show import look
 from ..expectations import Expectations
 
 

@@ -11,7 +11,7 @@ import numpy as np
 
 import symsde as ss
 
-from .. import look
+from ...show import look
 from .experiment import Experiment, panels
 
 OMEGA, SIGMA1, SIGMA2 = 2.0, 0.2, 0.1

@@ -9,7 +9,7 @@ import numpy as np
 
 import symsde as ss
 
-from .. import look
+from ...show import look
 from .experiment import Experiment, panels, strong_order
 
 STEP, TIME, SEED, PATHS = 0.02, 200.0, 42, 10

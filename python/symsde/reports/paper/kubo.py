@@ -8,7 +8,7 @@ import numpy as np
 
 import symsde as ss
 
-from .. import look
+from ...show import look
 from .experiment import Experiment, panels, strong_order
 
 A, SIGMA, SEED = 1.0, 0.5, 2024

@@ -10,7 +10,7 @@ import numpy as np
 
 import symsde as ss
 
-from .. import look
+from ...show import look
 from .experiment import Experiment, panels
 
 SIGMA, TIME, SEED = 1.0, 100.0, 24

@@ -12,7 +12,7 @@ import numpy as np
 
 import symsde as ss
 
-from .. import look
+from ...show import look
 from . import kubo_maps
 from .experiment import Experiment, panels
 

@@ -18,7 +18,7 @@ import symsde as ss
 
 from ...answers.linear_stability import stable_up_to
 from ...answers.mean_square import mean_square
-from .. import look
+from ...show import look
 from ..expectations import Expectations
 from .one_step_map import FixedPoint, fixed_points
 from .scenario import simulate

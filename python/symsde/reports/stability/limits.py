@@ -14,7 +14,7 @@ import symsde as ss
 
 from ...answers.linear_stability import is_stable, stable_up_to, step_matrix
 from ...errors import SymsdeError
-from .. import look
+from ...show import look
 from ..expectations import Expectations
 from .scenario import simulate
 

@@ -10,7 +10,7 @@ import numpy as np
 
 import symsde as ss
 
-from .. import look
+from ...show import look
 from ..expectations import Expectations
 from .rounding import drifts, slope
 from .scenario import simulate

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from .. import look
+from ...show import look
 from .linear import euler_factor, midpoint_factor
 from .nonlinear import MOST
 

@@ -7,7 +7,7 @@ import itertools
 import math
 from collections.abc import Iterable
 
-from .. import look
+from ...show import look
 
 OURS = "symsde"
 #: the scene of examples/scenes that a problem of the packages is, up to first state and horizon

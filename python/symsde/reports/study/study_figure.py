@@ -7,8 +7,8 @@ from pathlib import Path
 
 import numpy as np
 
-from .. import look
-from ..plot.draw import axes_of, figure_file
+from ...show import look
+from ...show.plot.draw import axes_of, figure_file
 from . import peers
 
 LOST = ("failed", "diverged")  #: crosses at the upper edge

@@ -9,7 +9,7 @@ from collections import Counter
 from dataclasses import replace
 from pathlib import Path
 
-from .. import look
+from ...show import look
 from ..pages import Page, made_by, markdown, wrapped
 from . import WorkPrecision, of_data, peers, study_figure, study_words
 from .learned import learned

@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 import functools
-import importlib
 import json
 from collections.abc import Mapping, Sequence
 from typing import Any, ClassVar
@@ -13,7 +12,8 @@ import numpy as np
 
 from ...native.checks import counted
 from ...native.files import Variables
-from ..values import Values
+from ...show import plot
+from ...show.values import Values
 from .partial_statistics import PartialStatistics, Scope, read
 from .requests import KINDS, Observer
 
@@ -90,7 +90,7 @@ class Observed:
 
     def plot(self, path=None, *, ax=None, at: int = -1):
         """Draw a matplotlib figure, written if a path is given, or draw into `ax`; at: saved time of a histogram."""
-        return importlib.import_module("symsde.reports.plot").observed(self, (path, ax), at)
+        return plot.observed(self, (path, ax), at)
 
     def __repr__(self) -> str:
         """One line."""

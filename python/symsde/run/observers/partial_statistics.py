@@ -9,8 +9,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ...show.values import Values
 from ..setup import Setup
-from ..values import Values
 from .requests import Observer
 
 Kinds = Mapping[str, Observer]

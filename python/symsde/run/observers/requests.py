@@ -14,7 +14,7 @@ import numpy as np
 from ...errors import InvalidArgumentError, UnknownNameError, UnsaidAbsorbWarning, WrongTypeError
 from ...native import abi, checks, handles
 from ...native.checks import address
-from ..values import Values
+from ...show.values import Values
 
 
 @dataclass(frozen=True)

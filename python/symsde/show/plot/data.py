@@ -5,11 +5,11 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
-from ...run.saved import MomentTables, PathTables
-from ...run.values import Values
+from ..values import Values
 
 MOST = 1e300  #: in size: what lies beyond has no place on an axis, whose ends and ticks overflow
 
@@ -51,15 +51,15 @@ def within(values: np.ndarray) -> np.ndarray:
     return np.where(too_large, np.nan, values) if too_large.any() else values
 
 
-def paths_of(found: PathTables) -> Paths:
-    """Of saved paths."""
+def paths_of(found: Any) -> Paths:
+    """Of saved paths: a `PathTables`."""
     q, p = within(found.q), within(found.p)
     title = found.title if q is found.q and p is found.p else f"{found.title}, without values above {MOST:g}"
     return Paths(title, found.t, q, p, found.path, found.values, lambda: within(found.energy))
 
 
-def means_of(found: MomentTables) -> Means:
-    """Of moments."""
+def means_of(found: Any) -> Means:
+    """Of moments: a `MomentTables`."""
     names, kinds = found.values.names, ("mean", "var", "se_mean")
     tables = {kind: dict(zip(names, within(found.table(kind)).T, strict=True)) for kind in kinds}
     whole = all(within(found.table(kind)) is found.table(kind) for kind in kinds)

@@ -17,8 +17,8 @@ import numpy as np
 from ...errors import InvalidArgumentError, WrongTypeError
 from ...native import checks, files
 from ...native.checks import counted
-from ...run.values import Values, chosen
 from .. import look
+from ..values import Values, chosen
 from .data import Means, Paths, within
 
 ENDINGS = (".png", ".pdf", ".svg")

@@ -5,20 +5,14 @@ from __future__ import annotations
 
 import html
 import math
-import re
+from collections.abc import Sequence
 from fractions import Fraction
-from typing import TYPE_CHECKING
+from typing import Any
 
 import numpy as np
 
-from .. import models
-from ..model.definition import FLAGS
 from ..native.checks import counted
-from ..run.tabular import html_table as table
-
-if TYPE_CHECKING:
-    from ..model.definition import Model
-    from ..schemes import Scheme
+from .tabular import html_table as table
 
 _ROOTS = (2, 3, 5, 6, 15, 30)
 _WHOLES = sorted({Fraction(k, n) for n in (4, 9, 36) for k in range(-n, n + 1)}, key=lambda x: (x.denominator, abs(x)))
@@ -54,30 +48,24 @@ def _sum(whole: Fraction, part: Fraction, root: int) -> str:
     return f"{whole} {'+' if part > 0 else '-'} {radical}"
 
 
-def model(shown: Model) -> str:
-    """Name, Hamiltonians, parameters with their values, traits."""
+def text(shown: str) -> str:
+    """A text with its lines and spaces."""
+    return f"<pre>{html.escape(shown)}</pre>"
+
+
+def model(shown: Any, hamiltonians: Sequence[str], traits: Sequence[str]) -> str:
+    """A model: its name, its Hamiltonians as texts, parameters with their values, names of the traits that it has."""
     lines = [f"<b>{html.escape(shown.name)}</b>: dp = -H_q dt - Σ H_k,q ∘ dW_k, dq = H_p dt + Σ H_k,p ∘ dW_k"]
-    lines += [f"<code>{html.escape(line)}</code>" for line in hamiltonians(shown)]
-    text = "<br>".join(lines)
+    lines += [f"<code>{html.escape(line)}</code>" for line in hamiltonians]
+    page = "<br>".join(lines)
     if shown.parameters:
-        text += table(list(shown.parameters), [[f"{value:g}" for value in shown.parameters.values()]])
-    traits = shown.traits
-    given = [name.replace("_", " ") for name in FLAGS if getattr(traits, name)]
-    sizes = f"{counted(traits.ndof, 'degree of freedom')}, {counted(traits.nnoise, 'noise')}"
-    return f"<div>{text}<br>{sizes}; {', '.join(given) or 'no traits'}</div>"
+        page += table(list(shown.parameters), [[f"{value:g}" for value in shown.parameters.values()]])
+    sizes = f"{counted(shown.ndof, 'degree of freedom')}, {counted(shown.nnoise, 'noise')}"
+    return f"<div>{page}<br>{sizes}; {', '.join(traits).replace('_', ' ') or 'no traits'}</div>"
 
 
-def hamiltonians(shown: Model) -> list[str]:
-    """H and its noises as the user, or the docstring of a built-in model, writes them; empty for functions."""
-    formula = getattr(shown, "formula", None)
-    if formula is not None:
-        return [f"{'H' if j == 0 else f'H_{j}'} = {text}" for j, text in enumerate(formula.hamiltonians)]
-    text = getattr(models, shown.name).__doc__ if shown.name in models.names() else ""
-    return re.findall(r"\bH(?:_\w)? = .*?(?=, H_|:|\.\s)", text or "")
-
-
-def scheme(shown: Scheme) -> str:
-    """Name, structure, tableau where there is one, orders."""
+def scheme(shown: Any) -> str:
+    """A scheme: its name, structure, tableau where there is one, orders."""
     info = shown.info
     kinds = [name for name in ("symplectic", "symmetric") if getattr(info, name)] or ["not symplectic"]
     head = f"<b>{html.escape(info.name)}</b>: {info.form}, {counted(info.nstage, 'stage')}, {', '.join(kinds)}"
@@ -87,7 +75,7 @@ def scheme(shown: Scheme) -> str:
     return f"<div>{head}{source}{_tableaux(shown)}{orders}</div>"
 
 
-def _tableaux(shown: Scheme) -> str:
+def _tableaux(shown: Any) -> str:
     """The coefficients of q and p side by side; those of the noise where they differ."""
     found = shown.tableau()
     if found is None or shown.info.nstage > _MOST_STAGES:

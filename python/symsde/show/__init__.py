@@ -1,0 +1,9 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""How objects are named, shown and drawn: values by name, tables, pages of notebooks, figures.
+
+html      models, schemes and certificates in notebooks
+look      colours, markers and style of all figures
+plot      figures of paths, moments and observers
+tabular   data frames, and runs and moments in notebooks
+values    names of coordinates, momenta, the energy and observables
+"""
