@@ -12,6 +12,9 @@ so is a body (.inc) but for those of src/solve.
 The rooms of the Python package are its folders and the modules that stand directly in it: arrows between them, whether
 imported at once, when needed or by a name as text, make no circle. The package itself, which hands out the names of
 all rooms, is no room.
+
+A docstring of an __init__.py is a map where lines of it begin with names of modules and two spaces. A map names the
+modules and the folders beside it, all of them and no others.
 """
 
 import ast
@@ -26,6 +29,7 @@ from bodies import INCLUDE
 
 PRIVATE = re.compile(r"^!> Private to its family\.$", re.M)
 BY_NAME = re.compile(r'(?:import_module|__import__)\(\s*f?"symsde\.(\w+)')
+MAP = re.compile(r"^([a-z]\w*(?:, [a-z]\w*)*)  +\S", re.M)
 BEGIN, END = "<!-- rooms: written by tests/house/check_rooms.py -->\n", "<!-- end of rooms -->\n"
 
 
@@ -80,6 +84,20 @@ def packages(root):
             used_here = {path[0] for path in imported(text, parts[:-1])} | set(BY_NAME.findall(text))
             graph[room] |= used_here & rooms - {room}
     return graph
+
+
+def maps(root):
+    """Modules that a map names and nobody finds, and modules that a map leaves out."""
+    for file in sorted((root / "python" / "symsde").rglob("__init__.py")):
+        lines = MAP.findall(ast.get_docstring(ast.parse(file.read_text(encoding="utf-8"))) or "")
+        named = {name for line in lines for name in line.split(", ")}
+        if not named:
+            continue
+        there = {path.stem for path in file.parent.glob("*.py")} - {"__init__"}
+        there |= {path.parent.name for path in file.parent.glob("*/__init__.py")}
+        shown = file.relative_to(root)
+        yield from (f"{shown} names the module {name}, which is not there" for name in sorted(named - there))
+        yield from (f"{shown} does not name the module {name}" for name in sorted(there - named))
 
 
 def folders(root):
@@ -142,6 +160,7 @@ def findings(root):
         TopologicalSorter(packages(root)).prepare()
     except CycleError as error:
         yield "packages in a circle: " + " -> ".join(error.args[1])
+    yield from maps(root)
     if with_picture(root) != (root / "CONTRIBUTING.md").read_text(encoding="utf-8"):
         yield "CONTRIBUTING.md: the picture of the rooms is not as the tree is: run tests/house/check_rooms.py . --draw"
 
@@ -179,9 +198,12 @@ def self_test():
     whole = {**python, "model/y.py": "from symsde import run\n"}
     direct = {**python, "run/x.py": "from .. import models\n", "models.py": "def f():\n    from .run import x\n"}
     mapped = {**python, "run/__init__.py": '"""Runs.\n\nx, part  what is run\n"""\n', "run/part/__init__.py": ""}
+    misnamed = {**mapped, "run/__init__.py": '"""Runs.\n\nx, z     what is run\npart     more\n"""\n'}
+    unnamed = {**mapped, "run/y.py": ""}
     cases = [(wanted, files, mapped) for wanted, files in cases.items()]
     cases += [("packages in a circle: ", sound, modules) for modules in (circle, absolute, whole, named, formatted)]
     cases += [("models -> run", sound, direct)]
+    cases += [("names the module z,", sound, misnamed), ("does not name the module y", sound, unnamed)]
     for wanted, files, modules in cases:
         with tempfile.TemporaryDirectory() as folder:
             planted(Path(folder), files, modules)

@@ -1,7 +1,29 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Runs as folders of shards: they survive kills, resume, share their work, and merge to the bits of one run.
 
-A run is cut into pieces (`plan`), each a pure function of the scene and its path indices. What is computed of a piece
-(`work`) becomes a shard (`shard_file`) in the folder of the run (`folder`), whole or not at all. Whoever finds all
-shards there puts the results together (`results`), the moments on the dyadic tree of the library (`tree`).
+A run is cut into pieces, each a pure function of the scene and its path indices. The result of a piece becomes a shard
+in the folder of the run, whole or not at all. Whoever finds all shards there puts the results together.
+
+ensemble         moments of a large ensemble on any executor
+scene            what is to be run, as a TOML file says it
+named_functions  functions of Python that a scene names
+pieces           how a run is cut into pieces
+scene_pieces     a scene with its pieces
+share            the pieces of one task of n
+ranks            the pieces of one rank of MPI
+claims           who works on which piece
+dispatch         pieces computed by threads or an executor
+execute          one piece, computed
+stop             when to end: a signal, or the time that was given
+run_progress     progress of all pieces together
+dry              steps, files, memory and time of a run before it begins
+folder           the folder of a run
+manifest         which run a folder holds
+computed         what a run was computed with, beyond its scene
+numerics         what its last bits depend on
+shard_file       a shard as a file
+tree             moments merged on the dyadic tree of the library
+merged_results   results of a run from its shards
+opened           a folder, finished or not, as objects
+error_check      the same paths at half the step
 """
