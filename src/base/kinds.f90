@@ -4,12 +4,13 @@ module symsde_base_kinds
    use, intrinsic :: iso_c_binding, only: c_double, c_int32_t, c_int64_t
    implicit none
    private
-   public :: wp, i4, i8, unwritten
+   public :: wp, i4, i8, unwritten_bits
 
    integer, parameter :: wp = c_double   !! the only real kind
    integer, parameter :: i4 = c_int32_t  !! sizes of a block, codes, lane status
    integer, parameter :: i8 = c_int64_t  !! paths, steps, seeds, counters
 
-   !> What outputs of callbacks hold before a call: a NaN that no computation makes, to be known by its bits.
-   real(wp), parameter :: unwritten = transfer(int(z'7FF8A5EED0DDBA11', i8), 1.0_wp)
+   !> What outputs of callbacks hold before a call: the bits of a NaN that no computation makes. They stay an integer
+   !> here, since gfortran keeps of a constant NaN only that it is one.
+   integer(i8), parameter :: unwritten_bits = int(z'7FF8A5EED0DDBA11', i8)
 end module symsde_base_kinds

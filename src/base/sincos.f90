@@ -97,9 +97,10 @@ contains
    !> the vector math library, whose last bits depend on the width of the registers.
    elemental real(wp) function sine_of(x) result(s)
       real(wp), intent(in) :: x  !! radians
-      real(wp) :: as_array(1), cosine(1)
+      real(wp), dimension(1) :: argument, as_array, cosine
 
-      call sincos_lanes(1_i4, [x], as_array, cosine)
+      argument = x
+      call sincos_lanes(1_i4, argument, as_array, cosine)
       s = as_array(1)
    end function sine_of
 

@@ -2,7 +2,8 @@
 !> Observables that are a C function on whole blocks.
 module symsde_capi_observables
    use, intrinsic :: iso_c_binding, only: c_associated, c_double, c_f_procpointer, c_funptr, c_int, c_null_ptr, c_ptr
-   use symsde_base_kinds, only: wp, i4, unwritten
+   use, intrinsic :: ieee_arithmetic, only: ieee_value, ieee_quiet_nan
+   use symsde_base_kinds, only: wp, i4
    use symsde_ensemble_observe_observables, only: observables_type
    implicit none
    private
@@ -60,14 +61,14 @@ contains
 
       if (self%nvalue == 0) return
       ! What the function leaves unwritten is no number.
-      values = unwritten
+      values = ieee_value(1.0_wp, ieee_quiet_nan)
       if (self%failure_code() == 0) then
          code = self%on_observables(nlane, ndof, t, q, p, values, self%user)
          if (code == 0) return
          !$omp atomic write
          self%failure = code
       end if
-      values = unwritten
+      values = ieee_value(1.0_wp, ieee_quiet_nan)
    end subroutine evaluate
 
    !> What the function returned when it failed; 0 = it did not.

@@ -18,7 +18,7 @@ OBJECT, COMMON = 1, 0xFFF2
 # What nobody writes to after the program is loaded: tables of types, their initial values, the names of locks.
 CONSTANT = re.compile(r"___vtab_|___def_init_|^\.gomp_critical_user_|^loading_process$|^strict_overcommit$")
 # What belongs to the process and is touched under a lock alone: who wants a BLAS of one thread, what it offers.
-GUARDED = re.compile(r"^blas_(users|choice|lock|sought|reader|setter)$")
+GUARDED = re.compile(r"^blas_(users|choice|lock|sought|serves|reader|setter)$")
 
 
 def sections(data):

@@ -14,7 +14,7 @@
 !> The five have the weights w, w in all lanes alike, 0, v and w + 2 v; the nine are that of the sum, for its size,
 !> and two products of two differences each.
 module symsde_model_probe_gradient
-   use symsde_base_kinds, only: wp, i8, unwritten
+   use symsde_base_kinds, only: wp, i8, unwritten_bits
    use symsde_base_status, only: error_type, raise, false_trait
    use symsde_base_text, only: to_text
    use symsde_model_probe_points, only: probe_points, nlane, npoint, finding, generic, worst, largest_component
@@ -98,8 +98,8 @@ contains
          do lane = 1, nlane
             if (allocated(error)) return
             bad = finding(lane, 0, i)
-            if (transfer(gp(lane, i), 0_i8) == transfer(unwritten, 0_i8)) bad%half = 2
-            if (transfer(gq(lane, i), 0_i8) == transfer(unwritten, 0_i8)) bad%half = 1
+            if (transfer(gp(lane, i), 0_i8) == unwritten_bits) bad%half = 2
+            if (transfer(gq(lane, i), 0_i8) == unwritten_bits) bad%half = 1
             if (bad%half > 0) call refuse(points, 'leaves dS/d'//trim(component(bad))//' unwritten', &
                                           lane, i, 'write all of every output', error)
          end do

@@ -4,7 +4,7 @@
 !> Private to its family.
 module symsde_model_user_outputs
    use, intrinsic :: iso_c_binding, only: c_intptr_t, c_loc
-   use symsde_base_kinds, only: wp, unwritten
+   use symsde_base_kinds, only: wp, i8, unwritten_bits
    implicit none
    private
    public :: little, find_room, keep, spoil
@@ -48,23 +48,24 @@ contains
       integer, intent(in) :: n
       real(wp), intent(out), dimension(n), optional :: x, y, z
 
-      if (present(x)) call fill(n, x)
-      if (present(y)) call fill(n, y)
-      if (present(z)) call fill(n, z)
+      if (present(x)) call fill(n, unwritten_bits, x)
+      if (present(y)) call fill(n, unwritten_bits, y)
+      if (present(z)) call fill(n, unwritten_bits, z)
    end subroutine spoil
 
-   !> NaN in n numbers. Few numbers are written one by one: vectors take longer, and they are read one by one.
-   pure subroutine fill(n, x)
+   !> These bits in n numbers. Few numbers are written one by one: vectors take longer, and they are read one by one.
+   pure subroutine fill(n, bits, x)
       integer, intent(in) :: n
+      integer(i8), intent(in) :: bits
       real(wp), intent(out) :: x(n)
       integer :: i
 
       if (n > line) then
-         x = unwritten
+         x = transfer(bits, 1.0_wp)
       else
          !GCC$ novector
          do i = 1, n
-            x(i) = unwritten
+            x(i) = transfer(bits, 1.0_wp)
          end do
       end if
    end subroutine fill
