@@ -175,7 +175,10 @@ OWN = {
     "observe.Covariance": [{"of": ["q_1", "p_1"]}],
     "observe.Autocorrelation": [{"of": "q_1", "lags": 2}],
     "observe.Extremes": [{"of": "q_1"}],
-    "observe.Passage": [{"of": "q_1", "within": OMITTED, "low": -2.0, "high": 2.0}, {"of": "q_1", "within": 2.0}],
+    "observe.Passage": [
+        {"of": "q_1", "within": OMITTED, "low": -2.0, "high": 2.0, "absorb": False},
+        {"of": "q_1", "within": 2.0, "absorb": True},
+    ],
     "observe.Paths": [{"paths": [0, 2], "of": ["q_1"]}, {"paths": np.array([0, 2]), "of": ["q_1"]}],
     "Model.builtin": [{"name": "kubo", "parameters": {"a": 1.0, "sigma": 0.3}}],
     "FormulaModel.with_parameters": [{"k": 3.0}],

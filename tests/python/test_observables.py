@@ -253,7 +253,7 @@ def test_what_is_no_number_is_said():
     watched = {
         "hist": observe.Histogram("log", -1, 1, 4),
         "far": observe.Extremes("log"),
-        "loss": observe.Passage("log", high=5.0),
+        "loss": observe.Passage("log", high=5.0, absorb=False),
     }
     pendulum = ss.models.pendulum()
     with pytest.warns(ss.NotANumberWarning) as warned:
@@ -488,7 +488,7 @@ def test_doubts_are_of_paths_that_count(paths, late, lost, entry, tmp_path):
     start = np.full((1, paths), 1.0)
     start[0, list(gone)] = -1.0
     observables = {"x": "log(q1) + 0*t" if not late else "log(q1 + 2*(1 + tanh(100*(0.15 - t))))"}
-    watched = {"loss": observe.Passage("x", high=50.0)}
+    watched = {"loss": observe.Passage("x", high=50.0, absorb=False)}
     run = {"q0": start, "p0": 0.0, "step": 0.1, "steps": 4, "paths": paths, "observables": observables}
     with warnings.catch_warnings(record=True) as said:
         warnings.simplefilter("always")

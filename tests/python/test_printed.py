@@ -47,7 +47,13 @@ def test_every_member_of_a_report():
         result._warn_of_failures()
     found = result.report
     expected = {"outcome": "some paths failed", "status": 6, "stepper": "a stepper", "correction": "mean"}
-    expected |= {"left_out": ("one", "two"), "warnings": ("first", "second", "third"), "failed": 11, "stopped": 12, "grown": 0}
+    expected |= {
+        "left_out": ("one", "two"),
+        "warnings": ("first", "second", "third"),
+        "failed": 11,
+        "stopped": 12,
+        "grown": 0,
+    }
     expected |= {"functionals": ("dZ", "K"), "lapack": "somebody's 1.2"}
     expected |= {"threads": 13, "lanes": 16, "lost_variance": 0.015, "timings": {"setup": 1.25, "run": 2.5}}
     names = ["path_steps", "normals", "gradients", "hessians", "hessian_vectors", "iterations", "solves"]

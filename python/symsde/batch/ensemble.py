@@ -27,7 +27,7 @@ from ..run.observers import requests
 from ..run.observers.observables import Observable, are_in_python, check_observables
 from ..run.report import warn_of_growth
 from ..run.setup import RunOptions, Setup, make_setup
-from . import computed, manifest
+from . import computed, manifest, numerics
 from .dispatch import Context, dispatch
 from .execute import Task
 from .folder import RunFolder
@@ -191,7 +191,8 @@ def _kept(
         "computed": computed.of(task.model, setup.scheme, start, functions),
     }
     inputs = json.loads(json.dumps(inputs))  # as a manifest has them
-    record = manifest.of_inputs(inputs, setup.options.seed, size)
+    found = numerics.of(task.model, [setup.scheme], start, **task.options)
+    record = manifest.of_inputs(inputs, setup.options.seed, size, found)
     with RunFolder.open_to_write(os.fspath(files.path_of("out", out)), record, pieces, None) as folder:
         yield folder
 

@@ -24,7 +24,6 @@ _READABLE = (1, FORMAT)  #: 1: without what the run was computed with
 NAME = "manifest.json"
 _DEFAULTS = {name: parameter.default for name, parameter in inspect.signature(simulate).parameters.items()}
 _NOT_OF_THE_RESULT = {"threads", "lanes"}  # the same bits whatever they are
-_OF_A_STEP = {"step", "correction", "general", "compensated", "fixed_point"}  # options that steppers are chosen by
 
 
 def of_scene(scene: Scene, shard_paths: int) -> dict[str, Any]:
@@ -39,8 +38,7 @@ def of_scene(scene: Scene, shard_paths: int) -> dict[str, Any]:
     inputs["computed"] = _plain(computed.of(scene.model, setup.scheme, start, functions))
     if own := {name: hashlib.sha256(path.read_bytes()).hexdigest() for name, path in python_sources(scene)}:
         inputs["python_sha256"] = own
-    options = {key: scene.run[key] for key in _OF_A_STEP & scene.run.keys()}
-    found = numerics.of(scene.model, [setup.scheme], start, **options)
+    found = numerics.of(scene.model, [setup.scheme], start, **scene.run)
     return of_inputs(inputs, inputs["run"]["seed"], shard_paths, found)
 
 

@@ -15,9 +15,15 @@ from ..run.simulate import simulate
 from ..schemes import Scheme
 from .computed import Start
 
+_OF_A_STEP = {"step", "correction", "general", "compensated", "fixed_point"}  # options that steppers are chosen by
+
 
 def of(model: Model, schemes: Iterable[Scheme], start: Start, **options: Any) -> dict[str, str]:
-    """`arithmetic`, and `lapack` where a step of the model by one of the schemes has a system that LAPACK solves."""
+    """`arithmetic`, and `lapack` where a step of the model by one of the schemes has a system that LAPACK solves.
+
+    options: those of the run, of which those count that steppers are chosen by.
+    """
+    options = {key: options[key] for key in _OF_A_STEP & options.keys()}
     named = (_lapack_of(model, scheme, start, options) for scheme in schemes)
     lapack = next(filter(None, named), "")
     return {"arithmetic": build_info()["arithmetic"], **({"lapack": lapack} if lapack else {})}

@@ -251,7 +251,8 @@ class Names:
             name = folded(getattr(x, "name", ""))
             other = seen.setdefault(name, x)
             if str(other) != str(x) or (other is not x and isinstance(x, sympy.Dummy)):
-                raise InvalidArgumentError(f"the formula {text} holds {other} and {x}, two symbols of one name: {name}")
+                same = "which are one name" if str(other) != str(x) else "two symbols of one name"
+                raise InvalidArgumentError(f"the formula {text} holds {other} and {x}, {same}: {name}")
             if name not in self.known:
                 near = checks.nearest(str(x), self.known)
                 raise InvalidArgumentError(
