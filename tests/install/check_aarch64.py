@@ -48,7 +48,7 @@ def program(root: Path, work: Path, compiler: str, *options: str) -> Path:
         "-DSYMSDE_FLAGS=release", "-DSYMSDE_FP_CONTRACT=off", *options)  # fmt: skip
     ask("cmake", "--build", work)
     archive, names, made = work / "libsymsde.a", work / "lapack.c", work / "digest"
-    needed = re.findall(r"^ +U (d\w+_)$", ask("nm", archive), re.M)
+    needed = re.findall(r"^ +U (d\w+_|ilaver_)$", ask("nm", archive), re.M)
     lines = [f"void {name}(void) {{ abort(); }}" for name in sorted(set(needed))]
     names.write_text("\n".join(["#include <stdlib.h>", *lines, ""]))
     main_program = work / "digest.o"
