@@ -42,7 +42,7 @@ module symsde_model_kernels
    contains
       procedure :: chain_rows => chain_rows_missing
       procedure :: sweeps => sweeps_missing
-      procedure :: pair => pair_composed
+      procedure :: pair => pair_missing
       procedure :: angle => angle_missing
       procedure :: has_flow => has_no_flow
       procedure :: flow => no_flow
@@ -125,17 +125,22 @@ contains
 
    !> Hhat_q and Hhat_qq of one path of two degrees of freedom, where noise is in position or additive: numbers without
    !> arrays, whose bits are those of gradient_hessian.
-   subroutine pair_composed(self, nnoise, t, w, q1, q2, f1, f2, k11, k21, k12, k22)
+   subroutine pair_missing(self, nnoise, t, w, q1, q2, f1, f2, k11, k21, k12, k22)
       class(kernel_model), intent(in) :: self
       integer, intent(in) :: nnoise
       real(wp), intent(in) :: t, w(0:nnoise)
       real(wp), value :: q1, q2
       real(wp), intent(out) :: f1, f2, k11, k21, k12, k22
 
-      call pair_by_arrays(self, nnoise, t, w, q1, q2, f1, f2, k11, k21, k12, k22)
-   end subroutine pair_composed
+      f1 = ieee_value(1.0_wp, ieee_quiet_nan)
+      f2 = f1
+      k11 = f1
+      k21 = f1
+      k12 = f1
+      k22 = f1
+   end subroutine pair_missing
 
-   !> The same of any model.
+   !> The same of any model, by its gradient and Hessian: for a stepper whose model has no kernel for it.
    subroutine pair_by_arrays(model, nnoise, t, w, q1, q2, f1, f2, k11, k21, k12, k22)
       class(model_type), intent(in) :: model
       integer, intent(in) :: nnoise
