@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Faults by rules: what a slip of the hand makes of an executable line.
 
-Rules: a sign, a factor (1 % or 2), a bound of a loop, an index, q and p, a term of a sum, < and <=, and for or, minimum
-for maximum, a negation, |h| for h and h for |h|, two arguments of a call. Lines of Fortran are looked at as text, with
-strings and comments blotted out; those of Python by their syntax tree. Left alone are declarations, values of modules,
-imports and what errors say.
+Rules: a sign, a factor (1 % or 2), a bound of a loop, an index, q and p, a term of a sum, < and <=, and for or, a part
+of a condition, minimum for maximum, a negation, |h| for h and h for |h|, two arguments of a call, a call or a guarded
+exit that is left out. Lines of Fortran are looked at as text, with strings and comments blotted out; those of Python by
+their syntax tree. Left alone are declarations, values of modules, imports and what errors say.
 """
 
 import ast
@@ -17,6 +17,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 HOMES = {"src": ("*.f90", "*.inc"), "python/symsde": ("*.py",)}
+BLANK = re.compile(r"\s|[()]|_wp")
 COMPARED = {"<": "<=", "<=": "<", ">": ">=", ">=": ">", "==": "/=", "/=": "=="}
 STATE = re.compile(r"(d|h|u|v|f|g|x|y)?(q|p|qq|pp)(s|n|0|_low|_end|_old|_new)?")
 
@@ -40,13 +41,29 @@ def draw(root: Path, seed: int, only: str = "") -> Iterator[tuple[str, str, str,
         name = path.relative_to(root).as_posix()
         if name.startswith(only):
             text = path.read_text()
-            changes = python_changes(text) if path.suffix == ".py" else fortran_changes(text)
+            changes = changes_of(name, text)
             places += [(name, text.splitlines()[line - 1], found) for line, found in sorted(changes.items())]
     chosen.shuffle(places)
     for name, old, found in places:
         rule = chosen.choice(sorted({change.rule for change in found}))
         change = chosen.choice([change for change in found if change.rule == rule])
         yield name, old, old[: change.begin] + change.new + old[change.end :], change.line
+
+
+def changes_of(name: str, text: str) -> dict[int, list[Change]]:
+    """What rules can change in each line of a file."""
+    return python_changes(text) if name.endswith(".py") else fortran_changes(text)
+
+
+def makes(name: str, text: str, faulty: str) -> bool:
+    """Whether a rule makes this faulty text, up to blanks and brackets that say the same."""
+    lines, others = text.splitlines(), faulty.splitlines()
+    changed = [i for i, pair in enumerate(zip(lines, others, strict=False)) if pair[0] != pair[1]]
+    if len(lines) != len(others) or len(changed) != 1:
+        return False
+    old, new = lines[changed[0]], others[changed[0]]
+    made = [old[: x.begin] + x.new + old[x.end :] for x in changes_of(name, text).get(changed[0] + 1, [])]
+    return any(BLANK.sub("", one) == BLANK.sub("", new) for one in made)
 
 
 def by_line(changes: list[Change]) -> dict[int, list[Change]]:
@@ -73,6 +90,7 @@ IDLE = re.compile(
     r"^ *(use|implicit|import|contains|end|else$|case|select|class|type|return|cycle|exit|continue|deallocate|interface"
     r"|procedure|private|public|write|error stop|block$|associate|#|$)"
 )
+IDLED = re.compile(r"\bcall [\w%]+(\([^&]*\))?$|(?<=\) )(cycle|exit|return)$")  # calls on one line, guarded ways out
 SAID = re.compile(r"\bcall (raise|add_line|append)\b.*|\b(raise|trim|text)\(.*")  # what errors say
 RULES = [  # the place, what comes there, the name of the rule
     (r"(?<=[\w)\]] )\+(?= )", "-", "sign"),
@@ -112,6 +130,8 @@ def fortran_changes(text: str) -> dict[int, list[Change]]:
             if (other := swapped(x[0]))
         ]
         found += [Change(number, *span, "", "term") for span in terms(line)]
+        found += [Change(number, *span, "", "condition") for span in conditions(line)]
+        found += [Change(number, *x.span(), "continue", "call") for x in IDLED.finditer(line)]
         found += [Change(number, *span, new, "bound") for span, new in bounds(line)]
         found += [Change(number, *span, new, "arguments") for span, new in arguments(line)]
     return by_line(found)
@@ -154,6 +174,28 @@ def terms(line: str) -> Iterator[tuple[int, int]]:
         end = ends(line, sign.end(), (",", " + ", " - ", " .", " <", " >", " =", " /", ":"))
         if end > sign.end():
             yield sign.start(), len(line[:end].rstrip())
+
+
+def conditions(line: str) -> Iterator[tuple[int, int]]:
+    """Parts of conditions, each with the word that joins it to its neighbour."""
+    for word in re.finditer(r" \.(and|or)\. ", line):
+        end = ends(line, word.end(), (",", " .and.", " .or."))
+        if end > word.end():
+            yield word.start(), len(line[:end].rstrip())
+        begin = start_of_part(line, word.start())
+        if begin < word.start():
+            yield begin, word.end()
+
+
+def start_of_part(line: str, end: int) -> int:
+    """Where the part of a condition begins that ends here: behind a bracket, a comma, a sign of equality, a word."""
+    depth = 0
+    for at in range(end - 1, -1, -1):
+        depth += (line[at] in ")]") - (line[at] in "([")
+        behind = line[: at + 1]
+        if depth < 0 or (depth == 0 and behind.endswith((", ", " = ", ".and. ", ".or. "))):
+            return at + 1
+    return end
 
 
 def bounds(line: str) -> Iterator[tuple[tuple[int, int], str]]:
@@ -265,9 +307,17 @@ class Finder(ast.NodeVisitor):
         self.generic_visit(node)
 
     def visit_BoolOp(self, node: ast.BoolOp) -> None:
-        """And for or."""
+        """And for or; a part of the condition goes."""
         for left, right in zip(node.values, node.values[1:], strict=False):
             self.between(left, right, {"and": "or", "or": "and"}, "logic")
+            self.note(span(left)[1], span(right)[1], "", "condition")
+        self.note(span(node.values[0])[0], span(node.values[1])[0], "", "condition")
+        self.generic_visit(node)
+
+    def visit_Expr(self, node: ast.Expr) -> None:
+        """A call that is a statement is left out."""
+        if isinstance(node.value, ast.Call):
+            self.replace(node.value, "pass", "call")
         self.generic_visit(node)
 
     def visit_Call(self, node: ast.Call) -> None:
@@ -332,6 +382,7 @@ contains
       end do
       call kick(a, b, &
                 'x')
+      if (moved(a) .and. b) call sort(a)
    end subroutine move
 """
 OF_FORTRAN = {
@@ -347,6 +398,8 @@ OF_FORTRAN = {
     8: {"q(i + 1) = t + c*h", "q(i - 1) = t + c*h", "p(i) = t + c*h", "q(i) = t - c*h", "q(i) = t"}
     | {"q(i) = t + 2*c*h", "q(i) = t + 1.01_wp*c*h", "q(i) = t + c*abs(h)"},
     10: {"call kick(b, a, &"},
+    12: {f"if ({condition}) call sort(a)" for condition in ("moved(a)", "b", "moved(a) .or. b")}
+    | {"if (moved(a) .and. b) continue"},
 }
 PYTHON = """
 MOST = 2.0
@@ -354,6 +407,7 @@ def move(q, p):
     \"\"\"Say 2.0 * q.\"\"\"
     if not q[0] < p and MOST:
         raise ValueError(f"{q + 1} is too much" + "2.0")
+    sort(a)
     return max(a, b) - 0.5
 """
 OF_PYTHON = {
@@ -363,8 +417,9 @@ OF_PYTHON = {
         "if not p[0] < p and MOST:",
         "if not q[0] < q and MOST:",
     }
-    | {"if not q[0] <= p and MOST:", "if not q[0] < p or MOST:"},
-    7: {"return min(a, b) - 0.5", "return max(b, a) - 0.5", "return max(a, b)", "return max(a, b) + 0.5"}
+    | {"if not q[0] <= p and MOST:", "if not q[0] < p or MOST:", "if MOST:", "if not q[0] < p:"},
+    7: {"pass"},
+    8: {"return min(a, b) - 0.5", "return max(b, a) - 0.5", "return max(a, b)", "return max(a, b) + 0.5"}
     | {"return max(a, b) - (1.01 * 0.5)", "return max(a, b) - (2 * 0.5)"},
 }
 
