@@ -1,8 +1,10 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Scenes as programs: compiled by the printed line, they print the moments of the scene."""
 
+import re
 import shutil
 import subprocess
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -19,6 +21,8 @@ from symsde.model.formulas.graph import Graph
 if shutil.which("cc") is None:
     pytest.skip("no C compiler", allow_module_level=True)
 
+ROOT = Path(__file__).parents[2]
+HEADERS = ROOT / "include"
 RUN = "[run]\nstep = 0.05\nsteps = 40\nsave_every = 20\npaths = 30\nseed = 18446744073709551615\nq0 = 0.4\np0 = 0.3\n"
 SCENES = {
     # every kind of function and operation, names that languages keep for themselves or do not tell apart, time
@@ -86,7 +90,13 @@ def test_programs_give_the_numbers_of_the_scene(name, language, tmp_path, capsys
     if language == "fortran" and shutil.which("gfortran") is None:
         pytest.skip("no gfortran")
     line, text = export(tmp_path, name, language, capsys)
-    assert line in text and (name in SITES or max(len(row) for row in text.splitlines() if line not in row) <= 132)
+    assert line in text
+    if language == "fortran":
+        assert name in SITES or max(len(row) for row in text.splitlines() if line not in row) <= 132
+    else:
+        code, checked = scene.load(tmp_path / f"{name}.toml").model, ["-std=c11", "-Wall", "-Werror", "-fsyntax-only"]
+        assert getattr(code, "formula", None) is None or code.formula.source in text  # what runs in Python, and no more
+        subprocess.run(["cc", *checked, f"-I{HEADERS}", f"{name}.c"], check=True, cwd=tmp_path)
     found = numbers(tmp_path, line, name)
     known = moments_of(scene.load(tmp_path / f"{name}.toml"))
     n = known.mean_q.shape[1]
@@ -124,8 +134,8 @@ def test_the_program_is_written_from_the_formulas(tmp_path, capsys):
     """The twin: another parameter gives other numbers."""
     line, text = export(tmp_path, "names", "c", capsys)
     assert "H = double**2/2*A0 - cos(E*q)*a0" in text
-    assert ".A0 = 1.2" in text
-    (tmp_path / "names.c").write_text(text.replace(".A0 = 1.2", ".A0 = 1.212"))
+    assert "      1.2, /* c0: A0 */\n" in text
+    (tmp_path / "names.c").write_text(text.replace("1.2, /* c0: A0 */", "1.212, /* c0: A0 */"))
     found = numbers(tmp_path, line, "names")
     known = moments_of(scene.load(tmp_path / "names.toml"))
     assert abs(found[-1, 1] - known.mean_q[-1, 0]) > 1e-4
@@ -143,14 +153,18 @@ def test_no_text_of_a_scene_reaches_the_code(tmp_path, capsys):
     assert given.harmless("a */ b\n /* c # d\n*/*/") == "a * / b / * c * /* /".replace("/* /", "/ * /")
 
 
-def test_names_that_compilers_take():
-    names = ["omega", "double", "I", "E", "A", "a", "q1", "x2", "EOF", "9x", "a-b", "h" * 40, "t", "ü", "self"]
+def test_names_that_fortran_takes():
+    """Parameters are components of a type, so that only those of models are taken."""
+    names = ["omega", "double", "I", "A", "a", "q1", "self", "EOF", "9x", "a-b", "h" * 40, "ü", "value", "Traits"]
     made = given.identifiers(names)
-    assert made["omega"] == "omega" and made["A"] == "A"
-    assert all(made[x] == f"parameter_{names.index(x) + 1}" for x in names if x not in ("omega", "A"))
+    good = ("omega", "double", "I", "A", "q1", "self", "EOF")
+    assert all(made[x] == (x if x in good else f"parameter_{names.index(x) + 1}") for x in names)
+    text = (ROOT / "src" / "model" / "abstract.f90").read_text().partition("abstract :: model_type")[2]
+    members = re.findall(r"^ +(?:procedure.*|type\(.*|character.*):: (\w+)", text.partition("end type")[0], re.M)
+    assert len(members) > 10 and set(members) == given._TAKEN
 
 
-@pytest.mark.parametrize("names", [["parameter_2", "for"], ["for", "parameter_1"], ["Parameter_2", "do"]])
+@pytest.mark.parametrize("names", [["parameter_2", "value"], ["name", "parameter_1"], ["Parameter_2", "a-b"]])
 def test_names_that_are_made_are_nobody_elses(names):
     assert len({x.lower() for x in given.identifiers(names).values()}) == 2
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Nodes of a graph as expressions that can be read: what is used once stands where it is used.
+"""Nodes of a graph as expressions of Fortran that can be read: what is used once stands where it is used.
 
 Operations keep the order that the graph gives them, by parentheses, so that numbers agree with those of the compiled
 formulas to the rounding of sine and the like.
@@ -58,8 +58,10 @@ class Expressions:
         return self.called(node.what, arguments), ATOM
 
     def called(self, function: str, arguments: list[str]) -> str:
-        """A function of its arguments."""
-        return f"{function}({', '.join(arguments)})"
+        """A function of its arguments; a power is an operation."""
+        if function == "pow":
+            return f"(({arguments[0]})**({arguments[1]}))"
+        return f"{'abs' if function == 'fabs' else function}({', '.join(arguments)})"
 
     def held(self, x: int, strength: int) -> str:
         """A node in an operation that holds so strongly."""

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""What a program needs of a scene, checked, in names that a compiler takes."""
+"""What a program needs of a scene, checked."""
 
 from __future__ import annotations
 
@@ -16,97 +16,13 @@ from ..model.formulas import FormulaModel
 from ..native import abi
 from ..run.setup import make_options, make_setup
 
-#: words of either language, names that the programs use, and macros of C in lower case
+#: components and procedures of the type that a model in Fortran extends (src/model/abstract.f90)
 _TAKEN = frozenset(
-    [
-        "auto",
-        "break",
-        "case",
-        "char",
-        "const",
-        "continue",
-        "default",
-        "do",
-        "double",
-        "else",
-        "enum",
-        "extern",
-        "float",
-        "for",
-        "goto",
-        "if",
-        "inline",
-        "int",
-        "long",
-        "register",
-        "restrict",
-        "return",
-        "short",
-        "signed",
-        "sizeof",
-        "static",
-        "struct",
-        "switch",
-        "typedef",
-        "union",
-        "unsigned",
-        "void",
-        "volatile",
-        "while",
-        "errno",
-        "stdin",
-        "stdout",
-        "stderr",
-        "bool",
-        "true",
-        "false",
-        "linux",
-        "unix",
-        "model",
-        "scheme",
-        "options",
-        "input",
-        "moments",
-        "report",
-        "error",
-        "traits",
-        "name",
-        "gradient",
-        "value",
-        "hessian",
-        "hessian_vector",
-        "gradient_hessian",
-        "hessian_banded",
-        "force_stiffness",
-        "third_derivative",
-        "aq",
-        "ap",
-        "bq",
-        "bp",
-        "chain_rows",
-        "has_flow",
-        "flow",
-        "failure_code",
-        "self",
-        "asm",
-        "clear_failure",
-        "main",
-        "wp",
-        "i4",
-        "i8",
-        "nlane",
-        "ndof",
-        "nnoise",
-        "lane",
-        "user",
-        "t",
-        "w",
-        "q",
-        "p",
-    ]
+    (
+        *("traits", "name", "passed", "failure_code", "clear_failure", "gradient", "value", "hessian"),
+        *("hessian_vector", "gradient_hessian", "hessian_banded", "force_stiffness", "third_derivative"),
+    )
 )
-#: names that programs make: of variables, and of parameters whose own names do not do
-_MADE = re.compile(r"[xwqpc]\d+|parameter_\d+", re.IGNORECASE)
 #: options of a run that programs leave alone: how many threads there are is the machine's
 _LEFT_OUT = {"struct_size", "progress", "progress_user", "threads", "lanes"}
 
@@ -120,7 +36,7 @@ class Given:
     model: FormulaModel | None  #: with formulas; None = built-in
     name: str  #: of the model
     parameters: dict[str, float]  #: by the names that the scene gives them
-    identifiers: dict[str, str]  #: the same by names that a compiler takes
+    identifiers: dict[str, str]  #: the same by names that Fortran takes
     scheme: str
     options: dict[str, int | float]  #: members of symsde_options that are not their default
     q0: tuple[float, ...]
@@ -188,14 +104,12 @@ def harmless(text: str) -> str:
 
 
 def identifiers(names: Iterable[str]) -> dict[str, str]:
-    """Names for a compiler: the user's where they will do, in a language that does not tell A from a."""
-    names = list(names)
+    """Names of components in Fortran, which does not tell A from a: the user's where they will do."""
     result: dict[str, str] = {}
     used = set(_TAKEN)
     for k, name in enumerate(names):
-        plain = re.fullmatch(r"[a-zA-Z][a-zA-Z0-9_]{0,30}", name) and not (name.isupper() and len(name) > 2)
-        fits = plain and name not in ("I", "E") and name.lower() not in used and not re.fullmatch(_MADE, name)
-        result[name] = name if fits else f"parameter_{k + 1}"
+        fits = re.fullmatch(r"(?!parameter_\d+$)[a-z][a-z0-9_]{0,30}", name.lower(), re.ASCII)
+        result[name] = name if fits and name.lower() not in used else f"parameter_{k + 1}"
         used.add(result[name].lower())
     return result
 

@@ -59,7 +59,7 @@ def _module(given: Given) -> list[str]:
     ]
     for kind in kinds:
         if given.is_chain:
-            lines += ["", *sites_in_fortran.procedure(given, kind, WIDTH, _Fortran, _number)]
+            lines += ["", *sites_in_fortran.procedure(given, kind, WIDTH, _number)]
         else:
             lines += ["", *_procedure(given, kind)]
     for name in called(given, FUNCTIONS):
@@ -108,7 +108,7 @@ def _block(given: Given, kind: str, block: str, n: int) -> tuple[int, list[str]]
             return f"self%{names[number]}"
         return "t" if letter == "t" else f"w(i, {number})" if letter == "w" else f"{letter}(i, {number + 1})"
 
-    text = _Fortran(made.graph, (made.outputs | given.third)[block], leaf, _number)
+    text = Expressions(made.graph, (made.outputs | given.third)[block], leaf, _number)
     body = [f"{name} = {value}" for name, value in text.parts]
     places = {
         "value": lambda k: "i",
@@ -126,15 +126,6 @@ def _block(given: Given, kind: str, block: str, n: int) -> tuple[int, list[str]]
     if not whole:
         lines = [f"      if (present({block})) then", *lines, "      end if"]
     return len(text.parts), lines
-
-
-class _Fortran(Expressions):
-    """Expressions with Fortran's powers."""
-
-    def called(self, function: str, arguments: list[str]) -> str:
-        if function == "pow":
-            return f"(({arguments[0]})**({arguments[1]}))"
-        return super().called("abs" if function == "fabs" else function, arguments)
 
 
 def _program(given: Given) -> list[str]:

@@ -3,11 +3,11 @@
 
 from __future__ import annotations
 
-from typing import Any
+from collections.abc import Callable
 
 from ..model.formulas.site_loops import entries
 from ..model.formulas.sites import Chain, Density, Place
-from .expressions import PRODUCT, wrapped
+from .expressions import PRODUCT, Expressions, wrapped
 from .given import Given, harmless
 
 #: procedures: what they are, the arguments that are arrays of states, and their results
@@ -18,11 +18,11 @@ PROCEDURES = {
 }
 
 
-def procedure(given: Given, kind: str, width: int, expressions: Any, number: Any) -> list[str]:
-    """A procedure of the model; expressions, number: how formulas are written."""
+def procedure(given: Given, kind: str, width: int, number: Callable[[str], str]) -> list[str]:
+    """A procedure of the model; number: how numbers are written."""
     about, vectors, results = PROCEDURES[kind]
     chain = given.model._chain
-    pieces = [_Piece(given, d, x, expressions, number) for x in results for d in chain.densities]
+    pieces = [_Piece(given, d, x, number) for x in results for d in chain.densities]
     names = ", ".join([*vectors, *results])
     lines = [f"   !> {about}", f"   subroutine weighted_{kind}(self, nlane, ndof, nnoise, t, w, q, p, {names})"]
     lines += ["      class(formula_model), intent(in) :: self", "      integer, intent(in) :: nlane, ndof, nnoise"]
@@ -48,7 +48,7 @@ def procedure(given: Given, kind: str, width: int, expressions: Any, number: Any
 class _Piece:
     """What a density adds to one output."""
 
-    def __init__(self, given: Given, density: Density, output: str, expressions: Any, number: Any):
+    def __init__(self, given: Given, density: Density, output: str, number: Callable[[str], str]):
         """Write its formulas."""
         self.density, self.output = density, output
         self.chain: Chain = given.model._chain
@@ -56,7 +56,7 @@ class _Piece:
         self.rows: dict[str, int] = {}  #: of periodic ends: names of neighbouring sites -> offset
         graph = density.derivatives.graph
         added = [(at, node) for at, node in entries(density, output) if not graph.is_number(node, 0.0)]
-        text = expressions(graph, [node for _, node in added], self._leaf, number)
+        text = Expressions(graph, [node for _, node in added], self._leaf, number)
         self.parts = text.parts
         self.adds = [
             (f"{output}({', '.join(['i', *(self._row(density.offsets[k]) for k in at)])})", text.held(node, PRODUCT))
