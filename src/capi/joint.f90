@@ -3,6 +3,7 @@
 !> chain, whole steps of schemes, and that they accept NULL or any number of lanes.
 module symsde_capi_joint
    use, intrinsic :: iso_c_binding, only: c_funptr, c_int, c_ptr
+   use symsde_base_maps, only: step_map
    use symsde_base_status, only: error_type, raise, incompatible
    use symsde_capi_error, only: finish
    use symsde_capi_model, only: find_model
@@ -11,7 +12,7 @@ module symsde_capi_joint
    use symsde_model_user_callback, only: callback_model
    use symsde_scheme_catalogue, only: get_scheme
    use symsde_scheme_scheme, only: scheme_type
-   use symsde_step_flow_model_flow, only: name_of_flow
+   use symsde_step_flow_scheme_map, only: map_of
    implicit none
    private
    public :: symsde_model_set_gradient_hessian, symsde_model_accept_null, symsde_model_set_flow
@@ -85,13 +86,14 @@ contains
       type(error_type), allocatable :: refusal
       type(callback_model), pointer :: known
       type(scheme_type) :: meant
-      character(:), allocatable :: text, name
+      type(step_map) :: map
+      character(:), allocatable :: text
 
       call find_callback_model(model, known, 'symsde_model_set_flow', refusal)
       call read_text(scheme, 'scheme', text, refusal)
       if (.not. allocated(refusal)) call get_scheme(meant, text, refusal)
-      if (.not. allocated(refusal)) call name_of_flow(meant, name)
-      if (.not. allocated(refusal)) call known%set_flow(name, flow)
+      if (.not. allocated(refusal)) call map_of(meant, map)
+      if (.not. allocated(refusal)) call known%set_flow(map, flow)
       status = finish(refusal, error)
    end function symsde_model_set_flow
 

@@ -8,17 +8,14 @@ module symsde_model_kernels
    use, intrinsic :: ieee_arithmetic, only: ieee_value, ieee_quiet_nan
    use symsde_base_counters, only: counters_type
    use symsde_base_kinds, only: wp, i8
+   use symsde_base_maps, only: step_map
    use symsde_base_record, only: steps_record
    use symsde_base_traits, only: strip_lanes
    use symsde_model_abstract, only: model_type
    implicit none
    private
-   public :: kernel_model, kernel_offers, angle_terms, corrected
+   public :: kernel_model, kernel_offers, angle_terms
    public :: kernels_of, offers_of, differences_alone, has_exact_stiffness, pair_by_arrays
-
-   !> Behind the name of a one-sided scheme that is asked of has_flow and flow: with its correction in increments form,
-   !> +-F_p.F_q/2 added to the one-step Hamiltonian, F = sum_k dW_k H_k.
-   character(*), parameter :: corrected = ', corrected'
 
    !> One degree of freedom that feels the sine and the cosine of its angle:
    !>
@@ -27,7 +24,7 @@ module symsde_model_kernels
       real(wp) :: a = 0, b = 0, c = 0, d = 0, e = 0, f = 0
    end type angle_terms
 
-   !> Which kernels there are. Whole steps are asked for scheme by scheme (has_flow).
+   !> Which kernels there are. Whole steps are asked for map by map (has_flow).
    type :: kernel_offers
       logical :: rows = .false.         !! chain_rows: force and stiffness of a strip of lanes, row by row
       logical :: rows_of_one = .false.  !! force_stiffness with b = 1 has the bits of chain_rows for one lane
@@ -178,24 +175,22 @@ contains
       terms%a = ieee_value(1.0_wp, ieee_quiet_nan)
    end subroutine angle_missing
 
-   !> Whether flow takes steps of this scheme. Schemes are asked for by the names of the catalogue; midpoint,
-   !> symplectic_euler, symplectic_euler_adjoint and stormer_verlet stand for every scheme that is one of these.
-   !> A flow is of the scheme as it stands, without the correction of one-sided schemes, unless `corrected` follows.
-   pure logical function has_no_flow(self, scheme) result(has_flow)
+   !> Whether flow takes steps by this map.
+   pure logical function has_no_flow(self, map) result(has_flow)
       class(kernel_model), intent(in) :: self
-      character(*), intent(in) :: scheme
+      type(step_map), intent(in) :: map
 
       has_flow = .false.
    end function has_no_flow
 
-   !> Steps of a scheme, taken by the model as a whole: from (q, p) to the states after every
+   !> Steps by a map that has_flow knows, taken by the model as a whole: from (q, p) to the states after every
    !> steps%every-th step. The result of a lane must depend on its own numbers alone, and be the same, bit for bit,
    !> whether steps are asked for one by one or many at once. A lane that fails gets a code of base/status, or a
    !> state that is not finite and stays so; then steps are asked for one by one, and the library finds out which
    !> one failed and tries to solve it. A lane with a status is not looked at any more.
-   subroutine no_flow(self, scheme, steps, ndof, q, p, qn, pn, status, counters)
+   subroutine no_flow(self, map, steps, ndof, q, p, qn, pn, status, counters)
       class(kernel_model), intent(in) :: self
-      character(*), intent(in) :: scheme
+      type(step_map), intent(in) :: map
       type(steps_record), intent(in) :: steps
       integer, intent(in) :: ndof
       real(wp), intent(in) :: q(steps%nlane, ndof), p(steps%nlane, ndof)

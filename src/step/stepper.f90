@@ -22,6 +22,7 @@
 module symsde_step_stepper
    use symsde_base_counters, only: counters_type, add_counters
    use symsde_base_kinds, only: wp, i8
+   use symsde_base_maps, only: step_map
    use symsde_base_record, only: step_record, steps_record
    use symsde_model_abstract, only: model_type
    use symsde_scheme_scheme, only: scheme_type, bracket_terms, tableau_form, correction_none, frame_none
@@ -44,7 +45,7 @@ module symsde_step_stepper
       type(scheme_type), allocatable :: tableau
       logical :: follows = .false.             !! for this model a stage needs stages before it alone
       integer :: correction = correction_none  !! resolved: never correction_auto
-      character(:), allocatable :: flow        !! as the model calls its own steps of it; not allocated: it has none
+      type(step_map), allocatable :: flow      !! whole steps of the model; not allocated: it has none
       integer :: nlane = 0                     !! lanes of a block
       logical :: general = .false.             !! the oracle is wanted, of all parts of the step
       type(newton_options) :: newton

@@ -40,6 +40,9 @@ ONLY_IN = {
     "calls LAPACK": (r"\bcall\s+d(ge|gb|po|pb|pt|gt|sy)(trf|trs|con|sv)\b", "src/solve/lapack.f90"),
     "starts threads": (r"^\s*!\$omp\s+parallel|^\s*use\s+omp_lib", "src/ensemble/"),
 }
+# Areas that know equations, not names of the catalogue of schemes.
+NAMELESS = {"base", "noise", "model", "solve"}
+SCHEME = re.compile(r"['\"](midpoint|symplectic_euler|stormer_verlet|gauss\d|lobatto\d|verlet_|gauss_dkdkd)")
 WORDS = "pure|impure|elemental|recursive|module|integer|real|logical|type|class|character"
 BEGIN = re.compile(rf"^\s*(?:(?:{WORDS})\b(?:\([^)]*\))?\s+)*(subroutine|function)\s+(\w+)", re.I)
 END = re.compile(r"^\s*end\s*(subroutine|function)\b", re.I)
@@ -115,6 +118,9 @@ def library(path, text):
         for what, (pattern, place) in ONLY_IN.items():
             if re.search(pattern, line) and not path.as_posix().startswith(place):
                 yield f"{number}: {what}, which only {place} may"
+    for number, line in enumerate(text.split("\n"), 1) if path.parts[1] in NAMELESS else ():
+        if SCHEME.search(line.split("!")[0]):
+            yield f"{number}: {path.parts[1]} names a scheme: say its equation (base/maps), or its data"
 
 
 def listed(root, path):
@@ -177,6 +183,7 @@ PLANTED = {
     "saves a variable": GOOD + "real, save :: x\n",
     "calls LAPACK": GOOD + "call dgetrf(n)\n",
     "starts threads": GOOD + "!$omp parallel do\n",
+    "names a scheme": GOOD + "known = name == 'stormer_verlet'\n",
     "local pointer": GOOD + "real, pointer :: x => null()\n",
     "does not begin with its licence": GOOD.removeprefix(SPDX),
     "has 121 columns": GOOD + "!" + "x" * 120 + "\n",

@@ -12,7 +12,9 @@ module symsde_ensemble_run_probes
    use symsde_model_catalogue_by_name, only: is_built_in
    use symsde_model_probe_traits, only: probe_model
    use symsde_scheme_scheme, only: scheme_type
-   use symsde_ensemble_run_model_flow_probe, only: probe_flow
+   use symsde_step_factory, only: stepper_options, new_stepper
+   use symsde_step_flow_model_flow, only: model_flow_stepper
+   use symsde_step_flow_probe, only: probe_flow, probe_lanes
    use symsde_step_stepper, only: stepper_type
    implicit none
    private
@@ -42,13 +44,31 @@ contains
       type(scheme_type), intent(in) :: scheme
       real(wp), intent(in) :: t, h, q0(:), p0(:)
       type(error_type), allocatable, intent(inout) :: error
+      class(stepper_type), allocatable :: whole, oracle
+      type(error_type), allocatable :: refusal
       integer(i8) :: number
+      integer :: correction
       logical :: decided
 
       if (allocated(error) .or. is_built_in(model)) return
+      select type (stepper)
+      type is (model_flow_stepper)
+         correction = stepper%correction
+      class default
+         return
+      end select
       number = probe_number(stepper%name, model%traits, t, q0, p0, h)
       if (model%passed%knows(number)) return
-      call probe_flow(stepper, model, scheme, t, h, q0, p0, error, decided)
+      ! Steppers of the probe's lanes; an oracle that is refused compares nothing.
+      call new_stepper(whole, model, scheme, stepper_options(correction=correction), probe_lanes, refusal)
+      if (allocated(refusal)) return
+      call new_stepper(oracle, model, scheme, stepper_options(correction=correction, general=.true.), probe_lanes, &
+                       refusal)
+      decided = .false.
+      select type (whole)
+      type is (model_flow_stepper)
+         call probe_flow(whole, oracle, model, scheme, t, h, q0, p0, error, decided)
+      end select
       if (decided .and. .not. allocated(error)) call model%passed%enter(number)
    end subroutine probe_whole_steps
 

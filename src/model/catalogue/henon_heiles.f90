@@ -12,6 +12,7 @@
 module symsde_model_catalogue_henon_heiles
    use symsde_base_counters, only: counters_type
    use symsde_base_kinds, only: wp, i8
+   use symsde_base_maps, only: step_map
    use symsde_base_record, only: steps_record
    use symsde_base_status, only: error_type
    use symsde_base_text, only: name_length
@@ -273,18 +274,18 @@ contains
       k12 = k21
    end subroutine pair
 
-   !> Whether flow takes steps of this scheme.
-   pure logical function has_flow(self, scheme)
+   !> Whether flow takes steps by this map.
+   pure logical function has_flow(self, map)
       class(henon_heiles_model), intent(in) :: self
-      character(*), intent(in) :: scheme
+      type(step_map), intent(in) :: map
 
-      has_flow = henon_heiles_has_flow(scheme)
+      has_flow = henon_heiles_has_flow(map)
    end function has_flow
 
    !> Whole steps, see model_type.
-   subroutine flow(self, scheme, steps, ndof, q, p, qn, pn, status, counters)
+   subroutine flow(self, map, steps, ndof, q, p, qn, pn, status, counters)
       class(henon_heiles_model), intent(in) :: self
-      character(*), intent(in) :: scheme
+      type(step_map), intent(in) :: map
       type(steps_record), intent(in) :: steps
       integer, intent(in) :: ndof
       real(wp), intent(in) :: q(steps%nlane, ndof), p(steps%nlane, ndof)
@@ -295,7 +296,7 @@ contains
 
       ! Paths that escape overflow to states that are not finite: status is not touched here, and the library finds
       ! them.
-      call henon_heiles_flow(scheme, henon_heiles_terms(self%alpha, self%sigma1, self%sigma2), steps, q, p, qn, pn, &
+      call henon_heiles_flow(map, henon_heiles_terms(self%alpha, self%sigma1, self%sigma2), steps, q, p, qn, pn, &
                              counters)
    end subroutine flow
 

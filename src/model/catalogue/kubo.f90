@@ -17,6 +17,7 @@
 module symsde_model_catalogue_kubo
    use symsde_base_counters, only: counters_type
    use symsde_base_kinds, only: wp, i8
+   use symsde_base_maps, only: step_map, midpoint_map
    use symsde_base_record, only: steps_record
    use symsde_base_status, only: error_type
    use symsde_base_text, only: name_length
@@ -118,9 +119,9 @@ contains
    end subroutine angle
 
    !> Whole steps, see model_type.
-   subroutine flow(self, scheme, steps, ndof, q, p, qn, pn, status, counters)
+   subroutine flow(self, map, steps, ndof, q, p, qn, pn, status, counters)
       class(kubo_model), intent(in) :: self
-      character(*), intent(in) :: scheme
+      type(step_map), intent(in) :: map
       type(steps_record), intent(in) :: steps
       integer, intent(in) :: ndof
       real(wp), intent(in) :: q(steps%nlane, ndof), p(steps%nlane, ndof)
@@ -131,10 +132,10 @@ contains
 
       ! The midpoint rule has a flow of its own, without division in the chain from step to step; others are those of
       ! oscillators.
-      if (scheme == 'midpoint') then
+      if (map%equation == midpoint_map) then
          call kubo_flow(self%a, self%sigma, steps, q, p, qn, pn, counters)
       else
-         call oscillator_flow(self%terms, scheme, steps, q, p, qn, pn, counters)
+         call oscillator_flow(self%terms, map, steps, q, p, qn, pn, counters)
       end if
    end subroutine flow
 

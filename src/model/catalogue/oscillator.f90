@@ -8,6 +8,7 @@
 module symsde_model_catalogue_oscillator
    use symsde_base_counters, only: counters_type
    use symsde_base_kinds, only: wp, i8
+   use symsde_base_maps, only: step_map
    use symsde_base_record, only: steps_record
    use symsde_model_kernels, only: angle_terms
    use symsde_model_flows_oscillator, only: oscillator_terms, oscillator_flow, oscillator_has_flow
@@ -26,19 +27,19 @@ module symsde_model_catalogue_oscillator
 
 contains
 
-   !> Whether flow takes steps of this scheme.
+   !> Whether flow takes steps by this map.
    !> It depends on the noises, too: oscillator_has_flow knows which steps a noise in a .. e rules out.
-   pure logical function has_flow(self, scheme)
+   pure logical function has_flow(self, map)
       class(oscillator_model), intent(in) :: self
-      character(*), intent(in) :: scheme
+      type(step_map), intent(in) :: map
 
-      has_flow = oscillator_has_flow(self%terms, scheme)
+      has_flow = oscillator_has_flow(self%terms, map)
    end function has_flow
 
    !> Whole steps, see model_type.
-   subroutine flow(self, scheme, steps, ndof, q, p, qn, pn, status, counters)
+   subroutine flow(self, map, steps, ndof, q, p, qn, pn, status, counters)
       class(oscillator_model), intent(in) :: self
-      character(*), intent(in) :: scheme
+      type(step_map), intent(in) :: map
       type(steps_record), intent(in) :: steps
       integer, intent(in) :: ndof
       real(wp), intent(in) :: q(steps%nlane, ndof), p(steps%nlane, ndof)
@@ -47,7 +48,7 @@ contains
       integer(i8), intent(inout) :: status(steps%nlane)
       type(counters_type), intent(inout) :: counters
 
-      call oscillator_flow(self%terms, scheme, steps, q, p, qn, pn, counters)
+      call oscillator_flow(self%terms, map, steps, q, p, qn, pn, counters)
    end subroutine flow
 
    !> The terms for one path, see model_type; the rate is one.

@@ -9,12 +9,13 @@
 module symsde_model_catalogue_pendulum
    use symsde_base_counters, only: counters_type
    use symsde_base_kinds, only: wp, i8
+   use symsde_base_maps, only: step_map, euler_map, euler_adjoint_map, verlet_map
    use symsde_base_record, only: steps_record
    use symsde_base_sincos, only: sincos_lanes, sincos_tile, sincos_where_weighted
    use symsde_base_status, only: error_type
    use symsde_base_text, only: name_length
    use symsde_base_traits, only: model_traits
-   use symsde_model_kernels, only: angle_terms, corrected
+   use symsde_model_kernels, only: angle_terms
    use symsde_model_parameters, only: require_finite, is_zero
    use symsde_model_flows_pendulum, only: pendulum_euler_flow
    use symsde_model_separable, only: separable_model
@@ -26,9 +27,6 @@ module symsde_model_catalogue_pendulum
    !   sigma [1/time^(1/2)], where time is in units of 1/(frequency of small oscillations)
    character(*), parameter :: pendulum_names(1) = [character(len=name_length) :: 'sigma']
    real(wp), parameter :: pendulum_defaults(1) = [0.5_wp]
-
-   ! By these names one-sided schemes are asked for with their correction included.
-   character(*), parameter :: euler = 'symplectic_euler'//corrected, adjoint = 'symplectic_euler_adjoint'//corrected
 
    type, extends(separable_model) :: pendulum_model
       private
@@ -160,18 +158,19 @@ contains
       up = 0
    end subroutine third_derivative
 
-   !> Whether flow takes steps of this scheme.
-   pure logical function has_flow(self, scheme)
+   !> Whether flow takes steps by this map.
+   pure logical function has_flow(self, map)
       class(pendulum_model), intent(in) :: self
-      character(*), intent(in) :: scheme
+      type(step_map), intent(in) :: map
 
-      has_flow = scheme == 'stormer_verlet' .or. scheme == euler .or. scheme == adjoint
+      has_flow = map%equation == verlet_map
+      if (map%corrected) has_flow = any(map%equation == [euler_map, euler_adjoint_map])
    end function has_flow
 
    !> Whole steps, see model_type.
-   subroutine flow(self, scheme, steps, ndof, q, p, qn, pn, status, counters)
+   subroutine flow(self, map, steps, ndof, q, p, qn, pn, status, counters)
       class(pendulum_model), intent(in) :: self
-      character(*), intent(in) :: scheme
+      type(step_map), intent(in) :: map
       type(steps_record), intent(in) :: steps
       integer, intent(in) :: ndof
       real(wp), intent(in) :: q(steps%nlane, ndof), p(steps%nlane, ndof)
@@ -181,8 +180,8 @@ contains
       type(counters_type), intent(inout) :: counters
 
       ! The corrected Euler pair needs no iteration, as H_1 is quadratic; Stormer-Verlet needs no correction.
-      if (scheme == euler .or. scheme == adjoint) then
-         call pendulum_euler_flow(scheme == adjoint, self%sigma, steps, q, p, qn, pn, counters)
+      if (map%corrected) then
+         call pendulum_euler_flow(map%equation == euler_adjoint_map, self%sigma, steps, q, p, qn, pn, counters)
       else
          !   kick by sin q h + sigma dW q,   drift by (h + sigma dW) p
          call sine_flow(sine_terms(c=self%sigma, e=self%sigma, noise_c=1, noise_e=1), &

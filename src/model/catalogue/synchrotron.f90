@@ -13,6 +13,7 @@
 module symsde_model_catalogue_synchrotron
    use symsde_base_counters, only: counters_type
    use symsde_base_kinds, only: wp, i8
+   use symsde_base_maps, only: step_map, verlet_map
    use symsde_base_record, only: steps_record
    use symsde_base_sincos, only: sincos_lanes, sincos_tile
    use symsde_base_status, only: error_type
@@ -167,19 +168,19 @@ contains
       call force_and_slope(nlane, self%omega2, self%sigma1, self%sigma2, w, sine, hqq)
    end subroutine slope_alone
 
-   !> Whether flow takes steps of this scheme.
-   !> Of the schemes that models take by themselves, Stormer-Verlet alone needs no solver here.
-   pure logical function has_flow(self, scheme)
+   !> Whether flow takes steps by this map.
+   !> Of the maps that models take by themselves, Stormer-Verlet alone needs no solver here.
+   pure logical function has_flow(self, map)
       class(synchrotron_model), intent(in) :: self
-      character(*), intent(in) :: scheme
+      type(step_map), intent(in) :: map
 
-      has_flow = scheme == 'stormer_verlet'
+      has_flow = map%equation == verlet_map
    end function has_flow
 
    !> Whole steps, see model_type.
-   subroutine flow(self, scheme, steps, ndof, q, p, qn, pn, status, counters)
+   subroutine flow(self, map, steps, ndof, q, p, qn, pn, status, counters)
       class(synchrotron_model), intent(in) :: self
-      character(*), intent(in) :: scheme
+      type(step_map), intent(in) :: map
       type(steps_record), intent(in) :: steps
       integer, intent(in) :: ndof
       real(wp), intent(in) :: q(steps%nlane, ndof), p(steps%nlane, ndof)

@@ -22,6 +22,8 @@ module symsde_model_flows_henon_heiles
    use symsde_base_counters, only: counters_type
    use symsde_base_functionals, only: path_dz
    use symsde_base_kinds, only: wp
+   use symsde_base_maps, only: step_map, euler_map, euler_adjoint_map, verlet_map, verlet_swapped_map, &
+                               drift_kick_drift_map, kick_drift_kick_map, two_kicks_map, two_kicks_rotation_map
    use symsde_base_record, only: steps_record
    use symsde_base_sincos, only: sine_of
    implicit none
@@ -55,41 +57,41 @@ module symsde_model_flows_henon_heiles
 
 contains
 
-   !> Whether this file has steps of a scheme of this name.
-   pure logical function henon_heiles_has_flow(scheme) result(has_flow)
-      character(*), intent(in) :: scheme
+   !> Whether this file has steps by a map.
+   pure logical function henon_heiles_has_flow(map) result(has_flow)
+      type(step_map), intent(in) :: map
       type(kick_plan) :: plan
 
-      call find_plan(scheme, plan)
-      has_flow = any(plan%part > 0)
+      call find_plan(map%equation, plan)
+      has_flow = any(plan%part > 0) .and. .not. map%corrected
    end function henon_heiles_has_flow
 
-   !> Find the drifts and kicks of a scheme; those of schemes that are not known are all zero.
-   pure subroutine find_plan(scheme, plan)
-      character(*), intent(in) :: scheme
+   !> Find the drifts and kicks of a map; those of maps that are not known are all zero.
+   pure subroutine find_plan(equation, plan)
+      integer, intent(in) :: equation
       type(kick_plan), intent(out) :: plan
       real(wp), parameter :: gauss = 0.5_wp*(1 - sqrt(1/3.0_wp))
 
-      select case (scheme)
+      select case (equation)
          ! Each plan gives the drifts as fractions of h and the kicks as parts of the potential, in the order drift,
          ! kick, drift, kick, drift.
-      case ('symplectic_euler')
+      case (euler_map)
          plan = kick_plan(drift=[0, 1, 0], part=[1, 0], nvelocity=1)
-      case ('symplectic_euler_adjoint')
+      case (euler_adjoint_map)
          plan = kick_plan(drift=[0, 1, 0], part=[0, 1], nvelocity=1)
-      case ('stormer_verlet')
+      case (verlet_map)
          plan = kick_plan(drift=[0, 1, 0], part=[0.5_wp, 0.5_wp], nvelocity=1)
-      case ('lobatto2_swapped', 'verlet_dkd_weak2')
+      case (verlet_swapped_map, drift_kick_drift_map)
          plan = kick_plan(drift=[0.5_wp, 0.5_wp, 0.0_wp], part=[1, 0])
-         ! The two names mean one map, but are counted as the general steppers count them: velocities of a tableau are
+         ! The two are one here, but are counted as the general steppers count them: velocities of a tableau are
          ! gradients, and drifts of a splitting are not.
-         if (scheme == 'lobatto2_swapped') plan%nvelocity = 2
-      case ('verlet_kdk', 'verlet_kdk_strong2')
+         if (equation == verlet_swapped_map) plan%nvelocity = 2
+      case (kick_drift_kick_map)
          plan = kick_plan(drift=[0, 1, 0], part=[0.5_wp, 0.5_wp], shape=[2, -2])
-      case ('gauss_dkdkd', 'gauss_dkdkd_strong2', 'gauss_dkdkd_rotation')
+      case (two_kicks_map, two_kicks_rotation_map)
          plan = kick_plan(drift=[gauss, 1 - 2*gauss, gauss], part=[0.5_wp, 0.5_wp], &
                           shape=sqrt(12.0_wp)*[1, -1], &
-                          rotates=scheme == 'gauss_dkdkd_rotation')
+                          rotates=equation == two_kicks_rotation_map)
          ! The rotation is the flow of the quadratic part of H: a kick has the cubic force and the noise alone.
          if (plan%rotates) plan%linear = 0
       case default
@@ -99,8 +101,8 @@ contains
 
    !> Take steps by the contract of model_type%flow, for two degrees of freedom. Where no dZ is drawn its weight
    !> gamma_i/b_i is zero, or all noises are silent: then any numbers may stand in its place.
-   subroutine henon_heiles_flow(scheme, terms, steps, q, p, qn, pn, counters)
-      character(*), intent(in) :: scheme
+   subroutine henon_heiles_flow(map, terms, steps, q, p, qn, pn, counters)
+      type(step_map), intent(in) :: map
       type(henon_heiles_terms), intent(in) :: terms
       type(steps_record), intent(in) :: steps
       real(wp), intent(in) :: q(steps%nlane, 2), p(steps%nlane, 2)
@@ -110,7 +112,7 @@ contains
       type(kick_plan) :: plan
       integer :: first
 
-      call find_plan(scheme, plan)
+      call find_plan(map%equation, plan)
       ! The plan is completed by all that depends on h alone, so that no step computes it again.
       plan%h = steps%h
       plan%of = terms

@@ -26,8 +26,10 @@
 module symsde_model_flows_oscillator
    use symsde_base_counters, only: counters_type
    use symsde_base_kinds, only: wp
+   use symsde_base_maps, only: step_map, euler_map, euler_adjoint_map, verlet_map, verlet_swapped_map, &
+                               midpoint_map, gauss2_map, gauss4_map, lobatto3_map, lobatto4_swapped_map, &
+                               gauss2_brackets_map
    use symsde_base_record, only: steps_record
-   use symsde_model_kernels, only: corrected
    implicit none
    private
    public :: oscillator_terms, oscillator_flow, oscillator_has_flow
@@ -41,13 +43,6 @@ module symsde_model_flows_oscillator
       integer :: noise_a = 0, noise_b = 0, noise_c = 0, noise_e = 0
    end type oscillator_terms
 
-   enum, bind(c)
-      enumerator :: euler = 1, adjoint = 2, verlet = 3, swapped_verlet = 4
-      enumerator :: midpoint = 5, gauss2 = 6, gauss3 = 7, gauss4 = 8  ! from midpoint on by one solve
-      enumerator :: lobatto3 = 9, lobatto3_swapped = 10, lobatto4 = 11, lobatto4_swapped = 12
-      enumerator :: corrected_euler = 13, corrected_adjoint = 14
-   end enum
-
    !> The coefficients of the polynomials u and o in a c, from the first power on: u begins with 1, o with 1/2.
    type :: pade_terms
       real(wp) :: u(2) = 0, o = 0
@@ -59,9 +54,9 @@ module symsde_model_flows_oscillator
    !    gauss3     1 + Z/2 + Z^2/10 + Z^3/120                      u = 1 - x/10,               o = 1/2 - x/120
    !    gauss4     1 + Z/2 + 3 Z^2/28 + Z^3/84 + Z^4/1680          u = 1 - 3 x/28 + x^2/1680,  o = 1/2 - x/84
    type(pade_terms), parameter :: &
-      pade(midpoint:gauss4) = [pade_terms(), pade_terms(u=[-1/12.0_wp, 0.0_wp]), &
-                               pade_terms(u=[-1/10.0_wp, 0.0_wp], o=-1/120.0_wp), &
-                               pade_terms(u=[-3/28.0_wp, 1/1680.0_wp], o=-1/84.0_wp)]
+      pade(midpoint_map:gauss4_map) = [pade_terms(), pade_terms(u=[-1/12.0_wp, 0.0_wp]), &
+                                       pade_terms(u=[-1/10.0_wp, 0.0_wp], o=-1/120.0_wp), &
+                                       pade_terms(u=[-3/28.0_wp, 1/1680.0_wp], o=-1/84.0_wp)]
 
    !> The coefficients of A, B, C and D of Lobatto's schemes, from x on: their constants are 1, and 1/2 of B. Those of
    !> the swapped pair have A and C exchanged.
@@ -77,23 +72,28 @@ module symsde_model_flows_oscillator
                           other4(3) = [-2/15.0_wp, 1/300.0_wp, -1/43200.0_wp], &
                           both4(2) = [-1/40.0_wp, 1/3600.0_wp], below4(2) = [1/30.0_wp, 1/1800.0_wp]
    type(step_quotients), parameter :: &
-      quotients(lobatto3:lobatto4_swapped) = [step_quotients(one3, both3, other3, below3), &
-                                              step_quotients(other3, both3, one3, below3), &
-                                              step_quotients(one4, both4, other4, below4), &
-                                              step_quotients(other4, both4, one4, below4)]
+      quotients(lobatto3_map:lobatto4_swapped_map) = [step_quotients(one3, both3, other3, below3), &
+                                                      step_quotients(other3, both3, one3, below3), &
+                                                      step_quotients(one4, both4, other4, below4), &
+                                                      step_quotients(other4, both4, one4, below4)]
 
 contains
 
-   !> Whether this file has steps of a scheme for these noises: corrected ones where noise is in a and c alone, those
-   !> with brackets where all brackets vanish.
-   pure logical function oscillator_has_flow(terms, scheme) result(has_flow)
+   !> Whether this file has steps by a map for these noises: corrected ones where noise is in a and c alone, those with
+   !> brackets where all brackets vanish.
+   pure logical function oscillator_has_flow(terms, map) result(has_flow)
       type(oscillator_terms), intent(in) :: terms
-      character(*), intent(in) :: scheme
+      type(step_map), intent(in) :: map
 
-      ! With noise in b or e, F_p.F_q/2 has more terms than d q p, which the corrected steps of this file lack.
-      has_flow = index_of(scheme) > 0
-      if (index_of(scheme) >= corrected_euler) has_flow = terms%noise_b == 0 .and. terms%noise_e == 0
-      if (index_of(scheme) == gauss2 .and. scheme /= 'gauss2') has_flow = is_of_one_form(terms)  ! its brackets
+      if (map%corrected) then
+         ! With noise in b or e, F_p.F_q/2 has more terms than d q p, which the corrected steps of this file lack.
+         has_flow = any(map%equation == [euler_map, euler_adjoint_map]) .and. &
+                    terms%noise_b == 0 .and. terms%noise_e == 0
+      else if (map%equation == gauss2_brackets_map) then
+         has_flow = is_of_one_form(terms)
+      else
+         has_flow = map%equation >= euler_map .and. map%equation <= lobatto4_swapped_map
+      end if
    end function oscillator_has_flow
 
    !> Whether every H_j is a multiple of p^2 + q^2, so that all brackets vanish.
@@ -104,50 +104,11 @@ contains
                        terms%noise_b == 0 .and. terms%noise_e == 0
    end function is_of_one_form
 
-   !> Which steps a name means; 0 for names that are not known. Schemes with brackets are those of gauss2, since they
-   !> are taken where the brackets vanish.
-   pure integer function index_of(scheme)
-      character(*), intent(in) :: scheme
-
-      select case (scheme)
-      case ('symplectic_euler')
-         index_of = euler
-      case ('symplectic_euler_adjoint')
-         index_of = adjoint
-      case ('stormer_verlet')
-         index_of = verlet
-      case ('lobatto2_swapped')
-         index_of = swapped_verlet
-      case ('midpoint')
-         index_of = midpoint
-      case ('gauss2', 'gauss2_strong32', 'gauss2_strong32_areas', 'gauss2_weak2', 'gauss2_weak2_areas')
-         index_of = gauss2  ! where brackets vanish
-      case ('gauss3')
-         index_of = gauss3
-      case ('gauss4')
-         index_of = gauss4
-      case ('lobatto3')
-         index_of = lobatto3
-      case ('lobatto3_swapped')
-         index_of = lobatto3_swapped
-      case ('lobatto4')
-         index_of = lobatto4
-      case ('lobatto4_swapped')
-         index_of = lobatto4_swapped
-      case ('symplectic_euler'//corrected)
-         index_of = corrected_euler
-      case ('symplectic_euler_adjoint'//corrected)
-         index_of = corrected_adjoint
-      case default
-         index_of = 0
-      end select
-   end function index_of
-
    !> Take steps by the contract of model_type%flow, for one degree of freedom. Adjoint schemes are their partners on
    !> the oscillator that is turned, and are asked so.
-   subroutine oscillator_flow(terms, scheme, steps, q, p, qn, pn, counters)
+   subroutine oscillator_flow(terms, map, steps, q, p, qn, pn, counters)
       type(oscillator_terms), intent(in) :: terms
-      character(*), intent(in) :: scheme
+      type(step_map), intent(in) :: map
       type(steps_record), intent(in) :: steps
       real(wp), intent(in) :: q(steps%nlane), p(steps%nlane)
       real(wp), intent(out) :: qn(steps%nlane, steps%nstep/steps%every), pn(steps%nlane, steps%nstep/steps%every)
@@ -157,7 +118,8 @@ contains
       integer :: which, n
 
       w => steps%w  ! contiguous, as gfortran 12 does not see of a component
-      which = index_of(scheme)
+      ! Where brackets vanish, so does their part in the equation.
+      which = merge(gauss2_map, map%equation, map%equation == gauss2_brackets_map)
       ! Noise of number 0 reads the column w(:, 0, :), which holds h, and has strength zero: what is read does not
       ! matter.
       additive = terms%noise_a == 0 .and. terms%noise_c == 0
@@ -165,34 +127,40 @@ contains
       ! call.
       associate (t => terms, back => turned(terms), h => terms%rate*steps%h)
          select case (which)
-         case (euler)
-            if (additive) call additive_euler(t, steps, h, w, q, p, qn, pn)
-            if (.not. additive) call euler_steps(t, steps, h, w, q, p, qn, pn)
-         case (adjoint)
-            if (additive) call additive_euler(back, steps, -h, w, p, q, pn, qn)
-            if (.not. additive) call euler_steps(back, steps, -h, w, p, q, pn, qn)
-         case (verlet)
+         case (euler_map)
+            if (map%corrected) then
+               call corrected_steps(t, steps, h, w, q, p, qn, pn)
+            else if (additive) then
+               call additive_euler(t, steps, h, w, q, p, qn, pn)
+            else
+               call euler_steps(t, steps, h, w, q, p, qn, pn)
+            end if
+         case (euler_adjoint_map)
+            if (map%corrected) then
+               call corrected_steps(back, steps, -h, w, p, q, pn, qn)
+            else if (additive) then
+               call additive_euler(back, steps, -h, w, p, q, pn, qn)
+            else
+               call euler_steps(back, steps, -h, w, p, q, pn, qn)
+            end if
+         case (verlet_map)
             call verlet_steps(t, steps, h, w, q, p, qn, pn)
-         case (swapped_verlet)
+         case (verlet_swapped_map)
             call verlet_steps(back, steps, -h, w, p, q, pn, qn)
-         case (midpoint:gauss4)
+         case (midpoint_map:gauss4_map)
             call gauss_steps(pade(which), t, steps, h, w, q, p, qn, pn)
-         case (lobatto3:lobatto4_swapped)
+         case default  ! lobatto3_map to lobatto4_swapped_map: oscillator_has_flow knows no others
             call lobatto_steps(quotients(which), t, steps, h, w, q, p, qn, pn)
-         case (corrected_euler)
-            call corrected_steps(t, steps, h, w, q, p, qn, pn)
-         case default  ! corrected_adjoint: oscillator_has_flow knows no others
-            call corrected_steps(back, steps, -h, w, p, q, pn, qn)
          end select
       end associate
       n = steps%nstep*steps%nreal
-      ! Schemes from midpoint on are counted as the implicit steppers count, one solve in one iteration, the others by
-      ! the gradients of a step: a force and a velocity, and of Stormer-Verlet two forces.
-      if (which >= midpoint) then
+      ! Implicit maps are counted as the implicit steppers count, one solve in one iteration, the others by the
+      ! gradients of a step: a force and a velocity, and of Stormer-Verlet two forces.
+      if (which >= midpoint_map .or. map%corrected) then
          counters%iterations = counters%iterations + n
          counters%solves = counters%solves + n
       else
-         counters%gradients = counters%gradients + n*merge(3, 2, which == verlet .or. which == swapped_verlet)
+         counters%gradients = counters%gradients + n*merge(3, 2, which >= verlet_map)
       end if
    end subroutine oscillator_flow
 

@@ -15,6 +15,7 @@ module symsde_model_user_callback
    use, intrinsic :: iso_c_binding, only: c_associated, c_f_procpointer, c_funptr, c_null_ptr, c_ptr
    use symsde_base_counters, only: counters_type
    use symsde_base_kinds, only: wp, i4, i8
+   use symsde_base_maps, only: step_map
    use symsde_base_record, only: steps_record
    use symsde_base_status, only: error_type, raise, missing_operation, out_of_memory
    use symsde_base_traits, only: model_traits, strip_lanes
@@ -34,7 +35,7 @@ module symsde_model_user_callback
 
    type, extends(kernel_model) :: callback_model
       private
-      type(user_flows) :: flows                  !! whole steps of schemes
+      type(user_flows) :: flows                  !! whole steps by maps
       procedure(gradient_callback), pointer, nopass :: on_gradient => null()
       procedure(value_callback), pointer, nopass :: on_value => null()
       procedure(hessian_callback), pointer, nopass :: on_hessian => null()
@@ -115,28 +116,28 @@ contains
       self%traits%has_hessian = associated(self%on_hessian) .or. associated(self%on_gradient_hessian)
    end subroutine set_gradient_hessian
 
-   !> Whole steps of a scheme, before the model is used; c_null_funptr takes them back.
-   subroutine set_flow(self, scheme, take)
+   !> Whole steps by a map, before the model is used; c_null_funptr takes them back.
+   subroutine set_flow(self, map, take)
       class(callback_model), intent(inout) :: self
-      character(*), intent(in) :: scheme  !! as in the catalogue
+      type(step_map), intent(in) :: map
       type(c_funptr), intent(in) :: take  !! a flow_callback, or c_null_funptr
 
-      call self%flows%set(scheme, take)
+      call self%flows%set(map, take)
       call self%passed%forget()
    end subroutine set_flow
 
-   !> Whether the user gave a flow of this scheme.
-   pure logical function has_flow(self, scheme)
+   !> Whether the user gave whole steps by this map.
+   pure logical function has_flow(self, map)
       class(callback_model), intent(in) :: self
-      character(*), intent(in) :: scheme
+      type(step_map), intent(in) :: map
 
-      has_flow = self%flows%place_of(scheme) > 0
+      has_flow = self%flows%place_of(map) > 0
    end function has_flow
 
    !> Whole steps, of the real lanes alone where the user's functions take any number of lanes.
-   subroutine flow(self, scheme, steps, ndof, q, p, qn, pn, status, counters)
+   subroutine flow(self, map, steps, ndof, q, p, qn, pn, status, counters)
       class(callback_model), intent(in) :: self
-      character(*), intent(in) :: scheme
+      type(step_map), intent(in) :: map
       type(steps_record), intent(in) :: steps
       integer, intent(in) :: ndof
       real(wp), intent(in) :: q(steps%nlane, ndof), p(steps%nlane, ndof)
@@ -146,7 +147,7 @@ contains
       type(counters_type), intent(inout) :: counters
       integer(i4) :: code
 
-      call self%flows%take(scheme, steps, ndof, merge(steps%nreal, steps%nlane, self%traits%any_lanes), self%user, &
+      call self%flows%take(map, steps, ndof, merge(steps%nreal, steps%nlane, self%traits%any_lanes), self%user, &
                            q, p, qn, pn, status, code)
       if (code == 0) return
       call note(self, code)

@@ -1,5 +1,5 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> Flows of a user's model: C functions, one for each scheme (model_type%flow says what they promise).
+!> Flows of a user's model: C functions, one for each map (model_type%flow says what they promise).
 !>
 !> Private to its family.
 module symsde_model_user_callback_flow
@@ -7,6 +7,7 @@ module symsde_model_user_callback_flow
    use, intrinsic :: iso_c_binding, only: c_loc, c_null_ptr, c_ptr
    use symsde_base_functionals, only: nfunctional
    use symsde_base_kinds, only: wp, i4, i8
+   use symsde_base_maps, only: step_map, same_map
    use symsde_base_record, only: steps_record
    use symsde_model_user_outputs, only: spoil
    implicit none
@@ -14,7 +15,7 @@ module symsde_model_user_callback_flow
    public :: user_flows, flow_callback
 
    type :: flow_slot
-      character(:), allocatable :: scheme
+      type(step_map) :: map
       procedure(flow_callback), pointer, nopass :: take => null()
    end type flow_slot
 
@@ -33,7 +34,7 @@ module symsde_model_user_callback_flow
    end type functional_buffer
 
    abstract interface
-      !> Whole steps of a scheme: see model_type%flow.
+      !> Whole steps: see model_type%flow.
       function flow_callback(nlane, ndof, nham, nstep, every, max_iter, t, h, w, functionals, q, p, qn, pn, status, &
                              user) bind(c) result(code)
          import :: c_int, c_int64_t, c_double, c_ptr, nfunctional
@@ -53,10 +54,10 @@ module symsde_model_user_callback_flow
 
 contains
 
-   !> Keep a function for a scheme instead of the one there was; c_null_funptr keeps none.
-   subroutine set(self, scheme, function)
+   !> Keep a function for a map instead of the one there was; c_null_funptr keeps none.
+   subroutine set(self, map, function)
       class(user_flows), intent(inout) :: self
-      character(*), intent(in) :: scheme
+      type(step_map), intent(in) :: map
       type(c_funptr), intent(in) :: function
       type(flow_slot), allocatable :: slots(:)
       integer :: i, n, known
@@ -66,35 +67,35 @@ contains
       allocate (slots(known + 1))
       n = 0
       do i = 1, known
-         if (self%slots(i)%scheme == scheme) cycle
+         if (same_map(self%slots(i)%map, map)) cycle
          n = n + 1
          slots(n) = self%slots(i)
       end do
       if (c_associated(function)) then
          n = n + 1
-         slots(n)%scheme = scheme
+         slots(n)%map = map
          call c_f_procpointer(function, slots(n)%take)
       end if
       self%slots = slots(:n)
    end subroutine set
 
-   !> Which function a scheme has; 0 = none.
-   pure integer function place_of(self, scheme)
+   !> Which function a map has; 0 = none.
+   pure integer function place_of(self, map)
       class(user_flows), intent(in) :: self
-      character(*), intent(in) :: scheme
+      type(step_map), intent(in) :: map
       integer :: i
 
       place_of = 0
       if (.not. allocated(self%slots)) return
       do i = 1, size(self%slots)
-         if (self%slots(i)%scheme == scheme) place_of = i
+         if (same_map(self%slots(i)%map, map)) place_of = i
       end do
    end function place_of
 
-   !> Steps of a scheme that has a function, in the first n lanes; the others get what the last of these gets.
-   subroutine take(self, scheme, steps, ndof, n, user, q, p, qn, pn, status, code)
+   !> Steps by a map that has a function, in the first n lanes; the others get what the last of these gets.
+   subroutine take(self, map, steps, ndof, n, user, q, p, qn, pn, status, code)
       class(user_flows), intent(in) :: self
-      character(*), intent(in) :: scheme
+      type(step_map), intent(in) :: map
       type(steps_record), intent(in) :: steps
       integer, intent(in) :: ndof, n
       type(c_ptr), intent(in) :: user
@@ -106,7 +107,7 @@ contains
       real(wp), allocatable :: few_q(:, :), few_p(:, :), xq(:, :, :), xp(:, :, :)
       integer :: i, lane
 
-      i = self%place_of(scheme)
+      i = self%place_of(map)
       if (n == steps%nlane) then
          call take_lanes(self%slots(i), n, ndof, steps, user, q, p, qn, pn, status, code)
          return

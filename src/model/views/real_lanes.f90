@@ -7,6 +7,7 @@
 module symsde_model_views_real_lanes
    use symsde_base_counters, only: counters_type
    use symsde_base_kinds, only: wp, i8
+   use symsde_base_maps, only: step_map
    use symsde_base_record, only: steps_record
    use symsde_model_abstract, only: model_type
    use symsde_model_kernels, only: kernel_model, kernels_of
@@ -226,18 +227,18 @@ contains
       end associate
    end subroutine hessian_banded
 
-   pure logical function has_flow(self, scheme)
+   pure logical function has_flow(self, map)
       class(real_lanes_model), intent(in) :: self
-      character(*), intent(in) :: scheme
+      type(step_map), intent(in) :: map
 
       has_flow = .false.
-      if (associated(self%kernels)) has_flow = self%kernels%has_flow(scheme)
+      if (associated(self%kernels)) has_flow = self%kernels%has_flow(map)
    end function has_flow
 
    !> Whole steps are told the number of real lanes.
-   subroutine flow(self, scheme, steps, ndof, q, p, qn, pn, status, counters)
+   subroutine flow(self, map, steps, ndof, q, p, qn, pn, status, counters)
       class(real_lanes_model), intent(in) :: self
-      character(*), intent(in) :: scheme
+      type(step_map), intent(in) :: map
       type(steps_record), intent(in) :: steps
       integer, intent(in) :: ndof
       real(wp), intent(in) :: q(steps%nlane, ndof), p(steps%nlane, ndof)
@@ -246,7 +247,7 @@ contains
       integer(i8), intent(inout) :: status(steps%nlane)
       type(counters_type), intent(inout) :: counters
 
-      call self%kernels%flow(scheme, steps, ndof, q, p, qn, pn, status, counters)
+      call self%kernels%flow(map, steps, ndof, q, p, qn, pn, status, counters)
    end subroutine flow
 
    integer function failure_code(self) result(code)

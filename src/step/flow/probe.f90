@@ -1,14 +1,14 @@
 ! SPDX-License-Identifier: BSD-3-Clause
 !> The probe of the whole steps that a user's model defines: near the initial state they must be those of the library.
 !>
-!> Four steps of eight paths are compared with those of the general stepper, to about the root of rounding, and with
+!> Four steps of eight paths are compared with those of the oracle, to about the root of rounding, and with
 !> themselves, bit for bit, asked for one by one, two by two and all at once. Where the model gives up on a lane,
 !> which a run would then rescue, nothing is compared.
 !>
 !> Equations of a stiff step may have several roots, and each side may have found another one. So where the two are
 !> far apart, shorter steps decide, which leave less choice, and in which a fault would still show. As every probe
 !> this one refutes; it proves nothing.
-module symsde_ensemble_run_model_flow_probe
+module symsde_step_flow_probe
    use symsde_base_functionals, only: nfunctional
    use symsde_base_kinds, only: wp, i8
    use symsde_base_lanes, only: lane_unit
@@ -17,32 +17,29 @@ module symsde_ensemble_run_model_flow_probe
    use symsde_base_status, only: error_type, raise, false_trait
    use symsde_base_text, only: to_text
    use symsde_model_abstract, only: model_type
-   use symsde_scheme_scheme, only: scheme_type, correction_none
-   use symsde_step_factory, only: stepper_options, new_stepper
+   use symsde_scheme_scheme, only: scheme_type
    use symsde_step_stepper, only: stepper_type
    use symsde_step_flow_model_flow, only: model_flow_stepper
    implicit none
    private
-   public :: probe_flow
+   public :: probe_flow, probe_lanes
 
-   integer, parameter :: nlane = lane_unit, nstep = 4
+   integer, parameter :: probe_lanes = lane_unit, nlane = probe_lanes, nstep = 4
    real(wp), parameter :: tolerance = 1e-8_wp  !! of the size of a state: iterations may stop early
    real(wp), parameter :: apart = 1e-3_wp      !! of the same: two roots, or a fault that shows at an eighth of the step
    integer, parameter :: most_shorter = 2      !! how often an eighth is taken
 
 contains
 
-   !> Refuse whole steps that are not the scheme's (false_trait). Any stepper may be given: those that do not take the
-   !> model's own steps pass. `decided` tells whether anything was compared.
-   subroutine probe_flow(stepper, model, scheme, t, h, q0, p0, error, decided)
-      class(stepper_type), intent(in) :: stepper
+   !> Refuse whole steps that are not the scheme's (false_trait). `decided` tells whether anything was compared.
+   subroutine probe_flow(whole, oracle, model, scheme, t, h, q0, p0, error, decided)
+      type(model_flow_stepper), intent(inout) :: whole
+      class(stepper_type), allocatable, intent(inout) :: oracle  !! of probe_lanes, as `whole`; may not be allocated
       class(model_type), intent(in), target :: model
       type(scheme_type), intent(in) :: scheme
       real(wp), intent(in) :: t, h, q0(:), p0(:)
       type(error_type), allocatable, intent(inout) :: error
       logical, intent(out) :: decided
-      class(stepper_type), allocatable :: whole, general
-      type(error_type), allocatable :: refusal
       type(step_store) :: store
       real(wp), dimension(nlane, size(q0), nstep) :: q, p, q1, p1
       real(wp) :: gap, shorter
@@ -50,13 +47,6 @@ contains
       logical :: comparable
 
       decided = .false.
-      select type (stepper)
-      type is (model_flow_stepper)
-      class default
-         return
-      end select
-      call new_stepper(whole, model, scheme, stepper_options(correction=correction_none), nlane, refusal)
-      if (allocated(refusal)) return
       call draw(store, model, scheme, h)
       call take(whole, store, t, q0, p0, nstep, q, p, comparable)
       if (.not. comparable) return
@@ -64,11 +54,8 @@ contains
       if (.not. (same(q, q1) .and. same(p, p1))) call refuse('one by one')
       call take(whole, store, t, q0, p0, 2, q1, p1, comparable)
       if (.not. (same(q, q1) .and. same(p, p1))) call refuse('two by two')
-      if (allocated(error)) return
-      call new_stepper(general, model, scheme, stepper_options(correction=correction_none, general=.true.), nlane, &
-                       refusal)
-      if (allocated(refusal)) return
-      call take_plain(general, store, t, q0, p0, q1, p1, comparable)
+      if (allocated(error) .or. .not. allocated(oracle)) return
+      call take_plain(oracle, store, t, q0, p0, q1, p1, comparable)
       if (.not. comparable) return
       gap = gap_of(q1, q) + gap_of(p1, p)
       shorter = h
@@ -102,7 +89,7 @@ contains
 
          call draw(store, model, scheme, h)
          call take(whole, store, t, q0, p0, nstep, x, y, comparable)
-         if (comparable) call take_plain(general, store, t, q0, p0, x1, y1, comparable)
+         if (comparable) call take_plain(oracle, store, t, q0, p0, x1, y1, comparable)
          if (comparable) gap = gap_of(x1, x) + gap_of(y1, y)
       end subroutine compare_shorter
 
@@ -151,7 +138,7 @@ contains
    !> Find the states after each step by the model's flow, asked for n steps at a time. They are not comparable where
    !> it gives up on a lane.
    subroutine take(stepper, store, t, q0, p0, n, q, p, comparable)
-      class(stepper_type), intent(inout) :: stepper
+      type(model_flow_stepper), intent(inout) :: stepper
       type(step_store), intent(in), target :: store
       real(wp), intent(in) :: t, q0(:), p0(:)
       integer, intent(in) :: n
@@ -167,22 +154,19 @@ contains
       status = 0
       steps%every = 1
       steps%nreal = nlane
-      select type (stepper)
-      type is (model_flow_stepper)
-         steps%max_iter = stepper%max_iter
-         do first = 1, nstep, n
-            call store%show_several(first - 1, n, t + (first - 1)*store%h, steps)
-            call stepper%flow(steps, x, y, xn, yn, status)
-            q(:, :, first:first + n - 1) = xn
-            p(:, :, first:first + n - 1) = yn
-            x = xn(:, :, n)
-            y = yn(:, :, n)
-         end do
-      end select
+      steps%max_iter = stepper%max_iter
+      do first = 1, nstep, n
+         call store%show_several(first - 1, n, t + (first - 1)*store%h, steps)
+         call stepper%flow(steps, x, y, xn, yn, status)
+         q(:, :, first:first + n - 1) = xn
+         p(:, :, first:first + n - 1) = yn
+         x = xn(:, :, n)
+         y = yn(:, :, n)
+      end do
       comparable = all(status == 0)
    end subroutine take
 
-   !> Find the same by the general stepper. They are not comparable where it finds no solution.
+   !> Find the same by the oracle. They are not comparable where it finds no solution.
    subroutine take_plain(stepper, store, t, q0, p0, q, p, comparable)
       class(stepper_type), intent(inout) :: stepper
       type(step_store), intent(in), target :: store
@@ -236,4 +220,4 @@ contains
       same = all(transfer(a, 1_i8, size(a)) == transfer(b, 1_i8, size(b)))
    end function same
 
-end module symsde_ensemble_run_model_flow_probe
+end module symsde_step_flow_probe
