@@ -1,63 +1,57 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Run the benchmark programs, print their tables, and write them down.
+"""Run the benchmarks, print their tables, and write them down.
 
 Called by `./bootstrap bench`, with its arguments:
-    run.py --build BUILD [--avx2-build BUILD] [--quick] [--only SECTION ...]
+    run.py --build BUILD [--quick] [--only SECTION ...]
            [--rows REGEX] [--repeats N] [--markdown docs/performance.md] [--json FILE]
 `./bootstrap bench loops [REGEX]` runs the section loops alone, and of it the rows that match.
-Only the standard library is needed; what else is compared with (NumPy, numba, MKL) is skipped where it is not
-installed. Each module of topics/ measures and writes one section of the page of tables, first_screen.py the page.
+What is compared with is skipped where numba is not installed. Each module of topics/ measures and writes one section of
+the page of tables, in a process of its own, by the library of the build; first_screen.py writes the page.
 """
 
 import argparse
+import importlib
 import importlib.util
 import json
+import os
 import sys
+from concurrent.futures import ProcessPoolExecutor
+from multiprocessing import get_context
 from pathlib import Path
 
 import first_screen
-from topics import (
-    avx2,
-    blocks,
-    counters,
-    generators,
-    growth,
-    loops,
-    machine,
-    memory,
-    models,
-    python_calls,
-    scenes,
-    stages,
-    threads,
-)
+from topics import machine
 from topics.tools import Setting
 
 TOPICS = {
-    "scenes": scenes,
-    "loops": loops,
-    "stages": stages,
-    "blocks": blocks,
-    "generators": generators,
-    "avx2": avx2,
-    "models": models,
-    "python": python_calls,
-    "counters": counters,
-    "memory": memory,
-    "growth": growth,
-    "threads": threads,
+    "scenes": "scenes",
+    "loops": "loops",
+    "stages": "stages",
+    "generators": "generators",
+    "models": "models",
+    "python": "python_calls",
+    "counters": "left_out",
+    "memory": "memory",
+    "growth": "growth",
+    "threads": "threads",
 }
 
 
-def page(results: dict) -> str:
+def measured(module: str, setting: Setting) -> tuple[object, str]:
+    """Numbers and text of a section."""
+    topic = importlib.import_module(f"topics.{module}")
+    found = topic.measure(setting)
+    return found, topic.section(found)
+
+
+def page(described: dict, sections: list[str]) -> str:
     """Join the sections to one page."""
-    described = "\n".join(f"- {key}: {value}" for key, value in results["machine"].items())
-    sections = [topic.section(results[name]) for name, topic in TOPICS.items() if name in results]
+    about = "\n".join(f"- {key}: {value}" for key, value in described.items())
     return (
         "# Performance: the tables\n\n`./bootstrap bench --markdown docs/performance.md` writes this page; all numbers "
         "are of one run on one\nmachine. Compare ratios, not nanoseconds, between machines. Times are wall-clock times "
         "unless they are\ncalled processor times. Other work disturbed wall-clock times if the load was near or above "
-        f"the number of\ncores.\n\n{described}\n\n" + "\n\n".join(sections) + "\n"
+        f"the number of\ncores.\n\n{about}\n\n" + "\n\n".join(sections) + "\n"
     )
 
 
@@ -78,7 +72,6 @@ def parse() -> argparse.Namespace:
     """Read the arguments of the command."""
     parser = argparse.ArgumentParser(description="Run symsde's benchmarks and print their tables.")
     parser.add_argument("--build", type=Path, required=True, help="the CMake build directory")
-    parser.add_argument("--avx2-build", type=Path, help="a second one, compiled for x86-64-v3")
     parser.add_argument("--quick", action="store_true", help="shorter runs: rougher numbers")
     parser.add_argument("--repeats", type=int, default=7, help="repeats of each measurement")
     parser.add_argument("--only", nargs="+", choices=TOPICS, default=list(TOPICS), help="these sections alone")
@@ -91,14 +84,17 @@ def parse() -> argparse.Namespace:
 def main() -> int:
     """Run everything and return the status for the shell."""
     options = parse()
-    setting = Setting(options.build, options.avx2_build, max(1, options.repeats), options.quick, options.rows)
-    if options.only != ["loops"] and not (setting.bench / "bench_suite").exists():
-        sys.exit(f"{setting.bench} has no benchmark programs: configure with -DSYMSDE_BUILD_BENCH=ON")
+    setting = Setting(options.build, max(1, options.repeats), options.quick, options.rows)
+    os.environ["SYMSDE_LIBRARY"] = str((options.build / "libsymsde.so").resolve())
+    sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "python"))
     results: dict = {"machine": machine.describe(setting)}
+    sections = []
     for name in options.only:
         print(f"bench: {name}", file=sys.stderr, flush=True)
-        results[name] = TOPICS[name].measure(setting)
-    text = page(results)
+        with ProcessPoolExecutor(1, mp_context=get_context("spawn")) as pool:
+            results[name], text = pool.submit(measured, TOPICS[name], setting).result()
+        sections.append(text)
+    text = page(results["machine"], sections)
     print(text)
     if options.markdown:
         write(options.markdown, text, results)

@@ -21,6 +21,7 @@ from pathlib import Path
 
 import symsde as ss
 from symsde.cli import command_line
+from timing import least
 
 REPEATS = int(os.environ.get("SYMSDE_REPEATS", "5"))
 PATHS, STEPS, EVERY = 131072, 4000, 200
@@ -45,17 +46,6 @@ def seconds() -> float:
     return sum(x.ru_utime + x.ru_stime for x in used)
 
 
-def least(ways: dict, repeats: int = REPEATS, clock=seconds) -> dict[str, float]:
-    """Seconds of each way, the least of several in turn."""
-    found = dict.fromkeys(ways, float("inf"))
-    for _ in range(repeats):
-        for name, way in ways.items():
-            begin = clock()
-            way()
-            found[name] = min(found[name], clock() - begin)
-    return found
-
-
 def shards(paths: int = PATHS, repeats: int = REPEATS) -> None:
     """One call of the library, a folder of one shard, and of as many as it chooses."""
     run = {"q0": 0.0, "p0": 0.1, "step": 0.02, "steps": STEPS, "save_every": EVERY, "paths": paths, "seed": 1}
@@ -73,7 +63,7 @@ def shards(paths: int = PATHS, repeats: int = REPEATS) -> None:
         "1 shard": lambda: folder(1 << (paths - 1).bit_length()),
         "its choice": lambda: folder(0),
     }
-    found = least(ways, repeats)
+    found = least(ways, repeats, seconds)
     for name, x in found.items():
         print(f"{name:10s} {x:7.3f} s   {x / found['one call']:.3f} of one call, {x / found['1 shard']:.3f} of 1 shard")
 
@@ -136,7 +126,7 @@ def observers() -> None:
     ways["an observable by a formula"] = lambda: times(10, observables=formula)
     ways["the same in Python"] = lambda: times(10, observables={"r": lambda q, p: (q[0] ** 2 + p[0] ** 2) ** 0.5})
     ways["no saved time"] = lambda: times(10, save_every=200)
-    found = least(ways)
+    found = least(ways, REPEATS, seconds)
     each = 1e9 / (10 * 4096 * 201)
     print(f"{'moments, over steps alone':32s} {each * (found['moments alone'] - found.pop('no saved time')):6.1f} ns")
     alone = found.pop("moments alone")

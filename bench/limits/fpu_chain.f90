@@ -16,10 +16,11 @@ module bench_limit_fpu_chain
 contains
 
    !> nstep (a multiple of 8) steps of npath (a multiple of 32) paths of n sites from (q0, 0).
-   subroutine limit_fpu_chain(npath, nstep, n, seed, h, beta, sigma, q0, q, p)
-      integer(i8), intent(in) :: npath, nstep, seed
-      integer(i4), intent(in) :: n
-      real(wp), intent(in) :: h, beta, sigma, q0(n)
+   subroutine limit_fpu_chain(npath, nstep, n, seed, h, parameters, q0, q, p) bind(c)
+      integer(i8), intent(in), value :: npath, nstep, seed
+      integer(i4), intent(in), value :: n
+      real(wp), intent(in), value :: h
+      real(wp), intent(in) :: parameters(2), q0(n)  !! beta, sigma
       real(wp), intent(out) :: q(nlane, n, npath/nlane), p(nlane, n, npath/nlane)  !! block by block
       real(wp), allocatable :: dw(:, :, :)
       integer(i8) :: path(nlane), block, step
@@ -36,7 +37,7 @@ contains
                   call scaled_normal_steps(nlane, normal_stream(seed, i), path, step/2, 4, n, dw)
                end do
             end if
-            call one_step(n, h, beta, sigma*sqrt(h), dw(:, 1:, mod(step, 8_i8)), &
+            call one_step(n, h, parameters(1), parameters(2)*sqrt(h), dw(:, 1:, mod(step, 8_i8)), &
                           q(:, :, block), p(:, :, block))
          end do
       end do

@@ -14,22 +14,25 @@ module bench_limit_kubo
 
 contains
 
-   !> nstep (a multiple of 8) steps of npath (a multiple of 256) paths from (1, 0); final states on return.
-   subroutine limit_kubo(npath, nstep, seed, h, a, sigma, q, p)
-      integer(i8), intent(in) :: npath, nstep, seed
-      real(wp), intent(in) :: h, a, sigma
+   !> nstep (a multiple of 8) steps of npath (a multiple of 256) paths from (q0, 0); final states on return.
+   subroutine limit_kubo(npath, nstep, n, seed, h, parameters, q0, q, p) bind(c)
+      integer(i8), intent(in), value :: npath, nstep, seed
+      integer(i4), intent(in), value :: n
+      real(wp), intent(in), value :: h
+      real(wp), intent(in) :: parameters(2), q0(n)  !! a, sigma
       real(wp), intent(out) :: q(npath), p(npath)
       real(wp) :: noise(nlane, 0:1, 8)
       integer(i8) :: path(nlane), first, step
       integer(i4) :: lane
 
-      q = 1
+      q = q0(1)
       p = 0
       do first = 0, npath - 1, nlane
          path = [(first + lane, lane=0, nlane - 1)]
          do step = 0, nstep - 1, 8
-            call scaled_normal_steps(nlane, normal_stream(seed, 1, scale=sigma*sqrt(h)), path, step/2, 4, 1, noise)
-            call eight_steps(a*h, noise, q(first + 1), p(first + 1))
+            call scaled_normal_steps(nlane, normal_stream(seed, 1, scale=parameters(2)*sqrt(h)), path, step/2, 4, 1, &
+                                     noise)
+            call eight_steps(parameters(1)*h, noise, q(first + 1), p(first + 1))
          end do
       end do
    end subroutine limit_kubo

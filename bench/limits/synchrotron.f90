@@ -2,7 +2,7 @@
 !> Limit program: the midpoint rule on the synchrotron, Newton in V = dp to stagnation.
 !>
 !> It calls the library's sine and cosine and does all the rest of an iteration in one pass over 256
-!> lanes; a lane that has converged is frozen. See synchrotron_fused.f90 for one pass altogether.
+!> lanes; a lane that has converged is frozen.
 module bench_limit_synchrotron
    use symsde_base_kinds, only: wp, i4, i8
    use symsde_base_sincos, only: sincos_lanes
@@ -15,16 +15,18 @@ module bench_limit_synchrotron
 
 contains
 
-   !> nstep (a multiple of 8) steps of npath (a multiple of 256) paths from (1, 0); final states on return.
-   subroutine limit_synchrotron(npath, nstep, seed, h, omega, sigma1, sigma2, q, p)
-      integer(i8), intent(in) :: npath, nstep, seed
-      real(wp), intent(in) :: h, omega, sigma1, sigma2
+   !> nstep (a multiple of 8) steps of npath (a multiple of 256) paths from (q0, 0); final states on return.
+   subroutine limit_synchrotron(npath, nstep, n, seed, h, parameters, q0, q, p) bind(c)
+      integer(i8), intent(in), value :: npath, nstep, seed
+      integer(i4), intent(in), value :: n
+      real(wp), intent(in), value :: h
+      real(wp), intent(in) :: parameters(3), q0(n)  !! omega, sigma1, sigma2
       real(wp), intent(out) :: q(npath), p(npath)
       real(wp) :: dw(nlane, 0:2, 0:7)
       integer(i8) :: path(nlane), first, step
       integer(i4) :: lane, j
 
-      q = 1
+      q = q0(1)
       p = 0
       do first = 0, npath - 1, nlane
          path = [(first + lane, lane=0, nlane - 1)]
@@ -34,7 +36,7 @@ contains
                call scaled_normal_steps(nlane, normal_stream(seed, 1), path, step/2, 4, 2, dw)
                call scaled_normal_steps(nlane, normal_stream(seed, 2), path, step/2, 4, 2, dw)
             end if
-            call one_step(h, omega**2, sigma1*sqrt(h), sigma2*sqrt(h), dw(:, 1, j), dw(:, 2, j), &
+            call one_step(h, parameters(1)**2, parameters(2)*sqrt(h), parameters(3)*sqrt(h), dw(:, 1, j), dw(:, 2, j), &
                           q(first + 1), p(first + 1))
          end do
       end do

@@ -1,16 +1,17 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The same five problems as models of symsde."""
+"""The same five problems as scenes, and as models of symsde."""
 
 from __future__ import annotations
 
-import symsde as ss
+from scenes import SCENES
 
-from . import equations as eq
+from .equations import MASSES, NOISE, OMEGA, SIGMA, SIGMA1, SIGMA2, SMALL
 
-MODELS = {
-    "kubo": ss.models.kubo(a=1.0, sigma=eq.SIGMA),
-    "synchrotron": ss.models.synchrotron(eq.OMEGA, eq.SIGMA1, eq.SIGMA2),
-    "additive": ss.models.linear_oscillator(sigma=1.0),
-    "henon_heiles": ss.models.henon_heiles(alpha=1.0, sigma1=eq.SMALL, sigma2=eq.SMALL),
-    "fpu64": ss.models.fpu_chain(n=eq.MASSES, beta=1.0, sigma=eq.NOISE),
+OF_PROBLEMS = {
+    "kubo": SCENES["kubo"].of(a=1.0, sigma=SIGMA),
+    "synchrotron": SCENES["synchrotron"].of(omega=OMEGA, sigma1=SIGMA1, sigma2=SIGMA2),
+    "additive": SCENES["linear_oscillator"].of(sigma=1.0),
+    "henon_heiles": SCENES["henon_heiles"].of(sigma1=SMALL, sigma2=SMALL),
+    "fpu64": SCENES["fpu_chain"].of(sites=MASSES, sigma=NOISE),
 }
+MODELS = {name: scene.model() for name, scene in OF_PROBLEMS.items()}

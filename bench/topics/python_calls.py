@@ -1,46 +1,167 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""What the Python package adds to a call."""
+"""What the Python package adds to a call.
 
-import importlib.util
+Calls: ms of a run of one path and one step through `symsde` and through a call of the C interface that was prepared
+beforehand, in turn. Steps: us of one call on one path. Observed: ns a path-step of moments of 1000 paths, every step
+saved, without and with an observable in Python. Memory: by how much the peak resident memory of this process grows in a
+large run, over the size of what it returns.
+"""
 
-from .tools import ABSENT, Setting, at_most, lines_of_python, spread, table
+import ctypes
+import re
+import statistics
+import sys
+from pathlib import Path
 
+import numpy as np
+import symsde as ss
+from symsde.native import abi, handles
+from symsde.native.checks import address
+from symsde.native.library import library
+from timing import in_turn
+
+from .tools import Setting, at_most, spread, summary, table
+
+MODEL = ss.models.kubo()
+HOW = {"q0": 1.0, "p0": 0.0, "step": 0.02, "steps": 1, "threads": 1}
+CALLS = 200
 ADDED = 1.0  # ms of a call
 STEPS = {
-    "ss.simulate_of_one_step": 40.0,
+    "ss.simulate of one step": 40.0,
     "ss.step": 40.0,
-    "prepared_run.step()": 10.0,
-    "prepared_run.step(dw)": 10.0,
+    "prepared run.step()": 10.0,
+    "prepared run.step(dw)": 10.0,
 }  # us
 OBSERVED = 17.6  # ns a path-step with every step saved and an observable in Python: twice a loop in numba
 GROWN = 1.05  # peak memory over the size of the results
 
 
-def measure(setting: Setting) -> list[list[str]]:
-    """Time calls and look at the memory; nothing where NumPy is missing."""
-    if importlib.util.find_spec("numpy") is None:
-        return []
-    return lines_of_python("python_calls.py", setting.build, max(5, setting.repeats))
+def prepared_simulate():
+    """The same run as a bare call of the C interface."""
+    run = ss.simulate(MODEL, **HOW)
+    paths = handles.new(abi.Paths, "paths")
+    for name, *_ in abi.Paths._fields_[1:]:
+        setattr(paths, name, address(getattr(run, name)))
+    return prepared(run, library.symsde_simulate, paths)
 
 
-def section(found: list[list[str]]) -> str:
+def prepared_moments():
+    """The same moments as a bare call of the C interface."""
+    run = ss.moments(MODEL, **HOW)
+    moments = handles.new(abi.Moments, "moments")
+    moments.t, moments.n_ok = address(run.t), address(run.n_ok)
+    for member, kind in (("mean", "mean"), ("variance", "var"), ("se_mean", "se_mean")):
+        setattr(moments, member, address(run._tables[kind]))
+    return prepared(run, library.symsde_compute_moments, moments)
+
+
+def prepared(run, function, result):
+    """A call without arguments of one function of the C interface."""
+    setup, report = run.setup, handles.new(abi.Report, "report")
+    given, model = setup.input(), setup.model._handles.take()
+    arguments = (model.pointer, *setup.handles(), *(ctypes.byref(struct) for struct in (given, result, report)), None)
+
+    def call(keep=(run, given, model, result, report, arguments)):
+        if function(*arguments) != 0:
+            sys.exit("a prepared call failed")
+        return keep
+
+    return call
+
+
+def measure(setting: Setting) -> dict:
+    """Time calls and look at the memory."""
+    repeats = max(5, setting.repeats)
+    return {
+        "call": {
+            "simulate": added(lambda: ss.simulate(MODEL, **HOW), prepared_simulate(), repeats),
+            "moments": added(lambda: ss.moments(MODEL, **HOW), prepared_moments(), repeats),
+        },
+        "step": steps_of_few_paths(repeats),
+        "observed": observed_steps(repeats),
+        "memory": large_runs(),
+    }
+
+
+def many(call):
+    """CALLS of them."""
+    return lambda: [call() for _ in range(CALLS)]
+
+
+def added(by_python, by_c, repeats) -> list[float]:
+    """ms: the median of the differences, then median, least and largest of both."""
+    times = [[1e3 * x / CALLS for x in kept] for kept in in_turn((many(by_python), many(by_c)), repeats)]
+    difference = statistics.median(a - b for a, b in zip(*times, strict=True))
+    return [difference, *summary(times[0]), *summary(times[1])]
+
+
+def steps_of_few_paths(repeats) -> dict[str, float]:
+    """What one step takes, called in four ways, us."""
+    how = {"q0": 1.0, "p0": 0.0, "step": 0.02, "threads": 1}
+    run = ss.prepare(MODEL, **how)
+    calls = (
+        lambda: ss.simulate(MODEL, steps=1, **how),
+        lambda: ss.step(MODEL, "midpoint", 1.0, 0.0, 0.02, 0.1, threads=1),
+        run.step,
+        lambda: run.step(0.1),
+    )
+    times = in_turn([many(call) for call in calls], repeats)
+    return {name: 1e6 * min(kept) / CALLS for name, kept in zip(STEPS, times, strict=True)}
+
+
+def observed_steps(repeats) -> dict[str, float]:
+    """What saving every step takes, without and with an observable in Python, ns of a path-step."""
+    paths, steps = 1000, 500
+    how = {"q0": 1.0, "p0": 0.0, "step": 0.02, "steps": steps, "paths": paths, "threads": 1}
+    radius = {"radius": lambda q, p: q[0] ** 2 + p[0] ** 2}
+    ways = {
+        "last step only": {"save_every": steps},
+        "every step": {},
+        "every step and observable": {"observables": radius},
+    }
+    times = in_turn([lambda chosen=chosen: ss.moments(MODEL, **how, **chosen) for chosen in ways.values()], repeats)
+    return {name: 1e9 * min(kept) / (paths * steps) for name, kept in zip(ways, times, strict=True)}
+
+
+def peak() -> int:
+    """Peak resident memory of this process, in bytes; ru_maxrss would begin with that of its parent."""
+    return 1024 * int(re.search(r"VmHWM:\s*(\d+)", Path("/proc/self/status").read_text())[1])
+
+
+def grown(run) -> tuple:
+    """By how many bytes the peak grows in a run, and what the run gave."""
+    before = peak()
+    result = run()
+    return peak() - before, result
+
+
+def large_runs() -> dict[str, list[float]]:
+    """MB that a run returns, and by how much the peak grows over that."""
+    found = {}
+    for name, steps in (("saved paths", 3000), ("saved paths, increments given", 6000)):
+        given = {}
+        if "given" in name:
+            given["increments"] = np.full((steps, 1, 4096), 0.01)  # its pages are touched here, before the run
+        how = {"step": 0.02, "paths": 4096, "threads": 1, "steps": steps, **given}
+        growth, run = grown(lambda how=how: ss.simulate(MODEL, q0=1.0, p0=0.0, **how))
+        size = run.q.nbytes + run.p.nbytes + (run.setup.increments.nbytes if given else 0)  # the run's own
+        found[name] = [size / 2**20, growth / size]
+        del run
+    return found
+
+
+def section(found: dict) -> str:
     """Write the section."""
-    if not found:
-        return f"## Calls from Python\n\nNumPy: {ABSENT}."
-    calls, steps, observed, memory = [], [], [], []
-    for words in found:
-        numbers = [float(word) for word in words[2:]]
-        if words[0] == "step":
-            steps.append([words[1].replace("_", " "), f"{numbers[0]:.1f}", *at_most(numbers[0], STEPS[words[1]])])
-        elif words[0] == "observed":
-            target = at_most(numbers[0], OBSERVED) if words[1].endswith("observable") else ["", ""]
-            observed.append([words[1].replace("_", " "), f"{numbers[0]:.1f}", *target])
-        elif words[0] == "call":
-            added = [f"{numbers[0]:.3f}", *at_most(numbers[0], ADDED)]
-            calls.append([words[1], spread(numbers[1:4]), spread(numbers[4:7]), *added])
-        else:
-            ratio = [f"{numbers[1]:.3f}", *at_most(numbers[1], GROWN)]
-            memory.append([words[1].replace("_", " "), f"{numbers[0]:.0f}", *ratio])
+    calls = [
+        [name, spread(x[1:4]), spread(x[4:7]), f"{x[0]:.3f}", *at_most(x[0], ADDED)]
+        for name, x in found["call"].items()
+    ]
+    steps = [[name, f"{us:.1f}", *at_most(us, STEPS[name])] for name, us in found["step"].items()]
+    observed = [
+        [name, f"{ns:.1f}", *at_most(ns, OBSERVED if name.endswith("observable") else None)]
+        for name, ns in found["observed"].items()
+    ]
+    memory = [[name, f"{mb:.0f}", f"{x:.3f}", *at_most(x, GROWN)] for name, (mb, x) in found["memory"].items()]
     return (
         "## Calls from Python\n\n"
         "The table gives ms of processor time for a run of one path and one step. Runs alternate with a call of the C "

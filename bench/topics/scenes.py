@@ -1,35 +1,57 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Scenes of the library beside hand-fused programs."""
 
-from .tools import Setting, at_least, lines_of, spread, table
+import ctypes
+import sys
+from functools import partial
 
-# Fraction of the limit program's speed that a scene should reach.
-TARGETS = {
-    "kubo_single_path": 1.0,
-    "synchrotron_single_path": 1.0,
-    "kubo_midpoint": 0.93,
-    "synchrotron_midpoint": 0.83,
-    "additive_euler": 0.91,
-    "fpu64_midpoint": 0.95,
+import numpy as np
+from scenes import SCENES, library, wave
+from timing import in_turn
+
+from .tools import Setting, at_least, ratio, spread, summary, table
+
+#: name -> scene, scheme, function of bench/limits, its parameters, steps, fraction of its speed that is to be reached
+ROWS = {
+    "kubo_midpoint": (SCENES["kubo"], "midpoint", "limit_kubo", ("a", "sigma"), 60000, 0.93),
+    "synchrotron_midpoint": (
+        *(SCENES["synchrotron"], "midpoint", "limit_synchrotron"),
+        *(("omega", "sigma1", "sigma2"), 8000, 0.83),
+    ),
+    "fpu64_midpoint": (
+        *(SCENES["fpu_chain"].of(sigma=0.1), "midpoint", "limit_fpu_chain"),
+        *(("beta", "sigma"), 200, 0.95),
+    ),
 }
+PATHS, STEP, LANES = 2048, 0.02, 32
 
 
 def measure(setting: Setting) -> list[dict]:
     """Run the scenes of the library and their limit programs in turn."""
-    scenes = []
-    for words in lines_of(setting.bench / "bench_suite", setting.repeats, 20 if setting.quick else 100):
-        numbers = [float(word) for word in words[2:]]
-        scenes.append(
-            {
-                "name": words[1],
-                "library_ns": numbers[0:3],
-                "limit_ns": numbers[3:6],
-                "ratio": numbers[6],
-                "fraction": 1 / numbers[6],
-                "target": TARGETS.get(words[1]),
-            }
+    programs, found = setting.programs, []
+    for name, (scene, scheme, function, parameters, usual, target) in ROWS.items():
+        n, steps = scene.ndof, max(8, usual // (40 if setting.quick else 8) * 8)
+        q0, given = wave(n), np.array([scene.values[x] for x in parameters])
+        ends = np.empty((2, PATHS // LANES, n, LANES))  # of programs block by block
+        whole = (
+            ctypes.c_int64(PATHS),
+            ctypes.c_int64(steps),
+            ctypes.c_int(n),
+            ctypes.c_int64(1),
+            ctypes.c_double(STEP),
         )
-    return scenes
+        arrays = (ctypes.c_void_p(x.ctypes.data) for x in (given, q0, *ends))
+        ours = partial(library(scene.model(), scheme, PATHS, STEP, q0=q0, seed=1), steps)
+        limit = partial(getattr(programs, function), *whole, *arrays)
+        limit()
+        apart = np.abs(ours().q[-1] - ends[0].transpose(1, 0, 2).reshape(n, PATHS)).max()
+        if not apart < 1e-6:
+            sys.exit(f"{name}: library and limit program are {apart} apart")
+        times = in_turn((ours, limit), setting.repeats)
+        ns = [[1e9 * x / (PATHS * steps) for x in kind] for kind in times]
+        found.append({"name": name, "library_ns": summary(ns[0]), "limit_ns": summary(ns[1]), "ratio": ratio(*ns),
+                      "fraction": 1 / ratio(*ns), "target": target})  # fmt: skip
+    return found
 
 
 def section(scenes: list[dict]) -> str:
@@ -51,7 +73,5 @@ def section(scenes: list[dict]) -> str:
         "The table gives ns of processor time for a step of a path on one thread: the median (least .. largest)\n"
         "of runs that alternate between library and [limit program](words.md#limit-program). Those of\n"
         "bench/limits have the same scheme, generator and arithmetic, but no status, checks and observers. The\n"
-        "fraction is the time of the limit program over that of the library. That of `synchrotron_midpoint_fused`\n"
-        "has a copy of sine and cosine in its single loop. `kubo_single_path` and `synchrotron_single_path`\n"
-        "compare one path with a plain scalar loop with a ziggurat generator.\n\n" + table(heads, rows)
+        "fraction is the time of the limit program over that of the library.\n\n" + table(heads, rows)
     )

@@ -1,39 +1,49 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Two threads beside two independent processes of one thread."""
 
-import subprocess
+import time
+from concurrent.futures import ProcessPoolExecutor
+from multiprocessing import get_context
 
-from .tools import Setting, at_least, lines_of, spread, summary, table
+import symsde as ss
 
-SCENES = ("synchrotron", "kubo")
+from .tools import Setting, at_least, spread, summary, table
+
+STEPS = {"synchrotron": 4000, "kubo": 16000}
+PATHS = 20480  #: of a thread
 TARGET = 0.97  # of the throughput of two processes
 PAIRS = 7
 
 
+def load(scene: str, threads: int, steps: int) -> tuple[float, float, float]:
+    """A steady run: path-steps a second of the clock, ns of processor time for one, part of the time threads ran."""
+    how = {"q0": 1.0, "p0": 0.0, "step": 0.02, "steps": steps, "save_every": steps, "seed": 1}
+    begin, processor = time.perf_counter(), time.process_time()
+    run = ss.simulate(ss.models.get(scene), scheme="midpoint", paths=PATHS * threads, threads=threads, **how)
+    wall, processor = time.perf_counter() - begin, time.process_time() - processor
+    count = PATHS * threads * steps
+    return count / wall, 1e9 * processor / count, run.report.timings["run"] / wall
+
+
 def measure(setting: Setting) -> list[dict]:
     """Run both in turn, the same work for every thread."""
-    program, percent = setting.bench / "bench_load", 20 if setting.quick else 100
     found = []
-    for scene in SCENES:
-        runs = {"threads": [], "processes": [], "ratio": [], "threads_ns": [], "processes_ns": [], "ns_ratio": []}
-        for _ in range(2 if setting.quick else max(PAIRS, setting.repeats)):
-            rate, ns, inside = (float(x) for x in lines_of(program, scene, 2, percent)[0][3:])
-            both = two_processes(program, scene, percent)
-            runs["threads"].append(rate)
-            runs["processes"].append(sum(b[0] for b in both))
-            runs["ratio"].append(rate / sum(b[0] for b in both))
-            runs["threads_ns"].append(ns)
-            runs["processes_ns"].append(sum(b[1] for b in both) / 2)
-            runs["ns_ratio"].append(sum(b[1] for b in both) / 2 / ns)
-        found.append({"scene": scene, "inside": inside} | {key: summary(values) for key, values in runs.items()})
+    with ProcessPoolExecutor(2, mp_context=get_context("spawn")) as pool:
+        for scene, usual in STEPS.items():
+            steps = usual // 5 if setting.quick else usual
+            runs = {"threads": [], "processes": [], "ratio": [], "threads_ns": [], "processes_ns": [], "ns_ratio": []}
+            list(pool.map(load, [scene] * 2, [1] * 2, [10] * 2))  # both have begun
+            for _ in range(2 if setting.quick else max(PAIRS, setting.repeats)):
+                rate, ns, inside = load(scene, 2, steps)
+                both = list(pool.map(load, [scene] * 2, [1] * 2, [steps] * 2))
+                runs["threads"].append(rate)
+                runs["processes"].append(sum(b[0] for b in both))
+                runs["ratio"].append(rate / sum(b[0] for b in both))
+                runs["threads_ns"].append(ns)
+                runs["processes_ns"].append(sum(b[1] for b in both) / 2)
+                runs["ns_ratio"].append(sum(b[1] for b in both) / 2 / ns)
+            found.append({"scene": scene, "inside": inside} | {key: summary(x) for key, x in runs.items()})
     return found
-
-
-def two_processes(program, scene: str, percent: int) -> list[list[float]]:
-    """The numbers of two processes of one thread that run at the same time."""
-    command = [str(program), scene, "1", str(percent)]
-    pair = [subprocess.Popen(command, stdout=subprocess.PIPE, text=True) for _ in range(2)]
-    return [[float(x) for x in p.communicate()[0].split()[3:]] for p in pair]
 
 
 def section(found: list[dict]) -> str:

@@ -1,9 +1,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""What the sections share: settings, runs of the benchmark programs, and tables."""
+"""What the sections share: settings, the functions of the benchmark programs, and tables."""
 
-import os
+import ctypes
 import statistics
-import subprocess
 import sys
 from dataclasses import dataclass
 from pathlib import Path
@@ -16,45 +15,32 @@ class Setting:
     """What is measured, and how often."""
 
     build: Path  #: the CMake build directory
-    avx2_build: Path | None  #: a second one for x86-64-v3
     repeats: int
     quick: bool
     rows: str = ""  #: a regular expression for the rows of the section loops
 
     @property
-    def bench(self) -> Path:
-        """Where the benchmark programs are."""
-        return self.build / "bench"
-
-
-def lines_of(program: Path, *arguments: object) -> list[list[str]]:
-    """The words of each line a program prints."""
-    command = [str(program), *(str(a) for a in arguments)]
-    done = subprocess.run(command, capture_output=True, text=True, check=False)
-    if done.returncode not in (0, 1):
-        sys.exit(f"{' '.join(command)} ended with status {done.returncode}\n{done.stderr}")
-    return [line.split() for line in done.stdout.splitlines() if line.strip()]
-
-
-def lines_of_python(script: str, build: Path, *arguments: object) -> list[list[str]]:
-    """The words of each line that a script of this folder prints, run with the library of a build."""
-    here = Path(__file__).resolve().parents[1]
-    paths = os.pathsep.join(p for p in (str(here.parent / "python"), os.environ.get("PYTHONPATH")) if p)
-    done = subprocess.run(
-        [sys.executable, str(here / script), *(str(a) for a in arguments)],
-        capture_output=True,
-        text=True,
-        check=False,
-        env=os.environ | {"SYMSDE_LIBRARY": str((build / "libsymsde.so").resolve()), "PYTHONPATH": paths},
-    )
-    if done.returncode != 0:
-        sys.exit(f"{script} ended with status {done.returncode}\n{done.stderr}")
-    return [line.split() for line in done.stdout.splitlines() if line.strip()]
+    def programs(self) -> ctypes.CDLL:
+        """The functions that are built beside the library: bench/CMakeLists.txt."""
+        file = self.build / "bench" / "libbench_programs.so"
+        if not file.exists():
+            sys.exit(f"there is no {file}: configure with -DSYMSDE_BUILD_BENCH=ON")
+        return ctypes.CDLL(str(file.resolve()))
 
 
 def summary(values: list[float]) -> list[float]:
     """Median, least and largest."""
     return [statistics.median(values), min(values), max(values)]
+
+
+def ratio(ours: list[float], theirs: list[float]) -> float:
+    """The median of the ratios of pairs."""
+    return statistics.median(a / b for a, b in zip(ours, theirs, strict=True))
+
+
+def words(name: str) -> str:
+    """A name as the tables have it."""
+    return name.replace("_", " ")
 
 
 def table(heads: list[str], rows: list[list[str]]) -> str:
