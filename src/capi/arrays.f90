@@ -1,5 +1,5 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> The caller's arrays as Fortran arrays, first index fastest, where they are: nothing is copied.
+!> View the caller's arrays as Fortran arrays, first index fastest, without a copy.
 module symsde_capi_arrays
    use, intrinsic :: iso_c_binding, only: c_f_pointer, c_ptr
    use symsde_base_kinds, only: wp, i4, i8

@@ -71,7 +71,7 @@ contains
       end if
    end function symsde_stationary_path
 
-   !> Whether a callback failed, or paths, or nothing did.
+   !> The status of the call: a callback failed, some paths failed, or ok.
    function outcome(code, codes, error) result(status)
       integer, intent(in) :: code
       integer(i4), intent(in) :: codes(:)

@@ -1,6 +1,6 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> The certificate of a scheme as a C struct and as text. It stands alone because the C function
-!> symsde_scheme_certificate must not be compiled where a Fortran module of that very name is in use.
+!> The certificate of a scheme as a C struct and as text. The C function symsde_scheme_certificate must not be
+!> compiled where a Fortran module of the same name is in use, so it has a module of its own.
 module symsde_capi_certificate
    use, intrinsic :: iso_c_binding, only: c_char, c_double, c_int32_t, c_null_char, c_size_t, c_sizeof
    use, intrinsic :: ieee_arithmetic, only: ieee_value, ieee_quiet_nan
@@ -34,7 +34,7 @@ module symsde_capi_certificate
 
 contains
 
-   !> What is proved, claimed and measured about a scheme, as readable lines.
+   !> Write the proved, claimed and measured properties of a scheme as readable lines.
    pure subroutine describe_scheme(scheme, text)
       type(scheme_type), intent(in) :: scheme
       character(:), allocatable, intent(out) :: text
@@ -93,7 +93,7 @@ contains
       call put_chars(c%reference, info%reference)
    end subroutine fill_info
 
-   !> Orders with their evidence; NaN for what was not measured.
+   !> Fill in orders with their evidence; NaN for an order that was not measured.
    subroutine fill_orders(c, info)
       type(certificate_type), intent(in) :: c
       type(c_scheme_info), intent(inout) :: info

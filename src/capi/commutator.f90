@@ -20,7 +20,8 @@ module symsde_capi_commutator
 
 contains
 
-   !> Largest relative gradients of the brackets over the points, what follows, and a sentence.
+   !> The largest relative gradients of the brackets over the points, whether the noises commute, and a sentence on
+   !> it.
    function symsde_commutator(model, t, npoint, q, p, gradients, commute, text, size, progress, user, error) &
       result(status) bind(c, name='symsde_commutator')
       type(c_ptr), intent(in), value :: model

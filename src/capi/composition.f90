@@ -45,7 +45,7 @@ contains
       status = derive(of_jump, base, name, scheme, error)
    end function symsde_scheme_triple_jump
 
-   !> What the three share: one scheme in, one out, a name of the caller's or none.
+   !> Derive a scheme from another, under a name of the caller's or its own; all three derivations call this.
    function derive(what, base, name, scheme, error) result(status)
       integer, intent(in) :: what
       type(c_ptr), intent(in) :: base, name, scheme, error

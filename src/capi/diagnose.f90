@@ -109,7 +109,7 @@ contains
       status = end_diagnosis(refusal, m, error)
    end function symsde_exact_solution
 
-   !> What action and residual share: all paths of a run with save_every = 1, and its increments.
+   !> Diagnose all paths of a run with save_every = 1 and its increments; action and residual call this.
    function diagnose_paths(what, model, scheme, options, q, p, dw, output, error) result(status)
       integer, intent(in) :: what
       type(c_ptr), intent(in) :: model, scheme, options, q, p, dw, output, error
@@ -170,7 +170,7 @@ contains
       call require(output, what, error)
    end subroutine require_arrays
 
-   !> The increments of the caller, or none at any address where there is no noise.
+   !> View the caller's increments. Without noise there are none, and the array of extent zero has any address.
    subroutine view_increments(dw, q, npath, nnoise, nstep, increments)
       type(c_ptr), intent(in) :: dw, q
       integer(i8), intent(in) :: npath, nstep

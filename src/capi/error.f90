@@ -36,7 +36,7 @@ contains
    function finish(refusal, error, outcome, sentence) result(status)
       type(error_type), allocatable, intent(in) :: refusal
       type(c_ptr), intent(in) :: error                  !! symsde_error, may be NULL
-      integer, intent(in), optional :: outcome          !! status where nothing was refused, default ok
+      integer, intent(in), optional :: outcome          !! status if nothing was refused, default ok
       character(*), intent(in), optional :: sentence    !! what the outcome means
       integer(c_int) :: status
       type(c_error), pointer :: filled
@@ -76,7 +76,7 @@ contains
       if (.not. c_associated(pointer)) call require(c_null_ptr, what, error)
    end subroutine require_function
 
-   !> Sizes of an array of the caller: none negative, and its bytes must fit into 62 bits.
+   !> Check the sizes of a caller's array: none negative, and its bytes must fit into 62 bits.
    subroutine check_sizes(n1, n2, n3, what, error)
       integer(i8), intent(in) :: n1, n2, n3
       character(*), intent(in) :: what   !! name of the array

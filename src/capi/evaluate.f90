@@ -17,14 +17,14 @@ module symsde_capi_evaluate
    private
    public :: symsde_model_value, symsde_model_gradient, symsde_model_hessian
 
-   integer, parameter :: of_value = 1, of_gradient = 2, of_hessian = 3  !! what is asked of the model
+   integer, parameter :: of_value = 1, of_gradient = 2, of_hessian = 3  !! function of the model to evaluate
 
    !> The caller's arrays as (npath, numbers of a path), and one block of each, copied and padded so that
    !> a path does not depend on its neighbours. An output that is not wanted is not associated, its block
    !> not allocated.
    type :: points_type
       class(model_type), pointer :: model => null()
-      type(callback_model) :: own   !! what model points to, if it is one of callbacks
+      type(callback_model) :: own   !! the user's model, if the handle has one
       integer(i8) :: npath = 0
       integer :: ndof = 0, nnoise = 0, nlane = 0
       real(wp), pointer, contiguous :: w(:, :) => null(), q(:, :) => null(), p(:, :) => null()
@@ -94,7 +94,7 @@ contains
       status = evaluate(points, of_hessian, t, refusal, error)
    end function symsde_model_hessian
 
-   !> The model and its inputs, with room for a block of them.
+   !> Read the model and its inputs, and make room for a block of inputs.
    subroutine read_points(points, model, npath, w, q, p, error)
       type(points_type), intent(out), target :: points
       type(c_ptr), intent(in) :: model, w, q, p
@@ -146,7 +146,7 @@ contains
                                 'smaller system')
    end subroutine add_array
 
-   !> The same for an output, if it is wanted.
+   !> Add an output, if the caller wants it.
    subroutine add_output(points, given, n, array, block, error)
       type(points_type), intent(in) :: points
       type(c_ptr), intent(in) :: given

@@ -1,5 +1,5 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> About the library itself, status codes, version and build as texts, and what memory it may have.
+!> Status codes, version and build of the library as texts, and the memory that it may use.
 module symsde_capi_info
    use, intrinsic :: iso_c_binding, only: c_f_pointer, c_int, c_ptr, c_size_t
    use, intrinsic :: iso_fortran_env, only: compiler_options, compiler_version
@@ -85,7 +85,7 @@ contains
       is_fused = abs(a*b + c) > 0
    end function is_fused
 
-   !> Compile options without those that name folders of the machine that built the library.
+   !> Drop compile options that name folders of the machine that built the library.
    pure subroutine drop_folders(options, kept)
       character(*), intent(in) :: options
       character(:), allocatable, intent(out) :: kept

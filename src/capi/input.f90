@@ -1,5 +1,5 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> struct symsde_input: what goes into a run besides model, scheme and options.
+!> struct symsde_input: state, increments and callbacks of a run.
 module symsde_capi_input
    use, intrinsic :: iso_c_binding, only: &
       c_associated, c_f_pointer, c_funptr, c_int, c_int64_t, c_loc, &
@@ -27,8 +27,8 @@ module symsde_capi_input
       type(c_ptr) :: warn_user
    end type c_input
 
-   !> The caller's arrays, path first; what he left out is not associated, which makes an optional
-   !> argument absent.
+   !> The caller's arrays, path first. An array that the caller left out is not associated, so that it is absent as
+   !> an optional argument.
    type :: run_input
       real(wp), pointer, contiguous :: q0(:, :) => null(), p0(:, :) => null()          !! (npath or 1, ndof)
       real(wp), pointer, contiguous :: dw(:, :, :) => null()                           !! (npath or 1, nnoise, rows)
@@ -79,7 +79,7 @@ contains
       call view_drive(copy, input, error)
    end subroutine read_input
 
-   !> What an input says beside the state: increments, and the function that is told of progress.
+   !> Read all of an input but the state: increments, and the function that receives progress.
    subroutine read_drive(given, input, error)
       type(c_ptr), intent(in) :: given     !! symsde_input, or NULL
       type(run_input), intent(out) :: input

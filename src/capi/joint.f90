@@ -1,6 +1,6 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> What a user's model offers beside its functions: one for gradient and Hessian together, third derivatives, rows of a
-!> chain, whole steps of schemes, and that they accept NULL or any number of lanes.
+!> Optional functions of a user's model: gradient and Hessian together, third derivatives, rows of a chain, whole
+!> steps of schemes; and declarations that its functions accept NULL or any number of lanes.
 module symsde_capi_joint
    use, intrinsic :: iso_c_binding, only: c_funptr, c_int, c_ptr
    use symsde_base_maps, only: step_map
@@ -36,8 +36,8 @@ contains
       status = finish(refusal, error)
    end function symsde_model_set_gradient_hessian
 
-   !> Give a chain of symsde_model_new the rows of its force and stiffness; NULL takes them back. Refuses built-in
-   !> models and those that do not declare to be chains (incompatible).
+   !> Give a chain of symsde_model_new the rows of its force and stiffness; NULL removes them. Refuses
+   !> (incompatible) built-in models and models that do not declare a chain.
    function symsde_model_set_chain_rows(model, chain_rows, error) result(status) &
       bind(c, name='symsde_model_set_chain_rows')
       type(c_ptr), intent(in), value :: model, error
@@ -121,7 +121,7 @@ contains
       status = finish(refusal, error)
    end function symsde_model_set_derived
 
-   !> The user's model of a handle; built-in ones are refused.
+   !> Find the user's model of a handle; built-in models are refused.
    subroutine find_callback_model(handle, model, place, error)
       type(c_ptr), intent(in) :: handle
       type(callback_model), pointer, intent(out) :: model

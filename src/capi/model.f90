@@ -24,9 +24,9 @@ module symsde_capi_model
    public :: symsde_model_names, symsde_model_parameters, symsde_model_get
    public :: symsde_model_new, symsde_model_delete, symsde_model_traits, symsde_model_probe
 
-   integer(i8), parameter :: tag_of_model = int(z'6D6F64656C', i8)  !! 'model'; gone when it is deleted
+   integer(i8), parameter :: tag_of_model = int(z'6D6F64656C', i8)  !! 'model'; cleared when the handle is deleted
 
-   !> What a symsde_model points to.
+   !> The object behind a symsde_model.
    type :: model_handle
       integer(i8) :: tag = tag_of_model
       class(model_type), allocatable :: model
@@ -228,7 +228,7 @@ contains
       end if
    end function symsde_model_probe
 
-   !> The address of a handle to be made must be given; it is NULL until the model is there.
+   !> Check the address that shall receive a new handle, and set it to NULL until the model exists.
    subroutine begin_handle(handle, what, error)
       type(c_ptr), intent(in) :: handle   !! symsde_model *
       character(*), intent(in) :: what

@@ -23,7 +23,7 @@ module symsde_capi_monitor
    end type callback_monitor
 
    abstract interface
-      !> Told how much is done of how much; nonzero stops.
+      !> Called with the work done and the total; nonzero stops.
       function progress_callback(done, total, user) bind(c) result(stop_now)
          import :: c_int, c_int64_t, c_ptr
          integer(c_int64_t), value :: done, total
@@ -31,7 +31,7 @@ module symsde_capi_monitor
          integer(c_int) :: stop_now
       end function progress_callback
 
-      !> Told of warnings, before the first step; nonzero refuses the run.
+      !> Called with warnings before the first step; nonzero refuses the run.
       function warn_callback(warnings, user) bind(c) result(refuse)
          import :: c_char, c_int, c_ptr
          character(kind=c_char), intent(in) :: warnings(*)   !! terminated
@@ -42,17 +42,17 @@ module symsde_capi_monitor
 
 contains
 
-   !> The caller's function, or none.
+   !> Set the caller's function, or none.
    subroutine new_callback_monitor(self, progress, user)
       type(callback_monitor), intent(out) :: self
       type(c_funptr), intent(in) :: progress   !! symsde_progress, or c_null_funptr
-      type(c_ptr), intent(in) :: user          !! handed to it as it is
+      type(c_ptr), intent(in) :: user          !! passed to the function unchanged
 
       if (c_associated(progress)) call c_f_procpointer(progress, self%on_progress)
       self%user = user
    end subroutine new_callback_monitor
 
-   !> Ask the caller's function, where there is one.
+   !> Call the caller's function, if there is one.
    logical function ask_callback(self, done, total) result(wants_stop)
       class(callback_monitor), intent(inout) :: self
       integer(i8), intent(in) :: done, total
@@ -61,17 +61,17 @@ contains
       if (associated(self%on_progress)) wants_stop = self%on_progress(done, total, self%user) /= 0
    end function ask_callback
 
-   !> The caller's function for warnings, or none.
+   !> Set the caller's function for warnings, or none.
    subroutine set_warn(self, warn, user)
       class(callback_monitor), intent(inout) :: self
       type(c_funptr), intent(in) :: warn   !! symsde_warn, or c_null_funptr
-      type(c_ptr), intent(in) :: user      !! handed to it as it is
+      type(c_ptr), intent(in) :: user      !! passed to the function unchanged
 
       if (c_associated(warn)) call c_f_procpointer(warn, self%on_warnings)
       self%warn_user = user
    end subroutine set_warn
 
-   !> Tell the caller's function, where there is one.
+   !> Call the caller's function for warnings, if there is one.
    logical function warn_by_callback(self, warnings) result(refuses)
       class(callback_monitor), intent(inout) :: self
       character(*), intent(in) :: warnings

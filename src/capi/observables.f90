@@ -36,13 +36,13 @@ module symsde_capi_observables
 
 contains
 
-   !> Observables from a C function, or none.
+   !> Make observables from a C function, or without one.
    subroutine new_callback_observables(self, nvalue, observables, user, most_lanes)
       type(callback_observables), intent(inout) :: self
       integer, intent(in) :: nvalue
       type(c_funptr), intent(in) :: observables   !! an observables_callback; not needed for nvalue = 0
       type(c_ptr), intent(in) :: user
-      integer, intent(in) :: most_lanes           !! of several saved times in one call; 0 = one time each
+      integer, intent(in) :: most_lanes           !! lanes of several saved times in one call; 0 = one time each
 
       self%nvalue = nvalue
       self%most_lanes = most_lanes
@@ -60,7 +60,7 @@ contains
       integer(c_int) :: code
 
       if (self%nvalue == 0) return
-      ! What the function leaves unwritten is no number.
+      ! Values that the function does not write are NaN.
       values = ieee_value(1.0_wp, ieee_quiet_nan)
       if (self%failure_code() == 0) then
          code = self%on_observables(nlane, ndof, t, q, p, values, self%user)
@@ -71,7 +71,7 @@ contains
       values = ieee_value(1.0_wp, ieee_quiet_nan)
    end subroutine evaluate
 
-   !> What the function returned when it failed; 0 = it did not.
+   !> The nonzero code that the function returned when it failed; 0 = it has not failed.
    integer function failure_code(self) result(code)
       class(callback_observables), intent(in) :: self
 

@@ -1,5 +1,5 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> struct symsde_observer: what a run of moments keeps beside them, how parts of it merge, and what it says.
+!> struct symsde_observer: a statistic beside the moments of a run, how its parts merge, and its answer.
 module symsde_capi_observer
    use, intrinsic :: iso_c_binding, only: &
       c_associated, c_f_pointer, c_int, c_int32_t, c_int64_t, c_loc, c_null_ptr, c_ptr, c_size_t, c_sizeof, c_double
@@ -98,7 +98,7 @@ contains
       status = finish(refusal, error)
    end function symsde_observer_merge
 
-   !> What an observer says of what it has kept, with standard errors.
+   !> Compute the answer of an observer and its standard errors from kept results.
    function symsde_observer_answer(model, options, nobservable, observer, values, errors, error) result(status) &
       bind(c, name='symsde_observer_answer')
       type(c_ptr), intent(in), value :: model, options
@@ -126,7 +126,7 @@ contains
       status = finish(refusal, error)
    end function symsde_observer_answer
 
-   !> Room for what an observer would keep in a run with these options, empty.
+   !> Make empty results of an observer of a run with these options.
    subroutine find_kept(model, options, nobservable, observer, kept, answers, error)
       type(c_ptr), intent(in) :: model, options, observer
       integer(c_int), intent(in) :: nobservable
@@ -147,7 +147,7 @@ contains
       call new_observed(kept, answers, request, run, error)
    end subroutine find_kept
 
-   !> What the caller's arrays hold.
+   !> Read the caller's arrays into kept results.
    subroutine take_kept(given, kept, error)
       type(c_ptr), intent(in) :: given
       type(observed_type), intent(inout) :: kept
@@ -211,7 +211,7 @@ contains
       end do
    end subroutine read_observers
 
-   !> What a run has kept, into the arrays of a list of observers.
+   !> Write the results of a run into the arrays of a list of observers.
    subroutine give_observed(observed, given)
       type(observed_type), intent(in) :: observed(:)
       type(c_ptr), intent(in) :: given

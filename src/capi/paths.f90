@@ -109,7 +109,7 @@ contains
       status = finish(refusal, error)
    end function symsde_saved_times
 
-   !> A recorder on the caller's arrays, with the saved times filled in where they are wanted.
+   !> Make a recorder on the caller's arrays, and fill in the saved times if the caller wants them.
    subroutine read_paths(given, ndof, options, recorder, scratch, error)
       type(c_ptr), intent(in) :: given                       !! symsde_paths
       integer, intent(in) :: ndof
@@ -135,7 +135,7 @@ contains
       call choose(copy%p_low, options%compensated, npath, n, scratch%p_low, recorder%p_low, error)
    end subroutine read_paths
 
-   !> The same with room for what is saved alone: of a prepared run, which has arrays of its own for the rest.
+   !> Make a recorder for saved states alone: a prepared run has arrays of its own for the final state.
    subroutine read_saved(given, ndof, options, recorder, error)
       type(c_ptr), intent(in) :: given                       !! symsde_paths
       integer, intent(in) :: ndof
@@ -148,8 +148,8 @@ contains
       call take_paths(given, ndof, options, recorder, copy, error)
    end subroutine read_saved
 
-   !> The caller's struct, its arrays of saved states in the recorder, with the saved times filled in where they are
-   !> wanted.
+   !> Read the caller's struct, let the recorder point to its arrays of saved states, and fill in the saved times if
+   !> the caller wants them.
    subroutine take_paths(given, ndof, options, recorder, copy, error)
       type(c_ptr), intent(in) :: given                       !! symsde_paths
       integer, intent(in) :: ndof
@@ -173,7 +173,7 @@ contains
       if (c_associated(copy%t)) call put_times(copy%t, options)
    end subroutine take_paths
 
-   !> The caller's array, or scratch of that size where he wants none but the recorder needs it.
+   !> Take the caller's array; or, if the recorder needs it and the caller gave none, scratch of the same size.
    subroutine choose(given, needed, npath, ndof, scratch, array, error)
       type(c_ptr), intent(in) :: given
       logical, intent(in) :: needed

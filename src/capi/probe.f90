@@ -1,6 +1,6 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> The probe of a model for C. It stands alone because the C function symsde_model_probe must not be
-!> compiled where a Fortran module of that very name is in use.
+!> The probe of a model for C. The C function symsde_model_probe must not be compiled where a Fortran module of the
+!> same name is in use, so it has a module of its own.
 module symsde_capi_probe
    use symsde_base_kinds, only: wp
    use symsde_base_status, only: error_type
@@ -12,8 +12,8 @@ module symsde_capi_probe
 
 contains
 
-   !> Probe around a state. The probe passes over points that a callback refuses; the state itself it must
-   !> not refuse, or code is what it returned.
+   !> Probe around a state. The probe skips points that a callback refuses. If the callback refuses the state
+   !> itself, code is the callback's return value.
    subroutine probe_at(model, ndof, t, q, p, code, error)
       class(model_type), intent(in) :: model
       integer, intent(in) :: ndof

@@ -64,7 +64,7 @@ contains
    !> The status of a run: the refusal, or its outcome with the report filled in.
    function end_run(refusal, code, report, given, error) result(status)
       type(error_type), allocatable, intent(in) :: refusal
-      integer, intent(in) :: code              !! what a failed callback returned
+      integer, intent(in) :: code              !! return value of a failed callback
       type(run_report), intent(in) :: report
       type(c_ptr), intent(in) :: given         !! symsde_report, may be NULL
       type(c_ptr), intent(in) :: error         !! symsde_error, may be NULL
@@ -142,10 +142,10 @@ contains
 
    end subroutine fill_report
 
-   !> What the outcome of a run means, and where to look.
+   !> Say what the outcome of a run means, and where to look.
    pure subroutine outcome_sentence(report, code, text)
       type(run_report), intent(in) :: report
-      integer, intent(in) :: code              !! what a failed callback returned
+      integer, intent(in) :: code              !! return value of a failed callback
       character(:), allocatable, intent(out) :: text
 
       select case (report%status)

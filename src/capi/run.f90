@@ -26,9 +26,9 @@ module symsde_capi_run
    public :: symsde_state_init, symsde_run_new, symsde_run_advance, symsde_run_resume, symsde_run_reset
    public :: symsde_run_state, symsde_run_report, symsde_run_delete
 
-   integer(i8), parameter :: tag_of_run = int(z'72756E', i8)  !! 'run'; gone when it is deleted
+   integer(i8), parameter :: tag_of_run = int(z'72756E', i8)  !! 'run'; cleared when the handle is deleted
 
-   !> What a symsde_run points to.
+   !> The object behind a symsde_run.
    type :: run_handle
       integer(i8) :: tag = tag_of_run
       class(model_type), allocatable :: model   !! its own copy, which the run points to
@@ -111,7 +111,7 @@ contains
       status = finish(refusal, error)
    end function symsde_run_new
 
-   !> So many steps more, saved every save_every steps where paths are given.
+   !> Take `steps` more steps; save every save_every steps if paths are given.
    function symsde_run_advance(run, steps, save_every, input, paths, error) result(status) &
       bind(c, name='symsde_run_advance')
       type(c_ptr), intent(in), value :: run, input, paths, error
@@ -154,7 +154,7 @@ contains
       status = end_advance(holder, refusal, error)
    end function symsde_run_resume
 
-   !> Begin anew, with this state, seed, first path and first step.
+   !> Begin again with a new state, seed, first path and first step.
    function symsde_run_reset(run, input, seed, first_path, first_step, error) result(status) &
       bind(c, name='symsde_run_reset')
       type(c_ptr), intent(in), value :: run, input, error
@@ -176,7 +176,7 @@ contains
       status = finish(refusal, error)
    end function symsde_run_reset
 
-   !> Where the paths are: addresses that stay the same until the run is deleted.
+   !> Addresses of the state of the paths; they stay the same until the run is deleted.
    function symsde_run_state(run, state, error) result(status) bind(c, name='symsde_run_state')
       type(c_ptr), intent(in), value :: run, state, error
       integer(c_int) :: status
@@ -197,7 +197,7 @@ contains
       status = finish(refusal, error)
    end function symsde_run_state
 
-   !> What the run did, in all calls until now.
+   !> Report counters and seconds of all calls until now.
    function symsde_run_report(run, report, error) result(status) bind(c, name='symsde_run_report')
       type(c_ptr), intent(in), value :: run, report, error
       integer(c_int) :: status

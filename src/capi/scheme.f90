@@ -23,10 +23,10 @@ module symsde_capi_scheme
    public :: symsde_scheme_from_tableau, symsde_scheme_delete, symsde_scheme_get_info
    public :: symsde_scheme_certificate
 
-   integer(i8), parameter :: tag_of_scheme = int(z'736368656D65', i8)  !! 'scheme'; gone when it is deleted
-   integer, parameter :: most_stages = 1000                            !! of a user's tableau or quadrature
+   integer(i8), parameter :: tag_of_scheme = int(z'736368656D65', i8)  !! 'scheme'; cleared when the handle is deleted
+   integer, parameter :: most_stages = 1000                            !! stages of a user's tableau or quadrature
 
-   !> What a symsde_scheme points to.
+   !> The object behind a symsde_scheme.
    type :: scheme_handle
       integer(i8) :: tag = tag_of_scheme
       type(scheme_type) :: scheme
@@ -155,7 +155,7 @@ contains
          call view(alpha, n, weights)
          nullify (noise_weights)
          if (c_associated(beta)) call view(beta, n, noise_weights)
-         ! what was not given is not allocated, or null, and so an absent argument
+         ! arrays that were not given are not allocated or null, and so absent arguments
          call scheme_from_tableau(made, drift, drift_bar, weights, text, allow_nonsymplectic /= 0, refusal, &
                                   noise, noise_bar, noise_weights)
       end if
@@ -163,7 +163,7 @@ contains
       status = finish(refusal, error)
    end function symsde_scheme_from_tableau
 
-   !> A square matrix of the caller's, row by row, as columns; not allocated where there is none.
+   !> Read a square matrix of the caller's, row by row; the result is not allocated if NULL was given.
    subroutine read_rows(given, n, matrix)
       type(c_ptr), intent(in) :: given
       integer(i8), intent(in) :: n
@@ -197,7 +197,7 @@ contains
       status = finish(refusal, c_null_ptr)
    end function symsde_scheme_delete
 
-   !> What the certificate of a scheme says, as a struct.
+   !> Write the certificate of a scheme into a struct.
    function symsde_scheme_get_info(scheme, info, error) result(status) bind(c, name='symsde_scheme_get_info')
       type(c_ptr), intent(in), value :: scheme, info, error
       integer(c_int) :: status
@@ -215,7 +215,7 @@ contains
       status = finish(refusal, error)
    end function symsde_scheme_get_info
 
-   !> What is derived, claimed and measured of a scheme, as readable lines.
+   !> Write the derived, claimed and measured properties of a scheme as readable lines.
    function symsde_scheme_certificate(scheme, buffer, size, needed, error) result(status) &
       bind(c, name='symsde_scheme_certificate')
       type(c_ptr), intent(in), value :: scheme, buffer, needed, error
@@ -233,7 +233,7 @@ contains
       status = finish(refusal, error)
    end function symsde_scheme_certificate
 
-   !> The address of a handle to be made must be given; it is NULL until the scheme is there.
+   !> Check the address that shall receive a new handle, and set it to NULL until the scheme exists.
    subroutine begin_handle(handle, error)
       type(c_ptr), intent(in) :: handle   !! symsde_scheme *
       type(error_type), allocatable, intent(inout) :: error

@@ -12,8 +12,8 @@ module symsde_capi_sincos
 
 contains
 
-   !> sine[n], cosine[n] of x[n]. It is called in the innermost loop, by functions that have nowhere to put a
-   !> sentence: the status alone tells of NULL and of a negative n.
+   !> sine[n], cosine[n] of x[n]. Called in innermost loops, by functions that cannot hand on a message: the status
+   !> alone reports NULL and a negative n.
    function symsde_sincos(n, x, sine, cosine) result(status) bind(c, name='symsde_sincos')
       integer(c_int), intent(in), value :: n
       type(c_ptr), intent(in), value :: x, sine, cosine

@@ -16,7 +16,7 @@ module symsde_capi_tableau
 
 contains
 
-   !> The coefficients of a tableau, into those arrays that are wanted.
+   !> Write the coefficients of a tableau into the arrays that the caller gave.
    function symsde_scheme_tableau(scheme, c, a, abar, alpha, b, bbar, beta, error) result(status) &
       bind(c, name='symsde_scheme_tableau')
       type(c_ptr), intent(in), value :: scheme, c, a, abar, alpha, b, bbar, beta, error
@@ -51,7 +51,7 @@ contains
                          allocated(scheme%beta)
    end function has_coefficients
 
-   !> Numbers into an array of the caller's, unless it is NULL.
+   !> Write numbers into the caller's array, unless it is NULL.
    subroutine write_vector(x, wanted)
       real(wp), intent(in) :: x(:)
       type(c_ptr), intent(in) :: wanted
@@ -62,7 +62,7 @@ contains
       array = x
    end subroutine write_vector
 
-   !> A matrix into an array of the caller's, row by row, unless it is NULL.
+   !> Write a matrix into the caller's array, row by row, unless it is NULL.
    subroutine write_rows(matrix, wanted)
       real(wp), intent(in) :: matrix(:, :)
       type(c_ptr), intent(in) :: wanted

@@ -37,7 +37,7 @@ contains
                     ' characters: give a string that ends with 0')
    end subroutine read_text
 
-   !> Copy text into the caller's buffer as far as it goes, always terminated, and tell the whole size.
+   !> Copy as much of text as the caller's buffer holds, terminated, and return the size of the whole.
    subroutine put_text(text, buffer, size, needed)
       character(*), intent(in) :: text
       type(c_ptr), intent(in) :: buffer            !! size bytes; NULL = only the size is wanted
@@ -59,7 +59,7 @@ contains
       call put_chars(text, chars)
    end subroutine put_text
 
-   !> Copy text into an array of characters as far as it goes, always terminated.
+   !> Copy as much of text as an array of characters holds, terminated.
    pure subroutine put_chars(text, chars)
       character(*), intent(in) :: text
       character(kind=c_char), intent(out) :: chars(:)

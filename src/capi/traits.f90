@@ -29,7 +29,7 @@ module symsde_capi_traits
 
 contains
 
-   !> Traits that declare nothing: one degree of freedom, no noise, dense Hessian.
+   !> The traits of an undeclared model: one degree of freedom, no noise, dense Hessian.
    function symsde_traits_init(traits) result(status) bind(c, name='symsde_traits_init')
       type(c_ptr), intent(in), value :: traits
       integer(c_int) :: status
@@ -67,11 +67,11 @@ contains
       filled%rotation = c_null_ptr
       if (allocated(traits%rotation)) filled%rotation = c_loc(traits%rotation)
       filled%silent = c_null_ptr
-      if (allocated(traits%silent)) filled%silent = c_loc(traits%silent)  ! of four bytes each, 0 or 1
+      if (allocated(traits%silent)) filled%silent = c_loc(traits%silent)  ! four bytes each, 0 or 1
    end function from_traits
 
-   !> What the user declares; has_value and its like are set by the model itself. Frequencies and
-   !> silent noises are not read where the model is refused for its size.
+   !> Convert the user's declarations; the model itself sets has_value and the other has_... traits. If the model's
+   !> size is refused, frequencies and silent noises are not read.
    function to_traits(given) result(traits)
       type(c_traits), intent(in) :: given
       type(model_traits) :: traits

@@ -1,6 +1,6 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> Values that are inside of an interval before a step and after it, and may have been outside between: what a Brownian
-!> bridge says of that, and the numbers that decide.
+!> A value that is inside an interval before and after a step may have been outside between. A Brownian bridge gives
+!> the probability, and a random number decides.
 module symsde_ensemble_bridges
    use symsde_base_kinds, only: wp, i4, i8
    use symsde_noise_philox, only: philox_lanes
@@ -12,12 +12,12 @@ module symsde_ensemble_bridges
 
 contains
 
-   !> How probable it is that they were below and above; zero where they are not inside, or nothing moves them.
+   !> Probabilities that the values went below and above; zero if they are not inside, or if no noise moves them.
    pure subroutine bridge_chances(n, low, high, h, rate, before, after, chance)
       integer, intent(in) :: n
       real(wp), intent(in) :: low, high
       real(wp), intent(in) :: h                !! > 0 [time]
-      real(wp), intent(in) :: rate(n)          !! of their variance, per time
+      real(wp), intent(in) :: rate(n)          !! rate at which their variance grows, per time
       real(wp), intent(in) :: before(n), after(n)
       real(wp), intent(out) :: chance(n, 2)
       real(wp) :: spread

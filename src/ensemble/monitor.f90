@@ -1,5 +1,5 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> The abstract monitor: it is told of progress now and then and may stop a run or a diagnosis.
+!> The abstract monitor: it is called with the progress now and then, and may stop a run or a diagnosis.
 module symsde_ensemble_monitor
    use symsde_base_clock, only: seconds
    use symsde_base_kinds, only: wp, i8
@@ -13,7 +13,7 @@ module symsde_ensemble_monitor
    !> This base never stops. Extensions are called on the calling thread only, twenty times a second at most.
    type :: monitor_type
       integer(i8) :: chunk = 0                   !! steps between two chances to stop; 0 = those of a moment
-      real(wp), private :: last = -huge(1.0_wp)  !! when it was asked [s]
+      real(wp), private :: last = -huge(1.0_wp)  !! time of the last call [s]
    contains
       procedure :: wants_stop
       procedure :: refuses
@@ -22,8 +22,8 @@ module symsde_ensemble_monitor
 
 contains
 
-   !> Told how much is done of how much: path-steps of a run, parts of a diagnosis in a unit of its own. True stops the
-   !> work where it can next be left.
+   !> Report progress: done of total path-steps of a run, or parts of a diagnosis in its own unit. True stops the
+   !> work at the next place where it can be left.
    logical function wants_stop(self, done, total)
       class(monitor_type), intent(inout) :: self
       integer(i8), intent(in) :: done, total
@@ -31,7 +31,7 @@ contains
       wants_stop = .false.
    end function wants_stop
 
-   !> Told before the first step of a run what there is to be warned of, one sentence a line. True refuses the run.
+   !> Report all warnings before the first step of a run, one sentence a line. True refuses the run.
    logical function refuses(self, warnings)
       class(monitor_type), intent(inout) :: self
       character(*), intent(in) :: warnings
@@ -64,7 +64,7 @@ contains
       stop_now = self%wants_stop(done, total)
    end subroutine ask
 
-   !> Ask the monitor of a diagnosis, where there is one; a stop raises `stopped`.
+   !> Call the monitor of a diagnosis, if there is one; a stop raises `stopped`.
    subroutine stop_if_wanted(monitor, done, total, place, error)
       class(monitor_type), intent(inout), optional :: monitor
       integer(i8), intent(in) :: done, total

@@ -1,5 +1,5 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> What a user can choose about a run, with its defaults, and the check of every choice.
+!> The options of a run, with their defaults, and the check of every option.
 module symsde_ensemble_options
    use symsde_base_area_rule, only: areas_by_path, areas_in_law
    use symsde_base_kinds, only: wp, i8
@@ -33,7 +33,7 @@ module symsde_ensemble_options
       real(wp) :: truncation_time = 0       !! time scale tau of the truncation [time]
       integer :: areas = areas_by_path      !! how areas are drawn, of base/area_rule
       real(wp) :: area_time = 0             !! their time scale, 0 = derived from the model [time]
-      integer, allocatable :: common_noise(:) !! noises whose W_k is that of path 0 in every path
+      integer, allocatable :: common_noise(:) !! noises k that every path shares: W_k of path 0 (nothing = none)
       logical :: compensated = .false.      !! compensated summation of the state
       logical :: general = .false.          !! the general stepper, the oracle
       integer :: max_iter = 100             !! Newton iterations a step
@@ -44,7 +44,7 @@ module symsde_ensemble_options
 
 contains
 
-   !> What a run asks of its steppers.
+   !> The options of a run that concern its steppers.
    pure type(stepper_options) function steppers_of(options) result(choice)
       type(run_options), intent(in) :: options
 
@@ -70,7 +70,7 @@ contains
       if (abs(o%t0) > abs(latest_time)) latest_time = o%t0
    end function latest_time
 
-   !> Refuse what cannot be run, naming the value and what is allowed.
+   !> Refuse options that cannot be run: the message names the value and the allowed ones.
    subroutine check_options(o, error)
       type(run_options), intent(in) :: o
       type(error_type), allocatable, intent(inout) :: error

@@ -71,8 +71,8 @@ contains
       end do
    end subroutine back_substitute_banded_lanes
 
-   !> Solve the lanes first .. first+width-1 in a compact copy, which stays in cache and keeps ab as it is, for
-   !> exchanges of rows and residuals.
+   !> Solve lanes first .. first+width-1 in a compact copy, which stays in cache. ab itself is kept, for exchanges
+   !> of rows and for residuals.
    subroutine solve_banded_strip(nlane, n, kl, ku, first, width, ab, x, smallest, strip, part)
       integer, intent(in) :: nlane                          !! lanes of the block
       integer, intent(in) :: n                              !! unknowns of a system
@@ -95,7 +95,7 @@ contains
          end do
          part(:, i) = x(first:last, i)
       end do
-      ! The copies become factors and solutions; ab stays as it was.
+      ! The copies become factors and solutions; ab stays unchanged.
       call factor_banded_lanes(width, n, kl, ku, strip, smallest(first:last))
       call back_substitute_banded_lanes(width, n, kl, ku, strip, part)
       do i = 1, n

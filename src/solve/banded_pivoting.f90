@@ -1,9 +1,8 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> LU factors P A = L U of one banded matrix with row exchanges, made in parts: between them a host may stop a long
-!> solve. A system is solved with them, and the condition of the matrix estimated.
-!>
-!> A(i,j) stands at band(kl+ku+1+i-j, j); the kl rows above are for what the row exchanges fill in. A row of the
-!> matrix runs through `band` from the lower left to the upper right: one column further on is one row further up.
+!> LU factors P A = L U of one banded matrix with row exchanges, computed in parts so that a host may stop a long
+!> solve between them; solutions by these factors; and an estimate of the matrix's condition. A(i,j) stands at
+!> band(kl+ku+1+i-j, j); the kl rows above take the entries that row exchanges add. A row of the matrix runs through
+!> `band` from the lower left to the upper right: one column right is one row up.
 module symsde_solve_banded_pivoting
    use symsde_base_kinds, only: wp
    implicit none
@@ -17,8 +16,8 @@ module symsde_solve_banded_pivoting
       integer :: kl = 0, ku = 0         !! diagonals below and above the main one
       integer :: done = 0               !! columns that are factored
       integer :: reach = 0              !! last column that the exchanges so far have filled
-      logical :: is_singular = .false.  !! a column without a pivot: nothing more is factored
-      real(wp) :: norm = 0              !! of the matrix: its largest column sum
+      logical :: is_singular = .false.  !! a column has no pivot: factoring has ended there
+      real(wp) :: norm = 0              !! largest column sum of the matrix
       integer, allocatable :: pivot(:)  !! row exchanged with row j (n)
    end type banded_factors
 
@@ -43,16 +42,16 @@ contains
       end do
    end subroutine new_banded_factors
 
-   !> Factor the next columns, as many as take about `work` multiplications; all is done when done = n. Column j
-   !> finds the largest entry on and below its diagonal, exchanges its row with row j, divides by the pivot what is
-   !> below it, and subtracts multiples of that from all columns that row j reaches.
+   !> Factor the next columns, about `work` multiplications of them; all are factored when done = n. In column j:
+   !> find the largest entry on and below the diagonal, exchange its row with row j, divide the entries below by the
+   !> pivot, and subtract multiples of them from all columns that row j reaches.
    subroutine factor_columns(self, band, work)
       type(banded_factors), intent(inout) :: self
       real(wp), intent(inout) :: band(2*self%kl + self%ku + 1, self%n)
       real(wp), intent(in) :: work
       integer :: j, k, row, last, below, at
 
-      ! So many columns take about `work` multiplications, each kl + 1 rows of up to kl + ku + 1 entries.
+      ! A column takes kl + 1 rows of up to kl + ku + 1 multiplications each.
       last = self%n
       associate (column => real(self%kl + 1, wp)*(self%kl + self%ku + 1))
          if (work < column*(self%n - self%done)) last = self%done + max(1, int(work/column))
@@ -71,7 +70,7 @@ contains
             ! l_ij = u_ij/u_jj below the pivot, in place.
             band(middle + 1:middle + below, j) = band(middle + 1:middle + below, j)/band(middle, j)
             do k = j + 1, merge(reach, j, below > 0)
-               ! u_jk, the entry of row j in column k. Where it is zero nothing is subtracted.
+               ! u_jk, the entry of row j in column k. If it is zero, column k stays unchanged.
                row = middle + j - k
                if (abs(band(row, k)) > 0) &
                   call subtract(below, band(row, k), band(middle + 1, j), band(row + 1, k))
@@ -81,8 +80,8 @@ contains
       end associate
    end subroutine factor_columns
 
-   !> Exchange rows j and j + at, from column j to the last one that exchanges have filled. Multipliers left of column
-   !> j stay where they are: a solution exchanges and subtracts by turns, too.
+   !> Exchange rows j and j + at, from column j to the last column that exchanges have filled. Multipliers left of
+   !> column j stay in place: a solution, too, alternates exchanges and subtractions.
    pure subroutine exchange_rows(self, j, at, band)
       type(banded_factors), intent(in) :: self
       integer, intent(in) :: j, at
@@ -182,7 +181,7 @@ contains
       rcond = 1/(self%norm*norm)
    end function reciprocal_condition
 
-   !> The larger of two numbers, not finite where one of them is not: max may pass over NaN.
+   !> The larger of two numbers; NaN or infinite if one of them is, since max may ignore NaN.
    elemental real(wp) function larger(x, y)
       real(wp), intent(in) :: x, y
 

@@ -33,8 +33,8 @@ module symsde_solve_block_tridiagonal
    private
    public :: eliminate_down_blocks, correct_up_blocks, site_above, new_site_above
 
-   !> What a site hands to the next one, of its block S, the block E = diag(beside) right of it, and its own
-   !> right-hand side.
+   !> Data that a site hands to the next: S^{-1} E, of its block S and the block E = diag(beside) right of it; the
+   !> diagonal of E; and its reduced right-hand side.
    type :: site_above
       real(wp), allocatable :: factor(:, :, :)   !! S^{-1} E (strip_lanes, s, s)
       real(wp), allocatable :: beside(:, :)      !! (strip_lanes, s)
@@ -46,7 +46,7 @@ module symsde_solve_block_tridiagonal
 
 contains
 
-   !> Make room for s stages, and begin with nothing above.
+   !> Make room for s stages, and begin a chain.
    pure subroutine new_site_above(self, s)
       type(site_above), intent(out) :: self
       integer, intent(in) :: s
@@ -55,7 +55,7 @@ contains
       call self%start()
    end subroutine new_site_above
 
-   !> Begin a chain: nothing stands above the first site, and every lane is trusted.
+   !> Begin a chain: the first site has no site above it, and every lane is trusted.
    pure subroutine start(self)
       class(site_above), intent(inout) :: self
 
@@ -78,7 +78,7 @@ contains
       real(wp), intent(inout) :: factor(strip_lanes, s, s, n)    !! S^{-1} E of every site
       real(wp), intent(inout) :: rhs(strip_lanes, s, n)          !! S^{-1} L^{-1} residual
 
-      ! The parts of `above` are passed one by one, so that the kernels have arrays of constant bounds.
+      ! Pass the parts of `above` separately, so that the kernels have arrays of constant bounds.
       if (s == 2) then
          call eliminate_pairs(n, first, last, capacity, c, g, f, k, above%factor, above%beside, above%rhs, &
                               above%trusted, factor, rhs)
@@ -106,8 +106,9 @@ contains
 
    ! ---- kernels ----------------------------------------------------------------------------------
 
-   !> VEC Two stages: S = (a11, a12; a21, a22), downwards through sites first .. last. above, beside and r are S^{-1}
-   !> E, the diagonal of E and S^{-1} times the right-hand side of the site before, then of this one.
+   !> VEC Eliminate two stages, S = (a11, a12; a21, a22), downwards through sites first .. last. above, beside and r
+   !> are S^{-1} E, the diagonal of E, and S^{-1} times the right-hand side: on entry of the site above, then of
+   !> this site.
    pure subroutine eliminate_pairs(n, first, last, capacity, c, g, f, k, above, beside, r, trusted, factor, rhs)
       integer, intent(in) :: n, first, last, capacity
       real(wp), intent(in) :: c(2, 2), g(strip_lanes, 2, n)
@@ -119,10 +120,10 @@ contains
       integer :: i, at, lane
 
       do i = first, last
-         ! Where this site stands in f and k.
+         ! place of site i in f and k
          at = i - first + 1
          do lane = 1, strip_lanes
-            ! S_i: the block of this site less E_{i-1} times what the site above has kept.
+            ! S_i: the block of this site less E_{i-1} times (S^{-1} E)_{i-1} of the site above.
             a11 = c(1, 1) + k(lane, 0, at, 1) - beside(lane, 1)*above(lane, 1, 1)
             a12 = c(1, 2) - beside(lane, 1)*above(lane, 1, 2)
             a21 = c(2, 1) - beside(lane, 2)*above(lane, 2, 1)
@@ -132,8 +133,8 @@ contains
             b2 = g(lane, 2, i) + f(lane, at, 2) - beside(lane, 2)*r(lane, 2)
             det = a11*a22 - a12*a21
             inverse = 1/det
-            ! The principal minors are a11, a22 and the determinant, whose sign is that of its inverse. A NaN passes
-            ! no comparison.
+            ! The principal minors are a11, a22 and the determinant, whose sign is the sign of its inverse.
+            ! Comparisons with NaN are false, so a lane with NaN is not trusted.
             least = merge(a11, a22, a11 < a22)
             least = merge(least, inverse, least < inverse)
             trusted(lane) = merge(trusted(lane), 0.0_wp, least > 0)
@@ -143,7 +144,7 @@ contains
             ! From here on this site is the one above: E_i takes the place of E_{i-1}.
             beside(lane, 1) = k(lane, 1, at, 1)
             beside(lane, 2) = k(lane, 1, at, 2)
-            ! S^{-1} E, column m of which is that of S^{-1} times E_mm.
+            ! S^{-1} E: its column m is column m of S^{-1} times E_mm.
             right1 = beside(lane, 1)*inverse
             right2 = beside(lane, 2)*inverse
             above(lane, 1, 1) = a22*right1
@@ -218,7 +219,7 @@ contains
       integer :: i, at, lane
 
       do i = first, last
-         ! Where this site stands in f and k.
+         ! place of site i in f and k
          at = i - first + 1
          do lane = 1, strip_lanes
             ! S_i, as for two stages.
@@ -256,7 +257,7 @@ contains
             r(lane, 1) = (m11*b1 + m12*b2 + m13*b3)*inverse
             r(lane, 2) = (m21*b1 + m22*b2 + m23*b3)*inverse
             r(lane, 3) = (m31*b1 + m32*b2 + m33*b3)*inverse
-            ! This site becomes the one above.
+            ! This site becomes the site above.
             beside(lane, 1) = k(lane, 1, at, 1)
             right1 = beside(lane, 1)*inverse
             beside(lane, 2) = k(lane, 1, at, 2)
@@ -273,7 +274,7 @@ contains
             above(lane, 1, 3) = m13*right3
             above(lane, 2, 3) = m23*right3
             above(lane, 3, 3) = m33*right3
-            ! What the way upwards needs of this site.
+            ! Keep the parts of this site that the way upwards needs.
             factor(lane, 1, 1, i) = above(lane, 1, 1)
             factor(lane, 2, 1, i) = above(lane, 2, 1)
             factor(lane, 3, 1, i) = above(lane, 3, 1)

@@ -23,8 +23,8 @@ module symsde_solve_blocks
    !> of LAPACK's time (2.1 against 6.0 microseconds, AVX-512, OpenBLAS), at 8 a tenth.
    integer, parameter :: max_lane_unknowns = 32
 
-   !> Lanes whose pivot monitor is not above this are solved with exchanges of rows. The others lose at most three
-   !> digits of sixteen in a solve, which the next Newton iteration makes good.
+   !> Lanes whose pivot monitor is not above pivot_floor are solved with exchanges of rows. Other lanes lose at most
+   !> three of sixteen digits in a solve, and the next Newton iteration restores them.
    real(wp), parameter :: pivot_floor = 1.0e-3_wp
 
    !> Solver for the systems of one block, with its work arrays.
@@ -47,7 +47,7 @@ module symsde_solve_blocks
 
 contains
 
-   !> Set up a solver for blocks of one shape; a second call on the same solver starts it anew.
+   !> Set up a solver for blocks of one shape; a second call on the same solver sets it up again.
    subroutine new_block_solver(self, nlane, n, kl, ku)
       type(block_solver), intent(out) :: self
       integer, intent(in) :: nlane  !! lanes of the block, a multiple of 8
@@ -63,21 +63,18 @@ contains
          self%ku = ku
          self%rows = kl + ku + 1
       end if
-      ! As many lanes as keep their matrices in cache; a result does not depend on it.
+      ! As many lanes as have their matrices in cache; the results do not depend on this number.
       self%width = strip_lanes(nlane, self%rows*n)
       allocate (self%smallest(nlane), source=0.0_wp)
       allocate (self%rhs(nlane, n))
-      ! Neither of these is eliminated in strips.
+      ! Closed forms and large systems need no strips.
       if (closed_form(self) .or. too_large(self)) return
       allocate (self%strip(self%width, self%rows, n), self%part(self%width, n))
    end subroutine new_block_solver
 
-   !> Solve the systems of all active lanes.
-   !>
-   !> Dense: a(nlane, n, n). Banded: a(nlane, -kl:ku, n) with a(lane, d, i) = A(i, i+d). Lanes that
-   !> fail get the solution zero, so that an update by it changes nothing, and their status; the
-   !> status of all other lanes is left alone. What x holds in lanes that are not active is not
-   !> defined, and they are never solved by themselves.
+   !> Solve the systems of all active lanes. Dense: a(nlane, n, n). Banded: a(nlane, -kl:ku, n) with a(lane, d, i) =
+   !> A(i, i+d). Lanes that fail get their status and the solution zero, so that an update by it changes nothing.
+   !> Other lanes keep their status. In lanes that are not active x is undefined, and no exchange of rows is tried.
    subroutine solve_block(self, a, x, active, status)
       class(block_solver), intent(inout) :: self
       real(wp), intent(in) :: a(self%nlane, self%rows, self%n)  !! matrices, kept
@@ -88,7 +85,7 @@ contains
 
       nactive = count(active)
       if (nactive == 0) return
-      ! A monitor of zero: every active lane is solved by itself.
+      ! With a monitor of zero, every active lane is solved by itself.
       if (too_large(self)) then
          self%smallest = 0
          call solve_suspects(self, a, x, active, status)
@@ -108,7 +105,7 @@ contains
       closed_form = self%kl < 0 .and. self%n <= 2
    end function closed_form
 
-   !> Whether the systems are dense and so large that they are solved lane by lane.
+   !> Whether the systems are dense and too large to be eliminated across lanes.
    pure logical function too_large(self)
       type(block_solver), intent(in) :: self
 
@@ -125,13 +122,13 @@ contains
       integer :: first, width
 
       if (closed_form(self)) then
-         ! All lanes at once, whether they are active or not.
+         ! Solve all lanes at once, active or not.
          call solve_lanes(self%nlane, self%n, a, x, self%smallest)
          return
       end if
       do first = 1, self%nlane, self%width
          width = min(self%width, self%nlane - first + 1)
-         ! Lanes beside an active one are eliminated along, and their results are not used.
+         ! A strip is eliminated as a whole if it has an active lane; results of other lanes are not used.
          if (.not. any(active(first:first + width - 1))) cycle
          if (self%kl < 0) then
             call solve_strip(self%nlane, self%n, first, width, a, x, self%smallest, &
@@ -143,8 +140,8 @@ contains
       end do
    end subroutine eliminate
 
-   !> Count the active lanes whose pivots are not trusted or whose solution is not finite; the latter get the monitor
-   !> 0, so that one number of each lane tells which are solved by themselves.
+   !> Count the active lanes whose pivots are not trusted or whose solution is not finite. The latter get the
+   !> monitor 0, so that the monitor alone tells which lanes are solved again.
    subroutine find_suspects(nlane, n, x, active, smallest, nsuspect)
       integer, intent(in) :: nlane                !! lanes of the block
       integer, intent(in) :: n                    !! unknowns of a system
@@ -166,8 +163,8 @@ contains
       end do
    end subroutine find_suspects
 
-   !> Solve the active lanes with a small pivot monitor one by one with exchanges of rows, from their matrices and
-   !> right-hand sides as they were. A lane that fails there gets its status and the solution zero.
+   !> Solve the active lanes with a small pivot monitor one by one with exchanges of rows, from their original
+   !> matrices and right-hand sides. A lane that fails here gets its status and the solution zero.
    subroutine solve_suspects(self, a, x, active, status)
       type(block_solver), intent(inout) :: self
       real(wp), intent(in) :: a(self%nlane, self%rows, self%n)  !! matrices
@@ -179,7 +176,7 @@ contains
 
       do lane = 1, self%nlane
          if (.not. active(lane) .or. self%smallest(lane) > pivot_floor) cycle
-         ! Elimination has overwritten x; where it was never tried x is still the right-hand side.
+         ! Elimination has overwritten x; large systems were not eliminated, and x is still their right-hand side.
          if (.not. too_large(self)) x(lane, :) = self%rhs(lane, :)
          if (self%kl < 0) then
             call solve_lane(self%nlane, self%n, lane, a, x, info)

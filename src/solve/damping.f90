@@ -36,7 +36,7 @@ contains
       allocate (self%x(nlane, n), self%d(nlane, n), self%merit(nlane), self%tau(nlane), self%rejected(nlane))
    end subroutine new_damping
 
-   !> No residual is known yet: the first one is not worse than anything, so nothing is rejected.
+   !> Start without a residual: the first one is compared with infinity, so no correction is rejected.
    subroutine start_damping(self)
       type(damping_type), intent(inout) :: self
 
@@ -46,9 +46,9 @@ contains
       self%d = 0
    end subroutine start_damping
 
-   !> Judge the last corrections by the residuals r at x, and take half of those that did not help, x = x_old - tau
-   !> d. A residual that is not finite counts as the largest number. Corrections as small as rounding are not judged.
-   !> A lane whose tau is too short gets an infinite correction, by which the stopping test fails it.
+   !> Judge the last corrections by the residuals r at x, and halve corrections that did not lower them, x = x_old -
+   !> tau d. A residual that is not finite counts as the largest number. Corrections of the size of rounding are not
+   !> judged. A lane whose tau is too short gets an infinite correction; the stopping test then fails it.
    subroutine reject(self, r, last, x, step, size)
       type(damping_type), intent(inout) :: self
       real(wp), intent(in) :: r(:, :)              !! residuals at x (nlane, n)
@@ -59,10 +59,10 @@ contains
 
       do lane = 1, ubound(last, 1)
          merit = maxval(abs(r(lane, :)))
-         ! A NaN would compare as neither better nor worse.
+         ! Count a NaN as the largest number: comparisons with NaN are all false.
          if (.not. all(abs(r(lane, :)) <= huge(merit))) merit = huge(merit)
-         ! A running lane is rejected where it has an earlier residual, the new one is not lower by the part
-         ! tau/4 of it, and the correction is more than rounding.
+         ! Reject in a running lane that has an earlier residual, if the new residual is not lower by the part
+         ! tau/4, and the correction is more than rounding.
          self%rejected(lane) = last(lane) >= 0 .and. self%merit(lane) < huge(merit) .and. &
                                .not. merit < (1 - 0.25_wp*self%tau(lane))*self%merit(lane) .and. &
                                maxval(abs(self%d(lane, :)))*self%tau(lane) > rounding*maxval(abs(self%x(lane, :)))

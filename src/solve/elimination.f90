@@ -57,8 +57,8 @@ contains
       strip_lanes = min(strip_lanes, nlane)
    end function strip_lanes
 
-   !> Solve a(lane,:,:) x(lane,:) = x(lane,:) in every lane; one and two unknowns in closed form, more by strips. This
-   !> is for callers without a block_solver: the room of a strip is allocated in each call.
+   !> Solve a(lane,:,:) x(lane,:) = x(lane,:) in every lane: one and two unknowns in closed form, more by strips.
+   !> For callers without a block_solver; each call allocates the room of a strip.
    subroutine solve_lanes(nlane, n, a, x, smallest)
       integer, intent(in) :: nlane                !! lanes of the block
       integer, intent(in) :: n                    !! unknowns of a system
@@ -85,8 +85,8 @@ contains
       end select
    end subroutine solve_lanes
 
-   !> Solve the lanes first .. first+width-1 in a compact copy, which stays in cache and keeps a as it is, for
-   !> exchanges of rows and residuals.
+   !> Solve lanes first .. first+width-1 in a compact copy, which stays in cache. a itself is kept, for exchanges of
+   !> rows and for residuals.
    subroutine solve_strip(nlane, n, first, width, a, x, smallest, strip, part)
       integer, intent(in) :: nlane                    !! lanes of the block
       integer, intent(in) :: n                        !! unknowns of a system
@@ -107,7 +107,7 @@ contains
          end do
          part(:, j) = x(first:last, j)
       end do
-      ! The copies become factors and solutions; a stays as it was.
+      ! The copies become factors and solutions; a stays unchanged.
       call factor_lanes(width, n, strip, smallest(first:last))
       call back_substitute_lanes(width, n, strip, part)
       do j = 1, n
@@ -115,7 +115,7 @@ contains
       end do
    end subroutine solve_strip
 
-   !> One unknown: x = b/a. Its monitor is one or zero, as there is no other entry to compare a pivot with.
+   !> One unknown: x = b/a. The monitor is one or zero: there is no other entry to compare the pivot with.
    subroutine solve_one_unknown(nlane, a, x, smallest)
       integer, intent(in) :: nlane              !! lanes of the block
       real(wp), intent(in) :: a(nlane)          !! coefficients
@@ -124,14 +124,14 @@ contains
       integer :: lane
 
       do lane = 1, nlane
-         ! Divided by zero it is not finite, which callers notice.
+         ! Division by zero gives infinity or NaN, which callers notice.
          x(lane) = x(lane)/a(lane)
          smallest(lane) = merge(1.0_wp, 0.0_wp, abs(a(lane)) > 0 .and. abs(a(lane)) <= huge(1.0_wp))
       end do
    end subroutine solve_one_unknown
 
-   !> VEC Two unknowns: elimination written out. Near the identity its rounding error is three quarters
-   !> of that of Cramer's rule (0.43 against 0.56 eps, root mean square).
+   !> VEC Two unknowns: elimination written out. Near the identity its rounding error is three quarters of the error
+   !> of Cramer's rule (0.43 against 0.56 eps, root mean square).
    subroutine solve_two_unknowns(nlane, a11, a21, a12, a22, x1, x2, smallest)
       integer, intent(in) :: nlane                            !! lanes of the block
       real(wp), intent(in), dimension(nlane) :: a11, a21      !! first columns
@@ -148,8 +148,8 @@ contains
          pivot = a22(lane) - multiplier*a12(lane)
          x2(lane) = (x2(lane) - multiplier*x1(lane))/pivot
          x1(lane) = (x1(lane) - a12(lane)*x2(lane))*inverse
-         ! The monitor is that of pivot_ratio; the first pivot is the diagonal itself, of ratio one where it is
-         ! finite.
+         ! The monitor is pivot_ratio, written out. The first pivot is the diagonal entry itself, with ratio one if
+         ! it is finite.
          low = merge(abs(pivot), abs(a22(lane)), abs(pivot) <= abs(a22(lane)))
          high = merge(abs(a22(lane)), abs(pivot), abs(pivot) <= abs(a22(lane)))
          ratio = low/high

@@ -26,7 +26,7 @@ contains
       real(wp), intent(inout) :: x(n)     !! in: right-hand side; out: solution
       real(wp), intent(out) :: smallest   !! pivot monitor
 
-      ! Three or four unknowns are told as constants, for which the compiler makes straight code.
+      ! Give three and four unknowns as constants: the compiler then makes straight code.
       if (n == 3) then
          call solve_known(3, a, x, smallest)
       else if (n == 4) then
@@ -36,7 +36,7 @@ contains
       end if
    end subroutine solve_scalar
 
-   !> The same, for a number of unknowns that is known inside where it is a constant.
+   !> solve_scalar with n by value: a constant of the caller stays one after inlining.
    pure subroutine solve_known(n, a, x, smallest)
       integer, value :: n
       real(wp), intent(inout) :: a(n, n), x(n)

@@ -32,8 +32,8 @@ module symsde_solve_fixed_point
       end do
    end subroutine take_first
 
-   !> VEC x = sign*f in running lanes, with the largest change and unknown beside those so far. A change is not finite
-   !> where f is not: 0*(..) keeps a NaN, which max would drop.
+   !> VEC x = sign*f in running lanes. Raise change and extent to the largest change and unknown. A change is NaN or
+   !> infinite where f is: 0*(..) keeps a NaN, which max would drop.
    pure subroutine take(nlane, n, sign, f, last, x, change, extent)
       integer, intent(in) :: nlane, n
       real(wp), intent(in) :: sign, f(nlane, n), last(nlane)

@@ -16,9 +16,9 @@ module symsde_solve_fixed_point_single_path
    include 'fixed_point.inc'
    include 'one_lane.inc'
 
-   !> x = sign*f, sign = 1 or -1, n numbers, with the largest change and unknown beside those so far; the change is no
-   !> number where one of f is not finite. The path is running: nothing is taken of one that is done, so `last` is not
-   !> read.
+   !> x = sign*f with sign = 1 or -1, n numbers. Raise change and extent to the largest change and unknown; change
+   !> becomes NaN if some f is not finite. The path is running, so `last` is not read: callers take no x of a path
+   !> that is done.
    pure subroutine take(nlane, n, sign, f, last, x, change, extent)
       integer, intent(in) :: nlane, n
       real(wp), intent(in) :: sign, f(n), last(1)
@@ -70,7 +70,7 @@ module symsde_solve_fixed_point_single_path
       real(wp) :: d
       integer :: before, i
 
-      ! Every one of the eight begins anew.
+      ! Clear the maxima of the eight chains.
       moved = 0
       largest = 0
       nothing = 0
@@ -85,7 +85,7 @@ module symsde_solve_fixed_point_single_path
             nothing(i) = nothing(i) + 0*d
          end do
       end do
-      ! The eight largest in halves: one after the other they would wait for each other.
+      ! Combine the eight maxima by halves: one after another, each would wait for the one before.
       moved(:4) = max(moved(:4), moved(5:))
       largest(:4) = max(largest(:4), largest(5:))
       nothing(:4) = nothing(:4) + nothing(5:)
@@ -96,8 +96,8 @@ module symsde_solve_fixed_point_single_path
       zero = zero + ((nothing(1) + nothing(2)) + (nothing(3) + nothing(4)))
    end subroutine take_beside
 
-   !> The same for x = -f of numbers and not of arrays of one lane; in the first sweep, where nothing was known, from
-   !> x = 0. Callers with a path in scalars need no arrays of one.
+   !> x = -f of numbers; in the first sweep the old x is zero. Callers whose path is in scalars need no arrays of
+   !> one lane.
    pure subroutine take_alone(n, first, f, x, change, extent)
       integer, intent(in) :: n
       logical, intent(in) :: first   !! nothing was known
@@ -114,15 +114,16 @@ module symsde_solve_fixed_point_single_path
       extent = e(1)
    end subroutine take_alone
 
-   !> Judge sweeps first .. final, which a path by itself took ahead: which of them ends it, and how. What is behind
-   !> that sweep is not looked at, so it is as if it had not been taken.
+   !> Judge sweeps first .. final, which a single path took ahead: find the sweep that ends the iteration, and how
+   !> it ends. Later sweeps are ignored, as if they had not been taken.
    pure subroutine judge_ahead(first, final, too_slow, too_stiff, most, change, extent, last, sweep)
       integer, intent(in) :: first, final, most
       real(wp), intent(in) :: too_slow, too_stiff, change(most), extent(most)
-      real(wp), intent(inout) :: last         !! as of the sweep before the first one
-      integer, intent(out) :: sweep           !! behind the final one where none ends it
+      real(wp), intent(inout) :: last         !! in: value of the sweep before the first
+      integer, intent(out) :: sweep           !! final + 1 if no sweep ends the iteration
 
-      ! Most sweeps are neither the last one nor too slow: three comparisons say so, and `verdict` is asked of others.
+      ! Three comparisons pass most sweeps, which neither end the iteration nor are too slow; `verdict` judges the
+      ! rest.
       do sweep = first, final
          associate (d => change(sweep))
             if (d < last .and. d <= too_slow*last .and. d*d > rounding*extent(sweep)*last) then
@@ -137,7 +138,7 @@ module symsde_solve_fixed_point_single_path
       end do
    end subroutine judge_ahead
 
-   !> The verdict of fixed_point.inc for other modules: what they see is not inlined in the loop above.
+   !> `verdict` of fixed_point.inc for other modules, as a separate procedure: the loop above inlines its own.
    pure real(wp) function sweep_verdict(sweep, too_slow, too_stiff, d, extent, last)
       integer, intent(in) :: sweep
       real(wp), intent(in) :: too_slow, too_stiff, d, extent, last

@@ -42,7 +42,7 @@ module symsde_solve_krylov
       logical, allocatable :: unsolved(:)  !! was to be solved, and the goal is not reached (nlane)
       integer, private :: most = 0
       real(wp), allocatable, private :: goal(:)     !! (nlane)
-      integer, allocatable, private :: length(:)    !! vectors of a lane's solution; -1: it has none (nlane)
+      integer, allocatable, private :: length(:)    !! vectors in a lane's solution; -1: no solution (nlane)
       real(wp), allocatable, private :: h(:, :, :)  !! Hessenberg matrix, then its triangle (nlane, most+1, most)
       real(wp), allocatable, private :: c(:, :), s(:, :)  !! Givens rotations (nlane, most)
       real(wp), allocatable, private :: g(:, :)     !! right-hand side of the triangle (nlane, most+1)
@@ -79,7 +79,7 @@ contains
 
       self%v(:, :, 1) = b
       ! b is divided by its largest entry first, and by its size then.
-      call largest_of(self%nlane, self%n, b, self%largest)  ! squares of what is not divided by it may overflow
+      call largest_of(self%nlane, self%n, b, self%largest)  ! squares of unscaled entries may overflow
       call scale_by(self%nlane, self%n, self%largest, self%v(:, :, 1))
       ! |b| = largest |b/largest|; 0*largest makes it NaN where a component is not finite.
       call product_of(self%nlane, self%n, self%v(:, :, 1), self%v(:, :, 1), self%norm)
@@ -89,9 +89,8 @@ contains
       self%unsolved = last >= 0
    end subroutine start
 
-   !> Begin with x = 0 and the residual b. Lanes whose b is not above the goal are solved by it; lanes whose b is not
-   !> finite stay unsolved, whatever their goal. `start` and `seek` are apart, since a goal may depend on the size of
-   !> b.
+   !> Begin with x = 0 and the residual b. A lane whose b is not above the goal is solved by x = 0; a lane whose b
+   !> is not finite stays unsolved. `start` and `seek` are separate, since a goal may depend on the size of b.
    subroutine seek(self, goal)
       class(krylov_type), intent(inout) :: self
       real(wp), intent(in) :: goal(self%nlane)  !! sizes of the residual to reach
@@ -100,7 +99,7 @@ contains
       self%goal = goal
       self%unsolved = self%unsolved .and. .not. (self%norm <= goal .and. self%norm <= huge(1.0_wp))
       ready = self%unsolved .and. self%norm <= huge(1.0_wp)
-      ! A lane with length = k - 1 takes vector k; one of length -1 takes none.
+      ! A lane with length = k - 1 takes vector k; a lane with length -1 takes none.
       self%length = merge(0, -1, ready)
       ! The right-hand side of the least squares problem is |b| e_1. Lanes that are not to be solved have zero, and
       ! stay so.
@@ -123,7 +122,7 @@ contains
                   self%largest)
       call judge_lanes(self%nlane, self%k, self%h(:, self%k, self%k), self%g(:, self%k + 1), self%goal, &
                        self%norm, self%length, self%unsolved, self%nrunning)
-      ! Without a lane that runs, or without room for a further vector, the solutions are added up from what there is.
+      ! Without a running lane, or without room for another vector, sum up the solutions from the vectors so far.
       self%running = self%nrunning > 0 .and. self%k < self%most
       if (self%running) then
          self%k = self%k + 1
@@ -140,13 +139,13 @@ contains
       integer :: i
 
       associate (nlane => self%nlane, n => self%n, v => self%v, h => self%h)
-         ! h_1k first: the product of A v_k with v_1, from which nothing has been removed yet.
+         ! h_1k first: A v_k times v_1, before any vector is subtracted.
          call product_of(nlane, n, v(:, :, 1), v(:, :, k + 1), h(:, 1, k))
          do i = 1, k - 1
             call remove_and_multiply(nlane, n, h(:, i, k), v(:, :, i), v(:, :, i + 1), v(:, :, k + 1), h(:, i + 1, k))
          end do
          call remove_and_square(nlane, n, h(:, k, k), v(:, :, k), v(:, :, k + 1), h(:, k + 1, k))
-         ! What remains is v_{k+1} times its size h_{k+1,k}. If nothing remains, x is exact and v_{k+1} becomes zero.
+         ! The rest is v_{k+1} times its size h_{k+1,k}. If the rest is zero, x is exact and v_{k+1} becomes zero.
          h(:, k + 1, k) = sqrt(h(:, k + 1, k))
          call scale_by(nlane, n, h(:, k + 1, k), v(:, :, k + 1))
       end associate
@@ -224,7 +223,7 @@ contains
       end do
    end subroutine remove_and_multiply
 
-   !> VEC u = u - c a, and dot = u.u of the result: the last vector is removed, and what remains is measured.
+   !> VEC u = u - c a, and dot = u.u of the new u: subtract the last vector, and measure the rest.
    pure subroutine remove_and_square(nlane, n, c, a, u, dot)
       integer, intent(in) :: nlane, n
       real(wp), intent(in) :: c(nlane), a(nlane, n)
@@ -274,9 +273,8 @@ contains
       end do
    end subroutine scale_by
 
-   !> Apply the earlier rotations to column k of H, and make one that rotates its last entry away; apply it to g.
-   !> Before that the size of A v_k, which is that of the column, is noted among the largest of a lane that is
-   !> running.
+   !> Apply the earlier rotations to column k of H; make a rotation that sets its last entry to zero, and apply it
+   !> to g. Before that, compare the size of the column, |A v_k|, with the largest size of each running lane.
    pure subroutine rotate(nlane, most, k, unsolved, length, h, c, s, g, largest)
       integer, intent(in) :: nlane, most, k
       logical, intent(in) :: unsolved(nlane)
@@ -304,15 +302,15 @@ contains
       c(:, k) = merge(h(:, k, k)/divisor, 1.0_wp, d > 0)
       s(:, k) = merge(h(:, k + 1, k)/divisor, 0.0_wp, d > 0)
       h(:, k, k) = d
-      ! The rotation that makes column k triangular is applied to the right-hand side; |g_{k+1}| is what remains of
-      ! it.
+      ! Apply the rotation that makes column k triangular to the right-hand side; |g_{k+1}| is the size of the
+      ! rest.
       g(:, k + 1) = -s(:, k)*g(:, k)
       g(:, k) = c(:, k)*g(:, k)
    end subroutine rotate
 
-   !> Judge which lanes vector k has brought to their goal: |g_{k+1}| is the size of the residual. A lane whose
-   !> column k has nothing left on the diagonal, a singular or not finite matrix, keeps what it had and takes no
-   !> more.
+   !> Find the lanes that vector k has brought to their goal: |g_{k+1}| is the size of the residual. If the diagonal
+   !> entry of column k is zero or not finite, the matrix is singular or not finite: the lane keeps its vectors and
+   !> takes no more.
    pure subroutine judge_lanes(nlane, k, diagonal, rest, goal, norm, length, unsolved, nrunning)
       integer, intent(in) :: nlane, k
       real(wp), intent(in) :: diagonal(nlane), rest(nlane), goal(nlane)
@@ -328,7 +326,7 @@ contains
          ! Vectors are taken in turn: a lane that has passed over one takes no more.
          takes = unsolved(lane) .and. length(lane) == k - 1 .and. diagonal(lane) > 0
          takes = takes .and. abs(rest(lane)) <= huge(1.0_wp)
-         ! A lane that takes vector k has the residual |g_{k+1}| with it, and needs no more where that is its goal.
+         ! With vector k a lane has the residual |g_{k+1}|, and is solved if the residual reaches the goal.
          length(lane) = merge(k, length(lane), takes)
          norm(lane) = merge(abs(rest(lane)), norm(lane), takes)
          unsolved(lane) = unsolved(lane) .and. .not. (takes .and. norm(lane) <= goal(lane))

@@ -57,7 +57,7 @@ module symsde_solve_lapack
 
 contains
 
-   !> Put the solution of a x = b into x, or leave x as it is.
+   !> Put the solution of a x = b into x; x stays unchanged if there is none.
    subroutine solve_by_lapack(n, a, x)
       integer, intent(in) :: n            !! unknowns
       real(wp), intent(inout) :: a(n, n)  !! matrix, destroyed
@@ -73,8 +73,8 @@ contains
       lapack_is_usable = serves() /= 0
    end function lapack_is_usable
 
-   !> Vendor and version of the LAPACK of this process, and of its BLAS where that is another vendor's: what bits of its
-   !> solutions depend on.
+   !> Vendor and version of the LAPACK of this process, and of its BLAS if the vendor differs: bits of solutions
+   !> depend on them.
    subroutine name_lapack(name)
       character(:), allocatable, intent(out) :: name
       character(kind=c_char) :: text(longest)
@@ -88,15 +88,15 @@ contains
       end do
    end subroutine name_lapack
 
-   !> Set a threaded BLAS to one thread: many small systems are solved on threads of our own, and threads within each
-   !> solve slow that down many times over. Call blas_restore_threads once for each call. Where the BLAS in use has no
-   !> threads nothing is done, and one whose threads cannot be set is not used (lapack_is_usable).
+   !> Set a threaded BLAS to one thread: our own threads solve many small systems, and threads within each solve
+   !> make them many times slower. Call blas_restore_threads once for each call. A BLAS without threads needs
+   !> nothing; a BLAS whose threads cannot be set is not used (lapack_is_usable).
    subroutine blas_single_thread()
       call take_threads()
    end subroutine blas_single_thread
 
-   !> Give the BLAS its threads back, once its last user is done: calls are counted, since those of several host threads
-   !> overlap.
+   !> Give the BLAS its threads back when its last user is done. Calls are counted, since calls of several host
+   !> threads overlap.
    subroutine blas_restore_threads()
       call give_back_threads()
    end subroutine blas_restore_threads

@@ -57,7 +57,7 @@ module symsde_solve_newton
       integer :: most = 0               !! iterations of a step at most
       integer :: iteration = 0
       integer :: nrunning = 0           !! lanes that are not done
-      logical :: keeps_matrix = .false. !! of a single path: its next update does
+      logical :: keeps_matrix = .false. !! of a single path: the next update keeps it
       real(wp), allocatable :: r(:, :)  !! residual (nlane, n); after an update: the correction
       real(wp), allocatable :: a(:, :, :)      !! matrix (nlane, n, n), dense case
       real(wp), allocatable :: bands(:, :, :)  !! matrix (nlane, -kl:ku, n), banded case
@@ -85,7 +85,8 @@ contains
    include 'newton_scalar.inc'
    include 'all_lanes.inc'
 
-   !> Whether neither damping nor a number of iterations is asked for: then steppers may choose how they solve.
+   !> Whether the options ask for neither damping nor a number of iterations: then steppers may choose how they
+   !> solve.
    pure logical function is_free(self)
       class(newton_options), intent(in) :: self
 
@@ -106,10 +107,10 @@ contains
       end if
    end subroutine check_newton
 
-   !> Room for n unknowns a lane; kl >= 0 makes the matrix banded with kl sub- and ku superdiagonals. The stopping
-   !> test follows from what is known of the matrix: done at once for linear equations, quadratic for exact
-   !> derivatives, else linear. Damping and given numbers of iterations, for which is_free is false, take no
-   !> advantage of either.
+   !> Make room for n unknowns a lane; kl >= 0 makes the matrix banded with kl sub- and ku superdiagonals. The
+   !> stopping test depends on the equations and their derivatives: done at once for linear equations, quadratic for
+   !> exact derivatives, else linear. Damping and a given number of iterations (is_free false) use neither linearity
+   !> nor exactness.
    subroutine new_newton(self, nlane, n, options, affine, kl, ku, judge_only, exact)
       type(newton_type), intent(out) :: self
       integer, intent(in) :: nlane, n
@@ -124,7 +125,7 @@ contains
       self%options = options
       self%most = merge(options%fixed_point, options%max_iter, options%fixed_point > 0)
       self%affine = affine .and. options%is_free()
-      ! The test follows from what is known of the matrix: later choices overrule earlier ones.
+      ! Choose the stopping test; later lines overrule earlier ones.
       if (present(exact)) self%exact = exact .and. options%is_free()
       if (self%exact) self%test = quadratic
       if (self%affine) self%test = done_at_once
@@ -133,7 +134,7 @@ contains
       if (present(judge_only)) then
          if (judge_only) return
       end if
-      ! From here on room for residuals and matrices, which a stepper that solves by itself does not need.
+      ! Allocate residuals and matrices; a stepper with its own linear solver needs none.
       allocate (self%r(nlane, n), self%active(nlane), self%verdict(nlane))
       if (options%damped) call new_damping(self%damping, nlane, n)
       if (options%fixed_point > 0) return
@@ -180,8 +181,8 @@ contains
       counters%failures = counters%failures + 1
    end subroutine fail
 
-   !> End the iteration at its bound. Lanes that have not converged by then have failed, unless so many iterations are
-   !> what was asked for.
+   !> End the iteration at its bound. Lanes that have not converged have failed, unless the options ask for this
+   !> number of iterations.
    subroutine stop_lanes(self, status, counters)
       class(newton_type), intent(inout) :: self
       integer(i8), intent(inout) :: status(self%nlane)
@@ -204,7 +205,7 @@ contains
       ! Only lanes that run are solved; a verdict is given by the solver alone.
       self%active = self%last >= 0
       self%verdict = 0
-      ! The solver counts as long as it lives; what this call adds goes to the counters.
+      ! The solver's counters cover its whole life; add the difference of this call.
       pivoted = self%solver%pivoted_solves
       by_lapack = self%solver%lapack_solves
       if (allocated(self%bands)) then

@@ -19,8 +19,8 @@ module symsde_solve_newton_single_path
 
 contains
 
-   !> Solve for the correction, take it from x and test; or, where pivots are not trusted, only note that this
-   !> iteration is to be done once more. Damping, small and large systems are those of solve/newton.
+   !> Solve for the correction, subtract it from x, and test; if pivots are not trusted, only note that this
+   !> iteration must be repeated. Damping, and small and large systems, are left to solve/newton.
    subroutine update(self, x, status, counters)
       class(newton_type), intent(inout) :: self
       real(wp), intent(inout) :: x(self%n)
@@ -28,8 +28,8 @@ contains
       type(counters_type), intent(inout) :: counters
       real(wp) :: smallest
 
-      ! Here goes what solve/newton does: an iteration that is asked for once more, fewer unknowns than elimination is
-      ! for, bands, more unknowns than it is good for, and damping.
+      ! Cases for solve/newton: a repeated iteration, fewer unknowns than elimination is for, bands, too many
+      ! unknowns, and damping.
       if (self%keeps_matrix .or. self%n < 3 .or. self%n > max_lane_unknowns .or. .not. allocated(self%a) .or. &
           self%options%damped) then
          self%keeps_matrix = .false.
@@ -38,7 +38,7 @@ contains
       end if
       ! r becomes the correction d.
       call solve_scalar(self%n, self%a, self%r, smallest)
-      ! Nothing has changed but the matrix and r, which the caller forms anew: x, counts and `last` are as before.
+      ! Only the matrix and r have changed, which the caller forms again: x, counts and `last` are as before.
       self%keeps_matrix = .not. (smallest > pivot_floor .and. is_finite(self%n, self%r))
       if (self%keeps_matrix) return
       call correct(self%n, self%r, x, self%step(1), self%size(1))

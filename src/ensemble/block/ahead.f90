@@ -1,8 +1,7 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> How many steps of a block are drawn ahead, and how many states are kept until they are shown.
-!>
-!> Both are bounded by the room that they take: 288 kB of increments, 32 kB of positions. Two pairs of steps and one
-!> state are kept whatever they take. How many there are changes no result.
+!> How many steps of a block are drawn ahead, and how many states are kept until the observer is shown them. Memory
+!> bounds both numbers: 288 kB of increments, 32 kB of positions. Two pairs of steps and one state are kept in any
+!> case. The numbers change no result.
 module symsde_ensemble_block_ahead
    use symsde_base_kinds, only: i8
    implicit none
@@ -10,14 +9,14 @@ module symsde_ensemble_block_ahead
    public :: pairs_ahead, pairs_of, states_ahead, most_shown
 
    integer, parameter :: few_lanes = 8, few_columns = 8  !! a small block has no more lanes, and columns a step
-   integer, parameter :: columns_of_one = 256     !! of a path by itself: 128 steps of so many columns take 256 kB
-   integer, parameter :: most_increments = 36864  !! of a block that are drawn ahead: 288 kB
-   integer(i8), parameter :: most_states = 4096   !! values of q that are kept until they are shown: 32 kB
+   integer, parameter :: columns_of_one = 256     !! of a single path: 128 steps of so many columns take 256 kB
+   integer, parameter :: most_increments = 36864  !! increments of a block that are drawn ahead: 288 kB
+   integer(i8), parameter :: most_states = 4096   !! values of q that are kept until the observer is shown them: 32 kB
    integer, parameter :: most_shown = 128         !! states that are shown at once
 
 contains
 
-   !> States after whole steps that are kept until they are shown: at least one.
+   !> How many states after whole steps are kept until the observer is shown them: at least one.
    pure integer function states_ahead(nlane, ndof)
       integer, intent(in) :: nlane, ndof
 

@@ -17,7 +17,7 @@ module symsde_ensemble_block_growth
    real(wp), parameter :: factor = 1e6_wp
 
    type :: growth_type
-      integer(i8) :: look = -1                           !! absolute step before which a state is looked at; -1 = none
+      integer(i8) :: look = -1                           !! the state is compared before this absolute step; -1 = none
       real(wp), allocatable, private :: largest(:, :)    !! |q_i| and |p_i| until then (nlane, 2)
    contains
       procedure :: begin
@@ -42,7 +42,7 @@ contains
       call self%note(state)
    end subroutine begin
 
-   !> This state counts for what is to be compared with.
+   !> Raise the largest values so far to those of this state.
    subroutine note(self, state)
       class(growth_type), intent(inout) :: self
       type(lane_state), intent(in) :: state
@@ -51,7 +51,7 @@ contains
       call widen(state%nlane, state%ndof, state%p, self%largest(:, 2))
    end subroutine note
 
-   !> What was noted of a narrower block, if anything, whose lanes are the lanes `origin` of this one.
+   !> Take over what a narrower block noted, if anything; its lanes are the lanes `origin` of this block.
    subroutine take_lanes(self, other, origin)
       class(growth_type), intent(inout) :: self
       type(growth_type), intent(in) :: other
@@ -83,7 +83,7 @@ contains
       end do
    end function count_grown
 
-   !> VEC The largest |x_i| of each lane, or what it was.
+   !> VEC Raise the largest |x_i| of each lane to the present one, if that is larger.
    pure subroutine widen(nlane, n, x, largest)
       integer, intent(in) :: nlane, n
       real(wp), intent(in) :: x(nlane, n)

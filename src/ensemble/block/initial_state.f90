@@ -20,8 +20,8 @@ module symsde_ensemble_block_initial_state
       real(wp), pointer :: q(:, :) => null(), p(:, :) => null()          !! (npath or 1, ndof)
       real(wp), pointer :: q_low(:, :) => null(), p_low(:, :) => null()  !! (npath or 1, ndof), or null
       integer(i4), pointer :: status(:) => null()       !! 0, or a code of base/status (npath), or null
-      integer(i8), pointer :: failed_step(:) => null()  !! where it failed or was stopped, -1 = it did not (npath)
-      logical :: resumed = .false.    !! this is the rest of a drive that was stopped, and paths that are ok are done
+      integer(i8), pointer :: failed_step(:) => null()  !! step in which a path failed or was stopped, -1 = none (npath)
+      logical :: resumed = .false.    !! a stopped drive goes on, and paths that are ok are done
    contains
       procedure :: give
    end type initial_state
@@ -43,7 +43,7 @@ contains
       s%failed_step = -1
       if (associated(self%status)) call give_statuses(self, offset, nreal, last, step, s)
       s%status(nreal + 1:) = stopped  ! padding: nothing is solved for it, nothing counted
-      ! Padding has a step, or it would look like a lane whose failure has not been recorded.
+      ! Padding has a step, too: a lane with a status and no step would count as a failure of the present step.
       s%failed_step(nreal + 1:) = step
       s%nfailed = count(s%status /= 0)
       call load(self%q, offset, nreal, s%q)
@@ -56,9 +56,9 @@ contains
       if (associated(self%p_low)) call load(self%p_low, offset, nreal, s%p_low)
    end subroutine give
 
-   !> Paths that have been run before: those that failed stay failed. Where a drive is resumed, those that were stopped
-   !> go on where they are: all of a block were stopped in the same step, which is the one that comes next. A block
-   !> without stopped paths is done, and says so by a step past its last one.
+   !> Statuses of paths that have been run before. Failed paths stay failed. Where a drive is resumed, stopped paths
+   !> go on: all of a block were stopped in the same step, which comes next. A block without stopped paths is done;
+   !> its `step` is set past the last one.
    subroutine give_statuses(self, offset, nreal, last, step, s)
       type(initial_state), intent(in) :: self
       integer(i8), intent(in) :: offset, last

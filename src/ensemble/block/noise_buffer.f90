@@ -22,7 +22,7 @@ module symsde_ensemble_block_noise_buffer
    private
    public :: noise_buffer, new_noise_buffer
 
-   !> The buffer of one block: which paths it has, and what was drawn for them.
+   !> The noise of one block: its paths, and the increments and functionals that were drawn for them.
    type :: noise_buffer
       class(noise_type), pointer :: noise => null()
       type(step_request) :: request        !! paths of the block, and the pairs of steps in the store
@@ -38,8 +38,8 @@ module symsde_ensemble_block_noise_buffer
 
 contains
 
-   !> For blocks of nlane lanes, and so many noises, steps of a run and functionals beside increments. The store gets
-   !> its room with the first draw, in the thread that uses it.
+   !> Make a buffer for blocks of nlane lanes, with nnoise noises, nstep steps a run, and the functionals `asked`
+   !> beside increments. The first draw allocates the store, in the thread that uses it.
    subroutine new_noise_buffer(self, nlane, nnoise, nstep, h, asked)
       type(noise_buffer), intent(inout) :: self
       integer, intent(in) :: nlane, nnoise
@@ -53,8 +53,8 @@ contains
       allocate (self%request%path(nlane))
    end subroutine new_noise_buffer
 
-   !> Begin a block of these paths, the first nreal of them real. Nothing is drawn yet, and nothing of another block
-   !> is left.
+   !> Begin a block of these paths, the first nreal of them real. Draws of an earlier block are dropped; nothing is
+   !> drawn yet.
    subroutine begin(self, nreal, path)
       class(noise_buffer), intent(inout) :: self
       integer, intent(in) :: nreal
@@ -65,9 +65,9 @@ contains
       self%request%path = path
    end subroutine begin
 
-   !> Have what drives a step in the store: it was drawn ahead, or is drawn now with the pairs that follow, from an even
-   !> one on, since a draw of the generator serves two pairs. Pairs past the end of the run are not drawn. Where the
-   !> interrupt is wanted the store counts as empty.
+   !> Make sure that the store holds `step`. If it does not, draw its pair and the pairs that follow. They begin
+   !> with an even pair, since a draw of the generator serves two. Pairs past the end of the run are not drawn. If
+   !> the interrupt is raised, the store counts as empty.
    subroutine draw(self, step, nstep, interrupt)
       class(noise_buffer), intent(inout) :: self
       integer(i8), intent(in) :: step, nstep       !! absolute, counted from 0; that with which the run ends
@@ -76,7 +76,7 @@ contains
 
       pair = step/2
       if (self%nahead > 0 .and. pair < self%request%pair + self%nahead) return
-      ! The store begins with an even pair; where a single pair fits it is the one that is asked for.
+      ! Begin with an even pair; where only one pair fits, with the pair of `step`.
       self%request%pair = pair - mod(pair, min(2_i8, int(self%npair, i8)))
       ! The last pair of the run may be half used.
       self%nahead = int(min(int(self%npair, i8), (nstep - 1)/2 - self%request%pair + 1))
@@ -88,7 +88,7 @@ contains
       if (present(interrupt)) then
          if (interrupt%wanted) then
             self%nahead = 0
-            return  ! what a pair takes is not known of draws that were left
+            return  ! a draw that was left says nothing of what a pair takes
          end if
       end if
       self%normals_of_pair = drawn/self%nahead
@@ -102,7 +102,7 @@ contains
       left = 2*(self%request%pair + self%nahead) - step
    end function left
 
-   !> Point `steps` to nstep steps of the store, from this one on; the first begins at the time t. Nothing is copied.
+   !> Point `steps` to nstep steps of the store, beginning with `step` at time t. Nothing is copied.
    subroutine show(self, step, nstep, t, steps)
       class(noise_buffer), intent(in) :: self
       integer(i8), intent(in) :: step

@@ -38,7 +38,7 @@ module symsde_ensemble_block_runner
    private
    public :: block_runner, new_block_runner
 
-   !> All that one thread needs: nothing in it is shared with other threads except read-only data.
+   !> All that one thread needs. Threads share read-only data alone.
    type :: block_runner
       type(run_options) :: options
       class(stepper_type), allocatable :: stepper
@@ -52,9 +52,9 @@ module symsde_ensemble_block_runner
       integer(i8), private :: begun = 0    !! absolute step that the block began with
       integer(i8) :: chunk = 1             !! steps of a chunk, for the caller to choose
       type(counters_type) :: counters      !! steps and normals
-      type(steps_record) :: steps          !! those that are taken at once
-      type(passed_states) :: passed        !! saved states on the way; without room if states are taken one by one
-      type(growth_type) :: growth          !! how large states have been, to tell of those that grew
+      type(steps_record) :: steps          !! the steps that are taken at once
+      type(passed_states) :: passed        !! saved states on the way; has no room if states are taken one by one
+      type(growth_type) :: growth          !! the largest values so far, to find paths that grow without bound
       integer :: enough = 0                              !! a chunk ends when so many lanes have a status
       type(block_runner), pointer :: narrower => null()  !! a list of runners of narrower blocks, which it owns
       integer, allocatable :: origin(:)                  !! of a narrower runner: its lanes in the wide block (nlane)
@@ -74,16 +74,16 @@ module symsde_ensemble_block_runner
 
 contains
 
-   !> A runner around a stepper, with room for what sources of noise will be asked for; to be equipped before it runs.
-   !> States on the way are kept, and shown several at once, for a path by itself and for models that take whole
-   !> steps. Other blocks take their steps up to one saved point, which is shown from where it is.
-   !> Room for states is bounded by memory (states_ahead), and by how many saved points the run has.
+   !> Make a runner around a stepper, with room for the functionals `asked`; `equip` it before it runs. A single
+   !> path, and a model that takes whole steps, keep several saved states and show them at once. Other blocks step
+   !> to the next saved point and show the state itself. Room for states is bounded by memory (states_ahead) and by
+   !> the saved points of the run.
    subroutine new_block_runner(self, options, nlane, stepper, asked)
       type(block_runner), intent(out) :: self
       type(run_options), intent(in) :: options
       integer, intent(in) :: nlane
       class(stepper_type), allocatable, intent(inout) :: stepper  !! taken over
-      type(functional_set), intent(in) :: asked                   !! of the path, beside its increments
+      type(functional_set), intent(in) :: asked                   !! functionals of the path, beside its increments
       integer :: nout
       logical :: several  ! states are taken at once
 
@@ -98,15 +98,15 @@ contains
          call new_noise_buffer(self%drawn, nlane, self%stepper%ham%nnoise, options%nstep, options%step, asked)
          call new_lane_state(self%state, nlane, n, options%compensated)
          nout = int(min(int(states_ahead(nlane, n), i8), max(1_i8, options%nstep/options%save_every)))
-         ! No room: the states of single saved points are those of the block itself.
+         ! Without room, the state of the block itself is shown.
          if (.not. several) nout = 0
          allocate (self%passed%q(nlane, n, nout), self%passed%p(nlane, n, nout))
       end associate
       self%steps%t0 = options%t0
    end subroutine new_block_runner
 
-   !> Give the runner what one drive needs; all but steps and saves in the options is as when the runner was made. The
-   !> observer is copied, since it keeps the sums of this thread; the source of noise is read by all threads.
+   !> Give the runner what one drive needs. The options may differ from those of new_block_runner in steps and saves
+   !> alone. The observer is copied, since it keeps the sums of this thread; all threads read one source of noise.
    subroutine equip(self, options, observer, noise)
       class(block_runner), intent(inout) :: self
       type(run_options), intent(in) :: options
@@ -149,12 +149,12 @@ contains
       call self%begin_with(self%options%first_step, nreal, path)
       call start%give(first - self%options%first_path, nreal, self%options%first_step + self%options%nstep, self%step, &
                       self%state)
-      ! What is counted at the end are the steps from here.
+      ! Steps are counted from here at the end.
       self%begun = self%step
    end subroutine take_state
 
-   !> Begin a block of these paths, the first nreal of them real, whose step number `step` comes next; their state is
-   !> loaded by the caller. Noise, steps, Hamiltonian and the view of the model are all told how many lanes are real.
+   !> Begin a block of these paths, the first nreal of them real, with step number `step` next; the caller loads
+   !> their state. Noise, steps, Hamiltonian and the view of the model learn how many lanes are real.
    subroutine begin_with(self, step, nreal, path)
       class(block_runner), intent(inout) :: self
       integer(i8), intent(in) :: step, path(self%state%nlane)
@@ -182,7 +182,7 @@ contains
       last = min(self%step + self%chunk, self%options%first_step + self%options%nstep)
       do while (self%step < last .and. self%state%nfailed < self%enough)
          call self%drawn%draw(self%step, self%options%first_step + self%options%nstep, interrupt)
-         ! Draws that were left are of no use: the block stays where it is.
+         ! An interrupted draw is of no use: the block stays where it is.
          if (present(interrupt)) then
             if (interrupt%wanted) return
          end if
@@ -200,9 +200,10 @@ contains
       steps_to_save = self%options%save_every - mod(self%step - self%options%first_step, self%options%save_every)
    end function steps_to_save
 
-   !> Which steps are taken at once, nout times `every` of those that were drawn: up to the next saved point, or from a
-   !> saved point to several more, as many as there is room for. Where an observer may retire lanes of a wide block it
-   !> goes from one saved point to the next: several steps of all its lanes would have to be taken again.
+   !> Plan the steps to take at once: nout times `every` of the steps that were drawn. They end at the next saved
+   !> point; or begin at a saved point and end at a later one, as far as there is room. If an observer may retire
+   !> lanes of a wide block, they end at the next saved point: a retired lane would force the whole block to repeat
+   !> its later steps.
    subroutine plan_states(self, left, nout, every)
       type(block_runner), intent(in) :: self
       integer(i8), intent(in) :: left       !! steps that may be taken
@@ -222,13 +223,13 @@ contains
       every = int(min(ahead, most))
    end subroutine plan_states
 
-   !> Steps to nout states, each after `every` more; all of these are saved points, or one that may be none. The first
-   !> step in which a lane fails ends them: it is settled here, for one path as for a thousand.
+   !> Step to nout states, `every` steps apart. If nout > 1, each is a saved point; a single state may be none. The
+   !> steps end with the first in which a lane fails; the failure is settled here.
    !>
-   !> The order matters. The saved states before a failure are shown without it, as they would have been had steps been
-   !> taken one by one. If the observer retires a lane at one of these, the steps after it were taken in vain: what they
-   !> counted is taken back, and those up to it are taken again. Else the failure is settled, and the point that was
-   !> reached is saved if it is one to be saved.
+   !> The order matters. Saved states before a failure are shown first and without it, as if steps had been taken
+   !> one by one. If the observer retires a lane at a saved state, the later steps were taken in vain: their counts
+   !> are subtracted, and the steps up to that state are repeated. Otherwise the failure is settled, and the point
+   !> reached is shown if it is a saved one.
    subroutine take_steps(self, nout, every)
       type(block_runner), intent(inout) :: self
       integer, intent(in) :: nout, every
@@ -251,14 +252,14 @@ contains
       call self%drawn%show(step, nout*every, time_of(self, step), self%steps)
       self%steps%every = every
       call self%stepper%advance(self%steps, self%state, self%passed, ntaken, failed)
-      ! States on the way: they are shown as if the failing step, the last one, had not been tried.
+      ! Show states on the way as if the last, failing step had not been tried.
       if (nout > 1) then
          if (failed) call set_back(self%state, reached)
          ! Lanes with a status before the observer has seen the states.
          nfailed = self%state%nfailed
          call show_states(self, every, nshown)
-         ! A lane was retired, and steps were taken after that point: what these counted is taken back, and the steps
-         ! up to the point are taken again.
+         ! A lane was retired before the last step: subtract what all these steps counted, and repeat the steps up
+         ! to the state where it was retired.
          if (retires .and. self%state%nfailed > nfailed .and. (failed .or. nshown < nout)) then
             call self%stepper%tally(after)
             call add_counters(self%counters, after, -1)
@@ -277,19 +278,19 @@ contains
       if ((nout == 1 .or. failed) .and. steps_to_save(self) == self%options%save_every) call save_point(self)
    end subroutine take_steps
 
-   !> A step failed after others: the states before it are shown without what became of it, which is kept in `reached`.
-   !> Lanes that failed in this step have a status and no failed step yet.
+   !> A step failed after others: move its outcome to `reached`, and give `state` back the statuses before it. A
+   !> lane that failed in this step has a status and no failed step yet.
    subroutine set_back(state, reached)
       type(lane_state), intent(inout) :: state
       type(lane_state), intent(out) :: reached
 
       reached = state
-      ! A lane with a status whose step is not recorded is one of this step.
+      ! A lane with a status and no recorded step failed in the present step.
       where (state%failed_step < 0) state%status = 0
    end subroutine set_back
 
-   !> Show the states on the way, which are saved points, to the observer, as far as it retires no lane. The first of
-   !> them is `every` steps behind the step with which these began.
+   !> Show the saved states on the way to the observer, one after another, until it retires a lane. The first lies
+   !> `every` steps after the beginning of these steps.
    subroutine show_states(self, every, nshown)
       type(block_runner), intent(inout) :: self
       integer, intent(in) :: every
@@ -308,10 +309,9 @@ contains
       end associate
    end subroutine show_states
 
-   !> A lane was retired after nshown states, and took no further step: the steps to those which were shown are taken
-   !> again, from where they began, for the counters and for low parts, which states on the way are without. The
-   !> states themselves are there: the observer was shown the last of them in self%state, and has retired the lane
-   !> there.
+   !> Repeat the steps to the nshown states that were shown, after a lane was retired at the last of them: for the
+   !> counters, and for the low parts, which passed states lack. The states themselves are in place: the observer
+   !> was shown the last one in self%state, and has retired the lane there.
    subroutine take_again(self, from, step, nshown, every)
       type(block_runner), intent(inout) :: self
       type(lane_state), intent(inout) :: from   !! where they began
@@ -330,13 +330,13 @@ contains
       self%state%p_low = from%p_low
    end subroutine take_again
 
-   !> Count the steps that each path has taken, and the normals of the pairs of steps that it began: not what the block
-   !> computed for paths that were gone, or drew ahead. So these numbers do not depend on how paths share blocks.
+   !> Count the steps that each path has taken, and the normals of the pairs of steps that it began. Steps of paths
+   !> that were gone, and draws ahead, do not count, so the numbers do not depend on how paths share blocks.
    subroutine count_steps(self)
       type(block_runner), intent(inout) :: self
       integer :: lane, nwhole
 
-      ! Paths that are ok have taken all steps; others are counted one by one, up to the step in which they ended.
+      ! Paths that are ok have taken all steps; other paths are counted one by one, up to their last step.
       nwhole = count(self%state%status(:self%nreal) == 0)
       call add_steps(self, nwhole, self%step)
       if (nwhole == self%nreal) return
@@ -359,7 +359,7 @@ contains
                               n*self%drawn%normals_of_pair*((next - 1)/2 - self%begun/2 + 1)
    end subroutine add_steps
 
-   !> Whether nothing is left to do: the last step is taken, or no lane is ok.
+   !> True if the last step is taken or no lane is ok.
    pure logical function is_done(self)
       class(block_runner), intent(in) :: self
 
@@ -374,14 +374,14 @@ contains
       integer, intent(in) :: nreal
       type(initial_state), intent(in) :: start
 
-      ! The observer is told of the block, whose saved times are all skipped.
+      ! Announce the block to the observer, and skip all its saved times.
       call take_state(self, first, nreal, start)
       call stop_paths(self)
       call self%observer%begin_block(first, nreal, self%state%nlane)
       call self%observer%skip(0_i8)
    end subroutine pass_over
 
-   !> Give paths that are ok the status `stopped`, with the step that they would have taken next.
+   !> Give paths that are ok the status `stopped`, and the number of their next step.
    subroutine stop_paths(self)
       type(block_runner), intent(inout) :: self
 
@@ -396,7 +396,7 @@ contains
       class(block_runner), intent(inout) :: self
       integer(i8) :: reached
 
-      ! Paths that are ok here were stopped; those that failed have their own status.
+      ! Paths that are ok here were stopped; failed paths keep their status.
       if (self%step < self%options%first_step + self%options%nstep) then
          call stop_paths(self)
          reached = (self%step - self%options%first_step)/self%options%save_every
@@ -405,8 +405,7 @@ contains
       call count_steps(self)
    end subroutine finish
 
-   !> Add what was counted to `total`: by this block, its stepper and its rescue, and by the runners of narrower
-   !> blocks.
+   !> Add to `total` the counters of this block, of its stepper and rescue, and of the runners of narrower blocks.
    recursive subroutine tally(self, total)
       class(block_runner), intent(in) :: self
       type(counters_type), intent(inout) :: total

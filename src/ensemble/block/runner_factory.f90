@@ -23,11 +23,11 @@ module symsde_ensemble_block_runner_factory
    private
    public :: runner_factory
 
-   !> What all runners of a run are made from. The task is resolved once, by step/factory.
+   !> All that the runners of a run are made from. step/factory resolves the task once.
    type :: runner_factory
       type(stepper_task) :: task        !! for any lanes
       type(run_options) :: options
-      type(functional_set) :: asked     !! of the path, beside its increments
+      type(functional_set) :: asked     !! functionals of the path, beside its increments
       logical :: narrows = .false.      !! there is memory for narrower blocks, too
    contains
       procedure :: new_runner
@@ -43,13 +43,13 @@ contains
       integer, intent(in) :: nlane
       logical, intent(in) :: has_padding        !! some block will not be full
       type(error_type), allocatable, intent(inout) :: error
-      class(stepper_type), allocatable, intent(inout), optional :: single  !! of one lane, if it is there; taken over
+      class(stepper_type), allocatable, intent(inout), optional :: single  !! of one lane, if allocated; taken over
       class(stepper_type), allocatable :: stepper
       type(real_lanes_model), pointer :: view
       class(model_type), pointer :: seen
 
       call look_at_real_lanes(self%task%model, has_padding, view, seen)
-      ! A stepper of one lane may be there already: the driver has made it, to ask how many paths go one by one.
+      ! The driver makes a stepper of one lane to ask how many paths run one by one; use it if it is there.
       if (present(single)) call move_alloc(single, stepper)
       if (nlane > 1) then
          call make_stepper(stepper, self%task, seen, nlane, error)
@@ -80,9 +80,9 @@ contains
       ! The model itself, unless a view is better.
       nullify (view)
       seen => model
-      ! Where all blocks are full there is nothing to hide.
+      ! Without padding the view has nothing to hide.
       if (.not. has_padding) return
-      ! Only functions of a user are asked for real lanes alone, where they take any number of lanes.
+      ! The view is for functions of a user that take any number of lanes; others are called with padding.
       offers = offers_of(model)
       if (.not. model%traits%any_lanes .or. offers%rows) return  ! rows come in strips of a fixed width
       allocate (view)

@@ -46,9 +46,9 @@ contains
       narrower_width = min(nlane, max(lane_unit, padded((nlane + 1)/2)))
    end function narrower_width
 
-   !> Give the paths of a block to a narrower runner if half of its lanes have a status; else note in active%enough with
-   !> how many such lanes that will be, which ends a chunk. The width is halved as often as the paths that are left fit.
-   !> Nothing is done near the end of a run, nor where there is no memory for narrower blocks.
+   !> Give the paths of a block to a narrower runner once half of its lanes have a status. Otherwise set
+   !> active%enough to the number of such lanes at which it would, which ends a chunk. The width is halved while the
+   !> remaining paths fit. Near the end of a run, or without memory for narrower blocks, nothing is done.
    subroutine narrow_down(factory, wide, active)
       type(runner_factory), intent(in) :: factory
       type(block_runner), intent(inout), target :: wide            !! the runner of the whole block
@@ -72,7 +72,7 @@ contains
          width = narrower_width(width)
       end do
       call find_runner(factory, wide, width, next)
-      ! The block stays as wide as it is, and no longer looks for the lanes that leave it.
+      ! The block keeps its width, and no longer watches for lanes that leave.
       if (.not. associated(next)) then
          active%enough = active%state%nlane
          return
@@ -99,8 +99,8 @@ contains
       active => wide
    end subroutine come_back
 
-   !> The runner of this width from the list of the wide one, made if there is none yet; null where it cannot be made:
-   !> then the block stays as wide as it is.
+   !> Find the runner of this width in the list of the wide runner, or make it. It is null if it cannot be made;
+   !> then the block keeps its width.
    subroutine find_runner(factory, wide, width, runner)
       type(runner_factory), intent(in) :: factory
       type(block_runner), intent(inout), target :: wide
@@ -142,14 +142,13 @@ contains
          n = n + 1
          to%origin(n) = lane
       end do
-      ! Padding repeats the last of them. There is one: a block without a lane that is ok is done, and is not
-      ! narrowed.
+      ! Padding repeats the last path. There is one: a block without a lane that is ok is done.
       to%origin(n + 1:) = to%origin(n)
       ! paths keep their global indices, by which their noise is drawn
       do lane = 1, to%state%nlane
          path(lane) = wide%drawn%request%path(to%origin(lane))
       end do
-      ! The narrow runner asks the same source, and shows what it reaches to the observer of the wide one.
+      ! The narrow runner draws from the same source, and shows its states to the observer of the wide runner.
       call to%equip(wide%options, spreading_observer(wide=wide, narrow=to), wide%drawn%noise)
       call to%begin_with(from%step, n, path)
       to%growth%look = -1
@@ -163,7 +162,7 @@ contains
          end if
          s%status(:n) = 0
          s%failed_step(:n) = -1
-         s%status(n + 1:) = stopped  ! padding, as that of any block
+         s%status(n + 1:) = stopped  ! padding, as in every block
          s%failed_step(n + 1:) = from%step
          s%nfailed = s%nlane - n
       end associate
@@ -171,7 +170,8 @@ contains
          call to%growth%begin(wide%options%first_step, wide%options%nstep, to%state)
    end subroutine hand_over
 
-   !> Write what became of the paths of a narrower block into the wide one, and what a pair of their steps drew.
+   !> Write the outcome of a narrower block's paths into the wide block, and the normals that a pair of their steps
+   !> took.
    subroutine leave(wide, narrow)
       type(block_runner), intent(inout) :: wide
       type(block_runner), intent(in) :: narrow
@@ -182,8 +182,8 @@ contains
       wide%drawn%normals_of_pair = narrow%drawn%normals_of_pair
    end subroutine leave
 
-   !> Write the lanes of a narrower block to where they were in the wide one; lanes that have a status there keep what
-   !> they have. A lane that has failed in the narrow block brings its last good state, its status and its step.
+   !> Write the lanes of a narrower block to their places in the wide block. Lanes that have a status there stay as
+   !> they are. A lane that failed in the narrow block brings its last good state, its status and its step.
    subroutine spread_state(nreal, origin, narrow, wide)
       integer, intent(in) :: nreal
       type(lane_state), intent(in) :: narrow
@@ -239,7 +239,7 @@ contains
 
    ! ---- the observer of a narrower block ---------------------------------------------------------
 
-   !> Nothing is told: the wide block has begun before.
+   !> The observer of the run is not called: the wide block began before.
    subroutine begin_block(self, first, nreal, nlane)
       class(spreading_observer), intent(inout) :: self
       integer(i8), intent(in) :: first
@@ -258,7 +258,7 @@ contains
       associate (wide => self%wide%state, origin => self%narrow%origin)
          ! The wide state is brought up to date first: the observer sees all paths of the block.
          call spread_state(self%narrow%nreal, origin, state, wide)
-         ! what the observer retires is seen by the count, and looked for in these lanes alone
+         ! The count shows whether the observer retired lanes; only then are they looked for, among these lanes.
          before = wide%nfailed
          call self%wide%observer%observe(isave, t, wide)
          if (wide%nfailed == before) return
@@ -279,7 +279,7 @@ contains
       may_retire = self%wide%observer%may_retire()
    end function may_retire
 
-   !> Nothing is told: the wide block ends later.
+   !> The observer of the run is not called: the wide block ends later.
    subroutine end_block(self, state)
       class(spreading_observer), intent(inout) :: self
       type(lane_state), intent(in) :: state

@@ -1,8 +1,7 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> The stepper of a path by itself: one lane, of which nothing is padding.
-!>
-!> Whether paths go one by one depends on how many there are, and on the stepper, which knows up to how many that is
-!> faster than a block. So the stepper is made first and asked then.
+!> The stepper of a single path: one lane, without padding. Whether paths run one by one depends on their number and
+!> on the stepper: each stepper knows up to how many paths it beats a block. So the stepper is made first and then
+!> asked.
 module symsde_ensemble_block_single_path
    use symsde_base_kinds, only: i8
    use symsde_base_status, only: error_type
@@ -14,7 +13,7 @@ module symsde_ensemble_block_single_path
 
 contains
 
-   !> A stepper as the factory makes it for one lane; it is not allocated where blocks are faster for npath paths.
+   !> Make a stepper as the factory does for one lane. It is not allocated where blocks are faster for npath paths.
    subroutine new_single_path(stepper, task, npath, error)
       class(stepper_type), allocatable, intent(out) :: stepper
       type(stepper_task), intent(in) :: task

@@ -54,7 +54,7 @@ contains
       integer :: lane, side
 
       associate (x => values(:, self%request%values(1)))
-         ! what is not a number stays, and shows in the means
+         ! NaN stays, and shows in the means
          where (counts .and. .not. (x >= self%reached(:, 1) .or. ieee_is_nan(self%reached(:, 1)))) &
             self%reached(:, 1) = x
          where (counts .and. .not. (x <= self%reached(:, 2) .or. ieee_is_nan(self%reached(:, 2)))) &
@@ -74,8 +74,8 @@ contains
       end associate
    end subroutine take
 
-   !> Whether a value is further out than another one; of equal ones that of the lower path. Of one path the earlier
-   !> one is taken: its later ones are not further, and times are shown in their order.
+   !> Whether x is further out than x_old, or equal and of a lower path. Of equal values of one path the earlier is
+   !> kept: times are shown in their order, and a later value counts only if it is further out.
    pure logical function is_further(side, x, path, x_old, path_old)
       integer, intent(in) :: side   !! 1: lowest, 2: highest
       real(wp), intent(in) :: x, x_old

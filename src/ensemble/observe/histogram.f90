@@ -107,7 +107,7 @@ contains
       end do
    end subroutine answer
 
-   !> Shares of counts in their sum, with binomial standard errors; NaN where nothing was counted.
+   !> Counts divided by their sum, with binomial standard errors; NaN where nothing was counted.
    pure subroutine shares_of(counts, shares, errors)
       integer(i8), intent(in) :: counts(:)
       real(wp), intent(out) :: shares(:), errors(:)

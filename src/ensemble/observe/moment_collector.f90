@@ -22,7 +22,7 @@ module symsde_ensemble_observe_moment_collector
 
    integer, parameter :: max_failed_listed = 1000
 
-   !> What all threads share: the tree, and the failed paths with the lowest indices.
+   !> Data that all threads share: the tree, and the failed paths with the lowest indices.
    type :: moment_store
       type(moment_tree) :: tree
       integer(i8) :: nfailed = 0
@@ -73,8 +73,8 @@ module symsde_ensemble_observe_moment_collector
 
 contains
 
-   !> A collector for ntime saved times that delivers its nodes to store. Where there is a plan of observers who watch
-   !> steps, it is shown every step, and every `every`-th of them is a saved time.
+   !> A collector for ntime saved times that delivers its nodes to store. If the observers of `plan` watch steps, it
+   !> is shown every step, and every `every`-th step is a saved time.
    subroutine new_moment_collector(self, model, nlane, ntime, store, observables, plan, every)
       type(moment_collector), intent(out) :: self
       class(model_type), intent(in), target :: model
@@ -132,7 +132,7 @@ contains
       end if
    end subroutine begin_block
 
-   !> Room for the pieces of a block that has begun; one that a stop leaves out needs none.
+   !> Room for the pieces of a block that has begun; a block that a stop leaves out needs none.
    subroutine new_pieces(self)
       class(moment_collector), intent(inout) :: self
       integer :: i
@@ -340,7 +340,7 @@ contains
                    (4*self%model%traits%ndof + 3*self%observables%nvalue + 1)
    end function numbers
 
-   !> That of the user's observables.
+   !> The failure code of the user's observables.
    integer function failure_code(self) result(code)
       class(moment_collector), intent(in) :: self
 

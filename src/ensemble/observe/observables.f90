@@ -1,5 +1,5 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> The abstract observable: values of a user's own, computed lane by lane from (q, p), and the probe of that.
+!> The abstract observable: a user's values, computed lane by lane from (q, p); and a probe that lanes stay apart.
 module symsde_ensemble_observe_observables
    use symsde_base_kinds, only: wp
    use symsde_base_lanes, only: lane_unit
@@ -94,7 +94,7 @@ contains
          near = x + merge(0.01_wp, -0.005_wp, state == 1)*max(1.0_wp, abs(x))
       end function near
 
-      !> Up to rounding; what is no finite number is like any such.
+      !> Equal up to rounding. A value that is infinite or NaN equals any value.
       pure logical function are_same(a, b, scale)
          real(wp), intent(in) :: a, b, scale
 

@@ -1,8 +1,7 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> The abstract observer: it is shown every block at every saved time and keeps what it wants.
-!>
-!> Every thread has its own copy of an observer (made by assignment before the threads start); what the
-!> copies share lies behind pointers. A block is shown from its first saved time to its last.
+!> The abstract observer: it is shown every block at every saved time, from its first to its last, and keeps
+!> results. Every thread has its own copy of an observer, made by assignment before the threads start. Data that the
+!> copies share lie behind pointers.
 module symsde_ensemble_observe_observer
    use symsde_base_kinds, only: wp, i8
    use symsde_base_status, only: error_type
@@ -35,8 +34,9 @@ module symsde_ensemble_observe_observer
          integer, intent(in) :: nreal, nlane
       end subroutine begin_interface
 
-      !> The state at saved time number isave (0 is t0). Lanes with a status have failed before t. It may retire lanes
-      !> (state%retire): these are not shown any more, and a block of such lanes alone ends.
+      !> Show the state at saved time number isave (0 is t0). Lanes with a status have failed before t. The observer
+      !> may retire lanes (state%retire): retired lanes are not shown any more, and a block of retired lanes alone
+      !> ends.
       subroutine observe_interface(self, isave, t, state)
          import :: observer_type, lane_state, i8, wp
          class(observer_type), intent(inout) :: self
@@ -55,12 +55,13 @@ module symsde_ensemble_observe_observer
 
 contains
 
-   !> States at saved times number isave and following, of lanes with the status of state; it holds the last of them
-   !> afterwards: the first after which a lane is retired, if any. This default shows them one by one.
+   !> Show the states at saved times isave, isave + 1, ..., of lanes with the status of `state`. Afterwards `state`
+   !> holds the last state shown: the first after which a lane is retired, if any. This default shows one state
+   !> after another.
    subroutine observe_each(self, isave, nsave, t, nlane, q, p, state)
       class(observer_type), intent(inout) :: self
       integer(i8), intent(in) :: isave
-      integer, intent(inout) :: nsave            !! states; those that were shown
+      integer, intent(inout) :: nsave            !! states given; on return, states shown
       integer, intent(in) :: nlane               !! that of state
       real(wp), intent(in) :: t(nsave)
       type(lane_state), intent(inout) :: state
@@ -77,22 +78,22 @@ contains
       end do
    end subroutine observe_each
 
-   !> Whether it may retire lanes.
+   !> Whether the observer may retire lanes.
    logical function it_does_not(self)
       class(observer_type), intent(in) :: self
 
       it_does_not = .false.
    end function it_does_not
 
-   !> No lane counts from saved time number isave on: all have failed, or the run was stopped. Called once a
-   !> block at most, instead of observe for each of those times. This default serves observers that keep nothing
-   !> of such times.
+   !> No lane counts from saved time number isave on: all have failed, or the run was stopped. Called at most once a
+   !> block, and instead of observe for the times that remain. This default serves observers that keep nothing for
+   !> them.
    subroutine nothing_to_skip(self, isave)
       class(observer_type), intent(inout) :: self
       integer(i8), intent(in) :: isave
    end subroutine nothing_to_skip
 
-   !> This thread has no block left. Called by one thread at a time.
+   !> Deliver results: this thread has no block left. Called by one thread at a time.
    subroutine nothing_to_gather(self)
       class(observer_type), intent(inout) :: self
    end subroutine nothing_to_gather
@@ -113,14 +114,15 @@ contains
       code = 0
    end function never_failed
 
-   !> Refuse what the observer calls near the state of one path, before the run. This default calls nothing.
+   !> Probe the callbacks of the observer near the state of one path, before the run; refuse them by `error`. This
+   !> default has none.
    subroutine nothing_to_probe(self, t, q0, p0, error)
       class(observer_type), intent(in) :: self
       real(wp), intent(in) :: t, q0(:), p0(:)
       type(error_type), allocatable, intent(inout) :: error
    end subroutine nothing_to_probe
 
-   !> Add what is to be known of the results before the run, a sentence a line. This default has nothing to say.
+   !> Add warnings about the results before the run, one sentence a line. This default has none.
    subroutine nothing_to_warn(self, text)
       class(observer_type), intent(in) :: self
       character(:), allocatable, intent(inout) :: text

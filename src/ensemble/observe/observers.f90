@@ -1,5 +1,5 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> The streaming observers of a run: which kinds there are, how one is made from a request, and all of them together.
+!> The streaming observers of a run: their kinds, how one is made from a request, and the list of all of them.
 module symsde_ensemble_observe_observers
    use symsde_base_kinds, only: wp, i8
    use symsde_base_status, only: error_type, raise, invalid_argument, incompatible, too_large
@@ -26,18 +26,18 @@ module symsde_ensemble_observe_observers
    integer, parameter :: observe_histogram = 1       !! one value in bins of one width
    integer, parameter :: observe_quantiles = 2       !! one value in bins of one relative width
    integer, parameter :: observe_covariance = 3      !! of some values
-   integer, parameter :: observe_autocorrelation = 4 !! of one value along time
-   integer, parameter :: observe_extremes = 5        !! of one value until each saved time
+   integer, parameter :: observe_autocorrelation = 4 !! autocorrelation of one value along time
+   integer, parameter :: observe_extremes = 5        !! extremes of one value until each saved time
    integer, parameter :: observe_passage = 6         !! out of an interval
    integer, parameter :: observe_paths = 7           !! some values of chosen paths
    integer, parameter :: one_value(5) = [observe_histogram, observe_quantiles, observe_autocorrelation, &
                                          observe_extremes, observe_passage]
 
-   !> The observers of a run, before any thread has its own: gfortran 12 cannot copy a list of polymorphic ones.
+   !> The observers of a run before threads copy them: gfortran 12 cannot copy a list of polymorphic observers.
    type :: observer_plan
       type(observer_request), allocatable :: requests(:)
       type(observed_run) :: run
-      logical :: watches_steps = .false.               !! one of them wants to see every step
+      logical :: watches_steps = .false.               !! some observer is shown every step
       type(observer_store), allocatable :: stores(:)   !! what the threads share
    contains
       procedure :: numbers => numbers_of_all
@@ -61,7 +61,7 @@ module symsde_ensemble_observe_observers
 
 contains
 
-   !> What observers need to know of a run; nvalue: q, p, the energy where there is one, and observables.
+   !> Data of a run that observers need. nvalue counts q, p, the energy if the model has one, and observables.
    subroutine new_observed_run(run, model, options, nlane, nobservable)
       type(observed_run), intent(out) :: run
       class(model_type), intent(in), target :: model
@@ -190,7 +190,7 @@ contains
    subroutine new_observer_list(self, plan)
       type(observer_list), intent(out) :: self
       type(observer_plan), intent(in), target :: plan
-      type(error_type), allocatable :: refusal  ! none: the plan was tried
+      type(error_type), allocatable :: refusal  ! not allocated: the plan was tried and accepted
       integer :: i
 
       allocate (self%slots(size(plan%requests)))
@@ -270,7 +270,7 @@ contains
       end do
    end subroutine gather
 
-   !> Numbers of eight bytes that all of them hold at most.
+   !> Numbers of eight bytes that all observers together hold at most.
    real(wp) function numbers_of_all(self, npath, nthread) result(numbers)
       class(observer_plan), intent(in) :: self
       integer(i8), intent(in) :: npath
@@ -285,7 +285,7 @@ contains
       end do
    end function numbers_of_all
 
-   !> What was kept, when all threads are done; the stores are empty then.
+   !> Deliver the results of all observers when all threads are done; the stores are empty afterwards.
    subroutine deliver(self, observed)
       class(observer_plan), intent(inout) :: self
       type(observed_type), allocatable, intent(out) :: observed(:)
@@ -306,7 +306,7 @@ contains
       end do
    end subroutine deliver
 
-   !> Room for what is kept at a request, and how many numbers its answer has.
+   !> Make room for the results of a request, and tell how many numbers its answer has.
    subroutine new_observed(observed, nanswer, request, run, error)
       type(observed_type), intent(out) :: observed
       integer(i8), intent(out) :: nanswer
@@ -322,7 +322,7 @@ contains
       call clear_observed(observed, observer)
    end subroutine new_observed
 
-   !> What an observer has kept of no path.
+   !> Results of an observer that has seen no path.
    subroutine clear_observed(observed, observer)
       type(observed_type), intent(out) :: observed
       class(streaming_observer), intent(in) :: observer
@@ -332,7 +332,7 @@ contains
       allocate (observed%counts(observer%ncount), observed%sums(observer%nsum()))
       observed%sums = 0
       call observer%clear(observed%counts, observed%sums(:observer%nsingle))
-      nullify (observed%of%model, observed%of%observables)  ! they may not live as long
+      nullify (observed%of%model, observed%of%observables)  ! results may outlive the model and the observables
    end subroutine clear_observed
 
    !> The left part becomes both siblings together, as by merge_moments: a part is the paths j 2^k .. (j+1) 2^k - 1 with

@@ -35,19 +35,19 @@ module symsde_ensemble_observe_passage
    type, extends(streaming_observer) :: passage_observer
       integer :: nlist = 0                          !! lost paths that are listed
       logical :: bridges = .false.                  !! noise acts on the value
-      logical :: shares = .false.                   !! that may be noise of all paths alike
-      integer(i8), allocatable :: side(:), step(:)  !! of each lane: 0 or the end that it left by; when (nlane)
+      logical :: shares = .false.                   !! the value may move by a noise that all paths share
+      integer(i8), allocatable :: side(:), step(:)  !! end by which a lane left, or 0; step of leaving (nlane)
       real(wp), allocatable :: left(:, :)           !! time, q and p when it left (nlane, 1 + 2 ndof)
-      integer :: nlook = 0                          !! lanes that are looked at: side by side, what is known of them
-      integer, allocatable :: lanes(:)              !! which these are; the last one again and again (nlane)
-      integer :: nseen = 0                          !! lanes that had a status when this was last looked up
+      integer :: nlook = 0                          !! lanes still inside; their data stand side by side
+      integer, allocatable :: lanes(:)              !! numbers of the lanes still inside; the last is repeated (nlane)
+      integer :: nseen = 0                          !! lanes with a status when these were last counted
       real(wp), allocatable :: x(:), before(:)      !! value after the step, and before it (nlane)
       real(wp), allocatable :: rate(:)              !! s^2 before the step (nlane)
       integer(i8), allocatable :: by(:)             !! 0 or the end that it leaves by in this step (nlane)
       integer(i8), allocatable :: path(:)           !! whose number decides for a lane (nlane)
-      integer(i8), allocatable :: words(:)          !! of a call of the generator (4 nlane)
-      real(wp), allocatable :: chance(:), u(:)      !! that it was outside (nlane below, nlane above); what decides
-      real(wp), allocatable :: q(:), p(:), w(:), hq(:), hp(:), own(:)  !! of a call of the model or of observables
+      integer(i8), allocatable :: words(:)          !! output of the random generator (4 nlane)
+      real(wp), allocatable :: chance(:), u(:)      !! probabilities of leaving (nlane below, nlane above); uniforms
+      real(wp), allocatable :: q(:), p(:), w(:), hq(:), hp(:), own(:)  !! of one call of the model or observables
    contains
       procedure :: open_block
       procedure :: is_coordinate
@@ -122,7 +122,7 @@ contains
       end associate
    end subroutine open_block
 
-   !> Room for what is kept of a block, and for n lanes that are looked at.
+   !> Room for the results of a block, and for n lanes that are inside.
    subroutine new_workspace(self, nlane, n)
       class(passage_observer), intent(inout) :: self
       integer, intent(in) :: nlane, n
@@ -136,7 +136,7 @@ contains
       if (associated(self%run%observables)) allocate (self%own(n*self%run%observables%nvalue))
    end subroutine new_workspace
 
-   !> Whether no lane of the block was left out, and vectors of them are whole.
+   !> Whether all lanes of the block are inside, so that its arrays can be used whole.
    pure logical function looks_at_all(self)
       class(passage_observer), intent(in) :: self
 
@@ -197,7 +197,7 @@ contains
       count_outside = n - int(inside)
    end function count_outside
 
-   !> Some have left, or their values are no numbers: what is known of them is kept, and they are looked at no more.
+   !> Take out lanes that have left or whose values are NaN: keep their results, and follow them no longer.
    subroutine see_off(self, istep, t, state)
       class(passage_observer), intent(inout) :: self
       integer(i8), intent(in) :: istep
@@ -222,7 +222,7 @@ contains
       call look_away_from(self, unknown .or. gone)
    end subroutine see_off
 
-   !> Keep what is known of a lane that leaves now.
+   !> Record the step, the end and the state with which a lane leaves.
    subroutine note(self, istep, t, lane, side, state)
       class(passage_observer), intent(inout) :: self
       integer(i8), intent(in) :: istep, side
@@ -302,7 +302,7 @@ contains
    !> Some lanes of x, side by side.
    pure subroutine take_lanes(nlane, n, ncolumn, lanes, in_place, x, taken)
       integer, intent(in) :: nlane, n, ncolumn, lanes(n)
-      logical, intent(in) :: in_place                  !! they are the first n
+      logical, intent(in) :: in_place                  !! the lanes are the first n
       real(wp), intent(in) :: x(nlane, ncolumn)
       real(wp), intent(out) :: taken(n, ncolumn)
       integer :: i, j
@@ -318,7 +318,7 @@ contains
       end do
    end subroutine take_lanes
 
-   !> Those that are inside after the step as before, and were outside between.
+   !> Find lanes that are inside before and after the step, and were outside between.
    subroutine cross_bridges(self, istep, nleave)
       class(passage_observer), intent(inout) :: self
       integer(i8), intent(in) :: istep

@@ -1,8 +1,7 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> Chosen paths: some values of each at every saved time, beside whatever else is kept of the ensemble.
-!>
-!> counts: 0 for each path that was run, -1 for one that was not. Numbers of single paths, which are the answers too,
-!> with errors of zero: (value, time, path), NaN where a path has failed or left.
+!> Chosen paths: some of their values at every saved time, beside the other results of the ensemble. counts: 0 for
+!> each path that was run, -1 for a path that was not. Numbers of single paths are the answers, too, with errors of
+!> zero: (value, time, path), NaN where a path has failed or left.
 module symsde_ensemble_observe_paths
    use, intrinsic :: ieee_arithmetic, only: ieee_value, ieee_quiet_nan
    use symsde_base_kinds, only: wp, i8
@@ -14,7 +13,7 @@ module symsde_ensemble_observe_paths
    public :: paths_observer, new_paths_observer
 
    type, extends(streaming_observer) :: paths_observer
-      integer, allocatable :: place(:)   !! of each lane, among the chosen paths; 0 = not chosen (nlane)
+      integer, allocatable :: place(:)   !! place of each lane among the chosen paths; 0 = not chosen (nlane)
    contains
       procedure :: open_block
       procedure :: take

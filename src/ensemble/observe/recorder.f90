@@ -12,8 +12,8 @@ module symsde_ensemble_observe_recorder
 
    integer, parameter :: few = 8  !! lanes of a block that are copied one by one
 
-   !> Pointers to the caller's arrays, path first. The last good state is kept for resuming and diagnosis. Where q and p
-   !> are null, it is all that is kept; low parts are needed of compensated runs only.
+   !> Pointers to the caller's arrays, path first. The last good state is kept for resuming and diagnosis; q and p
+   !> may be null, and then nothing else is kept. Low parts belong to compensated runs only.
    type, extends(observer_type) :: path_recorder
       integer(i8) :: first_path = 0
       real(wp), pointer, contiguous :: q(:, :, :) => null()        !! (npath, ndof, 0:nsave)
@@ -61,8 +61,8 @@ contains
       end do
    end subroutine observe
 
-   !> Several times at once, straight from where they are: all paths of the run as they stand, where they stand side by
-   !> side; of other few lanes the loop over times is the inner one.
+   !> Save several times at once, without a copy of the states. If the lanes are all paths of the run, whole arrays
+   !> are copied; for few lanes of a larger run the loop over times is the inner one.
    subroutine observe_several(self, isave, nsave, t, nlane, q, p, state)
       class(path_recorder), intent(inout) :: self
       integer(i8), intent(in) :: isave
@@ -102,7 +102,7 @@ contains
       call copy(size(x), x, saved)
    end subroutine copy_all
 
-   !> The first lanes of x as paths offset + 1, .. of saved; NaN in those with a status.
+   !> Copy the first lanes of x to paths offset + 1, ... of saved; NaN in lanes with a status.
    pure subroutine copy_lanes(nreal, nsave, x, status, saved, offset)
       integer, intent(in) :: nreal, nsave
       integer(i8), intent(in) :: status(nreal), offset
@@ -121,7 +121,7 @@ contains
       end do
    end subroutine copy_lanes
 
-   !> One lane of x as a path of saved; NaN where it has a status.
+   !> Copy one lane of x to a path of saved; NaN if the lane has a status.
    pure subroutine copy_lane(lane, nsave, x, status, saved, path)
       integer, intent(in) :: lane, nsave
       integer(i8), intent(in) :: status, path

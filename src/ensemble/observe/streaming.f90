@@ -21,7 +21,7 @@ module symsde_ensemble_observe_streaming
    public :: streaming_observer, observer_request, observed_type, observer_store, observed_run
    public :: means_only, with_pairs, with_errors
 
-   integer, parameter :: means_only = 0, with_pairs = 1, with_errors = 4  !! what a table holds beside means
+   integer, parameter :: means_only = 0, with_pairs = 1, with_errors = 4  !! sums of a table beside means
 
    !> One observer that a caller wants. Which members mean something depends on its kind.
    type :: observer_request
@@ -32,10 +32,10 @@ module symsde_ensemble_observe_streaming
       real(wp), allocatable :: shares(:)      !! 0 .. 1, of quantiles
       integer(i8), allocatable :: paths(:)    !! global indices, ascending
       logical :: absorbs = .false.            !! paths that leave end there
-      logical :: bridges = .true.             !! between two steps they may leave, too
+      logical :: bridges = .true.             !! paths may leave between two steps, too
    end type observer_request
 
-   !> What a run is, as far as observers look at it.
+   !> Data of a run that observers use.
    type :: observed_run
       integer :: ndof = 0, nvalue = 0, nlane = 0
       integer :: ntime = 0                    !! saved times
@@ -43,14 +43,14 @@ module symsde_ensemble_observe_streaming
       integer(i8) :: first_step = 0, save_every = 1, seed = 0
       real(wp) :: step = 0                    !! [time]
       integer :: nnoise = 0
-      integer :: law = law_gaussian           !! of the increments that are drawn
+      integer :: law = law_gaussian           !! law of the increments that are drawn
       logical, allocatable :: common(:)       !! noises that all paths share, as their options say (nnoise)
       logical :: position_noise = .false., has_value = .false.  !! traits of the model
       class(model_type), pointer :: model => null()  !! for who asks it for more than values
       class(observables_type), pointer :: observables => null()  !! the user's own values, likewise
    end type observed_run
 
-   !> What an observer has kept: mergeable, and all that its answer needs.
+   !> The results of an observer: they can be merged, and its answer needs nothing else.
    type :: observed_type
       type(observer_request) :: request
       type(observed_run) :: of
@@ -58,7 +58,7 @@ module symsde_ensemble_observe_streaming
       real(wp), allocatable :: sums(:)        !! numbers of single paths, then the rows of the table
    end type observed_type
 
-   !> What the threads of a run share of one observer.
+   !> Data of one observer that the threads of a run share.
    type :: observer_store
       integer(i8), allocatable :: counts(:)
       real(wp), allocatable :: singles(:)
@@ -69,7 +69,7 @@ module symsde_ensemble_observe_streaming
       type(observer_request) :: request
       type(observed_run) :: run
       integer(i8) :: ncount = 0, nsingle = 0           !! integers, and numbers of single paths
-      integer :: nrow = 0, ncolumn = 0                 !! of the table; 0 = there is none
+      integer :: nrow = 0, ncolumn = 0                 !! rows and columns of the table; 0 = no table
       integer :: kept = means_only                     !! of its columns
       integer(i8), allocatable :: counts(:)            !! of this thread (ncount)
       real(wp), allocatable :: singles(:)              !! of this thread (nsingle)
@@ -99,7 +99,8 @@ module symsde_ensemble_observe_streaming
    end type streaming_observer
 
    abstract interface
-      !> Values at saved time number it (1 is t0), of lanes of which some count. They may be reused after the call.
+      !> Take values at saved time number it (1 is t0). Lanes count where `counts` is true. The caller may reuse the
+      !> arrays afterwards.
       subroutine take_interface(self, it, t, values, counts)
          import :: streaming_observer, wp
          class(streaming_observer), intent(inout) :: self
@@ -115,7 +116,7 @@ module symsde_ensemble_observe_streaming
          class(streaming_observer), intent(in) :: self
       end function extent_interface
 
-      !> What is asked of the statistic, and its standard errors, of what was kept by any number of runs that merged.
+      !> Compute the answer and its standard errors from results of any number of merged runs.
       subroutine answer_interface(self, counts, sums, values, errors)
          import :: streaming_observer, i8, wp
          class(streaming_observer), intent(in) :: self
@@ -149,7 +150,7 @@ contains
       class(streaming_observer), intent(inout) :: self
    end subroutine nothing_before
 
-   !> Tables for the pieces of a block that has begun; one that a stop leaves out needs none.
+   !> Tables for the pieces of a block that has begun; a block that a stop leaves out needs none.
    subroutine new_pieces(self)
       class(streaming_observer), intent(inout) :: self
       integer :: i
@@ -208,7 +209,7 @@ contains
       type(lane_state), intent(inout) :: state
    end subroutine look_away
 
-   !> The block is done; what is known of its paths now may go into the table.
+   !> The block is done: write results that its end has settled into the table. This default writes none.
    subroutine nothing_more(self, state)
       class(streaming_observer), intent(inout) :: self
       type(lane_state), intent(in) :: state
@@ -226,7 +227,7 @@ contains
       deallocate (self%pieces)
    end subroutine end_block
 
-   !> This thread has no block left: deliver the rest. Called by one thread at a time.
+   !> Deliver results: this thread has no block left. Called by one thread at a time.
    subroutine gather(self)
       class(streaming_observer), intent(inout) :: self
 
@@ -250,7 +251,7 @@ contains
       singles = 0
    end subroutine to_zero
 
-   !> Those of other paths, which become those of both.
+   !> Add counts and numbers of other paths.
    subroutine add_up(self, counts, singles, more_counts, more_singles)
       class(streaming_observer), intent(in) :: self
       integer(i8), intent(inout) :: counts(:)
@@ -274,7 +275,7 @@ contains
       numbers = (nthread + 1)*real(self%ncount + self%nsingle, wp) + (nthread*pieces + waiting + 2)*table
    end function numbers
 
-   !> Numbers of a row of the table when it is kept: n, means, and sums of squares or of all pairs.
+   !> How many numbers a kept row of the table has: n, means, and sums of squares or of all pairs.
    pure integer function row_size(ncolumn, kept)
       integer, intent(in) :: ncolumn, kept
 

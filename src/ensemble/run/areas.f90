@@ -19,9 +19,9 @@ module symsde_ensemble_run_areas
 
 contains
 
-   !> Choose how areas are drawn, and refuse (incompatible) a choice that the scheme cannot follow. The time scale by
-   !> which steps are halved is the user's; where he gives none and the scheme asks for areas, it is derived from the
-   !> model.
+   !> Choose how areas are drawn, and refuse (incompatible) a choice that the scheme cannot follow. The time scale
+   !> at which steps are halved is the user's; if the user gives none and the scheme needs areas, it is derived from
+   !> the model.
    subroutine choose_areas(model, scheme, options, asked, areas, error)
       class(model_type), intent(in) :: model
       type(scheme_type), intent(in) :: scheme
@@ -42,15 +42,15 @@ contains
                        'increments, such as midpoint_areas')
          end if
       else if (scheme%law /= law_gaussian) then
-         areas%time = 0  ! such areas are drawn by themselves, and no step is halved
+         areas%time = 0  ! areas of two values need no halving of steps
       else if (asked%has(path_areas) .and. .not. areas%time > 0) then
          call derive_area_time(model, options%t0, areas%time, error)
       end if
    end subroutine choose_areas
 
-   !> Refuse (too_large) areas that need more numbers than counters can tell apart: rows are all the sub-increments of
-   !> the run to its end, counters of steps hold 2^47 of them, and areas that are drawn by themselves also count pairs
-   !> of noises.
+   !> Refuse (too_large) areas that need more numbers than counters can tell apart. Rows are all sub-increments of
+   !> the run to its end; counters of steps hold 2^47 of them. Areas drawn apart from the path also count pairs of
+   !> noises.
    subroutine check_area_counters(nnoise, law, options, areas, error)
       integer, intent(in) :: nnoise
       integer, intent(in) :: law       !! that the increments follow

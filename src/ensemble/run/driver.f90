@@ -46,13 +46,13 @@ module symsde_ensemble_run_driver
 
    integer, parameter :: chain_lanes = 32, longest_chain = 4096
 
-   !> Model, scheme and options, checked and probed, with a runner for every thread: ready to be driven, as often as
-   !> wanted. Nothing of it depends on what it was driven through before, but the counters of its report.
+   !> Model, scheme and options, checked and probed, with a runner for every thread: ready to be driven any number
+   !> of times. A drive leaves nothing behind for the next but the counters of the report.
    type :: ensemble_type
       type(run_options) :: options
       type(run_report) :: report     !! totals of all drives; the outcome of the last one
       class(model_type), pointer, private :: model => null()
-      class(noise_type), allocatable, private :: noise         !! where a drive is not given its own
+      class(noise_type), allocatable, private :: noise         !! noise of drives that bring none
       type(runner_factory), private :: factory
       type(block_runner), allocatable, private :: runners(:)   !! one for every thread
    contains
@@ -93,7 +93,7 @@ contains
       type(ensemble_type), target :: ensemble
       real(wp), pointer, contiguous :: given(:, :, :)
 
-      nullify (given)  ! an absent array is not handed on: gfortran 12 reads the bounds that it has not
+      nullify (given)  ! instead of an absent array, whose bounds gfortran 12 would read
       if (present(dw)) given => dw
       call new_ensemble(ensemble, model, scheme, options, from%q, from%p, observer, error, given)
       if (allocated(error)) return
@@ -110,10 +110,10 @@ contains
       type(scheme_type), intent(in), target :: scheme         !! this, too
       type(run_options), intent(in) :: options
       real(wp), intent(in) :: q0(:, :), p0(:, :)      !! initial state (npath or 1, ndof)
-      class(observer_type), intent(in) :: observer    !! like those that will look on
+      class(observer_type), intent(in) :: observer    !! same kind as the observers of the drives
       type(error_type), allocatable, intent(inout) :: error
       real(wp), intent(in), target, contiguous, optional :: dw(:, :, :)  !! increments (npath or 1, nnoise, rows)
-      class(stepper_type), allocatable :: single  ! of one lane, where paths go one by one
+      class(stepper_type), allocatable :: single  ! stepper of one lane, if paths run one by one
       real(wp), pointer, contiguous :: given(:, :, :)
       real(wp) :: start
 
@@ -206,8 +206,8 @@ contains
                         scheme=self%factory%task%scheme)
    end subroutine renumber
 
-   !> Choose the lanes of a block (one, where paths are so few that they go one by one) and the threads: as many as
-   !> are asked for, have blocks to do, and find memory.
+   !> Choose the lanes of a block (one, if paths are so few that they run one by one) and the number of threads: at
+   !> most the number asked for, the number of blocks, and the number that memory allows.
    subroutine plan_run(self, observer, single, error)
       type(ensemble_type), intent(inout) :: self
       class(observer_type), intent(in) :: observer
@@ -240,11 +240,11 @@ contains
 
    end subroutine plan_run
 
-   !> Make one runner for every thread that will work, and report what stepper they have and what it leaves out.
+   !> Make one runner for every thread, and report the stepper and the terms that it leaves out.
    subroutine new_runners(self, scheme, single, error)
       type(ensemble_type), intent(inout), target :: self
-      type(scheme_type), intent(in) :: scheme   !! as it was asked for
-      class(stepper_type), allocatable, intent(inout) :: single  !! for the first of them, if it is there; taken over
+      type(scheme_type), intent(in) :: scheme   !! scheme as the user named it
+      class(stepper_type), allocatable, intent(inout) :: single  !! taken over for the first runner, if allocated
       type(error_type), allocatable, intent(inout) :: error
       logical :: has_padding
       integer :: i, n, info
@@ -253,7 +253,7 @@ contains
          self%factory%options = self%options
          self%factory%asked = self%noise%asked
          report%correction = self%factory%task%correction
-         ! those that will work: others would be made for nothing
+         ! only threads that will have work get a runner
          n = usable_threads(report%nthread, real(model%traits%ndof, wp)*self%options%npath*self%options%nstep)
          allocate (self%runners(n), stat=info)
          if (info /= 0) then
@@ -271,17 +271,16 @@ contains
       end associate
    end subroutine new_runners
 
-   !> Whether a lane has the same bits whatever the number of lanes beside it, even if there are none. The models of
-   !> the catalogue are so, and users may say that theirs are.
+   !> Whether a lane has the same bits for any number of lanes beside it. True for models of the catalogue, and for
+   !> models whose users say so.
    pure logical function has_any_lanes(model)
       class(model_type), intent(in) :: model
 
       has_any_lanes = is_built_in(model) .or. model%traits%any_lanes
    end function has_any_lanes
 
-   !> Make the noise source of a run: prescribed increments where they are given, else Brownian motion. A scheme may
-   !> ask for increments of another law and for functionals of the path; without a scheme there are Gaussian
-   !> increments alone.
+   !> Make the noise source of a run: prescribed increments if given, else Brownian motion. A scheme may need
+   !> increments of another law and functionals of the path; without a scheme, increments are Gaussian.
    subroutine new_noise(noise, model, options, lost, error, dw, scheme)
       class(noise_type), allocatable, intent(out) :: noise
       class(model_type), intent(in) :: model
@@ -361,9 +360,9 @@ contains
       end do
    end subroutine share_noises
 
-   !> Refuse (incompatible) prescribed increments that do not hold what the scheme asks for beyond them. That comes
-   !> from finer rows, or from columns of its own, which must not be there in vain. Areas in law are refused, too:
-   !> areas of a path that is given follow from it.
+   !> Refuse (incompatible) prescribed increments that lack functionals of the scheme. Functionals come from finer
+   !> rows or from columns of their own; columns that no scheme uses are refused, too. So are areas in law: the
+   !> given path determines its areas.
    subroutine check_given(model, scheme, options, asked, areas, ncolumn, error)
       class(model_type), intent(in) :: model
       type(scheme_type), intent(in), optional :: scheme
@@ -401,8 +400,8 @@ contains
       end if
    end subroutine check_given
 
-   !> Refuse (wrong_shape) prescribed increments that do not have one row for every step or finer step, one column for
-   !> every noise (and as many for dZ, and for K), and one path or all of them. With refine < 0 there can be none
+   !> Refuse (wrong_shape) prescribed increments unless they have one row for every step or finer step; one column
+   !> for every noise, as many for dZ, and as many for K; and one path or all paths. refine < 0 excludes them
    !> (incompatible).
    subroutine check_increments(options, nnoise, extent, error)
       type(run_options), intent(in) :: options

@@ -83,7 +83,7 @@ contains
       end do
    end subroutine fill_block
 
-   !> Tell the monitor how far it is and ask it, unless it has said already that it wants to stop.
+   !> Report progress to the monitor and ask whether to stop, unless it has already said so.
    subroutine look(self)
       class(question), intent(inout) :: self
 

@@ -20,19 +20,19 @@ module symsde_ensemble_run_memory
    private
    public :: fit_threads, narrower_numbers, noise_numbers
 
-   integer, parameter :: levels = 64  !! of intervals that the integrals of a step are put together from
+   integer, parameter :: levels = 64  !! intervals of the integrals of a step are halved at most so many times
 
 contains
 
-   !> Find on how many threads a run fits, and whether paths that are left may go on in narrower blocks. These are
-   !> given up first, then threads, by halves: neither changes a result. What does not fit on one thread is refused
-   !> (out_of_memory).
+   !> Find the number of threads for which a run fits into memory, and whether remaining paths may go on in narrower
+   !> blocks. Narrower blocks are given up first, then threads are halved; neither changes a result. A run that does
+   !> not fit on one thread is refused (out_of_memory).
    subroutine fit_threads(task, options, observer, nlane, nthread, narrows, error)
       type(stepper_task), intent(in) :: task
       type(run_options), intent(in) :: options
       class(observer_type), intent(in) :: observer
       integer, intent(in) :: nlane          !! lanes of a block
-      integer, intent(inout) :: nthread     !! in: as many as are wanted
+      integer, intent(inout) :: nthread     !! in: threads wanted
       logical, intent(out) :: narrows       !! paths that are left may go on in narrower blocks
       type(error_type), allocatable, intent(inout) :: error
       type(step_memory) :: step
@@ -57,7 +57,7 @@ contains
                           error)
    end subroutine fit_threads
 
-   !> The numbers that the narrower blocks of one thread hold once it has made all of them.
+   !> Numbers that all narrower blocks of one thread hold together.
    real(wp) function narrower_numbers(task, step, options, nlane) result(numbers)
       type(stepper_task), intent(in) :: task
       type(step_memory), intent(in) :: step
@@ -73,8 +73,8 @@ contains
       end do
    end function narrower_numbers
 
-   !> The numbers that one thread holds for blocks of so many lanes: the stepper, the paths of a block, and their
-   !> noise. A single path also prepares the steps ahead in lanes.
+   !> Numbers that one thread holds for blocks of nlane lanes: the stepper, the paths of a block, and their noise. A
+   !> single path also prepares later steps in lanes.
    real(wp) function block_numbers(task, step, options, nlane) result(numbers)
       type(stepper_task), intent(in) :: task
       type(step_memory), intent(in) :: step
@@ -99,9 +99,9 @@ contains
          numbers = numbers + noise_numbers(nnoise, asked, 2*padded(pairs_ahead(1, ncolumn)/2))
    end function block_numbers
 
-   !> The numbers that a single path keeps for every step whose kicks are weighed ahead: what drives the step, the
-   !> weights w of its kicks, V, and D where it is sampled. Each is there in the lanes that are weighed and in the
-   !> steps that are taken.
+   !> Numbers that a single path keeps for steps whose kicks are weighed ahead: increments and functionals, the
+   !> weights w of the kicks, V, and D where it is sampled. Each is kept twice: in lanes to weigh, and by steps to
+   !> take.
    pure real(wp) function kick_numbers(kicks, traits, ncolumn) result(numbers)
       type(kicks_type), intent(in) :: kicks
       type(model_traits), intent(in) :: traits
@@ -113,8 +113,8 @@ contains
       if (kicks%samples .and. .not. traits%additive) numbers = numbers + m*(m + 1)
    end function kick_numbers
 
-   !> The numbers that a source of noise needs to fill a block of lanes: increments, and where functionals are asked
-   !> for, those of the intervals that they are put together from.
+   !> Numbers that a source of noise needs to fill a block of nlane lanes: increments, and for functionals those of
+   !> the intervals of which they are composed.
    pure real(wp) function noise_numbers(nnoise, asked, nlane)
       integer, intent(in) :: nnoise, nlane
       type(functional_set), intent(in) :: asked   !! beside the increments

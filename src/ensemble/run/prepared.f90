@@ -27,10 +27,10 @@ module symsde_ensemble_run_prepared
 
    integer(i8), parameter :: foreseen = 1000000  !! steps that the warnings of a prepared run are about
 
-   !> q, p and low parts may be changed between calls, never reshaped. The low parts are there if the run is
-   !> compensated. A run points to parts of itself, so it is not copied: what one is assigned to is not prepared.
+   !> q, p and low parts may be changed between calls, but not reshaped. A compensated run has low parts. A run has
+   !> pointers into itself, so it cannot be copied: after an assignment the left-hand side is not prepared.
    type :: prepared_run
-      real(wp), allocatable :: q(:, :), p(:, :)          !! where the paths are (npath, ndof)
+      real(wp), allocatable :: q(:, :), p(:, :)          !! present state (npath, ndof)
       real(wp), allocatable :: q_low(:, :), p_low(:, :)  !! its low parts (npath, ndof)
       integer(i4), allocatable :: status(:)              !! 0 = ok, else a code of base/status (npath)
       integer(i8), allocatable :: failed_step(:)         !! absolute step, -1 = none (npath)
@@ -38,10 +38,10 @@ module symsde_ensemble_run_prepared
       type(ensemble_type), private :: ensemble
       type(run_options), private :: given     !! where a reset begins
       logical, private :: was_stopped = .false.    !! the last call was stopped
-      integer(i8), private :: goal = 0        !! absolute step that comes next, or is to come next where it was stopped
+      integer(i8), private :: goal = 0        !! absolute step to which the last call was to go
       integer, private :: at_work = 0         !! 1 during a call
       logical, private :: was_assigned = .false.   !! and not prepared since
-      type(c_ptr), private :: home = c_null_ptr    !! where it was prepared: a copy stands elsewhere
+      type(c_ptr), private :: home = c_null_ptr    !! address of the run when it was prepared; a copy has another
    contains
       procedure :: advance
       procedure :: resume
@@ -72,7 +72,7 @@ contains
       type(error_type), allocatable, intent(inout) :: error
       real(wp), intent(in), target, optional :: q0_low(:, :), p0_low(:, :)  !! low parts (npath or 1, ndof)
       type(run_options) :: chosen
-      real(wp), pointer :: q_low(:, :), p_low(:, :)  !! these, or null: an absent array is not handed on
+      real(wp), pointer :: q_low(:, :), p_low(:, :)  !! the arguments, or null: an absent array is not passed on
 
       if (allocated(error)) return
       nullify (q_low, p_low)
@@ -89,8 +89,8 @@ contains
       if (.not. allocated(error)) call self%reset(q0, p0, error, q_low, p_low)
    end subroutine prepare
 
-   !> A run cannot be copied, since its pointers would point into the original. Assignment takes over nothing, and
-   !> calls of what was assigned to are refused.
+   !> Assignment copies nothing, since pointers would point into the original; calls of the left-hand side are
+   !> refused.
    impure elemental subroutine leave_unprepared(self, run)
       class(prepared_run), intent(inout) :: self  !! keeps its arrays: gfortran 12 reads them after run = run
       class(prepared_run), intent(in) :: run
@@ -116,8 +116,8 @@ contains
                                 ' paths: prepare fewer paths')
    end subroutine new_state
 
-   !> Begin anew from a state. All paths are ok again. The first step, the seed and the first path are as they were,
-   !> unless they are given.
+   !> Begin again from a given state. All paths are ok again. The first step, the seed and the first path stay as
+   !> they were unless given.
    subroutine reset(self, q0, p0, error, q0_low, p0_low, first_step, seed, first_path)
       class(prepared_run), intent(inout) :: self
       real(wp), intent(in) :: q0(:, :), p0(:, :)                     !! state (npath or 1, ndof)
@@ -125,7 +125,7 @@ contains
       real(wp), intent(in), target, optional :: q0_low(:, :), p0_low(:, :)  !! low parts (npath or 1, ndof), else 0
       integer(i8), intent(in), optional :: first_step, seed, first_path  !! as in run_options
       type(run_options) :: wanted
-      real(wp), pointer :: q_low(:, :), p_low(:, :)  !! these, or null: an absent array is not handed on
+      real(wp), pointer :: q_low(:, :), p_low(:, :)  !! the arguments, or null: an absent array is not passed on
 
       nullify (q_low, p_low)
       if (present(q0_low)) q_low => q0_low
@@ -155,8 +155,8 @@ contains
       call self%leave()
    end subroutine reset
 
-   !> Take nstep more steps, with the noise of the run or with increments that are given for them. Where `saved` is
-   !> present the states are saved in it every save_every steps, and where they begin.
+   !> Take nstep more steps, with the noise of the run or with the increments dw. If `saved` is present, it receives
+   !> the state at the beginning and after every save_every steps.
    subroutine advance(self, nstep, error, dw, monitor, saved, save_every)
       class(prepared_run), intent(inout) :: self
       integer(i8), intent(in) :: nstep
@@ -192,8 +192,7 @@ contains
       if (.not. allocated(error)) call show_state(self, saved)
    end subroutine advance
 
-   !> Finish a call that was stopped. The increments that it was given must be given again, and `saved` must be what
-   !> it saved.
+   !> Finish a call that was stopped. It needs the same increments dw, and the array `saved` of the stopped call.
    subroutine resume(self, error, dw, monitor, saved)
       class(prepared_run), intent(inout) :: self
       type(error_type), allocatable, intent(inout) :: error
@@ -222,7 +221,7 @@ contains
       if (.not. allocated(error)) call show_state(self, saved)
    end subroutine resume
 
-   !> `advance` for a recorder, with room for q and p (npath, ndof, nstep/save_every + 1) or with none.
+   !> `advance` for a recorder, whose q and p have room (npath, ndof, nstep/save_every + 1) or none.
    subroutine record(self, nstep, save_every, recorder, error, dw, monitor)
       class(prepared_run), intent(inout) :: self
       integer(i8), intent(in) :: nstep, save_every
@@ -343,7 +342,7 @@ contains
       time = self%ensemble%options%t0 + real(self%goal, wp)*self%ensemble%options%step
    end function time
 
-   !> The options of the run. The steps and saves in them are those of the last call.
+   !> The options of the run, with the steps and saves of the last call.
    function options(self)
       class(prepared_run), intent(in) :: self
       type(run_options) :: options
@@ -351,7 +350,7 @@ contains
       options = self%ensemble%options
    end function options
 
-   !> What the run did: counters and seconds of all calls, the outcome of the last one, warnings for a million steps.
+   !> What the run did: counters and seconds of all calls, the outcome of the last, warnings for a million steps.
    subroutine get_report(self, report)
       class(prepared_run), intent(in) :: self
       type(run_report), intent(out) :: report
