@@ -38,8 +38,8 @@ contains
       select case (name)
       case ('verlet_dz')
          call scheme_from_tableau(scheme, a, abar, halves, name, .false., error, c=middle)
-         ! With dp = .. + gamma dW the frame adds gamma (dZ - h dW/2) to q after the step, which is what raises the
-         ! order from 1.
+         ! With dp = .. + gamma dW the frame adds gamma (dZ - h dW/2) to q after the step; this raises the order
+         ! from 1.
          call claim(scheme, 2.0_wp, 2.0_wp)
          scheme%frame = frame_shift
          scheme%symmetric = .false.  ! its shift by dZ comes last
@@ -61,8 +61,8 @@ contains
          call scheme_from_tableau(scheme, abar, a, halves, name, .false., error, c=ends)
          call claim(scheme, 1.0_wp, 1.0_wp)
          scheme%frame = frame_rotation
-         ! The noise is one kick at the start, beta = (1, 0); the force beside the linear part is kicked half at
-         ! either end.
+         ! The noise is one kick at the start, beta = (1, 0); half of the nonlinear force acts at either end of the
+         ! step.
          call new_kicks(scheme%kicks, ends, halves, flow=flow_rotation)
          scheme%kicks%beta = [1, 0]
          scheme%symmetric = .false.  ! its noise comes first
@@ -85,7 +85,7 @@ contains
       type(scheme_type), intent(inout) :: scheme
       real(wp), intent(in) :: strong, weak
 
-      scheme%structure = evidence_claimed  ! that of the tableau; the stepper does more
+      scheme%structure = evidence_claimed  ! structure of the tableau; the stepper does more
       scheme%order = order_type()
       call set_order(scheme%order(additive_noise), strong, evidence_claimed)
       call set_order(scheme%order(weak_order), weak, evidence_claimed)

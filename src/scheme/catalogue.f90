@@ -31,8 +31,8 @@ module symsde_scheme_catalogue
    private
    public :: get_scheme, scheme_names, scheme_families
 
-   ! These are the names that get_scheme knows, and with which unknown ones are compared; a family with a parameter
-   ! ends in a colon.
+   ! The names that get_scheme knows; it compares unknown names with them. A family with a parameter ends in a
+   ! colon.
    integer, parameter :: nplain = 44  !! names without a parameter; the families follow
    character(len=name_length), parameter :: all_names(nplain + 2) = [character(len=name_length) :: & !&
       'midpoint', 'symplectic_euler', 'symplectic_euler_adjoint', 'stormer_verlet', & !&
@@ -104,8 +104,7 @@ contains
       case ('verlet_dz', 'averaged_shift_midpoint', 'drift_preserving', 'exact_rotation')
          call additive_scheme(scheme, name, error)
       case default
-         ! Names of kicks are asked for first, those with a parameter inside last: they give the message of unknown
-         ! names.
+         ! Try names of kicks first and names with a parameter last: the latter give the message of unknown names.
          call splitting_scheme(scheme, name, known, error)
          if (.not. known) call parametrised(scheme, name, error)
       end select
@@ -121,7 +120,7 @@ contains
       type(error_type), allocatable, intent(inout) :: error
       real(wp), allocatable :: nodes(:), weights(:)
 
-      ! The reference is that of the literature, in place of the one that scheme_from_quadrature has given.
+      ! Take the reference from the literature, in place of the default of scheme_from_quadrature.
       call get_quadrature(rule, nodes, weights, error)
       if (allocated(error)) return
       call scheme_from_quadrature(scheme, degree, nodes, weights, name, error)
@@ -134,7 +133,7 @@ contains
       character(*), intent(in) :: name
       type(error_type), allocatable, intent(inout) :: error
 
-      ! What the solver leaves out must be smaller than the brackets that are added: those for strong order 3/2 and
+      ! Terms that the solver leaves out must be smaller than the added brackets: brackets for strong order 3/2 and
       ! weak order 2 go on gauss2, areas alone and two-point increments on midpoint.
       if (index(name, 'gauss2') == 1) then
          call from_rule(scheme, name, 'gauss2', 2, '', error)
@@ -152,7 +151,7 @@ contains
       degree_of = index('12345678', name(scan(name, '12345678'):scan(name, '12345678')))
    end function degree_of
 
-   !> Exchange the coefficients of Q and P: the polynomial then is that of the momenta.
+   !> Exchange the coefficients of Q and P: the polynomial then interpolates the momenta.
    pure subroutine swap(scheme)
       type(scheme_type), intent(inout) :: scheme
       real(wp) :: keep(scheme%nstage, scheme%nstage)
@@ -164,7 +163,7 @@ contains
       keep = scheme%b
       scheme%b = scheme%bbar
       scheme%bbar = keep
-      ! The polynomial q_d of this degree is no longer that of q: a degree of 0 says that there is none.
+      ! The polynomial of degree s no longer interpolates q; degree 0 says that q has none.
       scheme%degree = 0
    end subroutine swap
 

@@ -36,7 +36,7 @@ module symsde_scheme_certificate
    public :: never_explicit, explicit_if_separable, always_explicit
 
    enum, bind(c)
-      ! These say for which models a step solves no equations.
+      ! Models for which a step solves no equations.
       enumerator :: never_explicit = 0
       enumerator :: explicit_if_separable = 1  !! every H_j = T_j(p) + U_j(q), and no correction active
       enumerator :: always_explicit = 2
@@ -51,15 +51,15 @@ module symsde_scheme_certificate
       type(functional_set) :: asks              !! functionals of the path that a step needs beside dW
       type(bracket_terms) :: brackets           !! added to the one-step Hamiltonian
       integer :: law = law_gaussian             !! law of the increments (base/laws)
-      integer :: frame = frame_none             !! what surrounds the step of the tableau
+      integer :: frame = frame_none             !! what surrounds the tableau's step
       type(model_needs) :: needs                !! of a model
-      character(:), allocatable :: remark       !! what else is known of the scheme
+      character(:), allocatable :: remark       !! more facts on the scheme
       logical :: symplectic = .false.
       real(wp) :: symplecticity_residual = 0    !! largest residual of the four conditions
       real(wp) :: stratonovich_sum = 0          !! beta^T b e; 1/2 = consistent with Stratonovich
       real(wp) :: correction_coefficient = 0    !! 1/2 - beta^T b e
       logical :: correction_needed = .false.    !! unless H_{k,p} . H_{k,q} is constant for every noise
-      logical :: correction_exists = .false.    !! a Hamiltonian makes up for what is missing
+      logical :: correction_exists = .false.    !! a Hamiltonian restores the Stratonovich equation
       logical :: symmetric = .false.
       real(wp) :: symmetry_residual = 0         !! distance from the adjoint
       logical :: keeps_quadratic = .false.
@@ -85,7 +85,7 @@ contains
       type(scheme_type), intent(in) :: scheme
       type(certificate_type) :: c
 
-      ! What the scheme says of itself is copied: a certificate outlives it.
+      ! Copy the texts of the scheme: a certificate may outlive it.
       c%name = scheme%name
       c%reference = scheme%reference
       c%form = scheme%form
@@ -97,9 +97,9 @@ contains
       c%frame = scheme%frame
       c%needs = scheme%needs
       if (allocated(scheme%remark)) c%remark = scheme%remark
-      ! Galerkin forms are symplectic as discrete Lagrangians and kicks as exact flows: they have no residual.
+      ! Galerkin forms are symplectic as discrete Lagrangians, kicks as exact flows: both have no residual.
       if (scheme%form == tableau_form) c%symplecticity_residual = symplecticity_residual(scheme)
-      ! Symplecticity is judged anew from the residual, whatever the scheme has declared.
+      ! Judge symplecticity by the residual, whatever the scheme declares.
       c%symplectic = scheme%form /= ito_form .and. c%symplecticity_residual < coefficient_tolerance
       c%symmetry_residual = symmetry_residual(scheme)
       ! A frame that does something at one end of the step alone is not seen in the coefficients.
@@ -109,14 +109,15 @@ contains
       !   symplectic and a = abar, b = bbar: p^T C q + q^T A q/2 + p^T B p/2 is kept wherever the flows keep it
       c%keeps_quadratic = c%symplectic .and. c%quadratic_residual < coefficient_tolerance
       call judge_consistency(c, scheme)
-      ! Where a linear map of q leaves the Lagrangian as it is, its discrete one is left, too, and Noether's theorem
-      ! keeps q^T D p.
+      ! A linear map of q that leaves the Lagrangian unchanged leaves the discrete one unchanged, too; Noether's
+      ! theorem then keeps q^T D p.
       c%keeps_bilinear = c%symplectic
       ! Orders were set, each with its evidence, where the scheme was made.
       c%structure = scheme%structure
       c%order = scheme%order
       c%order_noise_free = scheme%order_noise_free
-      ! What is explicit for any Hamiltonian is so for separable ones: the second question overrides the first.
+      ! A scheme that is explicit for any Hamiltonian is also explicit for separable ones: the second test
+      ! overrides.
       if (is_explicit(scheme, .true.)) c%explicit_for = explicit_if_separable
       if (is_explicit(scheme, .false.)) c%explicit_for = always_explicit
       if (scheme%form == splitting_form .and. scheme%kicks%flow == flow_midpoint) &
@@ -124,20 +125,20 @@ contains
          c%implicit_drifts = scheme%kicks%ndrift()
       ! Each stage takes one gradient of Hhat, and each midpoint step between kicks one for every iteration.
       c%gradients_per_step = scheme%nstage + c%implicit_drifts
-      ! Unknowns are counted for each degree of freedom, for any H and for separable ones.
+      ! Unknowns for each degree of freedom, for any H and for separable H.
       c%unknowns = implicit_unknowns(scheme, .false.)
       c%unknowns_if_separable = implicit_unknowns(scheme, .true.)
    end function certificate
 
-   !> Which equation the scheme approximates. beta^T b e and beta^T bbar e must be 1/2; a correction
-   !> Hamiltonian moves them by opposite amounts, so it helps only where their sum is one.
+   !> Find the equation that the scheme approximates. beta^T b e and beta^T bbar e must be 1/2. A correction
+   !> Hamiltonian moves them by opposite amounts, so it helps only if their sum is one.
    pure subroutine judge_consistency(c, scheme)
       type(certificate_type), intent(inout) :: c
       type(scheme_type), intent(in) :: scheme
       real(wp) :: conjugate
 
       c%stratonovich_sum = stratonovich_sum(scheme)
-      ! Of the Ito form the sum must be zero, and for additive noise H_k,qp = 0 leaves no correction to be needed.
+      ! The Ito form needs the sum zero; additive noise has H_k,qp = 0 and needs no correction.
       if (scheme%form == ito_form .or. scheme%frame /= frame_none .or. scheme%needs%additive) return
       !   correction (1/2 - beta^T b e) F_p.F_q:  exists where beta^T b e + beta^T bbar e = 1
       conjugate = conjugate_stratonovich_sum(scheme)
@@ -148,13 +149,13 @@ contains
                             abs(c%stratonovich_sum + conjugate - 1) < coefficient_tolerance
    end subroutine judge_consistency
 
-   !> What an order is, what it rests on, and what was measured.
+   !> Write an order, its evidence and its measurement.
    pure subroutine describe(order, text)
       type(order_type), intent(in) :: order
       character(:), allocatable, intent(out) :: text
       character(len=60) :: numbers
 
-      ! The text gives the order, what it rests on, and the slope with its 95 % half-width where it was measured.
+      ! Write the order, its evidence, and the slope with its 95 % half-width if it was measured.
       text = 'none'
       if (.not. order%value > 0) return
       write (numbers, '(f8.1)') order%value
@@ -176,7 +177,7 @@ contains
       text = merge('yes', 'no ', truth)
    end function yes_no
 
-   !> One line more: what is told, and its value.
+   !> Add a line: a label and its value.
    pure subroutine add(text, what, value)
       character(:), allocatable, intent(inout) :: text
       character(*), intent(in) :: what, value
@@ -194,7 +195,7 @@ contains
       character(:), allocatable :: form
 
       select case (c%form)
-         ! The kind of coefficients is named first, then how many of them there are.
+         ! First the kind of coefficients, then their number.
       case (tableau_form); form = 'tableau, '
       case (galerkin_form); form = 'Galerkin, degree '//to_text(c%degree)//', '
       case (splitting_form); form = 'drifts and kicks, '
@@ -208,9 +209,9 @@ contains
       call add(text, 'scheme', c%name//' ('//form//')')
    end subroutine add_form
 
-   !> The line of symplecticity: a residual where the tableau is the step, else the reason why the form is symplectic.
-   !> A correction is a Hamiltonian whose gradient takes a Hessian product of Hhat: by differences it is a gradient no
-   !> more.
+   !> The line on symplecticity: the residual if the tableau is the whole step, else the reason why the form is
+   !> symplectic. The gradient of a correction is a Hessian product of Hhat; computed by differences it is no exact
+   !> gradient.
    pure subroutine add_symplecticity(text, c)
       character(:), allocatable, intent(inout) :: text
       type(certificate_type), intent(in) :: c
@@ -228,14 +229,13 @@ contains
          if (c%structure == evidence_claimed) &
             value = yes_no(c%symplectic)//', claimed: its own stepper executes more than the tableau'
       end if
-      ! A Hessian product by differences has an error, and a corrected step is symplectic up to it.
+      ! A Hessian product by differences has an error, and a corrected step is symplectic up to this error.
       if (c%symplectic .and. c%correction_needed) &
          value = value//'; corrected, and without an analytic Hessian, to the error of its differences'
       call add(text, 'symplectic', value)
    end subroutine add_symplecticity
 
-   !> The line of the equation that is approximated, and of the correction F_p.F_q (1/2 - beta^T b e) where it is
-   !> needed.
+   !> The line on the approximated equation, and on the correction F_p.F_q (1/2 - beta^T b e) if it is needed.
    pure subroutine add_consistency(text, c)
       character(:), allocatable, intent(inout) :: text
       type(certificate_type), intent(in) :: c
@@ -243,7 +243,7 @@ contains
 
       if (c%form == ito_form) then
          value = 'Ito form, the drift is converted'
-         ! Either beta^T b e = 1/2, or what differs from it multiplies a constant.
+         ! Either beta^T b e = 1/2, or its difference from 1/2 multiplies a constant.
       else if (.not. c%correction_needed) then
          value = 'Stratonovich, no correction'
       else if (c%correction_exists) then
@@ -257,7 +257,7 @@ contains
       call add(text, 'consistency', value)
    end subroutine add_consistency
 
-   !> The line of symmetry, with the distance from the adjoint where nothing is added to the coefficients.
+   !> The line on symmetry, with the distance from the adjoint if the tableau is the whole step.
    pure subroutine add_symmetry(text, c)
       character(:), allocatable, intent(inout) :: text
       type(certificate_type), intent(in) :: c
@@ -265,20 +265,20 @@ contains
 
       value = yes_no(c%symmetric)
       if (c%structure /= evidence_claimed) value = value//', distance from the adjoint '//to_text(c%symmetry_residual)
-      ! Without noise dZ = 0, and what is left is symmetric.
+      ! Without noise dZ = 0, and the rest of the step is symmetric.
       if (c%frame == frame_shift) value = 'without noise only, its shift by dZ comes last'
       if (c%frame == frame_rotation) value = 'without noise only, its noise comes first'
       if (c%structure == evidence_claimed) value = value//', claimed'
       call add(text, 'symmetric', value)
    end subroutine add_symmetry
 
-   !> The line of the invariants, quadratic ones (a = abar) or those bilinear in q and p.
+   !> The line on invariants: all quadratic ones (a = abar), or those that are bilinear in q and p.
    pure subroutine add_invariants(text, c)
       character(:), allocatable, intent(inout) :: text
       type(certificate_type), intent(in) :: c
       character(:), allocatable :: value
 
-      ! Quadratic ones include those of the form q^T D p.
+      ! Quadratic invariants include invariants of the form q^T D p.
       if (c%keeps_quadratic) then
          value = 'preserved exactly'
       else if (c%keeps_bilinear) then
@@ -308,7 +308,8 @@ contains
 
       do i = 1, norder
          call describe(c%order(i), value)
-         ! Nested brackets give order 2 to commutative noises; those of noises among each other, crossed, to all.
+         ! Nested brackets give order 2 for commutative noises; crossed brackets, of noises with each other, for
+         ! all noises.
          if (i == weak_order .and. c%brackets%nested) then
             if (c%brackets%crossed) then
                value = value//' for every noise'
@@ -320,13 +321,14 @@ contains
       end do
    end subroutine add_orders
 
-   !> What is added to the Hamiltonian of a step, and what is asked of the noise; nothing for plain schemes.
+   !> Lines on terms added to the Hamiltonian of a step, and on increments; none for plain schemes.
    pure subroutine add_expansion(text, c)
       character(:), allocatable, intent(inout) :: text
       type(certificate_type), intent(in) :: c
       character(:), allocatable :: brackets, asked
 
-      ! Brackets name what they take of the path; other schemes that take more than dW say what.
+      ! Lines on brackets name their functionals of the path; for other schemes that take more than dW, name them
+      ! here.
       if (.not. c%brackets%are_added() .and. .not. c%asks%is_empty()) then
          call name_functionals(c%asks, asked)
          call add(text, 'increments', asked//' beside dW')
@@ -363,7 +365,7 @@ contains
       call add(text, 'explicit', value)
    end subroutine add_explicit
 
-   !> The line of gradients and unknowns: of explicit schemes per step, of implicit ones per iteration.
+   !> The line on cost: gradients and unknowns, of explicit schemes per step, of implicit schemes per iteration.
    pure subroutine add_cost(text, c)
       character(:), allocatable, intent(inout) :: text
       type(certificate_type), intent(in) :: c
@@ -382,7 +384,7 @@ contains
       call add(text, 'cost per step', value)
    end subroutine add_cost
 
-   !> What a model must be, for the schemes that not every model can have.
+   !> The line on conditions that a model must meet, for schemes that have some.
    pure subroutine add_needs(text, c)
       character(:), allocatable, intent(inout) :: text
       type(certificate_type), intent(in) :: c
@@ -392,7 +394,7 @@ contains
          call add(text, 'needs', 'H_pp not singular, noises in position or all additive: '// &
                   'nodes that see different velocities of the noise tear their momenta apart')
       associate (needs => c%needs)
-         ! Needs of the noise are told first, then those of the kinetic energy and of the linear part.
+         ! First conditions on the noise, then on the kinetic energy and the linear part.
          if (needs%additive) then
             value = 'additive noise'
             if (needs%position_noise) value = value//' in p alone'
@@ -412,7 +414,7 @@ contains
       call add(text, 'needs', value)
    end subroutine add_needs
 
-   !> All lines, in the order: what it is, what it preserves, how accurate it is, what it costs, what it needs.
+   !> Write all lines in this order: form, invariants, accuracy, cost, conditions on the model.
    pure subroutine write_certificate(c, text)
       type(certificate_type), intent(in) :: c
       character(:), allocatable, intent(out) :: text

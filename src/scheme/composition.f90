@@ -31,7 +31,7 @@ contains
       type(scheme_type), intent(out) :: scheme  !! not the same variable as base
       type(scheme_type), intent(in) :: base
       type(error_type), allocatable, intent(inout) :: error
-      character(*), intent(in), optional :: name  !! default: that of base with _adjoint
+      character(*), intent(in), optional :: name  !! default: the name of base with _adjoint
       integer :: r, s
 
       if (base%form == ito_form) call raise(error, incompatible, 'adjoint_scheme', &
@@ -73,8 +73,8 @@ contains
       r = size(alpha)
       do j = 1, r
          do i = 1, r
-            ! The step back begins where the step has ended: what is summed up to stage i from the end is the whole
-            ! less the part up to it from the start.
+            ! The step back begins at the end of the step: a sum from the end to stage i is the whole sum less the
+            ! sum from the start to stage i.
             adjoint(i, j) = alpha(r + 1 - j) - a(r + 1 - i, r + 1 - j)
             if (abs(adjoint(i, j)) < 8*epsilon(1.0_wp)) adjoint(i, j) = 0
          end do
@@ -96,7 +96,7 @@ contains
 
       call check_parts(parts, fractions, error)
       if (allocated(error)) return
-      ! The stages of part k stand behind those of the parts before it, in a lower block triangle.
+      ! The stages of part k follow the stages of earlier parts, in a lower block triangle.
       r = sum(parts%nstage)
       scheme%form = tableau_form
       scheme%nstage = r
@@ -112,8 +112,8 @@ contains
       do k = 2, size(parts)
          scheme%reference = scheme%reference//', '//parts(k)%name
       end do
-      ! The conditions are known up to order four; where all parts have a higher order, the whole has at least that of
-      ! the least.
+      ! Order conditions are known up to order four. If all parts have a higher order, the whole has at least the
+      ! lowest order of the parts.
       order = max(tableau_order(scheme%a, scheme%abar, scheme%alpha), minval(parts%order_noise_free))
       call declare_properties(scheme, order)
       ! A symmetric scheme has even order: an odd one that is proven is exceeded.
@@ -129,7 +129,7 @@ contains
       real(wp), intent(in) :: fraction  !! that of this part
       integer :: last, i
 
-      ! Of all increments the part has `fraction`, in proportion to time: its own matrices and weights are scaled.
+      ! The part takes the fraction `fraction` of time and of all increments: scale its matrices and weights.
       last = first + part%nstage
       scheme%c(first + 1:last) = start + fraction*part%c
       scheme%alpha(first + 1:last) = fraction*part%alpha
@@ -192,14 +192,13 @@ contains
                     'take a plain scheme such as midpoint or gauss2')
    end subroutine check_plain
 
-   !> A half step of the scheme followed by a half step of its adjoint: symmetric, of even order.
-   !> That of [WHSB] (89)-(90) is the Stoermer-Verlet scheme.
-   !> Errors: those of adjoint_scheme and composed_scheme.
+   !> A half step of the scheme followed by a half step of its adjoint: symmetric, of even order. From (89)-(90) of
+   !> [WHSB] it makes the Stoermer-Verlet scheme. Errors: the errors of adjoint_scheme and composed_scheme.
    subroutine symmetric_composition(scheme, base, error, name)
       type(scheme_type), intent(out) :: scheme  !! not the same variable as base
       type(scheme_type), intent(in) :: base
       type(error_type), allocatable, intent(inout) :: error
-      character(*), intent(in), optional :: name  !! default: that of base with _symmetric
+      character(*), intent(in), optional :: name  !! default: the name of base with _symmetric
       type(scheme_type) :: parts(2)
       character(:), allocatable :: own_name
 
@@ -213,14 +212,14 @@ contains
       call composed_scheme(scheme, parts, [0.5_wp, 0.5_wp], own_name, error)
    end subroutine symmetric_composition
 
-   !> Fractions g, 1-2g, g with g = 1/(2 - 2^{1/(p+1)}) of a symmetric scheme of even order p: order
-   !> p+2 without noise (Yoshida 1990; Suzuki 1990; Misawa 2010 for stochastic systems).
-   !> Errors: incompatible for a scheme that is not symmetric; those of composed_scheme.
+   !> Fractions g, 1-2g, g with g = 1/(2 - 2^{1/(p+1)}) of a symmetric scheme of even order p: order p+2 without
+   !> noise (Yoshida 1990; Suzuki 1990; Misawa 2010 for stochastic systems). Errors: incompatible for a scheme that
+   !> is not symmetric; the errors of composed_scheme.
    subroutine triple_jump(scheme, base, error, name)
       type(scheme_type), intent(out) :: scheme  !! not the same variable as base
       type(scheme_type), intent(in) :: base
       type(error_type), allocatable, intent(inout) :: error
-      character(*), intent(in), optional :: name  !! default: that of base with _triple_jump
+      character(*), intent(in), optional :: name  !! default: the name of base with _triple_jump
       type(scheme_type) :: parts(3)
       character(:), allocatable :: own_name
       real(wp) :: g, fractions(3)
@@ -243,8 +242,7 @@ contains
       parts(3) = base
       call composed_scheme(scheme, parts, fractions, own_name, error)
       if (allocated(error)) return
-      ! composed_scheme has found what the conditions up to order four tell; beyond them the order is known by
-      ! construction.
+      ! composed_scheme derives orders up to four from the conditions; higher orders are known by construction.
       call declare_properties(scheme, base%order_noise_free + 2)
    end subroutine triple_jump
 

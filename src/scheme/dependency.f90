@@ -31,13 +31,12 @@ contains
       is_explicit = known == size(order)
    end function is_explicit
 
-   !> Stage values in an order in which each needs only earlier ones, i for Q_i and nstage+i for
-   !> P_i. The first `known` entries count; what is left must be solved for, nothing where the scheme
-   !> is explicit.
+   !> Order the stage values so that each needs earlier ones only, i for Q_i and nstage+i for P_i. The first `known`
+   !> entries hold them; the other values must be solved for. An explicit scheme has no others.
    pure subroutine evaluation_order(scheme, separable, order, known)
       type(scheme_type), intent(in) :: scheme            !! not of Galerkin form
       logical, intent(in) :: separable                   !! every H_j(q,p) = T_j(p) + U_j(q)
-      integer, intent(out) :: order(2*scheme%nstage)     !! 0 past the first known ones
+      integer, intent(out) :: order(2*scheme%nstage)     !! 0 after the first `known` entries
       integer, intent(out) :: known
       logical :: needs(2*scheme%nstage, 2*scheme%nstage), done(2*scheme%nstage)
       integer :: i, before
@@ -47,7 +46,7 @@ contains
       order = 0
       known = 0
       before = -1
-      ! Take every value whose needs are all done, until a pass finds none: on an acyclic graph all are taken.
+      ! Take every value whose needs are all taken, until a pass finds none: on an acyclic graph it takes all.
       do while (known > before)
          before = known
          do i = 1, size(done)
@@ -59,9 +58,9 @@ contains
       end do
    end subroutine evaluation_order
 
-   !> Values for each degree of freedom that must be solved for together: stage values on or between
-   !> cycles, equal ones counted once; for Galerkin data the momenta at the nodes and the control
-   !> points.
+   !> Number of coupled unknowns for each degree of freedom: a stage value counts if it lies on a cycle of the
+   !> dependency graph or between two; equal values count once. Of Galerkin data, the momenta at the nodes and the
+   !> control points count.
    pure integer function implicit_unknowns(scheme, separable) result(unknowns)
       type(scheme_type), intent(in) :: scheme
       logical, intent(in) :: separable
@@ -77,8 +76,8 @@ contains
       end if
       needs = dependencies(scheme, separable)
       left = .true.
-      ! What remains needs something that remains, and is needed by something that remains. Each pass that changes
-      ! anything takes one value at least, so that twice their number is more than enough passes.
+      ! Keep values that need a value of the rest and are needed by one. Each pass that changes the rest removes at
+      ! least one value, so twice their number of passes suffices.
       do i = 1, 2*size(left)  ! from the front: known already; from the back: known afterwards
          do j = 1, size(left)
             keep(j) = any(needs(j, :) .and. left) .and. any(needs(:, j) .and. left)
@@ -121,7 +120,7 @@ contains
 
       r = scheme%nstage
       repeats = .false.
-      ! Values of Q are compared with values of Q, those of P with those of P; k is where the kind of i begins.
+      ! Compare values of Q with values of Q, and of P with P; value k + 1 is the first of the kind of value i.
       do j = 1 + r*((i - 1)/r), i - 1
          if (.not. left(j)) cycle
          k = r*((i - 1)/r)

@@ -34,7 +34,7 @@ module symsde_scheme_discrete_lagrangian
    private
    public :: scheme_from_quadrature, scheme_from_end_point_rule, collocation, max_degree
 
-   integer, parameter :: max_degree = 8             !! of the polynomial; Gauss 4 integrates it exactly
+   integer, parameter :: max_degree = 8             !! degree of the polynomial; Gauss 4 integrates it exactly
    real(wp), parameter :: node_distance = 1e-6_wp   !! nodes closer than this count as repeated
    real(wp), parameter :: tolerance = 64*epsilon(1.0_wp)
    character(*), parameter :: place = 'scheme_from_quadrature'
@@ -63,7 +63,7 @@ contains
          call check_numbers(degree, nodes, noise_weights, 'noise weights', error)
       if (.not. allocated(error)) call check_choice(degree, nodes, weights, error)
       if (allocated(error)) return
-      ! The noise shares the weights of the drift unless it has its own.
+      ! The noise has the weights of the drift unless other weights are given.
       beta = weights
       if (present(noise_weights)) beta = noise_weights
       order = ascending(nodes)
@@ -80,8 +80,7 @@ contains
       else
          call fill_galerkin(scheme)
       end if
-      ! The order without noise is limited by the polynomial, 2 s, and by the rule, whose degree of exactness is one
-      ! less than its order.
+      ! The polynomial limits the order without noise to 2 s, and the rule to its degree of exactness plus one.
       exactness = exactness_degree(nodes, weights)
       call declare_properties(scheme, min(2*degree, exactness + 1))
    end subroutine scheme_from_quadrature

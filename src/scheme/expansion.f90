@@ -62,7 +62,7 @@ contains
          call declare(scheme, law_three_point, 0.0_wp, 0.0_wp, 2.0_wp)
       case ('midpoint_weak1')
          call declare(scheme, law_two_point, 0.0_wp, 0.0_wp, 1.0_wp)
-      case default  ! the base as it is
+      case default  ! leave the base unchanged
       end select
       scheme%reference = 'modified one-step Hamiltonian on '//base_of(name)//' (log-ODE; Castell 1993)'
       if (scheme%law /= law_gaussian) then

@@ -24,7 +24,7 @@ module symsde_scheme_galerkin_tableau
 
 contains
 
-   !> The tableau; not allocated where the scheme is none for this model.
+   !> Find the tableau; it is not allocated if the scheme has none for this model.
    pure subroutine find_tableau(scheme, traits, tableau)
       type(scheme_type), intent(in) :: scheme
       type(model_traits), intent(in) :: traits
@@ -52,8 +52,8 @@ contains
       tableau%bbar = tableau%abar
    end subroutine find_tableau
 
-   !> Values of the phi_m and Phi_m at the nodes, from those of the l_mu' and l_mu, mu = 1..s, which vanish at 0. Twice,
-   !> so that nothing is left of rounding.
+   !> Values of the phi_m and Phi_m at the nodes, from values of the l_mu' and l_mu, mu = 1..s, which vanish at 0. A
+   !> second pass removes the rounding errors of the first.
    pure subroutine orthogonalise(scheme, phi, integral, norm)
       type(scheme_type), intent(in) :: scheme  !! in Galerkin form
       real(wp), intent(out), dimension(scheme%nstage, scheme%degree) :: phi, integral

@@ -34,12 +34,12 @@ module symsde_scheme_kicks
 
    enum, bind(c)
       enumerator :: flow_free = 0      !! of the kinetic energy
-      enumerator :: flow_rotation = 1  !! of it and a linear part whose frequencies the model declares
-      enumerator :: flow_midpoint = 2  !! of H, by the implicit midpoint rule
+      enumerator :: flow_rotation = 1  !! flow of p.M^-1 p/2 and of a linear part with declared frequencies
+      enumerator :: flow_midpoint = 2  !! step of H by the implicit midpoint rule
    end enum
 
    type :: kicks_type
-      real(wp), allocatable :: c(:)        !! where in the step, 0 <= c_1 < c_2 < .. <= 1 (nkick)
+      real(wp), allocatable :: c(:)        !! times in the step, 0 <= c_1 < c_2 < .. <= 1 (nkick)
       real(wp), allocatable :: b(:)        !! part of the potential U (nkick)
       real(wp), allocatable :: beta(:)     !! part of dW (nkick)
       real(wp), allocatable :: gamma(:)    !! factor of a (nkick)
@@ -48,7 +48,7 @@ module symsde_scheme_kicks
       real(wp), allocatable :: share(:)    !! s: part of the potential with D, their sum is one (nkick)
       real(wp) :: zeta = 0                 !! factor of K in V
       logical :: samples = .false.         !! J is sampled, else its mean is used
-      integer :: flow = flow_free          !! what happens between kicks: one of the enumerators
+      integer :: flow = flow_free          !! flow between kicks: one of the enumerators
    contains
       procedure :: uses_dz
       procedure :: uses_k
@@ -57,14 +57,14 @@ module symsde_scheme_kicks
 
 contains
 
-   !> Kicks from the coefficients that are not zero; share is b where it is not given.
+   !> Make kicks from the coefficients given, others being zero; share is b by default.
    pure subroutine new_kicks(kicks, c, b, gamma, eta, kappa, zeta, share, flow)
       type(kicks_type), intent(out) :: kicks
       real(wp), intent(in) :: c(:), b(:)           !! (nkick)
       real(wp), intent(in), optional :: gamma(:)   !! (nkick)
       real(wp), intent(in), optional :: eta(:), kappa(:), share(:) !! (nkick)
       real(wp), intent(in), optional :: zeta
-      integer, intent(in), optional :: flow        !! with flow_midpoint b is what the kicks have of the noises
+      integer, intent(in), optional :: flow        !! with flow_midpoint b weighs noises alone
 
       kicks%c = c
       kicks%b = b
@@ -80,7 +80,7 @@ contains
       if (present(zeta)) kicks%zeta = zeta
    end subroutine new_kicks
 
-   !> Whether kicks follow dZ: paths are meant then. Those of dW alone are meant for means.
+   !> Whether kicks follow dZ: then the scheme approximates paths. With kicks of dW alone it approximates means.
    pure logical function uses_dz(self)
       class(kicks_type), intent(in) :: self
 

@@ -2,7 +2,7 @@
 !>    additive        H_k linear in (q, p)          identity_mass   H = p.p/2 + U(t,q)
 !>    position_noise  H_k(t,q)                      constant_mass   H = p.M^-1 p/2 + U(t,q)
 !>
-!> What a scheme needs of a model, against what the model declares by its traits.
+!> Compare the needs of a scheme with the traits that a model declares.
 module symsde_scheme_needs
    use symsde_base_traits, only: model_traits
    use symsde_scheme_scheme, only: scheme_type

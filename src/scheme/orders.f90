@@ -27,34 +27,34 @@ module symsde_scheme_orders
    character(len=15), parameter :: order_names(norder) = ['additive noise ', 'commutative    ', 'general        ', &
                                                           'commuting flows', 'weak           ']
    enum, bind(c)
-      enumerator :: evidence_none = 0      !! no such order: does not converge, or is not made for such noise
+      enumerator :: evidence_none = 0      !! no order: diverges, or is not made for such noise
       enumerator :: evidence_claimed = 1
       enumerator :: evidence_derived = 2   !! from the coefficients
    end enum
 
    type :: order_type
       real(wp) :: value = 0                  !! 0 = none
-      integer :: evidence = evidence_none    !! what the value rests on
-      character(len=26) :: problem = ''      !! on which it was measured; blank = it was not
+      integer :: evidence = evidence_none    !! what shows the value
+      character(len=26) :: problem = ''      !! problem of the measurement; blank = not measured
       real(wp) :: measured = 0               !! the slope of the error over the step
-      real(wp) :: half_width = 0             !! of its 95 % interval
+      real(wp) :: half_width = 0             !! half-width of the 95 % interval
       real(wp) :: floor = 0                  !! error of the reference over the smallest error that counts
    end type order_type
 
 contains
 
-   !> An order with its evidence; a value of zero has none.
+   !> Set an order and its evidence; a value of zero has no evidence.
    pure subroutine set_order(order, value, evidence)
       type(order_type), intent(inout) :: order
       real(wp), intent(in) :: value
       integer, intent(in) :: evidence
 
-      ! No order is no evidence: a scheme that does not converge claims nothing.
+      ! A scheme that does not converge has order zero, and claims nothing.
       order%value = value
       order%evidence = merge(evidence, evidence_none, value > 0)
    end subroutine set_order
 
-   !> The word that the certificate has for what an order rests on.
+   !> The certificate's word for the evidence of an order.
    pure function evidence_text(evidence) result(text)
       integer, intent(in) :: evidence
       character(len=merge(7, merge(7, 4, evidence == evidence_derived), evidence == evidence_claimed)) :: text

@@ -38,8 +38,8 @@ contains
       logical :: consistent, correctable
       real(wp) :: commutative, commuting
 
-      ! The factor of the term H_k,qp H_k,p dW^2 and its like in an expansion of the step is beta^T b e, that of the
-      ! Stratonovich equation is 1/2.
+      ! In the expansion of a step the factor of the term H_k,qp H_k,p dW^2 and its like is beta^T b e; in the
+      ! Stratonovich equation it is 1/2.
       consistent = abs(stratonovich_sum(scheme) - 0.5_wp) < coefficient_tolerance .and. &
                    abs(conjugate_stratonovich_sum(scheme) - 0.5_wp) < coefficient_tolerance
       correctable = abs(stratonovich_sum(scheme) + conjugate_stratonovich_sum(scheme) - 1) < &
@@ -62,8 +62,8 @@ contains
       scheme%sharp = commutative > 0
    end subroutine declare_properties
 
-   !> beta^T b e, one half for schemes that converge to the Stratonovich equation as they stand;
-   !> Galerkin schemes with more nodes than degrees are built only where it is.
+   !> beta^T b e: one half for schemes that converge to the Stratonovich equation without correction. Galerkin
+   !> schemes with more nodes than degrees are built only if it is one half.
    pure real(wp) function stratonovich_sum(scheme)
       type(scheme_type), intent(in) :: scheme
 
@@ -72,7 +72,7 @@ contains
          stratonovich_sum = dot_product(scheme%beta, sum(scheme%b, dim=2))
    end function stratonovich_sum
 
-   !> beta^T bbar e, which symplecticity ties to beta^T b e: their sum is one.
+   !> beta^T bbar e; by symplecticity beta^T b e + beta^T bbar e = 1.
    pure real(wp) function conjugate_stratonovich_sum(scheme)
       type(scheme_type), intent(in) :: scheme
 
@@ -182,7 +182,7 @@ contains
       end do
    end function tableau_order
 
-   !> An order condition: the weight of a tree is one over its density.
+   !> Require an order condition: the weight of a tree is one over its density.
    pure subroutine require(worst, weight, density)
       real(wp), intent(inout) :: worst  !! largest residual of this order so far
       real(wp), intent(in) :: weight

@@ -19,7 +19,7 @@ module symsde_scheme_quadrature
       'gauss1', 'gauss2', 'gauss3', 'gauss4', 'lobatto2', 'lobatto3', 'lobatto4', & !&
       'radau_left2', 'radau_left3', 'radau_right2', 'radau_right3'] !&
    ! A rule that is exact misses a moment by rounding of nodes and weights alone.
-   real(wp), parameter :: tolerance = 64*epsilon(1.0_wp)  !! of a moment that ought to vanish
+   real(wp), parameter :: tolerance = 64*epsilon(1.0_wp)  !! of a moment that should vanish
 
 contains
 
@@ -134,7 +134,7 @@ contains
       real(wp) :: x
 
       x = sqrt(6.0_wp)
-      ! The rules on the right are those on the left seen backwards, c_i -> 1 - c_i.
+      ! The right rules are the left rules reversed, c_i -> 1 - c_i.
       select case (name)
       case ('radau_left2')
          ! Since int t^2 dt = 1/3 = (3/4) (2/3)^2, the rule is exact to degree two.
@@ -152,9 +152,8 @@ contains
       end select
    end subroutine radau
 
-   !> Largest d such that polynomials up to degree d are integrated exactly over [0,1]; -1 when the
-   !> weights do not even sum to one. Tested on Legendre's polynomials, whose moments vanish without
-   !> cancellation; d is at most 2 nnode - 1.
+   !> Largest d such that polynomials up to degree d are integrated exactly over [0,1]; -1 if the weights do not sum
+   !> to one. Tested on Legendre's polynomials, whose moments vanish without cancellation; d is at most 2 nnode - 1.
    pure integer function exactness_degree(nodes, weights) result(degree)
       real(wp), intent(in) :: nodes(:)    !! (nnode)
       real(wp), intent(in) :: weights(:)  !! (nnode)

@@ -42,8 +42,7 @@ module symsde_scheme_scheme
       enumerator :: splitting_form = 4 !! executed from kicks
    end enum
    enum, bind(c)
-      ! These say what is added to Hhat so that a scheme with beta^T b e = lambda /= 1/2 meets the Stratonovich
-      ! equation.
+      ! Terms added to Hhat so that a scheme with beta^T b e = lambda /= 1/2 meets the Stratonovich equation.
       enumerator :: correction_auto = 0        !! increments form, or none where the traits prove it vanishes
       enumerator :: correction_none = 1
       enumerator :: correction_mean = 2        !! (1/2-lambda) |h| sum_k H_{k,p}.H_{k,q}
@@ -52,13 +51,13 @@ module symsde_scheme_scheme
 
    ! what surrounds the step of the tableau, in schemes for some noise alone (scheme/additive)
    enum, bind(c)
-      enumerator :: frame_none = 0      !! nothing: the tableau is the step
+      enumerator :: frame_none = 0      !! the tableau is the whole step
       enumerator :: frame_shift = 1     !! a shift of q by dZ - h dW/2 comes last
       enumerator :: frame_mean_path = 2 !! positions and momenta are seen from the mean of the path, which dZ tells
       enumerator :: frame_rotation = 3  !! the noise comes first, then drifts that are rotations
    end enum
 
-   !> What a model must declare. Each is the name of a trait.
+   !> Traits that a model must declare; each component has the name of a trait.
    type :: model_needs
       logical :: additive = .false.
       logical :: position_noise = .false.
@@ -66,8 +65,8 @@ module symsde_scheme_scheme
       logical :: identity_mass = .false.
       logical :: constant_mass = .false.      !! identity_mass will do
       logical :: rotation = .false.           !! frequencies of the linear part of H
-      character(:), allocatable :: why        !! the scheme has such needs, for messages
-      character(:), allocatable :: instead    !! what to use where the model declares less
+      character(:), allocatable :: why        !! why the scheme needs them, for messages
+      character(:), allocatable :: instead    !! scheme for models that declare less
    end type model_needs
 
    !> Brackets added to the one-step Hamiltonian (step/hamiltonian/brackets), for orders beyond one.
@@ -82,7 +81,7 @@ module symsde_scheme_scheme
 
    type :: scheme_type
       character(:), allocatable :: name       !! name in the catalogue, or the user's
-      character(:), allocatable :: reference  !! where the scheme stands in the literature
+      character(:), allocatable :: reference  !! source in the literature
       integer :: form = tableau_form
       integer :: nstage = 0                   !! r: stages, quadrature nodes
       real(wp), allocatable :: c(:)           !! nodes in [0,1], one time per stage (nstage)
@@ -93,12 +92,12 @@ module symsde_scheme_scheme
       integer :: degree = 0                   !! s: degree of the polynomial; 0 = not from a polynomial
       real(wp), allocatable :: basis(:, :)    !! l_mu(c_i), Galerkin form only (nstage, 0:degree)
       real(wp), allocatable :: slope(:, :)    !! l_mu'(c_i), Galerkin form only (nstage, 0:degree)
-      type(kicks_type) :: kicks               !! of splitting form, or where the frame is a rotation
+      type(kicks_type) :: kicks               !! of the splitting form, and of the frame with a rotation
       type(functional_set) :: asks            !! functionals of the path that a step needs beside dW
       type(bracket_terms) :: brackets         !! added to the one-step Hamiltonian
       integer :: frame = frame_none           !! what surrounds the step of the tableau
       type(model_needs) :: needs              !! of a model
-      character(:), allocatable :: remark     !! what else is known of it, for the certificate
+      character(:), allocatable :: remark     !! more facts on the scheme, for its certificate
       integer :: law = law_gaussian           !! law of the increments that a run draws (base/laws)
       logical :: symplectic = .false.
       logical :: symmetric = .false.          !! equal to its adjoint
@@ -134,7 +133,7 @@ contains
          equal = .not. (any(abs(self%a - self%b) > 0) .or. any(abs(self%abar - self%bbar) > 0))
    end function noise_coefficients_equal
 
-   !> Whether any bracket is added to the one-step Hamiltonian; crossed ones come with nested ones alone.
+   !> Whether any bracket is added to the one-step Hamiltonian; crossed brackets come only with nested ones.
    pure logical function are_added(self)
       class(bracket_terms), intent(in) :: self
 
@@ -153,9 +152,9 @@ contains
                     abs(self%alpha(1) - 1) <= 0 .and. abs(self%c(1) - 0.5_wp) <= 0
    end function is_midpoint
 
-   !> Whether this is symplectic Euler or its adjoint: one stage, lambda = 0 or 1, drift and noise alike.
-   !> These are a = 0, abar = 1 and a = 1, abar = 0, with alpha = 1 and the node c = a. A scheme with a node of the
-   !> user's own is left to the general stepper.
+   !> Whether this is symplectic Euler or its adjoint: one stage, lambda = 0 or 1, drift and noise alike. Then a =
+   !> 0, abar = 1 or a = 1, abar = 0, with alpha = 1 and the node c = a. The general stepper takes a scheme with
+   !> another node.
    pure logical function is_euler_pair(self)
       class(scheme_type), intent(in) :: self
 
@@ -182,7 +181,7 @@ contains
    !> The partner abar_ij = alpha_j - alpha_j a_ji/alpha_i that makes (a, abar, alpha) symplectic.
    pure function symplectic_conjugate(a, alpha) result(abar)
       real(wp), intent(in) :: a(:, :)    !! (nstage, nstage)
-      real(wp), intent(in) :: alpha(:)   !! none of them zero (nstage)
+      real(wp), intent(in) :: alpha(:)   !! all nonzero (nstage)
       real(wp) :: abar(size(alpha), size(alpha))
       integer :: i, j
 
@@ -194,8 +193,7 @@ contains
       end do
    end function symplectic_conjugate
 
-   !> Coefficients that are zero but for rounding become zero, so that what is explicit is seen to
-   !> be.
+   !> Round coefficients within rounding of zero to zero, so that explicit schemes are recognised.
    elemental real(wp) function tidy(x)
       real(wp), intent(in) :: x
 

@@ -32,7 +32,7 @@ module symsde_scheme_splitting
 
 contains
 
-   !> One of them, by name; known says whether the name is one.
+   !> Get a splitting scheme by name; known is false if no splitting scheme has this name.
    subroutine splitting_scheme(scheme, name, known, error)
       type(scheme_type), intent(out) :: scheme
       character(*), intent(in) :: name
@@ -81,7 +81,7 @@ contains
       if (.not. allocated(error)) call set_orders(scheme, kicks)
    end subroutine splitting_scheme
 
-   !> What follows from the coefficients.
+   !> Set the properties that follow from the coefficients.
    subroutine complete(scheme, name, kicks, error)
       type(scheme_type), intent(inout) :: scheme
       character(*), intent(in) :: name
@@ -112,7 +112,8 @@ contains
       if (kicks%uses_dz()) scheme%asks = functionals([path_dz])
       scheme%asks%has(path_stt_area) = kicks%uses_k()
       scheme%asks%has(path_magnus) = kicks%samples
-      ! Drifts, kicks and rotations are exact flows, and the midpoint rule is symplectic: so is what they compose.
+      ! Drifts, kicks and rotations are exact flows, and the midpoint rule is symplectic: their composition is
+      ! symplectic.
       scheme%symplectic = .true.
       scheme%symmetric = is_palindrome(kicks)
    end subroutine complete
@@ -124,9 +125,9 @@ contains
       has_products = kicks%samples .or. any(abs(kicks%kappa) > 0) .or. abs(mean_coefficient(kicks)) > 0
    end function has_products
 
-   !> Orders hold for noise in position with a constant mass (any H where midpoint steps have no products beside
-   !> them); other models are refused. The strong ones follow from the moments that the kicks meet, since the mean of
-   !> the second Magnus term is taken away by construction; with dW alone there is the weak one.
+   !> Set orders. They hold for noise in position and constant mass (with midpoint steps and no products beside
+   !> them, for any H); other models are refused. Strong orders follow from the moments that the kicks meet, since
+   !> the mean of the second Magnus term is subtracted by construction. Kicks of dW alone have a weak order.
    pure subroutine set_orders(scheme, kicks)
       type(scheme_type), intent(inout) :: scheme
       type(kicks_type), intent(in) :: kicks

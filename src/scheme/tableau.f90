@@ -27,16 +27,16 @@ module symsde_scheme_tableau
 
 contains
 
-   !> The scheme of the tableau (a, abar, alpha) for the drift and (b, bbar, beta) for the noise, by
-   !> default the same. Its times are the row sums of a, or c. A tableau that is not symplectic is
-   !> refused unless it is asked for; it is then flagged symplectic = .false.
-   !> Errors: wrong_shape, invalid_argument (numbers), incompatible (not symplectic).
+   !> The scheme of the tableau (a, abar, alpha) for the drift and (b, bbar, beta) for the noise, by default the
+   !> same. Stage times are the row sums of a, or c. A tableau that is not symplectic is refused unless
+   !> allow_nonsymplectic is set; its scheme then has symplectic = .false. Errors: wrong_shape, invalid_argument
+   !> (numbers), incompatible (not symplectic).
    subroutine scheme_from_tableau(scheme, a, abar, alpha, name, allow_nonsymplectic, error, &
                                   b, bbar, beta, c)
       type(scheme_type), intent(out) :: scheme
       real(wp), intent(in) :: a(:, :)     !! drift coefficients of Q (nstage, nstage)
       real(wp), intent(in) :: abar(:, :)  !! drift coefficients of P (nstage, nstage)
-      real(wp), intent(in) :: alpha(:)    !! weights, their sum is one (nstage)
+      real(wp), intent(in) :: alpha(:)    !! weights; their sum is one (nstage)
       character(*), intent(in) :: name
       logical, intent(in) :: allow_nonsymplectic
       type(error_type), allocatable, intent(inout) :: error
@@ -46,8 +46,8 @@ contains
       real(wp), intent(in), optional :: c(:)        !! times of the stages, default row sums of a (nstage)
       real(wp) :: residual
 
-      ! The shapes come first, then the sums: a sum of weights means nothing before their number is right. Each check
-      ! leaves an error that stands as it is.
+      ! Check shapes first, then sums: a sum of weights means nothing if their number is wrong. A check keeps an
+      ! error that an earlier one has raised.
       call check_vector('alpha', alpha, size(alpha), error)
       call check_matrix('a', a, size(alpha), error)
       call check_matrix('abar', abar, size(alpha), error)
@@ -58,7 +58,7 @@ contains
       call check_sum('alpha', alpha, error)
       if (present(beta)) call check_sum('beta', beta, error)
       if (allocated(error)) return
-      ! The noise has the coefficients of the drift unless it has its own.
+      ! The noise has the coefficients of the drift unless others are given.
       call fill(scheme, a, abar, alpha)
       ! Position Verlet, for one, has times that are no row sums of a: its force is taken in the middle of the step.
       if (present(c)) scheme%c = c
@@ -77,11 +77,11 @@ contains
                     'allow_nonsymplectic')
          return
       end if
-      ! Without noise the order is that of (a, abar, alpha) alone.
+      ! The order without noise depends on (a, abar, alpha) alone.
       call declare_properties(scheme, tableau_order(a, abar, alpha))
    end subroutine scheme_from_tableau
 
-   !> Copy the coefficients; the noise has those of the drift.
+   !> Copy the coefficients, for the drift and for the noise.
    pure subroutine fill(scheme, a, abar, alpha)
       type(scheme_type), intent(inout) :: scheme
       real(wp), intent(in) :: a(:, :), abar(:, :), alpha(:)
@@ -91,8 +91,8 @@ contains
       scheme%alpha = alpha
       scheme%a = a
       scheme%abar = abar
-      ! The time of a stage is that of Q_i, one for H_p and H_q alike: two times in a stage would break symplecticity
-      ! where H(t,q,p) is not separable.
+      ! Stage i has one time, of Q_i, for H_p and H_q alike: two times in a stage would break symplecticity if
+      ! H(t,q,p) is not separable.
       scheme%c = sum(a, dim=2)
       scheme%beta = alpha
       scheme%b = a
