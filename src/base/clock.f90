@@ -1,5 +1,5 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> The clock of the wall, for timings and for how often a host is told of progress. No result depends on it.
+!> Wall-clock time, for timings and for the intervals of progress reports. No result depends on it.
 module symsde_base_clock
    use symsde_base_kinds, only: wp, i8
    implicit none

@@ -1,5 +1,5 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> Counts of what a run did, per path: the proof of what was left out.
+!> Counts of the work of a run, summed over paths: they prove which work was left out.
 module symsde_base_counters
    use symsde_base_kinds, only: i8
    implicit none
@@ -15,11 +15,11 @@ module symsde_base_counters
       integer(i8) :: hessian_vectors = 0  !! Hessian-vector products
       integer(i8) :: iterations = 0       !! Newton or fixed-point iterations, each until its own lane was done
       integer(i8) :: solves = 0           !! linear systems solved
-      integer(i8) :: pivoted_solves = 0   !! of these, with exchanges of rows
-      integer(i8) :: lapack_solves = 0    !! of these again, by LAPACK
+      integer(i8) :: pivoted_solves = 0   !! solves with exchanges of rows
+      integer(i8) :: lapack_solves = 0    !! solves by LAPACK, with exchanges of rows
       integer(i8) :: failures = 0         !! path-steps that Newton from zero increments did not solve
-      integer(i8) :: damped = 0           !! of these, solved by damped Newton
-      integer(i8) :: continued = 0        !! of these, solved by continuation in the increments
+      integer(i8) :: damped = 0           !! failures that damped Newton solved
+      integer(i8) :: continued = 0        !! failures that continuation in the increments solved
    end type counters_type
 
 contains

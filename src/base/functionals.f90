@@ -40,7 +40,7 @@ module symsde_base_functionals
 
 contains
 
-   !> The set of the functionals in a list, such as [path_dz, path_areas].
+   !> Make the set of the functionals in a list, such as [path_dz, path_areas].
    pure type(functional_set) function functionals(list)
       integer, intent(in) :: list(:)
 
@@ -65,9 +65,9 @@ contains
       end do
    end function columns
 
-   !> Those that have an effect for a model with these traits. Areas multiply brackets {H_l,H_k}, which are
-   !> constant for additive noise and vanish for noise that depends on position; J multiplies H_k,q . H_l,q,
-   !> constant for additive noise; a silent noise has none.
+   !> The functionals that have an effect for a model with these traits. Areas multiply brackets {H_l,H_k}, which
+   !> are constant for additive noise and vanish for noise in position; J multiplies H_k,q . H_l,q, constant for
+   !> additive noise; a silent noise has no functionals.
    pure type(functional_set) function needed_for(self, traits)
       class(functional_set), intent(in) :: self
       type(model_traits), intent(in) :: traits
@@ -93,14 +93,14 @@ contains
       end select
    end function functional_count
 
-   !> Where the area of the noises k < l stands: (1,2), (1,3), (2,3), (1,4), ..
+   !> Column of the area of noises k < l: (1,2), (1,3), (2,3), (1,4), ..
    pure integer function area_index(k, l)
       integer, intent(in) :: k, l  !! 1 <= k < l
 
       area_index = (l - 1)*(l - 2)/2 + k
    end function area_index
 
-   !> Where the value of the noises k <= l stands: (1,1), (1,2), (2,2), (1,3), ..
+   !> Column of the pair of noises k <= l: (1,1), (1,2), (2,2), (1,3), ..
    pure integer function pair_index(k, l)
       integer, intent(in) :: k, l  !! 1 <= k <= l
 

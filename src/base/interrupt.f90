@@ -5,10 +5,10 @@ module symsde_base_interrupt
    private
    public :: interrupt_type
 
-   !> Whoever works looks at it now and then, and where it is wanted returns at once: nothing of the result may be used.
+   !> Long work calls after_part now and then, and returns at once if `wanted` is set; its results are then invalid.
    type, abstract :: interrupt_type
       logical :: wanted = .false.
-      integer, private :: nunseen = 0  !! parts of work since it was looked at
+      integer, private :: nunseen = 0  !! parts of work since the last look
    contains
       procedure, non_overridable :: after_part
       procedure(look_interface), deferred :: look
@@ -17,7 +17,7 @@ module symsde_base_interrupt
    integer, parameter :: until_look = 64
 
    abstract interface
-      !> See whether it is wanted.
+      !> Set `wanted` if the work shall stop.
       subroutine look_interface(self)
          import :: interrupt_type
          class(interrupt_type), intent(inout) :: self

@@ -10,7 +10,7 @@ module symsde_base_kinds
    integer, parameter :: i4 = c_int32_t  !! sizes of a block, codes, lane status
    integer, parameter :: i8 = c_int64_t  !! paths, steps, seeds, counters
 
-   !> What outputs of callbacks hold before a call: the bits of a NaN that no computation makes. They stay an integer
-   !> here, since gfortran keeps of a constant NaN only that it is one.
+   !> Outputs of callbacks are filled with these bits before a call: a NaN that no computation makes. The constant
+   !> is an integer, since gfortran does not keep the bits of a constant NaN.
    integer(i8), parameter :: unwritten_bits = int(z'7FF8A5EED0DDBA11', i8)
 end module symsde_base_kinds

@@ -33,8 +33,8 @@ contains
       if (npath < lanes_for) lanes_for = padded(int(max(npath, 1_i8)))
    end function lanes_for
 
-   !> Lanes of nlane that are taken together, so that an array of them and of ndof columns stays in the nearest cache:
-   !> whole units that divide nlane, `least` lanes or more. One lane is taken by itself.
+   !> Lanes to take together, so that an array of width by ndof numbers stays in the nearest cache: whole units that
+   !> divide nlane, at least `least` lanes. A single lane is its own group.
    pure integer function lanes_together(nlane, ndof, least) result(width)
       integer, intent(in) :: nlane, ndof, least
       integer, parameter :: cached = 1024  ! numbers of one array
@@ -87,7 +87,7 @@ contains
       real(wp), intent(out) :: y(wanted, n)
       integer :: i, done, lane
 
-      if (wanted == nlane) then  ! all of them, as a copy of memory
+      if (wanted == nlane) then  ! all lanes: copy the memory
          call copy(nlane*n, x, y)
          return
       end if
@@ -101,7 +101,7 @@ contains
       end do
    end subroutine slice_lanes
 
-   !> y = x in lanes whose status is 0; others keep what they have.
+   !> y = x in lanes with status 0; in other lanes y stays.
    pure subroutine take_where(nlane, n, status, x, y)
       integer, intent(in) :: nlane, n
       integer(i8), intent(in) :: status(nlane)

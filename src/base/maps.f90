@@ -36,8 +36,8 @@ module symsde_base_maps
    !> A map. A model that knows its equation needs no more; a user's model keeps functions by any label.
    type :: step_map
       integer :: equation = other_map
-      logical :: corrected = .false.              !! of the Euler pair: +-F_p.F_q/2 is added, F = sum_k dW_k H_k
-      character(len=2*name_length) :: label = ''  !! in messages, and among maps of other equations
+      logical :: corrected = .false.              !! of the Euler pair: with +-F_p.F_q/2 added, F = sum_k dW_k H_k
+      character(len=2*name_length) :: label = ''  !! name in messages; maps of other equations differ by it
    end type step_map
 
 contains

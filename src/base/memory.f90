@@ -15,9 +15,9 @@ module symsde_base_memory
    public :: require_memory, require_reserve, memory_for, memory_left
 
    real(wp), parameter :: reserve = 12.0_wp*2**20  !! bytes for texts, small arrays and the allocator itself
-   character(*), parameter :: reserve_text = '12582912'  !! the same: where nothing is left, no number can be written
-   real(wp), parameter :: small = 5.0_wp*2**20    !! bytes that are not asked for beside the reserve
-   real(wp), parameter :: share = 1.02_wp         !! and the allocator's overhead on large ones
+   character(*), parameter :: reserve_text = '12582912'  !! reserve as text: without memory no number can be written
+   real(wp), parameter :: small = 5.0_wp*2**20    !! bytes that need no check beside the reserve
+   real(wp), parameter :: share = 1.02_wp         !! factor for the allocator's overhead on large arrays
 
    interface
       !> 1 where so many bytes, and threads besides the calling one, can be had.
@@ -28,7 +28,7 @@ module symsde_base_memory
          integer(c_int) :: available
       end function symsde_memory_available
 
-      !> Bytes that the control groups of this process leave it; infinity where none has a limit.
+      !> Bytes that the control groups of this process leave; infinity if none has a limit.
       function memory_left() result(bytes) bind(c, name='symsde_groups_leave')
          import :: c_double
          real(c_double) :: bytes
@@ -47,10 +47,10 @@ contains
       memory_for = symsde_memory_available(share*8*numbers + reserve, int(threads, c_int)) /= 0
    end function memory_for
 
-   !> Refuse (out_of_memory) what cannot be held, with the bytes that it needs.
+   !> Refuse (out_of_memory) a request that memory cannot hold, and name its bytes.
    subroutine require_memory(numbers, what, remedy, place, error)
-      real(wp), intent(in) :: numbers          !! of eight bytes, at most at one time
-      character(*), intent(in) :: what, remedy !! what needs them, what to do
+      real(wp), intent(in) :: numbers          !! numbers of eight bytes held at one time, at most
+      character(*), intent(in) :: what, remedy !! object that needs them, advice for the user
       character(*), intent(in) :: place        !! the procedure that would take them
       type(error_type), allocatable, intent(inout) :: error
 
@@ -61,7 +61,7 @@ contains
                  ' bytes of memory, more than this process can have: '//remedy)
    end subroutine require_memory
 
-   !> Refuse (out_of_memory) what begins without the reserve: every entry point asks so before it takes anything.
+   !> Refuse (out_of_memory) to begin without the reserve: every entry point calls this before it allocates.
    subroutine require_reserve(what, place, error)
       character(*), intent(in) :: what   !! what begins
       character(*), intent(in) :: place  !! the procedure that begins it

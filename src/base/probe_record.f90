@@ -21,7 +21,7 @@ module symsde_base_probe_record
    integer, parameter :: most = 32              !! probes that are remembered
    integer(i8), parameter :: prime = 2147483647_i8
 
-   !> What a model and its copies have passed: every call of the library works on a copy.
+   !> Probes that a model and its copies have passed: every call of the library works on a copy.
    type :: common_record
       integer(i8) :: passed(most) = 0  !! numbers, 0 = none
       integer(i8) :: entered = 0       !! how many there were
@@ -42,7 +42,7 @@ module symsde_base_probe_record
 
 contains
 
-   !> From now on passed probes are remembered; none was passed so far.
+   !> Begin to remember passed probes; none is passed so far.
    subroutine keep(self)
       class(probe_record), intent(inout) :: self
 
@@ -51,7 +51,7 @@ contains
       allocate (self%common)
    end subroutine keep
 
-   !> The model has changed: it has passed nothing, whatever its copies have.
+   !> Forget all passed probes, since the model has changed; copies keep theirs.
    subroutine forget(self)
       class(probe_record), intent(inout) :: self
 
@@ -65,7 +65,7 @@ contains
       integer(i8) :: one
       integer :: i
 
-      ! Where nothing is kept nothing was passed: every run probes.
+      ! Without a record no probe counts as passed: every run probes.
       knows = .false.
       if (.not. associated(self%common)) return
       do i = 1, most
@@ -75,9 +75,9 @@ contains
       end do
    end function knows
 
-   !> Remember that a probe was passed. Once the room is full, it takes the place of the oldest.
+   !> Remember that a probe was passed; in a full record it replaces the oldest.
    subroutine enter(self, number)
-      class(probe_record), intent(in) :: self  ! a model is intent(in) where it is run
+      class(probe_record), intent(in) :: self  ! a run has its model as intent(in)
       integer(i8), intent(in) :: number
       integer(i8) :: before
 
@@ -90,13 +90,13 @@ contains
       self%common%passed(1 + int(modulo(before, int(most, i8)))) = number
    end subroutine enter
 
-   !> Take part in the record of another model, of which this one becomes a copy: what one of them passes, both have
-   !> passed.
+   !> Share the record of another model, of which this one becomes a copy: a probe that one of them passes, both
+   !> have passed.
    subroutine share(self, other)
       class(probe_record), intent(inout) :: self
       type(probe_record), intent(in) :: other
 
-      ! A model that is copied onto itself must not release what it holds.
+      ! A model that is copied onto itself must keep its record.
       if (associated(self%common, other%common)) return
       call self%release()
       if (.not. associated(other%common)) return
@@ -120,9 +120,9 @@ contains
       nullify (self%common)
    end subroutine release
 
-   !> The number of a probe, made from all that it depends on: what is probed (or which stepper takes whole steps, and
-   !> the step), what the model declares, and the binary orders of the state and of time. It is never 0, which stands
-   !> for no probe.
+   !> The number of a probe, made from all that it depends on: the label of the probe (or of the stepper that takes
+   !> whole steps, and the step), the declared traits, and the binary orders of the state and of time. It is never
+   !> 0, which stands for no probe.
    integer(i8) function probe_number(what, traits, t, q, p, step) result(number)
       character(*), intent(in) :: what
       type(model_traits), intent(in) :: traits
@@ -132,14 +132,14 @@ contains
 
       low = 1
       high = 1
-      ! What is probed enters by its letters.
+      ! Enter the label by its letters.
       do i = 1, len(what)
          call take(iachar(what(i:i)))
       end do
       ! The state and time enter by their binary orders: points are displaced by as much.
       call take(exponent(max(1.0_wp, maxval(abs(q)), maxval(abs(p)))))
       call take(exponent(max(1.0_wp, abs(t))))
-      ! Of a stepper that takes whole steps the order of magnitude and the sign of the step enter.
+      ! Enter the order of magnitude and the sign of the step, for steppers that take whole steps.
       call take(exponent(step))
       call take(merge(1, 0, step < 0))
       ! All that is declared and that some probe tests enters, so that another declaration is another probe.

@@ -20,12 +20,12 @@ module symsde_base_record
       real(wp), allocatable :: x(:, :, :)  !! (nlane, functional_count, 0:capacity-1)
    end type functional_steps
 
-   !> One step. The record lives no longer than what it points to.
+   !> One step. The record points into a store, and is valid as long as the store.
    type :: step_record
       real(wp) :: t = 0                                   !! t_n, when the step begins [time]
       real(wp) :: h = 0                                   !! the step, with its sign [time]
       real(wp), pointer, contiguous :: w(:, :) => null()  !! h, dW_1 .. dW_m (nlane, 0:nnoise)
-      type(functional_values) :: of(nfunctional) = functional_values()  !! of(path_dz)%x, ..; null where not asked for
+      type(functional_values) :: of(nfunctional) = functional_values()  !! of(path_dz)%x, ..; null unless asked for
    end type step_record
 
    !> The values of one functional in several steps.
@@ -37,10 +37,10 @@ module symsde_base_record
    !> `every`-th of them are asked for. The record lives no longer than what it points to.
    type :: steps_record
       integer :: nlane = 0, nnoise = 0
-      integer :: nreal = 0                                   !! lanes past it are padding, and need not be computed
+      integer :: nreal = 0                                   !! lanes beyond are padding, and need not be computed
       integer :: nstep = 0                                   !! a multiple of every
-      integer :: most = 0                                    !! steps that such a record has at most
-      logical :: by_weights = .false.                        !! these alone drive them: no functional is asked for
+      integer :: most = 0                                    !! largest number of steps of such a record
+      logical :: by_weights = .false.                        !! the weights alone drive the steps, no functionals
       integer :: every = 1
       real(wp) :: t = 0                                      !! when the first step begins [time]
       real(wp) :: t0 = 0                                     !! when step 0 of the run begins [time]
@@ -48,7 +48,7 @@ module symsde_base_record
       real(wp) :: h = 0                                      !! each step, with its sign [time]
       integer :: max_iter = 0                                !! bound of a solver's iterations in a step
       real(wp), pointer, contiguous :: w(:, :, :) => null()  !! h, dW_1 .. dW_m (nlane, 0:nnoise, nstep)
-      type(functional_run) :: of(nfunctional) = functional_run()  !! of(path_dz)%x, ..; null where not asked for
+      type(functional_run) :: of(nfunctional) = functional_run()  !! of(path_dz)%x, ..; null unless asked for
    contains
       procedure :: show => show_one
       procedure :: leave_one
@@ -91,7 +91,7 @@ contains
       call self%make_room()
    end subroutine new_step_store
 
-   !> A store that gets its room when it is used.
+   !> Describe a store; its arrays are allocated at first use.
    subroutine describe_step_store(self, nlane, nnoise, capacity, h, asked)
       type(step_store), intent(out) :: self
       integer, intent(in) :: nlane, nnoise, capacity
@@ -105,7 +105,7 @@ contains
       self%asked = asked
    end subroutine describe_step_store
 
-   !> Room for its steps, if there is none yet: zero but for h.
+   !> Allocate the arrays, unless they are allocated: zero except for h.
    subroutine make_room(self)
       class(step_store), intent(inout) :: self
       integer :: i, ncolumn
@@ -152,7 +152,7 @@ contains
       end do
    end subroutine show
 
-   !> Steps i .. i+nstep-1 of the store, the first of which begins at the time t: what the store knows of them.
+   !> Point to steps i .. i+nstep-1 of the store; the first begins at time t.
    subroutine show_several(self, i, nstep, t, steps)
       class(step_store), intent(in), target :: self
       integer, intent(in) :: i                !! 0 .. capacity-nstep
@@ -191,7 +191,7 @@ contains
       end do
    end subroutine show_one
 
-   !> Of several steps the k-th alone.
+   !> Point to the k-th of several steps.
    subroutine leave_one(self, k, one)
       class(steps_record), intent(in) :: self
       integer, intent(in) :: k                 !! 1 .. nstep

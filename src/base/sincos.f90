@@ -16,7 +16,7 @@ module symsde_base_sincos
    !> as an argument says from the heap, in every call.
    integer, parameter :: sincos_tile = 256
 
-   !> As integers the bits of |x| are ordered as |x|, with infinities and NaNs above all.
+   !> Read as integers, the bits of |x| have the order of |x|, with infinities and NaNs above all numbers.
    integer(i8), parameter :: bound_bits = transfer(sincos_bound, 0_i8)
 
    real(wp), parameter :: two_over_pi = 0.6366197723675814_wp
@@ -37,9 +37,9 @@ module symsde_base_sincos
 
 contains
 
-   !> VEC s = sin(x), c = cos(x). Up to |x| = sincos_bound within 1 ulp
-   !> (measured: 0.91); beyond it, and for what is not finite, the intrinsics lane by lane.
-   !> sin(-0.0) is +0.0. About 60 operations a lane, 8 bytes in, 16 out.
+   !> VEC s = sin(x), c = cos(x). Up to |x| = sincos_bound within 1 ulp (measured: 0.91); larger, infinite and NaN
+   !> arguments are left to the intrinsics, lane by lane. sin(-0.0) is +0.0. About 60 operations a lane, 8 bytes in,
+   !> 16 out.
    pure subroutine sincos_lanes(n, x, s, c)
       integer(i4), intent(in) :: n        !! lanes, any number
       real(wp), intent(in) :: x(n)        !! radians
@@ -56,8 +56,8 @@ contains
       if (beyond < 0) call sincos_far(n, x, s, c)
    end subroutine sincos_lanes
 
-   !> The same for products with these weights: zeros where all of them vanish, as they do where a Hamiltonian without
-   !> sine and cosine is asked for by itself.
+   !> sincos_lanes for products with these weights. If all weights vanish, s and c are zero: so it is where a
+   !> Hamiltonian without sine and cosine is evaluated alone.
    pure subroutine sincos_where_weighted(n, weight, x, s, c)
       integer(i4), intent(in) :: n
       real(wp), intent(in) :: weight(n), x(n)
@@ -77,15 +77,15 @@ contains
       end if
    end subroutine sincos_where_weighted
 
-   !> The sine, and the cosine, of one argument, with the bits of a lane: a path by itself waits for the sine, which
-   !> comes and goes in registers here. A small angle needs no reduction, and waits for none.
+   !> Sine and cosine of one argument, with the bits of a lane. A single path waits for the sine, which is passed in
+   !> registers here. A small angle needs no reduction.
    real(wp) function sincos_one(x, c) result(s)
       real(wp), value :: x               !! radians
       real(wp), intent(out) :: c         !! cos(x)
 
       if (abs(x) <= small) then
          call on_quarter(x, 0.0_wp, s, c)
-      else if (abs(x) <= sincos_bound) then  ! before all of sincos_near, so that it is contracted as in lanes
+      else if (abs(x) <= sincos_bound) then  ! tested outside sincos_near, so that the compiler contracts it as in lanes
          call sincos_near(x, s, c)
       else
          s = sin(x)
@@ -115,7 +115,7 @@ contains
       integer(i8) :: q, a_bits, b_bits, swap
 
       shifted = x*two_over_pi + to_integer
-      q = transfer(shifted, 0_i8)                 ! its last bits are those of the integer
+      q = transfer(shifted, 0_i8)                 ! its last bits are the bits of the integer
       turns = shifted - to_integer
       first = x - turns*half_pi_1
       second = turns*half_pi_2
@@ -151,7 +151,7 @@ contains
       bits = ishft(iand(q, 2_i8), 62)
    end function sign_bit
 
-   !> Overwrite the lanes beyond the bound, and those that are not finite, by the intrinsics.
+   !> Let the intrinsics overwrite lanes beyond the bound and lanes that are not finite.
    pure subroutine sincos_far(n, x, s, c)
       integer(i4), intent(in) :: n
       real(wp), intent(in) :: x(n)

@@ -100,10 +100,10 @@ contains
       text = padded_real(x)
    end function real_text
 
-   !> The name of a list that is most like the given one; of equally near ones the first.
+   !> The name in a list that is nearest to the given one; of equally near names the first.
    pure function nearest_name(given, names) result(name)
       character(*), intent(in) :: given     !! what the user wrote
-      character(*), intent(in) :: names(:)  !! what is allowed, at least one name
+      character(*), intent(in) :: names(:)  !! allowed names, at least one
       character(len=len(names)) :: name
       integer :: distance(size(names)), i
 
@@ -113,10 +113,10 @@ contains
       name = names(minloc(distance, dim=1))
    end function nearest_name
 
-   !> The names of a list, those most like the given one first, joined by commas.
+   !> The names of a list, nearest to the given one first, joined by commas.
    pure function nearest_names(given, names) result(text)
       character(*), intent(in) :: given     !! what the user wrote
-      character(*), intent(in) :: names(:)  !! what is allowed, at least one name
+      character(*), intent(in) :: names(:)  !! allowed names, at least one
       character(len=sum(len_trim(names)) + 2*(size(names) - 1)) :: text
       integer :: distance(size(names)), i, best, last
 

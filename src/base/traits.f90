@@ -1,7 +1,6 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> What a model declares about its Hamiltonians, so that nothing is paid for that a scene does not need.
-!>
-!> The names stand here, in base, because models set them and the factory of steppers reads them.
+!> The declarations of a model about its Hamiltonians; they tell what a step may leave out. They stand in base,
+!> because models set them and the factory of steppers reads them.
 module symsde_base_traits
    use symsde_base_kinds, only: wp
    implicit none
@@ -10,12 +9,11 @@ module symsde_base_traits
 
    integer, parameter :: dense = -1  !! bandwidth of a Hessian without declared bands
 
-   !> Lanes that are taken through a chain together, row after row, by loops whose length the compiler knows:
-   !> what a row hands to the next one stays in registers. Two AVX-512 vectors, so that one divides while
-   !> the other waits.
+   !> Lanes that go through a chain together, row after row. The length is a constant, so that values carried from
+   !> row to row stay in registers: two AVX-512 vectors, one of which divides while the other waits.
    integer, parameter :: strip_lanes = 16
 
-   !> H_0 = H is the drift Hamiltonian, H_1 .. H_m are those of the noises.
+   !> H_0 = H is the drift Hamiltonian, H_1 .. H_m are the Hamiltonians of the noises.
    type :: model_traits
       integer :: ndof = 1                  !! degrees of freedom: q and p have ndof components each
       integer :: nnoise = 0                !! m, the number of noises

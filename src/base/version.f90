@@ -1,6 +1,6 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> The version of the library. It stands here alone: CMake and the wheel read this line, and a test compares
-!> what fpm.toml and CITATION.cff have to say by themselves.
+!> The version of the library, in a file of its own: CMake and the wheel read this line. fpm.toml and CITATION.cff
+!> repeat the version; a test compares them.
 module symsde_base_version
    implicit none
    private

@@ -39,7 +39,8 @@ module symsde_noise_brownian
    private
    public :: brownian_noise, new_brownian_noise
 
-   ! The bounds of lanes are those of arrays on the stack; more lanes than most_ahead are filled by paths.
+   ! These numbers of lanes bound arrays on the stack. If draws need more than most_ahead lanes, the paths fill the
+   ! lanes.
    integer, parameter, public :: max_refine = 30  !! largest |refine|
    integer, parameter :: most_ahead = 64     !! lanes of the generator for one noise of few paths
    integer, parameter :: most_at_once = 256  !! for several of their noises
@@ -67,9 +68,9 @@ contains
       integer(i8), intent(in) :: seed     !! all 64 bits are the key of the generator
       real(wp), intent(in) :: h           !! step size, may be negative: |h| sets the variance [time]
       integer, intent(in) :: refine       !! levels finer (> 0) or coarser (< 0) than one draw a step
-      logical, intent(in) :: silent(:)    !! noises for which nothing is drawn (nnoise)
+      logical, intent(in) :: silent(:)    !! silent noises, which need no draws (nnoise)
       type(error_type), allocatable, intent(inout) :: error
-      integer, intent(in), optional :: law !! of base/laws; Gaussian if absent
+      integer, intent(in), optional :: law !! law of increments (base/laws); Gaussian if absent
 
       if (present(law)) self%law = law
       if (self%law /= law_gaussian .and. refine < 0) then
@@ -105,7 +106,7 @@ contains
       class(interrupt_type), intent(inout), target, optional :: interrupt
 
       drawn = 0
-      ! Discrete draws of few paths are made by the way of functionals, too, since that one can look ahead; it makes
+      ! Discrete increments of few paths go the way of functionals, too: it draws several steps at once, and makes
       ! the same increments.
       if (.not. self%asked%is_empty() .or. &
           (self%law /= law_gaussian .and. looks_ahead(self, request))) then
@@ -117,8 +118,8 @@ contains
       end if
    end subroutine fill_brownian
 
-   !> Increments of several steps, whatever the law and the refinement, noise by noise: dw (nlane, steps) of one noise
-   !> is made in an array of its own and copied into its column of w. Truncation comes last, on what the step uses.
+   !> Make increments of several steps for any law and refinement, one noise after another: dw (nlane, steps) of one
+   !> noise is an array of its own, copied to its column of w. Truncation comes last, on the increments of steps.
    subroutine fill_others(self, request, w, drawn, interrupt)
       class(brownian_noise), intent(in) :: self
       type(step_request), intent(in) :: request
@@ -149,10 +150,10 @@ contains
             else if (self%refine > 0) then
                call sum_finer(normals, nlane, first, nstep, levels, self%h, dw, drawn)
             else
-               ! At refine = 0 nothing is halved, and these are the plain draws from an odd pair on.
+               ! At refine = 0 no increment is halved: these are plain draws that begin with an odd pair.
                call halve_coarser(normals, nlane, first, nstep, levels, self%h, dw, drawn)
             end if
-            ! An interrupt leaves w as it is: nobody will use it.
+            ! An interrupt leaves w unfinished: no caller uses it.
             if (normals%is_left()) return
             do step = 0, nstep - 1
                ! The bound of dW, where the run is truncated.
@@ -164,8 +165,8 @@ contains
    end subroutine fill_others
 
    !> Gaussian increments of several pairs from an even one on, one draw a step: dW = sqrt(h) xi. A draw makes four
-   !> normals, the steps of two pairs, so (npair + 1)/2 draws of a path are needed. Where these are few for all paths
-   !> together, draws and paths fill the lanes of the generator side by side.
+   !> normals, for the steps of two pairs, so a path needs (npair + 1)/2 draws. If all paths together need few
+   !> draws, draws and paths fill the lanes of the generator side by side.
    subroutine fill_ahead(self, nlane, nreal, path, pair, npair, w, drawn)
       class(brownian_noise), intent(in) :: self
       integer, intent(in) :: nlane, nreal
@@ -176,7 +177,7 @@ contains
       logical :: few
       integer :: k
 
-      ! Draws of all real paths for one noise; as lanes of the generator they fit where they are few.
+      ! `few` is true if the draws of all real paths for one noise fit into the lanes of the generator.
       few = nreal*((npair + 1)/2) <= most_ahead
       do k = 1, self%nnoise
          if (self%silent(k)) then
@@ -230,7 +231,7 @@ contains
       do j = 0, (npair - 1)/2
          !GCC$ novector  ! paths are few, and often one
          do i = 1, nreal
-            ! The paths of one draw stand beside each other, then those of the next draw.
+            ! First all paths of one draw, then all paths of the next.
             path_of(j*nreal + i) = path(i)
             draw_of(j*nreal + i) = pair/2 + j
          end do
@@ -259,7 +260,7 @@ contains
          ! The stream's own noise is not used: every lane names its own.
          call scaled_normals_at(m, normal_stream(self%seed, 0, 0, purpose_increment, sqrt(self%h)), paths, draws, &
                                 noises, x)
-         ! Cut before they are spread, in one pass over the numbers of all these noises.
+         ! Truncate before spreading, in one pass over the numbers of all noises.
          if (self%bound < huge(1.0_wp)) call clip_increments(4*m, self%bound, x)
          ! Noise after noise, each with its n lanes, from column 0 .. 3 of x to its steps.
          do i = 0, used - 1, n
@@ -282,7 +283,7 @@ contains
          return
       end if
       do step = 0, 2*npair - 1
-         ! Lanes before those of the draw that holds this step, four steps of each path in one draw.
+         ! Lanes of earlier draws; one draw holds four steps of each path.
          draw = before + (step/4)*nreal
          do lane = 1, nreal
             w(lane, k, step) = x(draw + lane, mod(step, 4))
@@ -327,7 +328,7 @@ contains
       integer(i8) :: of_path, behind
       integer :: i, f
 
-      ! What the draws are a function of; how many lanes are made of them is the caller's.
+      ! The arguments of all draws; the caller sets how many lanes are drawn.
       draws = integral_draws(self%nnoise, self%seed, self%signed_h, self%refine, self%silent, self%common, &
                              self%asked, self%areas, self%law)
       if (present(interrupt)) draws%interrupt => interrupt
@@ -345,7 +346,7 @@ contains
          call repeat_last(self, request, store)
          return
       end if
-      ! dZ, and K beside it, are written where they belong, as dW is, unless a bound has to be looked after.
+      ! Without truncation dZ and K are written into the store directly, as dW is.
       if (draws%are_direct() .and. mod(request%pair, 2_i8) == 0 .and. .not. self%bound < huge(1.0_wp)) then
          call fill_direct(draws, request, store, drawn)
          return
@@ -376,8 +377,8 @@ contains
                     request%nlane <= merge(lane_unit, 1, self%refine /= 0 .and. .not. self%asked%has(path_areas))
    end function looks_ahead
 
-   !> The lanes that fill up a block get what the last path has, increments and functionals: models and solvers then
-   !> see nothing there that no path has.
+   !> Give padding the increments and functionals of the last path: models and solvers then see no values in padding
+   !> that no path has.
    subroutine repeat_last(self, request, store)
       class(brownian_noise), intent(in) :: self
       type(step_request), intent(in) :: request
@@ -394,14 +395,14 @@ contains
       end associate
    end subroutine repeat_last
 
-   !> A path by itself: the lanes of the generator, and of all that is made of its draws, are pairs of steps from an
-   !> even one on. steps(0) holds the even step of every pair, steps(1) the odd one, in the order of look_ahead: first
-   !> the even pairs, then the odd ones.
+   !> Fill a single path. The lanes of the generator, and of all values derived from its draws, are pairs of steps,
+   !> an even one first. steps(0) holds the even step of every pair, steps(1) the odd one, in the order of
+   !> look_ahead: even pairs first, then odd pairs.
    subroutine fill_alone(self, draws, request, pair, lane, store, drawn)
       class(brownian_noise), intent(in) :: self
       type(integral_draws), intent(in) :: draws  !! that look ahead
       type(step_request), intent(in) :: request
-      integer(i8), intent(in) :: pair            !! that the lanes are ahead of
+      integer(i8), intent(in) :: pair            !! pair from which `ahead` counts
       integer, intent(in) :: lane                !! of the path
       type(step_store), intent(inout) :: store
       integer(i8), intent(out) :: drawn
@@ -410,14 +411,14 @@ contains
       integer(i8) :: of_pair
       integer :: i, f, n
 
-      ! So many lanes, padding of both halves included.
+      ! number of lanes, with the padding of both halves
       n = size(draws%ahead)
       ! The lanes differ in their steps alone.
       allocate (path(n), source=request%path(lane))
       of_pair = 0
       call fill_pair(draws, n, path, pair, steps(0), steps(1), of_pair)
       if (draws%is_left()) return
-      ! of_pair counts what one lane has drawn for its two steps.
+      ! of_pair counts the draws of one lane for its two steps.
       drawn = request%npair*of_pair
       do i = 0, 1
          ! The lanes are steps, but each is cut as one of a block is.
@@ -453,8 +454,8 @@ contains
 
    end subroutine fill_alone
 
-   !> Increments of a discrete law, sums of 2^refine draws of variance h/2^refine, added as a balanced binary tree.
-   !> One draw makes two neighbours: at refine = 0 these are two steps, else the first sum of two in a step.
+   !> Sum increments of a discrete law, 2^refine draws of variance h/2^refine each, as a balanced binary tree. One
+   !> draw makes two neighbours: two steps at refine = 0, else the first sum of two within a step.
    subroutine sum_discrete(self, of, nlane, first, nstep, dw, drawn)
       class(brownian_noise), intent(in) :: self
       type(normals_of), intent(in) :: of       !! of which noise and paths

@@ -21,8 +21,8 @@ module symsde_noise_discrete
 
 contains
 
-   !> Two independent draws of mean 0 and variance 1 a lane, in the place of two normals: those of the steps 2 pair
-   !> and 2 pair + 1, scaled by the caller.
+   !> Two independent draws of mean 0 and variance 1 a lane, in place of two normals: for the steps 2 pair and 2
+   !> pair + 1. The caller scales them.
    subroutine discrete_pairs(nlane, seed, path, pair, noise, law, even, odd, ahead)
       integer, intent(in) :: nlane
       integer(i8), intent(in) :: seed, path(nlane), pair  !! as in normal_pairs
@@ -50,8 +50,8 @@ contains
       call to_values(nlane, .false., odd)
    end subroutine sign_pairs
 
-   !> Two uniforms on (0, 1) a lane, from the four words of one draw. With `ahead` each lane has a pair of its own, as
-   !> a path by itself asks for many steps at once.
+   !> Two uniforms on (0, 1) a lane, from the four words of one draw. With `ahead` each lane has its own pair: a
+   !> single path draws many steps at once.
    subroutine uniforms(nlane, seed, path, pair, noise, purpose, even, odd, ahead)
       integer, intent(in) :: nlane, noise, purpose
       integer(i8), intent(in) :: seed, path(nlane), pair
@@ -72,8 +72,8 @@ contains
       call uniform_open_lanes(nlane, words, even, odd)
    end subroutine uniforms
 
-   !> Turn uniforms on (0,1) into values of the law: the lowest part `edge` becomes -size, the highest +size, and what
-   !> lies between becomes 0, which with two points has no probability.
+   !> Turn uniforms on (0,1) into values of the law: below `edge` -size, above 1 - edge +size, and 0 between. With
+   !> two points nothing lies between.
    pure subroutine to_values(nlane, three, u)
       integer, intent(in) :: nlane
       logical, intent(in) :: three

@@ -30,7 +30,7 @@ module symsde_noise_functionals
       real(wp), allocatable :: x(:, :)     !! (nlane, functional_count); not allocated where not asked for
    end type interval_values
 
-   !> One interval of the path in every lane: its increments, and the functionals of it that are asked for.
+   !> One interval of the path in every lane: its increments, and the functionals asked for.
    type :: path_interval
       real(wp) :: length = 0               !! with its sign [time]
       real(wp), allocatable :: w(:, :)     !! dW_k (nlane, nnoise)
@@ -55,8 +55,8 @@ contains
       end do
    end subroutine new_path_interval
 
-   !> Values x of a functional on the interval with dW, H and K, each (nlane, nnoise), by the formulas at the head. K
-   !> and `rest` are zero where they are absent.
+   !> Values x of a functional on an interval with dW, H and K, each (nlane, nnoise), by the formulas at the head. K
+   !> and `rest` count as zero if absent.
    pure subroutine shape_values(functional, nlane, nnoise, length, w, hh, x, kk, rest)
       integer, intent(in) :: functional, nlane, nnoise
       real(wp), intent(in) :: length, w(nlane, nnoise), hh(nlane, nnoise)
@@ -70,7 +70,8 @@ contains
       case (path_areas)
          do l = 2, nnoise
             do k = 1, l - 1
-               ! The area of the parabola through the ends with its H; in law also what K and the rest add.
+               ! The area of the parabola through the ends with this H; in law, the terms of K and the rest are
+               ! added.
                x(:, area_index(k, l)) = hh(:, k)*w(:, l) - hh(:, l)*w(:, k)
                if (present(rest)) x(:, area_index(k, l)) = x(:, area_index(k, l)) + rest(:, area_index(k, l)) &
                                                            + 12*(kk(:, k)*hh(:, l) - kk(:, l)*hh(:, k))
@@ -85,17 +86,17 @@ contains
                ! The mean of J given dW and H.
                x(:, pair_index(k, l)) = length*(w(:, k)*w(:, l)/6 - 1.2_wp*hh(:, k)*hh(:, l))
             end do
-            ! The variance of what H does not say of the path is taken off the diagonal, so that E J = 0.
+            ! Subtract from the diagonal the variance of the path that H leaves open, so that E J = 0.
             x(:, pair_index(l, l)) = x(:, pair_index(l, l)) - length*abs(length)/15
          end do
       case (path_dz)
          x = length*(0.5_wp*w + hh)
-      case default  ! forgotten here: no path goes on with it
+      case default  ! a functional without a case: NaN stops every path
          x = ieee_value(length, ieee_quiet_nan)
       end select
    end subroutine shape_values
 
-   !> Merge two neighbouring intervals to one. Which functionals are there is seen by what the left one has.
+   !> Merge two neighbouring intervals. The functionals are those that the left one has.
    pure subroutine merge_intervals(nlane, nnoise, left, right, whole)
       integer, intent(in) :: nlane, nnoise
       type(path_interval), intent(in) :: left, right
@@ -108,7 +109,7 @@ contains
       end do
       ! Lengths add, with their sign: two steps back in time are one longer step back.
       call new_path_interval(whole, nlane, nnoise, left%length + right%length, asked)
-      ! dW first: all products below are those of the halves.
+      ! dW first: all products below are of increments of the halves.
       whole%w = left%w + right%w
       do f = 1, nfunctional
          if (.not. asked%has(f)) cycle
@@ -116,7 +117,7 @@ contains
             select case (f)
             case (path_dz)
                do k = 1, nnoise
-                  ! W - W(t) on the right half has gained dW_1 over what it is from the middle.
+                  ! On the right half W - W(t) exceeds W - W(t + h/2) by dW_1.
                   x(:, k) = (x1(:, k) + x2(:, k)) + right%length*w1(:, k)
                end do
             case (path_areas)
@@ -128,7 +129,7 @@ contains
             case (path_magnus)
                ! J takes dZ of both halves, which whoever asks for J has, too.
                call merge_magnus(nlane, nnoise, left, right, x)
-            case default  ! forgotten here: no path goes on with it
+            case default  ! a functional without a case: NaN stops every path
                x = ieee_value(left%length, ieee_quiet_nan)
             end select
          end associate
@@ -157,7 +158,7 @@ contains
       end associate
    end subroutine merge_magnus
 
-   !> A_kl of two neighbours: their areas, and that of the triangle which dW_1 and dW_2 span.
+   !> A_kl of two neighbours: the sum of their areas, and the area of the triangle that dW_1 and dW_2 span.
    pure subroutine merge_areas(nlane, nnoise, w1, w2, a1, a2, a)
       integer, intent(in) :: nlane, nnoise
       real(wp), intent(in) :: w1(nlane, nnoise), w2(nlane, nnoise)
@@ -177,8 +178,8 @@ contains
       end do
    end subroutine merge_areas
 
-   !> Clip n increments to [-bound, bound]. Applied to the summed increment of the level in use, not to the draws that
-   !> it is made of: the bound is one of the step's noise.
+   !> Clip n increments to [-bound, bound]: increments of steps, not the draws that they are summed from. The bound
+   !> is a bound on the noise of a step.
    pure subroutine clip_increments(n, bound, dw)
       integer, intent(in) :: n
       real(wp), intent(in) :: bound
@@ -190,9 +191,8 @@ contains
       end do
    end subroutine clip_increments
 
-   !> Truncate a step: dW_k to the bound, H_k = dZ_k/h - dW_k/2 and K_k to the same number of their standard
-   !> deviations, areas to bound^2/2 and J to |h| bound^2/2, beyond which they are less likely than dW_k beyond its
-   !> bound.
+   !> Truncate a step: dW_k to the bound, H_k = dZ_k/h - dW_k/2 and K_k to the same number of standard deviations,
+   !> areas to bound^2/2 and J to |h| bound^2/2. Areas and J exceed their bounds less often than dW_k does.
    pure subroutine clip_interval(nlane, nnoise, bound, step)
       integer, intent(in) :: nlane, nnoise
       real(wp), intent(in) :: bound                 !! of dW [sqrt(time)]
@@ -201,17 +201,17 @@ contains
       integer :: k
 
       do k = 1, nnoise
-         ! H is taken from dW and dZ as they were drawn, and dZ is made anew of what is left of both.
+         ! Take H from dW and dZ as drawn, and compute dZ again from the truncated dW and H.
          if (allocated(step%of(path_dz)%x)) then
             shape = step%of(path_dz)%x(:, k)/step%length - 0.5_wp*step%w(:, k)
             call clip_increments(nlane, bound/sqrt(12.0_wp), shape)
          end if
-         ! H was found before dW is cut, or it would be that of another path.
+         ! H was found from the full dW; with the truncated dW it would belong to another path.
          call clip_increments(nlane, bound, step%w(:, k))
          if (allocated(step%of(path_dz)%x)) step%of(path_dz)%x(:, k) = step%length*(0.5_wp*step%w(:, k) + shape)
       end do
       if (allocated(step%of(path_areas)%x)) &
-         ! What is left of areas and J is bounded as it stands: neither is made of one normal.
+         ! Areas and J are bounded directly: neither is a multiple of one normal.
          call clip_increments(size(step%of(path_areas)%x), 0.5_wp*bound**2, step%of(path_areas)%x)
       if (allocated(step%of(path_stt_area)%x)) &
          ! K to the same number of its own standard deviations.

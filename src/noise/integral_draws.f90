@@ -38,13 +38,13 @@ module symsde_noise_integral_draws
    integer, parameter :: purpose_stt_halving = 7      !! D of a halving
    integer, parameter :: purpose_rest = 8       !! rest of an area in law; its noise word is the index of the pair
 
-   !> What the draws of a run are a function of.
+   !> The arguments of all draws of a run.
    type :: integral_draws
       integer :: nnoise = 0
       integer(i8) :: seed = 0
       real(wp) :: h = 0                    !! step of the run, with its sign [time]
       integer :: refine = 0
-      logical, allocatable :: silent(:)    !! noises for which nothing is drawn (nnoise)
+      logical, allocatable :: silent(:)    !! silent noises, which need no draws (nnoise)
       logical, allocatable :: common(:)    !! noises drawn with the counters of path 0 for all paths (nnoise)
       type(functional_set) :: asked        !! functionals that are wanted
       type(area_rule) :: areas             !! how areas are drawn
@@ -70,7 +70,7 @@ contains
       if (associated(self%interrupt)) call self%interrupt%look()
    end subroutine look
 
-   !> Whether the draws are to be left: then nothing that was made of them may be used.
+   !> Whether an interrupt ends the draws: then all values made from them are invalid.
    pure logical function is_left(self)
       class(integral_draws), intent(in) :: self
 
@@ -79,7 +79,7 @@ contains
       if (associated(self%interrupt)) is_left = self%interrupt%wanted
    end function is_left
 
-   !> Whether all that is asked for is dZ, or dZ and K, of steps as they are drawn: nothing is halved or merged.
+   !> Whether only dZ, or dZ and K, are asked for, of steps as drawn: no interval is halved or merged.
    pure logical function are_direct(self)
       class(integral_draws), intent(in) :: self
 
@@ -87,10 +87,10 @@ contains
                    count(self%asked%has) == count(self%asked%has([path_dz, path_stt_area]))
    end function are_direct
 
-   !> Let the lanes be npair pairs of steps of a path, an even one first. Even pairs stand in the first half of the
-   !> lanes and the odd ones in the second: an even pair and the next odd one have their normals from one draw.
-   !> `ahead` counts pairs from the first one of the coarsest interval, `behind` of which lie before the steps that
-   !> are wanted. Both halves are padded to whole vectors.
+   !> Let the lanes be npair pairs of steps of a path, an even one first. Even pairs fill the first half of the
+   !> lanes, odd pairs the second: an even pair and the next odd pair share a draw. `ahead` counts pairs from the
+   !> first pair of the coarsest interval; `behind` of them lie before the wanted steps. Both halves are padded to
+   !> whole vectors.
    pure subroutine look_ahead(self, npair, behind)
       class(integral_draws), intent(inout) :: self
       integer, intent(in) :: npair
@@ -107,9 +107,9 @@ contains
       end do
    end subroutine look_ahead
 
-   !> The numbers of fill_pair where the draws are direct, for several pairs of steps from an even one on. They are
-   !> written where they belong, and no word of a draw is left over. Noise by noise dW is drawn, then H in the place
-   !> of dZ, then K where it is asked for; at the end dZ = h (dW/2 + H) replaces H.
+   !> Draw the numbers of fill_pair directly into the store, for several pairs of steps, an even one first, so that
+   !> all words of a draw are used. For each noise draw dW, then H in the place of dZ, then K if asked for; at the
+   !> end dZ = h (dW/2 + H) replaces H.
    subroutine fill_direct(d, request, store, drawn)
       type(integral_draws), intent(in) :: d
       type(step_request), intent(in) :: request
@@ -119,7 +119,7 @@ contains
       integer :: k, j, step, n
       real(wp) :: root
 
-      ! Standard deviations are those of the head, without a sign: a step back in time has the same law.
+      ! Standard deviations of the head, by |h|: a step back in time has the same law.
       root = sqrt(abs(d%h))
       associate (w => store%w, dz => store%of(path_dz), stt_area => store%of(path_stt_area), m => d%nnoise)
          do k = 1, m
@@ -129,10 +129,10 @@ contains
                if (allocated(stt_area%x)) stt_area%x(:, k, :) = 0
                cycle
             end if
-            ! Common noises are those of path 0 in every lane.
+            ! A noise that all paths share is drawn for path 0 in every lane.
             from = merge(0_i8, request%path, d%common(k))
             do j = 0, request%npair - 1, pairs_of_steps
-               ! As many pairs as two draws have, the most that the generator makes in one pass.
+               ! Take as many pairs as two draws hold: the generator makes at most two draws in one pass.
                n = min(pairs_of_steps, request%npair - j)
                ! w has a column for h, hence m + 1 columns a step; functionals have m.
                call draw_column(purpose_increment, root, m + 1, w(1, k, 2*j))
@@ -175,8 +175,8 @@ contains
       end do
    end subroutine dz_of_shape
 
-   !> Whether areas are asked for, and are to be drawn in law: K and a normal rest then stand for what sub-increments
-   !> would tell, and these areas belong to no path within a step.
+   !> Whether areas are asked for and drawn in law: K and a normal rest then replace sub-increments, and no path
+   !> within the step has these areas.
    pure logical function in_law(self)
       class(integral_draws), intent(in) :: self
 
@@ -190,9 +190,9 @@ contains
       needs_stt_area = self%asked%has(path_stt_area) .or. self%in_law()
    end function needs_stt_area
 
-   !> Draw the rests of areas, scaled normals of all pairs of noises k < l, for the intervals 2*pair and 2*pair+1;
-   !> they are zero where one of the two noises is silent, and those of path 0 where both are common. The noise word
-   !> of the counter is the index of the pair, which the purpose keeps apart from noises.
+   !> Draw the rests of areas for the intervals 2*pair and 2*pair+1: scaled normals for all pairs of noises k < l.
+   !> They are zero if one of the two noises is silent, and taken from path 0 if both are common. The counter's word
+   !> for the noise holds the index of the pair of noises; the purpose keeps the two apart.
    subroutine draw_rests(d, nlane, path, pair, scale, even, odd, drawn)
       type(integral_draws), intent(in) :: d
       integer, intent(in) :: nlane
@@ -220,8 +220,8 @@ contains
       end do
    end subroutine draw_rests
 
-   !> Draw H = dZ/h - dW/2 and K of noise k at the finest steps 2*pair and 2*pair+1: the numbers that fill_pair draws,
-   !> for those who want them without dW.
+   !> Draw H = dZ/h - dW/2 and K of noise k at the finest steps 2*pair and 2*pair+1: the numbers of fill_pair, for
+   !> callers that need no dW.
    subroutine shape_draws(nlane, seed, path, pair, k, h, hh, kk, drawn)
       integer, intent(in) :: nlane, k
       integer(i8), intent(in) :: seed, path(nlane), pair
@@ -229,7 +229,7 @@ contains
       real(wp), intent(out) :: hh(nlane, 0:1), kk(nlane, 0:1)
       integer(i8), intent(inout) :: drawn
 
-      ! The stream of each: level 0, since nothing is halved, and its purpose.
+      ! The streams: level 0, since no interval is halved, and the purpose.
       call scaled_normal_pairs(nlane, normal_stream(seed, k, 0, purpose_shape, sqrt(abs(h)/12)), path, pair, hh(:, 0), &
                                hh(:, 1))
       call scaled_normal_pairs(nlane, normal_stream(seed, k, 0, purpose_stt_area, sqrt(abs(h)/720)), path, pair, &
@@ -239,7 +239,7 @@ contains
    end subroutine shape_draws
 
    !> Draw scaled normals of all noises for the intervals 2*pair and 2*pair+1 of a level, into (nlane, nnoise) each;
-   !> they are zero for silent noises. `of` says level, purpose and scale; its noise is set here, from 1 to nnoise.
+   !> zero for silent noises. `of` has level, purpose and scale; its noise runs from 1 to nnoise here.
    subroutine draw(d, of, nlane, path, pair, even, odd, drawn)
       type(integral_draws), intent(in) :: d
       type(normal_stream), intent(in) :: of   !! whose seed is theirs, and whose noise is each of these
@@ -265,9 +265,9 @@ contains
       end do
    end subroutine draw
 
-   !> Draw those of one noise, or of one pair of noises. Lanes that are paths share the pair. Lanes that are ahead
-   !> have pairs of their own: a step that is `ahead` pairs further on is 2^finer times as many pairs of these
-   !> intervals further on.
+   !> Draw the normals of one noise, or of one pair of noises. If lanes are paths, they share the pair of steps. If
+   !> lanes are ahead, each has its own pair: a step `ahead` pairs later is 2^finer times as many pairs of these
+   !> intervals later.
    subroutine draw_one(d, of, nlane, path, pair, even, odd)
       type(integral_draws), intent(in) :: d
       type(normal_stream), intent(in) :: of
@@ -281,8 +281,8 @@ contains
          call scaled_normal_pairs(nlane, of, path, pair, even, odd)
          return
       end if
-      ! Where intervals are finer than steps every lane needs a draw of its own. All its pairs are even, or all are
-      ! odd, since they lie a multiple of two apart.
+      ! If intervals are finer than steps, every lane needs its own draw. Its pairs are all even or all odd, since
+      ! they lie multiples of two apart.
       finer = d%refine + max(of%level - 1, 0)
       at = pair + ishft(d%ahead, finer)
       if (finer > 0) then
@@ -307,7 +307,7 @@ contains
             ! Draw j makes the normals of the pairs 2 j and 2 j + 1.
             draws(i) = at(1)/2 + i - 1
          end do
-         ! Each of them for the one path, whose number stands in every lane.
+         ! Draw all of them for one path, whose number stands in every lane.
          call scaled_normals_at(ndraw, of, path(:ndraw), draws, noises(:ndraw), x)
          do lane = 1, nlane
             i = int(at(lane)/2 - at(1)/2) + 1

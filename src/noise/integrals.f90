@@ -47,10 +47,10 @@ module symsde_noise_integrals
    public :: fill_pair
 
    integer, parameter :: magnus_levels = 2      !! halvings of a step whose J is wanted
-   integer, parameter :: levels_unseen = 6      !! of halvings below which it is not looked at
+   integer, parameter :: levels_unseen = 6      !! lowest levels of halvings, which do not look at the interrupt
 
-   !> What is known of the path on an interval: dW, H and, where it is asked for, K (nlane, nnoise); the rest of
-   !> its areas where they are drawn in law (nlane, pairs of noises).
+   !> The known shape of the path on an interval: dW, H and, if asked for, K (nlane, nnoise); and the rest of its
+   !> areas if drawn in law (nlane, pairs of noises).
    type :: path_shape
       real(wp), allocatable :: w(:, :), hh(:, :), kk(:, :), rest(:, :)
    end type path_shape
@@ -60,9 +60,9 @@ module symsde_noise_integrals
       real(wp), allocatable :: z(:, :), n(:, :), d(:, :)
    end type halving_draws
 
-   !> An interval that is halved further: which it is, what is known of the path on it, the draws that halve it.
+   !> An interval to be halved further: its place, the shape of the path on it, and the draws that halve it.
    type :: known_interval
-      integer :: level = 0         !! halvings that led to it
+      integer :: level = 0         !! halvings that led to this interval
       integer(i8) :: index = 0     !! its number among its like
       real(wp) :: length = 0
       type(path_shape) :: shape
@@ -71,8 +71,8 @@ module symsde_noise_integrals
 
 contains
 
-   !> Make the steps 2*pair and 2*pair+1 of the run, with their functionals; of a path by itself, those of the pairs
-   !> that its lanes look ahead to. Two at once, since the two words of a draw make the normals of both.
+   !> Make the steps 2*pair and 2*pair+1 of the run with their functionals; for a single path, the steps of all
+   !> pairs in its lanes. Steps come in twos, since the two words of a draw make the normals of both.
    subroutine fill_pair(d, nlane, path, pair, even, odd, drawn)
       type(integral_draws), intent(in) :: d
       integer, intent(in) :: nlane
@@ -88,8 +88,8 @@ contains
       end if
    end subroutine fill_pair
 
-   !> Make one step as the balanced binary tree of 2^refine finer ones: partial(l) keeps a complete sum of 2^l of them
-   !> until the next one of its size comes, as a digit waits for a carry.
+   !> Make one step as the balanced binary tree of 2^refine finer steps: partial(l) keeps a complete sum of 2^l of
+   !> them until the next sum of its size is complete, as a digit waits for a carry.
    subroutine sum_tree(d, nlane, path, step, whole, drawn)
       type(integral_draws), intent(in) :: d
       integer, intent(in) :: nlane
@@ -106,14 +106,14 @@ contains
       ! Draws come in pairs, of which the step has 2^(refine-1), numbered through the run.
       first = step*2_i8**(d%refine - 1)  ! pairs of draws
       do i = 0, 2_i8**(d%refine - 1) - 1
-         ! A sum of many draws may be left between any two of them.
+         ! The sum may end between any two draws if an interrupt asks for it.
          if (associated(d%interrupt)) call d%interrupt%after_part()
          call finest_pair(d, nlane, path, first + i, fine, even, odd, drawn)
          if (d%is_left()) return
          call merge_intervals(nlane, d%nnoise, even, odd, whole)
          carry = i
          level = 1
-         ! Levels above the first: as many ones as the number i ends with.
+         ! Climb levels above the first: as many as the binary number i ends with ones.
          do while (mod(carry, 2_i8) == 1)  ! two complete sums of one size make one of the next
             left = partial(level)
             odd = whole
@@ -142,7 +142,7 @@ contains
          return
       end if
       level = max(-d%refine, 0)
-      ! Which two intervals these are, for those who draw what halves them.
+      ! Number the two intervals, for the draws that halve them.
       call number_pair(first, second, level, pair, length)
       call draw_shapes(d, nlane, path, pair/2_i8**level, length*2.0_wp**level, first%shape, second%shape, drawn)
       if (level > 0) call descend(d, nlane, path, pair, first%shape, second%shape, drawn)
@@ -163,7 +163,7 @@ contains
       type(path_interval), intent(out) :: even, odd
       integer(i8), intent(inout) :: drawn
       integer(i8) :: from(nlane)
-      integer(i8), allocatable :: ahead(:)  ! none but of a path by itself
+      integer(i8), allocatable :: ahead(:)  ! not allocated unless of a single path
       integer :: k, l, kl
 
       ! A pair of steps further on is 2^refine pairs of draws further on.
@@ -196,8 +196,8 @@ contains
       odd%of(path_areas)%x = (0.5_wp*abs(length))*odd%of(path_areas)%x
    end subroutine discrete_pair
 
-   !> Draw dW, H, K and the rest of the areas, each (nlane, nnoise), of the intervals 2*pair and 2*pair+1 from which a
-   !> run starts: the finest ones at refine >= 0, the coarse ones that are halved at refine < 0.
+   !> Draw dW, H, K and the rest of the areas, each (nlane, nnoise), of the intervals 2*pair and 2*pair+1 with which
+   !> a run starts: the finest at refine >= 0, at refine < 0 the coarse ones, which are halved.
    subroutine draw_shapes(d, nlane, path, pair, length, even, odd, drawn)
       type(integral_draws), intent(in) :: d
       integer, intent(in) :: nlane
@@ -251,7 +251,7 @@ contains
       end do
    end subroutine descend
 
-   !> Choose the second of two in the lanes that are in it; of what is not known there is nothing to choose.
+   !> In lanes of the second half take its values. Arrays of functionals that were not drawn are skipped.
    pure subroutine choose(in_second, second, chosen)
       logical, intent(in) :: in_second(:)                         !! (nlane)
       real(wp), allocatable, intent(in) :: second(:, :)           !! (nlane, nnoise)
@@ -275,7 +275,7 @@ contains
       if (d%asked%has(path_magnus)) levels_below = max(levels_below, magnus_levels)
    end function levels_below
 
-   !> Make an interval with its functionals. Those that its shape determines are not halved for.
+   !> Make an interval with its functionals. Functionals that its shape determines need no halving.
    subroutine complete(d, nlane, path, known, interval, drawn)
       type(integral_draws), intent(in) :: d
       integer, intent(in) :: nlane
@@ -286,22 +286,21 @@ contains
       type(path_interval) :: whole
       integer :: last
 
-      ! dZ, K and, where they are drawn in law, areas: the shape says all of them.
+      ! The shape determines dZ, K, and areas in law.
       call finest_interval(d, nlane, known%length, known%shape, interval)
       last = known%level + levels_below(d, known%length)
       ! No functional wants more than the shape.
       if (last == known%level) return
       call merge_halves(d, nlane, path, last, known, whole, drawn)
       if (d%is_left()) return
-      ! dZ and K are those of the shape; the merged ones are the same to rounding.
+      ! Keep dZ and K of the shape; the merged values equal them up to rounding.
       if (d%asked%has(path_areas) .and. .not. d%in_law()) &
          call move_alloc(whole%of(path_areas)%x, interval%of(path_areas)%x)
       if (d%asked%has(path_magnus)) call move_alloc(whole%of(path_magnus)%x, interval%of(path_magnus)%x)
    end subroutine complete
 
-   !> Make the functionals of an interval from those of its halves, down to the last level. Where levels_unseen + 1
-   !> levels lie below it looks whether the draws are to be left: often enough to be left soon, and rare beside the
-   !> work.
+   !> Make the functionals of an interval from those of its halves, down to the last level. With levels_unseen + 1
+   !> levels below, look at the interrupt: often enough to stop soon, seldom enough to cost little.
    recursive subroutine merge_halves(d, nlane, path, last, known, whole, drawn)
       type(integral_draws), intent(in) :: d
       integer, intent(in) :: nlane
@@ -316,7 +315,7 @@ contains
       if (last - known%level == levels_unseen + 1) call d%look()
       if (d%is_left()) return
       call number_pair(first, second, known%level + 1, known%index, known%length/2)
-      ! The draws of this halving were made together with those of its neighbour, by whoever came here.
+      ! The caller made the draws of this halving together with those of the neighbouring interval.
       call halve(known%shape, known%u, first%shape, second%shape)
       if (first%level == last) then
          call finest_interval(d, nlane, first%length, first%shape, left)
@@ -347,7 +346,7 @@ contains
       odd%length = length
    end subroutine number_pair
 
-   !> Make an interval of what its shape says: dW itself, and each functional by its formula.
+   !> Make an interval from its shape: dW itself, and each functional by its formula.
    subroutine finest_interval(d, nlane, length, shape, interval)
       type(integral_draws), intent(in) :: d
       integer, intent(in) :: nlane
@@ -371,7 +370,7 @@ contains
       type(halving_draws), intent(in) :: u
       type(path_shape), intent(out) :: left, right
 
-      ! The second half has what the first one leaves of the whole, in every bit of dW.
+      ! The second half gets the rest of the whole, so that dW of both add up exactly.
       left%w = 0.5_wp*whole%w + 1.5_wp*whole%hh + u%z
       right%w = whole%w - left%w
       left%hh = 0.25_wp*whole%hh - 0.5_wp*u%z
@@ -391,12 +390,12 @@ contains
       type(integral_draws), intent(in) :: d
       integer, intent(in) :: nlane, level                 !! level of this halving, from 1
       integer(i8), intent(in) :: path(nlane), pair
-      real(wp), intent(in) :: length                      !! of the intervals to be halved
+      real(wp), intent(in) :: length                      !! length of the intervals to be halved
       type(halving_draws), intent(inout) :: even, odd
       integer(i8), intent(inout) :: drawn
       real(wp) :: parts
 
-      ! Of |h|: the variance of N, and that of M where K is known.
+      ! Variance of N as a fraction 1/parts of |h|, and of M if K is known.
       parts = 12
       call draw(d, normal_stream(level=level, purpose=purpose_halving, scale=sqrt(abs(length)/16)), nlane, path, pair, &
                 even%z, odd%z, drawn)

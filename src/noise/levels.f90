@@ -24,7 +24,7 @@ module symsde_noise_levels
    type :: normals_of
       integer(i8) :: seed = 0
       integer :: noise = 0
-      integer :: nreal = 0                   !! lanes that count: the others get what the last of them has
+      integer :: nreal = 0                   !! real lanes; the others repeat the last of them
       integer(i8), allocatable :: path(:)    !! (nlane)
       class(interrupt_type), pointer :: interrupt => null()  !! may want the sums to be left
    contains
@@ -33,8 +33,8 @@ module symsde_noise_levels
 
 contains
 
-   !> Whether the sums are to be left, asked for each of their parts: then nothing that was made of them may be used.
-   !> A sum of 2^30 draws takes a while, and whoever waits may stop it.
+   !> Look at the interrupt, once for each part of a sum; if true, the sum is invalid. A sum of 2^30 draws takes a
+   !> while, and a user may stop it.
    logical function is_left(self)
       class(normals_of), intent(in) :: self
 
@@ -44,9 +44,9 @@ contains
       is_left = self%interrupt%wanted
    end function is_left
 
-   !> dW (nlane, nstep) of an even number of steps from an even one on: the sum of 2^refine draws at step h/2^refine
-   !> each, added as a balanced binary tree. 2^levels neighbours are summed at once in `fine`; where refine is larger
-   !> these sums are leaves of a tree of refine - levels further levels, where it is smaller several steps are made at
+   !> dW (nlane, nstep) of an even number of steps, an even one first: the sum of 2^refine draws at step h/2^refine
+   !> each, added as a balanced binary tree. 2^levels neighbours are summed at once in `fine`. With larger refine
+   !> these sums are leaves of a tree of refine - levels more levels; with smaller refine several steps are made at
    !> once.
    subroutine sum_finer(self, nlane, first, nstep, refine, h, dw, drawn)
       type(normals_of), intent(in) :: self
@@ -71,7 +71,7 @@ contains
          do i = 0, 2_i8**(refine - levels) - 1
             ! An interrupt is looked for in each part; dw is not used then.
             if (self%is_left()) return
-            ! So many draws are added at once: of one part of a step, or of `count` whole steps.
+            ! n draws are added at once: of one part of a step, or of `count` whole steps.
             n = count*2**levels
             call draw_steps(self, nlane, (first + step)*2_i8**refine + i*n, n, 0, scale, fine)
             drawn = drawn + n
@@ -87,8 +87,8 @@ contains
       end do
    end subroutine sum_finer
 
-   !> Levels of fine increments that are summed at once. Those of few paths fill the lanes of the generator, four
-   !> increments a lane; of many paths eight increments are drawn at once.
+   !> Levels of fine increments that are summed at once. Increments of few paths fill the lanes of the generator,
+   !> four a lane; of many paths eight are drawn at once.
    pure integer function levels_at_once(self) result(levels)
       type(normals_of), intent(in) :: self
 
@@ -124,10 +124,10 @@ contains
       if (level <= size(partial, 2)) partial(:, level) = x
    end subroutine carry
 
-   !> dW (nlane, nstep) of steps from any one on: the increments at step 2^level h, halved once for every level. Of
-   !> each level no more intervals are kept than those that hold the wanted steps, from low to high. x holds
-   !> increments of the level from the interval `base` on, and e the normals that halve them, from the interval `from`
-   !> on: draws make four intervals at a time.
+   !> dW (nlane, nstep) of steps from any one on: increments at step 2^level h, halved once for every level. Of each
+   !> level only intervals `low` to `high` are kept, which hold the wanted steps. x holds increments of the level
+   !> from interval `base` on, and e the normals that halve them, from interval `from` on: a draw makes four
+   !> intervals.
    subroutine halve_coarser(self, nlane, first, nstep, levels, h, dw, drawn)
       type(normals_of), intent(in) :: self
       integer, intent(in) :: nlane, nstep
@@ -143,7 +143,7 @@ contains
 
       ! Intervals that hold nstep steps, rounded down and up to multiples of four.
       allocate (x(nlane, 0:nstep + 7), e(nlane, 0:nstep + 7), halves(nlane, 0:nstep + 7))
-      ! The longest intervals: which of them hold the steps, and their increments.
+      ! Find the longest intervals that hold the steps, and draw their increments.
       coarse = h*2.0_wp**levels
       low = first/2_i8**levels
       high = (first + nstep - 1)/2_i8**levels
@@ -169,7 +169,7 @@ contains
          coarse = coarse/2
       end do
       dw = x(:, low - base:high - base)
-      drawn = drawn + nstep  ! one a step in the long run: 1 + 1 + 2 + 4 + .. for 2^levels of them
+      drawn = drawn + nstep  ! one a step in the long run: 1 + 1 + 2 + 4 + .. for 2^levels steps
    end subroutine halve_coarser
 
    !> n rounded up to a multiple of four, the intervals of a draw.
@@ -179,8 +179,8 @@ contains
       fours = 4*int((n + 3)/4)
    end function fours
 
-   !> Draw N(0, scale^2) of nstep steps from `first` on, both multiples of four, into x (nlane, nstep). Level 0 are
-   !> increments, level l those of the bridge, with a purpose of their own: they share no draw.
+   !> Draw N(0, scale^2) of nstep steps from `first` on, both multiples of four, into x (nlane, nstep). Level 0
+   !> draws increments, level l normals of the bridge, which have another purpose: the two share no draw.
    subroutine draw_steps(self, nlane, first, nstep, level, scale, x)
       type(normals_of), intent(in) :: self
       integer, intent(in) :: nlane, nstep, level
@@ -221,7 +221,7 @@ contains
       ! As many lanes as four steps of every path need, rounded up to whole vectors.
       n = padded(self%nreal*(nstep/4))
       noises = self%noise
-      do i = 1, n  ! a full vector: the last ones are not used
+      do i = 1, n  ! a whole vector; padding is not used
          paths(i) = self%path(1 + mod(i - 1, self%nreal))
          draws(i) = first/4 + (i - 1)/self%nreal
       end do
@@ -231,7 +231,7 @@ contains
 
    ! ---- kernels ----------------------------------------------------------------------------------
 
-   !> Move numbers from lanes of the generator, (n, 4), to those of the block; padding repeats the last real path.
+   !> Move numbers from lanes of the generator, (n, 4), to lanes of the block; padding repeats the last real path.
    pure subroutine spread(n, nreal, nlane, nstep, drawn, x)
       integer, intent(in) :: n, nreal, nlane, nstep
       real(wp), intent(in) :: drawn(n, 0:3)
@@ -246,8 +246,7 @@ contains
       end do
    end subroutine spread
 
-   !> Put the sums of two neighbours in the place of both, n of them: the next level of the tree, in the first n
-   !> columns.
+   !> Replace n pairs of neighbours by their sums: the next level of the tree, in the first n columns.
    pure subroutine add_pairs(nlane, n, x)
       integer, intent(in) :: nlane, n
       real(wp), intent(inout) :: x(nlane, 0:2*n - 1)

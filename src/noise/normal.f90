@@ -61,7 +61,7 @@ module symsde_noise_normal
                           c3 = -0.0208634684012751_wp*unit2**3, c4 = 0.0009191629221169082_wp*unit2**4, &
                           c5 = -2.4852206943562213e-05_wp*unit2**5
 
-   !> Which numbers are meant, of those that belong to a path and a pair of fine steps.
+   !> A stream selects normals among all that belong to a path and a pair of fine steps.
    type :: normal_stream
       integer(i8) :: seed = 0          !! the 64-bit key
       integer(i4) :: noise = 0         !! 0 .. 2**20-1
@@ -88,8 +88,8 @@ contains
       call scaled_normal_pairs(nlane, normal_stream(seed, noise, level, purpose), path, pair, even, odd)
    end subroutine normal_pairs
 
-   !> The same of a stream: N(0, scale^2) of its noise, level and purpose. Two of the four words of a draw are used,
-   !> those of this pair; tiles of philox_tile lanes keep words and normals in cache.
+   !> normal_pairs of a stream: N(0, scale^2) of its noise, level and purpose. Of the four words of a draw two
+   !> belong to this pair; tiles of philox_tile lanes keep words and normals in cache.
    subroutine scaled_normal_pairs(nlane, of, path, pair, even, odd)
       integer(i4), intent(in) :: nlane
       type(normal_stream), intent(in) :: of
@@ -99,7 +99,7 @@ contains
       integer(i4) :: first, n, word
       logical :: tails
 
-      word = 2*int(mod(pair, 2_i8))  ! words before those of this pair
+      word = 2*int(mod(pair, 2_i8))  ! words of a draw before the words of this pair
       do first = 1, nlane, philox_tile
          n = min(philox_tile, nlane - first + 1)
          call philox_lanes(n, of%seed, path(first), pair/2, of%noise, of%level, of%purpose, words)
@@ -115,7 +115,7 @@ contains
    !> The same of npair pairs of fine steps from an even pair on, into the column of w that belongs to their noise.
    subroutine scaled_normal_steps(nlane, of, path, pair, npair, nnoise, w)
       integer(i4), intent(in) :: nlane
-      type(normal_stream), intent(in) :: of    !! of noise 1 .. nnoise
+      type(normal_stream), intent(in) :: of    !! stream of noise 1 .. nnoise
       integer(i8), intent(in) :: path(nlane)
       integer(i8), intent(in) :: pair          !! first pair of fine steps, even
       integer(i4), intent(in) :: npair         !! 1 .. pairs_of_steps
@@ -158,8 +158,8 @@ contains
       end do
    end subroutine scaled_normal_column
 
-   !> How many of these lanes, from the first one on, have paths that differ in their low 32 bits alone: all of them,
-   !> but in one block of 2**24. High bits that differ are gathered over all lanes first, without a branch.
+   !> How many lanes, from the first on, have paths that differ in their low 32 bits alone: all of them, except in
+   !> one block of 2**24. First gather differing high bits of all lanes, without a branch.
    pure integer(i4) function neighbours(nlane, path)
       integer(i4), intent(in) :: nlane
       integer(i8), intent(in) :: path(nlane)
@@ -179,7 +179,8 @@ contains
       end do
    end function neighbours
 
-   !> A draw of a noise for each lane, whatever that of the stream: the normals of the fine steps 4 draw .. 4 draw + 3.
+   !> One draw and one noise for each lane, whatever the noise of the stream: normals of the fine steps 4 draw .. 4
+   !> draw + 3.
    subroutine scaled_normals_at(nlane, of, path, draw, noise, x)
       integer(i4), intent(in) :: nlane         !! lanes, any number
       type(normal_stream), intent(in) :: of
@@ -195,7 +196,7 @@ contains
       do j = 0, 2, 2
          call normal_pair_lanes(nlane, words(1, j + 1), words(1, j + 2), of%scale, x(1, j), x(1, j + 1), tails)
          if (.not. tails) cycle
-         ! Each lane may be of another noise, so their tails are looked at one by one.
+         ! Each lane may have another noise, so tails are handled lane by lane.
          do lane = 1, nlane
             own = of
             own%noise = noise(lane)
@@ -215,7 +216,7 @@ contains
       integer(i4) :: noises(nlane), word
       logical :: tails
 
-      ! One draw makes the normals of two pairs; each lane takes those of its own pair.
+      ! One draw makes the normals of two pairs; each lane takes the normals of its own pair.
       draw = pair/2
       noises = of%noise
       word = 1 + 2*int(mod(pair(1), 2_i8))
@@ -229,7 +230,7 @@ contains
       integer(i4), intent(in) :: nlane
       type(normal_stream), intent(in) :: of
       integer(i8), intent(in) :: path(nlane), draw(nlane)
-      integer(i4), intent(in) :: word          !! which word of the further bits, that of the radius
+      integer(i4), intent(in) :: word          !! index of the word of further bits for the radius
       integer(i8), intent(in) :: radius(nlane), angle(nlane)
       real(wp), intent(inout) :: even(nlane), odd(nlane)
       integer(i8) :: words(1, 4)
@@ -238,7 +239,7 @@ contains
 
       do lane = 1, nlane
          if (radius(lane) >= tail_words) cycle
-         ! The draw with the same counter but for its purpose: 32 more bits below those of the radius.
+         ! Draw again with another purpose: 32 more bits below the bits of the radius.
          call philox_lanes(1, of%seed, path(lane), draw(lane), of%noise, of%level, of%purpose + tail_purpose, words)
          call normal_pair(real(ishft(radius(lane), 32) + words(1, word), wp) + 0.5_wp, 64, angle(lane), of%scale, &
                           even(lane), odd(lane), size)
@@ -284,8 +285,9 @@ contains
       tails = largest > scale*tail_size
    end subroutine normal_pair_lanes
 
-   !> Two normals of a lane from u = x/2**bits and the word of the angle. The angle is pi/4 + phi in the first
-   !> quarter turn, and cos, sin of it are (cos phi -+ sin phi)/sqrt(2); two more bits make the signs.
+   !> Two normals of a lane from u = x/2**bits and the word of the angle. In the first quarter turn the angle is
+   !> pi/4 + phi, and its cosine and sine are (cos phi -+ sin phi)/sqrt(2); two more bits of the word make the
+   !> signs.
    pure subroutine normal_pair(x, bits, angle, scale, even, odd, size)
       real(wp), intent(in) :: x                !! k + 1/2
       integer, intent(in) :: bits
@@ -302,7 +304,7 @@ contains
       z = y*y
       sine = y*(s1 + z*(s2 + z*(s3 + z*(s4 + z*(s5 + z*s6)))))
       cosine = 1 + z*(c1 + z*(c2 + z*(c3 + z*(c4 + z*c5))))
-      ! Bit 31 of the word becomes the sign bit of the one, bit 0 that of the other.
+      ! Bit 31 of the word becomes the sign of `even`, bit 0 the sign of `odd`.
       even = with_sign(size*(cosine - sine), ishft(angle, 32))
       odd = with_sign(size*(cosine + sine), ishft(angle, 63))
    end subroutine normal_pair

@@ -30,7 +30,7 @@ module symsde_noise_oscillator_law
    integer, parameter :: nterm = 30                  !! terms of a Bessel function: 8^30/(30! 65!!/5!!) < 1e-40
    integer, parameter :: norder = 30                 !! terms of a sum: (4^30/61!!)^2 < 1e-42
 
-   !> R and I as linear forms of dW, H, K, xi_1 and xi_2, and the turn that makes (C, S) of them.
+   !> R and I as linear forms of dW, H, K, xi_1 and xi_2, and the rotation that takes them to (C, S).
    type :: oscillator_coefficients
       real(wp) :: cosine = 1  !! of h/2
       real(wp) :: sine = 0
@@ -94,7 +94,7 @@ contains
       end do
    end function bessel
 
-   !> C and S of one step for each path of a block, from dW, H, K and two normals that belong to it.
+   !> C and S of one step for each path of a block, from dW, H, K and two normals of the path.
    pure subroutine oscillator_integrals(nlane, h, dw, shape, stt_area, xi1, xi2, c, s)
       integer(i4), intent(in) :: nlane
       real(wp), intent(in) :: h                       !! step, either sign [radians]

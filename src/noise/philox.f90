@@ -52,7 +52,7 @@ contains
 
       call round_keys(seed, k)
       call multipliers(m)
-      ! What all lanes share of the counter; the low word of the path is what differs.
+      ! Words of the counter that all lanes share; lanes differ in the low word of the path.
       high_draw = ishft(ishft(draw, -32), 16)
       low_draw = iand(draw, low32)
       tag = tag_of(noise, level, purpose)
@@ -72,16 +72,16 @@ contains
       end do
    end subroutine philox_lanes
 
-   !> VEC The same for two draws, `draw` and `draw` + 1, of paths that differ in their low 32 bits alone. Two chains
-   !> of rounds a lane hide the latency of the products, and what the first rounds share is done once: 0.85 of
-   !> the time a word.
+   !> VEC philox_lanes for two draws, `draw` and `draw` + 1, of paths that differ in their low 32 bits alone. Two
+   !> chains of rounds a lane hide the latency of the products, and work that the first rounds share is done once:
+   !> 0.85 of the time a word.
    subroutine philox_two_lanes(nlane, seed, path, upper, draw, noise, level, purpose, words)
       integer(i4), intent(in) :: nlane           !! 1 .. philox_tile
       integer(i8), intent(in) :: seed, path(nlane)
-      integer(i8), intent(in) :: upper           !! path/2**32 of all of them
+      integer(i8), intent(in) :: upper           !! path/2**32, the same for all lanes
       integer(i8), intent(in) :: draw
       integer(i4), intent(in) :: noise, level, purpose
-      integer(i8), intent(out) :: words(philox_tile, 4, 0:1)  !! of the lanes 1 .. nlane
+      integer(i8), intent(out) :: words(philox_tile, 4, 0:1)  !! words of the lanes 1 .. nlane
       integer(i8) :: k(nround, 2), m(2), c1, c2, c3, c4, d1, d2, d3, d4, c_high, d_high, c_low, d_low, tag
       integer(i4) :: lane, round
 
@@ -117,8 +117,8 @@ contains
       end do
    end subroutine philox_two_lanes
 
-   !> VEC The same with a draw and a noise for each lane: a path alone fills its lanes with the draws to come, and with
-   !> those of several noises.
+   !> VEC philox_lanes with a draw and a noise for each lane: a single path fills its lanes with later draws, and
+   !> with draws of several noises.
    subroutine philox_lanes_at(nlane, seed, path, draw, noise, level, purpose, words)
       integer(i4), intent(in) :: nlane           !! lanes, any number
       integer(i8), intent(in) :: seed, path(nlane), draw(nlane)

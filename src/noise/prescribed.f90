@@ -37,8 +37,8 @@ module symsde_noise_prescribed
 
 contains
 
-   !> Make a source that reads the user's array; path 1 of it is first_path, its first row is first_step. Nothing is
-   !> copied: the array must live as long as the source.
+   !> Make a source that reads the user's array: its path 1 is first_path, its first row is first_step. The array is
+   !> not copied: it must live as long as the source.
    subroutine new_prescribed_noise(self, dw, first_path, first_step, refine, h, nnoise)
       type(prescribed_noise), intent(out) :: self
       !> (npath or 1, columns, rows), with nnoise columns of dW, then as many of dZ, then of K, where they are given
@@ -50,7 +50,7 @@ contains
 
       ! Without functionals no length is needed.
       if (present(h)) self%h = h
-      ! Columns beside the increments are known by m alone, so m must be given with them.
+      ! The columns do not tell m if dZ or K are among them, so nnoise must be given with them.
       self%nnoise = size(dw, 2)
       if (present(nnoise)) self%nnoise = nnoise
       self%dw => dw
@@ -61,8 +61,7 @@ contains
       allocate (self%common(self%nnoise), source=.false.)
    end subroutine new_prescribed_noise
 
-   !> Fill the steps of a request from the array. What is given is there, so no interrupt is looked at, and nothing is
-   !> drawn.
+   !> Fill the steps of a request from the array. Nothing is drawn, so the interrupt is not looked at.
    subroutine fill_prescribed(self, request, store, drawn, interrupt)
       class(prescribed_noise), intent(in) :: self
       type(step_request), intent(in) :: request
@@ -79,7 +78,7 @@ contains
       ! Steps of the request that lie before the first row, or behind the last, are not there. row may be negative.
       first = int(max(0_i8, (rows - row)/rows))
       last = int(min(2_i8*request%npair, (size(self%dw, 3, i8) + 1 - row)/rows)) - 1
-      ! None of these steps is given.
+      ! The array holds none of these steps.
       if (last < first) return
       ! One row a step and no functional: all steps at once. Else step by step.
       row = row + first*rows

@@ -65,7 +65,7 @@ module symsde_scheme_certificate
       logical :: keeps_quadratic = .false.
       real(wp) :: quadratic_residual = 0        !! largest |a - abar|, |b - bbar|
       logical :: keeps_bilinear = .false.       !! invariants q^T D p
-      integer :: structure = evidence_derived   !! what these rest on: derived, or claimed by special schemes
+      integer :: structure = evidence_derived   !! evidence of these: derived or claimed
       type(order_type) :: order(norder)         !! by class of noise; corrected where needed
       integer :: order_noise_free = 0
       integer :: explicit_for = never_explicit  !! one of the three enumerators

@@ -103,7 +103,7 @@ module symsde_scheme_scheme
       logical :: symmetric = .false.          !! equal to its adjoint
       logical :: keeps_quadratic = .false.    !! quadratic invariants are preserved exactly
       integer :: structure = evidence_derived !! what these rest on; claimed where a stepper leaves the tableau
-      type(order_type) :: order(norder)       !! by class of noise
+      type(order_type) :: order(norder)       !! evidence of these; claimed if a stepper does more
       integer :: order_noise_free = 0         !! order without noise
       logical :: sharp = .false.              !! the order for commutative noise is not exceeded on generic problems
    contains
