@@ -8,7 +8,7 @@
 All means but one are known exactly; the reference of the last scene is a run of 2^24 paths by another scheme, whose own
 error is told. Coverage is the share of answers whose interval holds the mean, with its standard error. A pilot takes
 longer than most answers here, so each serves several, which have seeds and paths of their own; the standard error
-reckons with what they share. --narrower N asks for intervals N times as narrow, by quasi-Monte Carlo then more often.
+reckons with what they share. --narrower N asks for intervals N times as narrow, by Sobol points then more often.
 
 --long takes scenes of horizons from 1 to 1000 and of rare events instead. Their references, where there is no formula,
 are runs of 2^16 paths by chin4a at fine steps.
@@ -32,14 +32,12 @@ from typing import Any
 
 import numpy as np
 import symsde as ss
-from symsde.answers.expectation import choice, variants
 from symsde.answers.expectation.candidates import suitable
 from symsde.answers.expectation.carry_out import Execution
 from symsde.answers.expectation.choice import Plan
-from symsde.answers.expectation.pilot import MEASURED, Pilot
+from symsde.answers.expectation.interval import Tolerance, make_tolerance
+from symsde.answers.expectation.pilot import Pilot
 from symsde.answers.expectation.problem import make_problem
-from symsde.answers.expectation.quasi import Quasi
-from symsde.answers.expectation.tolerance import Tolerance, make_tolerance
 from symsde.answers.expectation.trial import LEVELS
 from symsde.answers.expectation.watch import Watch
 
@@ -184,7 +182,7 @@ def repeat(case: Case, repeats: int, pilots: int) -> dict:
     tolerance = make_tolerance(case.abs, None)
     for first in range(pilots):
         problem = make_problem(case.model, case.f, seed=first, threads=1, **case.start)
-        pilot = Pilot(problem, tolerance, Watch(None, False), suitable(problem), None)
+        pilot = Pilot(problem, tolerance, Watch(None, False), suitable(problem))
         plans = pilot.choose()
         for seed in range(repeats // pilots):
             pilot.problem = dataclasses.replace(problem, seed=(first + 1) * 10**6 + seed)
@@ -224,23 +222,18 @@ def every_plan(pilot: Pilot) -> list[Plan]:
     for trial in pilot.trials:
         for _ in range(3):
             trial.double()
-        if math.isfinite(variants.price_of_changes(trial, range(1, LEVELS))):
-            trial.look_at_changes()
-        found = choice.plain(trial, pilot.error)
-        level = min(LEVELS - 1, found.level if found else LEVELS - 1)
-        for method, kind in MEASURED.items():
-            if math.isfinite(variants.price(trial, method, level)):
-                trial.look_at(kind, level)
-        if math.isfinite(variants.price(trial, Quasi.name, level)):
-            for whole in range(LEVELS):
-                trial.look_evenly(whole)
+        if math.isfinite(trial.price_of_pairs(LEVELS - 1)):
+            trial.look_at_pairs(LEVELS - 1)
+        for level in range(LEVELS):
+            if math.isfinite(trial.price_of_points(level)):
+                trial.look_at_points(level)
     return pilot.plans()
 
 
 def by_hand(case: Case, tolerance: Tolerance, repeats: int) -> tuple[list[float], str]:
     """Seconds of the best plan that there is, and which one it is: the likely ones are all carried out."""
     problem = make_problem(case.model, case.f, seed=10**9, threads=1, **case.start)
-    pilot = Pilot(problem, tolerance, Watch(None, False), suitable(problem), None)
+    pilot = Pilot(problem, tolerance, Watch(None, False), suitable(problem))
     plans = every_plan(pilot)
     likely = [plan for plan in plans[:8] if plan.seconds < 4 * plans[0].seconds]
     spent: dict[str, list[float]] = {}
@@ -251,7 +244,7 @@ def by_hand(case: Case, tolerance: Tolerance, repeats: int) -> tuple[list[float]
             begin = time.process_time()
             Execution(pilot, [plan]).answer()
             taken.append(time.process_time() - begin)
-        spent[f"{plan.method} by {plan.trial.scheme.name}, {plan.steps} steps"] = taken
+        spent[f"{plan.method} by {plan.scheme.name}, {plan.steps} steps"] = taken
     best = min(spent, key=lambda name: np.median(spent[name]))
     return spent[best], best
 

@@ -14,7 +14,7 @@ import numpy as np
 from plain_rules import RULES, Plain
 from symsde.answers.advice.ladder import Ladder
 from symsde.answers.advice.wants import Invariants, Moments, Paths, Seen
-from symsde.answers.expectation.longest_step import fewest_steps
+from symsde.answers.expectation.candidates import fewest_steps
 from symsde.answers.expectation.problem import make_problem
 from symsde.models import kubo, synchrotron
 from symsde.run.simulate import Run

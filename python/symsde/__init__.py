@@ -20,10 +20,9 @@ from types import ModuleType
 from . import diagnose, errors, models, observe, schemes
 from .answers.advice.advise import Advice, advise
 from .answers.coupled import LevelSampler, level_sampler
-from .answers.expectation.answer import Alternative, Answer
+from .answers.expectation.answer import Alternative, Answer, Multilevel
 from .answers.expectation.expect import expect
 from .answers.expectation.mlmc import mlmc
-from .answers.expectation.multilevel_answer import Multilevel
 from .answers.mean_square import MeanSquare, mean_square
 from .batch.ensemble import ensemble
 from .batch.opened import OpenRun, load, open_run

@@ -16,7 +16,7 @@ import symsde as ss
 from clock import WorkClock
 from recorded import code, facts
 from recorded_runs import MADE, SCHEMES, scheme_of, square
-from symsde.answers.expectation import pilot
+from symsde.answers.expectation import choice
 from symsde.run import setup
 from test_axes_models import MODELS, compiled
 
@@ -148,7 +148,7 @@ def answers():
     kubo, two, chain = ss.models.kubo(0.9, 0.4), ss.models.synchrotron(1.3, 0.5, 0.4), ss.models.fpu_chain(3, 0.8, 0.3)
     known = {"kubo": (kubo, "q**2", "stormer_verlet"), "two": (two, square, "gauss_dkdkd")}
     known["chain"] = (chain, "q1 + p1**2", None)
-    for method, (name, (model, f, scheme)) in itertools.product(pilot.METHODS, known.items()):
+    for method, (name, (model, f, scheme)) in itertools.product(choice.METHODS, known.items()):
         yield f"expect {method} {name}", asked(ss.expect, model, f, scheme=scheme, method=method, abs=0.02, **PLACE)
     yield "expect any", asked(ss.expect, two, "cos(q)*p", rel=0.1, **PLACE)
     yield "expect seldom", asked(ss.expect, kubo, seldom, abs=0.01, scheme="midpoint", **PLACE)

@@ -12,8 +12,7 @@ import symsde as ss
 from clock import WorkClock
 from symsde.answers.advice.advise import _fewest_steps, candidates, scheme_names
 from symsde.answers.advice.wants import Invariants, Moments, Seen
-from symsde.answers.expectation.candidates import commutes
-from symsde.answers.expectation.longest_step import frequency
+from symsde.answers.expectation.candidates import commutes, frequency
 from symsde.answers.expectation.problem import make_problem
 from symsde.answers.linear_stability import stable_up_to
 from symsde.batch import scene

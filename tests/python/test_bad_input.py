@@ -207,7 +207,11 @@ OTHERS = [
         ["nearest is method"],
     ),
     (lambda: ss.expect(MODEL, "q", **TO_ONE, paths=9), errors.WrongTypeError, ["'paths' is no option", "tolerance"]),
-    (lambda: ss.expect(MODEL, "q", **TO_ONE, method="qmc"), errors.UnknownNameError, ["called 'quasi-Monte Carlo'"]),
+    (
+        lambda: ss.expect(MODEL, "q", **TO_ONE, method="qmc"),
+        errors.UnknownNameError,
+        ["called 'multilevel quasi-Monte Carlo'"],
+    ),
     (lambda: ss.models.kubo(sgma=0.1), errors.WrongTypeError, ["no option 'sgma': the nearest is sigma"]),
     (lambda: ss.Model(ndof=1, nnoise=0, grad=gradient), errors.WrongTypeError, ["no option 'grad'", "gradient"]),
     (lambda: ss.simulate(MODEL, **GOOD).plot(kind="line"), errors.WrongTypeError, ["no option 'kind'", "called what"]),

@@ -7,13 +7,12 @@ import math
 import numpy as np
 import pytest
 import symsde as ss
-from symsde.answers.expectation import bias, choice, quasi, variants
-from symsde.answers.expectation.candidates import suitable
-from symsde.answers.expectation.estimators import Plain
-from symsde.answers.expectation.longest_step import SHARPEST
+from symsde.answers.expectation import bias, choice, estimators
+from symsde.answers.expectation.candidates import SHARPEST, suitable
+from symsde.answers.expectation.estimators import Plain, Quasi
+from symsde.answers.expectation.interval import BIAS_SHARE, Tally
 from symsde.answers.expectation.problem import make_problem
-from symsde.answers.expectation.tally import Tally
-from symsde.answers.expectation.trial import Trial
+from symsde.answers.expectation.trial import OF_JUMPS, USUAL, Even, Trial, _as_if_one_differed
 from symsde.answers.linear_stability import stable_up_to
 from symsde.schemes import as_scheme
 from test_expect import FakeTrial, units
@@ -24,23 +23,28 @@ def nonlinear():
     return ss.models.synchrotron(sigma1=0.8, sigma2=0.5)
 
 
-def even_of(variances, *, level=0, path=1e-6, once=0.0):
+def even_of(variances, *, level=0, path=1e-6, once=0.0, usual=USUAL):
     """What scramblings may have shown at a level: variances of units of 2^6 and of 2^9 points."""
     tallies = {points: Tally(8, 0.0, 7 * x) for points, x in zip((6, 9), variances, strict=True)}
-    return variants.Even(level, tallies, tallies, path, once)
+    return Even(level, tallies, tallies, path, once, usual)
 
 
 def test_sobol_points_end_at_2_to_the_30():
-    """Flat from few to many points, the variance is taken to fall as 1/points, and 16 units may have 16; SciPy refuses
-    more points than 2^30. Of a variance that falls by 8 each time the slope is taken for 2.13, and for 2.6
-    where it does so six times."""
-    units = even_of((1.0, 1.0)).fine
-    assert choice._points(units, 2.0**-21) == 30 and choice._points(units, 2.0**-22) > quasi.MOST_POINTS
-    assert 10.9 < choice._points(even_of((1.0, 2.0**-9)).fine, 2.0**-9 * 2.0**-4.25) <= 11
-    assert 11 < choice._points(even_of((1.0, 2.0**-9)).fine, 2.0**-9 * 2.0**-4.28) < 11.1
-    assert choice._points(units, 2.0**9) == 7  # work begins with a quarter, and that may be enough
+    """Flat from few to many points, the variance is taken to fall as 1/points; SciPy refuses more points than 2^30. Of
+    a variance that falls by 8 each time the slope is taken for 2.13, and for 2.6 where it does so six times."""
+    trial = FakeTrial(0.25)
+    trial.even = {0: even_of((1.0, 1.0))}
+    assert points_of(trial, 0, 0, 2.0**-21) == [30] and points_of(trial, 0, 0, 2.0**-21.1) is None
+    trial.even = {0: even_of((1.0, 2.0**-9))}
+    assert points_of(trial, 0, 0, 2.0**-9 * 2.0**-4.25) == [11] and points_of(trial, 0, 0, 2.0**-9 * 2.0**-4.28) == [12]
     wide = {6: Tally(8, 0.0, 7.0), 12: Tally(8, 0.0, 7 * 2.0**-18)}
-    assert variants.fall(wide) == pytest.approx(2.617, abs=1e-3)
+    assert even_of((1.0, 1.0)).fall(wide) == pytest.approx(2.614, abs=1e-3)
+
+
+def points_of(trial, coarsest, finest, needed):
+    """log2 of the points of each level, if the variances of their units may add to this."""
+    found = choice._points(trial, coarsest, finest, math.sqrt(needed / 16 / (1 - BIAS_SHARE)))
+    return found and found[2]
 
 
 def test_points_are_doubled_where_variance_over_cost_is_largest():
@@ -49,35 +53,33 @@ def test_points_are_doubled_where_variance_over_cost_is_largest():
     Level 2, not looked at, varies by a quarter of level 1, as its paths do; nothing is known of it from level 0."""
     trial = FakeTrial(0.25)
     trial.even = {0: even_of((64.0, 1.0), once=0.5), 1: even_of((2.0, 0.25), level=1, path=3e-5, once=0.25)}
-    trial.steps = lambda level: 2**level
-    plan = choice._even_levels(trial, 0, 1, 4.5)
-    assert plan.options == {"log2_points": [10, 6]} and plan.coarsest == 0
-    assert plan.seconds == pytest.approx(0.75 + 16 * (1e-6 * 2**10 + 3e-5 * 2**6))
-    assert choice._even_levels(trial, 0, 1, 1e-300) is None
+    seconds, coarsest, points = choice._points(trial, 0, 1, math.sqrt(4.5 / 16 / 0.9))
+    assert points == [10, 6] and coarsest == 0
+    assert seconds == pytest.approx(0.75 + 16 * (1e-6 * 2**10 + 3e-5 * 2**6))
+    assert points_of(trial, 0, 1, 1e-280) is None
     trial.spread = lambda level: 4.0**-level
-    assert choice._even_levels(trial, 0, 2, 6.3).options == {"log2_points": [10, 6, 5]}  # 0.31 + 3.66 + 2.23
-    assert choice._even_levels(trial, 0, 2, 6.1).options == {"log2_points": [10, 7, 5]}
+    assert points_of(trial, 0, 2, 5.1) == [10, 6, 5]  # 0.31 + 3.66 + 1.11, which falls as points^-1.15
+    assert points_of(trial, 0, 2, 5.0) == [10, 7, 5]
     del trial.even[1]
-    assert choice._even_levels(trial, 0, 1, 4.5) is None
+    assert points_of(trial, 0, 1, 4.5) is None
 
 
 def test_points_of_an_f_that_jumps_gain_less():
     """Variance 1 by 2^6 points, 2^-4.5 by 2^9, known to a half each: a fall of 1.5 if f is smooth, of 1.27 if it
-    jumps, so that 2^-11.9 takes 2^14 or 2^15 points. Scramblings that all agree tell of a jump that none of their
+    jumps, so that it takes more points. Scramblings that all agree tell of a jump that none of their
     points came to: as if one did."""
     pytest.importorskip("scipy")
-    units = even_of((1.0, 2.0**-4.5)).fine
-    assert variants.fall(units) == pytest.approx(1.5)
-    assert variants.fall(units, variants._OF_JUMPS) == pytest.approx((1.5 * 8.01 + 1.1 * 11) / 19.01, abs=1e-3)
-    assert [math.ceil(choice._points(units, 2.0**-11.9, usual)) for usual in (1.5, 1.1)] == [14, 15]
+    smooth, jumping = (even_of((1.0, 2.0**-4.5), usual=usual) for usual in (USUAL, OF_JUMPS))
+    assert smooth.fall(smooth.fine) == pytest.approx(1.5)
+    assert jumping.fall(smooth.fine) == pytest.approx((1.5 * 8.01 + 1.1 * 11.11) / 19.12, abs=1e-3)
     model, place = ss.models.linear_oscillator(), {"q0": 1.0, "p0": 0.0, "horizon": 2.0}
     for f, usual in ((lambda q, p: q[0] > 0.5, 1.1), ("q", 1.5)):
         trial = Trial(make_problem(model, f, **place, threads=1), as_scheme("chin4a"), 2, 256)
-        trial.look_evenly(0)
+        trial.look_at_points(0)
         assert trial.even[0].usual == usual
-    same = variants._as_if_one_differed(Tally(8, 0.5, 0.0), 9, 0.25)
+    same = _as_if_one_differed(Tally(8, 0.5, 0.0), 9, 0.25)
     assert same.variance == pytest.approx(0.25 / 8 / 2.0**18)
-    assert variants._as_if_one_differed(Tally(8, 0.5, 7.0), 9, 0.25).variance == 1.0
+    assert _as_if_one_differed(Tally(8, 0.5, 7.0), 9, 0.25).variance == 1.0
 
 
 @pytest.mark.parametrize(("scheme", "columns"), [("midpoint", 1), ("gauss_dkdkd", 2), ("chin4a", 3)])
@@ -86,8 +88,8 @@ def test_sobol_points_drive_what_a_scheme_takes(nonlinear, scheme, columns):
     third of theirs. With dZ and K of the wrong size it is not: see tests/mutants."""
     pytest.importorskip("scipy")
     problem = make_problem(nonlinear, "q**2", q0=1.0, p0=0.0, horizon=2.0)
-    assert quasi.columns(problem, as_scheme(scheme)) == columns
-    even = quasi.Quasi(problem, as_scheme(scheme), 2, 0, log2_points=11)
+    assert estimators.columns(problem, as_scheme(scheme)) == columns
+    even = Quasi(problem, as_scheme(scheme), 2, 0, log2_points=11)
     assert even.dimension == 2 * 2 * columns
     even, plain = even.draw(24).units, units(Plain, problem, scheme, 2, 200_000)
     assert abs(even.mean - plain.mean) < 4.5 * math.hypot(plain.error, even.error)
@@ -96,7 +98,7 @@ def test_sobol_points_drive_what_a_scheme_takes(nonlinear, scheme, columns):
 
 def test_dz_and_k_have_their_law():
     """The map is linear in the normals: covariance h, h^3/3, h/720 and h^2/2 of dW with dZ, exactly."""
-    bridge, h = quasi.Bridge(4, horizon=2.0), 0.5
+    bridge, h = estimators.Bridge(4, horizon=2.0), 0.5
     normals = np.eye(12).reshape(3, 4, 1, 12)
     rows = bridge.increments(normals)
     assert rows.shape == (4, 3, 12)
@@ -111,10 +113,8 @@ def test_differences_of_levels_telescope(nonlinear):
     pytest.importorskip("scipy")
     problem = make_problem(nonlinear, "q**2", q0=1.0, p0=0.0, horizon=2.0)
     scheme = as_scheme("gauss_dkdkd")
-    levels = [
-        quasi.Quasi(problem, scheme, 4 << i, i, log2_points=9, differences=i > 0).draw(24).units for i in range(3)
-    ]
-    finest = quasi.Quasi(problem, scheme, 16, 9, log2_points=11).draw(24).units
+    levels = [Quasi(problem, scheme, 4 << i, i, log2_points=9, differences=i > 0).draw(24).units for i in range(3)]
+    finest = Quasi(problem, scheme, 16, 9, log2_points=11).draw(24).units
     error = math.sqrt(sum(x.error**2 for x in [*levels, finest]))
     assert abs(sum(x.mean for x in levels) - finest.mean) < 4.5 * error
     assert abs(levels[1].mean) > 4.5 * levels[1].error

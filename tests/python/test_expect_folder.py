@@ -17,8 +17,8 @@ from symsde.answers.expectation import choice, draw_store
 from symsde.answers.expectation.carry_out import FIRST
 from symsde.answers.expectation.draw_store import InFolder, open_folder
 from symsde.answers.expectation.estimators import Drawn, Plain
+from symsde.answers.expectation.interval import Tally
 from symsde.answers.expectation.problem import make_problem
-from symsde.answers.expectation.tally import Tally
 from symsde.answers.expectation.watch import Watch
 from symsde.batch.folder import RunFolder
 from symsde.batch.shard_file import read
@@ -68,11 +68,9 @@ def test_work_goes_on_and_counts_every_unit_once(model, tmp_path):
     assert kept["made"]["symsde_version"] == ss.__version__
 
 
-@pytest.mark.parametrize(
-    "method", ["multilevel", "control variate", "antithetic", "quasi-Monte Carlo", choice.EVEN_LEVELS]
-)
+@pytest.mark.parametrize("method", choice.METHODS)
 def test_what_is_there_is_not_drawn_again(model, tmp_path, monkeypatch, method):
-    if "quasi-Monte Carlo" in method:
+    if method == choice.EVEN_LEVELS:
         pytest.importorskip("scipy")
     asked = {**PLACE, **STEADY, "abs": 2e-2, "method": method, "out": tmp_path}
     whole = ss.expect(model, "q**2", **asked)
@@ -88,12 +86,10 @@ def test_what_is_there_is_not_drawn_again(model, tmp_path, monkeypatch, method):
 
 
 def test_units_from_one_on_are_those_of_the_whole(model):
-    """Of estimators that use up paths before the first, too."""
     problem = make_problem(model, "q**2", **PLACE)
-    for method in ("plain", "antithetic", "control variate", "extrapolated"):
-        options = {"order": 2.0} if method == "extrapolated" else {}
-        scheme, more = as_scheme("stormer_verlet"), {"first": FIRST, "options": options}
-        made = [draw_store.estimator_of(method, problem, scheme, 8, **more) for _ in range(2)]
+    for method in ("plain", "antithetic"):
+        plan = choice.Plan(method, as_scheme("stormer_verlet"), 8, 8, 0.0, 1.0, (0.0, 0.0))
+        made = [plan.estimators(FIRST, problem)[0] for _ in range(2)]
         parts = made[0].draw_from(300, 200).units + made[0].draw_from(0, 300).units
         assert parts.mean == pytest.approx(made[1].draw(500).units.mean, rel=1e-13)
 

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 import symsde as ss
 from symsde.answers.expectation import bias, choice, pilot
+from symsde.answers.expectation.interval import half_width
 from symsde.answers.expectation.problem import make_problem
-from symsde.answers.expectation.tolerance import half_width
 from symsde.answers.expectation.trial import Trial
 from symsde.schemes import as_scheme
 

@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """What `expect` says of its work before it begins, and that the work takes about as long."""
 
-import dataclasses
 import logging
 import re
 import time
@@ -10,34 +9,15 @@ from types import SimpleNamespace
 import pytest
 import symsde as ss
 from clock import WorkClock
-from symsde.answers.expectation import choice, pilot, problem, quasi, watch
+from symsde.answers.expectation import choice, problem, watch
 from symsde.answers.expectation.carry_out import Execution
 from symsde.answers.expectation.estimators import Plain
 from symsde.answers.expectation.problem import make_problem
-from symsde.answers.expectation.rehearsal import rehearse
 from symsde.answers.expectation.trial import Trial
 from symsde.answers.expectation.watch import Watch
-from symsde.run.simulate import Run
 from symsde.schemes import as_scheme
 
 PLACE = {"q0": 1.0, "p0": 0.0, "horizon": 2.0}
-
-
-class SlowerAtShortSteps(WorkClock):
-    """A processor on which paths of more than 64 steps, as a pilot makes few, take four times as long."""
-
-    def __init__(self, monkeypatch):
-        super().__init__(monkeypatch)
-        monkeypatch.setattr(quasi, "seconds_to_load", lambda: 1.0)  # whatever the tests before have loaded
-        fill = Run.fill
-
-        def filled(result, *given):
-            before = self.now
-            fill(result, *given)
-            if result.setup.options.steps > 64:
-                self.now += 3 * (self.now - before - 1e-4)
-
-        monkeypatch.setattr(Run, "fill", filled)
 
 
 @pytest.fixture
@@ -56,37 +36,6 @@ def told_and_taken(plans, model, f, place=None, **tolerance):
     return said, answer.cost - answer.pilot
 
 
-def test_work_takes_what_was_told(monkeypatch, plans):
-    """To a factor of 1.5, on a machine on which the work is slower than the pilot's runs: the seconds are those of a
-    part of the work. Without this rehearsal it takes more than that."""
-    model = ss.models.synchrotron(sigma1=0.8, sigma2=0.5)
-    SlowerAtShortSteps(monkeypatch)
-    (told,), taken = told_and_taken(plans, model, "q**2", abs=0.02, method="plain", scheme="midpoint")
-    assert told / 1.5 < taken < 1.5 * told
-    monkeypatch.setattr(pilot, "rehearse", lambda plan, _: setattr(plan, "is_rehearsed", True))
-    (told, *_), taken = told_and_taken(plans, model, "q**2", abs=0.02, method="plain", scheme="midpoint")
-    assert taken > 1.5 * told
-
-
-def test_a_rehearsal_tells_the_variance_too(monkeypatch):
-    """A pilot that took it four times too small is put right by the units that are rehearsed anyway, and so is one that
-    took it too large; units of which few differ tell nothing."""
-    WorkClock(monkeypatch)
-    found = make_problem(ss.models.kubo(), "q", **PLACE, seed=0, threads=1)
-    trial = Trial(found, as_scheme("midpoint"), 8, 256)
-    exact = choice.plain(trial, 5e-4)
-    for wrong in (0.25, 4.0):
-        plan = choice.plain(trial, 5e-4)
-        units = [(wrong * count, seconds) for count, seconds in plan.parts]
-        plan = dataclasses.replace(plan, variance=wrong * plan.variance, parts=units, seconds=wrong * plan.seconds)
-        rehearse(plan, found)
-        assert exact.variance / 1.3 < plan.variance < 1.3 * exact.variance and plan.is_rehearsed
-        assert exact.seconds / 1.5 < plan.seconds < 1.5 * exact.seconds
-    seldom = make_problem(ss.models.kubo(), lambda q, p: q[0] > 9, **PLACE, seed=0, threads=1)
-    rehearse(plan := choice.plain(trial, 5e-4), seldom)
-    assert plan.variance == exact.variance
-
-
 def test_a_plan_that_grows_says_so(monkeypatch, plans):
     """The pilot thinks four levels enough, and two more are needed: the second estimate holds, as the first did not."""
     WorkClock(monkeypatch)
@@ -103,8 +52,8 @@ def test_short_work_is_promised_no_number(monkeypatch, plans):
     assert not told and taken < 0.1
     assert watch.told(0.099) == "estimated under 0.1 s" and watch.told(0.101) == "estimated at 0.1 s"
     found = make_problem(ss.models.kubo(), "q", **PLACE, seed=0, threads=1)
-    plan = choice.plain(Trial(found, as_scheme("midpoint"), 8, 256), 1.0)
-    assert plan.parts[0][0] == Plain.least_units
+    trial = Trial(found, as_scheme("midpoint"), 8, 256)
+    assert choice.plain(trial, 1.0, 0).seconds == Plain.least_units * trial.seconds(0)
 
 
 def test_the_plan_is_said_before_the_work(monkeypatch, plans, capsys):
@@ -113,7 +62,7 @@ def test_the_plan_is_said_before_the_work(monkeypatch, plans, capsys):
     def stop(_work):
         raise RuntimeError("at work")
 
-    monkeypatch.setattr(Execution, "_one_step", stop)
+    monkeypatch.setattr(Execution, "_by_units", stop)
     monkeypatch.setattr(Execution, "_multilevel", stop)
     asked = {"abs": 0.02, "method": "plain"}
     with pytest.raises(RuntimeError, match="at work"):

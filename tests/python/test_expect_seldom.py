@@ -6,12 +6,11 @@ import math
 import numpy as np
 import pytest
 import symsde as ss
-from symsde.answers.expectation import tails, unseen, variants
-from symsde.answers.expectation.estimators import Antithetic, Plain
-from symsde.answers.expectation.longest_step import mild_steps
+from symsde.answers.expectation import tails
+from symsde.answers.expectation.candidates import mild_steps
+from symsde.answers.expectation.estimators import Plain
+from symsde.answers.expectation.interval import Tally, make_tolerance
 from symsde.answers.expectation.problem import make_problem
-from symsde.answers.expectation.tally import Tally
-from symsde.answers.expectation.tolerance import make_tolerance
 from symsde.answers.expectation.trial import Trial
 from symsde.answers.expectation.watch import Watch
 from symsde.schemes import as_scheme
@@ -32,7 +31,7 @@ def problem():
 
 def looked_at(problem) -> Tally:
     plain = Plain(problem, as_scheme("stormer_verlet"), 16, 0)
-    return unseen.look(plain, make_tolerance(SELDOM / 4, None), Watch(None, False)).units
+    return tails.look(plain, make_tolerance(SELDOM / 4, None), Watch(None, False)).units
 
 
 def test_a_pilot_looks_until_it_sees(problem, monkeypatch):
@@ -40,7 +39,7 @@ def test_a_pilot_looks_until_it_sees(problem, monkeypatch):
     seen = looked_at(problem)
     assert not seen.few and seen.n * seen.mean >= 20
     assert seen.size == pytest.approx(1.0, abs=2e-3)
-    monkeypatch.setattr(unseen, "unseen", lambda *_: 0.0)
+    monkeypatch.setattr(tails, "unseen", lambda *_: 0.0)
     assert looked_at(problem).few
 
 
@@ -53,7 +52,8 @@ def test_paths_without_an_event_tell_no_bias_and_no_variance(problem):
     assert trial.bias(3)[1] == pytest.approx(1 / 256, rel=2e-2) and not trial.settled
     assert trial.bias(8) == trial.bias(3)
     assert trial.variance == pytest.approx(SELDOM, rel=0.7)
-    assert variants.measure(trial, Antithetic, 3).variance >= trial.variance
+    trial.look_at_pairs(3)
+    assert trial.pairs.variance >= trial.variance
 
 
 def test_what_was_not_seen_is_that_of_clopper_and_pearson():
@@ -61,7 +61,7 @@ def test_what_was_not_seen_is_that_of_clopper_and_pearson():
     for count, exact in ((0, 3.689), (2, 5.225), (5, 6.668), (10, 8.391), (19, 10.67)):
         values = np.zeros(10**6)
         values[:count] = 1.0
-        assert unseen._share(Tally.of(values)) * 10**6 == pytest.approx(exact, rel=0.05)
+        assert tails._share(Tally.of(values)) * 10**6 == pytest.approx(exact, rel=0.05)
 
 
 @pytest.mark.usefixtures("work_clock")

@@ -11,10 +11,9 @@ import symsde as ss
 from clock import Clock, WorkClock
 from symsde.answers.coupled import LevelSampler
 from symsde.answers.expectation import bias, mlmc
-from symsde.answers.expectation.multilevel_answer import Level
+from symsde.answers.expectation.answer import Level, fall
+from symsde.answers.expectation.interval import Tally
 from symsde.answers.expectation.problem import make_problem
-from symsde.answers.expectation.rates import fall
-from symsde.answers.expectation.tally import Tally
 from symsde.schemes import as_scheme
 
 PLACE = {"q0": 1.0, "p0": 0.0}
@@ -96,7 +95,7 @@ def test_truncation_of_the_coarse_path_is_that_of_its_own_step():
 @pytest.mark.parametrize("scheme", ["midpoint", "gauss_dkdkd", "chin4a"])
 @pytest.mark.parametrize("options", [{}, {"truncation": (2, 1.0)}, {"t0": 0.7, "compensated": True}])
 def test_increments_of_a_problem_drive_its_runs(scheme, options):
-    """Antithetic paths and control variates are made of them: whatever the options, they are those of the runs."""
+    """Antithetic paths are made of them: whatever the options, they are those of the runs."""
     problem = make_problem(ss.models.synchrotron(), "q**2", **PLACE, horizon=2.0, seed=2**40 + 3, **options)
     dw = problem.increments(as_scheme(scheme), 32, 2**33 + 5, 3000)
     run = problem.run(as_scheme(scheme), 32, first_path=2**33 + 5, paths=3000)

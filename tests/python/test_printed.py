@@ -15,9 +15,7 @@ import numpy as np
 import pytest
 import symsde as ss
 from symsde.answers.advice.advise import Advice, Option
-from symsde.answers.expectation.answer import Alternative, Answer
-from symsde.answers.expectation.multilevel_answer import Level, Multilevel
-from symsde.answers.expectation.rates import Rate
+from symsde.answers.expectation.answer import Alternative, Answer, Level, Multilevel, Rate
 from symsde.batch import dry, run_progress
 from symsde.batch.execute import Task
 from symsde.batch.pieces import Piece

@@ -11,8 +11,7 @@ import pytest
 import symsde as ss
 from conftest import rotation_gradient, rotation_hessian, rotation_value
 from sender import HandledError, Sender, handled, raises, sent
-from symsde.answers.expectation.answer import Answer
-from symsde.answers.expectation.multilevel_answer import Multilevel
+from symsde.answers.expectation.answer import Answer, Multilevel
 
 LAST = getattr(signal, "SIGRTMAX", signal.SIGUSR2)
 PLACE = {"q0": 1.0, "p0": 0.0}

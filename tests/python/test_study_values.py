@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 import symsde as ss
 from symsde.answers import coupled_errors
-from symsde.answers.expectation.tolerance import quantile
+from symsde.answers.expectation.interval import quantile
 from symsde.reports.study import learned, orders, study_figure, study_page, study_words, table
 
 STUDENT = 2.0930240544082634  # 97.5 % of Student's t with 19 degrees of freedom

@@ -15,18 +15,14 @@ from symsde.answers.advice.ladder import Ladder
 from symsde.answers.advice.wants import Invariants, Moments, Paths, Seen
 from symsde.answers.coupled import Draw, LevelSampler
 from symsde.answers.expectation import choice
-from symsde.answers.expectation.answer import Alternative
-from symsde.answers.expectation.candidates import suitable
+from symsde.answers.expectation.answer import UNSEEN, Alternative, Level, Multilevel
+from symsde.answers.expectation.candidates import frequency, suitable
 from symsde.answers.expectation.carry_out import Execution, _failures, _Outcome
 from symsde.answers.expectation.estimators import Drawn
-from symsde.answers.expectation.longest_step import frequency
+from symsde.answers.expectation.interval import Tally, make_tolerance, quantile
 from symsde.answers.expectation.mlmc import Estimate, _doubts
-from symsde.answers.expectation.multilevel_answer import Level, Multilevel
 from symsde.answers.expectation.pilot import Pilot
 from symsde.answers.expectation.problem import make_problem
-from symsde.answers.expectation.rates import UNSEEN
-from symsde.answers.expectation.tally import Tally
-from symsde.answers.expectation.tolerance import make_tolerance, quantile
 from symsde.answers.expectation.watch import Watch
 from symsde.schemes import as_scheme
 
@@ -38,17 +34,24 @@ LEVEL = Level(8, 1000, 0.5, 0.1, 0.25, 3.5, 0.6, 0.7, 0.875, 0.0115, 0)
 def pilot():
     """Of E p^2 of an oscillator with noises on q and p, before anything is chosen."""
     problem = make_problem(ss.models.additive_oscillator(sigma=0.5, gamma=1.0), "p**2", **PLACE)
-    return Pilot(problem, make_tolerance(2e-2, None), Watch(None, False), suitable(problem), None)
+    return Pilot(problem, make_tolerance(2e-2, None), Watch(None, False), suitable(problem))
+
+
+def plan_of(pilot, method, level, seconds):
+    """A plan of the first trial at this level of its ladder."""
+    trial = pilot.trials[0]
+    steps = trial.steps(level)
+    return choice.Plan(method, trial.scheme, steps, steps, seconds, trial.variance, trial.bias(level))
 
 
 def test_why_a_plan_was_taken_and_which_were_not(pilot):
     trial = pilot.trials[0]
-    taken, other = choice.Plan("plain", trial, 1, 0.5), choice.Plan("extrapolated", trial, 3, 2.0)
+    taken, other = plan_of(pilot, "plain", 1, 0.5), plan_of(pilot, "antithetic", 3, 2.0)
     name, far = trial.scheme.name, 2.0 / trial.steps(3)
     answer = Execution(pilot, [taken, other]).answer()
     assert (answer.method, answer.scheme, answer.step) == ("plain", name, 2.0 / trial.steps(1))
-    assert answer.alternatives == (Alternative("extrapolated", name, far, 2.0),) and far < answer.step
-    assert answer.why == f"estimated at 0.5 s, 4 times less than the next (extrapolated by {name}, h = {far:.4g})"
+    assert answer.alternatives == (Alternative("antithetic", name, far, 2.0),) and far < answer.step
+    assert answer.why == f"estimated at 0.5 s, 4 times less than the next (antithetic by {name}, h = {far:.4g})"
     assert Execution(pilot, [taken]).answer().why == "estimated at 0.5 s, nothing else to compare"
 
 
@@ -60,14 +63,14 @@ def test_paths_of_levels_are_all_that_were_computed(pilot):
     )
     rates = {"alpha": UNSEEN, "beta": UNSEEN, "gamma": UNSEEN}
     found = Multilevel(2.0, (1.99, 2.01), 0.005, 0.001, "heun", levels, **rates, reached=True, notes=(), cost=1.0)
-    answer = Execution(pilot, [choice.Plan("multilevel", pilot.trials[0], 2, 1.0)])._of_levels(found)
+    answer = Execution(pilot, [plan_of(pilot, "multilevel", 2, 1.0)])._of_levels(found)
     assert (answer.paths, answer.step) == (101 + 2 * 52 + 2 * 20, 2.0 / 16)
     assert (answer.error, answer.bias, answer.interval) == (0.005, 0.001, pytest.approx((1.99, 2.01)))
 
 
 def test_what_was_reached_and_what_an_interval_is(pilot):
     """Within a twentieth of the width that was asked for, 0.02; with less noise than a fifth of the bias, a bound."""
-    work = Execution(pilot, [choice.Plan("plain", pilot.trials[0], 1, 0.5)])
+    work = Execution(pilot, [plan_of(pilot, "plain", 1, 0.5)])
 
     def finished(half, error, bias):
         return work._finished(_Outcome(2.0, half, error, bias, 100, []))
@@ -87,19 +90,11 @@ def test_what_was_reached_and_what_an_interval_is(pilot):
 
 def test_the_cost_of_an_answer_holds_its_pilot(pilot, monkeypatch):
     """2.5 seconds for the choice, 1.5 for the draws."""
-    work = Execution(pilot, [choice.Plan("plain", pilot.trials[0], 1, 0.5)])
+    work = Execution(pilot, [plan_of(pilot, "plain", 1, 0.5)])
     monkeypatch.setattr(pilot, "seconds", 2.5)
     work.watch = SimpleNamespace(seconds=work._begin + 1.5)
     answer = work._finished(_Outcome(2.0, 0.02, 0.01, 0.01, 100, []))
     assert (answer.pilot, answer.cost) == (2.5, pytest.approx(4.0))
-
-
-def test_cost_of_two_steps_on_the_same_paths():
-    """Values of standard deviation 2, differences of 1 and order 2: f + (f - f')/3; steps of 1 and 2 seconds."""
-    trial = SimpleNamespace(variance=4.0, spread=lambda level: 1.0, order=2, seconds=lambda level: 2.0**level,
-                            rest=lambda level: (0.0, 0.0))  # fmt: skip
-    plan = choice.extrapolated(trial, 0.1)
-    assert plan.level == 1 and plan.seconds == pytest.approx((2 + 1 / 3) ** 2 / (0.9 * 0.01) * 3)
 
 
 @pytest.mark.parametrize("units", [*range(2, 12), 12, 30, 1000])

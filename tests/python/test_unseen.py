@@ -10,14 +10,11 @@ import pytest
 import symsde as ss
 from clock import WorkClock
 from symsde.answers.expectation import tails
-from symsde.answers.expectation import unseen as looking
 from symsde.answers.expectation.carry_out import Execution, _Outcome
-from symsde.answers.expectation.choice import Plan
+from symsde.answers.expectation.choice import EVEN_LEVELS, Plan
+from symsde.answers.expectation.interval import Tally, make_tolerance
 from symsde.answers.expectation.problem import make_problem
-from symsde.answers.expectation.quasi import Quasi
-from symsde.answers.expectation.tally import Tally
-from symsde.answers.expectation.tolerance import make_tolerance
-from symsde.answers.expectation.unseen import unseen
+from symsde.answers.expectation.tails import unseen
 from symsde.answers.expectation.watch import Watch
 from symsde.cli.command_line import main
 from symsde.schemes import as_scheme
@@ -43,7 +40,7 @@ def kubo():
 @pytest.fixture
 def blind(monkeypatch):
     """A pilot that gives up looking after 8192 values: so many show neither of these with 69 and 98 %."""
-    monkeypatch.setattr(looking, "_MOST", 4096)
+    monkeypatch.setattr(tails, "_MOST", 4096)
 
 
 @pytest.mark.parametrize(("solve", "way"), WAYS)
@@ -69,7 +66,7 @@ def test_an_event_that_the_pilot_looks_for_is_seen(kubo, solve, way, given):
 
 def test_a_bias_is_blamed_where_the_noise_is_as_wanted(kubo):
     """A half width of 1: noise of 0.9 and bias of 0.6 are 1.08; noise of 1.1 is too few paths."""
-    plan = Plan("plain", SimpleNamespace(scheme=as_scheme("midpoint"), steps=lambda _: 4), 0, 1.0)
+    plan = Plan("plain", as_scheme("midpoint"), 4, 4, 1.0, 1.0, (0.0, 0.0))
     pilot = {"tolerance": make_tolerance(1.0, None), "watch": Watch(None, False), "seconds": 0.0}
     work = Execution(SimpleNamespace(problem=make_problem(kubo, "q", **PLACE), **pilot), [plan])
     for noise, bias, why in ((0.9, 0.6, "the bias of the step is known only to"), (1.1, 0.3, "paths were too few")):
@@ -174,11 +171,10 @@ def test_scramblings_fit_into_the_time(kubo, monkeypatch):
     WorkClock(monkeypatch)  # on a busy machine fewer points fit
 
     def points(max_time):
-        trial = SimpleNamespace(variance=1.0)
-        plan = Plan(Quasi.name, trial, 0, 80.0, options={"log2_points": 14})
+        plan = Plan(EVEN_LEVELS, as_scheme("midpoint"), 4, 4, 80.0, 1.0, (0.0, 0.0), [14])
         pilot = {"tolerance": make_tolerance(1e-2, None), "watch": Watch(max_time, False)}
-        Execution(SimpleNamespace(problem=make_problem(kubo, "q", **PLACE), **pilot), [plan])
-        return plan.options["log2_points"]
+        work = Execution(SimpleNamespace(problem=make_problem(kubo, "q", **PLACE), **pilot), [plan])
+        return work.plan.points[0]
 
     assert points(100.0) == 14
     with pytest.warns(ss.BudgetWarning):

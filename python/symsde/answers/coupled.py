@@ -34,8 +34,8 @@ from ..run.setup import EndOptions
 from ..run.simulate import Run
 from ..schemes import Scheme, as_scheme
 from .expectation import bias
+from .expectation.interval import Tally
 from .expectation.problem import OPTIONS, Problem, make_problem
-from .expectation.tally import Tally
 
 MOST_LEVELS = 31
 _STRIDE = 2**41  #: path indices of a level; there are 2^47

@@ -18,7 +18,7 @@ from ..errors import NumericalError
 from ..model.definition import Model
 from .coupled import end, rms, squares
 from .error_plan import BATCHES, Plan, Reference
-from .expectation.tolerance import quantile
+from .expectation.interval import quantile
 
 CONSERVED = 1e-9  #: brackets below this, relative, count as zero
 

@@ -10,7 +10,7 @@ from pathlib import Path
 from time import perf_counter
 
 from ..answers.advice.advise import candidates
-from ..answers.expectation.longest_step import frequency
+from ..answers.expectation.candidates import frequency
 from ..answers.linear_stability import stable_up_to
 from ..batch import scene
 from ..errors import InvalidArgumentError

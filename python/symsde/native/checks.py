@@ -135,7 +135,7 @@ _ELSEWHERE = {
     **dict.fromkeys(("rng", "random_state"), "seed"),
     **dict.fromkeys(("tol", "atol", "tolerance", "eps"), "abs"),
     "rtol": "rel",
-    **dict.fromkeys(("qmc", "sobol", "quasi"), "quasi-Monte Carlo"),
+    **dict.fromkeys(("qmc", "sobol", "quasi", "mlqmc"), "multilevel quasi-Monte Carlo"),
     **dict.fromkeys(("mlmc", "multi-level"), "multilevel"),
     **dict.fromkeys(("mc", "monte carlo", "montecarlo"), "plain"),
     **dict.fromkeys(("t", "t_end", "tmax", "t_final", "duration"), "horizon"),

@@ -16,8 +16,7 @@ from ...native import checks
 from ...native.progress import Progress, told_by
 from ...run.setup import EndOptions
 from ...schemes import Scheme
-from ..expectation.candidates import fitting
-from ..expectation.longest_step import frequency
+from ..expectation.candidates import fitting, frequency
 from ..expectation.problem import OPTIONS, Problem, make_problem
 from ..linear_stability import stable_up_to
 from .ladder import Ladder

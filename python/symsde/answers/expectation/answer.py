@@ -1,9 +1,18 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The answer: a number with its interval, how it came about, and what else there was."""
+"""Answers: a number with its interval, how it came about, what else there was; of multilevel, every level.
+
+|E d_l| ~ 2^(-alpha l),   Var d_l ~ 2^(-beta l),   seconds of a path ~ 2^(gamma l)
+"""
 
 from __future__ import annotations
 
+import math
+from collections.abc import Sequence
 from dataclasses import dataclass
+
+import numpy as np
+
+from .interval import NORMAL
 
 
 @dataclass(frozen=True)
@@ -28,7 +37,7 @@ class Answer:
     interval: tuple[float, float]  #: low and high end, 95 %, for noise and bias together
     error: float  #: standard error of the value
     bias: float  #: bound of the error that the step leaves in the value
-    method: str  #: plain, antithetic, extrapolated, control variate, multilevel, quasi-Monte Carlo
+    method: str  #: plain, antithetic, multilevel, multilevel quasi-Monte Carlo
     scheme: str
     step: float  #: of multilevel: the finest
     paths: int  #: number of paths computed for the value
@@ -57,3 +66,92 @@ class Answer:
             lines.append("others, as the pilot reckons:")
             lines += [f"  {x}" for x in self.alternatives[:8]]
         return "\n".join(lines)
+
+
+@dataclass(frozen=True)
+class Rate:
+    """A slope over the levels, in powers of two."""
+
+    value: float  #: NaN where fewer than two levels show it
+    half: float  #: half width of its 95 % interval; of the noise of the levels alone
+
+    def __str__(self) -> str:
+        """The slope and its half width, such as 1.98 +- 0.05."""
+        return "not seen" if math.isnan(self.value) else f"{self.value:.2f} +- {self.half:.2f}"
+
+
+UNSEEN = Rate(math.nan, math.nan)
+
+
+def fall(values: Sequence[float], errors: Sequence[float]) -> Rate:
+    """The slope of -log2 |value| over the level, fitted to values (level,) that exceed twice their errors (level,).
+
+    The weights are the squared inverses of the errors of log2 |value|, of which each is at least 1e-3.
+    """
+    values, errors = (np.abs(np.asarray(x, dtype=float)) for x in (values, errors))
+    levels = np.flatnonzero((values > 2 * errors) & (values > 0))
+    if levels.size < 2:
+        return UNSEEN
+    logs = np.log2(values[levels])
+    noise = np.maximum(errors[levels] / (values[levels] * math.log(2)), 1e-3)
+    weights = noise**-2.0
+    centre = np.average(levels, weights=weights)
+    spread = float((weights * (levels - centre) ** 2).sum())
+    slope = float((weights * (levels - centre) * logs).sum()) / spread
+    return Rate(-slope, NORMAL / math.sqrt(spread))
+
+
+@dataclass(frozen=True)
+class Level:
+    """One level: d = f fine - f coarse on the same paths; f alone at level 0."""
+
+    steps: int  #: to the horizon
+    paths: int
+    mean: float  #: of d
+    error: float  #: standard error of it
+    variance: float  #: of d
+    kurtosis: float  #: of d; the relative error of the variance is about sqrt(kurtosis/paths)
+    fine_mean: float  #: of f
+    fine_variance: float  #: of f
+    consistency: float  #: of the telescoping sum: if it holds, this is above 1 in 0.3 % of cases
+    seconds: float  #: of the processor
+    failed: int  #: paths left out
+
+
+@dataclass(frozen=True)
+class Multilevel:
+    """E f with its 95 % interval, and the levels that gave it; made by `mlmc`."""
+
+    value: float
+    interval: tuple[float, float]  #: low and high end, 95 %
+    error: float  #: standard error of the value
+    bias: float  #: bound of the error that the step leaves in the value
+    scheme: str
+    levels: tuple[Level, ...]
+    alpha: Rate  #: |mean of d| falls as 2^(-alpha level)
+    beta: Rate  #: the variance of d falls as 2^(-beta level)
+    gamma: Rate  #: the seconds of a path grow as 2^(gamma level)
+    reached: bool  #: the interval is as narrow as asked
+    notes: tuple[str, ...]  #: doubts, each a sentence
+    cost: float  #: seconds of the processor in all
+
+    @property
+    def half_width(self) -> float:
+        """Half width of the interval."""
+        return (self.interval[1] - self.interval[0]) / 2
+
+    def __str__(self) -> str:
+        """Table of the levels."""
+        lines = [
+            f"{self.value:.10g} +- {self.half_width:.2g} (95 %: standard error {self.error:.2g}, bias {self.bias:.1g})"
+            f", multilevel {self.scheme}, {self.cost:.3g} s",
+            f"{'level':>5s} {'steps':>7s} {'paths':>11s} {'mean':>12s} {'variance':>10s} {'kurtosis':>9s} "
+            f"{'consistent':>10s} {'us a path':>10s}",
+        ]
+        for i, x in enumerate(self.levels):
+            lines.append(
+                f"{i:5d} {x.steps:7d} {x.paths:11d} {x.mean:12.4e} {x.variance:10.2e} {x.kurtosis:9.1f} "
+                f"{x.consistency:10.2f} {1e6 * x.seconds / max(1, x.paths):10.3g}"
+            )
+        lines.append(f"alpha {self.alpha}, beta {self.beta}, gamma {self.gamma}")
+        return "\n".join([*lines, *self.notes])

@@ -1,15 +1,29 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Schemes that an expectation may be computed with, and the weak order that may be counted on."""
+"""What an expectation may be computed with: schemes, the weak order that may be counted on, and the longest step.
+
+The longest step follows from the fastest frequency of the Hessian along the way that a path takes without noise:
+
+    omega = max_t max |eigenvalues of J H''(z(t))|,    steps >= T omega/SHARPEST
+
+where z' = J H'(z), and small changes follow z' = J H'' z. Paths with noise may come to where the motion is faster; with
+`paths`, the ways of so many of these are looked at, too.
+"""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable
+
+import numpy as np
 
 from ...errors import SymsdeError
 from ...model.commutator import commutator
 from ...model.definition import Model, Traits
 from ...schemes import Scheme, as_scheme
 from .problem import Problem
+
+SHARPEST = 1.6  #: omega h of the longest step that is tried: explicit schemes end at 2
+_POINTS = 9  #: of a way, at which frequencies are looked at: eight equal parts follow any but wild changes
 
 
 def suitable(problem: Problem) -> list[Scheme]:
@@ -78,3 +92,71 @@ def _fits(problem: Problem, scheme: Scheme) -> bool:
     except SymsdeError:
         return False
     return True
+
+
+def frequency(problem: Problem, paths: int = 0) -> float:
+    """The largest frequency omega of the header, at a few times along the way; at least 1/horizon.
+
+    paths: number of paths with noise that are looked at, too.
+    """
+    declared = problem.model.traits.max_frequency
+    ways = [*_way(problem), *(_ways(problem, paths) if paths and problem.model.nnoise else ())]
+    return max(_fastest(problem, ways), declared, 1 / problem.horizon)
+
+
+def mild_steps(problem: Problem) -> int:
+    """Steps to the horizon in which noise that multiplies the state leaves an implicit step regular.
+
+    I - dW J H''/2 is singular where dW times a frequency of the noise is 2, and values near that have no variance:
+    increments of six standard deviations come to no more than that where 3 omega sqrt(h) <= 1.
+    """
+    noises = problem.model.nnoise
+    omega = _fastest(problem, [*_way(problem)], np.minimum(np.arange(noises + 1.0), 1.0)) if noises else 0.0
+    return max(1, math.ceil(9 * omega**2 * problem.horizon))
+
+
+def _fastest(problem: Problem, ways: Iterable, w: np.ndarray | None = None) -> float:
+    """The largest frequency of sum_j w_j H_j along ways that give (t, q, p), with q and p (dof, path).
+
+    w (noise + 1,) are the weights; None stands for H alone.
+    """
+    blocks = zip(*(problem.model.hessian(q, p, w, t) for t, q, p in ways), strict=True)
+    qq, qp, pp = (np.moveaxis(np.concatenate(block, axis=2), 2, 0) for block in blocks)
+    flow = np.block([[qp, pp], [-qq, -qp.transpose(0, 2, 1)]])
+    flow = flow[np.isfinite(flow).all(axis=(1, 2))]
+    return float(np.abs(np.linalg.eigvals(flow)).max(initial=0.0))
+
+
+def fewest_steps(problem: Problem) -> int:
+    """The fewest steps to the horizon with which every scheme is tried: T omega/SHARPEST."""
+    if "fewest steps" not in problem.known:
+        problem.known["fewest steps"] = max(1, math.ceil(problem.horizon * frequency(problem) / SHARPEST))
+    return problem.known["fewest steps"]
+
+
+def _ways(problem: Problem, paths: int):
+    """Give (t, q, p) along paths with noise at later times; paths that fail are left out."""
+    rows = max(8 * (_POINTS - 1), fewest_steps(problem))
+    rows += -rows % (_POINTS - 1)
+    try:
+        run = problem.run("midpoint", rows, paths=paths, save_every=rows // (_POINTS - 1), areas="path", area_time=None)
+    except SymsdeError:
+        return
+    kept = run.status == 0
+    for t, q, p in zip(run.t[1:], run.q[1:], run.p[1:], strict=True):
+        if kept.any():
+            yield t, q[:, kept], p[:, kept]
+
+
+def _way(problem: Problem):
+    """Give (t, q, p) along the path without noise, by 64 steps of midpoint; the initial state alone if these fail."""
+    yield problem.options.get("t0", 0.0), problem.q0, problem.p0
+    rows = 8 * (_POINTS - 1)
+    try:
+        increments = np.zeros((rows, problem.model.nnoise))
+        run = problem.run("midpoint", rows, increments=increments, paths=1, save_every=8, areas="path", area_time=None)
+    except SymsdeError:
+        return
+    for t, q, p in zip(run.t[1:], run.q[1:], run.p[1:], strict=True):
+        if np.isfinite(q).all() and np.isfinite(p).all():
+            yield t, q, p

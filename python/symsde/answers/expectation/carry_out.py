@@ -1,8 +1,14 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """The work that a plan asks for, and the interval that it gives.
 
-N units are drawn until Var/N <= (1 - s) (half/t_N)^2. Here Var is the variance of a unit, estimated from the units so
-far; half is the half width that is wanted, t_N the quantile of Student's law, and s the share of the bias.
+Units of the levels of the plan are drawn until the variance of the value is small enough,
+
+    sum_l V_l/N_l <= (1 - s) (half/t)^2,
+
+with V_l by the units so far, half the half width that is wanted, s the share of the bias, and t of Student's law by as
+many units of one sample as tell that sum as well (Satterthwaite 1946). The next units, or twice the
+points, go to the level with the largest V_l/N_l over its seconds. Multilevel by paths is `mlmc.py`, which adds levels,
+too.
 """
 
 from __future__ import annotations
@@ -12,37 +18,32 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-import numpy as np
-
 from ...errors import BudgetWarning, NumericalError
 from ...native import checks
 from ...native.signals import carry
 from ..coupled import MOST_LEVELS, LevelSampler
-from .answer import Alternative, Answer
-from .choice import EVEN_LEVELS, Plan
-from .draw_store import InFolder, Nowhere, StoredPilot, StoredPlan
-from .estimators import AT_ONCE, ENOUGH, NOTHING, Drawn, Estimator
+from .answer import Alternative, Answer, Multilevel
+from .choice import EVEN_LEVELS, FIRST_PATHS, MULTILEVEL, Plan, allowed
+from .draw_store import InFolder, Nowhere, StoredPilot
+from .estimators import MOST_POINTS, NOTHING, Drawn, Estimator, Quasi
+from .interval import BIAS_SHARE, NORMAL, Tally, half_width_when_stopped, quantile
 from .mlmc import Estimate
-from .multilevel_answer import Multilevel
 from .pilot import Pilot
-from .quasi import MOST_POINTS, Quasi
-from .tails import Doubt
-from .tally import Tally
-from .tolerance import BIAS_SHARE, NORMAL, half_width_when_stopped, quantile
-from .unseen import widened
-from .variants import USUAL
+from .tails import Doubt, widened
+from .trial import USUAL
 from .watch import told
 
 FIRST = 2**46  #: path that answers begin at; of multilevel, index within a level
 FIRST_OF_LEVEL = 2**40
+AT_ONCE = 4096  #: units that are begun with at most: what a moment takes
+_ENOUGH = 1.2  #: times the units that the pilot's variance asks for, so that few answers take more of them
 _LONG = 600.0  #: seconds that are announced
-_LEAST_POINTS = 6  #: log2 of the points of a scrambling that the time cuts short
-_LEAST = 256  #: paths of a new level
+_LEAST_POINTS = 6  #: log2 of the points of a scrambling that the time cuts short: fewer are no better than paths
 _SILENT = 0.2  #: noise over bias, below which an interval is a bound: 1.96 biases are then five of its errors and more
 _FEWER = 2  #: halvings of the points that are planned, which work begins with, to double them where that is too few
 _LOWEST = 8  #: log2 of the points that are not halved: a call takes as long as these
-_TOP_UP = 3  #: units of a level that are added at least, as each look at the variance may end too early
-_SPARE = 1.02  #: units beyond those that the variance asks for, so that a second round is seldom needed
+_TOP_UP = 3  #: units of a level of points that are added at least, as each look at the variance may end too early
+_SPARE = 1.02  #: times the units that the variance asks for, so that a second round is seldom needed
 
 
 @dataclass
@@ -61,14 +62,13 @@ class _Outcome:
 class Execution:
     """Carries out a plan: units are drawn until the interval is narrow enough, or the time is over."""
 
-    def __init__(
-        self, pilot: Pilot | StoredPilot, plans: Sequence[Plan | StoredPlan], store: Nowhere | InFolder | None = None
-    ):
+    def __init__(self, pilot: Pilot | StoredPilot, plans: Sequence[Plan], store: Nowhere | InFolder | None = None):
         """Take the first of the plans, and warn if it will take long; its draws are kept in the store."""
         self.pilot, self.plan, self.others = pilot, plans[0], plans[1:]
         self.store = Nowhere(pilot.watch) if store is None else store
         self.tolerance, self.watch = pilot.tolerance, pilot.watch
         self._begin = self.watch.seconds
+        self._is_even = self.plan.method == EVEN_LEVELS
         left = max(self.watch.max_time - self.watch.elapsed, 0.0)
         if self.plan.seconds > min(left, _LONG):
             what = "give a larger tolerance, or max_time, after which the interval reached so far is returned"
@@ -79,15 +79,10 @@ class Execution:
                 f"the processor: {what}",
                 BudgetWarning,
             )
-        if self.plan.method in (Quasi.name, EVEN_LEVELS) and self.plan.seconds > left and store is None:
-            self._shorten(left)
-
-    def _shorten(self, left: float) -> None:
-        """Reduce the points of a scrambling, so that the time allows as many scramblings as an interval needs."""
-        halvings = math.ceil(math.log2(self.plan.seconds / max(left, 1e-3)))
-        given = self.plan.options["log2_points"]
-        fewer = [max(points - halvings, min(points, _LEAST_POINTS)) for points in np.atleast_1d(given).tolist()]
-        self.plan.options["log2_points"] = fewer if self.plan.method == EVEN_LEVELS else fewer[0]
+        if self._is_even and self.plan.seconds > left and store is None:  # so that enough scramblings fit
+            halvings = math.ceil(math.log2(self.plan.seconds / max(left, 1e-3)))
+            shorter = [max(points - halvings, min(points, _LEAST_POINTS)) for points in self.plan.points]
+            self.plan = dataclasses.replace(self.plan, points=shorter)
 
     def answer(self) -> Answer:
         """Carry the plan out. Ctrl-C carries the answer so far, or None if there is none."""
@@ -96,73 +91,40 @@ class Execution:
         self.watch.announce(
             f"plan after {done}: {plan.method} by {plan.scheme.name}, h = {step:.4g}, {self._why()}", plan.seconds
         )
-        ways = {"multilevel": self._multilevel, EVEN_LEVELS: self._even_levels}
-        return ways.get(self.plan.method, self._one_step)()
+        return self._multilevel() if plan.method == MULTILEVEL else self._by_units()
 
-    def _one_step(self) -> Answer:
-        """The answer by units of one estimator."""
-        drawn, tails = NOTHING, Doubt(self.pilot.problem)
-        try:
-            estimator = self._begun(self.plan.estimator(FIRST, self.pilot.problem))
-            least = estimator.least_units if self.pilot.problem.model.nnoise else 2
-            wanted = planned = max(least, self._planned())
-            while drawn.units.n < wanted and not (self.watch.over and drawn.units.n >= 2):
-                missing = wanted - drawn.units.n
-                if drawn.units.n >= least and self._is_doubled(estimator, drawn, missing):
-                    drawn = _with_twice_the_points(estimator, drawn)
-                elif (part := self._more(estimator, drawn, missing)) is not None:
-                    drawn += part
-                else:
-                    break
-                if drawn.failed >= max(least, drawn.units.n):
-                    raise NumericalError(_failures(drawn)[0])
-                tails.look(drawn.units, self.plan.scheme, self.plan.steps)
-                if drawn.units.n >= planned:
-                    wanted = max(least, self._units_for(drawn.units))
-                share = drawn.units.n / wanted
-                doubles = self._is_doubled(estimator, drawn, wanted - drawn.units.n)
-                self.watch.tell(_share_of_points(share) if doubles else share)
-        except BaseException as stop:
-            carry(stop, lambda: self._answer(drawn) if drawn.units.n > 1 else None)
-            raise
-        return self._answer(drawn)
-
-    def _even_levels(self) -> Answer:
-        """The answer by multilevel quasi-Monte Carlo.
-
-        Every level begins with the same number of scramblings. Then the level with the largest variance per second gets
-        more points or units.
-        """
-        plan, least, problem = self.plan, Quasi.least_units, self.pilot.problem
-        count = len(plan.options["log2_points"])
-        levels = [self._begun(plan.even_level(i, FIRST + i, problem)) for i in range(count)]
+    def _by_units(self) -> Answer:
+        """The answer by units of the estimators of the plan: of one, or of one a level."""
+        problem, tails = self.pilot.problem, Doubt(self.pilot.problem)
+        levels = [self._begun(x) for x in self.plan.estimators(FIRST, problem)]
         drawn = [NOTHING] * len(levels)
         try:
             for i, level in enumerate(levels):
-                while drawn[i].units.n < least:
-                    part = self._more(level, drawn[i], least - drawn[i].units.n, f"even-{i:02d}")
-                    if part is None:
-                        break  # of this level: each has as few as an interval takes
-                    drawn[i] += part
-                    if drawn[i].failed >= least:
+                planned = self._planned(level)
+                while drawn[i].units.n < planned and self._add(i, levels, drawn, planned - drawn[i].units.n):
+                    if drawn[i].failed >= max(level.least_units, drawn[i].units.n):
                         raise NumericalError(_failures(drawn[i])[0])
+                    tails.look(drawn[i].units, self.plan.scheme, self.plan.steps)
+                    if not self._is_even:
+                        self.watch.tell(self._share(drawn))
+                    if self.watch.over and drawn[i].units.n >= 2:
+                        break
             while not self.watch.over and (excess := self._excess(drawn)) > 0:
                 noise = self._noises(drawn)
                 i = max(range(len(drawn)), key=lambda j: noise[j] / drawn[j].seconds)
                 missing = drawn[i].units.n * excess / max(noise[i] - excess, 1e-3 * excess)
-                if doubles := self._is_doubled(levels[i], drawn[i], missing):
-                    drawn[i] = _with_twice_the_points(levels[i], drawn[i])
-                elif (part := self._more(levels[i], drawn[i], _more(missing), f"even-{i:02d}")) is not None:
-                    drawn[i] += part
-                else:
+                if doubled := self._is_doubled(levels[i], drawn[i], missing):
+                    more = levels[i].doubled()
+                    drawn[i] = dataclasses.replace(more, seconds=more.seconds + drawn[i].seconds)
+                elif not self._add(i, levels, drawn, self._rounded(missing, drawn[i].units.n)):
                     break
-                total = sum(self._noises(drawn))
-                share = 1 - max(self._excess(drawn), 0.0) / total if total > 0 else 1.0
-                self.watch.tell(_share_of_points(share) if doubles else share)
+                tails.look(drawn[i].units, self.plan.scheme, self.plan.steps)
+                share = self._share(drawn)
+                self.watch.tell(share ** (1 / USUAL) if doubled else share)  # of the points, by which variance falls
         except BaseException as stop:
-            carry(stop, lambda: self._of_even_levels(drawn) if all(x.units.n > 1 for x in drawn) else None)
+            carry(stop, lambda: self._answer(drawn) if all(x.units.n > 1 for x in drawn) else None)
             raise
-        return self._of_even_levels(drawn)
+        return self._answer(drawn)
 
     def _begun(self, estimator: Estimator) -> Estimator:
         """The estimator with which the work begins: a quarter of the planned points, if points can be added later."""
@@ -170,6 +132,33 @@ class Execution:
             planned = estimator.log2_points
             estimator.log2_points = max(planned - _FEWER, min(planned, _LOWEST))
         return estimator
+
+    def _planned(self, level: Estimator) -> int:
+        """Number of units to begin with: by the variance that the pilot knows, no more than a moment takes.
+
+        The mean and the variance of skew units are correlated. If the variance of the units themselves decides how many
+        are drawn, their mean has a bias of skewness times standard deviation over their number. Beside the error of few
+        units this counts; so their number follows from other units, those of the pilot.
+        """
+        least = level.least_units if self.pilot.problem.model.nnoise else 2
+        if self._is_even:
+            return least
+        error = self.tolerance.error(self.pilot.looked_at.units.mean)
+        return max(least, min(AT_ONCE, math.ceil(_ENOUGH * self.plan.variance / allowed(error))))
+
+    def _add(self, i: int, levels: list[Estimator], drawn: list[Drawn], missing: int) -> bool:
+        """Draw the next part of the missing units of a level; false if the time is over."""
+        name = f"even-{i:02d}" if self._is_even else "units"
+        part = self.store.more(name, drawn[i], missing, levels[i].part, levels[i].draw_from)
+        if part is not None:
+            drawn[i] += part
+        return part is not None
+
+    def _rounded(self, missing: float, held: int) -> int:
+        """Number of units that are added: the missing ones and a few more, of points at least 3 and at most 17."""
+        if self._is_even:
+            return max(_TOP_UP, math.ceil(_SPARE * min(missing, Quasi.least_units)))
+        return min(2**40, math.ceil(_SPARE * missing + (_SPARE - 1) * held))
 
     def _is_doubled(self, estimator: Estimator, drawn: Drawn, missing: float) -> bool:
         """Whether the points of all units are doubled, instead of drawing so many more units.
@@ -188,83 +177,51 @@ class Execution:
     def _excess(self, drawn: list[Drawn]) -> float:
         """Variance of the value minus the variance that noise may have."""
         noise = self._noises(drawn)
-        error = self.tolerance.half_width(sum(x.units.mean for x in drawn)) / quantile(_units_of(drawn, noise))
+        error = self.tolerance.half_width(_value(drawn)) / quantile(_units_of(drawn, noise))
         return sum(noise) - (1 - BIAS_SHARE) * error**2
+
+    def _share(self, drawn: list[Drawn]) -> float:
+        """Share of the units that are drawn: the variance that noise may have over the variance so far."""
+        total = sum(self._noises(drawn))
+        return min(1.0, 1 - self._excess(drawn) / total) if total > 0 else 1.0
 
     def _noises(self, drawn: list[Drawn]) -> list[float]:
         """Variance of the mean of every level (level,).
 
-        If all units of the coarsest level are equal, it is that of as many independent paths: f may jump seldom, which
-        the pilot saw.
+        If few paths of the first one differ, or none of its scramblings, f may jump seldom, which the pilot saw: it is
+        then at least that of as many independent units, or paths, of the pilot.
         """
-        noise = [x.units.variance / x.units.n for x in drawn]
-        if drawn[0].units.m2 == 0:
-            noise[0] = self.plan.variance / max(drawn[0].paths, 1)
+        noise, first = [x.units.variance / x.units.n if x.units.n > 1 else math.inf for x in drawn], drawn[0]
+        if first.units.n > 1 and (first.units.m2 == 0 if self._is_even else first.units.few):
+            noise[0] = max(noise[0], self.plan.variance / (first.paths if self._is_even else first.units.n))
         return noise
 
-    def _of_even_levels(self, drawn: list[Drawn]) -> Answer:
+    def _answer(self, drawn: list[Drawn]) -> Answer:
         """The answer from the units of every level."""
-        value, bias = sum(x.units.mean for x in drawn), math.hypot(*self.plan.bias)
-        noise = self._noises(drawn)
-        error = math.sqrt(sum(noise))
+        noise, value, bias = self._noises(drawn), _value(drawn), math.hypot(*self.plan.bias)
+        error, wanted = math.sqrt(sum(noise)), self.tolerance.half_width(value)
         notes = [note for x in drawn for note in _failures(x)]
-        paths = sum(x.paths for x in drawn)
-        half = half_width_when_stopped(error, bias, _units_of(drawn, noise), self.tolerance.half_width(value))
-        return self._finished(_Outcome(value, half, error, bias, paths, notes))
-
-    def _more(self, estimator: Estimator, drawn: Drawn, missing: int, name: str = "units") -> Drawn | None:
-        """The next part of the missing units; None if the time is over."""
-        return self.store.more(name, drawn, missing, estimator.part, estimator.draw_from)
-
-    def _planned(self) -> int:
-        """Number of units to begin with, from the variance that the pilot knows; no more than a moment takes.
-
-        The mean and the variance of skew units are correlated. If the variance of the units themselves decides how many
-        are drawn, their mean has a bias of skewness times standard deviation over their number. Beside the error of few
-        units this counts; so their number follows from other units, those of the pilot.
-        """
-        if self.plan.method == Quasi.name:
-            return 0
-        error = self.tolerance.error(self.pilot.looked_at.units.mean)
-        return min(AT_ONCE, math.ceil(ENOUGH * self.plan.variance / max((1 - BIAS_SHARE) * error**2, 1e-300)))
-
-    def _units_for(self, units: Tally) -> int:
-        """Number of units whose noise keeps its share of the error, from the variance so far."""
-        error = self.tolerance.half_width(units.mean) / quantile(units.n)
-        allowed = (1 - BIAS_SHARE) * error**2
-        return min(2**40, math.ceil(_SPARE * self._variance(units) / max(allowed, 1e-300)))
-
-    def _variance(self, units: Tally) -> float:
-        """Variance of a unit; at least that of the pilot if few units differ, because f may jump seldom."""
-        few = units.m2 == 0 if self.plan.method == Quasi.name else units.few
-        return max(units.variance, self.plan.variance) if few else units.variance
-
-    def _answer(self, drawn: Drawn) -> Answer:
-        """The answer from these units."""
-        units, bias = drawn.units, math.hypot(*self.plan.bias)
-        error = math.sqrt(self._variance(units) / units.n)
-        wanted, notes = self.tolerance.half_width(units.mean), _failures(drawn)
-        half = half_width_when_stopped(error, bias, units.n, wanted)
+        half = half_width_when_stopped(error, bias, _units_of(drawn, noise), wanted)
         half = widened(half, self.pilot.problem, self.plan.scheme, self.plan.steps, self._seen(drawn), notes)
-        return self._finished(_Outcome(units.mean, half, error, bias, drawn.paths, notes))
+        return self._finished(_Outcome(value, half, error, bias, sum(x.paths for x in drawn), notes))
 
-    def _seen(self, drawn: Drawn) -> Tally:
+    def _seen(self, drawn: list[Drawn]) -> Tally:
         """The values of f that were seen, as a tally. A unit of one path counts as a value.
 
         Means over many points do not show how few points carry them; then the pilot's values stand for all paths.
         """
-        known = self.pilot.looked_at.units
-        if self.plan.method != Quasi.name or known.m2 == 0:
-            return known + drawn.units
-        share = 1 + drawn.paths / known.n
-        return Tally(known.n + drawn.paths, known.mean, *(share * x for x in (known.m2, known.m3, known.m4)))
+        known, first = self.pilot.looked_at.units, drawn[0]
+        if not self._is_even or known.m2 == 0:
+            return known + first.units
+        share = 1 + first.paths / known.n
+        return Tally(known.n + first.paths, known.mean, *(share * x for x in (known.m2, known.m3, known.m4)))
 
     def _multilevel(self) -> Answer:
         """The answer by multilevel Monte Carlo."""
         plan = self.plan
         sampler = LevelSampler(self.pilot.problem, plan.scheme, plan.coarsest_steps, first=FIRST_OF_LEVEL)
         estimate = Estimate(
-            sampler, self.tolerance, levels=MOST_LEVELS, first=_LEAST, watch=self.watch,
+            sampler, self.tolerance, levels=MOST_LEVELS, first=FIRST_PATHS, watch=self.watch,
             known=self.pilot.looked_at.units, store=self.store,
         )  # fmt: skip
         try:
@@ -336,20 +293,9 @@ class Execution:
         )
 
 
-def _more(missing: float) -> int:
-    """Number of units that are added to a level at a time: the missing ones, at least 3 and at most 17."""
-    return max(_TOP_UP, math.ceil(_SPARE * min(missing, Quasi.least_units)))
-
-
-def _share_of_points(share: float) -> float:
-    """Share of the points that are drawn, given the ratio of the variance that is wanted to the variance so far."""
-    return min(1.0, share) ** (1 / USUAL)
-
-
-def _with_twice_the_points(estimator: Quasi, drawn: Drawn) -> Drawn:
-    """The same units with twice the points; their seconds are added."""
-    new = estimator.doubled()
-    return dataclasses.replace(new, seconds=new.seconds + drawn.seconds)
+def _value(drawn: list[Drawn]) -> float:
+    """The estimate of E f: the sum of the means of the levels."""
+    return sum(x.units.mean for x in drawn)
 
 
 def _units_of(drawn: list[Drawn], shares: list[float]) -> int:

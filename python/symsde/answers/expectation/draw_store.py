@@ -12,7 +12,7 @@ import contextlib
 import time
 import uuid
 from collections.abc import Callable, Iterable, Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, fields
 from typing import Any
 
 import numpy as np
@@ -21,17 +21,16 @@ from ...batch import computed, manifest, numerics
 from ...batch.folder import RunFolder
 from ...batch.pieces import UNIT, Piece
 from ...batch.shard_file import Shard
+from ...errors import SceneError
 from ...native import durable, files
 from ...run import provenance
 from ...schemes import Scheme
 from ..coupled import Draw
 from .answer import Answer
-from .choice import Plan, estimator_of, even_level_of
-from .estimators import Drawn, Estimator
+from .choice import METHODS, Plan
+from .estimators import Drawn
+from .interval import Tally, Tolerance
 from .problem import Problem
-from .quasi import Quasi
-from .tally import Tally
-from .tolerance import Tolerance
 from .watch import Watch
 
 _ELSEWHERE = 0.2  #: seconds between looks at what other processes do
@@ -42,28 +41,6 @@ _SHORTEST, _LONGEST = 0.5, 10.0  #: seconds of a part
 CHOICE = Piece("choice", "choice", 0, 0, 0)
 
 Part = Drawn | Draw
-
-
-@dataclass
-class StoredPlan:
-    """A plan, as a folder keeps it."""
-
-    method: str
-    scheme: Scheme
-    steps: int
-    coarsest_steps: int
-    seconds: float
-    variance: float
-    bias: tuple[float, float]
-    options: dict = field(default_factory=dict)
-
-    def estimator(self, first: int, problem: Problem) -> Estimator:
-        """The estimator of this plan, whose first path has the index `first`."""
-        return estimator_of(self.method, problem, self.scheme, self.steps, first=first, options=self.options)
-
-    def even_level(self, index: int, first: int, problem: Problem) -> Quasi:
-        """The estimator of a level of multilevel quasi-Monte Carlo; index 0 is the coarsest level."""
-        return even_level_of(problem, self.scheme, self.coarsest_steps, index, first=first, options=self.options)
 
 
 @dataclass
@@ -172,14 +149,11 @@ class InFolder:
 
     def read_choice(
         self, problem: Problem, tolerance: Tolerance, schemes: dict[str, Scheme]
-    ) -> tuple[StoredPilot, list[StoredPlan]]:
+    ) -> tuple[StoredPilot, list[Plan]]:
         """The choice in the folder, made by this process or by another."""
         shard = self.folder.read(CHOICE)
         pilot = StoredPilot(problem, tolerance, self._watch, _part_of(shard), shard.facts["seconds"])
-        plans = []
-        for plan in shard.facts["plans"]:
-            scheme = schemes[plan["scheme"]]
-            plans.append(StoredPlan(**{**plan, "scheme": scheme, "bias": tuple(plan["bias"])}))
+        plans = [_plan_of(facts, schemes) for facts in shard.facts["plans"]]
         return pilot, plans
 
     def save(self, answer: Answer) -> None:
@@ -189,6 +163,7 @@ class InFolder:
         durable.write(self.folder.path / "answer.json", text.encode(), keep=False)
 
 
+_PLANNED = tuple(x.name for x in fields(Plan) if x.name != "trial")
 _ANSWERED = (
     "value", "interval", "error", "bias", "method", "scheme", "step", "paths", "cost", "pilot", "reached", "why",
     "notes",
@@ -244,17 +219,14 @@ def _part_of(shard: Shard) -> Part:
 
 def _shard_of_choice(pilot: Any, plans: list[Plan], by: str) -> Shard:
     shard = _shard_of(pilot.looked_at, by)
-    kept = [
-        {
-            "method": plan.method,
-            "scheme": plan.scheme.name,
-            "steps": plan.steps,
-            "coarsest_steps": plan.coarsest_steps,
-            "seconds": plan.seconds,
-            "variance": plan.variance,
-            "bias": list(plan.bias),
-            "options": plan.options,
-        }
-        for plan in plans
-    ]
+    kept = [{key: getattr(plan, key) for key in _PLANNED} | {"scheme": plan.scheme.name} for plan in plans]
     return Shard(shard.arrays, {**shard.facts, "seconds": pilot.seconds, "plans": kept})
+
+
+def _plan_of(facts: dict[str, Any], schemes: dict[str, Scheme]) -> Plan:
+    """A plan as a folder keeps it; a SceneError if another version of symsde made it, by what this one has not."""
+    if facts["method"] not in METHODS or set(facts) != set(_PLANNED):
+        raise SceneError(
+            f"the folder holds work by {facts['method']}, planned by an earlier version of symsde: give an empty folder"
+        )
+    return Plan(**{**facts, "scheme": schemes[facts["scheme"]], "bias": tuple(facts["bias"])})

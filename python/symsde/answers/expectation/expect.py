@@ -14,13 +14,15 @@ from ...schemes import Scheme, as_scheme
 from .answer import Answer
 from .candidates import suitable
 from .carry_out import Execution
-from .choice import Plan
+from .choice import ANTITHETIC, EVEN_LEVELS, METHODS, MULTILEVEL, PLAIN, Plan
 from .draw_store import inputs_of, open_folder
-from .pilot import METHODS, Pilot
-from .problem import OPTIONS, make_problem
-from .target import Function
-from .tolerance import make_tolerance
+from .interval import make_tolerance
+from .pilot import Pilot
+from .problem import OPTIONS, Function, make_problem
 from .watch import Watch
+
+#: methods that were there until 0.1, and those that carry them out now
+_GONE = {"control variate": (ANTITHETIC, PLAIN), "extrapolated": (MULTILEVEL,), "quasi-Monte Carlo": (EVEN_LEVELS,)}
 
 
 @checks.hinted(*OPTIONS)
@@ -46,8 +48,7 @@ def expect(
     - f: a function of q, p, (dof, path) each, that returns (path,); or a formula as text, such as `"q**2"`
     - q0, p0: initial state of all paths, a number or (dof,)
     - abs, rel: half width of the interval, or half width over the value; give one of the two
-    - scheme, method: use this one; methods are plain, antithetic, extrapolated, control variate, multilevel and
-      quasi-Monte Carlo
+    - scheme, method: use this one; methods are plain, antithetic, multilevel and multilevel quasi-Monte Carlo
     - max_time: seconds of the clock after which the interval reached so far is returned
     - out: a folder that keeps the choice and the draws; the same call resumes it, and several processes can share it
     - options: t0, correction, truncation, areas, area_time, compensated and threads of `simulate`
@@ -68,12 +69,11 @@ def expect(
     with watch.carrying(Answer):
         problem = make_problem(model, f, q0=q0, p0=p0, horizon=horizon, seed=seed, **options)
         tolerance = make_tolerance(abs, rel)
-        if method is not None:
-            checks.choice("method", method, METHODS)
+        methods = METHODS if method is None else _methods(method)
         schemes = suitable(problem) if scheme is None else [as_scheme(scheme)]
 
         def choose() -> tuple[Pilot, list[Plan]]:
-            pilot = Pilot(problem, tolerance, watch, schemes, method)
+            pilot = Pilot(problem, tolerance, watch, schemes, methods)
             return pilot, pilot.choose()
 
         if out is None:
@@ -85,3 +85,12 @@ def expect(
             answer = Execution(*chosen, store).answer()
             store.save(answer)
             return answer
+
+
+def _methods(name: str) -> tuple[str, ...]:
+    """The methods that carry this one out; those that are no more warn, and are carried out by the nearest."""
+    if (nearest := _GONE.get(checks.name_of("method", name))) is None:
+        return (METHODS[checks.choice("method", name, METHODS)],)
+    what = " or ".join(map(repr, nearest))
+    checks.warn(f"method = {name!r} is no more, and is carried out by {what}: call that", DeprecationWarning)
+    return nearest

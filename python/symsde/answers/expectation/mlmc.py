@@ -23,18 +23,13 @@ from ...run.setup import EndOptions
 from ...schemes import Scheme, as_scheme
 from ..coupled import MOST_LEVELS, NOTHING, Levels, LevelSampler
 from . import bias as weak
-from .candidates import best_coupled, of_phases, weak_order
+from .answer import Level, Multilevel, fall
+from .candidates import best_coupled, fewest_steps, mild_steps, of_phases, weak_order
 from .draw_store import InFolder, Nowhere, inputs_of, open_folder
 from .estimators import Plain
-from .longest_step import fewest_steps, mild_steps
-from .multilevel_answer import Level, Multilevel
-from .problem import OPTIONS, make_problem
-from .rates import fall
-from .tails import Doubt
-from .tally import Tally
-from .target import Function
-from .tolerance import BIAS_SHARE, SEEN, Tolerance, half_width, make_tolerance, may_be_zero, quantile
-from .unseen import look, widened
+from .interval import BIAS_SHARE, SEEN, Tally, Tolerance, half_width, make_tolerance, may_be_zero, quantile
+from .problem import OPTIONS, Function, make_problem
+from .tails import Doubt, look, widened
 from .watch import Watch
 
 FIRST_LEVELS = 3  #: that are drawn before anything is judged, where so many are allowed

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""What an expectation is asked of: a model, where it begins, when it ends, and a function of where it is then."""
+"""What is asked: a model, where it begins, when it ends, and a function f of where it is then, callable or formula."""
 
 from __future__ import annotations
 
@@ -7,13 +7,15 @@ import dataclasses
 import math
 import time
 import warnings
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 
-from ...errors import OF_RUNS, InvalidArgumentError
+from ...errors import OF_RUNS, InvalidArgumentError, WrongShapeError, WrongTypeError
 from ...model.definition import Model, require_model
+from ...model.formulas.formula_observables import FormulaObservables
 from ...native import checks
 from ...run.moments import try_out
 from ...run.report import Report
@@ -21,8 +23,10 @@ from ...run.setup import EndOptions, Lent
 from ...run.simulate import Run, simulate
 from ...run.step import increments
 from ...schemes import Scheme
-from .target import Function, Target, require_numbers
 
+Function = Callable[[np.ndarray, np.ndarray], np.ndarray]
+_READ_ONLY = "read-only"  #: as NumPy has it of arrays that are not to be changed
+_TRIED = 5  #: points that f is tried at before any work; no other size of a run is likely to be the same
 OPTIONS = tuple(EndOptions.__annotations__)  #: of `simulate`
 _DECIDED = dict.fromkeys(("step", "steps", "paths", "save_every"), "it is found for the tolerance")
 _GONE = 1e100  #: states beyond this have left, whatever f makes of them
@@ -70,10 +74,7 @@ class Problem:
             options["increments"] = more["increments"].view(Lent)
         step = self.horizon / steps
         begin = time.process_time()
-        with warnings.catch_warnings():
-            for said in OF_RUNS:  # counted, and judged by who asked
-                warnings.simplefilter("ignore", said)
-            found = simulate(self.model, q0=self.q0, p0=self.p0, scheme=scheme, step=step, steps=steps, **options)
+        found = self._simulate(scheme, step=step, steps=steps, **options)
         if options.get("threads") == 1:
             self.known[unit] = min(self.known.get(unit, math.inf), (time.process_time() - begin) / work)
         return found
@@ -85,7 +86,14 @@ class Problem:
     def try_out(self, scheme: str | Scheme) -> Report:
         """Set up a run of no step and return its report; a scheme or option that does not fit raises a SymsdeError."""
         options = {key: value for key, value in self.options.items() if key != "threads"}
-        return simulate(self.model, q0=self.q0, p0=self.p0, scheme=scheme, step=self.horizon, steps=0, **options).report
+        return self._simulate(scheme, step=self.horizon, steps=0, **options).report
+
+    def _simulate(self, scheme: str | Scheme, **options: Any) -> Run:
+        """A run of these options, whose warnings are not shown: they are counted, and judged by who asked."""
+        with warnings.catch_warnings():
+            for said in OF_RUNS:
+                warnings.simplefilter("ignore", said)
+            return simulate(self.model, q0=self.q0, p0=self.p0, scheme=scheme, **options)
 
     def values(self, run: Run) -> tuple[np.ndarray, np.ndarray]:
         """f at the end of every path (path,), and which paths are ok (path,): did not fail, nor leave beyond 1e100."""
@@ -121,3 +129,80 @@ def make_problem(
     problem.target.try_at(problem.q0, problem.p0)
     try_out(model, {"f": problem.target}, q0=problem.q0, p0=problem.p0, t0=t, step=horizon / 1024)
     return problem
+
+
+class Target:
+    """f as it is called: with q, p of shape (dof, path), it returns (path,) real numbers."""
+
+    def __init__(self, f: Function | str, model: Model, t: float):
+        """Take a callable f(q, p), or a formula in the names that observables have, at the time t."""
+        self._made = f, model, t
+        self.is_truth = False  #: it returns truth values
+        self.name = f if isinstance(f, str) else getattr(f, "__name__", "f")
+        self._function = _of_formula(f, model, t) if isinstance(f, str) else f
+        if not callable(self._function):
+            raise WrongTypeError(
+                f"f = {checks.shown(f)} is not allowed: give a function f(q, p) of arrays (dof, path), or a formula "
+                "as text, such as 'q**2'"
+            )
+
+    def __reduce__(self) -> tuple:
+        """How pickle makes the target again: from its arguments."""
+        return Target, self._made
+
+    def __call__(self, q: np.ndarray, p: np.ndarray) -> np.ndarray:
+        """Values of f (path,) at q and p (dof, path); a WrongShapeError says which other shape f returned."""
+        values = self._of_states(q, p)
+        paths = q.shape[1]
+        array = np.asarray(values)
+        if array.shape != (paths,):
+            raise WrongShapeError(
+                f"f returned shape {array.shape} for {paths} paths: q and p have shape {q.shape}, (dof, path), and f "
+                f"must return one number a path, shape ({paths},), as in lambda q, p: q[0]**2"
+            )
+        if array.dtype.kind not in "biuf":
+            raise WrongTypeError(f"f returned {array.dtype} values: give real numbers, or truth values")
+        self.is_truth = array.dtype.kind == "b"
+        return array.astype(np.float64, copy=False)
+
+    def try_at(self, q0: np.ndarray, p0: np.ndarray) -> None:
+        """Refuse an f that does not work at the initial state q0, p0 (dof, 1), before any path is computed."""
+        self(checks.full(q0, _TRIED), checks.full(p0, _TRIED))
+
+    def _of_states(self, q: np.ndarray, p: np.ndarray) -> Any:
+        """What the function returns, of whatever type. The function may not write to q and p (dof, path)."""
+        try:
+            return self._function(_not_to_write(q), _not_to_write(p))
+        except ValueError as refused:
+            if _READ_ONLY not in str(refused):
+                raise
+            raise InvalidArgumentError(
+                f"f = {self.name} changes q or p in place, but these are the states of the run: give an f that makes "
+                "arrays of its own, as by q = q.copy()"
+            ) from refused
+
+
+def _not_to_write(state: np.ndarray) -> np.ndarray:
+    """A view of the state (dof, path) that cannot be written to: an f that tries to raises an error."""
+    view = state.view()
+    view.flags.writeable = False
+    return view
+
+
+def require_numbers(target: Target, values: np.ndarray, ok: np.ndarray, run) -> None:
+    """Refuse values (path,) that are not finite on paths that are ok (path,), and show the state of one of them."""
+    bad = ok & ~np.isfinite(values)
+    if not bad.any():
+        return
+    i = int(np.flatnonzero(bad)[0])
+    q, p = (np.array2string(x[-1, :, i], precision=6, threshold=6) for x in (run.q, run.p))
+    raise InvalidArgumentError(
+        f"f = {target.name} is {values[i]} on {int(bad.sum())} of {len(values)} paths, as at q = {q}, p = {p}: "
+        "its mean does not exist as a number; give an f that is finite wherever paths go"
+    )
+
+
+def _of_formula(text: str, model: Model, t: float) -> Function:
+    """The formula at time t as a function f(q, p) of NumPy arrays; its names are those of observables."""
+    read = FormulaObservables(model, {"f": text}, compiles=False)
+    return lambda q, p: read(t, q, p)[0]

@@ -1,36 +1,88 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""What a pilot knows of one scheme: weak error and cost by the step, from coupled paths of few levels.
+"""What a pilot knows of one scheme: bias, variance and seconds by the step, from coupled paths of few levels.
 
     E f - E f(x_l) = sum_{k=l+1}^{L} E d_k + (what is left at the finest level L),    C(n) = a + b n seconds of a path
 
 with d_k as in `coupled.py`; between two levels the bias is taken for a multiple of h^a and a number, and a level beyond
 the finest one for what bias.py makes of the differences.
+
+Where they are asked for, pairs of antithetic paths are measured at a level, and scramblings of few and of more Sobol
+points: the variance of a unit of N = 2^k points is taken to fall as N^-s between and beyond these,
+
+    s = (w s_seen + u s_usual)/(w + u),    w = (log2(N_2/N_1)/1.06)^2,    u = (1/0.3)^2,
+
+the mean of the fall that is seen and of the usual one, weighted by how well each is known.
 """
 
 from __future__ import annotations
 
 import math
 import time
+from dataclasses import dataclass
 
 from ...schemes import Scheme
 from ..coupled import NOTHING, Levels, LevelSampler
-from . import quasi
-from .candidates import of_phases, weak_order
-from .estimators import Estimator, Plain
-from .longest_step import SHARPEST, fewest_steps
+from .candidates import SHARPEST, fewest_steps, of_phases, weak_order
+from .estimators import Antithetic, Drawn, Plain, Quasi, columns, load, quasi_applies, seconds_to_load
+from .interval import Tally
 from .problem import Problem
-from .tally import Tally
-from .variants import LONG, Even, Variant, measure, measure_changes, measure_even
 
-LEVELS = 4  #: of a pilot, the first without differences
-MOST_HALVINGS = 10  #: of the finest of them
-_NEARLY = 1 - 1e-12  #: rounding of powers of two is no step more
-_LEAST_TIMED, _TIMED = 256, 1024  #: paths of a call that is timed
-_LONG_ENOUGH = 5e-4  #: seconds of such a call, beyond which it is made no longer
-_TIMES = 2  #: that short calls are timed, whose difference tells what a path takes
+LEVELS = 4  #: of a pilot, the first without differences: three differences tell a power of h and its doubt
+MOST_HALVINGS = 10  #: of the finest of them: a factor of a thousand, beyond which no extrapolation is believed
+UNSTABLE = 4  #: coarsest steps that are tried, each half of the one before, where paths fail
+UNITS = 256  #: antithetic pairs that are measured: their variance is known to a tenth, enough to choose by
+SHORT, LONG, SCRAMBLINGS = 5, 8, 8  #: log2 of the points, and scramblings: eight times the points show a fall
+FIRST = 2**45  #: path that measurements begin at, far from those of levels and of answers
+USUAL, OF_JUMPS = 1.5, 1.1  #: falls s of smooth f (most are within 1.2 and 1.8), and of truth values (0.9 and 1.3)
+_USUALLY = 0.3  #: by which these scatter
+_DOUBT = 1.06  #: standard error of the log2 of a ratio of two variances of eight units
+_FEW = 1.2  #: standard errors of eight units, as many of a normal law
+_TIMED = 1024  #: paths of a call that is timed: many times what a call takes by itself
+_LONG_ENOUGH = 5e-4  #: seconds of such a call, beyond which a quarter of the paths is enough
 _TURNED = 2.0  #: omega T (omega h)^a, below which no phase is a tenth of a radian off
 _NEARER = 0.75  #: times the mean square at one halving, that at the next may be
-UNSTABLE = 4  #: coarsest steps that are tried, each half of the one before, where paths fail
+_NEARLY = 1 - 1e-12  #: rounding of powers of two is no step more
+_CALL, _MATRIX, _NUMBER = 1e-4, 2.2e-5, 2e-8  #: seconds, about: a call, scrambling a dimension, a bridged normal
+_SLOWER = 1.5  #: times the seconds of a path, of one of given increments, about
+
+
+@dataclass(frozen=True)
+class Pairs:
+    """Antithetic pairs, measured at a level."""
+
+    level: float
+    variance: float  #: of a pair
+    seconds: float  #: of a pair
+
+
+@dataclass(frozen=True)
+class Even:
+    """Scramblings of few and of more Sobol points at a level: means of f, and of its change from the level before."""
+
+    level: int
+    fine: dict[int, Tally]  #: by log2 of the points
+    change: dict[int, Tally]  #: of f itself at level 0
+    path: float  #: seconds of a point, of both paths
+    once: float  #: seconds, whatever the points: matrices, calls
+    usual: float = USUAL  #: fall of the variance of units, of an f like this one
+
+    @property
+    def error(self) -> float:
+        """Standard error of the mean change, from the units with the most points."""
+        return _FEW * self.change[self.most].error
+
+    @property
+    def most(self) -> int:
+        """log2 of the largest number of points of a unit."""
+        return max(self.fine)
+
+    def fall(self, units: dict[int, Tally]) -> float:
+        """The fall s of the header, within 1 and 3, of `fine` or `change`."""
+        short, most = min(units), max(units)
+        few, more = (max(units[points].variance, 1e-300) for points in (short, most))
+        weight, usual = ((most - short) / _DOUBT) ** 2, _USUALLY**-2
+        seen = math.log2(few / more) / (most - short)
+        return min(max((weight * seen + usual * self.usual) / (weight + usual), 1.0), 3.0)
 
 
 class Trial(Levels):
@@ -43,23 +95,24 @@ class Trial(Levels):
         """
         super().__init__(weak_order(problem, scheme), Tally())
         self.problem, self.scheme = problem, scheme
-        self.seconds_spent = 0.0
         self.loading = 0.0  #: seconds of packages, once a process
         self.usable = False
         self.doubled = 0  #: times
-        self._biases: dict[float, tuple[float, float]] = {}  #: by level, of the draws so far
-        self.measured: dict[str, Variant | None] = {}  #: by method
+        self._changed()
+        self.pairs: Pairs | None = None
         self.even: dict[int, Even | None] = {}  #: by level
-        self.changes: dict[int, Tally | None] = {}  #: of f from the level before, with a control variate
+        begin = time.process_time()
         for _ in range(UNSTABLE):
             self.sampler, self._first = LevelSampler(problem, scheme, coarsest), 0
             self.draws = [NOTHING] * LEVELS
-            self.more(paths)
+            for level in range(LEVELS):
+                self._draw(level, paths)
             if self._holds():
                 self.usable = True
                 self._time()
-                return
+                break
             coarsest *= 2
+        self.seconds_spent = time.process_time() - begin
 
     def _holds(self) -> bool:
         """Whether no path failed, and the changes from level to level do not grow beyond the variation of f."""
@@ -67,11 +120,6 @@ class Trial(Levels):
             return False
         spread = [draw.variance for draw in self.draws[1:]]
         return all(map(math.isfinite, spread)) and spread[-1] <= 4 * max(spread[0], self.draws[0].fine.variance)
-
-    def more(self, paths: int) -> None:
-        """Draw so many more paths on every level."""
-        for level in range(LEVELS):
-            self._draw(level, paths)
 
     def double(self) -> None:
         """Double the paths of every level above 0."""
@@ -83,7 +131,7 @@ class Trial(Levels):
         """Move the ladder on by a halving: its coarsest level is dropped, and one beyond the finest is drawn."""
         self._first += 1
         self.draws = [*self.draws[1:], NOTHING]
-        self.even, self.changes, self.measured = {}, {}, {}
+        self.even, self.pairs = {}, None
         self._draw(LEVELS - 1, self.draws[-2].difference.n)
 
     @property
@@ -101,56 +149,94 @@ class Trial(Levels):
 
     def seconds_to_tell(self, error: float) -> float:
         """Estimated seconds until the bias is known to this error, by finer steps or by more paths."""
-        seconds = sum(draw.seconds for draw in self.draws[1:])
+        seconds = self.seconds_to_double
         noise = self.bias(LEVELS - 1)[1]
         return seconds if self.may_go_finer else seconds * (noise / error) ** 2
 
+    @property
+    def seconds_to_double(self) -> float:
+        """Seconds that the differences took so far."""
+        return sum(draw.seconds for draw in self.draws[1:])
+
+    def _changed(self) -> None:
+        """Forget what followed from the draws so far."""
+        self._biases: dict[float, tuple[float, float]] = {}  #: by level
+        self._is_settled: bool | None = None
+
     def _draw(self, level: int, paths: int) -> None:
-        self._biases.clear()
-        drawn = self.sampler.draw(self._first + level, paths)
-        self.draws[level] += drawn
-        self.seconds_spent += drawn.seconds
+        self._changed()
+        self.draws[level] += self.sampler.draw(self._first + level, paths)
 
     def _time(self) -> None:
         """Fit seconds of a path as a + b n, with n the number of steps; the seconds of a call are left out."""
         few, many = (self.steps(level) for level in (0, LEVELS - 1))
         drawn = self.draws[-1]
-        enough = _LONG_ENOUGH * drawn.difference.n / max(drawn.seconds, 1e-9)
-        paths = _TIMED if enough > _TIMED else _LEAST_TIMED
-        long = self._seconds_of(many, paths)  # the first call, which takes longer than later ones, is the longest
-        pairs = [(self._seconds_of(few, paths // 8), self._seconds_of(few, paths)) for _ in range(_TIMES)]
-        little, short = map(min, zip(*pairs, strict=True))
+        short_enough = _LONG_ENOUGH * drawn.difference.n / max(drawn.seconds, 1e-9) > _TIMED
+        paths = _TIMED if short_enough else _TIMED // 4
+        long = self._plain(many, paths)  # the first call, which takes longer than later ones, is the longest
+        little, short = self._plain(few, paths // 8), self._plain(few, paths)
         path = max((short - little) / (paths - paths // 8), 0.1 * short / paths)
         call = short - path * paths
         last = max((long - call) / paths, path)
         self._slope = max((last - path) / (many - few), 0.2 * last / many)
         self._once = max(path - self._slope * few, 0.0)
 
-    def _seconds_of(self, steps: int, count: int) -> float:
+    def _plain(self, steps: int, count: int) -> float:
         """Seconds of a call for so many paths."""
-        seconds = Plain(self.problem, self.scheme, steps, 0).draw(count).seconds
-        self.seconds_spent += seconds
-        return seconds
+        return Plain(self.problem, self.scheme, steps, 0).draw(count).seconds
 
-    def look_at(self, kind: type[Estimator], level: float) -> None:
-        """Measure a few units of another method at a level."""
-        self.measured[kind.name] = measure(self, kind, level)
+    def price_of_pairs(self, level: float) -> float:
+        """Estimated seconds to measure antithetic pairs at a level; infinite if they do not apply."""
+        applies = columns(self.problem, self.scheme) == 1 and self.problem.options.get("truncation") is None
+        return 4 * _CALL + 2 * UNITS * _SLOWER * self.seconds(level) if applies else math.inf
 
-    def look_evenly(self, level: int, most: int = LONG) -> None:
-        """Measure a few scramblings of 2^most Sobol points at a level."""
+    def look_at_pairs(self, level: float) -> None:
+        """Measure antithetic pairs at a level; if few of them differ, their variance is at least that of f."""
+        estimator = Antithetic(self.problem, self.scheme, self.steps(level), FIRST)
+        few, many = estimator.draw(UNITS // 8), estimator.draw(UNITS)
+        seconds = max((many.seconds - few.seconds) / (UNITS - UNITS // 8), self.seconds(level))
+        drawn: Drawn = few + many
+        variance = drawn.units.variance
+        if drawn.units.few or self.known.few_of(drawn.units.n):
+            variance = max(variance, self.variance)
+        self.pairs = Pairs(level, variance, min(seconds, many.seconds / UNITS))
+
+    def price_of_points(self, level: int, most: int = LONG) -> float:
+        """Estimated seconds to measure Sobol points at a level; infinite if they do not apply."""
+        steps = self.steps(level)
+        if not quasi_applies(self.problem, self.scheme, steps):
+            return math.inf
+        rows = steps * self.problem.model.nnoise * columns(self.problem, self.scheme)
+        paths = SCRAMBLINGS * 2**most * (_SLOWER * self.seconds(level) + rows * _NUMBER)
+        return seconds_to_load() + 8 * _CALL + rows * _MATRIX + paths
+
+    def look_at_points(self, level: int, most: int = LONG) -> None:
+        """Measure scramblings of 2^5 and of 2^most Sobol points at a level; None is noted if a path fails."""
         begin = time.process_time()
-        quasi.load()
+        load()
         self.loading += time.process_time() - begin
-        self._biases.clear()
-        self.even[level] = measure_even(self, level, most)
+        self._changed()
+        self.even[level] = self._measured(level, most)
 
-    def look_at_changes(self) -> None:
-        """Measure the changes from level to level, minus their linear response to the noise (a control variate).
-
-        For linear models no noise is left.
-        """
-        self._biases.clear()
-        self.changes = {level: measure_changes(self, level) for level in range(1, LEVELS)}
+    def _measured(self, level: int, most: int) -> Even | None:
+        fine, change, seconds = {}, {}, {}
+        begin = time.process_time()
+        estimator = Quasi(
+            self.problem, self.scheme, self.steps(level), FIRST + level, log2_points=most, differences=level > 0
+        )
+        once = time.process_time() - begin
+        for points in (most, SHORT):  # the second are the first of these
+            estimator.log2_points = points
+            begin = time.process_time()
+            both, ok = estimator.fine_and_difference(estimator.begin, SCRAMBLINGS)
+            seconds[points] = time.process_time() - begin
+            if not ok.all():
+                return None
+            fine[points] = _as_if_one_differed(Tally.of(both[0]), points, self.variance)
+            change[points] = _as_if_one_differed(Tally.of(both[int(level > 0)]), points, self.variance)
+        path = max((seconds[most] - seconds[SHORT]) / (SCRAMBLINGS * (2**most - 2**SHORT)), self.seconds(level))
+        once += max(seconds[most] - path * SCRAMBLINGS * 2**most, 0.0)
+        return Even(level, fine, change, path, once, OF_JUMPS if self.problem.target.is_truth else USUAL)
 
     def seconds(self, level: float) -> float:
         """Seconds of a path at a level of the ladder, which may lie between two of its steps."""
@@ -163,7 +249,9 @@ class Trial(Levels):
     @property
     def settled(self) -> bool:
         """Whether powers of h may be counted on."""
-        return self.are_settled(*self._differences(), self.order)
+        if self._is_settled is None:
+            self._is_settled = self.are_settled(*self._differences(), self.order)
+        return self._is_settled
 
     def bias(self, level: float) -> tuple[float, float]:
         """E f - E f(x_h) at a level of the ladder, and the standard error of this estimate.
@@ -184,38 +272,33 @@ class Trial(Levels):
             share = (2 ** (self.order * (begin + 1 - level)) - 1) / (2**self.order - 1)
             return tuple(y + share * (x - y) for x, y in zip(coarse, fine, strict=True))
         means, errors = self._differences()
-        return self._left(means, errors, int(level))
-
-    def rest(self, level: int) -> tuple[float, float]:
-        """The same for extrapolation from this level and the one before it. Its order is taken to be a, too."""
-        means, errors = self._differences()
-        up, whole = 2**self.order, 2**self.order - 1
-        pairs = range(1, len(means))
-        changes = [(up * means[i] - means[i - 1]) / whole for i in pairs]
-        return self._left(changes, [math.hypot(up * errors[i], errors[i - 1]) / whole for i in pairs], level)
+        halved, finer = max(int(level) - LEVELS + 1, 0), LEVELS - 1 - int(level)
+        tail, noise = self.left_by(means, errors, self.order, phases=self.order, settled=self.settled, halved=halved)
+        return (tail + sum(means[-finer:]), math.hypot(noise, *errors[-finer:])) if finer > 0 else (tail, noise)
 
     def _differences(self) -> tuple[list[float], list[float]]:
         """Means of f(x_h) - f(x_2h) at levels above 0, and their errors; each is the best known by any method."""
         means = [draw.difference.mean for draw in self.draws[1:]]
         errors = [self.error_of(level) for level in range(1, LEVELS)]
-        known = [(level, x.change[x.most].mean, x.error) for level, x in self.even.items() if x and x.error > 0]
-        known += [(level, x.mean, x.error) for level, x in self.changes.items() if x is not None]
-        for level, mean, error in known:  # the best known
-            if level > 0 and error < errors[level - 1]:
-                means[level - 1], errors[level - 1] = mean, error
+        for level, x in self.even.items():
+            if level > 0 and x and 0 < x.error < errors[level - 1]:
+                means[level - 1], errors[level - 1] = x.change[x.most].mean, x.error
         return means, errors
 
     def spread(self, level: int) -> float:
         """Variance of f(x_h) - f(x_2h) at a level above 0; beyond the finest level it is extrapolated."""
-        known = [draw.variance for draw in self.draws]
         if level < LEVELS:
-            return known[level]
-        fall = known[-1] / known[-2] if known[-2] > 0 else 1.0
-        return known[-1] * min(fall, 1.0) ** (level - LEVELS + 1)
+            return self.draws[level].variance
+        before, last = (draw.variance for draw in self.draws[-2:])
+        fall = last / before if before > 0 else 1.0
+        return last * min(fall, 1.0) ** (level - LEVELS + 1)
 
-    def _left(self, means: list[float], errors: list[float], level: int) -> tuple[float, float]:
-        """What all finer levels together add to the mean of a level, and its error, from the differences known."""
-        halved = max(level - LEVELS + 1, 0)
-        tail, noise = self.left_by(means, errors, self.order, phases=self.order, settled=self.settled, halved=halved)
-        finer = LEVELS - 1 - level
-        return (tail + sum(means[-finer:]), math.hypot(noise, *errors[-finer:])) if finer > 0 else (tail, noise)
+
+def _as_if_one_differed(units: Tally, points: int, variance: float) -> Tally:
+    """The tally of these units of 2^points points. If all are equal, f may jump where no point came.
+
+    The tally then gets the variance of units in which one point of all differs.
+    """
+    if units.m2 > 0:
+        return units
+    return Tally(units.n, units.mean, (units.n - 1) * variance / (units.n * 4.0**points))

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ...answers.error_plan import BATCHES
-from ...answers.expectation.tolerance import quantile
+from ...answers.expectation.interval import quantile
 
 ABOVE_REFERENCE = 4.0  #: an error counts where it is so many times that of the reference
 SATURATED = 0.5  #: of the size of the solution: the error grows no further
