@@ -149,8 +149,9 @@ int symsde_model_set_chain_rows(symsde_model model, symsde_chain_rows chain_rows
 int symsde_model_set_third_derivative(symsde_model model, symsde_third_derivative third, symsde_error *error);
 /* declares that the functions test for NULL: from now on outputs that are not wanted are NULL */
 int symsde_model_accept_null(symsde_model model, symsde_error *error);
-/* whole steps of a catalogue scheme, without correction. Runs with that scheme call nothing else. Steps that differ from
- * the library's are refused. midpoint, symplectic_euler and stormer_verlet also stand for equal schemes of other names */
+/* whole steps of a catalogue scheme, without correction; "symplectic_euler, corrected" and "symplectic_euler_adjoint,
+ * corrected" are those with the increments form. Runs with that scheme call nothing else. Steps that differ from the
+ * library's are refused. midpoint, symplectic_euler and stormer_verlet also stand for equal schemes of other names */
 int symsde_model_set_flow(symsde_model model, const char *scheme, symsde_flow flow, symsde_error *error);
 /* declares that the bits of a lane do not depend on nlane. From now on the functions get no lanes that only pad a block,
  * and a single path is faster. This holds for loops without contraction (fused multiply-add) that call the C library */

@@ -4,7 +4,7 @@
 module symsde_capi_joint
    use, intrinsic :: iso_c_binding, only: c_funptr, c_int, c_ptr
    use symsde_base_maps, only: step_map
-   use symsde_base_status, only: error_type, raise, incompatible
+   use symsde_base_status, only: error_type, raise, incompatible, invalid_argument
    use symsde_capi_error, only: finish
    use symsde_capi_model, only: find_model
    use symsde_capi_text, only: read_text
@@ -85,17 +85,38 @@ contains
       integer(c_int) :: status
       type(error_type), allocatable :: refusal
       type(callback_model), pointer :: known
-      type(scheme_type) :: meant
       type(step_map) :: map
       character(:), allocatable :: text
 
       call find_callback_model(model, known, 'symsde_model_set_flow', refusal)
       call read_text(scheme, 'scheme', text, refusal)
-      if (.not. allocated(refusal)) call get_scheme(meant, text, refusal)
-      if (.not. allocated(refusal)) call map_of(meant, map)
+      if (.not. allocated(refusal)) call read_map(text, map, refusal)
       if (.not. allocated(refusal)) call known%set_flow(map, flow)
       status = finish(refusal, error)
    end function symsde_model_set_flow
+
+   !> The map of a scheme; behind the name of one of the Euler pair may stand that it is corrected.
+   subroutine read_map(text, map, error)
+      character(*), intent(in) :: text
+      type(step_map), intent(out) :: map
+      type(error_type), allocatable, intent(inout) :: error
+      character(*), parameter :: ending = ', corrected'
+      type(scheme_type) :: meant
+      integer :: n
+      logical :: corrected
+
+      n = len(text) - len(ending)
+      corrected = .false.
+      if (n > 0) corrected = text(n + 1:) == ending
+      if (.not. corrected) n = len(text)
+      call get_scheme(meant, text(:n), error)
+      if (allocated(error)) return
+      call map_of(meant, map)
+      map%corrected = corrected
+      if (corrected .and. .not. meant%is_euler_pair()) &
+         call raise(error, invalid_argument, 'symsde_model_set_flow', "scheme '"//text//"': whole steps are "// &
+                    "corrected of symplectic_euler and symplectic_euler_adjoint alone; leave out '"//ending//"'")
+   end subroutine read_map
 
    !> From now on the functions are given the real lanes alone. Refuses built-in models (incompatible).
    function symsde_model_accept_any_lanes(model, error) result(status) bind(c, name='symsde_model_accept_any_lanes')

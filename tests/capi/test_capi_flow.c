@@ -115,6 +115,8 @@ static void test_flow(void) {
    CHECK(difference(model, options) < 1e-8);
    CHECK(user.calls == 0);
    EXPECT(SYMSDE_UNKNOWN_NAME, "midpiont", symsde_model_set_flow(model, "midpiont", flow, &error));
+   EXPECT(SYMSDE_INVALID_ARGUMENT, "symplectic_euler_adjoint alone",
+          symsde_model_set_flow(model, "midpoint, corrected", flow, &error));
    EXPECT(SYMSDE_INCOMPATIBLE, "kubo|symsde_model_new", symsde_model_set_flow(kubo, "midpoint", flow, &error));
    EXPECT(SYMSDE_NULL_HANDLE, "model is NULL", symsde_model_set_flow(NULL, "midpoint", flow, &error));
    EXPECT(SYMSDE_INVALID_ARGUMENT, "scheme", symsde_model_set_flow(model, NULL, flow, &error));

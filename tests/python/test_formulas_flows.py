@@ -71,6 +71,48 @@ def test_a_path_alone_goes_on_with_the_noise_of_its_steps(name, save_every):
     np.testing.assert_array_equal(alone.p[:, :, 0], three.p[:, :, 0])
 
 
+CORRECTED = {  # H, noises, of which of the pair corrected steps are generated
+    "kubo": (*MODELS["kubo"][:2], ALL[:2]),
+    "pendulum": (*MODELS["pendulum"][:2], ALL[:2]),
+    "in two noises": ("p**2/2 + q**4", ["b*p**2/2", "b*q**2/2"], ALL[:2]),
+    "pushed": ("p**2/2 + cos(q)", ["b*(p**2/2 + q**2/2 + p - a*q)"], ALL[:2]),
+    "two": ("(p1**2 + p2**2)/2 + q1**2 + q2**4", ["b*(p1*p2 + q1**2 + 2*q1*q2 + p1)", "b*p2**2 - q2"], ALL[:2]),
+    "slopes of sines": ("(p1**2 + p2**2)/2 + q1**2", ["b*sin(q1 - q2)", "b*(p1 + p1*p2)"], ALL[:1]),
+    "relativistic": (*MODELS["relativistic"][:2], ALL[:1]),
+    "light": ("sqrt(1 + p**2) + q**2", ["b*(sqrt(1 + p**2) + q**2)"], ALL[1:2]),
+    "both": ("p**2/2 + q**2", ["b*(p**4 + q**4)"], ()),
+    "other components": (*MODELS["several"][:2], ()),
+}
+
+
+@pytest.mark.parametrize("name", CORRECTED)
+def test_corrected_steps_are_those_of_the_general_stepper(name):
+    """The Euler pair with its correction, where the end is found without iterations; other noises go without."""
+    H, noise, schemes = CORRECTED[name]
+    mine = ss.model_from_sympy(H, noise, params={k: v for k, v in PARAMS.items() if k in H + "".join(noise)})
+    run = {**RUN, "correction": "auto", "steps": 37}
+    for scheme in ALL[:2]:
+        whole, plain = (ss.simulate(mine, scheme=scheme, **run, paths=85, general=g) for g in (False, True))
+        assert (whole.report.stepper == f"whole corrected steps of {scheme} by the model") == (scheme in schemes)
+        for x, y in ((whole.q, plain.q), (whole.p, plain.p)):
+            np.testing.assert_allclose(x, y, rtol=0, atol=60 * np.spacing(np.abs(y).max()))
+        alone = ss.simulate(mine, scheme=scheme, **run, paths=1, first_path=84)
+        np.testing.assert_array_equal(alone.q[:, :, 0], whole.q[:, :, 84])
+        none = ss.simulate(mine, scheme=scheme, **{**run, "correction": "none"}, paths=85)
+        assert scheme not in schemes or np.abs(none.q - whole.q).max() > 1e-4
+
+
+@pytest.mark.parametrize("scheme", ALL[:2])
+@pytest.mark.usefixtures("quick_compiler")
+def test_wrong_corrections_are_refused(monkeypatch, scheme):
+    """The twin: a correction one per cent off."""
+    whole = emit_flow._text
+    assert "0.5 * a[" in whole("corrected")
+    monkeypatch.setattr(emit_flow, "_text", lambda x: whole(x).replace("0.5 * a[", "0.505 * a["))
+    with pytest.raises(errors.FalseTraitError, match=f"the whole steps of scheme {scheme} .* are not those"):
+        ss.simulate(model("kubo"), scheme=scheme, **{**RUN, "correction": "auto"}, steps=3)
+
+
 @pytest.mark.parametrize("name", MODELS)
 def test_what_is_generated(name):
     schemes = MODELS[name][-1]
@@ -113,6 +155,7 @@ def test_loops_over_lanes_become_vectors(name, tmp_path):
         elif line.startswith("   for (int i = 0; i < lanes;") and function:
             loops[function], function = number, ""
     wanted = {f"{scheme}_in_lanes" for scheme in ALL[:3]}
+    wanted |= {f"{scheme}_corrected_in_lanes" for scheme in CORRECTED.get(name, ((),))[-1]}
     passes = ("derivatives", "corrections")
     wanted |= (
         {"midpoint_in_lanes", "gauss2_in_lanes"} if name == "kubo" else {f"{x}_{y}" for x in ALL[3:] for y in passes}

@@ -92,7 +92,7 @@ def _model(given: Given) -> list[str]:
     there = [kind for kind in SETTERS if f"int formula_{kind}(" in given.model.formula.source]
     lines += [_checked(f"set_{kind}(model, formula_{kind}") for kind in there]
     flows = emit_flow.flows(made) if made else []
-    lines += [_checked(f'set_flow(model, "{scheme}", formula_flow_{scheme}') for scheme in flows]
+    lines += [_checked(f'set_flow(model, "{emit_flow.named(scheme)}", formula_flow_{scheme}') for scheme in flows]
     return [*lines, _checked("accept_null(model"), _checked("accept_any_lanes(model")]
 
 

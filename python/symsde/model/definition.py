@@ -96,8 +96,9 @@ class Model:
     pointers of unwanted outputs are NULL, and the function need not compute these.
 
     ``flows`` maps names of schemes to compiled functions with the signature ``symsde_flow``, which compute whole steps,
-    several in one call. A run with such a scheme (without correction) calls nothing else. Before the run these steps
-    are compared with the library's own, and refused if they differ.
+    several in one call. ``"symplectic_euler, corrected"`` and ``"symplectic_euler_adjoint, corrected"`` are steps with
+    the increments form of the correction, the others are without correction. A run with such a scheme calls nothing
+    else. Before the run these steps are compared with the library's own, and refused if they differ.
 
     ``any_lanes`` says that the results of a lane have the same bits for any number of lanes. The functions are then
     called with the paths alone, without lanes that fill a vector. This makes one path eight times as fast. numba

@@ -148,12 +148,17 @@ class Derivatives:
         simple = all(e[0] == self.symbol[x] and all(h == 0 for h in e[1:]) for x, e in slopes.items())
         return len(self.hamiltonians) > 1 and not simple
 
-    def _block(self, variables: str) -> list[int]:
-        """Nodes of a block of derivatives: [i] or, by rows, [j][i] with i of the first letter, j of the second."""
+    def noise_block(self, variables: str) -> list[int]:
+        """The same block of sum_k w_k H_k, the noises alone."""
+        return self._block(variables, first=1)
+
+    def _block(self, variables: str, first: int = 0) -> list[int]:
+        """Nodes of a block of derivatives: [i] or, by rows, [j][i] with i of the first letter, j of the second.
+        Hamiltonians before the first are left out."""
         names = [self.problem.coordinates(letter) for letter in variables]
-        if len(names) == 1:
-            return [self._weighted(self._of(x), x) for x in names[0]]
-        return [self._weighted(self._of(x, y), x + y) for y in names[1] for x in names[0]]
+        keys = [(x,) for x in names[0]] if len(names) == 1 else [(x, y) for y in names[1] for x in names[0]]
+        zeros = [self._engine.Integer(0)] * first
+        return [self._weighted([*zeros, *self._of(*key)[first:]], "".join(key)) for key in keys]
 
     def _weighted(self, expressions: list[Any], what: str) -> int:
         """The node of sum_j w_j e_j."""

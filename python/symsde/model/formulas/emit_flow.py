@@ -19,6 +19,7 @@ MAX_OPERATIONS = 400  #: of gradient and Hessian: above, the callbacks are not w
 OF_FUNCTION = 20  #: operations of an elementary function, inlined in every place
 STRIP = 128  #: lanes whose states stay in the nearest cache
 EXPLICIT = ("symplectic_euler", "symplectic_euler_adjoint", "stormer_verlet")
+CORRECTED = "_corrected"  #: behind the name of one of the Euler pair
 HEAD = """
 /* ---- whole steps ---- */
 
@@ -52,12 +53,17 @@ def flows(made: Derivatives) -> list[str]:
     few = 0 < sum(OF_FUNCTION if x.lane and x.what in NEAR else 1 for x in nodes) <= MAX_OPERATIONS
     if not few or "t" in _leaves(made, BLOCKS):
         return []
-    schemes = list(EXPLICIT) if separable else []
+    schemes = [*EXPLICIT, *_corrected(made)] if separable else []
     if separable or made.problem.ndof == 1:
         schemes.append("midpoint")
     if separable and (made.problem.ndof == 1 or _sweeps(made)):
         schemes.append("gauss2")
     return schemes
+
+
+def named(scheme: str) -> str:
+    """The name by which the library is given the steps of a scheme."""
+    return scheme.replace(CORRECTED, ", corrected")
 
 
 def source(made: Derivatives) -> str:
@@ -95,6 +101,8 @@ def source(made: Derivatives) -> str:
             _moves(made, "drift", "hp"),
         ]
     parts += [_function(made, "slopes", list(BLOCKS)), _text("steps"), _elimination("eliminate", made.problem.ndof)]
+    if any(scheme.endswith(CORRECTED) for scheme in schemes):
+        parts += _correction(made)
     eliminated = _eliminates(made)
     if eliminated:
         parts += [_function(made, "mobility", ["hpp"]), _function(made, "stiffness", ["hq", "hqq"])]
@@ -153,7 +161,12 @@ def _needed(made: Derivatives, blocks: Iterable[str]) -> list[int]:
 
 
 def _leaves(made: Derivatives, blocks: Iterable[str]) -> set[str]:
-    nodes = (made.graph.nodes[x] for x in _needed(made, blocks))
+    return _of_nodes(made, [x for block in blocks for x in made.outputs[block]])
+
+
+def _of_nodes(made: Derivatives, roots: Iterable[int]) -> set[str]:
+    """The leaves that nodes take."""
+    nodes = (made.graph.nodes[x] for x in reachable(made.graph, roots))
     return {node.value for node in nodes if node.what == "leaf"}
 
 
@@ -162,8 +175,38 @@ def _is_quadratic(made: Derivatives) -> bool:
     return not any(x[0] in "qp" for x in _leaves(made, ("hqq", "hqp", "hpp")))
 
 
+def _corrected(made: Derivatives) -> list[str]:
+    """Of the corrected Euler pair those whose steps are closed: they are solved for an end in which the slope of the
+    noises is linear. None where F_p.F_q has no gradient, as for noise in q or p alone, and for additive noise."""
+    n, noise = made.problem.ndof, {block: made.noise_block(variables) for block, variables in BLOCKS.items()}
+    there = {block: [not made.graph.is_number(x, 0.0) for x in nodes] for block, nodes in noise.items()}
+    products = (("hqq", "hp"), ("hpp", "hq"))
+    if not any(there[a][i] and there[b][i % n] for a, b in products for i in range(n * n)):
+        return []
+    pair = (("hpp", "symplectic_euler"), ("hqq", "symplectic_euler_adjoint"))
+    return [x + CORRECTED for block, x in pair if not any(leaf[0] in "qp" for leaf in _of_nodes(made, noise[block]))]
+
+
+def _correction(made: Derivatives) -> list[str]:
+    """Steps of the corrected pair, and what they take of the noises."""
+    noise = {block: made.noise_block(variables) for block, variables in BLOCKS.items()}
+    slopes = (("noise_force", ("hq", "hqq")), ("noise_velocity", ("hp", "hpp")))
+    parts = []
+    for name, blocks in slopes:
+        targets = ", ".join(f"double *restrict {block}" for block in blocks)
+        outputs = [(f"{block}[{k}]", x) for block in blocks for k, x in enumerate(noise[block])]
+        parts.append(_lines(made, name, targets, outputs))
+    pushed = _at_zero(made, [*noise["hq"], *noise["hp"]])
+    return [*parts, f"#define PUSHED {int(pushed)} /* slopes of the noises at zero */", _text("corrected")]
+
+
 def _moves_at_zero(made: Derivatives) -> bool:
     """Whether the gradient is not known to vanish at zero: it is asked of quadratic Hamiltonians."""
+    return _at_zero(made, [x for block in ("hq", "hp") for x in made.outputs[block]])
+
+
+def _at_zero(made: Derivatives, nodes: Iterable[int]) -> bool:
+    """Whether some of these nodes are not known to vanish at zero."""
     graph = made.graph
     rules = {"+": all, "-": all, "negative": all, "*": any, "/": operator.itemgetter(0)}
     zero: set[int] = set()
@@ -171,7 +214,7 @@ def _moves_at_zero(made: Derivatives) -> bool:
         found = node.what in rules and rules[node.what]([a in zero for a in node.arguments])
         if found or graph.is_number(x, 0.0) or (node.what == "leaf" and node.value[0] in "qp"):
             zero.add(x)
-    return not zero.issuperset(x for block in ("hq", "hp") for x in made.outputs[block])
+    return not zero.issuperset(nodes)
 
 
 def _eliminates(made: Derivatives) -> bool:

@@ -262,7 +262,7 @@ def _functions(compiled: compiler.Compiled, parameters: Mapping[str, float]) -> 
 def _flows(compiled: compiler.Compiled, schemes: list[str], parameters: Mapping[str, float]) -> dict[str, Any]:
     """The compiled whole steps by scheme; the values of the parameters are those of the callbacks."""
     values = np.array(list(parameters.values()) or [0.0])
-    return {scheme: _with_values(compiled, f"formula_flow_{scheme}", values) for scheme in schemes}
+    return {emit_flow.named(x): _with_values(compiled, f"formula_flow_{x}", values) for x in schemes}
 
 
 def _with_values(compiled: compiler.Compiled, name: str, values: np.ndarray) -> callbacks.WithData:
