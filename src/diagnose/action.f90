@@ -40,9 +40,9 @@ module symsde_diagnose_action
 
 contains
 
-   !> action(path, n) = Lbar_h(p_{n-1}, q_{n-1}, p_n, q_n), the n-th term of (46) [action].
-   !> Errors: missing_operation for models without values; incompatible for schemes without a
-   !> discrete Lagrangian; wrong_shape; those of check_options; stopped, by the monitor.
+   !> action(path, n) = Lbar_h(p_{n-1}, q_{n-1}, p_n, q_n), the n-th term of (46) [action]. Errors:
+   !> missing_operation for models without values; incompatible for schemes without a discrete Lagrangian;
+   !> wrong_shape; errors of check_options; stopped, by the monitor.
    subroutine discrete_action(model, scheme, options, q, p, dw, action, error, monitor)
       class(model_type), intent(in), target :: model
       type(scheme_type), intent(in) :: scheme
@@ -68,7 +68,7 @@ contains
       if (.not. fits2(action, size(q, 1), size(dw, 3))) call refuse_shape('action', error)
       if (allocated(error)) return
       call blas_single_thread()
-      ! Blocks of paths are the outer loop and steps the inner one: what a step needs is copied once.
+      ! Blocks of paths are the outer loop and steps the inner one: the data of a step are copied once.
       blocks: do first = 1, size(q, 1), work%nlane
          work%status = 0
          do n = 1, size(dw, 3)
@@ -128,8 +128,8 @@ contains
       call blas_restore_threads()
    end subroutine action_gradient
 
-   !> Add the left derivatives of a step to its first state and set its last one to the right ones;
-   !> the ends of the path are no unknowns.
+   !> Add the left derivatives of a step to the gradient at its first state, and set the gradient at its last state
+   !> to the right ones. The ends of the path are given, and get no gradient.
    subroutine add_ends(work, first, left, gradient_q, gradient_p)
       type(step_block), intent(in) :: work
       integer, intent(in) :: first   !! first path of the block
@@ -143,8 +143,7 @@ contains
             path = first + lane - 1
             ! The unit is 1, or NaN, which makes NaN of all that it multiplies.
             unit = nan_unless(work%status(lane) == 0, 1.0_wp)
-            ! State `left` has got its right derivatives, of the step before, already: now the left ones of this step
-            ! are added.
+            ! State `left` holds the right derivatives of the step before; add the left derivatives of this step.
             if (left > 0) then
                gradient_q(path, i, left) = gradient_q(path, i, left) + unit*work%d%left_q(lane, i)
                gradient_p(path, i, left) = gradient_p(path, i, left) + unit*work%d%left_p(lane, i)
@@ -199,7 +198,7 @@ contains
          do n = 1, size(dw, 3)
             call ask_monitor(work, first, n, dw, 'euler_lagrange_residual', error, monitor)
             if (allocated(error)) exit blocks
-            ! Keep the right derivatives of the step before: (47) and (48) join them to the left ones of this step.
+            ! Keep the right derivatives of the step before: (47) and (48) add the left ones of this step to them.
             before_q = work%d%right_q
             before_p = work%d%right_p
             call load_step(work, first, n, q, p, dw)
@@ -244,7 +243,7 @@ contains
       if (.not. fits3(dw, size(q, 1), model%traits%nnoise, size(dw, 3))) &
          call refuse_shape('dw', error)
       if (allocated(error)) return
-      ! Memory is asked for before it is taken: a refusal says what to make smaller.
+      ! Check memory before allocating: a refusal names what to make smaller.
       nlane = lanes_of_diagnosis(model, scheme, size(q, 1, i8))
       call require_memory(lagrangian_numbers(model, scheme, nlane), 'the discrete Lagrangian of model '//model%name// &
                           ' under scheme '//scheme%name, 'give a smaller system or a scheme of one stage', &
@@ -255,7 +254,8 @@ contains
       work%h = options%step
       allocate (work%w(nlane, 0:model%traits%nnoise), work%action(nlane), work%status(nlane))
       allocate (work%q0(nlane, n), work%p0(nlane, n), work%q1(nlane, n), work%p1(nlane, n))
-      ! The derivatives are zero at first: they are read as those of the step before the first one, and not used.
+      ! Start with zero derivatives: the first step reads them as derivatives of a step before it, but does not use
+      ! them.
       allocate (work%d%left_q(nlane, n), work%d%left_p(nlane, n), work%d%right_q(nlane, n), &
                 work%d%right_p(nlane, n), source=0.0_wp)
    end subroutine prepare
@@ -271,7 +271,7 @@ contains
       integer(i8) :: nstep, nblock
 
       nstep = size(dw, 3)
-      ! Progress is counted in steps of blocks, those of the blocks that are done first.
+      ! Count progress in steps of blocks; finished blocks count with all their steps.
       nblock = (size(dw, 1) + work%nlane - 1)/work%nlane
       call stop_if_wanted(monitor, (first - 1)/work%nlane*nstep + n - 1, nblock*nstep, place, error)
    end subroutine ask_monitor

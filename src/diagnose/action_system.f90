@@ -34,7 +34,7 @@ module symsde_diagnose_action_system
       type(discrete_lagrangian) :: lagrangian
       integer :: nlane = 0, ndof = 0, nstep = 0
       integer :: length = 0          !! unknowns of a step, 2 ndof (r+1)
-      integer :: nunknown = 0        !! of a path, nstep*length - ndof: q_N is given
+      integer :: nunknown = 0        !! unknowns of a path, nstep*length - ndof: q_N is given
       integer :: width = 0           !! sub- and superdiagonals of the matrix
       real(wp) :: t0 = 0, h = 0      !! time of step 0, step [time]
       real(wp), allocatable :: w(:, :, :)             !! h, dW_1 .. dW_m (nlane, 0:nnoise, nstep)
@@ -45,7 +45,7 @@ module symsde_diagnose_action_system
       real(wp), allocatable, private :: v(:, :)       !! weights of one part (nlane, 0:nnoise)
       real(wp), allocatable, private, dimension(:, :) :: qs, ps, hq, hp  !! one stage (nlane, ndof)
       real(wp), allocatable, private, dimension(:, :, :, :, :) :: hqq, hqp, hpp
-      !! of all stages (nlane, ndof, ndof, r, nstep)
+      !! Hessians of all stages (nlane, ndof, ndof, r, nstep)
    contains
       procedure :: differentiate
       procedure :: fill_matrix
@@ -66,7 +66,7 @@ contains
       type(error_type), allocatable, intent(inout) :: error
       integer :: n, r, info
 
-      ! Of the Lagrangian the system takes Hhat, a, alpha, c, and which part of Hhat each stage sees.
+      ! Take Hhat, a, alpha, c, and the part of Hhat at each stage from the Lagrangian.
       self%lagrangian = lagrangian
       n = lagrangian%ham%ndof
       r = lagrangian%nstage
@@ -184,7 +184,7 @@ contains
       end if
    end subroutine weights_of
 
-   !> What the gradient at stage i of a step adds.
+   !> Add the terms of the gradient at stage i of a step.
    subroutine add_stage(self, step, i, lane)
       type(action_system), intent(inout) :: self
       integer, intent(in) :: step, i, lane
@@ -211,7 +211,7 @@ contains
       end associate
    end subroutine add_stage
 
-   !> What p_{m+1}.(q_{m+1} - q_m) adds.
+   !> Add the terms of p_{m+1}.(q_{m+1} - q_m).
    subroutine add_ends(self, step, lane)
       type(action_system), intent(inout) :: self
       integer, intent(in) :: step, lane
@@ -224,10 +224,10 @@ contains
          from = self%position(step - 1, lane)
          to = self%position(step, lane)
          r(e + 1:e + n, lane) = r(e + 1:e + n, lane) + (to - from)
-         !   q_{m+1}: p_{m+1}, where it is not the given q_N
+         ! derivative by q_{m+1}: p_{m+1}, unless q_{m+1} is the given q_N
          if (step < self%nstep) &
             r(e + n + 1:e + 2*n, lane) = r(e + n + 1:e + 2*n, lane) + x(e + 1:e + n, lane)
-         !   q_m: -p_{m+1}, where it is not the given q_0
+         ! derivative by q_m: -p_{m+1}, unless q_m is the given q_0
          last = e - self%length + n
          if (step > 1) r(last + 1:last + n, lane) = r(last + 1:last + n, lane) - x(e + 1:e + n, lane)
       end associate
@@ -253,15 +253,15 @@ contains
       end do
    end subroutine first_momentum
 
-   !> The Hessian of S in one lane at the point last differentiated, A(i,j) at band(2 width+1+i-j, j). Of a
-   !> correction in Hhat it knows nothing.
+   !> The Hessian of S in one lane at the last differentiated point, A(i,j) at band(2 width+1+i-j, j). It leaves out
+   !> a correction in Hhat.
    subroutine fill_matrix(self, lane)
       class(action_system), intent(inout) :: self
       integer, intent(in) :: lane
       integer :: step, i, k, e
 
-      ! Each pair of unknowns is entered twice, since the solver with row exchanges takes the whole band. The first
-      ! `width` rows of it are room for what the exchanges fill in.
+      ! Enter each pair of unknowns twice: the solver with row exchanges needs the whole band. Its first `width`
+      ! rows take the entries that exchanges add.
       self%band = 0
       do step = 1, self%nstep
          e = self%momentum_at(step)

@@ -52,8 +52,8 @@ module symsde_diagnose_boundary_value
    type :: newton_state
       logical :: running = .false.
       integer(i4) :: status = status_ok
-      real(wp) :: norm = huge(1.0_wp)  !! of the residual at the last accepted unknowns
-      real(wp) :: length = 1           !! of the correction under trial, as a part of the full one
+      real(wp) :: norm = huge(1.0_wp)  !! norm of the residual at the last accepted unknowns
+      real(wp) :: length = 1           !! trial correction as a part of the full one
       real(wp) :: rcond = 0            !! of the last matrix
       real(wp), allocatable :: x(:), d(:)  !! unknowns last accepted, their full correction (nunknown)
    end type newton_state
@@ -94,7 +94,7 @@ contains
       if (present(dw)) given => dw
       if (present(guess_q)) given_q => guess_q
       if (present(guess_p)) given_p => guess_p
-      ! Pointers stand for the optional arrays, so that their absence is one question further down.
+      ! Pointers stand for the optional arrays; null means absent in the procedures below.
       call check(model, options, q_start, q_end, q, p, status, error, given_q, given_p)
       if (present(rcond)) then
          if (size(rcond) /= size(status)) call refuse_shape('rcond', error)
@@ -115,15 +115,15 @@ contains
       call new_action_system(system, lagrangian, int(options%nstep), &
                              options%t0 + real(options%first_step, wp)*options%step, options%step, error)
       if (allocated(error)) return
-      ! All increments are drawn at once: an equation of step m contains those of its neighbours, and Newton asks
-      ! again and again.
+      ! Draw all increments at once: an equation of step m contains increments of its neighbours, and Newton needs
+      ! them many times.
       allocate (w(options%npath, noise%nnoise, options%nstep), stat=info)
       if (info /= 0) then
          call raise(error, out_of_memory, place, 'no memory for the increments of '//to_text(options%nstep)// &
                     ' steps: give fewer steps or paths')
          return
       end if
-      ! The path is the one that a run with these options would be driven by, whatever blocks it is drawn in.
+      ! The increments are those of a run with these options, whatever blocks draw them.
       call collect_increments(noise, options, w, error, monitor)
       if (allocated(error)) return
       call blas_single_thread()
@@ -155,8 +155,8 @@ contains
       stages = 2.0_wp*scheme%nstage   ! at most: noise may have stages of its own
       length = 2*n*(stages + 1)
       unknowns = length*options%nstep
-      ! Counted are the increments, what the noise draws, the Lagrangian, a band with its fill (3 width + 1 wide),
-      ! vectors of unknowns, and the Hessians of all stages.
+      ! Count the increments, arrays for drawing, the Lagrangian, a band with its fill (3 width + 1 wide), vectors
+      ! of unknowns, and the Hessians of all stages.
       numbers = real(options%npath, wp)*m*options%nstep &
                 + noise_numbers(model%traits%nnoise, scheme%asks, default_nlane) &
                 + lagrangian_numbers(model, scheme, lane_unit) + 6*unknowns*length + 64*unknowns &
@@ -165,7 +165,7 @@ contains
                           ' under scheme '//scheme%name, 'give fewer steps or paths, or a smaller system', place, error)
    end subroutine judge_memory
 
-   !> Newton on the paths of a block; every iteration differentiates all of them at once.
+   !> Newton on the paths of a block; every iteration differentiates all paths at once.
    subroutine solve_block(system, max_iter, nreal, states, done, npath, error, monitor)
       type(action_system), intent(inout) :: system
       integer, intent(in) :: max_iter, nreal
@@ -175,9 +175,9 @@ contains
       class(monitor_type), intent(inout), optional :: monitor
       integer :: iteration, lane
 
-      ! Of a path that is done the unknowns stay as they are, and are differentiated with the others.
+      ! A path that is done keeps its unknowns, and is differentiated along with the others.
       states(:nreal)%running = .true.
-      ! Iteration 0 judges the guess. Every later one judges the trial that the one before it has made.
+      ! Iteration 0 judges the guess; every later one judges the trial of the iteration before.
       do iteration = 0, max_iter
          call system%differentiate()
          do lane = 1, nreal
@@ -190,7 +190,7 @@ contains
       end do
    end subroutine solve_block
 
-   !> Judge the unknowns of a path, and give it the next ones.
+   !> Judge the unknowns of a path, and compute the next ones.
    subroutine iterate(system, lane, last, state, done, npath, error, monitor)
       type(action_system), intent(inout) :: system
       integer, intent(in) :: lane
@@ -203,28 +203,27 @@ contains
       logical :: better
 
       associate (x => system%x(:, lane), r => system%r(:, lane))
-         ! Armijo's rule with the factor 1/4: a correction of `length` must lower the residual by a quarter of what it
-         ! would lower it by if the equations were linear. At the first iteration there is nothing to compare with.
+         ! Armijo's rule with factor 1/4: a correction of `length` must lower the residual by a quarter of the
+         ! decrease for linear equations. The first iteration has nothing to compare with.
          norm = norm2(r)
          better = norm <= (1 - 0.25_wp*state%length)*state%norm
          if (.not. allocated(state%x)) better = norm <= huge(norm)
          ! A trial that is no better is taken back: a shorter correction starts from the same unknowns.
          if (.not. better .and. allocated(state%x)) x = state%x
-         ! Accept the trial, if it is better.
+         ! Accept a better trial.
          if (better) then
             state%norm = norm
             state%x = x
-            ! At the guess itself the equations are not finite: there is nothing to start from.
+            ! The equations are not finite at the guess, so the iteration cannot start.
          else if (.not. allocated(state%x)) then
             call finish(nonfinite)
             return
-            ! The residual cannot be lowered, and is rounding: this is the solution.
+            ! The residual cannot be lowered and is of the size of rounding: accept these unknowns as the solution.
          else if (state%norm <= rounding*sqrt(real(size(x), wp))*maxval(abs(x))) then
             call finish(status_ok)
             return
          else
-            ! The trial is neither better nor solved: half of the correction is tried next, from the unknowns that
-            ! were put back.
+            ! The trial is neither better nor a solution: restore the unknowns, and try half of the correction.
             state%length = 0.5_wp*state%length
          end if
          ! All equations hold exactly: no correction would change anything.
@@ -269,7 +268,7 @@ contains
       state%d = -system%r(:, lane)
       state%length = 1
       call new_banded_factors(factors, system%nunknown, system%width, system%width, system%band)
-      ! A matrix that is not finite is no conjugate point: it has a status of its own.
+      ! A matrix that is not finite is no conjugate point; it has the status nonfinite.
       state%status = nonfinite
       state%running = factors%norm <= huge(1.0_wp)   ! NaN and infinities enter the norm
       if (.not. state%running) return
@@ -316,7 +315,7 @@ contains
             do step = 1, nstep
                before = now
                now = before + (system%q_end(lane, :) - system%q_start(lane, :))/nstep
-               ! Of a given guess the first position is not used, since q_0 is known.
+               ! The first position of a given guess is not used, since q_0 is known.
                if (associated(guess_q)) now = guess_q(path, :, step + 1)
                !   v = q_{m+1} - q_m,   p = v/h
                v = now - before
@@ -400,7 +399,7 @@ contains
 
    contains
 
-      !> A given position is that of one path or of each, and finite.
+      !> Check a given position: one for all paths or one for each path, and finite.
       subroutine check_ends(what, x)
          character(*), intent(in) :: what
          real(wp), intent(in) :: x(:, :)

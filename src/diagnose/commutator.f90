@@ -101,8 +101,8 @@ contains
                result%l = k
             end if
          end do
-         ! In the phase space with time the bracket is {H,H_k} - H_k,t; both of its parts are asked to vanish by
-         ! themselves.
+         ! In the phase space with time the bracket is {H,H_k} - H_k,t; each of the two terms must vanish by
+         ! itself.
          result%drift = max(result%drift, change_in_time(model, points, k))
       end do
       result%commutative = result%noise <= vanishing
@@ -123,8 +123,8 @@ contains
       ! (fq, fp) is V_F and (gq, gp) is V_G, F = H_j and G = H_k.
       call field(model, points, j, points%t, fq, fp)
       call field(model, points, k, points%t, gq, gp)
-      ! The scale is the larger of two: what rounding alone could leave of the two products, and their largest size
-      ! under changes of sign.
+      ! The scale is the larger of two: the rounding of both products, and their largest size under changes of
+      ! sign.
       scale = floor_of_differences(model, points, fq, fp)*largest(gq, gp) &
               + floor_of_differences(model, points, gq, gp)*largest(fq, fp)
       difference = 0
@@ -137,7 +137,7 @@ contains
          scale = max(scale, largest(aq, ap) + largest(bq, bp))
       end do
       relative = 0
-      ! Both are zero for Hamiltonians that are linear: these commute. What is not finite must not pass for commuting.
+      ! For linear Hamiltonians both are zero: they commute. A value that is not finite counts as not commuting.
       if (scale > 0) relative = difference/scale
       if (.not. difference + scale <= huge(scale)) relative = huge(relative)
    end function relative_gradient
@@ -158,8 +158,8 @@ contains
       vp = -vp
    end subroutine field
 
-   !> The Hessian of H_j times (vq, vp), under a change of sign of its components; the first pattern changes none,
-   !> the second the momenta.
+   !> The Hessian of H_j times (vq, vp), with signs of its components changed by a pattern: the first pattern
+   !> changes none, the second the momenta.
    subroutine product_with(model, points, j, vq, vp, pattern, uq, up)
       class(model_type), intent(in) :: model
       type(sample_points), intent(in) :: points
@@ -186,8 +186,8 @@ contains
       end associate
    end subroutine product_with
 
-   !> What rounding of the gradient (fq, fp) can do to a product by differences, for a vector of size one: of this
-   !> size a bracket must be, times 1e6, to be told from rounding. Nothing where products are analytic.
+   !> The error of a product by differences, for a vector of size one, due to rounding of the gradient (fq, fp). A
+   !> bracket above 1e6 times this error counts as nonzero. Zero if products are analytic.
    pure real(wp) function floor_of_differences(model, points, fq, fp) result(size_at_least)
       class(model_type), intent(in) :: model
       type(sample_points), intent(in) :: points
@@ -211,8 +211,7 @@ contains
 
       relative = 0
       call field(model, points, k, points%t, fq, fp)
-      ! The three times have no common period: a noise that repeats itself after one of them does not after the
-      ! others.
+      ! The three times have no common period: a noise with one of them as its period still changes at the others.
       do i = 1, size(later)
          call field(model, points, k, points%t + later(i), gq, gp)
          change = largest(gq - fq, gp - fp)
@@ -236,7 +235,7 @@ contains
       integer, intent(in) :: nnoise
       type(commutator_type), intent(inout) :: c
 
-      ! The strongest statement that holds is made: each class of noise contains the ones before it.
+      ! State the strongest result that holds: each class of noise contains the classes before it.
       if (nnoise == 0) then
          c%text = 'no noise: the order without noise of the scheme'
       else if (c%flows_commute) then

@@ -53,20 +53,20 @@ module symsde_diagnose_exact
    private
    public :: exact_solution
 
-   !> What the three models have in common: dq = a p dt + .., dp = -a q dt + ..
+   !> The common form of the three models: dq = a p dt + .., dp = -a q dt + ..
    type :: oscillator
       logical :: additive = .false.
       real(wp) :: a = 0                        !! angular velocity [1/time]
       real(wp) :: sigma = 0                    !! kubo: noise of the angular velocity
       real(wp), allocatable :: to_q(:), to_p(:)  !! additive: dW_k in dq and in dp (nnoise)
-      type(linear_flow), allocatable :: flow   !! of quadratic models whose flows commute
+      type(linear_flow), allocatable :: flow   !! for quadratic models with commuting flows
    end type oscillator
 
    !> One block of paths on its way.
    type :: exact_block
       integer :: nlane = 0, nreal = 0
       integer(i8) :: first = 0                 !! first path of the block, from 0
-      type(step_request) :: request            !! of a pair of steps
+      type(step_request) :: request            !! request for a pair of steps
       type(step_store) :: store                !! the answer
       real(wp), allocatable, dimension(:, :, :) :: shape, stt_area  !! H_k and K_k of these (nlane, nnoise, 0:1)
       real(wp), allocatable, dimension(:, :) :: q0, p0, q, p  !! (nlane, ndof)
@@ -82,12 +82,12 @@ contains
    subroutine exact_solution(model, options, q0, p0, q, p, error, dw, scheme, monitor)
       class(model_type), intent(in) :: model
       type(run_options), intent(in) :: options
-      real(wp), intent(in) :: q0(:, :), p0(:, :)        !! initial state (npath or 1, ndof), each by itself
+      real(wp), intent(in) :: q0(:, :), p0(:, :)        !! initial state (npath or 1, ndof)
       real(wp), intent(out) :: q(:, :, :), p(:, :, :)   !! (npath, ndof, ntime)
       type(error_type), allocatable, intent(inout) :: error
       !> increments (npath or 1, nnoise, rows)
       real(wp), intent(in), target, contiguous, optional :: dw(:, :, :)
-      type(scheme_type), intent(in), optional :: scheme !! that the run takes; dW alone if absent
+      type(scheme_type), intent(in), optional :: scheme !! scheme of the run; dW alone if absent
       class(monitor_type), intent(inout), optional :: monitor
       class(noise_type), allocatable, target :: noise
       type(oscillator) :: system
@@ -105,11 +105,11 @@ contains
       if (.not. allocated(error)) call check_shapes(model%traits%ndof, options, q0, p0, q, p, error)
       if (allocated(error)) return
       fine = finest(options)
-      ! The generator is that of the run, asked for the same paths and steps: the increments are the same numbers.
+      ! Draw with the generator of the run for the same paths and steps: the increments are the same numbers.
       call new_noise(noise, model, fine, lost, error, given)
       if (present(scheme)) call ask_for(scheme, model, noise, error)
       if (allocated(error)) return
-      ! The step of a block's store is that of the draws, as is all below.
+      ! From here on the step is the step of the draws.
       call new_block(work, noise, model%traits%ndof, model%traits%nnoise, fine)
       ! Blocks of paths are the outer loop, and the steps at which the noise is drawn the inner one.
       do while (work%first < fine%npath)
@@ -128,8 +128,7 @@ contains
             done = done + 1
             ! The solution is wanted at the times that the run saves, t0 included.
             if (mod(done, fine%save_every) /= 0) cycle
-            ! These depend on W(t) alone: the state is computed where it is saved, from the start, and errors do not
-            ! add up.
+            ! These models depend on W(t) alone: compute saved states from the start, so that errors do not add up.
             if (.not. system%additive) call rotate(work, system, real(done, wp)*fine%step)
             call save_point(work, int(done/fine%save_every) + 1, q, p)
          end do
@@ -137,7 +136,7 @@ contains
       end do
    end subroutine exact_solution
 
-   !> Let the noise draw what the scheme takes.
+   !> Let the noise draw the functionals that the scheme takes.
    subroutine ask_for(scheme, model, noise, error)
       type(scheme_type), intent(in) :: scheme
       class(model_type), intent(in) :: model
@@ -156,8 +155,8 @@ contains
       noise%asked = scheme%asks%needed_for(model%traits)
    end subroutine ask_for
 
-   !> Increments of the steps 2*pair and 2*pair+1, and for additive noise their H_k and K_k: those of the run, or
-   !> drawn here as a run would.
+   !> Get increments of the steps 2*pair and 2*pair+1, and for additive noise H_k and K_k: from the run, or drawn
+   !> here as a run would draw them.
    subroutine fill(work, noise, system, options, pair)
       type(exact_block), intent(inout) :: work
       class(noise_type), intent(in) :: noise
@@ -168,17 +167,17 @@ contains
       real(wp) :: shape(work%nlane, 0:1), stt_area(work%nlane, 0:1)
       integer :: k
 
-      ! The source gives dW of both steps of a pair, and what else it was asked for.
+      ! The source fills dW of both steps of a pair, and the functionals asked for.
       work%request%pair = pair
       call noise%fill(work%request, work%store, drawn)
       if (.not. system%additive) return
       do k = 1, noise%nnoise
-         ! A silent noise moves nothing.
+         ! A silent noise changes no state.
          if (noise%silent(k)) cycle
          from = work%request%path
          if (noise%common(k)) from = 0
-         ! Draw H_k and K_k by the numbers that a run draws; below they give way to those of the run, where it draws
-         ! them.
+         ! Draw H_k and K_k with the counters of a run; if the run draws them itself, its values replace these
+         ! below.
          call shape_draws(work%nlane, options%seed, from, pair, k, options%step, shape, stt_area, drawn)
          work%shape(:, k, :) = shape
          work%stt_area(:, k, :) = stt_area
@@ -296,7 +295,7 @@ contains
 
    end subroutine check_shapes
 
-   !> Room for a block of lanes and for a pair of steps; H_k and K_k stay zero where they are not drawn.
+   !> Make room for a block of lanes and a pair of steps; H_k and K_k stay zero unless drawn.
    subroutine new_block(work, noise, ndof, nnoise, options)
       type(exact_block), intent(out) :: work
       class(noise_type), intent(in) :: noise
@@ -324,7 +323,7 @@ contains
       integer(i8) :: row
       integer :: lane
 
-      ! Lanes behind the last path repeat it: they are computed and not saved.
+      ! Lanes after the last path repeat it: they are computed but not saved.
       work%nreal = int(min(int(work%nlane, i8), options%npath - work%first))
       work%request%nreal = work%nreal
       call path_of_lane(work%nlane, options%first_path + work%first, work%nreal, work%request%path)
@@ -337,12 +336,12 @@ contains
       work%q = work%q0
       work%p = work%p0
       work%sum_w = 0
-      ! sum_w + low is W(t): low holds what the sum has rounded away.
+      ! sum_w + low is W(t): low holds the rounding errors of the sum.
       work%low = 0
    end subroutine begin_block
 
-   !> Step n: add to W(t) (compensated), or the recursion Y + (F - I) Y + u, whose rounding does not
-   !> accumulate in the radius as that of F Y would.
+   !> Step n: add dW to W(t) (compensated), or apply the recursion Y + (F - I) Y + u. In this form rounding errors
+   !> of the radius do not accumulate; with F Y they would.
    subroutine advance(work, noise, system, options, n)
       type(exact_block), intent(inout) :: work
       class(noise_type), intent(in) :: noise
@@ -370,7 +369,7 @@ contains
       !   Y <- Y + (F - I) Y,   F - I = (-versine, sin h; -sin h, -versine)
       call turn(work%nlane, versine, sine, work%q(:, 1), work%p(:, 1))
       do k = 1, size(system%to_q)
-         ! A noise of strength zero adds nothing, and takes no draws of its own.
+         ! A noise of strength zero adds nothing and needs no draws.
          if (abs(system%to_q(k)) <= 0 .and. abs(system%to_p(k)) <= 0) cycle
          ! Draw (C_k, S_k) given dW_k, H_k and K_k, by two normals that no run draws.
          from = work%request%path

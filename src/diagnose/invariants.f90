@@ -37,8 +37,7 @@ contains
       end do
    end function invariant_drift
 
-   !> values(path, n) = p.p + q.q, the invariant of the Kubo oscillator [WHSB] (35)-(36), and what
-   !> (24) is about.
+   !> values(path, n) = p.p + q.q, the invariant of the Kubo oscillator [WHSB] (35)-(36), an example of (24).
    pure function quadratic_invariant(q, p) result(values)
       real(wp), intent(in) :: q(:, :, :), p(:, :, :)   !! saved paths (npath, ndof, ntime)
       real(wp) :: values(size(q, 1), size(q, 3))

@@ -105,8 +105,8 @@ contains
       numbers = nlane*(unknowns**2 + 9*n**2 + 80*n + 12*unknowns + 10*(model%traits%nnoise + 1)) + 2*unknowns**2
    end function lagrangian_numbers
 
-   !> The discrete Lagrangian of a scheme for blocks of nlane lanes.
-   !> Errors: incompatible for schemes that come from none; those of resolve_correction.
+   !> Make the discrete Lagrangian of a scheme for blocks of nlane lanes. Errors: incompatible for schemes without a
+   !> discrete Lagrangian; errors of resolve_correction.
    subroutine new_discrete_lagrangian(self, model, scheme, options, nlane, error)
       type(discrete_lagrangian), intent(out) :: self
       class(model_type), intent(in), target :: model
@@ -125,7 +125,7 @@ contains
       ! From here on only a, alpha and c are known.
       call flatten(self, scheme, has_one_part(model, scheme), error)
       if (allocated(error)) return
-      ! Hhat includes the correction that the options ask for: the Lagrangian is that of the corrected scheme.
+      ! Hhat includes the correction that the options ask for: this is the Lagrangian of the corrected scheme.
       call new_one_step_hamiltonian(self%ham, model, nlane, correction, &
                                     scheme%correction_coefficient())
       n = model%traits%ndof
@@ -221,7 +221,7 @@ contains
       if (.not. has_one_part) has_one_part = scheme%noise_coefficients_equal()
    end function has_one_part
 
-   !> Refuse what comes from no discrete Lagrangian of the Hamiltonians themselves.
+   !> Refuse schemes without a discrete Lagrangian of the Hamiltonians themselves.
    subroutine check_scheme(scheme, error)
       type(scheme_type), intent(in) :: scheme
       type(error_type), allocatable, intent(inout) :: error
@@ -241,8 +241,8 @@ contains
       end if
    end subroutine check_scheme
 
-   !> One list of stages; noise with coefficients of its own follows the drift. Stages that nothing
-   !> weighs and nothing uses are left out.
+   !> Make one list of stages; noise with its own coefficients follows the drift. Stages that have no weight and
+   !> that no stage uses are left out.
    subroutine flatten(self, scheme, one_part, error)
       type(discrete_lagrangian), intent(inout) :: self
       type(scheme_type), intent(in) :: scheme
@@ -274,7 +274,7 @@ contains
          self%alpha = alpha(k)
          self%a = a(k, k)
          self%part = (k - 1)/r + 1
-         ! Stages of the noise have the times of those of the drift.
+         ! Stages of the noise have the times of the drift's stages.
          k = mod(k - 1, r) + 1
          self%c = scheme%c(k)
       end associate
@@ -298,7 +298,7 @@ contains
       real(wp), intent(in) :: w(self%ham%nlane, 0:self%ham%nnoise)
 
       self%v(:, :, 1) = w
-      ! Where noise has stages of its own, each kind of stage sees its Hamiltonians alone.
+      ! If noise has its own stages, drift stages see H alone, and noise stages H_k alone.
       if (all(self%part == 1)) return
       self%v(:, 1:, 1) = 0
       self%v(:, :, 2) = w
@@ -361,7 +361,7 @@ contains
             end associate
             call matrix_rows(self, i)
          end do
-         ! Take one Newton step in all lanes; those that have failed or are done stay where they are.
+         ! Take one Newton step in all lanes; lanes that have failed or are done stay.
          call self%newton%update(self%x, status, self%ham%counters)
       end do
    end subroutine solve_stages

@@ -25,7 +25,7 @@ module symsde_diagnose_linear_flow
 
    type :: linear_flow
       private
-      integer :: n = 0                                       !! of z = (q, p)
+      integer :: n = 0                                       !! components of z = (q, p)
       real(wp), allocatable :: field(:, :, :)                !! (A_j, b_j; 0, 0) (n + 1, n + 1, 0:nnoise)
    contains
       procedure :: solve
@@ -33,7 +33,7 @@ module symsde_diagnose_linear_flow
 
 contains
 
-   !> Of a model between two times, or the reason why there is none; '' where there is.
+   !> Make the linear flow of a model between two times. reason is '' on success, else it says why there is none.
    subroutine new_linear_flow(self, model, t0, t1, reason)
       type(linear_flow), intent(out) :: self
       class(model_type), intent(in) :: model
@@ -44,7 +44,7 @@ contains
       m = model%traits%nnoise
       self%n = 2*model%traits%ndof
       reason = ''
-      ! A model without the trait is not tried, however linear it may be.
+      ! Only models that declare the trait are tried, even if others are linear.
       if (.not. model%traits%quadratic) then
          reason = 'is not declared quadratic'
       else if (max(model%traits%ndof, m) > largest) then
@@ -57,12 +57,12 @@ contains
          call read_field(self, model, t0, j)
       end do
       do j = 0, m
-         ! A field that changes between t0 and t1 has no such solution.
+         ! A field that changes between t0 and t1 has no such flow.
          if (.not. holds(self, model, t0, t1, j)) reason = 'changes in time, or is not quadratic'
       end do
       do j = 0, m
          do i = 0, j - 1
-            ! The extra row is zero, so that one product of matrices tests both conditions.
+            ! The extra row is zero, so that one matrix product tests both conditions.
             if (.not. commute(self%field(:, :, i), self%field(:, :, j))) reason = 'has flows that do not commute'
          end do
       end do
@@ -86,7 +86,7 @@ contains
          z(i) = -1
          call field_at(self, model, t, j, z, left)
          z(i) = 0
-         ! The difference at opposite points leaves out b_j, and what is even in z.
+         ! The difference of two opposite points cancels b_j and all even terms.
          self%field(:self%n, i, j) = 0.5_wp*(right - left)
       end do
    end subroutine read_field
@@ -101,12 +101,12 @@ contains
       integer :: i
 
       do i = 1, self%n
-         ! No component is zero or equal to another: what is not linear in z shows.
+         ! No two components are equal, and none is zero: terms that are not linear in z show.
          z(i) = 1.3_wp + 0.7_wp*modulo(0.618_wp*i, 1.0_wp)
       end do
       known = matmul(self%field(:self%n, :self%n, j), z)
       known = known + self%field(:self%n, self%n + 1, j)
-      ! The bound is that of rounding, with room to spare: what is not linear misses by far more.
+      ! Allow for rounding with room to spare: nonlinear fields differ by far more.
       allowed = 1.0e-10_wp*(maxval(abs(known)) + maxval(abs(self%field(:, :, j))))
       holds = .true.
       do i = 1, size(looked_at)
@@ -160,7 +160,7 @@ contains
          s = s + w(k)*self%field(:, :, k)
       end do
       flow = exponential(self%n + 1, s)
-      ! The flow acts on (z, 1): its last column is what the linear terms add.
+      ! The flow acts on (z, 1): its last column holds the contribution of linear terms.
       moved = matmul(flow(:self%n, :self%n), z)
       z = moved + flow(:self%n, self%n + 1)
    end subroutine solve

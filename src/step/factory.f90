@@ -48,8 +48,8 @@ module symsde_step_factory
    private
    public :: stepper_options, new_stepper, resolve_task, make_stepper, resolve_correction
 
-   !> What a caller may wish of steppers, beside scheme and model. `general` lets the list begin at the oracles, and
-   !> `as_increments` leaves out steppers that know states alone.
+   !> Wishes of a caller, beside scheme and model. `general` starts the list at the oracles, `as_increments` leaves
+   !> out steppers that compute states alone.
    type :: stepper_options
       integer :: correction = correction_auto
       logical :: general = .false.   !! use the oracle of the scheme, whatever the traits allow
@@ -57,9 +57,9 @@ module symsde_step_factory
       logical :: as_increments = .false.  !! for compensated sums: no states, whose last place is coarser
    end type stepper_options
 
-   !> The order in which steppers are asked, the most special ones first and the oracles last. Several may fit a task:
-   !> the midpoint rule with eliminated momenta comes before the one of one degree of freedom, this before the one of
-   !> all unknowns, and all of them before the general tableau.
+   !> The order in which steppers are tried: special ones first, oracles last. Several may fit a task. The midpoint
+   !> rule with eliminated momenta comes before the one of one degree of freedom, then the one of all unknowns, then
+   !> the general tableau.
    enum, bind(c)
       enumerator :: model_flow = 1, verlet_dz, mean_path, explicit, mean_force, midpoint, midpoint_one_dof
       enumerator :: midpoint_full, euler_pair, one_dof, stages
@@ -86,7 +86,7 @@ contains
       type(stepper_task), intent(in) :: task
       class(stepper_type), allocatable, intent(inout) :: stepper  !! not allocated; still so if it does not fit
 
-      ! The number of a stepper of blocks; of a single path it has a minus sign.
+      ! The number of a stepper; it is negative for a single path.
       select case (merge(-i, i, task%nlane == 1))
       case (model_flow, -model_flow); if (allocated(task%flow)) allocate (model_flow_stepper :: stepper)
       case (verlet_dz, -verlet_dz); if (task%scheme%frame == frame_shift) allocate (verlet_dz_stepper :: stepper)
@@ -105,7 +105,7 @@ contains
       case (-one_dof); if (one_dof_fits(task)) allocate (one_dof_single_path :: stepper)
       case (stages); if (stages_fits(task)) allocate (stages_stepper :: stepper)
       case (-stages); if (stages_fits(task)) allocate (stages_single_path :: stepper)
-         ! From here on the oracles, which ask for nothing but the form of the scheme.
+         ! The oracles follow, which test only the form of the scheme.
       case (general, -general); if (task%is_tableau()) allocate (general_stepper :: stepper)
       case (euler_maruyama, -euler_maruyama); if (task%scheme%form == ito_form) call offer_explicit(task, stepper)
       case (galerkin, -galerkin); if (task%scheme%form == galerkin_form) allocate (galerkin_stepper :: stepper)
@@ -143,15 +143,14 @@ contains
       type(error_type), allocatable, intent(inout) :: error
       type(stepper_task), target :: task
 
-      ! The task lives as long as this call; the stepper keeps what it needs of it.
+      ! The task lives as long as this call; the stepper copies what it needs.
       call resolve_task(task, model, scheme, options, error)
       if (.not. allocated(error)) call make_stepper(stepper, task, model, nlane, error)
    end subroutine new_stepper
 
-   !> Resolve what steppers of a model are wanted for, once for blocks of every width. Refuses combinations that do
-   !> not fit, with the reason: numbers of iterations, corrections that the scheme does not take, and what the scheme
-   !> needs of the model. `follows` says whether a stage needs stages before it alone, by the zeros of a and abar and
-   !> the traits.
+   !> Resolve the task of steppers for a model, once for blocks of every width. Refuses wrong numbers of iterations,
+   !> corrections that the scheme does not take, and models that lack what the scheme needs; the message gives the
+   !> reason. `follows` says whether a stage needs earlier stages alone, by the zeros of a and abar and the traits.
    subroutine resolve_task(task, model, scheme, options, error)
       type(stepper_task), intent(out), target :: task
       class(model_type), intent(in), target :: model    !! must live as long as the task, as the scheme must
@@ -159,8 +158,8 @@ contains
       type(stepper_options), intent(in) :: options
       type(error_type), allocatable, intent(inout) :: error
 
-      ! What is wished for by itself first, then whether the scheme takes it, and then whether the model has what the
-      ! scheme needs: a message names the first of these that does not fit.
+      ! Check options first, then the correction against the scheme, then the model against the scheme: the message
+      ! names the first that fails.
       call check_newton(options%newton, error)
       if (allocated(error)) return
       call resolve_correction(task%correction, model, scheme, options%correction, error)
@@ -181,8 +180,8 @@ contains
       call find_flow(task)
    end subroutine resolve_task
 
-   !> Choose and construct a stepper for blocks of nlane lanes: the first of the list that fits is made for the task.
-   !> The model is given apart from the task since blocks may see it through a view that keeps their padding from it.
+   !> Choose and make a stepper for blocks of nlane lanes: the first of the list that fits the task. The model is an
+   !> argument beside the task, since blocks may see it through a view that hides their padding.
    subroutine make_stepper(stepper, wanted, model, nlane, error)
       class(stepper_type), allocatable, intent(out) :: stepper
       type(stepper_task), intent(in) :: wanted
@@ -208,14 +207,14 @@ contains
                  'compare with; leave the option out')
    end subroutine make_stepper
 
-   !> Refuse a model that lacks what the scheme needs, and name a scheme that does without.
+   !> Refuse a model that lacks what the scheme needs, and name a scheme that needs less.
    subroutine check_needs(model, scheme, error)
       class(model_type), intent(in) :: model
       type(scheme_type), intent(in) :: scheme
       type(error_type), allocatable, intent(inout) :: error
       character(:), allocatable :: missing
 
-      ! What is missing comes in words, as it stands in the message.
+      ! `missing` names the missing traits in the words of the message.
       call find_missing(scheme, model%traits, missing)
       if (.not. allocated(missing)) return
       call raise(error, incompatible, 'new_stepper', 'scheme '//scheme%name//' needs '//missing//'; model '// &

@@ -28,7 +28,7 @@ module symsde_step_block_state
    private
    public :: lane_state, new_lane_state, passed_states
 
-   integer, parameter :: narrow = 4  !! degrees of freedom of a path whose numbers are added one by one
+   integer, parameter :: narrow = 4  !! up to so many degrees of freedom, numbers of a single path are added one by one
 
    !> A failed path keeps its last good state, its status and the step in which it failed. Between its failure and
    !> `record` its status is set, failed_step is still -1 and nfailed does not count it. Lanes of padding have a status
@@ -37,7 +37,7 @@ module symsde_step_block_state
       integer :: nlane = 0, ndof = 0
       integer :: nfailed = 0                   !! lanes with a status, padding included
       real(wp), allocatable :: q(:, :), p(:, :)              !! (nlane, ndof)
-      real(wp), allocatable :: q_low(:, :), p_low(:, :)      !! what roundings took, if compensated (nlane, ndof)
+      real(wp), allocatable :: q_low(:, :), p_low(:, :)      !! rounding errors, if compensated (nlane, ndof)
       integer(i8), allocatable :: status(:)        !! 0 = ok, else a code of base/status (nlane)
       integer(i8), allocatable :: failed_step(:)   !! absolute step that failed, -1 = none (nlane)
       real(wp), allocatable, private :: bad(:)     !! 1 in lanes whose increments were refused, 0 in others (nlane)
@@ -79,11 +79,10 @@ contains
       self%failed_step = -1
    end subroutine new_lane_state
 
-   !> Add the increments of one step where the result is finite and the lane is still ok; the stepper's `advance` asks
-   !> for it after every step. Where that is not so in a lane that went on until now, failed says so, and the lane has a
-   !> status: for someone to rescue it, and to `record` in which step it failed. A step in which all goes well costs no
-   !> pass over the statuses of its own: the pass that adds counts the lanes that it refuses, and more of them than had
-   !> failed before mean a new failure.
+   !> Add the increments of one step in lanes that are ok and whose result is finite; the stepper's `advance` calls
+   !> this after every step. `failed` is true if a lane fails in this step: the lane then has a status, may be
+   !> rescued, and `record` notes the step of its failure. A step without a failure needs no extra pass over the
+   !> statuses: the pass that adds also counts bad lanes.
    subroutine advance(self, dq, dp, failed)
       class(lane_state), intent(inout) :: self
       real(wp), intent(in) :: dq(self%nlane, self%ndof), dp(self%nlane, self%ndof)
@@ -93,15 +92,15 @@ contains
          call self%advance_block(dq, dp, failed)
          return
       end if
-      ! A path by itself has its numbers side by side. One that has failed before has not failed now.
+      ! A single path has its numbers side by side. `failed` means that it failed in this step, not before.
       call advance_path(self%ndof, dq, dp, self%q, self%p, self%status(1), failed, self%q_low, self%p_low)
       failed = failed .and. self%nfailed == 0
       if (failed .and. self%status(1) == 0) self%status = nonfinite
    end subroutine advance
 
-   !> The same of several lanes: one pass judges and adds plain sums of one degree of freedom; else lanes are judged
-   !> first. It is bound to the type to stay a procedure of its own: with its vectors a path by itself would align its
-   !> stack.
+   !> `advance` of several lanes. Plain sums of one degree of freedom are judged and added in one pass; otherwise
+   !> lanes are judged first. It is bound to the type to keep it a separate procedure: inlined, its vectors would
+   !> make a single path align the stack.
    subroutine advance_block(self, dq, dp, failed)
       class(lane_state), intent(inout) :: self
       real(wp), intent(in) :: dq(self%nlane, self%ndof), dp(self%nlane, self%ndof)
@@ -115,23 +114,23 @@ contains
          call add(self%nlane, self%ndof, dq, self%bad, self%q, self%q_low)
          call add(self%nlane, self%ndof, dp, self%bad, self%p, self%p_low)
       end if
-      ! Padding and lanes that had failed are among the bad ones, and are what nfailed counts.
+      ! Padding and lanes that failed before are bad, too; nfailed counts them.
       failed = nbad > self%nfailed
       if (.not. failed) return
       where (self%status == 0 .and. self%bad > 0) self%status = nonfinite
    end subroutine advance_block
 
-   !> Add the increments in lanes that had a status in this step and have none now: those which were rescued. All
-   !> other lanes have moved before, and count as bad here, so that none is moved twice.
+   !> Add the increments in rescued lanes, which had a status in this step and have none now. Other lanes have moved
+   !> before, and count as bad here, so that no lane is moved twice.
    subroutine take_rescued(self, status, dq, dp)
       class(lane_state), intent(inout) :: self
-      integer(i8), intent(in) :: status(self%nlane)          !! as the step left it
+      integer(i8), intent(in) :: status(self%nlane)          !! status after the step, before the rescue
       real(wp), intent(in) :: dq(self%nlane, self%ndof), dp(self%nlane, self%ndof)
       integer :: nbad
 
       call find_bad(self%nlane, self%ndof, dq, dp, self%q, self%p, self%status, self%bad, nbad)
-      ! The argument `status` says which lanes the step failed, and self%status which of them the rescue could not help.
-      ! A lane whose rescue is not finite has failed after all.
+      ! `status` has the lanes in which the step failed, self%status the lanes that the rescue could not help. A
+      ! rescued lane that is not finite has failed after all.
       where (status /= 0 .and. self%status == 0 .and. self%bad > 0) self%status = nonfinite
       self%bad = merge(self%bad, 1.0_wp, status /= 0)
       call add(self%nlane, self%ndof, dq, self%bad, self%q, self%q_low)
@@ -147,14 +146,14 @@ contains
       has_new_failures = count(self%status /= 0) > self%nfailed
    end function has_new_failures
 
-   !> Judge states that a model took whole steps to, before they are shown: taken says that no further lane has failed.
-   !> Lanes that had failed keep their last good state in all of them. What is not taken is left to single steps: of
-   !> several it is not known in which a lane failed. Only real lanes are judged, since a model need not compute
-   !> padding; of these nfailed - (nlane - nreal) had failed before.
+   !> Judge states after whole steps of a model before they are shown: `taken` means that no further lane has
+   !> failed. Lanes that failed before keep their last good state. If `taken` is false, the steps are repeated one
+   !> by one, to find the step in which a lane failed. Padding is not judged, since a model need not compute it; of
+   !> the real lanes nfailed - (nlane - nreal) had failed before.
    subroutine judge(self, nreal, nout, status, q, p, taken)
       class(lane_state), intent(inout) :: self
       integer, intent(in) :: nreal, nout
-      integer(i8), intent(in) :: status(self%nlane)         !! as the model left it
+      integer(i8), intent(in) :: status(self%nlane)         !! status set by the model
       real(wp), intent(inout) :: q(self%nlane, self%ndof, nout), p(self%nlane, self%ndof, nout)
       logical, intent(out) :: taken
       integer :: nbad
@@ -166,23 +165,22 @@ contains
          call find_bad_states(self%nlane, self%ndof*nout, nreal, status, q, p, self%bad, nbad)
       end if
       taken = nbad == self%nfailed - (self%nlane - nreal)
-      ! The model has gone on with lanes that had failed; what it computed for them is replaced.
+      ! The model has continued lanes that had failed; replace what it computed for them.
       if (taken .and. nbad > 0) call keep(self%nlane, self%ndof, nout, self%q, self%p, self%status, q, p)
    end subroutine judge
 
-   !> Take the states that a model took one whole step to, where they are finite and the lane is still ok; others get a
-   !> status, for someone to rescue them, and to `record` in which step they failed.
+   !> Take the states after one whole step of a model in lanes that are ok and finite. Other lanes get a status:
+   !> they may be rescued, and `record` notes the step of their failure.
    subroutine take_sound(self, status, q, p)
       class(lane_state), intent(inout) :: self
-      integer(i8), intent(in) :: status(self%nlane)         !! as the model left it
+      integer(i8), intent(in) :: status(self%nlane)         !! status set by the model
       real(wp), intent(in) :: q(self%nlane, self%ndof), p(self%nlane, self%ndof)
       integer :: lane
 
       ! lane by lane, and no kernel: this serves the one step in which a lane fails
       do lane = 1, self%nlane
          if (self%status(lane) /= 0) cycle
-         ! The code that the model has given, or, where the state is not finite although it has given none, that of
-         ! such states.
+         ! The model's code; or nonfinite, if the model gave none but the state is not finite.
          self%status(lane) = status(lane)
          if (status(lane) /= 0) cycle
          if (all(abs(q(lane, :)) <= huge(q)) .and. all(abs(p(lane, :)) <= huge(p))) then
@@ -194,13 +192,12 @@ contains
       end do
    end subroutine take_sound
 
-   !> Take lanes out that are ok, because an observer wants no more of them: from here on they are like those that
-   !> failed, with a status of their own. Their state stays the one in which the observer had what it waited for, as the
-   !> end of a first passage.
+   !> Retire lanes that are ok, when an observer is done with them: they then count like failed lanes, with their
+   !> own status. Their state stays as the observer saw it, such as the end of a first passage.
    subroutine retire(self, leaves, status, step)
       class(lane_state), intent(inout) :: self
       logical, intent(in) :: leaves(self%nlane)
-      integer(i8), intent(in) :: status, step               !! absolute step that they would have taken next
+      integer(i8), intent(in) :: status, step               !! step: absolute number of their next step
 
       where (leaves .and. self%status == 0)
          self%status = status
@@ -232,7 +229,7 @@ contains
       self%nfailed = count(self%status /= 0)
    end subroutine record
 
-   !> Keep one more state, after those that are there; the caller sees to it that there is room.
+   !> Append a state; the caller makes sure that there is room.
    subroutine put(self, state)
       class(passed_states), intent(inout) :: self
       type(lane_state), intent(in) :: state
@@ -280,9 +277,9 @@ contains
       nbad = int(count)
    end subroutine advance_one
 
-   !> A path by itself: its n numbers are added where their sums are finite and it is ok, by Kahan's summation where
-   !> there are low parts; else nothing changes. All numbers are tested before the first is written. Whether a sum is
-   !> finite is asked of the plain one, to which low adds no more than a rounding.
+   !> Advance a single path: add n numbers if their sums are finite and the path is ok, by Kahan's summation if
+   !> there are low parts; else nothing changes. All numbers are tested before the first is written. The test uses
+   !> plain sums, from which low differs by a rounding only.
    pure subroutine advance_path(n, dq, dp, q, p, status, bad, q_low, p_low)
       integer, intent(in) :: n
       real(wp), intent(in) :: dq(n), dp(n)
@@ -311,8 +308,8 @@ contains
       end if
    end subroutine advance_path
 
-   !> VEC Whether x + d is finite in all n numbers. Up to four numbers are tested one by one: they have just been stored
-   !> one by one, and a vector load of them would have to wait until these stores are in memory.
+   !> VEC Whether x + d is finite in all n numbers. Up to four numbers are tested one by one: they have just been
+   !> stored one by one, and a vector load would have to wait until these stores are in memory.
    pure logical function has_finite_sums(n, x, d)
       integer, intent(in) :: n
       real(wp), intent(in) :: x(n), d(n)
@@ -334,14 +331,14 @@ contains
       has_finite_sums = count == 0
    end function has_finite_sums
 
-   !> x = x + d by Kahan's summation: low is what rounding took from the last sum, and is given back to this one. No
-   !> step of this may be simplified: in exact arithmetic low is zero.
+   !> x = x + d by Kahan's summation: low, the rounding error of the last sum, is added to this one. The compiler
+   !> must not simplify these lines: in exact arithmetic low is zero.
    pure subroutine add_low(d, x, low)
       real(wp), intent(in) :: d
       real(wp), intent(inout) :: x, low
       real(wp) :: y, s
 
-      ! y is what is to be added, s - x what was added: their difference is lost but for low.
+      ! y is the number to add, s - x the number added; low keeps their difference.
       y = d + low
       s = x + y
       low = y - (s - x)
@@ -393,8 +390,8 @@ contains
       end do
    end subroutine keep
 
-   !> VEC bad = 1 in lanes that have failed or would not stay finite, else 0; nbad = how many these are. The verdict is
-   !> a real number, as wide as the numbers that it decides on: both fit the same vectors.
+   !> VEC bad = 1 in lanes that have failed or would not stay finite, else 0; nbad = number of bad lanes. `bad` is
+   !> real, so that it is as wide as the numbers it judges and fits the same vectors.
    pure subroutine find_bad(nlane, ndof, dq, dp, q, p, status, bad, nbad)
       integer, intent(in) :: nlane, ndof
       real(wp), intent(in) :: dq(nlane, ndof), dp(nlane, ndof), q(nlane, ndof), p(nlane, ndof)
@@ -403,7 +400,7 @@ contains
       integer, intent(out) :: nbad
       integer :: lane, i
 
-      ! 0*x is 0 where x is finite and NaN where it is not, and NaN stays: no comparison for each value
+      ! 0*x is 0 for finite x and NaN otherwise, and NaN stays: no comparison for each value
       bad = 0
       do i = 1, ndof
          do lane = 1, nlane
@@ -414,12 +411,12 @@ contains
       do lane = 1, nlane
          bad(lane) = merge(0.0_wp, 1.0_wp, abs(bad(lane)) <= 0 .and. status(lane) == 0)
       end do
-      ! Ones and zeros add up without rounding, in whatever order.
+      ! Sums of ones and zeros are exact in any order.
       nbad = nint(sum(bad))
    end subroutine find_bad
 
-   !> VEC x = x + d in lanes that are not bad; the others keep every bit of x. Kahan's summation, where low is there,
-   !> keeps what rounding took from x, and gives it back in the next step.
+   !> VEC x = x + d in lanes that are not bad; other lanes keep every bit of x. With `low`, Kahan's summation keeps
+   !> the rounding error, and adds it in the next step.
    pure subroutine add(nlane, ndof, d, bad, x, low)
       integer, intent(in) :: nlane, ndof
       real(wp), intent(in) :: d(nlane, ndof), bad(nlane)

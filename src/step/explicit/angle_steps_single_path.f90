@@ -33,15 +33,15 @@ module symsde_step_explicit_angle_steps_single_path
    type :: room_type
       real(wp), dimension(1, 1) :: f, v, x, y
       type(angle_terms) :: terms                   !! a .. f of Hhat in the stage begun last
-      type(angle_terms), allocatable :: noises(:)  !! of each H_k by itself (nnoise)
-      real(wp) :: sine = 0, cosine = 0             !! of the angle whose force was found last
+      type(angle_terms), allocatable :: noises(:)  !! terms of each H_k (nnoise)
+      real(wp) :: sine = 0, cosine = 0             !! of the angle at which the last force was computed
    contains
       procedure :: make => make_room
    end type room_type
 
    include 'tableau.inc'
 
-   !> Whether these steps execute the task: it is that of a single path, and terms say all of the model.
+   !> Whether these steps execute the task: a single path, whose model is given by terms completely.
    logical function angle_steps_fit(task) result(fits)
       type(stepper_task), intent(in) :: task
       type(kernel_offers) :: offers
@@ -64,14 +64,14 @@ module symsde_step_explicit_angle_steps_single_path
       degrees = 1
    end function degrees
 
-   !> Make room: nothing is to be done, as the arrays have constant bounds and are there already.
+   !> Nothing to allocate: the arrays have constant bounds.
    subroutine make_room(self, nlane, ndof)
       class(room_type), intent(inout) :: self
       integer, intent(in) :: nlane, ndof
    end subroutine make_room
 
-   !> The terms a .. f of Hhat at the time of stage i. Those of the first stage serve all where the model does not
-   !> depend on time, since w is the same in all stages.
+   !> Find the terms a .. f of Hhat at the time of stage i. If the model does not depend on time, the terms of the
+   !> first stage serve all stages, since w is the same.
    subroutine begin_stage(self, i, t, w)
       type(explicit_stepper), intent(inout) :: self
       integer, intent(in) :: i
@@ -89,7 +89,7 @@ module symsde_step_explicit_angle_steps_single_path
       real(wp), intent(out) :: hq(1, 1)
 
       associate (terms => self%room%terms, sine => self%room%sine, cosine => self%room%cosine)
-         ! The same additions as in the gradient of such a model; without an angle a = b = 0.
+         ! Add as the gradient of such a model does; without an angle a = b = 0.
          if (self%ham%offers%angle) then
             sine = sincos_one(q(1, 1), cosine)
             hq = terms%a*sine + (terms%b*cosine + (terms%c*q + terms%d))
@@ -116,21 +116,21 @@ module symsde_step_explicit_angle_steps_single_path
       real(wp), intent(in) :: t, w(0:self%ham%nnoise), q(1, 1), p(1, 1)
       real(wp), intent(out) :: hq(1, 1), hp(1, 1)
 
-      ! This counts the one gradient.
+      ! find_force counts the gradient.
       call find_force(self, t, w, q, p, hq)
       hp = self%room%terms%e*p + self%room%terms%f
    end subroutine find_both
 
-   !> u = Hess H_k (H_k,p, -H_k,q) = (H_k,qq H_k,p, -H_k,pp H_k,q), from the terms of each H_k, which are found once:
-   !> they do not depend on time, since noise in position, which might, has no Ito drift. The place is that of the
-   !> last force, whose sine and cosine are read.
+   !> u = Hess H_k (H_k,p, -H_k,q) = (H_k,qq H_k,p, -H_k,pp H_k,q), from the terms of each H_k. They are found once:
+   !> of noises only those in position may depend on time, and these have no Ito drift. Sine and cosine are taken
+   !> from the last force, at the same place.
    subroutine find_noise_product(self, k, t, q, p)
       type(explicit_stepper), intent(inout) :: self
       integer, intent(in) :: k
       real(wp), intent(in) :: t, q(1, 1), p(1, 1)
       integer :: j
 
-      ! The terms of each H_k by itself, under the weight one for it alone; found once.
+      ! Find the terms of each H_k once, with weight one for H_k alone.
       if (.not. allocated(self%room%noises)) then
          allocate (self%room%noises(self%ham%nnoise))
          do j = 1, self%ham%nnoise

@@ -44,8 +44,8 @@ module symsde_step_explicit_evaluation_order
 
 contains
 
-   !> The order of evaluation of a tableau whose drift and noise share their coefficients. Where it has none, because
-   !> stages wait for each other, self%order is not allocated.
+   !> Find the order of evaluation of a tableau whose drift and noise share coefficients. If stages wait for each
+   !> other, there is none, and self%order is not allocated.
    subroutine new_explicit_plan(self, scheme, separable, still_force, still_velocity)
       type(evaluation_order), intent(out) :: self
       type(scheme_type), intent(in) :: scheme
@@ -62,8 +62,8 @@ contains
       abar = -scheme%abar
       alpha = scheme%alpha
       minus_alpha = -scheme%alpha
-      ! Stages i and j have the same Q where their rows of a agree, and the same P where those of abar do. The rows are
-      ! those of the scheme: joining moves coefficients between columns, which does not change what the sums are.
+      ! Stages i and j have the same Q if their rows of a agree, and the same P if their rows of abar agree.
+      ! Compare rows of the scheme: joining moves coefficients between columns without changing the sums.
       do i = 2, scheme%nstage
          do j = 1, i - 1
             associate (same_q => all(abs(scheme%a(i, :) - scheme%a(j, :)) <= 0), &
@@ -123,8 +123,8 @@ contains
       end do
    end subroutine find_sums
 
-   !> Find the order of the evaluations whose slopes are read; not allocated where there is none. Each pass over the
-   !> stages takes what is ready, until a pass finds nothing more. Force and velocity of a stage that are ready
+   !> Find the order of all evaluations whose slopes are read; not allocated if there is none. Each pass over the
+   !> stages takes the stages that are ready, until a pass finds none. Force and velocity of a stage that are ready
    !> together are one evaluation, since models share work between them.
    pure subroutine find_order(nstage, a, abar, alpha, minus_alpha, separable, found)
       integer, intent(in) :: nstage
@@ -146,7 +146,7 @@ contains
             ! Every slope in the sum of Q_i, or of P_i, is there already.
             q_ready = all(has_velocity .or. abs(a(i, :)) <= 0)
             p_ready = all(has_force .or. abs(abar(i, :)) <= 0)
-            ! Wanted of this stage is what is not there yet and has its arguments.
+            ! Evaluate at this stage what has its arguments and is not evaluated yet.
             next%stage = i
             next%force = q_ready .and. (separable .or. p_ready) .and. .not. has_force(i)
             next%velocity = p_ready .and. (separable .or. q_ready) .and. .not. has_velocity(i)
@@ -163,7 +163,7 @@ contains
          ! A pass without an evaluation: all are there, or the rest wait for each other.
          if (.not. moved) exit
       end do
-      ! What is not there now never will be: the scheme is not explicit for such a model.
+      ! Slopes still missing wait for each other: the scheme is not explicit for such a model.
       if (all(has_force) .and. all(has_velocity)) found = order(:n)
    end subroutine find_order
 
@@ -178,7 +178,7 @@ contains
       integer :: i, j
 
       associate (stage => plan%stage(:, k, kind), c => plan%weight(:, k, kind))
-         ! With a start its first product is added to it; without one that product is the sum so far.
+         ! With a start, add the first product to it; without, the first product begins the sum.
          if (present(start)) then
             do i = 1, n
                total(i) = start(i) + c(1)*slope(i, stage(1))

@@ -36,8 +36,8 @@ module symsde_step_explicit_tableau
       allocate (self%f(nlane, ndof), self%v(nlane, ndof), self%x(nlane, ndof), self%y(nlane, ndof))
    end subroutine make_room
 
-   !> Whether an explicit stepper executes the task: the stages follow each other for this model, and Hhat has neither
-   !> brackets nor a correction, which may tie q to p where the model is separable.
+   !> Whether an explicit stepper executes the task: for this model a stage needs earlier stages alone, and Hhat has
+   !> neither brackets nor a correction, which may tie q to p even if the model is separable.
    logical function explicit_fits(task) result(fits)
       type(stepper_task), intent(in) :: task
 

@@ -1,8 +1,7 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> Explicit steps of a single path: tableau.inc with one lane, for models that are asked by gradients.
-!>
-!> lanes(self) is the constant 1, which gfortran folds into the bounds of the body. So loops over lanes are gone, and no
-!> pass is padded to the width of a vector. The bits are those of a lane of a block.
+!> Explicit steps of a single path: tableau.inc with one lane, for models that give gradients. lanes(self) is the
+!> constant 1, which gfortran folds into the bounds of the body: loops over lanes vanish, and no pass is padded to a
+!> whole vector. The bits are the bits of a lane of a block.
 module symsde_step_explicit_tableau_single_path
    use symsde_base_kinds, only: wp, i8
    use symsde_base_record, only: step_record

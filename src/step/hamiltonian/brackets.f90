@@ -48,7 +48,7 @@ module symsde_step_hamiltonian_brackets
 
    real(wp), parameter :: reach = 0.5_wp  !! r: the differences reach over this part of the step's own moves
 
-   !> The added parts, with room for one evaluation. The fields u, v, the products and the counters are those of
+   !> The added parts, with room for one evaluation. The fields u, v, the products and the counters come from
    !> exact_bracket; here (xq, xp) is a moved point, (bq, bp) the gradient of one bracket, (sq, sp) the sum of all.
    type, extends(exact_bracket) :: modified_hamiltonian
       type(bracket_terms) :: active               !! parts that have an effect on this model
@@ -66,15 +66,15 @@ module symsde_step_hamiltonian_brackets
 
 contains
 
-   !> The brackets that have an effect on a model with these traits: those of functionals that have one. The
-   !> nested one of a noise that is linear in q is constant where H = p.p/2 + U(q).
+   !> The brackets that have an effect on a model with these traits: their functionals must have one. The nested
+   !> bracket of a noise that is linear in q is constant if H = p.p/2 + U(q).
    pure type(bracket_terms) function active_brackets(brackets, traits) result(active)
       type(bracket_terms), intent(in) :: brackets   !! of scheme_type
       type(model_traits), intent(in) :: traits
       type(functional_set) :: needed
 
-      ! Single brackets have an effect where any noise has one. Areas multiply brackets of two noises, which are
-      ! constant where noise is additive and vanish where it is in position (base/functionals).
+      ! Single brackets have an effect if some noise has one. Areas multiply brackets of two noises, which are
+      ! constant for additive noise and vanish for noise in position (base/functionals).
       needed = functionals([path_dz, path_areas])
       needed = needed%needed_for(traits)
       active%single = brackets%single .and. needed%has(path_dz)
@@ -98,8 +98,8 @@ contains
       self%active = active_brackets(brackets, model%traits)
       self%simple = model%traits%position_noise .and. model%traits%identity_mass
       self%turning = self%active%nested .and. .not. (model%traits%position_noise .or. model%traits%additive)
-      ! Every noise that changes is felt by the single bracket. The bracket {H_k(t_1),H_k(t_0)} of a noise in position
-      ! is zero, and that of an additive noise has no gradient.
+      ! The single bracket has a term for every noise that changes in time. The bracket {H_k(t_1),H_k(t_0)} is zero
+      ! for noise in position, and has no gradient for additive noise.
       if (self%active%single .or. self%turning) self%time_dependent = noise_changes_in_time(model)
       associate (n => self%ndof, m => self%nnoise)
          allocate (self%g(nlane, 0:m), self%c(nlane, 0:m), self%nested(nlane, 0:m), source=0.0_wp)
@@ -109,12 +109,12 @@ contains
       end associate
    end subroutine new_modified_hamiltonian
 
-   !> Add the gradient of all active parts to the wanted outputs, or the rest alone: what derivatives at one point do
-   !> not give, nested brackets by differences, and noises that change in time. All else is found by
-   !> step/hamiltonian/brackets_one_dof then, which asks for all derivatives at the point itself.
+   !> Add the gradient of all active parts to hq and hp; or the `rest` alone, which derivatives at one point do not
+   !> give: nested brackets by differences, and noises that change in time. step/hamiltonian/brackets_one_dof then
+   !> computes the other parts from all derivatives at the point.
    subroutine add_gradient(self, t, step, q, p, hq, hp, counters, nreal, rest)
       class(modified_hamiltonian), intent(inout) :: self
-      real(wp), intent(in) :: t                                 !! where H and H_k are taken [time]
+      real(wp), intent(in) :: t                                 !! time of H and H_k [time]
       type(step_record), intent(in) :: step                     !! with the functionals of active brackets
       real(wp), intent(in) :: q(self%nlane, self%ndof), p(self%nlane, self%ndof)
       real(wp), intent(inout), optional :: hq(self%nlane, self%ndof), hp(self%nlane, self%ndof)
@@ -139,7 +139,7 @@ contains
       call count_up(self, counters, nreal)
    end subroutine add_gradient
 
-   !> Count what was asked of the model since the last call, for nreal paths: lanes that are padding count nowhere.
+   !> Count the calls of the model since the last count, for nreal paths: padding does not count.
    subroutine count_up(self, counters, nreal)
       type(modified_hamiltonian), intent(inout) :: self
       type(counters_type), intent(inout) :: counters
@@ -171,8 +171,8 @@ contains
       end if
    end subroutine add_nested
 
-   !> The weights c_k = h dW_k/2 - dZ_k of the single brackets (nlane, 1:nnoise), zero where these are not active.
-   !> With dZ_k the integral of W_k - W_k(t_n) over the step, c_k/h is the mean of a straight line to dW_k less that
+   !> The weights c_k = h dW_k/2 - dZ_k of the single brackets (nlane, 1:nnoise), zero if these are not active. dZ_k
+   !> is the integral of W_k - W_k(t_n) over the step, so c_k/h is the mean of a straight line to dW_k less the mean
    !> of the path.
    subroutine find_single_weights(self, step)
       type(modified_hamiltonian), intent(inout) :: self
@@ -208,8 +208,8 @@ contains
       end associate
    end subroutine add_single
 
-   !> Add the gradient of sum_k (c_k/h) [H_k(t_1) - H_k(t_0)], whose weights c_k/h = dW_k/2 - dZ_k/h are those of the
-   !> single bracket, and of -(|h|/12) sum_k {H_k(t_1),H_k(t_0)}.
+   !> Add the gradient of sum_k (c_k/h) [H_k(t_1) - H_k(t_0)], with c_k = h dW_k/2 - dZ_k as for the single bracket,
+   !> and of -(|h|/12) sum_k {H_k(t_1),H_k(t_0)}.
    subroutine add_motion(self, step, q, p)
       type(modified_hamiltonian), intent(inout) :: self
       type(step_record), intent(in) :: step
@@ -279,7 +279,7 @@ contains
       real(wp) :: c
       integer :: k
 
-      ! The gradient of H_k,q . H_k,q is 2 H_k,qq H_k,q: one gradient, and one product with it as the vector.
+      ! The gradient of H_k,q . H_k,q is 2 H_k,qq H_k,q: one gradient, and its product with the Hessian.
       c = h*abs(h)/6
       self%f = 0
       self%vp = 0
@@ -295,8 +295,8 @@ contains
       end do
    end subroutine add_squares
 
-   !> Additive noise: the fields v are constant, so {{H,H_k},H_k} = H''[v,v], and the second difference of H along them
-   !> is all: c sum_k [H(x+bv) + H(x-bv) - 2 H(x)] with c = (h|h|/12)/b^2.
+   !> Additive noise: the fields v are constant, so {{H,H_k},H_k} = H''[v,v], and a second difference of H along v
+   !> suffices: c sum_k [H(x+bv) + H(x-bv) - 2 H(x)] with c = (h|h|/12)/b^2.
    subroutine add_shifts(self, t, h, q, p)
       type(modified_hamiltonian), intent(inout) :: self
       real(wp), intent(in) :: t, h
@@ -304,8 +304,7 @@ contains
       real(wp) :: b, c
       integer :: k
 
-      ! A step b v is r times what the noise moves in a step, about: v has the size of the field, and dW that of
-      ! sqrt|h|.
+      ! A move b v is about r times the move of the noise in a step: v is as large as the field, and dW as sqrt|h|.
       b = reach*sqrt(abs(h))
       c = h/(12*reach**2)
       self%g = 0
@@ -359,7 +358,7 @@ contains
       self%sp = self%sp - (2*c*count(self%noisy))*self%uq
    end subroutine add_differences
 
-   !> Add c [g(b) + g(-b)], and put what the field of H_k adds, c b [g(b) - g(-b)], into (rq, rp).
+   !> Add c [g(b) + g(-b)], and write c b [g(b) - g(-b)], for the field of H_k, to (rq, rp).
    subroutine second_difference(self, t, b, c, q, p)
       type(modified_hamiltonian), intent(inout) :: self
       real(wp), intent(in) :: t, b, c
@@ -375,8 +374,8 @@ contains
       end do
    end subroutine second_difference
 
-   !> Add the four gradients of H_k, -c s r G(s a, r b); what the fields add, -c r a G by Du and -c s b G by Dv, goes
-   !> into (yq, yp) and (rq, rp).
+   !> Add the four gradients of H_k, -c s r G(s a, r b); add the terms of the fields, -c r a G for Du and -c s b G
+   !> for Dv, to (yq, yp) and (rq, rp).
    subroutine mixed_difference(self, t, k, a, b, c, q, p)
       type(modified_hamiltonian), intent(inout) :: self
       integer, intent(in) :: k
@@ -398,8 +397,8 @@ contains
       end do
    end subroutine mixed_difference
 
-   !> (gq, gp) = gradient of the sum with weights g at x + e u + f v; c times it is added to (sq, sp). Where e or f is
-   !> zero the field is not read: it may not have been formed.
+   !> (gq, gp) = gradient of the sum with weights g at x + e u + f v; c times it is added to (sq, sp). If e or f is
+   !> zero, its field is not read: it may be undefined.
    subroutine add_sum(self, t, q, p, e, f, c)
       type(modified_hamiltonian), intent(inout) :: self
       real(wp), intent(in) :: t, e, f, c

@@ -49,7 +49,8 @@ contains
       ! One sine and one cosine serve all noises and all orders of derivatives.
       sine(1) = sincos_one(q(1), cosine(1))
       associate (terms => self%terms, ends => self%ends, e => self%e, noisy => parts%noisy)
-         ! g holds U_0' .. U_0'''' until the end: each noise whose H_k depends on p needs them beside its own.
+         ! g holds U_0' .. U_0'''' until the end: each noise with H_k depending on p needs them and its own
+         ! derivatives.
          call derive_lanes(1, terms(0, i), q, sine, cosine, g)
          call start(1, w(:, 0), e(0), g, p, s)
          do k = 1, self%nnoise

@@ -24,8 +24,8 @@ module symsde_step_hamiltonian_brackets_exact
    private
    public :: exact_bracket, new_exact_bracket, has_exact_bracket
 
-   !> The model, and room for fields and products: (uq, up) = u, (vq, vp) = v, r and y as above, (gq, gp) what the model
-   !> gave last, xq the turned half of an argument.
+   !> The model, and room for fields and products: (uq, up) = u, (vq, vp) = v, r and y as above, (gq, gp) the last
+   !> result of the model, xq one half of an argument with its sign changed.
    type :: exact_bracket
       class(model_type), pointer :: model => null()
       integer :: nlane = 0, ndof = 0, nnoise = 0
@@ -43,7 +43,7 @@ module symsde_step_hamiltonian_brackets_exact
 
 contains
 
-   !> Whether a model with these traits needs no difference quotients: it has third derivatives, or they vanish.
+   !> Whether a model with these traits needs no difference quotients: it gives third derivatives, or they vanish.
    pure logical function has_exact_bracket(traits) result(has)
       type(model_traits), intent(in) :: traits
 
@@ -82,8 +82,8 @@ contains
       logical :: additive
       integer :: k
 
-      ! The sum over noises of the gradient at the head, times c: third derivatives at once, then what (Dv)^T acts on
-      ! in r, and what (Du)^T acts on, for all noises together, in y.
+      ! The sum over noises of the gradient at the head, times c: add third derivatives at once, collect the
+      ! arguments of (Dv)^T in r, and the arguments of (Du)^T for all noises in y.
       c = h*abs(h)/12
       additive = self%model%traits%additive
       self%yq = 0
@@ -107,7 +107,7 @@ contains
       if (.not. additive) call self%add_transposed(t, weights, self%yq, self%yp, q, p, hq, hp)
    end subroutine add_exact
 
-   !> Add c S'''[a,v], S the sum with weights w, a a field of the caller and v that of the noise at hand.
+   !> Add c S'''[a,v]: S is the sum with weights w, a a field of the caller, v the field of the present noise.
    subroutine add_third(self, t, w, c, aq, ap, q, p, hq, hp)
       type(exact_bracket), intent(inout) :: self
       real(wp), intent(in) :: t, c, w(self%nlane, 0:self%nnoise)
@@ -122,8 +122,8 @@ contains
       hp = hp + c*self%gp
    end subroutine add_third
 
-   !> Add c S'' a, one Hessian-vector product with the sum S of weights w. The counters are those of the caller, who
-   !> adds up nproduct and ngradient with count_up.
+   !> Add c S'' a, one Hessian-vector product of the sum S with weights w. The caller's counters get nproduct and
+   !> ngradient by count_up.
    subroutine add_product(self, t, w, c, aq, ap, q, p, hq, hp)
       class(exact_bracket), intent(inout) :: self
       real(wp), intent(in) :: t, c, w(self%nlane, 0:self%nnoise)

@@ -40,18 +40,19 @@ module symsde_step_hamiltonian_brackets_one_dof
    private
    public :: single_brackets, new_single_brackets, q_, p_, qq, qp, pp, nplace
 
-   !> Places of further derivatives. A separable Hamiltonian has two third ones, qqq and ppp. A bracket of two such has
-   !> these, too, but they need fourth derivatives and are left out; its other two, qqp and qpp, take their places.
+   !> Columns of further derivatives. A separable Hamiltonian has two third derivatives, qqq and ppp. A bracket of
+   !> two such has them, too, but they need fourth derivatives and are left out; its other two, qqp and qpp, take
+   !> their columns.
    integer, parameter :: qqq = 6, ppp = 7, qqp = 6, qpp = 7, all = ppp
 
-   !> What one evaluation needs. The derivatives of H_j stand in d(:, :, j), in the order of the places; d(:, :, 0) is H
-   !> until nested brackets make it F.
+   !> Data of one evaluation. The derivatives of H_j stand in d(:, :, j), in the order of the columns; d(:, :, 0) is
+   !> H until nested brackets make it F.
    type :: single_brackets
       private
       integer :: nlane = 0, nnoise = 0
       logical, public :: exact = .false.            !! the Hessian is the derivative of the gradient
       logical :: thirds = .false.                   !! all third derivatives are asked for: H_j are separable
-      logical :: along = .false.                    !! those along the fields are asked for: H_j are not separable
+      logical :: along = .false.                    !! third derivatives along fields are needed: H_j are not separable
       integer :: top = nplace                       !! derivatives of H_j that are known
       logical :: nested = .false.                   !! nested brackets are brackets of brackets
       logical :: partly = .false.                   !! something is left to step/hamiltonian/brackets
@@ -74,8 +75,8 @@ module symsde_step_hamiltonian_brackets_one_dof
 
 contains
 
-   !> Make room for the brackets and lanes of `parts`. Which derivatives are asked for is settled here: third ones
-   !> only where nested brackets are active and the model has them. The room of kinetic brackets is their own.
+   !> Make room for the brackets and lanes of `parts`, and settle which derivatives are needed: third ones only if
+   !> nested brackets are active and the model gives them. Kinetic brackets have their own room.
    subroutine new_single_brackets(self, parts)
       type(single_brackets), intent(out) :: self
       type(modified_hamiltonian), intent(in) :: parts
@@ -98,8 +99,8 @@ contains
             self%exact = self%exact .or. self%kinetic%angle
             return
          end if
-         ! Third derivatives of a separable H_j are two numbers, and are asked for as such. Of another H_j there are
-         ! four, of which the brackets need those along two fields.
+         ! A separable H_j has two third derivatives, which are computed one by one. Another H_j has four; the
+         ! brackets need them along two fields.
          self%thirds = self%nested .and. .not. traits%quadratic .and. traits%separable
          self%along = self%nested .and. .not. traits%quadratic .and. .not. traits%separable
          if (self%thirds) self%top = all
@@ -172,8 +173,7 @@ contains
 
       associate (n => self%nlane, m => self%nnoise, model => parts%model)
          if (n == 1) then
-            ! With one lane `unit` is the identity of m + 1 rows, which serves as the weights of m + 1 lanes as it
-            ! stands.
+            ! With one lane `unit` is the identity of m + 1 rows, and serves as the weights of m + 1 lanes.
             self%x = q(1)
             self%y = p(1)
             call ask_lanes(model, self%thirds, m + 1, t, self%unit, self%x, self%y, self%one, self%beside)
@@ -182,11 +182,11 @@ contains
             end do
             return
          end if
-         ! The first slices of `unit` and d are those of H.
+         ! The first slices of `unit` and d belong to H.
          call ask_lanes(model, self%thirds, n, t, self%unit, q, p, self%one, self%d)
          do j = 1, m
-            ! A silent noise keeps the derivatives zero with which d was allocated, and so do the third ones of
-            ! additive noise.
+            ! A silent noise keeps the zeros with which d was allocated; so do the third derivatives of additive
+            ! noise.
             if (parts%noisy(j)) &
                call ask_lanes(model, self%thirds .and. .not. model%traits%additive, n, t, self%unit(:, :, j), q, p, &
                               self%one, self%d(:, :, j))
@@ -204,7 +204,7 @@ contains
       real(wp), intent(inout) :: d(n, all)
 
       associate (m => model%traits%nnoise)
-         ! Each derivative has a column of its own in d, so the model writes them where they are read.
+         ! Each derivative has its column in d, so the model writes it in place.
          call model%gradient_hessian(n, 1, m, t, w, q, p, d(:, q_), d(:, p_), d(:, qq), d(:, qp), d(:, pp))
          if (thirds) call model%third_derivative(n, 1, m, t, w, q, p, one, one, one, one, d(:, qqq), d(:, ppp))
       end associate
@@ -221,7 +221,7 @@ contains
       associate (n => self%nlane, noisy => parts%noisy, d => self%d, b => self%b)
          h = 0
          call add_multiple(n, nplace, step%w(:, 0), d, h)
-         ! The model could sum h H + sum_l dW_l H_l in one call, but brackets need every H_j by itself.
+         ! The model could sum h H + sum_l dW_l H_l in one call, but brackets need every H_j separately.
          do l = 1, self%nnoise
             if (.not. noisy(l)) cycle
             call add_multiple(n, nplace, step%w(:, l), d(:, :, l), h)
@@ -255,7 +255,7 @@ contains
       integer :: k
 
       associate (n => self%nlane, noisy => parts%noisy, d => self%d, b => self%b, bb => self%bb)
-         ! F = H + sum_l (dW_l/h) H_l: the derivatives of the noises are added to those of H, weighted alike.
+         ! F = H + sum_l (dW_l/h) H_l: add the derivatives of the noises to the derivatives of H.
          if (parts%active%crossed) then
             do k = 1, self%nnoise
                self%whole(:, k) = step%w(:, k)/step%h
@@ -282,8 +282,8 @@ contains
       end associate
    end subroutine add_nested
 
-   !> Add what third derivatives have of the gradient of {{F,H_k},H_k}: F'''[v,v] - H_k'''[u,v], u the field of F, v
-   !> that of H_k. These are two calls of the model for every noise, at this time and point.
+   !> Add the terms of third derivatives in the gradient of {{F,H_k},H_k}: F'''[v,v] - H_k'''[u,v], u the field of
+   !> F, v the field of H_k. They take two calls of the model for every noise, at this time and point.
    subroutine add_along(self, parts, t, k, q, p, bb)
       type(single_brackets), intent(inout) :: self
       type(modified_hamiltonian), intent(in) :: parts
@@ -356,8 +356,8 @@ contains
       end do
    end subroutine find_bracket
 
-   !> VEC Add what third derivatives have of the Hessian of {B,G}, where B is a bracket of separable Hamiltonians and G
-   !> is separable: B has qqp and qpp (B_qqq and B_ppp would need fourth derivatives), and G has qqq and ppp.
+   !> VEC Add the terms of third derivatives in the Hessian of {B,G}, where B is a bracket of separable Hamiltonians
+   !> and G is separable: B has qqp and qpp (B_qqq and B_ppp would need fourth derivatives), and G has qqq and ppp.
    pure subroutine add_mixed_thirds(nlane, b, g, bb)
       integer, intent(in) :: nlane
       real(wp), intent(in), dimension(nlane, all) :: b, g
@@ -381,7 +381,7 @@ contains
       integer :: l
 
       do l = 1, nlane
-         ! The second derivatives of F''[v,v] are fourth ones of F, and are left out.
+         ! The second derivatives of F''[v,v] are fourth derivatives of F, and are left out.
          bb(l, q_) = f(l, qqq)*g(l, p_)*g(l, p_)
          bb(l, p_) = f(l, ppp)*g(l, q_)*g(l, q_)
       end do

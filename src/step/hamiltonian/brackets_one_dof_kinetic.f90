@@ -33,16 +33,16 @@ module symsde_step_hamiltonian_brackets_one_dof_kinetic
    !> Places of the derivatives of a sum: its gradient and its Hessian.
    integer, parameter :: q_ = 1, p_ = 2, qq = 3, qp = 4, pp = 5, nplace = 5
 
-   !> Derivatives of the U_j and what they are found from. u(:, i, j, 1) is the i-th derivative of U_j at the time of
-   !> the evaluation; where noises change in time u(:, i, k, 2) and (.., 3) are those of U_k at both ends of the step.
+   !> Derivatives of the U_j and the arrays to compute them. u(:, i, j, 1) is the i-th derivative of U_j at the time
+   !> of the evaluation; if noises change in time, u(:, i, k, 2) and (.., 3) belong to U_k at both ends of the step.
    type :: kinetic_brackets
       integer :: nlane = 0, nnoise = 0
       integer :: ntime = 1                         !! times of an evaluation; 3 where noises change: both ends, too
       logical :: angle = .false.
       class(kernel_model), pointer :: fast => null()  !! the model, which knows terms of an angle
-      real(wp) :: times(0:2) = 0                   !! of the evaluations in a step: its middle, and two stages
-      type(angle_terms), allocatable :: terms(:, :)  !! of H_j at the times of a step (0:nnoise, 0:2)
-      type(angle_terms), allocatable :: ends(:, :) !! of H_k where it begins and ends (nnoise, 2:3)
+      real(wp) :: times(0:2) = 0                   !! times of evaluations in a step: its middle, and two stages
+      type(angle_terms), allocatable :: terms(:, :)  !! terms of H_j at the times of a step (0:nnoise, 0:2)
+      type(angle_terms), allocatable :: ends(:, :) !! terms of H_k at both ends of a step (nnoise, 2:3)
       real(wp), allocatable :: u(:, :, :, :)       !! U_j' .. U_j'''' (nlane, 4, 0:nnoise, ntime)
       real(wp), allocatable :: e(:)                !! e_j (0:nnoise)
       real(wp), allocatable :: one(:, :, :)        !! weights of H_j alone (nlane, 0:nnoise, 0:nnoise)
@@ -55,8 +55,9 @@ module symsde_step_hamiltonian_brackets_one_dof_kinetic
 
 contains
 
-   !> Whether the Hamiltonians of this model are known to be of this form, and no more is wanted of them: an angle whose
-   !> nested brackets are exact, without areas and without noises that change; or H = p^2/2 + U(q), noise in position.
+   !> Whether the Hamiltonians of this model are known to be of this form, and no more is needed: an angle whose
+   !> nested brackets are exact, without areas and without noises that change; or H = p^2/2 + U(q), noise in
+   !> position.
    pure logical function are_kinetic(parts)
       type(modified_hamiltonian), intent(in) :: parts
       type(kernel_offers) :: offers
@@ -82,7 +83,7 @@ contains
       offers = offers_of(parts%model)
       self%angle = offers%angle
       self%fast => kernels_of(parts%model)
-      ! The differences H_k(t_1) - H_k(t_0) are asked for in every evaluation, as they depend on q.
+      ! H_k(t_1) - H_k(t_0) is computed in every evaluation, as it depends on q.
       if (parts%time_dependent) self%ntime = 3
       associate (n => parts%nlane, m => parts%nnoise)
          allocate (self%u(n, 4, 0:m, self%ntime), self%e(0:m), self%one(n, 0:m, 0:m), source=0.0_wp)
@@ -96,8 +97,8 @@ contains
       end associate
    end subroutine new_kinetic_brackets
 
-   !> Begin a step: find an angle's terms at the times of its evaluations, and at its ends where noises change. The e_j
-   !> are those of the middle of the step.
+   !> Begin a step: find an angle's terms at the times of its evaluations, and at its ends if noises change. The e_j
+   !> belong to the middle of the step.
    subroutine begin(self, step, times)
       class(kinetic_brackets), intent(inout) :: self
       type(step_record), intent(in) :: step
@@ -155,7 +156,7 @@ contains
                call add_still(n, nested, w(:, k), c(:, k), e(0), u(:, :, k, 1), p, h)
             end if
          end do
-         ! What changes in time comes last, noise by noise, as in a path by itself.
+         ! Changes in time come last, noise by noise, as for a single path.
          do k = 1, self%nnoise
             if (self%ntime == 3 .and. parts%noisy(k)) &
                call add_change(n, rate(:, k), u(:, :, k, 2), u(:, :, k, 3), h)
@@ -175,7 +176,7 @@ contains
       associate (n => self%nlane, m => self%nnoise, u => self%u, model => parts%model)
          do i = 1, self%ntime
             if (n == 1) then
-               ! H is asked for at the ends, too, as one of the m + 1 lanes; what it gives there is not used.
+               ! H is one of the m + 1 lanes at the ends, too; its values there are not used.
                self%beside(:, 3) = q(1)
                self%beside(:, 4) = p(1)
                call model%gradient_hessian(m + 1, 1, m, times(i), self%one, self%beside(:, 3), self%beside(:, 4), &

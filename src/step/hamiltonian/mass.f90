@@ -14,10 +14,10 @@ module symsde_step_hamiltonian_mass
    private
    public :: constant_mass, new_constant_mass
 
-   integer, parameter :: nmomentum = 8  !! that velocities are looked at for
+   integer, parameter :: nmomentum = 8  !! momenta at which velocities are compared
 
-   !> What is known of M, and room for a question to the model. The first finite position settles whether M is
-   !> diagonal. `asked` is what a velocity costs: one gradient, or none once M is known to be diagonal.
+   !> Knowledge of M, and room for a call of the model. The first finite position settles whether M is diagonal.
+   !> `asked` is the cost of a velocity: one gradient, or none once M is known to be diagonal.
    type :: constant_mass
       logical :: diagonal = .false.
       integer :: asked = 0                                !! gradients that a velocity costs
@@ -33,8 +33,8 @@ module symsde_step_hamiltonian_mass
 
 contains
 
-   !> For blocks of nlane lanes. The model is not asked yet: it is where a path is that it must answer, and no path is
-   !> known here.
+   !> Make room for blocks of nlane lanes. The model is not called yet: it must answer where a path is, and no path
+   !> is known here.
    subroutine new_constant_mass(self, nlane, ndof, nnoise)
       type(constant_mass), intent(out) :: self
       integer, intent(in) :: nlane, ndof, nnoise
@@ -66,7 +66,7 @@ contains
       self%known = .true.
       self%diagonal = .true.
       x(1, :) = q(lane, :)
-      p = 1  ! of unit momenta the velocities are the numbers themselves, if M is diagonal
+      p = 1  ! at unit momenta the velocities are the numbers 1/m_i, if M is diagonal
       do j = 1, nmomentum
          ! The first momentum is e = (1, .., 1), for which v_i is the i-th number if M is diagonal. Then p_i is
          ! different from row to row, and M is diagonal if v_i is p_i times that number to 4 eps, seven times.
@@ -75,7 +75,7 @@ contains
          do i = 1, size(self%inverse)
             self%diagonal = self%diagonal .and. abs(self%inverse(i)) <= huge(t) .and. &
                             abs(v(1, i) - self%inverse(i)*p(1, i)) <= 4*epsilon(t)*abs(v(1, i))
-            p(1, i) = 1.5_wp + sin(1.7_wp*i*(j + 1) + (j + 1))  ! no two masses have the same ones
+            p(1, i) = 1.5_wp + sin(1.7_wp*i*(j + 1) + (j + 1))  ! different for all masses
          end do
       end do
       ! A mass that is not diagonal goes on costing a gradient for each velocity.
@@ -101,7 +101,7 @@ contains
          return
       end if
       do i = 1, size(self%inverse)
-         ! The step times the number first: h/m_i is what a drift multiplies every momentum by.
+         ! Multiply the step by the number first: h/m_i is the factor of every momentum in a drift.
          dq(:, i) = (w(:, 0)*self%inverse(i))*p(:, i)
       end do
    end subroutine drift

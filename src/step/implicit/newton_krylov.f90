@@ -57,18 +57,17 @@ module symsde_step_implicit_newton_krylov
    real(wp), parameter :: loose = 1.0e-4_wp                      !! first solve, relative to its right-hand side
    real(wp), parameter :: rounding = 0.25_wp*epsilon(1.0_wp)     !! no solve goes further, relative to the unknowns
 
-   integer(i8), parameter :: most_numbers = 2_i8**18  !! of matrices that are formed at once, if more than one
+   integer(i8), parameter :: most_numbers = 2_i8**18  !! of matrices formed at once, if more than one
 
-   !> What a Newton iteration by products needs beside newton_type. Matrices are allocated only while lanes are
-   !> solved by them.
+   !> Data of a Newton iteration by products, beside newton_type. Matrices are allocated only while they are used.
    type :: newton_krylov
       type(krylov_type) :: krylov
       integer :: wanted = 0                             !! lanes for which a product is asked for
       real(wp), allocatable :: uq(:, :), up(:, :)       !! room for one of the Hessian (nlane, ndof)
       real(wp), allocatable, private :: before(:), goal(:)  !! sizes of the last residual, and to be reached (nlane)
       real(wp), allocatable, private :: right(:, :)     !! A x (nlane, unknowns)
-      integer(i4), allocatable, private :: outcome(:)   !! of lanes that need their matrix (nlane)
-      integer, allocatable, private :: lanes(:)         !! those whose matrices are being formed, a few at once
+      integer(i4), allocatable, private :: outcome(:)   !! outcome of lanes that need their matrix (nlane)
+      integer, allocatable, private :: lanes(:)         !! lanes whose matrices are being formed, a few at once
       real(wp), allocatable, private :: matrices(:, :, :)  !! (unknowns, unknowns, few)
       integer, private :: column = 0                    !! of these
       integer, private :: nsolved = 0                   !! systems solved by their matrices
@@ -80,8 +79,8 @@ module symsde_step_implicit_newton_krylov
 
 contains
 
-   !> Whether to do without matrices: they would be dense, and large or made of differences. A matrix with as many
-   !> bands, 2 b + 1, as columns counts as dense.
+   !> Whether to solve without matrices: they would be dense, and large or made of differences. A matrix with as
+   !> many bands, 2 b + 1, as columns counts as dense.
    pure logical function pays_by_products(traits, unknowns)
       type(model_traits), intent(in) :: traits
       integer, intent(in) :: unknowns  !! of a lane
@@ -92,7 +91,8 @@ contains
                                                       traits%has_hessian .or. traits%has_hessian_vector)
    end function pays_by_products
 
-   !> Whether Newton's iteration of a midpoint does: damping and given numbers of iterations are those of matrices.
+   !> Whether Newton's iteration of a midpoint solves without matrices; damping and a given number of iterations
+   !> need them.
    pure logical function does_without_matrices(traits, unknowns, options)
       type(model_traits), intent(in) :: traits
       integer, intent(in) :: unknowns
@@ -172,8 +172,8 @@ contains
       end associate
    end subroutine finish
 
-   !> Begin with the matrices of the lanes that GMRES has not solved. A residual that is not finite fails its lane:
-   !> no matrix is formed for it.
+   !> Begin with the matrices of the lanes that GMRES has not solved. A lane whose residual is not finite has
+   !> failed, and needs no matrix.
    subroutine begin_matrices(self)
       type(newton_krylov), intent(inout) :: self
 
@@ -185,9 +185,9 @@ contains
       end associate
    end subroutine begin_matrices
 
-   !> Ask for the columns of the matrices of some unsolved lanes, from `lane` on: as many lanes as stay within
-   !> most_numbers, one at least. All lanes at once would hold their matrices together, which for many degrees of
-   !> freedom is too much memory. Where even these find none, their lanes keep the outcome not_converged.
+   !> Ask for the columns of the matrices of some unsolved lanes, from `lane` on: as many lanes as fit into
+   !> most_numbers, at least one. Matrices of all lanes together would take too much memory for many degrees of
+   !> freedom. If no memory is left, the lanes keep the outcome not_converged.
    subroutine form_more(self, lane)
       type(newton_krylov), intent(inout) :: self
       integer, intent(in) :: lane
@@ -195,7 +195,7 @@ contains
 
       memory = 0
       associate (krylov => self%krylov)
-         ! As many lanes as most_numbers has room for; n^2 may exceed the default integers.
+         ! most_numbers bounds the number of lanes; n^2 may exceed the default integers.
          few = int(max(1_i8, most_numbers/int(krylov%n, i8)**2))
          self%lanes = pack([(i, i=lane, krylov%nlane)], &
                            krylov%unsolved(lane:) .and. self%outcome(lane:) == not_converged)
@@ -204,7 +204,7 @@ contains
          if (allocated(self%matrices)) deallocate (self%matrices)
          if (self%wanted > 0) allocate (self%matrices(krylov%n, krylov%n, self%wanted), stat=memory)
       end associate
-      ! Without memory nothing more is asked for, and settle_unsolved fails the lanes.
+      ! Without memory no column is asked for, and settle_unsolved fails the lanes.
       if (memory /= 0) self%wanted = 0
       self%column = 0
       if (self%wanted > 0) call ask_column(self)
@@ -220,8 +220,7 @@ contains
       self%krylov%v(:, self%column, 1) = 1
    end subroutine ask_column
 
-   !> Take the product as a column of the matrices. After the last column they are solved, and the next lanes get
-   !> theirs.
+   !> Take the product as a column of the matrices. After the last column solve them, and go on to the next lanes.
    subroutine take_column(self)
       type(newton_krylov), intent(inout) :: self
       integer :: i
@@ -237,7 +236,7 @@ contains
       end if
    end subroutine take_column
 
-   !> Solve A d = r of these lanes with exchanges of rows, one by one; a solution takes the place of that of GMRES.
+   !> Solve A d = r of these lanes with exchanges of rows, one by one; the solution replaces that of GMRES.
    subroutine solve_lanes(self)
       type(newton_krylov), intent(inout) :: self
       real(wp) :: x(self%krylov%n)
@@ -290,8 +289,8 @@ contains
 
    ! ---- kernels ----------------------------------------------------------------------------------
 
-   !> goal = eta_k |r_k|, the size of the residual that GMRES is to reach, in every lane, by the rule at the head of
-   !> this file; `norm` is |r_k|, `before` |r_{k-1}|, which is replaced, and `size` that of the unknowns.
+   !> goal = eta_k |r_k|, the residual that GMRES must reach in every lane, by the rule at the head of this file.
+   !> `norm` is |r_k|, `before` |r_{k-1}|, which is replaced, and `size` the size of the unknowns.
    pure subroutine set_goals(nlane, iteration, norm, size, before, goal)
       integer, intent(in) :: nlane, iteration  !! lanes, iterations done
       real(wp), intent(in) :: norm(nlane), size(nlane)

@@ -36,10 +36,10 @@ module symsde_step_implicit_rescue
    public :: rescue_type, new_rescue
 
    integer, parameter :: parts = 16           !! of the continuation
-   integer, parameter :: max_unknowns = 512   !! of a lane: matrices are dense here
+   integer, parameter :: max_unknowns = 512   !! unknowns of a lane: matrices are dense here
 
-   !> The rescue of one stepper. The model and the scheme (or the tableau that executes it) are those of the task;
-   !> stepper and room are made when the first lane needs them.
+   !> The rescue of one stepper, with the model and the scheme (or its tableau) of the task. Its own stepper and
+   !> arrays are made when the first lane needs them.
    type :: rescue_type
       private
       logical, public :: available = .false.  !! the scheme and the size of the system allow it
@@ -59,15 +59,15 @@ module symsde_step_implicit_rescue
 
 contains
 
-   !> Prepare for runs of this stepper; nothing large is allocated before it is needed. No rescue is available
-   !> without equations, for given numbers of iterations, for brackets and for large systems.
+   !> Prepare for runs of this stepper; large arrays are allocated when needed. There is no rescue for steps without
+   !> equations, given numbers of iterations, brackets, and large systems.
    subroutine new_rescue(self, task, stepper)
       type(rescue_type), intent(out) :: self
       type(stepper_task), intent(in), target :: task   !! must live as long as the rescue
       class(stepper_type), intent(in) :: stepper       !! rung 1
 
       self%scheme => task%scheme
-      ! A Galerkin scheme that is a tableau for this model is rescued by that tableau.
+      ! A Galerkin scheme that is a tableau for this model is rescued by the tableau.
       if (allocated(task%tableau)) self%scheme => task%tableau
       if (self%scheme%form /= tableau_form .or. task%newton%fixed_point > 0) return
       if (stepper%explicit) return              ! no equations
