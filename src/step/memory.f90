@@ -35,21 +35,21 @@ module symsde_step_memory
    !> Numbers of eight bytes that a stepper holds at most, as reals: their squares outgrow integers.
    type :: step_memory
       real(wp) :: lane = 0     !! for each lane
-      real(wp) :: once = 0     !! for the one lane that is solved by itself
+      real(wp) :: once = 0     !! for the one lane solved alone
       real(wp) :: rescue = 0   !! to try failed lanes again
    contains
       procedure :: numbers
    end type step_memory
 
-   integer, parameter :: vectors = 60            !! of the length of q that a lane may hold at once
+   integer, parameter :: vectors = 60            !! vectors of the length of q in a lane, at most
    integer, parameter :: small_matrix = 2048     !! numbers of one that elimination takes, whatever else is true
-   integer, parameter :: krylov_vectors = 65     !! that solutions by products keep
+   integer, parameter :: krylov_vectors = 65     !! vectors of solutions by products
    integer, parameter :: most_rescued = 512      !! unknowns up to which failed lanes are tried again
 
 contains
 
-   !> What steppers of a task hold at most, with what the model needs for a call. It calls itself for a splitting whose
-   !> drift is a midpoint step, which holds a midpoint stepper.
+   !> Find the largest memory of the steppers of a task, with the memory of a call of the model. Recursive, since
+   !> the drift of a splitting may be a midpoint step, with its own stepper.
    recursive subroutine find_step_memory(task, memory)
       type(stepper_task), intent(in) :: task
       type(step_memory), intent(out) :: memory
@@ -100,14 +100,13 @@ contains
       numbers = nlane*self%lane + self%once + self%rescue
    end function numbers
 
-   !> Add the matrices of an implicit step: of every lane, and of the one lane that is solved by itself. by_parts says
-   !> that a special stepper takes the step, which may keep bands or form products; the oracle keeps a dense matrix.
-   !> The cases are those of the head: fewer unknowns of a Galerkin scheme, bands, products, and dense matrices where
-   !> none of these holds.
+   !> Add the matrices of an implicit step: of every lane, and of the one lane that is solved alone. With by_parts a
+   !> special stepper takes the step, which may keep bands or form products; the oracle keeps a dense matrix. The
+   !> cases follow the head of this file: fewer unknowns of a Galerkin scheme, bands, products, else dense matrices.
    subroutine add_matrices(task, brackets, stages, memory)
       type(stepper_task), intent(in) :: task
-      logical, intent(in) :: brackets    !! they are added to the Hamiltonian
-      real(wp), intent(in) :: stages     !! those of drift and noise together
+      logical, intent(in) :: brackets    !! brackets are added to the Hamiltonian
+      real(wp), intent(in) :: stages     !! stages of drift and noise together
       type(step_memory), intent(inout) :: memory
       real(wp) :: n, b, unknowns
       logical :: by_parts
@@ -116,7 +115,7 @@ contains
          n = t%ndof
          b = t%bandwidth
          unknowns = 2*n*stages
-         ! The special steppers, as the factory would choose them: stages, midpoint, and those of a frame.
+         ! Whether the factory would choose a special stepper: stages, midpoint, or the stepper of a frame.
          by_parts = fits_stages(task%model, scheme, task%newton) .and. &
                     (brackets .or. .not. abs(scheme%correction_coefficient()) > 0 .or. t%correction_vanishes())
          by_parts = .not. task%general .and. (by_parts .or. scheme%is_midpoint() .and. .not. brackets .or. &

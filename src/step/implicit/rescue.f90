@@ -99,8 +99,8 @@ contains
       call state%record(n)
    end subroutine settle
 
-   !> Try the lanes that failed in this step, eight at a time; those that are saved get their increments and status
-   !> ok. Only what Newton could not solve is tried: lanes not converged, singular or not finite.
+   !> Try the lanes that failed in this step, eight at a time; rescued lanes get their increments and status ok.
+   !> Only lanes whose equations Newton could not solve are tried: not converged, singular or not finite.
    subroutine attempt(self, nlane, step, q, p, failed_step, dq, dp, status)
       class(rescue_type), intent(inout) :: self
       integer, intent(in) :: nlane
@@ -189,7 +189,7 @@ contains
       ! Times and nodes of the whole step, with other weights.
       fraction = step
       fraction%w(1:, 0:) => self%part
-      lane_status(:n) = merge(0_i8, int(nonfinite, i8), lane_status(:n) /= 0)  ! only what rung 2 left is tried
+      lane_status(:n) = merge(0_i8, int(nonfinite, i8), lane_status(:n) /= 0)  ! try only lanes left by rung 2
       self%stepper%x = 0
       do k = 1, parts
          ! Slopes are proportional to the weights up to higher orders: the guess for k is scaled by k/(k-1).
@@ -200,7 +200,7 @@ contains
       call self%stepper%add_up(self%dq, self%dp)
    end subroutine continue_increments
 
-   !> Add what was counted. Lanes that fail here failed before, and are not counted as failures again.
+   !> Add the counters. Lanes that fail here failed before, and count as one failure.
    subroutine tally(self, total)
       class(rescue_type), intent(in) :: self
       type(counters_type), intent(inout) :: total
@@ -214,8 +214,8 @@ contains
       call add_counters(total, own)
    end subroutine tally
 
-   !> Hand back the increments of the lanes whose lane_status is ok, with status 0, and how many these are (`saved`).
-   !> The others keep the status of rung 1: a run reports what happened to the scheme's own solver.
+   !> Hand back the increments of lanes whose lane_status is ok, with status 0; `saved` is their number. Other lanes
+   !> keep the status of rung 1: a run reports the outcome of the scheme's own solver.
    subroutine keep(self, n, lanes, lane_status, dq, dp, status, saved)
       type(rescue_type), intent(in) :: self
       integer, intent(in) :: n, lanes(n)

@@ -46,12 +46,12 @@ module symsde_step_midpoint_eliminated
    type, extends(stepper_type) :: midpoint_stepper
       private
       class(midpoint_part), allocatable :: part
-      type(midpoint_equation) :: eq            !! of the lanes that take the step together
+      type(midpoint_equation) :: eq            !! equation of the lanes that step together
       logical :: has_shift = .false.           !! additive noise moves the positions: g /= 0
       real(wp), allocatable :: extent(:)       !! the largest of q and p in a lane, where states are moved (eq%nlane)
       real(wp), allocatable :: shift(:, :)     !! g (eq%nlane, ndof)
-      real(wp), allocatable :: w(:, :)         !! where not all lanes go together: their w (eq%nlane, 0:nnoise)
-      real(wp), allocatable, dimension(:, :) :: q, p, dq, dp  !! where lanes are taken out (eq%nlane, ndof)
+      real(wp), allocatable :: w(:, :)         !! w of these lanes, if not all step together (eq%nlane, 0:nnoise)
+      real(wp), allocatable, dimension(:, :) :: q, p, dq, dp  !! copies of some lanes (eq%nlane, ndof)
    contains
       procedure :: make
       procedure :: increment
@@ -63,16 +63,16 @@ contains
    include 'eliminated.inc'
    include '../../solve/all_lanes.inc'
 
-   !> Whether this stepper executes the task: the midpoint rule as it stands, neither brackets nor correction added,
-   !> for H = p.p/2 + U(q) with noise in position or additive.
+   !> Whether this stepper executes the task: the plain midpoint rule, with neither brackets nor correction, for H =
+   !> p.p/2 + U(q) with noise in position or additive.
    logical function midpoint_fits(task) result(fits)
       type(stepper_task), intent(in) :: task
 
       fits = task%is_plain() .and. task%scheme%is_midpoint() .and. midpoint_serves(task%model, task%newton)
    end function midpoint_fits
 
-   !> Whether momenta are eliminated, and matrices or rows solve what remains.
-   !> Products are left out: their steps are those of step/stages/stepper, which iterates first.
+   !> Whether momenta are eliminated and the rest is solved by matrices or rows. Models solved by products are left
+   !> to step/stages/stepper, which iterates first.
    pure logical function midpoint_serves(model, options)
       class(model_type), intent(in) :: model
       type(newton_options), intent(in) :: options
@@ -80,10 +80,10 @@ contains
       midpoint_serves = model%traits%eliminates_momenta() .and. choose_way(model, options) /= by_products
    end function midpoint_serves
 
-   !> What solves the systems (I + (h/4) K) d = r of a model: rows where K is tridiagonal, products where it is dense
-   !> and large, else matrices. Rows are for second derivatives of the model's own: where these are differences of
-   !> gradients, step/midpoint/dense sweeps before it forms any. Damping and given numbers of iterations are those of
-   !> matrices alone.
+   !> How to solve the systems (I + (h/4) K) d = r of a model: by rows if K is tridiagonal, by products if it is
+   !> dense and large, else by matrices. Rows need second derivatives from the model: if these are differences of
+   !> gradients, step/midpoint/dense sweeps before it forms any. Damping and a given number of iterations need
+   !> matrices.
    pure integer function choose_way(model, options) result(way)
       class(model_type), intent(in) :: model
       type(newton_options), intent(in) :: options
@@ -113,8 +113,8 @@ contains
       end associate
    end subroutine make_room_of_strips
 
-   !> Increments of all lanes, strip by strip where these go together. Each strip is told how many of its lanes are
-   !> real paths, which is what counters count.
+   !> Increments of all lanes, strip by strip if strips step together. eq%nreal is the number of real paths in a
+   !> strip, which counters count.
    subroutine increment(self, step, q, p, dq, dp, status)
       class(midpoint_stepper), intent(inout) :: self
       type(step_record), intent(in) :: step
@@ -132,8 +132,8 @@ contains
             call step_together(self, nlane, 0, step%w, q, p, dq, dp, status)
             return
          end if
-         ! Whole strips first. The weights of a strip are copied, since the model reads those of the lanes that it is
-         ! asked for as one array; states are read where they are.
+         ! Whole strips first. Weights of a strip are copied, since the model reads them as one array; states are
+         ! read in place.
          do before = 0, nlane - together, together
             self%eq%nreal = max(0, min(together, self%ham%nreal - before))
             call slice_lanes(nlane, self%ham%nnoise + 1, before, together, step%w, self%w)
@@ -188,7 +188,7 @@ contains
             self%q(lane, :) = q(last, :)
             self%p(lane, :) = p(last, :)
          end do
-         ! Only the lanes of the block keep their status; the copies have one of their own, so that they are neither
+         ! Lanes of the block keep their status; the copies have the status copy_rests, so that they are neither
          ! solved nor counted.
          lane_status = copy_rests
          lane_status(:left) = status(before + 1:)
@@ -200,8 +200,8 @@ contains
       end associate
    end subroutine fill_up
 
-   !> One step of the states of a strip: (q, p) of the lanes without a status become those after the step, and a lane
-   !> whose new state is not finite gets a status and keeps the old one.
+   !> One step of a strip: (q, p) of lanes without a status become the new state. A lane whose new state is not
+   !> finite gets a status and keeps the old state.
    subroutine move_together(self, nlane, before, w, q, p, status)
       class(midpoint_stepper), intent(inout) :: self
       integer, intent(in) :: nlane, before
@@ -219,7 +219,7 @@ contains
          ! and x are free afterwards and take the new states.
          if (eq%noncontracting .or. &
              .not. maxval(self%extent + self%part%newton%size)*(1 + abs(eq%h)) <= 0.1_wp*huge(eq%h)) then
-            ! The states as they were: (q, p) of the block are written only below, lane by lane.
+            ! Copy the old states: (q, p) of the block are written below, lane by lane.
             self%q = q(first:last, :)
             self%p = p(first:last, :)
             call finish_increments(self, together, 0, w, self%q, self%p, self%dq, self%dp, status)

@@ -38,7 +38,7 @@ module symsde_step_midpoint_equation
    !> base and drift, and the part finds x and the rate.
    type :: midpoint_equation
       integer :: nlane = 0, n = 0, m = 0         !! lanes, degrees of freedom, noises
-      integer :: nreal = 0                       !! real paths among the lanes, what the counters count
+      integer :: nreal = 0                       !! real paths among the lanes, for the counters
       logical :: for_dq = .false.                !! the unknown is dq, else V
       real(wp) :: h = 0, t = 0                   !! step, and time of the middle
       real(wp) :: c = 0
@@ -46,16 +46,15 @@ module symsde_step_midpoint_equation
       real(wp), allocatable :: x(:, :)           !! the unknown (nlane, n)
       real(wp), allocatable :: drift(:, :)       !! h p_n + g, set for dq (nlane, n)
       real(wp), allocatable :: still(:, :)       !! zero: the momentum for which the force is asked (nlane, n)
-      logical :: noncontracting = .false.        !! of V: that rate is above one in some lane
-      real(wp), allocatable :: rate(:)           !! where it is: (h omega)^2/4 of each lane, about (nlane)
+      logical :: noncontracting = .false.        !! in the equation of V: the rate is above one in some lane
+      real(wp), allocatable :: rate(:)           !! then (h omega)^2/4 of each lane, about (nlane)
    contains
       procedure :: make_room
       procedure :: starts
       procedure :: weigh
    end type midpoint_equation
 
-   !> How the equation is solved.
-   !> A part holds its Newton iteration, whose counts, stopping test and options are those of every stepper.
+   !> A way to solve the equation. Its Newton iteration has the counts, stopping test and options of all steppers.
    type, abstract :: midpoint_part
       type(newton_type) :: newton
    contains
@@ -86,8 +85,8 @@ module symsde_step_midpoint_equation
 
 contains
 
-   !> Room for its lanes.
-   !> Rows 0 and n+1 of base are zero and stay so: a chain reads its neighbours there, and its ends have none.
+   !> Make room for the lanes. Rows 0 and n+1 of base stay zero: a chain reads neighbours there, which its ends
+   !> lack.
    subroutine make_room(self)
       class(midpoint_equation), intent(inout) :: self
 
@@ -97,9 +96,8 @@ contains
       end associate
    end subroutine make_room
 
-   !> Whether this is the first iteration for V, where the point is base.
-   !> There x = 0, so Q = base and no pass is needed to find it, and the Hessian of this point tells the rate. The
-   !> iteration for dq begins from the dq of V instead.
+   !> Whether this is the first iteration for V. There x = 0, so Q = base needs no pass, and the Hessian at this
+   !> point gives the rate. The iteration for dq begins with the dq of V instead.
    pure logical function starts(self, newton)
       class(midpoint_equation), intent(in) :: self
       type(newton_type), intent(in) :: newton
@@ -107,7 +105,7 @@ contains
       starts = newton%iteration == 0 .and. .not. self%for_dq
    end function starts
 
-   !> Make the f of this unknown from Hhat_q, in rows first .. last of all lanes: nothing is to be done for V.
+   !> Make f of the present unknown from Hhat_q, in rows first .. last of all lanes; for V it is Hhat_q itself.
    subroutine weigh(self, first, last, f)
       class(midpoint_equation), intent(in) :: self
       integer, intent(in) :: first, last

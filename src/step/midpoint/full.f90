@@ -40,8 +40,8 @@ module symsde_step_midpoint_full
       end associate
    end function midpoint_full_fits
 
-   !> dq and dp of the lanes without a status whose sweeps contract, part by part. In lanes that were given up
-   !> self%left = 0, else -1. Each part is told how many of its lanes are real paths, for the counters.
+   !> dq and dp of lanes without a status whose sweeps contract, part by part. self%left = 0 in lanes that were
+   !> given up, else -1. The number of real paths in each part goes to the counters.
    subroutine sweep_all(self, ham, t, w, q, p, dq, dp, status)
       type(fixed_point_sweeps), intent(inout) :: self
       type(one_step_hamiltonian), intent(inout) :: ham

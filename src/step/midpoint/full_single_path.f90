@@ -26,8 +26,8 @@ module symsde_step_midpoint_full_single_path
    include 'full.inc'
    include '../../solve/one_lane.inc'
 
-   !> Increments where sweeps contract; self%left = 0 where they do not, and Newton's iteration begins anew, else -1,
-   !> any number but 0.
+   !> Increments of a path whose sweeps contract, with self%left = -1; else self%left = 0, and Newton's iteration
+   !> starts again.
    subroutine sweep_all(self, ham, t, w, q, p, dq, dp, status)
       type(fixed_point_sweeps), intent(inout) :: self
       type(one_step_hamiltonian), intent(inout) :: ham

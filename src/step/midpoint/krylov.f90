@@ -52,8 +52,8 @@ contains
       end associate
    end subroutine make
 
-   !> x of the lanes without a status, from V = 0 or from the dq that V gave. Matrix, goal and judgement of every
-   !> iteration are those of step/implicit/newton_krylov; here are the residual x + f and the products.
+   !> Find x in lanes without a status, from V = 0 or from the dq of V. step/implicit/newton_krylov has matrix, goal
+   !> and judgement of every iteration; here are the residual x + f and the products.
    subroutine solve(self, ham, eq, w, status)
       class(krylov_midpoint), intent(inout) :: self
       type(one_step_hamiltonian), intent(inout) :: ham
@@ -84,8 +84,9 @@ contains
                call products%take()
             end do
             call products%finish(newton, eq%x, status, ham%counters)
-            ! |A v| - 1 is at most |(h/4) K v|, so a lane that is called noncontracting has a rate above one. A lane
-            ! is judged by its own vectors alone, for its bits must not depend on what its neighbours want of GMRES.
+            ! |A v| - 1 is at most |(h/4) K v|, so a lane that counts as noncontracting has a rate above one. A
+            ! lane is judged by its own vectors alone: its bits must not depend on how many vectors its neighbours
+            ! need.
             if (first) eq%rate = products%krylov%largest - 1  ! the largest |A v| of vectors of size one
             if (first) eq%noncontracting = any(eq%rate > 1)
          end do

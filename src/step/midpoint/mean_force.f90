@@ -36,9 +36,9 @@ module symsde_step_midpoint_mean_force
       end associate
    end function mean_force_fits
 
-   !> Whether a tableau is that of averaged forces: a_ij = c_i w_j, abar_ij = w_j/2, bbar_ij = w_j. Its stages are
-   !> Q_i = q_n + c_i h Psi with Psi = sum_j w_j P_j, and all P_i are Psi = p_n + g - (h/2) sum_j w_j V'(Q_j).
-   !> Coefficients are compared up to rounding, for a user may have written the same tableau.
+   !> Whether a tableau averages forces: a_ij = c_i w_j, abar_ij = w_j/2, bbar_ij = w_j. Its stages are Q_i = q_n +
+   !> c_i h Psi with Psi = sum_j w_j P_j, and all P_i are Psi = p_n + g - (h/2) sum_j w_j V'(Q_j). Coefficients are
+   !> compared up to rounding, since a user may have written the same tableau.
    pure logical function averages_forces(scheme)
       type(scheme_type), intent(in) :: scheme
       real(wp), parameter :: rounding = 4*epsilon(1.0_wp)

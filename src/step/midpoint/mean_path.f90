@@ -57,8 +57,8 @@ module symsde_step_midpoint_mean_path
 
 contains
 
-   !> Make the inner stepper of H* and what is around it. A single path has inner steppers of one lane. The rescue is
-   !> that of the inner equations: the tableau by itself, without dZ, would be another scheme.
+   !> Make the inner stepper of H* and the shifts around it. A single path has inner steppers of one lane. The
+   !> rescue solves the inner equations: the tableau without dZ would be another scheme.
    subroutine make(self, task)
       class(mean_path_stepper), intent(inout) :: self
       type(stepper_task), intent(in) :: task
@@ -67,7 +67,7 @@ contains
       type(bracket_terms) :: brackets
 
       self%name = 'midpoint, averaged shift'
-      ! The second difference of H is left out where it is constant for the traits of the model.
+      ! The second difference of H is left out if the traits of the model make it constant.
       brackets = active_brackets(bracket_terms(nested=.true.), task%model%traits)
       if (midpoint_serves(task%model, task%newton) .and. .not. brackets%are_added()) then
          self%left_out = 'half of the unknowns: identity mass'
@@ -83,8 +83,8 @@ contains
          call new_midpoint_full_stepper(full, task%model, task%nlane, task%newton, brackets=brackets)
          call move_alloc(full, self%inner)
       end if
-      ! Up to as many paths go one by one as the inner steppers say, and as were found faster with the shifts around
-      ! them.
+      ! Paths go one by one up to the limit of the inner steppers, and up to the number measured as faster with the
+      ! shifts.
       self%most_single = min(self%inner%most_single, few_of(task%model%traits%ndof, 3, 6))  ! four take 1.1 of a block
       call new_rescue(self%rescue, task, self%inner)
       call new_one_step_hamiltonian(self%ham, task%model, task%nlane, correction_none, 0.0_wp)
@@ -118,8 +118,8 @@ contains
       call add_change(self, step, 1.0_wp, dq, dp)
    end subroutine increment
 
-   !> The step of H* from (qs, ps), with weights (h, 0, .., 0). Lanes that fail in it are rescued with the same
-   !> weights and the same state; `failed` >= 0 keeps those out that had failed before.
+   !> The step of H* from (qs, ps), with weights (h, 0, .., 0). Lanes that fail are rescued with the same weights
+   !> and state; `failed` >= 0 excludes lanes that had failed before.
    subroutine drift_midpoint(self, step, dq, dp, status)
       type(mean_path_stepper), intent(inout), target :: self
       type(step_record), intent(in) :: step
@@ -129,7 +129,7 @@ contains
       integer(i8) :: failed(self%ham%nlane)
 
       drift = step
-      ! The rescue tries lanes with failed < 0 alone: those that have no status yet.
+      ! The rescue tries lanes with failed < 0 alone, which have no status yet.
       failed = merge(-1_i8, 1_i8, status == 0)
       self%drift(:, 0) = step%h
       drift%w(1:, 0:) => self%drift
@@ -153,7 +153,7 @@ contains
       call self%shift%add(self%ham, step%t, -share, q, p)
    end subroutine add_change
 
-   !> What this stepper and the one within have counted.
+   !> Add the counters of this stepper and of its inner stepper.
    subroutine tally(self, total)
       class(mean_path_stepper), intent(in) :: self
       type(counters_type), intent(inout) :: total

@@ -42,17 +42,17 @@ module symsde_step_midpoint_tridiagonal
 
    integer, parameter :: panel = 32  !! rows asked of the model at once
 
-   !> The part by rows. Arrays of a panel are those of nlane lanes, which are one strip where the model gives its
-   !> rows; what is eliminated is always that of one strip.
+   !> The part by rows. Arrays of a panel have nlane lanes, one strip if the model gives its rows; elimination
+   !> always works on one strip.
    type, extends(midpoint_part) :: tridiagonal_midpoint
       private
       logical :: gives_rows = .false.
       integer :: nrow = 0                             !! rows evaluated at once: a panel, or all
       real(wp), allocatable :: q(:, :)                !! Q of these and of three around them (nlane, nrow+3)
       real(wp), allocatable :: hq(:, :), hqq(:, :, :) !! force and stiffness (nlane, 0:nrow), (nlane, 0:1, 0:nrow)
-      real(wp), allocatable :: factor(:, :), rhs(:, :)  !! of a strip, eliminated (strip_lanes, ndof)
+      real(wp), allocatable :: factor(:, :), rhs(:, :)  !! eliminated rows of a strip (strip_lanes, ndof)
       real(wp), allocatable :: x(:, :), f(:, :), k(:, :, :)  !! a strip of a block (strip_lanes, [0:1,] 0:ndof)
-      real(wp) :: fronts(strip_lanes, nfront, 2) = 0  !! of the rows before, upper and lower
+      real(wp) :: fronts(strip_lanes, nfront, 2) = 0  !! rows before, in the upper and lower front
       real(wp) :: meeting(strip_lanes, 2) = 0         !! corrections where these meet
       real(wp) :: trusted(strip_lanes) = 0
    contains
@@ -62,9 +62,9 @@ module symsde_step_midpoint_tridiagonal
 
 contains
 
-   !> Make the part for nlane lanes, a multiple of strip_lanes, and strip_lanes itself where the model gives its
-   !> rows: then a panel of rows is evaluated at once, else all of them. Room is made for the first step. The
-   !> quadratic stopping test is for rows and Hessian-vector products of the model; other bands are not taken to be
+   !> Make the part for nlane lanes, a multiple of strip_lanes, and equal to strip_lanes if the model gives its
+   !> rows: then one panel of rows is evaluated at a time, else all rows. Room is made at the first step. The
+   !> quadratic stopping test needs rows or Hessian-vector products from the model; other bands do not count as
    !> exact derivatives.
    subroutine make(self, model, nlane, options)
       class(tridiagonal_midpoint), intent(inout) :: self
@@ -137,8 +137,8 @@ contains
             call linearise(self, ham, eq, w, first, last, self%hq(1, 1), self%hqq(1, 0, 1))
             call eliminate(self, eq, first, last, eq%x, self%hq(1, 1), self%hqq)
          end do
-         ! The lower front goes through the panels of rows h+1 .. n from the last one up. Each is asked for the row
-         ! above it, too: the entry beside the diagonal that ties a panel to that row stands there.
+         ! The lower front goes up through the panels of rows h+1 .. n from the last. Each panel needs the row
+         ! above it, too: this row holds the entry that couples the two.
          do first = h + 1 + self%nrow*((eq%n - h + self%nrow - 1)/self%nrow - 1), h + 1, -self%nrow
             last = min(first + self%nrow - 1, eq%n)
             call linearise(self, ham, eq, w, first - 1, last, self%hq, self%hqq)
@@ -147,8 +147,8 @@ contains
          call correct(self, ham, eq, w, 0, eq%x, status)
       else
          do before = 0, eq%nlane - strip_lanes, strip_lanes
-            ! Unknowns, force and stiffness of a strip are copied. An iteration eliminates and corrects a strip before
-            ! it goes on to the next, so that its rows are read while they are in cache.
+            ! Copy unknowns, force and stiffness of a strip. An iteration eliminates and corrects one strip before
+            ! the next, so that its rows are read while they are in cache.
             last = before + strip_lanes
             self%x(:, :) = eq%x(before + 1:last, :)
             self%f(:, :) = self%hq(before + 1:last, 1:)
@@ -163,7 +163,7 @@ contains
       call self%newton%judge(status, ham%counters)
    end subroutine iterate
 
-   !> Eliminate all rows of a strip at once, in both fronts: f and K are those of the whole chain.
+   !> Eliminate all rows of a strip at once, in both fronts, with f and K of the whole chain.
    subroutine eliminate_all(self, eq, x, f, k)
       type(tridiagonal_midpoint), intent(inout) :: self
       type(midpoint_equation), intent(in) :: eq
