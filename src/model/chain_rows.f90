@@ -42,8 +42,8 @@ contains
                  'need: declare bandwidth 1, identity_mass, and position_noise or additive, or give no rows')
    end subroutine check_chain
 
-   !> What force_stiffness gives with b = 1, of a model that offers chain_rows, for at most a strip of lanes. The
-   !> strip is filled up with the last one.
+   !> force_stiffness with b = 1 for a model that offers chain_rows, for at most a strip of lanes. The last lane is
+   !> repeated to fill the strip.
    subroutine block_from_rows(model, nlane, ndof, nnoise, t, w, q, hq, hqq)
       class(kernel_model), intent(in) :: model
       integer, intent(in) :: nlane, ndof, nnoise

@@ -10,7 +10,7 @@ module symsde_model_parameters
    private
    public :: require_finite, is_zero, check_traits, largest_system
 
-   integer, parameter :: largest_system = 2**20  !! as many noises as the generator can number
+   integer, parameter :: largest_system = 2**20  !! the generator can number so many noises
 
 contains
 

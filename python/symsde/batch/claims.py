@@ -20,7 +20,7 @@ class Claims:
     """Claims of this process on the pieces of one folder, by their numbers."""
 
     def __init__(self, path: Path):
-        """Claims through the file at a path, made where it is missing."""
+        """Claims through the file at `path`, which is made if it is missing."""
         self._handle = None if fcntl is None else os.open(path, os.O_RDWR | os.O_CREAT, 0o666)
 
     def take(self, number: int) -> bool:
@@ -31,7 +31,7 @@ class Claims:
             fcntl.lockf(self._handle, fcntl.LOCK_EX | fcntl.LOCK_NB, 1, number)
         except BlockingIOError:
             return False
-        except PermissionError:  # what some systems say of a lock that is held
+        except PermissionError:  # the error of some systems for a lock that another process holds
             return False
         except OSError:  # no locks on this file system
             return True

@@ -30,7 +30,7 @@ Function = Callable[[np.ndarray, np.ndarray], Any]  # of states (dof, point)
 
 @dataclasses.dataclass(frozen=True)
 class Start:
-    """Where and when a run begins, and how long it takes."""
+    """The initial state, time and length of a run."""
 
     q: np.ndarray  #: (dof, 1)
     p: np.ndarray
@@ -88,7 +88,7 @@ def _spread(rows: int, first: int) -> np.ndarray:
 
 
 def _tried(function: Callable, *arguments: Any) -> np.ndarray | str:
-    """Numbers (component, point); where a user's function raises, what."""
+    """Values of the function, (component, point); if it raises, the text of its exception."""
     try:
         with np.errstate(all="ignore"):
             return np.reshape(np.asarray(function(*arguments), dtype=float), (-1, _POINTS))
@@ -104,8 +104,8 @@ def _told(parts: list[np.ndarray | str]) -> str:
 
 
 def _rounded(values: np.ndarray) -> bytes:
-    """Numbers (component, point) to eight digits of the largest of a component, of 1e-5 of all those at least: what is
-    less than that may be nothing but rounding."""
+    """Round values (component, point) to eight digits of the largest value of a component, or of 1e-5 of the
+    largest value of all components if this is larger: smaller values may be rounding alone."""
     sizes = np.max(np.abs(values), axis=1, where=np.isfinite(values), initial=0.0)
     sizes = np.maximum(sizes, _LEAST * np.max(sizes, initial=0.0))
     units = np.array([float(f"{x:.2e}") or 1.0 for x in sizes])[:, np.newaxis] / _DIGITS
@@ -114,7 +114,7 @@ def _rounded(values: np.ndarray) -> bytes:
 
 
 def _recipe(value: Any) -> Any:
-    """How a scheme was made, from what coefficients."""
+    """A text of how a scheme was made, and from which coefficients."""
     if isinstance(value, Scheme):
         maker, arguments = value._made
         return [maker.__name__, *map(_recipe, arguments)]

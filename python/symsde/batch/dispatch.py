@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Let pieces be computed, by threads of this process or by whatever executor, and keep each when it is done."""
+"""Compute pieces on threads of this process or on an executor, and store the shard of each piece when it is
+done."""
 
 from __future__ import annotations
 
@@ -23,11 +24,11 @@ from .shard_file import Shard
 from .stop import Stop
 
 _LOOK = 0.2  # seconds between looks at signals and progress
-_ELSEWHERE = 0.5  # seconds between looks at what other processes do
+_ELSEWHERE = 0.5  # seconds between checks for shards of other processes
 
 
 class ShardStore(Protocol):
-    """Where shards are kept: a folder, or memory."""
+    """A store of shards: a folder, or memory."""
 
     def is_done(self, piece: Piece) -> bool:
         """Whether its shard is there."""
@@ -42,15 +43,15 @@ class ShardStore(Protocol):
         """Keep a shard."""
 
     def set_aside(self, piece: Piece, part: Shard) -> None:
-        """What there is of the moments of a piece that was stopped."""
+        """Keep the unfinished moments of a piece that was stopped."""
 
     def checkpoint(self, piece: Piece) -> Checkpoint | None:
-        """Where a long piece keeps its state; None for nowhere."""
+        """The checkpoint of a long piece; None if it has none."""
 
 
 @dataclass(frozen=True)
 class Context:
-    """Where work is kept, when it ends, and who is told."""
+    """The store of the shards, the end of the work, and the receiver of progress."""
 
     shards: ShardStore
     stop: Stop
@@ -58,8 +59,8 @@ class Context:
 
 
 def dispatch(task: Task, pieces: Sequence[Piece], context: Context, executor: Executor | None = None) -> bool:
-    """Compute the pieces whose shards are not there; whether all are there at the end. Pieces that other processes work
-    on are waited for, and computed here if those die."""
+    """Compute the pieces without a shard; return whether all shards are there at the end. Pieces of other
+    processes are waited for, and computed here if those processes die."""
     shards = context.shards
     todo = [piece for piece in pieces if not shards.is_done(piece)]
     if not todo:
@@ -90,8 +91,8 @@ def division(task: Task, pieces: int) -> tuple[int, int | None]:
 
 
 def _threads(given: int | None) -> int | None:
-    """Threads of this process, by the option, SYMSDE_NUM_THREADS, OMP_NUM_THREADS, or its processors; None where the
-    library is to judge what is set."""
+    """The number of threads of this process: from the option, SYMSDE_NUM_THREADS, OMP_NUM_THREADS, or its
+    processors; None leaves a wrong value of a variable to the library, which refuses it."""
     if given is not None:
         return int(given)
     for name in ("SYMSDE_NUM_THREADS", "OMP_NUM_THREADS"):
@@ -101,7 +102,7 @@ def _threads(given: int | None) -> int | None:
 
 
 def _workers_of(executor: Executor) -> int:
-    """How many tasks an executor works on at a time, as far as it tells."""
+    """How many tasks an executor runs at a time, if it tells."""
     return max(1, getattr(executor, "_max_workers", None) or os.cpu_count() or 1)
 
 
@@ -131,7 +132,7 @@ class _Here:
 
 
 def _result_of(future: Future) -> Shard | None:
-    """The shard; what cannot be sent to another process is told so."""
+    """The shard of a finished task; an error of pickling says which object cannot be sent to another process."""
     try:
         return future.result()
     except (pickle.PicklingError, AttributeError, TypeError) as error:
@@ -144,7 +145,8 @@ def _result_of(future: Future) -> Shard | None:
 
 
 class _Many:
-    """Pieces on an executor, which may be other processes or machines: each is all or nothing."""
+    """Pieces on an executor, which may use other processes or machines: each piece is done as a whole or not at
+    all."""
 
     def __init__(self, task: Task, executor: Executor, workers: int):
         self.window = 2 * workers
@@ -168,7 +170,7 @@ class _Loop:
         self._begun: dict[str, float] = {}
 
     def run(self) -> bool:
-        """Until all is done, or nothing more may be begun."""
+        """Work until all pieces are done, or until a stop lets no more begin."""
         try:
             while self._todo or self._running or self._elsewhere:
                 self._begin_some()
@@ -217,7 +219,7 @@ class _Loop:
             self._show.finish(piece.name, piece.work)
 
     def _look_elsewhere(self) -> None:
-        """Pieces of other processes: those that are there now are done, the others are tried again."""
+        """Look at pieces of other processes: pieces with a shard are done, the others are tried again."""
         for piece in self._elsewhere:
             if self._shards.is_done(piece):
                 self._show.finish(piece.name, piece.work)
@@ -226,7 +228,7 @@ class _Loop:
         self._elsewhere = []
 
     def _leave(self) -> None:
-        """Nothing of ours goes on behind our back."""
+        """Leave no task of this call running."""
         for future in self._running:
             future.cancel()
         wait(self._running)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""What a run would take, before it is begun: steps, files, memory, disk, and time by a short pilot."""
+"""Estimate a run before it begins: steps, files, memory, disk, and time by a short pilot run."""
 
 from __future__ import annotations
 
@@ -63,7 +63,7 @@ def _free(folder: Path) -> float:
 
 
 def need(task: Task, pieces: list[Piece], shard_paths: int, saved: int, out: Path | None = None) -> Need:
-    """What the pieces take; saved: times that are saved; out: the folder of the results."""
+    """Memory and disk of the pieces. saved: number of saved times; out: folder of the results."""
     ndof = task.model.ndof
     numbers = saved * (2 * (2 * ndof + task.model.traits.has_value) + 2) + _observed(task)
     of_moments = [piece for piece in pieces if piece.kind == "moments"]

@@ -40,7 +40,7 @@ from .stop import Stop
 
 
 class _Memory:
-    """Shards that become moments as they come, and are kept in a folder where there is one."""
+    """A store that merges shards into moments as they arrive, and keeps them in a folder if there is one."""
 
     def __init__(self, work: MomentsInWork):
         self._work = work
@@ -49,7 +49,7 @@ class _Memory:
         self.folder: RunFolder | None = None
 
     def is_done(self, piece: Piece) -> bool:
-        """Whether it is there; one that the folder holds is merged when it is first seen."""
+        """Whether the shard is there; a shard of the folder is merged when it is first seen."""
         if piece.name not in self._added and self.folder is not None and self.folder.is_done(piece):
             self._add(piece, self.folder.read(piece))
         return piece.name in self._added
@@ -69,7 +69,7 @@ class _Memory:
 
     @staticmethod
     def checkpoint(_piece: Piece) -> None:
-        """Nothing is kept of what is not done."""
+        """None: an unfinished piece has no checkpoint here."""
         return None
 
     def write(self, piece: Piece, shard: Shard) -> None:
@@ -175,7 +175,7 @@ def ensemble(
 def _kept(
     out: str | os.PathLike | None, task: Task, setup: Setup, size: int, pieces: list[Piece]
 ) -> Iterator[RunFolder | None]:
-    """The folder that keeps the shards; refused where it holds another run. None where none is wanted."""
+    """The folder that keeps the shards, or None if no folder is given; a folder of another run is refused."""
     if out is None:
         yield None
         return
@@ -190,7 +190,7 @@ def _kept(
         "observers": {name: {"kind": x.KIND, **dataclasses.asdict(x)} for name, x in task.observers.items()},
         "computed": computed.of(task.model, setup.scheme, start, functions),
     }
-    inputs = json.loads(json.dumps(inputs))  # as a manifest has them
+    inputs = json.loads(json.dumps(inputs))  # in the form of a manifest
     found = numerics.of(task.model, [setup.scheme], start, **task.options)
     record = manifest.of_inputs(inputs, setup.options.seed, size, found)
     with RunFolder.open_to_write(os.fspath(files.path_of("out", out)), record, pieces, None) as folder:

@@ -62,8 +62,8 @@ class ErrorCheck:
 def error_check(
     task: Task, extent: Extent, threads: int | None = None, scene: str = "", tell: Tell = never
 ) -> ErrorCheck | None:
-    """The first paths of a run, as they are and at half the step; the text of its scene goes into the table. None where
-    it was stopped."""
+    """Compare the first paths of a run with the same paths at half the step; None if it was stopped. The table
+    holds the text of the scene."""
     paths = max(2, min(extent.paths, _PATHS, _BYTES // (16 * extent.ndof * extent.saved)))
     options = task.of(Piece("", "paths", extent.first, min(paths, extent.paths), 0), threads)
     halved = {**options, "step": options["step"] / 2, "refine": options.get("refine", 0) - 1}
@@ -79,7 +79,7 @@ def error_check(
 
 
 def _not_compared(task: Task) -> Iterator[str]:
-    """Sentences about what a run keeps beside these values."""
+    """Sentences on results of a run that are not compared."""
     if task.observers:
         yield f"not compared: what [[observe]] keeps ({', '.join(task.observers)})"
     if names := [name for name, x in task.observers.items() if getattr(x, "absorb", False)]:
@@ -93,8 +93,8 @@ def _timed(task: Task, options: dict, tell: Tell) -> tuple[Run, float]:
 
 
 def compare(full: Run, half: Run, seconds: tuple[float, float], own: Rows | None = None) -> ErrorCheck:
-    """Differences of two runs of the same paths, saved at the same times; own: gives names and values of observables.
-    What is not a finite number for a path that counts has no mean, as in the run."""
+    """Differences of two runs of the same paths, saved at the same times. own: gives names and values of
+    observables. A value that is not finite for a path that counts has no mean, as in the run."""
     ndof = full.q.shape[1]
     with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
         names, values = _values(full, own)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""What is computed of one piece, by one call of the library or, of long paths, by many with checkpoints between."""
+"""Compute one piece by one call of the library; long paths by many calls with checkpoints between them."""
 
 from __future__ import annotations
 
@@ -29,13 +29,13 @@ Tell = Callable[[int, int], bool]  # (path-steps done, of how many) -> stop now
 _PER_PATH = ("q0", "p0", "q0_low", "p0_low", "increments")
 _FIRST = 2**20  # path-steps times degrees of freedom before the first look at the clock
 _SEGMENT = 1.0  # seconds between two moments at which a long piece may end
-_STEADY = ("path_steps", "normals")  # of the paths; others are of the blocks that paths were in
+_STEADY = ("path_steps", "normals")  # counters of the paths; other counters depend on blocks
 _PATIENCE = 5.0  # seconds that a segment may take after all, where there is a wish to stop
 
 
 @dataclass(frozen=True)
 class Task:
-    """A run, of which pieces are computed anywhere: it can be pickled."""
+    """A run whose pieces are computed anywhere: the object can be pickled."""
 
     model: Model
     options: dict[str, Any]  #: of `simulate`
@@ -57,12 +57,12 @@ class Task:
 
 
 class Checkpoint(Protocol):
-    """Where a long piece keeps its state."""
+    """The store of a long piece's state."""
 
     seconds: float  #: between two states that are written; more where they take long to write
 
     def read(self) -> Shard | None:
-        """The last state, if there is one."""
+        """The last state; None if there is none."""
 
     def write(self, state: Shard) -> None:
         """A later one."""
@@ -76,9 +76,10 @@ def never(_done: int, _total: int) -> bool:
 def compute(
     task: Task, piece: Piece, threads: int | None = None, tell: Tell = never, checkpoint: Checkpoint | None = None
 ) -> Shard | None:
-    """The shard of a piece; None where it was stopped before, or what there is of its moments, with `stopped` among its
-    facts. In a process of its own it says nothing of failed paths: the shard does, and who merges the shards."""
-    if threading.current_thread() is threading.main_thread():  # filters are those of the process
+    """Compute the shard of a piece; None if it was stopped before, or its unfinished moments, with `stopped`
+    among the facts. In a process of its own it does not warn of failed paths: the shard counts them, and the
+    merging process warns."""
+    if threading.current_thread() is threading.main_thread():  # warning filters belong to the process
         with warnings.catch_warnings():
             for said in OF_RUNS:
                 warnings.simplefilter("ignore", said)
@@ -104,14 +105,14 @@ def _moments(task: Task, piece: Piece, threads: int | None, tell: Tell) -> Shard
 
 
 def kept_arrays(parts: dict[str, PartialStatistics]) -> dict[str, np.ndarray]:
-    """What observers have kept, as arrays of a shard."""
+    """Results of observers as arrays of a shard."""
     return {
         f"observed.{name}.{what}": getattr(part, what) for name, part in parts.items() for what in ("counts", "sums")
     }
 
 
 def facts_of(report: Report) -> dict[str, Any]:
-    """What a report says that is the same whenever and on however many threads the piece is computed."""
+    """Entries of a report that do not depend on time or on the number of threads."""
     names = ("stepper", "correction", "lapack", "failed", "grown", "lanes", "lost_variance")
     facts = {name: getattr(report, name) for name in names}
     counters = {name: report.counters[name] for name in _STEADY}
@@ -142,7 +143,7 @@ class _Saved:
         return self
 
     def add(self, run: Run, steps: int, keeps_last: bool) -> None:
-        """Append a run from where the paths are; paths that failed before stay as they were."""
+        """Append a run from the present state; paths that failed before keep their status."""
         later = slice(1 if self.state else 0, None if keeps_last else -1)
         points = {"t": run.t[later], "q": run.q[later], "p": run.p[later]}
         state = {name: getattr(run, name) for name in _STATE if getattr(run, name) is not None}
@@ -157,14 +158,15 @@ class _Saved:
         self.step += steps
 
     def counted(self, first_step: int) -> dict[str, Any]:
-        """What depends on the paths alone: not on where segments began, as the count of normals drawn ahead does."""
+        """Count from the paths alone: normals drawn ahead depend on where segments began."""
         failed = self.state["status"] != 0
         done = np.where(failed, self.state["failed_step"] - first_step, self.step)
         counters = {"path_steps": int(done.sum())}
         return {"failed": int(np.count_nonzero(failed)), "grown": self._grown(), "counters": counters}
 
     def _grown(self) -> int:
-        """Paths that grew, by the saved points until a tenth of the steps: those of segments depend on the clock."""
+        """Find paths that grew, by the points saved in the first tenth of the steps: segments depend on the
+        clock."""
         t = np.concatenate(self._points["t"])
         early = np.arange(len(t)) * self.step <= -(-self.step // 10) * max(1, len(t) - 1)
         grew = np.ones(self.state["status"].shape, bool)
@@ -174,7 +176,7 @@ class _Saved:
         return int(np.count_nonzero(grew & (self.state["status"] == 0)))
 
     def shard(self, **facts: Any) -> Shard:
-        """All of it, as a checkpoint or, at the end, as the shard."""
+        """All data as a checkpoint or, at the end, as the shard."""
         for name, parts in self._points.items():
             self._points[name] = [np.concatenate(parts)]
         points = {name: parts[0] for name, parts in self._points.items()}
@@ -210,13 +212,14 @@ def _paths(task: Task, piece: Piece, threads: int | None, tell: Tell, checkpoint
 
 
 def _facts_of_whole(task: Task, options: dict[str, Any]) -> dict[str, Any]:
-    """What the report of one run over all steps would say before it begins."""
+    """The report that one run over all steps would give before it begins."""
     here = {**options, "save_every": max(1, int(options["steps"]))}
     return facts_of(simulate(task.model, progress=lambda *_: True, **here).report)
 
 
 def _segment(step: int, steps: int, every: int, wanted: int) -> tuple[int, int, bool]:
-    """Steps of the next segment, steps between its saved points, and whether its last point is one of the run."""
+    """Steps of the next segment, steps between its saved points, and whether its last point is a saved point of
+    the run."""
     to_save = every - step % every
     if to_save == every and wanted >= every:
         return min(wanted // every * every, steps - step), every, True
@@ -243,18 +246,18 @@ class _Clock:
         self._cost = 0.0
 
     def next_length(self, length: int) -> int:
-        """Steps of the next segment, from those of the last one and what it took."""
+        """Steps of the next segment, from the steps and the time of the last."""
         now = time.monotonic()
         took, self._begin = now - self._begin, now
         factor = min(8.0, max(0.25, min(_SEGMENT, self._seconds) / max(took, 1e-6)))
         return max(1, int(length * factor))
 
     def has_waited(self) -> bool:
-        """Whether a segment takes so long that its end, where nothing is lost, is not to be waited for."""
+        """Whether a segment takes so long that a stop should not wait for its end, where nothing is lost."""
         return time.monotonic() - self._begin > _PATIENCE
 
     def is_time(self) -> bool:
-        """Whether a checkpoint is due: they take a twentieth of the time at most."""
+        """Whether a checkpoint is due: checkpoints take at most a twentieth of the time."""
         return time.monotonic() - self._last > max(self._seconds, 20 * self._cost)
 
     def measure(self, write: Callable[[], None]) -> None:

@@ -35,14 +35,14 @@ class RunFolder:
     """A folder that holds the run of one manifest."""
 
     def __init__(self, path: Path, record: dict[str, Any], pieces: Sequence[Piece]):
-        """A folder as it is; `open_to_write` makes one."""
+        """Read an existing folder; `open_to_write` makes a new one."""
         self.path = path
         self.record = record
         self._hash = hashlib.sha256(manifest.to_bytes(record)).hexdigest()
         self.pieces = list(pieces)
         self._numbers = {piece.name: i for i, piece in enumerate(self.pieces)}
         self._verified: set[str] = set()
-        self._written: dict[str, Shard] = {}  # by this process, kept while they are small: not read again
+        self._written: dict[str, Shard] = {}  # shards of this process, kept while they are small instead of read again
         self._kept_bytes = 0
         self._claims: Claims | None = None
         self.checkpoint_seconds = 10.0
@@ -53,7 +53,7 @@ class RunFolder:
     def open_to_write(
         cls, path: str, record: dict[str, Any], pieces: Sequence[Piece], scene: Scene | None
     ) -> Iterator[RunFolder]:
-        """Make the folder, or go on in it; a folder of another run is refused, and not touched."""
+        """Make the folder, or continue in it; a folder of another run is refused and stays as it is."""
         if (there := manifest.read(files.path_of("the folder of the results", path))) is not None:
             manifest.require_same(there, record, Path(path))
         with files.folder(path) as target:
@@ -78,7 +78,7 @@ class RunFolder:
                 self._claims.close()
 
     def shard_path(self, piece: Piece) -> Path:
-        """Where the shard of a piece is."""
+        """The path of a piece's shard."""
         return self.path / "shards" / f"{piece.name}.npz"
 
     def is_done(self, piece: Piece) -> bool:
@@ -109,7 +109,7 @@ class RunFolder:
         return [piece for piece in self.pieces if not self.is_done(piece)]
 
     def read(self, piece: Piece) -> Shard:
-        """A shard, verified, that is of this run and this piece."""
+        """The shard of this run and this piece, verified."""
         if (own := self._written.get(piece.name)) is not None:
             return own
         path = self.shard_path(piece)
@@ -120,7 +120,7 @@ class RunFolder:
         return shard
 
     def stamp(self, piece: Piece) -> dict[str, Any]:
-        """Facts that say which shard this is."""
+        """Facts that identify a shard."""
         return {"run": self._hash, "piece": piece.name, "kind": piece.kind, "first": piece.first, "paths": piece.paths}
 
     def write(self, piece: Piece, shard: Shard) -> None:
@@ -135,20 +135,20 @@ class RunFolder:
         self._drop_checkpoint(piece)
 
     def _drop_checkpoint(self, piece: Piece) -> None:
-        """What a finished piece needs no more."""
+        """Delete the files that a finished piece no longer needs."""
         with contextlib.suppress(FileNotFoundError):
             self.checkpoint_path(piece).unlink()
 
     def set_aside(self, piece: Piece, part: Shard) -> None:
-        """Keep in mind what there is of the moments of a piece that was stopped."""
+        """Keep the unfinished moments of a piece that was stopped."""
         self.parts[piece.name] = part
 
     def checkpoint_path(self, piece: Piece) -> Path:
-        """Where the checkpoint of a long piece is."""
+        """The path of a long piece's checkpoint."""
         return self.path / "shards" / f"{piece.name}.checkpoint"
 
     def checkpoint(self, piece: Piece) -> _Checkpoint:
-        """Where a long piece keeps its state."""
+        """The store of a long piece's state."""
         return _Checkpoint(self, piece)
 
     def write_checkpoint(self, piece: Piece, state: Shard) -> None:
@@ -157,7 +157,7 @@ class RunFolder:
         durable.write(self.checkpoint_path(piece), shard_file.to_bytes(stamped), keep=False)
 
     def read_checkpoint(self, piece: Piece) -> Shard | None:
-        """The last checkpoint; None where there is none that is undamaged and of this piece."""
+        """The last checkpoint; None if there is none, or if it is damaged or of another piece."""
         path = self.checkpoint_path(piece)
         try:
             state = shard_file.read(path)
@@ -170,7 +170,7 @@ class RunFolder:
         return state if same else None
 
     def claim(self, piece: Piece) -> bool:
-        """Whether no other process works on this piece; then it is this one's until `release`."""
+        """Whether no other process works on this piece; if so, this process holds it until `release`."""
         return self._claims.take(self._number(piece))
 
     def release(self, piece: Piece) -> None:
@@ -178,13 +178,13 @@ class RunFolder:
         self._claims.give(self._number(piece))
 
     def _number(self, piece: Piece) -> int:
-        """Of the lock: its place among the pieces; of one that was not planned, by its name."""
+        """The number of a piece's lock: its place among the pieces, or a hash of its name if it was not planned."""
         found = self._numbers.get(piece.name)
         return (1 << 32) + zlib.crc32(piece.name.encode()) if found is None else found
 
 
 def _require_no_results(target: Path) -> None:
-    """Results that nothing is known of are not overwritten."""
+    """Refuse to overwrite results without a manifest."""
     for name in ("moments.csv", "run.nc", "run.npz", "shards"):
         if (target / name).exists():
             raise SceneError(
@@ -201,7 +201,7 @@ class _Checkpoint:
         self._folder, self._piece = folder, piece
 
     def read(self) -> Shard | None:
-        """The last one, if there is one."""
+        """The last checkpoint; None if there is none."""
         return self._folder.read_checkpoint(self._piece)
 
     def write(self, state: Shard) -> None:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""What run a folder holds, and whether it is the one that somebody means."""
+"""The manifest: which run a folder holds, and whether it is the run that a caller means."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ FORMAT = 2
 _READABLE = (1, FORMAT)  #: 1: without what the run was computed with
 NAME = "manifest.json"
 _DEFAULTS = {name: parameter.default for name, parameter in inspect.signature(simulate).parameters.items()}
-_NOT_OF_THE_RESULT = {"threads", "lanes"}  # the same bits whatever they are
+_NOT_OF_THE_RESULT = {"threads", "lanes"}  # the results have the same bits for all values of these
 
 
 def of_scene(scene: Scene, shard_paths: int) -> dict[str, Any]:
@@ -43,7 +43,7 @@ def of_scene(scene: Scene, shard_paths: int) -> dict[str, Any]:
 
 
 def of_inputs(inputs: dict[str, Any], seed: int, shard_paths: int, found: dict[str, str]) -> dict[str, Any]:
-    """The manifest of these inputs and of what `numerics` has found, as JSON can hold them."""
+    """The manifest of these inputs and of the findings of `numerics`, in types that JSON has."""
     build = build_info()
     return {
         "format": FORMAT,
@@ -64,7 +64,7 @@ def _hash(inputs: dict[str, Any]) -> str:
 
 
 def python_sources(scene: Scene) -> list[tuple[str, Path]]:
-    """Files beside the scene whose functions it names, with their names below its folder."""
+    """Files beside the scene that hold functions named in it, with their names below its folder."""
     return list(named_functions.sources(Path(scene.file).parent, scene.tables))
 
 
@@ -98,7 +98,7 @@ def to_bytes(manifest: dict[str, Any]) -> bytes:
 
 
 def read(folder: Path) -> dict[str, Any] | None:
-    """The manifest of a folder; None where there is none."""
+    """The manifest of a folder; None if it has none."""
     path = folder / NAME
     try:
         content = files.content(path)
@@ -120,7 +120,7 @@ def read(folder: Path) -> dict[str, Any] | None:
 
 
 def differences(one: dict[str, Any], other: dict[str, Any]) -> list[str]:
-    """What differs, by name, with both values."""
+    """The entries that differ, by name, with both values."""
     left, right = dict(_flat(one)), dict(_flat(other))
     left.pop("hash", None)
     return [
@@ -143,7 +143,7 @@ def _flat(manifest: dict[str, Any], before: str = "") -> Iterator[tuple[str, Any
 
 
 def require_run(there: dict[str, Any], folder: Path) -> None:
-    """Refuse the folder of an expectation or of an ensemble, where that of a run is meant."""
+    """Refuse the folder of an expectation or of an ensemble where a run's folder is needed."""
     if "ensemble" in there["inputs"]:
         raise SceneError(
             f"{folder} holds the shards of an ensemble: the call of `symsde.ensemble` that made it resumes it; give a "

@@ -25,10 +25,10 @@ Read = Callable[[Piece], Shard]
 
 
 class MomentsInWork:
-    """Moments of the pieces that came so far, in whatever order; memory for a few of them."""
+    """Moments of the pieces that have arrived, in any order; they need memory for a few pieces."""
 
     def __init__(self, task: Task, size: int):
-        """None yet; size: paths of a piece."""
+        """Begin without pieces; size: paths of a piece."""
         self._task, self._size = task, size
         self._found = Moments(make_setup(task.model, **task.options), task.observables, task.observers)
         self._tree = Tree(self._merge_kept)
@@ -71,7 +71,7 @@ class MomentsInWork:
 
 
 def first_of(pair: tuple[int, dict]) -> int:
-    """What reports are sorted by."""
+    """The key by which reports are sorted."""
     return pair[0]
 
 
@@ -109,7 +109,7 @@ def run_of(task: Task, pieces: Sequence[Piece], read: Read, **about: Any) -> Run
 
 
 def merged_report(reports: Iterable[dict[str, Any]], seconds: float = 0.0, threads: int = 1) -> Report:
-    """What the reports of all pieces say together; the seconds are those of the last sitting."""
+    """The reports of all pieces as one; the seconds are those of the last session."""
     first, *others = reports
     failed = first["failed"] + sum(facts["failed"] for facts in others)
     counters = {name: n + sum(facts["counters"][name] for facts in others) for name, n in first["counters"].items()}

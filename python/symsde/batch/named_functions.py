@@ -24,7 +24,7 @@ ALLOWED: contextvars.ContextVar[bool] = contextvars.ContextVar("ALLOWED", defaul
 
 
 def function_of(folder: Path, text: object) -> Callable:
-    """What module:function is, looked for in the folder of the scene first."""
+    """Import module:function, from the folder of the scene if the module is there."""
     parts = text.replace(":", ".").split(".") if isinstance(text, str) and text.count(":") == 1 else [""]
     if not all(part.isidentifier() for part in parts):
         raise InvalidArgumentError(f"python = {checks.shown(text)}: write module:function, a text")
@@ -47,14 +47,14 @@ def function_of(folder: Path, text: object) -> Callable:
 
 
 def _imported(folder: Path, module: str) -> Any:
-    """The module; one of this name from elsewhere is not taken for the file beside the scene."""
+    """Import the module; a module of the same name from elsewhere does not replace the file beside the scene."""
     beside = files_of(folder, module)
     sys.path.insert(0, str(folder))
     try:
         importlib.invalidate_caches()
         found = importlib.import_module(module)
     finally:
-        with contextlib.suppress(ValueError):  # it may have changed that, too
+        with contextlib.suppress(ValueError):  # the module may have changed sys.path, too
             sys.path.remove(str(folder))
     for name, path in beside.items():
         if (here := sys.modules.get(name)) is None:
@@ -69,19 +69,20 @@ def _imported(folder: Path, module: str) -> Any:
 
 
 def files_of(folder: Path, module: str) -> dict[str, Path]:
-    """Files of a module in the folder of a scene, and of what it imports from there; none of one from elsewhere."""
+    """Files of a module in the scene's folder and of its imports from there; empty for a module from elsewhere."""
     folder = folder.absolute()
     path = folder.joinpath(*module.split(".")).with_suffix(".py")
     if not path.is_file():
         return {}
     finder = modulefinder.ModuleFinder(path=[str(folder)])
-    with contextlib.suppress(ImportError, SyntaxError, ValueError):  # told where it is imported
+    with contextlib.suppress(ImportError, SyntaxError, ValueError):  # the import itself reports this error
         finder.import_hook(module)
     return {module: path} | {name: Path(x.__file__) for name, x in finder.modules.items() if x.__file__}
 
 
 def sources(folder: Path, tables: Mapping[str, Any]) -> Iterator[tuple[str, Path]]:
-    """Files beside a scene that it names functions of, and that these import, with their names below its folder."""
+    """Files beside a scene that hold functions named in it, and their imports, with their names below its
+    folder."""
     observables = tables.get("observables", {})
     named = [tables["model"].get("python"), *(x.get("python") for x in observables.values() if isinstance(x, dict))]
     modules = dict.fromkeys(str(text).partition(":")[0] for text in named if text)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""What the last bits of a run depend on beyond its inputs: how a product and a sum are rounded, whose LAPACK solves."""
+"""Find what the last bits of a run depend on beyond its inputs: rounding of products and sums, and the LAPACK."""
 
 from __future__ import annotations
 
@@ -19,9 +19,8 @@ _OF_A_STEP = {"step", "correction", "general", "compensated", "fixed_point"}  # 
 
 
 def of(model: Model, schemes: Iterable[Scheme], start: Start, **options: Any) -> dict[str, str]:
-    """`arithmetic`, and `lapack` where a step of the model by one of the schemes has a system that LAPACK solves.
-
-    options: those of the run, of which those count that steppers are chosen by.
+    """`arithmetic`, and `lapack` if LAPACK solves the systems of a step of the model by one of the schemes.
+    options: options of the run; only those that choose steppers count.
     """
     options = {key: options[key] for key in _OF_A_STEP & options.keys()}
     named = (_lapack_of(model, scheme, start, options) for scheme in schemes)
@@ -30,7 +29,8 @@ def of(model: Model, schemes: Iterable[Scheme], start: Start, **options: Any) ->
 
 
 def _lapack_of(model: Model, scheme: Scheme, start: Start, options: dict[str, Any]) -> str:
-    """As the report of one step of one path has it. Where this fails the run says why, and names no LAPACK."""
+    """The LAPACK in the report of one step of one path. If the step fails, no LAPACK is named: the run reports
+    the error."""
     one = {"q0": start.q[:, 0], "p0": start.p[:, 0], "t0": start.t, "paths": 1, "steps": 1, "threads": 1}
     with contextlib.suppress(Exception), warnings.catch_warnings():
         for said in OF_RUNS:

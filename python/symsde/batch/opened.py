@@ -53,7 +53,8 @@ class OpenRun:
 
     @functools.cached_property
     def moments(self) -> Moments | None:
-        """Moments of the paths whose shards are there, None without any. `report.stopped` counts the other paths."""
+        """Moments of the paths whose shards are there; None if there are none. `report.stopped` counts the other
+        paths."""
         there = self._there("moments")
         if not there:
             return None
@@ -68,7 +69,7 @@ class OpenRun:
 
     @functools.cached_property
     def run(self) -> Run | None:
-        """The saved paths whose shards are there, None without any."""
+        """The saved paths whose shards are there; None if there are none."""
         there = self._there("paths")
         if not there:
             return None

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""How a run is cut into pieces: by its size alone, so that whoever computes them finds the same ones."""
+"""How a run is cut into pieces: by its size alone, so that all processes find the same pieces."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from ..native.checks import integer
 
 UNIT = 256  #: paths of a unit: pieces of moments are 2^k of them, from a multiple of their size
 _LEAST, _MOST = 2**27, 2**29  # path-steps times degrees of freedom of a piece: seconds, which its file adds little to
-_PIECES = 32  # as many as that, where they are worth it, so that a few processes are busy until the end
+_PIECES = 32  # that many pieces if each is worth a file, so that a few processes are busy until the end
 FILES = 2**14  #: more than that no folder should have to hold
 _SAVED = 2**26  # bytes of paths in a piece
 
@@ -39,7 +39,7 @@ class Extent:
 
 
 def shard_paths(extent: Extent, wanted: object = None) -> int:
-    """Paths of a shard: as many units as make a piece worth a file, or as wanted, a power of two of them."""
+    """Paths of a shard: the wanted number, or enough units for a piece worth a file; a power of two of units."""
     if wanted is not None:
         return _checked(wanted)
     cost = max(1, extent.steps * extent.ndof)

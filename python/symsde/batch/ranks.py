@@ -24,14 +24,14 @@ class Ranks:
     """The ranks; one that is alone where nobody launched more."""
 
     def __init__(self, comm: Any = None):
-        """Those of a communicator of mpi4py."""
+        """The ranks of a communicator of mpi4py; None is a single process."""
         self._comm = comm
         self.rank = 0 if comm is None else comm.Get_rank()
         self.size = 1 if comm is None else comm.Get_size()
 
     @classmethod
     def launched(cls) -> Ranks:
-        """As launched; MPI is begun only where a launcher says that there are several."""
+        """The ranks of the launcher; MPI begins only if the launcher says that there are several."""
         if not any(os.environ.get(name, "1").isdigit() and int(os.environ.get(name, "1")) > 1 for name in _SIZES):
             return cls()
         try:
@@ -46,7 +46,7 @@ class Ranks:
         return list(pieces[self.rank :: self.size])
 
     def agree(self, error: Exception | None) -> bool:
-        """Wait for all; whether none has an error. The error of this rank is raised."""
+        """Wait for all ranks; return whether none has an error. The error of this rank is raised."""
         fine = error is None if self._comm is None else all(self._comm.allgather(error is None))
         if error is not None:
             raise error

@@ -16,17 +16,17 @@ _SOON, _LATE = 5.0, 60.0  # seconds between lines: at least, and at most
 
 
 class Show:
-    """What is done, of all pieces together."""
+    """Path-steps done, of all pieces together."""
 
     def __init__(self, total: int, done: int, tell: Callable[[int, int], object] | None):
-        """So many path-steps in all, so many done; who is told."""
+        """total, done: path-steps of all pieces; tell: called with both."""
         self._total = max(1, total)
         self._finished = done
         self._in_work: dict[str, int] = {}
         self._tell = tell
 
     def piece(self, name: str, done: int) -> None:
-        """So many path-steps of a piece in work are done."""
+        """Note the path-steps done of a piece in work."""
         self._in_work[name] = done
 
     def finish(self, name: str, work: int) -> None:
@@ -35,7 +35,7 @@ class Show:
         self._finished += work
 
     def __call__(self) -> bool:
-        """Show it; whether the one who is told wants to stop."""
+        """Show the progress; return whether its receiver wants to stop."""
         done = min(self._total, self._finished + sum(list(self._in_work.values())))
         return bool(self._tell(done, self._total)) if self._tell else False
 

@@ -78,7 +78,7 @@ contains
               - self%gamma*w(:, 2)*q(:, 1)
    end subroutine weighted_value
 
-   !> Gradient and diagonal Hessian blocks of sum_j w_j H_j, those that are wanted.
+   !> Compute the gradient and the diagonal Hessian blocks of sum_j w_j H_j that are present.
    subroutine evaluate(self, nlane, ndof, nnoise, t, w, q, p, hq, hp, hqq, hpp)
       class(additive_oscillator_model), intent(in) :: self
       integer, intent(in) :: nlane, ndof, nnoise

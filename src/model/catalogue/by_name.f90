@@ -58,7 +58,8 @@ contains
       names = all_names
    end function model_names
 
-   !> Whether a model is one of these, and no extension of one: the tests probe what it declares, not every run.
+   !> Whether a model is a built-in type and no extension of one: tests, not runs, probe what built-in models
+   !> declare.
    pure logical function is_built_in(model)
       class(model_type), intent(in) :: model
 
@@ -79,7 +80,7 @@ contains
       end select
    end function is_built_in
 
-   !> Names of the parameters of a model; none for an unknown model.
+   !> Names of a model's parameters; empty for an unknown model.
    pure function parameter_names(name) result(names)
       character(*), intent(in) :: name  !! of the model
       character(len=name_length), allocatable :: names(:)
@@ -88,7 +89,7 @@ contains
       call tabulate(name, names, defaults)
    end function parameter_names
 
-   !> Defaults of the parameters of a model, in the order of their names; none for an unknown model.
+   !> Defaults of a model's parameters, in the order of their names; empty for an unknown model.
    pure function parameter_defaults(name) result(defaults)
       character(*), intent(in) :: name  !! of the model
       character(len=name_length), allocatable :: names(:)
@@ -118,10 +119,10 @@ contains
          call raise(error, unknown_name, 'get_model', 'there is no model '''//trim(name)// &
                     '''; the nearest is '//trim(nearest_name(name, known))//'; model_names() lists all')
       end if
-      ! Errors above and below are collected: each of these procedures does nothing where one stands.
+      ! Collect errors: each of these procedures does nothing if one is raised already.
       call set_parameters(name, names, keys, values, parameters, error)
       if (allocated(error)) return
-      ! The type is chosen before it is filled: a constructor needs a variable of its own type.
+      ! Allocate the type first: a constructor needs a variable of its own type.
       call allocate_model(model, name)
       call construct(model, parameters, error)
       ! A model that refused its parameters must not be used.
@@ -136,7 +137,7 @@ contains
 
       select case (name)
       case ('kubo')
-         ! A model's file says which parameters it has, in the order in which its constructor takes them.
+         ! Each model's file lists its parameters, in the order of its constructor's arguments.
          names = kubo_names
          defaults = kubo_defaults
       case ('linear_oscillator')
@@ -164,7 +165,7 @@ contains
          names = fpu_chain_names
          defaults = fpu_chain_defaults
       case default
-         ! No names say that there is no such model.
+         ! Without names there is no such model.
          allocate (names(0), defaults(0))
       end select
    end subroutine tabulate
@@ -190,7 +191,7 @@ contains
       do i = 1, size(keys)
          ! Texts of different lengths are compared as if padded by blanks.
          k = findloc(names == keys(i), .true., dim=1)
-         ! The nearest of the model's own names are told.
+         ! The message names the nearest parameters of the model.
          if (k == 0) then
             call raise(error, unknown_name, 'get_model', 'model '''//trim(name)// &
                        ''' has no parameter '''//trim(keys(i))//'''; it has '// &
@@ -222,7 +223,7 @@ contains
       case ('noncommutative_oscillator'); allocate (noncommutative_oscillator_model :: model)
       case ('henon_heiles'); allocate (henon_heiles_model :: model)
       case ('fpu_chain'); allocate (fpu_chain_model :: model)
-      case default  ! stays unallocated: no such model
+      case default  ! unknown model: stays unallocated
       end select
    end subroutine allocate_model
 
@@ -267,7 +268,7 @@ contains
       type(error_type), allocatable, intent(inout) :: error
 
       n = 0
-      ! Of NaN, infinities and numbers too large for an integer n stays zero, and the next line refuses them.
+      ! For NaN, infinities and numbers beyond integers n stays zero, and the next line refuses them.
       if (abs(x) <= huge(n)) n = nint(x)
       if (.not. abs(x - n) <= 0) &
          call raise(error, invalid_argument, 'get_model', 'parameter '//key//' is '//to_text(x)// &

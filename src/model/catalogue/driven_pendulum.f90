@@ -24,7 +24,7 @@ module symsde_model_catalogue_driven_pendulum
    private
    public :: driven_pendulum_model, new_driven_pendulum, driven_pendulum_names, driven_pendulum_defaults
 
-   ! By default nu = 2 omega, the main resonance, where small oscillations grow until they are small no more.
+   ! By default nu = 2 omega, the main resonance: small oscillations grow until they are no longer small.
    character(*), parameter :: driven_pendulum_names(6) = &
                               [character(len=name_length) :: 'omega', 'epsilon', 'nu', 'sigma1', 'sigma2', 'alpha']
    real(wp), parameter :: driven_pendulum_defaults(6) = [1.0_wp, 0.3_wp, 2.0_wp, 0.2_wp, 0.1_wp, 0.5_wp]
@@ -75,8 +75,8 @@ contains
       self%sigma2 = sigma2
       self%alpha = alpha
       self%name = 'driven_pendulum'
-      ! The slope of the torque is zero, that of sigma2 s(t) sin q at most sigma2 (1 + |alpha|); the frequency of H is
-      ! at most omega sqrt(1 + |epsilon|).
+      ! Lipschitz constants: zero for the torque, at most sigma2 (1 + |alpha|) for sigma2 s(t) sin q. The frequency
+      ! of H is at most omega sqrt(1 + |epsilon|).
       strength = abs(sigma2)*(1 + abs(alpha))
       self%traits = model_traits( &
                     ndof=1, nnoise=2, separable=.true., position_noise=.true., additive=is_zero(sigma2), &
@@ -86,7 +86,7 @@ contains
       allocate (self%traits%silent(2))
       self%traits%silent(1) = is_zero(sigma1)
       self%traits%silent(2) = is_zero(sigma2)
-      ! Rotations take the linear part without drive; what the drive adds is left to the kicks.
+      ! Rotations take the linear part without drive; kicks take the drive.
       allocate (self%traits%rotation(1), source=abs(omega))
    end subroutine new_driven_pendulum
 
@@ -104,7 +104,7 @@ contains
       value = w(:, 0)*p(:, 1)**2/2 - pull*cosine - torque*q(:, 1)
    end subroutine weighted_value
 
-   !> Gradient and diagonal Hessian blocks of sum_j w_j H_j, those that are wanted.
+   !> Compute the gradient and the diagonal Hessian blocks of sum_j w_j H_j that are present.
    subroutine evaluate(self, nlane, ndof, nnoise, t, w, q, p, hq, hp, hqq, hpp)
       class(driven_pendulum_model), intent(in) :: self
       integer, intent(in) :: nlane, ndof, nnoise
@@ -145,8 +145,7 @@ contains
       terms%e = w(0)
    end subroutine angle
 
-   !> The sum is w_0 p^2/2 - pull cos q - torque q.
-   !> The time t is that of a stage, t_n + c_i h.
+   !> The sum is w_0 p^2/2 - pull cos q - torque q. The time t belongs to a stage, t_n + c_i h.
    subroutine combine(self, nlane, t, w0, w1, w2, torque, pull)
       class(driven_pendulum_model), intent(in) :: self
       integer, intent(in) :: nlane

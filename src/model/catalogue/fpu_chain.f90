@@ -23,7 +23,7 @@ module symsde_model_catalogue_fpu_chain
                               [character(len=name_length) :: 'n', 'beta', 'sigma']
    real(wp), parameter :: fpu_chain_defaults(3) = [32.0_wp, 1.0_wp, 0.1_wp]
 
-   integer, parameter :: few_sites = 12  !! of a chain by itself that is taken spring by spring
+   integer, parameter :: few_sites = 12  !! sites of a single chain that is computed spring by spring
 
    type, extends(kernel_model) :: fpu_chain_model
       private
@@ -69,7 +69,7 @@ contains
                     has_value=.true., has_hessian=.true., has_hessian_vector=.true., &
                     max_frequency=merge(2.0_wp, 0.0_wp, is_zero(beta)))
       self%offers = kernel_offers(rows=.true., rows_of_one=.true., pair=n == 2)
-      ! All noises have one strength: all are silent, or none.
+      ! All noises have one strength: all are silent, or none is.
       allocate (self%traits%silent(n), source=is_zero(sigma))
    end subroutine new_fpu_chain
 
@@ -117,7 +117,7 @@ contains
       else if (present(hq)) then
          call gradient_lanes(nlane, ndof, self%beta, self%sigma, w, q, hq)
       end if
-      ! A path by itself takes numbers of neighbouring masses side by side, a block those of neighbouring lanes.
+      ! A single path has neighbouring masses side by side, a block neighbouring lanes.
       if (present(hp) .and. nlane == 1) then
          call velocity_alone(ndof, w(1, 0), p, hp)
       else if (present(hp)) then
@@ -133,7 +133,7 @@ contains
       integer, intent(in) :: nlane, n
       real(wp), intent(in) :: beta, sigma, w(nlane, 0:n), q(nlane, n)
       real(wp), intent(out) :: hq(nlane, n)
-      real(wp) :: force(nlane), wall(nlane)  ! room of a block, which a path by itself does not ask for
+      real(wp) :: force(nlane), wall(nlane)  ! work space of a block; a single path does not use it
       integer :: i
 
       wall = 0
@@ -157,7 +157,7 @@ contains
       end do
    end subroutine velocity_alone
 
-   !> A short chain by itself, spring after spring: vectors would wait for each other's parts in memory.
+   !> A short single chain, spring after spring: vectors would wait for parts of each other in memory.
    pure subroutine gradient_few(n, beta, sigma, w, q, hq)
       integer, intent(in) :: n
       real(wp), intent(in) :: beta, sigma, w(0:n), q(n)
@@ -179,9 +179,8 @@ contains
       hq(n) = w(0)*(force - next_force) - (sigma*w(n))
    end subroutine gradient_few
 
-   !> VEC All rows of one lane: springs side by side.
-   !> Two loops, springs and then masses, of which neither waits for the one before it; tiles keep the forces in
-   !> cache.
+   !> VEC All rows of one lane, springs side by side. Two loops, over springs and then over masses, have no chain
+   !> from one number to the next; tiles keep the forces in cache.
    pure subroutine gradient_alone(n, beta, sigma, w, q, hq)
       integer, intent(in) :: n
       real(wp), intent(in) :: beta, sigma, w(0:n), q(n)
@@ -191,7 +190,7 @@ contains
       integer :: first, last, i
 
       weight = w(0)
-      ! force(i) is that of the spring behind mass first + i; force(0) is handed from tile to tile.
+      ! force(i) belongs to the spring after mass first + i; force(0) is carried from tile to tile.
       force(0) = q(1)*(1 + beta*q(1)**2)
       do first = 0, n - 1, tile
          last = min(tile, n - first)
@@ -211,7 +210,7 @@ contains
       end do
    end subroutine gradient_alone
 
-   !> VEC Row i from the force of the spring before it, which becomes that of the spring after it.
+   !> VEC Row i, from the force of the spring before it. On return `force` belongs to the spring after it.
    pure subroutine gradient_row(nlane, beta, sigma, weight, dw, q, next_q, force, hq)
       integer, intent(in) :: nlane
       real(wp), intent(in) :: beta, sigma
@@ -223,7 +222,7 @@ contains
 
       do lane = 1, nlane
          r = next_q(lane) - q(lane)
-         next_force = (r*(1 + beta*r**2))  ! in parentheses: not contracted with the difference
+         next_force = (r*(1 + beta*r**2))  ! parentheses keep it from being contracted with the difference
          hq(lane) = weight(lane)*(force(lane) - next_force) - (sigma*dw(lane))
          force(lane) = next_force
       end do
@@ -244,7 +243,7 @@ contains
       !GCC$ unroll 3
       !GCC$ novector
       do i = 1, 3
-         ! The number of the spring is a constant in each of the three passes: nothing is chosen at run time.
+         ! The index of the spring is a constant in each of three passes: no choice is left at run time.
          r = merge(q1, merge(q2 - q1, 0 - q2, i == 2), i == 1)
          force(i) = (r*(1 + self%beta*r**2))
          k(i) = (w(0)*(1 + 3*self%beta*r**2))
@@ -258,8 +257,8 @@ contains
       k22 = k(2) + k(3)
    end subroutine pair
 
-   !> Dense blocks of the Hessian of sum_j w_j H_j, for callers that do not use the bands. The noises are linear and
-   !> add nothing; S_qp = 0 and S_pp = w_0 I.
+   !> Dense Hessian blocks of sum_j w_j H_j, for callers without bands. The noises are linear and have none; S_qp =
+   !> 0 and S_pp = w_0 I.
    subroutine hessian(self, nlane, ndof, nnoise, t, w, q, p, hqq, hqp, hpp)
       class(fpu_chain_model), intent(in) :: self
       integer, intent(in) :: nlane, ndof, nnoise
@@ -294,7 +293,7 @@ contains
    subroutine hessian_banded(self, nlane, ndof, nnoise, b, t, w, q, p, hqq, hqp, hpp)
       class(fpu_chain_model), intent(in) :: self
       integer, intent(in) :: nlane, ndof, nnoise
-      integer, intent(in) :: b  !! bandwidth, at least that of the traits
+      integer, intent(in) :: b  !! bandwidth, at least the bandwidth of the traits
       real(wp), intent(in) :: t, w(nlane, 0:nnoise), q(nlane, ndof), p(nlane, ndof)
       real(wp), intent(out), optional :: hqq(nlane, -b:b, ndof), hqp(nlane, -b:b, ndof)
       real(wp), intent(out), optional :: hpp(nlane, -b:b, ndof)
@@ -307,7 +306,7 @@ contains
          call stiffness(nlane, ndof, 0, self%beta, w(:, 0), q, lower)
          do i = 1, ndof
             call stiffness(nlane, ndof, i, self%beta, w(:, 0), q, upper)
-            ! `lower` is the stiffness of the spring before mass i, `upper` of that behind it: each spring is
+            ! `lower` is the stiffness of the spring before mass i, `upper` of the spring after it: each is
             ! evaluated once.
             hqq(:, 0, i) = lower + upper
             if (i < ndof) hqq(:, 1, i) = -upper
@@ -372,8 +371,8 @@ contains
       end if
    end subroutine force_stiffness
 
-   !> The stiffness of all rows of many lanes, row i with its entry beside the diagonal, which couples it to row i +
-   !> 1. The bands below the diagonal are their mirror image, and are not given.
+   !> The stiffness of all rows of many lanes: row i with its diagonal entry and the entry that couples it to row i
+   !> + 1. Bands below the diagonal mirror these, and are not set.
    pure subroutine upper_bands(nlane, ndof, b, beta, w, q, hqq)
       integer, intent(in) :: nlane, ndof, b
       real(wp), intent(in) :: beta

@@ -89,7 +89,7 @@ contains
               + self%sigma1*w(:, 1)*q(:, 1) + self%sigma2*w(:, 2)*q(:, 2)
    end subroutine weighted_value
 
-   !> Gradient of sum_j w_j H_j, without asking `evaluate` for it: a path by itself wants little else.
+   !> Gradient of sum_j w_j H_j, without calling `evaluate`: single paths mostly need the gradient alone.
    subroutine gradient(self, nlane, ndof, nnoise, t, w, q, p, hq, hp)
       class(henon_heiles_model), intent(in) :: self
       integer, intent(in) :: nlane, ndof, nnoise
@@ -109,7 +109,7 @@ contains
       end if
    end subroutine gradient
 
-   !> Gradient and diagonal Hessian blocks of sum_j w_j H_j, those that are wanted.
+   !> Compute the gradient and the diagonal Hessian blocks of sum_j w_j H_j that are present.
    subroutine evaluate(self, nlane, ndof, nnoise, t, w, q, p, hq, hp, hqq, hpp)
       class(henon_heiles_model), intent(in) :: self
       integer, intent(in) :: nlane, ndof, nnoise
@@ -143,8 +143,7 @@ contains
       end do
    end subroutine force
 
-   !> VEC Hessian in q.
-   !> Noise is linear in q and adds nothing; the matrix is symmetric, and stored whole.
+   !> VEC Hessian in q. Noise is linear in q and has none; the matrix is symmetric, and stored whole.
    pure subroutine stiffness(nlane, alpha, w, q, hqq)
       integer, intent(in) :: nlane
       real(wp), intent(in) :: alpha, w(nlane), q(nlane, 2)
@@ -192,7 +191,7 @@ contains
       real(wp), intent(inout), dimension(most) :: change, extent
 
       associate (alpha => self%alpha, s1 => self%sigma1, s2 => self%sigma2)
-         ! Literals tell the compiler the length of the loops: it takes them apart.
+         ! With constants the compiler knows the length of the loops, and unrolls them.
          select case (nstage)
          case (2)
             call sweep_stages(2, alpha, s1, s2, w(0), w(1), w(2), i1, i2, first, last, base, b, most, f, change, extent)
@@ -231,7 +230,7 @@ contains
          !GCC$ unroll 4
          !GCC$ novector
          do i = 1, s
-            ! Stages outside i1 .. i2 keep their forces: they are known, or do not matter.
+            ! Stages outside i1 .. i2 keep their forces: these are known, or have no effect.
             if (i >= i1 .and. i <= i2) then
                x1 = base(i, 1)
                x2 = base(i, 2)
@@ -246,7 +245,7 @@ contains
                   x2 = x2 + b(j, i, at)*f2(j)
                end do
                call force_of_one(alpha, sigma1, sigma2, h, w1, w2, x1, x2, new1, new2)
-               ! How far forces have moved, and how large they are, is judged by the caller.
+               ! The caller judges the largest change and the largest force.
                moved = max(moved, max(abs(new1 - f1(i)), abs(new2 - f2(i))))
                size = max(size, max(abs(new1), abs(new2)))
                f1(i) = new1
@@ -260,8 +259,8 @@ contains
       end do
    end subroutine sweep_stages
 
-   !> Force and stiffness of one path, see model_type.
-   !> The operations are those of a block: a path by itself has the same bits.
+   !> Force and stiffness of one path, see model_type. The operations are those of a block, so that a single path
+   !> has the same bits.
    subroutine pair(self, nnoise, t, w, q1, q2, f1, f2, k11, k21, k12, k22)
       class(henon_heiles_model), intent(in) :: self
       integer, intent(in) :: nnoise

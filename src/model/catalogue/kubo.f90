@@ -60,10 +60,10 @@ contains
       self%a = a
       self%sigma = sigma
       self%name = 'kubo'
-      ! In the terms of model/flows/oscillator r = a and A = C = sigma, with one noise for both.
+      ! In the terms of model/flows/oscillator r = a and A = C = sigma; both belong to noise 1.
       self%terms = oscillator_terms(rate=a, a=sigma, noise_a=1, c=sigma, noise_c=1)
-      ! The frequency |a| is that of H alone; grad H_1 = sigma (q, p) has the Lipschitz constant |sigma|. With a = 1
-      ! the mass is one.
+      ! H alone has the frequency |a|; grad H_1 = sigma (q, p) has the Lipschitz constant |sigma|. With a = 1 the
+      ! mass is one.
       self%traits = model_traits( &
                     ndof=1, nnoise=1, separable=.true., quadratic=.true., &
                     additive=is_zero(sigma), position_noise=is_zero(sigma), &
@@ -72,7 +72,7 @@ contains
                     autonomous=.true., &
                     max_frequency=abs(a), noise_lipschitz=abs(sigma))
       self%offers%linear = .true.
-      ! Without noise H is that of an oscillator, and all traits of noise hold.
+      ! If sigma = 0, noise 1 is silent.
       allocate (self%traits%silent(1), source=is_zero(sigma))
    end subroutine new_kubo
 
@@ -87,7 +87,7 @@ contains
       value = (self%a*w(:, 0) + self%sigma*w(:, 1))*(p(:, 1)**2 + q(:, 1)**2)/2
    end subroutine weighted_value
 
-   !> Gradient and diagonal Hessian blocks of sum_j w_j H_j, those that are wanted.
+   !> Compute the gradient and the diagonal Hessian blocks of sum_j w_j H_j that are present.
    subroutine evaluate(self, nlane, ndof, nnoise, t, w, q, p, hq, hp, hqq, hpp)
       class(kubo_model), intent(in) :: self
       integer, intent(in) :: nlane, ndof, nnoise
@@ -130,8 +130,8 @@ contains
       integer(i8), intent(inout) :: status(steps%nlane)
       type(counters_type), intent(inout) :: counters
 
-      ! The midpoint rule has a flow of its own, without division in the chain from step to step; others are those of
-      ! oscillators.
+      ! The midpoint rule has its own flow, without division in the chain from step to step; other maps use the
+      ! flows of oscillators.
       if (map%equation == midpoint_map) then
          call kubo_flow(self%a, self%sigma, steps, q, p, qn, pn, counters)
       else

@@ -43,7 +43,7 @@ contains
       self%name = 'linear_oscillator'
       ! b = -sigma dW is the constant force of the flows of model/flows/oscillator.
       self%terms = oscillator_terms(b=-sigma, noise_b=1)
-      ! H is quadratic, with the frequency one: where it is rotated exactly the kicks have the noise alone.
+      ! H is quadratic, with frequency one: if a scheme rotates exactly, kicks hold the noise alone.
       self%traits = model_traits( &
                     ndof=1, nnoise=1, separable=.true., quadratic=.true., additive=.true., &
                     position_noise=.true., identity_mass=.true., &
@@ -65,7 +65,7 @@ contains
       value = w(:, 0)*(p(:, 1)**2 + q(:, 1)**2)/2 - self%sigma*w(:, 1)*q(:, 1)
    end subroutine weighted_value
 
-   !> Gradient and diagonal Hessian blocks of sum_j w_j H_j, those that are wanted.
+   !> Compute the gradient and the diagonal Hessian blocks of sum_j w_j H_j that are present.
    subroutine evaluate(self, nlane, ndof, nnoise, t, w, q, p, hq, hp, hqq, hpp)
       class(linear_oscillator_model), intent(in) :: self
       integer, intent(in) :: nlane, ndof, nnoise

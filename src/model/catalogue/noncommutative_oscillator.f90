@@ -53,8 +53,8 @@ contains
       self%name = 'noncommutative_oscillator'
       ! a = h + s2 dW_2 and c = h + s1 dW_1 in model/flows/oscillator.
       self%terms = oscillator_terms(a=s2, noise_a=2, c=s1, noise_c=1)
-      ! The Lipschitz constants of s1 p and s2 q are |s1| and |s2|; H_1 = s1 p^2/2 makes the mass of Hhat random, that
-      ! of H is one.
+      ! The Lipschitz constants of s1 p and s2 q are |s1| and |s2|. H has mass one; H_1 = s1 p^2/2 makes the mass
+      ! of Hhat random.
       self%traits = model_traits( &
                     ndof=1, nnoise=2, separable=.true., quadratic=.true., &
                     additive=is_zero(s1) .and. is_zero(s2), position_noise=is_zero(s1), &
@@ -80,7 +80,7 @@ contains
       value = (w(:, 0) + self%s1*w(:, 1))*p(:, 1)**2/2 + (w(:, 0) + self%s2*w(:, 2))*q(:, 1)**2/2
    end subroutine weighted_value
 
-   !> Gradient and diagonal Hessian blocks of sum_j w_j H_j, those that are wanted.
+   !> Compute the gradient and the diagonal Hessian blocks of sum_j w_j H_j that are present.
    subroutine evaluate(self, nlane, ndof, nnoise, t, w, q, p, hq, hp, hqq, hpp)
       class(noncommutative_oscillator_model), intent(in) :: self
       integer, intent(in) :: nlane, ndof, nnoise

@@ -51,7 +51,7 @@ contains
       call oscillator_flow(self%terms, map, steps, q, p, qn, pn, counters)
    end subroutine flow
 
-   !> The terms for one path, see model_type; the rate is one.
+   !> The terms for one path, see model_type; their rate is one.
    subroutine angle(self, nnoise, t, w, terms)
       class(oscillator_model), intent(in) :: self
       integer, intent(in) :: nnoise

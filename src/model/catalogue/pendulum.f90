@@ -54,7 +54,7 @@ contains
       if (allocated(error)) return
       self%sigma = sigma
       self%name = 'pendulum'
-      ! grad H_1 = sigma (q, p) has the Lipschitz constant |sigma|; the slope of sin q is one at most.
+      ! grad H_1 = sigma (q, p) has the Lipschitz constant |sigma|; the slope of sin q is at most one.
       self%traits = model_traits( &
                     ndof=1, nnoise=1, separable=.true., additive=is_zero(sigma), &
                     position_noise=is_zero(sigma), identity_mass=.true., &
@@ -79,7 +79,7 @@ contains
       value = w(:, 0)*(p(:, 1)**2/2 - cosine) + self%sigma*w(:, 1)*(p(:, 1)**2 + q(:, 1)**2)/2
    end subroutine weighted_value
 
-   !> Gradient and diagonal Hessian blocks of sum_j w_j H_j, those that are wanted.
+   !> Compute the gradient and the diagonal Hessian blocks of sum_j w_j H_j that are present.
    subroutine evaluate(self, nlane, ndof, nnoise, t, w, q, p, hq, hp, hqq, hpp)
       class(pendulum_model), intent(in) :: self
       integer, intent(in) :: nlane, ndof, nnoise
@@ -93,7 +93,7 @@ contains
       !   S_q = w_0 sin q + sigma w_1 q,       S_p  = (w_0 + sigma w_1) p
       !   S_qq = w_0 cos q + sigma w_1,        S_pp = w_0 + sigma w_1
       sigma = self%sigma
-      ! none is a component of the model, which no compiler knows to be zero: the operation on bits below stays.
+      ! The compiler cannot know that the component `none` is zero: it keeps the operation on bits below.
       none = self%none
       if (present(hq) .or. present(hqq)) then
          do first = 1, nlane, sincos_tile
@@ -111,14 +111,14 @@ contains
       if (present(hpp)) hpp(:, 1, 1) = w(:, 0) + rounded(sigma*w(:, 1), none)
    end subroutine evaluate
 
-   !> A product by itself. A sum of two may be contracted with either, and is not with the same one in lanes and in
-   !> the terms of a path by itself; parentheses around it are lost where gfortran makes vectors. What passes through
-   !> an operation on integers is contracted nowhere.
+   !> Round a product before it is added. The compiler may contract a sum of two products with either one, and would
+   !> choose differently in lanes and in the terms of a single path; it drops parentheses where it makes vectors. A
+   !> product that passes through an integer operation is never contracted.
    elemental real(wp) function rounded(product, none)
       real(wp), intent(in) :: product
       integer(i8), intent(in) :: none  !! 0, which the compiler must not know
 
-      ! The bits of the product are or'ed with zero, which changes none of them.
+      ! An or with zero changes no bit of the product.
       rounded = transfer(ior(transfer(product, 0_i8), none), 0.0_wp)
    end function rounded
 

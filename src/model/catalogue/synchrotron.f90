@@ -67,7 +67,7 @@ contains
       self%sigma1 = sigma1
       self%sigma2 = sigma2
       self%name = 'synchrotron'
-      ! What moves positions is h p alone, and sin q and cos q have slopes of one at most, hence the bounds below.
+      ! h p alone moves positions, and sin q and cos q have slopes of at most one: hence the bounds below.
       self%traits = model_traits( &
                     ndof=1, nnoise=2, separable=.true., position_noise=.true., &
                     additive=is_zero(sigma1) .and. is_zero(sigma2), identity_mass=.true., &
@@ -76,7 +76,7 @@ contains
                     max_frequency=abs(omega), noise_lipschitz=abs(sigma1) + abs(sigma2))
       self%offers%angle = .true.
       allocate (self%traits%silent(2))
-      ! Of H the part omega^2 q^2/2 is linear: small oscillations have the frequency omega.
+      ! The linear part of H is omega^2 q^2/2: small oscillations have the frequency omega.
       allocate (self%traits%rotation(1), source=abs(omega))
       ! With one strength zero the model has one noise, and its draws are as if the other were there: paths do not
       ! change.
@@ -98,7 +98,7 @@ contains
               - (self%omega2*w(:, 0) + self%sigma2*w(:, 2))*cosine
    end subroutine weighted_value
 
-   !> Gradient and diagonal Hessian blocks of sum_j w_j H_j, those that are wanted.
+   !> Compute the gradient and the diagonal Hessian blocks of sum_j w_j H_j that are present.
    subroutine evaluate(self, nlane, ndof, nnoise, t, w, q, p, hq, hp, hqq, hpp)
       class(synchrotron_model), intent(in) :: self
       integer, intent(in) :: nlane, ndof, nnoise
@@ -108,7 +108,7 @@ contains
 
       !   S_q = a sin q + b cos q,   S_qq = a cos q - b sin q,   S_p = w_0 p,   S_pp = w_0
       if (present(hq) .and. present(hqq)) then
-         call sincos_lanes(nlane, q, hq, hqq)  ! in their places, without further arrays
+         call sincos_lanes(nlane, q, hq, hqq)  ! in the output arrays, without further arrays
          call force_and_slope(nlane, self%omega2, self%sigma1, self%sigma2, w, hq, hqq)
       else if (present(hq)) then
          call force_alone(self, nlane, w, q, hq)
@@ -133,8 +133,7 @@ contains
       terms%e = w(0)
    end subroutine angle
 
-   !> Gradient in q by itself.
-   !> Explicit schemes want the force alone: the cosine is kept for a tile and never for a block.
+   !> Gradient in q without Hessian, for explicit schemes: the cosine is kept for one tile, never for a block.
    subroutine force_alone(self, nlane, w, q, hq)
       class(synchrotron_model), intent(in) :: self
       integer, intent(in) :: nlane
@@ -146,15 +145,14 @@ contains
       ! Sine and cosine are found a tile at a time, the sine in the place of the force.
       do first = 1, nlane, sincos_tile
          n = min(sincos_tile, nlane - first + 1)
-         ! hq holds the sine until the kernel has made the force of it.
+         ! hq holds the sine until `force` replaces it by the force.
          call sincos_lanes(n, q(first), hq(first), cosine)
          ! The weights of H_j in this tile begin at w(first, j).
          call force(n, self%omega2, self%sigma1, self%sigma2, w(first, 0), w(first, 1), w(first, 2), cosine, hq(first))
       end do
    end subroutine force_alone
 
-   !> Hessian in q by itself.
-   !> What asks for a stiffness without a force, such as a Hessian-vector product, is rare: the force is computed and
+   !> Hessian in q without gradient. Few callers need it, such as Hessian-vector products: the force is computed and
    !> dropped.
    subroutine slope_alone(self, nlane, w, q, hqq)
       class(synchrotron_model), intent(in) :: self
@@ -163,7 +161,7 @@ contains
       real(wp), intent(out) :: hqq(nlane)
       real(wp) :: sine(nlane)
 
-      ! The force comes out beside the slope and is left in `sine`.
+      ! `sine` becomes the force, which is not used.
       call sincos_lanes(nlane, q, sine, hqq)
       call force_and_slope(nlane, self%omega2, self%sigma1, self%sigma2, w, sine, hqq)
    end subroutine slope_alone

@@ -28,7 +28,7 @@ module symsde_model_probe_area_time
    real(wp), parameter :: reach = 1e-4_wp      !! length of the differences
    real(wp), parameter :: vanishing = 1e-5_wp  !! relative size below which a nested field is rounding
 
-   !> The eight fixed points at which fields are compared, one a lane, and what evaluating fields there needs.
+   !> The eight fixed points at which fields are compared, one a lane, and arrays for the fields.
    type :: point_set
       class(model_type), pointer :: model => null()
       real(wp) :: t = 0
@@ -39,9 +39,9 @@ module symsde_model_probe_area_time
 
 contains
 
-   !> Find tau from the fields at the fixed points. It is zero where the noises commute at all of them: then nothing
-   !> multiplies an area, and none need be halved.
-   !> Errors: incompatible where the fields are not finite, or where none of the nested ones exceeds rounding.
+   !> Find tau from the fields at the fixed points. It is zero if the noises commute at all of them: areas then have
+   !> no effect, and no step is halved for them. Errors: incompatible if fields are not finite, or if no nested
+   !> bracket exceeds rounding.
    subroutine derive_area_time(model, t, tau, error)
       class(model_type), intent(in), target :: model
       real(wp), intent(in) :: t                         !! start of the run [time]
@@ -65,8 +65,8 @@ contains
       by_drift = 0
       noise_scale = 0
       drift_scale = 0
-      ! X_kl = -X_lk, so that pairs k < l are enough. The field of the drift, j = 0, is summed apart, since it takes
-      ! another power of rho.
+      ! X_kl = -X_lk, so pairs k < l suffice. The drift's field, j = 0, is summed separately, since it has another
+      ! power of rho.
       do l = 2, points%m
          do k = 1, l - 1
             !   single = sum |X_kl|^2,   by_noise = sum |X_jkl|^2,   by_drift = sum |X_0kl|^2
@@ -145,8 +145,8 @@ contains
       square_of_nested = sum((a - b)**2)
    end function square_of_nested
 
-   !> The length e of a difference along v, in each lane: |e v| = reach. Where v vanishes any length gives the same,
-   !> and e is one.
+   !> The length e of a difference along v, in each lane: |e v| = reach. For v = 0 every e gives the same, and e is
+   !> one.
    pure function step_along(n, v) result(e)
       integer, intent(in) :: n
       real(wp), intent(in) :: v(lane_unit, 2*n)

@@ -41,7 +41,7 @@ contains
       integer :: k, lane
 
       if (allocated(error)) return
-      ! No weight is zero, and all lanes have different ones: a term with the weight of another lane shows.
+      ! No weight is zero, and the weights of all lanes differ: a term with the weight of another lane shows.
       allocate (w, v, mold=points%w)
       do k = 0, points%nnoise
          do lane = 1, nlane
@@ -59,9 +59,9 @@ contains
       call probe_symmetry(points, error)
    end subroutine probe_gradient
 
-   !> Ask the model for its gradient with given states and weights. The outputs hold the number `before` when the
-   !> model gets them, another one in the first call than in the later ones, so that an output that is never written
-   !> shows as a difference. The inputs must come back as they were given.
+   !> Call the model's gradient with given states and weights. The outputs hold the number `before` at the call,
+   !> another number in the first call than in later ones, so that an unwritten output shows as a difference. The
+   !> inputs must come back unchanged.
    subroutine ask(points, q, p, w, before, gq, gp, error)
       type(probe_points), intent(in) :: points
       real(wp), intent(in) :: q(nlane, points%ndof), p(nlane, points%ndof), w(nlane, 0:points%nnoise)
@@ -70,7 +70,7 @@ contains
       type(error_type), allocatable, intent(inout) :: error
       real(wp), allocatable :: own_q(:, :), own_p(:, :), own_w(:, :)
 
-      ! The model gets copies, which are compared with what was given.
+      ! The model gets copies, which are compared with the originals afterwards.
       allocate (own_q, source=q)
       allocate (own_p, source=p)
       allocate (own_w, source=w)
@@ -93,7 +93,7 @@ contains
       type(finding) :: bad
       integer :: i, lane
 
-      if (points%model%failure_code() /= 0) return  ! it has refused, which is told instead
+      if (points%model%failure_code() /= 0) return  ! the callback has refused; its own error is reported
       do i = 1, points%ndof
          do lane = 1, nlane
             if (allocated(error)) return
@@ -119,7 +119,7 @@ contains
       integer :: lane
 
       if (allocated(error)) return
-      ! All lanes get the state and the weights of one of them.
+      ! Give all lanes the state and the weights of lane `one`.
       call ask(points, spread(points%q(one, :), 1, nlane), spread(points%p(one, :), 1, nlane), &
                spread(w(one, :), 1, nlane), 0.7_wp, aq, ap, error)
       if (allocated(error)) return

@@ -257,7 +257,7 @@ contains
    end subroutine place
 
    !> Hhat_q and the two upper bands of Hhat_qq in rows first .. last: hqq(:, 0, i) is the diagonal and hqq(:, 1, i)
-   !> the entry right of it. Models without rows give all of them at once.
+   !> the entry right of it. Models without rows compute all rows at once.
    subroutine evaluate(ham, gives_rows, eq, w, first, last, q, hq, hqq)
       type(one_step_hamiltonian), intent(in) :: ham
       logical, intent(in) :: gives_rows

@@ -50,7 +50,7 @@ contains
       end associate
    end subroutine make
 
-   !> x of the path, from V = 0 or from the dq that V gave. An iteration is one call of the model, one elimination
+   !> Find x of the path, from V = 0 or from the dq of V. An iteration is one call of the model, one elimination
    !> that also corrects x, and one test.
    subroutine solve(self, ham, eq, w, status)
       class(tridiagonal_midpoint), intent(inout) :: self
@@ -73,12 +73,12 @@ contains
             self%before = eq%x(1, :)
             call solve_lane(n, c, self%f, self%k, self%factor, self%rhs, eq%x, trusted, largest, newton%step(1), &
                             newton%size(1))
-            ! largest is that of the diagonal of I + (h/4) K, as in strips.
+            ! `largest` is the largest diagonal entry of I + (h/4) K, as in strips.
             if (eq%starts(newton)) then
                eq%rate = largest - 1
                eq%noncontracting = largest - 1 > 1
             end if
-            ! Where a pivot is not trusted the correction is put back and made with exchanges of rows.
+            ! If a pivot is not trusted, undo the correction and solve with exchanges of rows.
             if (trusted <= 0) call solve_suspect(self, ham, eq, status)
             ham%counters%gradients = ham%counters%gradients + 1
             ham%counters%hessians = ham%counters%hessians + 1
@@ -109,7 +109,7 @@ contains
          call solve_banded_lane(1, n, 1, 1, 1, bands, r, info)
          ham%counters%pivoted_solves = ham%counters%pivoted_solves + 1
          if (info /= status_ok) then
-            ! The path has failed, and its x stays as it was.
+            ! The path has failed, and keeps its x.
             r = 0
             call newton%fail(1, int(info, i8), status, ham%counters)
          end if

@@ -30,10 +30,9 @@ module symsde_step_one_dof_newton
    include 'two_stages.inc'
    include '../../solve/all_lanes.inc'
 
-   !> Go on where the iteration of another block has come: lane l takes slopes and size of the last correction from
-   !> lane places(l) of that block. Lanes with a status rest. The step is that of the gathered lanes.
-   !> What a lane computes from here on are its own numbers in the order in which the large block would compute them,
-   !> so it has the same bits as if it had stayed there.
+   !> Continue the iteration of another block: lane l takes the slopes and the size of the last correction from lane
+   !> places(l) of that block. Lanes with a status rest. `step` is the step of the gathered lanes. A lane computes
+   !> the same numbers in the same order as in the large block, so it has the same bits.
    subroutine resume(self, ham, from, places, step, status)
       type(one_dof_newton), intent(inout) :: self
       type(one_step_hamiltonian), intent(in) :: ham
@@ -42,13 +41,12 @@ module symsde_step_one_dof_newton
       type(step_record), intent(in) :: step
       integer(i8), intent(inout) :: status(self%nlane)
 
-      ! The slopes are all that Newton's iteration carries along; points and derivatives are found anew in every
-      ! iteration.
+      ! Newton's iteration carries only slopes along; points and derivatives are computed again in every iteration.
       self%x = from%x(places, :)
       call start(self%newton, status)
-      ! brackets hold what stays the same in a step lane by lane: it is found anew for the gathered lanes
+      ! brackets keep data of each lane during a step: compute them for the gathered lanes
       if (allocated(self%brackets)) call self%brackets%begin(ham%modified, step, self%c)
-      ! the rate of corrections and the number of the iteration go on as they would in the block
+      ! continue the rate of corrections and the number of the iteration
       self%newton%last = merge(from%newton%last(places), self%newton%last, status == 0)
       self%newton%iteration = from%newton%iteration
       self%first = from%first(places)

@@ -32,8 +32,8 @@ module symsde_step_one_dof_newton_single_path
    include '../../solve/correction.inc'
    include '../../solve/one_lane.inc'
 
-   !> total = start + sum_j c_j x_j from j = first on, the sum of slopes of step/stages/slope_sums for one path.
-   !> Products with the coefficient zero are added, too: they change nothing, and a test of each would cost more.
+   !> total = start + sum_j c_j x_j from j = first on: step/stages/slope_sums for one path. Products with a zero
+   !> coefficient are added, too: they change nothing, and testing for zero would cost more.
    pure subroutine sum_slopes(nlane, s, first, c, x, start, total)
       integer, intent(in) :: nlane, s, first
       real(wp), intent(in) :: c(s), x(s), start(1)
@@ -62,7 +62,7 @@ module symsde_step_one_dof_newton_single_path
       n = size(self%matrix, 2)
       ! `smallest` tells how small the pivots have become, as in solve/elimination.
       call solve_scalar(n, self%matrix, self%d(:, first:), smallest)
-      ! The solution is looked at, too: it may not be finite though the pivots are trusted.
+      ! Check the solution, too: it may be infinite or NaN even if pivots are trusted.
       zero = 0
       !GCC$ novector  ! few numbers
       do i = first, first + n - 1

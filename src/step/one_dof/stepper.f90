@@ -32,7 +32,7 @@ module symsde_step_one_dof_stepper
 
    integer, parameter :: few_lanes = 64   !! of the small block
 
-   !> The small block: a Hamiltonian and an iteration of few_lanes lanes, and copies of what drives the gathered lanes.
+   !> The small block: Hamiltonian and iteration for few_lanes lanes, and copies of the gathered lanes' noise.
    type :: last_lanes
       type(one_step_hamiltonian) :: ham
       type(one_dof_newton) :: solver
@@ -45,7 +45,7 @@ module symsde_step_one_dof_stepper
    type, extends(stepper_type) :: one_dof_stepper
       private
       type(one_dof_newton) :: solver
-      type(last_lanes), allocatable :: few         !! where a block is larger
+      type(last_lanes), allocatable :: few         !! allocated for larger blocks
    contains
       procedure :: make
       procedure :: increment
@@ -70,7 +70,7 @@ contains
       end associate
    end function one_dof_fits
 
-   !> Linear equations take one solve in every lane, and a block of few lanes is small already: neither needs `few`.
+   !> Linear equations take one solve in every lane, and a block of few lanes is already small: neither needs `few`.
    subroutine make(self, task)
       class(one_dof_stepper), intent(inout) :: self
       type(stepper_task), intent(in) :: task
@@ -95,7 +95,7 @@ contains
 
       call new_one_step_hamiltonian(self%ham, model, few_lanes, correction_none, 0.0_wp, scheme%brackets)
       call new_one_dof_newton(self%solver, self%ham, scheme, options)
-      ! Where no brackets are added nothing but (h, dW) drives a step, and the store has room for no more.
+      ! Without brackets only (h, dW) drives a step, and the store has room for nothing else.
       if (allocated(self%ham%modified)) then
          asked%has(path_dz) = self%ham%modified%active%single
          asked%has(path_areas) = self%ham%modified%active%areas
@@ -103,8 +103,8 @@ contains
       call new_step_store(self%store, few_lanes, model%traits%nnoise, 2, 0.0_wp, asked)
    end subroutine new_last_lanes
 
-   !> Newton's iteration from its first guess until no lane runs, at last in the small block, then the weighted sums of
-   !> the slopes. The count of running lanes decides when to gather; what a lane computes does not depend on it.
+   !> Newton's iteration from its first guess until no lane runs, at last in the small block, then the weighted sums
+   !> of the slopes. The number of running lanes decides when to gather; results of a lane do not depend on it.
    subroutine increment(self, step, q, p, dq, dp, status)
       class(one_dof_stepper), intent(inout) :: self
       type(step_record), intent(in) :: step
@@ -156,7 +156,7 @@ contains
          self%p = p(lanes)
          self%store%h = step%h
          self%store%w(:, :, 0) = step%w(lanes, :)
-         do f = 1, nfunctional  ! those which the store has room for are the ones that brackets read
+         do f = 1, nfunctional  ! the store has room for the functionals that brackets read
             if (allocated(self%store%of(f)%x)) self%store%of(f)%x(:, :, 0) = step%of(f)%x(lanes, :)
          end do
          call self%store%show(0, step%t, gathered)
@@ -170,7 +170,7 @@ contains
       end associate
    end subroutine gather
 
-   !> Bring slopes and statuses of the gathered lanes back to the block, with what was counted.
+   !> Copy slopes and statuses of the gathered lanes back to the block, and add the counters.
    subroutine scatter(self, ham, solver, status)
       type(last_lanes), intent(inout) :: self
       type(one_step_hamiltonian), intent(inout) :: ham

@@ -25,8 +25,8 @@ module symsde_step_one_dof_stepper_single_path
 
 contains
 
-   !> most_single is the number of paths that go faster one by one than as a block. With one path more they take up to
-   !> 1.3 of the time of a block, or 1.0 to 1.2 where brackets are added.
+   !> most_single is the number of paths that run faster one by one than as a block. With one path more, single
+   !> paths take up to 1.3 of the time of a block, or 1.0 to 1.2 with brackets.
    subroutine make(self, task)
       class(one_dof_stepper), intent(inout) :: self
       type(stepper_task), intent(in) :: task
@@ -34,17 +34,17 @@ contains
       self%name = 'stages, one degree of freedom'
       call new_one_step_hamiltonian(self%ham, task%model, task%nlane, correction_none, 0.0_wp, task%scheme%brackets)
       call new_one_dof_newton(self%solver, self%ham, task%scheme, task%newton)
-      ! One solve is what the report calls linear equations; the iteration itself sees to it by its stopping test.
+      ! one_solve reports linear equations; the stopping test ends their iteration after one solve.
       self%one_solve = self%solver%newton%affine
       self%most_single = 2
-      ! Without Hessian or with brackets the bound is two paths. Else it is three for two stages, which are solved in
-      ! closed form, and four for more, where the equations are separable or linear.
+      ! Without Hessian or with brackets the bound is two paths. Otherwise, if the equations are separable or
+      ! linear, it is three for two stages, which are solved in closed form, and four for more.
       if (.not. task%model%traits%has_hessian .or. allocated(self%ham%modified)) return
       if (self%solver%separable .or. self%one_solve) self%most_single = merge(3, 4, task%scheme%nstage == 2)
    end subroutine make
 
-   !> Newton's iteration from its first guess until its corrections stagnate, then the weighted sums of the slopes. A
-   !> path with a status does not run at all: its increments are those of the first guess, and nobody uses them.
+   !> Newton's iteration from its first guess until its corrections stagnate, then the weighted sums of the slopes.
+   !> A path with a status does not run: its increments come from the first guess and are not used.
    subroutine increment(self, step, q, p, dq, dp, status)
       class(one_dof_stepper), intent(inout) :: self
       type(step_record), intent(in) :: step

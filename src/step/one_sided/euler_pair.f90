@@ -27,7 +27,7 @@ module symsde_step_one_sided_euler_pair
    private
    public :: euler_pair_stepper, euler_pair_fits
 
-   !> The stepper of both methods of the pair: which one it is, is a flag, since only signs and arguments differ.
+   !> The stepper of both methods of the pair. A flag chooses the method, since only signs and arguments differ.
    type, extends(stepper_type) :: euler_pair_stepper
       private
       logical :: adjoint = .false.         !! lambda = 1

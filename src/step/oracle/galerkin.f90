@@ -159,7 +159,7 @@ contains
 
       n = self%ham%ndof
       do mu = 0, self%s - 1
-         ! The momentum equations begin with what does not depend on the unknowns.
+         ! Begin the momentum equations with the terms that do not depend on the unknowns.
          row = mu*n + 1
          ! In exact arithmetic this term of p_n is zero for every consistent quadrature.
          self%newton%r(:, row:row + n - 1) = self%moment(mu)*p
@@ -178,8 +178,8 @@ contains
       end do
    end subroutine linearise
 
-   !> What node i adds to the residuals: alpha_i l_mu'(c_i) E_i - l_mu(c_i) S_q to the momentum equations, and its
-   !> own equation, sum_mu alpha_i l_mu'(c_i) D^mu - S_p, in full.
+   !> Add the terms of node i to the residuals: alpha_i l_mu'(c_i) E_i - l_mu(c_i) S_q to the momentum equations;
+   !> and its own equation, sum_mu alpha_i l_mu'(c_i) D^mu - S_p.
    subroutine add_residual(self, i)
       type(galerkin_stepper), intent(inout) :: self
       integer, intent(in) :: i
@@ -202,8 +202,9 @@ contains
       end associate
    end subroutine add_residual
 
-   !> What node i adds to the matrix, by the blocks at the head of this file. Columns D^nu of the momentum equations
-   !> sum over all nodes; the others belong to this node alone and are set. sqp(:, l, k) is entry (k, l) of S_pq.
+   !> Add the terms of node i to the matrix, by the blocks at the head of this file. Columns D^nu of the momentum
+   !> equations sum over all nodes; other columns belong to this node alone and are set. sqp(:, l, k) is entry (k,
+   !> l) of S_pq.
    subroutine add_matrix(self, i)
       type(galerkin_stepper), intent(inout) :: self
       integer, intent(in) :: i
@@ -215,7 +216,7 @@ contains
       associate (m => self%newton%a)
          do l = 1, n
             do k = 1, n
-               ! alpha_i I, entry (k, l) of which this is.
+               ! entry (k, l) of alpha_i I
                one = merge(self%alpha(i), 0.0_wp, k == l)
                do mu = 0, self%s - 1
                   row = mu*n + k

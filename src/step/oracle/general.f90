@@ -58,7 +58,7 @@ module symsde_step_oracle_general
 
 contains
 
-   !> Make the stepper of a task: the scheme as it stands, with its brackets and the correction of the task.
+   !> Make the stepper of a task, with the scheme's brackets and the correction of the task.
    subroutine make(self, task)
       class(general_stepper), intent(inout) :: self
       type(stepper_task), intent(in) :: task
@@ -68,8 +68,8 @@ contains
       self%one_solve = self%newton%affine
    end subroutine make
 
-   !> A general stepper for blocks of nlane lanes.
-   !> It may be made by itself, as the rescue does, with the coefficients of a task of another stepper.
+   !> A general stepper for blocks of nlane lanes. The rescue makes one with the coefficients of another stepper's
+   !> task.
    subroutine new_general_stepper(self, model, scheme, correction, nlane, options)
       type(general_stepper), intent(out) :: self
       class(model_type), intent(in), target :: model
@@ -89,7 +89,8 @@ contains
       self%c = scheme%c
       allocate (self%a(nstage, nstage, self%npart), self%abar(nstage, nstage, self%npart))
       allocate (self%alpha(nstage, self%npart))
-      ! Part 1 has the coefficients of the drift, or of drift and noise together; part 2 those of the noise.
+      ! Part 1 has the coefficients of the drift, or of drift and noise together; part 2 the coefficients of the
+      ! noise.
       self%a(:, :, 1) = scheme%a
       self%abar(:, :, 1) = scheme%abar
       self%alpha(:, 1) = scheme%alpha
@@ -109,8 +110,8 @@ contains
       allocate (self%hqq(nlane, n, n), self%hqp(nlane, n, n), self%hpp(nlane, n, n))
    end subroutine new_general_stepper
 
-   !> dq and dp (nlane, ndof), by Newton's iteration from slopes of zero. Lanes that fail have sums of whatever slopes
-   !> they had, which nobody uses.
+   !> dq and dp (nlane, ndof), by Newton's iteration from slopes of zero. In lanes that fail they are sums of
+   !> unfinished slopes, which are not used.
    subroutine increment(self, step, q, p, dq, dp, status)
       class(general_stepper), intent(inout) :: self
       type(step_record), intent(in) :: step
@@ -123,9 +124,9 @@ contains
       call self%add_up(dq, dp)
    end subroutine increment
 
-   !> Newton for the slopes, from those in x on: zero, or what a continuation has found for smaller weights. The
-   !> nodes stand where step%h places them, whatever the weights are, so that a fraction of the increments leaves the
-   !> times as they are.
+   !> Newton for the slopes, starting with the slopes in x: zero, or the result of a continuation with smaller
+   !> weights. step%h places the nodes, whatever the weights are, so that a fraction of the increments leaves the
+   !> times unchanged.
    subroutine solve_stages(self, step, q, p, status)
       class(general_stepper), intent(inout) :: self
       type(step_record), intent(in) :: step
@@ -149,8 +150,9 @@ contains
       call look_back(self, step, q, p, near, status)
    end subroutine solve_stages
 
-   !> Residuals and matrix at the slopes x, all stages, in newton%r and newton%a. Each stage is evaluated once for
-   !> each part, and fills its rows of the matrix in all columns: with two parts Q_i and P_i are those of both.
+   !> Residuals and matrix at the slopes x, for all stages, in newton%r and newton%a. Each stage is evaluated once
+   !> for each part, and fills its rows of the matrix in all columns: with two parts, Q_i and P_i depend on the
+   !> slopes of both.
    subroutine linearise_all(self, step, q, p)
       type(general_stepper), intent(inout) :: self
       type(step_record), intent(in) :: step
@@ -182,7 +184,7 @@ contains
 
       ! One solve of linear equations cannot go astray, and a given number of iterations is not held to converge.
       if (self%newton%affine .or. self%newton%options%fixed_point > 0) return
-      ! Slopes beyond a million times those at the beginning, in lanes that have converged.
+      ! Find converged lanes with slopes beyond a million times the slopes at the beginning.
       grown = status == 0 .and. maxval(abs(self%x), dim=2) > far*near
       if (.not. any(grown)) return
       call linearise_all(self, step, q, p)
@@ -250,7 +252,7 @@ contains
       integer :: j, part, at
 
       associate (n => self%ham%ndof)
-         ! The sums begin with q_n and p_n, and take slopes with a zero coefficient, too: the oracle leaves nothing
+         ! The sums begin with q_n and p_n, and include slopes with a zero coefficient: the oracle leaves nothing
          ! out.
          self%qs = q
          self%ps = p

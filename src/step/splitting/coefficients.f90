@@ -33,8 +33,8 @@ module symsde_step_splitting_coefficients
    type :: kick_weights
       type(kicks_type) :: kicks
       logical :: products = .false.            !! noises are not linear: H_k,q . H_l,q matters
-      logical, allocatable :: has_products(:)  !! kicks that have parts beside the gradient of one sum (nkick)
-      logical, allocatable :: multiplies(:)    !! of these, kicks with products of gradients of the noises (nkick)
+      logical, allocatable :: has_products(:)  !! kicks with more than the gradient of one sum (nkick)
+      logical, allocatable :: multiplies(:)    !! kicks with products of the noises' gradients (nkick)
       real(wp) :: c = 0                        !! the c of the mean form, D_kl = c h |h| delta_kl
       integer, allocatable :: noisy(:)         !! the noises that are not silent
       integer, allocatable :: at(:, :)           !! column of D_kl in d, for k and l in any order (nnoise, nnoise)
@@ -52,8 +52,8 @@ module symsde_step_splitting_coefficients
 
 contains
 
-   !> For blocks of nlane lanes: which of the weights matter to these kicks and this model, and room for them. Noises
-   !> that are additive have constant gradients: their products move nothing.
+   !> Make room for blocks of nlane lanes, and find the weights that matter to these kicks and this model. Additive
+   !> noises have constant gradients, whose products move nothing.
    subroutine new_kick_weights(self, kicks, traits, nlane)
       type(kick_weights), intent(out) :: self
       type(kicks_type), intent(in) :: kicks
@@ -71,7 +71,7 @@ contains
       ! V is read by kicks with kappa, and D of the sampled form has its weights.
       self%by_sums = any(abs(kicks%kappa) > 0) .or. kicks%samples
       self%uses_dz = kicks%uses_dz()
-      ! D multiplies products in kicks with a share of them, and vanishes in the mean form where c does.
+      ! D multiplies products in kicks with a share of them; in the mean form it vanishes if c does.
       self%multiplies = self%products .and. abs(kicks%share) > 0 .and. (kicks%samples .or. abs(self%c) > 0)
       self%has_products = abs(kicks%kappa) > 0 .or. self%multiplies
       allocate (self%w(nlane, 0:self%nnoise, size(kicks%c)), self%v(nlane, 0:self%nnoise), self%a(nlane), source=0.0_wp)
