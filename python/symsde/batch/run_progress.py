@@ -49,7 +49,7 @@ class Lines:
         self._tenths, self._found = 0, found
 
     def __call__(self, done: int, total: int) -> None:
-        """Say it, if it is time."""
+        """Print the line, if it is time."""
         now = time.monotonic()
         tenths = 10 * done // total
         waited = now - self._last
@@ -64,7 +64,7 @@ class Lines:
 
 
 def display(quiet: bool, found: int) -> _Bar | Lines | None:
-    """What shows progress on standard error, of work of which so many path-steps were found done."""
+    """Make the progress display on standard error; `done` path-steps were finished before this work began."""
     if quiet:
         return None
     return _Bar(found) if sys.stderr is not None and sys.stderr.isatty() else Lines(found)

@@ -155,12 +155,12 @@ NESTED = re.compile(r"(?:[\[{][\s\w.,=]*){50}")  #: more brackets than any scene
 
 
 def _read(file: str) -> tuple[str, dict[str, Any]]:
-    """Its text, and what that says."""
+    """The text of a scene, and its content as tables."""
     tomllib = importlib.import_module("tomllib" if sys.version_info >= (3, 11) else "tomli")
     try:
         files.require_file(file)
         text = Path(file).read_text(encoding="utf-8-sig")  # some editors begin a file by a mark of its encoding
-        if NESTED.search(text):  # the parser would go as deep as Python can, where nothing else works any more
+        if NESTED.search(text):  # deeper nesting would exhaust Python's stack
             raise RecursionError
         return text, tomllib.loads(text)
     except OSError as error:

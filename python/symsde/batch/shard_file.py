@@ -21,19 +21,19 @@ _DIGITS = 64  # of a SHA-256
 
 
 class DamagedShardError(SymsdeError, ValueError):
-    """A shard whose bytes are not those that were written."""
+    """A shard whose bytes have changed since it was written."""
 
 
 @dataclass(frozen=True)
 class Shard:
-    """What was computed of a piece: arrays, and facts as JSON can hold them."""
+    """The results of a piece: arrays, and facts that JSON can hold."""
 
     arrays: Mapping[str, np.ndarray]
     facts: Mapping[str, Any]
 
 
 def to_bytes(shard: Shard) -> bytes:
-    """The same bytes for the same shard, whenever and wherever it is made."""
+    """Encode a shard; the same shard gives the same bytes at any time and place."""
     buffer = io.BytesIO()
     facts = np.array(json.dumps(dict(shard.facts), sort_keys=True))
     np.savez(buffer, **{name: shard.arrays[name] for name in sorted(shard.arrays)}, facts=facts)

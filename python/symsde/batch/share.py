@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Which pieces are whose: those of --shard i/n, or of a rank of MPI, are every n-th one from the i-th."""
+"""Divide pieces: --shard i/n, or a rank of MPI, takes every n-th piece from the i-th on."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ class Share:
         return list(pieces[self.i - 1 :: self.n])
 
     def __str__(self) -> str:
-        """As on the command line."""
+        """The share in the form of the command line."""
         return f"{self.i}/{self.n}"
 
 
@@ -41,8 +41,8 @@ def parse(text: str) -> Share:
 
 
 def parts_of(missing: Sequence[Piece], pieces: Sequence[Piece]) -> list[Share]:
-    """The parts i/n that the missing pieces are, with the smallest n > 1 for which they are whole parts, some but not
-    all of them; empty where they are none."""
+    """The shares i/n, fewer than n, whose pieces are exactly the missing ones, with the smallest n > 1; empty if
+    there are none."""
     names = {piece.name for piece in missing}
     for n in range(2, len(pieces) // 2 + 1):
         touched = [Share(i, n) for i in range(1, n + 1) if names & {piece.name for piece in pieces[i - 1 :: n]}]

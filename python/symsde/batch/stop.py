@@ -48,7 +48,7 @@ class Stop:
         return self
 
     def __exit__(self, *_) -> None:
-        """Signals are as they were."""
+        """Restore the handlers of signals."""
         for number, previous in self._previous.items():
             signal.signal(number, previous)
         self._previous = {}
@@ -80,8 +80,8 @@ class Stop:
         return not self.reason
 
     def gives_up(self, done: int, total: int, begun: float) -> bool:
-        """Whether a piece begun at that time, so far on, is to be given up: there is a wish to stop, and it is not
-        nearly done."""
+        """Whether to give up a piece: a stop is wanted, and the piece, begun at the given time and done to the
+        given part, is not nearly done."""
         if not self.reason:
             return False
         now = time.monotonic()

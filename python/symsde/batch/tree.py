@@ -30,7 +30,7 @@ class Tree:
     """Parts that have not found their siblings yet: as many as the levels of the tree, if they come in order."""
 
     def __init__(self, merge_kept: MergeKept | None = None) -> None:
-        """No part yet; what observers have kept merges by a function of the name and two parts."""
+        """Begin without parts. Results of observers are merged by a function of the name and two parts."""
         self._waiting: dict[tuple[int, int], Node] = {}
         self._merge_kept = merge_kept
 
@@ -45,7 +45,8 @@ class Tree:
         self._waiting[level, index] = node
 
     def root(self) -> Node:
-        """All that was put in; what has no sibling rises to its parent's place alone. The tree is empty then."""
+        """All parts merged; a part without a sibling takes its parent's place alone. The tree is empty
+        afterwards."""
         while len(self._waiting) > 1:
             level, index = min(self._waiting)
             self.insert(level + 1, index // 2, self._waiting.pop((level, index)))

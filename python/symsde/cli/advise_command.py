@@ -46,7 +46,7 @@ def question(chosen: scene.Scene, verb: str, horizon: float | None = None) -> di
 
 
 def problem_of(chosen: scene.Scene, verb: str) -> Problem:
-    """The same as a checked problem that asks for nothing."""
+    """The scene as a checked problem without requests."""
     try:
         return make_problem(chosen.model, lambda q, _p: 0.0 * q[0], **question(chosen, verb))
     except SymsdeError as error:

@@ -84,7 +84,7 @@ _SOURCES = {
 
 
 def cite(scheme: str | None = None) -> str:
-    """BibTeX of this project and of the paper; with a scheme, also of what the library says that it comes from."""
+    """BibTeX of this project and of the paper; with a scheme, also of the sources that the library names for it."""
     entries = [_project(), _SOURCES["[WHSB]"]]
     if scheme is not None:
         entries += [_SOURCES[key] for key in sources(schemes.get(scheme).info.reference) if key != "[WHSB]"]
@@ -92,7 +92,8 @@ def cite(scheme: str | None = None) -> str:
 
 
 def sources(reference: str) -> Iterable[str]:
-    """The keys of what a reference of the library names, as '[WHSB] (71)-(72); Milstein, Repin, Tretyakov 2002'."""
+    """The keys of the works in a reference of the library, such as '[WHSB] (71)-(72); Milstein, Repin, Tretyakov
+    2002'."""
     return [key for key in _SOURCES if key in reference]
 
 
@@ -111,7 +112,7 @@ def arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
-    """Print the entries; what the library says of the scheme stands above them as a comment."""
+    """Print the entries, below the library's reference of the scheme as a comment."""
     if options.scheme is not None:
         print(f"% {options.scheme}: {schemes.get(options.scheme).info.reference}")
     print(cite(options.scheme))

@@ -57,7 +57,7 @@ def run(options: argparse.Namespace) -> int:
 
 
 def _say_how_to_go_on(options: argparse.Namespace) -> None:
-    """Where a folder keeps the work."""
+    """The folder that keeps the work."""
     if options.out is not None:
         again = ["symsde", "expect", options.scene, "--out", options.out]
         for name in ("abs", "rel"):
@@ -81,7 +81,8 @@ def _answer(file: str, model: Model, f: str, arguments: dict[str, Any]) -> Answe
 
 
 def _asked(file: str, given: dict[str, Any]) -> tuple[Model, list[str], dict[str, Any]]:
-    """The model of a scene, the formulas of [expect], and arguments of `expect`; those given replace the scene's."""
+    """The model of a scene, the formulas of [expect], and arguments of `expect`; arguments given replace the
+    scene's."""
     chosen = scene.load(file)
     if "f" not in chosen.expect:
         raise SceneError(f'{file}: [expect] lacks f, a formula such as "q**2", or a list of formulas')

@@ -34,7 +34,7 @@ def run(options: argparse.Namespace) -> int:
     target = Path(options.out or f"{plain}{ENDING[options.to]}")
     if target.suffix != ENDING[options.to]:
         raise InvalidArgumentError(f"--out {target}: a program in {options.to} ends in {ENDING[options.to]}")
-    if not re.fullmatch(r"[A-Za-z]\w*", target.stem, flags=re.ASCII):  # it names a program, and stands in a command
+    if not re.fullmatch(r"[A-Za-z]\w*", target.stem, flags=re.ASCII):  # part of a command line
         raise InvalidArgumentError(f"--out {target.name!r}: name programs by a letter, then letters, digits and _")
     line = compile_line(options.to, target)
     _refuse_python(options.scene)
@@ -51,20 +51,20 @@ def run(options: argparse.Namespace) -> int:
 
 
 def _refuse_python(file: str) -> None:
-    """Of a scene whose model is a Python function, before anything of it is executed."""
+    """Refuse a scene whose model is a Python function, before its code is executed."""
     model = scene._read(file)[1].get("model")
     if isinstance(model, dict) and "python" in model:
         raise InvalidArgumentError(f"{file}: a model that is a Python function cannot be exported: give formulas")
 
 
 def left_out(chosen: scene.Scene) -> list[str]:
-    """Tables and keys of a scene that say what is kept beside these moments."""
+    """Tables and keys of a scene that ask for results beside moments."""
     wanted = {"[observables]": chosen.observables, "[[observe]]": chosen.observers, "paths of [output]": chosen.paths}
     return [name for name, given in wanted.items() if given]
 
 
 def compile_line(language: str, target: Path) -> str:
-    """How to compile: against what pkg-config knows, else against the library of this package."""
+    """The command that compiles: with pkg-config if it knows the library, else with the library of this package."""
     compiler = "gfortran -O2 -frecursive" if language == "fortran" else "cc -O2"
     out = f"{compiler} {target.name} -o {target.stem}"
     if shutil.which("pkg-config") and not subprocess.run(["pkg-config", "--exists", "symsde"], check=False).returncode:

@@ -68,7 +68,7 @@ def _gather(sources: Sequence[RunFolder], whole: RunFolder) -> None:
 
 
 def _require_all(whole: RunFolder, allow_python: bool) -> None:
-    """Refuse to call a part the whole; say what is missing, and what makes it."""
+    """Refuse to merge a part as the whole: name the missing shards, and the commands that compute them."""
     if missing := whole.missing():
         trusted = ["--allow-python"] if allow_python else []
         again = shlex.join(["symsde", "run", str(whole.path / "scene.toml"), "--out", str(whole.path), *trusted])

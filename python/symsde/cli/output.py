@@ -26,7 +26,7 @@ class _Patient:
         return len(text)
 
     def flush(self) -> None:
-        """Hand on what was written."""
+        """Flush the output."""
         with self._while_read():
             self._stream.flush()
 
@@ -38,7 +38,7 @@ class _Patient:
             self.forget()
 
     def forget(self) -> None:
-        """What is still to be written goes nowhere, so that Python does not complain of it when it ends."""
+        """Drop the rest of the output, so that Python does not report an error for it when it ends."""
         nowhere = os.open(os.devnull, os.O_WRONLY)
         os.dup2(nowhere, self._stream.fileno())
         os.close(nowhere)

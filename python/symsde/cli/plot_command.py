@@ -61,7 +61,7 @@ class Figure:
     called: Callable[[str], str] = str  #: the name that a value has among these
 
     def has(self, names: list[str]) -> bool:
-        """Whether it can show all of these."""
+        """Whether the figure can show all of these values."""
         return {self.called(name) for name in names} <= set(self.shows)
 
 
@@ -69,7 +69,7 @@ Figures = dict[str, Figure]
 
 
 def _chosen(known: Figures, options: argparse.Namespace) -> Figures:
-    """The figure that is asked for by --what, or all that show what is asked for by --of, values or observers."""
+    """The figure named by --what, or all figures that show the values or observers named by --of."""
     if options.what:
         checks.choice("--what", options.what, list(known))
         known = {options.what: known[options.what]}

@@ -137,8 +137,8 @@ def compute(task: Task, mine: list[Piece], folder: RunFolder, conditions: Condit
 
 
 def save_partial(batch: Batch, folder: RunFolder) -> Path | None:
-    """Moments of a run that is stopped before any of its shards is done: at each time over the paths that have come so
-    far. None where there are shards: these can be opened, and merging thousands would take too long now."""
+    """Moments of a run that was stopped before any of its shards was done: at each time over the paths so far.
+    None if there are shards: a user can open them, and merging thousands would take too long now."""
     pieces = batch.of_kind("moments")
     stopped = [piece for piece in pieces if piece.name in folder.parts]
     if not stopped or any(folder.is_done(piece) for piece in pieces):
@@ -212,7 +212,7 @@ def _nothing(batch: Batch, part: Share, ranks: Ranks) -> int:
 
 
 def _partly(options, batch: Batch, folder: RunFolder, missing: list[Piece], part: Share) -> int:
-    """Part i of n is done, others are not: what to do when they are."""
+    """Part i of n is done and others are not: say what to do when they are."""
     if not options.quiet:
         print(
             f"part {part} is done: {len(folder.pieces) - len(missing)} of {len(folder.pieces)} shards are in "
@@ -229,7 +229,7 @@ def _partly(options, batch: Batch, folder: RunFolder, missing: list[Piece], part
 
 @contextlib.contextmanager
 def logged(quiet: bool) -> Iterator[None]:
-    """What the package logs, on standard error, unless the program that calls has its own way."""
+    """Send the package's log to standard error, unless the calling program has set up logging."""
     handler = logging.StreamHandler()
     handler.setFormatter(logging.Formatter("symsde: %(message)s"))
     level = log.level

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""`symsde selftest`: whether this library, on this machine, computes what it should; a few seconds."""
+"""`symsde selftest`: check in a few seconds that this library computes correctly on this machine."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ _START = {"q0": 1.0, "p0": 0.0}
 
 @dataclass(frozen=True)
 class Check:
-    """One check: what was looked at, what was found, whether that is as it should be."""
+    """One check: its title, its result, and whether the result is correct."""
 
     name: str
     found: str
@@ -67,7 +67,7 @@ def structure() -> Check:
 
 
 def order() -> Check:
-    """Strong order 1 of midpoint, beside the exact solution on the same Brownian paths."""
+    """Strong order 1 of midpoint, against the exact solution on the same Brownian paths."""
     found = convergence(_kubo(), "midpoint", **_START, paths=200, steps=(16, 32, 64, 128))
     return Check("order", f"midpoint converges with order {found.order:.2f}", bool(abs(found.order - 1) < 0.2))
 

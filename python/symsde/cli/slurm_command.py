@@ -59,7 +59,8 @@ def run(options: argparse.Namespace) -> int:
 
 
 def _plan(options: argparse.Namespace, out: str) -> tuple[Path, int, int]:
-    """The folder, how many parts, and paths of a shard: smaller ones, where there are fewer shards than parts."""
+    """The folder, the number of parts, and paths of a shard: shards are made smaller if there are fewer than
+    parts."""
     place = files.path_of("--out", out).resolve()
     batch = Batch.of(options.scene, str(place))
     if not batch.pieces:
@@ -83,7 +84,7 @@ def _plan(options: argparse.Namespace, out: str) -> tuple[Path, int, int]:
 
 
 def _head(place: Path, limit: float):
-    """What makes the first lines of a script: the shell, what Slurm is told, the folder, the environment."""
+    """The first lines of a script: shell, Slurm's options, folder, environment."""
     minutes = max(1, -int(-limit // 60))
     day, rest = divmod(minutes, 1440)
     time = f"{day}-{rest // 60:02d}:{rest % 60:02d}:00"
@@ -98,7 +99,8 @@ def _head(place: Path, limit: float):
 
 
 def _environment() -> str:
-    """The Python that wrote this, its packages where they are not its own, and threads as Slurm gives processors."""
+    """The lines that set the present Python, its package folders if they are not its own, and threads by Slurm's
+    count."""
     lines = ["# Read by all jobs: modules to load, variables to set."]
     lines.append(f"PYTHON={shlex.quote(sys.executable)}")
     for name in ("PYTHONPATH", "SYMSDE_LIBRARY", "SYMSDE_CPU"):

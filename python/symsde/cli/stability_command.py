@@ -48,7 +48,8 @@ def run(options: argparse.Namespace) -> int:
 
 
 def of_scene(file: str) -> str:
-    """A table: of each scheme that suits a scene the limit of omega h, the longest step, and what its step comes to."""
+    """A table of the schemes that suit a scene: limit of omega h, longest step, and whether the scene's step is
+    stable."""
     chosen = scene.load(file)
     problem = problem_of(chosen, "stability")
     own, h = as_scheme(chosen.run.get("scheme", "midpoint")).name, abs(chosen.run["step"])

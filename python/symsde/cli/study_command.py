@@ -43,7 +43,7 @@ def run(options: argparse.Namespace) -> int:
         "progress": sys.stderr.isatty() and not options.quiet,
     }
     for file in files:
-        scenes.check(file, **given)  # all of them before the first long run
+        scenes.check(file, **given)  # check all of them before the first long run
     studies = []
     for file in files:
         base = Path(options.out or "out/study")

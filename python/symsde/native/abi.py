@@ -110,7 +110,7 @@ class Options(Structure):
     )
 
     def __reduce__(self) -> tuple:
-        """For pickle and copies: the numbers; who is told of progress stays where it is."""
+        """Support pickle and copies: numbers are copied, progress functions are not."""
         numbers = [name for name, *_ in self._fields_ if not name.startswith("progress")]
         return _made, (Options, {name: getattr(self, name) for name in numbers})
 

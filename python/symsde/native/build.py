@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""What the library says of its own build."""
+"""Information on the library's build."""
 
 from __future__ import annotations
 

@@ -24,7 +24,7 @@ from .library import library
 Call = tuple[int, int, int, float]  # nlane, ndof, nham, t
 _PRECOMPILED = (ctypes._CFuncPtr, ctypes.c_void_p)
 
-# kind -> what a Python function returns
+# kind -> results of a Python function
 RETURNS = {
     "gradient": ("hq", "hp"),
     "value": ("value",),
@@ -39,7 +39,7 @@ VECTORS |= {"hessian_vector": ("q", "p", "vq", "vp"), "third_derivative": ("q", 
 
 
 class WithData(NamedTuple):
-    """A compiled function, the address that it is handed as its user pointer, and what must live as long as it."""
+    """A compiled function, the address passed to it as its user pointer, and an object that must live as long."""
 
     function: Any
     user_data: Any
@@ -63,7 +63,7 @@ class Failures:
         return 1
 
     def raise_stored(self) -> None:
-        """Raise what was stored, once."""
+        """Raise the stored exception, once."""
         error, self.first = self.first, None
         if error is not None:
             raise error
@@ -71,9 +71,8 @@ class Failures:
 
 @functools.lru_cache(maxsize=1024)
 def view(address: int, shape: tuple[int, ...]) -> np.ndarray:
-    """The array of float64 at an address.
-
-    It owns nothing. A block calls with the same few addresses in every step, hence the cache.
+    """The array of float64 at an address, which it does not own. Results are cached, since a block calls with
+    the same few addresses in every step.
     """
     count = 1
     for extent in shape:
@@ -82,7 +81,7 @@ def view(address: int, shape: tuple[int, ...]) -> np.ndarray:
 
 
 def store_result(where: str, value: object, target: int | None, shape: tuple[int, ...]) -> None:
-    """Copy what a Python function returned to an address; NULL is not wanted."""
+    """Copy the result of a Python function to an address; NULL means that the library does not need it."""
     if target is None:
         return
     if np.ma.is_masked(value):
@@ -129,9 +128,8 @@ def _unpacked(kind: str, names: tuple[str, ...], result: object) -> tuple:
 
 
 def compiled(kind: str, function: object) -> tuple[ctypes._CFuncPtr, int | None] | None:
-    """A compiled function (numba cfunc, ctypes pointer, LowLevelCallable) and its user pointer.
-
-    None for anything else.
+    """A compiled function (numba cfunc, ctypes pointer, LowLevelCallable) and its user pointer; None for other
+    objects.
     """
     user = None
     if isinstance(function, WithData) or type(function).__name__ == "LowLevelCallable":

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Checks of arguments, each with a sentence: what was given, what is allowed, what to do."""
+"""Checks of arguments. Each error is a sentence: the value given, the allowed ones, and what to do."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ _NAME = 1000  #: characters of a name; the library takes 4096 bytes
 
 
 def shown(value: object) -> str:
-    """A value as it was written, cut to a length that fits a sentence."""
+    """A value as the user wrote it, shortened to fit into a sentence."""
     if isinstance(value, np.ndarray):
         return f"an array of shape {value.shape}"
     try:
@@ -107,7 +107,8 @@ def name_of(what: str, value: object) -> str:
 
 
 def items(value: object) -> list | None:
-    """What a list, or the like, holds; None for one thing, as a text or an array without dimension is."""
+    """The items of a list or a similar object; None for a single object, such as a text or an array without
+    dimension."""
     if isinstance(value, str | bytes) or not isinstance(value, Iterable) or getattr(value, "ndim", 1) == 0:
         return None
     return list(value)
@@ -152,14 +153,14 @@ def warn(text: str, kind: type[Warning]) -> None:
 
 
 def _like(given: str, known: Sequence[str], share: float = 0.5) -> list[str]:
-    """The known names of which this share is like a given one, what is meant or the nearest first."""
+    """The known names that are similar to a given one, the intended or nearest first."""
     close = difflib.get_close_matches(given, known, n=len(known) or 1, cutoff=share)
     meant = _ELSEWHERE.get(given.lower())
     return [meant, *(name for name in close if name != meant)] if meant in known else close
 
 
 def nearest(given: str, known: Iterable[str]) -> str:
-    """The known names, what is meant or those most like the given one first, joined by commas."""
+    """The known names, the intended or most similar first, joined by commas."""
     known = list(known)
     close = _like(given, known)
     return ", ".join([*close, *(name for name in known if name not in close)])
@@ -173,9 +174,9 @@ def none_such(what: str, given: str, known: Sequence[str]) -> UnknownNameError:
 
 
 def no_option(key: str, known: Iterable[str], told: str = "") -> WrongTypeError:
-    """The error of an option that there is not; told: what else is said."""
+    """The error for an unknown option; told: a sentence added to it."""
     known = list(known)
-    meant, close = _ELSEWHERE.get(key.lower()), _like(key, known, 0.7)  # or it is no slip, and all are told
+    meant, close = _ELSEWHERE.get(key.lower()), _like(key, known, 0.7)  # no name is similar: all are listed
     if meant in known:
         hint = f"it is called {meant} here"
     elif "horizon" in (key, meant) and "steps" in known and "horizon" not in known:
@@ -188,9 +189,10 @@ def no_option(key: str, known: Iterable[str], told: str = "") -> WrongTypeError:
 
 
 def hinted(*more: str, told: str = "") -> Callable[[Callable[_P, _R]], Callable[_P, _R]]:
-    """Of a function with these options in its **: what Python refuses at the call, as dt without step, gets a hint.
+    """Decorate a function that takes options as **: a TypeError at its call gets a hint, such as for dt without
+    step.
 
-    told: what else is said of an option that there is not, {key}.
+    told: a sentence added for an unknown option, {key}.
     """
 
     def wrap(function: Callable[_P, _R]) -> Callable[_P, _R]:
@@ -218,7 +220,7 @@ def takes(what: str, function: Callable, *arguments: str) -> None:
     """Refuse a Python function that cannot be called with so many arguments in their order."""
     try:
         signature = inspect.signature(function)
-    except (TypeError, ValueError):  # of functions that do not tell
+    except (TypeError, ValueError):  # for functions without a signature
         return
     try:
         signature.bind(*arguments)
@@ -229,14 +231,14 @@ def takes(what: str, function: Callable, *arguments: str) -> None:
 
 
 def not_given(function: str, options: dict, decided: dict[str, str]) -> None:
-    """Refuse options that a function decides itself; `decided`: name -> by what."""
+    """Refuse options that a function sets itself; `decided`: name -> the argument that sets it."""
     for key, by in decided.items():
         if key in options:
             raise WrongTypeError(f"{key!r} is no option of {function}: {by}")
 
 
 def choice(name: str, value: object, known: Sequence[str]) -> int:
-    """Position of a name in a list of allowed ones."""
+    """The position of a name in a list of allowed names."""
     if name_of(name, value) not in known:
         meant = _ELSEWHERE.get(value.lower())
         hint = f"it is called {meant!r} here" if meant in known else f"there are {nearest(value, known)}"
@@ -245,7 +247,7 @@ def choice(name: str, value: object, known: Sequence[str]) -> int:
 
 
 def real_array(name: str, value: object) -> np.ndarray:
-    """Values as an array of float64; copied only where they are not one already."""
+    """Values as an array of float64; copied only if they are not such an array."""
     if type(value) is np.ndarray and value.dtype is _FLOAT64:  # as most are
         return _fits(value, name)
     if np.ma.is_masked(value):
@@ -264,14 +266,14 @@ def real_array(name: str, value: object) -> np.ndarray:
 
 
 def _fits(array: Any, name: str) -> Any:
-    """The array; refused where it is a view that repeats its numbers more often than a copy could hold."""
+    """The array; a view that repeats numbers is refused if a copy would not fit into memory."""
     if array.nbytes > _LARGE:
         room(array.shape, f"the numbers of {name}", now=False, do="give fewer")
     return array
 
 
 def own(value: Any) -> Any:
-    """What a caller may change later, as nobody can: arrays, lists and tables are copied, to any depth."""
+    """A copy that the caller cannot change: arrays, lists and tables are copied to any depth."""
     if isinstance(value, np.ndarray):
         return _fits(value, "an array").copy()
     if isinstance(value, Mapping):
@@ -287,7 +289,8 @@ def fixed(given: Any) -> Any:
 
 
 def state(name: str, value: object, ndof: int, paths: int, *, kept: bool = True) -> np.ndarray:
-    """A state as C-contiguous (dof, 1) or (dof, path) from a scalar, (dof,) or (dof, path); a copy where it is kept."""
+    """A state as C-contiguous (dof, 1) or (dof, path) from a scalar, (dof,) or (dof, path); copied if it is
+    kept."""
     shaped = np.array if kept else np.asarray
     if type(value) is float:  # as most do
         array = np.empty((ndof, 1))
@@ -363,7 +366,7 @@ def _memory() -> int:
 
 
 def address(array: np.ndarray | None) -> int | None:
-    """Address of an array; NULL for none."""
+    """Address of an array; None (NULL) for None."""
     if array is None:
         return None
     try:

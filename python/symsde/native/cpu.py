@@ -19,7 +19,7 @@ LEVELS = {
 
 
 def flags(text: str) -> set[str]:
-    """The flags of the first processor that a text in the form of /proc/cpuinfo describes; none where it has none."""
+    """The flags of the first processor in a text like /proc/cpuinfo; empty if the text has none."""
     for line in text.splitlines():
         key, _, value = line.partition(":")
         if key.strip() == "flags":
@@ -55,19 +55,19 @@ def wanted(choice: str | None, have: set[str]) -> list[str]:
 
 
 def levels() -> list[str]:
-    """The levels of this machine, the highest first; none where it is not of x86-64."""
+    """The levels of this machine, the highest first; empty if it is not x86-64."""
     if platform.machine().lower() not in ("x86_64", "amd64"):
         return []
     return supported(_flags_here())
 
 
 def flags_are_known() -> bool:
-    """Whether this machine tells what its processor can."""
+    """Whether this machine tells the features of its processor."""
     return bool(_flags_here())
 
 
 def folders(package: Path) -> list[Path]:
-    """Where the variants for this machine lie, in the package's folder and below, in the order to look in."""
+    """Folders with variants for this machine, in the package's folder and below, in the order of search."""
     if not levels():
         return [package]
     have = _flags_here()
@@ -81,7 +81,7 @@ def folders(package: Path) -> list[Path]:
 
 
 def alone(package: Path) -> list[str]:
-    """The levels that a package was compiled for where they are not all: by default pip compiles for one processor."""
+    """The levels that a package was compiled for, if not for all: by default pip compiles for one processor."""
     return [] if not levels() else sorted(folder.name for folder in (package / "glibc-hwcaps").glob("x86-64-v*"))
 
 

@@ -33,7 +33,7 @@ def write(target: Path, content: bytes, *, keep: bool = True, mode: int | None =
 
 
 def _link(part: Path, target: Path) -> bool:
-    """Give a file its name, unless there is one of that name."""
+    """Give a file its final name, unless a file of this name exists."""
     try:
         os.link(part, target)
     except FileExistsError:
@@ -51,7 +51,7 @@ def _replace(part: Path, target: Path) -> bool:
 
 
 def _sync_folder(folder: Path) -> None:
-    """Make names last; file systems that cannot do so have nothing to be done."""
+    """Make names durable; file systems that cannot sync folders are left alone."""
     with contextlib.suppress(OSError):
         handle = os.open(folder, os.O_RDONLY)
         try:

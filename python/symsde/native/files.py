@@ -34,7 +34,7 @@ def optional(package: str, extra: str) -> ModuleType:
 
 
 def _how_to_get(extra: str) -> str:
-    """What installs an extra: of this tree, where the package is used in one; no index knows it by its name then."""
+    """The command that installs an extra: in a source tree from the tree, since no package index has it then."""
     tree = Path(__file__).parents[3]
     if (tree / "pyproject.toml").exists():
         return f"pip install '.[{extra}]' in {tree}"
@@ -83,7 +83,7 @@ _KINDS = {
 
 
 def long_name(name: str) -> str:
-    """What a variable of a file is, in words."""
+    """The description of a variable of a file."""
     for kind in sorted(_KINDS, key=len, reverse=True):
         if name.startswith(f"{kind}_"):
             rest = name.removeprefix(f"{kind}_")
@@ -92,7 +92,7 @@ def long_name(name: str) -> str:
 
 
 def path_of(name: str, value: object) -> Path:
-    """A path, given as text or as such."""
+    """A path from a text or a path object."""
     if not isinstance(value, str | os.PathLike) or isinstance(os.fspath(value), bytes):
         raise InvalidArgumentError(
             f"{name} = {checks.shown(value)} is no path: give the name of a file or folder as a string"
@@ -110,7 +110,7 @@ _NO_FILES = {stat.S_IFIFO: "a pipe", stat.S_IFCHR: "a device", stat.S_IFBLK: "a 
 
 
 def require_file(path: str | os.PathLike) -> None:
-    """Refuse, as an OSError, what is no regular file before it is opened, which might wait for ever, or never end."""
+    """Refuse, as an OSError, a path that is no regular file, before opening it: reading might never end."""
     kind = _NO_FILES.get(stat.S_IFMT(os.stat(path).st_mode))
     if kind is not None:
         raise OSError(errno.EINVAL, f"it is {kind}, give a file", str(path))
@@ -138,7 +138,7 @@ def write(target: Path, make_dataset: Callable, variables: Variables, attributes
 
 
 def replace(target: Path, write_to: Callable[[Path], object]) -> None:
-    """Write beside the target, then put it in its place; NotWrittenError says why not."""
+    """Write to a temporary file, then rename it to the target; NotWrittenError gives the reason of a failure."""
     parts.sweep(target.parent)
     try:
         with parts.beside(target) as part:
@@ -155,9 +155,10 @@ def replace_text(target: Path, text: str) -> None:
 
 @contextlib.contextmanager
 def folder(path: str | os.PathLike) -> Iterator[Path]:
-    """A folder for results, made where it is missing and tried before the work; not left behind empty."""
+    """A folder for results, made if missing and tested for writing before the work; an empty one is removed
+    again."""
     target = path_of("the folder of the results", path)
-    made = [part for part in (target, *target.parents) if not os.path.exists(part)]  # what cannot be is not there
+    made = [part for part in (target, *target.parents) if not os.path.exists(part)]  # impossible paths have no file
     try:
         try:
             target.mkdir(parents=True, exist_ok=True)
@@ -176,7 +177,7 @@ def folder(path: str | os.PathLike) -> Iterator[Path]:
 
 
 def _reason(error: Exception) -> str:
-    """What the system says, without its number and the names of files of passage."""
+    """The system's message, without its number and the names of temporary files."""
     return getattr(error, "strerror", None) or str(error)
 
 

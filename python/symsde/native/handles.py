@@ -61,7 +61,7 @@ def _text_of(code: int) -> str:
 
 
 def encode(value: str) -> bytes:
-    """A name as C text; what cannot be one becomes a name that is refused as unknown."""
+    """A name as C text; a name that C cannot hold becomes one that is refused as unknown."""
     return value.encode("utf-8", "replace").replace(b"\0", b"?")
 
 
@@ -70,7 +70,8 @@ def _delete(noun: str, address: int, _keep_alive) -> None:
 
 
 class Handle:
-    """An opaque handle of the library, deleted when nothing refers to it any more; `keep_alive` outlives it."""
+    """An opaque handle of the library, deleted when nothing refers to it; `keep_alive` lives longer than the
+    handle."""
 
     def __init__(self, noun: str, pointer: ctypes.c_void_p, keep_alive: object = None):
         """Own it."""
@@ -92,7 +93,7 @@ class Pool:
         self._idle = [make()]
 
     def take(self) -> Handle:
-        """A handle, until it is given back."""
+        """Take a handle, to be given back after use."""
         try:
             return self._idle.pop()
         except IndexError:

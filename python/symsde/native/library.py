@@ -20,7 +20,8 @@ def package() -> Path:
 
 
 def candidates() -> list[Path]:
-    """Where the library is looked for: SYMSDE_LIBRARY alone if set, the package's variants, the build tree."""
+    """Paths of the library, in the order of search: SYMSDE_LIBRARY alone if set, the package's variants, the
+    build tree."""
     chosen = os.environ.get("SYMSDE_LIBRARY")
     if chosen:
         return [Path(chosen)]
@@ -35,7 +36,7 @@ def found() -> Path | None:
 
 
 def load() -> ctypes.CDLL:
-    """Load the library and declare its functions; LibraryNotFoundError says where it was looked for."""
+    """Load the library and declare its functions; LibraryNotFoundError lists the paths tried."""
     chosen, path = os.environ.get("SYMSDE_LIBRARY"), found()
     if path is None and chosen:
         raise LibraryNotFoundError(
@@ -86,8 +87,8 @@ def _affinity() -> set[int]:
 
 
 def processors() -> set[int]:
-    """Numbers of the processors for work of this process. With OMP_PROC_BIND or OMP_PLACES the runtime of OpenMP binds
-    the thread that loads it to one of them, and threads of Python that it starts later would share this one."""
+    """Numbers of the processors that this process may use. With OMP_PROC_BIND or OMP_PLACES OpenMP binds the
+    thread that loads it to one processor, and threads of Python that it starts later would share this one."""
     now = _affinity()
     return _before if now == _bound else now
 
@@ -104,6 +105,6 @@ try:
 except SymsdeError as error:
     if not _is_command():
         raise
-    print(f"symsde: {error}", file=sys.stderr)  # as the command says of any other bad input, before it can run
+    print(f"symsde: {error}", file=sys.stderr)  # the command exits as for any other bad input
     sys.exit(2)
 _bound = _affinity()

@@ -29,7 +29,7 @@ _LOCK = "lock"
 _DAY = 86400.0
 _TRIES = 10  #: somebody else takes a folder for left before it is locked
 
-_user = getattr(os, "geteuid", int)  # where files have no owners, 0 is it
+_user = getattr(os, "geteuid", int)  # 0 where files have no owners
 
 
 def _boot() -> str:
@@ -63,7 +63,7 @@ def beside(target: Path) -> Iterator[Path]:
 
 
 def sweep(place: Path) -> None:
-    """Remove what writers of this user have left in a folder that were killed."""
+    """Remove folders in which killed writers of this user have left files."""
     with contextlib.suppress(OSError):
         with os.scandir(place) as entries:
             there = [x for x in entries if x.name.startswith(_PREFIX) and x.is_dir(follow_symlinks=False)]
@@ -89,14 +89,14 @@ def _remove_if_left(folder: Path, now: float) -> None:
         try:
             is_free = _locked(handle)
             if (is_free and folder.name.startswith(_OWN)) or (is_free is not False and is_old):
-                os.unlink(folder / _LOCK)  # before the lock is given back: a writer who comes late sees that it is gone
+                os.unlink(folder / _LOCK)  # before the release: a late writer sees that it is gone
                 shutil.rmtree(folder, ignore_errors=True)
         finally:
             os.close(handle)
 
 
 def _locked(handle: int) -> bool | None:
-    """Whether the lock is free, and ours now; None where there are no locks."""
+    """Whether the lock was free and is now ours; None if the file system has no locks."""
     if fcntl is None:
         return None
     try:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Progress of a run, and what ends it: a progress function, or the handler of a signal."""
+"""Progress of a run, and its end by a progress function or by the handler of a signal."""
 
 from __future__ import annotations
 
@@ -47,13 +47,13 @@ def _warn_innermost(text: bytes, _user) -> int:
 
 
 class Monitor:
-    """Context of one run; `callback` is what the library calls between chunks, in its thread."""
+    """Context of one run; the library calls `callback` between chunks, in its thread."""
 
     callback = abi.Progress(_ask_innermost)  #: one for all, since to make one takes a share of a short run
     warning = abi.Warn(_warn_innermost)  #: and before the first step, where there is something to warn of
 
     def __init__(self, progress: Progress, *, in_python: bool = True):
-        """Check what is to be told. Functions of Python, if any are called, may make handlers of signals."""
+        """Check the progress function. If a run calls Python functions, these may set handlers of signals."""
         self._bar, self._tell = told_by(progress)
         self._in_python = in_python or self._tell is not None
         self._signals = signals.held()
@@ -89,7 +89,7 @@ class Monitor:
         return int(wants_stop)
 
     def warn(self, text: str) -> int:
-        """Warn of what is doubtful before the run begins; nonzero refuses it, where warnings are made errors."""
+        """Warn of doubtful choices before the run begins; nonzero refuses the run, if warnings are errors."""
         try:
             for sentence in text.splitlines():
                 checks.warn(sentence, DoubtfulRunWarning)
@@ -100,7 +100,7 @@ class Monitor:
 
 
 def told_by(progress: Progress) -> tuple[_Bar | None, Callable[[int, int], object] | None]:
-    """The bar that shows the progress, and what is told of it; WrongTypeError of what cannot be told."""
+    """The progress bar and the progress function; WrongTypeError for other objects."""
     if progress is False:
         return None, None
     if progress is not True and not callable(progress):
@@ -113,7 +113,7 @@ def told_by(progress: Progress) -> tuple[_Bar | None, Callable[[int, int], objec
 
 
 def say(text: str) -> None:
-    """Write on stderr, where there is one: no run ends because nobody can see how far it is."""
+    """Write on stderr, if it can be written: no run fails because its progress cannot be shown."""
     if sys.stderr is not None:
         with contextlib.suppress(OSError, ValueError):  # a pipe that nobody reads, a file that was closed
             sys.stderr.write(text)
@@ -121,7 +121,7 @@ def say(text: str) -> None:
 
 
 class _Bar:
-    """A bar by tqdm where it is installed, else one line on stderr."""
+    """A bar by tqdm if it is installed, else one line on stderr."""
 
     def __init__(self, found: int = 0) -> None:
         self._bar = None

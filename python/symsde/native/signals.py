@@ -24,16 +24,17 @@ _OURS = os.path.join(os.path.dirname(os.path.dirname(__file__)), "")
 
 
 class Held:
-    """Context in which signals wait; inside another one it is that one. Of the main thread alone, as handlers are."""
+    """Context in which signals wait; a nested one is the outer one. For the main thread alone, where handlers
+    run."""
 
     def __init__(self, numbers: Sequence[int]) -> None:
-        """Of these signals nothing has come yet."""
+        """Begin without signals."""
         self._numbers = numbers
         self._depth = 0
         self._handlers: dict[int, Callable] = {}
         self._notes: list[tuple[Callable, int, FrameType | None]] = []
         self._leave = self._leave_note  # one object, to be known again
-        self._seen = ([], [])  # who handled the signals at the last look, and which of them a function did
+        self._seen = ([], [])  # handlers at the last look, and which of them are Python functions
 
     def __enter__(self) -> Held:
         """Take over the handlers."""
@@ -53,7 +54,7 @@ class Held:
             self._depth -= 1
 
     def handle(self, *, are_new: bool) -> None:
-        """Call the handlers of the signals that came, all of them; take over what these made, or others before."""
+        """Call the handlers of all signals that came; take over handlers that these, or other code, have set."""
         if are_new or self._notes:
             try:
                 self._call()
@@ -81,7 +82,7 @@ class Held:
     def _take(self) -> None:
         """Take over the handlers that are not ours."""
         found = list(map(signal.getsignal, self._numbers))
-        if found != self._seen[0]:  # seldom, and to ask all of them takes a share of a short run
+        if found != self._seen[0]:  # seldom: looking at all handlers takes a share of a short run
             self._seen = found, list(itertools.compress(self._numbers, map(callable, found)))
         try:
             for number in self._seen[1]:
@@ -89,20 +90,20 @@ class Held:
                 if handler is not self._leave:
                     self._handlers[number] = handler
                     signal.signal(number, self._leave)
-        except BaseException:  # of a handler that was not taken over yet
+        except BaseException:  # from a handler that is not taken over yet
             if not self._depth:
                 self._give_back()
             raise
 
     def _give_back(self) -> None:
-        """Handlers that nobody has replaced are as they were."""
+        """Restore handlers that nobody has replaced."""
         try:
             while self._handlers:
                 number, handler = next(iter(self._handlers.items()))
                 if signal.getsignal(number) is self._leave:
                     signal.signal(number, handler)
                 del self._handlers[number]
-        except BaseException:  # of a handler that is back already
+        except BaseException:  # from a handler that is already restored
             self._give_back()
             raise
 
@@ -116,9 +117,8 @@ def held() -> Held:
 
 
 def carry(stop: BaseException, partial: Callable[[], object]) -> None:
-    """Let the exception that ends a call carry, as `partial`, what it had computed until then; None for nothing.
-
-    A refusal carries nothing: it is a sentence that says what to change.
+    """Attach `partial`, the result so far, to the exception that ends a call; None if there is none. A refusal
+    carries no result: its sentence says what to change.
     """
     if isinstance(stop, SymsdeError):
         return

@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Runs: one call of the library, or a prepared one, and what it gives."""
+"""Runs: one call of the library, or a prepared run, and their results."""

@@ -20,7 +20,8 @@ from . import provenance
 
 
 def write(target: Path, columns: Mapping[str, Iterable], about: Mapping[str, str]) -> None:
-    """Write columns with their names in the first row, below lines that begin with # and say what made them."""
+    """Write columns with their names in the first row, below lines that begin with # and tell the origin of the
+    data."""
     cells = [[_cell(x) for x in (x.tolist() if isinstance(x, np.ndarray) else x)] for x in columns.values()]
 
     def put(part: Path) -> None:
@@ -34,6 +35,6 @@ def write(target: Path, columns: Mapping[str, Iterable], about: Mapping[str, str
 def _cell(value: Any) -> Any:
     if isinstance(value, bool | np.bool_):
         return int(value)
-    if isinstance(value, float | np.floating):  # of NumPy, too, whose repr is not a number
+    if isinstance(value, float | np.floating):  # also of NumPy, whose repr has more than the number
         return "NaN" if math.isnan(value) else repr(float(value))
     return "" if value is None else value

@@ -24,7 +24,7 @@ KINDS = ("mean", "var", "se_mean")
 
 
 class _Loaded:
-    """What a file holds beside its tables."""
+    """Contents of a file beside its tables."""
 
     _file: Path
     _attributes: dict[str, str]
@@ -37,7 +37,7 @@ class _Loaded:
             self.report = read_report(attributes["report"])
 
     def attributes(self) -> dict[str, str]:
-        """What made the results, as text."""
+        """Origin of the results, as text."""
         return dict(self._attributes)
 
     def __getattr__(self, name: str) -> Any:
@@ -122,7 +122,7 @@ class LoadedMoments(_Loaded, MomentTables):
             self.observed = {}
 
     def remarks(self) -> list[str]:
-        """Sentences about what the results of observers leave out."""
+        """Sentences on what the results of observers leave out."""
         return json.loads(self._attributes.get("remarks", "[]"))
 
     def __repr__(self) -> str:

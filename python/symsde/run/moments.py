@@ -171,13 +171,13 @@ class Moments(MomentTables, Reported):
         return variables
 
     def attributes(self) -> dict[str, str]:
-        """What made the moments, as text for files, with what was observed."""
+        """Origin of the moments as text for files, with the observers."""
         wanted = {name: {"kind": x.KIND, **dataclasses.asdict(x)} for name, x in self.observers.items()}
         told = {"observables": self._observables, "observers": wanted, "remarks": self.remarks()}
         return {**super().attributes(), **{key: json.dumps(x) for key, x in told.items() if x}}
 
     def remarks(self) -> list[str]:
-        """Sentences about what the results of observers leave out."""
+        """Sentences on what the results of observers leave out."""
         return [f"{name}: {text}" for name, result in self.observed.items() for text in result.remarks()]
 
     def to_xarray(self):
@@ -214,7 +214,7 @@ class Moments(MomentTables, Reported):
         )
 
     def _absorbed(self) -> str:
-        """How many paths left through passages that absorb, if there are such."""
+        """How many paths left through absorbing passages, if there are any."""
         lost = {name: x.n for name, x in self.observed.items() if getattr(x.observer, "absorb", False)}
         told = "".join(f", {n} absorbed by {name}" for name, n in lost.items())
         return f"{told}, {self.n_ok[-1]} left" if lost else ""

@@ -26,8 +26,8 @@ _OK = (abi.OK, abi.STOPPED, abi.PATHS_FAILED)
 
 
 class _Owner:
-    """Keeps the handle of a run, for as long as it or one of its arrays is there; and a handle of its model, whose
-    callbacks store their exceptions for this run alone."""
+    """Holds the handle of a run, as long as the run or one of its arrays is alive; and a handle of its model,
+    whose callbacks store their exceptions for this run alone."""
 
     def __init__(self, model: Model, setup: Setup):
         self.model_handle = model._handles.take()
@@ -72,7 +72,7 @@ class PreparedRun:
     """
 
     def __init__(self, setup: Setup):
-        """Prepare what a setup describes; see `prepare`."""
+        """Prepare the run of a setup; see `prepare`."""
         self._setup = setup
         self._owner = _Owner(setup.model, setup)
         self._pointer = self._owner.pointer
@@ -242,7 +242,7 @@ class PreparedRun:
         return run
 
     def _show_state(self, run: Run) -> None:
-        """What a Run says of its end."""
+        """Write the present state and report into a Run."""
         run.status, run.failed_step = self._status.copy(), self._failed_step.copy()
         run.last_q, run.last_p = self._q.copy(), self._p.copy()
         if self._q_low is not None:
@@ -250,7 +250,7 @@ class PreparedRun:
         run.report = self.report
 
     def _advance_by_python(self, *arguments) -> int:
-        """Of a model with functions of Python: handlers of signals wait for the end of the step."""
+        """For a model with Python functions: handlers of signals wait for the end of the step."""
         with held():
             status = library.symsde_run_advance(*arguments)
             if status:
@@ -258,7 +258,7 @@ class PreparedRun:
         return abi.OK
 
     def _judge(self, status: int) -> None:
-        """Raise what a callback raised, and what the library refused; warn of paths that have failed since."""
+        """Raise the exception of a callback, or the library's refusal; warn of paths that have failed since."""
         self._owner.model_handle.failures.raise_stored()
         if status not in _OK:
             raise from_code(status, self._error.message.decode("utf-8", "replace"))
@@ -273,7 +273,7 @@ class PreparedRun:
 
 
 def _put_increments(given: abi.Input, increments: np.ndarray) -> None:
-    """Increments (row, noise, path) into an input; they must live as long as it."""
+    """Put increments (row, noise, path) into an input; they must live as long as the input."""
     given.increments = address(increments)
     given.increment_rows, given.increment_noises, given.increment_paths = increments.shape
 

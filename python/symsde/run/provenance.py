@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""What made a result, as text that its files carry: when, by which command, with which version, from which scene."""
+"""The origin of a result as text for its files: time, command, version and scene."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ _MOST = 64  # numbers of an initial state that are written out
 
 
 def made() -> dict[str, str]:
-    """When and by which command, with which version of what; SOURCE_DATE_EPOCH is the time where it is set."""
+    """Time, command and versions; if SOURCE_DATE_EPOCH is set, it gives the time."""
     epoch = os.environ.get("SOURCE_DATE_EPOCH", "")
     now = datetime.datetime.now(datetime.UTC)
     if epoch.isdecimal() and len(epoch) < 12:
@@ -33,17 +33,17 @@ def made() -> dict[str, str]:
 
 
 def seconds(timings: Mapping[str, float]) -> dict[str, float]:
-    """Seconds that a run took; none where SOURCE_DATE_EPOCH asks for files that can be made again to the byte."""
+    """Seconds that a run took; None if SOURCE_DATE_EPOCH asks for reproducible files."""
     return {name: 0.0 if os.environ.get("SOURCE_DATE_EPOCH") else x for name, x in timings.items()}
 
 
 def start_of(setup: Setup) -> dict[str, str]:
-    """The first states: numbers where these are few, else a hash of them, (dof, path) in float64."""
+    """The first states: as numbers if they are few, else as a hash, (dof, path) in float64."""
     return {name: numbers_of(getattr(setup, name)) for name in ("q0", "p0")}
 
 
 def numbers_of(values: np.ndarray) -> str:
-    """States (dof, path) as text: those of one path alone where all begin alike."""
+    """States (dof, path) as text; one state if all paths begin alike."""
     if values.size <= _MOST:
         return json.dumps((values[:, 0] if values.shape[1] == 1 else values).tolist())
     digest = hashlib.sha256(np.ascontiguousarray(values, np.float64).tobytes()).hexdigest()

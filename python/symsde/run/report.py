@@ -60,7 +60,7 @@ class Report:
 
 
 class Reported:
-    """A result with a report, which is put together when it is looked at: that takes as long as some runs."""
+    """A result with a report. The report is made at first use, since this takes as long as some runs."""
 
     setup: Setup
     scene: str = ""  #: text of the scene that asked for it, if one did
@@ -87,7 +87,7 @@ class Reported:
         return f"{self.setup.model.name} by {self.setup.scheme.name}"
 
     def attributes(self) -> dict[str, str]:
-        """What made the result, as text for files: its setup, and which paths came of it, when, by which command."""
+        """Origin of the result as text for files: setup, paths, time, command."""
         report, paths, made = self.report, self.setup.paths, provenance.made()
         return {
             "title": self.title,
@@ -113,7 +113,7 @@ class Reported:
 
 
 def of_growth(grown: int) -> str:
-    """What is to be said of paths that grew beyond all bounds; empty where none did."""
+    """A warning of paths that grew beyond all bounds; empty if none did."""
     if not grown:
         return ""
     return (
@@ -136,7 +136,7 @@ def filled(result: Reported | None) -> Reported | None:
 
 
 def read_report(text: str) -> Report:
-    """A report as files hold it; what an older version did not write is None."""
+    """A report in the form of files; entries that an older version did not write are None."""
     given = json.loads(text)
     fields = {field.name: given.get(field.name) for field in dataclasses.fields(Report)}
     return Report(**{name: tuple(x) if isinstance(x, list) else x for name, x in fields.items()})

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""What saved paths and moments offer as plain arrays, in memory or from a file: names, tables, figures."""
+"""Saved paths and moments as plain arrays, in memory or from a file: names, tables, figures."""
 
 from __future__ import annotations
 

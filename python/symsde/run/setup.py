@@ -19,7 +19,7 @@ from ..native.checks import INT32, UINT64, address, addresses
 from ..native.progress import Monitor, threads_of
 from ..schemes import Scheme, as_scheme
 
-_LIBRARY_LANES = 256  # of a block in the library, at most
+_LIBRARY_LANES = 256  # lanes of a block in the library, at most
 _PYTHON_VALUES = 2048  # numbers of an array that a Python function is given
 COUNT = 2**47  #: range of the counters of paths and steps
 _WHOLE = 1e-9  # relative: times that are typed, or sums of steps
@@ -27,7 +27,7 @@ _INPUT_SIZE = _handles.new(abi.Input, "input").struct_size
 
 
 class EndOptions(TypedDict, total=False):
-    """Options of `simulate` that those share who ask for the end of paths."""
+    """Options of `simulate` that functions for final states share."""
 
     t0: float
     correction: str
@@ -56,7 +56,7 @@ class PathOptions(EndOptions, total=False):
 
 
 class RunOptions(PathOptions, total=False):
-    """Those of a run, beside model, initial state and steps."""
+    """Options of a run, beside model, initial state and steps."""
 
     scheme: str | Scheme
     save_every: int
@@ -90,7 +90,7 @@ class Setup:
     def input(self, monitor: Monitor | None = None) -> abi.Input:
         """Arrays and callback as the C interface takes them; they live as long as this setup."""
         q0, p0 = self.q0, self.p0
-        given = abi.Input(_INPUT_SIZE, *addresses((q0, p0)), q0.shape[1], p0.shape[1])  # the rest is zero: none
+        given = abi.Input(_INPUT_SIZE, *addresses((q0, p0)), q0.shape[1], p0.shape[1])  # other members are zero: none
         if self.increments is not None:
             given.increments = address(self.increments)
             rows, noises, paths = self.increments.shape
@@ -134,7 +134,7 @@ class Setup:
             checks.warn(text, RepeatedNoiseWarning)
 
     def attributes(self) -> dict[str, str]:
-        """What made the run, as text for files."""
+        """Origin of the run, as text for files."""
         left_out = {"struct_size", "threads", "lanes", "progress", "progress_user"}
         names = [name for name, *_ in abi.Options._fields_ if name not in left_out]
         chosen = {name: getattr(self.options, name) for name in names}
@@ -230,7 +230,7 @@ OPTIONS = ["step", "steps", *_READ, "threads", "lanes"]
 
 
 def make_options(model: Model, *, in_python: bool = False, **given: object) -> abi.Options:
-    """Options of the C interface, those of `OPTIONS`."""
+    """The struct of options for the C interface, from the values of `OPTIONS`."""
     return _options_of(model, given, in_python)
 
 
@@ -316,7 +316,7 @@ class Lent(np.ndarray):
 
 
 def increments_array(value: object, *, kept: bool = True) -> np.ndarray:
-    """Prescribed increments as C-contiguous (row, noise, 1 or path); a copy where they are kept."""
+    """Prescribed increments as C-contiguous (row, noise, 1 or path); copied if they are kept."""
     array = checks.real_array("increments", value)
     if array.ndim == 2:
         array = array[:, :, np.newaxis]

@@ -123,7 +123,7 @@ class Run(PathTables, Reported):
         return run
 
     def _keep_failures(self, before: Run, report: abi.Report) -> None:
-        """Paths that failed before stay as they were."""
+        """Paths that failed before keep their status."""
         gone = before.status != 0
         self.q[:, :, gone] = self.p[:, :, gone] = np.nan
         for name in ("status", "failed_step", "last_q", "last_p", "q_low", "p_low"):
@@ -137,7 +137,7 @@ class Run(PathTables, Reported):
     @functools.cached_property
     def t(self) -> np.ndarray:
         """(time,), t0 included."""
-        t = np.empty(self.setup.ntime)  # made when it is looked at: a third of what one path takes with q and p
+        t = np.empty(self.setup.ntime)  # made at first use: it takes a third of the time of one path with q and p
         handles.call("saved_times", ctypes.byref(self.setup.options), address(t))
         return t
 
@@ -190,7 +190,7 @@ class Run(PathTables, Reported):
         }
 
     def attributes(self) -> dict[str, str]:
-        """What made the run, as text for files; its paths may be those of several runs."""
+        """Origin of the run as text for files; its paths may come from several runs."""
         counted = {"paths_asked": str(len(self.status)), "paths_ok": str(int((self.status == 0).sum()))}
         return {**super().attributes(), **counted}
 

@@ -21,7 +21,7 @@ _MOST_STAGES = 6  #: of a tableau that is shown with all its numbers
 
 
 def number(x: float) -> str:
-    """A coefficient as it is written by hand where that is exact to rounding: 1/2, -1/6, 5/36 + √15/24."""
+    """A coefficient as a person would write it, if exact to rounding: 1/2, -1/6, 5/36 + √15/24."""
     exact = _fraction(x, 360)
     if exact is not None:
         return str(exact)
@@ -34,7 +34,7 @@ def number(x: float) -> str:
 
 
 def _fraction(x: float, largest: int) -> Fraction | None:
-    """The fraction with a small denominator that a number is to rounding, if it is one."""
+    """The fraction with a small denominator that equals a number to rounding, if there is one."""
     found = Fraction(float(x)).limit_denominator(largest)
     return found if abs(float(found) - x) < _ROUNDING else None
 
@@ -54,7 +54,7 @@ def text(shown: str) -> str:
 
 
 def model(shown: Any, hamiltonians: Sequence[str], traits: Sequence[str]) -> str:
-    """A model: its name, its Hamiltonians as texts, parameters with their values, names of the traits that it has."""
+    """A model: its name, its Hamiltonians as texts, parameters with their values, names of its traits."""
     lines = [f"<b>{html.escape(shown.name)}</b>: dp = -H_q dt - Σ H_k,q ∘ dW_k, dq = H_p dt + Σ H_k,p ∘ dW_k"]
     lines += [f"<code>{html.escape(line)}</code>" for line in hamiltonians]
     page = "<br>".join(lines)
@@ -65,7 +65,7 @@ def model(shown: Any, hamiltonians: Sequence[str], traits: Sequence[str]) -> str
 
 
 def scheme(shown: Any) -> str:
-    """A scheme: its name, structure, tableau where there is one, orders."""
+    """A scheme: its name, structure, tableau if it has one, orders."""
     info = shown.info
     kinds = [name for name in ("symplectic", "symmetric") if getattr(info, name)] or ["not symplectic"]
     head = f"<b>{html.escape(info.name)}</b>: {info.form}, {counted(info.nstage, 'stage')}, {', '.join(kinds)}"
@@ -76,7 +76,7 @@ def scheme(shown: Any) -> str:
 
 
 def _tableaux(shown: Any) -> str:
-    """The coefficients of q and p side by side; those of the noise where they differ."""
+    """The coefficients of q and p side by side; those of the noise if they differ."""
     found = shown.tableau()
     if found is None or shown.info.nstage > _MOST_STAGES:
         return ""

@@ -72,7 +72,8 @@ STYLE = {
 
 
 def of_scheme(name: str) -> dict[str, str]:
-    """Colour and marker of a scheme as arguments of matplotlib; others than those listed get theirs by their names."""
+    """Colour and marker of a scheme as arguments of matplotlib; schemes that are not listed get theirs by their
+    names."""
     colour, marker = SCHEMES.get(name) or _OTHERS[zlib.crc32(name.encode()) % len(_OTHERS)]
     return {"color": colour, "marker": marker}
 

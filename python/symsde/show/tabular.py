@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Results as tables: data frames of pandas, and what notebooks show."""
+"""Results as tables: data frames of pandas, and tables for notebooks."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ def some_times(ntime: int, most: int = _ROWS) -> list[int]:
 
 
 def html_of_run(run: Any) -> str:
-    """What a run is, and where its first paths end."""
+    """A summary of a run, and the last states of its first paths."""
     rows = []
     for i in range(min(len(run.path), _ROWS)):
         state = [f"{x:.6g}" for x in (*run.last_q[:, i][:3], *run.last_p[:, i][:3])]

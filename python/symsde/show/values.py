@@ -15,7 +15,7 @@ _NUMBERED = re.compile(r"([qp])_?(\d*)")
 
 @dataclass(frozen=True)
 class Values:
-    """Values in the order of columns: coordinates, momenta, the energy where it is known, observables."""
+    """Values in the order of columns: coordinates, momenta, the energy if it is known, observables."""
 
     names: tuple[str, ...]
     ndof: int  #: degrees of freedom, to which the first 2*ndof names belong
@@ -37,7 +37,7 @@ class Values:
 
     @property
     def has_energy(self) -> bool:
-        """Whether the energy is one of them."""
+        """Whether the energy is among them."""
         return self.names[2 * self.ndof : 2 * self.ndof + 1] == ("energy",)
 
     @property

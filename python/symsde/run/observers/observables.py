@@ -18,12 +18,12 @@ from ...native import callbacks, checks
 Observable = str | Callable[[np.ndarray, np.ndarray], np.ndarray]  # a formula, or a function
 Rows = Callable[[float, np.ndarray, np.ndarray], Iterator[tuple[str, np.ndarray]]]  # of (t, q, p)
 
-_PYTHON_NUMBERS = 8192  # of q that an observable is given at once, where there are so many: a call costs microseconds
+_PYTHON_NUMBERS = 8192  # numbers of q in one call of an observable, at most: a call costs microseconds
 _TAKEN = re.compile(r"energy|[qp](_\d+)?")
 
 
 def check_observables(given: object) -> dict[str, Observable]:
-    """A dict of formulas and functions whose names fit files; none for None."""
+    """A dict of formulas and functions whose names fit files; empty for None."""
     if given is None:
         return {}
     if not isinstance(given, Mapping):
@@ -75,7 +75,7 @@ def are_in_python(observables: Mapping[str, Observable]) -> bool:
 
 
 def described(observables: Mapping[str, Observable] | Iterable[str]) -> dict[str, str]:
-    """What each is, in words for files; of names alone no more is known."""
+    """Descriptions of the observables for files; empty if only names are given."""
     if not isinstance(observables, Mapping):
         return dict.fromkeys(observables, "")
     return {name: str(x) if is_formula(x) else _name_of(x) for name, x in observables.items()}
@@ -87,7 +87,8 @@ def _name_of(function: Any) -> str:
 
 
 def bind(observables: Mapping[str, Observable], model: Model, struct: Any, failures: callbacks.Failures) -> Any:
-    """Put the callback into the struct of the C interface; what is returned lives as long as it is called."""
+    """Put the callback into the struct of the C interface; the caller keeps the result alive while it may be
+    called."""
     if not observables:
         return None
     texts = {name: x for name, x in observables.items() if is_formula(x)}
@@ -103,7 +104,7 @@ def bind(observables: Mapping[str, Observable], model: Model, struct: Any, failu
 
 
 def rows_of(observables: Mapping[str, Observable], model: Model) -> Rows | None:
-    """A function of (t, q, p), (dof, lane) each, that yields names and values; None for no observables."""
+    """A function of (t, q, p), (dof, lane) each, that yields names and values; None without observables."""
     texts = {name: x for name, x in observables.items() if is_formula(x)}
     return _rows(observables, FormulaObservables(model, texts) if texts else None) if observables else None
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""What observers say at the end: arrays with their standard errors, and variables for files."""
+"""Results of observers: arrays with their standard errors, and variables for files."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ class Observed:
     kept: PartialStatistics  #: integers and sums as in symsde.h, by which parts of an ensemble merge
 
     def __init__(self, scope: Scope, t: np.ndarray, observer: Observer, kept: PartialStatistics):
-        """The answer of the library to what was kept."""
+        """The library's answer from kept results."""
         self.observer, self.t, self.kept = observer, t, kept
         self._names = observer.names(scope.values)
         self._take(scope, *read(scope, observer, kept))
@@ -70,7 +70,7 @@ class Observed:
         return self
 
     def _of_file(self, _attribute: str, value: Any) -> Any:
-        """An attribute as it was before it was written."""
+        """An attribute in its form before it was written."""
         return value
 
     def __getattr__(self, name: str) -> Any:
@@ -85,7 +85,7 @@ class Observed:
         raise AttributeError(f"{type(self).__name__!r} object has no attribute {name!r}")
 
     def remarks(self) -> list[str]:
-        """Sentences about what the result leaves out."""
+        """Sentences on what the result leaves out."""
         return []
 
     def plot(self, path=None, *, ax=None, at: int = -1):
@@ -145,7 +145,7 @@ class QuantilesResult(Slots):
 
 
 def _relative_edges(low: float, high: float, bins: int, **_others: object) -> np.ndarray:
-    """As the library has them: each power of two in equal parts (`bins` of them), on both sides of zero."""
+    """The bins of the library: each power of two in `bins` equal parts, on both sides of zero."""
     first, last = np.floor(np.log2(low)), np.ceil(np.log2(high))
     powers = 2.0 ** np.arange(first, last)
     one_side = (powers[:, np.newaxis] * (1 + np.arange(bins) / bins)).ravel()

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Partial statistics: what observers have of some paths, in arrays that the library fills, merges and reads."""
+"""Partial statistics: results of observers for some paths, in arrays that the library fills, merges and reads."""
 
 from __future__ import annotations
 
@@ -41,14 +41,14 @@ class Scope:
         self.setup.model.call(name, ctypes.byref(self.setup.options), len(self.values.observables), *arguments)
 
     def room(self, observer: Observer) -> PartialStatistics:
-        """Arrays for what an observer will keep; refuses what it cannot observe."""
+        """Arrays for the results of an observer; a request that cannot be observed is refused."""
         sizes = np.zeros(3, np.int64)
         self.call("observer_sizes", ctypes.byref(observer.struct(self.values)), sizes.ctypes.data)
         return PartialStatistics(np.zeros(sizes[0], np.int64), np.zeros(sizes[1]), int(sizes[2]))
 
 
 def structs(scope: Scope, observers: Kinds, kept: Mapping[str, PartialStatistics]):
-    """The list of observers of symsde_moments: an array of addresses, and what must live as long."""
+    """The observers as symsde_moments takes them: an array of addresses, and objects that must live as long."""
     made = [observer.struct(scope.values, kept[name].counts, kept[name].sums) for name, observer in observers.items()]
     addresses = (ctypes.c_void_p * len(made))(*(ctypes.addressof(struct) for struct in made))
     return addresses, made

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""What can be observed: one class for each kind, whose fields are what the caller chooses."""
+"""Requests for observers: one class for each kind, whose fields the caller chooses."""
 
 from __future__ import annotations
 
@@ -24,20 +24,20 @@ class Observer:
     KIND: ClassVar[str] = ""
 
     def __post_init__(self) -> None:
-        """What is given may change later, this does not."""
+        """Copy the arguments, which the caller may change later."""
         for field in dataclasses.fields(self):
             object.__setattr__(self, field.name, checks.fixed(getattr(self, field.name)))
 
     def names(self, values: Values) -> tuple[str, ...]:
-        """The values that it looks at, among those that there are."""
+        """The values to observe, among the values of the run."""
         return (values.called(checks.name_of(f"the value of {type(self).__name__}", self.of)),)
 
     def fields(self) -> dict[str, Any]:
-        """Members of the struct of the C interface, beside kind and values."""
+        """Members of the C struct beside kind and values."""
         return {}
 
     def struct(self, values: Values, counts: np.ndarray | None = None, sums: np.ndarray | None = None):
-        """The struct of the C interface, in a run with these values; its arrays live as long as it does."""
+        """The C struct in a run with these values; its arrays live as long as the struct."""
         names, columns = self.names(values), values.names
         for name in names:
             if name not in columns:
@@ -161,7 +161,7 @@ class Passage(Observer):
     bridge: bool = True
 
     def __post_init__(self) -> None:
-        """Whether absorb was said, and what it stands for."""
+        """Whether absorb was given, and its value."""
         super().__post_init__()
         object.__setattr__(self, "is_unsaid", self.absorb is None)
         if self.is_unsaid:
@@ -189,7 +189,7 @@ class Paths(Observer):
     of: tuple[str, ...] = ()
 
     def names(self, values: Values) -> tuple[str, ...]:
-        """The values; all of q and p where none are told."""
+        """The values given; without any, all of q and p."""
         return _names("Paths", self.of, values) or (*values.q, *values.p)
 
     def fields(self) -> dict[str, Any]:
@@ -214,7 +214,7 @@ KINDS = {cls.KIND: cls for cls in (Histogram, Quantiles, Covariance, Autocorrela
 
 
 def check_observers(given: object) -> dict[str, Observer]:
-    """A dict of observers whose names fit files; none for None."""
+    """A dict of observers whose names fit files; empty for None."""
     if given is None:
         return {}
     if not isinstance(given, Mapping):
@@ -233,7 +233,7 @@ def check_observers(given: object) -> dict[str, Observer]:
 
 
 def unsaid(observers: Mapping[str, Observer], beside: bool) -> str:
-    """What is to be said of passages that absorb without having been told to, beside other results; else nothing."""
+    """A warning for passages that absorb by default while other results are kept; else nothing."""
     names = [name for name, observer in observers.items() if getattr(observer, "is_unsaid", False)]
     if not names or not (beside or len(observers) > 1):
         return ""

@@ -26,5 +26,5 @@ def moments(found, where: tuple, what: str = "", of: object = None):
 
 
 def observed(found, where: tuple, at: int = -1):
-    """A figure of what an observer kept."""
+    """A figure of an observer's results."""
     return draw.finish(*draw.of_observed(found, at), *where)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""What figures show: saved paths and moments as plain arrays."""
+"""Data of figures: saved paths and moments as plain arrays."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ class Means:
 
 
 def within(values: np.ndarray) -> np.ndarray:
-    """The values, with NaN for those that no axis can hold; the same array where there are none."""
+    """The values, with NaN for values that no axis can hold; the same array if all fit."""
     too_large = np.abs(values) > MOST
     return np.where(too_large, np.nan, values) if too_large.any() else values
 

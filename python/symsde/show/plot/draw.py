@@ -23,7 +23,7 @@ from .data import Means, Paths, within
 
 ENDINGS = (".png", ".pdf", ".svg")
 MOST_PATHS = 50
-_WIDTH, _HEIGHT, _ALONE = 6.0, 2.4, 3.4  # inches; the heights are those of one panel, of several and of one alone
+_WIDTH, _HEIGHT, _ALONE = 6.0, 2.4, 3.4  # inches; heights of one panel among several, and of one alone
 _ONE_COLUMN = 4  # panels, up to which they stand below each other; more stand in two columns
 _TITLE = 11  # characters of a title an inch
 _FEW = 200  # saved times, up to which each is marked
@@ -79,7 +79,7 @@ def whole(title: str, inches: float) -> str:
 
 
 def figure_file(path: object) -> Path:
-    """The file of a figure; other endings than those of figures are refused."""
+    """The file of a figure; endings of other formats are refused."""
     target = files.path_of("path", path)
     if target.suffix not in ENDINGS:
         raise InvalidArgumentError(f"{os.fspath(target)!r} has no ending of a figure: give one of {', '.join(ENDINGS)}")
@@ -144,7 +144,7 @@ def _few(ndof: int) -> range:
 
 
 def _energy_of(values: Values, of: object, why_not: str) -> list[str]:
-    """The energy, as it is drawn alone."""
+    """The energy in a figure of its own."""
     if not values.has_energy:
         raise InvalidArgumentError(f"the energy {why_not}")
     if (values.chosen("of", of) or ["energy"]) != ["energy"]:
@@ -167,7 +167,7 @@ def _planes(values: Values, names: Sequence[str] | None) -> list[tuple[str, str]
 
 
 def pair_of(values: Values, names: Sequence[str] | None) -> tuple[str, str]:
-    """Two values that span a plane: the first two coordinates, or one with its momentum, where none are given."""
+    """Two values that span a plane; by default the first two coordinates, or one with its momentum."""
     pair = names or ((values.q if values.ndof > 1 else values.names)[:2])
     if len(pair) != 2:
         raise InvalidArgumentError(
@@ -178,7 +178,7 @@ def pair_of(values: Values, names: Sequence[str] | None) -> tuple[str, str]:
 
 
 def which_paths(data: Paths, most: int) -> np.ndarray:
-    """Which paths are drawn: the first ones of those that are ok somewhere."""
+    """Numbers of the paths to draw: the first among the paths that are ok at some time."""
     checks.integer("most", most, (1, 2**20))
     there = np.flatnonzero(np.isfinite(data.q).all(axis=1).any(axis=0))
     if there.size == 0:
@@ -217,7 +217,7 @@ def _mark(places: int) -> dict[str, str]:
 
 
 def _is_sparse(x: np.ndarray, y: np.ndarray) -> bool:
-    """Whether lines from point to point would be polygons: most go over more than a tenth of what the paths fill."""
+    """Whether lines between points would look like polygons: most are longer than a tenth of the paths' extent."""
     steps = np.hypot(*(np.diff(values, axis=0) / (np.nanmax(values) - np.nanmin(values) or 1.0) for values in (x, y)))
     seen = steps[np.isfinite(steps)]
     return seen.size > 0 and bool(np.median(seen) > _JUMP)
@@ -318,7 +318,7 @@ def _curves(xlabel: str, ylabel: str, curves: Sequence[Curve]) -> Callable:
 
 
 def of_observed(found: Any, at: int = -1) -> tuple[list[Callable], str]:
-    """Panels and title of what an observer kept; at: which saved time of a histogram."""
+    """Panels and title of an observer's results; at: number of the saved time of a histogram."""
     kind, names = found.observer.KIND, ", ".join(found.looked_at)
     if kind == "histogram":
         at = checks.integer("at", at, (-len(found.t), len(found.t) - 1))
