@@ -51,7 +51,7 @@ module symsde_solve_tridiagonal
 
 contains
 
-   !> How many of n >= 2 rows are eliminated downwards: an even number, near half of them.
+   !> How many of n >= 2 rows are eliminated downwards: an even number near n/2.
    pure integer function upper_rows(n)
       integer, intent(in) :: n
 
@@ -144,7 +144,7 @@ contains
       integer(i8), intent(in) :: signs(strip_lanes)
       real(wp), intent(inout) :: front(strip_lanes, nfront)
 
-      ! `front` still holds what these rows began with, which the closer look needs.
+      ! `front` still holds the data before these rows, which the check of trust needs.
       if (any(signs < 0)) call look_closer(strip_lanes, m, c, way, k, front(:, 1), front(:, 2), front(:, 4))
       front(:, 1) = carried
       front(:, 2) = inverse
@@ -243,12 +243,12 @@ contains
       do i = 1, n
          largest = max(1 + c*k(0, i), largest)
       end do
-      ! An odd last row begins the lower front as a pair with nothing in its first row.
+      ! An odd last row begins the lower front, as a pair whose first row is empty.
       if (odd == 1) call eliminate_pair(c, 0.0_wp, x(n) + f(n), 0.0_wp, 0.0_wp, k(0, n), k(1, n - 1), carried2, &
                                         inverse2, r2, signs, unused(1), factor(n), unused(2), rhs(n))
       do pair = 1, h/2
-         ! One pair of the upper front, rows i and i + 1, then one of the lower, rows i and i - 1: neither waits for
-         ! the other.
+         ! A pair of the upper front, rows i and i + 1, then a pair of the lower, rows i and i - 1: neither waits
+         ! for the other.
          i = 2*pair - 1
          call eliminate_pair(c, x(i) + f(i), x(i + 1) + f(i + 1), k(0, i), k(1, i), k(0, i + 1), k(1, i + 1), &
                              carried, inverse, r, signs, factor(i), factor(i + 1), rhs(i), rhs(i + 1))
@@ -396,8 +396,8 @@ contains
       if (-det > pivot_floor .and. -det < 1/pivot_floor) trusted = 1
    end subroutine meet
 
-   !> Whether the pivot and the inverse determinant of a pair are positive, or the determinant within bounds of what it
-   !> would be without what is beside the diagonal. False for a NaN.
+   !> Whether the pivot and the inverse determinant of a pair are positive, or the ratio of the determinant to
+   !> `plain`, its value without off-diagonal entries, is within bounds. False for a NaN.
    pure logical function is_trusted(pivot, scale, plain)
       real(wp), intent(in) :: pivot, scale, plain
       real(wp) :: ratio

@@ -211,7 +211,7 @@ class Model:
         return cls(**given)
 
     def _adopt(self, make: Callable[[], handles.Handle], name: str, parameters: dict[str, float]) -> None:
-        """Own handles, made when they are needed."""
+        """Make the model's own handles when they are needed."""
         self._handles = handles.Pool(make)
         self.name: str = name
         self._parameters: dict[str, float] = parameters
@@ -356,7 +356,7 @@ def fits_files(name: str) -> bool:
 
 
 def require_model(model: object) -> None:
-    """Refuse what is no model."""
+    """Refuse an object that is no model."""
     if not isinstance(model, Model):
         raise WrongTypeError(
             f"model = {checks.shown(model)} is not a model: give symsde.models.<name>(...) or symsde.Model(...)"
@@ -406,7 +406,7 @@ def _builtin_handle(name: str, parameters: Mapping[str, float]) -> ModelHandle:
 
 
 def _user_handle(name: str, traits: abi.Traits, functions: dict[str, Any], accepts_null: bool) -> ModelHandle:
-    """A handle of a model of the user's own, with callbacks that store their exceptions for it alone."""
+    """A handle of a user's model, with callbacks that store their exceptions for this handle alone."""
     failures = _callbacks.Failures()
     (*callbacks, joint, third, rows), user = _all_callbacks(functions, failures)
     pointer = ctypes.c_void_p()

@@ -392,8 +392,8 @@ contains
       self%at_work = 0
    end subroutine leave
 
-   !> Refuse low parts that a run without compensated summation has no use for, those of q or p alone, and those of a
-   !> wrong shape.
+   !> Refuse low parts of a run without compensated summation, low parts of q or p alone, and low parts of a wrong
+   !> shape.
    subroutine check_low(self, options, error, q_low, p_low)
       class(prepared_run), intent(in) :: self
       type(run_options), intent(in) :: options

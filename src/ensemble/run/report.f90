@@ -11,7 +11,7 @@ module symsde_ensemble_run_report
    private
    public :: run_report, describe_left_out
 
-   !> What a run tells of itself when it is over; a prepared run adds up the counters and seconds of all its calls.
+   !> The report of a run; a prepared run adds up the counters and seconds of all its calls.
    type :: run_report
       integer(i4) :: status = status_ok          !! ok, or the numerical outcome of the whole run
       character(:), allocatable :: stepper       !! the stepper the factory chose
@@ -31,7 +31,7 @@ module symsde_ensemble_run_report
 
 contains
 
-   !> Put into words what the traits of the model made superfluous, joined by semicolons.
+   !> Say which work the traits of the model made superfluous, joined by semicolons.
    subroutine describe_left_out(model, scheme, correction, stepper, text)
       class(model_type), intent(in) :: model
       type(scheme_type), intent(in) :: scheme

@@ -48,7 +48,7 @@ module symsde_ensemble_run_simulate
       integer(i8), allocatable :: failed(:)         !! global indices of the first failed paths, at most 1000
       integer(i4), allocatable :: failed_status(:)
       integer(i8), allocatable :: failed_step(:)
-      type(observed_type), allocatable :: observed(:)  !! what the observers have kept, in the order of their requests
+      type(observed_type), allocatable :: observed(:)  !! results of the observers, in the order of their requests
       type(run_report) :: report
    end type moments_type
 
@@ -101,7 +101,7 @@ contains
       end if
    end subroutine simulate
 
-   !> Integrate all paths and keep moments only, and what observers keep; memory grows with the saved times alone.
+   !> Integrate all paths and keep moments and results of observers only; memory grows with the saved times alone.
    subroutine moments(model, scheme, options, q0, p0, result, error, observables, dw, monitor, q0_low, p0_low, &
                       observers)
       class(model_type), intent(in), target :: model
@@ -165,11 +165,11 @@ contains
       result%failed_step = store%failed_step(:store%nlisted)
    end subroutine moments
 
-   !> Plan what the observers that are wanted have to do, if there are any.
+   !> Plan the work of the observers asked for, if there are any.
    subroutine plan_observers(plan, model, law, options, observers, error, observables)
       type(observer_plan), intent(out) :: plan
       class(model_type), intent(in), target :: model
-      integer, intent(in) :: law               !! that the increments follow where they are drawn
+      integer, intent(in) :: law               !! law of the increments that are drawn
       type(run_options), intent(in) :: options
       type(observer_request), intent(in) :: observers(:)
       type(error_type), allocatable, intent(inout) :: error
@@ -185,8 +185,8 @@ contains
       call new_observer_plan(plan, observers, run, error)
    end subroutine plan_observers
 
-   !> Refuse (invalid_argument) shards of moments that do not begin at a multiple of 256: only those merge on the same
-   !> tree as a whole run.
+   !> Refuse (invalid_argument) shards of moments that do not begin at a multiple of 256: such shards do not merge
+   !> on the tree of a whole run.
    subroutine check_shard(options, error)
       type(run_options), intent(in) :: options
       type(error_type), allocatable, intent(inout) :: error

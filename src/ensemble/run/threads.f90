@@ -26,22 +26,22 @@ module symsde_ensemble_run_threads
    private
    public :: shared_state, run_blocks, choose_nthread, usable_threads
 
-   integer(c_int), parameter :: longest_wait = 200  !! of a thread that waits for the others [us]
-   real(wp), parameter :: moment = 0.025_wp         !! that a chunk should take [s]
+   integer(c_int), parameter :: longest_wait = 200  !! wait of one thread for the others, at most [us]
+   real(wp), parameter :: moment = 0.025_wp         !! time of a chunk [s]
 
-   !> What the threads of one drive share.
+   !> Data that the threads of one drive share.
    type :: shared_state
       logical :: stopping = .false.
       integer(i8) :: next = 0, finished = 0       !! blocks: the next to be taken, and how many have ended
-      integer(i8) :: done = 0, total = 0          !! steps times paths: those done, and all of the drive
-      integer(i8) :: nfailed = 0, nstopped = 0    !! paths that failed, and those cut short by a stop
+      integer(i8) :: done = 0, total = 0          !! path-steps done, and of the whole drive
+      integer(i8) :: nfailed = 0, nstopped = 0    !! failed paths, and paths cut short by a stop
       integer(i8) :: ngrown = 0                   !! paths that are ok and have grown (block/growth)
    end type shared_state
 
    !> The stop flag as one thread sees it, looked at between chunks and wherever a step takes long.
    type, extends(interrupt_type) :: stop_flag
       type(shared_state), pointer :: shared => null()
-      class(monitor_type), pointer :: monitor => null()  !! of the thread that called the library, who alone tells it
+      class(monitor_type), pointer :: monitor => null()  !! called by the calling thread alone
    contains
       procedure :: look
    end type stop_flag
@@ -101,7 +101,7 @@ contains
       end if
    end subroutine run_blocks
 
-   !> Take one block after another on this thread, by its own runner, until none is left.
+   !> Run one block after another on this thread, by its own runner, until no block is left.
    subroutine run_share(me, runners, factory, options, start, monitor, shared)
       integer, intent(in) :: me   !! 1 is the thread that called the library
       type(block_runner), intent(inout), target :: runners(:)
@@ -172,8 +172,8 @@ contains
       end do
    end subroutine watch
 
-   !> Find whether the run is to be stopped. Only the thread that called the library tells the monitor and asks it;
-   !> the others read what it has found.
+   !> Find whether the run shall stop. Only the thread that called the library calls the monitor; other threads read
+   !> its answer.
    subroutine look(self)
       class(stop_flag), intent(inout) :: self
       integer(i8) :: done
@@ -193,13 +193,13 @@ contains
       self%wanted = self%wanted .or. stopping
    end subroutine look
 
-   !> Take one block to its end, chunk by chunk. Between chunks the stop flag is read, the monitor is told, and paths
-   !> that are left over go on in a narrower block. Chunks take a moment by the clock, which decides about nothing
-   !> else, or the number of steps that the monitor wants.
+   !> Run one block to its end, chunk by chunk. Between chunks read the stop flag, report to the monitor, and move
+   !> remaining paths to a narrower block. The monitor sets the steps of a chunk; by default the clock does, which
+   !> decides nothing else.
    subroutine run_block(runner, factory, chunk, flag, shared)
       type(block_runner), intent(inout), target :: runner
       type(runner_factory), intent(in) :: factory
-      integer(i8), intent(in) :: chunk   !! steps of each, as the monitor wants; 0 = those of a moment
+      integer(i8), intent(in) :: chunk   !! steps of a chunk, from the monitor; 0 = by the clock
       type(stop_flag), intent(inout) :: flag
       type(shared_state), intent(inout) :: shared
       type(block_runner), pointer :: active   !! who has the paths of the block
@@ -245,9 +245,8 @@ contains
       if (process_is_forked() /= 0) usable_threads = 1
    end function usable_threads
 
-   !> Choose the threads: those of the options, else of SYMSDE_NUM_THREADS, else what OpenMP would take; one in a
-   !> forked process. A variable that is set to anything but a number of threads is refused: who sets it would be
-   !> surprised otherwise.
+   !> Choose the number of threads: from the options, else from SYMSDE_NUM_THREADS, else OpenMP's; one in a forked
+   !> process. A variable that is no number of threads is refused: a user who sets it expects an effect.
    subroutine choose_nthread(options, nthread, error)
       type(run_options), intent(in) :: options
       integer, intent(out) :: nthread

@@ -20,7 +20,7 @@ module symsde_ensemble_run_warnings
    integer, parameter :: largest_dense = 64  !! degrees of freedom up to which a dense Hessian is looked at
    integer, parameter :: most_noises = 1024  !! noises that are looked at one by one, each with weights for all of them
 
-   !> What the warnings judge by, and where it comes from.
+   !> Bounds that the warnings use, and their origin.
    type :: bounds_type
       real(wp) :: frequency = 0   !! of H [1/time]
       real(wp) :: lipschitz = 0   !! of the noise [1/sqrt(time)]
@@ -30,10 +30,10 @@ module symsde_ensemble_run_warnings
 
 contains
 
-   !> Collect the warnings, one a line. The text is empty where there is nothing to say.
+   !> Collect the warnings, one a line. Without warnings the text is empty.
    subroutine set_up_warnings(model, nlane, scheme, options, explicit, q0, p0, lost_variance, text)
       class(model_type), intent(in) :: model
-      integer, intent(in) :: nlane               !! lanes that the model is called with: 1 where it takes any number
+      integer, intent(in) :: nlane               !! lanes of a call of the model: 1 if it takes any number
       type(scheme_type), intent(in) :: scheme
       type(run_options), intent(in) :: options
       logical, intent(in) :: explicit            !! the step calls no solver
@@ -84,8 +84,7 @@ contains
    end subroutine warn_of_frequency
 
    !> Warn of noise so strong that implicit equations may be unsolvable. With the Lipschitz constant L of the noise
-   !> they are certainly solvable while L |dW|/2 < 1; told is how many increments beyond that are to be expected in
-   !> the run.
+   !> they are solvable while L |dW|/2 < 1; the warning tells how many larger increments to expect in the run.
    subroutine warn_of_noise(text, options, bounds)
       character(:), allocatable, intent(inout) :: text
       type(run_options), intent(in) :: options
@@ -126,9 +125,9 @@ contains
                   to_text(epsilon(1.0_wp)*state)//': ask for compensated summation')
    end subroutine warn_of_rounding
 
-   !> Find the bounds: declared ones, else row sums of Hessians at the initial state. Those of the noises are summed
-   !> over all noises row by row, and the largest row counts: noises on different sites of a lattice do not add up.
-   !> Of more than most_noises noises nothing is estimated.
+   !> Find the bounds: declared ones, else row sums of Hessians at the initial state. Row sums of all noises are
+   !> added row by row, and the largest row counts: noises on different sites of a lattice do not add up. With more
+   !> than most_noises noises there is no estimate.
    subroutine find_bounds(model, nlane, t, q, p, bounds)
       class(model_type), intent(in) :: model
       integer, intent(in) :: nlane
@@ -230,7 +229,7 @@ contains
       end do
    end subroutine sum_rows
 
-   !> The weights with which H_k is looked at by itself.
+   !> Weights that select H_k alone.
    pure subroutine look_at(k, w)
       integer, intent(in) :: k
       real(wp), intent(out), contiguous :: w(:, 0:)

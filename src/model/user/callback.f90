@@ -44,7 +44,7 @@ module symsde_model_user_callback
       procedure(chain_rows_callback), pointer, nopass :: on_chain_rows => null()
       procedure(third_derivative_callback), pointer, nopass :: on_third_derivative => null()
       logical :: null_accepted = .false.         !! outputs that are not wanted are NULL
-      type(c_ptr) :: user = c_null_ptr           !! handed to every function as it is
+      type(c_ptr) :: user = c_null_ptr           !! passed to every function unchanged
       integer(i4), pointer :: failure => null()  !! first nonzero return; a model is intent(in)
    contains
       procedure :: gradient
@@ -71,8 +71,8 @@ module symsde_model_user_callback
 
 contains
 
-   !> A model from C functions. What is offered sets has_value, has_hessian and has_hessian_vector of the traits.
-   !> Refuses a missing gradient (missing_operation) and impossible traits (check_traits).
+   !> Make a model from C functions. The functions given set the traits has_value, has_hessian and
+   !> has_hessian_vector. Refuses a missing gradient (missing_operation) and impossible traits (check_traits).
    subroutine new_callback_model(self, name, traits, gradient, value, hessian, hessian_vector, &
                                  user, error)
       type(callback_model), intent(out) :: self
@@ -82,7 +82,7 @@ contains
       type(c_funptr), intent(in) :: value             !! a value_callback, or c_null_funptr
       type(c_funptr), intent(in) :: hessian           !! a hessian_callback, or c_null_funptr
       type(c_funptr), intent(in) :: hessian_vector    !! a hessian_vector_callback, or c_null_funptr
-      type(c_ptr), intent(in) :: user                 !! handed to every function as it is
+      type(c_ptr), intent(in) :: user                 !! passed to every function unchanged
       type(error_type), allocatable, intent(inout) :: error
 
       if (allocated(error)) return
@@ -104,8 +104,8 @@ contains
       allocate (self%failure, source=0_i4)
    end subroutine new_callback_model
 
-   !> One more function, before the model is used: gradient and Hessian together, and in place of a Hessian that is
-   !> not given. c_null_funptr: the separate ones again.
+   !> Add a function before the model is used: gradient and Hessian together; it also replaces a missing Hessian.
+   !> c_null_funptr removes it.
    subroutine set_gradient_hessian(self, gradient_hessian)
       class(callback_model), intent(inout) :: self
       type(c_funptr), intent(in) :: gradient_hessian  !! a gradient_hessian_callback, or c_null_funptr
@@ -154,8 +154,8 @@ contains
       call spoil(size(qn), qn, pn)
    end subroutine flow
 
-   !> One more function, before the model is used: rows of force and stiffness. c_null_funptr: without it again.
-   !> Refuses what is not declared to be such a chain.
+   !> Add a function before the model is used: rows of force and stiffness; c_null_funptr removes it. Refuses a
+   !> model that does not declare such a chain.
    subroutine set_chain_rows(self, chain_rows, error)
       class(callback_model), intent(inout) :: self
       type(c_funptr), intent(in) :: chain_rows  !! a chain_rows_callback, or c_null_funptr
@@ -174,7 +174,7 @@ contains
       self%offers%rows_of_one = .true.  ! asked for where any_lanes says that the bits are the same
    end subroutine set_chain_rows
 
-   !> One more function, before the model is used: third derivatives, for nested brackets. c_null_funptr: none again.
+   !> Add a function before the model is used: third derivatives, for nested brackets; c_null_funptr removes it.
    subroutine set_third_derivative(self, third_derivative)
       class(callback_model), intent(inout) :: self
       type(c_funptr), intent(in) :: third_derivative  !! a third_derivative_callback, or c_null_funptr
@@ -221,7 +221,7 @@ contains
       call spoil(nlane*ndof, hq, hp)
    end subroutine gradient
 
-   !> Value of sum_j w_j H_j; NaN where the user offers none.
+   !> Value of sum_j w_j H_j; NaN if the user gave no function for it.
    subroutine weighted_value(self, nlane, ndof, nnoise, t, w, q, p, value)
       class(callback_model), intent(in) :: self
       integer, intent(in) :: nlane, ndof, nnoise
@@ -240,8 +240,8 @@ contains
       call spoil(nlane, value)
    end subroutine weighted_value
 
-   !> Blocks of the Hessian of sum_j w_j H_j; from the joint function, by products or differences where the
-   !> user offers none.
+   !> Blocks of the Hessian of sum_j w_j H_j: from the user's function, else from the joint function, from products
+   !> or from differences.
    subroutine hessian(self, nlane, ndof, nnoise, t, w, q, p, hqq, hqp, hpp)
       class(callback_model), intent(in) :: self
       integer, intent(in) :: nlane, ndof, nnoise
@@ -268,8 +268,7 @@ contains
       call spoil(nlane*ndof**2, hqq, hqp, hpp)
    end subroutine hessian
 
-   !> Hessian of sum_j w_j H_j times (vq, vp); from the Hessian or by differences where the user
-   !> offers none.
+   !> Hessian of sum_j w_j H_j times (vq, vp): from the user's function, else from the Hessian or from differences.
    subroutine hessian_vector(self, nlane, ndof, nnoise, t, w, q, p, vq, vp, uq, up)
       class(callback_model), intent(in) :: self
       integer, intent(in) :: nlane, ndof, nnoise
@@ -317,7 +316,7 @@ contains
       call spoil(nlane*ndof**2, hqq, hqp, hpp)
    end subroutine gradient_hessian
 
-   !> Rows of force and stiffness of a strip; asked for where offers%rows says that they are there.
+   !> Rows of force and stiffness of a strip; called only if offers%rows is true.
    subroutine chain_rows(self, ndof, nnoise, first, last, t, w, q, hq, hqq)
       class(callback_model), intent(in) :: self
       integer, intent(in) :: ndof, nnoise, first, last
@@ -335,7 +334,7 @@ contains
       call spoil(size(hqq), hqq)
    end subroutine chain_rows
 
-   !> Force and upper bands: of one lane by its rows, where there are such.
+   !> Force and upper bands; of one lane by its rows, if the user gave a function for rows.
    subroutine force_stiffness(self, nlane, ndof, nnoise, b, t, w, q, p, hq, hqq)
       class(callback_model), intent(in) :: self
       integer, intent(in) :: nlane, ndof, nnoise
@@ -367,8 +366,7 @@ contains
       call spoil(2*ndof, hqq)
    end subroutine force_stiffness
 
-   !> Third derivatives of sum_j w_j H_j along two vectors; asked for where the trait has_third_derivative says that
-   !> they are there.
+   !> Third derivatives of sum_j w_j H_j along two vectors; called only with the trait has_third_derivative.
    subroutine third_derivative(self, nlane, ndof, nnoise, t, w, q, p, aq, ap, bq, bp, uq, up)
       class(callback_model), intent(in) :: self
       integer, intent(in) :: nlane, ndof, nnoise
@@ -384,7 +382,8 @@ contains
       call spoil(nlane*ndof, uq, up)
    end subroutine third_derivative
 
-   !> All blocks of the Hessian by a function that does not accept NULL; those that are wanted are kept.
+   !> Compute all blocks of the Hessian by a function that does not accept NULL, and keep the blocks that are
+   !> present.
    subroutine whole_hessian(self, nlane, ndof, nnoise, t, w, q, p, code, hqq, hqp, hpp)
       type(callback_model), intent(in) :: self
       integer, intent(in) :: nlane, ndof, nnoise

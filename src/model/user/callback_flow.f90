@@ -39,7 +39,7 @@ module symsde_model_user_callback_flow
                              user) bind(c) result(code)
          import :: c_int, c_int64_t, c_double, c_ptr, nfunctional
          integer(c_int), value :: nlane, ndof, nham
-         integer(c_int), value :: nstep, every             !! steps, and after how many of them a state is wanted
+         integer(c_int), value :: nstep, every             !! steps, and steps between states to return
          integer(c_int), value :: max_iter                 !! bound of a solver's iterations in a step
          real(c_double), value :: t, h                     !! when the first step begins; the step with its sign
          real(c_double), intent(in) :: w(nlane, nham, nstep)
@@ -54,7 +54,7 @@ module symsde_model_user_callback_flow
 
 contains
 
-   !> Keep a function for a map instead of the one there was; c_null_funptr keeps none.
+   !> Set the function of a map; c_null_funptr removes it.
    subroutine set(self, map, function)
       class(user_flows), intent(inout) :: self
       type(step_map), intent(in) :: map
@@ -79,7 +79,7 @@ contains
       self%slots = slots(:n)
    end subroutine set
 
-   !> Which function a map has; 0 = none.
+   !> Index of a map's function; 0 = none.
    pure integer function place_of(self, map)
       class(user_flows), intent(in) :: self
       type(step_map), intent(in) :: map
@@ -92,7 +92,7 @@ contains
       end do
    end function place_of
 
-   !> Steps by a map that has a function, in the first n lanes; the others get what the last of these gets.
+   !> Take the steps of a map that has a function, in the first n lanes; further lanes repeat the last of them.
    subroutine take(self, map, steps, ndof, n, user, q, p, qn, pn, status, code)
       class(user_flows), intent(in) :: self
       type(step_map), intent(in) :: map

@@ -14,7 +14,7 @@ module symsde_model_user_outputs
 
 contains
 
-   !> Room for n numbers that nobody wants: on the caller's stack if they are few; null where memory does not suffice.
+   !> Room for n numbers that are dropped: on the caller's stack if they are few; null if memory does not suffice.
    subroutine find_room(n, few, more, room)
       integer, intent(in) :: n
       real(wp), intent(in), target :: few(little)
@@ -42,8 +42,8 @@ contains
       if (present(y)) y = x
    end subroutine keep
 
-   !> NaN in outputs of n numbers each; absent outputs stay absent. Before a call, so that what the function leaves
-   !> unwritten is seen, and where it failed.
+   !> Fill outputs of n numbers each with NaN; absent outputs stay absent. Done before a call, so that unwritten
+   !> outputs show, and after a failed call.
    pure subroutine spoil(n, x, y, z)
       integer, intent(in) :: n
       real(wp), intent(out), dimension(n), optional :: x, y, z

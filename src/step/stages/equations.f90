@@ -29,7 +29,7 @@ module symsde_step_stages_equations
    include 'equations.inc'
    include 'fixed_point.inc'
 
-   ! ---- what a block does otherwise than a path by itself ------------------------------------------
+   ! ---- parts that differ between a block and a single path ---------------------------------------
 
    !> Lanes of a part of the block.
    pure integer function lanes(self)
@@ -38,8 +38,8 @@ module symsde_step_stages_equations
       lanes = self%ham%nlane
    end function lanes
 
-   !> What drives the lanes from `first` on (weights and functionals), copied: they are a part of the block, whose
-   !> arrays have more rows. w and step point to the copies.
+   !> Copy weights and functionals of the lanes from `first` on: they are a part of the block, whose arrays have
+   !> more rows. w and step point to the copies.
    subroutine take_step(self, first, step)
       type(stage_equations), intent(inout), target :: self
       integer, intent(in) :: first
@@ -77,7 +77,7 @@ module symsde_step_stages_equations
                call self%place(i, min(sweep, 2))
                ! F_i and C_i at the new point of all lanes; whose they become is decided below.
                call self%evaluate(i, self%hq, self%hp)
-               ! There is nothing to compare with in the first sweep: the change is the slope itself.
+               ! The first sweep has no slope to compare with: the change is the slope itself.
                if (sweep == 1) then
                   call take_first(nlane, n, 1.0_wp, self%hq, self%f(:, :, i), self%change)
                   if (.not. self%eliminated) call take_first(nlane, n, 1.0_wp, self%hp, self%c(:, :, i), self%change)

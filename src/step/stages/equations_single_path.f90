@@ -29,7 +29,7 @@ module symsde_step_stages_equations_single_path
    include 'equations.inc'
    include 'fixed_point.inc'
 
-   ! ---- what a path by itself does otherwise than a block ------------------------------------------
+   ! ---- parts that differ between a single path and a block ---------------------------------------
 
    !> One lane, known to the compiler.
    pure integer function lanes(self)
@@ -38,8 +38,8 @@ module symsde_step_stages_equations_single_path
       lanes = 1
    end function lanes
 
-   !> What drives the path. Its slopes are zero when the step begins, because weigh_slopes adds all of them: a slope
-   !> left by the step before, times the coefficient zero, would spoil the sum if it were no number.
+   !> Take weights and functionals of the path. Its slopes are zero when the step begins, because weigh_slopes adds
+   !> all of them: an old slope that is NaN, times the coefficient zero, would spoil the sum.
    subroutine take_step(self, first, step)
       type(stage_equations), intent(inout) :: self
       integer, intent(in) :: first

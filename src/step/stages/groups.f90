@@ -36,7 +36,7 @@ module symsde_step_stages_groups
       logical :: explicit = .false.            !! one stage that does not wait for itself
       real(wp), allocatable :: b(:, :)         !! B of these stages (nmember, nmember)
       real(wp), allocatable :: earlier(:, :)   !! the same with stages outside, a column each (nstage, nmember)
-      real(wp), allocatable :: inverse(:, :)   !! of b; not allocated where it is singular
+      real(wp), allocatable :: inverse(:, :)   !! inverse of b; not allocated if b is singular
       real(wp), allocatable :: e(:), f(:)      !! b_ik = e_i f_k where it is singular and of rank one (nmember)
    end type stage_group
 
@@ -77,10 +77,10 @@ contains
          self%r(k) = sum(self%a(:, k))
          self%v(k) = dot_product(self%alpha, self%abar(k, :))
          do i = 1, self%nstage
-            ! Columns hold stages, so this is B_ik = sum_j a_ij abar_jk.
+            ! Columns hold stages, so B_ik = sum_j a_ij abar_jk.
             self%b(k, i) = dot_product(self%a(:, i), self%abar(k, :))
-            ! Where momenta are eliminated B alone ties stages; else P_i reads G_k, too, and Q_i reads what a has of
-            ! stage k.
+            ! If momenta are eliminated, B alone couples stages; else P_i also reads G_k, and Q_i reads stages k
+            ! with a_ik /= 0.
             waits(i, k) = abs(self%b(k, i)) > 0
             if (.not. eliminated) waits(i, k) = waits(i, k) .or. abs(self%a(k, i)) > 0 .or. abs(self%abar(k, i)) > 0
          end do
@@ -190,7 +190,7 @@ contains
          m = m + 1
          group%stage(m) = i
       end do
-      ! All coefficients of its stages, of which those inside of the group are taken out.
+      ! Begin with the coefficients of all stages, then set those within the group to zero.
       group%earlier = b(:, group%stage)
       do k = 1, m
          do i = 1, m

@@ -103,7 +103,7 @@ def keep(target: Path, content: bytes, source: str) -> None:
 
 
 def load(target: Path) -> ctypes.CDLL | None:
-    """A library, once in a process; None where there is none that is whole, of this user and of this machine."""
+    """Load a library once in a process; None if no complete one of this user and this machine exists."""
     if target not in _loaded:
         content, told = _read(target), _read(target.with_suffix(".sha256"))
         if content is None or told is None or told[:64] != hashlib.sha256(content).hexdigest().encode():
@@ -119,7 +119,7 @@ def load(target: Path) -> ctypes.CDLL | None:
 
 
 def _read(path: Path) -> bytes | None:
-    """What this user has written there."""
+    """The content of a file that this user wrote."""
     try:
         handle = os.open(path, os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK | os.O_CLOEXEC)
         with open(handle, "rb") as file:

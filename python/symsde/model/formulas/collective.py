@@ -27,7 +27,7 @@ MAX_TERMS = 2_000  #: of a formula that is multiplied out to see whether a sum s
 
 @dataclass(frozen=True)
 class Outer:
-    """Functions F_j of sums over sites, of those Hamiltonians that hold one."""
+    """Functions F_j of sums over sites, of the Hamiltonians that have one."""
 
     numbers: tuple[Any, ...]  #: the Hamiltonians, `sites.Number`
     derivatives: Derivatives  #: coordinate k of these is sum k

@@ -52,7 +52,7 @@ class Compiled:
 
 
 def command() -> list[str] | None:
-    """SYMSDE_CC, CC, the system's cc, gcc or clang, or that of the package ziglang; None where there is none."""
+    """The compiler: SYMSDE_CC, CC, the system's cc, gcc or clang, or ziglang's; None if there is none."""
     for given in (os.environ.get("SYMSDE_CC"), os.environ.get("CC"), "cc", "gcc", "clang"):
         words = shlex.split(given) if given else []
         if words and shutil.which(words[0]):
@@ -66,7 +66,7 @@ def flags(source: str) -> tuple[str, ...]:
 
 
 def build(source: str) -> Compiled | None:
-    """The library of a C text, compiled unless that was done before; None where there is no compiler."""
+    """The library of a C text, compiled unless the cache has it; None without a compiler."""
     compiler = command()
     if compiler is None:
         return None
@@ -82,7 +82,7 @@ def build(source: str) -> Compiled | None:
 
 
 def _compile(compiler: list[str], source: str, target: Path) -> None:
-    """Compile beside the target, then put it in its place."""
+    """Compile to a temporary file, then rename it to the target."""
     try:
         _parts.sweep(target.parent)
         with _parts.beside(target) as made:
@@ -122,7 +122,7 @@ def _key(source: str, compiler: tuple[str, ...]) -> str:
 
 @functools.cache
 def _version(compiler: tuple[str, ...]) -> str:
-    """What the compiler says of itself."""
+    """The compiler's version text."""
     done = subprocess.run([*compiler, "--version"], capture_output=True, text=True, timeout=30, check=False)
     return done.stdout
 

@@ -263,7 +263,7 @@ class Writer:
         return None
 
     def operand(self, x: int) -> str:
-        """A node as it stands in an operation."""
+        """A node as an operand in C."""
         if x in self.given:
             return self.given[x]
         node = self.graph.nodes[x]
@@ -273,7 +273,7 @@ class Writer:
 
 
 def reachable(graph: Graph, roots: Iterable[int], given: Container[int] = ()) -> list[int]:
-    """The nodes that these take, in their order; nothing for those that are given."""
+    """The nodes that these need, in order; empty for given nodes."""
     found, waiting = set(), list(roots)
     while waiting:
         x = waiting.pop()

@@ -67,7 +67,7 @@ def named(scheme: str) -> str:
 
 
 def source(made: Derivatives) -> str:
-    """The functions of these schemes, after those of emit_c; empty where there are none."""
+    """The functions of these schemes, which follow those of emit_c; empty if no scheme has one."""
     schemes = flows(made)
     if not schemes:
         return ""
@@ -188,7 +188,7 @@ def _corrected(made: Derivatives) -> list[str]:
 
 
 def _correction(made: Derivatives) -> list[str]:
-    """Steps of the corrected pair, and what they take of the noises."""
+    """Steps of the corrected pair, and the terms of the noises that they use."""
     noise = {block: made.noise_block(variables) for block, variables in BLOCKS.items()}
     slopes = (("noise_force", ("hq", "hqq")), ("noise_velocity", ("hp", "hpp")))
     parts = []
@@ -271,7 +271,7 @@ def _moves(made: Derivatives, name: str, block: str, kept: Iterable[int] = ()) -
 
 
 def _signed(graph: Graph, x: int, minus: bool = False) -> list[tuple[bool, int]]:
-    """The terms of a sum, each with whether it is subtracted."""
+    """The terms of a sum, each with a flag: is it subtracted."""
     node = graph.nodes[x]
     if node.what in ("+", "-"):
         a, b = node.arguments
@@ -291,7 +291,7 @@ def _factors(graph: Graph, x: int, state: set[int], given: Container[int]) -> tu
 
 
 def _above(graph: Graph, nodes: set[int]) -> set[int]:
-    """These nodes and all that take them."""
+    """These nodes and all nodes that depend on them."""
     found = set(nodes)
     for x, node in enumerate(graph.nodes):
         if any(a in found for a in node.arguments):

@@ -256,6 +256,6 @@ def _stores(made: Derivatives, outputs: dict[str, Any], stores: tuple[str, ...])
 
 
 def _handed_from_above(made: Derivatives, terms: list[_Term], closed: bool) -> str:
-    """What the row before the first adds to it."""
+    """The contribution of the row above the first row of a call to it."""
     before, inside = _loop(made, terms, HANDED, ("force[i] = {force};", "diagonal[i] = {diagonal};"))
     return HANDED_FROM_ABOVE.format(there="1" if closed else "first > 0", before=before, inside=inside)

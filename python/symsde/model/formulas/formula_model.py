@@ -33,7 +33,7 @@ KINDS = ("gradient", "value", "hessian", "hessian_vector", "gradient_hessian", "
 
 @dataclass(frozen=True)
 class Formula:
-    """What became of the formulas of a model."""
+    """How the formulas of a model were derived and compiled."""
 
     hamiltonians: tuple[str, ...]  #: H, H_1 .. H_m as given
     structure: Structure | None  #: what was derived from them; of sums over sites see the traits
@@ -45,7 +45,7 @@ class Formula:
 
 
 class FormulaModel(Model):
-    """A model from formulas. `formula` says what was derived and generated."""
+    """A model from formulas. `formula` tells what was derived and generated."""
 
     formula: Formula
     _derivatives: Derivatives | None  #: nodes of all derivatives; None of sums over sites
@@ -94,7 +94,7 @@ class FormulaModel(Model):
         return ", ".join([*texts, *(["..."] if len(self.formula.hamiltonians) > 4 else [])])
 
     def with_parameters(self, **values: float) -> FormulaModel:
-        """The same model with other values of some parameters. Nothing is compiled again."""
+        """The same model with other values of some parameters; nothing is compiled again."""
         _, (given,) = self._remade
         chosen = {self._parameter(key): value for key, value in values.items()}
         if len(chosen) < len(values):
@@ -235,7 +235,7 @@ def _shown(state: np.ndarray) -> str:
 
 
 def _compiled(source: str, is_chain: bool) -> compiler.Compiled | None:
-    """The compiled code; None, with a sentence about the cost, where nothing compiles."""
+    """The compiled code; None if nothing compiles, with a warning of the cost."""
     compiled = compiler.build(source)
     if compiled is not None:
         return compiled

@@ -56,10 +56,10 @@ def is_formula(given: object) -> bool:
 
 
 class FormulaObservables:
-    """Some observables of a model, in their order; they can be called as f(t, q, p) -> (observable, lane)."""
+    """Some observables of a model, in order; callable as f(t, q, p) -> (observable, lane)."""
 
     def __init__(self, model: Model, formulas: Mapping[str, Any], *, compiles: bool = True):
-        """Read and compile, unless told not to; errors name the observable."""
+        """Read and, by default, compile the formulas; errors name the observable."""
         parameters = {key: x for key, x in model.parameters.items() if is_name(key) and np.isscalar(x)}
         given = model._remade[1][0] if hasattr(model, "formula") else {}
         names = tuple((letter, _own(given.get(letter)), model.ndof) for letter in "qp")
@@ -71,7 +71,7 @@ class FormulaObservables:
 
     @property
     def is_compiled(self) -> bool:
-        """Whether they are a function of C."""
+        """Whether the observables have a C function."""
         return self._read.compiled is not None
 
     def callback(self) -> tuple[Callable, ctypes.c_void_p]:
@@ -103,7 +103,7 @@ def _own(given: object) -> tuple | None:
 
 @dataclass(frozen=True)
 class _Read:
-    """Formulas as nodes of a graph, the sums that are leaves of it, and compiled code where there is a compiler."""
+    """Formulas as nodes of a graph, the sums among its leaves, and compiled code if there is a compiler."""
 
     graph: Graph
     roots: list[int]

@@ -27,7 +27,7 @@ MAX_OPERATIONS = 12_000
 
 @dataclass(frozen=True)
 class Node:
-    """One operation and the nodes that it takes."""
+    """One operation and its arguments, which are nodes."""
 
     what: str  #: number, leaf, or an operation
     arguments: tuple[int, ...] = ()
@@ -37,7 +37,7 @@ class Node:
 
 @dataclass
 class Graph:
-    """Nodes, each after those that it takes."""
+    """Nodes, each after its arguments."""
 
     nodes: list[Node] = field(default_factory=list)
     _known: dict[tuple, int] = field(default_factory=dict)
@@ -211,7 +211,7 @@ class Graph:
 
 
 def constant(e: Any) -> float:
-    """A constant as floating point; refuses what is not real and finite."""
+    """A constant as a floating-point number; a constant that is not real and finite is refused."""
     try:  # of whole numbers of any length exactly: symengine's own way leaves floating point on the way
         value = float(Fraction(str(e))) if getattr(e, "is_Rational", False) else float(e)
     except (TypeError, ValueError, RuntimeError, OverflowError, ZeroDivisionError):

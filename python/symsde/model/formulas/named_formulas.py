@@ -51,7 +51,7 @@ class Problem:
 
 
 def quoted(text: str) -> str:
-    """A formula as it stands in a sentence, cut to a length that fits one."""
+    """A formula as the user wrote it, shortened to fit into a sentence."""
     return repr(text if len(text) <= 80 else text[:77] + "...")
 
 
@@ -119,7 +119,7 @@ def _found(letter: str, texts: Sequence[str], count: int = 0) -> str | list[str]
 
 
 def several(what: str, given: Any) -> list[Any]:
-    """One thing or a sequence of them, as a list."""
+    """A single object or a sequence as a list."""
     if isinstance(given, Mapping | set):
         raise WrongTypeError(f"{what} = {checks.shown(given)} has no order: give a list")
     found = checks.items(given)

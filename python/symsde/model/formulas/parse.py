@@ -39,7 +39,7 @@ _RESERVED = frozenset({*FUNCTIONS, "pi"})
 
 
 class FormulaTextError(InvalidArgumentError):
-    """A text that is no formula; the sentence says what in it."""
+    """A text that is no formula; the message says which part is wrong."""
 
 
 def parse(text: str, names: Mapping[str, Any], reader: Reader | None = None) -> Any:
@@ -78,7 +78,7 @@ def _tree(text: str, names: Iterable[str]) -> ast.Expression:
 
 
 def names_in(text: str) -> set[str]:
-    """The names that a text uses; none of a text that is no formula."""
+    """The names in a text; empty if the text is no formula."""
     try:
         tree = _tree(text, keyword.kwlist) if len(text) <= MAX_CHARACTERS else ast.Constant(0)
     except (SyntaxError, ValueError, RecursionError, MemoryError):
@@ -101,7 +101,7 @@ class Reader:
     """From Python's tree to an expression."""
 
     def __init__(self, names: Mapping[str, Any]):
-        """`names`: what names in the text stand for."""
+        """`names`: the meaning of the names in the text."""
         self.sympy = optional("sympy", "sympy")
         self.names = names
 

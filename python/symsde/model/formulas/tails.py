@@ -56,7 +56,7 @@ class Tails:
         return self._formed[e]
 
     def diff(self, e: Any, x: Any) -> Any:
-        """The derivative of what was formed."""
+        """The derivative of a formed expression by x."""
         result = e.diff(x)
         for symbol in sorted((s for s in e.free_symbols if s in self.known), key=str):
             if x in self.known[symbol].plain.free_symbols:
