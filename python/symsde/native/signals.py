@@ -1,11 +1,11 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Handlers of signals while the library may call Python.
 
-A handler that raises could do so where a callback of the library begins: the exception would be lost, and the results
-of the callback not set. So during such calls a handler that only leaves a note stands for each of Python's. They are
-called when the library asks how to go on, and at the end of the call: where they return, the work goes on; what they
-raise is raised by the call. A second signal of a kind whose note still waits, in a function of the user's that may
-hang, is handled at once.
+An exception of a handler could be raised where a callback of the library begins: it would be lost, and the
+results of the callback not set. So during such calls each handler of Python is replaced by one that only notes
+the signal. The handlers of noted signals are called when the library asks how to go on, and at the end of the
+call. If they return, the work goes on; an exception of theirs is raised by the call. If a signal comes again
+while its note still waits, as in a user's function that hangs, it is handled at once.
 """
 
 from __future__ import annotations

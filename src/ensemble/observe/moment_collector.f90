@@ -206,7 +206,7 @@ contains
       call self%list%take(it, t, values, counts)
    end subroutine take
 
-   !> The rest of the times is left out: what waits is all there is.
+   !> The remaining times are left out: evaluate observables at the states that still wait for them.
    subroutine skip(self, isave)
       class(moment_collector), intent(inout) :: self
       integer(i8), intent(in) :: isave

@@ -66,7 +66,7 @@ module symsde_step_one_dof_newton_single_path
       zero = 0
       !GCC$ novector  ! few numbers
       do i = first, first + n - 1
-         zero = zero + 0*self%d(1, i)  ! NaN where one is not finite
+         zero = zero + 0*self%d(1, i)  ! NaN if an entry is not finite
       end do
       if (smallest > pivot_floor .and. abs(zero) <= 0) return
       ! Elimination has overwritten the matrix, and solutions the right-hand sides: both are formed once more from

@@ -94,7 +94,7 @@ contains
 
       associate (kicks => self%kicks)
          if (abs(step%h - self%h) > 0) then
-            ! The weights of H in all lanes: steps that are weighed together have the same size.
+            ! The weight of H is h in all lanes, since steps that are weighed together have the same h.
             self%h = step%h
             self%v(:, 0) = step%h
             do i = 1, size(kicks%c)

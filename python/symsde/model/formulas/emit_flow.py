@@ -230,8 +230,8 @@ def _sweeps(made: Derivatives) -> bool:
 
 
 def _kept(made: Derivatives) -> list[int]:
-    """The largest parts of the force that hang on the coordinates and on no weight, leaves aside: after a step of
-    Stormer-Verlet they are those before the next one."""
+    """The largest parts of the force that depend on coordinates and not on weights, except leaves: their values
+    after a step of Stormer-Verlet are those before the next step."""
     graph, roots = made.graph, set(made.outputs["hq"])
     needed = _needed(made, ["hq"])
     weighted: set[int] = set()

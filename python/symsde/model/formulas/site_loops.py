@@ -54,7 +54,8 @@ def additions(d: Density, output: str) -> list[tuple[str, int]]:
 
 
 def entries(d: Density, output: str) -> list[tuple[tuple[int, ...], int]]:
-    """What one site adds to an output: neighbours (by their places in d.offsets), one for each index, and the node."""
+    """The terms that one site adds to an output: places in d.offsets, one for each index of the output, and the
+    node."""
     size, made = len(d.offsets), d.derivatives.outputs
     if output == "value":
         return [((), made["value"][0])]

@@ -51,7 +51,8 @@ class Place:
 
 @dataclass(frozen=True)
 class Number:
-    """The number of a Hamiltonian, whatever the number of sites: some, and families of one for each site, before it."""
+    """The number of a Hamiltonian as a function of the number of sites: `alone` single Hamiltonians come before
+    it, and `families` families with one Hamiltonian for each site."""
 
     alone: int = 0
     families: int = 0
