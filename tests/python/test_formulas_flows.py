@@ -191,6 +191,18 @@ def test_a_far_path_changes_no_other(scheme):
     np.testing.assert_array_equal(alone.p[:, :, 0], far.p[:, :, 7])
 
 
+@pytest.mark.parametrize("scheme", ALL)
+def test_angles_below_an_eighth_of_a_turn_alone(scheme):
+    """A path that is alone takes a short way to the sine there, with the bits of a block."""
+    starts = np.array([[0.0, -0.0, 0.78, 0.7851, 0.7855, 0.82, -0.785, 2.0, 3e5]])
+    run = {**RUN, "scheme": scheme, "steps": 20}
+    block = ss.simulate(model("pendulum"), **{**run, "q0": starts}, paths=9)
+    for i in range(9):
+        alone = ss.simulate(model("pendulum"), **{**run, "q0": starts[:, [i]]}, paths=1, first_path=i)
+        np.testing.assert_array_equal(alone.q[:, :, 0], block.q[:, :, i])
+        np.testing.assert_array_equal(alone.p[:, :, 0], block.p[:, :, i])
+
+
 FAR = [*(("one equation", scheme) for scheme in ALL), ("two angles", "gauss2")]
 
 

@@ -71,7 +71,7 @@ INLINE STEP_alone(const int steps, const ptrdiff_t stride, LANE_IN, const double
    state s = state_of(x, 0, STEP_KEPT);
 #pragma GCC unroll 1
    for (int j = 0; j < steps; j++)
-      beyond |= STEP(w + j * stride, n, c, h, &s, 0);
+      beyond |= STEP(w + j * stride, n, c, h, &s, ALONE);
    put_state(s, y, 0, STEP_KEPT);
    return beyond;
 }

@@ -146,7 +146,7 @@ INLINE STEP_one(const int lanes, const int max_iter, LANE_IN, const double *rest
 
 /* Derivatives for a path that is alone. */
 INLINE STEP_look(LANE_IN, const state *s, const double *z, double *e) {
-   if (STEP_evaluate(LANE_OF, s, z, e, 0) < 0)
+   if (STEP_evaluate(LANE_OF, s, z, e, ALONE) < 0)
       STEP_evaluate(LANE_OF, s, z, e, 1);
    return 0;
 }
@@ -155,7 +155,7 @@ INLINE STEP_look(LANE_IN, const state *s, const double *z, double *e) {
 INLINE STEP_alone(const int max_iter, LANE_IN, state *s, int64_t *restrict status) {
    double e[STEP_DERIVATIVES];
    STEP_lane lane;
-   if (STEP_begin(LANE_OF, s, *status, &lane, 0) < 0)
+   if (STEP_begin(LANE_OF, s, *status, &lane, ALONE) < 0)
       STEP_begin(LANE_OF, s, *status, &lane, 1);
    STEP_look(LANE_OF, s, lane.z, e);
    STEP_correct(LANE_OF, s, e, &lane, 1);

@@ -65,11 +65,31 @@ LANE int64_t outside(double x, double bound) {
 
 static const double to_integer = 0x1.8p52; /* x + this - this rounds x to an integer */
 
+/* `far` of a path that is alone, which may branch */
+enum { ALONE = 2 };
+
+/* Sine and cosine of r + low, |r| <= pi/4. */
+LANE void on_quarter(const double r, const double low, double *sine, double *cosine) {
+   const double z = r * r, y = z * z;
+   const double s = PAIRS6(z, y, -0.16666666666666632, 0.008333333333322418, -0.00019841269829812402,
+                           2.755731369357982e-06, -2.505075838538343e-08, 1.5896811852068921e-10);
+   const double c = PAIRS6(z, y, 0.0416666666666666, -0.0013888888888874131, 2.4801587289487006e-05,
+                           -2.755731435378607e-07, 2.087572347857163e-09, -1.1359658818861251e-11);
+   *sine = r + FMA(r, z * s, low);
+   const double half = 0.5 * z;
+   const double b = 1 - half;
+   *cosine = b + (((1 - b) - half) + FMA(y, c, -(r * low)));
+}
+
 /* The algorithm of the library's sincos_lanes, whose comments explain it (src/base/sincos.f90). */
 LANE void lane_sincos(double x, double *sine, double *cosine, const int far, int64_t *beyond) {
-   if (far && !(fabs(x) <= 1e5)) {
+   if (far == 1 && !(fabs(x) <= 1e5)) {
       *sine = sin(x);
       *cosine = cos(x);
+      return;
+   }
+   if (far == ALONE && fabs(x) <= 0.785) { /* no turns: what follows would leave x as it is, and low zero */
+      on_quarter(x, 0, sine, cosine);
       return;
    }
    const double shifted = FMA(x, 0.6366197723675814, to_integer);
@@ -78,15 +98,8 @@ LANE void lane_sincos(double x, double *sine, double *cosine, const int far, int
    const double first = FMA(-turns, 1.5707963267923333, x), second = turns * 2.5633441515839558e-12;
    const double r = first - second;
    const double low = FMA(-turns, 1.0562999066987428e-23, (first - r) - second);
-   const double z = r * r, y = z * z;
-   const double s = PAIRS6(z, y, -0.16666666666666632, 0.008333333333322418, -0.00019841269829812402,
-                           2.755731369357982e-06, -2.505075838538343e-08, 1.5896811852068921e-10);
-   const double c = PAIRS6(z, y, 0.0416666666666666, -0.0013888888888874131, 2.4801587289487006e-05,
-                           -2.755731435378607e-07, 2.087572347857163e-09, -1.1359658818861251e-11);
-   const double a = r + FMA(r, z * s, low);
-   const double half = 0.5 * z;
-   double b = 1 - half;
-   b = b + (((1 - b) - half) + FMA(y, c, -(r * low)));
+   double a, b;
+   on_quarter(r, low, &a, &b);
    const uint64_t a_bits = (uint64_t)bits_of(a), b_bits = (uint64_t)bits_of(b);
    const uint64_t swap = (a_bits ^ b_bits) & -(turn & 1);
    *sine = double_of((a_bits ^ swap) ^ ((turn & 2) << 62));
