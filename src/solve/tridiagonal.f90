@@ -217,7 +217,7 @@ contains
       end do
    end subroutine correct_strip
 
-   !> The same of one lane that runs, all rows, the pairs of both fronts in turn.
+   !> Eliminate, solve and correct all rows of one running lane, taking pairs of both fronts in turn.
    pure subroutine solve_lane(n, c, f, k, factor, rhs, x, trusted, largest, step, size)
       integer, intent(in) :: n
       real(wp), intent(in) :: c, f(n), k(0:1, 0:n)  !! row 0 is not read

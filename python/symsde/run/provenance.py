@@ -33,7 +33,7 @@ def made() -> dict[str, str]:
 
 
 def seconds(timings: Mapping[str, float]) -> dict[str, float]:
-    """Seconds that a run took; None if SOURCE_DATE_EPOCH asks for reproducible files."""
+    """Seconds that a run took; zeros if SOURCE_DATE_EPOCH asks for reproducible files."""
     return {name: 0.0 if os.environ.get("SOURCE_DATE_EPOCH") else x for name, x in timings.items()}
 
 

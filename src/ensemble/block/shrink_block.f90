@@ -200,7 +200,7 @@ contains
          call spread_lanes(wide%nlane, narrow%nlane, nreal, wide%ndof, origin, is_ok, narrow%p_low, wide%p_low)
       end if
       do lane = 1, nreal
-         ! Only lanes that have failed in the narrow block bring something else than numbers.
+         ! Lanes that failed in the narrow block also bring their status and step.
          if (.not. is_ok(lane) .or. narrow%status(lane) == 0) cycle
          wide%status(origin(lane)) = narrow%status(lane)
          wide%failed_step(origin(lane)) = narrow%failed_step(lane)

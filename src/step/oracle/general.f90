@@ -322,7 +322,7 @@ contains
             end do
          end do
          do k = at, at + 2*n - 1
-            ! The slopes themselves, F_i and G_i, of the equations of these rows.
+            ! The diagonal: F_i and G_i in their own equations.
             m(:, k, k) = m(:, k, k) + 1
          end do
       end associate

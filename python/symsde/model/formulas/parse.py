@@ -87,7 +87,7 @@ def names_in(text: str) -> set[str]:
 
 
 def _bounded(tree: ast.AST):
-    """Nodes of a tree, so many that it is known whether there are too many."""
+    """Nodes of a tree, up to a number beyond MAX_NODES, so that a caller sees whether there are too many."""
     waiting, count = [tree], 0
     while waiting and count <= 2 * MAX_NODES:
         node = waiting.pop()
