@@ -16,10 +16,10 @@ import sys
 from pathlib import Path
 
 from symsde.native import files
-from symsde.reports import study
-from symsde.reports.paper import symplecticity
-from symsde.reports.stability import bifurcation, limits, long_time, stability_figure
-from symsde.reports.study import study_page
+from symsde.studies import study
+from symsde.studies.paper import symplecticity
+from symsde.studies.stability import bifurcation, limits, long_time, stability_figure
+from symsde.studies.study import study_page
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "bench"))
 sys.path.insert(0, str(Path(__file__).resolve().parent))

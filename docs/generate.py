@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Write docs/models.md, schemes.md, which-scheme.md and its tables from the library and docs/figures, and a notebook.
+"""Write the tables of docs/models.md and schemes.md, which-scheme.md and its tables from the library and docs/figures,
+and a notebook; typeset the formulas of the parts that other programs have written.
 
     .venv/bin/python docs/generate.py
 
@@ -7,20 +8,38 @@ src/scheme/measured.f90 is written from docs/measured.json first; where it chang
 docs/measure_orders.py measures anew (a quarter of an hour).
 """
 
+import re
 import sys
 from pathlib import Path
 
 import measured_module
 import notebook
+import typeset
 import which_scheme
-from symsde.reports import tables
+from symsde.studies import catalogue
+from symsde.studies.pages import Page
 
-PAGES = {
-    "models.md": tables.models_markdown,
-    "schemes.md": tables.schemes_markdown,
-    "which-scheme.md": which_scheme.page,
-    "which-scheme-tables.md": which_scheme.tables,
+COMMAND = "docs/generate.py"
+CATALOGUES = {"models.md": catalogue.models_parts, "schemes.md": catalogue.schemes_parts}
+CHAPTERS = {
+    "beyond-order-one": "[Beyond order one](method/beyond-order-one.md)",
+    "explicit": "[Explicit family](method/explicit.md)",
+    "weak": "[Weak schemes](method/weak.md)",
 }
+#: whose parts are written by programs that measure
+MEASURED = ("stability.md", "stability-tables.md", "work-precision.md", "work-precision-tables.md", "peers.md")
+
+
+def pages() -> dict[str, str]:
+    """The text of every page."""
+    found = {"which-scheme.md": which_scheme.page(), "which-scheme-tables.md": which_scheme.tables()}
+    for name, parts in CATALOGUES.items():
+        page = Page(Path(__file__).with_name(name), COMMAND)
+        for part, text in parts().items():
+            linked = re.sub(r"docs/method/([\w-]+)\.md", lambda chapter: CHAPTERS[chapter[1]], text)
+            page.put(part, typeset.linked(typeset.markdown(linked), "paper-map.md"))
+        found[name] = page.text()
+    return found | {name: typeset.parts(Path(__file__).with_name(name).read_text("utf-8")) for name in MEASURED}
 
 
 def main() -> int:
@@ -29,8 +48,8 @@ def main() -> int:
         measured_module.write()
         print(f"{measured_module.TARGET} was not current: build the library, then run this again")
         return 1
-    for name, page in PAGES.items():
-        Path(__file__).with_name(name).write_text(page(), encoding="utf-8")
+    for name, page in pages().items():
+        Path(__file__).with_name(name).write_text(page, encoding="utf-8")
     notebook.TARGET.write_text(notebook.notebook(), encoding="utf-8")
     return 0
 

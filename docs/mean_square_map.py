@@ -10,9 +10,9 @@ import numpy as np
 from symsde.answers.mean_square import mean_square
 from symsde.errors import SymsdeError
 from symsde.models import kubo, linear_oscillator
-from symsde.reports.stability.systems import noisy_spring, soft
 from symsde.schemes import names
 from symsde.show import look
+from symsde.studies.stability.systems import noisy_spring, soft
 
 SCHEMES = ("symplectic_euler", "stormer_verlet", "midpoint", "gauss2", "heun")
 STABLE = 0.01  #: log of the growth beyond the exact one, in a step, up to which a scheme counts as stable

@@ -29,7 +29,7 @@ import symsde as ss
 from symsde.answers.coupled import end, halvings, rms, squares
 from symsde.answers.coupled_errors import References, measure, strong_error
 from symsde.answers.error_plan import make_plan
-from symsde.reports.study import orders
+from symsde.studies.study import orders
 
 FILE = Path(__file__).with_name("measured.json")
 FAMILIES = ("dirk:0.25", "lambda:0.3")

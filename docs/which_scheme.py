@@ -5,11 +5,11 @@ import json
 from pathlib import Path
 
 import symsde as ss
+import typeset
 from symsde.answers.advice import advise
 from symsde.native.checks import counted
-from symsde.reports import typeset
-from symsde.reports.pages import markdown
-from symsde.reports.study import of_data, study_words
+from symsde.studies.pages import markdown
+from symsde.studies.study import of_data, study_words
 
 FIGURES = Path(__file__).with_name("figures")
 TOLERANCES = (1e-1, 1e-2, 1e-3, 1e-5)

@@ -5,37 +5,40 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from symsde.reports.pages import Page, markdown, wrapped
-from symsde.reports.study.peers import TITLES, curves, draw, sentence
 from symsde.show import look
+from symsde.studies.pages import Page, markdown, wrapped
+
+from .compared import TITLES, curves, draw, sentence
 
 COMMAND = "bench/peers/run.py --page docs/peers.md"
-INTRODUCTION = """\
-This page compares error and run time of symsde and of other packages on five problems. All runs are in double
-precision, on one thread of one machine. Packages that take increments get those of one set of paths, and so does symsde
-in the rows "given". The errors of these rows are for the same paths, and the generation of random numbers is not timed.
-In the rows "own" symsde draws its random numbers itself, as ShARK of diffrax, jitcsde and XMDS2 do in their rows.
-*Error* is the root mean square distance in (q, p) at the horizon from a reference: symsde's best scheme with many
-steps. ShARK and jitcsde have paths of their own, so their reference is their own finest run. XMDS2 returns means only,
-so its error is measured with the same rule in NumPy on the common paths. *Run time* is the processor time of a path
-after a warm-up. It does not include compilation, whose time is given below.
-"""
+CAPTION = "error against run time of a path"
 
 
 def write(target: Path, found: dict) -> None:
-    """The page and its figure."""
-    rows = found["rows"]
-    problems = list(dict.fromkeys(row["problem"] for row in rows))
-    page = Page(target, COMMAND, "Other packages on the same problems")
-    machine = f", {found['machine']}" if "machine" in found else ""
-    page.add(INTRODUCTION, f"symsde {found['symsde']}{machine}; " + ", ".join(found["versions"].values()) + ".")
-    for name, why in found["skipped"].items():
-        page.add(f"{name} was not there ({why}) and is left out.")
-    page.figure("peers", {"peers": rows}, save, "error against run time of a path")
-    for problem in problems:
-        page.add(f"## {TITLES[problem]}", wrapped(sentence(rows, problem)), _table(rows, problem))
-    page.add("## What is compiled first", _firsts(rows))
+    """What was measured, as a part of the page, and its figure."""
+    page = Page(target, COMMAND)
+    page.put(
+        "measured",
+        *measured(found),
+        page.figure("peers", {"peers": found["rows"]}, save, CAPTION),
+        *tables(found["rows"]),
+    )
     page.write()
+
+
+def measured(found: dict) -> list[str]:
+    """Versions, the machine, and packages that were not there."""
+    machine = f", {found['machine']}" if "machine" in found else ""
+    parts = [f"symsde {found['symsde']}{machine}; " + ", ".join(found["versions"].values()) + "."]
+    return parts + [f"{name} was not there ({why}) and is left out." for name, why in found["skipped"].items()]
+
+
+def tables(rows: list[dict]) -> list[str]:
+    """Every problem: who wins, and the errors and run times."""
+    parts = []
+    for problem in dict.fromkeys(row["problem"] for row in rows):
+        parts += [f"## {TITLES[problem]}", wrapped(sentence(rows, problem)), _table(rows, problem)]
+    return [*parts, "## What is compiled first", _firsts(rows)]
 
 
 def _table(rows: list[dict], problem: str) -> str:

@@ -32,7 +32,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 import numpy as np
 import symsde as ss
-from symsde.reports.study.study_page import machine
+from symsde.studies.pages import machine
 
 from peers.equations import PROBLEMS, Problem
 from peers.models import MODELS

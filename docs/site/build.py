@@ -59,7 +59,7 @@ def main():
         return SKIPPED
     from sphinx.cmd.build import main as sphinx
 
-    sys.path.insert(0, str(Path(__file__).resolve().parent))
+    sys.path[:0] = [str(ROOT / "docs" / "site"), str(ROOT / "docs")]
     os.environ.setdefault("MPLBACKEND", "Agg")
     docs = assemble(out / "tree")
     options = [

@@ -3,7 +3,7 @@
 
 import re
 
-from symsde.reports import typeset
+import typeset
 
 
 def as_rest(text):

@@ -35,7 +35,7 @@ INTERNAL = {
     "Moments": ("attributes", "doubts", "fill", "fill_from_sums", "kept", "remarks", "scope"),
     "OpenRun": ("manifest", "scene"),
     "LevelSampler": ("draw", "draw_from"),
-    "WorkPrecision": ("about", "data", "peers", "resumed"),
+    "WorkPrecision": ("about", "data", "resumed"),
 }
 INTERNAL_OF_MODULES = {
     "diagnose": ("driving_increments", "exact_of"),

@@ -41,16 +41,16 @@ from .model.formulas import FormulaModel, model_from_sympy
 from .native.build import build_info
 from .native.callbacks import numba_signature, numba_sincos
 from .native.handles import status_text
-from .reports.convergence import Convergence, convergence
-from .reports.study import WorkPrecision, work_precision
 from .run.moments import Moments, moments
 from .run.prepared import PreparedRun, prepare
 from .run.report import Report
 from .run.simulate import Run, simulate
 from .run.step import increments, step
 from .schemes import Scheme
+from .studies.convergence import Convergence, convergence
+from .studies.study import WorkPrecision, work_precision
 
-_MOVED = {"scene": "symsde.batch.scene", "stability": "symsde.reports.stability", "study": "symsde.reports.study"}
+_MOVED = {"scene": "symsde.batch.scene", "stability": "symsde.studies.stability", "study": "symsde.studies.study"}
 
 
 def __getattr__(name: str) -> ModuleType | Callable:

@@ -10,7 +10,7 @@ import sys
 import numpy as np
 import pytest
 import symsde as ss
-from symsde.reports import tables
+from symsde.studies import catalogue
 
 SCHEMES = [
     "midpoint",
@@ -340,7 +340,7 @@ def test_certificates_mark_what_their_coefficients_do_not_prove():
     claimed = [name for name in ss.schemes.names() if ss.schemes.get(name).info.structure_evidence == "claimed"]
     assert {"averaged_shift_midpoint", "drift_preserving", "exact_rotation", "verlet_dz"} <= set(claimed)
     for name in ss.schemes.names():
-        lines = tables.certified(ss.schemes.get(name))
+        lines = catalogue.certified(ss.schemes.get(name))
         for label in ("symplectic", "symmetric", "quadratic invariants"):
             assert ("claimed" in lines[label]) == (name in claimed), (name, label)
         assert name not in claimed or not re.search(r"\d\.\d", lines["symplectic"] + lines["symmetric"]), name

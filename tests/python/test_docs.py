@@ -5,23 +5,33 @@ import importlib
 import importlib.util
 import json
 import re
+import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
 import symsde as ss
 from symsde.cli import command_line
-from symsde.reports import pages, tables, typeset
+from symsde.studies import catalogue, pages
 
 ROOT = Path(__file__).parents[2]
+sys.path.insert(0, str(ROOT / "docs"))
+import generate  # noqa: E402
+import typeset  # noqa: E402
 
 
-@pytest.mark.parametrize("page", ["models", "schemes"])
-def test_generated_page_is_current(page, capsys):
-    assert command_line.main(["list", page, "--markdown"]) == 0
+@pytest.mark.parametrize("page", [*generate.CATALOGUES, *generate.MEASURED])
+def test_generated_pages_are_current(page):
+    """Tables of the catalogues; formulas of what other programs have written."""
+    committed = (ROOT / "docs" / page).read_text(encoding="utf-8")
+    assert committed == generate.pages()[page], ".venv/bin/python docs/generate.py writes it again"
+
+
+@pytest.mark.parametrize("what", ["models", "schemes"])
+def test_lists_are_the_tables_of_the_pages(what, capsys):
+    assert command_line.main(["list", what, "--markdown"]) == 0
     shown = capsys.readouterr().out
-    committed = (ROOT / "docs" / f"{page}.md").read_text(encoding="utf-8")
-    assert shown.rstrip("\n") == committed.rstrip("\n"), ".venv/bin/python docs/generate.py writes it again"
+    assert shown == "\n".join(getattr(catalogue, f"{what}_parts")().values()) + "\n"
 
 
 def test_pages_list_the_same_packages():
@@ -35,17 +45,17 @@ def test_pages_list_the_same_packages():
 
 
 def test_every_name_has_its_rows():
-    page = tables.schemes_markdown()
+    page = "\n".join(catalogue.schemes_parts().values())
     for name in ss.schemes.names():
         assert page.count(f"| `{name}` |") == 3, name
-    page = tables.models_markdown()
+    page = catalogue.models_parts()["models"]
     for name in ss.models.names():
         assert f"\n## {name}\n" in page and f"| [`{name}`](#{name}) |" in page
 
 
 def test_rows_say_what_the_library_says():
-    rows = dict(re.findall(r"^\| `([^`]+)` \| (.*) \|$", tables.schemes_markdown().partition("## Structure")[0], re.M))
-    assert set(rows) == {*ss.schemes.names(), *tables.FAMILIES}
+    rows = dict(re.findall(r"^\| `([^`]+)` \| (.*) \|$", catalogue.schemes_parts()["orders"], re.M))
+    assert set(rows) == {*ss.schemes.names(), *catalogue.FAMILIES}
     for name, row in rows.items():
         orders = ss.schemes.get(name).info.orders
         cells = [re.match(r"-|[\d.]+", cell)[0] for cell in row.split(" | ")]
@@ -57,7 +67,7 @@ def test_rows_say_what_the_library_says():
 
 def test_measured_orders_reach_their_values():
     """Not below the value by more than 0.1, with 95 % half-widths of at most 0.1 (a fifteenth of orders above 1.5)."""
-    for name in (*ss.schemes.names(), *tables.FAMILIES):
+    for name in (*ss.schemes.names(), *catalogue.FAMILIES):
         for kind, order in ss.schemes.get(name).info.orders.items():
             if order.measured is not None:
                 assert order.value > 0, (name, kind)
@@ -181,19 +191,16 @@ def test_figures_show_their_data(data, tmp_path):
 def test_pages_of_measurements_say_what_their_data_say():
     """Tables and words that a change of the programs would write otherwise: no number is measured again for that."""
     page, bifurcation = (
-        importlib.import_module(f"symsde.reports.{x}") for x in ("study.study_page", "stability.bifurcation")
+        importlib.import_module(f"symsde.studies.{x}") for x in ("study.study_page", "stability.bifurcation")
     )
     text, scenes = ((ROOT / f"docs/work-precision{x}.md").read_text(encoding="utf-8") for x in ("", "-tables"))
     studies = []
     for file in sorted((ROOT / "docs/figures").glob("work-precision-*.json")):
         study = page.of_data(json.loads(file.read_text(encoding="utf-8")))
         own = scenes.partition(f"\n## {study.name}\n")[2].partition("\n## ")[0]
-        for part in (page._table(study), page.wrapped(study.words())):
+        for part in page.results(study):
             assert typeset.markdown(part) in own, study.name
         studies.append(study)
-    lessons = text.partition("## What was learned")[2].partition("\n## ")[0]
-    for line in page.learned(studies):
-        assert typeset.markdown(page.wrapped(f"- {line}", "  ")) in lessons
     for part in page.begin(studies):
         assert typeset.markdown(part) in text.partition("\n## ")[0]
     kept = json.loads((ROOT / "docs/figures/fixed-points.json").read_text(encoding="utf-8"))
@@ -222,7 +229,7 @@ def shift_numbers(found):
 def test_the_first_figure_shows_what_the_library_computes():
     pytest.importorskip("matplotlib")
     kept = json.loads((ROOT / "docs" / "figures" / "kubo_invariant.json").read_text(encoding="utf-8"))
-    found = importlib.import_module("symsde.reports.paper.symplecticity").invariant_curves()
+    found = importlib.import_module("symsde.studies.paper.symplecticity").invariant_curves()
     assert set(kept) == set(found)
     for label, (t, mean) in found.items():
         np.testing.assert_allclose(kept[label][0], t, rtol=1e-6)

@@ -7,9 +7,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from symsde.reports.stability import bifurcation, long_time, stability_figure
-from symsde.reports.stability.nonlinear import MOST
 from symsde.show import look
+from symsde.studies.stability import bifurcation, long_time, stability_figure
+from symsde.studies.stability.nonlinear import MOST
 
 pytest.importorskip("matplotlib")
 sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "docs"))

@@ -7,8 +7,8 @@ import math
 import numpy as np
 import pytest
 import symsde as ss
-from symsde.reports.stability import bifurcation, fixed_points, one_step_map
-from symsde.reports.stability.systems import double_well
+from symsde.studies.stability import bifurcation, fixed_points, one_step_map
+from symsde.studies.stability.systems import double_well
 
 
 @pytest.mark.parametrize("box", [(2.0, 0.5), (0.1, 30.0)])

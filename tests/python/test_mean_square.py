@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import symsde as ss
-from symsde.reports.stability.systems import bilinear, noisy_spring, soft
+from symsde.studies.stability.systems import bilinear, noisy_spring, soft
 
 
 def spring(sigma: float = 0.4) -> ss.Model:

@@ -20,11 +20,11 @@ import fortran_reference  # noqa: E402
 import notebook  # noqa: E402
 import plain  # noqa: E402
 import python_reference  # noqa: E402
+import typeset  # noqa: E402
 import which_scheme  # noqa: E402
 from symsde.answers.advice import advise  # noqa: E402
 from symsde.batch import scene  # noqa: E402
 from symsde.model.formulas import formula_scenes  # noqa: E402
-from symsde.reports import typeset  # noqa: E402
 
 
 def test_which_scheme_is_current():

@@ -30,7 +30,7 @@ SYMPLECTIC = (
 
 @pytest.fixture(scope="module")
 def outcome(tmp_path_factory):
-    from symsde.reports import paper
+    from symsde.studies import paper
 
     out = tmp_path_factory.mktemp("paper")
     printed = io.StringIO()
@@ -61,7 +61,7 @@ def test_every_experiment_says_where_its_numbers_come_from(results):
 
 def test_seeds_are_those_of_the_runs(results):
     """The first normals of the paths of an experiment, from the seed in the file, give its numbers again."""
-    from symsde.reports.paper import figure_4_1
+    from symsde.studies.paper import figure_4_1
 
     part = results["euler_lagrange"]
     given, case = part["parameters"], part["synchrotron, midpoint"]
@@ -239,8 +239,8 @@ def test_steps_satisfy_the_printed_equations(results):
 @pytest.mark.parametrize("case", PRINTED)
 def test_a_coefficient_one_per_cent_off_fails_the_printed_equations(case):
     """Of every coefficient, in every equation that has it; (79) has none."""
-    from symsde.reports.paper import euler_lagrange
-    from symsde.reports.paper.experiment import Experiment
+    from symsde.studies.paper import euler_lagrange
+    from symsde.studies.paper.experiment import Experiment
 
     given = next(one for one in euler_lagrange._cases() if one.label == case)
     without = {"sigma": {"(89)", "(91)", "adjoint of (89)"}, "gamma": {"(90)", "(92)", "adjoint of (90)"}}
@@ -258,7 +258,7 @@ def test_a_coefficient_one_per_cent_off_fails_the_printed_equations(case):
 
 def test_failed_expectation_gives_a_failing_exit_code(tmp_path, monkeypatch, capsys):
     """The command notices a wrong library: here a midpoint rule that does one fixed-point iteration."""
-    from symsde.reports import paper
+    from symsde.studies import paper
 
     simulate = ss.simulate
 
@@ -273,7 +273,7 @@ def test_failed_expectation_gives_a_failing_exit_code(tmp_path, monkeypatch, cap
 
 def test_command_line_passes_arguments_on(tmp_path, monkeypatch, capsys):
     from symsde.cli import command_line
-    from symsde.reports import paper
+    from symsde.studies import paper
 
     monkeypatch.setattr(paper, "EXPERIMENTS", (paper.euler_lagrange,))
     assert command_line.main(["paper", "--out", str(tmp_path / "deep" / "er"), "--quick"]) == 0

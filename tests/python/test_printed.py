@@ -23,11 +23,11 @@ from symsde.cli import command_line
 from symsde.cli.run_command import print_moments
 from symsde.errors import MissingPackageError
 from symsde.native import abi, files
-from symsde.reports.paper import figure_4_1
-from symsde.reports.paper.experiment import Experiment
-from symsde.reports.stability.scenario import says
 from symsde.run import report
 from symsde.show import look
+from symsde.studies.paper import figure_4_1
+from symsde.studies.paper.experiment import Experiment
+from symsde.studies.stability.scenario import says
 
 
 def test_every_member_of_a_report():

@@ -20,7 +20,7 @@ from conftest import moments_of, paths_of, table_of
 from symsde.batch import execute, scene
 from symsde.cli import command_line
 from symsde.errors import SceneError
-from symsde.reports.study import study_scenes as scenes
+from symsde.studies.study import study_scenes as scenes
 
 SCENE = """
 [model]
@@ -388,7 +388,7 @@ FOLDERS = ["/proc/self", "/proc/self/deeper", "scene.toml"]
 def test_a_folder_that_cannot_be_written_is_found_before_the_work(verb, folder, file, capsys, monkeypatch):
     """Folders of /proc take no files, not even those of root."""
     pytest.importorskip("matplotlib")
-    from symsde.reports import paper, stability, study
+    from symsde.studies import paper, stability, study
 
     def begin(*_, **__):
         pytest.fail("the work began")
@@ -447,7 +447,7 @@ def test_other_verbs(capsys):
 
 def test_paper_is_dispatched(monkeypatch, tmp_path):
     pytest.importorskip("matplotlib")
-    paper = pytest.importorskip("symsde.reports.paper")
+    paper = pytest.importorskip("symsde.studies.paper")
     called = []
     monkeypatch.setattr(paper, "run", lambda out, quick: called.append((out, quick)) or 1)
     assert command_line.main(["paper", "--out", str(tmp_path), "--quick"]) == 1

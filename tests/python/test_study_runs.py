@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 import symsde as ss
 from symsde.answers.error_plan import make_plan
-from symsde.reports import study
-from symsde.reports.study import left_out, study_scenes, timing
+from symsde.studies import study
+from symsde.studies.study import study_scenes, timing
 
 GIVEN = {"q0": 1.0, "p0": 0.3, "steps": [4, 8, 16], "horizon": 1.0, "paths": 120, "schemes": ["midpoint", "heun"]}
 GIVEN |= {"repeats": 5}
@@ -201,14 +201,13 @@ def test_the_error_of_a_reference_is_that_of_the_paths_that_it_follows():
         ss.convergence(model, "stormer_verlet", horizon=30.0, **given)
 
 
-def test_counts_of_a_scene_with_a_column_for_each_path(tmp_path):
-    """Such a scene is counted on 256 paths from the state of its first one; its paths are those of its study."""
+def test_a_scene_with_a_column_for_each_path(tmp_path):
+    """The paths of the scene are those of its study."""
     file = tmp_path / "columns.toml"
     text = '[model]\nname = "kubo"\n[run]\nstep = 0.1\nsteps = 8\nq0 = [{}]\np0 = 0.0\npaths = 50\n'
     file.write_text(
         text.format([1.0 + i / 50 for i in range(50)]) + '[study]\nschemes = ["midpoint"]\nsteps = [4, 8]\n'
     )
-    assert left_out.left_out(file).counts["normals"] == 1
     found = study_scenes.study(file)
     assert {row["paths"] for row in found.rows} == {50} and found.rows[0]["failed"] == 0
     with pytest.raises(ss.errors.SceneError, match="q0 has shape"):

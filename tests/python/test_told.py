@@ -239,9 +239,16 @@ def test_noise_of_moments_is_that_of_their_differences():
 
 
 @pytest.mark.parametrize(
-    ("name", "where"), [("scene", "batch.scene"), ("stability", "reports.stability"), ("study", "reports.study")]
+    ("name", "where"), [("scene", "batch.scene"), ("stability", "studies.stability"), ("study", "studies.study")]
 )
 def test_modules_that_moved_are_found_by_their_old_names(name, where):
     with pytest.warns(DeprecationWarning, match=f"symsde.{name} is now symsde.{where}"):
         found = getattr(ss, name)
     assert found is importlib.import_module(f"symsde.{where}")
+
+
+def test_the_room_of_studies_is_found_by_its_old_name():
+    with pytest.warns(DeprecationWarning, match=r"symsde\.reports is now symsde\.studies"):
+        found = importlib.import_module("symsde.reports")
+    assert found is importlib.import_module("symsde.studies")
+    assert importlib.import_module("symsde.reports.stability").fixed_points

@@ -19,7 +19,7 @@ from ..batch import scene
 from ..errors import OF_RUNS, NotWrittenError, SymsdeError, shortened
 from ..native import cpu, files, library
 from ..native.build import build_info
-from ..reports import tables
+from ..studies import catalogue
 from . import advise_command as advise
 from . import cite, merge_command, selftest
 from . import expect_command as expect
@@ -105,9 +105,9 @@ def _parser() -> argparse.ArgumentParser:
     add("template", _template, "Print a scene of a built-in model, or of a formula.").add_argument(
         "model", metavar="MODEL", help="name of a built-in model, or the word formula"
     )
-    catalogue = add("list", _list, "List models with their parameters, and schemes.")
-    catalogue.add_argument("what", nargs="?", choices=("models", "schemes"), help="one of the two (default: both)")
-    catalogue.add_argument("--markdown", action="store_true", help="print the page of the documentation")
+    listed = add("list", _list, "List models with their parameters, and schemes.")
+    listed.add_argument("what", nargs="?", choices=("models", "schemes"), help="one of the two (default: both)")
+    listed.add_argument("--markdown", action="store_true", help="print the tables of the documentation")
     add("info", _info, "Print versions, compiler and optional packages.")
     add("selftest", selftest.run, selftest.HELP)
     cite.arguments(add("cite", cite.run, cite.HELP))
@@ -138,7 +138,7 @@ def _check(options: argparse.Namespace) -> int:
     chosen = scene.load(options.scene)
     report = chosen.try_out().report
     if "study" in chosen.tables:
-        importlib.import_module("symsde.reports.study.study_scenes").check(options.scene)
+        importlib.import_module("symsde.studies.study.study_scenes").check(options.scene)
     print(f"{options.scene}: ok")
     print(f"{'model':11s}{chosen.model!r}\n{'stepper':11s}{report.stepper}")
     print(f"{'left out':11s}{'; '.join(report.left_out) or 'nothing'}")
@@ -154,9 +154,9 @@ def _template(options: argparse.Namespace) -> int:
 
 def _list(options: argparse.Namespace) -> int:
     if options.what != "schemes":
-        print(tables.models_markdown() if options.markdown else _models())
+        print("\n".join(catalogue.models_parts().values()) if options.markdown else _models())
     if options.what != "models":
-        print(tables.schemes_markdown() if options.markdown else _schemes())
+        print("\n".join(catalogue.schemes_parts().values()) if options.markdown else _schemes())
     return OK
 
 
@@ -199,5 +199,5 @@ def _info(_options: argparse.Namespace) -> int:
 
 def _paper(options: argparse.Namespace) -> int:
     files.optional("matplotlib", "plot")
-    paper = importlib.import_module("symsde.reports.paper")
+    paper = importlib.import_module("symsde.studies.paper")
     return int(paper.run(options.out, options.quick) or OK)

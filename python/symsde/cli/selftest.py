@@ -15,10 +15,10 @@ from .. import diagnose, models, schemes
 from ..errors import SymsdeError
 from ..native import cpu, library
 from ..native.build import build_info
-from ..reports.convergence import convergence
 from ..run.moments import moments
 from ..run.simulate import simulate
 from ..run.step import increments, step
+from ..studies.convergence import convergence
 
 HELP = "Check in a few seconds that the installed library computes what it should."
 #: dW of two steps of h = 1/4, three paths, seed 20260101: the same on every machine but for the last digits.

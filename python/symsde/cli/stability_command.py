@@ -4,10 +4,10 @@
 from __future__ import annotations
 
 import argparse
+import functools
 import importlib
 import math
 from pathlib import Path
-from time import perf_counter
 
 from ..answers.advice.advise import candidates
 from ..answers.expectation.candidates import frequency
@@ -15,8 +15,8 @@ from ..answers.linear_stability import stable_up_to
 from ..batch import scene
 from ..errors import InvalidArgumentError
 from ..native import files
-from ..reports import expectations, pages
 from ..schemes import as_scheme
+from ..studies import expectations, pages
 from .advise_command import problem_of
 
 HELP = "How long a step of a scene may be; without a scene, run stiff and extreme cases and compare with expectations."
@@ -41,8 +41,8 @@ def run(options: argparse.Namespace) -> int:
         print(of_scene(options.scene))
         return 0
     files.optional("matplotlib", "plot")
-    stability = importlib.import_module("symsde.reports.stability")
-    page = importlib.import_module("symsde.reports.stability.stability_page")
+    stability = importlib.import_module("symsde.studies.stability")
+    page = importlib.import_module("symsde.studies.stability.stability_page")
     with files.folder(options.out or "out/stability") as directory:
         return _scenarios(stability, page, directory, options)
 
@@ -71,12 +71,9 @@ def of_scene(file: str) -> str:
 
 def _scenarios(stability, page, directory: Path, options: argparse.Namespace) -> int:
     """Every scenario, into a folder that is there."""
-    found = []
     print(f"{pages.made_by()}: stiff and extreme cases{' (quick)' if options.quick else ''}")
-    for function in stability.SCENARIOS:
-        begin = perf_counter()
-        found.append(function(options.quick))
-        print(expectations.block(found[-1], "case", perf_counter() - begin), flush=True)
+    cases = (functools.partial(function, options.quick) for function in stability.SCENARIOS)
+    found = expectations.carry_out(cases, "case")
     page.write(directory / "stability.md", found, options.quick)
     if options.markdown:
         page.write(Path(options.markdown), found, options.quick)

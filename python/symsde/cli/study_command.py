@@ -33,7 +33,7 @@ def run(options: argparse.Namespace) -> int:
         raise InvalidArgumentError("give one scene, or --all with a folder of scenes")
     if options.markdown and not options.all:
         raise InvalidArgumentError("--markdown needs --all with a folder of scenes")
-    scenes = importlib.import_module("symsde.reports.study.study_scenes")
+    scenes = importlib.import_module("symsde.studies.study.study_scenes")
     files = [Path(options.scene)] if options.scene else _folder(options.all)
     given = {
         "schemes": _split(options.schemes),
@@ -50,7 +50,7 @@ def run(options: argparse.Namespace) -> int:
         directory = base if options.out and options.scene else base / file.stem
         studies.append(_one(scenes, file, directory, given, options.quiet))
     if options.markdown:
-        importlib.import_module("symsde.reports.study.study_page").write(options.markdown, files, studies)
+        importlib.import_module("symsde.studies.study.study_page").write(options.markdown, files, studies)
         print(f"written to {options.markdown}")
     return 0
 

@@ -38,6 +38,12 @@ def markdown(page: str) -> str:
     return "".join(block if i % 2 else "".join(map(_part, _PART.split(block))) for i, block in enumerate(blocks))
 
 
+def parts(page: str) -> str:
+    """A page with the formulas of the parts that programs have written (symsde.studies.pages) as TeX."""
+    written = r"(?ms)^(<!-- begin [^\n]*\n)(.*?)(?=^<!-- end )"
+    return re.sub(written, lambda found: found[1] + markdown(found[2]), page)
+
+
 def displayed(lines: list[str]) -> str | None:
     """Lines of formulas, parted by two spaces or more, as one formula; None if they hold anything else.
 

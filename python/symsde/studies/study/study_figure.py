@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Strong and weak error against run time and against the step, on logarithmic axes; other packages beside them."""
+"""Strong and weak error against run time and against the step, on logarithmic axes."""
 
 from __future__ import annotations
 
@@ -9,7 +9,6 @@ import numpy as np
 
 from ...show import look
 from ...show.plot.draw import axes_of, figure_file
-from . import peers
 
 LOST = ("failed", "diverged")  #: crosses at the upper edge
 
@@ -26,30 +25,17 @@ def plot(study, path: object = None, ax: object = None, *, pdf: bool = False):
 
 
 def _draw_all(path: Path | None, study, *, pdf: bool):
-    """Strong errors, weak ones below where there are any, and other packages below them."""
+    """Strong errors, and weak ones below where there are any."""
     rows = 2 if any(weak_error(row) for row in study.rows) else 1
-    all_rows = rows + 1 if study.peers else rows
-    with look.drawing(path, 7.2, 1.0 + 3.2 * all_rows, 120, pdf=pdf) as page:
-        grid = page.add_gridspec(all_rows, 2)
-        left = page.add_subplot(grid[0, 0])
-        right = page.add_subplot(grid[0, 1], sharey=left)
-        right.tick_params(labelleft=False)
-        draw(study, left, right)
+    with look.drawing(path, 7.2, 1.0 + 3.2 * rows, 120, pdf=pdf) as page:
+        axes = page.subplots(rows, 2, squeeze=False, sharex="col", sharey="row")
+        for panel in axes.ravel():
+            panel.tick_params(labelbottom=True)
+        draw(study, *axes[0])
         if rows == 2:
-            below = page.add_subplot(grid[1, 0], sharex=left)
-            beside = page.add_subplot(grid[1, 1], sharex=right, sharey=below)
-            beside.tick_params(labelleft=False)
-            draw_weak(study, below, beside)
-        legend = dict(zip(*reversed(left.get_legend_handles_labels()), strict=True))
-        if study.peers:
-            others = page.add_subplot(grid[rows, :])
-            peers.draw(others, study.peers)
-            others.set_ylabel("strong error (rms)")
-            others.set_title(f"other packages: {peers.TITLES[study.peers[0]['problem']]}", loc="left", fontsize=9)
-            shown = dict(zip(*reversed(others.get_legend_handles_labels()), strict=True))
-            ours = {f"{peers.OURS}, {kind} {scheme}" for kind in ("given", "own") for scheme in study.schemes}
-            legend |= {name: line for name, line in shown.items() if name not in ours}  # those look as in the others
-        page.legend(legend.values(), legend.keys(), loc="outside lower center", ncols=3)
+            draw_weak(study, *axes[1])
+        lines, names = axes[0, 0].get_legend_handles_labels()
+        page.legend(lines, names, loc="outside lower center", ncols=3)
     return page
 
 
@@ -62,10 +48,7 @@ def draw(study, left, right) -> None:
         _curve(right, rows, "h", style, None)
     _front(left, study.rows)
     _floor(left, right, study.rows)
-    left.set(xscale="log", yscale="log", xlabel="run time of a path [s]", ylabel="strong error (rms)")
-    right.set(xscale="log", yscale="log", xlabel="step $h$")
-    left.set_title("error against run time", loc="left", fontsize=9)
-    right.set_title("error against step", loc="left", fontsize=9)
+    _label(left, right, "error", "strong error (rms)")
 
 
 def draw_weak(study, left, right) -> None:
@@ -80,12 +63,15 @@ def draw_weak(study, left, right) -> None:
             axis.errorbar(xs, errors, yerr=bars, capsize=2, elinewidth=0.7, **style)
             axis.plot(xs[~told], errors[~told], ls="", marker=style["marker"], ms=style["markersize"], mfc="white",
                       mec=style["color"], zorder=5)  # fmt: skip
-    left.set(
-        xscale="log", yscale="log", xlabel="run time of a path [s]", ylabel="weak error, the largest of E q, E p, E H"
-    )
+    _label(left, right, "weak error", "weak error, the largest of E q, E p, E H")
+
+
+def _label(left, right, error: str, ylabel: str) -> None:
+    """Axes and titles of errors over run time and over the step."""
+    left.set(xscale="log", yscale="log", xlabel="run time of a path [s]", ylabel=ylabel)
     right.set(xscale="log", yscale="log", xlabel="step $h$")
-    left.set_title("weak error against run time", loc="left", fontsize=9)
-    right.set_title("weak error against step", loc="left", fontsize=9)
+    left.set_title(f"{error} against run time", loc="left", fontsize=9)
+    right.set_title(f"{error} against step", loc="left", fontsize=9)
 
 
 def weak_error(row: dict) -> tuple[float, float] | None:

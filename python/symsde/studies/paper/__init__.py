@@ -6,6 +6,7 @@ equations. One module an experiment, each with `run(quick)` and `draw(experiment
 interface of symsde only, so that each can be read as an example.
 """
 
+from functools import partial
 from time import perf_counter
 
 from ...native import files
@@ -29,17 +30,19 @@ def _run(directory, quick):
     print(f"{pages.made_by()}: every experiment of the paper [WHSB]{', with fewer paths (quick)' if quick else ''}")
     print(HEADING)
     begin = perf_counter()
-    experiments = []
-    for module in EXPERIMENTS:
-        start = perf_counter()
-        experiments.append(module.run(quick))
-        module.draw(experiments[-1], directory)
-        print(expectations.block(experiments[-1], "equations", perf_counter() - start), flush=True)
+    experiments = expectations.carry_out((partial(_one, x, quick, directory) for x in EXPERIMENTS), "equations")
     results = {experiment.name: _record(experiment, quick) for experiment in experiments}
     files.replace_text(directory / "results.json", files.json_text(results, digits=None, indent=1))
     print(f"\nwritten to {directory}: results.json and the figures; {perf_counter() - begin:.0f} s")
     print(expectations.summary(experiments))
     return int(expectations.count(experiments, False) > 0)
+
+
+def _one(module, quick, directory):
+    """One experiment, with its figure."""
+    experiment = module.run(quick)
+    module.draw(experiment, directory)
+    return experiment
 
 
 def _record(experiment, quick):

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Other packages beside symsde: their errors and run times, who wins and by how much. `bench/peers` measures them."""
+"""Other packages beside symsde: their errors and run times, who wins and by how much."""
 
 from __future__ import annotations
 
@@ -7,18 +7,9 @@ import itertools
 import math
 from collections.abc import Iterable
 
-from ...show import look
+from symsde.show import look
 
 OURS = "symsde"
-#: the scene of examples/scenes that a problem of the packages is, up to first state and horizon
-SCENES = {
-    "kubo": "kubo",
-    "synchrotron": "synchrotron",
-    "additive": "linear_oscillator",
-    "henon_heiles": "henon_heiles",
-    "fpu64": "fpu_chain",
-}
-
 TITLES = {
     "kubo": "Kubo's oscillator, T = 4",
     "synchrotron": "synchrotron, two noises, T = 4",
@@ -26,11 +17,6 @@ TITLES = {
     "henon_heiles": "Henon-Heiles, two noises, T = 8",
     "fpu64": "chain of 64 masses, 64 noises, T = 8",
 }
-
-
-def of_scene(rows: list[dict], scene: str) -> list[dict]:
-    """The rows of the problem that a scene is."""
-    return [row for row in rows if SCENES.get(row["problem"]) == scene]
 
 
 def key(row: dict) -> tuple[str, str]:
@@ -96,18 +82,6 @@ def sentence(rows: list[dict], problem: str) -> str:
             losses.append(f"{' '.join(name)} takes {span} times as long{more}")
     won = f"**A peer wins:** {'; '.join(wins)}. " if wins else "symsde is the fastest at every error here. "
     return won + (f"To the same error, {'; '.join(losses)}." if losses else "")
-
-
-def lesson(rows: list[dict]) -> str:
-    """On which scenes another package wins, and by how much."""
-    won = []
-    for problem in dict.fromkeys(row["problem"] for row in rows):
-        for name, found in compared(rows, problem).items():
-            if found and found[0] < 1:
-                faster = f"up to {1 / found[0]:.2g} times faster to the same error"
-                won.append(f"{SCENES[problem]} ({' '.join(name)}, {faster})")
-    where = f"on {'; '.join(won)}" if won else "on none of the scenes that are measured with other packages"
-    return f"**Where another package wins**: {where}."
 
 
 def draw(axes, rows: list[dict]) -> None:

@@ -28,7 +28,7 @@ STEPS = (16, 32, 64, 128, 256)
 
 @dataclass(frozen=True)
 class WorkPrecision:
-    """Errors and costs of every point; `rows` are dicts with the columns of `symsde.reports.study.table.COLUMNS`."""
+    """Errors and costs of every point; `rows` are dicts with the columns of `symsde.studies.study.table.COLUMNS`."""
 
     name: str
     model: str
@@ -38,11 +38,10 @@ class WorkPrecision:
     orders: dict[str, orders.Order]  #: of each scheme, plateaus left out
     resumed: int  #: points that an earlier run had finished
     about: dict[str, str] = field(default_factory=dict)  #: what all points have in common, for the head of the table
-    peers: list[dict] = field(default_factory=list)  #: of other packages on the same problem, measured beside symsde
 
     def words(self) -> str:
         """Text that says which scheme and step to use for which error."""
-        return words.paragraph(self.rows, self.orders)
+        return words.paragraph(self.rows)
 
     def __str__(self) -> str:
         """Table, one line a point."""
@@ -52,9 +51,8 @@ class WorkPrecision:
         return f"{head}, against {references}\n{table.terminal(self.rows, self.orders)}"
 
     def data(self) -> dict:
-        """The numbers of the figure, for a JSON file that `symsde.reports.study.of_data` reads."""
-        known = {key: getattr(self, key) for key in ("name", "model", "horizon", "schemes", "rows")}
-        return known | ({"peers": self.peers} if self.peers else {})
+        """The numbers of the figure, for a JSON file that `symsde.studies.study.of_data` reads."""
+        return {key: getattr(self, key) for key in ("name", "model", "horizon", "schemes", "rows")}
 
     def save(self, directory: str | os.PathLike) -> None:
         """Write work-precision.csv, and with matplotlib also work-precision.png and .pdf."""
@@ -172,8 +170,8 @@ def of_data(data: dict, resumed: int = 0, about: Mapping[str, str] | None = None
     """A study from what `data` gave, with the orders that its rows show."""
     rows, names = data["rows"], data["schemes"]
     fitted = {name: orders.fitted([row for row in rows if row["scheme"] == name]) for name in names}
-    known = data["name"], data["model"], data["horizon"], names, rows, fitted, resumed, dict(about or {})
-    return WorkPrecision(*known, data.get("peers", []))
+    known = data["name"], data["model"], data["horizon"], names, rows
+    return WorkPrecision(*known, fitted, resumed, dict(about or {}))
 
 
 def _head(plan: Plan, scheme: Scheme, steps: int) -> dict:

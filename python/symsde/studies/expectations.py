@@ -8,7 +8,9 @@ is a false alarm. What is not a finite number meets no expectation.
 from __future__ import annotations
 
 import math
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
+from time import perf_counter
 from typing import Any
 
 from . import pages
@@ -87,6 +89,16 @@ class Expectations:
         """Expect what is measured to equal what is expected; `why` says where that comes from."""
         text = f"{_word(expected)} ({why})" if why else _word(expected)
         self.expect(about, quantity, _word(measured), text, measured == expected)
+
+
+def carry_out(cases: Iterable[Callable[[], Expectations]], head: str) -> list[Expectations]:
+    """Experiments or scenarios, one after the other, each on the terminal as soon as it is there."""
+    found = []
+    for case in cases:
+        begin = perf_counter()
+        found.append(case())
+        print(block(found[-1], head, perf_counter() - begin), flush=True)
+    return found
 
 
 def count(found: list[Expectations], verdict: bool | None) -> int:

@@ -1,0 +1,10 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""The old name of `symsde.studies`; it goes in 0.2."""
+
+import sys
+
+from . import studies
+from .native import checks
+
+checks.warn("symsde.reports is now symsde.studies: import that", DeprecationWarning)
+sys.modules[__name__] = studies
