@@ -10,11 +10,13 @@
 !>    dp = -H_q dt - sum_k H_{k,q} o dW_k,   dq = H_p dt + sum_k H_{k,p} o dW_k     [WHSB] (3)-(4)
 !>
 !> (Stratonovich, everything dimensionless). What a model may offer beyond this, for the inner loops of
-!> single steppers, is in model/kernels. Each lane must be computed from its own numbers alone.
+!> single steppers, is in model/kernels. Each lane must be computed from its own numbers alone, and, in a
+!> model that is different from path to path, from the path that the lane is (for_paths).
 !> Procedures are called from several threads at once: compile models of your own with -fopenmp or
 !> -frecursive, or gfortran may make their large local arrays static.
 module symsde_model_abstract
    use symsde_base_kinds, only: wp
+   use symsde_base_lane_paths, only: lane_paths
    use symsde_base_probe_record, only: probe_record
    use symsde_base_traits, only: model_traits
    implicit none
@@ -31,6 +33,7 @@ module symsde_model_abstract
       type(model_traits) :: traits
       character(:), allocatable :: name  !! for messages and reports
       type(probe_record) :: passed       !! probes that need not be made again
+      type(lane_paths), pointer :: paths => null()  !! of what for_paths gives: which paths its lanes are
    contains
       procedure(gradient_interface), deferred :: gradient
       procedure :: value => value_missing
@@ -40,6 +43,7 @@ module symsde_model_abstract
       procedure :: hessian_banded => hessian_banded_by_differences
       procedure :: force_stiffness => force_stiffness_composed
       procedure :: third_derivative => third_derivative_missing
+      procedure :: for_paths => same_for_all
       procedure :: failure_code => never_failed
       procedure :: clear_failure => nothing_to_clear
    end type model_type
@@ -210,6 +214,18 @@ contains
       uq = ieee_value(1.0_wp, ieee_quiet_nan)
       up = ieee_value(1.0_wp, ieee_quiet_nan)
    end subroutine third_derivative_missing
+
+   !> The model for one runner, by one thread at a time: a view that asks `paths`, before it answers, which paths the
+   !> lanes are. It belongs to the caller, and both outlive it; a view around such a model makes one around its view.
+   !> Before a run, in probes, the model itself is asked, and answers as for some path. This default serves models that
+   !> are the same for all paths: there is no view.
+   subroutine same_for_all(self, paths, view)
+      class(model_type), intent(in), target :: self
+      type(lane_paths), pointer, intent(in) :: paths
+      class(model_type), pointer, intent(out) :: view   !! with its component `paths` set, or null
+
+      nullify (view)
+   end subroutine same_for_all
 
    !> Nonzero after a user callback has refused: its own return code. Built-in models never refuse.
    integer function never_failed(self) result(code)

@@ -171,7 +171,7 @@ contains
 
       call resolve_task(task, model, scheme, stepper_options(as_increments=.true.), error)
       call require(error)
-      call new_single_path(single, task, 1_i8, error)
+      call new_single_path(single, task, model, 1_i8, error)
       call require(error)
    end subroutine single_path_of
 

@@ -19,6 +19,7 @@ module symsde_ensemble_block_runner
    use symsde_base_functionals, only: functional_set
    use symsde_base_interrupt, only: interrupt_type
    use symsde_base_kinds, only: wp, i8
+   use symsde_base_lane_paths, only: lane_paths
    use symsde_base_lanes, only: path_of_lane
    use symsde_base_record, only: steps_record
    use symsde_base_status, only: stopped
@@ -28,6 +29,7 @@ module symsde_ensemble_block_runner
    use symsde_ensemble_block_initial_state, only: initial_state
    use symsde_ensemble_observe_observer, only: observer_type
    use symsde_ensemble_options, only: run_options
+   use symsde_model_abstract, only: model_type
    use symsde_model_views_real_lanes, only: real_lanes_model
    use symsde_noise_source, only: noise_type
    use symsde_step_implicit_rescue, only: rescue_type
@@ -45,6 +47,8 @@ module symsde_ensemble_block_runner
       type(rescue_type) :: rescue          !! for paths that the stepper cannot solve
       class(observer_type), allocatable :: observer
       type(real_lanes_model), pointer :: real_lanes => null()  !! the model without padding, where it allows; owned
+      class(model_type), pointer :: by_path => null()  !! the model for these lanes, where it goes by path; owned
+      type(lane_paths), pointer :: paths => null()     !! which paths they are; owned, and there beside by_path alone
       type(lane_state) :: state
       integer :: nreal = 0
       integer(i8) :: step = 0              !! absolute step that comes next
@@ -118,6 +122,7 @@ contains
       self%drawn%noise => noise
       if (allocated(self%observer)) deallocate (self%observer)
       allocate (self%observer, source=observer)
+      if (associated(self%by_path)) call self%observer%see(self%by_path)
    end subroutine equip
 
    !> Load the state of paths first .. first+nreal-1, and show it, unless a stopped run goes on from there.
@@ -154,7 +159,8 @@ contains
    end subroutine take_state
 
    !> Begin a block of these paths, the first nreal of them real, with step number `step` next; the caller loads
-   !> their state. Noise, steps, Hamiltonian and the view of the model learn how many lanes are real.
+   !> their state. Noise, steps, Hamiltonian and the view of the model learn how many lanes are real, and noise
+   !> and a model that goes by path which paths all lanes are.
    subroutine begin_with(self, step, nreal, path)
       class(block_runner), intent(inout) :: self
       integer(i8), intent(in) :: step, path(self%state%nlane)
@@ -167,6 +173,7 @@ contains
       self%steps%nreal = nreal
       self%stepper%ham%nreal = nreal
       if (associated(self%real_lanes)) self%real_lanes%nreal = nreal
+      if (associated(self%paths)) call self%paths%begin(path)
       self%enough = self%state%nlane
    end subroutine begin_with
 
@@ -416,11 +423,13 @@ contains
       if (associated(self%narrower)) call self%narrower%tally(total)
    end subroutine tally
 
-   !> Give back the view of the model, and the narrower runners, each of which gives back the next of the list.
+   !> Give back the views of the model, and the narrower runners, each of which gives back the next of the list.
    impure elemental recursive subroutine release(self)
       type(block_runner), intent(inout) :: self
 
       if (associated(self%real_lanes)) deallocate (self%real_lanes)
+      if (associated(self%by_path)) deallocate (self%by_path)
+      if (associated(self%paths)) deallocate (self%paths)
       if (associated(self%narrower)) deallocate (self%narrower)
    end subroutine release
 

@@ -3,11 +3,13 @@
 !> the same for all threads and are only read. Every thread has a runner of its own, and makes those of narrower
 !> blocks when it first needs them.
 !>
-!> A runner is made of four things: a view of the model that hides padding, where the model is a user's (real_lanes);
-!> a stepper for this width, which sees the model through the view; the block's state and noise buffer
-!> (new_block_runner); and a rescue for its failed lanes.
+!> A runner is made of four things: views of the model, one that knows its paths, where the model goes by path
+!> (for_paths), and one that hides padding, where the model is a user's (real_lanes); a stepper for this width, which
+!> sees the model through the views; the block's state and noise buffer (new_block_runner); and a rescue for its failed
+!> lanes.
 module symsde_ensemble_block_runner_factory
    use symsde_base_functionals, only: functional_set
+   use symsde_base_lane_paths, only: lane_paths
    use symsde_base_status, only: error_type
    use symsde_ensemble_block_runner, only: block_runner, new_block_runner
    use symsde_ensemble_options, only: run_options
@@ -46,24 +48,36 @@ contains
       class(stepper_type), allocatable, intent(inout), optional :: single  !! of one lane, if allocated; taken over
       class(stepper_type), allocatable :: stepper
       type(real_lanes_model), pointer :: view
-      class(model_type), pointer :: seen
+      class(model_type), pointer :: by_path, seen
+      type(lane_paths), pointer :: paths
 
-      call look_at_real_lanes(self%task%model, has_padding, view, seen)
-      ! The driver makes a stepper of one lane to ask how many paths run one by one; use it if it is there.
-      if (present(single)) call move_alloc(single, stepper)
+      allocate (paths)
+      call self%task%model%for_paths(paths, by_path)
+      if (associated(by_path)) then
+         call look_at_real_lanes(by_path, has_padding, view, seen)
+      else
+         deallocate (paths)
+         call look_at_real_lanes(self%task%model, has_padding, view, seen)
+         ! The driver makes a stepper of one lane to ask how many paths run one by one; use it if it is there. It sees
+         ! the model itself.
+         if (present(single)) call move_alloc(single, stepper)
+      end if
       if (nlane > 1) then
          call make_stepper(stepper, self%task, seen, nlane, error)
       else if (.not. allocated(stepper)) then
-         call new_single_path(stepper, self%task, self%options%npath, error)
+         call new_single_path(stepper, self%task, seen, self%options%npath, error)
       end if
-      ! Without a runner nobody owns the view.
+      ! Without a runner nobody owns the views.
       if (allocated(error)) then
          if (associated(view)) deallocate (view)
+         if (associated(by_path)) deallocate (by_path, paths)
          return
       end if
       ! The stepper is moved into the runner, which owns it from here on.
       call new_block_runner(runner, self%options, nlane, stepper, self%asked)
       runner%real_lanes => view
+      runner%by_path => by_path
+      if (associated(by_path)) runner%paths => paths
       if (self%task%scheme%frame == frame_none) &  ! else a step inside of the frame is rescued, by its stepper
          call new_rescue(runner%rescue, self%task, runner%stepper)
    end subroutine new_runner

@@ -5,6 +5,7 @@
 module symsde_ensemble_block_single_path
    use symsde_base_kinds, only: i8
    use symsde_base_status, only: error_type
+   use symsde_model_abstract, only: model_type
    use symsde_step_factory, only: make_stepper
    use symsde_step_stepper, only: stepper_type, stepper_task
    implicit none
@@ -14,13 +15,14 @@ module symsde_ensemble_block_single_path
 contains
 
    !> Make a stepper as the factory does for one lane. It is not allocated where blocks are faster for npath paths.
-   subroutine new_single_path(stepper, task, npath, error)
+   subroutine new_single_path(stepper, task, model, npath, error)
       class(stepper_type), allocatable, intent(out) :: stepper
       type(stepper_task), intent(in) :: task
+      class(model_type), intent(in), target :: model   !! of the task, or a view of it
       integer(i8), intent(in) :: npath
       type(error_type), allocatable, intent(inout) :: error
 
-      call make_stepper(stepper, task, task%model, 1, error)
+      call make_stepper(stepper, task, model, 1, error)
       if (allocated(error)) return
       ! The only lane is a real path.
       stepper%ham%nreal = 1

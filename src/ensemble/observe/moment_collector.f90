@@ -69,6 +69,7 @@ module symsde_ensemble_observe_moment_collector
       procedure :: failure_code
       procedure :: probe
       procedure :: numbers
+      procedure :: see
    end type moment_collector
 
 contains
@@ -103,6 +104,14 @@ contains
       if (plan%watches_steps) self%every = every
    end subroutine new_moment_collector
 
+   !> Ask this view of the model for energies, and let passages ask it.
+   subroutine see(self, model)
+      class(moment_collector), intent(inout) :: self
+      class(model_type), intent(in), target :: model
+
+      self%model => model
+   end subroutine see
+
    !> Room for blocks of so many lanes.
    subroutine make_room(self, nlane)
       class(moment_collector), intent(inout) :: self
@@ -127,7 +136,7 @@ contains
       call dyadic_pieces(first, nreal, self%npiece, self%offset, self%level)
       if (allocated(self%pieces)) deallocate (self%pieces)
       if (associated(self%plan)) then
-         if (.not. allocated(self%list%slots)) call new_observer_list(self%list, self%plan)
+         if (.not. allocated(self%list%slots)) call new_observer_list(self%list, self%plan, self%model)
          call self%list%begin_block(first, nreal, nlane)
       end if
    end subroutine begin_block

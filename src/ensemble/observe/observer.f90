@@ -5,6 +5,7 @@
 module symsde_ensemble_observe_observer
    use symsde_base_kinds, only: wp, i8
    use symsde_base_status, only: error_type
+   use symsde_model_abstract, only: model_type
    use symsde_step_block_state, only: lane_state
    implicit none
    private
@@ -23,6 +24,7 @@ module symsde_ensemble_observe_observer
       procedure :: failure_code => never_failed
       procedure :: probe => nothing_to_probe
       procedure :: add_warnings => nothing_to_warn
+      procedure :: see => nothing_to_ask
    end type observer_type
 
    abstract interface
@@ -127,5 +129,12 @@ contains
       class(observer_type), intent(in) :: self
       character(:), allocatable, intent(inout) :: text
    end subroutine nothing_to_warn
+
+   !> Ask this view of the model, which knows the paths of the block, in the place of the model. It outlives the
+   !> observer. This default asks for nothing.
+   subroutine nothing_to_ask(self, model)
+      class(observer_type), intent(inout) :: self
+      class(model_type), intent(in), target :: model
+   end subroutine nothing_to_ask
 
 end module symsde_ensemble_observe_observer

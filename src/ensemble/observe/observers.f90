@@ -187,9 +187,10 @@ contains
    end subroutine new_observer_plan
 
    !> The observers of one thread, which deliver to the stores of the plan.
-   subroutine new_observer_list(self, plan)
+   subroutine new_observer_list(self, plan, model)
       type(observer_list), intent(out) :: self
       type(observer_plan), intent(in), target :: plan
+      class(model_type), intent(in), target, optional :: model  !! to be asked in the place of the plan's
       type(error_type), allocatable :: refusal  ! not allocated: the plan was tried and accepted
       integer :: i
 
@@ -197,6 +198,7 @@ contains
       do i = 1, size(self%slots)
          call new_observer(self%slots(i)%observer, plan%requests(i), plan%run, refusal)
          self%slots(i)%observer%store => plan%stores(i)
+         if (present(model)) self%slots(i)%observer%run%model => model
       end do
    end subroutine new_observer_list
 

@@ -18,6 +18,7 @@
 module symsde_ensemble_observe_passage
    use, intrinsic :: ieee_arithmetic, only: ieee_value, ieee_quiet_nan, ieee_is_nan
    use symsde_base_kinds, only: wp, i8
+   use symsde_base_lane_paths, only: narrow, widen
    use symsde_base_lanes, only: padded
    use symsde_base_laws, only: law_gaussian, law_text
    use symsde_base_status, only: error_type, raise, invalid_argument, incompatible, nonfinite, absorbed
@@ -291,7 +292,9 @@ contains
          if (at == 0) then
             self%w = 0
             self%w(:n) = 1
+            call narrow(self%run%model%paths, self%lanes(:n))
             call self%run%model%value(n, ndof, m, t, self%w, self%q, self%p, self%x)
+            call widen(self%run%model%paths)
          else
             call self%run%observables%evaluate(n, ndof, t, self%q, self%p, self%own)
             self%x(:n) = self%own((at - 1)*n + 1:at*n)
@@ -353,6 +356,7 @@ contains
          self%rate = 0
          if (self%shares) self%path = 0
          self%w = 0
+         call narrow(self%run%model%paths, self%lanes(:n))
          do k = 1, m
             self%w(k*n + 1:(k + 1)*n) = 1
             call self%run%model%gradient(n, ndof, m, t, self%w, self%q, self%p, self%hq, self%hp)
@@ -364,6 +368,7 @@ contains
                call add_noise(self, k, n, self%hq(at + 1:at + n))
             end if
          end do
+         call widen(self%run%model%paths)
       end associate
    end subroutine noise_on_value
 

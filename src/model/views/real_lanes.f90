@@ -51,6 +51,7 @@ contains
 
       self%traits = model%traits
       self%name = model%name
+      self%paths => model%paths
       self%model => model
       self%kernels => kernels_of(model)
       self%nreal = huge(0)  ! until a block says how many: what is asked at set-up has no padding

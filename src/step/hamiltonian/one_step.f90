@@ -23,6 +23,7 @@
 module symsde_step_hamiltonian_one_step
    use symsde_base_kinds, only: wp
    use symsde_base_counters, only: counters_type
+   use symsde_base_lane_paths, only: narrow_lanes => narrow, widen_lanes => widen
    use symsde_base_record, only: step_record
    use symsde_model_abstract, only: model_type
    use symsde_model_kernels, only: kernel_model, kernel_offers, kernels_of, offers_of
@@ -57,6 +58,9 @@ module symsde_step_hamiltonian_one_step
       procedure :: gradient
       procedure :: velocity
       procedure :: gradient_hessian
+      procedure, private :: narrow_to_part, narrow_to_lanes
+      generic :: narrow => narrow_to_part, narrow_to_lanes
+      procedure :: widen
    end type one_step_hamiltonian
 
 contains
@@ -100,6 +104,30 @@ contains
       call new_algebra_work(self%work, nlane, self%ndof, self%nnoise)
       allocate (self%uq(nlane, self%ndof), self%up(nlane, self%ndof))
    end subroutine new_one_step_hamiltonian
+
+   !> From here on the model is asked for n lanes of those before, from lane `first` on; lanes behind the last repeat
+   !> it. Who shows it a part of a block says so, here or by narrow_to_lanes, for models that go by path.
+   subroutine narrow_to_part(self, first, n)
+      class(one_step_hamiltonian), intent(in) :: self
+      integer, intent(in) :: first, n
+
+      call narrow_lanes(self%model%paths, first, n)
+   end subroutine narrow_to_part
+
+   !> From here on the model is asked for these lanes, of those before.
+   subroutine narrow_to_lanes(self, lanes)
+      class(one_step_hamiltonian), intent(in) :: self
+      integer, intent(in) :: lanes(:)
+
+      call narrow_lanes(self%model%paths, lanes)
+   end subroutine narrow_to_lanes
+
+   !> The lanes of the last `narrow` are over.
+   subroutine widen(self)
+      class(one_step_hamiltonian), intent(in) :: self
+
+      call widen_lanes(self%model%paths)
+   end subroutine widen
 
    !> Gradient of Hhat at (q, p), each (nlane, ndof), with the weights w of every lane; an absent output is not
    !> computed. Where brackets are added the step that they belong to must be given: its functionals are their

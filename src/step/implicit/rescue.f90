@@ -75,7 +75,7 @@ contains
       ! Two slopes of n numbers for each stage, and twice as many where noise has coefficients of its own.
       if (4*task%model%traits%ndof*self%scheme%nstage > max_unknowns) return
       self%available = .true.
-      self%model => task%model
+      self%model => stepper%ham%model  ! as the stepper sees it
       self%correction = stepper%ham%correction
       self%max_iter = task%newton%max_iter
    end subroutine new_rescue
@@ -161,6 +161,7 @@ contains
       few%h = step%h
       few%w(1:, 0:) => self%w
       self%stepper%ham%nreal = n
+      call self%stepper%ham%narrow([(lanes(min(i, n)), i=1, lane_unit)])
       ! Copies rest by a status; the lanes to be saved have none.
       lane_status = nonfinite
       lane_status(:n) = 0
@@ -174,6 +175,7 @@ contains
          call keep(self, n, lanes, lane_status, dq, dp, status, saved)
          self%counters%continued = self%counters%continued + saved
       end if
+      call self%stepper%ham%widen()
    end subroutine rescue_lanes
 
    !> Rung 3: scale (h, dW) by k/16, k = 1..16, starting from the slopes found for k-1. Lanes that rung 2 solved

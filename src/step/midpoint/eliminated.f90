@@ -137,7 +137,9 @@ contains
          do before = 0, nlane - together, together
             self%eq%nreal = max(0, min(together, self%ham%nreal - before))
             call slice_lanes(nlane, self%ham%nnoise + 1, before, together, step%w, self%w)
+            call self%ham%narrow(before + 1, together)
             call step_together(self, nlane, before, self%w, q, p, dq, dp, status(before + 1))
+            call self%ham%widen()
          end do
          ! The loop has left `before` behind the last whole strip.
          if (before < nlane) call fill_up(self, before, step%w, q, p, dq, dp, status)
@@ -163,7 +165,9 @@ contains
                call move_together(self, nlane, before, step%w, q, p, status)
             else
                call slice_lanes(nlane, self%ham%nnoise + 1, before, together, step%w, self%w)
+               call self%ham%narrow(before + 1, together)
                call move_together(self, nlane, before, self%w, q, p, status(before + 1))
+               call self%ham%widen()
             end if
          end do
       end associate
@@ -193,7 +197,9 @@ contains
          lane_status = copy_rests
          lane_status(:left) = status(before + 1:)
          self%eq%nreal = max(0, min(left, self%ham%nreal - before))
+         call self%ham%narrow(before + 1, together)
          call step_together(self, together, 0, self%w, self%q, self%p, self%dq, self%dp, lane_status)
+         call self%ham%widen()
          dq(before + 1:, :) = self%dq(:left, :)
          dp(before + 1:, :) = self%dp(:left, :)
          status(before + 1:) = lane_status(:left)

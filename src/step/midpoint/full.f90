@@ -57,8 +57,10 @@ module symsde_step_midpoint_full
             self%w = w(before + 1:last, :)
             self%q = q(before + 1:last, :)
             self%p = p(before + 1:last, :)
+            call ham%narrow(before + 1, width)
             call sweep_lanes(self, ham, t, self%w, self%q, self%p, max(0, min(width, ham%nreal - before)), &
                              status(before + 1:last))
+            call ham%widen()
             ! g holds G, then -F.
             dq(before + 1:last, :) = -self%g(:, n + 1:)
             dp(before + 1:last, :) = self%g(:, :n)

@@ -152,6 +152,7 @@ contains
       associate (n => self%n, lanes => self%lanes)
          ! At least one lane runs, so there is a last one to repeat.
          lanes(n + 1:) = lanes(n)
+         call self%ham%narrow(lanes)
          self%q = q(lanes)
          self%p = p(lanes)
          self%store%h = step%h
@@ -181,6 +182,7 @@ contains
          solver%x(lanes(:n), :) = self%solver%x(:n, :)
          status(lanes(:n)) = self%status(:n)
       end associate
+      call self%ham%widen()
       call add_counters(ham%counters, self%ham%counters)
       self%ham%counters = counters_type()
    end subroutine scatter

@@ -57,7 +57,9 @@ module symsde_step_stages_stepper
       do first = 1, self%ham%nlane, self%width
          ! Equations and solvers are one set, which every part uses anew.
          last = first + self%width - 1
+         call self%ham%narrow(first, self%width)
          call take_part(self, first, step, q, p, self%dq, self%dp, status(first:last))
+         call self%ham%widen()
          dq(first:last, :) = self%dq
          dp(first:last, :) = self%dp
       end do
