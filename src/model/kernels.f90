@@ -15,7 +15,7 @@ module symsde_model_kernels
    implicit none
    private
    public :: kernel_model, kernel_offers, angle_terms
-   public :: kernels_of, offers_of, differences_alone, has_exact_stiffness, pair_by_arrays
+   public :: kernels_of, offers_of, differences_alone, has_exact_stiffness
 
    !> One degree of freedom that feels the sine and the cosine of its angle:
    !>
@@ -136,28 +136,6 @@ contains
       k12 = f1
       k22 = f1
    end subroutine pair_missing
-
-   !> The same of any model, by its gradient and Hessian: for a stepper whose model has no kernel for it.
-   subroutine pair_by_arrays(model, nnoise, t, w, q1, q2, f1, f2, k11, k21, k12, k22)
-      class(model_type), intent(in) :: model
-      integer, intent(in) :: nnoise
-      real(wp), intent(in) :: t, w(0:nnoise)
-      real(wp), value :: q1, q2
-      real(wp), intent(out) :: f1, f2, k11, k21, k12, k22
-      real(wp), dimension(2) :: q, still, f
-      real(wp) :: k(2, 2)
-
-      q(1) = q1
-      q(2) = q2
-      still = 0
-      call model%gradient_hessian(1, 2, nnoise, t, w, q, still, hq=f, hqq=k)
-      f1 = f(1)
-      f2 = f(2)
-      k11 = k(1, 1)
-      k21 = k(2, 1)
-      k12 = k(1, 2)
-      k22 = k(2, 2)
-   end subroutine pair_by_arrays
 
    !> The terms of sum_j w_j H_j where it is one of an angle, or quadratic, for a path by itself: asked for once a time,
    !> and force and slope at many angles follow without the model. Noises that move positions do not depend on time. The

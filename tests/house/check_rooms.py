@@ -9,6 +9,9 @@ A room is a folder below an area (src/step/midpoint); a file that stands directl
 Arrows between rooms make no circle. A module whose header says "Private to its family." is used in its room alone, and
 so is a body (.inc) but for those of src/solve.
 
+Steppers ask the one-step Hamiltonian for Hhat: below src/step, files outside of the room hamiltonian call the model
+itself as often as ASKS_MODEL says, where they need single H_j.
+
 The rooms of the Python package are its folders and the modules that stand directly in it: arrows between them, whether
 imported at once, when needed or by a name as text, make no circle. The package itself, which hands out the names of
 all rooms, is no room.
@@ -30,6 +33,17 @@ from bodies import INCLUDE
 PRIVATE = re.compile(r"^!> Private to its family\.$", re.M)
 BY_NAME = re.compile(r'(?:import_module|__import__)\(\s*f?"symsde\.(\w+)')
 MAP = re.compile(r"^([a-z]\w*(?:, [a-z]\w*)*)  +\S", re.M)
+# Files below src/step that ask a model for derivatives themselves: how often, and why.
+OPERATION = r"(?:value|gradient|hessian|third_derivative|force_stiffness)\w*"
+ASKS = re.compile(rf"^[^!'\n]*(?:\bmodel%{OPERATION}|\bdifference_(?:default|along))\(", re.M)
+ASKS_MODEL = {
+    "explicit/tableau_gradients.inc": (2, "the Ito drift takes the gradient of one H_k and its Hessian times a vector"),
+    "splitting/derivatives.inc": (
+        2,
+        "kicks are flows of the part of Hhat that depends on q: sums of U and H_k, or each",
+    ),
+    "splitting/stepper.inc": (4, "products in kicks: Hess V M^-1 V_q, and Hess H_k with gradients of other H_l"),
+}
 BEGIN, END = "<!-- rooms: written by tests/house/check_rooms.py -->\n", "<!-- end of rooms -->\n"
 
 
@@ -156,6 +170,15 @@ def findings(root):
         for body in INCLUDE.findall(text):
             if "/" in body and "/solve/" not in body:
                 yield f"{name} includes {body}, which is a body of another family"
+    step = root / "src" / "step"
+    for file in sorted(path for path in step.rglob("*") if path.suffix in (".f90", ".inc")):
+        shown = str(file.relative_to(step))
+        calls, allowed = len(ASKS.findall(file.read_text(encoding="utf-8"))), ASKS_MODEL.get(shown, (0, ""))[0]
+        if calls > allowed and not shown.startswith("hamiltonian/"):
+            yield (
+                f"src/step/{shown} asks the model itself, {calls} times, {allowed} are allowed: ask the one-step "
+                "Hamiltonian (src/step/hamiltonian/one_step.f90), or say in ASKS_MODEL why a single H_j is needed"
+            )
     try:
         TopologicalSorter(packages(root)).prepare()
     except CycleError as error:
@@ -171,7 +194,10 @@ def planted(root, files, python):
         file = root / "src" / path.lower()
         file.parent.mkdir(parents=True, exist_ok=True)
         head = "!> Private to its family.\n" if path != path.lower() else ""
-        lines = (f"   include '{it}'\n" if ".inc" in it else f"   use symsde_{it}, only: x\n" for it in uses)
+        lines = (
+            f"   include '{it}'\n" if ".inc" in it else f"   {it}\n" if " " in it else f"   use symsde_{it}, only: x\n"
+            for it in uses
+        )
         file.write_text(head + "".join(lines))
     for path, text in python.items():
         file = root / "python" / "symsde" / path
@@ -188,6 +214,8 @@ def self_test():
         "": sound,
         "in a circle": {**sound, "step/a/y.f90": ("step_c",), "step/c.f90": ("step_b_z",)},
         "is private": {**sound, "step/b/z.f90": ("step_a_x",)},
+        "b/z.f90 asks the model itself": {**sound, "step/b/z.f90": ("call ham%model%gradient(n, hq)",)},
+        "c.f90 asks the model itself": {**sound, "step/c.f90": ("call difference_default(model, n)",)},
         "of another family": {**sound, "step/b/z.f90": ("step_a_y", "../a/x.inc")},
     }
     python = {"run/x.py": "from ..model.y import z\n", "model/y.py": ""}

@@ -220,7 +220,7 @@ contains
       if (self%options%npath <= most_single .and. has_any_lanes(self%model)) then
          call fit(1)
          if (.not. allocated(error)) call new_single_path(single, self%factory%task, self%model, &
-                                                             self%options%npath, error)
+                                                          self%options%npath, error)
       end if
       if (.not. allocated(single)) call fit(choose_nlane(self%options, self%model))
 

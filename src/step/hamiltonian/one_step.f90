@@ -20,12 +20,16 @@
 !>
 !> Schemes beyond strong order one add the brackets of step/hamiltonian/brackets. Every evaluation goes in this order:
 !> the model sums over its Hamiltonians in one call, the correction is added to what it gave, then the brackets.
+!>
+!> Steppers whose equations have neither correction nor brackets ask for bare Hhat = sum_j w_j H_j: for as many lanes as
+!> they show at once, by as many of its derivatives as they need. So all that is asked of Hhat is asked here, and what
+!> is added to it is added here: who asks the model itself asks for single H_j (tests/house/check_rooms.py says who).
 module symsde_step_hamiltonian_one_step
    use symsde_base_kinds, only: wp
    use symsde_base_counters, only: counters_type
    use symsde_base_lane_paths, only: narrow_lanes => narrow, widen_lanes => widen
    use symsde_base_record, only: step_record
-   use symsde_model_abstract, only: model_type
+   use symsde_model_abstract, only: model_type, difference_default
    use symsde_model_kernels, only: kernel_model, kernel_offers, kernels_of, offers_of
    use symsde_model_algebra, only: algebra_work, new_algebra_work, correction_gradient
    use symsde_scheme_scheme, only: bracket_terms, correction_none, correction_mean
@@ -58,6 +62,12 @@ module symsde_step_hamiltonian_one_step
       procedure :: gradient
       procedure :: velocity
       procedure :: gradient_hessian
+      procedure :: bare_gradient
+      procedure :: bare_gradient_hessian
+      procedure :: bare_bands
+      procedure :: bare_force_stiffness
+      procedure :: bare_pair
+      procedure :: bare_product
       procedure, private :: narrow_to_part, narrow_to_lanes
       generic :: narrow => narrow_to_part, narrow_to_lanes
       procedure :: widen
@@ -145,7 +155,7 @@ contains
       else if (self%mass_alone .and. present(hp) .and. .not. present(hq)) then
          call find_velocity(self%nlane, self%ndof, w, p, hp)
       else
-         call self%model%gradient(self%nlane, self%ndof, self%nnoise, t, w, q, p, hq, hp)
+         call self%bare_gradient(self%nlane, t, w, q, p, hq, hp)
       end if
       ! One gradient is counted for every real path, however Hhat_p was found: reports do not depend on such short
       ! cuts.
@@ -154,6 +164,93 @@ contains
       ! Brackets come last, ask the model by themselves, and count that.
       if (allocated(self%modified)) call self%modified%add_gradient(t, step, q, p, hq, hp, self%counters, self%nreal)
    end subroutine gradient
+
+   ! ---- Hhat without correction and brackets, for n lanes; what these are asked is counted by who asks, if not said
+
+   !> Its gradient, each (n, ndof); an absent output is not computed.
+   subroutine bare_gradient(self, n, t, w, q, p, hq, hp)
+      class(one_step_hamiltonian), intent(in) :: self
+      integer, intent(in) :: n
+      real(wp), intent(in) :: t, w(n, 0:self%nnoise), q(n, self%ndof), p(n, self%ndof)
+      real(wp), intent(out), optional :: hq(n, self%ndof), hp(n, self%ndof)
+
+      call self%model%gradient(n, self%ndof, self%nnoise, t, w, q, p, hq, hp)
+   end subroutine bare_gradient
+
+   !> Gradient and Hessian at one point.
+   subroutine bare_gradient_hessian(self, n, t, w, q, p, hq, hp, hqq, hqp, hpp)
+      class(one_step_hamiltonian), intent(in) :: self
+      integer, intent(in) :: n
+      real(wp), intent(in) :: t, w(n, 0:self%nnoise), q(n, self%ndof), p(n, self%ndof)
+      real(wp), intent(out), optional :: hq(n, self%ndof), hp(n, self%ndof)
+      real(wp), intent(out), optional :: hqq(n, self%ndof, self%ndof), hqp(n, self%ndof, self%ndof)
+      real(wp), intent(out), optional :: hpp(n, self%ndof, self%ndof)
+
+      call self%model%gradient_hessian(n, self%ndof, self%nnoise, t, w, q, p, hq, hp, hqq, hqp, hpp)
+   end subroutine bare_gradient_hessian
+
+   !> Bands -b .. b of its Hessian.
+   subroutine bare_bands(self, n, b, t, w, q, p, hqq, hqp, hpp)
+      class(one_step_hamiltonian), intent(in) :: self
+      integer, intent(in) :: n, b
+      real(wp), intent(in) :: t, w(n, 0:self%nnoise), q(n, self%ndof), p(n, self%ndof)
+      real(wp), intent(out), optional :: hqq(n, -b:b, self%ndof), hqp(n, -b:b, self%ndof), hpp(n, -b:b, self%ndof)
+
+      call self%model%hessian_banded(n, self%ndof, self%nnoise, b, t, w, q, p, hqq, hqp, hpp)
+   end subroutine bare_bands
+
+   !> Hhat_q, and the bands 0 .. b of Hhat_qq.
+   subroutine bare_force_stiffness(self, n, b, t, w, q, p, hq, hqq)
+      class(one_step_hamiltonian), intent(in) :: self
+      integer, intent(in) :: n, b
+      real(wp), intent(in) :: t, w(n, 0:self%nnoise), q(n, self%ndof), p(n, self%ndof)
+      real(wp), intent(out) :: hq(n, self%ndof), hqq(n, 0:b, self%ndof)
+
+      call self%model%force_stiffness(n, self%ndof, self%nnoise, b, t, w, q, p, hq, hqq)
+   end subroutine bare_force_stiffness
+
+   !> Hhat_q and Hhat_qq of one path of two degrees of freedom, in numbers: by the kernel of the model, or by arrays.
+   subroutine bare_pair(self, t, w, q1, q2, f1, f2, k11, k21, k12, k22)
+      class(one_step_hamiltonian), intent(in) :: self
+      real(wp), intent(in) :: t, w(0:self%nnoise)
+      real(wp), value :: q1, q2
+      real(wp), intent(out) :: f1, f2, k11, k21, k12, k22
+      real(wp), dimension(2) :: q, still, f
+      real(wp) :: k(2, 2)
+
+      if (self%offers%pair) then
+         call self%fast%pair(self%nnoise, t, w, q1, q2, f1, f2, k11, k21, k12, k22)
+         return
+      end if
+      q(1) = q1
+      q(2) = q2
+      still = 0
+      call self%bare_gradient_hessian(1, t, w, q, still, hq=f, hqq=k)
+      f1 = f(1)
+      f2 = f(2)
+      k11 = k(1, 1)
+      k21 = k(2, 1)
+      k12 = k(1, 2)
+      k22 = k(2, 2)
+   end subroutine bare_pair
+
+   !> Its Hessian times (vq, vp), counted for `wanted` lanes. A model that has a Hessian but no product would form the
+   !> one for the other: then too a difference of gradients is cheaper.
+   subroutine bare_product(self, n, wanted, t, w, q, p, vq, vp, uq, up)
+      class(one_step_hamiltonian), intent(inout) :: self
+      integer, intent(in) :: n, wanted
+      real(wp), intent(in) :: t, w(n, 0:self%nnoise), q(n, self%ndof), p(n, self%ndof)
+      real(wp), intent(in) :: vq(n, self%ndof), vp(n, self%ndof)
+      real(wp), intent(out) :: uq(n, self%ndof), up(n, self%ndof)
+
+      if (self%model%traits%has_hessian_vector) then
+         call self%model%hessian_vector(n, self%ndof, self%nnoise, t, w, q, p, vq, vp, uq, up)
+         self%counters%hessian_vectors = self%counters%hessian_vectors + wanted
+      else
+         call difference_default(self%model, n, self%ndof, self%nnoise, t, w, q, p, vq, vp, uq, up)
+         self%counters%gradients = self%counters%gradients + 2*wanted
+      end if
+   end subroutine bare_product
 
    !> Hhat_p of separable Hamiltonians, where it depends on p alone; without correction and brackets. Iterations begin
    !> with it, F = Hhat_p(p_n).
@@ -166,7 +263,7 @@ contains
       if (self%mass_alone) then
          call find_velocity(self%nlane, self%ndof, w, p, hp)
       else
-         call self%model%gradient(self%nlane, self%ndof, self%nnoise, t, w, q, p, hp=hp)
+         call self%bare_gradient(self%nlane, t, w, q, p, hp=hp)
       end if
       self%counters%gradients = self%counters%gradients + self%nreal
    end subroutine velocity
@@ -198,8 +295,7 @@ contains
       real(wp), intent(out), optional :: hpp(self%nlane, self%ndof, self%ndof)
       type(step_record), intent(in), optional :: step
 
-      call self%model%gradient_hessian(self%nlane, self%ndof, self%nnoise, t, w, q, p, &
-                                       hq, hp, hqq, hqp, hpp)
+      call self%bare_gradient_hessian(self%nlane, t, w, q, p, hq, hp, hqq, hqp, hpp)
       ! A call that gives gradient and Hessian counts as one of each.
       self%counters%gradients = self%counters%gradients + self%nreal
       self%counters%hessians = self%counters%hessians + self%nreal

@@ -34,18 +34,17 @@ module symsde_step_implicit_newton_krylov
    use symsde_base_kinds, only: wp, i4, i8
    use symsde_base_status, only: status_ok, nonfinite, not_converged
    use symsde_base_traits, only: model_traits, dense
-   use symsde_model_abstract, only: model_type, difference_default
+   use symsde_model_abstract, only: model_type
    use symsde_model_kernels, only: differences_alone
    use symsde_solve_blocks, only: max_lane_unknowns
    use symsde_solve_krylov, only: krylov_type, new_krylov
    use symsde_solve_one_system, only: solve_dense_alone
    use symsde_solve_newton, only: newton_type, newton_options
    use symsde_solve_stagnation, only: correct_lanes
-   use symsde_step_hamiltonian_one_step, only: one_step_hamiltonian
    implicit none
    private
    public :: newton_krylov, new_newton_krylov, pays_by_products, does_without_matrices
-   public :: iterates_first, hessian_product
+   public :: iterates_first
 
    !> Unknowns of a lane from which no matrix is the faster way. With analytic second derivatives: where
    !> elimination across lanes ends. Without them a matrix costs two gradients for each unknown.
@@ -267,25 +266,6 @@ contains
       end do
       counters%pivoted_solves = counters%pivoted_solves + self%nsolved
    end subroutine settle_unsolved
-
-   !> (uq, up) = Hess Hhat(q, p) (vq, vp), without brackets. A model that has a Hessian but no product would form the
-   !> one for the other: then too a difference of gradients is cheaper.
-   subroutine hessian_product(ham, nlane, n, wanted, t, w, q, p, vq, vp, uq, up)
-      type(one_step_hamiltonian), intent(inout) :: ham
-      integer, intent(in) :: nlane, n, wanted   !! lanes, degrees of freedom, lanes that count
-      real(wp), intent(in) :: t, w(nlane, 0:ham%nnoise), q(nlane, n), p(nlane, n), vq(nlane, n), vp(nlane, n)
-      real(wp), intent(out) :: uq(nlane, n), up(nlane, n)
-
-      associate (model => ham%model, m => ham%nnoise, counters => ham%counters)
-         if (model%traits%has_hessian_vector) then
-            call model%hessian_vector(nlane, n, m, t, w, q, p, vq, vp, uq, up)
-            counters%hessian_vectors = counters%hessian_vectors + wanted
-         else
-            call difference_default(model, nlane, n, m, t, w, q, p, vq, vp, uq, up)
-            counters%gradients = counters%gradients + 2*wanted
-         end if
-      end associate
-   end subroutine hessian_product
 
    ! ---- kernels ----------------------------------------------------------------------------------
 

@@ -12,7 +12,7 @@ module symsde_step_midpoint_dense
    use symsde_base_traits, only: dense
    use symsde_base_vectors, only: add_times
    use symsde_model_abstract, only: model_type
-   use symsde_model_kernels, only: angle_terms, differences_alone, pair_by_arrays
+   use symsde_model_kernels, only: angle_terms, differences_alone
    use symsde_solve_newton, only: newton_options, new_newton, start, update, judge, first_scalar, &
                                   update_scalar
    use symsde_step_midpoint_angle, only: find_angle_force

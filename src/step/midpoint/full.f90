@@ -15,7 +15,7 @@ module symsde_step_midpoint_full
    use symsde_solve_fixed_point, only: take, judge_sweep, most_sweeps, stiff_rate, done
    use symsde_solve_newton, only: newton_type, newton_options, new_newton, update
    use symsde_step_hamiltonian_one_step, only: one_step_hamiltonian, new_one_step_hamiltonian
-   use symsde_step_implicit_newton_krylov, only: newton_krylov, new_newton_krylov, hessian_product, &
+   use symsde_step_implicit_newton_krylov, only: newton_krylov, new_newton_krylov, &
                                                  does_without_matrices, iterates_first
    use symsde_step_stepper, only: stepper_type, stepper_task, few_of
    implicit none

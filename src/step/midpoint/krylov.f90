@@ -19,7 +19,7 @@ module symsde_step_midpoint_krylov
    use symsde_model_abstract, only: model_type
    use symsde_solve_newton, only: newton_options, new_newton
    use symsde_step_midpoint_equation, only: midpoint_equation, midpoint_part, position
-   use symsde_step_implicit_newton_krylov, only: newton_krylov, new_newton_krylov, hessian_product
+   use symsde_step_implicit_newton_krylov, only: newton_krylov, new_newton_krylov
    use symsde_step_hamiltonian_one_step, only: one_step_hamiltonian
    implicit none
    private
@@ -70,7 +70,7 @@ contains
             first = eq%starts(newton)
             ! Residual r = x + f(Q): the force at Q, made the f of this unknown, and x added.
             call position(nlane*n, eq%c, eq%base(1, 1), eq%x, self%q)
-            call ham%model%gradient(nlane, n, eq%m, eq%t, w, self%q, eq%still, hq=self%r)
+            call ham%bare_gradient(nlane, eq%t, w, self%q, eq%still, hq=self%r)
             ham%counters%gradients = ham%counters%gradients + eq%nreal
             call eq%weigh(1, n, self%r)
             call add_times(nlane*n, 1.0_wp, eq%x, self%r)
@@ -78,8 +78,8 @@ contains
             do while (products%wanted > 0)  ! A = I + (h/4) Hhat_qq
                ! v_{k+1} = v_k + (h/4) Hhat_qq v_k: the p part of the vector is zero (eq%still), and that of the
                ! product is not read.
-               call hessian_product(ham, nlane, n, products%wanted, eq%t, w, self%q, eq%still, v(:, :, k), eq%still, &
-                                    products%uq, products%up)
+               call ham%bare_product(nlane, products%wanted, eq%t, w, self%q, eq%still, v(:, :, k), eq%still, &
+                                     products%uq, products%up)
                v(:, :, k + 1) = v(:, :, k) + c*products%uq
                call products%take()
             end do

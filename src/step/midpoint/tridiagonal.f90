@@ -270,7 +270,7 @@ contains
       if (gives_rows) then
          call ham%fast%chain_rows(eq%n, eq%m, first, last, eq%t, w, q, hq, hqq)
       else
-         call ham%model%force_stiffness(eq%nlane, eq%n, eq%m, 1, eq%t, w, q(:, 1:eq%n), eq%still, hq, hqq)
+         call ham%bare_force_stiffness(eq%nlane, 1, eq%t, w, q(:, 1:eq%n), eq%still, hq, hqq)
       end if
    end subroutine evaluate
 

@@ -68,7 +68,7 @@ contains
          do while (newton%running)
             ! In the first iteration for V the factor of x is zero: the point is base.
             call position(n, merge(0.0_wp, eq%c, eq%starts(newton)), eq%base(1, 1), eq%x, self%q)
-            call ham%model%force_stiffness(1, n, eq%m, 1, eq%t, w, self%q, eq%still, self%f, self%k(0, 1))
+            call ham%bare_force_stiffness(1, 1, eq%t, w, self%q, eq%still, self%f, self%k(0, 1))
             call eq%weigh(1, n, self%f)
             self%before = eq%x(1, :)
             call solve_lane(n, c, self%f, self%k, self%factor, self%rhs, eq%x, trusted, largest, newton%step(1), &

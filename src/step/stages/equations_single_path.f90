@@ -72,7 +72,7 @@ module symsde_step_stages_equations_single_path
       associate (s => group%nmember, n => self%ham%ndof, c => self%ham%counters)
          ! b has the coefficients of the first sweep or of the others; no C is unknown here.
          if (self%eliminated .and. .not. allocated(self%mass)) then
-            call sweep_positions(self%ham%model, n, self%plan%nstage, self%ham%nnoise, s, group%stage, self%times, &
+            call sweep_positions(self%ham, n, self%plan%nstage, self%ham%nnoise, s, group%stage, self%times, &
                                  self%w, self%p, self%b(:, :, min(sweep, 2)), self%base, self%qs, self%f)
             c%gradients = c%gradients + s
             return
@@ -94,8 +94,8 @@ module symsde_step_stages_equations_single_path
 
    !> place and evaluate for every stage of a group where momenta are eliminated by an identity mass. Everything comes
    !> as an argument of known shape, b(:, i) being -kappa B_ik of stage i, so that gcc keeps it in registers.
-   subroutine sweep_positions(model, n, s, m, nmember, stage, times, w, p, b, base, x, f)
-      class(model_type), intent(in) :: model
+   subroutine sweep_positions(ham, n, s, m, nmember, stage, times, w, p, b, base, x, f)
+      type(one_step_hamiltonian), intent(in) :: ham
       integer, intent(in) :: n, s, m, nmember, stage(nmember)
       real(wp), intent(in) :: times(s), w(0:m), p(n), b(s, s), base(n, s)
       real(wp), intent(inout) :: x(n), f(n, s)
@@ -105,7 +105,7 @@ module symsde_step_stages_equations_single_path
          i = stage(k)
          ! Q_i, and the new F_i in the place of the old one.
          call sum_slopes(n, s, i, b(1, i), f, base(1, i), x)
-         call model%gradient(1, n, m, times(i), w, x, p, hq=f(1, i))
+         call ham%bare_gradient(1, times(i), w, x, p, hq=f(1, i))
       end do
    end subroutine sweep_positions
 

@@ -9,7 +9,7 @@ module symsde_step_stages_newton
    use symsde_base_traits, only: model_traits, dense
    use symsde_solve_newton, only: newton_type, newton_options, new_newton, update
    use symsde_step_hamiltonian_one_step, only: one_step_hamiltonian
-   use symsde_step_implicit_newton_krylov, only: newton_krylov, new_newton_krylov, hessian_product, pays_by_products
+   use symsde_step_implicit_newton_krylov, only: newton_krylov, new_newton_krylov, pays_by_products
    use symsde_step_stages_equations, only: stage_equations
    use symsde_step_stages_groups, only: stage_group
    implicit none
@@ -34,14 +34,12 @@ module symsde_step_stages_newton
       real(wp), intent(out) :: hq(ham%nlane, ham%ndof)
       real(wp), intent(out) :: k(ham%nlane*ham%ndof*merge(ham%ndof, band + 1, band == dense))
 
-      associate (nlane => ham%nlane, n => ham%ndof, m => ham%nnoise)
-         ! K is asked for as the matrix takes it: n^2 entries, or the diagonal and the bands above it.
-         if (band == dense) then
-            call ham%model%gradient_hessian(nlane, n, m, t, w, q, p, hq=hq, hqq=k)
-         else
-            call ham%model%force_stiffness(nlane, n, m, band, t, w, q, p, hq, k)
-         end if
-      end associate
+      ! K is asked for as the matrix takes it: n^2 entries, or the diagonal and the bands above it.
+      if (band == dense) then
+         call ham%bare_gradient_hessian(ham%nlane, t, w, q, p, hq=hq, hqq=k)
+      else
+         call ham%bare_force_stiffness(ham%nlane, band, t, w, q, p, hq, k)
+      end if
    end subroutine ask_model
 
 end module symsde_step_stages_newton

@@ -8,11 +8,10 @@ module symsde_step_stages_newton_single_path
    use symsde_base_kinds, only: wp, i8
    use symsde_base_lanes, only: take_where
    use symsde_base_traits, only: model_traits, dense
-   use symsde_model_kernels, only: pair_by_arrays
    use symsde_solve_newton, only: newton_type, newton_options, new_newton
    use symsde_solve_newton_single_path, only: update
    use symsde_step_hamiltonian_one_step, only: one_step_hamiltonian
-   use symsde_step_implicit_newton_krylov, only: newton_krylov, new_newton_krylov, hessian_product, pays_by_products
+   use symsde_step_implicit_newton_krylov, only: newton_krylov, new_newton_krylov, pays_by_products
    use symsde_step_stages_equations_single_path, only: stage_equations
    use symsde_step_stages_groups, only: stage_group
    implicit none
@@ -39,24 +38,20 @@ module symsde_step_stages_newton_single_path
       real(wp), intent(out) :: k(ham%ndof*merge(ham%ndof, band + 1, band == dense))
       real(wp), allocatable :: stiffness(:, :), force(:, :)
 
-      associate (n => ham%ndof, m => ham%nnoise)
+      associate (n => ham%ndof)
          if (band /= dense) then
             allocate (force(2, n), stiffness(2, (band + 1)*n))
-            call ham%model%force_stiffness(2, n, m, band, t, spread(w, 1, 2), spread(q, 1, 2), spread(p, 1, 2), force, &
-                                           stiffness)
+            call ham%bare_force_stiffness(2, band, t, spread(w, 1, 2), spread(q, 1, 2), spread(p, 1, 2), force, &
+                                          stiffness)
             ! Both lanes have the same numbers; the first is taken.
             hq = force(1, :)
             k(:(band + 1)*n) = stiffness(1, :)
          else if (n == 2) then
             ! Six numbers: no arrays are passed.
-            if (ham%offers%pair) then
-               call ham%fast%pair(m, t, w, q(1), q(2), hq(1), hq(2), k(1), k(2), k(3), k(4))
-            else
-               call pair_by_arrays(ham%model, m, t, w, q(1), q(2), hq(1), hq(2), k(1), k(2), k(3), k(4))
-            end if
+            call ham%bare_pair(t, w, q(1), q(2), hq(1), hq(2), k(1), k(2), k(3), k(4))
          else
             ! Any other dense Hessian, for one lane.
-            call ham%model%gradient_hessian(1, n, m, t, w, q, p, hq=hq, hqq=k)
+            call ham%bare_gradient_hessian(1, t, w, q, p, hq=hq, hqq=k)
          end if
       end associate
    end subroutine ask_model
