@@ -4,6 +4,7 @@ module symsde_capi_model
    use, intrinsic :: iso_c_binding, only: &
       c_associated, c_double, c_f_pointer, c_funptr, c_int, c_loc, c_null_ptr, c_ptr, c_size_t, &
       c_sizeof
+   use symsde_base_damping, only: new_damping
    use symsde_base_kinds, only: wp, i8
    use symsde_base_memory, only: require_reserve
    use symsde_base_status, only: error_type, raise, status_ok, null_handle, out_of_memory, &
@@ -22,6 +23,7 @@ module symsde_capi_model
    private
    public :: find_model, use_model
    public :: symsde_model_names, symsde_model_parameters, symsde_model_get
+   public :: symsde_model_set_damping
    public :: symsde_model_new, symsde_model_delete, symsde_model_traits, symsde_model_probe
 
    integer(i8), parameter :: tag_of_model = int(z'6D6F64656C', i8)  !! 'model'; cleared when the handle is deleted
@@ -156,6 +158,28 @@ contains
       call new_handle(made, model, refusal)
       status = finish(refusal, error)
    end function symsde_model_new
+
+   !> Damp the momenta of a model, dp_i = .. - gamma_i p_i dt: one rate [1/time], or one for each degree of freedom.
+   function symsde_model_set_damping(model, nrate, rates, allow_gain, error) result(status) &
+      bind(c, name='symsde_model_set_damping')
+      type(c_ptr), intent(in), value :: model, rates, error
+      integer(c_int), intent(in), value :: nrate
+      integer(c_int), intent(in), value :: allow_gain   !! not zero: a rate may be negative
+      integer(c_int) :: status
+      type(error_type), allocatable :: refusal
+      class(model_type), pointer :: known
+      real(wp), pointer, contiguous :: given(:)
+
+      call find_model(model, known, refusal)
+      call require(rates, 'rates', refusal)
+      if (nrate < 1) call raise(refusal, invalid_argument, 'symsde_model_set_damping', 'nrate = '//to_text(nrate)// &
+                                ' is no number of rates: give one rate, or one for each degree of freedom')
+      if (.not. allocated(refusal)) then
+         call view(rates, int(nrate, i8), given)
+         call new_damping(known%damping, given, known%traits%ndof, refusal, allow_gain /= 0)
+      end if
+      status = finish(refusal, error)
+   end function symsde_model_set_damping
 
    !> Delete a model and set its handle to NULL; NULL is accepted.
    function symsde_model_delete(model) result(status) bind(c, name='symsde_model_delete')

@@ -197,6 +197,8 @@ contains
       character(:), allocatable :: reason
       integer :: k
 
+      call model%damping%refuse(model%name, 'exact_solution', 'the exact solution', error)
+      if (allocated(error)) return
       select type (model)
       type is (kubo_model)
          !   H_p(0, 1) = a,   H_1,p(0, 1) = sigma

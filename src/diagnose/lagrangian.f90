@@ -119,6 +119,7 @@ contains
 
       ! Schemes without an action are refused before anything is allocated.
       call check_scheme(scheme, error)
+      call model%damping%refuse(model%name, 'new_discrete_lagrangian', 'the discrete action', error)
       if (allocated(error)) return
       call resolve_correction(correction, model, scheme, options%correction, error)
       if (allocated(error)) return

@@ -32,6 +32,7 @@ module symsde_diagnose_symplecticity
    use symsde_ensemble_monitor, only: monitor_type, stop_if_wanted
    use symsde_ensemble_options, only: run_options, check_options, steppers_of
    use symsde_model_abstract, only: model_type
+   use symsde_scheme_decays, only: decay_less_one
    use symsde_scheme_scheme, only: scheme_type
    use symsde_solve_lapack, only: blas_single_thread, blas_restore_threads
    use symsde_step_factory, only: resolve_task, make_stepper
@@ -60,8 +61,9 @@ module symsde_diagnose_symplecticity
 
 contains
 
-   !> defect(point) = max_ij |(M^T J M - J)_ij| of the step from (q, p) at time options%t0 with the
-   !> given increments; Theorem 3.2 of [WHSB] says zero. NaN where the step was not solved.
+   !> defect(point) = max_ij |(M^T J M - c J)_ij| of the step from (q, p) at time options%t0 with the
+   !> given increments, c = 1; Theorem 3.2 of [WHSB] says zero. NaN where the step was not solved.
+   !> Of a model damped by one rate c = exp(-gamma h) (base/damping); unequal rates keep no such form and are refused.
    !> Of the options step, t0, correction, general, max_iter and fixed_point are used. dZ and areas are used
    !> by the schemes that need them; they must have the shapes given.
    !> Errors: wrong_shape, invalid_argument, those of check_options and new_stepper; stopped, by the monitor.
@@ -79,9 +81,18 @@ contains
       class(monitor_type), intent(inout), optional :: monitor
       type(given_steps) :: steps
       real(wp), allocatable :: d(:, :, :)
+      real(wp) :: loss   !! c - 1
       integer :: i
 
       if (allocated(error)) return
+      loss = 0
+      if (.not. model%damping%is_scalar()) then
+         call model%damping%refuse(model%name, 'symplecticity_defect', &
+                                    'a form that a step keeps up to one factor', error)
+         return
+      else if (model%damping%acts()) then
+         loss = decay_less_one(model%damping%rate(1)*options%step)
+      end if
       steps%q => q
       steps%p => p
       steps%dw => dw
@@ -97,7 +108,7 @@ contains
       if (allocated(error)) return
       ! Of a point that was not solved D is NaN, and so is the defect.
       do i = 1, size(defect)
-         defect(i) = defect_of(model%traits%ndof, d(:, :, i))
+         defect(i) = defect_of(model%traits%ndof, d(:, :, i), loss)
       end do
    end subroutine symplecticity_defect
 
@@ -304,9 +315,10 @@ contains
    end function length
 
    !> max_ij |D^T J + J D + D^T J D|_ij with M = I + D: no cancellation against J.
-   pure real(wp) function defect_of(n, d) result(defect)
+   pure real(wp) function defect_of(n, d, loss) result(defect)
       integer, intent(in) :: n
       real(wp), intent(in) :: d(2*n, 2*n)
+      real(wp), intent(in) :: loss    !! c - 1
       real(wp) :: entry
       integer :: i, j
 
@@ -317,6 +329,9 @@ contains
             !   (J D)_ij + (D^T J)_ij + (D^T J D)_ij,   (D^T J)_ij = -(J D)_ji
             entry = with_unit(n, i, d(:, j)) - with_unit(n, j, d(:, i)) &
                     + dot_product(d(:n, i), d(n + 1:, j)) - dot_product(d(n + 1:, i), d(:n, j))
+            ! J has ones where a position meets its momentum, and minus ones the other way.
+            if (j == i + n) entry = entry - loss
+            if (i == j + n) entry = entry + loss
             if (.not. abs(entry) <= huge(entry)) entry = ieee_value(entry, ieee_quiet_nan)
             ! A comparison with NaN is false: .not. lets NaN through, and the next line ends the search with it.
             if (.not. abs(entry) <= defect) defect = abs(entry)

@@ -15,6 +15,7 @@
 !> Procedures are called from several threads at once: compile models of your own with -fopenmp or
 !> -frecursive, or gfortran may make their large local arrays static.
 module symsde_model_abstract
+   use symsde_base_damping, only: damping_type
    use symsde_base_kinds, only: wp
    use symsde_base_lane_paths, only: lane_paths
    use symsde_base_probe_record, only: probe_record
@@ -32,6 +33,7 @@ module symsde_model_abstract
    type, abstract :: model_type
       type(model_traits) :: traits
       character(:), allocatable :: name  !! for messages and reports
+      type(damping_type) :: damping      !! of momenta, beside the Hamiltonians; none by default
       type(probe_record) :: passed       !! probes that need not be made again
       type(lane_paths), pointer :: paths => null()  !! of what for_paths gives: which paths its lanes are
    contains

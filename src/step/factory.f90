@@ -10,20 +10,26 @@
 !> What decides are the traits of the model and the form, frame and coefficients of the scheme. For one lane the
 !> instance of a body for a single path is allocated, where there is one.
 module symsde_step_factory
+   use symsde_base_damping, only: damping_type
+   use symsde_base_laws, only: law_gaussian
    use symsde_base_status, only: error_type, raise, incompatible, invalid_argument
    use symsde_base_text, only: to_text
    use symsde_model_abstract, only: model_type
    use symsde_scheme_dependency, only: is_explicit
    use symsde_scheme_galerkin_tableau, only: find_tableau
+   use symsde_scheme_kicks, only: flow_free
    use symsde_scheme_needs, only: find_missing
    use symsde_scheme_scheme, only: scheme_type, tableau_form, correction_auto, correction_none, correction_mean, &
                                    correction_increments, frame_shift, frame_mean_path, frame_rotation, ito_form, &
-                                   galerkin_form, splitting_form
+                                   galerkin_form, splitting_form, bracket_terms, frame_none
    use symsde_solve_newton, only: newton_options, check_newton
+   use symsde_step_open_damped, only: damped_stepper, damped_fits
+   use symsde_step_hamiltonian_brackets, only: active_brackets
    use symsde_step_midpoint_mean_path, only: mean_path_stepper
    use symsde_step_midpoint_mean_force, only: mean_force_stepper, mean_force_fits
    use symsde_step_midpoint_mean_force_single_path, only: mean_force_single_path => mean_force_stepper
    use symsde_step_explicit_angle_steps_single_path, only: explicit_angle_stepper => explicit_stepper, angle_steps_fit
+   use symsde_step_explicit_damped, only: damped_explicit_stepper
    use symsde_step_explicit_tableau, only: explicit_stepper, explicit_fits
    use symsde_step_explicit_tableau_single_path, only: explicit_single_path => explicit_stepper
    use symsde_step_oracle_galerkin, only: galerkin_stepper
@@ -167,6 +173,7 @@ contains
       call check_needs(model, scheme, error)
       if (allocated(error)) return
       task%model => model
+      task%damping = model%damping
       task%scheme => scheme
       ! a Galerkin scheme that is a tableau for this model is executed as one, but by its own oracle as it stands
       call find_tableau(scheme, model%traits, task%tableau)
@@ -177,12 +184,13 @@ contains
       task%newton = options%newton
       task%as_increments = options%as_increments
       task%general = options%general
+      call check_damping(task, error)
       call find_flow(task)
    end subroutine resolve_task
 
    !> Choose and make a stepper for blocks of nlane lanes: the first of the list that fits the task. The model is an
    !> argument beside the task, since blocks may see it through a view that hides their padding.
-   subroutine make_stepper(stepper, wanted, model, nlane, error)
+   recursive subroutine make_stepper(stepper, wanted, model, nlane, error)
       class(stepper_type), allocatable, intent(out) :: stepper
       type(stepper_task), intent(in) :: wanted
       class(model_type), intent(in), target :: model
@@ -195,8 +203,19 @@ contains
       task = wanted
       task%model => model
       task%nlane = nlane
-      ! the first that fits is made ready; an oracle that is wanted has the list from the oracles on
-      do i = merge(first_oracle, model_flow, task%general), last_stepper
+      if (task%damping%acts() .and. .not. task%general) then
+         if (damped_fits(task)) then
+            call make_damped(stepper, task, error)
+            return
+         else if (explicit_fits(task)) then
+            allocate (damped_explicit_stepper :: stepper)
+            call stepper%make(task)
+            return
+         end if
+      end if
+      ! the first that fits is made ready; an oracle that is wanted has the list from the oracles on, as a tableau of
+      ! several stages with decays has
+      do i = merge(first_oracle, model_flow, task%general .or. task%damping%acts()), last_stepper
          call offer(i, task, stepper)
          if (.not. allocated(stepper)) cycle
          call stepper%make(task)
@@ -206,6 +225,54 @@ contains
                  ': its only stepper is made for the models that it allows, and there is no general one to '// &
                  'compare with; leave the option out')
    end subroutine make_stepper
+
+   !> A stepper of the closed system between decays of the momenta.
+   recursive subroutine make_damped(stepper, task, error)
+      class(stepper_type), allocatable, intent(out) :: stepper
+      type(stepper_task), intent(in) :: task
+      type(error_type), allocatable, intent(inout) :: error
+      type(damped_stepper), allocatable :: damped
+      type(stepper_task) :: closed
+
+      closed = task
+      closed%damping = damping_type()
+      allocate (damped)
+      call make_stepper(damped%inner, closed, task%model, task%nlane, error)
+      if (allocated(error)) return
+      call damped%make(task)
+      call move_alloc(damped, stepper)
+   end subroutine make_damped
+
+   !> Refuse schemes that do not execute damping. Brackets with H or between drift and noise would have to know that
+   !> exp(gamma s) H_k changes in time; with unequal rates nothing that multiplies two gradients keeps its form.
+   subroutine check_damping(task, error)
+      type(stepper_task), intent(in) :: task
+      type(error_type), allocatable, intent(inout) :: error
+      type(bracket_terms) :: active
+
+      if (.not. task%damping%acts()) return
+      active = active_brackets(task%scheme%brackets, task%model%traits)
+      if (task%scheme%law /= law_gaussian) then
+         call refuse('draws increments for means alone, whose order nobody has found for damped momenta')
+      else if (.not. (task%scheme%form == tableau_form .or. task%scheme%form == splitting_form) .or. &
+               task%scheme%frame /= frame_none .or. task%scheme%kicks%flow /= flow_free) then
+         call refuse('is neither a tableau, whose coefficients decay, nor made of free drifts and kicks')
+      else if (active%single .or. active%nested) then
+         call refuse('adds brackets of H, which damping would change in time')
+      else if ((active%areas .or. task%correction /= correction_none) .and. .not. task%damping%is_scalar()) then
+         call refuse('adds products of gradients, which keep their form where all rates are equal')
+      end if
+
+   contains
+
+      subroutine refuse(why)
+         character(*), intent(in) :: why
+
+         call raise(error, incompatible, 'check_damping', 'model '//task%model%name//' is damped, and scheme '// &
+                    task%scheme%name//' '//why//': use midpoint, gauss2 or gauss_dkdkd, or a model without damping')
+      end subroutine refuse
+
+   end subroutine check_damping
 
    !> Refuse a model that lacks what the scheme needs, and name a scheme that needs less.
    subroutine check_needs(model, scheme, error)

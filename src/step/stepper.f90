@@ -20,6 +20,7 @@
 !> or frame of its own does not say it), how it is made for one, and what it leaves out. The factory keeps them in
 !> order.
 module symsde_step_stepper
+   use symsde_base_damping, only: damping_type
    use symsde_base_counters, only: counters_type, add_counters
    use symsde_base_kinds, only: wp, i8
    use symsde_base_maps, only: step_map
@@ -44,6 +45,7 @@ module symsde_step_stepper
       type(scheme_type), pointer :: scheme => null()
       type(scheme_type), allocatable :: tableau
       logical :: follows = .false.             !! for this model a stage needs stages before it alone
+      type(damping_type) :: damping            !! of momenta: none for a stepper inside of a damped one
       integer :: correction = correction_none  !! resolved: never correction_auto
       type(step_map), allocatable :: flow      !! whole steps of the model; not allocated: it has none
       integer :: nlane = 0                     !! lanes of a block

@@ -326,11 +326,44 @@ static void test_sincos(void) {
    CHECK(symsde_sincos(N, x, sine, NULL) == SYMSDE_INVALID_ARGUMENT);
 }
 
+/* damped momenta: H = a (p^2 + q^2)/2 with a small, whose p falls by exp(-gamma h) in every step but for a h */
+static void test_damping(void) {
+   const char *keys[] = {"a", "sigma"};
+   const double values[] = {1e-9, 0}, rate = 0.5, several[] = {0.5, 0.5}, gain = -0.5, closed = 0, one = 1, zero = 0;
+   symsde_model model = NULL;
+   symsde_scheme scheme = NULL;
+   symsde_options options = some_options();
+   const symsde_input input = some_input(&zero, &one);
+   arrays a;
+   symsde_paths paths = paths_in(&a, 0);
+
+   OK(symsde_model_get("kubo", 2, keys, values, &model, &error));
+   OK(symsde_scheme_get("midpoint", &scheme, &error));
+   OK(symsde_model_set_damping(model, 1, &rate, 0, &error));
+   OK(symsde_simulate(model, scheme, &options, &input, &paths, NULL, &error));
+   CHECK(fabs(a.p[(NTIME - 1) * PATHS] - exp(-rate * options.step * (double)options.steps)) < 1e-6);
+   EXPECT(SYMSDE_INVALID_ARGUMENT, "2 rates of damping for 1 degrees|give one rate, or one for each",
+          symsde_model_set_damping(model, 2, several, 0, &error));
+   EXPECT(SYMSDE_INVALID_ARGUMENT, "negative|allow gain", symsde_model_set_damping(model, 1, &gain, 0, &error));
+   EXPECT(SYMSDE_INVALID_ARGUMENT, "nrate = 0|give one rate", symsde_model_set_damping(model, 0, &rate, 0, &error));
+   EXPECT(SYMSDE_INVALID_ARGUMENT, "rates", symsde_model_set_damping(model, 1, NULL, 0, &error));
+   EXPECT(SYMSDE_NULL_HANDLE, "model", symsde_model_set_damping(NULL, 1, &rate, 0, &error));
+   OK(symsde_model_set_damping(model, 1, &gain, 1, &error));
+   OK(symsde_simulate(model, scheme, &options, &input, &paths, NULL, &error));
+   CHECK(a.p[(NTIME - 1) * PATHS] > 1);
+   OK(symsde_model_set_damping(model, 1, &closed, 0, &error));
+   OK(symsde_simulate(model, scheme, &options, &input, &paths, NULL, &error));
+   CHECK(fabs(a.p[(NTIME - 1) * PATHS] - 1) < 1e-6);
+   symsde_model_delete(&model);
+   symsde_scheme_delete(&scheme);
+}
+
 int main(void) {
    test_joint_is_called();
    test_joint_fails();
    test_third_derivative();
    test_null_is_not_handed_out();
    test_sincos();
+   test_damping();
    return close_report();
 }

@@ -51,6 +51,8 @@ def of(model: Model, scheme: Scheme | None, start: Start, functions: Mapping[str
     found = {"model": model.name, "parameters": dict(model.parameters), "traits": traits}
     if (formula := getattr(model, "formula", None)) is not None:
         found["formulas"] = list(formula.hamiltonians)
+    if model.damping:
+        found["damping"] = list(model.damping)
     weights = np.zeros((model.nnoise + 1, _POINTS))
     weights[0] = 1.0
     found["H"] = _told(_of_model(model, weights, start))

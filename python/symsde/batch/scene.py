@@ -178,8 +178,17 @@ def _known(file: str, what: str, given: dict, known: list[str]) -> None:
 
 
 def _model(file: str, table: dict[str, Any]) -> Model:
-    if "H" in table or "python" in table:
-        return _own_model(file, table)
+    damping = None if "python" in table else table.pop("damping", None)
+    model = _own_model(file, table) if "H" in table or "python" in table else _built_in(file, table)
+    if damping is None:
+        return model
+    try:
+        return model.damped(damping)
+    except SymsdeError as error:
+        raise SceneError(f"{file}: [model]: {error}") from error
+
+
+def _built_in(file: str, table: dict[str, Any]) -> Model:
     name = table.pop("name", None)
     if not isinstance(name, str):
         known = ", ".join(models.names())

@@ -12,6 +12,7 @@ import numpy as np
 
 from ..batch.scene import Scene
 from ..errors import InvalidArgumentError
+from ..model.definition import require_closed
 from ..model.formulas import FormulaModel
 from ..native import abi
 from ..run.setup import make_options, make_setup
@@ -55,6 +56,7 @@ def given_of(scene: Scene, stem: str) -> Given:
     """Read a scene; what a program cannot say is refused."""
     setup = make_setup(scene.model, **scene.run)
     model = scene.model
+    require_closed(model, "programs are written")
     if setup.q0.shape[1] != 1 or setup.p0.shape[1] != 1:
         raise InvalidArgumentError(
             f"{scene.file}: [run] q0, p0 differ from path to path, and a program holds one state: give one for all"

@@ -8,7 +8,7 @@ import functools
 import types
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 
@@ -109,10 +109,15 @@ class Model:
     from formulas and that nothing they read ever changes. Then they are not probed before every run, but once for each
     power of two that the size of state and time reaches (flows: also that of the step). Without a Hessian, it is
     approximated by differences of gradients. An exception in a Python function stops the run and is raised again.
+
+    ``damping`` damps the momenta, dp_i = .. - gamma_i p_i dt: one rate [1/time], or one for each degree of freedom. See
+    `damped`, which does so for any model.
     """
 
     #: (q0, p0, t0) -> refuses an initial state of all paths, (dof, 1), from which no run can begin: formulas know
     check_start: Callable[[np.ndarray, np.ndarray, float], None] | None = None
+    _damping: tuple[float, ...] = ()  #: rates of the momenta, none of a closed system
+    _closed: Model | None = None  #: of a damped model, the same without damping
     _coordinates: tuple[str, ...] = ()  #: names of its own for coordinates and momenta, if it has some
     _hamiltonians: Sequence[str] = ()  #: "H = ..", "H_1 = .." where they are known
 
@@ -144,6 +149,7 @@ class Model:
         flows: Mapping[str, Any] | None = None,
         any_lanes: bool | None = None,
         derived: bool = False,
+        damping: Any = None,
         name: str = "user",
     ):
         """Make the model; see the class."""
@@ -193,6 +199,8 @@ class Model:
         if derived:
             make = functools.partial(_derived, make)
         self._adopt(make, name, {})
+        if damping is not None:
+            self._damp(_copied(self), damping, allow_gain=False)
 
     @classmethod
     def builtin(cls, name: str, parameters: Mapping[str, float]) -> Model:
@@ -217,8 +225,45 @@ class Model:
         self._parameters: dict[str, float] = parameters
         self.traits: Traits = self._read_traits()
 
+    @property
+    def damping(self) -> tuple[float, ...]:
+        """Rates gamma_i of the momenta [1/time], one for each degree of freedom; () of a closed system."""
+        return self._damping
+
+    def damped(self, damping, *, allow_gain: bool = False) -> Self:
+        """The same model with damped momenta: dp_i = -H_q dt - gamma_i p_i dt - sum_k H_{k,q} o dW_k.
+
+        It is the force F = -gamma p of the paper, [WHSB] (9)-(17). damping: one rate gamma [1/time] for all degrees of
+        freedom, or rates (dof,). They multiply p and not velocities: with H = p.M^-1 p/2 + U the friction on q' is
+        gamma_i m_i. A rate of zero damps nothing, and all zero give the closed model. A negative rate feeds energy in
+        and needs allow_gain.
+
+        With one rate a step multiplies dp ^ dq by exp(-gamma h), to rounding, for every increment: it is conformally
+        symplectic, and `diagnose.symplecticity_defect` is about that. Runs take schemes with a tableau, of one stage
+        (midpoint, both Euler schemes) as fast as without damping, of several (gauss2, stormer_verlet ..) by the general
+        stepper. Schemes of kicks and those that add brackets of H are refused (IncompatibleError), as are exact
+        solutions and actions.
+        """
+        closed = self._closed or self
+        other = _copied(closed)
+        other._damp(closed, damping, checks.flag("allow_gain", allow_gain))
+        return other if other.damping else closed
+
+    def _damp(self, closed: Model, damping, allow_gain: bool) -> None:
+        """Be the damped form of a closed model."""
+        rates = np.atleast_1d(checks.real_array("damping", damping))
+        if rates.ndim != 1 or rates.size not in (1, self.ndof):
+            raise WrongShapeError(
+                f"damping has shape {rates.shape}: give a number, or ({self.ndof},), one rate for each p"
+            )
+        self._handles = handles.Pool(functools.partial(_damped_handle, closed._handles.made, rates, allow_gain))
+        self._damping = tuple(float(x) for x in np.broadcast_to(rates, self.ndof)) if rates.any() else ()
+        self._closed = closed if self._damping else None
+
     def __reduce__(self) -> tuple:
         """For pickle: made again, in another process too, where its functions can be found by name there."""
+        if self._closed is not None:
+            return _damped_again, (self._closed, self._damping)
         if self._remade is None:
             raise WrongTypeError(
                 f"model {self.name!r} holds compiled functions, whose addresses mean nothing in another process: "
@@ -268,7 +313,11 @@ class Model:
         """Name and parameters."""
         parameters = ", ".join(f"{key}={value:g}" for key, value in self.parameters.items())
         what = parameters or f"ndof={self.ndof}, nnoise={self.nnoise}"
-        return f"{self.name}({what})"
+        rates = dict.fromkeys(self.damping)
+        damping = (
+            ", damping=" + (f"{self.damping[0]:g}" if len(rates) == 1 else str(list(self.damping))) if rates else ""
+        )
+        return f"{self.name}({what}{damping})"
 
     def _repr_html_(self) -> str:
         """For notebooks: Hamiltonians, parameters, traits."""
@@ -350,9 +399,37 @@ class Model:
         return q, p, checks.full(w, npath), npath
 
 
+def _copied(model: Model) -> Model:
+    """The same model as another object, with the same handles."""
+    other = object.__new__(type(model))
+    other.__dict__.update(model.__dict__)
+    return other
+
+
+def _damped_again(closed: Model, rates: tuple[float, ...]) -> Model:
+    """A damped model from what pickle kept of it."""
+    return closed.damped(rates, allow_gain=True)
+
+
+def _damped_handle(make: Callable[[], ModelHandle], rates: np.ndarray, allow_gain: bool) -> ModelHandle:
+    """A handle of a model whose momenta are damped."""
+    handle = make()
+    given = (ctypes.c_double * rates.size)(*rates)
+    handles.call("model_set_damping", handle.pointer, rates.size, given, int(allow_gain))
+    return handle
+
+
 def fits_files(name: str) -> bool:
     """Whether columns and variables of files can have a name."""
     return bool(name) and name.isprintable() and not set("/#") & set(name) and name == name.strip()
+
+
+def require_closed(model: Model, what: str) -> None:
+    """Refuse a damped model where only closed systems are known."""
+    if model.damping:
+        raise IncompatibleError(
+            f"model {model.name} is damped, and {what} of closed systems alone: use the model without damping"
+        )
 
 
 def require_model(model: object) -> None:

@@ -92,6 +92,11 @@ class Pool:
         self._make = make
         self._idle = [make()]
 
+    @property
+    def made(self) -> Callable[[], Handle]:
+        """Makes one more handle of the model, for a pool of another kind."""
+        return self._make
+
     def take(self) -> Handle:
         """Take a handle, to be given back after use."""
         try:

@@ -470,6 +470,7 @@ contains
 
       left%name = right%name
       left%traits = right%traits
+      left%damping = right%damping
       left%on_gradient => right%on_gradient
       left%on_value => right%on_value
       left%on_hessian => right%on_hessian

@@ -21,6 +21,7 @@
 !> brackets are, too: their brackets take increments of their own, which no fraction of (h, dW) scales.
 module symsde_step_implicit_rescue
    use symsde_base_counters, only: counters_type, add_counters
+   use symsde_base_damping, only: damping_type
    use symsde_base_kinds, only: wp, i8
    use symsde_base_lanes, only: lane_unit
    use symsde_base_record, only: step_record
@@ -47,6 +48,7 @@ module symsde_step_implicit_rescue
       type(scheme_type), pointer :: scheme => null()
       integer :: correction = 0
       integer :: max_iter = 0
+      type(damping_type) :: damping
       type(general_stepper), allocatable :: stepper  !! made when the first path needs it
       real(wp), allocatable :: w(:, :), q(:, :), p(:, :), dq(:, :), dp(:, :)  !! of eight lanes
       real(wp), allocatable :: part(:, :)     !! a fraction of w
@@ -78,6 +80,7 @@ contains
       self%model => stepper%ham%model  ! as the stepper sees it
       self%correction = stepper%ham%correction
       self%max_iter = task%newton%max_iter
+      self%damping = task%damping
    end subroutine new_rescue
 
    !> Settle a step in which a lane failed, of a state that the other lanes have already taken: the lane is rescued
@@ -132,7 +135,7 @@ contains
       m = self%model%traits%nnoise
       allocate (self%stepper)
       call new_general_stepper(self%stepper, self%model, self%scheme, self%correction, lane_unit, &
-                               newton_options(max_iter=self%max_iter, damped=.true.))
+                               newton_options(max_iter=self%max_iter, damped=.true.), self%damping)
       allocate (self%w(lane_unit, 0:m), self%part(lane_unit, 0:m))
       allocate (self%q(lane_unit, n), self%p(lane_unit, n))
       allocate (self%dq(lane_unit, n), self%dp(lane_unit, n))
@@ -199,7 +202,7 @@ contains
          self%part = self%w*(real(k, wp)/parts)
          call self%stepper%solve_stages(fraction, self%q, self%p, lane_status)
       end do
-      call self%stepper%add_up(self%dq, self%dp)
+      call self%stepper%add_up(self%p, self%dq, self%dp)
    end subroutine continue_increments
 
    !> Add the counters. Lanes that fail here failed before, and count as one failure.

@@ -14,6 +14,8 @@
 !>
 !> and so for G, abar and bbar, alpha and beta.
 !>
+!> Damping (scheme/decays) multiplies p_n and the slopes G_j by factors in P_i and p_{n+1}; they are one without it.
+!>
 !> Slopes and not stage points are the unknowns, because they are increments of the step: their rounding is relative
 !> to it, and dq and dp are sums of them. The block of Newton's matrix for the rows of stage i and the columns of
 !> stage j is
@@ -25,10 +27,12 @@
 !> the model or the tableau: the special steppers are held to its increments, and step/implicit/rescue solves by it
 !> what they cannot.
 module symsde_step_oracle_general
+   use symsde_base_damping, only: damping_type
    use symsde_base_kinds, only: wp, i8
    use symsde_base_record, only: step_record
    use symsde_base_status, only: not_converged
    use symsde_model_abstract, only: model_type
+   use symsde_scheme_decays, only: tableau_decays, new_decays
    use symsde_scheme_scheme, only: scheme_type
    use symsde_solve_newton, only: newton_type, newton_options, new_newton
    use symsde_step_hamiltonian_one_step, only: new_one_step_hamiltonian
@@ -45,6 +49,7 @@ module symsde_step_oracle_general
       integer :: nstage = 0, npart = 1         !! one part, or two: drift and noise
       real(wp), allocatable :: c(:)            !! nodes (nstage)
       real(wp), allocatable :: a(:, :, :), abar(:, :, :), alpha(:, :) !! (.., npart)
+      type(tableau_decays) :: decays           !! of the momenta, in this step
       real(wp), allocatable :: v(:, :, :)      !! weights of each part (nlane, 0:nnoise, npart)
       real(wp), allocatable, public :: x(:, :) !! slopes (nlane, 2 ndof nstage npart)
       real(wp), allocatable :: qs(:, :), ps(:, :)               !! one stage (nlane, ndof)
@@ -63,20 +68,23 @@ contains
       class(general_stepper), intent(inout) :: self
       type(stepper_task), intent(in) :: task
 
-      call new_general_stepper(self, task%model, task%scheme, task%correction, task%nlane, task%newton)
+      call new_general_stepper(self, task%model, task%scheme, task%correction, task%nlane, task%newton, &
+                               task%damping)
+      if (task%damping%acts()) self%name = 'general, damped'
       ! Linear equations with an exact matrix take one solve, of which a run's report tells.
       self%one_solve = self%newton%affine
    end subroutine make
 
    !> A general stepper for blocks of nlane lanes. The rescue makes one with the coefficients of another stepper's
    !> task.
-   subroutine new_general_stepper(self, model, scheme, correction, nlane, options)
+   subroutine new_general_stepper(self, model, scheme, correction, nlane, options, damping)
       type(general_stepper), intent(out) :: self
       class(model_type), intent(in), target :: model
       type(scheme_type), intent(in) :: scheme   !! in tableau form
       integer, intent(in) :: correction         !! resolved: never correction_auto
       integer, intent(in) :: nlane
       type(newton_options), intent(in) :: options
+      type(damping_type), intent(in) :: damping
       integer :: n, nstage
 
       n = model%traits%ndof
@@ -87,6 +95,7 @@ contains
       ! Two parts only where drift and noise differ in a coefficient, since slopes of their own double the unknowns.
       self%npart = merge(1, 2, scheme%noise_coefficients_equal() .or. model%traits%nnoise == 0)
       self%c = scheme%c
+      call new_decays(self%decays, damping, scheme%c, n)
       allocate (self%a(nstage, nstage, self%npart), self%abar(nstage, nstage, self%npart))
       allocate (self%alpha(nstage, self%npart))
       ! Part 1 has the coefficients of the drift, or of drift and noise together; part 2 the coefficients of the
@@ -121,7 +130,7 @@ contains
 
       self%x = 0
       call self%solve_stages(step, q, p, status)
-      call self%add_up(dq, dp)
+      call self%add_up(p, dq, dp)
    end subroutine increment
 
    !> Newton for the slopes, starting with the slopes in x: zero, or the result of a continuation with smaller
@@ -137,6 +146,7 @@ contains
 
       ! Each part is asked of the Hamiltonian with its own weights.
       call split_weights(self, step%w)
+      call self%decays%set_step(step%h)
       call self%newton%start(status)
       begun = .false.
       near = 0
@@ -203,20 +213,26 @@ contains
       end associate
    end subroutine look_back
 
-   !> dq = sum_i alpha_i F_i, dp = sum_i alpha_i G_i.
-   subroutine add_up(self, dq, dp)
+   !> dq = sum_i alpha_i F_i, dp = sum_i alpha_i G_i; of damped momenta, dp = (exp(-z) - 1) p_n + sum_i alpha_i
+   !> exp(-(1-c_i) z) G_i.
+   subroutine add_up(self, p, dq, dp)
       class(general_stepper), intent(in) :: self
+      real(wp), intent(in) :: p(self%ham%nlane, self%ham%ndof)
       real(wp), intent(out) :: dq(self%ham%nlane, self%ham%ndof), dp(self%ham%nlane, self%ham%ndof)
-      integer :: i, part, at
+      integer :: i, k, part, at
 
       dq = 0
-      dp = 0
+      do k = 1, self%ham%ndof
+         dp(:, k) = self%decays%loss(k)*p(:, k)
+      end do
       associate (n => self%ham%ndof)
          do part = 1, self%npart
             do i = 1, self%nstage
                at = first(self, i, part)
                dq = dq + self%alpha(i, part)*self%x(:, at:at + n - 1)
-               dp = dp + self%alpha(i, part)*self%x(:, at + n:at + 2*n - 1)
+               do k = 1, n
+                  dp(:, k) = dp(:, k) + self%alpha(i, part)*self%decays%finish(i, k)*self%x(:, at + n + k - 1)
+               end do
             end do
          end do
       end associate
@@ -249,18 +265,23 @@ contains
       type(general_stepper), intent(inout) :: self
       integer, intent(in) :: i
       real(wp), intent(in) :: q(self%ham%nlane, self%ham%ndof), p(self%ham%nlane, self%ham%ndof)
-      integer :: j, part, at
+      integer :: j, k, part, at
 
-      associate (n => self%ham%ndof)
+      associate (n => self%ham%ndof, decays => self%decays)
          ! The sums begin with q_n and p_n, and include slopes with a zero coefficient: the oracle leaves nothing
          ! out.
          self%qs = q
-         self%ps = p
+         do k = 1, n
+            self%ps(:, k) = decays%begin(i, k)*p(:, k)
+         end do
          do part = 1, self%npart
             do j = 1, self%nstage
                at = first(self, j, part)
                self%qs = self%qs + self%a(i, j, part)*self%x(:, at:at + n - 1)
-               self%ps = self%ps + self%abar(i, j, part)*self%x(:, at + n:at + 2*n - 1)
+               do k = 1, n
+                  self%ps(:, k) = self%ps(:, k) + self%abar(i, j, part)*decays%between(i, j, k) &
+                                  *self%x(:, at + n + k - 1)
+               end do
             end do
          end do
       end associate
@@ -303,6 +324,7 @@ contains
    subroutine matrix_rows(self, i, at)
       type(general_stepper), intent(inout) :: self
       integer, intent(in) :: i, at
+      real(wp) :: abar(self%ham%ndof)   !! with the decay of each degree of freedom
       integer :: n, j, part, to, k, l
 
       n = self%ham%ndof
@@ -310,13 +332,14 @@ contains
          do part = 1, self%npart
             do j = 1, self%nstage
                to = first(self, j, part)
+               abar = self%abar(i, j, part)*self%decays%between(i, j, :)
                ! Entry (k, l) of each of the four blocks at the head of this file.
                do l = 0, n - 1
                   do k = 0, n - 1
                      m(:, at + k, to + l) = -self%a(i, j, part)*self%hqp(:, l + 1, k + 1)
-                     m(:, at + k, to + n + l) = -self%abar(i, j, part)*self%hpp(:, k + 1, l + 1)
+                     m(:, at + k, to + n + l) = -abar(l + 1)*self%hpp(:, k + 1, l + 1)
                      m(:, at + n + k, to + l) = self%a(i, j, part)*self%hqq(:, k + 1, l + 1)
-                     m(:, at + n + k, to + n + l) = self%abar(i, j, part)*self%hqp(:, k + 1, l + 1)
+                     m(:, at + n + k, to + n + l) = abar(l + 1)*self%hqp(:, k + 1, l + 1)
                   end do
                end do
             end do

@@ -5,6 +5,12 @@
 !>    w_i0 = b_i h,   w_ik = beta_i dW_k + gamma_i a_k + eta_i K_k,      v_0 = h,   v_k = dW_k + zeta K_k
 !>    D_kl = h [ sum_{i<j} (c_j - c_i) (w_ik w_jl + w_il w_jk)/2 - 2 kappa v_k v_l ] - J_kl      where J is sampled
 !>
+!> Of a model damped by one rate the noise of free motion has its exact law (noise/decay_law): the first kick takes
+!> more and the last one less, d_k = (D_k/h - sum_i phi_i w_ik)/(phi_1 - phi_n), phi_i = phi((1 - c_i) h)/h, so that
+!> sum_i w_ik = dW_k and sum_i h phi_i w_ik = D_k. Both are linear in dW, a and K: beta, gamma and eta of these two
+!> kicks change with gamma h, and nothing else does. Unequal rates keep the coefficients of the closed system, whose
+!> moments hold to the order of the scheme.
+!>
 !> w_ik multiplies H_k in kick i, V = h U + sum_k v_k H_k is what the force-gradient kicks square, and D_kl stands
 !> before the products H_k,q.M^-1 H_l,q. Where J is not sampled, D = c h |h| delta_kl is known, and d is not filled.
 !> The w_i0 and v_0 change with the size of the step alone.
@@ -19,11 +25,13 @@
 !>
 !> Private to its family.
 module symsde_step_splitting_coefficients
+   use symsde_base_damping, only: damping_type
    use symsde_base_functionals, only: path_dz, path_stt_area, path_magnus, pair_index
    use symsde_base_kinds, only: wp
    use symsde_base_record, only: step_record
    use symsde_base_traits, only: model_traits
    use symsde_base_vectors, only: add_times, scale
+   use symsde_noise_decay_law, only: decay_law2, decay_law3, decay_integral
    use symsde_scheme_kicks, only: kicks_type, mean_coefficient
    implicit none
    private
@@ -43,6 +51,9 @@ module symsde_step_splitting_coefficients
       real(wp), allocatable :: d(:, :)         !! D_kl at pair_index (nlane, nnoise(nnoise+1)/2)
       logical, private :: by_sums = .false.    !! some kick reads V
       logical, private :: uses_dz = .false.
+      type(damping_type) :: damping
+      type(kicks_type) :: closed               !! the coefficients without damping
+      real(wp), private :: rate = 0            !! gamma of all degrees of freedom, where the noise has the law of decay
       integer, private :: nlane = 0, nnoise = 0
       real(wp), private :: h = 0                   !! the step that w_i0 and v_0 were found for
       real(wp), private, allocatable :: a(:)       !! a_k of one noise (nlane)
@@ -54,10 +65,11 @@ contains
 
    !> Make room for blocks of nlane lanes, and find the weights that matter to these kicks and this model. Additive
    !> noises have constant gradients, whose products move nothing.
-   subroutine new_kick_weights(self, kicks, traits, nlane)
+   subroutine new_kick_weights(self, kicks, traits, damping, nlane)
       type(kick_weights), intent(out) :: self
       type(kicks_type), intent(in) :: kicks
       type(model_traits), intent(in) :: traits
+      type(damping_type), intent(in) :: damping
       integer, intent(in) :: nlane
       integer :: k, l
 
@@ -71,6 +83,9 @@ contains
       ! V is read by kicks with kappa, and D of the sampled form has its weights.
       self%by_sums = any(abs(kicks%kappa) > 0) .or. kicks%samples
       self%uses_dz = kicks%uses_dz()
+      self%closed = kicks
+      self%damping = damping
+      if (damping%acts() .and. damping%is_scalar() .and. self%uses_dz) self%rate = damping%rate(1)
       ! D multiplies products in kicks with a share of them; in the mean form it vanishes if c does.
       self%multiplies = self%products .and. abs(kicks%share) > 0 .and. (kicks%samples .or. abs(self%c) > 0)
       self%has_products = abs(kicks%kappa) > 0 .or. self%multiplies
@@ -96,6 +111,7 @@ contains
          if (abs(step%h - self%h) > 0) then
             ! The weight of H is h in all lanes, since steps that are weighed together have the same h.
             self%h = step%h
+            if (abs(self%rate) > 0) call give_law(self%kicks, self%closed, self%rate*step%h)
             self%v(:, 0) = step%h
             do i = 1, size(kicks%c)
                self%w(:, 0, i) = kicks%b(i)*step%h
@@ -108,6 +124,27 @@ contains
          call find_d(self, nlane, step)
       end associate
    end subroutine weigh
+
+   !> Kicks whose noise has the law of free motion with decay, z = gamma h.
+   pure subroutine give_law(kicks, closed, z)
+      type(kicks_type), intent(inout) :: kicks
+      type(kicks_type), intent(in) :: closed
+      real(wp), intent(in) :: z
+      real(wp) :: d(3), phi(size(closed%c))
+      integer :: last
+
+      last = size(closed%c)
+      phi = decay_integral(1 - closed%c, z)
+      d = decay_law2(z)
+      if (closed%uses_k()) d = decay_law3(z)
+      d = (d - [sum(phi*closed%beta), sum(phi*closed%gamma), sum(phi*closed%eta)])/(phi(1) - phi(last))
+      kicks%beta(1) = closed%beta(1) + d(1)
+      kicks%gamma(1) = closed%gamma(1) + d(2)
+      kicks%eta(1) = closed%eta(1) + d(3)
+      kicks%beta(last) = closed%beta(last) - d(1)
+      kicks%gamma(last) = closed%gamma(last) - d(2)
+      kicks%eta(last) = closed%eta(last) - d(3)
+   end subroutine give_law
 
    !> The weights w_ik of noise k in every kick i, and v_k. Where no K drives the step, zeta and eta are not read.
    subroutine weigh_noise(self, nlane, k, step)

@@ -5,6 +5,10 @@
 !>    q <- q + tau p                  q <- cos(omega tau) q + sin(omega tau)/omega p
 !>    p <- p                          p <- cos(omega tau) p - omega sin(omega tau) q
 !>
+!> Of a damped model a free flow decays, by the rate gamma_i of every degree of freedom:
+!>
+!>    q <- q + phi p,   p <- exp(-gamma tau) p,       phi = (1 - exp(-gamma tau))/gamma
+!>
 !> Increments are moved, not states, so that rounding stays that of increments: with (x, y) = (q + dq, p + dp),
 !>
 !>    dq <- dq + (cos(omega tau) - 1) x + sin(omega tau)/omega y
@@ -13,12 +17,15 @@
 !> where cos - 1 = -2 sin^2(omega tau/2) is found without cancellation. Cosine and sine are found once for each
 !> duration: the drifts of a step (legs) keep their own, and find them again when h changes. A rotation is exact for
 !> every omega h, which does not limit the step; the kicks are then those of U without its linear part
-!> (remove_linear).
+!> (remove_linear). A decay finds its coefficients alike, dp <- dp + (exp(-gamma tau) - 1) y.
 !>
 !> Private to its family.
 module symsde_step_splitting_drift
    use symsde_base_kinds, only: wp
+   use symsde_base_vectors, only: add_times
+   use symsde_base_damping, only: damping_type
    use symsde_base_sincos, only: sine_of
+   use symsde_noise_decay_law, only: decay_integral
    implicit none
    private
    public :: drift_flow, new_drift_flow
@@ -26,23 +33,34 @@ module symsde_step_splitting_drift
    type :: drift_flow
       private
       logical, public :: rotates = .false.
+      logical, public :: decays = .false.
+      real(wp), allocatable :: rate(:)             !! gamma (ndof)
+      real(wp), allocatable :: reach(:, :), loss(:, :)  !! phi, exp(-gamma tau) - 1 (ndof, nleg)
       real(wp), allocatable :: omega(:)            !! frequencies (ndof)
       real(wp), allocatable :: duration(:)         !! tau of each leg, which its columns below are of (nleg)
       real(wp), allocatable :: cosine_less_one(:, :), sine(:, :), sine_over(:, :)
       !! cos(omega tau) - 1, omega sin(omega tau), sin(omega tau)/omega (ndof, nleg)
    contains
       procedure :: move
+      procedure :: decay
       procedure :: remove_linear
    end type drift_flow
 
 contains
 
-   !> Drifts of nleg different durations in a step; rotations where omega is given.
-   pure subroutine new_drift_flow(self, nleg, omega)
+   !> Drifts of nleg different durations in a step; rotations where omega is given, decays where momenta are damped.
+   pure subroutine new_drift_flow(self, nleg, omega, damping)
       type(drift_flow), intent(out) :: self
       integer, intent(in) :: nleg
       real(wp), intent(in), optional :: omega(:)  !! frequencies (ndof)
+      type(damping_type), intent(in), optional :: damping
 
+      if (present(damping)) self%decays = damping%acts()
+      if (self%decays) then
+         self%rate = damping%rate
+         allocate (self%duration(nleg), source=0.0_wp)
+         allocate (self%reach(size(self%rate), nleg), self%loss(size(self%rate), nleg), source=0.0_wp)
+      end if
       if (.not. present(omega)) return
       self%rotates = .true.
       self%omega = omega
@@ -68,6 +86,27 @@ contains
                      q(:, i), p(:, i), dq(:, i), dp(:, i))
       end do
    end subroutine move
+
+   !> Drift with decay over the time tau, the leg-th of the step: dq <- dq + phi v with the velocity v = M^-1 (p + dp),
+   !> dp <- dp + (exp(-gamma tau) - 1) (p + dp).
+   subroutine decay(self, leg, tau, nlane, ndof, v, p, dq, dp)
+      class(drift_flow), intent(inout) :: self
+      integer, intent(in) :: leg, nlane, ndof
+      real(wp), intent(in) :: tau                                   !! with its sign [time]
+      real(wp), intent(in) :: v(nlane, ndof), p(nlane, ndof)
+      real(wp), intent(inout) :: dq(nlane, ndof), dp(nlane, ndof)
+      integer :: i
+
+      if (abs(tau - self%duration(leg)) > 0) then
+         self%duration(leg) = tau
+         self%reach(:, leg) = tau*decay_integral(1.0_wp, self%rate*tau)
+         self%loss(:, leg) = -self%rate*self%reach(:, leg)
+      end if
+      do i = 1, ndof
+         call add_times(nlane, self%reach(i, leg), v(:, i), dq(:, i))
+         call lose(nlane, self%loss(i, leg), p(:, i), dp(:, i))
+      end do
+   end subroutine decay
 
    !> Take the linear part out of the gradient of weight*U, f <- f - weight omega_i^2 x_i: the rotation has it.
    pure subroutine remove_linear(self, weight, nlane, ndof, x, f)
@@ -103,6 +142,18 @@ contains
    end subroutine rotate_over
 
    ! ---- kernels ----------------------------------------------------------------------------------
+
+   !> VEC dp <- dp + loss (p + dp)
+   pure subroutine lose(nlane, loss, p, dp)
+      integer, intent(in) :: nlane
+      real(wp), intent(in) :: loss, p(nlane)
+      real(wp), intent(inout) :: dp(nlane)
+      integer :: lane
+
+      do lane = 1, nlane
+         dp(lane) = dp(lane) + loss*(p(lane) + dp(lane))
+      end do
+   end subroutine lose
 
    !> VEC The rotation of one degree of freedom in all lanes. Parentheses around the second product leave the first
    !> one to be contracted, in one lane as in many.

@@ -108,7 +108,8 @@ module symsde_step_splitting_stepper_single_path
          call new_step_store(ahead%store, steps%most, m, 2, steps%h, asked)
          ! Weights with as many lanes as a call has steps.
          allocate (ahead%weights)
-         call new_kick_weights(ahead%weights, kicks, self%ham%model%traits, steps%most)
+         call new_kick_weights(ahead%weights, self%weights%closed, self%ham%model%traits, self%weights%damping, &
+                               steps%most)
          allocate (ahead%w(1, 0:m, size(kicks%c), steps%most), ahead%v(1, 0:m, steps%most))
          if (allocated(self%weights%d)) allocate (ahead%d(1, size(self%weights%d, 2), steps%most))
       end associate

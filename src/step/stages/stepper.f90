@@ -7,6 +7,7 @@
 !> begins. A part has so few lanes that the arrays of its iteration, (width, ndof) for every stage, stay in cache. A
 !> lane has its own bits in whatever part it is: its numbers of sweeps and its corrections are decided by itself.
 module symsde_step_stages_stepper
+   use symsde_base_damping, only: damping_type
    use symsde_base_counters, only: counters_type, add_counters
    use symsde_base_kinds, only: wp, i8
    use symsde_base_lanes, only: lane_unit, lanes_together, take_where

@@ -6,6 +6,7 @@
 !> Where sweeps cost little many are taken at once (sweeps_ahead); a step that these do not end is begun anew by the
 !> body. Both ways have the bits of a lane of a block, and both find slopes group after group.
 module symsde_step_stages_stepper_single_path
+   use symsde_base_damping, only: damping_type
    use symsde_base_counters, only: counters_type, add_counters
    use symsde_base_kinds, only: wp, i8
    use symsde_base_lanes, only: lane_unit, lanes_together, take_where

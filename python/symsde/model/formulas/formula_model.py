@@ -99,7 +99,7 @@ class FormulaModel(Model):
         chosen = {self._parameter(key): value for key, value in values.items()}
         if len(chosen) < len(values):
             raise InvalidArgumentError(f"of {', '.join(values)} some are the same name: give each value once")
-        return _made({**given, "params": {**self.parameters, **chosen}})
+        return _made({**given, "params": {**self.parameters, **chosen}, "damping": self.damping or None})
 
     def _parameter(self, name: str) -> str:
         """The name of a parameter, as formulas have it."""
@@ -125,6 +125,7 @@ def model_from_sympy(
     invariants: Any = (),
     n: int | None = None,
     ends: str = "free",
+    damping: Any = None,
     name: str = "formula",
 ) -> FormulaModel:
     """A model from its Hamiltonians H(q, p, t) and H_1 .. H_m (noise), given as expressions of sympy or as texts.
@@ -143,6 +144,8 @@ def model_from_sympy(
     - ends: of sums over neighbours. "free" leaves out what would reach beyond an end, "fixed" takes q and p beyond both
       ends as zero, so that the bond before the first site counts as the one behind the last, and "periodic" closes the
       ring: a sum over q[i+1] - q[i] has n - 1, n + 1 or n terms, for n = 3 these are 2, 4 or 3
+    - damping: rates gamma_i [1/time] of dp_i = .. - gamma_i p_i dt, one number or one for each degree of freedom; see
+      `Model.damped`
 
     Texts such as `"p**2/2 - omega**2*cos(q)"` are read by a parser of arithmetic, which executes nothing. Derivatives
     and traits are derived. C code is generated, compiled by the system's compiler and kept on disk (SYMSDE_CACHE).
@@ -159,6 +162,7 @@ def model_from_sympy(
         "invariants": invariants,
         "n": n,
         "ends": ends,
+        "damping": damping,
         "name": name,
     }
     model = _made(given)
@@ -185,7 +189,7 @@ def _made(given: dict[str, Any]) -> FormulaModel:
     start = time.perf_counter()
     given = {**given, **{key: several(key, given[key]) for key in ("noise", "invariants")}}
     given |= {key: named(key, given[key]) for key in "qp" if given[key] is not None}
-    chosen = {key: value for key, value in given.items() if key not in ("name", "n", "ends")}
+    chosen = {key: value for key, value in given.items() if key not in ("name", "n", "ends", "damping")}
     chain, own = None, ()
     if given["n"] is None:
         problem = make_problem(**chosen)
@@ -224,8 +228,8 @@ def _made(given: dict[str, Any]) -> FormulaModel:
         model._direct = (*(callbacks.compiled(x, functions[x]) for x in ("gradient", "value")), np.ones(nnoise + 1))
     model._parameters = dict(parameters)
     sites = chain and chain.n  # numbers, where arrays may have been given
-    model._remade = (_made, ({**given, "params": model._parameters, "n": sites},))
-    return model
+    model._remade = (_made, ({**given, "params": model._parameters, "n": sites, "damping": None},))
+    return model if given["damping"] is None else model.damped(given["damping"], allow_gain=True)
 
 
 def _shown(state: np.ndarray) -> str:

@@ -1,0 +1,82 @@
+! SPDX-License-Identifier: BSD-3-Clause
+!> Linear damping of momenta, a part of an open system:
+!>
+!>    dp_i = -H_{q_i} dt - gamma_i p_i dt - sum_k H_{k,q_i} o dW_k,   dq = H_p dt + sum_k H_{k,p} o dW_k
+!>
+!> It is the force F = -gamma p in [WHSB] (9)-(17). With one rate for all degrees of freedom (scalar damping) the flow
+!> over a time h multiplies dp ^ dq by exp(-gamma h): it is conformally symplectic.
+module symsde_base_damping
+   use symsde_base_kinds, only: wp
+   use symsde_base_status, only: error_type, raise, incompatible, invalid_argument
+   use symsde_base_text, only: to_text
+   implicit none
+   private
+   public :: damping_type, new_damping
+
+   !> The rates of a model; not allocated, all of a closed system, which nothing damps.
+   type :: damping_type
+      real(wp), allocatable :: rate(:)   !! gamma_i [1/time] (ndof)
+   contains
+      procedure :: acts
+      procedure :: is_scalar
+      procedure :: refuse
+   end type damping_type
+
+contains
+
+   !> The damping of these rates: one for all degrees of freedom, or one for each. Rates of zero damp nothing: the
+   !> system is closed then. A negative rate feeds energy in, and is refused unless it is allowed.
+   subroutine new_damping(self, rate, ndof, error, allow_gain)
+      type(damping_type), intent(out) :: self
+      real(wp), intent(in) :: rate(:)   !! [1/time] (1 or ndof)
+      integer, intent(in) :: ndof
+      type(error_type), allocatable, intent(inout) :: error
+      logical, intent(in), optional :: allow_gain
+      logical :: gain
+      integer :: i
+
+      if (allocated(error)) return
+      gain = .false.
+      if (present(allow_gain)) gain = allow_gain
+      if (size(rate) /= 1 .and. size(rate) /= ndof) then
+         call raise(error, invalid_argument, 'new_damping', 'there are '//to_text(size(rate))// &
+                    ' rates of damping for '//to_text(ndof)//' degrees of freedom: give one rate, or one for each')
+      else if (.not. all(abs(rate) <= huge(rate))) then
+         call raise(error, invalid_argument, 'new_damping', 'a rate of damping is not finite: give numbers [1/time]')
+      else if (any(rate < 0) .and. .not. gain) then
+         call raise(error, invalid_argument, 'new_damping', 'a rate of damping is negative, which would make '// &
+                    'momenta grow: give rates of zero or more, or allow gain')
+      else if (any(abs(rate) > 0)) then
+         self%rate = [(rate(min(i, size(rate))), i=1, ndof)]
+      end if
+   end subroutine new_damping
+
+   !> Refuse a damped model where only closed systems are known.
+   subroutine refuse(self, model, place, what, error)
+      class(damping_type), intent(in) :: self
+      character(*), intent(in) :: model   !! its name
+      character(*), intent(in) :: place   !! the procedure
+      character(*), intent(in) :: what    !! is not had of it
+      type(error_type), allocatable, intent(inout) :: error
+
+      if (self%acts() .and. .not. allocated(error)) &
+         call raise(error, incompatible, place, 'model '//model//' is damped, and '//what//' is that of a closed '// &
+                    'system: use the model without damping')
+   end subroutine refuse
+
+   !> Whether any momentum is damped.
+   pure logical function acts(self)
+      class(damping_type), intent(in) :: self
+
+      acts = allocated(self%rate)
+   end function acts
+
+   !> Whether all degrees of freedom have one rate.
+   pure logical function is_scalar(self)
+      class(damping_type), intent(in) :: self
+
+      is_scalar = .true.
+      if (allocated(self%rate)) is_scalar = all(abs(self%rate - self%rate(1)) <= 0)
+   end function is_scalar
+
+end module symsde_base_damping

@@ -1,0 +1,113 @@
+! SPDX-License-Identifier: BSD-3-Clause
+!> The noise of a damped free motion over one step, in the functionals of the step that are drawn as ever.
+!>
+!> With u = h - s, z = gamma h and phi(t) = (1 - exp(-gamma t))/gamma, momentum and position receive
+!>
+!>    E = int exp(-gamma u) dW,   D = int phi(u) dW,        E + gamma D = W
+!>
+!> so that D alone is wanted beside W. Two forms give (W, D) its exact law, from the normals of a = dZ/h - W/2 and K:
+!>
+!>    law2   D = h [psi W + rho_1 a]                               for kicks that follow dZ
+!>    law3   D = h [psi W + 3 i_1(x)/x exp(-x) a - rho_2 K]        for kicks that follow K, too;  x = z/2
+!>
+!>    psi     = (z - 1 + exp(-z))/z^2 = sum_k (-z)^k/(k+2)!
+!>    rho_1^2 = 12 exp(-z) sum_{k>=1} 2k z^(2k-2)/(2k+2)!
+!>    rho_2^2 = 720 exp(-z) z^2 sum_{k>=2} 4k(k-1)(2k+3) z^(2k-4)/(2k+4)!
+!>    i_1(x)  = x sum_k (x^2/2)^k/(k! (2k+3)!!)                    the modified spherical Bessel function
+!>
+!> D follows the path to the order that the kicks have: its difference from int phi(u) dW has mean zero and size
+!> h^(5/2) in law2, h^(7/2) in law3. The sums have terms of one sign, except psi where z > 0, which is found from
+!> exp(-z) when z is large. Without damping psi = 1/2, rho_1 = 1, rho_2 = 0.
+module symsde_noise_decay_law
+   use symsde_base_kinds, only: wp
+   implicit none
+   private
+   public :: decay_law2, decay_law3, decay_integral
+
+   integer, parameter :: nterm = 80  !! of the sums: |z| up to 40 to the last place but two
+
+contains
+
+   !> Coefficients of W, a and K in D/h, from the normals of W and a.
+   pure function decay_law2(z) result(d)
+      real(wp), intent(in) :: z   !! gamma h
+      real(wp) :: d(3)
+
+      d = [mean_of_motion(z), exp(-0.5_wp*z)*sqrt(12*positive_sum(z, 1)), 0.0_wp]
+   end function decay_law2
+
+   !> Coefficients of W, a and K in D/h, from the normals of all three.
+   pure function decay_law3(z) result(d)
+      real(wp), intent(in) :: z   !! gamma h
+      real(wp) :: d(3)
+
+      d = [mean_of_motion(z), exp(-0.5_wp*z)*bessel_over(0.5_wp*z), &
+           -z*exp(-0.5_wp*z)*sqrt(720*positive_sum(z, 2))]
+   end function decay_law3
+
+   !> phi(s h)/h = (1 - exp(-s z))/z, without cancellation; s where z is zero.
+   elemental real(wp) function decay_integral(s, z) result(phi)
+      real(wp), intent(in) :: s, z
+      real(wp) :: x
+
+      x = 0.5_wp*s*z
+      phi = s
+      if (abs(x) > 0) phi = s*exp(-x)*(sinh(x)/x)
+   end function decay_integral
+
+   !> psi(z), the mean of phi over the step.
+   pure real(wp) function mean_of_motion(z) result(psi)
+      real(wp), intent(in) :: z
+      real(wp) :: term
+      integer :: k
+
+      if (abs(z) > 1) then
+         psi = (z - 1 + exp(-z))/z**2
+         return
+      end if
+      psi = 0
+      term = 0.5_wp
+      do k = 0, 20
+         psi = psi + term
+         term = -term*z/(k + 3)
+      end do
+   end function mean_of_motion
+
+   !> The sums of rho_1 (order 1) and rho_2 (order 2), without the powers of z before them.
+   pure real(wp) function positive_sum(z, order) result(total)
+      real(wp), intent(in) :: z
+      integer, intent(in) :: order
+      real(wp) :: power   !! z^(2k-2)/(2k+2)!, or z^(2k-4)/(2k+4)!
+      integer :: k
+
+      total = 0
+      if (order == 1) then
+         power = 1/24.0_wp
+         do k = 1, nterm
+            total = total + 2*k*power
+            power = power*z**2/((2.0_wp*k + 3)*(2*k + 4))
+         end do
+      else
+         power = 1/40320.0_wp
+         do k = 2, nterm
+            total = total + 4.0_wp*k*(k - 1)*(2*k + 3)*power
+            power = power*z**2/((2.0_wp*k + 5)*(2*k + 6))
+         end do
+      end if
+   end function positive_sum
+
+   !> 3 i_1(x)/x = sum_k 3 (x^2/2)^k/(k! (2k+3)!!)
+   pure real(wp) function bessel_over(x) result(total)
+      real(wp), intent(in) :: x
+      real(wp) :: term
+      integer :: k
+
+      total = 0
+      term = 1
+      do k = 0, nterm
+         total = total + term
+         term = term*(0.5_wp*x**2)/((k + 1.0_wp)*(2*k + 5))
+      end do
+   end function bessel_over
+
+end module symsde_noise_decay_law

@@ -1,0 +1,77 @@
+! SPDX-License-Identifier: BSD-3-Clause
+!> What damping makes of a tableau: an integrating factor in its momentum coefficients.
+!>
+!> In a step from t_n let P(s) = exp(gamma s) p. (q, P) moves by the Hamiltonian exp(gamma s) H_j(q, exp(-gamma s) P),
+!> to which the tableau is applied as it stands, from P = p_n on, with stage i at s = c_i h. In physical momenta
+!> p_i = exp(-gamma c_i h) P_i these are its own equations with decays, z = gamma h:
+!>
+!>    P_i     = exp(-c_i z) p_n - sum_j abar_ij exp(-(c_i - c_j) z) Hhat_q(Q_j,P_j)
+!>    p_{n+1} = exp(-z) p_n - sum_j alpha_j exp(-(1 - c_j) z) Hhat_q(Q_j,P_j)
+!>
+!> while Q_i and q_{n+1} are as without damping. A symplectic tableau gives dp_{n+1} ^ dq_{n+1} = exp(-z) dp_n ^ dq_n to
+!> rounding, for every Hamiltonian and all increments. Each degree of freedom may have a rate of its own.
+module symsde_scheme_decays
+   use symsde_base_damping, only: damping_type
+   use symsde_base_kinds, only: wp
+   implicit none
+   private
+   public :: tableau_decays, new_decays, decay_less_one
+
+   !> The factors of one step; of a closed system all are one, and those of differences zero.
+   type :: tableau_decays
+      real(wp), allocatable :: begin(:, :)       !! exp(-c_i z): of p_n in stage i (nstage, ndof)
+      real(wp), allocatable :: between(:, :, :)  !! exp(-(c_i - c_j) z): of stage j in stage i (nstage, nstage, ndof)
+      real(wp), allocatable :: finish(:, :)      !! exp(-(1 - c_j) z): of stage j in p_{n+1} (nstage, ndof)
+      real(wp), allocatable :: loss(:)           !! exp(-z) - 1 without cancellation: of p_n in the increment (ndof)
+      real(wp), allocatable, private :: rate(:)  !! gamma of each degree of freedom; not allocated: closed
+      real(wp), allocatable :: node(:)           !! c_i (nstage)
+      real(wp), private :: h = 0                 !! the step that the factors are of
+   contains
+      procedure :: set_step
+   end type tableau_decays
+
+contains
+
+   !> Room for the factors of nodes c, with those of a closed system.
+   subroutine new_decays(self, damping, c, ndof)
+      type(tableau_decays), intent(out) :: self
+      type(damping_type), intent(in) :: damping
+      real(wp), intent(in) :: c(:)   !! (nstage)
+      integer, intent(in) :: ndof
+
+      allocate (self%begin(size(c), ndof), self%between(size(c), size(c), ndof), self%finish(size(c), ndof), &
+                source=1.0_wp)
+      allocate (self%loss(ndof), source=0.0_wp)
+      if (.not. damping%acts()) return
+      self%rate = damping%rate
+      self%node = c
+   end subroutine new_decays
+
+   !> The factors of steps of the length h, with its sign.
+   subroutine set_step(self, h)
+      class(tableau_decays), intent(inout) :: self
+      real(wp), intent(in) :: h
+      real(wp) :: z
+      integer :: i, k
+
+      if (.not. allocated(self%rate) .or. abs(h - self%h) <= 0) return
+      self%h = h
+      do k = 1, size(self%rate)
+         z = self%rate(k)*h
+         self%begin(:, k) = exp(-self%node*z)
+         self%finish(:, k) = exp(-(1 - self%node)*z)
+         self%loss(k) = decay_less_one(z)
+         do i = 1, size(self%node)
+            self%between(i, :, k) = exp(-(self%node(i) - self%node)*z)
+         end do
+      end do
+   end subroutine set_step
+
+   !> exp(-z) - 1 = -2 exp(-z/2) sinh(z/2), without cancellation where sinh has none.
+   elemental real(wp) function decay_less_one(z)
+      real(wp), intent(in) :: z
+
+      decay_less_one = -2*exp(-0.5_wp*z)*sinh(0.5_wp*z)
+   end function decay_less_one
+
+end module symsde_scheme_decays
