@@ -88,6 +88,16 @@ def test_what_was_reached_and_what_an_interval_is(pilot):
     assert finished(0.02, 0.0021, 0.01).notes == ()
 
 
+def test_units_of_which_few_differ_vary_as_the_pilot_knows(pilot):
+    """256 paths without an event have no scatter of their own, and 16 scramblings that agree are as many paths; where
+    many units differ, their own variance counts, though the pilot's is larger."""
+    for method, few, paths in (("plain", np.zeros(256), 256), (choice.EVEN_LEVELS, np.zeros(16), 2048)):
+        work = Execution(pilot, [dataclasses.replace(plan_of(pilot, method, 1, 0.5), variance=9.0)])
+        assert work._noises([Drawn(Tally.of(few), 1.0, 0, paths)]) == [9.0 / paths]
+        many = Tally.of(np.arange(len(few)) % 2.0)
+        assert work._noises([Drawn(many, 1.0, 0, paths)]) == [many.variance / many.n]
+
+
 def test_the_cost_of_an_answer_holds_its_pilot(pilot, monkeypatch):
     """2.5 seconds for the choice, 1.5 for the draws."""
     work = Execution(pilot, [plan_of(pilot, "plain", 1, 0.5)])
