@@ -88,7 +88,7 @@ contains
       loss = 0
       if (.not. model%damping%is_scalar()) then
          call model%damping%refuse(model%name, 'symplecticity_defect', &
-                                    'a form that a step keeps up to one factor', error)
+                                   'a form that a step keeps up to one factor', error)
          return
       else if (model%damping%acts()) then
          loss = decay_less_one(model%damping%rate(1)*options%step)
