@@ -20,7 +20,19 @@ from ..run.setup import make_options, make_setup
 #: components and procedures of the type that a model in Fortran extends (src/model/abstract.f90)
 _TAKEN = frozenset(
     (
-        *("traits", "name", "passed", "failure_code", "clear_failure", "gradient", "value", "hessian"),
+        *(
+            "traits",
+            "name",
+            "damping",
+            "passed",
+            "paths",
+            "for_paths",
+            "failure_code",
+            "clear_failure",
+            "gradient",
+            "value",
+            "hessian",
+        ),
         *("hessian_vector", "gradient_hessian", "hessian_banded", "force_stiffness", "third_derivative"),
     )
 )
