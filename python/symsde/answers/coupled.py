@@ -38,7 +38,7 @@ from .expectation.interval import Tally
 from .expectation.problem import OPTIONS, Problem, make_problem
 
 MOST_LEVELS = 31
-_STRIDE = 2**41  #: path indices of a level; there are 2^47
+_STRIDE = 2**41  #: number of path indices of a level; there are 2^47 in all
 
 
 def halvings(fine: int, coarse: int) -> int:
@@ -79,11 +79,11 @@ def rms(square: np.ndarray) -> float:
 class Draw:
     """Some samples of a level."""
 
-    difference: Tally  #: f fine - f coarse; f alone at level 0
+    difference: Tally  #: tally of f fine - f coarse; at level 0 of f alone
     fine: Tally
     coarse: Tally
-    seconds: float  #: of the processor
-    failed: int  #: paths that failed at one of the two steps, left out
+    seconds: float  #: seconds of processor time
+    failed: int  #: number of paths that failed at one of the two steps and are left out
 
     @property
     def units(self) -> Tally:

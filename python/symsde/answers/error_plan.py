@@ -23,13 +23,13 @@ from ..run.simulate import simulate
 from ..schemes import Scheme, as_scheme
 from .coupled import halvings
 
-BATCHES = 20  #: groups of paths whose scatter gives the interval of an order
+BATCHES = 20  #: number of groups of paths; the scatter between groups gives the interval of an order
 LEAST_REPEATS = 5
 NEAR = 3  #: halvings from the finest step to a reference of higher order than the scheme that it judges
-PLAIN = 5  #: to one of order one
-FAR = 6  #: to one that may be of the same higher order, or the scheme itself
-AREAS = 4  #: the same where areas are drawn, whose cost grows fourfold with each
-SMALL = 4  #: degrees of freedom up to which a scheme with dense Newton is an affordable reference
+PLAIN = 5  #: number of halvings to a reference of higher order, for a scheme of order one
+FAR = 6  #: number of halvings to a reference that may have the order of the scheme, or is the scheme itself
+AREAS = 4  #: number of halvings, in place of FAR, if the reference draws areas: each halving costs four times as much
+SMALL = 4  #: largest number of degrees of freedom for which a scheme with dense Newton is an affordable reference
 _COMPARED = ("midpoint", "symplectic_euler", "stormer_verlet", "gauss2", "heun")
 
 
@@ -51,8 +51,8 @@ OPTIONS = tuple(StudyOptions.__annotations__)
 class Reference:
     """What paths are compared with: the exact solution, or a scheme with more steps."""
 
-    scheme: str  #: "exact", or a name
-    steps: int  #: finest draws of the study; steps of the scheme
+    scheme: str  #: "exact", or the name of a scheme
+    steps: int  #: number of the finest steps that the study draws, or of steps of the reference scheme
 
     def __str__(self) -> str:
         """As it is printed."""
@@ -65,19 +65,19 @@ class Plan:
 
     model: Model
     schemes: list[Scheme]
-    steps: list[int]  #: ascending
+    steps: list[int]  #: numbers of steps, ascending
     horizon: float
     paths: int
     q0: Any
     p0: Any
-    options: dict[str, Any]  #: of `simulate`
-    references: dict[str, Reference]  #: of each scheme
-    draws: int  #: finest steps of the Brownian paths
+    options: dict[str, Any]  #: options of `simulate`
+    references: dict[str, Reference]  #: reference of each scheme, by name
+    draws: int  #: number of the finest steps of the Brownian paths
     repeats: int
-    interval: float | None  #: wanted half width of the strong errors, relative
+    interval: float | None  #: relative half width that the intervals of the strong errors should have
     name: str
     invariants: dict[str, Any] = field(default_factory=dict)
-    said: dict[str, str] = field(default_factory=dict)  #: by the caller, for tables
+    said: dict[str, str] = field(default_factory=dict)  #: facts for the head of tables, given by the caller
 
     def reference_run(self, scheme: str, steps: int):
         """Follow the shared paths with increments not truncated and the correction that the scheme needs."""

@@ -20,8 +20,9 @@ from ..errors import OF_RUNS
 from ..models import linear_oscillator
 from ..run.simulate import simulate
 
-SCAN = np.append(np.geomspace(0.1, 100, 300), (1e3, 1e4))  #: omega h; narrow windows of instability may lie between
-ROUNDING = 1e-9  #: of determinants and traces
+#: omega h; the points are dense, since narrow windows of instability may lie between stable ones
+SCAN = np.append(np.geomspace(0.1, 100, 300), (1e3, 1e4))
+ROUNDING = 1e-9  #: rounding error of determinants and traces
 
 
 def step_matrix(scheme: str, omega_h: float) -> np.ndarray:

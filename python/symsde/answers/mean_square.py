@@ -26,10 +26,12 @@ from ..run.simulate import simulate
 from ..schemes import Scheme, as_scheme
 
 MOST_NOISES = 2
-MOST_POINTS = 2**21  #: of the rules, beyond which a step is not averaged
-MOST_ENTRIES = 2**24  #: of the matrix of second moments: 128 MB, and a few times that while it is looked at
-_NODES = (48, 67)  #: of Gauss and Hermite; where the two disagree, the moments are infinite
-_SHAPES = ((6, 4), (8, 5))  #: the same of what dZ and K say beside increments
+MOST_POINTS = 2**21  #: most points of the rules; a step that needs more is not averaged
+#: most entries of the matrix of second moments: 128 MB, and a few times as much during the computation
+MOST_ENTRIES = 2**24
+_NODES = (48, 67)  #: numbers of Gauss-Hermite nodes of two rules; if the rules disagree, the moments are infinite
+#: numbers of nodes for the parts of dZ and K that are independent of increments, of the two rules
+_SHAPES = ((6, 4), (8, 5))
 _AGREE = 1e-4
 _LAWS = {
     "Gaussian": None,
@@ -38,7 +40,8 @@ _LAWS = {
 }
 _ROWS = 4
 _MIDDLES = (np.arange(_ROWS) + 0.5) / _ROWS
-#: straight rows that have any dW, H = dZ/h - dW/2 = int (1/2 - s) dW and K = int (s^2 - s + 1/6) dW /2
+#: matrix (row, 3): increments of rows that have given dW, H = dZ/h - dW/2 = int (1/2 - s) dW and K = int (s^2 - s +
+#: 1/6) dW /2
 _OF_SHAPE = np.linalg.pinv(np.stack([np.ones(_ROWS), 0.5 - _MIDDLES, (_MIDDLES**2 - _MIDDLES + 1 / 6 + 1 / 192) / 2]))
 
 
@@ -50,7 +53,7 @@ class MeanSquare:
     """
 
     growth: float  #: spectral radius of the map of second moments; infinite if there are none
-    exact: float  #: the same for the exact equations; for a negative step, backward along their noise
+    exact: float  #: growth of the exact equations; for a negative step, backward along their noise
     mean: float  #: spectral radius of E M
     matrix: np.ndarray | None  #: map of second moments of z = (q, p), ((2 dof)^2, (2 dof)^2); None beyond 32 dof
 

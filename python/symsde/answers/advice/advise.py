@@ -22,12 +22,12 @@ from ..linear_stability import stable_up_to
 from .ladder import Ladder
 from .wants import KINDS
 
-#: of the limit of stability, that the longest step has: where a spring hardens, orbits of symplectic_euler are lost
-#: from 0.67 of it on, those of verlet_dz from 0.72, of stormer_verlet from 0.82 (stability/bifurcation)
+#: longest step over the limit of stability. Where a spring hardens, orbits are lost below the limit: orbits of
+#: symplectic_euler from 0.67 of it on, of verlet_dz from 0.72, of stormer_verlet from 0.82 (stability/bifurcation).
 _ROOM = 0.65
-_LONGEST = 6.4  #: omega h of the longest step of schemes without such a limit
-_PATHS = 64  #: whose fastest frequency counts
-_SHORTEST = 1e-13  #: relative tolerance below which rounding decides
+_LONGEST = 6.4  #: omega h of the longest step, for schemes without a limit of stability
+_PATHS = 64  #: number of paths on which the fastest frequency is looked for
+_SHORTEST = 1e-13  #: smallest relative tolerance: below it rounding decides
 
 
 @dataclass(frozen=True)
@@ -37,7 +37,7 @@ class Option:
     scheme: str
     steps: int
     step: float
-    seconds: float  #: of the processor for a path
+    seconds: float  #: seconds of processor time for one path
 
     def __str__(self) -> str:
         """One line."""
@@ -50,10 +50,10 @@ class Advice:
 
     scheme: str
     step: float
-    steps: int  #: to the horizon
-    seconds: float  #: of the processor for a path
+    steps: int  #: number of steps to the horizon
+    seconds: float  #: seconds of processor time for one path
     reasons: tuple[str, ...]
-    alternatives: tuple[Option, ...]  #: the cheapest first
+    alternatives: tuple[Option, ...]  #: further schemes, the cheapest first
 
     def __str__(self) -> str:
         """Advice, reasons, alternatives."""

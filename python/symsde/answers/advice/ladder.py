@@ -18,13 +18,13 @@ from ..expectation.problem import Problem
 from .wants import Seen
 
 MOST_HALVINGS = 10
-_WORK = 2**23  #: path-steps times degrees of freedom of one measurement, beyond which the order is trusted instead
-_AHEAD = 3  #: halvings that are reckoned by the order, no more
-_CLEARLY = 4.0  #: times below the tolerance, that the first rung alone decides
-_RUNS = 7.0  #: that a rung takes: steps, twice and four times as many
-_SLOWEST, _FASTEST = 0.45, 6.5  #: orders that differences may show
+_WORK = 2**23  #: path-steps times degrees of freedom of one measurement; beyond it the order predicts the error
+_AHEAD = 3  #: most halvings for which the order predicts the error
+_CLEARLY = 4.0  #: if the error of the first rung is smaller than the tolerance by this factor, the rung decides alone
+_RUNS = 7.0  #: cost of a rung in runs of its step: the runs take 1, 2 and 4 times as many steps
+_SLOWEST, _FASTEST = 0.45, 6.5  #: bounds of the orders that are read from differences
 _TIMED = 2**17  #: path-steps times degrees of freedom of a timed run
-_DEARER = 4.0  #: times the best cost known, at which a scheme is given up
+_DEARER = 4.0  #: a scheme is given up if it costs this many times the best cost known
 
 
 class Ladder:

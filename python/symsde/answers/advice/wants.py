@@ -15,17 +15,17 @@ from ..coupled import end, rms, runs_of, squares
 from ..coupled_errors import conserves_energy, depends_on_time, times_of
 from ..expectation.problem import Problem
 
-_MOST_SAVED = 2**20  #: numbers that are saved to look at invariants: every step, unless there are more
+_MOST_SAVED = 2**20  #: most numbers that are saved to look at invariants; a run with more numbers saves fewer steps
 
 
 @dataclass(frozen=True)
 class Seen:
     """What steps h, h/2 and h/4 on the same paths show."""
 
-    first: float  #: size of the difference of h and h/2; of invariants, of the change itself
-    second: float  #: of h/2 and h/4
-    both: float  #: of h and h/4: their sum where they point the same way, less where they are independent
-    noise: float = 0.0  #: in any of them
+    first: float  #: size of the difference between steps h and h/2; for invariants the size of the change itself
+    second: float  #: size of the difference between steps h/2 and h/4
+    both: float  #: size of the difference between steps h and h/4: first + second if both point the same way, else less
+    noise: float = 0.0  #: size of the sampling noise in any of the three differences
 
     def error(self, order: float) -> float:
         """Of the step h: what is left beyond h/4 falls by 2^-order a halving, and points as the first two do."""

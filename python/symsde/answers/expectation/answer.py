@@ -22,7 +22,7 @@ class Alternative:
     method: str
     scheme: str
     step: float
-    cost: float  #: estimated seconds of the processor for the same interval
+    cost: float  #: estimated seconds of processor time for the same interval
 
     def __str__(self) -> str:
         """One line."""
@@ -39,14 +39,14 @@ class Answer:
     bias: float  #: bound of the error that the step leaves in the value
     method: str  #: plain, antithetic, multilevel, multilevel quasi-Monte Carlo
     scheme: str
-    step: float  #: of multilevel: the finest
+    step: float  #: step h; of multilevel methods the finest step
     paths: int  #: number of paths computed for the value
-    cost: float  #: seconds of the processor, the pilot included
-    pilot: float  #: seconds of these for the pilot
-    alternatives: tuple[Alternative, ...]  #: the cheapest first
+    cost: float  #: seconds of processor time, the pilot included
+    pilot: float  #: seconds of processor time for the pilot
+    alternatives: tuple[Alternative, ...]  #: other methods and schemes, the cheapest first
     reached: bool  #: the interval is as narrow as asked
     why: str  #: the reason for the choice
-    notes: tuple[str, ...]  #: doubts, each a sentence
+    notes: tuple[str, ...]  #: doubts about the answer, each a sentence
 
     @property
     def half_width(self) -> float:
@@ -73,7 +73,7 @@ class Rate:
     """A slope over the levels, in powers of two."""
 
     value: float  #: NaN where fewer than two levels show it
-    half: float  #: half width of its 95 % interval; of the noise of the levels alone
+    half: float  #: half width of the 95 % interval of the value, from the noise of the levels alone
 
     def __str__(self) -> str:
         """The slope and its half width, such as 1.98 +- 0.05."""
@@ -105,17 +105,17 @@ def fall(values: Sequence[float], errors: Sequence[float]) -> Rate:
 class Level:
     """One level: d = f fine - f coarse on the same paths; f alone at level 0."""
 
-    steps: int  #: to the horizon
+    steps: int  #: number of steps to the horizon
     paths: int
-    mean: float  #: of d
-    error: float  #: standard error of it
-    variance: float  #: of d
-    kurtosis: float  #: of d; the relative error of the variance is about sqrt(kurtosis/paths)
-    fine_mean: float  #: of f
-    fine_variance: float  #: of f
-    consistency: float  #: of the telescoping sum: if it holds, this is above 1 in 0.3 % of cases
-    seconds: float  #: of the processor
-    failed: int  #: paths left out
+    mean: float  #: mean of d
+    error: float  #: standard error of the mean of d
+    variance: float  #: variance of d
+    kurtosis: float  #: kurtosis of d; the relative error of the variance is about sqrt(kurtosis/paths)
+    fine_mean: float  #: mean of f
+    fine_variance: float  #: variance of f
+    consistency: float  #: defect of the telescoping sum; if the sum holds, the defect is above 1 in 0.3 % of cases
+    seconds: float  #: seconds of processor time
+    failed: int  #: number of paths left out because they failed
 
 
 @dataclass(frozen=True)
@@ -132,8 +132,8 @@ class Multilevel:
     beta: Rate  #: the variance of d falls as 2^(-beta level)
     gamma: Rate  #: the seconds of a path grow as 2^(gamma level)
     reached: bool  #: the interval is as narrow as asked
-    notes: tuple[str, ...]  #: doubts, each a sentence
-    cost: float  #: seconds of the processor in all
+    notes: tuple[str, ...]  #: doubts about the answer, each a sentence
+    cost: float  #: seconds of processor time in all
 
     @property
     def half_width(self) -> float:

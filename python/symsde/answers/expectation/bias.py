@@ -30,14 +30,15 @@ from collections.abc import Sequence
 
 import numpy as np
 
-_DOUBT = 0.5  #: relative change for each halving between a difference and the step it is used for
+_DOUBT = 0.5  #: relative change that is assumed for each halving between a difference and the step it is used for
 _EXACT = 1e300  #: weight of a difference without noise
-CLOSE = 1 / 8  #: of the variance of f, up to which the mean square of its change at the last halving is small
-_JUMP = 1.75  #: standard deviations of f that it changes by on few paths: two where it is 0 or 1 with even chances
-_NEARLY = 0.5  #: powers of h by which differences may fall less than they should
-TERMS = 3  #: differences of a pilot, and powers of h that they tell
+CLOSE = 1 / 8  #: the mean square change of f at the last halving is small up to this share of the variance of f
+_JUMP = 1.75  #: a jump of f changes f by so many standard deviations: two if f is 0 or 1 with even chances
+_NEARLY = 0.5  #: powers of h by which differences may fall more slowly than the order says
+TERMS = 3  #: number of differences of a pilot, and of the powers of h that they determine
 _SURE = 4.0  #: standard errors above which a difference counts as seen
-_APART = 4.0  #: mean square of what differences tell around their mean, in units of their errors, that is no chance
+#: predictions of the differences disagree if their mean square scatter, in units of their errors, is larger
+_APART = 4.0
 
 
 def estimate(means: Sequence[float], errors: Sequence[float], order: float, extra: float = 0.0) -> tuple[float, float]:

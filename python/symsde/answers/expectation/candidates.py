@@ -22,8 +22,9 @@ from ...model.definition import Model, Traits
 from ...schemes import Scheme, as_scheme
 from .problem import Problem
 
-SHARPEST = 1.6  #: omega h of the longest step that is tried: explicit schemes end at 2
-_POINTS = 9  #: of a way, at which frequencies are looked at: eight equal parts follow any but wild changes
+SHARPEST = 1.6  #: omega h of the longest step that is tried: explicit schemes are unstable from 2 on
+#: number of points of a path at which frequencies are looked at: eight equal parts follow all but wild changes
+_POINTS = 9
 
 
 def suitable(problem: Problem) -> list[Scheme]:

@@ -39,11 +39,14 @@ AT_ONCE = 4096  #: units that are begun with at most: what a moment takes
 _ENOUGH = 1.2  #: times the units that the pilot's variance asks for, so that few answers take more of them
 _LONG = 600.0  #: seconds that are announced
 _LEAST_POINTS = 6  #: log2 of the points of a scrambling that the time cuts short: fewer are no better than paths
-_SILENT = 0.2  #: noise over bias, below which an interval is a bound: 1.96 biases are then five of its errors and more
-_FEWER = 2  #: halvings of the points that are planned, which work begins with, to double them where that is too few
-_LOWEST = 8  #: log2 of the points that are not halved: a call takes as long as these
-_TOP_UP = 3  #: units of a level of points that are added at least, as each look at the variance may end too early
-_SPARE = 1.02  #: times the units that the variance asks for, so that a second round is seldom needed
+#: if noise over bias is smaller, the interval is a bound: 1.96 biases are then at least 1.96 times five standard
+#: errors
+_SILENT = 0.2
+_FEWER = 2  #: work begins with this many halvings of the planned points, and doubles them if they are too few
+_LOWEST = 8  #: log2 of the number of points that is not halved further: a call by itself takes as long as these points
+_TOP_UP = 3  #: least number of units of points that are added to a level: each look at the variance may end too early
+#: more units are drawn than the variance asks for, by this factor, so that a second round is seldom needed
+_SPARE = 1.02
 
 
 @dataclass
@@ -56,7 +59,7 @@ class _Outcome:
     bias: float
     paths: int
     notes: list[str]
-    steps: int | None = None  #: where they are not those of the plan
+    steps: int | None = None  #: number of steps, if it differs from the number of the plan
 
 
 class Execution:

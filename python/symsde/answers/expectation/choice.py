@@ -35,10 +35,10 @@ PLAIN, ANTITHETIC, MULTILEVEL, EVEN_LEVELS = METHODS = (
     "multilevel",
     "multilevel quasi-Monte Carlo",
 )
-FIRST_PATHS = 256  #: of a new level of multilevel: as many as tell a variance to a tenth
-_A_LEVEL = 1.5e-3  #: seconds that a level of multilevel takes beside its paths, about: calls, tallies, allocation
-_BISECTIONS = 6  #: of a halving of the step: to a percent of the number of steps
-_FEWEST = 5  #: log2 of the points of a level: a call takes as long as 2^5 paths
+FIRST_PATHS = 256  #: paths of a new level of multilevel: enough to know a variance to a tenth
+_A_LEVEL = 1.5e-3  #: seconds that a level of multilevel takes beside its paths, roughly: calls, tallies, allocation
+_BISECTIONS = 6  #: bisections of a halving of the step: they find the number of steps to a percent
+_FEWEST = 5  #: log2 of the fewest points of a level: a call by itself takes as long as 2^5 paths
 
 
 @dataclass
@@ -47,13 +47,14 @@ class Plan:
 
     method: str
     scheme: Scheme
-    steps: int  #: to the horizon; of levels: on the finest
-    coarsest_steps: int  #: on the coarsest level
-    seconds: float  #: of the processor, predicted
-    variance: float  #: of a unit of paths, and of f itself for Sobol points
+    steps: int  #: number of steps to the horizon; of multilevel methods on the finest level
+    coarsest_steps: int  #: number of steps on the coarsest level
+    seconds: float  #: predicted seconds of processor time
+    variance: float  #: variance of a unit of paths; for Sobol points the variance of f itself
     bias: tuple[float, float]  #: E f - E f(x_h), and the standard error of this estimate
-    points: list[int] = field(default_factory=list)  #: log2, on each level of multilevel quasi-Monte Carlo
-    level: float = 0.0  #: of the ladder, that has these steps
+    #: log2 of the number of points on each level of multilevel quasi-Monte Carlo
+    points: list[int] = field(default_factory=list)
+    level: float = 0.0  #: level of the ladder that has so many steps
     trial: Trial | None = field(default=None, compare=False, repr=False)
 
     def estimators(self, first: int, problem: Problem) -> list[Estimator]:

@@ -33,10 +33,10 @@ from .interval import Tally, Tolerance
 from .problem import Problem
 from .watch import Watch
 
-_ELSEWHERE = 0.2  #: seconds between looks at what other processes do
-_AHEAD = 64  #: parts that may be drawn before they are wanted, while others draw those
-_PARTS = 64  #: of the work, as many as that
-LEAST = 2  #: units that an interval takes, drawn whatever the time
+_ELSEWHERE = 0.2  #: seconds between looks at the work of other processes
+_AHEAD = 64  #: parts that may be drawn ahead of need while other processes draw the parts needed now
+_PARTS = 64  #: the work is divided into about so many parts
+LEAST = 2  #: units that an interval needs; they are drawn even if the time is over
 _SHORTEST, _LONGEST = 0.5, 10.0  #: seconds of a part
 CHOICE = Piece("choice", "choice", 0, 0, 0)
 

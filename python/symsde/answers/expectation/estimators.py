@@ -30,11 +30,11 @@ from ..coupled import values_of
 from .interval import Tally
 from .problem import Problem
 
-MOST_DIMENSIONS = 21201  #: of SciPy's Sobol points
-MOST_POINTS = 30  #: log2 of the points of one scrambling, which are multiples of 2^-30
-_TO_LOAD = 0.5  #: seconds of scipy.stats
-_HALF = 0.5  #: of their distance: none is 0 or 1, and their mean is 1/2
-_HELD = 2**20  #: numbers of a sequence that are kept for the next units
+MOST_DIMENSIONS = 21201  #: most dimensions of SciPy's Sobol points
+MOST_POINTS = 30  #: log2 of the number of points of one scrambling; coordinates are multiples of 2^-30
+_TO_LOAD = 0.5  #: seconds to load scipy.stats
+_HALF = 0.5  #: points are shifted by half of their spacing: no coordinate is 0 or 1, and the mean is 1/2
+_HELD = 2**20  #: most numbers of a sequence that are kept for the next units
 
 
 @dataclass(frozen=True)
@@ -42,9 +42,9 @@ class Drawn:
     """Some units of an estimator."""
 
     units: Tally
-    seconds: float  #: of the processor
-    failed: int  #: units left out, for a path of theirs that failed
-    paths: int  #: computed, those of failed units too
+    seconds: float  #: seconds of processor time
+    failed: int  #: number of units left out because one of their paths failed
+    paths: int  #: number of computed paths, those of failed units included
 
     def __add__(self, other: Drawn) -> Drawn:
         """The units of both together."""
@@ -63,7 +63,7 @@ class Estimator:
     """An estimator by paths of one scheme and step, from the index `first` on; `draw` computes the next units."""
 
     paths_a_unit = 1
-    least_units = 256  #: of an interval
+    least_units = 256  #: least number of units of an interval
 
     def __init__(self, problem: Problem, scheme: Scheme, steps: int, first: int):
         """Take a scheme with `steps` steps to the horizon; nothing is drawn yet. first: index of the first path."""
@@ -281,7 +281,8 @@ class Bridge:
     def __init__(self, steps: int, horizon: float):
         """Prepare the halvings of the interval from 0 to the horizon with so many steps."""
         self.steps, self.step = steps, horizon / steps
-        self._halvings = []  #: rows of normals, left, middle and right of the points that one halving adds, and weights
+        #: of each halving: rows of normals; left, middle and right of the points that it adds; weights
+        self._halvings = []
         row, waiting = 1, [(0, steps)]
         while waiting := [(a, b) for a, b in waiting if b - a > 1]:
             left, right = np.array(waiting).T

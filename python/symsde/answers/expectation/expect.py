@@ -21,7 +21,7 @@ from .pilot import Pilot
 from .problem import OPTIONS, Function, make_problem
 from .watch import Watch
 
-#: methods that were there until 0.1, and those that carry them out now
+#: name of a method until version 0.1 -> the method that replaces it
 _GONE = {"control variate": (ANTITHETIC, PLAIN), "extrapolated": (MULTILEVEL,), "quasi-Monte Carlo": (EVEN_LEVELS,)}
 
 

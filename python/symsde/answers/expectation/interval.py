@@ -17,12 +17,12 @@ from ...errors import InvalidArgumentError, WrongTypeError
 from ...native import checks
 
 NORMAL = 1.96  #: half width of a 95 % interval, in standard errors
-SEEN = 3.0  #: standard errors by which a mean is told from 0
-BIAS_SHARE = 0.1  #: of the squared error that the bias may have: so little that the interval holds with or without it
-_SCATTER = 0.75  #: standard errors of a standard error, by which that of work that ends by it is taken larger
-_NEARLY = 1.05  #: times the half width that was asked for, that count as reached
-_ROUNDING = 64 * np.finfo(float).eps  #: relative half width that sums and steps can be trusted to
-_LARGEST = 1e70  #: whose fourth power does not overflow
+SEEN = 3.0  #: a mean differs from 0 if it is larger than this many standard errors
+BIAS_SHARE = 0.1  #: share of the squared error that the bias may have: the interval holds with the bias or without it
+_SCATTER = 0.75  #: the standard error at which work ends is enlarged by this many of its own standard errors
+_NEARLY = 1.05  #: half widths up to this many times the half width asked for count as reached
+_ROUNDING = 64 * np.finfo(float).eps  #: smallest relative half width: sums and steps have no more digits
+_LARGEST = 1e70  #: largest number whose fourth power is sure not to overflow
 
 
 @dataclass(frozen=True)
@@ -81,7 +81,7 @@ def may_be_zero(value: float, error: float) -> InvalidArgumentError:
     )
 
 
-#: of Student's law at 97.5 % with 1, 2, .. degrees of freedom
+#: 97.5 % quantiles of Student's law with 1, 2, .. degrees of freedom
 _STUDENT = (12.7062, 4.3027, 3.1824, 2.7764, 2.5706, 2.4469, 2.3646, 2.3060, 2.2622, 2.2281)
 
 
@@ -117,7 +117,7 @@ def half_width_when_stopped(error: float, bias: float, units: int, wanted: float
     return max(half_width(error, bias, units), min(wanted, half_width(larger, bias, units)))
 
 
-_FEW = 20  #: values that differ from the rest, below which a variance is not trusted
+_FEW = 20  #: a variance is trusted if at least about so many values differ from the rest
 
 
 @dataclass(frozen=True)

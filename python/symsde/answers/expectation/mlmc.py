@@ -32,12 +32,12 @@ from .problem import OPTIONS, Function, make_problem
 from .tails import Doubt, look, widened
 from .watch import Watch
 
-FIRST_LEVELS = 3  #: that are drawn before anything is judged, where so many are allowed
-_LOOKED_AT_FROM = 2**46 + 2**45  #: path that these begin at
+FIRST_LEVELS = 3  #: number of levels that are drawn before anything is judged, if so many are allowed
+_LOOKED_AT_FROM = 2**46 + 2**45  #: index of the first path whose values of f are looked at
 _HEAVY = 100.0  #: kurtosis above which the variance of a level is doubtful
-_INCONSISTENT = 1.5  #: 4.5 standard errors
-_TIMING = 0.1  #: relative error of seconds, as taken for the interval of gamma
-_NOISE_SHARE = 0.5  #: of the allowed bias that may be noise in it, before the finest level is given more paths
+_INCONSISTENT = 1.5  #: consistency above which a warning is given: 4.5 standard errors
+_TIMING = 0.1  #: relative error of seconds that the interval of gamma assumes
+_NOISE_SHARE = 0.5  #: share of the allowed bias that may be noise; above it the finest level is given more paths
 
 
 @checks.hinted(*OPTIONS)

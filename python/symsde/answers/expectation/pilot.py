@@ -26,17 +26,17 @@ from .watch import Watch
 
 Task = tuple[float, Callable[[], None]]
 
-_PATHS = 256  #: of each level of a trial, to begin with: a variance is known to a tenth
-_MOST_LOOKED_AT = 2**17  #: values of f, where the mean is to be told from 0
-_SHARE = 0.2  #: of the seconds of the best plan so far that all measurements beyond the first scheme may take
-_FURTHER = 3  #: log2 of the points of a plan, over those that were looked at: beyond, a look at more costs a sixteenth
-_AT_A_TIME = 2  #: doublings of the points of a look, which often shows that fewer are enough
-_DOUBLINGS = 12  #: of the paths of a ladder, where no plan reaches the tolerance: up to a million
-_WIDER = 20  #: doublings of the error that is asked for: a factor of a million
-_LONG = 600.0  #: seconds of a plan, above which the pilot is made no longer
-_FIRST = 2**45 + 2**44  #: path that values of f are looked at from
+_PATHS = 256  #: paths of each level of a trial at first: enough to know a variance to a tenth
+_MOST_LOOKED_AT = 2**17  #: most values of f that are drawn to tell the mean from 0
+_SHARE = 0.2  #: measurements beyond the first scheme may take this share of the seconds of the best plan so far
+_FURTHER = 3  #: a plan may extrapolate from the measured points to 2^3 times as many; measuring more costs a sixteenth
+_AT_A_TIME = 2  #: the points of one measurement are doubled at most so often, since fewer points are often enough
+_DOUBLINGS = 12  #: most doublings of the paths of a ladder if no plan reaches the tolerance: up to a million paths
+_WIDER = 20  #: most doublings of the error that is asked for: a factor of a million
+_LONG = 600.0  #: the pilot does not take longer for a plan of more seconds
+_FIRST = 2**45 + 2**44  #: index of the first path whose values of f are looked at
 _DRIVEN = "; {} needs noise, no truncation, {}"
-#: what a method takes beside a small error
+#: conditions of a method beside noise
 _NEEDS = {
     EVEN_LEVELS: _DRIVEN.format(EVEN_LEVELS, "SciPy, and a scheme that takes no areas"),
     MULTILEVEL: f"; {MULTILEVEL} needs an f that varies",
@@ -62,7 +62,7 @@ class Pilot:
                 "none of the schemes that are tried automatically fits these options: give a scheme"
             )
         self._coarsest, self._untried = fewest_steps(problem), list(schemes)
-        self.seconds = 0.0  #: of the processor, until there is a choice
+        self.seconds = 0.0  #: seconds of processor time until there is a choice
         self.trials: list[Trial] = []
         while self._untried and not self.trials:
             self._try_next()
@@ -74,7 +74,7 @@ class Pilot:
                 "E f may not exist because paths escape; look at them with `simulate`"
             )
         self._look_at_f()
-        self._least = watch.seconds  #: of the processor, that nothing could be known without
+        self._least = watch.seconds  #: seconds of processor time without which nothing could be known
 
     def try_all(self) -> None:
         """Try every scheme that is left."""

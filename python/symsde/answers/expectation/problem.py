@@ -25,14 +25,15 @@ from ...run.step import increments
 from ...schemes import Scheme
 
 Function = Callable[[np.ndarray, np.ndarray], np.ndarray]
-_READ_ONLY = "read-only"  #: as NumPy has it of arrays that are not to be changed
-_TRIED = 5  #: points that f is tried at before any work; no other size of a run is likely to be the same
-OPTIONS = tuple(EndOptions.__annotations__)  #: of `simulate`
+_READ_ONLY = "read-only"  #: words of NumPy's message about arrays that must not be changed
+_TRIED = 5  #: number of points at which f is tried before any work; no other size of a run is likely to be the same
+OPTIONS = tuple(EndOptions.__annotations__)  #: names of the options that are passed on to `simulate`
 _DECIDED = dict.fromkeys(("step", "steps", "paths", "save_every"), "it is found for the tolerance")
-_GONE = 1e100  #: states beyond this have left, whatever f makes of them
-_WORTH = 3e-3  #: seconds of a call, below which threads that wait for each other cost more than they give
-_NUMBERS = 2**17  #: of the saved states of one call of `simulate`: what a cache holds
-_DRAWN = 2**20  #: numbers of the increments that are held at a time
+_GONE = 1e100  #: a path beyond this size counts as failed, whatever f makes of it
+#: a call of fewer seconds runs on one thread: threads that wait for each other would cost more than they give
+_WORTH = 3e-3
+_NUMBERS = 2**17  #: numbers of the saved states of one call of `simulate` that fit into a cache
+_DRAWN = 2**20  #: most numbers of increments that are held at a time
 
 
 @dataclass(frozen=True)
@@ -45,8 +46,9 @@ class Problem:
     p0: np.ndarray
     horizon: float
     seed: int
-    options: dict[str, Any] = field(default_factory=dict)  #: of `simulate`
-    known: dict[str, float] = field(default_factory=dict)  #: of the motion, whatever seed and threads: found once
+    options: dict[str, Any] = field(default_factory=dict)  #: options of `simulate`
+    #: numbers of the motion that do not depend on seed or threads, found once
+    known: dict[str, float] = field(default_factory=dict)
 
     @property
     def chunk(self) -> int:
@@ -137,7 +139,7 @@ class Target:
     def __init__(self, f: Function | str, model: Model, t: float):
         """Take a callable f(q, p), or a formula in the names that observables have, at the time t."""
         self._made = f, model, t
-        self.is_truth = False  #: it returns truth values
+        self.is_truth = False  #: whether f returns truth values
         self.name = f if isinstance(f, str) else getattr(f, "__name__", "f")
         self._function = _of_formula(f, model, t) if isinstance(f, str) else f
         if not callable(self._function):

@@ -28,20 +28,21 @@ from .interval import NORMAL, Tally, Tolerance
 from .problem import Problem
 from .watch import Watch
 
-_LOOKED_AT = 4096  #: values of f that tell of its tails
-_AGAIN, _OF_THESE = 2**16, 256  #: values, of which these outermost decide where the first ones seem to have no variance
-_MANY = 2**15  #: values, of which a few that differ are looked at again
-_OUTERMOST = 32  #: of these
-_FIRST_AGAIN = 2**45 + 2**42  #: path that they begin at
-_SMALLEST = 1e-135  #: of the values: squares of errors a millionth of that do not vanish
-_MOST, _LONG = 2**24, 60.0  #: values that are looked at, and seconds, where few differ
-_PATHS = 256  #: whose ends f is tried around
-_FIRST = 2**45 + 2**43  #: path that these begin at
-_MOVED = 1e-3  #: shift of these ends, in widths of the box around them
-_RESPONDS = 1e-6  #: change of f by this shift, over its range in the box, that is more than none
-_SAME = 1e-13  #: relative variation of f that is none
-LEAST = 256  #: values below which nothing can be told
-_DOUBT = 2.0  #: standard errors of the index that decide
+_LOOKED_AT = 4096  #: number of values of f whose tails are looked at first
+#: if these first values seem to have no variance, so many more are drawn, and so many outermost decide
+_AGAIN, _OF_THESE = 2**16, 256
+_MANY = 2**15  #: number of values from which f is looked at again if few values differ
+_OUTERMOST = 32  #: number of outermost values that decide in this second look
+_FIRST_AGAIN = 2**45 + 2**42  #: index of the first path of this second look
+_SMALLEST = 1e-135  #: smallest allowed largest value: the square of a millionth of it does not underflow
+_MOST, _LONG = 2**24, 60.0  #: most values and most seconds for a look at f where few values differ
+_PATHS = 256  #: number of paths; f is tried at points around the ends of these paths
+_FIRST = 2**45 + 2**43  #: index of the first of these paths
+_MOVED = 1e-3  #: shift of an end, in widths of the box around all ends
+_RESPONDS = 1e-6  #: f responds if such a shift changes it by more than this part of its range in the box
+_SAME = 1e-13  #: f counts as constant if its relative variation is smaller
+LEAST = 256  #: least number of values from which tails can be judged
+_DOUBT = 2.0  #: standard errors by which the tail index must differ to decide
 
 
 def _logarithms(values: np.ndarray, count: int) -> np.ndarray:

@@ -27,23 +27,25 @@ from .estimators import Antithetic, Drawn, Plain, Quasi, columns, load, quasi_ap
 from .interval import Tally
 from .problem import Problem
 
-LEVELS = 4  #: of a pilot, the first without differences: three differences tell a power of h and its doubt
-MOST_HALVINGS = 10  #: of the finest of them: a factor of a thousand, beyond which no extrapolation is believed
-UNSTABLE = 4  #: coarsest steps that are tried, each half of the one before, where paths fail
-UNITS = 256  #: antithetic pairs that are measured: their variance is known to a tenth, enough to choose by
-SHORT, LONG, SCRAMBLINGS = 5, 8, 8  #: log2 of the points, and scramblings: eight times the points show a fall
-FIRST = 2**45  #: path that measurements begin at, far from those of levels and of answers
-USUAL, OF_JUMPS = 1.5, 1.1  #: falls s of smooth f (most are within 1.2 and 1.8), and of truth values (0.9 and 1.3)
-_USUALLY = 0.3  #: by which these scatter
-_DOUBT = 1.06  #: standard error of the log2 of a ratio of two variances of eight units
-_FEW = 1.2  #: standard errors of eight units, as many of a normal law
-_TIMED = 1024  #: paths of a call that is timed: many times what a call takes by itself
-_LONG_ENOUGH = 5e-4  #: seconds of such a call, beyond which a quarter of the paths is enough
-_TURNED = 2.0  #: omega T (omega h)^a, below which no phase is a tenth of a radian off
-_NEARER = 0.75  #: times the mean square at one halving, that at the next may be
-_NEARLY = 1 - 1e-12  #: rounding of powers of two is no step more
-_CALL, _MATRIX, _NUMBER = 1e-4, 2.2e-5, 2e-8  #: seconds, about: a call, scrambling a dimension, a bridged normal
-_SLOWER = 1.5  #: times the seconds of a path, of one of given increments, about
+LEVELS = 4  #: number of levels of a pilot: three differences determine a power of h and its doubt
+MOST_HALVINGS = 10  #: most halvings of the finest step: beyond a factor of a thousand no extrapolation is believed
+UNSTABLE = 4  #: number of coarsest steps that are tried if paths fail, each half of the one before
+UNITS = 256  #: number of antithetic pairs that are measured: enough to know their variance to a tenth
+#: log2 of few and of more points, and scramblings: eight times the points show a fall
+SHORT, LONG, SCRAMBLINGS = 5, 8, 8
+FIRST = 2**45  #: index of the first path of measurements, far from the paths of levels and of answers
+USUAL, OF_JUMPS = 1.5, 1.1  #: falls s of smooth f (most lie within 1.2 and 1.8) and of truth values (0.9 and 1.3)
+_USUALLY = 0.3  #: scatter of these falls
+_DOUBT = 1.06  #: standard error of log2 of the ratio of two variances, each of eight units
+_FEW = 1.2  #: a standard error of eight units is enlarged by this factor: Student's law over the normal law
+_TIMED = 1024  #: paths of a timed call: they take many times as long as the call by itself
+_LONG_ENOUGH = 5e-4  #: if a timed call takes more seconds, a quarter of the paths is enough
+_TURNED = 2.0  #: below this omega T (omega h)^a no phase is wrong by more than a tenth of a radian
+_NEARER = 0.75  #: paths come nearer to each other if a halving leaves less than this part of the mean square
+_NEARLY = 1 - 1e-12  #: without this factor, rounding of powers of two could add a step
+#: rough seconds of a call, of scrambling a dimension, and of a bridged normal
+_CALL, _MATRIX, _NUMBER = 1e-4, 2.2e-5, 2e-8
+_SLOWER = 1.5  #: a path of given increments takes about so many times as long as other paths
 
 
 @dataclass(frozen=True)
@@ -51,8 +53,8 @@ class Pairs:
     """Antithetic pairs, measured at a level."""
 
     level: float
-    variance: float  #: of a pair
-    seconds: float  #: of a pair
+    variance: float  #: variance of a pair
+    seconds: float  #: seconds of a pair
 
 
 @dataclass(frozen=True)
@@ -60,11 +62,11 @@ class Even:
     """Scramblings of few and of more Sobol points at a level: means of f, and of its change from the level before."""
 
     level: int
-    fine: dict[int, Tally]  #: by log2 of the points
-    change: dict[int, Tally]  #: of f itself at level 0
-    path: float  #: seconds of a point, of both paths
-    once: float  #: seconds, whatever the points: matrices, calls
-    usual: float = USUAL  #: fall of the variance of units, of an f like this one
+    fine: dict[int, Tally]  #: log2 of the number of points -> tally of f
+    change: dict[int, Tally]  #: log2 of the number of points -> tally of the change; at level 0 of f itself
+    path: float  #: seconds of a point, both paths included
+    once: float  #: seconds of matrices and calls, which do not depend on the number of points
+    usual: float = USUAL  #: usual fall of the variance of units for an f of this kind
 
     @property
     def error(self) -> float:
@@ -95,12 +97,12 @@ class Trial(Levels):
         """
         super().__init__(weak_order(problem, scheme), Tally())
         self.problem, self.scheme = problem, scheme
-        self.loading = 0.0  #: seconds of packages, once a process
+        self.loading = 0.0  #: seconds of loading packages, spent once in a process
         self.usable = False
-        self.doubled = 0  #: times
+        self.doubled = 0  #: number of doublings of the paths so far
         self._changed()
         self.pairs: Pairs | None = None
-        self.even: dict[int, Even | None] = {}  #: by level
+        self.even: dict[int, Even | None] = {}  #: level -> measurement; None if none was possible
         begin = time.process_time()
         for _ in range(UNSTABLE):
             self.sampler, self._first = LevelSampler(problem, scheme, coarsest), 0
@@ -160,7 +162,7 @@ class Trial(Levels):
 
     def _changed(self) -> None:
         """Forget what followed from the draws so far."""
-        self._biases: dict[float, tuple[float, float]] = {}  #: by level
+        self._biases: dict[float, tuple[float, float]] = {}  #: level -> bias and its standard error
         self._is_settled: bool | None = None
 
     def _draw(self, level: int, paths: int) -> None:

@@ -16,10 +16,10 @@ from ...native.signals import carry
 
 log = logging.getLogger("symsde")
 
-_TICKS = 1000  #: of the whole, told to a progress function
-_LONGER, _MOMENT = 1.5, 0.5  #: times the seconds that were told, and seconds beside them, that nobody is warned of
-_UNTOLD = 0.1  #: seconds below which no number is told: calls that no pilot made take as long
-_KNOWN = 0.1  #: share of the work, from which on its seconds tell those of the whole
+_TICKS = 1000  #: ticks of the whole work that a progress function is told
+_LONGER, _MOMENT = 1.5, 0.5  #: nobody is warned before the time told is exceeded by this factor and by so many seconds
+_UNTOLD = 0.1  #: fewer seconds are not told as a number: calls that no pilot made take as long
+_KNOWN = 0.1  #: from this share of the work on, its seconds predict the seconds of the whole
 
 
 def told(seconds: float) -> str:
