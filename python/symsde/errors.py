@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import re
 
-_LONGEST = 2000  #: characters of a sentence, which may repeat what was given
+_LONGEST = 2000  #: most characters of a message, which may repeat an argument
 
 
 def shortened(text: str) -> str:
@@ -130,7 +130,7 @@ class RepeatedNoiseWarning(UserWarning):
     """A run begins where another one may have ended, but with the noise of the first steps of its seed."""
 
 
-#: warnings of runs whose sentences their reports or moments hold, too: those who put runs together say them once
+#: warnings of runs whose sentences also stand in reports or moments; code that puts runs together gives them once
 OF_RUNS = (PathsFailedWarning, NotANumberWarning, RepeatedNoiseWarning, DoubtfulRunWarning, UnsaidAbsorbWarning)
 
 

@@ -27,7 +27,9 @@ class Measured:
     """A measured order: the slope of the error over the step."""
 
     order: float
-    half_width: float  #: of its 95 % interval; for weak orders (no sampling) the difference of the last two slopes
+    #: half width of the 95 % interval of the slope; for weak orders (no sampling) the difference of the last two
+    #: slopes
+    half_width: float
     floor: float  #: error of the reference over the smallest error that counts; 0 = exact
 
 
@@ -35,8 +37,8 @@ class Measured:
 class Order:
     """An order of convergence and what it rests on."""
 
-    value: float  #: 0 = does not converge, or is not made for such noise
-    evidence: str  #: derived: from the coefficients that are executed; claimed; none
+    value: float  #: order; 0 = the scheme does not converge, or is not made for such noise
+    evidence: str  #: derived, from the coefficients that are executed; claimed; none
     measured: Measured | None  #: on the problem that the certificate names; None = not measured
 
 
@@ -48,31 +50,32 @@ class SchemeInfo:
     reference: str
     form: str  #: tableau, Galerkin, Euler-Maruyama, or drifts and kicks
     nstage: int
-    degree: int  #: of the polynomial; 0 = the scheme is not from a quadrature
+    degree: int  #: degree of the polynomial; 0 = the scheme is not made from a quadrature
     symplectic: bool
     symmetric: bool
-    keeps_quadratic: bool  #: quadratic invariants are kept exactly
-    keeps_bilinear: bool  #: invariants q^T D p, such as angular momentum, are kept exactly
-    structure_evidence: str  #: for these four: derived, or claimed (schemes with a special stepper)
-    symplecticity_residual: float  #: of the coefficients; 0 = the conditions hold
+    keeps_quadratic: bool  #: whether quadratic invariants are kept exactly
+    keeps_bilinear: bool  #: whether invariants q^T D p, such as angular momentum, are kept exactly
+    #: evidence for the four properties above: derived, or claimed (schemes with a special stepper)
+    structure_evidence: str
+    symplecticity_residual: float  #: residual of the conditions on the coefficients; 0 = they hold
     symmetry_residual: float
     quadratic_residual: float
     stratonovich_sum: float  #: beta^T b e; 1/2 = consistent
     correction_coefficient: float  #: 1/2 - lambda; 0 = needs no correction
     correction_needed: bool
     correction_exists: bool
-    orders: dict[str, Order]  #: strong: additive, commutative, general, commuting (flows); weak
+    orders: dict[str, Order]  #: strong orders: additive, commutative, general, commuting (flows); weak order: weak
     order_noise_free: int
     uses_dz: bool
     uses_areas: bool
-    uses_stt_area: bool  #: K, the space-time-time Levy area
-    uses_magnus: bool  #: J, the second Magnus term of the kicks
-    uses_nested_bracket: bool  #: {{H, H_k}, H_k}
-    crosses_noises: bool  #: {{H_l, H_k}, H_k} too: its weak order holds for every noise
-    law: str  #: of the increments: Gaussian, three-point or two-point
+    uses_stt_area: bool  #: whether the scheme uses K, the space-time-time Levy area
+    uses_magnus: bool  #: whether the scheme uses J, the second Magnus term of the kicks
+    uses_nested_bracket: bool  #: whether the scheme uses {{H, H_k}, H_k}
+    crosses_noises: bool  #: whether the scheme uses {{H_l, H_k}, H_k}, too: its weak order holds for every noise
+    law: str  #: law of the increments: Gaussian, three-point or two-point
     explicit_for: str  #: never, separable models, every model
-    gradients_per_step: int  #: for implicit schemes in each iteration
-    unknowns: int  #: of the solver, for each degree of freedom
+    gradients_per_step: int  #: number of gradients in a step; for implicit schemes in each iteration
+    unknowns: int  #: unknowns of the solver for each degree of freedom
     unknowns_if_separable: int
 
 
@@ -81,13 +84,13 @@ class Tableau:
     """Coefficients of a partitioned Runge-Kutta scheme, as `from_tableau` takes them; row i belongs to stage i."""
 
     c: np.ndarray  #: (stage,), nodes
-    a: np.ndarray  #: (stage, stage), of q
-    abar: np.ndarray  #: (stage, stage), of p
+    a: np.ndarray  #: (stage, stage), coefficients of q
+    abar: np.ndarray  #: (stage, stage), coefficients of p
     alpha: np.ndarray  #: (stage,), weights
-    b: np.ndarray  #: (stage, stage), of q for the noise
-    bbar: np.ndarray  #: (stage, stage), of p for the noise
+    b: np.ndarray  #: (stage, stage), coefficients of q for the noise
+    bbar: np.ndarray  #: (stage, stage), coefficients of p for the noise
     beta: np.ndarray  #: (stage,), weights of the noise
-    beside: str  #: what the scheme does beside the tableau; if empty, from_tableau makes the same scheme
+    beside: str  #: operations of the scheme beside the tableau; if empty, from_tableau makes the same scheme
 
 
 class Certificate(str):

@@ -19,8 +19,8 @@ import numpy as np
 from ..model.definition import Model
 from ..schemes import Scheme
 
-_SCALES = (0.1, 1.0, 4.0)  #: of the distance to the first state
-_POINTS = 3  #: at each distance
+_SCALES = (0.1, 1.0, 4.0)  #: sizes of the shifts from the first state to the points
+_POINTS = 3  #: number of points for each size
 _DIGITS = 1e8
 _LEAST = 1e-5
 _GOLDEN = 0.6180339887498949

@@ -29,10 +29,10 @@ class Need:
     shards: int
     shard_paths: int
     workers: int
-    memory: float  #: bytes, of this process, about
-    disk: float  #: bytes
-    seconds: float  #: on the threads of this process
-    free: float = math.inf  #: bytes where the results go; infinite where that is not known
+    memory: float  #: rough number of bytes of memory of this process
+    disk: float  #: number of bytes on disk
+    seconds: float  #: seconds on the threads of this process
+    free: float = math.inf  #: number of free bytes in the folder of the results; infinite if it is not known
 
     def __str__(self) -> str:
         """A line for each."""

@@ -31,12 +31,13 @@ class ErrorCheck:
     t: np.ndarray  #: (time,)
     n: np.ndarray  #: (time,), paths that count
     rms: np.ndarray  #: (time,), root mean square of the distance of the paths in (q, p)
-    names: tuple[str, ...]  #: of the values: coordinates, momenta, energy, observables, squares of the first two
+    #: names of the values: coordinates, momenta, energy, observables, squares of coordinates and momenta
+    names: tuple[str, ...]
     mean: np.ndarray  #: (time, value), differences of means
     se_mean: np.ndarray  #: (time, value), their standard errors
-    seconds: tuple[float, float]  #: of the two runs
-    attributes: dict[str, str]  #: what made the run at the full step
-    remarks: tuple[str, ...] = ()  #: what is not compared
+    seconds: tuple[float, float]  #: seconds of the two runs
+    attributes: dict[str, str]  #: provenance of the run at the full step
+    remarks: tuple[str, ...] = ()  #: sentences about results that are not compared
 
     def __str__(self) -> str:
         """The last time, and the largest distance."""

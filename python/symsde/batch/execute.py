@@ -38,7 +38,7 @@ class Task:
     """A run whose pieces are computed anywhere: the object can be pickled."""
 
     model: Model
-    options: dict[str, Any]  #: of `simulate`
+    options: dict[str, Any]  #: options of `simulate`
     observables: dict[str, Observable] = field(default_factory=dict)
     observers: dict[str, requests.Observer] = field(default_factory=dict)
 
@@ -59,7 +59,7 @@ class Task:
 class Checkpoint(Protocol):
     """The store of a long piece's state."""
 
-    seconds: float  #: between two states that are written; more where they take long to write
+    seconds: float  #: seconds between two states that are written; more if writing takes long
 
     def read(self) -> Shard | None:
         """The last state; None if there is none."""

@@ -46,7 +46,7 @@ class RunFolder:
         self._kept_bytes = 0
         self._claims: Claims | None = None
         self.checkpoint_seconds = 10.0
-        self.parts: dict[str, Shard] = {}  #: of moments of pieces that were stopped, by their names
+        self.parts: dict[str, Shard] = {}  #: shards of moments of pieces that were stopped, by name
 
     @classmethod
     @contextlib.contextmanager

@@ -20,7 +20,7 @@ from .pieces import is_size
 from .scene import RUN_KEYS, Scene
 
 FORMAT = 2
-_READABLE = (1, FORMAT)  #: 1: without what the run was computed with
+_READABLE = (1, FORMAT)  #: formats that are read; format 1 lacks the values that identify models and functions
 NAME = "manifest.json"
 _DEFAULTS = {name: parameter.default for name, parameter in inspect.signature(simulate).parameters.items()}
 _NOT_OF_THE_RESULT = {"threads", "lanes"}  # the results have the same bits for all values of these

@@ -19,7 +19,7 @@ import numpy as np
 from ..errors import InvalidArgumentError, SceneError
 from ..native import checks, library
 
-#: whether scenes may name Python functions; the command line asks by --allow-python
+#: whether scenes may name Python functions; set by --allow-python of the command line
 ALLOWED: contextvars.ContextVar[bool] = contextvars.ContextVar("ALLOWED", default=False)
 
 

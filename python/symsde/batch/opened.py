@@ -33,7 +33,8 @@ class OpenRun:
         if found is None:
             raise SceneError(f"{self.path} holds no run (no {manifest.NAME}): give a folder of `symsde run`")
         manifest.require_run(found, self.path)
-        self.manifest: dict[str, Any] = found  #: inputs with their hash, seed, counter map, version, compiler, build
+        #: the inputs with their hash, seed, counter map, version, compiler, build
+        self.manifest: dict[str, Any] = found
         self._batch = Batch.of(str(self.path / "scene.toml"), str(self.path), str(found["shard_paths"]))
         manifest.require_scene(found, self._batch.scene, self.path)
         self._folder = RunFolder(Path(self.path), found, self._batch.pieces)

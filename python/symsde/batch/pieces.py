@@ -9,10 +9,10 @@ from dataclasses import dataclass
 from ..errors import InvalidArgumentError
 from ..native.checks import integer
 
-UNIT = 256  #: paths of a unit: pieces of moments are 2^k of them, from a multiple of their size
+UNIT = 256  #: number of paths of a unit: a piece of moments has 2^k units and begins at a multiple of its size
 _LEAST, _MOST = 2**27, 2**29  # path-steps times degrees of freedom of a piece: seconds, which its file adds little to
 _PIECES = 32  # that many pieces if each is worth a file, so that a few processes are busy until the end
-FILES = 2**14  #: more than that no folder should have to hold
+FILES = 2**14  #: most files that a folder should hold
 _SAVED = 2**26  # bytes of paths in a piece
 
 
@@ -20,11 +20,11 @@ _SAVED = 2**26  # bytes of paths in a piece
 class Piece:
     """Consecutive paths, and what is wanted of them."""
 
-    name: str  #: of its shard, without ending
+    name: str  #: name of the shard, without ending
     kind: str  #: "moments" or "paths"
     first: int  #: global index of the first path
     paths: int
-    work: int  #: path-steps
+    work: int  #: number of path-steps
 
 
 @dataclass(frozen=True)
@@ -34,7 +34,7 @@ class Extent:
     first: int  #: global index of the first path
     paths: int
     steps: int
-    saved: int  #: saved times
+    saved: int  #: number of saved times
     ndof: int
 
 

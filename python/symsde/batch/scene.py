@@ -30,7 +30,7 @@ OUTPUT_KEYS = ["moments", "paths"]
 STUDY_KEYS = ["schemes", "steps", "horizon", "paths", "reference", "reference_steps", "repeats", "interval"]
 EXPECT_KEYS = ["f", "abs", "rel", "horizon", "scheme", "method", "max_time"]
 
-#: whether scenes may name Python functions; --allow-python of the command line
+#: whether scenes may name Python functions; set by --allow-python of the command line
 PYTHON_ALLOWED = named_functions.ALLOWED
 
 
@@ -41,14 +41,15 @@ class Scene:
     file: str
     model: Model
     run: dict[str, Any]  #: options of `simulate`
-    moments: bool  #: moments are wanted
+    moments: bool  #: whether moments are asked for
     paths: list[int] | range  #: global indices of the paths to save, ascending
     study: dict[str, Any] = field(default_factory=dict)  #: options of `work_precision`
     expect: dict[str, Any] = field(default_factory=dict)  #: options of `expect`
-    tables: dict[str, Any] = field(default_factory=dict)  #: the file, read
-    text: str = ""  #: the file as it stands
-    observables: dict[str, observables.Observable] = field(default_factory=dict)  #: values of the user's own, by name
-    observers: dict[str, requests.Observer] = field(default_factory=dict)  #: what is kept beside moments
+    tables: dict[str, Any] = field(default_factory=dict)  #: tables of the file as read
+    text: str = ""  #: text of the file
+    #: observables that the user defined, by name
+    observables: dict[str, observables.Observable] = field(default_factory=dict)
+    observers: dict[str, requests.Observer] = field(default_factory=dict)  #: observers beside moments, by name
 
     @property
     def unsaid(self) -> str:
@@ -151,7 +152,7 @@ def _observers(file: str, scene: Scene) -> dict[str, requests.Observer]:
     return found
 
 
-NESTED = re.compile(r"(?:[\[{][\s\w.,=]*){50}")  #: more brackets than any scene opens in a row
+NESTED = re.compile(r"(?:[\[{][\s\w.,=]*){50}")  #: text with more brackets open in a row than any scene has
 
 
 def _read(file: str) -> tuple[str, dict[str, Any]]:

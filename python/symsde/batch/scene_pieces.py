@@ -19,7 +19,7 @@ class Batch:
 
     scene: Scene
     task: Task
-    size: int  #: paths of a shard
+    size: int  #: number of paths of a shard
     pieces: list[Piece]
     out: str
 

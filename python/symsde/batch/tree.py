@@ -20,7 +20,7 @@ class Node:
     n_ok: np.ndarray  #: (time,)
     mean: np.ndarray  #: (time, value)
     m2: np.ndarray  #: (time, value)
-    kept: dict[str, PartialStatistics] = field(default_factory=dict)  #: by observers
+    kept: dict[str, PartialStatistics] = field(default_factory=dict)  #: sums and counts of observers, by name
 
 
 MergeKept = Callable[[str, PartialStatistics, PartialStatistics], None]

@@ -10,7 +10,7 @@ from .. import schemes
 from ..native.build import build_info
 
 HELP = "Print BibTeX of this project, of the paper that it follows, and of where a scheme comes from."
-#: What is cited, by the words of the library's references. Fields that could not be confirmed are left out.
+#: References that are printed, in the library's own words. Fields that could not be confirmed are left out.
 _SOURCES = {
     "[WHSB]": """@article{WHSB,
   author = {Wang, Lijin and Hong, Jialin and Scherer, Rudolf and Bai, Fengshan},

@@ -18,7 +18,7 @@ from ..model.definition import Model
 from .run_command import logged
 
 HELP = "Compute the mean of a function of the final state to a tolerance, in the cheapest way."
-STOPPED = 4  #: exit code where an interval is wider than asked
+STOPPED = 4  #: exit code if an interval is wider than asked
 
 
 def arguments(parser: argparse.ArgumentParser) -> None:

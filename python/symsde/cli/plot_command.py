@@ -56,9 +56,9 @@ def run(options: argparse.Namespace) -> int:
 class Figure:
     """A figure that can be drawn."""
 
-    make: Callable[[], tuple]  #: its panels and title
-    shows: tuple[str, ...]  #: values that it can show
-    called: Callable[[str], str] = str  #: the name that a value has among these
+    make: Callable[[], tuple]  #: makes the panels and the title
+    shows: tuple[str, ...]  #: names of the values that the figure can show
+    called: Callable[[str], str] = str  #: name of a value -> its name in `shows`
 
     def has(self, names: list[str]) -> bool:
         """Whether the figure can show all of these values."""

@@ -19,8 +19,8 @@ from ..native.checks import counted
 
 HELP = "Write the scripts of a job array for Slurm: parts of a scene, their merge, their environment."
 PARTS, MERGE, ENVIRONMENT, SUBMIT = "parts.sbatch", "merge.sbatch", "environment.sh", "submit.sh"
-_MOST = 10000  #: parts of an array
-_DEFAULT = 32  #: parts, where there are as many shards
+_MOST = 10000  #: most parts of an array
+_DEFAULT = 32  #: default number of parts, if there are as many shards
 
 
 def arguments(parser: argparse.ArgumentParser) -> None:

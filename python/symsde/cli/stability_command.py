@@ -20,9 +20,9 @@ from ..studies import expectations, pages
 from .advise_command import problem_of
 
 HELP = "How long a step of a scene may be; without a scene, run stiff and extreme cases and compare with expectations."
-_LEFT = ("quick", "out", "markdown")  #: options of the cases
+_LEFT = ("quick", "out", "markdown")  #: options that belong to the cases and not to a scene
 FAILED = 1
-_PATHS = 64  #: of a scene, whose fastest frequency counts
+_PATHS = 64  #: number of paths of a scene on which the fastest frequency is looked for
 
 
 def arguments(parser: argparse.ArgumentParser) -> None:

@@ -14,8 +14,8 @@ from ..model.formulas.emit_c import reachable
 from ..model.formulas.graph import Graph
 from .given import Given
 
-SUM, PRODUCT, ATOM = 1, 2, 9  #: how strongly parts hold together
-MAX_CHARACTERS = 90  #: of one expression; parts of longer ones get a name
+SUM, PRODUCT, ATOM = 1, 2, 9  #: precedence of the last operation of an expression
+MAX_CHARACTERS = 90  #: most characters of one expression; parts of longer expressions get a name
 
 
 class Expressions:

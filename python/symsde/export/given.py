@@ -17,7 +17,7 @@ from ..model.formulas import FormulaModel
 from ..native import abi
 from ..run.setup import make_options, make_setup
 
-#: components and procedures of the type that a model in Fortran extends (src/model/abstract.f90)
+#: names of components and procedures of the type that a Fortran model extends (src/model/abstract.f90)
 _TAKEN = frozenset(
     (
         *(
@@ -36,7 +36,7 @@ _TAKEN = frozenset(
         *("hessian_vector", "gradient_hessian", "hessian_banded", "force_stiffness", "third_derivative"),
     )
 )
-#: options of a run that programs leave alone: how many threads there are is the machine's
+#: options of a run that programs do not set: the number of threads, for instance, belongs to the machine
 _LEFT_OUT = {"struct_size", "progress", "progress_user", "threads", "lanes"}
 
 
@@ -44,19 +44,19 @@ _LEFT_OUT = {"struct_size", "progress", "progress_user", "threads", "lanes"}
 class Given:
     """A scene as a program sees it."""
 
-    stem: str  #: name of the program, and its file
-    title: tuple[str, ...]  #: what the comment at the top says
-    model: FormulaModel | None  #: with formulas; None = built-in
-    name: str  #: of the model
-    parameters: dict[str, float]  #: by the names that the scene gives them
-    identifiers: dict[str, str]  #: the same by names that Fortran takes
+    stem: str  #: name of the program and of its file
+    title: tuple[str, ...]  #: lines of the comment at the top
+    model: FormulaModel | None  #: model made of formulas; None = built-in
+    name: str  #: name of the model
+    parameters: dict[str, float]  #: parameter name of the scene -> value
+    identifiers: dict[str, str]  #: parameter name of the scene -> identifier that Fortran accepts
     scheme: str
-    options: dict[str, int | float]  #: members of symsde_options that are not their default
+    options: dict[str, int | float]  #: members of symsde_options that differ from their default
     q0: tuple[float, ...]
     p0: tuple[float, ...]
     ntime: int
     has_energy: bool
-    third: dict[str, list[int]]  #: nodes of third derivatives, where the scheme takes them
+    third: dict[str, list[int]]  #: nodes of third derivatives, if the scheme needs them
 
     @property
     def is_chain(self) -> bool:
@@ -128,7 +128,7 @@ def identifiers(names: Iterable[str]) -> dict[str, str]:
     return result
 
 
-_FEW = 8  #: degrees of freedom that are written one by one
+_FEW = 8  #: most degrees of freedom that are written one by one
 
 
 def columns(ndof: int, has_energy: bool) -> str:

@@ -9,9 +9,9 @@ from .expressions import wrapped
 from .given import Given, columns, equal, harmless
 
 WIDTH = 110
-ARGUMENTS = ("gradient", "value", "hessian", "hessian_vector")  #: of symsde_model_new, in this order
-SETTERS = ("gradient_hessian", "third_derivative", "chain_rows")  #: functions that are given one by one
-#: products that a sum takes into one operation are variables all the same
+ARGUMENTS = ("gradient", "value", "hessian", "hessian_vector")  #: function arguments of symsde_model_new, in this order
+SETTERS = ("gradient_hessian", "third_derivative", "chain_rows")  #: functions that are set one by one
+#: products that become part of one operation of a sum are variables, too, which nothing uses
 MODEL = ("#pragma GCC diagnostic push", '#pragma GCC diagnostic ignored "-Wunused-variable"')
 
 

@@ -13,14 +13,14 @@ from .given import Given, columns, equal
 WIDTH = 118
 BLOCKS = {"value": ("value",), "gradient": ("hq", "hp"), "hessian": ("hqq", "hqp", "hpp")}
 THIRD = {"third_derivative": ("tq", "tp")}
-CALLED = {"tq": "uq", "tp": "up"}  #: outputs as the library's interface names them
+CALLED = {"tq": "uq", "tp": "up"}  #: output -> its name in the library's interface
 ABOUT = {
     "value": "S = sum_j w_j H_j, lane by lane: one lane is one path",
     "gradient": "S_q and S_p; what is absent is not wanted",
     "hessian": "S_qq, S_qp and S_pp; hqp(:, i, j) = d2 S/(dq_i dp_j)",
     "third_derivative": "The gradient of a^T (the Hessian) b",
 }
-#: functions of x that Fortran has not
+#: functions of x that Fortran does not have
 FUNCTIONS = {
     "sech": ["y = 2/(exp(x) + exp(-x))"],
     "csch": ["y = 1/sinh(x)"],

@@ -10,7 +10,7 @@ from ..model.formulas.sites import Chain, Density, Place
 from .expressions import PRODUCT, Expressions, wrapped
 from .given import Given, harmless
 
-#: procedures: what they are, the arguments that are arrays of states, and their results
+#: procedure -> its comment, the arguments that are arrays of states, and its results
 PROCEDURES = {
     "value": ("S = sum_j w_j H_j, lane by lane: one lane is one path", (), ("value",)),
     "gradient": ("S_q and S_p; what is absent is not wanted", (), ("hq", "hp")),
@@ -53,7 +53,7 @@ class _Piece:
         self.density, self.output = density, output
         self.chain: Chain = given.model._chain
         self.names = list(given.identifiers.values())
-        self.rows: dict[str, int] = {}  #: of periodic ends: names of neighbouring sites -> offset
+        self.rows: dict[str, int] = {}  #: for periodic ends: name of a neighbouring site -> offset
         graph = density.derivatives.graph
         added = [(at, node) for at, node in entries(density, output) if not graph.is_number(node, 0.0)]
         text = Expressions(graph, [node for _, node in added], self._leaf, number)

@@ -19,9 +19,9 @@ from ..native.signals import held
 from ..show import html
 from .named import require_names
 
-#: traits that are true or false; a property of the Hamiltonians each
+#: traits that are true or false; each names a property of the Hamiltonians
 FLAGS = ("separable", "additive", "position_noise", "quadratic", "identity_mass", "constant_mass")
-#: built-in model -> its H, H_1 .. as the docstring of its function in `symsde.models` has them
+#: built-in model -> texts of H, H_1 .., as in the docstring of its function in `symsde.models`
 HAMILTONIANS: dict[str, Sequence[str]] = {}
 _KNOWN = ("has_value", "has_hessian", "has_hessian_vector")
 
@@ -31,14 +31,14 @@ class Traits:
     """Properties that a model declares of its Hamiltonians H_0 = H, H_1 .. H_m; they decide what is skipped."""
 
     ndof: int  #: degrees of freedom
-    nnoise: int  #: noises m
+    nnoise: int  #: number m of noises
     separable: bool  #: every H_j = T_j(p) + U_j(q)
     additive: bool  #: every H_k, k >= 1, is linear in (q, p)
     position_noise: bool  #: every H_k, k >= 1, depends on q alone
     quadratic: bool  #: every H_j is a polynomial of degree two at most
     identity_mass: bool  #: H = p.p/2 + U(q)
     constant_mass: bool  #: H = p.M^-1 p/2 + U(q) with a constant matrix M
-    bandwidth: int | None  #: of every block of the Hessian; None = dense
+    bandwidth: int | None  #: bandwidth of every block of the Hessian; None = dense
     max_frequency: float  #: bound of the frequencies of H; 0 = not declared
     noise_lipschitz: float  #: Lipschitz constant of the noise; 0 = not declared
     #: frequencies omega_i of the stiff linear part, H = p.p/2 + sum_i omega_i^2 q_i^2/2 + V(q); None = not declared
@@ -114,12 +114,13 @@ class Model:
     `damped`, which does so for any model.
     """
 
-    #: (q0, p0, t0) -> refuses an initial state of all paths, (dof, 1), from which no run can begin: formulas know
+    #: (q0, p0, t0) -> refuses an initial state of all paths, (dof, 1), from which no run can begin. Models of formulas
+    #: know
     check_start: Callable[[np.ndarray, np.ndarray, float], None] | None = None
-    _damping: tuple[float, ...] = ()  #: rates of the momenta, none of a closed system
-    _closed: Model | None = None  #: of a damped model, the same without damping
-    _coordinates: tuple[str, ...] = ()  #: names of its own for coordinates and momenta, if it has some
-    _hamiltonians: Sequence[str] = ()  #: "H = ..", "H_1 = .." where they are known
+    _damping: tuple[float, ...] = ()  #: damping rates of the momenta; empty for a closed system
+    _closed: Model | None = None  #: for a damped model the same model without damping
+    _coordinates: tuple[str, ...] = ()  #: the model's own names of coordinates and momenta, if it has any
+    _hamiltonians: Sequence[str] = ()  #: texts "H = ..", "H_1 = .." if they are known
 
     @checks.hinted()
     def __init__(
@@ -183,7 +184,7 @@ class Model:
             "chain_rows": chain_rows,
         }
         kinds = _kinds(functions)
-        self.in_python = "Python" in kinds  #: some callback is a Python function
+        self.in_python = "Python" in kinds  #: whether some callback is a Python function
         flows = _checked_flows(flows)
         kinds |= {"compiled"} if flows else set()
         if any_lanes is None:

@@ -240,7 +240,7 @@ class Moments(Structure):
     )
 
 
-#: enum symsde_observer_kind, from 1
+#: members of enum symsde_observer_kind, from 1 on
 OBSERVERS = ("histogram", "quantiles", "covariance", "autocorrelation", "extremes", "passage", "paths")
 
 

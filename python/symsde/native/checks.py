@@ -26,13 +26,13 @@ _R = TypeVar("_R")
 _address_of, _byte_at = ctypes.addressof, ctypes.c_char.from_buffer
 
 INT32 = (-(2**31), 2**31 - 1)
-_LITTLE = 2**24  #: bytes that every machine has
+_LITTLE = 2**24  #: number of bytes that every machine has
 INT64 = (-(2**63), 2**63 - 1)
 UINT64 = (0, 2**64 - 1)
 _LESS = "save less often (save_every), fewer paths, or use moments"
 _FLOAT64 = np.dtype(np.float64)
-_LARGE = 2**28  #: bytes, beyond which it is worth a look whether there is room
-_NAME = 1000  #: characters of a name; the library takes 4096 bytes
+_LARGE = 2**28  #: number of bytes from which on the free memory is looked at
+_NAME = 1000  #: most characters of a name; the library takes 4096 bytes
 
 
 def shown(value: object) -> str:
@@ -127,7 +127,7 @@ def counted(number: int, noun: str) -> str:
     return f"{number} {first}{'' if number == 1 else 's'}{f' {rest}' if rest else ''}"
 
 
-#: what others call it -> what it is called here
+#: name in other libraries -> name here
 _ELSEWHERE = {
     **dict.fromkeys(("dt", "h", "stepsize", "tau"), "step"),
     **dict.fromkeys(("method", "integrator", "solver", "alg"), "scheme"),

@@ -9,9 +9,9 @@ from pathlib import Path
 
 from ..errors import InvalidArgumentError, LibraryNotFoundError
 
-BASELINE = "baseline"  #: the package's own library; in wheels it is of level v2, which those of NumPy need, too
+BASELINE = "baseline"  #: level of the package's own library; in wheels it is v2, which NumPy's wheels need, too
 _V2 = {"cx16", "lahf_lm", "popcnt", "sse4_1", "sse4_2", "ssse3"}
-#: What each level needs beyond the one before, in the words of /proc/cpuinfo (x86-64 psABI, table 3.1).
+#: flags of /proc/cpuinfo that each level needs beyond the level before (x86-64 psABI, table 3.1)
 LEVELS = {
     "v3": {"abm", "avx", "avx2", "bmi1", "bmi2", "f16c", "fma", "movbe", "xsave", *_V2},
     "v4": {"avx512bw", "avx512cd", "avx512dq", "avx512f", "avx512vl"},

@@ -21,7 +21,7 @@ from ..errors import InvalidArgumentError, MissingPackageError, NotWrittenError
 from . import checks, parts
 
 Variables = Mapping[str, tuple[tuple[str, ...], np.ndarray]]
-NETCDF = threading.RLock()  #: the library of HDF5 crashes where two threads are in it, whatever their files
+NETCDF = threading.RLock()  #: the library of HDF5 crashes if two threads use it at once, whatever their files
 
 
 def optional(package: str, extra: str) -> ModuleType:

@@ -27,7 +27,7 @@ except ImportError:  # not POSIX
 _PREFIX = ".part-"
 _LOCK = "lock"
 _DAY = 86400.0
-_TRIES = 10  #: somebody else takes a folder for left before it is locked
+_TRIES = 10  #: most attempts: before a new folder is locked, another process may remove it as left behind
 
 _user = getattr(os, "geteuid", int)  # 0 where files have no owners
 

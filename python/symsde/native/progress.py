@@ -49,8 +49,9 @@ def _warn_innermost(text: bytes, _user) -> int:
 class Monitor:
     """Context of one run; the library calls `callback` between chunks, in its thread."""
 
-    callback = abi.Progress(_ask_innermost)  #: one for all, since to make one takes a share of a short run
-    warning = abi.Warn(_warn_innermost)  #: and before the first step, where there is something to warn of
+    #: one C function for all runs: making one takes a noticeable part of a short run
+    callback = abi.Progress(_ask_innermost)
+    warning = abi.Warn(_warn_innermost)  #: called before the first step if there is something to warn of
 
     def __init__(self, progress: Progress, *, in_python: bool = True):
         """Check the progress function. If a run calls Python functions, these may set handlers of signals."""

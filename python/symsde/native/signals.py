@@ -108,7 +108,8 @@ class Held:
             raise
 
 
-_held, _not_ours = Held(range(1, signal.NSIG)), Held(())  #: and that of other threads, which no handler is called in
+#: for the main thread; for other threads, in which Python calls no handler
+_held, _not_ours = Held(range(1, signal.NSIG)), Held(())
 
 
 def held() -> Held:

@@ -38,9 +38,10 @@ class Moments(MomentTables, Reported):
     mean_q: np.ndarray  #: (time, dof); likewise var_q, se_mean_q
     mean_p: np.ndarray  #: (time, dof); likewise var_p, se_mean_p
     mean: dict[str, np.ndarray]  #: (time,) of each observable; likewise var, se_mean
-    m2: np.ndarray  #: (time, value), sums of squared deviations, by which parts of an ensemble merge exactly
+    m2: np.ndarray  #: (time, value), sums of squared deviations, from which parts of an ensemble are merged exactly
     failed: np.ndarray  #: global indices of the first 1000 failed paths; likewise failed_status, failed_step
-    kept: dict[str, PartialStatistics]  #: of each observer, by which parts of an ensemble merge exactly
+    #: sums and counts of each observer, from which parts of an ensemble are merged exactly
+    kept: dict[str, PartialStatistics]
 
     def __init__(
         self,

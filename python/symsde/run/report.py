@@ -19,23 +19,24 @@ from .setup import Setup
 class Report:
     """How a run was computed: stepper, what was left out, counters, failures, timings and versions."""
 
-    outcome: str  #: ok, or what happened
+    outcome: str  #: ok, or the reason why the run ended
     status: int  #: status code of the outcome; 0 = ok
     stepper: str  #: the stepper that the traits chose
     correction: str  #: the correction that was used
-    left_out: tuple[str, ...]  #: what was skipped because it was not needed
+    left_out: tuple[str, ...]  #: computations that were skipped because they were not needed
     warnings: tuple[str, ...]  #: problems found before the run, with numbers
-    functionals: tuple[str, ...]  #: of the path, beside dW: dZ, areas, K, J; for refine < 0 they choose it
+    #: functionals of the path beside dW: dZ, areas, K, J; for refine < 0 they determine the path
+    functionals: tuple[str, ...]
     counters: dict[str, int]  #: path_steps, normals, gradients, hessians, iterations, solves, ...
-    failed: int  #: paths that failed
-    stopped: int  #: paths that a stop cut short
-    grown: int  #: paths that are ok, but whose q and p both grew 1e6-fold after a tenth of the steps
+    failed: int  #: number of paths that failed
+    stopped: int  #: number of paths that a stop cut short
+    grown: int  #: number of paths that are ok, but whose q and p both grew 1e6-fold after a tenth of the steps
     threads: int
     lanes: int  #: lanes of a block; 1 where few paths are taken one by one
     lost_variance: float  #: variance that truncation takes from a normal number
     timings: dict[str, float]  #: seconds of setup and run
-    lapack: str  #: whose LAPACK solved systems, "" where none did: last bits depend on it
-    versions: dict[str, str]  #: of the library, its compiler and options
+    lapack: str  #: name of the LAPACK that solved systems, on which last bits depend; "" if none did
+    versions: dict[str, str]  #: versions of the library, its compiler and options
 
     def __str__(self) -> str:
         """Table, one line for each."""
@@ -63,7 +64,7 @@ class Reported:
     """A result with a report. The report is made at first use, since this takes as long as some runs."""
 
     setup: Setup
-    scene: str = ""  #: text of the scene that asked for it, if one did
+    scene: str = ""  #: text of the scene that asked for the run, if there is one
     _reported: abi.Report | None = None
 
     def _keep_report(self, given: abi.Report) -> None:

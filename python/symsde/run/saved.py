@@ -31,7 +31,7 @@ class PathTables:
     p: np.ndarray
     path: np.ndarray  #: (path,), global indices
     has_energy: bool  #: whether H is known
-    energy: np.ndarray  #: (time, path) of H; a MissingOperationError where it is not known
+    energy: np.ndarray  #: energy H (time, path); raises MissingOperationError if H is not known
 
     @checks.hinted()
     def plot(self, path=None, *, ax=None, what: str = "", of: str | Sequence[str] | None = None, most: int = 50):
@@ -78,7 +78,7 @@ class MomentTables:
     title: str  #: model and scheme
     t: np.ndarray  #: (time,)
     values: Values  #: names of the values
-    n_ok: np.ndarray  #: (time,), paths that count
+    n_ok: np.ndarray  #: (time,), number of paths that count
     _tables: dict[str, np.ndarray]  #: mean, var, se_mean -> (time, value)
 
     def _show_columns(self, values: Values) -> None:

@@ -21,7 +21,7 @@ from ..schemes import Scheme, as_scheme
 
 _LIBRARY_LANES = 256  # lanes of a block in the library, at most
 _PYTHON_VALUES = 2048  # numbers of an array that a Python function is given
-COUNT = 2**47  #: range of the counters of paths and steps
+COUNT = 2**47  #: number of values of the counters of paths and steps
 _WHOLE = 1e-9  # relative: times that are typed, or sums of steps
 _INPUT_SIZE = _handles.new(abi.Input, "input").struct_size
 
@@ -75,7 +75,7 @@ class Setup:
     increments: np.ndarray | None = None  #: (row, noise, 1 or path)
     q0_low: np.ndarray | None = None  #: (dof, path)
     p0_low: np.ndarray | None = None
-    by_path: bool = False  #: the start was given with a column for each path, as states of a run are
+    by_path: bool = False  #: whether the start has a column for each path, as states of a run have
 
     @property
     def ntime(self) -> int:
@@ -203,7 +203,7 @@ def _common_noise(options: abi.Options, _name: str, value: object) -> None:
     options.common_noise = sum(1 << (k - 1) for k in set(numbers))
 
 
-#: name of an option -> its default, which is that of the library, and what checks another value and puts it in
+#: option -> its default, which is the library's, and a function that checks another value and stores it
 _READ = {
     "paths": (1, _integer((1, COUNT))),
     "seed": (0, _integer(UINT64)),

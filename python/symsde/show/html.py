@@ -17,7 +17,7 @@ from .tabular import html_table as table
 _ROOTS = (2, 3, 5, 6, 15, 30)
 _WHOLES = sorted({Fraction(k, n) for n in (4, 9, 36) for k in range(-n, n + 1)}, key=lambda x: (x.denominator, abs(x)))
 _ROUNDING = 4e-15
-_MOST_STAGES = 6  #: of a tableau that is shown with all its numbers
+_MOST_STAGES = 6  #: most stages of a tableau that is shown with all its numbers
 
 
 def number(x: float) -> str:

@@ -18,7 +18,7 @@ ORANGE, SKY, BLACK, GREY = "#E69F00", "#56B4E9", "#000000", "#888888"
 WINE, INDIGO, OLIVE, TEAL, FOREST, BROWN = "#882255", "#332288", "#999933", "#44AA99", "#117733", "#661100"
 COLOURS = (BLUE, VERMILION, GREEN, PURPLE, ORANGE, SKY, BLACK, GREY)
 
-#: colour and marker of a scheme, the same in every figure
+#: scheme -> its colour and marker, the same in every figure
 SCHEMES = {
     "midpoint": (BLUE, "o"),
     "symplectic_euler": (VERMILION, "s"),

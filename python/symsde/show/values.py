@@ -18,7 +18,7 @@ class Values:
     """Values in the order of columns: coordinates, momenta, the energy if it is known, observables."""
 
     names: tuple[str, ...]
-    ndof: int  #: degrees of freedom, to which the first 2*ndof names belong
+    ndof: int  #: number of degrees of freedom; the first 2*ndof names are coordinates and momenta
 
     @classmethod
     def of(cls, coordinates: Sequence[str], has_energy: bool, observables: Iterable[str] = ()) -> Values:

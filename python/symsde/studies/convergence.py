@@ -29,12 +29,12 @@ class Convergence:
 
     scheme: str
     model: str
-    reference: str  #: what the paths are compared with
+    reference: str  #: name of the solution that the paths are compared with
     reference_error: float  #: rms error of the reference itself, the floor; 0 = exact
-    steps: np.ndarray  #: (level,), number of steps
+    steps: np.ndarray  #: (level,), numbers of steps
     step: np.ndarray  #: (level,), h
     error: np.ndarray  #: (level,)
-    low: np.ndarray  #: (level,), ends of the intervals
+    low: np.ndarray  #: (level,), lower ends of the intervals; likewise high
     high: np.ndarray
     status: tuple[str, ...]  #: (level,), ok; reference: at the floor; rounding, saturated, diverged: not counted
     order: float  #: fitted slope of log error over log h of the points that count; NaN if there are fewer than two

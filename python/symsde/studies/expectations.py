@@ -15,8 +15,8 @@ from typing import Any
 
 from . import pages
 
-STANDARD_ERRORS = 4.9  #: that a mean may be away from what is expected
-FALSE_ALARM = math.erfc(STANDARD_ERRORS / math.sqrt(2))  #: of one such check, 9.6e-7
+STANDARD_ERRORS = 4.9  #: most standard errors between a mean and its expected value
+FALSE_ALARM = math.erfc(STANDARD_ERRORS / math.sqrt(2))  #: rate of false alarms of one such check, 9.6e-7
 VERDICTS = {True: "ok", False: "FAILED", None: "-"}
 
 
@@ -24,7 +24,7 @@ VERDICTS = {True: "ok", False: "FAILED", None: "-"}
 class Check:
     """One line of a report; `passed` is None where a number is reported and nothing is expected of it."""
 
-    about: str  #: equations of the paper, or the case
+    about: str  #: equations of the paper, or a description of the case
     quantity: str
     measured: str
     expected: str
@@ -43,7 +43,7 @@ class Expectations:
     title: str
     checks: list[Check] = field(default_factory=list)
     curves: dict[str, Any] = field(default_factory=dict)
-    if_failed: str = ""  #: the known cause, said where an expectation is not met
+    if_failed: str = ""  #: known cause, printed if an expectation is not met
 
     def expect(self, about: str, quantity: str, measured: object, expected: object, holds: object) -> None:
         """Expect something that the caller has judged."""

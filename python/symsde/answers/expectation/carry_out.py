@@ -33,11 +33,12 @@ from .tails import Doubt, widened
 from .trial import USUAL
 from .watch import told
 
-FIRST = 2**46  #: path that answers begin at; of multilevel, index within a level
+FIRST = 2**46  #: index of the first path of answers; of multilevel methods an index within a level
 FIRST_OF_LEVEL = 2**40
-AT_ONCE = 4096  #: units that are begun with at most: what a moment takes
-_ENOUGH = 1.2  #: times the units that the pilot's variance asks for, so that few answers take more of them
-_LONG = 600.0  #: seconds that are announced
+AT_ONCE = 4096  #: most units that work begins with: they take a moment
+#: work begins with this many times the units that the pilot's variance asks for, so that few answers need more
+_ENOUGH = 1.2
+_LONG = 600.0  #: a plan of more seconds is announced
 _LEAST_POINTS = 6  #: log2 of the points of a scrambling that the time cuts short: fewer are no better than paths
 #: if noise over bias is smaller, the interval is a bound: 1.96 biases are then at least 1.96 times five standard
 #: errors

@@ -28,7 +28,7 @@ except ImportError:  # not POSIX
 
 _OTHERS_WRITE = stat.S_IWGRP | stat.S_IWOTH
 _OTHERS_ENTER = stat.S_IXGRP | stat.S_IXOTH
-_LINKS = 40  #: on the way to a folder, as the system has it
+_LINKS = 40  #: most links on the way to a folder, as in the system
 
 _loaded: dict[Path, ctypes.CDLL] = {}  # a process gives no library back
 _loads = itertools.count()

@@ -21,8 +21,8 @@ from .named_formulas import Problem
 from .parse import FormulaTextError
 from .structure import count_terms
 
-MAX_SUMS = 16  #: collective variables of a model: their second derivatives are so many squared
-MAX_TERMS = 2_000  #: of a formula that is multiplied out to see whether a sum stands in it as a term
+MAX_SUMS = 16  #: most collective variables of a model: the number of their second derivatives is the square
+MAX_TERMS = 2_000  #: most terms of a formula that is multiplied out to see whether a sum is one of its terms
 
 
 @dataclass(frozen=True)
@@ -30,7 +30,7 @@ class Outer:
     """Functions F_j of sums over sites, of the Hamiltonians that have one."""
 
     numbers: tuple[Any, ...]  #: the Hamiltonians, `sites.Number`
-    derivatives: Derivatives  #: coordinate k of these is sum k
+    derivatives: Derivatives  #: derivatives by the sums: coordinate k is sum k
 
     @property
     def pairs(self) -> list[tuple[int, int]]:

@@ -38,17 +38,18 @@ if build_info().get("arithmetic") == "fused":
 LONG = (
     300_000  #: characters of a text, of which 60000 are functions, beyond which it is compiled for less time: bits stay
 )
-TIME_LIMIT = 120.0  #: seconds of processor time of one compilation: a busy machine is no reason to refuse a formula
-PATIENCE = 3600.0  #: seconds by the clock
+#: most seconds of processor time of one compilation: a busy machine is no reason to refuse a formula
+TIME_LIMIT = 120.0
+PATIENCE = 3600.0  #: most seconds of one compilation by the clock
 
 
 @dataclass(frozen=True)
 class Compiled:
     """A compiled file."""
 
-    library: Any  #: functions by their names
+    library: Any  #: the loaded library, whose attributes are functions
     path: Path
-    seconds: float  #: of compilation; 0 = it was there
+    seconds: float  #: seconds of compilation; 0 = the library was in the cache
 
 
 def command() -> list[str] | None:

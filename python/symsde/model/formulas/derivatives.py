@@ -19,8 +19,8 @@ from .graph import Graph
 from .named_formulas import Problem, quoted
 from .tails import Tails
 
-MAX_GRADIENT = 3_000  #: operations
-MAX_THIRD = 600  #: third derivatives that do not vanish, of all degrees of freedom together
+MAX_GRADIENT = 3_000  #: most operations of a gradient
+MAX_THIRD = 600  #: most third derivatives that do not vanish, of all degrees of freedom together
 BLOCKS = {"hq": "q", "hp": "p", "hqq": "qq", "hqp": "qp", "hpp": "pp"}
 
 

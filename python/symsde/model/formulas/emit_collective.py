@@ -12,7 +12,8 @@ from .emit_c import Loops
 from .site_loops import additions, one_or_many, over_sites, site_loop
 from .sites import Chain
 
-#: beside w: g, the derivatives of the functions by the sums; r, what the second derivatives make of a vector
+#: arrays that outputs take beside the weights w: g, the derivatives of the functions by the sums; r, the product of
+#: the second derivatives and a vector
 WEIGHTS = dict.fromkeys(("hq", "hp", "hqq", "hqp", "hpp"), ("g",)) | dict.fromkeys(("uq", "up"), ("g", "r"))
 HEAD = """
 /* ---- functions of sums over sites: S_0 .. are in sums[..][n] ---- */

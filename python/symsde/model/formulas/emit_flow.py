@@ -15,11 +15,11 @@ from .emit_c import NEAR, Writer, reachable
 from .graph import Graph
 
 MAX_DOF = 4
-MAX_OPERATIONS = 400  #: of gradient and Hessian: above, the callbacks are not what takes the time
-OF_FUNCTION = 20  #: operations of an elementary function, inlined in every place
-STRIP = 128  #: lanes whose states stay in the nearest cache
+MAX_OPERATIONS = 400  #: most operations of gradient and Hessian: above, the callbacks take a small part of the time
+OF_FUNCTION = 20  #: operations that an elementary function counts as, since it is inlined in every place
+STRIP = 128  #: number of lanes whose states stay in the nearest cache
 EXPLICIT = ("symplectic_euler", "symplectic_euler_adjoint", "stormer_verlet")
-CORRECTED = "_corrected"  #: behind the name of one of the Euler pair
+CORRECTED = "_corrected"  #: suffix of the name of a corrected scheme of the Euler pair
 HEAD = """
 /* ---- whole steps ---- */
 

@@ -17,13 +17,16 @@ from .emit_c import Writer
 from .named_formulas import Problem
 from .sites import Chain, Density, Number
 
-LANES = 16  #: that the library asks for at once, strip_lanes: what a row hands on stays in registers
+#: number of lanes that the library asks for at once (strip_lanes): the results for the next row stay in registers
+LANES = 16
 TILE = (
     256  #: rows of one lane side by side, what they hand on in the nearest cache, where it has arrived when it is read
 )
-WIDE = 64  #: lanes of a gradient that hand on together: blocks of long chains have as many
-OUTPUTS = {"force": ("hq", 0), "diagonal": ("hqq", 0), "beside": ("hqq", 1)}  #: of a row; places in `Derivatives`
-HANDED = {"force": ("hq", 1), "diagonal": ("hqq", 3)}  #: what the next row adds to its own
+WIDE = 64  #: number of lanes of a gradient that advance together: blocks of long chains have as many
+#: output of a row -> block and place in `Derivatives`
+OUTPUTS = {"force": ("hq", 0), "diagonal": ("hqq", 0), "beside": ("hqq", 1)}
+#: output -> block and place of the part that is added to the next row
+HANDED = {"force": ("hq", 1), "diagonal": ("hqq", 3)}
 
 BODY = """
 /* Rows first .. last of some lanes: `above` is the row before them, `next` begins one row behind q. What a row hands on

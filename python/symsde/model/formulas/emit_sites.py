@@ -19,7 +19,8 @@ KINDS = {
     "hessian_vector": ("uq", "up"),
     "third_derivative": ("tq", "tp"),
 }
-SIZES = {"value": "1"} | dict.fromkeys(("hqq", "hqp", "hpp"), "sites * sites")  #: of an output; else one row a site
+#: size of an output; other outputs have one row for each site
+SIZES = {"value": "1"} | dict.fromkeys(("hqq", "hqp", "hpp"), "sites * sites")
 
 
 def source(chain: Chain) -> str:

@@ -36,11 +36,11 @@ class Formula:
     """How the formulas of a model were derived and compiled."""
 
     hamiltonians: tuple[str, ...]  #: H, H_1 .. H_m as given
-    structure: Structure | None  #: what was derived from them; of sums over sites see the traits
-    backend: str  #: "C"; "NumPy" where there is no compiler
+    structure: Structure | None  #: facts derived from the Hamiltonians; for sums over sites see the traits
+    backend: str  #: "C"; "NumPy" if there is no compiler
     source: str  #: the generated code
-    seconds_derivatives: float  #: for derivatives and code
-    seconds_compilation: float  #: 0 = it was compiled before
+    seconds_derivatives: float  #: seconds for derivatives and code
+    seconds_compilation: float  #: seconds for the compiler; 0 = the code was compiled before
     file: str = field(default="", compare=False)  #: the compiled library
 
 
@@ -48,7 +48,7 @@ class FormulaModel(Model):
     """A model from formulas. `formula` tells what was derived and generated."""
 
     formula: Formula
-    _derivatives: Derivatives | None  #: nodes of all derivatives; None of sums over sites
+    _derivatives: Derivatives | None  #: nodes of all derivatives; None for sums over sites
     _chain: Chain | None  #: sums over sites
     _direct: tuple | None  #: compiled gradient and value, each with its parameters, and weights 1 of all Hamiltonians
 

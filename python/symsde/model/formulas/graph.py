@@ -16,12 +16,12 @@ from typing import Any
 from ...errors import InvalidArgumentError
 from .scaled import Scaled
 
-#: functions of one argument, as they are called in formulas
+#: names of functions of one argument, as formulas call them
 FUNCTIONS = (
     *("sin", "cos", "tan", "exp", "log", "sqrt", "sinh", "cosh", "tanh"),
     *("asin", "acos", "atan", "asinh", "acosh", "atanh", "sech", "csch", "coth", "erf", "erfc"),
 )
-INNER = ("log1p", "gauss", "logcosh")  #: functions that formulas become: log(1 + x), exp(-x^2), log(cosh(x))
+INNER = ("log1p", "gauss", "logcosh")  #: functions that formulas are rewritten to: log(1 + x), exp(-x^2), log(cosh(x))
 MAX_OPERATIONS = 12_000
 
 
@@ -29,10 +29,10 @@ MAX_OPERATIONS = 12_000
 class Node:
     """One operation and its arguments, which are nodes."""
 
-    what: str  #: number, leaf, or an operation
+    what: str  #: "number", "leaf", or the name of an operation
     arguments: tuple[int, ...] = ()
-    value: Any = None  #: of a number; name of a leaf
-    lane: bool = False  #: differs from lane to lane, and is computed in the loop
+    value: Any = None  #: value of a number; name of a leaf
+    lane: bool = False  #: whether the node differs from lane to lane and is computed in the loop
 
 
 @dataclass
@@ -41,8 +41,9 @@ class Graph:
 
     nodes: list[Node] = field(default_factory=list)
     _known: dict[tuple, int] = field(default_factory=dict)
-    _made: dict[Any, int] = field(default_factory=dict)  #: of whole expressions
-    stand_ins: dict[Any, Any] = field(default_factory=dict)  #: symbols that are nodes -> what they stand for
+    _made: dict[Any, int] = field(default_factory=dict)  #: whole expressions -> their nodes
+    #: symbol that is a node -> the expression that it stands for
+    stand_ins: dict[Any, Any] = field(default_factory=dict)
 
     def node(self, what: str, *arguments: int, value: Any = None, lane: bool = False) -> int:
         """A node, the one that exists where there is an equal one."""

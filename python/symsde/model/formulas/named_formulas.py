@@ -20,7 +20,7 @@ from .graph import FUNCTIONS
 from .parse import FormulaTextError, Reader, check_name, folded, names_in, parse
 
 MAX_DOF = 64
-MAX_NOISES = 256  #: brackets are taken of every pair of them
+MAX_NOISES = 256  #: most noises: brackets of every pair of noises are computed
 
 
 @dataclass(frozen=True)
@@ -28,11 +28,11 @@ class Problem:
     """H_0 = H, H_1 .. H_m in the symbols q0 .. , p0 .. (coordinates), c0 .. (parameters) and t."""
 
     hamiltonians: tuple[Any, ...]  #: expressions of sympy
-    invariants: tuple[Any, ...]  #: candidates, expressions of sympy
-    texts: tuple[str, ...]  #: as the user wrote them, for sentences
+    invariants: tuple[Any, ...]  #: candidates for invariants, expressions of sympy
+    texts: tuple[str, ...]  #: formulas as the user wrote them, for messages
     ndof: int
     parameters: dict[str, float]  #: name -> value, in the order of c0, c1, ..
-    columns: tuple[str, ...] = ()  #: what results call coordinates and momenta; () = q_1 .., p_1 ..
+    columns: tuple[str, ...] = ()  #: names of coordinates and momenta in results; () = q_1 .., p_1 ..
 
     @property
     def nnoise(self) -> int:

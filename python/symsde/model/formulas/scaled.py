@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from typing import Any
 
-Powers = dict[int, float]  #: node of a graph -> how often: terms of a sum, or factors of a product
+Powers = dict[int, float]  #: node of a graph -> its coefficient in a sum, or its exponent in a product
 
 
 class Scaled:

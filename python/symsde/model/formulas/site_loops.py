@@ -7,9 +7,9 @@ from .derivatives import BLOCKS
 from .emit_c import Writer
 from .sites import Density
 
-#: what a product of the Hessian takes, and third derivatives
+#: vectors that outputs take beside the state: products with the Hessian, and third derivatives
 VECTORS = dict.fromkeys(("uq", "up"), ("vq", "vp")) | dict.fromkeys(("tq", "tp"), ("aq", "ap", "bq", "bp"))
-GRADIENT = {"uq": "hq", "up": "hp"}  #: the gradient in the same rows
+GRADIENT = {"uq": "hq", "up": "hp"}  #: rows of a product -> the same rows of the gradient
 
 
 def over_sites(d: Density, call: str, own: bool = False) -> str:

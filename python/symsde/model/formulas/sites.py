@@ -79,14 +79,15 @@ class Number:
 class Density:
     """What a sum adds up, site after site."""
 
-    weight: Number  #: the Hamiltonian it belongs to, the first of them for a family
-    family: bool  #: one Hamiltonian for each site
+    weight: Number  #: the Hamiltonian that the sum belongs to; for a family the first of its Hamiltonians
+    family: bool  #: whether each site has a Hamiltonian of its own
     first: Place
     last: Place
     offsets: tuple[int, ...]  #: coordinate k of `derivatives` belongs to site + offsets[k]
     derivatives: Derivatives
-    is_rest: bool = False  #: of another density, where it reaches beyond the ends
-    inner: tuple[int, ...] = ()  #: of sums that stand in functions: their numbers, one for each Hamiltonian of its own
+    is_rest: bool = False  #: whether this is the part of another density that reaches beyond the ends
+    #: numbers of the sums inside functions that the density adds to, one for each of its Hamiltonians; else empty
+    inner: tuple[int, ...] = ()
 
 
 @dataclass(frozen=True)

@@ -19,11 +19,11 @@ from ...native.files import optional
 from ..definition import FLAGS
 from .named_formulas import Problem
 
-MAX_SIMPLIFY = 400  #: operations of an expression that is worth simplifying to find that it vanishes
-MAX_TERMS = 2_000  #: of an expression that is multiplied out
-_POINTS = (0.61, 0.83, 1.17, 0.47, 1.31, 0.73, 0.94, 1.09, 0.55)  #: where expressions are tried
+MAX_SIMPLIFY = 400  #: most operations of an expression that is simplified to find out whether it vanishes
+MAX_TERMS = 2_000  #: most terms of an expression that is multiplied out
+_POINTS = (0.61, 0.83, 1.17, 0.47, 1.31, 0.73, 0.94, 1.09, 0.55)  #: coordinates at which expressions are evaluated
 _INVERSE = {"sech": "cosh", "csch": "sinh", "coth": "tanh"}
-_SMALLEST_BANDED = 8  #: degrees of freedom from which bands pay
+_SMALLEST_BANDED = 8  #: fewest degrees of freedom for which bands pay
 
 
 @dataclass(frozen=True)
@@ -38,9 +38,9 @@ class Structure:
     identity_mass: bool  #: H = p.p/2 + U(q)
     constant_mass: bool  #: H = p.M p/2 + U(q) with a matrix M of constants
     time_dependent: bool  #: some H_j depends on t
-    bandwidth: int  #: of every block of the Hessian: entries (i, j) with |i - j| above it vanish
-    nonzero: dict[str, int]  #: entries of the blocks qq, qp, pp of the Hessian that do not vanish
-    rotation: tuple[float, ...] | None  #: frequencies of the linear part of H around q = 0, where it has one
+    bandwidth: int  #: bandwidth of every block of the Hessian: entries (i, j) with |i - j| above it vanish
+    nonzero: dict[str, int]  #: number of entries that do not vanish in the blocks qq, qp, pp of the Hessian
+    rotation: tuple[float, ...] | None  #: frequencies of the linear part of H around q = 0, if there are such
     silent: tuple[int, ...]  #: noises k whose H_k does not depend on the state: nothing is drawn for them
     noises_commute: bool  #: every {H_k, H_l} is constant
     flows_commute: bool  #: every {H, H_k} is constant, too, and no noise changes in time

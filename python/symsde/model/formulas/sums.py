@@ -18,7 +18,8 @@ from .graph import Graph
 from .in_numpy import values_of
 from .sites import Place, at_ends, offsets_of, row_macro
 
-LOCAL = {"q": "u", "p": "v"}  #: letters of coordinates of a site, in graphs: u0, v0 at the first offset, u1, v1 ..
+#: letters of the coordinates of a site in graphs: u0, v0 at the first offset, u1, v1 .. at the next ones
+LOCAL = {"q": "u", "p": "v"}
 
 
 @dataclass(frozen=True)
@@ -32,7 +33,7 @@ class Piece:
     last: Place
 
 
-Sum = tuple[Piece, ...]  #: of the whole chain, and of its ends
+Sum = tuple[Piece, ...]  #: pieces for the interior of the chain and for its ends
 
 
 def make_sum(body: Any, ends: str, count: int, node_of: Any) -> Sum:

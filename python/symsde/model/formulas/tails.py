@@ -24,17 +24,17 @@ from typing import Any
 
 from .scaled import Scaled
 
-MAX_TERMS = 6  #: of a sum of exponentials: derivatives have so many times as many terms
+MAX_TERMS = 6  #: most terms of a sum of exponentials: each derivative multiplies their number by as much
 
 
 @dataclass(frozen=True)
 class StandIn:
     """What a symbol stands for."""
 
-    plain: Any  #: the expression, without symbols of this kind
-    slope: Callable[[Any], Any]  #: variable -> derivative, in such symbols
-    gauss_of: Any = None  #: u of exp(-u^2)
-    is_weight: bool = False  #: E D^r, computed as one whole
+    plain: Any  #: the expression, without stand-in symbols
+    slope: Callable[[Any], Any]  #: variable -> derivative, in stand-in symbols
+    gauss_of: Any = None  #: u, if the expression is exp(-u^2)
+    is_weight: bool = False  #: whether the expression is E D^r, computed as one whole
 
 
 class Tails:

@@ -29,9 +29,9 @@ class Observed:
     """The result of one observer."""
 
     FILED: ClassVar[dict[str, tuple[str, tuple[str, ...]]]] = {}  #: attribute -> its name and dimensions in files
-    observer: Observer  #: what was asked for
+    observer: Observer  #: the observer as requested
     t: np.ndarray  #: (time,), saved times
-    kept: PartialStatistics  #: integers and sums as in symsde.h, by which parts of an ensemble merge
+    kept: PartialStatistics  #: integers and sums as in symsde.h, from which parts of an ensemble are merged
 
     def __init__(self, scope: Scope, t: np.ndarray, observer: Observer, kept: PartialStatistics):
         """The library's answer from kept results."""
@@ -119,7 +119,7 @@ class HistogramResult(Slots):
         | _as_they_are(("time", "bin"), "density", "se_density", "share", "se_share")
     )
     share: np.ndarray  #: (time, bin), share of all values counted at that time
-    se_share: np.ndarray  #: (time, bin), their binomial standard errors
+    se_share: np.ndarray  #: (time, bin), binomial standard errors of share
     density: np.ndarray  #: (time, bin), share over width; likewise se_density
 
     def _take(self, scope: Scope, values: np.ndarray, errors: np.ndarray) -> None:
@@ -134,7 +134,7 @@ class QuantilesResult(Slots):
     """Quantiles at every saved time; their counts are many and stay in the shards."""
 
     FILED = {"shares": ("share", ("share",))} | _as_they_are(("time", "share"), "quantile", "se_quantile")
-    shares: np.ndarray  #: (share,), of the paths below
+    shares: np.ndarray  #: (share,), shares of the paths that lie below the quantiles
     quantile: np.ndarray  #: (time, share)
     se_quantile: np.ndarray  #: (time, share), from chance (by the ranks) and half a bin together
 
@@ -161,7 +161,7 @@ class CovarianceResult(Observed):
         | _as_they_are(("time", "value", "value_"), "covariance", "se_covariance", "correlation")
         | _as_they_are(("time",), "n")
     )
-    names: tuple[str, ...]  #: of the values
+    names: tuple[str, ...]  #: names of the values
     covariance: np.ndarray  #: (time, value, value), unbiased
     se_covariance: np.ndarray  #: (time, value, value)
     correlation: np.ndarray  #: (time, value, value), without an error of its own
@@ -196,9 +196,9 @@ class AutocorrelationResult(Observed):
     ) | _as_they_are((), "n", "mean")
     lag: np.ndarray  #: (lag,), in units of time
     covariance: np.ndarray  #: (lag,); likewise se_covariance
-    correlation: np.ndarray  #: (lag,), covariance over that at lag 0; likewise se_correlation
+    correlation: np.ndarray  #: (lag,), covariance over the covariance at lag 0; likewise se_correlation
     n: int  #: paths that were ok to the end
-    mean: float  #: of the value, over paths and times
+    mean: float  #: mean of the value over paths and times
 
     def _take(self, scope: Scope, values: np.ndarray, errors: np.ndarray) -> None:
         (self.covariance, self.correlation), (self.se_covariance, self.se_correlation) = (
@@ -255,13 +255,13 @@ class PassageResult(Observed):
     count: np.ndarray  #: (time, 2), paths that left below and above since the saved time before
     there: np.ndarray  #: (time,), paths that are still there
     bridged: int | None = None  #: paths that left between two steps; None if this is not checked, see `remarks`
-    n: int  #: paths that have left
+    n: int  #: number of paths that have left
     mean: dict[
         str, float
     ]  #: of t and of the coordinates and momenta when they left, over these paths; likewise se_mean
-    path: np.ndarray  #: (listed,), global indices of the first of them; at most 1000
+    path: np.ndarray  #: (listed,), global indices of the first paths that left; at most 1000
     step: np.ndarray  #: (listed,), absolute step after which each was outside
-    state: np.ndarray  #: (listed, 1 + 2 dof), t, q and p there
+    state: np.ndarray  #: (listed, 1 + 2 dof), t, q and p after this step
 
     def _take(self, scope: Scope, values: np.ndarray, errors: np.ndarray) -> None:
         ntime, width = len(self.t), 1 + 2 * scope.setup.model.ndof
@@ -318,7 +318,7 @@ class PathsResult(Observed):
         "values": ("values", ("path", "time", "value")),
     }
     path: np.ndarray  #: (path,), global indices
-    names: tuple[str, ...]  #: of the values
+    names: tuple[str, ...]  #: names of the values
     values: np.ndarray  #: (path, time, value); NaN after the end of a path, or if this run does not have the path
 
     def _take(self, scope: Scope, values: np.ndarray, errors: np.ndarray) -> None:

@@ -22,7 +22,7 @@ class PartialStatistics:
 
     counts: np.ndarray
     sums: np.ndarray
-    answers: int  #: numbers of its answer
+    answers: int  #: count of numbers in the observer's answer
 
     def copy(self) -> PartialStatistics:
         """With arrays of its own."""

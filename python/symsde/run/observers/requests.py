@@ -152,7 +152,7 @@ class Passage(Observer):
     """
 
     KIND: ClassVar[str] = "passage"
-    is_unsaid: ClassVar[bool] = False  #: absorb was left out
+    is_unsaid: ClassVar[bool] = False  #: whether absorb was left out
     of: str
     low: float = -math.inf
     high: float = math.inf

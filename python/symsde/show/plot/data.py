@@ -11,7 +11,7 @@ import numpy as np
 
 from ..values import Values
 
-MOST = 1e300  #: in size: what lies beyond has no place on an axis, whose ends and ticks overflow
+MOST = 1e300  #: largest size of a number that is drawn: ends and ticks of an axis overflow beyond it
 
 
 @dataclass(frozen=True)
@@ -23,8 +23,8 @@ class Paths:
     q: np.ndarray  #: (time, dof, path)
     p: np.ndarray
     path: np.ndarray  #: (path,), global indices
-    names: Values  #: of coordinates, momenta, and the energy where it is known
-    energies: Callable[[], np.ndarray]  #: gives (time, path), where it is known
+    names: Values  #: names of coordinates, momenta, and the energy if it is known
+    energies: Callable[[], np.ndarray]  #: gives energies (time, path) if they are known
 
     def values(self, name: str) -> np.ndarray:
         """One value, (time, path)."""

@@ -26,13 +26,14 @@ from .systems import double_well
 
 SCHEMES = ("midpoint", "gauss2", "gauss3", "stormer_verlet", "symplectic_euler", "gauss_dkdkd", "chin4a", "heun")
 DRAWN = ("stormer_verlet", "midpoint", "gauss2", "heun")
-SCAN = np.round(np.linspace(0.4, 3.4, 31), 10)  #: omega h
-SIZES = (0.1, 1.0, 3.0)  #: q at which orbits begin, at rest
-ORBIT = 10**4  #: steps
+SCAN = np.round(np.linspace(0.4, 3.4, 31), 10)  #: values of omega h
+SIZES = (0.1, 1.0, 3.0)  #: q of the points, at rest, at which orbits begin
+ORBIT = 10**4  #: number of steps of an orbit
 FAR = 10.0  #: |q| of an orbit that is lost
-ROOM = 0.65  #: of the linear limit over the fastest frequency of an orbit: what advise takes
-KICKED = ("stormer_verlet", "symplectic_euler", "verlet_dz", "gauss_dkdkd", "chin4a")  #: that advise tries
-ORBITS = (0.1, 0.5, 1.0, 2.0, 3.0, 10.0)  #: q at rest
+ROOM = 0.65  #: longest step of `advise` over the linear limit, both with the fastest frequency of an orbit
+#: explicit schemes that `advise` tries
+KICKED = ("stormer_verlet", "symplectic_euler", "verlet_dz", "gauss_dkdkd", "chin4a")
+ORBITS = (0.1, 0.5, 1.0, 2.0, 3.0, 10.0)  #: q of the points, at rest, at which orbits begin
 NOISE = 0.1  #: sigma sqrt(h), in units of omega
 HEAD = (
     *("scheme", "linear theory"),

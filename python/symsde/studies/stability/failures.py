@@ -15,7 +15,7 @@ from .scenario import EPS, moments, simulate
 from .systems import inverted, quartic
 
 SINGULAR, NONFINITE = 2, 3  #: status of a path
-BAD = 137  #: the bad path
+BAD = 137  #: index of the bad path
 
 
 def overflow(quick: bool) -> Expectations:

@@ -18,12 +18,12 @@ from ...show import look
 from ..expectations import Expectations
 from .scenario import simulate
 
-NEXT = np.linspace(1.0, 1.1, 201)[1:]  #: of a limit: where growth beyond it is looked for
-LONG = 3.0  #: omega h at which the turn of a step is told
-SHORT = 0.1  #: omega h at which growth is told where no step is stable
+NEXT = np.linspace(1.0, 1.1, 201)[1:]  #: multiples of a limit at which growth beyond the limit is looked for
+LONG = 3.0  #: omega h at which the text tells how far a step turns
+SHORT = 0.1  #: omega h at which growth is told if no step is stable
 KNOWN = {"midpoint": math.inf, "lobatto3": math.sqrt(8), "symplectic_euler": 2.0, "stormer_verlet": 2.0, "heun": 0.0}
-FIRST = ("midpoint", "gauss2", "chin4a", "stormer_verlet", "heun")  #: those that the page begins with
-DRAWN = np.linspace(0.05, 5.0, 100)  #: omega h at which their growth is drawn
+FIRST = ("midpoint", "gauss2", "chin4a", "stormer_verlet", "heun")  #: schemes that the page begins with
+DRAWN = np.linspace(0.05, 5.0, 100)  #: values of omega h at which the growth of these schemes is drawn
 HEAD = ("schemes", "symplectic", "stable up to omega h", "what happens beyond")
 
 
@@ -33,9 +33,9 @@ class Limit:
 
     scheme: str
     omega_h: float
-    beyond: float  #: where growth is told
-    rate: float  #: log of the growth of |z| a step there
-    again: float = math.inf  #: stable again from here, within 10 % of the limit
+    beyond: float  #: omega h at which growth is told
+    rate: float  #: log of the growth of |z| in one step at this omega h
+    again: float = math.inf  #: omega h from which on steps are stable again, within 10 % of the limit
 
     def words(self) -> str:
         """What happens beyond."""

@@ -11,9 +11,9 @@ from ..expectations import Expectations
 from .scenario import says, simulate
 from .systems import spring, two_springs
 
-STEPS = (0.01, 0.1, 0.5, 1.0, 2.0, 10.0, 100.0, 1000.0)  #: omega h
+STEPS = (0.01, 0.1, 0.5, 1.0, 2.0, 10.0, 100.0, 1000.0)  #: values of omega h
 BELOW_LIMIT = (0.1, 0.5, 1.0, 1.9, 1.99)
-DOUBLINGS = 40  #: 2^40 steps: the mean growth of the Euler pair has settled
+DOUBLINGS = 40  #: number of doublings: after 2^40 steps the mean growth of the Euler pair has settled
 
 
 def midpoint_factor(x: float) -> float:

@@ -13,9 +13,9 @@ from ..expectations import Expectations
 from .scenario import EPS, says, simulate
 from .systems import noisy_spring, squeeze
 
-TRUNCATED = {0.01: 4.29, 0.1: 3.03, 10.0: 3.03}  #: step: cut c = sqrt(4 |ln h|), at which runs are allowed
+TRUNCATED = {0.01: 4.29, 0.1: 3.03, 10.0: 3.03}  #: step -> cut c = sqrt(4 |ln h|), for steps at which runs are allowed
 REFUSED = (0.2, 0.5, 0.9, 0.99, 1.0, 1.5)  #: steps at which c < 3
-STILL = 0.0  #: the increments of no_noise
+STILL = 0.0  #: increment of the case no_noise
 TINY = (1e-300, 1e-160, 1e-17)
 
 

@@ -11,7 +11,7 @@ from ..expectations import Expectations
 from .scenario import EPS, says, simulate
 from .systems import double_well, quartic
 
-MOST = 60  #: iterations allowed
+MOST = 60  #: most iterations
 
 
 def quartic_steps(quick: bool) -> Expectations:

@@ -15,12 +15,12 @@ from ...native import checks
 from ...schemes import Scheme, as_scheme
 from .scenario import quiet
 
-CLOSED = 1e-9  #: distance after the cycle, over the size of the box, at which it is one
-SAME = 1e-5  #: distance of two points, over the same, below which they are one
-MARGIN = 1e-4  #: of the size of multipliers: parabolic points have them on the unit circle, to the root of rounding
-_SHIFT = 1e-5  #: of the difference quotients, over the size of the box
-_NEWTON = 30  #: iterations
-_LINE, _GRID = 401, (17, 11)  #: starts along p = 0, and in the box
+CLOSED = 1e-9  #: a cycle is closed if its ends are nearer than this, over the size of the box
+SAME = 1e-5  #: two points count as one if they are nearer than this, over the size of the box
+MARGIN = 1e-4  #: margin of |multiplier|: at parabolic points it is 1 up to the root of rounding
+_SHIFT = 1e-5  #: shift of the difference quotients, over the size of the box
+_NEWTON = 30  #: most iterations
+_LINE, _GRID = 401, (17, 11)  #: numbers of starts along p = 0, and in the box
 _LONGEST = 16
 
 
@@ -31,8 +31,8 @@ class FixedPoint:
     q: float
     p: float
     period: int
-    multipliers: tuple[complex, complex]  #: eigenvalues of the Jacobian matrix of these steps
-    spurious: bool  #: the equation does not rest there
+    multipliers: tuple[complex, complex]  #: eigenvalues of the Jacobian matrix of `period` steps
+    spurious: bool  #: whether the equation does not rest at this point
 
     @property
     def stable(self) -> bool:

@@ -12,15 +12,16 @@ from .scenario import says, simulate
 from .systems import turning
 
 SEEDS = 32
-RULES = {  #: options of `simulate`
+RULES = {  #: name of a rule -> options of `simulate`
     "Newton, plain": {},
     "Newton, compensated": {"compensated": True},
     "fixed_point = 4, plain": {"fixed_point": 4},
     "fixed_point = 4, compensated": {"fixed_point": 4, "compensated": True},
     "fixed_point = 16, plain": {"fixed_point": 16},
 }
-WALK = 0.6  #: largest slope of a random walk
-BOUNDS = {"Newton, plain": 1e-12, "Newton, compensated": 1e-13, "fixed_point = 16, plain": 1e-12}  #: at 1e7 steps
+WALK = 0.6  #: largest slope that counts as a random walk
+#: rule -> bound of the drift at 1e7 steps
+BOUNDS = {"Newton, plain": 1e-12, "Newton, compensated": 1e-13, "fixed_point = 16, plain": 1e-12}
 
 
 def drifts(run) -> np.ndarray:

@@ -35,9 +35,9 @@ class WorkPrecision:
     horizon: float
     schemes: list[str]
     rows: list[dict]
-    orders: dict[str, orders.Order]  #: of each scheme, plateaus left out
-    resumed: int  #: points that an earlier run had finished
-    about: dict[str, str] = field(default_factory=dict)  #: what all points have in common, for the head of the table
+    orders: dict[str, orders.Order]  #: scheme -> its order, plateaus left out
+    resumed: int  #: number of points that an earlier run had finished
+    about: dict[str, str] = field(default_factory=dict)  #: facts that all points share, for the head of the table
 
     def words(self) -> str:
         """Text that says which scheme and step to use for which error."""

@@ -14,10 +14,10 @@ import numpy as np
 from ...answers.error_plan import BATCHES
 from ...answers.expectation.interval import quantile
 
-ABOVE_REFERENCE = 4.0  #: an error counts where it is so many times that of the reference
-SATURATED = 0.5  #: of the size of the solution: the error grows no further
-DIVERGED = 100.0  #: of the size of the solution: finite, but nothing of it is left
-ROUNDING = 1e-11  #: of the size of the solution: rounding sets in
+ABOVE_REFERENCE = 4.0  #: an error counts if it is at least so many times the error of the reference
+SATURATED = 0.5  #: error over the size of the solution beyond which it grows no further
+DIVERGED = 100.0  #: error over the size of the solution beyond which a finite solution means nothing
+ROUNDING = 1e-11  #: error over the size of the solution below which rounding dominates
 
 
 @dataclass(frozen=True)

@@ -10,7 +10,7 @@ import numpy as np
 from ...show import look
 from ...show.plot.draw import axes_of, figure_file
 
-LOST = ("failed", "diverged")  #: crosses at the upper edge
+LOST = ("failed", "diverged")  #: status of points that are drawn as crosses at the upper edge
 
 
 def plot(study, path: object = None, ax: object = None, *, pdf: bool = False):

@@ -13,9 +13,9 @@ from . import WorkPrecision, of_data, study_figure, study_words
 from .study_scenes import about
 
 COMMAND = "symsde study --all examples/scenes --markdown docs/work-precision.md"
-DRAWN = "synchrotron"  #: the scene of the first picture
-SHOWN = ("kubo", "synchrotron", "henon_heiles", "fpu_chain", "noncommutative_oscillator")  #: first of all
-ERRORS = (0.1, 0.001)  #: of its first table
+DRAWN = "synchrotron"  #: scene of the first picture
+SHOWN = ("kubo", "synchrotron", "henon_heiles", "fpu_chain", "noncommutative_oscillator")  #: scenes that stand first
+ERRORS = (0.1, 0.001)  #: errors of the first table
 MEASURED = (
     "Run times are medians of {repeats} repeats, measured with {made_by}, {machine}. Run times depend on the machine; "
     "errors do not."

@@ -7,7 +7,7 @@ import math
 
 import numpy as np
 
-DECADES = 3  #: errors that are spoken of
+DECADES = 3  #: most decades of errors that the text speaks of
 CLOSE = 1.15  #: run times within this factor count as equal
 
 

@@ -10,7 +10,7 @@ from ...native.checks import counted
 from ...run import csv_files, provenance
 from .. import pages
 
-#: columns of the CSV, with what they are; times in seconds, everything else dimensionless
+#: column of the CSV -> meaning; times in seconds, everything else dimensionless
 COLUMNS = {
     "scene": "name of the scene",
     "scheme": "name of the scheme",

@@ -9,8 +9,8 @@ import numpy as np
 
 from ...answers.error_plan import SMALL, Plan
 
-TARGET = 0.02  #: seconds of one repeat, more where one block takes longer
-MOST = 1024  #: blocks of one repeat
+TARGET = 0.02  #: least seconds of one repeat; a repeat of one long block takes more
+MOST = 1024  #: most blocks of one repeat
 COUNTERS = ("normals", "gradients", "hessians", "iterations", "solves")
 
 
