@@ -1,8 +1,9 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Runs as folders of shards: they survive kills, resume, share their work, and merge to the bits of one run.
 
-A run is cut into pieces, each a pure function of the scene and its path indices. The result of a piece becomes a shard
-in the folder of the run, whole or not at all. Whoever finds all shards there puts the results together.
+A run is cut into pieces. The result of a piece depends only on the scene and on the path indices of the piece. It
+becomes a shard in the folder of the run; a shard is written as a whole or not at all. The first process that finds all
+shards puts the results together.
 
 ensemble         moments of a large ensemble on any executor
 scene            what is to be run, as a TOML file says it

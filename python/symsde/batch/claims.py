@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Who works on which piece: locks of one file, which the system takes back from whoever dies.
+"""Claims of processes on pieces: locks of one file, which the system releases when a process dies.
 
-They spare work, no more: two processes that compute the same piece write the same bytes, and the second keeps off.
-So where a file system has no locks, everything still holds.
+Locks only save work: two processes that compute the same piece write the same bytes, and the second does not overwrite
+the shard. So results are right even where a file system has no locks.
 """
 
 from __future__ import annotations

@@ -1,9 +1,10 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""What a run is computed with, as the library sees it: files may stay as they are and mean something else.
+"""Identify model, scheme and functions of a run by their values, because unchanged files may come to mean something
+else.
 
-A function of a module imports others, reads files, looks at the environment; a model that it returns has parameters of
-its own. So functions are known by their values at points near the start and far from it, at two times: to eight digits,
-since the last ones depend on the processor.
+A function of a module may import other modules, read files, or look at the environment, and a model that it returns has
+parameters of its own. So functions are identified by their values at points near the start and far from it, at two
+times. Values are compared to eight digits, since the last digits depend on the processor.
 """
 
 from __future__ import annotations

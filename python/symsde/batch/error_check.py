@@ -1,8 +1,9 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""symsde run --error-check: the same Brownian paths at half the step, and how far the results are apart.
+"""symsde run --error-check: compute the same Brownian paths at half the step, and compare the results.
 
-Half the step of a scheme of strong order r has 2^-r of its error, so that the difference is the error of the run times
-1 - 2^-r: half of it at order 1. The differences of means are taken path by path, which leaves little noise in them.
+At half the step the error of a scheme of strong order r is 2^-r times as large. So the difference of the two runs is
+the error of the run times 1 - 2^-r: half of the error at order 1. Means are compared path by path, which leaves little
+noise in their differences.
 """
 
 from __future__ import annotations

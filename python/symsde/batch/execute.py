@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Compute one piece by one call of the library; long paths by many calls with checkpoints between them."""
+"""Compute one piece by one call of the library, or, if the piece is long, by many calls with checkpoints between
+them."""
 
 from __future__ import annotations
 

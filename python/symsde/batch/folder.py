@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The folder of a run: its manifest, a copy of its scene, its finished shards, and what is claimed of the others.
+"""The folder of a run: its manifest, a copy of its scene, its finished shards, and the claims on unfinished pieces.
 
 DIR/manifest.json           which run this is
 DIR/scene.toml              as it was given, with the Python files whose functions it names

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The manifest: which run a folder holds, and whether it is the run that a caller means."""
+"""The manifest: it identifies the run in a folder, and shows whether a caller means the same run."""
 
 from __future__ import annotations
 

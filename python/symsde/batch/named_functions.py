@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Functions of Python that scenes name as module:function; they run only where that is allowed."""
+"""Python functions that scenes name as module:function; they run only if the user allows it."""
 
 from __future__ import annotations
 

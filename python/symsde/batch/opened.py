@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""ss.open_run(DIR): what a run folder holds, finished or not, as objects."""
+"""ss.open_run(DIR): the contents of a run folder, finished or not, as objects."""
 
 from __future__ import annotations
 

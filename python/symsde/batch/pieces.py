@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""How a run is cut into pieces: by its size alone, so that all processes find the same pieces."""
+"""Cut a run into pieces. The pieces depend only on the size of the run, so all processes find the same ones."""
 
 from __future__ import annotations
 

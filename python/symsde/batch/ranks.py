@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Ranks of MPI that compute one run together: `mpirun -n 4 symsde run scene.toml`.
 
-Each owns every n-th piece and writes its shards into the folder that all see; rank 0 puts the results together. Without
-mpi4py the processes are just several writers, which share the work by their claims.
+Rank i of n computes every n-th piece and writes its shards into the shared folder; rank 0 puts the results together.
+Without mpi4py the processes are separate writers, which share the work by their claims.
 """
 
 from __future__ import annotations

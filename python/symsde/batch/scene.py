@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Scenes: what is to be run, as a TOML file says it. A scene is read, checked and shown here; `execute` computes it."""
+"""Scenes: TOML files that describe a run. A scene is read, checked and shown here; `execute` computes it."""
 
 from __future__ import annotations
 

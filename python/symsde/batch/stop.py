@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""When to end: a signal, or the time that was given. Pieces in work that are nearly done are waited for."""
+"""Decide when to end: at a signal, or when the given time is over. Pieces that are nearly done are finished first."""
 
 from __future__ import annotations
 

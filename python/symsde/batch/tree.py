@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Moments of parts of an ensemble, merged on the tree of the library: the bits of the whole, in whatever order."""
+"""Merge moments of parts of an ensemble on the library's tree: the order of merging does not change the bits."""
 
 from __future__ import annotations
 

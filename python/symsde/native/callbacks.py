@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Python and compiled functions as callbacks of the library.
 
-An exception never leaves a callback: it is stored, the callback returns nonzero, and the exception is
-raised again, with its traceback, when the library has returned. Python functions get copies of the
-state, so that keeping one does no harm.
+An exception never leaves a callback. The callback stores the exception and returns nonzero; when the library has
+returned, the exception is raised again with its traceback. Python functions get copies of the state, so a function may
+keep its arguments.
 """
 
 from __future__ import annotations
