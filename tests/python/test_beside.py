@@ -140,6 +140,14 @@ def test_equations_are_those_of_stratonovich():
     assert abs(run.q**2 + run.p**2 - 1).max() < 1e-12
 
 
+def test_damping_is_a_rate_of_momenta():
+    """Without force p falls by exp(-gamma t), whatever the mass, and q comes to rest p/(gamma m) further on."""
+    body = ss.model_from_sympy("p**2/(2*m)", params={"m": 3.0}, damping=0.5)
+    run = ss.simulate(body, q0=0.0, p0=1.0, step=0.1, steps=30, scheme="gauss_dkdkd")
+    assert abs(run.p[-1, 0, 0] - np.exp(-1.5)) < 1e-14
+    assert abs(run.q[-1, 0, 0] - (1 - np.exp(-1.5)) / 1.5) < 1e-14
+
+
 def test_the_page_names_these_tests():
     page = (ROOT / "docs" / "beside.md").read_text(encoding="utf-8")
     named = set(re.findall(r"`(test_\w+)`", page))
