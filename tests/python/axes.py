@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Axes that faults hide along, a covering design over them, and models with m noises and n degrees of freedom."""
+"""Axes along which faults may hide, a covering design over them, and models with m noises and n degrees of freedom."""
 
 import functools
 import itertools

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Clocks for tests of what is counted as cost: no test depends on how fast a machine is, or how busy."""
+"""Clocks for tests of measured cost: no test depends on the speed or load of a machine."""
 
 import sys
 import time

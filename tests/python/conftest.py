@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""What the tests of the package share."""
+"""Fixtures and checks that all tests of the package share."""
 
 import io
 

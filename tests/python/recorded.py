@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Results in a few numbers that no change of them leaves alone, and a table of such numbers in a file."""
+"""Reduce results to a few numbers that every change of the results changes, and keep tables of such numbers in a
+file."""
 
 import dataclasses
 import functools

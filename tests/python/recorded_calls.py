@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""What the functions of the package give, beside runs: numbers, text, files. Clocks count steps."""
+"""Results of the package's functions other than runs: numbers, text, files. Clocks count steps."""
 
 import contextlib
 import inspect

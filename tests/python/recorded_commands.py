@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""What the command line prints and writes: tables, manifests, programs, shards that are merged."""
+"""Output and files of the command line: tables, manifests, programs, merged shards."""
 
 import json
 import re

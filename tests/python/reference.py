@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""One step of every scheme from its equations (docs/method), by NumPy alone: what suites over axes judge by.
+"""One step of every scheme from its equations (docs/method), by NumPy alone: the reference of suites over axes.
 
 Nothing here calls the library. Hamiltonians are sums of functions of one number a.x, whose derivatives of any order
 are written down; coefficients come from quadratures by numpy; what is implicit is solved by Newton's method with

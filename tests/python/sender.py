@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Signals for tests, sent when work has come to a point: no test waits for so many seconds."""
+"""Signals for tests, sent when the work has reached a given point: no test waits for a number of seconds."""
 
 import os
 import signal

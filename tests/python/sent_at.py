@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Run a program that sends itself a signal when it comes to a point: no test waits for a process to get so far.
+"""Run a program that sends itself a signal at a given point: no test waits until a process gets there.
 
     sent_at.py SIGNAL N WORD EVENTS PROGRAM [ARGUMENT..]
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Advice beside the measured front of error against run time: what keeps the tolerance, and at what cost."""
+"""Advice beside the measured front of error against run time: whether the tolerance is kept, and the cost."""
 
 import importlib
 import math

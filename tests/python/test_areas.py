@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Levy areas, by the path and in law: orders in every unit of time, and what is refused."""
+"""Levy areas, on the path and in law: orders in every unit of time, and refusals."""
 
 import numpy as np
 import pytest

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Built-in models and formulas by every scheme that takes them, against its equations: blocks, few paths, one path."""
+"""Built-in models and formulas with every scheme that accepts them, against its equations: blocks, few paths, one
+path."""
 
 import functools
 import itertools

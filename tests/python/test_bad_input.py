@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Bad input: the right exception, a sentence that names what was given, and everything lives on."""
+"""Bad input: the right exception, a sentence with the given value, and nothing is broken afterwards."""
 
 import re
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Runs as folders of shards: the bits of one run for any division, resumed, shared, merged; what is refused."""
+"""Runs as folders of shards: the bits of one run for any division, resumed, shared, merged; refusals."""
 
 import hashlib
 import os

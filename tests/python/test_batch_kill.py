@@ -1,6 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""kill -9 at random points of its work on files, again and again: what is there in the end has the bits of a run that
-nobody disturbed.
+"""kill -9 at random points of work on files, repeatedly: the final result has the bits of an undisturbed run.
 
 SYMSDE_KILLS is how many kills; a sample without it.
 """

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""How a run is cut into pieces, and long pieces that go on from their checkpoints."""
+"""The division of a run into pieces, and long pieces that resume from their checkpoints."""
 
 import dataclasses
 import threading

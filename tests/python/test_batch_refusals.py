@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""What is told: of what does not fit, by a sentence that names it, folders, manifests, parts, options; how to go on."""
+"""Messages about folders, manifests, parts and options that do not fit: each names the misfit and says how to go on."""
 
 import json
 import re

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""What docs/beside.md says of symsde, where other packages do otherwise; the page names each of these tests.
+"""Statements of docs/beside.md about symsde where other packages differ; the page names each of these tests.
 
 False alarms: the two tests of random numbers allow five standard errors, 6e-7 for each number.
 """

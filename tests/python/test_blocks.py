@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Every code block of every page runs, in the order of the page; a block in a language that is not known here fails.
+"""Every code block of every page runs, in the order of the page; a block in a language unknown to this suite fails.
 
 Python blocks of a page share their names. A block of text is what a block before it, or a program that the page shows,
 prints. Scenes are checked, and stay under the name in their first line; those that are parts of one get the rest of

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Compiled formulas on disk: what somebody else has put there, or what is not whole, never runs."""
+"""Compiled formulas on disk: a library that somebody else has put there never runs, nor does an incomplete one."""
 
 import ctypes
 import hashlib

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Models of the user in NumPy functions, what goes wrong in them, and threads that ask one model."""
+"""Users' models as NumPy functions, their failures, and threads that call one model."""
 
 import ctypes
 import gc

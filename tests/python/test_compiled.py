@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
 # ruff: noqa: PLR0917 - callbacks of C take what they take
-"""Models of compiled functions: numba, ctypes, LowLevelCallable; wrong signatures, outputs that are not wanted."""
+"""Models of compiled functions: numba, ctypes, LowLevelCallable; wrong signatures, outputs that are not asked for."""
 
 import ctypes
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Which variant of the library a processor is given. tests/install/check_wheel.py runs the variants themselves."""
+"""The variant of the library that a processor gets. tests/install/check_wheel.py runs the variants themselves."""
 
 import os
 import shutil

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Every reader of tables takes ours for the same numbers: those of the readers that are installed here."""
+"""Every installed reader of tables reads our tables as the same numbers."""
 
 import csv
 import shutil

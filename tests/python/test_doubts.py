@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""What is doubtful is said: before the first step, after a run whose paths grew beyond all bounds, and of passages that
-take paths out of all other results."""
+"""Warnings about doubtful runs: before the first step, after a run whose paths grew beyond all bounds, and about
+passages that take paths out of all other results."""
 
 import dataclasses
 import warnings

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Ensembles on executors and on ranks of MPI: the bits of one run; and what a run would take."""
+"""Ensembles on executors and on ranks of MPI: the bits of one run, and the estimated cost of a run."""
 
 import csv
 import importlib.util

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""What is planned again once more is known: twice the points of a sequence, and measurements that a plan hangs on."""
+"""Plans that are made anew after more measurements: twice the points of a sequence, and measurements that decide a
+plan."""
 
 import math
 import sys

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""`symsde expect`: what a scene asks for is printed, refused, or given as far as it was known."""
+"""`symsde expect`: the answer for a scene is printed, refused, or given as far as it is known."""
 
 import dataclasses
 import importlib

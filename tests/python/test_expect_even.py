@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Sobol's points: what they drive, levels of them, what a plan reckons; and the bias that differences tell."""
+"""Sobol points: the increments that they give, their levels, their plans; and the bias that differences show."""
 
 import itertools
 import math

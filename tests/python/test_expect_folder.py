@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Expectations in a folder: what was drawn is kept, gone on with, shared, and no other question's."""
+"""Expectations in a folder: draws are kept, continued, shared, and never used for another question."""
 
 import importlib
 import json

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""When the error of a step is known, and when it is not: phases that turn over long horizons, chaos, no noise."""
+"""Whether the error of a step is known: phases over long horizons, chaos, no noise."""
 
 import math
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""What `expect` says of its work before it begins, and that the work takes about as long."""
+"""The estimates that `expect` gives before its work begins: the work takes about as long."""
 
 import logging
 import re

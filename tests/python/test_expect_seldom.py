@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""What happens seldom: a pilot that saw no event knows neither variance nor bias, and says so or looks on."""
+"""Rare events: a pilot that saw no event knows neither variance nor bias; it says so or draws more."""
 
 import math
 

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The layer of the reports: every judge just inside and just outside its bound, tables and pages by their text."""
+"""The expectations behind reports: every judge just inside and just outside its bound, tables and pages by their
+text."""
 
 import json
 import math

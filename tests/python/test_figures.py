@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""What the figures of the reports draw is what they are given: lines, marks, panels and labels, read back."""
+"""Figures of the reports draw the given numbers: lines, marks, panels and labels are read back."""
 
 import math
 import sys

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""What is written is what was computed: every variable of every file, read back; names, full disks, pickles, copies."""
+"""Files hold the computed results: every variable of every file is read back; names, full disks, pickles, copies."""
 
 import copy
 import csv

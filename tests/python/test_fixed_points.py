@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Fixed points and cycles of the map of a step, beside what is known by hand."""
+"""Fixed points and cycles of the map of a step, beside results worked out by hand."""
 
 import cmath
 import math

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Whole steps that are generated: those of the general stepper to ulps, the same bits in blocks, statuses, twins."""
+"""Generated whole steps: equal to the general stepper to ulps, the same bits in blocks, statuses, twins."""
 
 import platform
 import re

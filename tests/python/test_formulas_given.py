@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""What stands beside formulas: parameters of value 0, 1 and -1, unused ones, arguments that do not exist."""
+"""Arguments beside formulas: parameters of value 0, 1 and -1, unused parameters, arguments that do not exist."""
 
 import warnings
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Formulas as text: what they mean, 200 hostile ones, scenes with them."""
+"""Formulas as text: their meaning, 200 hostile texts, scenes with formulas."""
 
 import os
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Third derivatives from formulas: brackets of strong schemes as they are, against differences of gradients.
+"""Third derivatives from formulas, and with them exact brackets of strong schemes, against differences of gradients.
 
 The differences of the library are exact for cubic Hamiltonians, so that both must agree to rounding there.
 """

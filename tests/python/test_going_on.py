@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""A run that goes on has the noise of its next steps: `extend` always, and `simulate` says where it may not."""
+"""A run that continues another has the noise of the next steps: `extend` always, and `simulate` warns where it may
+not."""
 
 import warnings
 from concurrent.futures import ProcessPoolExecutor

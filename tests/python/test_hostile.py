@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Whatever is given where something else belongs: it works, or a sentence of bearable length says what to do."""
+"""Wrong types and values in every place: the call works, or a sentence of bearable length says what to do."""
 
 import copy
 import inspect

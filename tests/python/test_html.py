@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""What notebooks show: formulas of models, tableaux of schemes, certificates; every number against another source."""
+"""HTML for notebooks: formulas of models, tableaux of schemes, certificates; every number against another source."""
 
 import math
 import re

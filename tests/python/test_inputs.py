@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""What is given is copied: a caller may change every array, list and table after a call, and nothing else changes.
+"""Arguments are copied: a caller may change every array, list and table after a call without any effect.
 
 Every public function and method is found by its signature. A parameter takes its value from the tables below, by its
 name, or its default; one that has neither fails the test, so that what is new is covered or noticed.

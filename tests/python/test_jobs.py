@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Work that is handed to others: job arrays as scripts, and ensembles that go on when a process of theirs was lost."""
+"""Work that other processes do: job arrays as scripts, and ensembles that go on when one of their processes is lost."""
 
 import multiprocessing
 import os

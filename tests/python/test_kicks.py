@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Explicit flows of kicks and drifts: what they spare, counted and not timed, and that they need no noise."""
+"""Explicit flows of kicks and drifts: the work that they save, by counters, not by time; they need no noise."""
 
 import numpy as np
 import pytest

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Whose LAPACK there is: no bit of dense systems of up to 160 unknowns depends on it, reports and folders name it
-beyond, and its BLAS makes no threads.
+"""The LAPACK in use: no bit of dense systems of up to 160 unknowns depends on it, reports and folders name it for
+larger systems, and its BLAS makes no threads.
 
 LAPACKs are those of Debian's folders on this machine, and of folders that SYMSDE_LAPACKS names: NAME=DIR:DIR,NAME=.. .
 Each is tried in a process of its own, whose loader finds it first. There a library that counts the threads that are

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""What was computed comes back from a file, or the file says that it cannot hold it."""
+"""Results are loaded from a file unchanged, or the file says which results it cannot hold."""
 
 import dataclasses
 import json

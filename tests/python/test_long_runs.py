@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""What takes a minute: a path of 10^8 steps, stopped and resumed, memory of 10^6 paths, full and read-only disks."""
+"""Tests of a minute each: a path of 10^8 steps, stopped and resumed, memory of 10^6 paths, full and read-only disks."""
 
 import contextlib
 import os

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The main path of CONTRIBUTING: a force that is asked for says who called it, for one path and for a thousand."""
+"""The main path of CONTRIBUTING: the callers of a force, for one path and for a thousand."""
 
 import bisect
 import ctypes

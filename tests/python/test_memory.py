@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Memory that is not there: every call ends with a result or a sentence, and the process goes on.
+"""Lack of memory: every call ends with a result or a sentence, and the process goes on.
 
 Child processes walk down limits of their address space (`ulimit -v`), from too little for anything to enough: what
 the library judges too low it refuses, and an allocation that fails all the same ends the child, which fails the test.

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Multilevel Monte Carlo: levels share their Brownian path, telescope, and end in an interval that holds."""
+"""Multilevel Monte Carlo: levels share their Brownian path, their sum telescopes, and the intervals hold the mean."""
 
 import itertools
 import math

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Functions of Python that scenes name as observables: by value in runs, shards, resumes; what is refused."""
+"""Python functions that scenes name as observables: by value in runs, shards, resumes; refusals."""
 
 import os
 import pickle

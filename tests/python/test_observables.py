@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Observables from formulas and functions: values against saved paths, the bits of any division, what is no number."""
+"""Observables from formulas and functions: values against saved paths, the same bits for any division, values that are
+no numbers."""
 
 import pickle
 import warnings

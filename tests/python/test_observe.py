@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Streaming observers: what they keep is what the saved paths say, with the same bits in any blocks and parts."""
+"""Streaming observers: their results agree with saved paths and have the same bits in any blocks and parts."""
 
 import contextlib
 import math

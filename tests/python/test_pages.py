@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Pages of the site are true: the table of schemes is current and says the cheapest measured points."""
+"""Pages of the site are true: the table of schemes is current and names the cheapest measured points."""
 
 import inspect
 import json

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""`symsde paper --quick`: the numbers in results.json against what the mathematics says, and the files.
+"""`symsde paper --quick`: the numbers in results.json against the mathematics, and the files.
 
 The bounds stand here a second time, from the formulas and not from the checks of the command itself. Statistical ones
 are five standard errors wide (a false alarm in two million), and the seeds are fixed.

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""What is written before it has its name: two writers never meet, and what a killed one leaves goes with the next."""
+"""Files that are written under temporary names: two writers never meet, and the next writer removes leftovers of a
+killed one."""
 
 import os
 import signal

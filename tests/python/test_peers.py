@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The benches of other packages: the equations are those of the models, and the page says what was measured."""
+"""The benches of other packages: the equations are those of the models, and the page gives the measured numbers."""
 
 import json
 import math

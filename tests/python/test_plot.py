@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""What figures and tables show is what was computed: the numbers of lines, bands and cells, read back."""
+"""Figures and tables show the computed numbers: lines, bands and cells are read back."""
 
 import inspect
 from types import SimpleNamespace

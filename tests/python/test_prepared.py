@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""A prepared run: the bits of simulate in however many calls, whatever the host does between them."""
+"""A prepared run has the bits of simulate in any number of calls, whatever the host does between them."""
 
 import gc
 import threading

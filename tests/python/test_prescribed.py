@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Increments of one's own with dZ and K beside dW: they drive what a polygon of finer rows drives, or are refused."""
+"""Given increments with dZ and K beside dW: they have the effect of a polygon of finer rows, or are refused."""
 
 import numpy as np
 import pytest

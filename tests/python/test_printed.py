@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""What is printed and reported is what was computed: tables are parsed, judges are tried on both sides of a bound."""
+"""Printed text and reports hold the computed numbers: tables are parsed, judges are tried on both sides of a bound."""
 
 import ctypes
 import dataclasses

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""A run goes on only with what it was begun with, as the library sees it: files that stay the same prove nothing."""
+"""A run resumes only with the functions and models that it began with, compared by value: unchanged files prove
+nothing."""
 
 import json
 import subprocess

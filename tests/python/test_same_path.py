@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Which runs follow one Brownian path: told by what they take of it, seen in every step and not at its end alone."""
+"""Runs that follow one Brownian path: recognised by the functionals that they take, compared in every step and not at
+the end alone."""
 
 import itertools
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""symsde selftest and symsde cite: every check passes here, and fails where what it looks at is wrong."""
+"""symsde selftest and symsde cite: every check passes here, and fails if the tested part is wrong."""
 
 import re
 import subprocess

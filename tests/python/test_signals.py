@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Handlers of signals while the library is at work: what they raise is raised, and where they return work goes on."""
+"""Signal handlers while the library works: their exceptions are raised, and work goes on if they return."""
 
 import os
 import signal

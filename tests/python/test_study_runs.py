@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""What a study costs, by a clock that is known, and when it goes on where an earlier one stopped."""
+"""The cost of a study, by a known clock, and studies that continue where an earlier one stopped."""
 
 import json
 import re

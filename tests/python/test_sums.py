@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Sums over sites in observables, by their values: beside saved paths, and beside the energy that they are."""
+"""Sums over sites in observables, by their values: beside saved paths, and beside the energy that they equal."""
 
 import numpy as np
 import pytest

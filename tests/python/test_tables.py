@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Results as tables: data frames, what notebooks show, and files that are loaded again."""
+"""Results as tables: data frames, output in notebooks, and files that are loaded again."""
 
 import re
 

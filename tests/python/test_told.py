@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""What answers, levels and advice tell of themselves, in words and in numbers: each against a number of its own."""
+"""Words and numbers in answers, levels and advice: each is compared with an independent number."""
 
 import dataclasses
 import importlib

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""What checkers of types and editors see: results have types, and a misspelt option is an error before a run."""
+"""Type checkers and editors: results have types, and a misspelt option is an error before a run."""
 
 import importlib.util
 import inspect

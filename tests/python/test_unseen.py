@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""What too few paths show of f is no answer: the interval holds what was not seen of it, or says so."""
+"""Too few paths show only a part of f: the interval covers the unseen part, or the answer says that it may not."""
 
 import importlib
 import math

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
 # ruff: noqa: PLR0917 - callbacks of C take what they take
-"""Compiled functions that return 0 in the middle of a block: lanes that are left unwritten fail, and none is wrong."""
+"""Compiled functions that return 0 in the middle of a block: unwritten lanes fail, and no lane is wrong."""
 
 import ctypes
 

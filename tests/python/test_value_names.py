@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The user's names of coordinates stand wherever results name one, and a text is one name."""
+"""The user's names of coordinates appear wherever results name a coordinate, and a text is one name."""
 
 import copy
 import pickle
