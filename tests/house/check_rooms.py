@@ -38,6 +38,8 @@ OPERATION = r"(?:value|gradient|hessian|third_derivative|force_stiffness)\w*"
 ASKS = re.compile(rf"^[^!'\n]*(?:\bmodel%{OPERATION}|\bdifference_(?:default|along))\(", re.M)
 ASKS_MODEL = {
     "explicit/tableau_gradients.inc": (2, "the Ito drift takes the gradient of one H_k and its Hessian times a vector"),
+    "one_dof/brackets.f90": (4, "brackets are made of derivatives of each H_j, third ones too where they nest"),
+    "one_dof/brackets_kinetic.f90": (2, "the same, of every U_j"),
     "splitting/derivatives.inc": (
         2,
         "kicks are flows of the part of Hhat that depends on q: sums of U and H_k, or each",

@@ -110,8 +110,8 @@ contains
    end subroutine new_modified_hamiltonian
 
    !> Add the gradient of all active parts to hq and hp; or the `rest` alone, which derivatives at one point do not
-   !> give: nested brackets by differences, and noises that change in time. step/hamiltonian/brackets_one_dof then
-   !> computes the other parts from all derivatives at the point.
+   !> give: nested brackets by differences, and noises that change in time. step/one_dof/brackets then computes the
+   !> other parts from all derivatives at the point.
    subroutine add_gradient(self, t, step, q, p, hq, hp, counters, nreal, rest)
       class(modified_hamiltonian), intent(inout) :: self
       real(wp), intent(in) :: t                                 !! time of H and H_k [time]

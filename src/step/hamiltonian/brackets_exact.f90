@@ -14,8 +14,6 @@
 !> The gradient is found noise by noise: first the third derivatives along the fields, then r = 2 H''v - H_k''u, to
 !> which (Dv)^T is applied at once. What (Du)^T is applied to is the sum over all noises, y = -sum_k H_k''v: one product
 !> at the end.
-!>
-!> Private to its family.
 module symsde_step_hamiltonian_brackets_exact
    use symsde_base_kinds, only: wp
    use symsde_base_traits, only: model_traits

@@ -13,10 +13,10 @@ module symsde_step_one_dof_newton
    use symsde_solve_blocks, only: block_solver, new_block_solver
    use symsde_solve_newton, only: newton_type, newton_options, new_newton, start, judge
    use symsde_solve_stagnation, only: correct_lanes, restart_lanes
-   use symsde_step_hamiltonian_brackets_angle_single_path, only: evaluate_angle
    use symsde_step_hamiltonian_one_step, only: one_step_hamiltonian
-   use symsde_step_hamiltonian_brackets_one_dof, only: single_brackets, new_single_brackets, q_, p_, qq, qp, pp, nplace
    use symsde_step_midpoint_angle, only: find_angle_velocity, find_angle_point
+   use symsde_step_one_dof_brackets, only: single_brackets, new_single_brackets, q_, p_, qq, qp, pp, nplace
+   use symsde_step_one_dof_brackets_angle_single_path, only: evaluate_angle
    use symsde_step_stages_slope_sums, only: sum_slopes => add_slopes
    implicit none
    private

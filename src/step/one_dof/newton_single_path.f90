@@ -2,8 +2,8 @@
 !> Newton's iteration for the slopes of all stages of one degree of freedom and a single path: newton.inc with one lane.
 !>
 !> What differs from a block is who is asked: an angle's sine and cosine terms are found once a step for every stage, so
-!> that the iteration calls no model; angles with brackets go through step/hamiltonian/brackets_angle_single_path;
-!> systems are eliminated as numbers. All of these have a block's bits.
+!> that the iteration calls no model; angles with brackets go through step/one_dof/brackets_angle_single_path; systems
+!> are eliminated as numbers. All of these have a block's bits.
 !>
 !> Private to its family.
 module symsde_step_one_dof_newton_single_path
@@ -17,10 +17,10 @@ module symsde_step_one_dof_newton_single_path
    use symsde_solve_damping, only: start_damping
    use symsde_solve_newton, only: newton_type, newton_options, new_newton, mark, stop_lanes
    use symsde_solve_stagnation, only: stopping_test, done, failed
-   use symsde_step_hamiltonian_brackets_angle_single_path, only: evaluate_angle
    use symsde_step_hamiltonian_one_step, only: one_step_hamiltonian
-   use symsde_step_hamiltonian_brackets_one_dof, only: single_brackets, new_single_brackets, q_, p_, qq, qp, pp, nplace
    use symsde_step_midpoint_angle, only: find_angle_velocity, find_angle_point
+   use symsde_step_one_dof_brackets, only: single_brackets, new_single_brackets, q_, p_, qq, qp, pp, nplace
+   use symsde_step_one_dof_brackets_angle_single_path, only: evaluate_angle
    implicit none
    private
    public :: one_dof_newton, new_one_dof_newton

@@ -1,6 +1,5 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> The brackets of step/hamiltonian/brackets_one_dof_kinetic of an angle and a single path: brackets_kinetic.inc with
-!> one lane.
+!> The brackets of step/one_dof/brackets_kinetic of an angle and a single path: brackets_kinetic.inc with one lane.
 !>
 !> It computes the gradient and Hessian of
 !>
@@ -11,13 +10,15 @@
 !> A block fills an array with the derivatives U_j' .. U_j'''' of all j and then adds them up. Here the derivatives of
 !> one H_k are local numbers that are added before those of the next are found, so they stay in registers. The order
 !> of all sums is that of a block, and so are the bits.
-module symsde_step_hamiltonian_brackets_angle_single_path
+!>
+!> Private to its family.
+module symsde_step_one_dof_brackets_angle_single_path
    use symsde_base_kinds, only: wp
    use symsde_base_record, only: step_record
    use symsde_base_sincos, only: sincos_one
    use symsde_model_kernels, only: angle_terms
    use symsde_step_hamiltonian_brackets, only: modified_hamiltonian
-   use symsde_step_hamiltonian_brackets_one_dof_kinetic, only: kinetic_brackets, q_, p_, qq, qp, pp, nplace
+   use symsde_step_one_dof_brackets_kinetic, only: kinetic_brackets, q_, p_, qq, qp, pp, nplace
    implicit none
    private
    public :: evaluate_angle
@@ -74,4 +75,4 @@ contains
 
    include 'brackets_kinetic.inc'
 
-end module symsde_step_hamiltonian_brackets_angle_single_path
+end module symsde_step_one_dof_brackets_angle_single_path

@@ -1,6 +1,6 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> The brackets of step/hamiltonian/brackets_one_dof where every H_j = e_j p^2/2 + U_j(q): of an angle, and of noise in
-!> position with H = p^2/2 + U(q). Brackets of these are polynomials of p. With y_k = e_0 U_k - e_k U_0,
+!> The brackets of step/one_dof/brackets where every H_j = e_j p^2/2 + U_j(q): of an angle, and of noise in position
+!> with H = p^2/2 + U(q). Brackets of these are polynomials of p. With y_k = e_0 U_k - e_k U_0,
 !>
 !>    {H_k,H} = p y_k',   {{H,H_k},H_k} = y_k' U_k' - e_k p^2 y_k'',
 !>
@@ -15,9 +15,10 @@
 !>
 !> An angle's derivatives of every order follow from one sine and one cosine, and Newton's matrix is exact. Others are
 !> asked for two of U_j, which give the gradient, and the matrix goes without more. By the general form of
-!> step/hamiltonian/brackets_one_dof a step of an angle takes 2.6 to 4 times as long in blocks, and 3.6 to 8 times
-!> alone.
-module symsde_step_hamiltonian_brackets_one_dof_kinetic
+!> step/one_dof/brackets a step of an angle takes 2.6 to 4 times as long in blocks, and 3.6 to 8 times alone.
+!>
+!> Private to its family.
+module symsde_step_one_dof_brackets_kinetic
    use symsde_base_kinds, only: wp
    use symsde_base_record, only: step_record
    use symsde_base_sincos, only: sincos_lanes
@@ -128,7 +129,7 @@ contains
       type(modified_hamiltonian), intent(in) :: parts
       integer, intent(in) :: i
       type(step_record), intent(in) :: step
-      real(wp), intent(in), dimension(self%nlane, 0:self%nnoise) :: c, rate  !! see step/hamiltonian/brackets_one_dof
+      real(wp), intent(in), dimension(self%nlane, 0:self%nnoise) :: c, rate  !! see step/one_dof/brackets
       real(wp), intent(in), dimension(self%nlane) :: q, p
       real(wp), intent(out) :: h(self%nlane, nplace)
       real(wp) :: nested
@@ -225,4 +226,4 @@ contains
       lanes = nlane
    end function lanes
 
-end module symsde_step_hamiltonian_brackets_one_dof_kinetic
+end module symsde_step_one_dof_brackets_kinetic

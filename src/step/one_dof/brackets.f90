@@ -14,8 +14,8 @@
 !>    h H;   for every noise l: dW_l H_l, c_l {H_l,H}, A_kl {H_l,H_k} for k < l;   for every k: (h|h|/12) {{F,H_k},H_k}
 !>
 !> with c_l = h dW_l/2 - dZ_l and F = H, or H + sum_l (dW_l/h) H_l where brackets are crossed. Where every
-!> H_j = e_j p^2/2 + U_j(q), few of these terms are left (step/hamiltonian/brackets_one_dof_kinetic). Models that have
-!> no third derivatives are asked for nested brackets by differences (step/hamiltonian/brackets).
+!> H_j = e_j p^2/2 + U_j(q), few of these terms are left (step/one_dof/brackets_kinetic). Models that have no third
+!> derivatives are asked for nested brackets by differences (step/hamiltonian/brackets).
 !>
 !> Of the Hessian of {F,G} the second derivatives of F and G give a part, and third derivatives the rest:
 !>
@@ -25,7 +25,9 @@
 !>
 !> The gradient is exact. The Hessian is without what the model does not have, and without fourth derivatives but of
 !> an angle: Newton's iteration finds the same root, and more slowly by the factor that these have in the equations.
-module symsde_step_hamiltonian_brackets_one_dof
+!>
+!> Private to its family.
+module symsde_step_one_dof_brackets
    use symsde_base_counters, only: counters_type
    use symsde_base_functionals, only: area_index, path_areas, path_dz
    use symsde_base_kinds, only: wp
@@ -33,9 +35,9 @@ module symsde_step_hamiltonian_brackets_one_dof
    use symsde_base_vectors, only: add_times
    use symsde_model_abstract, only: model_type
    use symsde_step_hamiltonian_brackets_exact, only: has_exact_bracket
-   use symsde_step_hamiltonian_brackets_one_dof_kinetic, only: kinetic_brackets, new_kinetic_brackets, are_kinetic, &
-                                                               q_, p_, qq, qp, pp, nplace
    use symsde_step_hamiltonian_brackets, only: modified_hamiltonian
+   use symsde_step_one_dof_brackets_kinetic, only: kinetic_brackets, new_kinetic_brackets, are_kinetic, &
+                                                   q_, p_, qq, qp, pp, nplace
    implicit none
    private
    public :: single_brackets, new_single_brackets, q_, p_, qq, qp, pp, nplace
@@ -138,7 +140,7 @@ contains
    end subroutine begin
 
    !> Gradient and Hessian h(:, q_), .., h(:, pp) of all at (q, p), in stage i or, i = 0, in the middle of the step.
-   !> Kinetic brackets have their own way (step/hamiltonian/brackets_one_dof_kinetic).
+   !> Kinetic brackets have their own way (step/one_dof/brackets_kinetic).
    subroutine evaluate(self, parts, i, step, q, p, h, counters, nreal)
       class(single_brackets), intent(inout) :: self
       type(modified_hamiltonian), intent(inout) :: parts
@@ -405,4 +407,4 @@ contains
       r = r - c*d
    end function difference_of_two
 
-end module symsde_step_hamiltonian_brackets_one_dof
+end module symsde_step_one_dof_brackets
