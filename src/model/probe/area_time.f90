@@ -2,8 +2,8 @@
 !>    X_k = (H_k,p, -H_k,q),    X_kl = [X_k,X_l],    X_jkl = [X_j,X_kl] = DX_kl X_j - DX_j X_kl
 !>    rho = sum |X_jkl|^2/sum |X_kl|^2  [1/time],    tau = 6/rho,    n = tau/(12 |h|) leaves a step
 !>
-!> The time scale of a model's areas: how finely a step must be halved, so that what is left of an area does not
-!> exceed what the scheme leaves out anyway.
+!> The time scale of a model's areas. It tells how finely a step must be halved, so that the error of an area does
+!> not exceed the terms that the scheme leaves out anyway.
 !>
 !> X_k is the Hamiltonian vector field of noise k, X_kl = [X_k,X_l] a bracket of two, and X_jkl = [X_j,X_kl]. A step
 !> of midpoint_areas leaves out terms of size h^(3/2) |X_jkl|, and an area that is put together from n leaves is wrong
@@ -105,9 +105,9 @@ contains
    !> The sum over the points of |X_jkl|^2, with X_jkl = DX_kl X_j - DX_j X_kl by central differences along X_j and
    !> X_kl.
    !>
-   !> `scale` grows by the squares that this is to be compared with: those of the two terms, and of |X_kl| |X_j|,
-   !> which is the size that they have at points of order one. Without the last, two terms that are both rounding
-   !> would be compared with rounding.
+   !> `scale` grows by the squares that the sum is compared with: those of the two terms, and of |X_kl| |X_j|, the
+   !> size of the terms at points of order one. Without the latter, two terms that are both rounding would be
+   !> compared with rounding.
    real(wp) function square_of_nested(points, j, k, l, scale)
       type(point_set), intent(inout) :: points
       integer, intent(in) :: j, k, l

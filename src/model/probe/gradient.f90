@@ -1,16 +1,16 @@
 ! SPDX-License-Identifier: BSD-3-Clause
 !>    S = sum_j w_j H_j,    g = grad S = (S_q, S_p),    Dg = Hess S = (Hess S)^T
 !>
-!> The probe of what every gradient must be, whatever is declared: that of a weighted sum of Hamiltonians, in each
-!> lane by itself.
+!> The probe of properties that every gradient must have, whatever is declared: it is the gradient of a weighted sum
+!> of Hamiltonians, in each lane by itself.
 !>
 !>    lane by lane       a lane alone among others has the gradient that it has among its likes
 !>    linear in w        g(0) = 0 and g(w + 2 v) = g(w) + 2 g(v)
 !>    of a Hamiltonian   u.(Dg v) = v.(Dg u): the derivative Dg of a gradient is symmetric
 !>
-!> A model that lacks one of these runs all the same, and what it gives obeys no Hamiltonian equations. The probe
-!> takes fourteen gradients in all, whatever the numbers of degrees of freedom and noises: five for lanes and weights,
-!> and nine for the symmetry.
+!> A model that lacks one of these properties runs all the same, but its results obey no Hamiltonian equations. The
+!> probe takes fourteen gradients in all, whatever the numbers of degrees of freedom and noises: five for lanes and
+!> weights, and nine for the symmetry.
 !> The five have the weights w, w in all lanes alike, 0, v and w + 2 v; the nine are that of the sum, for its size,
 !> and two products of two differences each.
 module symsde_model_probe_gradient
@@ -203,7 +203,7 @@ contains
       !   v.(Dg u) and u.(Dg v)
       one_way = sum(vq*uq, dim=2) + sum(vp*up, dim=2)
       other_way = sum(points%vq*xq, dim=2) + sum(points%vp*xp, dim=2)
-      ! size_of is what the terms sum to without cancelling; it is not finite where one of the scales is not.
+      ! size_of is the sum of the sizes of the terms; it is not finite where one of the scales is not.
       size_of = sum(abs(vq*uq), dim=2) + sum(abs(vp*up), dim=2) + 0*(scale + other)
       do lane = 1, npoint
          if (min(scale(lane), other(lane)) < 0) cycle  ! no verdict: a difference is not to be trusted
@@ -214,8 +214,9 @@ contains
       end do
    end subroutine probe_symmetry
 
-   !> Refuse, and name the Hamiltonian and the pair of derivatives that differ most at a point. Of systems too large
-   !> to look for these, tell what the two directions told. Where no pair differs beyond doubt there is no verdict.
+   !> Refuse the gradient, and name the Hamiltonian and the pair of derivatives that differ most at a point. In
+   !> systems too large for this search, the message gives the result of the two directions. If no pair differs
+   !> beyond doubt, there is no verdict.
    subroutine blame(points, lane, one_way, other_way, error)
       type(probe_points), intent(inout) :: points
       integer, intent(in) :: lane

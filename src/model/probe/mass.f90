@@ -1,7 +1,7 @@
 ! SPDX-License-Identifier: BSD-3-Clause
 !>    identity_mass   H_p(q,p) = p;       constant_mass   H_p(q_a, p_a + p_b) = H_p(q_a, p_a) + H_p(q_b, p_b)
 !>
-!> The probe of what a model declares of its kinetic energy: H_p = p, or H_p = M^-1 p with a constant M.
+!> The probe of declarations about the kinetic energy: H_p = p, or H_p = M^-1 p with a constant M.
 !>
 !> Private to its family.
 module symsde_model_probe_mass
@@ -16,8 +16,8 @@ module symsde_model_probe_mass
 
 contains
 
-   !> Look for a point and a component where H_p of H_0, which must be the sum that is probed, is not what is
-   !> declared. bad%lane = 0 where there is none; else `what` names in words the quantity that should vanish, and x is
+   !> Look for a point and a component where H_p of H_0 differs from the declaration; H_0 must be the sum that is
+   !> probed. bad%lane = 0 if there is none; else `what` names in words the quantity that should vanish, and x is
    !> its value.
    !>
    !> identity_mass is compared with p itself. For constant_mass no matrix is known, but M^-1 p is a function of p
@@ -26,7 +26,7 @@ contains
    subroutine compare_mass(points, tolerance, trait, bad, what, x)
       type(probe_points), intent(in) :: points
       real(wp), intent(in) :: tolerance               !! part of the gradient that is rounding
-      character(:), allocatable, intent(out) :: trait !! that is judged
+      character(:), allocatable, intent(out) :: trait !! the judged trait
       type(finding), intent(out) :: bad
       character(:), allocatable, intent(out) :: what
       real(wp), intent(out) :: x
@@ -50,9 +50,9 @@ contains
       if (bad%lane > 0) x = hp(bad%lane, bad%i)
    end subroutine compare_mass
 
-   !> Replace hp, the H_p at the points, by H_p(q_a, p_a + p_1) - H_p(q_a, p_a) - H_p(q_1, p_1), which vanishes for a
-   !> constant mass. The first point is compared with none, nor are the lanes that repeat the last: their scale is
-   !> no_verdict. The scale of the others is the largest of the three that are subtracted, and not finite where one of
+   !> Replace hp, the H_p at the points, by H_p(q_a, p_a + p_1) - H_p(q_a, p_a) - H_p(q_1, p_1), which vanishes for
+   !> a constant mass. The first point and the lanes that repeat the last point are not compared: their scale is
+   !> no_verdict. In other lanes the scale is the largest of the three that are subtracted, and not finite if one of
    !> them is not.
    subroutine subtract_sum(points, hp, scale)
       type(probe_points), intent(in) :: points

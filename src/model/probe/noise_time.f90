@@ -13,7 +13,7 @@ module symsde_model_probe_noise_time
    private
    public :: noise_changes_in_time
 
-   real(wp), parameter :: earliest = 1.3e-3_wp, latest = 1e5_wp  !! times that are asked for [time]
+   real(wp), parameter :: earliest = 1.3e-3_wp, latest = 1e5_wp  !! first and last time of the test [time]
    real(wp), parameter :: ratio = 1.618033988749895_wp           !! of each to the one before: no period fits all
 
 contains

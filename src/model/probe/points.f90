@@ -4,9 +4,9 @@
 !>
 !> The points, sums and directions of a probe, and differences that know when not to be trusted.
 !>
-!> Gradients are what every model has; second differences of values would lose more digits besides. A central
-!> difference has the error e^2 and the rounding eps/e, of which e = eps^(1/3) makes the least. Two steps are needed
-!> since e is measured in an unknown length: where they disagree, neither is believed.
+!> Every model has gradients, and second differences of values would lose more digits. A central difference has the
+!> error e^2 and the rounding eps/e; e = eps^(1/3) makes their sum least. Two steps are needed since e is measured
+!> in an unknown length: where they disagree, neither is believed.
 !>
 !> Three points are probed at once, one a lane: the initial state and two displaced from it by fixed
 !> pseudo-random amounts of order one. The other lanes repeat the last point. Nothing here is
@@ -23,13 +23,13 @@ module symsde_model_probe_points
    public :: no_verdict, probe_points, new_probe_points, nlane, npoint, finding, generic, worst, largest_entry, &
              largest_component
 
-   ! Three points tell a constant from what takes the same value twice by accident.
+   ! Three points distinguish a constant from a function that takes the same value twice by accident.
    integer, parameter :: npoint = 3          !! lanes 1 .. npoint are different points
    integer, parameter :: probed_alone = 16   !! noises probed one by one, the rest in one sum
    ! This part of the state is large enough for terms of higher degree to show, and small enough for a user's
    ! functions to be defined there, as far as one can know.
    real(wp), parameter :: displacement = 0.3_wp
-   real(wp), parameter :: no_verdict = -1     !! a scale against which nothing is judged
+   real(wp), parameter :: no_verdict = -1     !! scale of lanes that are not judged
    real(wp), parameter :: too_far = 1.0e6_wp  !! state that leaves a step of 1e-6 no digits
 
    type :: probe_points
@@ -39,7 +39,7 @@ module symsde_model_probe_points
       real(wp), allocatable :: q(:, :), p(:, :)    !! the points (nlane, ndof)
       real(wp), allocatable :: w(:, :)             !! weights of the sum probed (nlane, 0:nnoise)
       real(wp), allocatable :: vq(:, :), vp(:, :)  !! a direction without zeros (nlane, ndof)
-      real(wp), allocatable :: zero(:, :)          !! no direction
+      real(wp), allocatable :: zero(:, :)          !! the direction zero
       real(wp) :: slope(nlane) = 0                 !! largest component of the gradient of the sum
       character(:), allocatable :: sum_name        !! the sum that is probed, for messages
    contains
@@ -115,7 +115,7 @@ contains
       if (fraction_of(i*silver + salt*golden) < 0.5_wp) generic = -generic
    end function generic
 
-   !> What follows the point of a number >= 0; modulo(x, 1) is a call, which takes ten times as long.
+   !> The fractional part of a number >= 0; modulo(x, 1) is a call, which takes ten times as long.
    pure real(wp) function fraction_of(x)
       real(wp), intent(in) :: x
 
@@ -169,7 +169,7 @@ contains
       integer :: k
 
       do k = first, self%nnoise
-         ! The weights are of size 1/2 to 1 without a pattern: what one Hamiltonian violates no other makes good.
+         ! The weights are of size 1/2 to 1 without a pattern: no Hamiltonian compensates the violation of another.
          self%w(:, k) = generic(k + 1, 1)
       end do
       self%sum_name = '(a sum of H_'//to_text(first)//' .. H_'//to_text(self%nnoise)//')'
@@ -191,8 +191,9 @@ contains
    !> state and one not. A difference is trusted only where both agree: lanes in which they do not, or whose state is
    !> too large for the second, get the scale no_verdict.
    !>
-   !> The first difference alone costs half, and most products refute nothing: callers may ask with sure = .false.
-   !> first, and for both only where that one refutes something, since what it does not refute, two would not.
+   !> The first difference alone costs half, and most products refute nothing. So callers may first ask with sure =
+   !> .false., and ask for both differences only if the first one refutes something: both refute no more than the
+   !> first.
    subroutine product(self, vq, vp, uq, up, scale, sure)
       class(probe_points), intent(in) :: self
       real(wp), intent(in) :: vq(nlane, self%ndof), vp(nlane, self%ndof)
@@ -208,9 +209,9 @@ contains
       ! The step suits functions that vary over the length of the state.
       call difference(self, step, vq, vp, uq, up)
       call largest_component(self%ndof, uq, up, scale)
-      ! An entry is compared with the largest entry of the product, or with the gradient over the length of the state
-      ! where that is larger: of a sum that is linear all entries are rounding, and have nothing else to be compared
-      ! with.
+      ! An entry is compared with the largest entry of the product, or with the gradient over the length of the
+      ! state where that is larger. For a linear sum all entries are rounding, and the gradient alone gives a
+      ! scale.
       scale = max(scale, self%slope/max(1.0_wp, state)) + 0*(scale + self%slope)
       if (present(sure)) then
          if (.not. sure) return
@@ -296,8 +297,8 @@ contains
       if (abs(up(lane, ip)) > abs(uq(lane, iq))) column = finding(lane, 2, ip)
    end function largest_entry
 
-   !> The row of the Hessian of the sum to which a component belongs, by its product with a unit vector. Strictly that
-   !> is the column, which is the same where the Hessian is symmetric, as it must be.
+   !> The row of the Hessian of the sum to which a component belongs, by its product with a unit vector. Strictly
+   !> this product is the column, which equals the row where the Hessian is symmetric, as it must be.
    subroutine row_of_hessian(self, row, uq, up)
       class(probe_points), intent(in) :: self
       type(finding), intent(in) :: row

@@ -32,11 +32,11 @@ contains
       if (allocated(error)) return
       n = points%ndof
       allocate (hq(nlane, n), hqq(nlane, 0:1, n), bands(nlane, -1:1, n))
-      ! What is compared with comes from the functions of whole systems, what is judged from the rows.
+      ! The reference comes from the functions of whole systems, the judged values from the rows.
       call points%gradient(gq, gp, scale)
       call points%model%hessian_banded(nlane, n, points%nnoise, 1, points%t, points%w, points%q, points%p, hqq=bands)
       call block_from_rows(rows, nlane, n, points%nnoise, points%t, points%w, points%q, hq, hqq)
-      ! The last mass has no neighbour beyond it, so that this entry means nothing in either.
+      ! The last mass has no neighbour beyond it, so that this entry means nothing in rows or bands.
       hqq(:, 1, n) = 0
       bands(:, 1, n) = 0
       ! Forces are compared to six digits, and the stiffness to four, since bands may be differences.

@@ -1,9 +1,9 @@
 ! SPDX-License-Identifier: BSD-3-Clause
 !>    S'''[a,b] ~ [g(x+e(a+b)) + g(x-e(a+b)) - g(x+e(a-b)) - g(x-e(a-b))]/(4 e^2),     g = grad S,   x = (q, p)
 !>
-!> The probe of third derivatives: they must be what second differences of the gradient are.
-!> A second difference of the gradient takes four gradients. One is tried first, and two more where it disagrees,
-!> which is at most twelve gradients beside the one call of third_derivative.
+!> The probe of third derivatives: they must agree with second differences of the gradient. A second difference
+!> takes four gradients. One is tried first, and two more if it disagrees: at most twelve gradients beside the one
+!> call of third_derivative.
 module symsde_model_probe_third
    use symsde_base_kinds, only: wp
    use symsde_base_status, only: error_type, raise, false_trait
@@ -15,15 +15,15 @@ module symsde_model_probe_third
 
    real(wp), parameter :: matching = 1.0e-3_wp   !! relative mismatch
    real(wp), parameter :: vanishing = 1.0e-5_wp  !! mismatch that belongs to rounding, relative to the gradients
-   real(wp), parameter :: step = epsilon(1.0_wp)**0.25_wp  !! of a second difference at a state of size one
+   real(wp), parameter :: step = epsilon(1.0_wp)**0.25_wp  !! step of a second difference at a state of size one
    integer, parameter :: nstep = 3  !! differences: one with a step in proportion to the state, two with short ones
 
 contains
 
    !> Compare S'''[a,b] with the second difference of the gradient g of the sum S that is probed, a the direction of
-   !> the probe. A step in proportion to the state suits powers; far from the origin it passes over whole periods of
-   !> a sine, so that what it refutes is asked of two steps of (eps |x|)^(1/4), which suit lengths of one. Points
-   !> where a gradient is not finite are passed over.
+   !> the probe. A step in proportion to the state suits powers. Far from the origin it passes over whole periods of
+   !> a sine: if it refutes a component, two steps of (eps |x|)^(1/4), which suit lengths of one, are tried, too.
+   !> Points where a gradient is not finite are passed over.
    subroutine probe_third(points, error)
       type(probe_points), intent(in) :: points
       type(error_type), allocatable, intent(inout) :: error
@@ -131,8 +131,8 @@ contains
       end do
    end function fits
 
-   !> The largest mismatch that is not held against the model, by point and difference: a part of the largest
-   !> component, and what rounding of the gradients may cost.
+   !> The largest allowed mismatch, by point and difference: a part of the largest component, and the error from
+   !> rounding of the gradients.
    pure subroutine find_allowed(wanted, largest, m, allowed)
       real(wp), intent(in) :: wanted(:, :, :), largest(:, :)
       integer, intent(in) :: m
@@ -157,7 +157,7 @@ contains
       do lane = 1, npoint
          ! A gradient that is not finite makes `allowed` not finite.
          if (.not. all(allowed(lane, :) <= huge(allowed))) cycle
-         ! One difference that agrees is enough: a badly chosen step refutes what is right.
+         ! One difference that agrees is enough: a badly chosen step refutes correct derivatives.
          if (any(abs(found(lane) - wanted(lane, :m)) <= allowed(lane, :))) cycle
          if (m == nstep) then
             if (.not. abs(wanted(lane, 2) - wanted(lane, 3)) <= maxval(allowed(lane, 2:))) cycle

@@ -1,9 +1,10 @@
 ! SPDX-License-Identifier: BSD-3-Clause
 !>    Hess S v ~ (g(x + e v) - g(x - e v))/(2 e),   g = grad S,   S = H, H_k or a sum: zero where a trait says so
 !>
-!> The probe: what a model declares, tested by differences of its gradients at three points, and refused by name with
-!> the numbers that refute it. Directions without zeros decide, which takes some tens of gradients for any number of
-!> degrees of freedom; then the entry is looked for. What is false far from the initial state alone passes.
+!> The probe tests declarations of a model by differences of its gradients at three points, and refuses a false one
+!> by name with the numbers that refute it. Directions without zeros decide, which takes some tens of gradients for
+!> any number of degrees of freedom; then the entry is looked for. A declaration that is false only far from the
+!> initial state passes.
 module symsde_model_probe_traits
    use symsde_base_kinds, only: wp
    use symsde_base_memory, only: require_memory
@@ -78,7 +79,7 @@ contains
       call model%clear_failure()  ! a user's function may refuse a displaced point
    end subroutine probe_model
 
-   !> Numbers of eight bytes that a probe holds at most: vectors, and Hessians where they are looked at.
+   !> Most numbers of eight bytes that a probe holds: vectors, and Hessians if they are probed.
    pure real(wp) function probe_numbers(traits)
       type(model_traits), intent(in) :: traits
       real(wp) :: n, b
@@ -90,7 +91,7 @@ contains
       if (n <= largest_dense) probe_numbers = probe_numbers + nlane*9*n**2
    end function probe_numbers
 
-   !> Test what is declared of the Hamiltonians by themselves, each declared trait by its own probe.
+   !> Test the declarations about the Hamiltonians themselves, each trait by its own probe.
    subroutine probe_traits(points, traits, k, error)
       type(probe_points), intent(inout) :: points
       type(model_traits), intent(in) :: traits
@@ -183,7 +184,7 @@ contains
       type(finding) :: row
       integer :: pass
 
-      do pass = 1, 2  ! what the first difference refutes, both must
+      do pass = 1, 2  ! the trait is refused if one difference refutes it, and then both do
          call points%product(points%vq, points%vp, uq, up, scale, pass == 2)
          call worst(uq, up, scale, vanishing, row)
          if (row%lane == 0) return
@@ -266,7 +267,7 @@ contains
       b = points%model%traits%bandwidth
       if (b >= points%ndof - 1) return
       do k = 1, size(factor)
-         stride = factor(k)*(b + 1) + k - 1  ! what one stride passes over, another mostly sees
+         stride = factor(k)*(b + 1) + k - 1  ! an entry that one stride passes over is mostly seen by another
          nset = min(stride, points%ndof, most)
          do set = 0, nset - 1
             if (allocated(error)) return
@@ -331,7 +332,7 @@ contains
       exact = sum(hq*points%vq, dim=2) + sum(hp*points%vp, dim=2)
       scale = sum(abs(hq*points%vq), dim=2) + sum(abs(hp*points%vp), dim=2)
       call points%slope_of_values(slope, apart, values)
-      scale = scale + vanishing*values  ! what rounding of large values costs a difference
+      scale = scale + vanishing*values  ! error of a difference from rounding of large values
       where (.not. apart <= 1.0e-5_wp*scale) slope = exact  ! no verdict: the two steps disagree
       do lane = 1, npoint
          if (.not. abs(slope(lane) - exact(lane)) > matching*scale(lane)) cycle
@@ -384,7 +385,7 @@ contains
                  '; correct one of them, or do not offer it')
    end subroutine probe_joint
 
-   !> Whatever second derivatives are offered (hessian_vector, hessian, hessian_banded, gradient_hessian) must fit
+   !> All second derivatives that are offered (hessian_vector, hessian, hessian_banded, gradient_hessian) must fit
    !> differences of the gradient: products with a direction in q and with one in p are compared.
    subroutine probe_second(points, which, error)
       type(probe_points), intent(in) :: points
@@ -482,7 +483,8 @@ contains
       call refuse(points, trait, points%entry_name(row, column), x, row%lane, row%i, column%i, error)
    end subroutine refuse_entry
 
-   !> Refuse a trait (false_trait) because a quantity that it says is zero is not; tell its value, and where that is.
+   !> Refuse a trait (false_trait) because a quantity that should be zero is not; the message gives its value and
+   !> place.
    subroutine refuse(points, trait, what, x, lane, i, j, error)
       type(probe_points), intent(in) :: points
       character(*), intent(in) :: trait, what  !! name of the trait, name of the quantity

@@ -1,5 +1,5 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> The C functions of a user's model: what each of them is given and gives (symsde_gradient and so on in symsde.h).
+!> Interfaces of the C functions of a user's model: arguments and results (symsde_gradient and so on in symsde.h).
 !>
 !> Private to its family.
 module symsde_model_user_callback_functions
@@ -32,7 +32,7 @@ module symsde_model_user_callback_functions
          integer(c_int) :: code
       end function value_callback
 
-      !> Blocks of its Hessian.
+      !> Blocks of the Hessian of sum_j w_j H_j.
       function hessian_callback(nlane, ndof, nham, t, w, q, p, hqq, hqp, hpp, user) &
          bind(c) result(code)
          import :: c_int, c_double, c_ptr
@@ -45,7 +45,7 @@ module symsde_model_user_callback_functions
          integer(c_int) :: code
       end function hessian_callback
 
-      !> Its Hessian times (vq, vp).
+      !> The Hessian of sum_j w_j H_j times (vq, vp).
       function hessian_vector_callback(nlane, ndof, nham, t, w, q, p, vq, vp, uq, up, user) &
          bind(c) result(code)
          import :: c_int, c_double, c_ptr
@@ -72,7 +72,7 @@ module symsde_model_user_callback_functions
          integer(c_int) :: code
       end function gradient_hessian_callback
 
-      !> The gradient of a^T (its Hessian) b: third derivatives along (aq, ap) and (bq, bp).
+      !> The gradient of a^T (Hessian of sum_j w_j H_j) b: third derivatives along (aq, ap) and (bq, bp).
       function third_derivative_callback(nlane, ndof, nham, t, w, q, p, aq, ap, bq, bp, uq, up, user) &
          bind(c) result(code)
          import :: c_int, c_double, c_ptr

@@ -1,5 +1,6 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> Outputs of a user's functions: room for those that nobody wants, and NaN in all that a function leaves unwritten.
+!> Outputs of a user's functions: room for outputs that are not wanted, and NaN in outputs that a function leaves
+!> unwritten.
 !>
 !> Private to its family.
 module symsde_model_user_outputs

@@ -20,8 +20,8 @@
 !> A step is weighed in this order: the weights of H where h has changed; then noise by noise a_k, all w_ik and v_k;
 !> and last D_kl, which is made of the w and v of all noises.
 !>
-!> Of a sum of two products the compiler might contract either one, and a single path would have other bits than one of
-!> a block: parentheses around the second product leave the first one to be contracted.
+!> In a sum of two products the compiler might contract either one, and a single path would differ in its bits from
+!> a path of a block. Parentheses around the second product leave only the first one to be contracted.
 !>
 !> Private to its family.
 module symsde_step_splitting_coefficients
@@ -186,8 +186,8 @@ contains
       real(wp) :: kappa
       integer :: i, j, k, l, kl
 
-      ! The force-gradient kicks have kappa h v_k v_l of the products already, so that D, which comes with 1/2, lacks
-      ! twice that.
+      ! The force-gradient kicks already hold the products with kappa h v_k v_l. D enters with the factor 1/2, so
+      ! twice this is subtracted from D.
       kappa = sum(self%kicks%kappa)
       associate (c => self%kicks%c, w => self%w, v => self%v, d => self%d)
          do l = 1, self%nnoise

@@ -37,7 +37,7 @@ module symsde_step_splitting_drift
       real(wp), allocatable :: rate(:)             !! gamma (ndof)
       real(wp), allocatable :: reach(:, :), loss(:, :)  !! phi, exp(-gamma tau) - 1 (ndof, nleg)
       real(wp), allocatable :: omega(:)            !! frequencies (ndof)
-      real(wp), allocatable :: duration(:)         !! tau of each leg, which its columns below are of (nleg)
+      real(wp), allocatable :: duration(:)         !! tau of each leg, whose coefficients follow (nleg)
       real(wp), allocatable :: cosine_less_one(:, :), sine(:, :), sine_over(:, :)
       !! cos(omega tau) - 1, omega sin(omega tau), sin(omega tau)/omega (ndof, nleg)
    contains

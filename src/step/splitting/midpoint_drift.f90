@@ -28,15 +28,14 @@ module symsde_step_splitting_midpoint_drift
    private
    public :: midpoint_flow, new_midpoint_flow
 
-   !> The stepper of these midpoint steps and its rescue, the weights with which it is asked, and where the path is
-   !> between two kicks.
+   !> The stepper of these midpoint steps, its rescue, its weights, and the state of the path between two kicks.
    type :: midpoint_flow
       private
-      class(stepper_type), allocatable, public :: stepper  !! that takes the midpoint steps
+      class(stepper_type), allocatable, public :: stepper  !! takes the midpoint steps
       type(scheme_type), allocatable :: midpoint
-      type(rescue_type) :: rescue                          !! takes the lanes that it fails in
+      type(rescue_type) :: rescue                          !! takes the lanes in which the stepper fails
       real(wp), allocatable :: w(:, :)                     !! weights: tau for H, zero for noises (nlane, 0:nnoise)
-      real(wp), allocatable, dimension(:, :) :: x, y, dx, dy  !! the path, how it moves (nlane, ndof)
+      real(wp), allocatable, dimension(:, :) :: x, y, dx, dy  !! state of the path, its increments (nlane, ndof)
       integer(i8), allocatable :: failed(:)                !! 1 where a lane had failed before, else -1 (nlane)
    contains
       procedure :: move
@@ -92,7 +91,7 @@ contains
       integer(i8), intent(inout) :: status(self%stepper%ham%nlane)
       type(step_record) :: step
 
-      ! The weights of the noises are zero since they were allocated: they have their kicks.
+      ! The weights of the noises stay zero, as they were allocated: noises act in the kicks.
       self%w(:, 0) = tau
       self%x = q + dq
       self%y = p + dp

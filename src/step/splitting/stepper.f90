@@ -22,8 +22,8 @@ module symsde_step_splitting_stepper
    private
    public :: splitting_stepper
 
-   !> What a stepper finds before the steps of a call, which for a block is nothing: its lanes fill vectors in every
-   !> step as they are.
+   !> Results that a stepper finds before the steps of a call. A block has none: its lanes fill vectors in every
+   !> step.
    type :: ahead_type
    end type ahead_type
 

@@ -75,7 +75,7 @@ module symsde_step_stages_equations
             associate (i => group%stage(m))
                ! From the second sweep on all slopes of the group are known: the full coefficients hold.
                call self%place(i, min(sweep, 2))
-               ! F_i and C_i at the new point of all lanes; whose they become is decided below.
+               ! F_i and C_i at the new points of all lanes; the lanes that take them are chosen below.
                call self%evaluate(i, self%hq, self%hp)
                ! The first sweep has no slope to compare with: the change is the slope itself.
                if (sweep == 1) then

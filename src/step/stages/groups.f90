@@ -1,5 +1,5 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> In which order the stages of a tableau are solved for, and with which coefficients.
+!> The order in which the stages of a tableau are solved for, and their coefficients.
 !>
 !> Where H = p.p/2 + U(q), the momenta of the stages P_j = p_n + sum_k abar_jk G_k are eliminated from
 !> Q_i = q_n + sum_j a_ij (h P_j + g_j):
@@ -35,7 +35,7 @@ module symsde_step_stages_groups
       integer, allocatable :: stage(:)         !! their numbers (nmember)
       logical :: explicit = .false.            !! one stage that does not wait for itself
       real(wp), allocatable :: b(:, :)         !! B of these stages (nmember, nmember)
-      real(wp), allocatable :: earlier(:, :)   !! the same with stages outside, a column each (nstage, nmember)
+      real(wp), allocatable :: earlier(:, :)   !! B between these and other stages, a column each (nstage, nmember)
       real(wp), allocatable :: inverse(:, :)   !! inverse of b; not allocated if b is singular
       real(wp), allocatable :: e(:), f(:)      !! b_ik = e_i f_k where it is singular and of rank one (nmember)
    end type stage_group
@@ -48,8 +48,8 @@ module symsde_step_stages_groups
       real(wp), allocatable :: a(:, :), abar(:, :)     !! a_ij and abar_ij of stage i in column i (nstage, nstage)
       real(wp), allocatable :: r(:), v(:)              !! r_i and v_k of the equations above (nstage)
       real(wp), allocatable :: b(:, :)                 !! B_ik of stage i in column i (nstage, nstage)
-      !> The same for the first sweep of an iteration: slopes of the group that are not known yet are taken to be those
-      !> of the member before, or zero (nstage, nstage).
+      !> The coefficients for the first sweep of an iteration: a slope of the group that is not known yet is
+      !> replaced by the slope of the member before, or by zero (nstage, nstage).
       real(wp), allocatable, dimension(:, :) :: first_b, first_a, first_abar
       type(stage_group), allocatable :: group(:)       !! (ngroup)
    contains
@@ -89,9 +89,9 @@ contains
       call find_first_sweep(self)
    end subroutine new_stage_plan
 
-   !> The groups, each after those it waits for. Stage i reaches k where it waits for k through any number of stages
-   !> (the transitive closure of waits); two that reach each other are mates, and each is its own mate. A group comes
-   !> when all that its stages reach outside of it has come.
+   !> Find the groups, each after the groups it waits for. Stage i reaches k if it waits for k through any number of
+   !> stages (the transitive closure of waits). Two stages that reach each other are mates, and each is its own
+   !> mate. A group is added when all stages outside of it that its stages reach are in earlier groups.
    pure subroutine find_groups(self, waits)
       type(stage_plan), intent(inout) :: self
       logical, intent(in) :: waits(self%nstage, self%nstage)  !! stage i waits for stage k
@@ -147,8 +147,8 @@ contains
       end do
    end subroutine find_first_sweep
 
-   !> Add the coefficients of members m and later to the one of member m-1, the newest slope that is known. The first
-   !> member knows none, and loses them.
+   !> Add the coefficients of members m and later to the coefficient of member m-1, whose slope is the newest known
+   !> one. Before the first member no slope is known, and these coefficients are dropped.
    pure subroutine move_to_known(stage, m, coefficient)
       integer, intent(in) :: stage(:), m
       real(wp), intent(inout) :: coefficient(:)

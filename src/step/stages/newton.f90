@@ -1,6 +1,6 @@
 ! SPDX-License-Identifier: BSD-3-Clause
 !> Newton's iteration for implicit stages in a few lanes of a block, by newton.inc.
-!> All lanes are asked for gradient and Hessian together; those that rest are not corrected.
+!> All lanes are asked for gradient and Hessian together; lanes that rest are not corrected.
 !>
 !> Private to its family.
 module symsde_step_stages_newton
@@ -34,7 +34,7 @@ module symsde_step_stages_newton
       real(wp), intent(out) :: hq(ham%nlane, ham%ndof)
       real(wp), intent(out) :: k(ham%nlane*ham%ndof*merge(ham%ndof, band + 1, band == dense))
 
-      ! K is asked for as the matrix takes it: n^2 entries, or the diagonal and the bands above it.
+      ! K is requested in the form of the matrix: n^2 entries, or the diagonal and the bands above it.
       if (band == dense) then
          call ham%bare_gradient_hessian(ham%nlane, t, w, q, p, hq=hq, hqq=k)
       else

@@ -1,7 +1,7 @@
 ! SPDX-License-Identifier: BSD-3-Clause
 !> Newton's iteration for implicit stages of a single path, by newton.inc with one lane.
-!> Small dense systems are solved by solve/newton_single_path in the place of the matrix. One whose pivots are not
-!> trusted is formed once more, and solved with exchanges of rows.
+!> Small dense systems are solved by solve/newton_single_path in the place of the matrix. A system whose pivots are
+!> not trusted is formed once more, and solved with exchanges of rows.
 !>
 !> Private to its family.
 module symsde_step_stages_newton_single_path

@@ -5,8 +5,8 @@
 !>
 !> A slope whose coefficient is zero is never read by a block: it may not be known yet.
 !>
-!> Products are added one after the other to what the sum starts with. So nothing is left to choose for a compiler that
-!> contracts, and a coefficient of zero changes nothing: a single path adds them all, and has the same bits.
+!> Products are added one after the other to the start of the sum. So a compiler that contracts has no choice, and a
+!> product with the coefficient zero changes nothing: a single path adds all products, and has the same bits.
 !>
 !> The sum of stage i begins with F_i, its own slope of the sweep before, and goes on i+1, .., s, 1, .., i-1. Thus the
 !> slope that has just been found, of the stage before, comes last: a single path has done all other additions by
@@ -21,14 +21,14 @@ module symsde_step_stages_slope_sums
    private
    public :: add_slopes, weigh_slopes
 
-   integer, parameter :: few = 4      !! from so many numbers of a path on vectors pay
-   integer, parameter :: at_once = 3  !! slopes that are added in one pass
+   integer, parameter :: few = 4      !! fewest numbers of a path for which vectors pay
+   integer, parameter :: at_once = 3  !! most slopes that are added in one pass
 
 contains
 
    !> total = start + sum_j c_j slope_j, from slope `first` on and around, for a block. First the slopes with
-   !> coefficients are looked for, up to three of them; then they are added in one pass, and what is left in passes of
-   !> its own.
+   !> coefficients are looked for, up to three of them. Then they are added in one pass, and further slopes in
+   !> passes of their own.
    pure subroutine add_slopes(n, nstage, first, c, slope, start, total)
       integer, intent(in) :: n, nstage, first
       real(wp), intent(in) :: c(nstage), slope(n, nstage), start(n)
@@ -64,8 +64,8 @@ contains
       end do
    end subroutine add_slopes
 
-   !> The same of slopes that are all numbers, for a single path: those with the coefficient zero are added, too,
-   !> without a search for them. Up to three numbers go without vectors.
+   !> total = start + sum_j c_j slope_j for a single path, whose slopes are all numbers: slopes with the coefficient
+   !> zero are added, too, without a search for them. Up to three numbers are added without vectors.
    pure subroutine weigh_slopes(n, nstage, first, c, slope, start, total)
       integer, intent(in) :: n, nstage, first
       real(wp), intent(in) :: c(nstage), slope(n, nstage), start(n)

@@ -3,8 +3,8 @@
 !>
 !>    Q_i = q_n + sum_j a_ij Hhat_p(Q_j, P_j)        P_i = p_n - sum_j abar_ij Hhat_q(Q_j, P_j)
 !>
-!> Where sweeps cost little many are taken at once (sweeps_ahead); a step that these do not end is begun anew by the
-!> body. Both ways have the bits of a lane of a block, and both find slopes group after group.
+!> If sweeps cost little, many are taken at once (sweeps_ahead); a step that these sweeps do not finish is begun
+!> anew by the body. Both ways have the bits of a lane of a block, and both find slopes group after group.
 module symsde_step_stages_stepper_single_path
    use symsde_base_damping, only: damping_type
    use symsde_base_counters, only: counters_type, add_counters
