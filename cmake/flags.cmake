@@ -26,10 +26,12 @@ if(SYMSDE_FLAGS STREQUAL "release")
 elseif(SYMSDE_FLAGS STREQUAL "native")
    set(_common ${_release} -march=native)
 elseif(SYMSDE_FLAGS STREQUAL "dev")
+   set(SYMSDE_CONTRACTS ON)  # src/base/contracts.f90
    set(_common -Og -g -Werror)
    set(_fortran ${_fortran_warnings} -fcheck=all -finit-real=snan -fbacktrace)
    set(_c ${_c_warnings})
 elseif(SYMSDE_FLAGS STREQUAL "sanitize")
+   set(SYMSDE_CONTRACTS ON)
    set(SYMSDE_SANITIZERS -fsanitize=address,undefined)
    # lines are what a report shows; all of -g took a quarter of the time
    set(_common -O1 -g1 -fno-omit-frame-pointer ${SYMSDE_SANITIZERS} -fno-sanitize-recover=undefined)

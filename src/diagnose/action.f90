@@ -13,9 +13,11 @@
 !> used. Values are NaN for paths that hold NaN or whose internal stages cannot be solved.
 module symsde_diagnose_action
    use, intrinsic :: ieee_arithmetic, only: ieee_value, ieee_quiet_nan
+   use symsde_base_contracts, only: contracts_are_executed
    use symsde_base_kinds, only: wp, i8
    use symsde_base_memory, only: require_memory
    use symsde_base_status, only: error_type, raise, wrong_shape, missing_operation
+   use symsde_diagnose_contract, only: require_increments
    use symsde_diagnose_lagrangian, only: discrete_lagrangian, lagrangian_gradient, new_discrete_lagrangian, &
                                          lanes_of_diagnosis, lagrangian_numbers
    use symsde_ensemble_monitor, only: monitor_type, stop_if_wanted
@@ -243,6 +245,7 @@ contains
       if (.not. fits3(dw, size(q, 1), model%traits%nnoise, size(dw, 3))) &
          call refuse_shape('dw', error)
       if (allocated(error)) return
+      if (contracts_are_executed) call require_increments(dw, 'diagnose, action')
       ! Check memory before allocating: a refusal names what to make smaller.
       nlane = lanes_of_diagnosis(model, scheme, size(q, 1, i8))
       call require_memory(lagrangian_numbers(model, scheme, nlane), 'the discrete Lagrangian of model '//model%name// &

@@ -19,6 +19,7 @@
 !> that Newton does not find from a straight line (not_converged): give a guess.
 module symsde_diagnose_boundary_value
    use, intrinsic :: ieee_arithmetic, only: ieee_value, ieee_quiet_nan
+   use symsde_base_contracts, only: contracts_are_executed
    use symsde_base_kinds, only: wp, i4, i8
    use symsde_base_lanes, only: lane_unit, default_nlane
    use symsde_base_memory, only: require_memory
@@ -26,6 +27,7 @@ module symsde_diagnose_boundary_value
                                  status_ok, not_converged, nonfinite
    use symsde_base_text, only: to_text
    use symsde_diagnose_action_system, only: action_system, new_action_system
+   use symsde_diagnose_contract, only: require_paths
    use symsde_diagnose_lagrangian, only: discrete_lagrangian, new_discrete_lagrangian, lagrangian_numbers
    use symsde_ensemble_run_driver, only: new_noise
    use symsde_ensemble_run_increments, only: collect_increments
@@ -140,6 +142,7 @@ contains
          if (present(rcond)) rcond(first:first + nreal - 1) = states(:nreal)%rcond
       end do
       call blas_restore_threads()
+      if (contracts_are_executed .and. .not. allocated(error)) call require_paths(status, q, p)
    end subroutine stationary_path
 
    !> The increments of all paths, and for a block the Lagrangian, the equations with their band, and Newton's work.

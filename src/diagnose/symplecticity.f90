@@ -22,12 +22,14 @@
 !> noise.
 module symsde_diagnose_symplecticity
    use, intrinsic :: ieee_arithmetic, only: ieee_value, ieee_quiet_nan
+   use symsde_base_contracts, only: contracts_are_executed
    use symsde_base_functionals, only: path_dz, path_areas
    use symsde_base_kinds, only: wp, i8
    use symsde_base_memory, only: require_memory
    use symsde_base_record, only: step_record, step_store, new_step_store
    use symsde_base_status, only: error_type, raise, wrong_shape, invalid_argument
    use symsde_base_text, only: to_text
+   use symsde_diagnose_contract, only: require_given
    use symsde_diagnose_lagrangian, only: lanes_of_diagnosis
    use symsde_ensemble_monitor, only: monitor_type, stop_if_wanted
    use symsde_ensemble_options, only: run_options, check_options, steppers_of
@@ -181,6 +183,8 @@ contains
       if (present(spacing)) base = spacing
       call check(model, options, steps%q, steps%p, steps%dw, base, error)
       if (allocated(error)) return
+      if (contracts_are_executed) &
+         call require_given(size(steps%q, 1), model%traits%nnoise, steps%dw, steps%dz, steps%areas)
       ! The stepper is built as for a run: solver, correction and bounds are those of the options.
       npoint = size(steps%q, 1)
       ! Each of the 2 ndof variables is moved to eight places, at every point.

@@ -20,6 +20,7 @@
 !> All ways give a step the same numbers. They differ in what fills the lanes of the generator: the paths of a block,
 !> or the steps and noises of few paths, for which a vector of paths would be padding for the most part.
 module symsde_noise_brownian
+   use symsde_base_contracts, only: contracts_are_executed
    use symsde_base_functionals, only: nfunctional, path_areas
    use symsde_base_interrupt, only: interrupt_type
    use symsde_base_kinds, only: wp, i8
@@ -28,6 +29,7 @@ module symsde_noise_brownian
    use symsde_base_record, only: step_request, step_store
    use symsde_base_status, only: error_type, raise, invalid_argument, incompatible
    use symsde_base_text, only: to_text
+   use symsde_noise_contract, only: require_request, require_filled
    use symsde_noise_discrete, only: discrete_pairs
    use symsde_noise_functionals, only: path_interval, clip_increments, clip_interval
    use symsde_noise_integral_draws, only: integral_draws, fill_direct
@@ -105,6 +107,7 @@ contains
       integer(i8), intent(out) :: drawn
       class(interrupt_type), intent(inout), target, optional :: interrupt
 
+      if (contracts_are_executed) call require_request(self, request, store)
       drawn = 0
       ! Discrete increments of few paths go the way of functionals, too: it draws several steps at once, and makes
       ! the same increments.
@@ -116,6 +119,7 @@ contains
       else
          call fill_others(self, request, store%w, drawn, interrupt)
       end if
+      if (contracts_are_executed) call require_filled(self, request, store, 0, 2*request%npair - 1, interrupt)
    end subroutine fill_brownian
 
    !> Make increments of several steps for any law and refinement, one noise after another: dw (nlane, steps) of one

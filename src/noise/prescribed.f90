@@ -13,10 +13,12 @@
 !> Steps are asked for in pairs that are counted from step 0, so a pair may reach over both ends of what is given:
 !> those steps of the store are left as they are.
 module symsde_noise_prescribed
+   use symsde_base_contracts, only: contracts_are_executed
    use symsde_base_functionals, only: nfunctional
    use symsde_base_interrupt, only: interrupt_type
    use symsde_base_kinds, only: wp, i8
    use symsde_base_record, only: step_request, step_store
+   use symsde_noise_contract, only: require_request, require_filled
    use symsde_noise_functionals, only: path_interval, new_path_interval, shape_values, merge_intervals, &
                                        clip_increments, clip_interval
    use symsde_noise_source, only: noise_type
@@ -71,6 +73,7 @@ contains
       integer(i8) :: row, rows
       integer :: i, first, last
 
+      if (contracts_are_executed) call require_request(self, request, store)
       drawn = 0
       rows = 2_i8**self%refine
       row = (2*request%pair - self%first_step)*rows + 1
@@ -98,6 +101,7 @@ contains
             row = row + rows
          end do
       end if
+      if (contracts_are_executed) call require_filled(self, request, store, first, last)
    end subroutine fill_prescribed
 
    !> Make the increments of one step, the sum of its rows, and functionals of the polygon through them, truncated as

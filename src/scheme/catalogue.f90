@@ -14,10 +14,12 @@
 !> The others are tableaux (heun, dirk:c), kicks and drifts (scheme/splitting), a tableau with a modified Hamiltonian
 !> (scheme/expansion) or with a step around it (scheme/additive), and Euler-Maruyama.
 module symsde_scheme_catalogue
+   use symsde_base_contracts, only: contracts_are_executed
    use symsde_base_kinds, only: wp
    use symsde_base_status, only: error_type, raise, unknown_name, invalid_argument
    use symsde_base_text, only: name_length, nearest_name
    use symsde_scheme_additive, only: additive_scheme
+   use symsde_scheme_contract, only: require_scheme
    use symsde_scheme_expansion, only: expand_scheme
    use symsde_scheme_measured, only: add_measurements
    use symsde_scheme_orders, only: set_order, evidence_claimed, additive_noise, commutative_noise, commuting_flows, &
@@ -108,7 +110,9 @@ contains
          call splitting_scheme(scheme, name, known, error)
          if (.not. known) call parametrised(scheme, name, error)
       end select
-      if (.not. allocated(error)) call add_measurements(scheme%order, name)
+      if (allocated(error)) return
+      call add_measurements(scheme%order, name)
+      if (contracts_are_executed) call require_scheme(scheme, 'scheme, catalogue')
    end subroutine get_scheme
 
    !> A scheme from a named quadrature.

@@ -8,11 +8,13 @@
 !> adjoint treats the drift correction as even: its coefficient follows from the new beta^T b e and
 !> has the other sign (adjoint of the one-sided scheme lambda is that of 1 - lambda).
 module symsde_scheme_composition
+   use symsde_base_contracts, only: contracts_are_executed
    use symsde_base_kinds, only: wp
    use symsde_base_lanes, only: is_finite_lane
    use symsde_base_laws, only: law_gaussian, law_text
    use symsde_base_status, only: error_type, raise, invalid_argument, incompatible, wrong_shape
    use symsde_base_text, only: to_text
+   use symsde_scheme_contract, only: require_scheme
    use symsde_scheme_scheme, only: scheme_type, tableau_form, galerkin_form, ito_form, splitting_form, frame_none
    use symsde_scheme_properties, only: declare_properties, tableau_order
    implicit none
@@ -39,6 +41,7 @@ contains
                                             'take a scheme of the Stratonovich form')
       call check_plain('adjoint_scheme', base, error)
       if (allocated(error)) return
+      if (contracts_are_executed) call require_scheme(base, 'scheme, adjoint')
       scheme = base
       ! Backwards in time the last stage comes first: i' = r + 1 - i.
       r = base%nstage
@@ -61,6 +64,7 @@ contains
       scheme%reference = 'adjoint of '//base%name
       ! Backwards in time a scheme has the same order.
       call declare_properties(scheme, base%order_noise_free)
+      if (contracts_are_executed) call require_scheme(scheme, 'scheme, adjoint')
    end subroutine adjoint_scheme
 
    !> a*_ij = alpha_j' - a_i'j'; zero where only rounding is left, so that explicit stages are seen.
@@ -104,6 +108,7 @@ contains
       allocate (scheme%a(r, r), scheme%abar(r, r), scheme%b(r, r), scheme%bbar(r, r), source=0.0_wp)
       first = 0
       do k = 1, size(parts)
+         if (contracts_are_executed) call require_scheme(parts(k), 'scheme, composition')
          call append_part(scheme, parts(k), first, sum(fractions(:k - 1)), fractions(k))
          first = first + parts(k)%nstage
       end do
@@ -118,6 +123,7 @@ contains
       call declare_properties(scheme, order)
       ! A symmetric scheme has even order: an odd one that is proven is exceeded.
       if (scheme%symmetric .and. mod(order, 2) == 1) call declare_properties(scheme, order + 1)
+      if (contracts_are_executed) call require_scheme(scheme, 'scheme, composition')
    end subroutine composed_scheme
 
    !> Write the rows and columns of one part into the block tableau.

@@ -22,10 +22,12 @@
 !> unknowns, and agree for one node alone (scheme_from_end_point_rule). With r < s the control points are
 !> undetermined. With r > s the q'(c_i) are not independent of each other, and H_pp must be invertible for the P_i.
 module symsde_scheme_discrete_lagrangian
+   use symsde_base_contracts, only: contracts_are_executed
    use symsde_base_kinds, only: wp
    use symsde_base_lanes, only: is_finite_lane
    use symsde_base_status, only: error_type, raise, invalid_argument, incompatible, wrong_shape
    use symsde_base_text, only: to_text
+   use symsde_scheme_contract, only: require_scheme
    use symsde_scheme_scheme, only: scheme_type, model_needs, tableau_form, galerkin_form, symplectic_conjugate, &
                                    tidy
    use symsde_scheme_quadrature, only: get_quadrature, exactness_degree
@@ -83,6 +85,7 @@ contains
       ! The polynomial limits the order without noise to 2 s, and the rule to its degree of exactness plus one.
       exactness = exactness_degree(nodes, weights)
       call declare_properties(scheme, min(2*degree, exactness + 1))
+      if (contracts_are_executed) call require_scheme(scheme, 'scheme, quadrature')
    end subroutine scheme_from_quadrature
 
    !> The paper's own recipe (63)-(65) with momenta tied to the end points: node i evaluates the

@@ -12,10 +12,12 @@
 !>
 !> hold for all i, j. They suffice, and are needed where no stage is superfluous.
 module symsde_scheme_tableau
+   use symsde_base_contracts, only: contracts_are_executed
    use symsde_base_kinds, only: wp
    use symsde_base_lanes, only: is_finite_lane
    use symsde_base_status, only: error_type, raise, invalid_argument, incompatible, wrong_shape
    use symsde_base_text, only: to_text
+   use symsde_scheme_contract, only: require_scheme
    use symsde_scheme_scheme, only: scheme_type, tableau_form, symplecticity_residual
    use symsde_scheme_properties, only: declare_properties, tableau_order, coefficient_tolerance
    implicit none
@@ -79,6 +81,7 @@ contains
       end if
       ! The order without noise depends on (a, abar, alpha) alone.
       call declare_properties(scheme, tableau_order(a, abar, alpha))
+      if (contracts_are_executed) call require_scheme(scheme, 'scheme, tableau')
    end subroutine scheme_from_tableau
 
    !> Copy the coefficients, for the drift and for the noise.

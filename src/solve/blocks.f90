@@ -10,9 +10,11 @@
 !> across lanes leaves alone.
 !> Which way a lane goes depends on its own numbers only.
 module symsde_solve_blocks
+   use symsde_base_contracts, only: contracts_are_executed, require_statuses
    use symsde_base_kinds, only: wp, i4, i8
    use symsde_base_status, only: status_ok
    use symsde_solve_banded, only: solve_banded_strip
+   use symsde_solve_contract, only: require_system, require_solved
    use symsde_solve_elimination, only: solve_lanes, solve_strip, strip_lanes
    use symsde_solve_one_system, only: lapack_takes, solve_banded_lane, solve_lane
    implicit none
@@ -55,6 +57,7 @@ contains
       integer, intent(in) :: kl     !! diagonals below the main one; < 0: dense matrices
       integer, intent(in) :: ku     !! diagonals above the main one; not used if dense
 
+      if (contracts_are_executed) call require_system(nlane, n, kl, ku)
       self%nlane = nlane
       self%n = n
       self%rows = n
@@ -83,19 +86,21 @@ contains
       integer(i8), intent(inout) :: status(self%nlane)          !! set to singular or nonfinite
       integer :: nactive, nsuspect
 
+      if (contracts_are_executed) call require_statuses(self%nlane, status, 'solve, block')
       nactive = count(active)
       if (nactive == 0) return
       ! With a monitor of zero, every active lane is solved by itself.
       if (too_large(self)) then
          self%smallest = 0
          call solve_suspects(self, a, x, active, status)
-         return
+      else
+         ! Elimination puts solutions in place of right-hand sides, which may be needed once more; matrices are kept.
+         self%rhs(:, :) = x
+         call eliminate(self, a, x, active)
+         call find_suspects(self%nlane, self%n, x, active, self%smallest, nsuspect)
+         if (nsuspect > 0) call solve_suspects(self, a, x, active, status)
       end if
-      ! Elimination puts solutions in place of right-hand sides, which may be needed once more; matrices are kept.
-      self%rhs(:, :) = x
-      call eliminate(self, a, x, active)
-      call find_suspects(self%nlane, self%n, x, active, self%smallest, nsuspect)
-      if (nsuspect > 0) call solve_suspects(self, a, x, active, status)
+      if (contracts_are_executed) call require_solved(self%nlane, self%n, status, x, 'solve, block', active)
    end subroutine solve_block
 
    !> Whether the systems are dense and of one or two unknowns, which have a closed form and need no strips.

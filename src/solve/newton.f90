@@ -21,11 +21,13 @@
 !> A lane that is done or failed is frozen: a path never depends on its neighbours. Loops are bounded by
 !> max_iter.
 module symsde_solve_newton
+   use symsde_base_contracts, only: contracts_are_executed, require_statuses
    use symsde_base_kinds, only: wp, i8
    use symsde_base_counters, only: counters_type
    use symsde_base_status, only: error_type, raise, invalid_argument, not_converged, nonfinite, singular
    use symsde_base_text, only: to_text
    use symsde_solve_blocks, only: block_solver, new_block_solver
+   use symsde_solve_contract, only: require_solved
    use symsde_solve_stagnation, only: stopping_test, linear, quadratic, done_at_once, never_done, failed
    use symsde_solve_stagnation, only: correct_first, correct_exact, fail_nonfinite
    use symsde_solve_stagnation, only: correct_scalar, iterate_scalar, correct_lanes, test_lanes
@@ -156,6 +158,7 @@ contains
       integer(i8), intent(inout) :: status(self%nlane)         !! code of a lane that fails
       type(counters_type), intent(inout) :: counters
 
+      if (contracts_are_executed) call require_statuses(self%nlane, status, 'solve, newton')
       if (self%options%damped) then
          call reject(self%damping, self%r, self%last, x, self%step, self%size)
          call solve_correction(self, status, counters)
@@ -165,6 +168,7 @@ contains
          call correct_lanes(self%nlane, self%n, self%r, self%last, x, self%step, self%size)
       end if
       call self%judge(status, counters)
+      if (contracts_are_executed) call require_solved(self%nlane, self%n, status, x, 'solve, newton')
    end subroutine update
 
    !> Freeze a lane whose system could not be solved.

@@ -10,11 +10,13 @@
 !> What decides are the traits of the model and the form, frame and coefficients of the scheme. For one lane the
 !> instance of a body for a single path is allocated, where there is one.
 module symsde_step_factory
+   use symsde_base_contracts, only: contracts_are_executed
    use symsde_base_damping, only: damping_type
    use symsde_base_laws, only: law_gaussian
    use symsde_base_status, only: error_type, raise, incompatible, invalid_argument
    use symsde_base_text, only: to_text
    use symsde_model_abstract, only: model_type
+   use symsde_scheme_contract, only: require_scheme
    use symsde_scheme_dependency, only: is_explicit
    use symsde_scheme_galerkin_tableau, only: find_tableau
    use symsde_scheme_kicks, only: flow_free
@@ -172,6 +174,7 @@ contains
       if (allocated(error)) return
       call check_needs(model, scheme, error)
       if (allocated(error)) return
+      if (contracts_are_executed) call require_scheme(scheme, 'step, task')
       task%model => model
       task%damping = model%damping
       task%scheme => scheme

@@ -20,6 +20,7 @@
 !> or frame of its own does not say it), how it is made for one, and what it leaves out. The factory keeps them in
 !> order.
 module symsde_step_stepper
+   use symsde_base_contracts, only: contracts_are_executed
    use symsde_base_damping, only: damping_type
    use symsde_base_counters, only: counters_type, add_counters
    use symsde_base_kinds, only: wp, i8
@@ -29,6 +30,7 @@ module symsde_step_stepper
    use symsde_scheme_scheme, only: scheme_type, bracket_terms, tableau_form, correction_none, frame_none
    use symsde_solve_newton, only: newton_options
    use symsde_step_block_state, only: lane_state, passed_states
+   use symsde_step_contract, only: require_steps, require_taken
    use symsde_step_hamiltonian_brackets, only: active_brackets
    use symsde_step_hamiltonian_one_step, only: one_step_hamiltonian
    implicit none
@@ -117,6 +119,7 @@ contains
       logical, intent(out) :: failed    !! one has
       integer :: left
 
+      if (contracts_are_executed) call require_steps(steps, state)
       call self%make_room()
       call self%prefetch(steps)
       passed%n = 0
@@ -130,6 +133,7 @@ contains
             call self%increment(self%record, state%q, state%p, self%last_dq, self%last_dp, state%status)
             call state%advance(self%last_dq, self%last_dp, failed)
          end if
+         if (contracts_are_executed .and. failed) call require_taken(steps, state, passed, ntaken, failed)
          if (failed) return
          left = left - 1
          if (left > 0) cycle
@@ -137,6 +141,7 @@ contains
          if (steps%nstep > steps%every) call passed%put(state)
       end do
       ntaken = steps%nstep
+      if (contracts_are_executed) call require_taken(steps, state, passed, ntaken, failed)
    end subroutine advance
 
    !> Find what these steps need before the first of them, for all at once; by default nothing. `advance` then asks for

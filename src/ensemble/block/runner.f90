@@ -15,6 +15,7 @@
 !> that is computed, shown or counted depends on where: steps are taken several at once, but a lane that fails or is
 !> retired on the way ends where it would end if they were taken one by one. No clock is read here.
 module symsde_ensemble_block_runner
+   use symsde_base_contracts, only: contracts_are_executed
    use symsde_base_counters, only: counters_type, add_counters
    use symsde_base_functionals, only: functional_set
    use symsde_base_interrupt, only: interrupt_type
@@ -27,6 +28,7 @@ module symsde_ensemble_block_runner
    use symsde_ensemble_block_growth, only: growth_type
    use symsde_ensemble_block_noise_buffer, only: noise_buffer, new_noise_buffer
    use symsde_ensemble_block_initial_state, only: initial_state
+   use symsde_ensemble_contract, only: require_block, require_shown, require_finished
    use symsde_ensemble_observe_observer, only: observer_type
    use symsde_ensemble_options, only: run_options
    use symsde_model_abstract, only: model_type
@@ -136,6 +138,7 @@ contains
       ! The rest of a stopped drive, whose blocks go on from different steps, is not looked at.
       call self%growth%begin(self%options%first_step, merge(0_i8, self%options%nstep, start%resumed), self%state)
       call self%observer%begin_block(first, nreal, self%state%nlane)
+      if (contracts_are_executed) call require_shown(self%state)
       ! The initial state is saved state 0; a block that goes on has shown it before.
       if (self%step == self%options%first_step) &
          call self%observer%observe(0_i8, time_of(self, self%step), self%state)
@@ -166,6 +169,7 @@ contains
       integer(i8), intent(in) :: step, path(self%state%nlane)
       integer, intent(in) :: nreal
 
+      if (contracts_are_executed) call require_block(self%state%nlane, nreal, path, step)
       self%nreal = nreal
       self%step = step
       ! Padding repeats the last path, noise included.
@@ -409,6 +413,8 @@ contains
          reached = (self%step - self%options%first_step)/self%options%save_every
          if (reached < self%options%nstep/self%options%save_every) call self%observer%skip(reached + 1)
       end if
+      if (contracts_are_executed) &
+         call require_finished(self%state, self%nreal, self%step, self%options%first_step + self%options%nstep)
       call count_steps(self)
    end subroutine finish
 
@@ -437,6 +443,7 @@ contains
    subroutine save_point(self)
       type(block_runner), intent(inout) :: self
 
+      if (contracts_are_executed) call require_shown(self%state)
       call self%observer%observe((self%step - self%options%first_step)/self%options%save_every, &
                                  time_of(self, self%step), self%state)
    end subroutine save_point

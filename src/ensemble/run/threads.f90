@@ -12,12 +12,14 @@ module symsde_ensemble_run_threads
    use, intrinsic :: iso_c_binding, only: c_int
    use omp_lib, only: omp_get_max_threads, omp_get_thread_num
    use symsde_base_clock, only: seconds
+   use symsde_base_contracts, only: contracts_are_executed
    use symsde_base_interrupt, only: interrupt_type
    use symsde_base_kinds, only: wp, i8
    use symsde_base_status, only: error_type, raise, invalid_argument, stopped, absorbed
    use symsde_base_text, only: to_text
    use symsde_ensemble_block_runner, only: block_runner
    use symsde_ensemble_block_initial_state, only: initial_state
+   use symsde_ensemble_contract, only: require_counts
    use symsde_ensemble_monitor, only: monitor_type
    use symsde_ensemble_block_shrink_block, only: narrow_down, come_back
    use symsde_ensemble_options, only: run_options
@@ -99,6 +101,8 @@ contains
          call set_float_mode(own)
          !$omp end parallel
       end if
+      if (contracts_are_executed) call require_counts((options%npath - 1)/runners(1)%state%nlane + 1, shared%finished, &
+                                                      options%npath, shared%nfailed + shared%nstopped)
    end subroutine run_blocks
 
    !> Run one block after another on this thread, by its own runner, until no block is left.

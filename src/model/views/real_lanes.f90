@@ -5,11 +5,13 @@
 !> from lane to lane takes as long for one path as for one lane, and not for eight. Inputs of the real lanes are
 !> gathered, outputs spread; padding gets those of the last real lane, as if it had been computed.
 module symsde_model_views_real_lanes
+   use symsde_base_contracts, only: contracts_are_executed, require_padded
    use symsde_base_counters, only: counters_type
    use symsde_base_kinds, only: wp, i8
    use symsde_base_maps, only: step_map
    use symsde_base_record, only: steps_record
    use symsde_model_abstract, only: model_type
+   use symsde_model_contract, only: require_real_lanes
    use symsde_model_kernels, only: kernel_model, kernels_of
    implicit none
    private
@@ -269,6 +271,7 @@ contains
       integer, intent(in) :: nlane, ndof, nnoise
       real(wp), intent(in) :: w(nlane, 0:nnoise), q(nlane, ndof), p(nlane, ndof)
 
+      if (contracts_are_executed) call require_real_lanes(nlane, self%nreal)
       call gather(nlane, self%nreal, nnoise + 1, w, self%buffer(1)%x)
       call gather(nlane, self%nreal, ndof, q, self%buffer(2)%x)
       call gather(nlane, self%nreal, ndof, p, self%buffer(3)%x)
@@ -323,6 +326,7 @@ contains
          x(:n, i) = real_ones(:, i)
          x(n + 1:, i) = real_ones(n, i)
       end do
+      if (contracts_are_executed) call require_padded(nlane, n, ncol, x, 'model, real lanes', 'answers')
    end subroutine spread_lanes
 
 end module symsde_model_views_real_lanes

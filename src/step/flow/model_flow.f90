@@ -15,6 +15,7 @@
 !>    2. among the maps of the catalogue, where users have given one of its schemes another name;
 !>    3. for quadratic models once more among the four, where the scheme's brackets vanish for the model.
 module symsde_step_flow_model_flow
+   use symsde_base_contracts, only: contracts_are_executed
    use symsde_base_kinds, only: wp, i8
    use symsde_base_laws, only: law_gaussian
    use symsde_base_counters, only: counters_type
@@ -25,6 +26,7 @@ module symsde_step_flow_model_flow
    use symsde_model_kernels, only: kernel_model, kernels_of
    use symsde_scheme_scheme, only: correction_none, correction_increments, splitting_form
    use symsde_step_block_state, only: lane_state, passed_states
+   use symsde_step_contract, only: require_steps, require_taken
    use symsde_step_flow_scheme_map, only: map_of, named_map, known_map, is_of_catalogue
    use symsde_step_hamiltonian_one_step, only: new_one_step_hamiltonian
    use symsde_step_stepper, only: stepper_type, stepper_task
@@ -173,6 +175,7 @@ contains
       integer :: nout
       logical :: sound
 
+      if (contracts_are_executed) call require_steps(steps, state)
       before = self%ham%counters
       nout = steps%nstep/steps%every
       steps%max_iter = self%max_iter
@@ -208,6 +211,7 @@ contains
          end do
          ntaken = min(ntaken, steps%nstep)
       end if
+      if (contracts_are_executed) call require_taken(steps, state, passed, ntaken, failed)
    end subroutine advance
 
    !> One step as an increment, for those who ask for one: the last place is that of the states.

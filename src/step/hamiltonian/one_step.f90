@@ -25,11 +25,13 @@
 !> they show at once, by as many of its derivatives as they need. So all that is asked of Hhat is asked here, and what
 !> is added to it is added here: who asks the model itself asks for single H_j (tests/house/check_rooms.py says who).
 module symsde_step_hamiltonian_one_step
+   use symsde_base_contracts, only: contracts_are_executed
    use symsde_base_kinds, only: wp
    use symsde_base_counters, only: counters_type
    use symsde_base_lane_paths, only: narrow_lanes => narrow, widen_lanes => widen
    use symsde_base_record, only: step_record
    use symsde_model_abstract, only: model_type, difference_default
+   use symsde_model_contract, only: require_traits, require_question
    use symsde_model_kernels, only: kernel_model, kernel_offers, kernels_of, offers_of
    use symsde_model_algebra, only: algebra_work, new_algebra_work, correction_gradient
    use symsde_scheme_scheme, only: bracket_terms, correction_none, correction_mean
@@ -86,6 +88,7 @@ contains
       type(bracket_terms), intent(in), optional :: brackets  !! to add, of scheme_type; none if absent
       type(bracket_terms) :: active
 
+      if (contracts_are_executed) call require_traits(model%traits)
       self%model => model
       self%fast => kernels_of(model)
       self%offers = offers_of(model)
@@ -174,6 +177,7 @@ contains
       real(wp), intent(in) :: t, w(n, 0:self%nnoise), q(n, self%ndof), p(n, self%ndof)
       real(wp), intent(out), optional :: hq(n, self%ndof), hp(n, self%ndof)
 
+      if (contracts_are_executed) call require_question(self%model%traits, n, self%ndof, self%nnoise, t, w)
       call self%model%gradient(n, self%ndof, self%nnoise, t, w, q, p, hq, hp)
    end subroutine bare_gradient
 
@@ -186,6 +190,7 @@ contains
       real(wp), intent(out), optional :: hqq(n, self%ndof, self%ndof), hqp(n, self%ndof, self%ndof)
       real(wp), intent(out), optional :: hpp(n, self%ndof, self%ndof)
 
+      if (contracts_are_executed) call require_question(self%model%traits, n, self%ndof, self%nnoise, t, w)
       call self%model%gradient_hessian(n, self%ndof, self%nnoise, t, w, q, p, hq, hp, hqq, hqp, hpp)
    end subroutine bare_gradient_hessian
 
@@ -196,6 +201,7 @@ contains
       real(wp), intent(in) :: t, w(n, 0:self%nnoise), q(n, self%ndof), p(n, self%ndof)
       real(wp), intent(out), optional :: hqq(n, -b:b, self%ndof), hqp(n, -b:b, self%ndof), hpp(n, -b:b, self%ndof)
 
+      if (contracts_are_executed) call require_question(self%model%traits, n, self%ndof, self%nnoise, t, w)
       call self%model%hessian_banded(n, self%ndof, self%nnoise, b, t, w, q, p, hqq, hqp, hpp)
    end subroutine bare_bands
 
@@ -206,6 +212,7 @@ contains
       real(wp), intent(in) :: t, w(n, 0:self%nnoise), q(n, self%ndof), p(n, self%ndof)
       real(wp), intent(out) :: hq(n, self%ndof), hqq(n, 0:b, self%ndof)
 
+      if (contracts_are_executed) call require_question(self%model%traits, n, self%ndof, self%nnoise, t, w)
       call self%model%force_stiffness(n, self%ndof, self%nnoise, b, t, w, q, p, hq, hqq)
    end subroutine bare_force_stiffness
 
@@ -243,6 +250,7 @@ contains
       real(wp), intent(in) :: vq(n, self%ndof), vp(n, self%ndof)
       real(wp), intent(out) :: uq(n, self%ndof), up(n, self%ndof)
 
+      if (contracts_are_executed) call require_question(self%model%traits, n, self%ndof, self%nnoise, t, w)
       if (self%model%traits%has_hessian_vector) then
          call self%model%hessian_vector(n, self%ndof, self%nnoise, t, w, q, p, vq, vp, uq, up)
          self%counters%hessian_vectors = self%counters%hessian_vectors + wanted

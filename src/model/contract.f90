@@ -1,0 +1,55 @@
+! SPDX-License-Identifier: BSD-3-Clause
+!> The contract of models (model/abstract).
+!>
+!> Promised, once a model is constructed: sizes of its traits agree. Asked with every question: lanes, degrees of
+!> freedom and noises are those of the traits, time and weights are finite. States need not be finite: lanes that have
+!> failed, or whose iteration runs away, are computed along, and a model takes whatever they hold. A view of real lanes
+!> (model/views/real_lanes) is told how many are real, and its answers repeat the last.
+module symsde_model_contract
+   use symsde_base_contracts, only: require, require_finite
+   use symsde_base_kinds, only: wp
+   use symsde_base_traits, only: model_traits, dense
+   implicit none
+   private
+   public :: require_traits, require_question, require_real_lanes
+
+contains
+
+   !> What callers may count on.
+   pure subroutine require_traits(traits)
+      type(model_traits), intent(in) :: traits
+      character(*), parameter :: place = 'model, traits'
+
+      call require(traits%ndof >= 1 .and. traits%nnoise >= 0, place, &
+                   'there is a degree of freedom, and noises are counted')
+      if (allocated(traits%silent)) &
+         call require(size(traits%silent) == traits%nnoise, place, 'silent has one entry for each noise')
+      if (allocated(traits%rotation)) &
+         call require(size(traits%rotation) == traits%ndof, place, 'rotation has one entry for each degree of freedom')
+      call require(traits%bandwidth >= dense, place, 'the bandwidth is that of a matrix, or dense')
+      call require(traits%max_frequency >= 0 .and. traits%noise_lipschitz >= 0, place, &
+                   'declared bounds are not negative')
+   end subroutine require_traits
+
+   !> What a model may count on.
+   pure subroutine require_question(traits, nlane, ndof, nnoise, t, w)
+      type(model_traits), intent(in) :: traits
+      integer, intent(in) :: nlane, ndof, nnoise
+      real(wp), intent(in) :: t, w(nlane, 0:nnoise)
+      character(*), parameter :: place = 'model, question'
+
+      call require(nlane >= 1 .and. ndof == traits%ndof .and. nnoise == traits%nnoise, place, &
+                   'lanes, degrees of freedom and noises are those of the model')
+      call require(abs(t) <= huge(t), place, 'times are finite')
+      call require_finite(size(w), w, place, 'weights')
+   end subroutine require_question
+
+   !> What a view of real lanes may count on, where there is padding.
+   pure subroutine require_real_lanes(nlane, nreal)
+      integer, intent(in) :: nlane, nreal
+
+      call require(nreal >= 1 .and. nreal < nlane, 'model, real lanes', &
+                   'one lane at least is real, and padding follows')
+   end subroutine require_real_lanes
+
+end module symsde_model_contract
