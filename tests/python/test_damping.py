@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import symsde as ss
 from symsde.batch import scene
-from symsde.errors import IncompatibleError, InvalidArgumentError, SceneError, WrongShapeError
+from symsde.errors import IncompatibleError, InvalidArgumentError, OutOfMemoryError, SceneError, WrongShapeError
 
 RATE = 0.8
 TIME = 1.0
@@ -227,6 +227,9 @@ def test_refusals():
     pair = ss.model_from_sympy("(p1**2 + p2**2)/2 + q1*q2", noise=["0.2*q1*p2"]).damped([0.1, 0.2])
     with pytest.raises(IncompatibleError, match="products of gradients, which keep their form where all rates are eq"):
         ss.simulate(pair, **{**given, "scheme": "symplectic_euler"})
+    chain = ss.models.fpu_chain(n=20_000).damped(RATE)
+    with pytest.raises(OutOfMemoryError, match="20000 degrees of freedom.* bytes of memory"):
+        ss.simulate(chain, q0=0.1, p0=0.0, step=0.05, steps=1, seed=1, scheme="gauss2")
     linear = ss.models.kubo().damped(RATE)
     run = ss.simulate(linear, **given)
     for refused in (ss.diagnose.exact, ss.diagnose.action, ss.diagnose.euler_lagrange_residual):
