@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""How a row is timed: all ways of doing it in turn, by the processor's time, each for about as long."""
+"""Timing of a row: all its ways are run in turn, by processor time, each for about as long."""
 
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The synchrotron as a user writes it in Python, and as the library is given that of user_model.c."""
+"""The synchrotron as a user writes it in Python, and the model of user_model.c as the library gets it."""
 
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""What a package gives for a task."""
+"""The run that a package prepares for one task."""
 
 from __future__ import annotations
 
@@ -14,5 +14,5 @@ class Prepared:
 
     run: Callable[[], Any]  #: gives (2 dof, path), q above p, of the first paths; None where `error` is told instead
     paths: int
-    error: float | None = None  #: of a package that follows paths of its own, beside its own finest run
-    seconds: float | None = None  #: of a path, where it was timed by other means
+    error: float | None = None  #: error beside the package's own finest run, if it draws its own paths
+    seconds: float | None = None  #: seconds of a path, if it was timed by other means

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""How the time of a run grows."""
+"""The time of a run as its size grows."""
 
 import math
 import statistics

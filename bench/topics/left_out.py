@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""What runs leave out, by their counters."""
+"""Computations that runs leave out, by their counters."""
 
 import symsde as ss
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""What the Python package adds to a call.
+"""Time and memory that the Python package adds to a call.
 
 Calls: ms of a run of one path and one step through `symsde` and through a call of the C interface that was prepared
 beforehand, in turn. Steps: us of one call on one path. Observed: ns a path-step of moments of 1000 paths, every step

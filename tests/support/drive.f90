@@ -1,5 +1,5 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> Steps and noises driven by plain arrays: what a record or a store of steps holds is copied in and out.
+!> Steps and noises driven by plain arrays: the contents of a record or a store of steps are copied in and out.
 module drive
    use symsde_base_functionals, only: path_dz, path_areas, functional_set
    use symsde_base_kinds, only: wp, i8

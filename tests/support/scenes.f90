@@ -1,5 +1,5 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> What the suites share: models and schemes by name, single steps, Gauss-Hermite nodes, slopes.
+!> Helpers that the suites share: models and schemes by name, single steps, Gauss-Hermite nodes, slopes.
 !>
 !> A scene that cannot be set up ends the program: that is a mistake of the suite, not a result.
 module scenes

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""One Brownian path at several steps: what halving the step changes, and what it costs.
+"""One Brownian path at several steps: the change when a step is halved, and its cost.
 
 Level l has n_l = n_0 2^l steps of the size h_l = T/n_l. One path drives all: increments are sums of finer ones,
 

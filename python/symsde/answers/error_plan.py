@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""What a study measures, checked before any long work begins."""
+"""The plan of a study's measurements, checked before any long work begins."""
 
 from __future__ import annotations
 

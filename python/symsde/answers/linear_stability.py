@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Up to which step a scheme is stable on H = (p^2 + q^2)/2, where h is omega h.
+"""The largest stable step of a scheme on H = (p^2 + q^2)/2, where h is omega h.
 
 A step is z -> M z with z = (q, p). It is stable where no eigenvalue of M lies outside the unit circle,
 

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The catalogues as tables in Markdown, parts of docs/models.md and docs/schemes.md: all is asked of the library."""
+"""The catalogues as tables in Markdown, parts of docs/models.md and docs/schemes.md: all entries come from the
+library."""
 
 from __future__ import annotations
 

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""What is expected of numbers, and whether it holds: the lines of the reports of `symsde paper` and `symsde stability`.
+"""Expected numbers, and whether results meet them: the lines of the reports of `symsde paper` and `symsde stability`.
 
 Means of random numbers are expected within 4.9 of their standard errors: of a normal mean one such check in a million
-is a false alarm. What is not a finite number meets no expectation.
+is a false alarm. A number that is not finite meets no expectation.
 """
 
 from __future__ import annotations

@@ -6,8 +6,8 @@
 !> they took a fifth to a half more time where noises have products. With one degree of freedom, sine and cosine of an
 !> angle are found once a kick, for all Hamiltonians.
 !>
-!> An increment that is asked for by itself finds its weights alone: `now` counts the steps of a call, and what lies
-!> beyond those that were prefetched is weighed when it comes.
+!> An increment that is asked for by itself finds its weights alone: `now` counts the steps of a call, and a step
+!> beyond the prefetched ones is weighed when it comes.
 module symsde_step_splitting_stepper_single_path
    use symsde_base_counters, only: counters_type, add_counters
    use symsde_base_functionals, only: functional_set
@@ -29,8 +29,8 @@ module symsde_step_splitting_stepper_single_path
 
    !> Weights of the steps to come.
    type :: ahead_type
-      type(kick_weights), allocatable :: weights  !! of the steps to come, a lane for each
-      type(step_store) :: store                   !! what drives these steps, shown as one step
+      type(kick_weights), allocatable :: weights  !! weights of the steps to come, a lane for each
+      type(step_store) :: store                   !! increments and functionals of these steps, as one step
       real(wp), allocatable :: w(:, :, :, :)      !! the same weights, sorted by step (1, 0:nnoise, nkick, step)
       real(wp), allocatable :: v(:, :, :), d(:, :, :)  !! V and D, sorted alike, of products (1, .., step)
    end type ahead_type
@@ -47,8 +47,8 @@ module symsde_step_splitting_stepper_single_path
       lanes = 1
    end function lanes
 
-   !> The weights of all steps of a call: what drives step i is put into lane i of a store, which is weighed as one step
-   !> of many lanes. The times of the steps do not matter to weights.
+   !> Find the weights of all steps of a call: increments and functionals of step i are put into lane i of a store,
+   !> which is weighed as one step of many lanes. The times of the steps do not matter to weights.
    subroutine prefetch(self, steps)
       class(splitting_stepper), intent(inout), target :: self
       type(steps_record), intent(in) :: steps

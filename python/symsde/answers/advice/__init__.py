@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Which scheme, and which step: advice from short runs."""
+"""Advice from short runs: the scheme and the step to take."""

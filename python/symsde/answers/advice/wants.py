@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""What an error may be of: paths, moments, invariants. Each measures it at one step, coupled to half of it."""
+"""Kinds of errors: of paths, moments, invariants. Each kind measures its error at one step, coupled to half the
+step."""
 
 from __future__ import annotations
 

@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Expectations with an interval: what is asked, what is tried, what is chosen."""
+"""Expectations with an interval: the question, trials of schemes, the choice of a method, the work."""

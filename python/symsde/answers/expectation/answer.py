@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Answers: a number with its interval, how it came about, what else there was; of multilevel, every level.
+"""Answers: a number with its interval, its origin, and the alternatives; for multilevel methods, every level.
 
 |E d_l| ~ 2^(-alpha l),   Var d_l ~ 2^(-beta l),   seconds of a path ~ 2^(gamma l)
 """

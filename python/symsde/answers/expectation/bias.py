@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""What is left of the error of a step, from differences of means on the same paths at h and h/2.
+"""The remaining error of a step, from differences of means on the same paths at h and h/2.
 
 E f(x_h) - E f(x_{h/2}) falls as h^a, a the weak order: so the finer of the two is off by that over 2^a - 1, and every
 coarser difference tells the same of it after another factor 2^-a. What coarser steps tell is trusted less: the powers

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""What an expectation may be computed with: schemes, the weak order that may be counted on, and the longest step.
+"""Candidates for the computation of an expectation: schemes, their reliable weak order, and the longest step.
 
 The longest step follows from the fastest frequency of the Hessian along the way that a path takes without noise:
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Intervals: the half width that is wanted, what a sample tells, and how noise and bias share the half width.
+"""Intervals: the half width asked for, the information in a sample, and the shares of noise and bias in the half width.
 
     half^2 = (t error)^2 + (1.96 bias)^2,    bias^2 <= s (half/1.96)^2,    s = BIAS_SHARE
 

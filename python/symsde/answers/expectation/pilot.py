@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The pilot: short runs of schemes that fit, and the plan that is the cheapest by them.
+"""The pilot: short runs of schemes that fit, and the cheapest plan that these runs suggest.
 
-The ladder of one scheme is always measured. Every further measurement is made if its price, with those before, is at
-most a fifth of the seconds of the best plan so far: it can at best save these. So the pilot is short where the work is,
-and what it costs in all is at most 1.2 times the work, beside the first ladder.
+The ladder of one scheme is always measured. A further measurement is made if its price, together with earlier ones, is
+at most a fifth of the seconds of the best plan so far, which is the most that it can save. So the pilot is short where
+the work is, and costs in all at most 1.2 times the work, beside the first ladder.
 """
 
 from __future__ import annotations

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""What is asked: a model, where it begins, when it ends, and a function f of where it is then, callable or formula."""
+"""The question: a model, an initial state, a horizon, and a function f of the final state, callable or formula."""
 
 from __future__ import annotations
 

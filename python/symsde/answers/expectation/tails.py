@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""What few paths may not show of f: whether it has a variance, and what happens seldom.
+"""Properties of f that few paths may not show: whether it has a variance, and rare events.
 
 Without a variance no interval holds, however many paths there are.
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""What a pilot knows of one scheme: bias, variance and seconds by the step, from coupled paths of few levels.
+"""Measurements of one scheme by a pilot: bias, variance and seconds by the step, from coupled paths of few levels.
 
     E f - E f(x_l) = sum_{k=l+1}^{L} E d_k + (what is left at the finest level L),    C(n) = a + b n seconds of a path
 

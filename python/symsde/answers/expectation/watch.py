@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The clocks of long work: how much time is left, what was spent, and who is told how far it is."""
+"""The clocks of long work: the time that is left and spent, and reports of progress."""
 
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""What one experiment of the paper hands over, and its figures: half a page wide, as a PNG with a PDF beside it."""
+"""The results of one experiment of the paper, and its figures: half a page wide, as a PNG with a PDF beside it."""
 
 from dataclasses import dataclass, field
 from functools import partial

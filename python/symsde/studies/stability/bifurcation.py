@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Where the map of a step has points that the equation has not, and up to which step orbits of some size stay.
+"""Points that the map of a step has and the equation has not, and the largest step at which orbits of some size stay.
 
 In a potential that is even, kicks and drifts have the cycle q, -q where (omega h)^2 U'(q) = 4 omega^2 q: they leave
 q_{n+1} - 2 q_n + q_{n-1} = -h^2 U'(q_n). Its multipliers are those of the matrix of one step at U''(q), squared.

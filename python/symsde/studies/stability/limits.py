@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Up to which step a scheme is stable: from the matrix of its step on H = (p^2 + q^2)/2, where h is omega h."""
+"""The largest stable step of a scheme, from the matrix of its step on H = (p^2 + q^2)/2, where h is omega h."""
 
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""What the scenarios share: runs whose failures are looked at, and words of warnings."""
+"""Helpers that the scenarios share: runs whose failures are looked at, and words of warnings."""
 
 from __future__ import annotations
 

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Error against run time: every scheme at every step on the same Brownian paths, and what each point costs.
+"""Error against run time: every scheme at every step on the same Brownian paths, and the cost of each point.
 
-Errors and run times come from separate runs: increments that are sums of finer ones are not what a user pays for.
+Errors and run times come from separate runs: users do not pay for increments that are sums of finer ones.
 """
 
 from __future__ import annotations

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Points that are finished, kept in a small file so that a study that was stopped goes on where it was."""
+"""Finished points, kept in a small file so that a study that was stopped can continue."""
 
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""What a study says, in words: for this error use this scheme at this step."""
+"""The result of a study in words: for this error use this scheme at this step."""
 
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Cost of one scheme at one step: what a user pays, with increments of its own step."""
+"""Cost of one scheme at one step, as a user pays it: with increments of its own step."""
 
 from __future__ import annotations
 
