@@ -46,7 +46,7 @@ REFUSED = {
         errors.WrongTypeError,
         r"no option 's1'.*params=\{'s1': 0.2\}",
     ),
-    "damping": (lambda: ss.model_from_sympy("p**2/2", damping=0.1), errors.WrongTypeError, r"'damping'.*params="),
+    "stiffness": (lambda: ss.model_from_sympy("p**2/2", stiffness=0.1), errors.WrongTypeError, r"'stiffness'.*params="),
     "slip": (lambda: ss.model_from_sympy("p**2/2", param={}), errors.WrongTypeError, r"'param'.*nearest is params"),
     "of no parameters": (
         lambda: ss.model_from_sympy("p**2/2 + q").with_parameters(z=1),
