@@ -28,7 +28,9 @@ contains
 
       allocate (dw(nlane, 0:n, 0:7))
       do block = 1, npath/nlane
-         path = [((block - 1)*nlane + lane, lane=0, nlane - 1)]
+         do lane = 1, nlane
+            path(lane) = (block - 1)*nlane + lane - 1
+         end do
          q(:, :, block) = spread(q0, 1, nlane)
          p(:, :, block) = 0
          do step = 0, nstep - 1

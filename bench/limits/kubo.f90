@@ -28,7 +28,9 @@ contains
       q = q0(1)
       p = 0
       do first = 0, npath - 1, nlane
-         path = [(first + lane, lane=0, nlane - 1)]
+         do lane = 1, nlane
+            path(lane) = first + lane - 1
+         end do
          do step = 0, nstep - 1, 8
             call scaled_normal_steps(nlane, normal_stream(seed, 1, scale=parameters(2)*sqrt(h)), path, step/2, 4, 1, &
                                      noise)

@@ -29,7 +29,9 @@ contains
       q = q0(1)
       p = 0
       do first = 0, npath - 1, nlane
-         path = [(first + lane, lane=0, nlane - 1)]
+         do lane = 1, nlane
+            path(lane) = first + lane - 1
+         end do
          do step = 0, nstep - 1
             j = int(mod(step, 8_i8))
             if (j == 0) then

@@ -47,7 +47,10 @@ contains
          call raise(error, invalid_argument, 'new_damping', 'a rate of damping is negative, which would make '// &
                     'momenta grow: give rates of zero or more, or allow gain')
       else if (any(abs(rate) > 0)) then
-         self%rate = [(rate(min(i, size(rate))), i=1, ndof)]
+         allocate (self%rate(ndof))
+         do i = 1, ndof
+            self%rate(i) = rate(min(i, size(rate)))
+         end do
       end if
    end subroutine new_damping
 

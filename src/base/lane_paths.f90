@@ -65,23 +65,30 @@ contains
    subroutine narrow_to_part(paths, first, n)
       type(lane_paths), pointer, intent(in) :: paths
       integer, intent(in) :: first, n
-      integer :: lane
+      integer :: lane, lanes(n)
 
       if (.not. associated(paths)) return
-      call narrow_to_lanes(paths, [(first + lane - 1, lane=1, n)])
+      do lane = 1, n
+         lanes(lane) = first + lane - 1
+      end do
+      call narrow_to_lanes(paths, lanes)
    end subroutine narrow_to_part
 
    !> From here on these lanes are asked for, of those before.
    subroutine narrow_to_lanes(paths, lanes)
       type(lane_paths), pointer, intent(in) :: paths
       integer, intent(in) :: lanes(:)
+      integer :: i
 
       if (.not. associated(paths)) return
       associate (depth => paths%depth, lists => paths%lists)
          depth = depth + 1
          if (allocated(lists(depth)%path)) deallocate (lists(depth)%path)
          if (.not. allocated(lists(depth - 1)%path)) return  ! no block has begun
-         lists(depth)%path = lists(depth - 1)%path(min(lanes, size(lists(depth - 1)%path)))
+         allocate (lists(depth)%path(size(lanes)))
+         do i = 1, size(lanes)
+            lists(depth)%path(i) = lists(depth - 1)%path(min(lanes(i), size(lists(depth - 1)%path)))
+         end do
       end associate
    end subroutine narrow_to_lanes
 

@@ -33,7 +33,9 @@ contains
       real(wp), intent(in) :: z   !! gamma h
       real(wp) :: d(3)
 
-      d = [mean_of_motion(z), exp(-0.5_wp*z)*sqrt(12*positive_sum(z, 1)), 0.0_wp]
+      d(1) = mean_of_motion(z)
+      d(2) = exp(-0.5_wp*z)*sqrt(12*positive_sum(z, 1))
+      d(3) = 0
    end function decay_law2
 
    !> Coefficients of W, a and K in D/h, from the normals of all three.
@@ -41,8 +43,9 @@ contains
       real(wp), intent(in) :: z   !! gamma h
       real(wp) :: d(3)
 
-      d = [mean_of_motion(z), exp(-0.5_wp*z)*bessel_over(0.5_wp*z), &
-           -z*exp(-0.5_wp*z)*sqrt(720*positive_sum(z, 2))]
+      d(1) = mean_of_motion(z)
+      d(2) = exp(-0.5_wp*z)*bessel_over(0.5_wp*z)
+      d(3) = -z*exp(-0.5_wp*z)*sqrt(720*positive_sum(z, 2))
    end function decay_law3
 
    !> phi(s h)/h = (1 - exp(-s z))/z, without cancellation; s where z is zero.
