@@ -214,7 +214,7 @@ contains
          ! Areas and J are bounded directly: neither is a multiple of one normal.
          call clip_increments(size(step%of(path_areas)%x), 0.5_wp*bound**2, step%of(path_areas)%x)
       if (allocated(step%of(path_stt_area)%x)) &
-         ! K to the same number of its own standard deviations.
+         ! K is truncated at as many of its own standard deviations as dW.
          call clip_increments(size(step%of(path_stt_area)%x), bound/sqrt(720.0_wp), step%of(path_stt_area)%x)
       if (allocated(step%of(path_magnus)%x)) &
          call clip_increments(size(step%of(path_magnus)%x), 0.5_wp*abs(step%length)*bound**2, step%of(path_magnus)%x)

@@ -31,8 +31,8 @@ contains
       real(wp), parameter :: a(2, 2) = reshape([0.5_wp, 0.5_wp, 0.0_wp, 0.0_wp], [2, 2])
       real(wp), parameter :: abar(2, 2) = reshape([0.0_wp, 0.5_wp, 0.0_wp, 0.5_wp], [2, 2])
       real(wp), parameter :: ends(2) = [0.0_wp, 1.0_wp]
-      ! Both have weights 1/2: a is Lobatto IIIB of two stages and abar is IIIA. (a, abar) is position Verlet, drift,
-      ! kick, drift; (abar, a) is velocity Verlet, kick, drift, kick.
+      ! Both have weights 1/2: a is Lobatto IIIB of two stages and abar is IIIA. (a, abar) is position Verlet
+      ! (drift-kick-drift), (abar, a) is velocity Verlet (kick-drift-kick).
       character(*), parameter :: plain = 'gauss2_strong32 for strong order 3/2, or midpoint'
 
       select case (name)

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""A run resumes only with the functions and models that it began with, compared by value: unchanged files prove
-nothing."""
+"""A run resumes only if the files of the model are the same and its functions give the same values: equal files alone
+prove nothing, since a helper may read other data."""
 
 import json
 import subprocess

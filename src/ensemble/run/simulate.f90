@@ -25,7 +25,7 @@ module symsde_ensemble_run_simulate
 
    !> Saved paths. Values of a path after its failure are NaN; last_q, last_p keep its last good state.
    type :: paths_type
-      real(wp), allocatable :: t(:)                 !! saved times, t0 included (ntime)
+      real(wp), allocatable :: t(:)                 !! saved times, from the beginning of the run on (ntime)
       real(wp), allocatable :: q(:, :, :)           !! (npath, ndof, ntime)
       real(wp), allocatable :: p(:, :, :)           !! (npath, ndof, ntime)
       integer(i4), allocatable :: status(:)         !! 0 = ok, else a code of base/status (npath)
@@ -253,7 +253,7 @@ contains
       call move_alloc(root%m2, result%m2)
    end subroutine to_moments
 
-   !> Find the saved times, t0 included, and make room for them if there is none yet.
+   !> Find the saved times, from the beginning of the run on, and make room for them if there is none yet.
    subroutine saved_times(options, t)
       type(run_options), intent(in) :: options
       real(wp), allocatable, intent(inout) :: t(:)

@@ -227,7 +227,7 @@ contains
       end select
    end subroutine allocate_model
 
-   !> Construct it from all its parameters, in the order of its table.
+   !> Construct the model from all its parameters, in the order of its table of names.
    !> x(i) is the i-th parameter of the table of the model: of kubo x = (a, sigma), of synchrotron (omega, sigma1,
    !> sigma2).
    subroutine construct(model, x, error)

@@ -64,7 +64,7 @@ module symsde_step_implicit_newton_krylov
       integer :: wanted = 0                             !! lanes for which a product is asked for
       real(wp), allocatable :: uq(:, :), up(:, :)       !! room for one of the Hessian (nlane, ndof)
       real(wp), allocatable, private :: before(:), goal(:)  !! sizes of the last residual, and to be reached (nlane)
-      real(wp), allocatable, private :: right(:, :)     !! A x (nlane, unknowns)
+      real(wp), allocatable, private :: right(:, :)     !! right-hand side r of A d = r (nlane, unknowns)
       integer(i4), allocatable, private :: outcome(:)   !! outcome of lanes that need their matrix (nlane)
       integer, allocatable, private :: lanes(:)         !! lanes whose matrices are being formed, a few at once
       real(wp), allocatable, private :: matrices(:, :, :)  !! (unknowns, unknowns, few)

@@ -93,8 +93,8 @@ def require_variance(values: np.ndarray, name: str, count: int = 0) -> None:
 def first_values(plain: Plain) -> Drawn:
     """Draw some values of f, and refuse f if they have no variance.
 
-    Few values of a lognormal law look like those of a power law; further out their index grows. So if the first values
-    seem to have no variance, the outermost 256 of 65536 more values decide.
+    A small sample of a lognormal law looks like one of a power law; further out the index of its tail grows. So if the
+    first values seem to have no variance, the outermost 256 of 65536 more values decide.
     """
     values, ok = plain.sample(_LOOKED_AT if plain.problem.model.nnoise else 2)
     drawn, count, good = Drawn(Tally.of(values[ok]), 0.0, int((~ok).sum()), values.size), 0, values[ok]

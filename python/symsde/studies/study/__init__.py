@@ -167,7 +167,7 @@ def finish(plan: Plan, rows: list[dict], resumed: int) -> WorkPrecision:
 
 
 def of_data(data: dict, resumed: int = 0, about: Mapping[str, str] | None = None) -> WorkPrecision:
-    """A study from what `data` gave, with the orders that its rows show."""
+    """A study from the dict that `WorkPrecision.data()` returned, with the orders that its rows show."""
     rows, names = data["rows"], data["schemes"]
     fitted = {name: orders.fitted([row for row in rows if row["scheme"] == name]) for name in names}
     known = data["name"], data["model"], data["horizon"], names, rows
