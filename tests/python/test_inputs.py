@@ -71,6 +71,7 @@ VALUES = {
     "observables": {"r": "q_1**2 + p_1**2", "e": energy},
     "observers": {"h": ss.observe.Histogram("q_1", -3, 3, 6), "c": ss.observe.Covariance(["q_1", "p_1"])},
     "progress": OMITTED,
+    "damping": np.array([0.5]),
     "name": "own",
     "out": OMITTED,
     "max_time": OMITTED,

@@ -252,7 +252,7 @@ class Model:
 
     def _damp(self, closed: Model, damping, allow_gain: bool) -> None:
         """Be the damped form of a closed model."""
-        rates = np.atleast_1d(checks.real_array("damping", damping))
+        rates = np.array(np.atleast_1d(checks.real_array("damping", damping)))  # a copy: callers may change theirs
         if rates.ndim != 1 or rates.size not in (1, self.ndof):
             raise WrongShapeError(
                 f"damping has shape {rates.shape}: give a number, or ({self.ndof},), one rate for each p"
