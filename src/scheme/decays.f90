@@ -52,17 +52,21 @@ contains
       class(tableau_decays), intent(inout) :: self
       real(wp), intent(in) :: h
       real(wp) :: z
-      integer :: i, k
+      integer :: i, j, k
 
       if (.not. allocated(self%rate) .or. abs(h - self%h) <= 0) return
       self%h = h
       do k = 1, size(self%rate)
          z = self%rate(k)*h
-         self%begin(:, k) = exp(-self%node*z)
-         self%finish(:, k) = exp(-(1 - self%node)*z)
          self%loss(k) = decay_less_one(z)
-         do i = 1, size(self%node)
-            self%between(i, :, k) = exp(-(self%node(i) - self%node)*z)
+         do j = 1, size(self%node)
+            ! Not in vectors, whose exponential has other last bits where registers are wider.
+            !GCC$ novector
+            do i = 1, size(self%node)
+               self%between(i, j, k) = exp(-(self%node(i) - self%node(j))*z)
+            end do
+            self%begin(j, k) = exp(-self%node(j)*z)
+            self%finish(j, k) = exp(-(1 - self%node(j))*z)
          end do
       end do
    end subroutine set_step
