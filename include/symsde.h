@@ -161,7 +161,7 @@ int symsde_model_accept_any_lanes(symsde_model model, symsde_error *error);
 int symsde_model_set_derived(symsde_model model, symsde_error *error);
 /* damp the momenta of any model: dp_i = .. - gamma_i p_i dt beside the Hamiltonians, with nrate = 1 rate for all degrees
  * of freedom or one for each [1/time]. Rates of zero take it back. A negative rate needs allow_gain. No run may be using
- * the model. Schemes with a tableau execute it, midpoint and the Euler pair as fast as without; others are refused */
+ * the model. Tableaux execute it, and free drifts with kicks; other schemes are refused */
 int symsde_model_set_damping(symsde_model model, int nrate, const double *rates, int allow_gain, symsde_error *error);
 int symsde_model_delete(symsde_model *model);
 /* the traits of a model; rotation and silent point into the model and are valid as long as it exists */

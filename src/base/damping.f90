@@ -11,7 +11,7 @@ module symsde_base_damping
    use symsde_base_text, only: to_text
    implicit none
    private
-   public :: damping_type, new_damping
+   public :: damping_type, new_damping, decay_less_one
 
    !> The rates of a model; not allocated, all of a closed system, which nothing damps.
    type :: damping_type
@@ -25,9 +25,10 @@ module symsde_base_damping
 contains
 
    !> The damping of these rates: one for all degrees of freedom, or one for each. Rates of zero damp nothing: the
-   !> system is closed then. A negative rate feeds energy in, and is refused unless it is allowed.
+   !> system is closed then. A negative rate feeds energy in, and is refused unless it is allowed. Where rates are
+   !> refused the damping stays as it was.
    subroutine new_damping(self, rate, ndof, error, allow_gain)
-      type(damping_type), intent(out) :: self
+      type(damping_type), intent(inout) :: self
       real(wp), intent(in) :: rate(:)   !! [1/time] (1 or ndof)
       integer, intent(in) :: ndof
       type(error_type), allocatable, intent(inout) :: error
@@ -46,7 +47,9 @@ contains
       else if (any(rate < 0) .and. .not. gain) then
          call raise(error, invalid_argument, 'new_damping', 'a rate of damping is negative, which would make '// &
                     'momenta grow: give rates of zero or more, or allow gain')
-      else if (any(abs(rate) > 0)) then
+      else
+         if (allocated(self%rate)) deallocate (self%rate)
+         if (all(abs(rate) <= 0)) return
          allocate (self%rate(ndof))
          do i = 1, ndof
             self%rate(i) = rate(min(i, size(rate)))
@@ -59,7 +62,7 @@ contains
       class(damping_type), intent(in) :: self
       character(*), intent(in) :: model   !! its name
       character(*), intent(in) :: place   !! the procedure
-      character(*), intent(in) :: what    !! is not had of it
+      character(*), intent(in) :: what    !! the result that only closed systems have
       type(error_type), allocatable, intent(inout) :: error
 
       if (self%acts() .and. .not. allocated(error)) &
@@ -81,5 +84,16 @@ contains
       is_scalar = .true.
       if (allocated(self%rate)) is_scalar = all(abs(self%rate - self%rate(1)) <= 0)
    end function is_scalar
+
+   !> exp(-z) - 1, for small z without cancellation as -2 exp(-z/2) sinh(z/2), for large z without overflow.
+   elemental real(wp) function decay_less_one(z)
+      real(wp), intent(in) :: z
+
+      if (abs(z) < 1) then
+         decay_less_one = -2*exp(-0.5_wp*z)*sinh(0.5_wp*z)
+      else
+         decay_less_one = exp(-z) - 1
+      end if
+   end function decay_less_one
 
 end module symsde_base_damping

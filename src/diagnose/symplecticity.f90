@@ -34,7 +34,7 @@ module symsde_diagnose_symplecticity
    use symsde_ensemble_monitor, only: monitor_type, stop_if_wanted
    use symsde_ensemble_options, only: run_options, check_options, steppers_of
    use symsde_model_abstract, only: model_type
-   use symsde_scheme_decays, only: decay_less_one
+   use symsde_base_damping, only: decay_less_one
    use symsde_scheme_scheme, only: scheme_type
    use symsde_solve_lapack, only: blas_single_thread, blas_restore_threads
    use symsde_step_factory, only: resolve_task, make_stepper

@@ -16,15 +16,21 @@
 !>    i_1(x)  = x sum_k (x^2/2)^k/(k! (2k+3)!!)                    the modified spherical Bessel function
 !>
 !> D follows the path to the order that the kicks have: its difference from int phi(u) dW has mean zero and size
-!> h^(5/2) in law2, h^(7/2) in law3. The sums have terms of one sign, except psi where z > 0, which is found from
-!> exp(-z) when z is large. Without damping psi = 1/2, rho_1 = 1, rho_2 = 0.
+!> h^(5/2) in law2, h^(7/2) in law3. Without damping psi = 1/2, rho_1 = 1, rho_2 = 0.
+!>
+!> The sums of rho and i_1 have terms of one sign. For |z| > 20 their closed forms lose no digits, with e = exp(-|z|):
+!>
+!>    rho_1^2 = 12 (z/2 - 1 + 2 e - e^2 - z e^2/2)/z^4,   3 i_1(x)/x exp(-x) = 3 (x - 1 + (x + 1) e)/(2 x^3)
+!>    rho_2^2 = 60 (rho_1^2 - (3 i_1(x)/x exp(-x))^2),    and all three grow by exp(|z|) where z < 0
 module symsde_noise_decay_law
+   use symsde_base_damping, only: decay_less_one
    use symsde_base_kinds, only: wp
    implicit none
    private
    public :: decay_law2, decay_law3, decay_integral
 
-   integer, parameter :: nterm = 80  !! of the sums: |z| up to 40 to the last place but two
+   integer, parameter :: nterm = 40            !! of the sums
+   real(wp), parameter :: summed_up_to = 20    !! |z|; closed forms beyond
 
 contains
 
@@ -34,7 +40,7 @@ contains
       real(wp) :: d(3)
 
       d(1) = mean_of_motion(z)
-      d(2) = exp(-0.5_wp*z)*sqrt(12*positive_sum(z, 1))
+      d(2) = growth(z)*first_root(abs(z))
       d(3) = 0
    end function decay_law2
 
@@ -44,19 +50,24 @@ contains
       real(wp) :: d(3)
 
       d(1) = mean_of_motion(z)
-      d(2) = exp(-0.5_wp*z)*bessel_over(0.5_wp*z)
-      d(3) = -z*exp(-0.5_wp*z)*sqrt(720*positive_sum(z, 2))
+      d(2) = growth(z)*bessel_over(abs(z))
+      d(3) = -sign(growth(z), z)*second_root(abs(z))
    end function decay_law3
 
    !> phi(s h)/h = (1 - exp(-s z))/z, without cancellation; s where z is zero.
    elemental real(wp) function decay_integral(s, z) result(phi)
       real(wp), intent(in) :: s, z
-      real(wp) :: x
 
-      x = 0.5_wp*s*z
       phi = s
-      if (abs(x) > 0) phi = s*exp(-x)*(sinh(x)/x)
+      if (abs(z) > 0) phi = -decay_less_one(s*z)/z
    end function decay_integral
+
+   !> The factor of rho_1, rho_2 and the Bessel function where momenta grow.
+   pure real(wp) function growth(z)
+      real(wp), intent(in) :: z
+
+      growth = exp(max(0.0_wp, -z))
+   end function growth
 
    !> psi(z), the mean of phi over the step.
    pure real(wp) function mean_of_motion(z) result(psi)
@@ -75,6 +86,49 @@ contains
          term = -term*z/(k + 3)
       end do
    end function mean_of_motion
+
+   !> rho_1, for z >= 0.
+   pure real(wp) function first_root(z) result(root)
+      real(wp), intent(in) :: z
+      real(wp) :: e
+
+      if (z > summed_up_to) then
+         e = exp(-z)
+         root = sqrt(12*(0.5_wp*z - 1 + 2*e - e**2 - 0.5_wp*z*e**2))/z**2
+      else
+         root = exp(-0.5_wp*z)*sqrt(12*positive_sum(z, 1))
+      end if
+   end function first_root
+
+   !> rho_2, for z >= 0.
+   pure real(wp) function second_root(z) result(root)
+      real(wp), intent(in) :: z
+
+      if (z > summed_up_to) then
+         root = sqrt(60*(first_root(z) - bessel_over(z))*(first_root(z) + bessel_over(z)))
+      else
+         root = z*exp(-0.5_wp*z)*sqrt(720*positive_sum(z, 2))
+      end if
+   end function second_root
+
+   !> 3 i_1(x)/x exp(-x) with x = z/2, for z >= 0: sum_k 3 (x^2/2)^k/(k! (2k+3)!!) exp(-x).
+   pure real(wp) function bessel_over(z) result(total)
+      real(wp), intent(in) :: z
+      real(wp) :: term, x
+      integer :: k
+
+      x = 0.5_wp*z
+      if (z > summed_up_to) then
+         total = 1.5_wp*(x - 1 + (x + 1)*exp(-z))/x**3
+         return
+      end if
+      total = 0
+      term = exp(-x)
+      do k = 0, nterm
+         total = total + term
+         term = term*(0.5_wp*x**2)/((k + 1.0_wp)*(2*k + 5))
+      end do
+   end function bessel_over
 
    !> The sums of rho_1 (order 1) and rho_2 (order 2), without the powers of z before them.
    pure real(wp) function positive_sum(z, order) result(total)
@@ -98,19 +152,5 @@ contains
          end do
       end if
    end function positive_sum
-
-   !> 3 i_1(x)/x = sum_k 3 (x^2/2)^k/(k! (2k+3)!!)
-   pure real(wp) function bessel_over(x) result(total)
-      real(wp), intent(in) :: x
-      real(wp) :: term
-      integer :: k
-
-      total = 0
-      term = 1
-      do k = 0, nterm
-         total = total + term
-         term = term*(0.5_wp*x**2)/((k + 1.0_wp)*(2*k + 5))
-      end do
-   end function bessel_over
 
 end module symsde_noise_decay_law

@@ -11,11 +11,11 @@
 !> while Q_i and q_{n+1} are as without damping. A symplectic tableau gives dp_{n+1} ^ dq_{n+1} = exp(-z) dp_n ^ dq_n to
 !> rounding, for every Hamiltonian and all increments. Each degree of freedom may have a rate of its own.
 module symsde_scheme_decays
-   use symsde_base_damping, only: damping_type
+   use symsde_base_damping, only: damping_type, decay_less_one
    use symsde_base_kinds, only: wp
    implicit none
    private
-   public :: tableau_decays, new_decays, decay_less_one
+   public :: tableau_decays, new_decays
 
    !> The factors of one step; of a closed system all are one, and those of differences zero.
    type :: tableau_decays
@@ -70,12 +70,5 @@ contains
          end do
       end do
    end subroutine set_step
-
-   !> exp(-z) - 1 = -2 exp(-z/2) sinh(z/2), without cancellation where sinh has none.
-   elemental real(wp) function decay_less_one(z)
-      real(wp), intent(in) :: z
-
-      decay_less_one = -2*exp(-0.5_wp*z)*sinh(0.5_wp*z)
-   end function decay_less_one
 
 end module symsde_scheme_decays

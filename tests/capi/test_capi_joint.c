@@ -348,6 +348,8 @@ static void test_damping(void) {
    EXPECT(SYMSDE_INVALID_ARGUMENT, "nrate = 0|give one rate", symsde_model_set_damping(model, 0, &rate, 0, &error));
    EXPECT(SYMSDE_INVALID_ARGUMENT, "rates", symsde_model_set_damping(model, 1, NULL, 0, &error));
    EXPECT(SYMSDE_NULL_HANDLE, "model", symsde_model_set_damping(NULL, 1, &rate, 0, &error));
+   OK(symsde_simulate(model, scheme, &options, &input, &paths, NULL, &error)); /* refused rates change nothing */
+   CHECK(fabs(a.p[(NTIME - 1) * PATHS] - exp(-rate * options.step * (double)options.steps)) < 1e-6);
    OK(symsde_model_set_damping(model, 1, &gain, 1, &error));
    OK(symsde_simulate(model, scheme, &options, &input, &paths, NULL, &error));
    CHECK(a.p[(NTIME - 1) * PATHS] > 1);

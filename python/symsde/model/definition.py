@@ -240,10 +240,9 @@ class Model:
         and needs allow_gain.
 
         With one rate a step multiplies dp ^ dq by exp(-gamma h), to rounding, for every increment: it is conformally
-        symplectic, and `diagnose.symplecticity_defect` is about that. Runs take schemes with a tableau, of one stage
-        (midpoint, both Euler schemes) as fast as without damping, of several (gauss2, stormer_verlet ..) by the general
-        stepper. Schemes of kicks and those that add brackets of H are refused (IncompatibleError), as are exact
-        solutions and actions.
+        symplectic, and `diagnose.symplecticity` measures the distance from that factor. Runs take tableaux (midpoint,
+        gauss2, stormer_verlet ..) and free drifts with kicks (gauss_dkdkd, verlet_kdk, chin4a and their _strong2).
+        Other schemes, brackets of H, exact solutions and actions are refused (IncompatibleError).
         """
         closed = self._closed or self
         other = _copied(closed)

@@ -6,12 +6,12 @@
 !>    p_{n+1} = exp(-z) p_n - sum_j alpha_j exp(-(1 - c_j) z) f_j
 !>
 !> with v_j = Hhat_p and f_j = Hhat_q at (Q_j, P_j), in the order of evaluation of the closed tableau. Stages with the
-!> momentum of another one in the closed system have their own here, since it has decayed by another time. Of one degree
-!> of freedom in a block as of many, and of a path by itself, which is a block of one lane.
+!> same momentum in the closed system have momenta of their own here, which have decayed for different times. Blocks and
+!> single paths take the same steps: a single path is a block of one lane.
 module symsde_step_explicit_damped
    use symsde_base_kinds, only: wp, i8
    use symsde_base_record, only: step_record
-   use symsde_base_vectors, only: add_times, scale
+   use symsde_base_vectors, only: add_times, copy, scale
    use symsde_scheme_decays, only: tableau_decays, new_decays
    use symsde_scheme_scheme, only: correction_none
    use symsde_step_explicit_evaluation_order, only: evaluation_order, new_explicit_plan, to_q, to_p
@@ -65,7 +65,7 @@ contains
          do k = 1, size(plan%order)
             i = plan%order(k)%stage
             do d = 1, self%ham%ndof
-               call scale(nlane, 1.0_wp, q(:, d), self%qs(1, d))
+               call copy(nlane, q(:, d), self%qs(1, d))
                call scale(nlane, decays%begin(i, d), p(:, d), self%ps(1, d))
                call add_slopes_of(self, i, d, decays%between(i, :, d), self%qs(:, d), self%ps(:, d))
             end do

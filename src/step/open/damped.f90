@@ -58,7 +58,7 @@ contains
       allocate (self%ps(self%ham%nlane, self%ham%ndof))
    end subroutine make
 
-   !> The inner step between two decays.
+   !> The inner step between two decays. Parentheses leave the first product to be contracted, in one lane as in many.
    subroutine increment(self, step, q, p, dq, dp, status)
       class(damped_stepper), intent(inout) :: self
       type(step_record), intent(in) :: step
@@ -74,7 +74,7 @@ contains
       end do
       call self%inner%increment(step, q, self%ps, dq, dp, status)
       do i = 1, self%ham%ndof
-         dp(:, i) = self%decays%loss(i)*p(:, i) + self%decays%finish(1, i)*dp(:, i)
+         dp(:, i) = self%decays%loss(i)*p(:, i) + (self%decays%finish(1, i)*dp(:, i))
       end do
    end subroutine increment
 
