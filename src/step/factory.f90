@@ -200,7 +200,7 @@ contains
       integer, intent(in) :: nlane
       type(error_type), allocatable, intent(inout) :: error
       type(stepper_task) :: task
-      integer :: i
+      integer :: i, first
 
       ! A copy: threads make steppers from the same task at the same time, each for lanes and a view of its own.
       task = wanted
@@ -216,9 +216,11 @@ contains
             return
          end if
       end if
-      ! the first that fits is made ready; an oracle that is wanted has the list from the oracles on, as a tableau of
-      ! several stages with decays has
-      do i = merge(first_oracle, model_flow, task%general .or. task%damping%acts()), last_stepper
+      ! the first that fits is made ready; an oracle that is wanted has the list from the oracles on. Of the others
+      ! `stages` knows decays.
+      first = merge(first_oracle, model_flow, task%general)
+      if (task%damping%acts() .and. .not. task%general) first = stages
+      do i = first, last_stepper
          call offer(i, task, stepper)
          if (.not. allocated(stepper)) cycle
          call stepper%make(task)

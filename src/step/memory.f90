@@ -116,10 +116,8 @@ contains
          b = t%bandwidth
          unknowns = 2*n*stages
          ! Whether the factory would choose a special stepper: stages, midpoint, or the stepper of a frame.
-         by_parts = fits_stages(task%model, scheme, task%newton) .and. &
+         by_parts = fits_stages(task%model, scheme, task%newton, task%damping) .and. &
                     (brackets .or. .not. abs(scheme%correction_coefficient()) > 0 .or. t%correction_vanishes())
-         ! A damped step of several stages has a dense matrix, as the oracle has.
-         by_parts = by_parts .and. .not. (task%damping%acts() .and. scheme%nstage > 1)
          by_parts = .not. task%general .and. (by_parts .or. scheme%is_midpoint() .and. .not. brackets .or. &
                                               scheme%needs%additive .or. scheme%frame /= frame_none)
          if (scheme%form == galerkin_form) then

@@ -77,6 +77,28 @@ def test_fast_steppers_agree_with_the_oracle(scheme):
         np.testing.assert_allclose(fast.p, general.p, rtol=0, atol=5e-13)
 
 
+@pytest.mark.parametrize("scheme", ["gauss2", "gauss3", "lobatto3", "lobatto3_swapped", "lobatto4"])
+def test_implicit_stages_agree_with_the_oracle(scheme):
+    """Sweeps, rows of chains and matrices with decays, with the general stepper; one path has its bits of a block."""
+    pair = ss.model_from_sympy("p1**2/2 + p2**2/6 + cos(q1 - q2) + q1**4/4", noise=["0.3*sin(q1)", "0.2*q2"])
+    linear = ss.model_from_sympy(
+        "(p1**2 + p2**2 + p3**2 + q1**2 + q3**2 + 2*(q1 - q2)**2 + 2*(q2 - q3)**2)/2", noise=["0.3*q1", "0.2*q3"]
+    )
+    chain, additive = ss.models.fpu_chain(n=6), ss.models.additive_oscillator()
+    for model in (SYNCHROTRON, BILINEAR, pair, linear, chain, additive, ss.models.henon_heiles(), ss.models.kubo()):
+        for rate, step in ((RATE, 0.05), (-1.0, 0.1), (3.0, 0.3)):
+            given = {"q0": np.linspace(0.3, 0.7, model.ndof), "p0": 0.3, "step": step, "steps": 6, "save_every": 3}
+            given |= {"scheme": scheme, "seed": 5}
+            damped = model.damped(rate, allow_gain=True)
+            fast, general = (ss.simulate(damped, general=x, paths=20, **given) for x in (False, True))
+            assert "stages" in fast.report.stepper and "general" in general.report.stepper
+            np.testing.assert_allclose(fast.q, general.q, rtol=0, atol=2e-12)
+            np.testing.assert_allclose(fast.p, general.p, rtol=0, atol=2e-12)
+            alone = ss.simulate(damped, paths=1, first_path=7, **given)
+            np.testing.assert_array_equal(fast.q[..., 7], alone.q[..., 0])
+            np.testing.assert_array_equal(fast.p[..., 7], alone.p[..., 0])
+
+
 @pytest.mark.parametrize("scheme", ORDERS)
 def test_strong_orders(scheme):
     """Errors fall with the order of the closed system; the reference of kicks is the clock, that of tableaux kicks."""
@@ -227,9 +249,11 @@ def test_refusals():
     pair = ss.model_from_sympy("(p1**2 + p2**2)/2 + q1*q2", noise=["0.2*q1*p2"]).damped([0.1, 0.2])
     with pytest.raises(IncompatibleError, match="products of gradients, which keep their form where all rates are eq"):
         ss.simulate(pair, **{**given, "scheme": "symplectic_euler"})
-    chain = ss.models.fpu_chain(n=20_000).damped(RATE)
+    chain = ss.models.fpu_chain(n=20_000).damped(np.linspace(0.1, 0.2, 20_000))
     with pytest.raises(OutOfMemoryError, match=r"20000 degrees of freedom.* bytes of memory"):
         ss.simulate(chain, q0=0.1, p0=0.0, step=0.05, steps=1, seed=1, scheme="gauss2")
+    run = ss.simulate(chain.damped(RATE), q0=0.1, p0=0.0, step=0.05, steps=1, seed=1, scheme="gauss2")
+    assert run.report.status == 0
     linear = ss.models.kubo().damped(RATE)
     run = ss.simulate(linear, **given)
     for refused in (ss.diagnose.exact, ss.diagnose.action, ss.diagnose.euler_lagrange_residual):

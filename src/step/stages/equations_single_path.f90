@@ -8,6 +8,7 @@
 !>
 !> Private to its family.
 module symsde_step_stages_equations_single_path
+   use symsde_base_damping, only: damping_type
    use symsde_base_functionals, only: functional_set, path_dz, path_areas
    use symsde_base_kinds, only: wp, i8
    use symsde_base_lanes, only: slice_lanes

@@ -21,9 +21,17 @@
 !> Newton's iteration needs the inverse of a group's B, to find slopes from displacements. Where B is singular it may
 !> have rank one, B_ik = e_i f_k: then the sum of the f_k G_k is the only unknown (step/stages/tridiagonal).
 !>
+!> Of a model damped by one rate momenta decay between the stages (scheme/decays). With d_i = exp(-c_i z) and abar_ik
+!> times exp(-(c_i - c_k) z) the equations keep their form, with other numbers for steps of another size:
+!>
+!>    P_i = d_i p_n + sum_k abar_ik G_k        r_i = sum_j a_ij d_j,   dq = h (sum_j alpha_j d_j) p_n + ..
+!>    dp  = (exp(-z) - 1) p_n + sum_k alpha_k exp(-(1 - c_k) z) G_k
+!>
 !> Private to its family.
 module symsde_step_stages_groups
+   use symsde_base_damping, only: damping_type
    use symsde_base_kinds, only: wp
+   use symsde_scheme_decays, only: tableau_decays, new_decays
    use symsde_scheme_scheme, only: scheme_type
    implicit none
    private
@@ -38,6 +46,7 @@ module symsde_step_stages_groups
       real(wp), allocatable :: earlier(:, :)   !! B between these and other stages, a column each (nstage, nmember)
       real(wp), allocatable :: inverse(:, :)   !! inverse of b; not allocated if b is singular
       real(wp), allocatable :: e(:), f(:)      !! b_ik = e_i f_k where it is singular and of rank one (nmember)
+      logical :: of_rank_one = .false.         !! b is, without decays
    end type stage_group
 
    !> The coefficients that make a stage or an increment stand in a column, side by side in memory: sums over slopes
@@ -48,22 +57,32 @@ module symsde_step_stages_groups
       real(wp), allocatable :: a(:, :), abar(:, :)     !! a_ij and abar_ij of stage i in column i (nstage, nstage)
       real(wp), allocatable :: r(:), v(:)              !! r_i and v_k of the equations above (nstage)
       real(wp), allocatable :: b(:, :)                 !! B_ik of stage i in column i (nstage, nstage)
+      real(wp), allocatable :: weight(:)               !! of G_k in dp (nstage)
+      real(wp), allocatable :: begin(:)                !! d_i of p_n in P_i (nstage)
+      real(wp) :: reach = 0                            !! sum_j alpha_j d_j, of h p_n in dq
+      logical :: damped = .false.
+      real(wp) :: loss = 0                             !! exp(-z) - 1, of p_n in dp
+      type(tableau_decays), private :: decays
+      real(wp), allocatable, private :: closed(:, :)   !! abar without decays, stage i in column i (nstage, nstage)
       !> The coefficients for the first sweep of an iteration: a slope of the group that is not known yet is
       !> replaced by the slope of the member before, or by zero (nstage, nstage).
       real(wp), allocatable, dimension(:, :) :: first_b, first_a, first_abar
       type(stage_group), allocatable :: group(:)       !! (ngroup)
    contains
       procedure :: in_order
+      procedure :: set_step
    end type stage_plan
 
 contains
 
    !> The plan of a tableau whose drift and noise share their coefficients: r, v, B, the groups in the order in which
-   !> they are solved, and the coefficients of the first sweep.
-   pure subroutine new_stage_plan(self, scheme, eliminated)
+   !> they are solved, and the coefficients of the first sweep. They are those of a closed system until set_step.
+   subroutine new_stage_plan(self, scheme, eliminated, damping)
       type(stage_plan), intent(out) :: self
       type(scheme_type), intent(in) :: scheme
       logical, intent(in) :: eliminated   !! momenta of the stages are eliminated
+      type(damping_type), intent(in) :: damping  !! none, or one rate
+      type(damping_type) :: one
       logical :: waits(scheme%nstage, scheme%nstage)
       integer :: i, k
 
@@ -72,13 +91,18 @@ contains
       self%alpha = scheme%alpha
       self%a = transpose(scheme%a)
       self%abar = transpose(scheme%abar)
+      self%closed = self%abar
+      self%weight = self%alpha
+      self%damped = damping%acts()
+      ! One rate stands for those of all degrees of freedom.
+      one = damping
+      if (self%damped) one%rate = damping%rate(:1)
+      call new_decays(self%decays, one, self%c, 1)
       allocate (self%r(self%nstage), self%v(self%nstage), self%b(self%nstage, self%nstage))
+      allocate (self%begin(self%nstage), source=1.0_wp)
+      call combine(self)
       do k = 1, self%nstage
-         self%r(k) = sum(self%a(:, k))
-         self%v(k) = dot_product(self%alpha, self%abar(k, :))
          do i = 1, self%nstage
-            ! Columns hold stages, so B_ik = sum_j a_ij abar_jk.
-            self%b(k, i) = dot_product(self%a(:, i), self%abar(k, :))
             ! If momenta are eliminated, B alone couples stages; else P_i also reads G_k, and Q_i reads stages k
             ! with a_ik /= 0.
             waits(i, k) = abs(self%b(k, i)) > 0
@@ -88,6 +112,51 @@ contains
       call find_groups(self, waits)
       call find_first_sweep(self)
    end subroutine new_stage_plan
+
+   !> The coefficients of steps of the length h, with its sign, of a damped model. Which stages wait for each other does
+   !> not change: no decay is zero, and none makes a coefficient that was.
+   subroutine set_step(self, h)
+      class(stage_plan), intent(inout) :: self
+      real(wp), intent(in) :: h
+      type(stage_group) :: group
+      logical :: members(self%nstage)
+      integer :: k
+
+      if (.not. self%damped) return
+      call self%decays%set_step(h)
+      self%begin = self%decays%begin(:, 1)
+      self%weight = self%alpha*self%decays%finish(:, 1)
+      self%loss = self%decays%loss(1)
+      self%abar = self%closed*transpose(self%decays%between(:, :, 1))
+      call combine(self)
+      do k = 1, self%ngroup
+         members = .false.
+         members(self%group(k)%stage) = .true.
+         call fill_group(group, self%b, members)
+         group%explicit = self%group(k)%explicit
+         group%of_rank_one = self%group(k)%of_rank_one
+         ! The rank is that without decays. Where numbers say otherwise, after a very large step, neither is known.
+         if (group%of_rank_one .and. allocated(group%inverse)) deallocate (group%inverse)
+         if (.not. group%of_rank_one .and. allocated(group%e)) deallocate (group%e, group%f)
+         self%group(k) = group
+      end do
+      call find_first_sweep(self)
+   end subroutine set_step
+
+   !> r, v and B of a, abar and the decays of p_n. Columns hold stages, so B_ik = sum_j a_ij abar_jk.
+   pure subroutine combine(self)
+      type(stage_plan), intent(inout) :: self
+      integer :: i, k
+
+      self%reach = sum(self%alpha*self%begin)
+      do k = 1, self%nstage
+         self%r(k) = sum(self%a(:, k)*self%begin)
+         self%v(k) = dot_product(self%alpha, self%abar(k, :))
+         do i = 1, self%nstage
+            self%b(k, i) = dot_product(self%a(:, i), self%abar(k, :))
+         end do
+      end do
+   end subroutine combine
 
    !> Find the groups, each after the groups it waits for. Stage i reaches k if it waits for k through any number of
    !> stages (the transitive closure of waits). Two stages that reach each other are mates, and each is its own
@@ -124,6 +193,7 @@ contains
          call fill_group(self%group(k), self%b, mates(:, first(k)))
          ! A single stage that does not reach itself; larger groups are made of stages that reach each other.
          self%group(k)%explicit = .not. reaches(first(k), first(k))
+         self%group(k)%of_rank_one = allocated(self%group(k)%e)
       end do
    end subroutine find_groups
 
@@ -176,7 +246,7 @@ contains
    !> A group from its stages (same) and the B of all, b(k, i) = B_ik: its own B, its stages' coefficients of slopes
    !> outside of it (earlier), and the inverse of its B or the two factors.
    pure subroutine fill_group(group, b, same)
-      type(stage_group), intent(inout) :: group
+      type(stage_group), intent(out) :: group
       real(wp), intent(in) :: b(:, :)
       logical, intent(in) :: same(:)      !! stages of the group
       integer :: i, k, m

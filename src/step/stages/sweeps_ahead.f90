@@ -8,6 +8,8 @@
 !>    Q_i = q_n + h r_i p_n - h sum_k B_ik F_k,   F_i <- Hhat_q(Q_i)          k = i, i+1, .. and around
 !>    dq  = h p_n - h sum_k v_k F_k,   dp = -sum_k alpha_k F_k
 !>
+!> with the decays of step/stages/groups for a damped model.
+!>
 !> All numbers stand in arrays of four stages, where what is not there is zero: loops of a known length stay in
 !> registers. A step that these sweeps do not end is left to step/stages/stepper, which begins it anew.
 !>
@@ -50,7 +52,7 @@ module symsde_step_stages_sweeps_ahead
       logical :: angles = .false.               !! the force is that of an angle
       type(group_slot) :: slot(nstage)          !! one for each group
       real(wp) :: h = 0                         !! the step that the coefficients were found for
-      real(wp) :: all = 0                       !! h sum_j alpha_j
+      real(wp) :: all = 0                       !! of p_n in dq: h sum_j alpha_j, with decays
       real(wp), dimension(nstage) :: c = 0, r = 0, v = 0, alpha = 0
       real(wp) :: b(nstage, nstage, 2) = 0      !! -h B_ik in the first sweep, and in others
       type(angle_terms) :: terms(nstage)
@@ -85,18 +87,19 @@ contains
    end subroutine new_sweeps_ahead
 
    !> The coefficients of steps of size h, those that are not there being zero.
-   pure subroutine find_coefficients(self, h)
+   subroutine find_coefficients(self, h)
       type(sweeps_ahead), intent(inout) :: self
       real(wp), intent(in) :: h
 
       ! As in step/stages/equations with kappa = h; rows and columns of stages that are not there stay zero.
       self%h = h
+      call self%plan%set_step(h)
       associate (plan => self%plan, s => self%plan%nstage)
-         self%all = h*sum(plan%alpha)
+         self%all = h*plan%reach
          self%c(:s) = plan%c
          self%r(:s) = h*plan%r
          self%v(:s) = -h*plan%v
-         self%alpha(:s) = -plan%alpha
+         self%alpha(:s) = -plan%weight
          self%b(:s, :s, 1) = -h*plan%first_b
          self%b(:s, :s, 2) = -h*plan%b
       end associate
@@ -172,6 +175,7 @@ contains
       do k = 1, n
          moved = (self%all*p(k))  ! in parentheses: not contracted with what follows
          kicked = 0
+         if (self%plan%damped) kicked = (self%plan%loss*p(k))
          !GCC$ novector  ! sums in order, contracted as in lanes
          do i = 1, s
             moved = moved + self%v(i)*self%f(i, k, before)
