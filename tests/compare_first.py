@@ -1,9 +1,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The first ten minutes say the same numbers in every language.
+"""The programs of the first ten minutes print the same numbers in every language.
 
 compare_first.py ROOT PROGRAM... [--cxx COMPILER ARGUMENT...] runs examples/first in Python and on the command line, the
-programs, and, where a C++ compiler is given, the C++ one.
-"""
+programs, and the C++ example if a compiler is given."""
 
 import csv
 import importlib.util
@@ -19,7 +18,7 @@ EXPECTED = 6  #: E q, its standard error, t, the exact value, q and p of path 0
 
 
 def output(*command):
-    """What a program prints, which must end well."""
+    """Output of a program, which must succeed."""
     done = subprocess.run(command, check=False, capture_output=True, text=True)
     if done.returncode:
         raise SystemExit(f"{command} ended with {done.returncode}: {done.stdout}{done.stderr}")
@@ -27,12 +26,12 @@ def output(*command):
 
 
 def numbers(text):
-    """The numbers that the programs print, as they stand but for a leading zero; not those of the last line."""
+    """The numbers in the output as text, without leading zeros; those of the last line are left out."""
     return [f"{float(number):.8f}" for number in NUMBER.findall(text.replace("1e-12", ""))]
 
 
 def on_the_command_line(scene, folder):
-    """The same numbers from the files of a run; those of path 0 where netCDF4 is installed."""
+    """The same numbers, read from the files of a run; those of path 0 need netCDF4."""
     output(sys.executable, "-m", "symsde", "run", str(scene), "--out", str(folder), "--quiet")
     with (folder / "moments.csv").open(encoding="utf-8") as file:
         last = list(csv.DictReader(line for line in file if not line.startswith("#")))[-1]
@@ -47,7 +46,7 @@ def on_the_command_line(scene, folder):
 
 
 def main():
-    """0 where all agree."""
+    """Compare all; the exit code is 0 if they agree."""
     root, *rest = sys.argv[1:]
     programs, _, compiler = (" ".join(rest)).partition(" --cxx ")
     first = Path(root) / "examples" / "first"

@@ -1,11 +1,10 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""One example in several languages prints the same number: the first of the line that holds the words.
+"""An example in several languages prints the same number: the first on the line that contains WORDS.
 
 compare_printed.py ROOT WORDS PROGRAM...
 
-A program that ends in .py is run by this Python, and left out where it is skipped; one that ends in .cpp is compiled by
-c++, or $CXX, with the library of SYMSDE_LIBRARY.
-"""
+This Python runs programs named .py, whose number is not compared if they skip; programs named .cpp are compiled by $CXX
+or c++ against the library SYMSDE_LIBRARY."""
 
 import os
 import re
@@ -16,7 +15,7 @@ from pathlib import Path
 
 
 def printed(command: list[str], words: str) -> str | None:
-    """The first number of that line; None where the program is skipped. It must end well."""
+    """The first number on the line with these words; None if the program skips. It must succeed otherwise."""
     done = subprocess.run(command, check=False, capture_output=True, text=True)
     if done.returncode == 77:
         return None
@@ -26,7 +25,7 @@ def printed(command: list[str], words: str) -> str | None:
 
 
 def main() -> int:
-    """0 where all agree."""
+    """Compare all; the exit code is 0 if they agree."""
     root, words, *programs = sys.argv[1:]
     found = {}
     with tempfile.TemporaryDirectory() as folder:

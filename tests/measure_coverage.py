@@ -1,12 +1,11 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Which lines of the library and of the Python package no suite runs.
+"""Lines of the library and of the Python package that no suite runs.
 
 measure_coverage.py BUILD [--kept]
 
-BUILD holds a build with the flags `coverage`. Every suite but the long ones runs there; then follow the lines that
-none of them reached, by file, and the shares by folder. The exit code tells of a suite that failed, and of a share
-of less than 97 % of the Fortran or of the Python lines. With --kept the counts of the last run are shown.
-"""
+BUILD holds a build with the flags `coverage`. All suites but the long ones run there; the output lists lines that no
+suite reached, by file, and shares by folder. The exit code is not 0 if a suite fails, or if under 97 % of the Fortran
+or of the Python lines are reached. --kept shows the counts of the last run."""
 
 import json
 import os
@@ -22,15 +21,15 @@ ROOT = Path(__file__).resolve().parents[1]
 LABELS = "unit|verification|capi|python"
 LONG = "^(test_order|test_beyond_one|check_funit)$"
 WANTED = 97.0  # per cent
-# Lines that are counted, though nothing on them runs: ends of procedures (their clean-up after an early return
-# among them), and what declares or continues.
+# Lines that gcov counts although nothing runs there: ends of procedures (clean-up after an early return), declarations
+# and continuations.
 SILENT = re.compile(r"\s*(end (subroutine|function|associate|block|do|if|select|module)|contains\b|&)", re.IGNORECASE)
 
-Lines = dict[Path, dict[int, int]]  # of each source, how often each line ran
+Lines = dict[Path, dict[int, int]]  # for each source, how often each line ran
 
 
 def run_suites(build: Path, folder: Path) -> bool:
-    """Run the suites, every Python process among them under coverage.py; whether all passed."""
+    """Run the suites, with every Python process under coverage.py; returns whether all passed."""
     for counts in [*build.rglob("*.gcda"), *folder.glob("data*")]:
         counts.unlink()
     folder.mkdir(exist_ok=True)
@@ -62,19 +61,19 @@ def count_fortran(build: Path) -> Lines:
 
 
 def source_of(name: str, sources: dict[Path, Path]) -> Path:
-    """The source behind a name of gcov, which may be that of its preprocessed copy."""
+    """The source for a name given by gcov, which may be that of its preprocessed copy."""
     path = Path(name.removesuffix("-pp.f90")) if name.endswith("-pp.f90") else Path(name)
     return next((full for short, full in sources.items() if path.parts[-len(short.parts) :] == short.parts), path)
 
 
 def spoken_for(source: Path, counts: dict[int, int]) -> dict[int, int]:
-    """The counts of lines on which something is done."""
+    """The counts of lines that execute something."""
     text = source.read_text().splitlines()
     return {number: count for number, count in counts.items() if not SILENT.match(text[number - 1])}
 
 
 def count_python(folder: Path) -> Lines:
-    """The same for the Python package: once, or not at all."""
+    """For the Python package, whether each line ran: 1 or 0."""
     import coverage
 
     measured = coverage.Coverage(data_file=str(folder / "data"), config_file=False)

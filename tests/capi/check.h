@@ -12,11 +12,11 @@
 #include <stdlib.h>
 #include <string.h>
 
-/* of each thread */
+/* counted for each thread */
 static _Thread_local int passed, failed;
 
 #define CHECK(condition) check((condition), #condition, __FILE__, __LINE__)
-/* the status, and words that the sentence must hold, separated by '|' */
+/* the status of a call, and words that its message must hold, separated by '|' */
 #define EXPECT(wanted, words, call) expect((wanted), (words), (call), #call, __FILE__, __LINE__)
 #define OK(call) EXPECT(SYMSDE_OK, "", call)
 
@@ -59,11 +59,11 @@ static inline int close_report(void) {
    return failed > 0;
 }
 
-/* The user's model: a pendulum with noise in the position, H = p^2/2 - cos q, H_1 = sigma sin q. What
- * `user` points to says when a callback refuses. */
+/* The user's model: a pendulum with noise in the position, H = p^2/2 - cos q, H_1 = sigma sin q. `user` says when a
+ * callback refuses. */
 typedef struct pendulum_user {
    double sigma;
-   double refuse_after; /* time from which on callbacks return 17 */
+   double refuse_after; /* from this time on callbacks return 17 */
    double wrong;        /* added to the Hessian */
 } pendulum_user;
 

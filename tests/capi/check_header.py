@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The header, the Fortran sources and the built library say the same.
+"""The header, the Fortran sources and the built library agree.
 
 check_header.py ROOT LIBRARY   enum values, functions with their arguments, struct members, exported names
 check_header.py --self-test    plants a difference of every kind and requires that each is found
@@ -65,7 +65,7 @@ def c_type(words, names):
 
 
 def split_c(declaration, names):
-    """Name and type of each thing in a C declaration such as 'const double *q, *p' or 'char name[64]'."""
+    """Name and type of each variable in a C declaration such as 'const double *q, *p' or 'char name[64]'."""
     first, *more = declaration.split(",")
     match = re.match(r"\s*(.*?)(\w+)\s*((?:\[\w+\])*)\s*$", first, re.S)
     base, found = match[1], [(match[1], match[2], match[3])]
@@ -98,7 +98,7 @@ def read_header(text):
 
 
 def read_argument(declaration, names):
-    """'name: type' of an argument in C: of several pointers the names alone say which is which."""
+    """'name: type' of a C argument; every pointer has the same Fortran type, so only names tell pointers apart."""
     before, name, extent = re.match(r"(.*?)(\w+)\s*((?:\[\w*\])*)$", declaration, re.S).groups()
     return f"{name}: {POINTER if extent else c_type(before, names)}"
 
@@ -168,7 +168,7 @@ def exported(library):
 
 
 def differences(header, sources, names):
-    """Every difference, as text."""
+    """Every difference, as a line of text."""
     enums, functions, structs = header
     values, fortran_functions, fortran_structs = sources
     for name, value in enums.items():
@@ -193,7 +193,7 @@ def differences(header, sources, names):
 
 
 def self_test(root, library):
-    """What holds now has no difference; every planted one is found."""
+    """The sources as they are give no difference, and every planted difference is found."""
     text = (root / "include/symsde.h").read_text(encoding="utf-8")
     sources, names = read_sources(root), exported(library)
     planted = {

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
-# Compile SOURCE, a C++17 program, by each of CXX (separated by commas) with strict warnings as errors, against the
-# headers and the library of a build, and run it. FLAGS: sanitizers, which program and library share. SYMSDE_INCLUDE in
-# the environment stands for INCLUDE.
+# Compile SOURCE, a C++17 program, with each compiler of CXX (separated by commas), with strict warnings as errors,
+# against headers and library of a build, and run it. FLAGS: the sanitizers of the library. If SYMSDE_INCLUDE is set in
+# the environment, it replaces INCLUDE.
 string(REPLACE "," ";" CXX "${CXX}")
 if(NOT CXX)
    message("skipped: there is no C++ compiler")
@@ -12,7 +12,7 @@ if(DEFINED ENV{SYMSDE_INCLUDE})
 endif()
 file(MAKE_DIRECTORY ${WORK})
 get_filename_component(folder ${LIBRARY} DIRECTORY)
-string(RANDOM name)  # the suites that judge planted faults run it several times at once
+string(RANDOM name)  # runs of planted faults compile the same test at the same time
 foreach(compiler IN LISTS CXX)
    execute_process(
       COMMAND ${compiler} -std=c++17 -Wall -Wextra -Wpedantic -Wshadow -Wconversion -Wsign-conversion -Wold-style-cast

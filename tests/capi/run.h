@@ -40,7 +40,7 @@ static inline symsde_options some_options(void) {
    options.step = 0.1;
    options.steps = STEPS;
    options.paths = PATHS;
-   options.seed = 0x8000000000000005u; /* the highest bit counts too */
+   options.seed = 0x8000000000000005u; /* the highest bit counts, too */
    options.save_every = SAVE;
    options.t0 = 2;
    return options;

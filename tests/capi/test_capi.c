@@ -23,7 +23,7 @@ static void test_texts(void) {
    CHECK(holds(buffer, "version: " TEST_VERSION "\n|compiler: |compile options: |-ffp-contract|openmp: yes\n") ||
          holds(buffer, "version: " TEST_VERSION "\n|compiler: |compile options: |-O|openmp: yes\n"));
    CHECK(strstr(buffer, "counter map of the noise: 2\n") != NULL);
-   CHECK(strchr(buffer, '/') == NULL); /* no folder of the machine that built it */
+   CHECK(strchr(buffer, '/') == NULL); /* messages hold no folder of the machine that built the library */
    CHECK(symsde_model_names(buffer, sizeof buffer, &needed) == 0);
    CHECK(holds(buffer, "kubo\n|linear_oscillator\n|synchrotron\n|additive_oscillator\n|pendulum\n|driven_pendulum\n") &&
          holds(buffer, "noncommutative_oscillator\n|henon_heiles\n|fpu_chain\n") && needed == strlen(buffer) + 1);
@@ -100,7 +100,8 @@ static void test_builtin_models(void) {
    EXPECT(SYMSDE_INVALID_ARGUMENT, "nparameter|negative", symsde_model_get("kubo", -1, keys, values, &model, &error));
    EXPECT(SYMSDE_INVALID_ARGUMENT, "name is NULL", symsde_model_get(NULL, 0, NULL, NULL, &model, &error));
    EXPECT(SYMSDE_INVALID_ARGUMENT, "model is NULL", symsde_model_get("kubo", 0, NULL, NULL, NULL, &error));
-   CHECK(symsde_model_get("kubbo", 0, NULL, NULL, &model, NULL) == SYMSDE_UNKNOWN_NAME); /* no error wanted */
+   /* the pointer to the error may be NULL */
+   CHECK(symsde_model_get("kubbo", 0, NULL, NULL, &model, NULL) == SYMSDE_UNKNOWN_NAME);
 }
 
 static void test_own_model(void) {
@@ -142,7 +143,8 @@ static void test_own_model(void) {
    traits.struct_size = 0;
    EXPECT(SYMSDE_INVALID_ARGUMENT, "symsde_traits_init first",
           symsde_model_new("x", &traits, pendulum_gradient, NULL, NULL, NULL, &user, &model, &error));
-   traits.struct_size = offsetof(symsde_traits, nnoise); /* an older caller: the rest keeps its defaults */
+   /* a caller compiled with an older header: members beyond its size keep their defaults */
+   traits.struct_size = offsetof(symsde_traits, nnoise);
    OK(symsde_model_new("x", &traits, pendulum_gradient, NULL, NULL, NULL, &user, &model, &error));
    symsde_traits_init(&got);
    OK(symsde_model_traits(model, &got, &error));
@@ -150,11 +152,11 @@ static void test_own_model(void) {
    memset(&got, 0x55, sizeof got);
    got.struct_size = offsetof(symsde_traits, nnoise);
    OK(symsde_model_traits(model, &got, &error));
-   CHECK(got.ndof == 1 && got.nnoise == 0x55555555); /* nothing is written past its size */
+   CHECK(got.ndof == 1 && got.nnoise == 0x55555555); /* nothing is written beyond that size */
    symsde_model_delete(&model);
 }
 
-/* declared frequencies: copied, given back, checked; exact_rotation needs them */
+/* declared frequencies are copied, returned and checked; exact_rotation needs them */
 static void test_rotation(void) {
    double omega[] = {1.5};
    pendulum_user user = {0.3, INFINITY, 0.0};
@@ -164,7 +166,7 @@ static void test_rotation(void) {
    CHECK(traits.rotation == NULL);
    traits.rotation = omega;
    OK(symsde_model_new("turning", &traits, pendulum_gradient, NULL, NULL, NULL, &user, &model, &error));
-   omega[0] = 7; /* the model has its own copy */
+   omega[0] = 7; /* the model keeps a copy */
    symsde_traits_init(&got);
    OK(symsde_model_traits(model, &got, &error));
    CHECK(got.rotation != NULL && got.rotation != omega && got.rotation[0] == 1.5);
@@ -176,12 +178,12 @@ static void test_rotation(void) {
    omega[0] = NAN;
    EXPECT(SYMSDE_INVALID_ARGUMENT, "rotation(1)",
           symsde_model_new("x", &traits, pendulum_gradient, NULL, NULL, NULL, &user, &model, &error));
-   traits.ndof = 2000000000; /* refused before that many frequencies are read */
+   traits.ndof = 2000000000; /* refused before this many frequencies are read */
    EXPECT(SYMSDE_TOO_LARGE, "degrees of freedom",
           symsde_model_new("x", &traits, pendulum_gradient, NULL, NULL, NULL, &user, &model, &error));
 }
 
-/* a noise that is declared to be zero: copied, given back, refused where it is not */
+/* a noise that is declared to be zero: the list is copied, returned, and refused if the noise is not zero */
 static void test_silent(void) {
    const double at = 0.4;
    int32_t silent = 1;
@@ -237,7 +239,8 @@ static void test_evaluation(void) {
    EXPECT(SYMSDE_CALLBACK_FAILED, "17", symsde_model_value(model, N, 2.0, w, q, p, value, &error));
    EXPECT(SYMSDE_CALLBACK_FAILED, "17", symsde_model_gradient(model, N, 2.0, w, q, p, hq, hp, &error));
    EXPECT(SYMSDE_CALLBACK_FAILED, "17", symsde_model_hessian(model, N, 2.0, w, q, p, hqq, NULL, NULL, &error));
-   OK(symsde_model_value(model, N, 0.0, w, q, p, value, &error)); /* a failure is forgotten */
+   /* the message of a failure does not stay for the next call */
+   OK(symsde_model_value(model, N, 0.0, w, q, p, value, &error));
    OK(symsde_model_new("x", &traits, pendulum_gradient, NULL, NULL, NULL, &user, &without, &error));
    EXPECT(SYMSDE_MISSING_OPERATION, "value", symsde_model_value(without, N, 0.0, w, q, p, value, &error));
    OK(symsde_model_hessian(without, N, 0.0, w, q, p, hqq, hqp, hpp, &error)); /* by differences */
@@ -287,7 +290,7 @@ static void test_schemes(void) {
    OK(symsde_scheme_get_info(scheme, &info, &error));
    CHECK(info.symplectic == 0 && info.nstage == 2);
    OK(symsde_scheme_certificate(scheme, text, sizeof text, NULL, &error));
-   CHECK(strstr(text, "for every model") != NULL); /* explicit: the rows are rows */
+   CHECK(strstr(text, "for every model") != NULL); /* explicit, so C's rows are the tableau's rows */
    symsde_scheme_delete(&scheme);
    EXPECT(SYMSDE_INCOMPATIBLE, "not symplectic|allow_nonsymplectic",
           symsde_scheme_from_tableau(2, heun, heun, half, NULL, NULL, NULL, "x", 0, &scheme, &error));
@@ -302,7 +305,7 @@ static void test_schemes(void) {
    EXPECT(SYMSDE_INVALID_ARGUMENT, "scheme is NULL", symsde_scheme_get("midpoint", NULL, &error));
 }
 
-/* The two-stage Gauss rule whose noise has the weights 1/4 and 3/4: a_ij from the Lagrange polynomials, by hand. */
+/* The two-stage Gauss rule with weights 1/4 and 3/4 for the noise: a_ij from the Lagrange polynomials, by hand. */
 static void check_tableau(symsde_scheme scheme, double root, const double *own) {
    const double a[2][2] = {{0.25, 0.25 - root}, {0.25 + root, 0.25}};
    double c[2], given[2][2], bar[2][2], alpha[2], b[2][2], bbar[2][2], beta[2];

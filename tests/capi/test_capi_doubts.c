@@ -16,7 +16,7 @@ static int hear(const char *warnings, void *user) {
 
 static int never(int64_t done, int64_t total, void *user) {
    (void)done, (void)total, (void)user;
-   CHECK(0); /* no step is made of a run that is refused */
+   CHECK(0); /* a refused run takes no step */
    return 1;
 }
 

@@ -8,7 +8,7 @@ static arrays a;
 
 typedef struct kubo_user {
    double fault;  /* factor of the noise in whole steps */
-   int code;      /* what they return */
+   int code;      /* return code of the callbacks */
    int calls, most_lanes, fewest_lanes, gradients;
 } kubo_user;
 
@@ -94,13 +94,14 @@ static void test_flow(void) {
 
    symsde_report_init(&report);
    options.threads = 1;
-   CHECK(difference(model, options) < 1e-8); /* the Hessian is one of differences */
+   /* the Hessian comes from differences, which are not asked of the user's functions */
+   CHECK(difference(model, options) < 1e-8);
    CHECK(user.calls == 0);
    OK(symsde_model_set_flow(model, "midpoint", flow, &error));
    CHECK(difference(model, options) < 1e-13);
    CHECK(user.calls > 0);
    user.calls = 0;
-   OK(symsde_model_set_flow(model, "gauss2", flow, &error)); /* of another scheme: that of midpoint stays */
+   OK(symsde_model_set_flow(model, "gauss2", flow, &error)); /* a flow of another scheme does not replace midpoint's */
    CHECK(difference(model, options) < 1e-13);
    CHECK(user.calls > 0);
    user.fault = 1.01;
@@ -125,7 +126,7 @@ static void test_flow(void) {
    symsde_scheme_delete(&scheme);
 }
 
-/* H = p^2/2, H_1 = 0.3 p: wrong positions never reach the momenta */
+/* H = p^2/2, H_1 = 0.3 p: errors of positions do not reach the momenta */
 static int free_gradient(int nlane, int ndof, int nham, double t, const double *w, const double *q, const double *p,
                          double *hq, double *hp, void *user) {
    (void)ndof, (void)nham, (void)t, (void)q, (void)user;
@@ -176,7 +177,7 @@ static void test_wrong_positions(void) {
    symsde_scheme_delete(&scheme);
 }
 
-/* one path: eight lanes are asked for, or one */
+/* a single path: the model is called with eight lanes, or with one */
 static void test_any_lanes(void) {
    kubo_user user = {.fault = 1, .fewest_lanes = 1 << 30};
    symsde_model model = new_user_kubo(&user), kubo = new_kubo();
@@ -191,7 +192,7 @@ static void test_any_lanes(void) {
    CHECK(padded > 1 && user.fewest_lanes == 1);
    options.paths = 11;
    CHECK(difference(model, options) < 1e-8);
-   OK(symsde_model_set_flow(model, "midpoint", flow, &error)); /* whole steps of the real lanes alone */
+   OK(symsde_model_set_flow(model, "midpoint", flow, &error)); /* whole steps of the real lanes, without padding */
    CHECK(difference(model, options) < 1e-13);
    options.paths = 3;
    CHECK(difference(model, options) < 1e-13);
@@ -201,7 +202,7 @@ static void test_any_lanes(void) {
    symsde_model_delete(&kubo);
 }
 
-/* gradients that a run asks for, which is by whole steps but for its probes */
+/* gradient calls of a run by whole steps: all are probes */
 static int gradients_of_a_run(symsde_model model, kubo_user *user) {
    symsde_options options = some_options();
 
@@ -211,7 +212,7 @@ static int gradients_of_a_run(symsde_model model, kubo_user *user) {
    return user->gradients;
 }
 
-/* what is derived is probed by one run, and again after a change; else every run probes */
+/* a model of derived formulas is probed by one run, and again after a change; other models by every run */
 static void test_derived(void) {
    kubo_user user = {.fault = 1, .fewest_lanes = 1 << 30};
    symsde_model model = new_user_kubo(&user), kubo = new_kubo();

@@ -35,7 +35,7 @@ int main(void) {
    fflush(stdout);
    const pid_t forked = fork();
    if (forked == 0) {
-      alarm(600); /* a child that hangs is ended by this signal */
+      alarm(600); /* SIGALRM ends a child that hangs */
       CHECK(run_on_two(&child) == 1);
       CHECK(memcmp(child.q, parent.q, sizeof(double) * NTIME * PATHS) == 0);
       fflush(stdout);

@@ -39,7 +39,7 @@ static double left(const char *text, const char *root) {
 }
 
 static void two(void) {
-   CHECK(left("0::/\n", "two") == HUGE_VAL); /* the root of a machine has no such files */
+   CHECK(left("0::/\n", "two") == HUGE_VAL); /* the root group of a machine has no such files */
    put("two/job/memory.max", "max\n");
    CHECK(left("0::/job\n", "two") == HUGE_VAL);
    put("two/job/memory.max", "1000000000\n");
@@ -48,7 +48,7 @@ static void two(void) {
    CHECK(left("0::/job\n", "two") == 3e8);
    put("two/job/memory.stat", "anon 1\nfile 9\nslab 7\ninactive_file 150000000\nactive_file 50000000\n");
    CHECK(left("0::/job\n", "two") == 5e8);
-   /* a limit above, and one below, and one beside, and one of another list of that name */
+   /* a limit of a group above, of one below, of a neighbour, and of the same name in another hierarchy */
    put("two/job/step/memory.max", "max\n");
    CHECK(left("0::/job/step/task\n", "two") == 5e8);
    put("two/job/step/memory.max", "100000000\n");
@@ -56,10 +56,10 @@ static void two(void) {
    CHECK(left("0::/job\n", "two") == 5e8);
    CHECK(left("0::/job/steps\n", "two") == 5e8);
    CHECK(left("0::/other\n", "two") == HUGE_VAL);
-   /* more used than allowed, as where a limit was lowered */
+   /* more used than allowed, as after a limit was lowered */
    put("two/job/step/memory.current", "200000000\n");
    CHECK(left("0::/job/step\n", "two") == 0);
-   /* a container: the list tells of the machine's tree, or of one that begins elsewhere */
+   /* a container: its list of groups is the host's, or begins elsewhere */
    put("inside/memory.max", "250000000\n");
    CHECK(left("0::/system.slice/docker-1.scope\n", "inside") == 2.5e8);
    CHECK(left("0::/../../x\n", "inside") == 2.5e8);

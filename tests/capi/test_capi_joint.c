@@ -7,10 +7,10 @@
 
 static arrays a;
 
-/* the pendulum's functions with counters in front of them; the model is used on one thread */
+/* the pendulum's functions, with counters; the model is used on one thread */
 typedef struct counted_user {
    pendulum_user pendulum;
-   double wrong_gradient;            /* added by the joint function */
+   double wrong_gradient;            /* error added by the joint function */
    int gradients, hessians, joints;  /* calls */
 } counted_user;
 
@@ -24,7 +24,7 @@ static int hessian(int nlane, int ndof, int nham, double t, const double *w, con
                    double *hqq, double *hqp, double *hpp, void *user) {
    counted_user *u = user;
    pendulum_user right = u->pendulum;
-   right.wrong = 0; /* only the joint function may be wrong */
+   right.wrong = 0; /* the separate functions are always right */
    u->hessians++;
    return pendulum_hessian(nlane, ndof, nham, t, w, q, p, hqq, hqp, hpp, &right);
 }
@@ -49,7 +49,7 @@ static symsde_model new_counted(counted_user *user, symsde_hessian separate) {
    return model;
 }
 
-/* run on one thread, and the calls that it made beside those of the probe */
+/* run on one thread, and count the calls beyond those of the probe */
 static void run(symsde_model model, counted_user *user, const char *name, arrays *results) {
    symsde_scheme scheme = new_scheme(name);
    symsde_options options = some_options();
@@ -60,7 +60,7 @@ static void run(symsde_model model, counted_user *user, const char *name, arrays
    symsde_report_init(&report);
    options.threads = 1;
    OK(symsde_model_probe(model, 2.0, &one, &zero, &error));
-   user->gradients = -user->gradients; /* what the probe in the run makes once more */
+   user->gradients = -user->gradients; /* calls by the run's own probe are subtracted */
    user->hessians = -user->hessians;
    user->joints = -user->joints;
    OK(symsde_simulate(model, scheme, &options, &input, &paths, &report, &error));
@@ -71,8 +71,8 @@ static void forget(counted_user *user) {
    user->gradients = user->hessians = user->joints = 0;
 }
 
-/* equal bits, and the separate functions are not called by a scheme that always wants both; warnings before a run
- * look at the Hessian alone */
+/* equal bits; a scheme that always wants gradient and Hessian never calls the separate functions, but warnings
+ * before a run need the Hessian alone */
 static void test_joint_is_called(void) {
    static arrays separate, together, alone;
    const char *schemes[] = {"midpoint", "gauss2", "symplectic_euler"};
@@ -101,7 +101,8 @@ static void test_joint_is_called(void) {
       CHECK(memcmp(separate.q, alone.q, sizeof separate.q) == 0);
       OK(symsde_model_traits(without, &traits, &error));
       CHECK(traits.has_hessian == 1);
-      OK(symsde_model_set_gradient_hessian(model, NULL, &error)); /* the separate ones again */
+      /* without a joint function the separate ones are called again */
+      OK(symsde_model_set_gradient_hessian(model, NULL, &error));
       OK(symsde_model_set_gradient_hessian(without, NULL, &error));
    }
    OK(symsde_model_traits(without, &traits, &error));
@@ -124,7 +125,7 @@ static void test_joint_fails(void) {
    EXPECT(SYMSDE_CALLBACK_FAILED, "19", symsde_simulate(model, scheme, &options, &input, &paths, &report, &error));
    CHECK(isnan(a.q[(NTIME - 1) * PATHS]) && a.q[0] == 1);
    user.pendulum.refuse_after = INFINITY;
-   OK(symsde_simulate(model, scheme, &options, &input, &paths, &report, &error)); /* forgotten */
+   OK(symsde_simulate(model, scheme, &options, &input, &paths, &report, &error)); /* the model must be probed again */
    user.pendulum.wrong = 1;
    EXPECT(SYMSDE_FALSE_TRAIT, "counted|offers gradient_hessian, but by it d2H_0",
           symsde_simulate(model, scheme, &options, &input, &paths, &report, &error));
@@ -133,7 +134,7 @@ static void test_joint_fails(void) {
    EXPECT(SYMSDE_FALSE_TRAIT, "counted|offers gradient_hessian, but dH_0/dq_1",
           symsde_simulate(model, scheme, &options, &input, &paths, &report, &error));
    OK(symsde_model_set_gradient_hessian(model, NULL, &error));
-   OK(symsde_simulate(model, scheme, &options, &input, &paths, &report, &error)); /* not called, not probed */
+   OK(symsde_simulate(model, scheme, &options, &input, &paths, &report, &error)); /* NULL: neither called nor probed */
 
    EXPECT(SYMSDE_INCOMPATIBLE, "kubo|symsde_model_new", symsde_model_set_gradient_hessian(kubo, joint, &error));
    EXPECT(SYMSDE_NULL_HANDLE, "model is NULL", symsde_model_set_gradient_hessian(NULL, joint, &error));
@@ -145,7 +146,7 @@ static void test_joint_fails(void) {
 /* H = (p^2 + q^2)/2 + c q^3/3 - q^2 p, H_1 = s (q p^2/2 + q^3): cubic, so that the differences in nested brackets are exact */
 typedef struct cubic_user {
    double c, s;
-   double wrong; /* factor of third derivatives - 1 */
+   double wrong; /* third derivatives are multiplied by 1 + this */
    int asked;
 } cubic_user;
 
@@ -189,7 +190,7 @@ static int cubic_third(int nlane, int ndof, int nham, double t, const double *w,
    return 0;
 }
 
-/* the same paths with nested brackets that are exact, and by differences; wrong third derivatives are refused */
+/* the same paths by exact nested brackets and by differences; wrong third derivatives are refused */
 static void test_third_derivative(void) {
    static arrays differences, exact;
    cubic_user user = {0.7, 0.2, 0, 0};
@@ -228,7 +229,7 @@ static void test_third_derivative(void) {
    symsde_scheme_delete(&scheme);
 }
 
-/* calls with an output that is NULL, and with all of them */
+/* calls in which an output is NULL, and calls with all outputs */
 static int with_null, whole;
 
 static void count(int nlane, double *outputs[], int n) {
@@ -263,7 +264,7 @@ static int count_joint(int nlane, int ndof, int nham, double t, const double *w,
    return 0;
 }
 
-/* ask for one output of each kind of a model whose H is zero */
+/* ask a model whose H is zero for one output of each kind */
 static void ask_for_parts(symsde_model model) {
    const double w = 1;
    double hq = 7, hqq = 7, hqp = 7, hpp = 7;
@@ -276,7 +277,7 @@ static void ask_for_parts(symsde_model model) {
    CHECK(hq == 0 && hqq == 0 && hqp == 0 && hpp == 0);
 }
 
-/* NULL is handed out only to functions that accept it: others would write there */
+/* outputs are NULL only for functions that accept NULL: other functions would write through the pointer */
 static void test_null_is_not_handed_out(void) {
    symsde_model model = NULL, kubo = new_kubo();
    symsde_traits traits;
@@ -306,7 +307,7 @@ static void test_sincos(void) {
    for (int i = 0; i < N; i++) {
       x[i] = 0.37 * (i - 500);
    }
-   x[7] = 1e9; /* beyond the fast range */
+   x[7] = 1e9; /* beyond the range of the fast reduction */
    x[8] = NAN;
    sine[N] = cosine[N] = 3;
    CHECK(symsde_sincos(N, x, sine, cosine) == SYMSDE_OK);
@@ -316,7 +317,7 @@ static void test_sincos(void) {
    for (int i = 0; i < N; i++) {
       worst = fmax(worst, fmax(fabs(sine[i] - sin(x[i])), fabs(cosine[i] - cos(x[i]))));
       CHECK(symsde_sincos(1, x + i, single, single + 1) == SYMSDE_OK);
-      CHECK(single[0] == sine[i] && single[1] == cosine[i]); /* whatever its neighbours */
+      CHECK(single[0] == sine[i] && single[1] == cosine[i]); /* the bits do not depend on neighbours */
    }
    CHECK(worst < 3e-16);
    CHECK(symsde_sincos(0, x, sine, cosine) == SYMSDE_OK);
@@ -326,7 +327,7 @@ static void test_sincos(void) {
    CHECK(symsde_sincos(N, x, sine, NULL) == SYMSDE_INVALID_ARGUMENT);
 }
 
-/* damped momenta: H = a (p^2 + q^2)/2 with a small, whose p falls by exp(-gamma h) in every step but for a h */
+/* damped momenta: H = a (p^2 + q^2)/2 with small a, so p falls by exp(-gamma h) in every step, up to O(a h) */
 static void test_damping(void) {
    const char *keys[] = {"a", "sigma"};
    const double values[] = {1e-9, 0}, rate = 0.5, several[] = {0.5, 0.5}, gain = -0.5, closed = 0, one = 1, zero = 0;
@@ -348,7 +349,8 @@ static void test_damping(void) {
    EXPECT(SYMSDE_INVALID_ARGUMENT, "nrate = 0|give one rate", symsde_model_set_damping(model, 0, &rate, 0, &error));
    EXPECT(SYMSDE_INVALID_ARGUMENT, "rates", symsde_model_set_damping(model, 1, NULL, 0, &error));
    EXPECT(SYMSDE_NULL_HANDLE, "model", symsde_model_set_damping(NULL, 1, &rate, 0, &error));
-   OK(symsde_simulate(model, scheme, &options, &input, &paths, NULL, &error)); /* refused rates change nothing */
+   /* a refused set of rates leaves the old ones */
+   OK(symsde_simulate(model, scheme, &options, &input, &paths, NULL, &error));
    CHECK(fabs(a.p[(NTIME - 1) * PATHS] - exp(-rate * options.step * (double)options.steps)) < 1e-6);
    OK(symsde_model_set_damping(model, 1, &gain, 1, &error));
    OK(symsde_simulate(model, scheme, &options, &input, &paths, NULL, &error));

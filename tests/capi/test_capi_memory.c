@@ -13,8 +13,8 @@ static double t[NTIME], mean[3 * NTIME], variance[3 * NTIME], se_mean[3 * NTIME]
 static int64_t n_ok[NTIME];
 static symsde_moments moments;
 
-/* Forbid more address space than 4 MB beyond what is in use, and take from that, and from the heap, all pieces of at
- * least so many bytes. */
+/* Limit the address space to 4 MB beyond the present use, and take all pieces of at least so many bytes from it and
+ * from the heap. */
 static void use_up(size_t least) {
    struct rlimit limit;
    for (limit.rlim_cur = (rlim_t)1 << 20; limit.rlim_cur < (rlim_t)1 << 40; limit.rlim_cur += (rlim_t)1 << 22) {

@@ -45,7 +45,7 @@ static void test_merge_moments(void) {
    symsde_scheme_delete(&scheme);
 }
 
-/* at each time in turn, a part without a path, whose means are NaN, leaves the other part as it is */
+/* at each time in turn one part has no paths and NaN means; merging leaves the other part's numbers */
 static void test_merge_nothing(void) {
    enum { NVALUE = 2, N = NTIME * NVALUE };
    double mean[2][N], m2[2][N];

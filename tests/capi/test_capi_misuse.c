@@ -7,7 +7,7 @@
 static arrays a;
 static double dw[STEPS * PATHS];
 
-/* every misuse of a run, each named */
+/* every misuse of a run is refused with a message that names it */
 static void test_misuse(void) {
    symsde_model model = new_kubo();
    symsde_scheme scheme = new_scheme("midpoint");
@@ -103,12 +103,13 @@ static void test_misuse(void) {
    EXPECT(SYMSDE_INVALID_ARGUMENT, "dw is NULL", symsde_increments(model, NULL, &options, NULL, &error));
    EXPECT(SYMSDE_NULL_HANDLE, "model", symsde_increments(NULL, NULL, &options, dw, &error));
    EXPECT(SYMSDE_INVALID_ARGUMENT, "options is NULL", symsde_increments(model, NULL, NULL, dw, &error));
-   OK(symsde_simulate(model, scheme, &options, &input, &paths, NULL, &error)); /* and it still works */
+   /* after all refusals the run still works */
+   OK(symsde_simulate(model, scheme, &options, &input, &paths, NULL, &error));
    symsde_model_delete(&model);
    symsde_scheme_delete(&scheme);
 }
 
-/* a gradient that scales an input in place, q or what user says, and one that leaves an output alone */
+/* a gradient that scales an input, q or the one that user selects, or leaves an output unwritten */
 static const int of_w = 1, of_p = 2;
 
 static int scribbling(int nlane, int ndof, int nham, double t, const double *w, const double *q, const double *p,
@@ -135,7 +136,7 @@ static int counting(int nlane, int ndof, int nham, double t, const double *w, co
    return (void)nlane, (void)ndof, (void)nham, (void)t, (void)w, (void)q, (void)p, (void)hq, (void)hp, 31;
 }
 
-/* a callback that has failed is not called again for the blocks that are left */
+/* after a callback has failed, it is not called for further blocks */
 static void test_failed_callbacks(void) {
    enum { N = 5000 };
    static double w[N], q[N], p[N], hq[N];

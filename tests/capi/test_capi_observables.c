@@ -13,11 +13,11 @@ static double t[2][NTIME], mean[2][NTIME * NVALUE], variance[2][NTIME * NVALUE],
 static int64_t n_ok[2][NTIME];
 static int calls, most, mixes, leaves;
 
-/* r^2, that of a neighbour where they are mixed, and the time that is told */
+/* r^2, or r^2 of the neighbouring lane when mixes is set, and the time given */
 static int observe(int nlane, int ndof, double time, const double *q, const double *p, double *values, void *user) {
    (void)ndof, (void)user;
    if (leaves && calls == PROBE) {
-      return 0; /* early: nothing is written */
+      return 0; /* return before anything is written */
    }
    for (int i = 0; i < nlane; i++) {
       const int k = mixes ? nlane - 1 - i : i;
@@ -65,13 +65,14 @@ int main(void) {
       CHECK(mean[0][i * NVALUE + 4] == t[0][i] && mean[1][i * NVALUE + 4] == t[0][i - i % 3]);
    }
    CHECK(mean[0][NVALUE + 3] > 1 && n_ok[1][NTIME - 1] == PATHS);
-   OK(moments_into(1, 1)); /* less than a block: one time each */
+   OK(moments_into(1, 1)); /* less than a block: a call for each time */
    CHECK(calls == PROBE + 2 * NTIME);
    EXPECT(SYMSDE_INVALID_ARGUMENT, "observables_lanes = -1", moments_into(1, -1));
    leaves = 1;
    OK(moments_into(1, 0));
    CHECK(isnan(mean[1][NVALUE - 1]) && isnan(mean[1][NTIME * NVALUE - 1]));
-   CHECK(mean[1][NTIME * NVALUE - NVALUE] == mean[0][NTIME * NVALUE - NVALUE]); /* q is known all the same */
+   /* moments of q are known nevertheless */
+   CHECK(mean[1][NTIME * NVALUE - NVALUE] == mean[0][NTIME * NVALUE - NVALUE]);
    leaves = 0;
    mixes = 1;
    EXPECT(SYMSDE_FALSE_TRAIT, "observable 1 mixes paths", moments_into(1, 0));

@@ -81,7 +81,8 @@ static int run_with(int64_t first, int64_t paths, symsde_observer *const *observ
 static void allocate(symsde_observer *o, int64_t *sizes) {
    const symsde_options options = some_options();
    OK(symsde_observer_sizes(model, &options, 0, o, sizes, &error));
-   o->counts = sizes[0] > 0 ? calloc((size_t)sizes[0], sizeof *o->counts) : NULL; /* none is needed for nothing */
+   /* no memory is needed for zero sums */
+   o->counts = sizes[0] > 0 ? calloc((size_t)sizes[0], sizeof *o->counts) : NULL;
    o->sums = sizes[1] > 0 ? calloc((size_t)sizes[1], sizeof *o->sums) : NULL;
 }
 
@@ -118,7 +119,7 @@ static void test_all_kinds(void) {
          for (int k = 0; k < SLOTS; k++) {
             total += whole[i].counts[(NTIME - 1) * SLOTS + k];
          }
-         CHECK(total == PATHS && whole[i].counts[SLOTS - 2] == PATHS); /* q = 1 at first, above the last bin */
+         CHECK(total == PATHS && whole[i].counts[SLOTS - 2] == PATHS); /* q = 1 initially, above the last bin */
          CHECK(values[SLOTS - 2] == 1 && errors[SLOTS - 2] == 0);
       } else if (i == QUANTILE) {
          CHECK(fabs(values[0] - 1) <= errors[0] && errors[0] < 0.1);

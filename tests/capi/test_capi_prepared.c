@@ -18,7 +18,7 @@ static symsde_state state_of(symsde_run run) {
    return state;
 }
 
-/* model and scheme are gone when it is used */
+/* the run outlives the model and the scheme that it is made of */
 static symsde_run prepared(const symsde_options *options) {
    symsde_model model = new_kubo();
    symsde_scheme scheme = new_scheme("midpoint");
@@ -48,7 +48,7 @@ static int is_last(symsde_run run) {
           memcmp(state.p, whole.last_p, sizeof whole.last_p) == 0;
 }
 
-/* steps of one, some that are saved, and the rest */
+/* one step, steps some of which are saved, and the rest */
 static void test_pieces(void) {
    symsde_options options = some_options();
    symsde_paths paths = paths_in(&pieces, 0);
@@ -82,7 +82,7 @@ static void test_pieces(void) {
    }
 }
 
-/* a host that moves paths between steps, and gives increments of its own */
+/* a caller that changes states between steps and supplies its own increments */
 static void test_host_loop(void) {
    symsde_options options = some_options();
    options.paths = 2;
@@ -99,7 +99,7 @@ static void test_host_loop(void) {
       state.q[0] = 1;
       state.p[0] = 0;
       OK(symsde_run_advance(run, 1, 1, &input, NULL, &error));
-      const double angle = 2 * atan(0.5 * (options.step + 0.3 * dw[0])); /* of midpoint, [WHSB] sec. 5 */
+      const double angle = 2 * atan(0.5 * (options.step + 0.3 * dw[0])); /* angle of a midpoint step, [WHSB] sec. 5 */
       CHECK(fabs(state.q[0] - cos(angle)) < 1e-15 && fabs(state.p[0] + sin(angle)) < 1e-15);
    }
    const double turned = 6 * atan(0.5 * (options.step + 0.3 * dw[1]));
@@ -117,7 +117,7 @@ static int stop(int64_t done, int64_t total, void *user) {
 static void test_stopped(void) {
    symsde_options options = some_options();
    options.lanes = 8;
-   options.threads = 1; /* of several, another one could be done with the last block by then */
+   options.threads = 1; /* one thread: with several, another one could have begun the last block before the stop */
    symsde_run run = prepared(&options);
    symsde_paths paths = paths_in(&pieces, 0);
    symsde_input input;
@@ -136,7 +136,7 @@ static void test_stopped(void) {
    symsde_run_delete(&run);
 }
 
-/* a gradient that advances the very run that asks for it */
+/* a gradient that advances the very run that calls it */
 static symsde_run nested;
 static int nested_status;
 
@@ -184,7 +184,7 @@ static void test_refusals(void) {
    OK(symsde_run_advance(run, 1, 1, NULL, NULL, &error));
    CHECK(nested_status == SYMSDE_INCOMPATIBLE && state_of(run).next_step == 1);
    nested = NULL;
-   user.refuse_after = 0; /* the callback fails; the path rests until the run is reset */
+   user.refuse_after = 0; /* the callback fails; the path takes no further step until the run is reset */
    EXPECT(SYMSDE_CALLBACK_FAILED, "17", symsde_run_advance(run, 1, 1, NULL, NULL, &error));
    user.refuse_after = 1e9;
    CHECK(state_of(run).status[0] > 0 && state_of(run).failed_step[0] == 1);
@@ -210,7 +210,7 @@ static void test_sizes(void) {
    symsde_scheme_delete(&scheme);
 }
 
-/* a run that was prepared for two threads goes on with one */
+/* a run prepared for two threads goes on with one in a child process */
 static void test_fork(void) {
    symsde_options options = some_options();
    int status = -1;
@@ -223,7 +223,7 @@ static void test_fork(void) {
    fflush(stdout);
    const pid_t forked = fork();
    if (forked == 0) {
-      alarm(600); /* a child that hangs is ended by this signal */
+      alarm(600); /* SIGALRM ends a child that hangs */
       OK(symsde_run_advance(run, STEPS / 2, 1, NULL, NULL, &error));
       CHECK(is_last(run));
       fflush(stdout);
@@ -236,7 +236,7 @@ static void test_fork(void) {
    symsde_run_delete(&run);
 }
 
-/* times by themselves, and runs that are given no room for them: the same bits, also from a later step on */
+/* saved times alone, and runs without an array for times: the same bits, also from a later first step */
 static void test_times(void) {
    symsde_options options = some_options();
    symsde_paths paths = paths_in(&pieces, 1);

@@ -29,7 +29,7 @@ static void set_mode(int mode) {
 #endif
 }
 
-/* one path in seven is denormal */
+/* one path in seven has denormal states */
 static void run_in(int mode, int32_t threads, arrays *result) {
    static double q0[PATHS], p0[PATHS];
    for (int i = 0; i < PATHS; i++) {
@@ -58,7 +58,7 @@ static int same(const arrays *a, const arrays *b) {
 }
 
 int main(void) {
-   run_in(NEAREST, 3, &other); /* the threads begin */
+   run_in(NEAREST, 3, &other); /* the first parallel run creates the threads */
    for (int mode = NEAREST; mode < NMODE; mode++) {
       run_in(mode, 1, &found[mode]);
       for (int32_t threads = 2; threads <= 3; threads++) {

@@ -9,8 +9,8 @@ enum { NDOF = 37, NPATH = 21, NSTEP = 30 };
 
 typedef struct chain_user {
    double beta, sigma;
-   double wrong_force, wrong_diagonal, wrong_beside; /* added by the rows */
-   double refuse_after;                              /* time from which on rows return 29 */
+   double wrong_force, wrong_diagonal, wrong_beside; /* error added by the rows */
+   double refuse_after;                              /* from this time on rows return 29 */
    int rows;                                         /* calls */
 } chain_user;
 
@@ -126,7 +126,7 @@ static void test_equals_dense_and_built_in(void) {
    CHECK(user.rows > NSTEP && distance() < 1e-11);
    OK(run(built_in, "midpoint", last_q[0]));
    CHECK(distance() < 1e-12 && fabs(last_q[0][5]) > 1e-3);
-   OK(run(chain, "gauss2", last_q[1])); /* made of whole blocks of rows */
+   OK(run(chain, "gauss2", last_q[1])); /* gauss2 computes whole blocks from rows */
    OK(run(built_in, "gauss2", last_q[0]));
    CHECK(distance() < 1e-11);
    user.rows = 0;

@@ -39,7 +39,7 @@ static void test_simulate(void) {
    OK(symsde_simulate(model, scheme, &options, &input, &few, NULL, &error));
    CHECK(memcmp(a.q, b.q, sizeof(double) * NTIME * PATHS) == 0 && memcmp(a.p, b.p, sizeof(double) * PATHS) == 0);
 
-   /* the increments of the run, given back to it */
+   /* a run driven by its own increments repeats itself */
    OK(symsde_increments(model, NULL, &options, dw, &error));
    input.increments = dw;
    input.increment_rows = STEPS;
@@ -69,7 +69,7 @@ static void test_resume(void) {
    OK(symsde_simulate(model, scheme, &options, &input, &paths, NULL, &error));
    CHECK(a.q_low[0] != 0 || a.q_low[1] != 0);
    first = rest = options;
-   first.steps = 17; /* odd: the rest begins with the second step of a pair */
+   first.steps = 17; /* an odd first step is the second of a pair */
    rest.first_step = 17;
    rest.steps = STEPS - 17;
    OK(symsde_simulate(model, scheme, &first, &input, &parts, NULL, &error));
@@ -88,7 +88,7 @@ static void test_resume(void) {
    OK(symsde_increments(model, NULL, &options, dw, &error));
    OK(symsde_increments(model, NULL, &rest, odd, &error));
    CHECK(memcmp(dw + 17 * PATHS, odd, sizeof(double) * (STEPS - 17) * PATHS) == 0);
-   /* moments take low parts too: with large ones they show */
+   /* low parts count in moments, too: with large ones it shows */
    static double t[STEPS + 1], mean[3 * (STEPS + 1)], variance[3 * (STEPS + 1)], se[3 * (STEPS + 1)];
    static int64_t n_ok[STEPS + 1];
    double sum = 0;
@@ -177,7 +177,8 @@ static void test_moments(void) {
 
    m->observables_user = (void *)&limit;
    EXPECT(SYMSDE_CALLBACK_FAILED, "23", symsde_compute_moments(model, scheme, &options, &input, m, &report, &error));
-   CHECK(report.status == SYMSDE_CALLBACK_FAILED && report.path_steps < STEPS * PATHS); /* stopped early */
+   /* the failing observable ends the run early */
+   CHECK(report.status == SYMSDE_CALLBACK_FAILED && report.path_steps < STEPS * PATHS);
    m->observables = NULL;
    EXPECT(SYMSDE_INVALID_ARGUMENT, "observables is NULL",
           symsde_compute_moments(model, scheme, &options, &input, m, &report, &error));
@@ -203,7 +204,7 @@ static void test_moments(void) {
    symsde_scheme_delete(&scheme);
 }
 
-/* a force that has no value left of -1.2 */
+/* a force that is NaN for q < -1.2 */
 static int cliff_gradient(int nlane, int ndof, int nham, double t, const double *w, const double *q, const double *p,
                           double *hq, double *hp, void *user) {
    (void)ndof, (void)nham, (void)t, (void)user;
@@ -263,7 +264,7 @@ static void test_failed_paths(void) {
 }
 
 #ifdef __linux__
-/* user: how often it was called, and the bits of all addresses of full blocks */
+/* user: number of calls, and the OR of all addresses passed with full blocks */
 static int address_gradient(int nlane, int ndof, int nham, double t, const double *w, const double *q, const double *p,
                             double *hq, double *hp, void *user) {
    uintptr_t *seen = user;
@@ -274,7 +275,7 @@ static int address_gradient(int nlane, int ndof, int nham, double t, const doubl
    return cliff_gradient(nlane, ndof, nham, t, w, q, p, hq, hp, NULL);
 }
 
-/* the columns of a block begin where vector registers and cache lines do */
+/* the columns of a block are aligned for vector registers and cache lines */
 static void test_alignment(void) {
    symsde_traits traits = pendulum_traits();
    symsde_model model = NULL;
@@ -317,7 +318,8 @@ static void test_stop_and_refusing_callback(void) {
    progress_user progress = {0, 0, 0, 0};
 
    symsde_report_init(&report);
-   options.threads = 1; /* else another thread may do all the blocks, and only the caller's asks */
+   /* otherwise another thread may do all blocks, and the caller's thread alone asks for progress */
+   options.threads = 1;
    input.progress = on_progress;
    input.progress_user = &progress;
    OK(symsde_simulate(model, scheme, &options, &input, &paths, &report, &error));
@@ -333,7 +335,7 @@ static void test_stop_and_refusing_callback(void) {
    EXPECT(SYMSDE_CALLBACK_FAILED, "17", symsde_simulate(model, scheme, &options, &input, &paths, &report, &error));
    CHECK(report.status == SYMSDE_CALLBACK_FAILED && isnan(a.q[(NTIME - 1) * PATHS]) && a.q[0] == 1);
    user.refuse_after = INFINITY;
-   OK(symsde_simulate(model, scheme, &options, &input, &paths, &report, &error)); /* forgotten */
+   OK(symsde_simulate(model, scheme, &options, &input, &paths, &report, &error)); /* the model must be probed again */
    user.wrong = 1;
    EXPECT(SYMSDE_FALSE_TRAIT, "own pendulum",
           symsde_simulate(model, scheme, &options, &input, &paths, &report, &error));
@@ -376,7 +378,7 @@ static void test_diagnostics(void) {
    }
    CHECK(largest < 1e-12);
 
-   /* a diagnosis asks the progress of its options, and can be stopped */
+   /* a diagnosis calls the progress function of its options, which can stop it */
    progress_user progress = {0, 1, -1, -1};
    options.progress = on_progress;
    options.progress_user = &progress;
@@ -392,7 +394,7 @@ static void test_diagnostics(void) {
    CHECK(progress.calls >= 4);
    options.progress = NULL;
 
-   /* kubo turns by a t + sigma W */
+   /* exact: kubo rotates by a t + sigma W */
    OK(symsde_exact_solution(model, midpoint, &options, &input, q, p, &error));
    double w = 0;
    worst = 0;
@@ -421,7 +423,7 @@ static void test_diagnostics(void) {
    symsde_scheme_delete(&heun);
 }
 
-/* The threads that a run takes: those of the options, else of SYMSDE_NUM_THREADS; never more than it has blocks. */
+/* Threads of a run: options.threads, else SYMSDE_NUM_THREADS, but never more than the run has blocks. */
 static void test_threads(void) {
    symsde_model model = new_kubo();
    symsde_scheme scheme = new_scheme("midpoint");
@@ -445,8 +447,8 @@ static void test_threads(void) {
    symsde_scheme_delete(&scheme);
 }
 
-/* Steps far beyond where the solver converges from zero increments: what the report says of them adds up, each
- * counter by itself. With many iterations damping saves paths, with few it is continuation that does. */
+/* Steps so long that the solver does not converge from zero increments: the counters in the report add up. With many
+ * iterations damping rescues paths, with few continuation does. */
 static void test_counters_of_hard_steps(void) {
    symsde_model model = NULL;
    symsde_scheme scheme = new_scheme("midpoint");

@@ -11,7 +11,7 @@
 
 enum { THREADS = 8, ROUNDS = 12, TEXT = 4096 };
 
-/* what every thread uses, and nobody changes while they do */
+/* all threads use these handles, and none changes them meanwhile */
 static symsde_model shared_kubo, shared_pendulum;
 static symsde_scheme shared_midpoint;
 static pendulum_user shared_user = {0.3, 100, 0};
@@ -31,7 +31,7 @@ static pthread_barrier_t barrier;
 
 static symsde_options thread_options(void) {
    symsde_options options = some_options();
-   options.threads = 1; /* the thread sanitizer does not know the locks of OpenMP's threads */
+   options.threads = 1; /* the thread sanitizer does not see the locks of OpenMP */
    options.t0 = 0;
    return options;
 }
@@ -72,7 +72,7 @@ static void use_own_model(worker *me) {
    symsde_model_delete(&model);
 }
 
-/* sentences with numbers that only this thread gives */
+/* refusals whose messages hold numbers of this thread alone */
 static void be_refused(worker *me) {
    const symsde_input input = some_input(&one, &zero);
    symsde_paths paths = paths_in(&me->mine, 0);
@@ -93,7 +93,7 @@ static void be_refused(worker *me) {
    EXPECT(SYMSDE_UNKNOWN_NAME, wanted, symsde_scheme_get(me->name, &scheme, &error));
 }
 
-/* a shared model whose callback refuses the times of this thread alone: the others must not hear of it */
+/* a shared model whose callback refuses the times of this thread alone: no other thread may get that error */
 static void fail_in_a_callback(worker *me) {
    const symsde_input input = some_input(&one, &zero);
    symsde_paths paths = paths_in(&me->mine, 0);
@@ -109,7 +109,7 @@ static void fail_in_a_callback(worker *me) {
           symsde_commutator(shared_pendulum, 101, 1, &one, &zero, gradients, commute, NULL, 0, NULL, NULL, &error));
 }
 
-/* every path fails: momenta that overflow */
+/* every path fails, since momenta overflow */
 static void fail_in_every_path(worker *me) {
    static const double fast = 1e308;
    const symsde_input input = some_input(&one, &fast);
@@ -196,7 +196,7 @@ static void *work(void *argument) {
 
    pthread_barrier_wait(&barrier);
    for (int round = 0; round < ROUNDS; round++) {
-      /* begin with different tasks, so that all meet all */
+      /* threads begin with different tasks, so that every two tasks meet */
       for (int task = 0; task < TASKS; task++) {
          tasks[(task + me->id + round) % TASKS](me);
       }

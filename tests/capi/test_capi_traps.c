@@ -26,7 +26,7 @@ static void on_trap(int signal_number) {
    siglongjmp(trapped, signal_number);
 }
 
-/* make the call with traps on; a trap fails the test by the names of what ran */
+/* make the call with floating-point traps on; a trap fails the test with the names of call, model and scheme */
 #define TRAPPED(call)                                                                                                  \
    do {                                                                                                                \
       if (sigsetjmp(trapped, 1) == 0) {                                                                                \
@@ -64,7 +64,7 @@ static symsde_paths all_paths(void) {
    return paths;
 }
 
-/* everything that a scheme does for a model; what does not fit together is refused, which is fine */
+/* every function that takes a model and a scheme; a refused pair is fine */
 static void use(const char *model_name, symsde_model model, const char *scheme_name, symsde_scheme scheme) {
    symsde_options options = few_options();
    const symsde_input input = some_input(q0, p0);
@@ -105,7 +105,7 @@ static void use(const char *model_name, symsde_model model, const char *scheme_n
    TRAPPED(symsde_exact_solution(model, scheme, &options, &input, other_q, other_p, &error));
 }
 
-/* what needs no scheme, or only one */
+/* functions that take no scheme, or any one */
 static void use_model(const char *model_name, symsde_model model) {
    const char *scheme_name = "midpoint";
    symsde_scheme scheme = new_scheme(scheme_name);
@@ -154,7 +154,7 @@ int main(void) {
    while (next_line(&model_list, model_name, sizeof model_name)) {
       symsde_model model = NULL;
       symsde_traits traits;
-      const int is_chain = strcmp(model_name, "fpu_chain") == 0; /* 32 masses take their time */
+      const int is_chain = strcmp(model_name, "fpu_chain") == 0; /* the default of 32 masses would take long */
 
       OK(symsde_model_get(model_name, is_chain, &masses, &few_masses, &model, &error));
       symsde_traits_init(&traits);

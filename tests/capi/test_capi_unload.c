@@ -63,11 +63,11 @@ static void use(const char *path) {
    own_symsde_model_delete(&model);
    own_symsde_scheme_delete(&scheme);
    CHECK(dlclose(library) == 0);
-   CHECK(dlopen(path, RTLD_NOW | RTLD_NOLOAD) != NULL); /* it stays */
+   CHECK(dlopen(path, RTLD_NOW | RTLD_NOLOAD) != NULL); /* the library stays loaded */
 }
 
 int main(void) {
-   setenv("OMP_WAIT_POLICY", "active", 1); /* threads that wait are in the code of OpenMP, not asleep */
+   setenv("OMP_WAIT_POLICY", "active", 1); /* waiting threads spin in the code of OpenMP, so unloading it would crash */
    for (int k = 0; k < 20; k++) {
       use(TEST_LIBRARY);
    }

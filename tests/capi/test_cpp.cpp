@@ -23,7 +23,7 @@ void check(bool condition, const char *text, int line) {
 }
 #define CHECK(condition) check((condition), #condition, __LINE__)
 
-/* The call throws symsde::error with this code, and a sentence that holds these words. */
+/* The call throws symsde::error with this code and a message with these words. */
 template <class Call> void expect(int code, const std::string &words, Call &&call, int line) {
    try {
       call();
@@ -38,7 +38,7 @@ template <class Call> void expect(int code, const std::string &words, Call &&cal
 struct own_exception {
    int number;
 };
-/* What was thrown inside a callback arrives as it was. */
+/* An exception thrown inside a callback reaches the caller unchanged. */
 template <class Call> int thrown_number(Call &&call) {
    try {
       call();
@@ -60,7 +60,7 @@ symsde::options some_options(std::int64_t steps, std::int64_t paths) {
 
 const std::array<double, 1> one{1.0}, zero{0.0}, half{0.5};
 
-/* A pendulum, H = p^2/2 - cos q, H_1 = sigma sin q; calls are counted, and from time `refuse` on an exception is thrown */
+/* A pendulum, H = p^2/2 - cos q, H_1 = sigma sin q; counts calls, and throws from time `refuse` on */
 symsde::model pendulum(double sigma, std::atomic<int> &calls, double refuse = 1e300) {
    symsde::traits declared(1, 1);
    declared.separable = declared.position_noise = declared.identity_mass = 1;
@@ -117,7 +117,7 @@ void built_in() {
    CHECK(largest < 1e-13);
    CHECK(spread > 0.1);
    CHECK(found.report.path_steps == 5000);
-   /* one step by hand: tan of half the angle is half of a h + sigma dW */
+   /* one step by hand: tan of half its angle is half of a h + sigma dW */
    auto once = some_options(2, 50);
    once.save_every = 1;
    const auto dw = symsde::increments(kubo, midpoint, once);
@@ -128,7 +128,7 @@ void built_in() {
       away = std::max(away, std::abs(first.q(1)[i] - std::cos(angle)) + std::abs(first.p(1)[i] + std::sin(angle)));
    }
    CHECK(dw.size() == 100 && away < 1e-14);
-   /* a start for each path: path 3 begins elsewhere, the others do not notice */
+   /* a start for each path: path 3 starts elsewhere, and the other paths keep their bits */
    std::vector<double> q0(50, 1.0), p0(50, 0.0);
    q0[3] = 2.0;
    const auto other = symsde::simulate(kubo, midpoint, chosen, {q0, p0});
@@ -162,12 +162,12 @@ void own_model() {
          same = same && found.q(2)[i] == again.q(2)[i] && found.p(2)[i] == again.p(2)[i];
       }
       CHECK(same);
-      /* H falls by the noise alone: for a path without noise it is kept to the order of the scheme */
+      /* a path without noise keeps H to the order of the scheme */
       const auto quiet = symsde::simulate(pendulum(0.0, calls), by, chosen, {half, zero});
       const double q = quiet.q(2)[5], p = quiet.p(2)[5];
       CHECK(std::abs(p * p / 2 - std::cos(q) + std::cos(0.5)) < 1e-4);
    }
-   /* mean and variance of an observable, against the paths themselves */
+   /* mean and variance of an observable against those of saved paths */
    const double scale = 3;
    const symsde::observables asked{2, [scale](double t, auto q, auto p, auto values) {
                                       for (std::size_t i = 0; i < q[0].size(); i++) {
@@ -190,7 +190,7 @@ void own_model() {
    CHECK(std::abs(means.se_mean(2)[0] - std::sqrt(means.variance(2)[0] / 33)) < 1e-13);
 }
 
-/* The pendulum of the catalogue, written once more. */
+/* The pendulum of the catalogue, written as a user's model. */
 void beside_the_catalogue() {
    const double sigma = 0.4;
    symsde::traits declared(1, 1);
@@ -213,7 +213,7 @@ void beside_the_catalogue() {
    }
 }
 
-/* A product with the Hessian alone: chains of two, by Krylov or fixed point, as by the whole Hessian. */
+/* Products with the Hessian instead of the Hessian: two degrees of freedom, solved by Krylov or fixed point, agree. */
 void several() {
    symsde::traits declared(2, 1);
    symsde::functions own;
@@ -297,7 +297,7 @@ void errors() {
    };
    const symsde::model liar("liar", false_trait, own);
    EXPECT(SYMSDE_FALSE_TRAIT, "additive", symsde::simulate(liar, midpoint, chosen, {one, zero}));
-   /* a handle that was moved away */
+   /* a handle whose contents were moved away */
    symsde::model kept(std::string("kubo"));
    const symsde::model moved(std::move(kept));
    EXPECT(SYMSDE_NULL_HANDLE, "", symsde::simulate(kept, midpoint, chosen, {one, zero}));
@@ -310,7 +310,7 @@ void exceptions() {
    const auto chosen = some_options(200, 3000);
    const auto refusing = pendulum(0.4, calls, 1.0);
    CHECK(thrown_number([&] { (void)symsde::simulate(refusing, by, chosen, {half, zero}); }) == 17);
-   /* nothing is left over: a run that ends before that time is as good as ever */
+   /* the exception does not stay: a run that ends before that time succeeds */
    const auto early = some_options(20, 30);
    CHECK(symsde::simulate(refusing, by, early, {half, zero}).status() == SYMSDE_OK);
    EXPECT(SYMSDE_INVALID_ARGUMENT, "step", symsde::simulate(refusing, by, symsde::options(), {half, zero}));
@@ -325,14 +325,14 @@ void exceptions() {
                                    }};
    const symsde::model kubo("kubo");
    CHECK(thrown_number([&] { (void)symsde::compute_moments(kubo, by, chosen, {half, zero}, asked); }) == 23);
-   /* progress is asked at most twenty times a second: a run that takes longer */
+   /* progress is asked at most twenty times a second, so this run takes longer */
    const auto endless = some_options(40000, 3000);
    const symsde::progress broken = [](std::int64_t, std::int64_t) -> bool { throw own_exception{29}; };
    CHECK(thrown_number([&] { (void)symsde::simulate(kubo, by, endless, {half, zero}, broken); }) == 29);
    const auto stopped = symsde::simulate(kubo, by, endless, {half, zero},
                                          [](std::int64_t done, std::int64_t total) { return done < total; });
    CHECK(stopped.status() == SYMSDE_STOPPED && std::isnan(stopped.q(2)[2999]));
-   /* paths that fail are no exception: they are NaN, and the status says so */
+   /* failed paths throw no exception: they are NaN, and the status says so */
    auto stormy = some_options(200, 300);
    stormy.step = 1.0;
    symsde::traits declared(1, 1);
@@ -353,7 +353,7 @@ void exceptions() {
    CHECK(std::isnan(lost.q(2)[bad]) && lost.failed_step[bad] >= 0);
 }
 
-/* Steps in several calls give the bits of one, and a run outlives the model it was made from. */
+/* Steps in several calls give the bits of one call, and a run outlives its model. */
 void prepared() {
    std::atomic<int> calls{0};
    const symsde::scheme by("midpoint");

@@ -5,8 +5,7 @@ EXECUTED is 1 where the build executes contracts (presets dev and sanitize), els
 the contract of one area of src (violate.f90); OBJECTS is a list of the objects of the library, one a line.
 
 Where contracts are executed, every area must end the program with the sentence that was broken. Elsewhere the same
-program must come to its end, and no object but the contracts themselves may name one of their procedures.
-"""
+program must run to its end, and no object but the contracts' own may name a procedure of a contract."""
 
 import re
 import subprocess
@@ -22,19 +21,19 @@ BROKEN = {
     "ensemble": "real paths are 1 to nlane",
     "diagnose": "increments and functionals are finite",
 }
-# The contracts themselves, by the names of their objects; contracts.f90 comes from the build where it is a copy.
+# Objects of the contracts themselves, by file name; the build of the wheel copies contracts.f90, hence no folder here.
 OWN = re.compile(r"/contracts?\.f90\.o$")
 CALL = re.compile(rb"__symsde_(?:base_contracts|[a-z]+_contract)_MOD_\w+")
 
 
 def run(violate, area):
-    """Exit code and what was printed when the contract of this area is broken."""
+    """Exit code and output of VIOLATE when it breaks the contract of this area."""
     done = subprocess.run([violate, area], capture_output=True, text=True, check=False)
     return done.returncode, done.stdout + done.stderr
 
 
 def findings(executed, violate, objects):
-    """Every finding, as text."""
+    """Every finding as a line of text."""
     if run(violate, "executed")[1].strip() != ("T" if executed else "F"):
         yield "the constant contracts_are_executed is not what the build says"
     for area, sentence in {"none": None, **BROKEN}.items():

@@ -1,8 +1,8 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> violate AREA: breaks the contract of that area of src once. `violate none` keeps all of these contracts.
+!> violate AREA: breaks the contract of this area of src once. `violate none` breaks no contract.
 !>
-!> Where contracts are executed the program ends there, with the sentence that is broken. Elsewhere it goes on to its
-!> end: what is broken does no harm that was not foreseen (a lane of NaN, a status that nobody reads).
+!> Where contracts are executed, the program ends with the sentence of the broken contract. Elsewhere the program runs
+!> to its end, because the broken inputs are harmless: a NaN in one lane, a status that no caller reads.
 !>
 !> `violate executed` says whether contracts are executed in this build.
 program violate
@@ -53,7 +53,7 @@ contains
       error stop 3
    end subroutine stop_at
 
-   !> NaN where a contract is to be broken, else a number.
+   !> NaN where the contract is to be broken, else x.
    real(wp) function spoiled(broken, x)
       logical, intent(in) :: broken
       real(wp), intent(in) :: x
@@ -75,7 +75,7 @@ contains
       call stop_at(error)
    end subroutine oscillator
 
-   !> Padding has a path of its own.
+   !> Broken: the padding lane has path 7 instead of repeating the last real path.
    subroutine noise(broken)
       logical, intent(in) :: broken
       type(brownian_noise) :: source
@@ -94,7 +94,7 @@ contains
       call source%fill(request, store, drawn)
    end subroutine noise
 
-   !> A weight is not finite.
+   !> Broken: a weight is NaN.
    subroutine model(broken)
       logical, intent(in) :: broken
       type(kubo_model), target :: kubo
@@ -109,7 +109,7 @@ contains
       call stepper%ham%gradient(0.0_wp, w, q, p, hq, hp)
    end subroutine model
 
-   !> A part of a composition has a node that is not finite.
+   !> Broken: a node of a composition's part is NaN.
    subroutine scheme(broken)
       logical, intent(in) :: broken
       type(scheme_type) :: parts(2), whole
@@ -123,7 +123,7 @@ contains
       call stop_at(error)
    end subroutine scheme
 
-   !> A lane has a status that no path can have.
+   !> Broken: a lane has a status that no path can have.
    subroutine solve(broken)
       logical, intent(in) :: broken
       type(block_solver) :: solver
@@ -142,7 +142,7 @@ contains
       call solver%solve(a, x, status == 0, status)
    end subroutine solve
 
-   !> The state of a lane without a status is not finite.
+   !> Broken: the state of a lane that has not failed is NaN.
    subroutine step(broken)
       logical, intent(in) :: broken
       type(kubo_model), target :: kubo
@@ -168,7 +168,7 @@ contains
       call stepper%advance(steps, state, passed, ntaken, failed)
    end subroutine step
 
-   !> A block is given more real paths than it has lanes.
+   !> Broken: a block is given more real paths than it has lanes.
    subroutine ensemble(broken)
       logical, intent(in) :: broken
       type(kubo_model), target :: kubo
@@ -184,7 +184,7 @@ contains
       call runner%begin_with(0_i8, merge(nlane + 1, nlane, broken), path)
    end subroutine ensemble
 
-   !> dZ is not finite, in a scheme that does not ask for it.
+   !> Broken: dZ is NaN, though the scheme does not use dZ.
    subroutine diagnose(broken)
       logical, intent(in) :: broken
       type(kubo_model), target :: kubo

@@ -1,10 +1,11 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Tests of the stand-in for pFUnit: what a real pFUnit 4.14 refuses, checks and accepts, it does too.
+"""Tests of the stand-in for pFUnit: it refuses, checks and accepts the lines that pFUnit 4.14 refuses, checks and
+accepts.
 
 check_funit.py CMAKE COMPILER TRANSLATOR DRIVER INCLUDE_DIR LIBRARY [FLAG]
 
-Every case is a suite of its own, which is translated, compiled and run; it ends as its kind says.
-"""
+Every case is a suite of its own, which is translated, compiled and run. Its kind says where it must fail, or that it
+must pass."""
 
 import subprocess
 import sys
@@ -32,7 +33,7 @@ contains
 end module test_case
 """
 
-# the assertion does not compile
+# assertions that must not compile
 REFUSED_BY_TYPE = [
     "@assertIsNaN(x)",
     "@assertIsFinite(x)",
@@ -47,13 +48,13 @@ REFUSED_BY_TYPE = [
     "@assertEqual(matrix, x)",
     "@assertEqual(x, x, tolerance=x)",
 ]
-# the translator says why
+# lines that the translator must refuse
 REFUSED_BY_TEXT = [
     "@assertTrue(.true.) ! a comment",
     "if (x(1) > 0) @assertTrue(.true.)",
     f"@assertTrue(.true.{' .or. .true.' * 12})",
 ]
-# the test runs and fails
+# assertions that compile, run and fail
 FAILS = [
     "@assertEqual(cube, cube(:, :, :1))",
     "@assertEqual(cube, reshape(cube, [1, 2, 4]))",
@@ -104,7 +105,7 @@ TEAR_DOWN = {"before": "", "after": SET_UP_FAILS["after"]}
 
 
 def outcome(folder: Path, line: str, before: str = "", after: str = "", flags: tuple = ()) -> tuple[str, str]:
-    """How the suite with this line ends, and what was said."""
+    """How the suite with this line ends, and the text that was printed."""
     names = "test_case.pf", "test_case.F90", "test_case_driver.F90", "test_case.inc", "test_case"
     suite, source, driver, suites, executable = (folder / name for name in names)
     suite.write_text(SUITE.format(line=line, before=before, after=after))
@@ -125,7 +126,7 @@ def outcome(folder: Path, line: str, before: str = "", after: str = "", flags: t
 
 
 def main() -> int:
-    """Run every case; the number of those that end otherwise than they should is the exit code."""
+    """Run every case; the exit code is the number of cases with a wrong end."""
     cases = [(line, {}, "refused by the compiler") for line in REFUSED_BY_TYPE]
     cases += [(line, {}, "refused by text") for line in REFUSED_BY_TEXT]
     cases += [(line, {}, "fails") for line in FAILS]
@@ -133,7 +134,8 @@ def main() -> int:
     for name in ("run", "stub", "fail", "throw"):
         own = f"   subroutine {name}()\n   end subroutine {name}"
         cases.append(("@assertTrue(.true.)", {"before": own}, "refused by the compiler"))
-    # a build that turns the preprocessor off is noticed: its drivers have no suites, as pFUnit's would not compile
+    # a build with the preprocessor off must fail: its driver would hold no suites, and pFUnit's driver would not
+    # compile
     cases.append(("@assertTrue(.true.)", {"flags": ("-nocpp",)}, "fails"))
     wrong = 0
     with tempfile.TemporaryDirectory() as name:

@@ -1,6 +1,6 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> What the assertions of the stand-in compare, number by number; the ranks and shapes that they take are
-!> the business of the modules that are made from assertions.f90.in.
+!> Comparisons of numbers and texts behind the assertions. The modules made from assertions.f90.in choose ranks and
+!> shapes.
 module funit_checks
    use, intrinsic :: ieee_arithmetic, only: ieee_is_finite
    use, intrinsic :: iso_fortran_env, only: dp => real64, i4 => int32, i8 => int64
@@ -24,7 +24,7 @@ module funit_checks
 
 contains
 
-   !> A scalar goes with everything, arrays with arrays of their own shape.
+   !> A scalar conforms with any array; two arrays must have the same shape.
    logical function conformable_shapes(expected, found, message)
       integer, intent(in) :: expected(:), found(:)
       character(*), intent(in), optional :: message

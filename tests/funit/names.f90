@@ -1,6 +1,7 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> Names that pFUnit's module funit exports besides its assertions: a suite that uses funit whole cannot give
-!> them to a procedure, a type or a variable of its own. Here they are constants that nobody needs.
+!> Names that pFUnit's module funit exports besides its assertions. A suite that uses funit cannot reuse these names for
+!> its own procedures, types or variables; here they are constants without use, so that a clash is seen without pFUnit,
+!> too.
 module funit_names
    implicit none
    public

@@ -1,5 +1,5 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> The report of the stand-in for pFUnit: which test runs, whether it has failed, and the closing line.
+!> The report of the stand-in for pFUnit: the running test, whether it has failed, and the closing line.
 !>
 !> The first failed assertion of a test ends it.
 module funit_report
@@ -11,7 +11,7 @@ module funit_report
    integer :: npassed = 0, nfailed = 0
    character(:), allocatable :: running  ! name of the test that runs
    character(:), allocatable :: failure  ! text of its first failed assertion
-   logical :: located = .false.          ! file and line of the failure are printed
+   logical :: located = .false.          ! whether file and line of the failure are printed already
 
 contains
 
@@ -23,7 +23,7 @@ contains
       located = .false.
    end subroutine funit_begin
 
-   !> Whether the running test has failed; where file and line are given, the first to ask reports them.
+   !> Whether the running test has failed. The first call that gives file and line prints them.
    logical function funit_failed(file, line)
       character(*), intent(in), optional :: file
       integer, intent(in), optional :: line
@@ -45,7 +45,7 @@ contains
       flush (output_unit)
    end subroutine funit_end
 
-   !> Last line of the report; the exit code is 1 on a failure and where no test ran.
+   !> Print the last line of the report. The exit code is 1 if a test failed or none ran.
    subroutine funit_finish()
       write (output_unit, '(i0, " passed, ", i0, " failed")') npassed, nfailed
       flush (output_unit)
@@ -53,7 +53,7 @@ contains
       stop 0, quiet=.true.
    end subroutine funit_finish
 
-   !> Note a failed assertion. Callers check first, so that nothing is formatted where all is well.
+   !> Keep the text of a failed assertion. Callers compare first, so that passing assertions format no text.
    subroutine note_failure(what, message)
       character(*), intent(in) :: what
       character(*), intent(in), optional :: message

@@ -4,7 +4,7 @@
 # Writes the suite as free-form Fortran, line for line, so that compilers report lines of the .pf file:
 #    @test, @before, @after   blank; the subroutine that follows is noted
 #    @assertXxx(...)          call assertXxx(...); if (funit_failed('test_x.pf', line)) return
-# and appends the subroutine test_x_suite that runs the tests. What pFUnit would refuse is refused here too.
+# and appends the subroutine test_x_suite that runs the tests. Lines that pFUnit refuses are refused here, too.
 cmake_minimum_required(VERSION 3.25)
 
 get_filename_component(name "${SUITE}" NAME_WE)
@@ -14,7 +14,7 @@ function(refuse number why)
    message(FATAL_ERROR "${SUITE}:${number}: ${why}")
 endfunction()
 
-# CMake would take ; [ ] \ in a list apart: they stand as control characters until the text is written.
+# CMake splits lists at ; [ ] and \: control characters replace them until the text is written.
 string(ASCII 1 semicolon)
 string(ASCII 2 open)
 string(ASCII 3 close)
@@ -29,7 +29,7 @@ string(REGEX REPLACE "\n$" "" text "${text}")
 string(REPLACE "\n" "${filler};${filler}" text "${text}")
 
 set(number 0)
-set(pending "")  # the directive whose subroutine comes next: test, before or after
+set(pending "")  # the directive whose subroutine is expected next: test, before or after
 set(tests "")
 set(before "")
 set(after "")

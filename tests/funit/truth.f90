@@ -1,5 +1,6 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> Truth, NaN and finite numbers. As in pFUnit: truth of a scalar or of a vector, numbers one at a time.
+!> Assertions on logical values, NaN and finite numbers. As in pFUnit, logical values are scalars or vectors, numbers
+!> scalars.
 module funit_truth
    use, intrinsic :: ieee_arithmetic, only: ieee_is_finite, ieee_is_nan
    use, intrinsic :: iso_fortran_env, only: dp => real64

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""advice.py ROOT: places in the tree that a reader may stumble over. Nothing fails here: each line is a question.
+"""advice.py ROOT: places in the tree that may trouble a reader. They are questions, and no test fails on them.
 
 Files of more than 500 lines, files of the Python package that share a name, and areas of src with more than five files
 beside their rooms.
@@ -15,7 +15,7 @@ ENDINGS = {".f90", ".inc", ".pf", ".py", ".c", ".h", ".hpp", ".cpp"}
 
 
 def long_files(root):
-    """Files that may have more than one duty."""
+    """Files that may do more than one job."""
     for top in SOURCES:
         for file in sorted((root / top).rglob("*")):
             if file.suffix in ENDINGS and (lines := file.read_text(encoding="utf-8").count("\n")) > MOST_LINES:
@@ -23,7 +23,7 @@ def long_files(root):
 
 
 def shared_names(root):
-    """Names of files that mean two things."""
+    """Names that several files of the package have."""
     names = Counter(file.stem for file in (root / "python/symsde").rglob("*.py") if not file.stem.startswith("__"))
     for name, count in sorted(names.items()):
         if count > 1:
@@ -31,7 +31,7 @@ def shared_names(root):
 
 
 def beside_rooms(root):
-    """Areas in which files stand beside rooms."""
+    """Areas in which many files stand beside rooms."""
     for area in sorted(path for path in (root / "src").iterdir() if path.is_dir()):
         files = sum(path.suffix in {".f90", ".inc", ".c"} for path in area.iterdir())
         if files > MOST_BESIDE and any(path.is_dir() for path in area.iterdir()):
@@ -39,7 +39,7 @@ def beside_rooms(root):
 
 
 def main():
-    """Print what was found."""
+    """Print all questions."""
     root = Path(sys.argv[1])
     found = [line for look in (long_files, shared_names, beside_rooms) for line in look(root)]
     print("\n".join(found) or "nothing to ask")

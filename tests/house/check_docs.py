@@ -1,12 +1,11 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""What the documentation names exists: files, procedures, tests, links, status codes, every equation of the paper.
+"""Names in the documentation are of files, procedures, tests, links, status codes and equations that exist.
 
 check_docs.py ROOT        one line per finding; exit 1 where there is one
 check_docs.py --self-test plants a violation of every rule and requires that each is found
 
-In the tables of docs/paper-map.md a name in backquotes is a file, or something that the file before it in the same
-cell defines; in the last column these are tests.
-"""
+In the tables of docs/paper-map.md a name in backquotes is a file, or is defined in the file named before it in the same
+cell; in the last column names are those of tests."""
 
 import re
 import sys
@@ -23,13 +22,13 @@ FILE = re.compile(r"[\w.-]+(?:/[\w.-]+)+\.\w+")
 
 
 def prose(text):
-    """A page without its fenced and indented code blocks."""
+    """A page without fenced and indented code blocks."""
     text = re.sub(r"^```.*?^```", "", text, flags=re.S | re.M)
     return re.sub(r"(?<=\n\n)(?: {4}.*\n+)+", "", text)
 
 
 def anchors(text):
-    """Anchors that GitHub gives to the headings of a page, and those that it has itself."""
+    """Anchors of a page: those that GitHub gives to headings, and explicit ones."""
     found = set(re.findall(r'<a id="([^"]+)">', text))
     for heading in re.findall(r"^#+ (.*)$", prose(text), re.M):
         found.add(re.sub(r"[^\w\- ]", "", heading.lower()).replace(" ", "-"))
@@ -37,7 +36,7 @@ def anchors(text):
 
 
 def links(root, page, text):
-    """Relative links and images lead to a file, and to a heading of it."""
+    """Findings: relative links and images that lead to no file, or to no heading in it."""
     for target in re.findall(r"\]\(([^)\s]+)\)", prose(text)):
         if re.match(r"[a-z]+:", target):
             continue
@@ -50,7 +49,7 @@ def links(root, page, text):
 
 
 def printed(root, page, text):
-    """A link that shows an equation of the paper, [(3)-(4)](paper-map.md#eq-3), leads to the row of this equation."""
+    """Findings: links whose text is an equation, [(3)-(4)](paper-map.md#eq-3), that lead to another equation's row."""
     for shown, anchor in re.findall(r"\[([^\[\]]*)\]\([^)\s]*paper-map\.md#eq-(\d+)\)", prose(text)):
         row = re.search(rf'<a id="eq-{anchor}"></a>(.*?) \|', (root / PAPER_MAP).read_text(encoding="utf-8"))
         if row and not set(numbers(shown)) <= set(numbers(row[1])):
@@ -58,7 +57,7 @@ def printed(root, page, text):
 
 
 def equations(texts):
-    """Labels of formulas are given once, and what refers to one finds it."""
+    """Findings: labels of formulas given twice, and references without a label."""
     given = [label for text in texts.values() for label in re.findall(r"^\$\$ \(([\w-]+)\)$", text, re.M)]
     for label in sorted({label for label in given if given.count(label) > 1}):
         yield f"docs: formulas share the label {label}"
@@ -69,7 +68,7 @@ def equations(texts):
 
 
 def letters(row):
-    """About how many letters wide a row of TeX is: a script is half as wide, a relation or an operator twice."""
+    """Approximate width of a row of TeX in letters: a script counts half, a relation or operator double."""
     row = re.sub(r"\\[,;! ]|\\[Bb]ig[lr]|\\(?:text|mathrm|mathtt|operatorname|phantom)", "", row)
     row = re.sub(r"\\[td]?frac(\d|\{[^{}]*\})(\d|\{[^{}]*\})", lambda found: max(found[1], found[2], key=len), row)
     row = re.sub(r"[_^](?:\{([^{}]*)\}|\\\w+|.)", lambda found: "'" * len(re.sub(r"\\\w+", "x", found[1] or "x")), row)
@@ -79,7 +78,7 @@ def letters(row):
 
 
 def wide(text):
-    """Displayed formulas fit a phone, 375 points wide: rows are at most 31 letters wide."""
+    """Findings: displayed formulas with a row of more than 31 letters, too wide for a phone of 375 points."""
     for formula in re.findall(r"^\$\$\s*(.*?)\$\$", text, re.M | re.S):
         if "pmatrix" in formula:
             continue
@@ -91,27 +90,27 @@ def wide(text):
 
 
 def comments(text):
-    """No line of a text begins with %: the site takes it for a comment and leaves it out."""
+    """Findings: lines that begin with %, which the site would drop as comments."""
     for line in re.findall(r"^\s*(%.*)$", prose(text), re.M):
         yield f"has a line that the site leaves out: {line[:40]}"
 
 
 def paths(root, text):
-    """Files of the tree that are named in the text."""
+    """Findings: files named in the text that do not exist."""
     for name in re.findall(r"`([^`\n]+)`", prose(text)):
         if FILE.fullmatch(name) and name.split("/")[0] in FOLDERS and not (root / name).exists():
             yield f"names {name}, which does not exist"
 
 
 def rows(text):
-    """Cells of the rows of every table, without headers."""
+    """The cells of each row of every table, without the headers."""
     for line in text.splitlines():
         if line.startswith("|") and not re.fullmatch(r"[|\s:-]+", line):
             yield [cell.strip() for cell in line.strip().strip("|").split("|")]
 
 
 def defines(file, text, name, as_test):
-    """Whether a source defines a procedure, a type or, where asked, a test of this name."""
+    """Whether a source defines a procedure, a type or (as_test) a test of this name."""
     name = re.escape(name)
     if file.suffix == ".py":
         return bool(re.search(rf"^\s*(def|class) {name}\b" if not as_test else rf"^def {name}\(", text, re.M))
@@ -124,7 +123,7 @@ def defines(file, text, name, as_test):
 
 
 def cell_names(root, cell, as_test):
-    """What a cell of the map names, checked; and how many tests it names."""
+    """Findings of one cell of the map, and the number of tests that it names."""
     file, count = None, 0
     findings = []
     for name in re.findall(r"`([^`]+)`", cell):
@@ -144,13 +143,13 @@ def cell_names(root, cell, as_test):
 
 
 def numbers(cell):
-    """Equations that the first cell of a row stands for: (3), (3)-(5)."""
+    """Equations that the first cell of a row covers: (3), (3)-(5)."""
     for first, last in re.findall(r"\((\d+)\)(?:-\((\d+)\))?", cell):
         yield from range(int(first), int(last or first) + 1)
 
 
 def paper_map(root):
-    """Every equation has its row; every name in the map exists; what is not background has a test."""
+    """Findings in the map: equations without a row, names that do not exist, rows without a test unless background."""
     text = (root / PAPER_MAP).read_text(encoding="utf-8")
     seen = set()
     for cells in rows(text):
@@ -171,7 +170,7 @@ def paper_map(root):
 
 
 def status_codes(root):
-    """The table of docs/errors.md repeats names, codes and texts of the one list in the sources."""
+    """Findings: names, codes and texts in docs/errors.md that differ from the list in the sources."""
     source = (root / STATUS).read_text(encoding="utf-8")
     codes = dict(re.findall(r"parameter :: (\w+) = (-?\d+)", source))
     texts = dict(re.findall(r"case \((\w+)\); text = '([^']*)'", source))
@@ -188,7 +187,7 @@ def status_codes(root):
 
 
 def findings(root):
-    """Every finding, as text."""
+    """Every finding, as a line of text."""
     files = (file for pattern in PAGES for file in sorted(root.glob(pattern)))
     texts = {file.relative_to(root).as_posix(): file.read_text(encoding="utf-8") for file in files}
     for page, text in texts.items():
@@ -236,7 +235,7 @@ PLANTED = (
 
 
 def write(root, page, text):
-    """A file with its folders."""
+    """Write a file, and its folders."""
     (root / page).parent.mkdir(parents=True, exist_ok=True)
     (root / page).write_text(text, encoding="utf-8")
 

@@ -1,22 +1,22 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The rooms of the library: which families of modules use which, and what they keep to themselves.
+"""The rooms of the library: which families of modules use which, and which modules are private to a family.
 
 check_rooms.py ROOT         one line per finding; exit 1 where there is one
 check_rooms.py ROOT --draw  write the picture of CONTRIBUTING.md anew
 check_rooms.py --self-test  plants a violation of every rule and requires that each is found
 
 A room is a folder below an area (src/step/midpoint); a file that stands directly in an area is a room of its own.
-Arrows between rooms make no circle. A module whose header says "Private to its family." is used in its room alone, and
-so is a body (.inc) but for those of src/solve.
+Arrows between rooms make no circle. A module whose header says "Private to its family." is used in its room alone; so
+is a body (.inc), except those of src/solve.
 
-Steppers ask the one-step Hamiltonian for Hhat: below src/step, files outside of the room hamiltonian call the model
-itself as often as ASKS_MODEL says, where they need single H_j.
+Steppers get Hhat from the one-step Hamiltonian: below src/step, files outside the room hamiltonian may call the model
+itself, for single H_j, only as often as ASKS_MODEL allows.
 
-The rooms of the Python package are its folders and the modules that stand directly in it: arrows between them, whether
-imported at once, when needed or by a name as text, make no circle. The package itself, which hands out the names of
-all rooms, is no room.
+The rooms of the Python package are its folders and the modules that stand directly in it: arrows between them make no
+circle, whether imported at the top, inside a function or by name. The package itself, which hands out the names of all
+rooms, is no room.
 
-A docstring of an __init__.py is a map where lines of it begin with names of modules and two spaces. A map names the
+The docstring of an __init__.py is a map if its lines begin with names of modules and two spaces. A map names the
 modules and the folders beside it, all of them and no others.
 """
 
@@ -33,7 +33,7 @@ from bodies import INCLUDE
 PRIVATE = re.compile(r"^!> Private to its family\.$", re.M)
 BY_NAME = re.compile(r'(?:import_module|__import__)\(\s*f?"symsde\.(\w+)')
 MAP = re.compile(r"^([a-z]\w*(?:, [a-z]\w*)*)  +\S", re.M)
-# Files below src/step that ask a model for derivatives themselves: how often, and why.
+# Files below src/step that call a model for derivatives themselves: how often, and why.
 OPERATION = r"(?:value|gradient|hessian|third_derivative|force_stiffness)\w*"
 ASKS = re.compile(rf"^[^!'\n]*(?:\bmodel%{OPERATION}|\bdifference_(?:default|along))\(", re.M)
 ASKS_MODEL = {
@@ -50,7 +50,7 @@ BEGIN, END = "<!-- rooms: written by tests/house/check_rooms.py -->\n", "<!-- en
 
 
 def read(root):
-    """The modules below src: name -> (area, room, text)."""
+    """The modules below src, as name -> (area, room, text)."""
     found = {}
     for file in sorted((root / "src").rglob("*.f90")):
         parts = file.relative_to(root / "src").parts
@@ -75,7 +75,7 @@ def arrows(modules):
 
 
 def imported(text, package):
-    """The modules of the Python package that a file imports, as tuples of names below it; package: where it stands."""
+    """Modules of the Python package that a file imports, as tuples of names below it; package is the file's own."""
     for node in ast.walk(ast.parse(text)):
         if isinstance(node, ast.Import):
             paths = [name.name.split(".") for name in node.names]
@@ -103,7 +103,7 @@ def packages(root):
 
 
 def maps(root):
-    """Modules that a map names and nobody finds, and modules that a map leaves out."""
+    """Modules in a map that do not exist, and modules missing from a map."""
     for file in sorted((root / "python" / "symsde").rglob("__init__.py")):
         lines = MAP.findall(ast.get_docstring(ast.parse(file.read_text(encoding="utf-8"))) or "")
         named = {name for line in lines for name in line.split(", ")}
@@ -123,7 +123,7 @@ def folders(root):
 
 
 def reached(graph, start):
-    """The rooms that a room uses through others."""
+    """The rooms that a room uses indirectly, through others."""
     found, left = set(), [room for first in graph[start] for room in graph[first]]
     while left:
         room = left.pop()
@@ -134,7 +134,7 @@ def reached(graph, start):
 
 
 def picture(root):
-    """The areas that have rooms, each with the arrows between these that no others imply, as a diagram in Mermaid."""
+    """For each area with rooms, a Mermaid diagram of the arrows that do not follow from other arrows."""
     graph = arrows(read(root))
     lines = ["```mermaid", "flowchart BT"]
     for area, rooms in folders(root).items():
@@ -153,13 +153,13 @@ def picture(root):
 
 
 def with_picture(root):
-    """CONTRIBUTING.md with the picture as it is now."""
+    """CONTRIBUTING.md with the diagrams of the present tree."""
     before, rest = (root / "CONTRIBUTING.md").read_text(encoding="utf-8").split(BEGIN)
     return before + BEGIN + picture(root) + END + rest.split(END)[1]
 
 
 def findings(root):
-    """Every finding, as text."""
+    """Every finding, as a line of text."""
     modules = read(root)
     try:
         TopologicalSorter(arrows(modules)).prepare()
@@ -191,7 +191,9 @@ def findings(root):
 
 
 def planted(root, files, python):
-    """A tree of these modules, path -> what they use or include; those in capitals are private. And these in Python."""
+    """Write a tree of modules, path -> names that they use or include; names in capitals are private. python:
+    likewise.
+    """
     for path, uses in files.items():
         file = root / "src" / path.lower()
         file.parent.mkdir(parents=True, exist_ok=True)

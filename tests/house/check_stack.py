@@ -1,9 +1,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""check_stack.py LIST: exit 1 where an object or library named in the file LIST asks for a stack that can be executed.
+"""check_stack.py LIST: exit 1 where an object or library named in the file LIST asks for an executable stack.
 
-An internal procedure passed as a callback does so: a library built from it is refused by hardened systems. The linker
-is told -z noexecstack, which would only hide that until the first call crashes; hence a look at every object.
-"""
+An internal procedure passed as a callback needs one, and hardened systems refuse such libraries. The linker's option -z
+noexecstack would only hide the need until the first call crashes; hence this check reads every object."""
 
 import struct
 import sys
@@ -31,7 +30,7 @@ def segments(data):
 
 
 def executable_stack(data):
-    """Whether the file asks for it; one that says nothing does."""
+    """Whether the file asks for an executable stack; a file without a mark does."""
     if data[:6] != b"\x7fELF\x02\x01":
         raise SystemExit("not a 64-bit little-endian ELF file")
     (kind,) = struct.unpack_from("<H", data, 16)

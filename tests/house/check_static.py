@@ -1,9 +1,10 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""check_static.py LIST: exit 1 where an object named in LIST holds what threads share or machines compute otherwise.
+"""check_static.py LIST: exit 1 where an object named in LIST holds variables that threads share, or calls with
+machine-dependent bits.
 
-Handles are independent only as long as nothing outlives a call but what hangs on them: no saved variable, no module
-variable, no COMMON. gfortran 12 makes such storage unasked for the length of a function result of deferred length
-(slen.N), and for local arrays that are too large for the stack where -frecursive is missing.
+Handles are independent only if all data that outlive a call belong to a handle: no saved variable, no module variable,
+no COMMON. gfortran 12 adds such storage itself: for the length of a function result of deferred length (slen.N), and
+for large local arrays, if -frecursive is missing.
 
 Loops over sin, cos, exp and log become calls of the C library's vector functions (_ZGV..), whose last bits depend on
 the width of the registers and on the processor: src/base/sincos.f90 has sincos_lanes and sine_of for these.
@@ -15,9 +16,9 @@ import sys
 from pathlib import Path
 
 OBJECT, COMMON = 1, 0xFFF2
-# What nobody writes to after the program is loaded: tables of types, their initial values, the names of locks.
+# Variables never written after the program is loaded: tables of types, their initial values, the names of locks.
 CONSTANT = re.compile(r"___vtab_|___def_init_|^\.gomp_critical_user_|^loading_process$|^strict_overcommit$")
-# What belongs to the process and is touched under a lock alone: who wants a BLAS of one thread, what it offers.
+# Data of the process, changed under a lock alone: the users of a single-threaded BLAS, and the functions found in it.
 GUARDED = re.compile(r"^blas_(users|choice|lock|sought|serves|reader|setter)$")
 
 
@@ -33,7 +34,7 @@ def sections(data):
 
 
 def text(data, start):
-    """The string that begins there."""
+    """The null-terminated string at this offset."""
     return data[start : data.index(b"\0", start)].decode()
 
 
@@ -41,7 +42,7 @@ def symbols(data):
     """(name, type, section's index and name) of every symbol of an object."""
     parts = sections(data)
     for _, kind, offset, size, link in parts:
-        if kind != 2:  # the table of symbols
+        if kind != 2:  # not the symbol table
             continue
         for entry in range(offset, offset + size, 24):
             name, info, _, part = struct.unpack_from("<IBBH", data, entry)
@@ -50,7 +51,7 @@ def symbols(data):
 
 
 def variables(data):
-    """Names of the variables of an object in sections that can be written to."""
+    """Names of the variables of an object in writable sections."""
     for name, kind, part, inside in symbols(data):
         shared = inside.startswith((".bss", ".data")) and not inside.startswith(".data.rel.ro")
         if kind == OBJECT and (shared or part == COMMON):
@@ -58,7 +59,7 @@ def variables(data):
 
 
 def main():
-    """Report every variable that is neither known to be constant nor guarded, and every vector function."""
+    """Report every variable that is neither known to be constant nor guarded by a lock, and every vector function."""
     files = [Path(line) for line in Path(sys.argv[1]).read_text().split("\n") if line]
     found = [
         f"{file.name}: {name} is static storage, which threads share"

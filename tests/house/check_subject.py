@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""check_subject.py FILE: exit 1 where the message of a commit in FILE has no short subject and a reason below it.
+"""check_subject.py FILE: exit 1 unless the commit message in FILE has a short subject and a reason below it.
 
 check_subject.py --self-test  a sound message passes, and every planted fault is found
 
@@ -21,7 +21,7 @@ PLANTED = {
 
 
 def findings(message):
-    """What is wrong with a message, as text; lines that git adds as comments do not count."""
+    """The faults of a message, as text; comment lines added by git are ignored."""
     lines = [line.rstrip() for line in message.splitlines() if not line.startswith("#")]
     while lines and not lines[-1]:
         lines.pop()
@@ -41,7 +41,7 @@ def findings(message):
 
 
 def self_test():
-    """A sound message gives no finding, and every planted fault its own."""
+    """A sound message gives no finding, and every planted fault gives its own finding."""
     wrong = list(findings(SOUND)) + list(findings("Merge branch 'x'\n"))
     for wanted, message in PLANTED.items():
         found = list(findings(message))

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The shape of the source tree: layers, names, and what the library must not do (sizes: advice.py).
+"""The shape of the source tree: layers, names, and statements that the library must not use (sizes: advice.py).
 
 check_tree.py ROOT        one line per finding; exit 1 where there is one
 check_tree.py --self-test plants a violation of every rule and requires that each is found
@@ -27,7 +27,8 @@ SOURCES = ("src/**/*.f90", "src/**/*.inc", "tests/**/*.pf", "tests/**/*.f90", "e
            "tests/**/*.c", "examples/**/*.c", "bench/**/*.c",
            "python/**/*.py", "tests/**/*.py", "examples/**/*.py", "bench/**/*.py")  # fmt: skip
 
-# In src: what, and a pattern of it in code without comments and text. A broken contract alone stops the program.
+# Forbidden in src: a name for the rule, and a pattern in code without comments and strings. Contracts alone may stop
+# the program.
 CONTRACTS = "src/base/contracts.f90"
 FORBIDDEN = {
     "stops the program": r"(^|[);])\s*(error\s+stop\b|stop\s*($|[\d';,])|stop\s+[\w(])",
@@ -41,7 +42,7 @@ ONLY_IN = {
     "calls LAPACK": (r"\bcall\s+d(ge|gb|po|pb|pt|gt|sy)(trf|trs|con|sv)\b", "src/solve/lapack.f90"),
     "starts threads": (r"^\s*!\$omp\s+parallel|^\s*use\s+omp_lib", "src/ensemble/"),
 }
-# Areas that know equations, not names of the catalogue of schemes.
+# Areas that must not name schemes of the catalogue; they may know equations of maps.
 NAMELESS = {"base", "noise", "model", "solve"}
 SCHEME = re.compile(r"['\"](midpoint|symplectic_euler|stormer_verlet|gauss\d|lobatto\d|verlet_|gauss_dkdkd)")
 WORDS = "pure|impure|elemental|recursive|module|integer|real|logical|type|class|character"
@@ -50,7 +51,7 @@ END = re.compile(r"^\s*end\s*(subroutine|function)\b", re.I)
 
 
 def code_of(line):
-    """The line without text and comment, in lower case; OpenMP directives stay."""
+    """The line without strings and comment, in lower case; OpenMP directives stay."""
     line = re.sub(r"'[^']*'|\"[^\"]*\"", "''", line)
     if not re.match(r"\s*!\$omp", line, re.I):
         line = line.split("!")[0]
@@ -58,7 +59,7 @@ def code_of(line):
 
 
 def layers(path, text):
-    """Module named after its path; imports from lower areas only."""
+    """Findings: modules not named after their path, and imports from higher areas."""
     area = path.parts[1] if len(path.parts) > 2 else None
     if area is None:
         return
@@ -77,7 +78,7 @@ def layers(path, text):
 
 
 def pointers(lines):
-    """A local pointer with an initial value is saved, hence shared by threads; a component's is not."""
+    """Findings: local pointers with an initial value, which are saved and shared by threads; components are not."""
     in_type = False
     for number, line in enumerate(lines, 1):
         if re.match(r"^\s*type\b(?!\s*\()", line):
@@ -89,7 +90,7 @@ def pointers(lines):
 
 
 def procedures(lines):
-    """Procedures that are too long."""
+    """Findings: procedures that are too long."""
     start = []
     in_interface = False
     for number, line in enumerate(lines, 1):
@@ -108,7 +109,7 @@ def procedures(lines):
 
 
 def library(path, text):
-    """Rules for src alone."""
+    """Findings by rules for src alone."""
     lines = [code_of(line) for line in text.split("\n")]
     yield from layers(path, text)
     yield from pointers(lines)
@@ -125,7 +126,7 @@ def library(path, text):
 
 
 def listed(root, path):
-    """Sources and suites are built from lists: one that is not listed is never compiled or run."""
+    """Findings: sources and suites missing from the lists of CMake, which would never be compiled or run."""
     if path.suffix == ".inc":
         body = Path(os.path.normpath(root / path))
         if not any(body in bodies(file) for file in (root / "src").rglob("*.f90")):
@@ -139,7 +140,7 @@ def listed(root, path):
 
 
 def every_file(root, path, text):
-    """Rules for every source."""
+    """Findings by rules for every source."""
     lines = text.split("\n")
     if "SPDX-License-Identifier: BSD-3-Clause" not in lines[0]:
         yield "1: does not begin with its licence (SPDX-License-Identifier: BSD-3-Clause)"
@@ -155,7 +156,7 @@ def every_file(root, path, text):
 
 
 def findings(root):
-    """Every finding in the tree, as text."""
+    """Every finding in the tree, as a line of text."""
     for pattern in SOURCES:
         for file in sorted(root.glob(pattern)):
             path = file.relative_to(root)
@@ -195,7 +196,7 @@ PLANTED = {
 
 
 def contracts_alone(root):
-    """Contracts may stop the program and do nothing else that is forbidden."""
+    """A contract may stop the program, and must obey all other rules."""
     file = root / CONTRACTS
     file.parent.mkdir()
     (file.parent / "CMakeLists.txt").write_text(file.name)

@@ -3,12 +3,10 @@
 
 A procedure whose header comment has a line that begins with the word VEC is a kernel: the compiler must report each
 of its innermost loops as vectorised, for AVX2 and for AVX-512 machines.
-A loop after `!GCC$ unroll` is written out by the compiler before it vectorises: the loop around it counts. One after
-`!GCC$ novector` says that it is none: the steps of a path that is alone, each of which waits for the one before it.
-MODULES holds the module files of a build. A file is compiled for the report only: -dx ends where instructions would
-be made. A body (.inc) counts in the modules that include it, but for those of a single path, whose loops over lanes
-are gone.
-"""
+A loop after `!GCC$ unroll` is unrolled before vectorisation, so the loop around it counts. A loop after `!GCC$
+novector` does not count: the steps of a single path, each of which needs the step before. MODULES holds the module
+files of a build. A file is compiled for the report only: -dx stops before instructions are written. A body (.inc)
+counts in each module that includes it, except in modules for a single path, which have no loops over lanes."""
 
 import re
 import subprocess
@@ -25,7 +23,7 @@ TARGETS = (
     ["-march=x86-64-v3", "-ffp-contract=fast"],
     ["-march=x86-64-v4", "-ffp-contract=fast"],
 )
-#: Flags of single files, as src/CMakeLists.txt has them.
+#: Flags of single files, as in src/CMakeLists.txt.
 OWN = {"noise/philox.f90": ["-fwrapv"], "flows/oscillator.f90": ["--param=max-inline-insns-auto=200"]}
 MARK = re.compile(r"\s*!> ?VEC\b")
 HEAD = re.compile(r"\s*(?:pure |elemental )*(?:subroutine|function) (\w+)", re.IGNORECASE)
@@ -126,7 +124,7 @@ def vectorised(compiler, target, modules, source):
 
 
 def failures(compiler, modules, source):
-    """One line for every kernel loop that stayed scalar, and the number of loops looked at."""
+    """One line for every kernel loop that was not vectorised, and the number of loops checked."""
     marked = [] if source.name.endswith(SINGLE_PATH) else kernels(expanded(source))
     lines, count = [], 0
     for target in TARGETS if marked else ():
@@ -153,7 +151,7 @@ def self_test(compiler, modules):
 
 
 def main():
-    """Look at every source file."""
+    """Check every source file."""
     compiler, modules, where = sys.argv[1:4]
     if where == "--self-test":
         return self_test(compiler, modules)

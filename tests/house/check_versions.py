@@ -1,9 +1,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""check_versions.py ROOT LIBRARY: one version number, and what hangs on it.
+"""check_versions.py ROOT LIBRARY: the version number, and all that must agree with it.
 
-src/base/version.f90 states it. fpm.toml and CITATION.cff repeat it. Programs look for the library by a name that
-changes whenever interfaces may: with the minor version before 1.0, with the major one after it.
-"""
+src/base/version.f90 states it. fpm.toml and CITATION.cff repeat it. The name by which programs look for the library
+changes whenever interfaces may: with the minor version before 1.0, with the major version from then on."""
 
 import re
 import subprocess
@@ -18,7 +17,7 @@ PATTERNS = {
 
 
 def main() -> int:
-    """Compare; print what differs."""
+    """Compare all places; print the differences."""
     root, library = Path(sys.argv[1]), Path(sys.argv[2])
     found = {}
     for name, pattern in PATTERNS.items():

@@ -1,5 +1,5 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> What the library must not do, planted so that check_static.py is seen to find it.
+!> A function with a result of deferred length, whose length gfortran stores statically: check_static.py must find it.
 module deferred
    implicit none
    private

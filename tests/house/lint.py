@@ -26,7 +26,7 @@ def files(root, folders, *suffixes):
 
 
 def command(tool, root):
-    """The command line of a tool and the files it looks at."""
+    """The command line of a tool, and the files that it checks."""
     if tool == "fortitude":
         return ["fortitude", "check"], files(root, FORTRAN, ".f90")
     if tool == "fprettify":

@@ -1,5 +1,5 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> What the library must not do, planted so that check_stack.py is seen to find it.
+!> A pointer to an internal procedure, which makes the stack executable: check_stack.py must find it.
 module trampoline
    implicit none
    private

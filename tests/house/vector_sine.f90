@@ -1,5 +1,5 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> A loop that becomes calls of the vector math library, planted so that check_static.py is seen to find it.
+!> A loop that gfortran turns into calls of the vector math library: check_static.py must find it.
 module vector_sine
    use, intrinsic :: iso_fortran_env, only: real64
    implicit none

@@ -4,7 +4,7 @@
 gcc 12 fuses other products for aarch64 than for x86-64, so both are built with SYMSDE_FP_CONTRACT=off.
 
 Debian's cross compilers (gfortran-aarch64-linux-gnu) build the library as an archive, qemu-user-static runs a program
-that holds it. The scenes are small: of LAPACK only the names are there, and who calls them ends the program.
+that holds it. The scenes are so small that LAPACK is never called: its names are stubs that stop the program.
 
 Exit 77 (skipped) where compilers or emulator are not installed.
 """
@@ -43,7 +43,7 @@ def main() -> int:
 
 
 def program(root: Path, work: Path, compiler: str, *options: str) -> Path:
-    """tests/install/digest.c with the library in it."""
+    """tests/install/digest.c linked with the library."""
     ask("cmake", "-S", root, "-B", work, "-G", "Ninja", "-DBUILD_SHARED_LIBS=OFF", "-DSYMSDE_BUILD_TESTING=OFF",
         "-DSYMSDE_FLAGS=release", "-DSYMSDE_FP_CONTRACT=off", *options)  # fmt: skip
     ask("cmake", "--build", work)
@@ -58,7 +58,7 @@ def program(root: Path, work: Path, compiler: str, *options: str) -> Path:
 
 
 def ask(*command: object) -> str:
-    """What a command prints; it must succeed."""
+    """Output of a command, which must succeed."""
     done = subprocess.run([str(word) for word in command], check=False, capture_output=True, text=True)
     if done.returncode != 0:
         sys.exit(f"{' '.join(map(str, command))} failed:\n{done.stdout[-2000:]}{done.stderr[-2000:]}")

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""check_fpm.py ROOT WORK: `fpm build` and `fpm test` of the library, and a stranger's project with one line for it.
+"""check_fpm.py ROOT WORK: `fpm build` and `fpm test` of the library, and of another project that has one line for it.
 
 Exit 77 (skipped) where fpm is not installed, beside this Python or on the path: pip install fpm==0.12.0.
 """
@@ -15,7 +15,7 @@ SAYS = {"symsde": "all as known, symsde ", "stranger": "Fortran: p^2 + q^2 is ke
 
 
 def main() -> int:
-    """Copy what fpm needs, since it writes beside its manifest; build, test, depend on it."""
+    """Copy all that fpm needs, since fpm writes beside its manifest; build, test, and build a dependent project."""
     root, work = Path(sys.argv[1]), Path(sys.argv[2])
     places = os.pathsep.join([str(Path(sys.executable).parent), os.environ["PATH"]])
     fpm = shutil.which("fpm", path=places)
@@ -39,7 +39,7 @@ def main() -> int:
 
 
 def run(fpm: str, verb: str, folder: Path) -> str:
-    """What fpm says; it fails by its exit code."""
+    """Output of fpm, which must succeed."""
     command = [fpm, verb, "--profile", "release"]
     done = subprocess.run(command, cwd=folder, check=False, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
     if done.returncode != 0:

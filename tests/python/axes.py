@@ -9,10 +9,10 @@ import numpy as np
 import reference
 import symsde as ss
 
-#: what every suite over axes varies
+#: the axes that suites vary, with their values
 AXES = {
     "sign": (1, -1),
-    "time": ("", "H", "noise", "both"),  # what depends on time
+    "time": ("", "H", "noise", "both"),  # which Hamiltonians depend on time
     "nnoise": (1, 2, 3, 4),
     "ndof": (1, 2, 3),
     "first_step": (0, 7),
@@ -33,7 +33,7 @@ TRAITS = {
 
 
 def covering(**axes):
-    """Rows (dicts) in which every two values of any two axes meet; the same each time."""
+    """Rows (dicts) such that every pair of values of any two axes occurs; the same rows in every call."""
     return [dict(row) for row in _covering(tuple(axes.items()))]
 
 
@@ -56,12 +56,14 @@ def _covering(axes):
 
 
 def ident(row):
-    """A name of a row for pytest."""
+    """Name of a row in the output of pytest."""
     return "-".join(str(x) or "still" for x in row.values())
 
 
 def ridges_of(kind, ndof, nnoise, time=""):
-    """H and H_1 .. H_m of a kind of TRAITS, nonlinear where it may be, with all degrees of freedom coupled."""
+    """H and H_1 .. H_m of a kind of TRAITS as Ridges: nonlinear where the kind allows, with all degrees of freedom
+    coupled.
+    """
     units = np.eye(2 * ndof)
     q, p = units[:ndof], units[ndof:]
     swing = {"H": (0.5, 2.3), "noise": (0.6, 3.1)}
@@ -98,7 +100,7 @@ def ridges_of(kind, ndof, nnoise, time=""):
 
 
 def chain_of(kind, ndof, nnoise, reach, time=""):
-    """The same of neighbours alone, up to so many sites away: those of q_i feel p_{i-1}, and not the other way."""
+    """The same with couplings between sites up to `reach` apart: q_i is coupled to p_{i-1}, but p_i not to q_{i-1}."""
     units = np.eye(2 * ndof)
     q, p, none = units[:ndof], units[ndof:], np.zeros(2 * ndof)
     moves = {what: x if time in {what, "both"} else (0, 0) for what, x in (("H", (0.5, 2.3)), ("noise", (0.6, 3.1)))}
@@ -128,12 +130,12 @@ def chain_of(kind, ndof, nnoise, reach, time=""):
 
 
 def rotation_of(kind, ndof):
-    """Frequencies of the linear part that every identity mass has here."""
+    """Frequencies of the linear part that all models here with an identity mass have."""
     return (1.0,) * ndof if TRAITS[kind].get("identity_mass") else None
 
 
 def model_of(ridges, kind, *, third=True, silent=(), bandwidth=None):
-    """The same for the library; without third derivatives its nested brackets are differences."""
+    """The Ridges as a model of the library; with third=False nested brackets are differences."""
     functions = {x: getattr(ridges, x) for x in ("value", "gradient", "hessian", "hessian_vector")}
     if third:
         functions["third_derivative"] = ridges.third_derivative
@@ -150,19 +152,19 @@ def model_of(ridges, kind, *, third=True, silent=(), bandwidth=None):
 
 
 def start(ndof, paths):
-    """A state for every path: q, p (dof, path)."""
+    """Initial states q, p (dof, path), different for every path."""
     i = np.arange(1, ndof * paths + 1).reshape(ndof, paths)
     return 0.7 * np.sin(1.7 * i), 0.6 * np.cos(1.1 * i)
 
 
 def rows_of(step, steps, rows, nnoise, paths):
-    """Increments of steps cut into so many rows, (steps*rows, noise, path)."""
+    """Increments of steps that are divided into rows, (steps*rows, noise, path)."""
     normals = np.random.default_rng(1).standard_normal((steps * rows, nnoise, paths))
     return normals * np.sqrt(abs(step) / rows)
 
 
 def philox(seed, path, draw, purpose, noise=0):
-    """Four words of Philox4x32-10 at the places of the counter map (docs/method/noise.md), level 0: (4, ..)."""
+    """Four words of Philox4x32-10, shape (4, ..), at level 0 of the counter map (docs/method/noise.md)."""
     path, draw = (np.asarray(x, np.uint64) for x in (path, draw))
     low, word = np.uint64(0xFFFFFFFF), np.uint64(32)
     c = [path & low, (path >> word) + ((draw >> word) << np.uint64(16)), draw & low, np.uint64(noise + (purpose << 26))]
@@ -175,9 +177,9 @@ def philox(seed, path, draw, purpose, noise=0):
 
 
 def passages(model, run, of, low, high):
-    """When the paths of a run that saved every step left, -1 = never: by a step, or a bridge where noise acts on it.
+    """The step in which each path left (low, high), -1 if never, by a step or a bridge; the run saved every step.
 
-    of: place of the value in (q, p). The number that decides has purpose 9, the path and the step that it is for.
+    of: index of the value in (q, p). A bridge is decided by the number with purpose 9 of this path and step.
     """
     x = np.concatenate([run.q, run.p], axis=1)
     first, h = run.setup.options.first_step, run.setup.options.step

@@ -10,7 +10,7 @@ from symsde.run.simulate import Run
 
 
 class Clock:
-    """Seconds, of which each look at f takes one, or each path of a look."""
+    """A clock in seconds that advances by one at each evaluation of f, or by one for each path."""
 
     def __init__(self, *, by_paths: bool = False):
         self.now = 0.0
@@ -26,11 +26,11 @@ class Clock:
 
 
 class WorkClock:
-    """Seconds of a processor that every run moves on by what it has counted: a tenth of a millisecond for its set-up,
+    """A processor clock that every run advances by its counters: a tenth of a millisecond for its set-up,
     then ten nanoseconds for each degree of freedom of an evaluation, a solve or a draw, and one for a step."""
 
     def __init__(self, monkeypatch):
-        """From now on, instead of the processor's and of the clock: nobody else is at work."""
+        """Replace the processor's clock and the wall clock: time passes by counted work alone."""
         self.now = 0.0
         for name in ("process_time", "monotonic"):
             monkeypatch.setattr(time, name, lambda: self.now)
@@ -48,7 +48,7 @@ class WorkClock:
 
 
 def calls_of(function) -> int:
-    """How many functions of Python a call of this one calls: its work, on whatever machine."""
+    """How many Python functions run during a call of this function: a measure of work that no machine changes."""
     count = 0
 
     def seen(_frame, event, _given):

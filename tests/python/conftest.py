@@ -12,12 +12,12 @@ A, SIGMA = 1.0, 0.3
 
 
 def table_of(path):
-    """The lines of a table, without those that tell when and how it was made."""
+    """The lines of a table, without those that record when and how it was made."""
     return [line for line in path.read_text(encoding="utf-8").splitlines() if not line.startswith("#")]
 
 
 def told(path):
-    """What the lines that begin with # tell, by name."""
+    """The values in the comment lines (#) of a table, by name."""
     found, name = {}, ""
     for line in io.StringIO(path.read_text(encoding="utf-8")):
         if line.startswith("#   ") or line == "#\n":
@@ -64,14 +64,14 @@ def rotation_value(t, w, q, p):
 
 @pytest.fixture
 def work_clock(monkeypatch):
-    """Seconds that are counted, so that what is chosen by them is the same on every machine, however busy."""
+    """A clock of counted seconds, so that choices by cost are the same on every machine, however busy."""
     return WorkClock(monkeypatch)
 
 
 @pytest.fixture
 def quick_compiler(monkeypatch):
-    """Formulas are compiled without the optimiser, in a quarter of the time, to the same bits: for tests of what they
-    say. What users' own level makes of lanes, strips and a path by itself is asked by tests without this."""
+    """Compile formulas without the optimiser, in a quarter of the time, with the same bits. Tests of lanes, strips and
+    single paths use the normal level of optimisation."""
     from symsde.model.formulas import compiler
 
     monkeypatch.setattr(compiler, "FLAGS", tuple("-O0" if flag == "-O3" else flag for flag in compiler.FLAGS))
@@ -79,7 +79,7 @@ def quick_compiler(monkeypatch):
 
 @pytest.fixture
 def kubo():
-    """The built-in model that `user_kubo` imitates."""
+    """The built-in model whose functions `user_kubo` repeats."""
     return ss.models.kubo(a=A, sigma=SIGMA)
 
 
@@ -100,5 +100,5 @@ def user_kubo():
 
 @pytest.fixture
 def options():
-    """A short run."""
+    """Options of a short run."""
     return {"q0": 1.0, "p0": 0.0, "step": 0.05, "steps": 40, "paths": 12, "seed": 7, "save_every": 10}

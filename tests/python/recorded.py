@@ -1,6 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Reduce results to a few numbers that every change of the results changes, and keep tables of such numbers in a
-file."""
+"""Reduce results to a few numbers, which change whenever the results do, and keep tables of these numbers in a file."""
 
 import dataclasses
 import functools
@@ -10,14 +9,14 @@ from pathlib import Path
 
 import numpy as np
 
-EXACT = ("path_steps", "normals", "failures")  # counters that no rounding changes
+EXACT = ("path_steps", "normals", "failures")  # counters without influence of rounding
 TEXTS = re.compile(r"(?<![\w.])[+-]?\d+\.?\d*(?:e[+-]?\d+)?", re.IGNORECASE)
 MASKED = re.compile(r"[\d.e+-]+ to (?:set up|run)|/tmp/[\w./-]*|\d{4}-\d\d-\d\dT[\d:.+Z-]+|0x[0-9a-f]+")
 
 
 @dataclasses.dataclass(frozen=True)
 class Number:
-    """A number, and how far it may be from that of another build."""
+    """A number, and its tolerance against other builds."""
 
     value: float
     room: float
@@ -26,7 +25,7 @@ class Number:
         return f"{self.value:.11g}"
 
     def agrees(self, text):
-        """Whether the number in the file is this one."""
+        """Whether the number in the file agrees within the tolerance."""
         try:
             return abs(float(text) - self.value) <= self.room
         except ValueError:
@@ -34,17 +33,17 @@ class Number:
 
 
 class Code(str):
-    """What is exact: integers and text, as their checksum."""
+    """Checksum of integers and text, which must agree exactly."""
 
     __slots__ = ()
 
     def agrees(self, text):
-        """Whether the checksum in the file is this one."""
+        """Whether the checksum in the file is equal."""
         return text == self
 
 
 def weights(size):
-    """Fixed and irregular, between one half and three halves."""
+    """Fixed irregular weights between one half and three halves."""
     return 0.5 + (0.6180339887498949 * np.arange(1, size + 1)) % 1
 
 
@@ -57,14 +56,14 @@ def number(*arrays, rtol=1e-9, scale=np.arcsinh):
 
 
 def counted(found):
-    """Counters that rounding may change where anything iterates, each by path and summed over runs."""
+    """Counters that rounding may change if a scheme iterates, for each path, summed over runs."""
     totals = {name: sum(counters[name] / paths for counters, paths in found) for name in found[0][0]}
     room = (0.01, 3) if totals["iterations"] else (1e-9, 0)
     return [Number(n, room[0] * n + room[1] * np.sqrt(n)) for name, n in totals.items() if name not in EXACT]
 
 
 def tallied(group):
-    """Of a group of (scheme, key, numbers, (counters, paths) of its runs): the keys, and what runs of a scheme took."""
+    """For a group of (scheme, key, numbers, (counters, paths) of its runs): its keys, and the work of each scheme."""
 
     @functools.wraps(group)
     def rows():
@@ -80,7 +79,7 @@ def tallied(group):
 
 
 def plain(text):
-    """Text without times and folders, its numbers in six digits and none of what is rounding."""
+    """Text without times and folders, with numbers of six digits and without numbers at rounding."""
     text = MASKED.sub("~", str(text))
     return TEXTS.sub(lambda m: f"{x:.6g}" if abs(x := float(m[0])) > 1e-9 else "0", text)
 
@@ -94,13 +93,13 @@ def code(*things):
 
 
 def exact_of(report):
-    """What a report says, without what rounding or the machine may change."""
+    """The report without items that rounding or the machine may change."""
     said = (report.stepper, report.correction, report.left_out, report.warnings, report.outcome, report.lost_variance)
     return [*(report.counters[x] for x in EXACT), *said, report.failed, report.stopped, report.lanes]
 
 
 def parts_of(x, found, told):
-    """Floats of any result into found, all else into told."""
+    """Collect the floats of any result in `found`, everything else in `told`."""
     if isinstance(x, np.ndarray) and x.dtype.kind == "f":
         found.append(x)
         told.append(x.shape)
@@ -122,7 +121,7 @@ def parts_of(x, found, told):
 
 
 def facts(*results, rtol=1e-9):
-    """One number and one checksum of each."""
+    """One number and one checksum for all these results."""
     answer = []
     for x in results:
         found, told = [], []
@@ -132,14 +131,14 @@ def facts(*results, rtol=1e-9):
 
 
 def read(path: Path):
-    """The numbers of the file by their keys."""
+    """The numbers in the file, by key."""
     lines = path.read_text(encoding="utf-8").splitlines() if path.exists() else []
     rows = (line.partition(" = ") for line in lines if line and not line.startswith("#"))
     return {key: values.split() for key, _, values in rows}
 
 
 def differ(known, found):
-    """What is not as it was, a line each: numbers, keys that are new, keys that are gone."""
+    """The differences, one line each: changed numbers, new keys, missing keys."""
     told = []
     for key in known.keys() | found.keys():
         old, new = known.get(key, []), found.get(key, [])

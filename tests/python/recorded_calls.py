@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Results of the package's functions other than runs: numbers, text, files. Clocks count steps."""
+"""Results of functions other than runs: numbers, text, files. Clocks count steps."""
 
 import contextlib
 import inspect
@@ -22,7 +22,7 @@ from test_axes_models import MODELS, compiled
 
 
 class StepClock(WorkClock):
-    """Seconds that no rounding changes: a microsecond for a step of a path."""
+    """A clock that no rounding changes: a microsecond for each step of a path."""
 
     def _counting(self, fill):
         def counted(result, *given, **more):
@@ -34,7 +34,7 @@ class StepClock(WorkClock):
 
 @contextlib.contextmanager
 def set_apart():
-    """A folder of its own, a clock that counts steps, and what is printed."""
+    """Work in a folder of its own with a clock that counts steps; gives the printed text."""
     before, printed = Path.cwd(), io.StringIO()
     with tempfile.TemporaryDirectory() as folder, pytest.MonkeyPatch.context() as patch:
         clock = StepClock(patch)
@@ -48,7 +48,7 @@ def set_apart():
 
 
 def tried(call, *given, **more):
-    """What a call gives, or what it says."""
+    """The result of a call, or the message of its exception."""
     try:
         return call(*given, **more)
     except (ValueError, ArithmeticError) as error:
@@ -56,13 +56,13 @@ def tried(call, *given, **more):
 
 
 def said_of(call, *given, **more):
-    """What a call says, or that it says nothing."""
+    """The message of a call's exception, or a note that there was none."""
     found = tried(call, *given, **more)
     return found if isinstance(found, str) else "fine"
 
 
 def asked(call, *given, **more):
-    """The numbers of an answer, what it says and its warnings; or of a refusal."""
+    """The numbers, text and warnings of an answer, or the message of a refusal."""
     with set_apart() as printed, warnings.catch_warnings(record=True) as warned:
         warnings.simplefilter("always")
         found = tried(call, *given, **more)
@@ -72,12 +72,12 @@ def asked(call, *given, **more):
 
 
 def own_of(kind, ndof, nnoise, time=""):
-    """A model of functions of Python."""
+    """A model whose functions are Python functions."""
     return axes.model_of(axes.ridges_of(kind, ndof, nnoise, time), kind)
 
 
 def schemes():
-    """All that is known of every scheme."""
+    """All information about every scheme."""
     for name in (*SCHEMES, "jump"):
         scheme = ss.schemes.triple_jump("gauss2", "mine") if name == "jump" else scheme_of(name)
         known = scheme.tableau()
@@ -86,7 +86,7 @@ def schemes():
 
 
 def models():
-    """Values of every model at some points, its algebra, and what it says of itself."""
+    """Values, algebra and descriptions of every model, at some points."""
     more = {"formula": compiled("coupled")[0], "own": own_of("any", 2, 3, "both")}
     for name, model in {**{name: x[1] for name, x in MODELS.items()}, **more}.items():
         q, p = axes.start(model.ndof, 3)
@@ -98,7 +98,7 @@ def models():
 
 
 def steps():
-    """One step from many points, increments, and what diagnostics say of short runs."""
+    """One step from many points, increments, and diagnostics of short runs."""
     sizes = itertools.cycle([(1, 1, -0.1), (2, 3, 0.07), (3, 2, -0.07), (1, 4, 0.1), (2, 1, -0.05), (8, 2, 0.1)])
     catalogue = [name for name in ss.schemes.names() if name not in MADE]
     for i, (name, kind) in enumerate(itertools.product(catalogue, ("kick", "position"))):
@@ -139,12 +139,12 @@ PLACE = {"q0": 0.7, "p0": 0.2, "horizon": 1.0, "seed": 4, "t0": 0.3}
 
 
 def seldom(q, p):
-    """What few paths reach."""
+    """An event that few paths reach."""
     return (q[0] > 1.9) * 1.0
 
 
 def answers():
-    """Expectations, advice and studies, whose clock counts steps."""
+    """Expectations, advice and studies, with a clock that counts steps."""
     kubo, two, chain = ss.models.kubo(0.9, 0.4), ss.models.synchrotron(1.3, 0.5, 0.4), ss.models.fpu_chain(3, 0.8, 0.3)
     known = {"kubo": (kubo, "q**2", "stormer_verlet"), "two": (two, square, "gauss_dkdkd")}
     known["chain"] = (chain, "q1 + p1**2", None)
@@ -200,12 +200,12 @@ TEXTS = ("q**", "q1 +* p1", "foo(q1)", "q9", "Sum(q[i])", "q[9]", "", "p1**2/2 +
 
 
 def replaced(given, values):
-    """Arguments of which one is another."""
+    """Copies of the arguments, each with one of them replaced."""
     return [[*given[:i], x, *given[i + 1 :]] for i in range(len(given)) for x in values]
 
 
 def swept():
-    """Functions with arguments that they take, of which each is to be replaced."""
+    """Functions with valid arguments, each of which is replaced in turn."""
     model, scheme = ss.models.henon_heiles(), "midpoint"
     place = {"q0": 0.1, "p0": 0.2, "step": 0.1}
     run = ss.simulate(model, **place, steps=4)
@@ -242,7 +242,7 @@ def swept():
 
 
 def refusals():
-    """What is said of bad input, with its numbers."""
+    """Messages for bad input, with their numbers."""
     model, place = ss.models.henon_heiles(), {"q0": 0.1, "p0": 0.2, "step": 0.1, "steps": 4}
     calls = {"simulate": ss.simulate, "moments": ss.moments, "prepare": ss.prepare}
     for name, of in itertools.product(("q0", *setup.OPTIONS, "q0_low", "increments", "scheme", "unknown"), calls):

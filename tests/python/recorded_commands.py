@@ -66,20 +66,20 @@ PLAIN = (
     "template kubo", "template formula", "template fpu_chain", "export s.toml --to c", "merge a b --out c", "plot a",
     "study s.toml --steps 3,5", "run s.toml --shard 3/2",
 )  # fmt: skip
-PLACES = re.compile(r"(?<=-o s) .*|0\.1\.0[\w.]*")  # where headers and library are; the version
+PLACES = re.compile(r"(?<=-o s) .*|0\.1\.0[\w.]*")  # paths of headers and library, and the version
 OF_MACHINE = re.compile(r"# (history|date|report|command|symsde_|source|python|host|numpy|system|platform|commit)")
 MACHINES = {"build", "compiler", "hash", "version", "H", "noises", "scheme", "rotation"}  # in manifests; hashes of bits
 
 
 def without(found):
-    """A manifest without what belongs to a machine or to rounding."""
+    """A manifest without entries that depend on the machine or on rounding."""
     if isinstance(found, dict):
         return {key: without(x) for key, x in found.items() if key not in MACHINES}
     return found
 
 
 def held(folder):
-    """What files hold: tables as numbers, and all other text without what tells of machine and time."""
+    """Contents of files: tables as numbers, other text without machine and time."""
     found = []
     for path in sorted(x for x in Path(folder).rglob("*") if x.suffix in {".csv", ".f90", ".c", ".toml", ".json"}):
         text = path.read_text(encoding="utf-8")
@@ -94,7 +94,7 @@ def held(folder):
 
 
 def command(text, **scenes):
-    """What commands print and write."""
+    """Printed text and files of commands."""
     with set_apart() as printed, warnings.catch_warnings():
         warnings.simplefilter("ignore")
         for name, written in scenes.items():
@@ -118,7 +118,7 @@ def command(text, **scenes):
 
 
 def commands():
-    """The command line, in folders of their own."""
+    """The commands of the command line, each in a folder of its own."""
     for i, (name, (scheme, q0, p0, model)) in enumerate(SCENES.items()):
         given = {"scheme": scheme, "q0": q0, "p0": p0, "model": model, "every": 2 + 2 * (i % 2)}
         given |= {"more": ("compensated = true", "refine = 1")[i % 2], "absorb": ("true", "false")[i // 2 % 2]}

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Runs whose numbers are recorded: of every scheme, kind of model and number of paths, along all axes."""
+"""Runs whose numbers are recorded: every scheme, kind of model and number of paths, along all axes."""
 
 import functools
 import itertools
@@ -36,7 +36,7 @@ SHAPE = {
     "flat": (True, False),
 }
 PATHS = (1, 4, 300)
-EACH = 4  # runs of each of these, in which ever new options meet
+EACH = 4  # runs of each combination, with other options each time
 STEPS, T0 = 4, 0.35
 MADE = {
     "own noise": own_noise,
@@ -62,18 +62,18 @@ REFUSED = (
 
 
 def kinds_of(scheme):
-    """Kinds of axes.TRAITS that a scheme takes."""
+    """Kinds of axes.TRAITS that a scheme accepts."""
     return KINDS.get({"lobatto2": "midpoint", "P2N2Q2Lob": "P2N2Q2Otr"}.get(scheme, scheme), ("position", "coupled"))
 
 
 @functools.cache
 def scheme_of(name):
-    """A scheme of the catalogue, or one that is made."""
+    """A scheme of the catalogue by name, or one that is constructed."""
     return MADE[name]() if name in MADE else ss.schemes.get(name)
 
 
 def rounds(number_of, **chosen):
-    """Rows of a covering design in ever new orders."""
+    """Rows of a covering design, in a new order each time."""
     rows, chance = axes.covering(**chosen), random.Random(number_of)
     while True:
         chance.shuffle(rows)
@@ -81,7 +81,7 @@ def rounds(number_of, **chosen):
 
 
 def arguments(row, ndof, nnoise, paths, scheme):
-    """Arguments of `simulate` from a row of WHERE and HOW, without what has no meaning for the scheme."""
+    """Arguments of `simulate` from a row of WHERE and HOW, without options that are meaningless for the scheme."""
     h = row["size"] * row["sign"]
     q0, p0 = axes.start(ndof, paths if row["start"] == "each" else 1)
     how = {name: row[name] for name in (*WHERE, *HOW) if name not in {"sign", "size", "given", "start"}}
@@ -109,13 +109,13 @@ def arguments(row, ndof, nnoise, paths, scheme):
 
 
 def lenient(call, model, how):
-    """A result, without the options that were refused, the one that is named first; and all that was said."""
+    """The result after dropping refused options, beginning with the one named in the message; and all warnings."""
     said, left = [], [*REFUSED]
     while True:
         try:
             with warnings.catch_warnings(record=True) as warned:
                 warnings.simplefilter("always")
-                found = call(model, **how)  # doubts are recorded as those of its report
+                found = call(model, **how)  # warnings of doubt are recorded with the report
                 kept = [w for w in warned if not issubclass(w.category, ss.errors.DoubtfulRunWarning)]
                 return found, [*said, *(str(w.message) for w in kept)]
         except ValueError as error:
@@ -128,7 +128,7 @@ def lenient(call, model, how):
 
 
 def told(*groups):
-    """Of groups of runs, each (model, arguments): a number of each group, what is exact of all, and their counters."""
+    """For groups of runs, each (model, arguments): a number for each group, and checksums and counters of all."""
     numbers, loose, exact = [], [], []
     for group in groups:
         arrays = []
@@ -146,7 +146,7 @@ def told(*groups):
 
 @tallied
 def own_models():
-    """Every scheme by models of functions of Python of every kind that it takes."""
+    """Every scheme with Python models of every kind that it accepts."""
     rows, paths = rounds(1, **WHERE, **HOW, **SHAPE), itertools.cycle((4, 1, 20))
     for scheme in SCHEMES:
         for kind in kinds_of(scheme):
@@ -159,7 +159,7 @@ def own_models():
 
 
 def of_each(seed, models):
-    """Every scheme by all models, (kind, model, noises, ...) by name: one path, a few and many."""
+    """Every scheme with all models, given as name -> (kind, model, noises, ...): one path, a few and many."""
     rows = rounds(seed, **WHERE, **HOW)
     for (name, (kind, model, nnoise, *more)), scheme in itertools.product(models.items(), SCHEMES):
         turns = scheme in TURNS and not (more and more[-1])
@@ -173,20 +173,20 @@ def of_each(seed, models):
 
 @tallied
 def built_in():
-    """Models that the library knows."""
+    """The library's own models."""
     eight = ("kick", ss.models.fpu_chain(8, 0.8, 0.3), 8, None)
     yield from of_each(2, {**MODELS, "fpu_chain of 8": eight})
 
 
 @tallied
 def formulas():
-    """Models from formulas, which are compiled."""
+    """Compiled models from formulas."""
     yield from of_each(3, {kind: (kind, compiled(kind)[0], FORMULAS[kind][1]) for kind in FORMULAS})
 
 
 @tallied
 def chains():
-    """Neighbours alone: banded matrices, and those that are found to be dense."""
+    """Chains with couplings of neighbours: banded matrices, and matrices that turn out to be dense."""
     chosen = axes.covering(
         **SHAPE | {"ndof": (4, 7, 12)}, kind=tuple(axes.TRAITS), reach=(1, 2), scheme=range(8), paths=(1, 3, 9)
     )
@@ -201,14 +201,14 @@ def chains():
 
 
 def every_third(**chosen):
-    """A covering design in which schemes, a third of them at a time, meet all else."""
+    """A covering design in which a third of the schemes at a time meets all other options."""
     for first in range(3):
         yield from axes.covering(scheme=SCHEMES[first::3], **chosen)
 
 
 @tallied
 def calls():
-    """Prepared runs: steps, steps by given increments, second calls, resets, states that are written."""
+    """Prepared runs: steps, steps with given increments, second calls, resets, assigned states."""
     names = ("synchrotron", "henon_heiles", "driven_pendulum", "fpu_chain of 3", "own")
     hows = rounds(5, **WHERE, **HOW | {"max_iter": (100,), "given": ("",)})
     for row, how in zip(every_third(of=names, paths=(1, 4, 40)), hows, strict=False):
@@ -240,7 +240,7 @@ def calls():
 
 
 def ill_of(ridges, row, q):
-    """A gradient that is no number in a second step, for states whose q_1 is near one."""
+    """A gradient that is NaN from the second step on, for states with q_1 near one."""
     near = {"one": 0.0, "some": 0.3, "all": 9.0}.get(row["ill"], -1.0)
     when = 0.2 * (row["first_step"] + 1.3)
 
@@ -253,7 +253,7 @@ def ill_of(ridges, row, q):
 
 @tallied
 def failing():
-    """Steps that are too large: damped, continued, failed, at few iterations; some lanes alone have no number."""
+    """Steps that are too long: damped, continued and failed ones, with few iterations; NaN in some lanes."""
     chosen = {"paths": (1, 4, 40), "kind": ("position", "coupled", "kick"), "nnoise": (1, 3)}
     chosen |= {"ndof": (1, 2, 4), "ill": ("steep", "one", "some", "all", "few"), "sign": (1, -1), "first_step": (0, 7)}
     chosen |= {"time": axes.AXES["time"], "general": (False, True), "compensated": (False, True), "save_every": (1, 2)}
@@ -278,7 +278,7 @@ def failing():
 
 
 def observers(n, ends):
-    """One of each kind, and two that stop paths."""
+    """An observer of each kind, and two that absorb paths."""
     return {
         "h": observe.Histogram(f"p_{n}", -1.5, 1.2, 7), "k": observe.Quantiles("q_1", (0.1, 0.5, 0.8), parts=16),
         "c": observe.Covariance((f"q_{n}", "p_1", "square")), "a": observe.Autocorrelation("p_1", 1, about=0.2),
@@ -290,7 +290,7 @@ def observers(n, ends):
 
 
 def square(q, p):
-    """An observable of Python's."""
+    """An observable as a Python function."""
     return (q**2 + 0.3 * p**2).sum(axis=0)
 
 

@@ -2,7 +2,7 @@
 """One step of every scheme from its equations (docs/method), by NumPy alone: the reference of suites over axes.
 
 Nothing here calls the library. Hamiltonians are sums of functions of one number a.x, whose derivatives of any order
-are written down; coefficients come from quadratures by numpy; what is implicit is solved by Newton's method with
+are written down; coefficients come from quadratures by numpy; implicit equations are solved by Newton's method with
 differences of the residual. States are x = (q, p), shape (2 dof, lane).
 """
 
@@ -25,7 +25,7 @@ class Ridges:
         self.s, self.e, self.nu, self.b = (np.array(x, float)[:, None] for x in (s, e, nu, b))
         self.a, self.phase = np.array(a, float), 1.7 * np.arange(len(a))[:, None]
         self.powers = [self.a[:, :0].sum(axis=1, keepdims=True) + 1]  # a, a a, a a a, one row a ridge
-        self.exponents, self.factors = [power], [np.ones_like(self.s)]  # of derivatives of powers
+        self.exponents, self.factors = [power], [np.ones_like(self.s)]  # exponents and factors of derivatives of powers
         for order in range(3):
             self.powers.append((self.powers[-1][:, :, None] * self.a[:, None, :]).reshape(len(self.a), -1))
             self.exponents.append(np.maximum(power - order - 1, 0))
@@ -38,7 +38,7 @@ class Ridges:
         self.turn = np.concatenate([field[ndof:], -field[:ndof]])  # x' = turn grad H
 
     def along(self, order, t, x):
-        """Derivatives of every ridge along its own a, (ridge, lane)."""
+        """Derivatives of this order of every ridge along its own vector a, (ridge, lane)."""
         y = _product(self.wide, x) + self.b
         f, sines = np.empty_like(y), self.sines
         np.sin(y[:sines] + order * np.pi / 2, out=f[:sines])
@@ -46,10 +46,10 @@ class Ridges:
         return f * (self.factors[order] * self.s * (1 + self.e * np.sin(self.nu * t + self.phase)))
 
     def derivative(self, order, t, x):
-        """Of every Hamiltonian, (hamiltonian, .. order times 2 dof .., lane)."""
+        """Derivatives of this order of every Hamiltonian, (hamiltonian, .. order times 2 dof .., lane)."""
         return (self.sums[order] @ self.along(order, t, x)).reshape(-1, *(len(x),) * order, x.shape[1])
 
-    # ---- the same as functions of the library: sums with weights w -------------------------------------------
+    # ---- the same as callables for the library: sums with weights w ----------------------------------------
 
     def _sum(self, order, t, w, q, p):
         x = np.concatenate([q, p])
@@ -81,13 +81,13 @@ class Ridges:
 
 
 def _product(matrix, x):
-    """Of a matrix (.., .., 1), with the same bits of a lane beside any others, which matrix products do not promise."""
+    """Product of a matrix (.., .., 1) with vectors; a lane has the same bits whichever lanes are beside it."""
     return np.add.reduce(matrix * x, axis=1)
 
 
 @dataclass
 class Drive:
-    """What drives a step of size h: the polygon through rows of increments, (row, noise, lane)."""
+    """The path over a step of size h: the polygon through rows of increments, (row, noise, lane)."""
 
     h: float
     w: np.ndarray  #: dW (noise, lane)
@@ -98,7 +98,7 @@ class Drive:
 
 
 def polygon(h, rows):
-    """Functionals of the polygon by their integrals; J_kk less its mean on straight lines."""
+    """Functionals of the polygon by their integrals; J_kk less its mean over straight lines."""
     count = len(rows)
     part = h / count
     before = np.cumsum(rows, axis=0) - rows
@@ -113,7 +113,7 @@ def polygon(h, rows):
 
 
 def iterate(image, x):
-    """The fixed point of a map that contracts."""
+    """The fixed point of a contracting map."""
     for _ in range(200):
         x, before = image(x), x
         if np.abs(x - before).max() < 1e-15:
@@ -122,7 +122,7 @@ def iterate(image, x):
 
 
 def solve(residual, x):
-    """The root of a function of (unknown, lane), each lane by itself."""
+    """The root of a function of (unknown, lane), for each lane by itself."""
     size, eps = len(x), 1e-7
     for _ in range(30):
         r = residual(x)
@@ -150,10 +150,10 @@ def pair(model, one, other):
 
 
 class OneStep:
-    """sum_j w_j H_j, with what a scheme adds: names of parts, "single", "areas", "nested", "crossed"; a correction."""
+    """sum_j w_j H_j plus the parts named in `add` ("single", "areas", "nested", "crossed") and a correction."""
 
     def __init__(self, model, t, drive, add=(), *, correction=(0.0, ""), exact=True):
-        """t: where the step begins; exact: nested brackets by third derivatives, else by differences."""
+        """t: time at the begin of the step; exact: nested brackets by third derivatives, else by differences."""
         self.model, self.t, self.drive, self.add = model, t, drive, add
         self.correction, self.exact = correction, exact
         self.w = np.concatenate([np.full((1, drive.w.shape[1]), drive.h), drive.w])
@@ -198,7 +198,7 @@ class OneStep:
         return total
 
     def _nested(self, t, x, jets, k):
-        """Gradient of {{F/h, H_k}, H_k}, F = h H, or all that moves the step where it is crossed."""
+        """Gradient of {{F/h, H_k}, H_k} with F = h H, or F = h H + sum_k dW_k H_k for the crossed bracket."""
         model, h = self.model, self.drive.h
         v = np.zeros_like(self.w)
         v[0] = 1
@@ -240,7 +240,7 @@ def rule(name):
 
 
 def collocation(c, alpha):
-    """a_ij, the integral of the j-th Lagrange polynomial from 0 to c_i; and the symplectic conjugate."""
+    """a_ij, the integrals of the Lagrange polynomials from 0 to c_i, and the symplectic conjugate."""
     powers = np.vander(c, increasing=True)
     integrals = c[:, None] ** np.arange(1, len(c) + 1) / np.arange(1, len(c) + 1)
     a = integrals @ np.linalg.inv(powers)
@@ -251,7 +251,7 @@ SAME = {"midpoint": "gauss1", "stormer_verlet": "lobatto2", "P2N2Q2Lob": "lobatt
 
 
 def tableau_of(name):
-    """(a, abar, alpha, c) of a name of the catalogue."""
+    """(a, abar, alpha, c) of a scheme of the catalogue."""
     family, _, number = name.partition(":")
     if family == "lambda":
         x = float(number)
@@ -270,7 +270,7 @@ def tableau_of(name):
 
 
 def tableau_step(hhat, tableau, x):
-    """Slopes of all stages at once; `hhat` is a OneStep."""
+    """A step by the slopes of all stages at once; `hhat` is a OneStep."""
     a, abar, alpha, c = tableau
     n, lanes, s = hhat.model.ndof, x.shape[1], len(alpha)
 
@@ -285,7 +285,7 @@ def tableau_step(hhat, tableau, x):
 
 
 def galerkin_step(hhat, degree, nodes, x):
-    """Polynomials of this degree through equally spaced control points, momenta free at the nodes."""
+    """A step by polynomials of this degree through equally spaced control points, with momenta at the nodes."""
     c, alpha = nodes
     n, lanes, r, h = hhat.model.ndof, x.shape[1], len(c), hhat.drive.h
     at = np.arange(degree + 1) / degree
@@ -316,7 +316,7 @@ def galerkin_step(hhat, degree, nodes, x):
 
 @dataclass
 class Kicks:
-    """Coefficients of docs/method/explicit.md; `beta` and `share` are b unless told."""
+    """Coefficients of docs/method/explicit.md; `beta` and `share` are b unless given."""
 
     c: tuple
     b: tuple
@@ -341,7 +341,7 @@ KICKS = {
 
 
 def kicks_step(model, name, t, drive, x, *, rotation=None):
-    """Drifts, rotations or midpoint steps between kicks."""
+    """A step of kicks with drifts, rotations or midpoint steps between them."""
     kicks = KICKS[next(key for key in KICKS if name.startswith(key))]
     n, h, m = model.ndof, drive.h, model.nnoise
     beta, share = kicks.beta or kicks.b, kicks.share or kicks.b
@@ -409,7 +409,7 @@ def _ends(model, t, h, x):
 
 
 def _change(model, t, drive, x):
-    """What int B dW has of the change of B: -(B_1 - B_0) a."""
+    """The part of int B dW due to the change of B: -(B_1 - B_0) a."""
     begin, _, end = _ends(model, t, drive.h, x)
     return np.einsum("kl,kal->al", drive.w / 2 - drive.z / drive.h, end - begin)
 

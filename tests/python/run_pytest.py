@@ -6,7 +6,7 @@ import sys
 
 
 def main() -> int:
-    """The exit code of pytest."""
+    """Run pytest; the result is its exit code."""
     if importlib.util.find_spec("pytest") is None:
         print("skipped: pytest is not installed; ./bootstrap test installs it in .venv")
         return 77
@@ -15,5 +15,5 @@ def main() -> int:
     return pytest.main(["-q", "-p", "no:cacheprovider", *sys.argv[1:]])
 
 
-if __name__ == "__main__":  # processes that a test spawns import this file, too
+if __name__ == "__main__":  # processes spawned by tests import this file, too
     sys.exit(main())

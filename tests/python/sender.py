@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Signals for tests, sent when the work has reached a given point: no test waits for a number of seconds."""
+"""Signals for tests, sent when the library reaches a given point: no test waits for a number of seconds."""
 
 import os
 import signal
@@ -12,15 +12,15 @@ from symsde.native.progress import Monitor
 
 
 class Sender:
-    """Another thread that sends this process a signal, when it is told to and the main thread is in the library.
+    """A thread that sends this process a signal while the main thread is in the library.
 
-    Python hands control to another thread only where this one waits or leaves for the library, since the interval after
-    which it would do so by itself is made long here: so the signal comes while no line of Python is at work, and is
-    seen where the library calls Python next, or at the end of the call.
+    The switch interval of Python's threads is made long here, so another thread runs only while the main thread waits
+    or is in the library. The signal thus comes while no line of Python runs, and its handler is called when the library
+    calls Python next, or at the end of the call.
     """
 
     def __init__(self, number: int, at: int):
-        """Send the signal after the call of `told` with this number, from 1."""
+        """Send the signal after call number `at` of `told`, counted from 1."""
         self.number, self.at = number, at
         self.calls = 0
         self._go = threading.Event()
@@ -52,7 +52,7 @@ class Sender:
 
 @contextmanager
 def sent(number: int, at: int = 1):
-    """A sender, told whenever the library asks how to go on, in whatever call."""
+    """A sender whose `told` is called whenever the library asks whether to go on, in any call."""
     with pytest.MonkeyPatch.context() as patch, Sender(number, at) as sender:
         ask = Monitor.ask
 
@@ -67,7 +67,7 @@ def sent(number: int, at: int = 1):
 
 @contextmanager
 def handled(number: int, handler):
-    """This handler for the signal."""
+    """Use this handler for the signal."""
     before = signal.signal(number, handler)
     try:
         yield
@@ -77,9 +77,9 @@ def handled(number: int, handler):
 
 
 class HandledError(Exception):
-    """What `raises` does."""
+    """The exception that `raises` raises."""
 
 
 def raises(number, frame):
-    """A handler."""
+    """A handler that raises."""
     raise HandledError(number)

@@ -3,9 +3,9 @@
 
     sent_at.py SIGNAL N WORD EVENTS PROGRAM [ARGUMENT..]
 
-The point is the N-th of the events, as Python's audit hooks name them, that tell of a path with this word in it. EVENTS
-are some of them joined by commas, or `all` that have to do with files. PROGRAM is `symsde`, the command line, or the
-text of a program. With N = 0 no signal is sent, and the number of events is printed at the end.
+The point is the N-th audit event of Python among EVENTS whose path contains WORD. EVENTS are names joined by commas, or
+`all` events of files. PROGRAM is `symsde`, the command line, or the text of a program. With N = 0 no signal is sent,
+and the number of events is printed at the end.
 """
 
 import atexit
@@ -14,11 +14,11 @@ import runpy
 import sys
 
 FILES = "open,os.link,os.rename,os.remove,os.mkdir,os.rmdir,os.chmod,os.scandir,os.listdir"
-PLACED = "os.link,os.rename"  #: a file that was written gets its name
+PLACED = "os.link,os.rename"  #: a written file gets its final name
 
 
 def main() -> None:
-    """Do it."""
+    """Run the program."""
     number, at, word, events, program, *arguments = sys.argv[1:]
     wanted = set((FILES if events == "all" else events).split(","))
     seen = 0
@@ -41,7 +41,7 @@ def main() -> None:
 
 
 def words(number, at, word, events, program, *arguments):
-    """What starts such a process."""
+    """The command line of such a process."""
     given = (number, at, word, events, program, *arguments)
     return [sys.executable, __file__, *map(str, given)]
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Advice beside the measured front of error against run time: whether the tolerance is kept, and the cost."""
+"""Advice against the measured front of error and run time: whether the tolerance is kept, and at which cost."""
 
 import importlib
 import math
@@ -19,13 +19,13 @@ from symsde.batch import scene
 from symsde.schemes import as_scheme
 
 ROOT = Path(__file__).resolve().parents[2]
-DEARER = 2.5  #: times the cheapest of the front
-ROOM = 1.25  #: of the error, beyond the tolerance: 192 paths know it to a tenth
+DEARER = 2.5  #: allowed multiple of the cheapest time on the front
+ROOM = 1.25  #: allowed multiple of the tolerance: 192 paths give an error to a tenth
 
 
 @pytest.fixture
 def bench(monkeypatch):
-    """The program that times what is advised beside the schemes of the measured pages."""
+    """The program that times advised schemes beside those of the measured pages."""
     monkeypatch.syspath_prepend(str(ROOT / "bench"))
     yield importlib.import_module("advice")
     sys.modules.pop("advice", None)
@@ -41,14 +41,14 @@ def bench(monkeypatch):
     ],
 )  # fmt: skip
 def test_advice_is_near_the_measured_front(bench, name, tolerance, monkeypatch):
-    """Errors are those of a table that was measured, costs are counted: nothing of the pilot judges itself, and no
-    clock of a busy machine judges between schemes."""
+    """Errors come from a measured table and costs from counters: the pilot does not judge itself, and no clock of a
+    busy machine decides between schemes."""
     WorkClock(monkeypatch)
     assert cost_over_best(bench, name, tolerance) < DEARER
 
 
 def cost_over_best(bench, name: str, tolerance: float) -> float:
-    """Advice is asked for, its error and its run are judged; its cost over that of the best scheme of the front."""
+    """Ask for advice and check its error and its run; returns its cost over that of the best scheme on the front."""
     row = bench.judged(name, tolerance)
     advice, chosen = row["advice"], scene.load(ROOT / f"examples/scenes/{name}.toml")
     assert ss.schemes.get(advice.scheme).info.symplectic
@@ -64,7 +64,7 @@ def cost_over_best(bench, name: str, tolerance: float) -> float:
 @pytest.mark.parametrize("aligned", [0.0, 1.0])
 @pytest.mark.parametrize("order", [0.5, 1.0, 2.0])
 def test_error_from_three_steps(aligned, order):
-    """Differences of size 2^(-order l) that are independent, or point the same way: their infinite sum is known."""
+    """Differences of size 2^(-order l), independent or of one direction, whose infinite sum is known."""
     fall = 2.0**-order
     first, second = 1.0, fall
     both = first + second if aligned else math.hypot(first, second)
@@ -73,7 +73,9 @@ def test_error_from_three_steps(aligned, order):
 
 
 def test_moments_are_as_near_as_asked():
-    """E q and E p of the synchrotron to 1e-2, beside a run at a step 60 times shorter; 4.5 standard errors (1e-5)."""
+    """E q and E p of the synchrotron to 1e-2, against a run with a step 60 times shorter; 4.5 standard errors
+    (1e-5).
+    """
     model = ss.models.synchrotron(sigma1=0.8, sigma2=0.5)
     advice = ss.advise(model, q0=1.0, p0=0.0, horizon=2.0, tolerance=1e-2, want="moments")
     fine, own = (
@@ -103,7 +105,9 @@ def test_invariants_without_noise_are_those_of_the_path():
 
 
 def test_advice_is_stable_and_told_why():
-    """A tolerance that anything keeps: the step ends where explicit schemes do, at 2 over the fastest frequency, 2."""
+    """A tolerance that any step keeps: the advised step is at the explicit schemes' limit, 2 over the highest
+    frequency, 2.
+    """
     advice = ss.advise(ss.models.fpu_chain(n=8), q0=0.1, p0=0.0, horizon=8.0, tolerance=10.0)
     assert ss.schemes.get(advice.scheme).info.explicit_for == "never" or advice.step < 1.0
     text = str(advice)
@@ -141,7 +145,7 @@ def test_invariants_that_are_none_get_a_sentence():
 
 
 def test_brackets_are_those_at_t0():
-    """H_1 = q, H_2 = s(t) p^2/2, s = 0 until t = 5: noises that commute before, and not after."""
+    """H_1 = q, H_2 = s(t) p^2/2 with s = 0 until t = 5: the noises commute before, and not after."""
 
     def gradient(t, w, q, p):
         return w[1] + w[0] * q, (w[0] + w[2] * (t >= 5)) * p
@@ -155,7 +159,7 @@ def test_brackets_are_those_at_t0():
 
 
 def test_no_step_is_longer_than_what_a_scheme_bears():
-    """0.65 of the limit by hand, of Verlet 2, of chin4a 3.465; 6.4 where there is none. T omega = 20."""
+    """Steps are 0.65 of the limit by hand, 2 for Verlet and 3.465 for chin4a, or 6.4 without a limit. T omega = 20."""
     problem = make_problem(ss.models.linear_oscillator(), "q", q0=1.0, p0=0.0, horizon=10.0)
     known = {"stormer_verlet": 16, "chin4a": 9, "gauss_dkdkd": 12, "midpoint": 4, "gauss3": 4}
     assert {name: _fewest_steps(problem, as_scheme(name), 2.0) for name in known} == known
@@ -175,7 +179,7 @@ def hardening():
 
 
 def test_frequency_is_that_of_paths_with_noise_too(hardening):
-    """sqrt(3) |q| of 64 paths, at eight times; without noise nothing moves, and 1/T is told."""
+    """The frequency is sqrt(3) |q| of 64 paths at eight times; without noise nothing moves, and 1/T is given."""
     problem = make_problem(hardening, "q", q0=0.0, p0=0.0, horizon=16.0)
     assert frequency(problem) == pytest.approx(1 / 16)
     run = ss.simulate(hardening, q0=0.0, p0=0.0, step=0.25, steps=64, save_every=8, paths=64)
@@ -184,7 +188,7 @@ def test_frequency_is_that_of_paths_with_noise_too(hardening):
 
 @pytest.mark.filterwarnings("ignore::RuntimeWarning")
 def test_advice_is_stable_where_noise_makes_the_motion_faster(hardening):
-    """E H grows as t/2 exactly, whatever H: on other paths within 4.5 standard errors and the tolerance, none fails. A
+    """E H grows as t/2 for any H: other paths agree within 4.5 standard errors and the tolerance, and none fails. A
     step for the frequency at rest, the planted twin, blows up."""
     place = {"q0": 0.0, "p0": 0.0}
     advice = ss.advise(hardening, **place, horizon=8.0, tolerance=0.5, want="moments")
@@ -199,8 +203,8 @@ def test_advice_is_stable_where_noise_makes_the_motion_faster(hardening):
 
 
 def test_kicks_keep_h_without_noise_in_the_figure_of_horizons(monkeypatch):
-    """Steps to 10 that keep H to 1 %, as halvings and a power law between them give; doubled steps keep it, half of
-    them do not."""
+    """Numbers of steps to t = 10 that keep H to 1 %, by halvings and a power law: twice as many keep it, half as many
+    do not."""
     monkeypatch.syspath_prepend(ROOT / "bench")
     import horizons
 
@@ -223,15 +227,15 @@ def bent_gradient(t, w, q, p):
 
 
 def test_kicks_are_tried_where_noise_is_in_position_and_h_is_not_separable():
-    """gauss_dkdkd_midpoint takes any H, of strong order 3/2 by three solves a step."""
+    """gauss_dkdkd_midpoint accepts any H, with strong order 3/2 and three solves a step."""
     bent = ss.Model(ndof=1, nnoise=1, gradient=bent_gradient, position_noise=True)
     assert "gauss_dkdkd_midpoint" in scheme_names(bent)
-    assert "gauss_dkdkd_midpoint" not in scheme_names(ss.models.driven_pendulum())  # kicked: gauss_dkdkd is
+    assert "gauss_dkdkd_midpoint" not in scheme_names(ss.models.driven_pendulum())  # separable: gauss_dkdkd instead
     assert "gauss_dkdkd_midpoint" not in scheme_names(ss.Model(ndof=1, nnoise=1, gradient=bent_gradient))
 
 
 def test_the_noise_of_means_falls_with_the_root_of_the_paths(monkeypatch):
-    """A quarter of the paths has twice the noise, the largest by which means of many seeds are scattered."""
+    """A quarter of the paths gives means with twice the noise; the largest noise over many seeds is taken."""
     scheme = as_scheme("midpoint")
 
     def seen(count, seed=0):

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Levy areas, on the path and in law: orders in every unit of time, and refusals."""
+"""Levy areas on the path and in law: orders in every unit of time, and refusals."""
 
 import numpy as np
 import pytest
@@ -10,7 +10,9 @@ SCHEMES = ("midpoint_areas", "gauss2_strong32_areas")
 
 
 def noncommuting(unit: float) -> ss.Model:
-    """H = p^2/2 - cos q, H_1 = -0.8 cos p, H_2 = 0.3 q^2 in another unit of time: H unit, noises sqrt(unit)."""
+    """H = p^2/2 - cos q, H_1 = -0.8 cos p, H_2 = 0.3 q^2 in another unit of time: H times unit, noises times
+    sqrt(unit).
+    """
     root = np.sqrt(unit)
 
     def gradient(t, w, q, p):
@@ -39,14 +41,16 @@ def rms(difference: np.ndarray) -> float:
 @pytest.mark.parametrize("options", [{}, {"areas": "law"}])
 @pytest.mark.parametrize("scheme", SCHEMES)
 def test_areas_do_not_depend_on_the_unit_of_time(scheme: str, options: dict):
-    """The same states, whatever unit a time has."""
+    """The same states in any unit of time."""
     same = final(noncommuting(1.0), scheme, 4, paths=30, **options)
     for unit in (1e-3, 1e3):
         assert np.allclose(final(noncommuting(unit), scheme, 4, unit, paths=30, **options), same, rtol=0, atol=1e-10)
 
 
 def test_the_time_scale_says_how_finely_areas_follow_the_path():
-    """Too small a scale: one parabola a step; the larger one, the nearer to the areas of the path."""
+    """A time scale that is too small gives one parabola a step; with a larger one areas are nearer to those of the
+    path.
+    """
     model = noncommuting(1.0)
     exact = final(model, "midpoint_areas", 4, paths=60, area_time=1e4)
     apart = [rms(final(model, "midpoint_areas", 4, paths=60, area_time=tau) - exact) for tau in (1e-3, 8.0, 200.0)]
@@ -55,7 +59,9 @@ def test_the_time_scale_says_how_finely_areas_follow_the_path():
 
 @pytest.mark.parametrize("unit", [1e-3, 1e3])
 def test_areas_by_the_path_give_strong_order_one_at_refine_zero(unit: float):
-    """Steps as they are drawn against the same path halved. Measured in each unit: 0.97, 1.01, and 0.54 without."""
+    """Steps as drawn against the same path with halved steps. Slopes measured in each unit: 0.97 and 1.01; 0.54
+    without areas.
+    """
     model = noncommuting(unit)
     levels, halvings = [2, 3, 4], 4
     apart = {scheme: [] for scheme in (*SCHEMES, "midpoint")}
@@ -69,17 +75,17 @@ def test_areas_by_the_path_give_strong_order_one_at_refine_zero(unit: float):
 
 
 def distance_of_laws(one: np.ndarray, other: np.ndarray) -> float:
-    """Wasserstein distance of order two between two samples (2, path) of the plane, seen from eight directions."""
+    """Wasserstein distance of order two between two samples (2, path) in the plane, over eight directions."""
     angles = np.arange(8) * np.pi / 8
     seen = [np.stack([np.cos(a) * x[0] + np.sin(a) * x[1] for a in angles]) for x in (one, other)]
     return float(np.sqrt(np.mean((np.sort(seen[0]) - np.sort(seen[1])) ** 2)))
 
 
 def test_areas_in_law_give_order_one_in_law():
-    """What dW alone leaves out, x minus midpoint's x for the same dW, has the law that it should have.
+    """The part of a step that dW leaves open, x minus midpoint's x for the same dW, has the right law.
 
-    The distance of its law to that of finer steps on other paths, whose areas follow the path: 0.030, 0.016, 0.0079,
-    slope 0.97. Parabolas alone, area_time so small that no step is halved: 0.049, 0.034, 0.023, slope 0.57.
+    The distance of its law from that of finer steps on other paths, whose areas follow the path: 0.030, 0.016, 0.0079,
+    slope 0.97. With area_time so small that each step is one parabola: 0.049, 0.034, 0.023, slope 0.57.
     """
     model = ss.models.noncommutative_oscillator(s1=1.0, s2=1.0)
     levels, finer, many = [2, 3, 4], 3, {"paths": 2**13}
@@ -121,7 +127,7 @@ def test_areas_in_law_are_accepted_where_the_model_needs_none():
 
 
 def test_runs_with_areas_in_law_share_paths_and_resume():
-    """At refine = l the areas are merged from those of finer steps; threads and beginnings change no bit."""
+    """At refine = l areas are merged from those of finer steps; threads and first steps change no bit."""
     model = ss.models.noncommutative_oscillator()
     given = {"scheme": "gauss2_strong32_areas", "areas": "law", "paths": 300}
     fine = final(model, "midpoint_areas", 9, areas="law", paths=300)

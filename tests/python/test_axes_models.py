@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Built-in models and formulas with every scheme that accepts them, against its equations: blocks, few paths, one
-path."""
+"""Built-in models and formulas with every scheme that accepts them, against the scheme's equations: blocks, few
+paths, one path.
+"""
 
 import functools
 import itertools
@@ -16,7 +17,7 @@ from test_axes_steps import BRACKETS, GALERKIN, KINDS, NO_GENERAL, ROWS, STEPS, 
 Q, P, COS = [1, 0], [0, 1], np.pi / 2
 OSCILLATOR = [(0, 2, 0.5, 0, 0, Q, 0), (0, 2, 0.5, 0, 0, P, 0)]
 DRIVEN = [(0, "sin", -1.44, 0.3, 2.0, Q, COS), (1, 1, -0.4, 0.5, 2.0, Q, 0), (2, "sin", -0.3, 0.5, 2.0, Q, COS)]
-#: kind of axes.TRAITS, model, noises, ridges of its Hamiltonians, frequencies that it declares
+#: kind of axes.TRAITS, model, noises, ridges of its Hamiltonians, declared frequencies
 MODELS = {
     "kubo": ("separable", ss.models.kubo(1.2, 0.5), 1,
              [(j, 2, s / 2, 0, 0, a, 0) for j, s in ((0, 1.2), (1, 0.5)) for a in (Q, P)], None),
@@ -75,7 +76,7 @@ CASES = [(*pair, {"sign": sign, **row}) for sign in (1, -1) for pair, row in zip
 
 
 def compare(model, ridges, scheme, row, omega=None):
-    """Steps of 40 paths with the equations, the general stepper and runs of one path and of three."""
+    """Compare steps of 40 paths with the equations, the general stepper, and runs of one path and of three."""
     paths, nnoise = 40, ridges.nnoise
     h, t0, n = row["size"] * row["sign"], 0.35, ridges.ndof
     q0, p0 = axes.start(n, paths)
@@ -106,18 +107,18 @@ def compare(model, ridges, scheme, row, omega=None):
 def test_steps_of_built_in_models(name, scheme, row):
     model = MODELS[name][1]
     counters = compare(model, ridges_of(name), scheme, row, MODELS[name][4])
-    if scheme in BRACKETS and scheme.startswith("gauss2") and model.ndof == 1:  # second derivatives of brackets, too
+    if scheme in BRACKETS and scheme.startswith("gauss2") and model.ndof == 1:  # its brackets are differentiated twice
         assert counters["solves"] <= (1 if model.traits.quadratic else 3.1) * counters["path_steps"]
 
 
-FORMULAS = {"position": (2, 3), "mass": (2, 2), "coupled": (1, 3)}  # degrees of freedom and noises of a kind
+FORMULAS = {"position": (2, 3), "mass": (2, 2), "coupled": (1, 3)}  # degrees of freedom and noises of each kind
 WRITTEN = [(kind, s) for kind in FORMULAS for s in KINDS if kind in KINDS[s] and s not in TURNS]
 TEXTS = [(*pair, {"sign": sign, **row}) for sign in (1, -1) for pair, row in zip(WRITTEN, itertools.cycle(ROUND))]
 
 
 @functools.cache
 def compiled(kind):
-    """Ridges as formulas: their model goes one path by itself, as built-in ones do."""
+    """The ridges as a model from formulas, of which single paths run as those of built-in models."""
     ridges = axes.ridges_of(kind, *FORMULAS[kind], "both")
     names = [f"{x}{i + 1}" for x in "qp" for i in range(ridges.ndof)]
     terms = [""] * (ridges.nnoise + 1)
@@ -144,7 +145,7 @@ CHAINS = axes.covering(
 
 @pytest.mark.parametrize("row", CHAINS, ids=map(axes.ident, CHAINS))
 def test_steps_by_bands(row):
-    """Of chains that declare how far their neighbours reach: banded matrices, of blocks that are not symmetric, too."""
+    """Chains that declare a reach of couplings: banded matrices, also with blocks that are not symmetric."""
     kind, reach = row["kind"], row["reach"]
     fitting = [s for s in (*TABLEAUS, *BRACKETS, "symplectic_euler", "averaged_shift_midpoint") if kind in KINDS[s]]
     scheme = ("midpoint", "gauss2", fitting[row["ndof"] + 2 * row["nnoise"]], *fitting[-3:])[row["scheme"]]
@@ -161,7 +162,7 @@ STEEP = axes.covering(
 
 
 def composed(name):
-    """Of stages that wait for others: groups that are solved one after the other."""
+    """A composition, whose stages form groups that are solved one after another."""
     fractions = {"two midpoints": [0.3, 0.7], "back and forth": [1.3, -0.9, 0.6], "midpoint and gauss2": [0.4, 0.6]}
     parts = ["midpoint", "gauss2"] if "gauss2" in name else ["midpoint"] * 3
     return ss.schemes.composition(parts[: len(fractions[name])], fractions[name]) if name in fractions else name
@@ -169,11 +170,11 @@ def composed(name):
 
 @pytest.mark.parametrize("row", STEEP, ids=map(axes.ident, STEEP))
 def test_steps_of_steep_chains(row):
-    """Of springs so stiff that no iteration contracts: rows, strips and matrices find what the general stepper does."""
+    """Springs so stiff that no iteration contracts: rows, strips and matrices agree with the general stepper."""
     n, m = row["n"], row["noises"]
 
     def of(q, f):
-        """From the stretches of all springs, the walls among them, to the forces."""
+        """Forces from the stretches of all springs, including those to the walls."""
         pulls = f(np.diff(q, axis=0, prepend=0 * q[:1], append=0 * q[:1]))
         return pulls[:-1] - pulls[1:]
 
@@ -207,7 +208,9 @@ ONE = [(kind, s) for kind in ("position", "separable", "coupled", "both") for s 
 
 @pytest.mark.parametrize(("kind", "scheme"), ONE)
 def test_one_degree_of_freedom_takes_no_more_solves(kind, scheme):
-    """Than the general stepper, whose matrix is that of all unknowns: what is wrong in one of its own costs a solve."""
+    """Wrong entries of a matrix cost solves, so no scheme may take more than the general stepper, which has the full
+    matrix.
+    """
     model = axes.model_of(axes.ridges_of(kind, 1, 2, "both"), kind)
     q0, p0 = axes.start(1, 40)
     given = {"q0": q0, "p0": p0, "step": 0.4, "steps": 8, "paths": 40, "seed": 4, "scheme": scheme}
@@ -218,14 +221,14 @@ def test_one_degree_of_freedom_takes_no_more_solves(kind, scheme):
     assert own <= 1.02 * general
 
 
-#: solves a step of gauss2_strong32 at h = 0.6, measured and 3 % more; a second derivative of a bracket that is wrong in
-#: Newton's matrix costs 5 % to 35 % more and nothing else
+#: solves a step of gauss2_strong32 at h = 0.6, measured plus 3 %; a wrong second derivative of a bracket in Newton's
+#: matrix costs 5 % to 35 % more solves and shows nowhere else
 SOLVES = {"pendulum": 2.57, "synchrotron": 2.95, "driven_pendulum": 3.08, 1: 4.09, 2: 5.46, 3: 5.95}
 
 
 @pytest.mark.parametrize("of", SOLVES)
 def test_newtons_matrix_of_brackets(of):
-    """Of built-in models, and of as many noises that separate."""
+    """Built-in models, and a separable model by its number of noises."""
     models = {
         "pendulum": ss.models.pendulum(0.6),
         "synchrotron": ss.models.synchrotron(1.3, 0.9, 0.8),
@@ -244,7 +247,7 @@ PRODUCTS = axes.covering(scheme=("midpoint", "gauss2", "gauss3", "lobatto3", "ga
 
 @pytest.mark.parametrize("row", PRODUCTS, ids=map(axes.ident, PRODUCTS))
 def test_newtons_products(row):
-    """Of all stages together, where no matrix is formed, by stiff steps: what is wrong in them costs solves alone."""
+    """Stiff steps of all stages together without a matrix: a wrong product costs solves and shows nowhere else."""
     n = row["n"]
     k = 300 + 200 * np.cos(np.arange(n))[:, None]
 
@@ -265,7 +268,9 @@ def test_newtons_products(row):
 
 @pytest.mark.parametrize("name", ["gauss2", "gauss3", "lobatto3", "stormer_verlet", "dirk:0.25"])
 def test_what_is_exact_is_so_to_rounding(name):
-    """A coefficient off by 2e-12 is not rounding: not symplectic, or neither symmetric nor its own conjugate."""
+    """A coefficient off by 2e-12 is no rounding: the scheme is not symplectic, or not symmetric and not
+    self-conjugate.
+    """
     known = ss.schemes.get(name).tableau()
     off = known.a.copy()
     off[-1, 0] += 2e-12
@@ -284,7 +289,7 @@ MIRRORED = [(x, s) for x in ("synchrotron", "henon_heiles", "fpu_chain of 3") fo
 
 @pytest.mark.parametrize(("name", "scheme"), MIRRORED)
 def test_steps_back_are_steps_with_momenta_turned(name, scheme):
-    """H and noise in position are even in p: q the same, p turned, in as many solves, steep steps among them."""
+    """H and noise in position are even in p: with p reversed q is the same, in as many solves, also in steep steps."""
     _, model, nnoise, ridges, _ = MODELS[name]
     q0, p0 = axes.start(len(ridges[0][5]) // 2, 40)
     for h in (0.2, 0.9):
@@ -302,7 +307,7 @@ BLOCKS = axes.covering(block=("qq", "qp", "pq", "pp"), of=(0, 1, 2), reach=(2, 3
 
 @pytest.mark.parametrize("row", BLOCKS, ids=map(axes.ident, BLOCKS))
 def test_a_band_that_is_too_narrow_is_refused(row):
-    """One pair of variables of H or of a noise, farther apart than declared, in whichever block."""
+    """H or a noise couples one pair of variables farther apart than declared, in any block."""
     n, at, far = row["n"], 1, 1 + row["reach"]
     first, second = row["block"]
 

@@ -1,12 +1,12 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Orders of every scheme beyond one along all axes, path by path and without sampling: one step along a polygon."""
+"""Orders of every scheme beyond order one along all axes, path by path without sampling: one step along a polygon."""
 
 import axes
 import numpy as np
 import pytest
 import symsde as ss
 
-#: of the error of one step, driven by a polygon whose rows are of the order of the root of the step
+#: orders of the error of one step, driven by a polygon whose rows are of the size of the root of the step
 ORDERS = {
     "coupled": {"midpoint": 1.0, "midpoint_areas": 1.5, "gauss2_strong32_areas": 1.5},
     "position": {
@@ -31,7 +31,7 @@ PATHS = 5
 
 
 def by_small_steps(ridges, t, h, rows, x):
-    """Runge and Kutta's method along the lines of the polygon."""
+    """Runge-Kutta steps along the segments of the polygon."""
     count = 12
     part = h / len(rows) / count
 
@@ -49,7 +49,7 @@ def by_small_steps(ridges, t, h, rows, x):
 
 @pytest.mark.parametrize(("kind", "scheme", "row"), CASES, ids=[f"{k}-{s}-{axes.ident(row)}" for k, s, row in CASES])
 def test_orders_of_one_step_along_a_path(kind, scheme, row):
-    """What a scheme leaves of a given path falls as fast as it must: without sampling."""
+    """The error of one step on a given path falls with the order claimed."""
     ridges = axes.ridges_of(kind, row["ndof"], row["nnoise"], row["time"])
     model, x, errors = axes.model_of(ridges, kind), axes.start(row["ndof"], PATHS), []
     for h in (0.02 * row["sign"], 0.00125 * row["sign"]):
@@ -62,7 +62,7 @@ def test_orders_of_one_step_along_a_path(kind, scheme, row):
 
 
 def test_without_areas_an_order_is_lost():
-    """The twin."""
+    """The twin: without areas the order is lower."""
     row = {"sign": 1, "time": "", "nnoise": 3, "ndof": 2}
     with pytest.raises(AssertionError), pytest.MonkeyPatch.context() as patched:
         patched.setitem(ORDERS, "coupled", {"midpoint": ORDERS["coupled"]["midpoint_areas"]})

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Steps so long that equations have several roots: every stepper finds the one near the beginning of the step."""
+"""Steps so long that the equations have several roots: every stepper finds the one near the beginning of the step."""
 
 import axes
 import numpy as np
@@ -7,7 +7,7 @@ import pytest
 import symsde as ss
 
 PATHS = 1500
-#: U' and U'' of wells and hills: of these U'' is as low as -4
+#: U' and U'' of wells and hills; U'' is as low as -4
 HILLS = {
     "cos": (lambda q: -4 * np.sin(q), lambda q: -4 * np.cos(q)),
     "well": (lambda q: 4 * q * (q * q - 1), lambda q: 12 * q * q - 4),
@@ -21,7 +21,7 @@ ROWS = axes.covering(
 
 @pytest.mark.parametrize("row", ROWS, ids=map(axes.ident, ROWS))
 def test_roots_near_the_beginning(row):
-    """Newton's iteration from zero is that of the general stepper. A better first guess may not lead elsewhere."""
+    """The general stepper iterates from zero. Steppers with a better first guess must find the same root."""
     slope, curvature = HILLS[row["hill"]]
     turn, stiff = -1 if row["upside"] else 1, 0 if row["mass"] == "one" else 0.05
 
@@ -37,5 +37,5 @@ def test_roots_near_the_beginning(row):
     run |= {"scheme": row["scheme"], "step": row["sign"] * row["step"], "steps": 1}
     found, wanted = (np.array(ss.simulate(model, **run, general=x).q[-1, 0]) for x in (False, True))
     other = (abs(found - wanted) > 1e-8).sum()
-    share = {"gauss2": 0.01, "midpoint": 0.06}  # some hills are seen too late
+    share = {"gauss2": 0.01, "midpoint": 0.06}  # share of lanes that may differ: some hills are seen too late
     assert other <= share[row["scheme"]] * PATHS

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Whole runs along all axes: parts of one, subsets, prepared second calls, observers; beside plain NumPy."""
+"""Whole runs along all axes against plain NumPy: parts of a run, subsets, second calls of prepared runs, observers."""
 
 import axes
 import numpy as np
@@ -22,7 +22,7 @@ RUNS = axes.covering(
 
 
 def scene_of(row, kind="position"):
-    """Ridges, and the arguments of a run of them, every path from a state of its own."""
+    """The ridges and the arguments of a run, with a state for every path."""
     ridges = axes.ridges_of(kind, row["ndof"], row["nnoise"], row["time"])
     q0, p0 = axes.start(row["ndof"], row["paths"])
     how = {x: row[x] for x in ("scheme", "first_step", "first_path", "paths", "compensated", "refine") if x in row}
@@ -30,19 +30,19 @@ def scene_of(row, kind="position"):
 
 
 def same(one, other):
-    """Two runs or parts of them, bit for bit: q, p, times, paths."""
+    """Whether two runs or parts of runs have the same bits in q, p, times and paths."""
     for x, y in zip((one.q, one.p, one.t, one.path), other, strict=True):
         np.testing.assert_array_equal(x, y)
 
 
 def part(run, at, paths=slice(None)):
-    """Saved times and paths of a run."""
+    """Some saved times and paths of a run."""
     return run.q[at][:, :, paths], run.p[at][:, :, paths], run.t[at], run.path[paths]
 
 
 @pytest.mark.parametrize("row", RUNS, ids=map(axes.ident, RUNS))
 def test_a_run_is_its_parts(row):
-    """Resumed, of fewer paths, prepared and called again, of moments: the bits of the whole, at its times."""
+    """A resumed run, fewer paths, a prepared run called again, and moments have the bits of the whole run."""
     ridges, how = scene_of(row)
     model, every = axes.model_of(ridges, "position"), row["save_every"]
     whole = ss.simulate(model, steps=STEPS, save_every=every, **how)
@@ -79,7 +79,7 @@ def test_a_run_is_its_parts(row):
 
 
 ALONE = axes.covering(
-    name=("synchrotron", "henon_heiles", "driven_pendulum", "fpu_chain"),  # they go one by one
+    name=("synchrotron", "henon_heiles", "driven_pendulum", "fpu_chain"),  # models whose few paths run one by one
     scheme=("midpoint", "stormer_verlet", "gauss2_strong32", "gauss_dkdkd", "chin4a_strong2"),
     steps=range(1, 10), first_step=(0, 1, 2, 3, 4, 6, 13), refine=(-3, -2, -1, 0, 1, 2), compensated=(False, True),
     common=((), (2,)), cut=(None, (1.5, 20.0)), few=(1, 3),
@@ -88,7 +88,7 @@ ALONE = axes.covering(
 
 @pytest.mark.parametrize("row", ALONE, ids=map(axes.ident, ALONE))
 def test_few_paths_are_those_of_a_block(row):
-    """With the noise that they draw: of any number of steps, from any step on."""
+    """Few paths have the bits of a block, with the noise they draw, for any number of steps and from any first step."""
     model = ss.models.get(row["name"], **({"n": 3} if row["name"] == "fpu_chain" else {}))
     q0, p0 = axes.start(model.ndof, 20)
     how = {x: row[x] for x in ("scheme", "steps", "first_step", "refine", "compensated")}
@@ -107,7 +107,9 @@ FAILING = axes.covering(
 
 @pytest.mark.parametrize("row", FAILING, ids=map(axes.ident, FAILING))
 def test_a_reset_run_is_as_new(row):
-    """Whatever has failed in calls before: the same states, statuses, steps of failure, counters and warnings again."""
+    """Whatever failed in earlier calls: a reset gives the same states, statuses, failed steps, counters and
+    warnings.
+    """
     ridges, how = scene_of({**row, "time": ""})
     now = [0.0]
 
@@ -144,7 +146,9 @@ DRIVEN = axes.covering(**axes.AXES, refine=(0, 1, 2), paths=(1, 3, 40))
 
 @pytest.mark.parametrize("row", DRIVEN, ids=map(axes.ident, DRIVEN))
 def test_increments_are_those_of_the_run(row):
-    """What `increments` tells drives the same run; at another first step and path it tells the same of a path."""
+    """The output of `increments` drives the same run; asked from another first step and path it gives the same
+    increments.
+    """
     ridges, how = scene_of(row)
     model, draws = axes.model_of(ridges, "position"), {"step": how["step"], "seed": SEED, "refine": row["refine"]}
     own = {**draws, **{x: row[x] for x in ("first_step", "first_path", "paths")}}
@@ -168,7 +172,7 @@ WEAK = axes.covering(
 
 @pytest.mark.parametrize("row", WEAK, ids=map(axes.ident, WEAK))
 def test_increments_of_weak_schemes_are_those_of_the_run(row):
-    """Of the law that the scheme draws: roots of h, or of 3 h and none, with either sign."""
+    """Increments have the law that the scheme draws: +-sqrt(h), or +-sqrt(3 h) and 0."""
     law = {"two-point": (1.0,), "three-point": (0.0, 3**0.5)}[ss.schemes.get(row["scheme"]).info.law]
     ridges, how = scene_of({**row, "ndof": 2, "time": ""})
     model, draws = axes.model_of(ridges, "position"), {x: how[x] for x in ("step", "seed", "refine", "first_step")}
@@ -184,7 +188,7 @@ def test_increments_of_weak_schemes_are_those_of_the_run(row):
 
 
 def test_increments_have_their_law():
-    """Mean squares of 4 noises are |h|, none is another: 20 numbers within 5.2 of their errors (4e-6)."""
+    """The mean squares of 4 noises are |h|, all other products 0: 20 numbers within 5.2 of their errors (4e-6)."""
     model = axes.model_of(axes.ridges_of("kick", 1, 4), "kick")
     for h in (0.3, -0.3):
         dw = ss.increments(model, step=h, steps=1, paths=20000, first_path=2**31 + 5, first_step=7)[0] / np.sqrt(abs(h))
@@ -198,8 +202,10 @@ OBSERVED = axes.covering(**axes.AXES, kind=KINDS, save_every=(1, 3), absorb=(Fal
 
 @pytest.mark.parametrize("row", OBSERVED, ids=map(axes.ident, OBSERVED))
 def test_observers_tell_of_the_paths(row):
-    """Of every saved step, by NumPy: when a path left, by a bridge too, decided by numbers of the generator by hand."""
-    row = {**row, "paths": 300, "first_path": row["first_path"] // 256 * 256}  # where shards begin
+    """Observers of every saved step against NumPy: also when a path left by a bridge, decided by the generator's
+    number.
+    """
+    row = {**row, "paths": 300, "first_path": row["first_path"] // 256 * 256}  # first path of a shard
     ridges, how = scene_of(row, row["kind"])
     model, n = axes.model_of(ridges, row["kind"]), row["ndof"]
     how |= {"scheme": "midpoint", "q0": 0.3 * how["q0"], "p0": 0.3 * how["p0"]}
@@ -253,7 +259,9 @@ COUNTED = axes.covering(
 
 @pytest.mark.parametrize("row", COUNTED, ids=map(axes.ident, COUNTED))
 def test_counters_count_paths_and_no_padding(row):
-    """Of linear equations every path-step takes as much, a sweep more or less: few paths their part of a full block."""
+    """With linear equations every path-step counts equally, up to one sweep: few paths count their share of a full
+    block.
+    """
     model = ss.Model(ndof=1, nnoise=2, gradient=lambda t, w, q, p: (w[0] * q + w[1] - 0.5 * w[2], w[0] * p),
                      **axes.TRAITS["kick"], quadratic=True, rotation=[1.0])  # fmt: skip
     how = {
@@ -274,7 +282,7 @@ def test_counters_count_paths_and_no_padding(row):
 
 @pytest.mark.parametrize("scheme", ["stormer_verlet", "symplectic_euler", "verlet_kdk", "heun", "chin4a"])
 def test_a_path_that_fails_beside_others_stays_at_its_last_good_state(scheme):
-    """Two of sixteen paths overflow, at other steps each: what was saved before the step that failed is their last."""
+    """Two of sixteen paths overflow, in different steps: their last states are those saved before the failed step."""
     q0 = np.full((2, 16), 0.1)
     q0[1, 3], q0[0, 7] = 40.0, 30.0
     with pytest.warns(ss.PathsFailedWarning, match="2 paths"):

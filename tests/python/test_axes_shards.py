@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Shards, checkpoints, --error-check, pairs of paths and failing functions along all axes, by hand or by whole runs."""
+"""Shards, checkpoints, --error-check, pairs of paths and failing functions along all axes, against whole runs."""
 
 import warnings
 
@@ -26,7 +26,7 @@ def scene_of(row, paths, kind="position"):
     model = axes.model_of(axes.ridges_of(kind, row["ndof"], row["nnoise"], row["time"]), kind)
     q0, p0 = axes.start(row["ndof"], paths)
     how = {"q0": q0, "p0": p0, "step": H * row["sign"], "steps": STEPS, "t0": T0, "paths": paths, "seed": 5}
-    first = row["first_path"] // 256 * 256  # where shards begin
+    first = row["first_path"] // 256 * 256  # first path of a shard
     return model, how | {"first_step": row["first_step"], "first_path": first, "threads": 1}
 
 
@@ -35,7 +35,7 @@ SHARDS = axes.covering(**axes.AXES, save_every=(1, 3), compensated=(False, True)
 
 @pytest.mark.parametrize("row", SHARDS, ids=map(axes.ident, SHARDS))
 def test_shards_are_the_run(row):
-    """Moments in shards are those of one run; saved paths, stopped again and again, those of `simulate`."""
+    """Moments in shards are those of one run; saved paths that were stopped repeatedly are those of `simulate`."""
     model, how = scene_of(row, 600)
     how |= {x: row[x] for x in ("save_every", "compensated", "scheme")}
     wanted = {"far": observe.Extremes("q_1"), "loss": observe.Passage("p_1", within=1.0, absorb=False)}
@@ -69,7 +69,7 @@ CHECKS = axes.covering(**axes.AXES, save_every=(1, 3))
 
 @pytest.mark.parametrize("row", CHECKS, ids=map(axes.ident, CHECKS))
 def test_the_error_check_is_half_the_step_of_the_same_paths(row):
-    """By increments halved by hand, from the time of the first step."""
+    """Increments are halved by hand, from the time of the first step."""
     model, how = scene_of(row, 30)
     how |= {"save_every": row["save_every"]}
     first = how["first_step"]
@@ -95,7 +95,7 @@ PAIRS = axes.covering(nnoise=(1, 2, 3, 4), ndof=(1, 2, 3), time=axes.AXES["time"
 
 @pytest.mark.parametrize("row", PAIRS, ids=map(axes.ident, PAIRS))
 def test_a_unit_counts_where_all_its_paths_are_ok(row):
-    """The force is no number where q_1 is low: now one path of a unit fails, now another."""
+    """The force is NaN where q_1 is low, so that different paths of a unit fail."""
     ridges = axes.ridges_of("position", row["ndof"], row["nnoise"], row["time"])
     end = [-np.inf]
 
@@ -104,7 +104,7 @@ def test_a_unit_counts_where_all_its_paths_are_ok(row):
         return np.where(q[0] < end[0], np.nan, hq), hp
 
     model = ss.Model(ndof=row["ndof"], nnoise=row["nnoise"], gradient=gradient, **axes.TRAITS["position"])
-    start, scheme, first = {"q0": 0.1, "p0": 0.0}, as_scheme("stormer_verlet"), 2**41  # of level 1
+    start, scheme, first = {"q0": 0.1, "p0": 0.0}, as_scheme("stormer_verlet"), 2**41  # first path of level 1
     problem = make_problem(model, lambda q, p: q[0] + p[-1] ** 2, horizon=0.8, seed=5, **start)
     paths = {"paths": 200, "seed": 5, "first_path": first}
     fine, coarse = (ss.increments(model, step=0.1 * 2**x, steps=8 >> x, refine=x, **paths) for x in (0, 1))
@@ -136,7 +136,7 @@ def test_a_unit_counts_where_all_its_paths_are_ok(row):
 
 
 def failing(ridges, kind, **traits):
-    """A model of compiled functions of which one counts its calls, and returns 7 at one of them."""
+    """A model of compiled functions, one of which counts its calls and returns 7 in one of them."""
     calls, bad = [0], [-1]
     kinds = ("gradient", "value", "hessian", "hessian_vector", "third_derivative")
 
@@ -162,7 +162,7 @@ FUNCTIONS = axes.covering(ndof=(1, 2, 3), nnoise=(1, 2, 3), at=("middle", "last"
 
 @pytest.mark.parametrize("row", FUNCTIONS, ids=map(axes.ident, FUNCTIONS))
 def test_a_code_of_a_function_ends_the_run(row):
-    """Of any function, compiled, while steps are made and at its last call."""
+    """The code may come from any function, compiled, in the middle of a run or at its last call."""
     model, calls, bad = failing(axes.ridges_of("coupled", row["ndof"], row["nnoise"]), row["kind"])
     run = {"q0": 0.3, "p0": 0.2, "step": 0.1, "steps": 20, "paths": 3, "threads": 1}
     scheme = {"third_derivative": "gauss2_strong32", "hessian_vector": "lambda:0.3"}.get(row["kind"], "gauss2")
@@ -194,15 +194,15 @@ ASKED = axes.covering(call=tuple(CALLS), ndof=(1, 2), nnoise=(1, 2), at=("first"
 
 @pytest.mark.parametrize("row", ASKED, ids=map(axes.ident, ASKED))
 def test_a_code_of_a_function_ends_every_call(row):
-    """Of whatever asks a model, with the code; the next call is as if there had been none."""
+    """Every call that evaluates the model raises with the code; the next call is unaffected."""
     n, m, call = row["ndof"], row["nnoise"], CALLS[row["call"]]
     units, noises = np.eye(2 * n), [(k, 2, 0.3) for k in range(1, row["nnoise"] + 1)]
     found = [(j, f, s, 0, 0, a, 0) for j, f, s in ((0, 2, 0.5), *noises) for a in units]
-    runs = row["call"] in {"step", "prepared", "mean_square"}  # what their warnings ask may fail
+    runs = row["call"] in {"step", "prepared", "mean_square"}  # calls before the run, for warnings, may fail, too
     kind, at = ("gradient", "last") if runs else (row["kind"], row["at"])
     model, calls, bad = failing(reference.Ridges(n, m, found), kind, quadratic=True, derived=True)
     run = ss.simulate(model, q0=0.3, p0=0.2, step=0.1, steps=3)
-    call(model, run)  # with probes, which are not made again
+    call(model, run)  # first call, with probes that are not repeated
     calls[0] = 0
     call(model, run)
     count = calls[0]
@@ -221,7 +221,7 @@ TAKEN = axes.covering(kind=tuple(callbacks.RETURNS), ndof=(1, 2), nnoise=(1, 3),
 
 @pytest.mark.parametrize("row", TAKEN, ids=map(axes.ident, TAKEN))
 def test_what_functions_are_given_is_theirs(row):
-    """Weights, states and vectors: kept, they stay as they were; changed, they change no run."""
+    """Weights, states and vectors given to functions: kept ones stay unchanged, and changing them changes no run."""
     ridges, kept = axes.ridges_of("coupled", row["ndof"], row["nnoise"]), []
     q0, p0 = axes.start(row["ndof"], row["paths"])
     given = {"q0": q0, "p0": p0, "step": 0.1, "steps": 3, "paths": row["paths"], "scheme": row["scheme"], "seed": 3}

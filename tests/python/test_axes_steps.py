@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Every scheme along all axes against its equations by NumPy (reference.py): block, general stepper, single path."""
+"""Every scheme along all axes against its equations in NumPy (reference.py): block, general stepper, single path."""
 
 import axes
 import numpy as np
@@ -31,12 +31,12 @@ NO_GENERAL = {"verlet_dz", "averaged_shift_midpoint", "drift_preserving", "exact
 STEPS, ROWS, PATHS = 2, 4, 5
 
 
-#: kinds without third derivatives whose nested brackets are differences
+#: kinds of models without third derivatives, whose nested brackets are differences
 DIFFERENCES = ("both", "mass", "separable", "coupled")
 
 
 def design(scheme):
-    """Rows of a scheme; of one kind is (kind, whether third derivatives are there)."""
+    """Rows for a scheme; the axis `of one kind` is (kind, whether third derivatives exist)."""
     chosen = {**axes.AXES, "kind": tuple((kind, True) for kind in KINDS[scheme])}
     if scheme in {*BRACKETS[:4], "averaged_shift_midpoint"}:
         chosen["kind"] += tuple((kind, False) for kind in KINDS[scheme] if kind in DIFFERENCES)
@@ -75,7 +75,7 @@ def test_steps_are_those_of_the_equations(scheme, row):
         general = ss.simulate(model, q0=q0, p0=p0, paths=PATHS, increments=rows, general=True, **given)
         np.testing.assert_allclose([general.q, general.p], [run.q, run.p], rtol=0, atol=1e-12)
         runs.append(general)
-    if scheme in TABLEAUS + GALERKIN:  # Newton's matrix is exact: what is wrong in it costs solves alone
+    if scheme in TABLEAUS + GALERKIN:  # Newton's matrix is exact, and errors in it would cost solves alone
         counts = [x.report.counters for x in runs]
         assert all(x["solves"] <= (1 if kind == "quadratic" else 6) * x["path_steps"] for x in counts)
     one = ss.simulate(model, q0=q0[:, 3:4], p0=p0[:, 3:4], paths=1, increments=rows[:, :, 3:4], **given)
@@ -83,14 +83,14 @@ def test_steps_are_those_of_the_equations(scheme, row):
 
 
 class Muted:
-    """Ridges whose H_k is zero for one k, or that have no such noise."""
+    """The ridges with one H_k set to zero, or without this noise."""
 
     def __init__(self, ridges, k, *, gone):
         self.ndof, self.nnoise = ridges.ndof, ridges.nnoise - gone
         self._ridges, self._k, self._gone = ridges, k, gone
 
     def __getattr__(self, name):
-        """A function of t, w and what it takes else."""
+        """The function of t, w and further arguments."""
 
         def asked(t, w, *x):
             rest = w if self._gone else np.delete(w, self._k, axis=0)
@@ -107,7 +107,7 @@ QUIET = axes.covering(
 
 @pytest.mark.parametrize("row", QUIET, ids=map(axes.ident, QUIET))
 def test_a_silent_noise_is_as_none(row):
-    """Whatever its number among three."""
+    """The silent noise is any of three."""
     kind, h, silent = KINDS[row["scheme"]][row["kind"] % len(KINDS[row["scheme"]])], 0.1 * row["sign"], row["silent"]
     ridges = axes.ridges_of(kind, row["ndof"], 3, row["time"])
     (q0, p0), rows = axes.start(row["ndof"], 2), axes.rows_of(h, 1, ROWS, 3, 2)
@@ -130,7 +130,7 @@ HUSHED = axes.covering(
 
 @pytest.mark.parametrize("row", HUSHED, ids=map(axes.ident, HUSHED))
 def test_silent_ones_of_many_noises(row):
-    """Those beyond sixteen are probed together: what is silent may be said of any, and of none that acts."""
+    """Noises beyond the sixteenth are probed together: any of them may be declared silent, but none that acts."""
     m, every = row["nnoise"], range(1, row["nnoise"] + 1)
     silent = {"first": [1], "last": [m], "17th": [min(17, m)], "others": every[:-1], "even": every[1::2], "all": every}
     silent = tuple(silent[row["silent"]])
@@ -147,13 +147,13 @@ def test_silent_ones_of_many_noises(row):
 
 
 def own_noise():
-    """Coefficients and weights of the noise that have nothing to do with those of the drift."""
+    """Coefficients and weights of the noise that are unrelated to those of the drift."""
     a, abar, b, bbar = 0.4 * np.random.default_rng(3).uniform(-1, 1, (4, 2, 2))
     return ss.schemes.from_tableau(a, abar, [0.4, 0.6], allow_nonsymplectic=True, b=b, bbar=bbar, beta=[0.7, 0.3])
 
 
 class OwnWeights(reference.OneStep):
-    """The increments count by weights of their own at the nodes: shares of those of the drift, told by the time."""
+    """The noise has weights of its own at the nodes, as shares of the drift's; the node is found by its time."""
 
     def __init__(self, ridges, t, drive, nodes, shares):
         """Nodes and shares are those of the quadrature."""
@@ -165,7 +165,7 @@ class OwnWeights(reference.OneStep):
         return super().__call__(t, x, self.w * np.where(np.arange(len(self.w)) == 0, 1, share)[:, None])
 
 
-#: sum to one: none at the first node or in the middle, a step back, none of it those of the drift
+#: weights that sum to one: none at the first node or in the middle, a negative one, none equal to the drift's
 NOISY = {2: ([0.0, 1.0], [1.3, -0.3], [0.3, 0.7]), 3: ([0.0, 0.4, 0.6], [0.3, 0.0, 0.7], [0.6, -0.1, 0.5])}
 QUADRATURES = (("gauss2", 2), ("lobatto2", 2), ("otr", 2), ("gauss3", 3), ("lobatto3", 3), ("lobatto2", 1),
                ("gauss2", 1), ("gauss3", 2), ("lobatto3", 2))  # fmt: skip
@@ -174,7 +174,7 @@ WEIGHED = axes.covering(**axes.AXES, rule=QUADRATURES, own=range(3), kind=range(
 
 @pytest.mark.parametrize("row", WEIGHED, ids=map(axes.ident, WEIGHED))
 def test_noise_has_the_weights_that_a_quadrature_gives_it(row):
-    """Tableaus where there are as many nodes as degrees, else polynomials with more nodes; reversed, too."""
+    """Tableaux if there are as many nodes as the degree, else polynomials with more nodes; also reversed."""
     name, degree = row["rule"]
     nodes, alpha = reference.rule(name)
     beta, galerkin = np.array(NOISY[len(nodes)][row["own"]]), degree < len(nodes)
@@ -202,7 +202,9 @@ BACK = axes.covering(**axes.AXES, kind=("position", "separable", "coupled"), sch
 
 @pytest.mark.parametrize("row", BACK, ids=map(axes.ident, BACK))
 def test_the_adjoint_goes_back(row):
-    """Its step back along the same path is the inverse, of compositions too: nodes, weights and correction reversed."""
+    """A step of the adjoint back along the same path is the inverse, also of compositions, with noise weights and
+    correction.
+    """
     ridges = axes.ridges_of(row["kind"], row["ndof"], row["nnoise"], row["time"])
     model, h = axes.model_of(ridges, row["kind"]), 0.1 * row["sign"]
     correction = "none" if row["scheme"] in {"heun", "own"} else "auto"
@@ -220,7 +222,9 @@ PARTS = axes.covering(**axes.AXES, kind=("position", "coupled"), one=PART, two=P
 
 @pytest.mark.parametrize("row", PARTS, ids=map(axes.ident, PARTS))
 def test_a_composition_is_its_parts(row):
-    """Steps of fractions of h with these fractions of dW, one after the other; also where one of them goes back."""
+    """A composition is steps of fractions of h with these fractions of dW, one after another; one fraction may be
+    negative.
+    """
     model = axes.model_of(axes.ridges_of(row["kind"], row["ndof"], row["nnoise"], row["time"]), row["kind"])
     parts, fractions = [own_noise() if row[x] == "own" else row[x] for x in ("one", "two", "three")], [0.7, -0.5, 0.8]
     h, dw = 0.1 * row["sign"], axes.rows_of(0.1, 1, 1, row["nnoise"], 3)[0]
@@ -235,7 +239,7 @@ def test_a_composition_is_its_parts(row):
 
 @pytest.mark.parametrize("off", [1e-12, -1e-12])
 def test_fractions_of_a_composition_are_one_step(off):
-    """To rounding, which 2e-15 is."""
+    """Fractions must sum to one to rounding; 2e-15 is rounding."""
     assert ss.schemes.composition(["midpoint"] * 2, [0.4, 0.6 + 2e-3 * off]).info.symplectic
     with pytest.raises(ss.errors.InvalidArgumentError, match="sum to"):
         ss.schemes.composition(["midpoint"] * 2, [0.4, 0.6 + off])
@@ -247,7 +251,7 @@ TRIPS = axes.covering(**axes.AXES, scheme=SYMMETRIC, kind=range(8))
 
 @pytest.mark.parametrize("row", TRIPS, ids=map(axes.ident, TRIPS))
 def test_a_symmetric_scheme_comes_back(row):
-    """Two steps, and two back along the same path: dZ, K, areas, J and times are those of the way back."""
+    """Two steps, and two back along the same path, with dZ, K, areas, J and times of the way back."""
     kind = KINDS[row["scheme"]][row["kind"] % len(KINDS[row["scheme"]])]
     model = axes.model_of(axes.ridges_of(kind, row["ndof"], row["nnoise"], row["time"]), kind)
     x, h = axes.start(row["ndof"], 3), 0.1 * row["sign"]
@@ -261,7 +265,7 @@ def test_a_symmetric_scheme_comes_back(row):
 
 
 def test_what_is_not_symmetric_does_not_come_back():
-    """The twin."""
+    """The twin: schemes that are not symmetric do not return."""
     with pytest.raises(AssertionError):
         test_a_symmetric_scheme_comes_back({**TRIPS[0], "scheme": "heun"})
 
@@ -271,7 +275,9 @@ SINGULAR = axes.covering(**axes.AXES, kind=("kick", "coupled"), paths=(1, 3, 40)
 
 @pytest.mark.parametrize("row", SINGULAR, ids=map(axes.ident, SINGULAR))
 def test_a_singular_step_is_rescued(row):
-    """Where 1 + h^2 U''/4 = 0 at rest Newton's first matrix is singular: the ladder ends at a root of the equations."""
+    """With 1 + h^2 U''/4 = 0 at rest Newton's first matrix is singular, but the rescue finds a root of the
+    equations.
+    """
     n, m, paths, h = row["ndof"], row["nnoise"], row["paths"], 0.5 * row["sign"]
     q, p = np.eye(2 * n)[:n], np.eye(2 * n)[n:]
     swing = (0.5, 2.0) if row["time"] in {"noise", "both"} else (0, 0)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Bad input: the right exception, a sentence with the given value, and nothing is broken afterwards."""
+"""Bad input: the right exception, a message with the given value, and no damage to later calls."""
 
 import re
 
@@ -88,7 +88,7 @@ def test_run(changed, kind, words, kubo):
     kept = before.q.copy()
     for function in (ss.simulate, ss.moments):
         if function is ss.moments and kind is errors.TooLargeError and "paths" in changed:
-            continue  # moments do not keep paths
+            continue  # moments save no paths
         with pytest.raises(kind) as caught:
             function(kubo, **{**GOOD, **changed})
         assert isinstance(caught.value, ValueError | MemoryError)
@@ -283,7 +283,7 @@ def test_masks_that_hide_nothing_are_no_obstacle(kubo):
 
 
 def test_no_private_function_is_named_by_a_refusal(kubo):
-    """Every public function that takes options of a run, given one that does not exist."""
+    """Every public function that takes options of a run gets one that does not exist."""
     calls = {
         ss.moments: lambda f: f(kubo, **GOOD, nonsense=1),
         ss.step: lambda f: f(kubo, "midpoint", 1.0, 0.0, 0.1, nonsense=1),

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Runs as folders of shards: the bits of one run for any division, resumed, shared, merged; refusals."""
+"""Runs as folders of shards: the bits of one run for any division; resumed, shared, merged; refusals."""
 
 import hashlib
 import os
@@ -42,7 +42,7 @@ paths = [770, 771, 1023, 1024, 3000]
 
 @pytest.fixture(scope="module")
 def known(tmp_path_factory):
-    """Moments and paths of one run of the library, in one call each, as files of the command line hold them."""
+    """Moments and paths of one run of the library, in the form of the command line's files."""
     folder = tmp_path_factory.mktemp("known")
     loaded = scene.load(write(folder / "scene.toml"))
     with pytest.warns(ss.PathsFailedWarning):
@@ -70,13 +70,13 @@ def run(*arguments):
 
 
 def command(*arguments, **options):
-    """A run in a process of its own."""
+    """The command line in a process of its own."""
     given = [sys.executable, "-m", "symsde", *map(str, arguments)]
     return subprocess.Popen(given, stderr=subprocess.PIPE, stdout=subprocess.DEVNULL, text=True, **options)
 
 
 def digest(folder):
-    """Of all shards and of the table of moments."""
+    """A digest of all shards and of the table of moments."""
     total = hashlib.sha256()
     for path in sorted((Path(folder) / "shards").iterdir()):
         total.update(path.name.encode() + path.read_bytes())
@@ -85,7 +85,7 @@ def digest(folder):
 
 
 def is_known(folder, known):
-    """Whether a folder holds what one call of the library computes, bit for bit."""
+    """Whether a folder holds, bit for bit, the results of one call of the library."""
     assert table_of(folder / "moments.csv") == known[0]
     data = pytest.importorskip("xarray").open_dataset(folder / "run.nc")
     for name in ("q", "p", "status", "path"):
@@ -109,7 +109,7 @@ def node(found):
 
 @pytest.fixture(scope="module")
 def parts():
-    """Moments of eight units of 256 paths, the last one short, of which whole units fail, and of all of them."""
+    """Moments of eight units of 256 paths, the last one shorter, in which whole units fail, and of all paths."""
     model = ss.models.henon_heiles(sigma1=0.2)
     q0 = np.full((2, 2000), 0.4)
     q0[:, 256:768] = 30.0
@@ -138,7 +138,7 @@ def test_parts_merge_in_any_order_to_the_bits_of_the_whole(parts):
 
 
 def test_parts_that_are_added_up_in_a_row_have_other_bits(parts):
-    """The twin that shows what the test before can see: right up to rounding is not the same bits."""
+    """The twin: moments summed in a row are right to rounding, but have other bits."""
     whole, found = parts
     tree, row = Tree(), node(found[0])
     for part in found[1:]:
@@ -232,7 +232,7 @@ def test_a_part_that_is_missing_is_named(file, tmp_path, capsys):
     assert "4 of 11 shards" in shown and "moments-000002, moments-000005, paths-000001, paths-000004" in shown
     assert not (tmp_path / "out" / "moments.csv").exists()
     again = shown.partition("`symsde run ")[2].partition("`")[0].split()
-    assert run(*again) == command_line.PATHS_FAILED  # as it says
+    assert run(*again) == command_line.PATHS_FAILED  # the command given in the message
     assert (tmp_path / "out" / "moments.csv").exists()
 
 
@@ -268,7 +268,7 @@ def test_sizes_of_shards_that_do_not_fit_the_tree_are_refused(text, file, tmp_pa
 
 
 def test_a_damaged_shard_is_computed_anew(file, tmp_path, capsys):
-    """Whatever byte it is; what was there is kept aside."""
+    """Any damaged byte is noticed; the damaged file is kept aside."""
     out = tmp_path / "out"
     assert run(file, "--out", out, "--shard-paths", 1024) == command_line.PATHS_FAILED
     before = digest(out)
@@ -336,7 +336,7 @@ def test_a_signal_ends_the_run_cleanly(number, tmp_path):
 
 
 def test_a_long_piece_of_moments_gives_back_what_it_has(tmp_path, monkeypatch, capsys):
-    """One shard alone, stopped in its midst: moments until the times that its paths have reached; gone at the end."""
+    """A single shard stopped in the middle: moments up to the times that its paths reached, removed at the end."""
     (tmp_path / "scene.toml").write_text(
         '[model]\nname = "kubo"\n[run]\nstep = 0.02\nsteps = 40000000\nsave_every = 400000\n'
         "paths = 8\nq0 = 1.0\np0 = 0.0\n"
@@ -354,7 +354,7 @@ def test_a_long_piece_of_moments_gives_back_what_it_has(tmp_path, monkeypatch, c
         assert run(file, "--out", out) == command_line.STOPPED
     assert "moments.partial.csv holds moments" in capsys.readouterr().err
     rows = np.genfromtxt(table_of(out / "moments.partial.csv"), delimiter=",", skip_header=1)
-    assert told(out / "moments.partial.csv")["paths_ok"] == "0"  # none to the end
+    assert told(out / "moments.partial.csv")["paths_ok"] == "0"  # no path reached the last time
     known = rows[:, 1] == 8
     assert 1 <= known.sum() < 101 and known[: known.sum()].all() and (rows[known.sum() :, 1] == 0).all()
     assert np.isfinite(rows[known, 2:]).all() and np.isnan(rows[~known, 2]).all()
@@ -365,7 +365,9 @@ def test_a_long_piece_of_moments_gives_back_what_it_has(tmp_path, monkeypatch, c
 
 
 def test_the_time_that_is_given_is_kept(tmp_path, capsys, monkeypatch):
-    """By a clock that each shard moves on by a second: as many are done as fit in, and none is begun that would not."""
+    """With a clock that each shard advances by a second, as many shards are done as fit in, and none that would not
+    is begun.
+    """
     now = [0.0]
     real = dispatch.compute
 
@@ -380,7 +382,7 @@ def test_the_time_that_is_given_is_kept(tmp_path, capsys, monkeypatch):
     out = tmp_path / "out"
     assert run(file, "--out", out, "--shard-paths", 256, "--max-walltime", "4.5s") == command_line.STOPPED
     assert "stopped by --max-walltime" in capsys.readouterr().err
-    assert 1 <= len(list((out / "shards").glob("*.npz"))) <= now[0] <= 5  # of 13, one in work beside one that waits
+    assert 1 <= len(list((out / "shards").glob("*.npz"))) <= now[0] <= 5  # of 13, one computed while one waits
 
 
 @pytest.mark.parametrize(
@@ -415,7 +417,7 @@ sys.exit(cli.main(["run", sys.argv[1], "--out", sys.argv[2], "--shard-paths", "2
 
 
 def test_a_full_disk_ends_the_run_and_costs_what_was_in_work(file, known, tmp_path):
-    """As full as a disk is to a process whose files may have 3000 bytes, of which one is larger."""
+    """A full disk is imitated by a limit of 3000 bytes a file, which one file exceeds."""
     given = [sys.executable, "-c", FULL, file, str(tmp_path / "out")]
     done = subprocess.run(given, capture_output=True, text=True, check=False)
     assert done.returncode == command_line.NOT_WRITTEN, done.stderr
@@ -433,7 +435,7 @@ def test_a_folder_that_takes_no_files_is_said(file, capsys):
 
 
 def test_the_time_of_day_does_not_matter(file, known, tmp_path, monkeypatch):
-    """A clock that goes back, or stands still, is none that anything depends on."""
+    """Results do not depend on a clock that goes back or stands still."""
     times = iter(range(10**9, 0, -1000))
     monkeypatch.setattr(time, "time", lambda: float(next(times)))
     monkeypatch.setattr(time, "time_ns", lambda: next(times) * 10**9)
@@ -478,7 +480,7 @@ def make(stiffness):
 
 
 def test_models_in_python_are_part_of_the_run(tmp_path, capsys):
-    """The file is copied beside the scene and is an input: another text of it is another run."""
+    """The model's file is copied beside the scene and belongs to the run's inputs: another text is another run."""
     text = '[model]\npython = "own_of_batch:make"\nstiffness = 2.0\n[run]\nstep = 0.1\nsteps = 10\npaths = 600\n'
     file = write(tmp_path / "scene.toml", text=text + "q0 = 1.0\np0 = 0.0\n")
     (tmp_path / "own_of_batch.py").write_text(OWN)

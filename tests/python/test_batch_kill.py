@@ -39,7 +39,7 @@ LONG = LONG.replace("moments = true", "moments = false")
 
 
 def run(scene, out, at=0):
-    """Exit code of a run that is killed when it comes to this event of those in its folder, and how many it met."""
+    """Exit code of a run that is killed at this event in its folder, and the number of events it met."""
     given = ["run", scene, "--out", out, "--shard-paths", "256", "--checkpoint", "0.005", "--quiet"]
     done = subprocess.run(words(signal.SIGKILL, at, out, "all", "symsde", *given), stdout=subprocess.PIPE, check=False)
     return done.returncode, int(done.stdout or at)
@@ -60,14 +60,14 @@ def test_killed_and_resumed(text, least, tmp_path):
     scene = tmp_path / "scene.toml"
     scene.write_text(text)
     code, events = run(scene, tmp_path / "known")
-    assert code == 0 and events >= least  # as many as without any state between, which a clock asks for
+    assert code == 0 and events >= least  # as many events as without states in between, which a clock triggers
     dice = random.Random(12)
     killed = 0
     while killed < KILLS:
         code, _ = run(scene, tmp_path / "out", dice.randint(1, events))
         assert code in (0, -signal.SIGKILL)
         killed += code != 0
-        if code == 0:  # less than so many events were left: from the start again, for more kills
+        if code == 0:  # the run ended before the event: begin again, for more kills
             assert digest(tmp_path / "out") == digest(tmp_path / "known")
             shutil.rmtree(tmp_path / "out")
     assert run(scene, tmp_path / "out")[0] == 0
@@ -77,7 +77,9 @@ def test_killed_and_resumed(text, least, tmp_path):
 
 
 def test_a_checkpoint_beside_its_shard_goes(tmp_path):
-    """Who is killed between writing the shard and that leaves it to the next one."""
+    """A process killed between writing a shard and removing its checkpoint leaves the checkpoint to the next
+    process.
+    """
     scene = tmp_path / "scene.toml"
     scene.write_text(SCENE.format(steps=2000, every=1000, paths="[5]"))
     assert run(scene, tmp_path / "out")[0] == 0

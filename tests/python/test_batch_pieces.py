@@ -16,7 +16,7 @@ from symsde.cli import command_line, run_command
 
 
 class Memory:
-    """A store that remembers."""
+    """A store in memory."""
 
     seconds = 10.0
 
@@ -36,7 +36,7 @@ def never(_done, _total):
 
 
 def interrupted(task, piece, after):
-    """The shard of a piece that is stopped again and again, each time after so many questions."""
+    """The shard of a piece that is stopped repeatedly, each time after so many questions."""
     store, sittings = Memory(), 0
     while True:
         asked = []
@@ -56,7 +56,7 @@ OTHER = {"run": None, "name": "paths-000002", "kind": "moments", "first": 512, "
 
 @pytest.mark.parametrize("what", OTHER)
 def test_a_checkpoint_of_another_is_not_taken(what, tmp_path):
-    """Of another run, or of another piece: it would be gone on with, and its steps counted as done."""
+    """A checkpoint of another run or piece: using it would continue that run, and count its steps as done."""
     (tmp_path / "shards").mkdir()
     piece = plan.Piece("paths-000001", "paths", 256, 256, 1000)
     records = [{"inputs": {"seed": seed}} for seed in (1, 2 if what == "run" else 1)]
@@ -71,7 +71,7 @@ def test_a_checkpoint_of_another_is_not_taken(what, tmp_path):
 @pytest.mark.parametrize("compensated", [False, True])
 @pytest.mark.parametrize(("steps", "every"), [(600, 50), (601, 601), (600, 1)])
 def test_long_paths_go_on_from_their_checkpoints(steps, every, compensated, monkeypatch):
-    """Stopped at every segment, of which some end between saved points; paths that failed stay so."""
+    """Stopped at every segment, some of which end between saved points; failed paths stay failed."""
     monkeypatch.setattr(execute, "_FIRST", 7 * 4 * 2)
     monkeypatch.setattr(execute._Clock, "next_length", lambda _, length: 11 - length % 5)
     q0 = np.full((2, 4), 0.1)
@@ -93,7 +93,9 @@ def test_long_paths_go_on_from_their_checkpoints(steps, every, compensated, monk
 
 @pytest.mark.parametrize(("takes", "after"), [(0, [11, 22, 33, 44, 55]), (2, [11, 52])])
 def test_checkpoints_come_as_soon_as_they_may(takes, after, monkeypatch):
-    """When their seconds have passed, and twenty times what it took to write the last one. Steps take a second each."""
+    """A checkpoint is written when the set time has passed, and twenty times as long as the last one took. A step
+    takes a second.
+    """
     now = 0.0
 
     def one_step(_clock, _length):
@@ -138,8 +140,8 @@ def test_pieces_are_neither_crumbs_nor_mountains(paths, steps):
 
 
 def test_a_folder_holds_no_more_than_its_shards():
-    """A size that is rounded down to a power of two would make up to twice as many."""
-    assert plan.shard_paths(plan.Extent(0, 2**22 * 3, 2**22, 2, 1)) == 1024  # of 512 there would be 24576
+    """A shard's size rounded down to a power of two would give up to twice as many shards."""
+    assert plan.shard_paths(plan.Extent(0, 2**22 * 3, 2**22, 2, 1)) == 1024  # with 512 there would be 24576 shards
 
 
 def test_a_stretch_of_many_saved_paths_is_cut_by_what_it_holds():
@@ -148,7 +150,7 @@ def test_a_stretch_of_many_saved_paths_is_cut_by_what_it_holds():
 
 
 def test_a_path_that_failed_stays_where_it_was():
-    """Also where it would live again from its last good state, as here, where nothing failed in truth."""
+    """A failed path stays failed even where its last good state could go on, as here, where nothing really failed."""
     run = {"step": 0.1, "steps": 2, "paths": 2, "seed": 1}
     first = ss.simulate(ss.models.kubo(), q0=1.0, p0=0.0, **run)
     first.status[1], first.failed_step[1] = 3, 1
@@ -168,7 +170,7 @@ def test_a_path_that_failed_stays_where_it_was():
 
 @pytest.mark.parametrize("kind", ["paths", "moments"])
 def test_who_computes_a_piece_says_nothing_of_failed_paths(kind):
-    """Filters of warnings are those of the process: threads beside the main one leave them alone, and say it."""
+    """Filters of warnings belong to the process: other threads leave them alone and give the warning."""
     given = {"q0": 1e200, "p0": 0.0, "step": 0.1, "steps": 2, "paths": 2, "seed": 1}
     task, piece = execute.Task(ss.models.henon_heiles(), given), plan.Piece("a", kind, 0, 2, 2)
     with warnings.catch_warnings():

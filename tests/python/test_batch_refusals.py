@@ -1,5 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Messages about folders, manifests, parts and options that do not fit: each names the misfit and says how to go on."""
+"""Messages about folders, manifests, parts and options that do not fit: each names the mismatch and says how to go
+on.
+"""
 
 import json
 import re
@@ -32,7 +34,7 @@ paths = [0, 700]
 
 @pytest.fixture(scope="module")
 def parts(tmp_path_factory):
-    """Two parts, in folders of their own, and the scene."""
+    """Two parts, in folders of their own, and their scene."""
     place = tmp_path_factory.mktemp("parts")
     (place / "scene.toml").write_text(SCENE)
     for i in (1, 2):
@@ -55,7 +57,7 @@ def merge(place, *folders):
 
 
 def edit(folder, **changes):
-    """Another manifest, as of another version or build."""
+    """Change entries of a manifest, as another version or build would write them."""
     path = folder / "manifest.json"
     path.write_text(json.dumps({**json.loads(path.read_text()), **changes}))
 
@@ -189,7 +191,7 @@ def test_missing_shards_are_named_with_what_makes_them(place, capsys):
     shown = capsys.readouterr().err
     assert "5 of 10 shards are in none of the folders: moments-000002, moments-000004, moments-000006" in shown
     again = re.search("`symsde (run [^`]*)` computes them and ends the run; they are what `--shard 2/2` of", shown)
-    assert command_line.main([*again[1].split(), "--quiet"]) == 0  # as it says
+    assert command_line.main([*again[1].split(), "--quiet"]) == 0  # the command given in the message
     assert merge(place) == 0
 
 
@@ -234,7 +236,7 @@ def test_a_damaged_part_is_named_and_counts_as_missing(damage, place, capsys):
     shown = capsys.readouterr().err
     assert "moments-000003.npz is damaged: its checksum is not that of its" in shown and "it is left out" in shown
     assert "1 of 10 shards are in none of the folders: moments-000003: `symsde run" in shown
-    assert path.exists()  # it is somebody else's
+    assert path.exists()  # another writer's file
 
 
 def test_a_damaged_part_that_another_folder_has_is_taken_from_there(place, capsys):
@@ -290,7 +292,7 @@ def test_options_that_mean_nothing(options, sentence, place, capsys):
 
 
 def test_a_part_of_more_than_there_are_shards(place, capsys):
-    """Nothing is done and no folder made, which is said; the part does not fail, since the others do the work."""
+    """A part without shards makes no folder and says so; it succeeds, since the other parts do the work."""
     given = ["run", str(place / "scene.toml"), "--out", str(place / "out"), "--shard", "11/12"]
     assert command_line.main([*given, "--shard-paths", "256"]) == command_line.OK
     told = "symsde: part 11/12 has nothing to do: the run is cut into 10 shards: give as many parts at most\n"
@@ -304,7 +306,7 @@ def test_a_part_of_more_than_there_are_shards(place, capsys):
 
 @pytest.mark.parametrize("part", ["4/4", "9/9", "10/10"])
 def test_advice_for_more_parts_can_be_followed(part, place, capsys):
-    """A part that has nothing to do names a size of shards; with it the part has work, in a folder that is new."""
+    """The message suggests a size of shards; with this size the part has work, in a new folder."""
     given = ["run", str(place / "scene.toml"), "--out", str(place / "new"), "--quiet", "--shard"]
     assert command_line.main([*given, part]) == command_line.OK
     size = re.search(r"--shard-paths (\d+), in all parts", capsys.readouterr().err)[1]
@@ -320,8 +322,8 @@ def test_a_part_without_work_still_looks_whose_folder_it_is(place, capsys):
 
 
 def test_a_signal_ends_the_error_check(place, capsys, monkeypatch):
-    """Nothing of it is written as if it were whole; the same command makes it."""
-    scene = place / "long.toml"  # no thread is done before the calling one has begun
+    """No incomplete table is written; the same command then makes it."""
+    scene = place / "long.toml"  # no thread finishes before the calling one begins
     scene.write_text(SCENE.replace("steps = 10\n", "steps = 20000\n").replace("save_every = 5", "save_every = 10000"))
     given = ["run", str(scene), "--out", str(place / "checked"), "--quiet", "--error-check"]
     real = error_check.simulate
@@ -356,7 +358,7 @@ def test_the_error_check_is_not_left_out_silently(place, capsys):
 
 
 def test_a_refusal_leaves_the_output_of_the_program_alone(place, capfd):
-    """A command that fails in a program does not take its standard output away."""
+    """A refused command leaves the standard output of a calling program open."""
     assert command_line.main(["merge", str(place / "part1"), "--out", "/proc/self/whole"]) == command_line.NOT_WRITTEN
     print("still there", flush=True)
     assert "still there" in capfd.readouterr().out
@@ -372,7 +374,7 @@ def test_the_command_without_a_verb_shows_its_verbs(capsys):
 @pytest.mark.parametrize("trusted", [(), ("--allow-python",)])
 @pytest.mark.parametrize("part", [(), ("--shard", "2/3")])
 def test_what_a_stopped_run_says_is_its_command(part, trusted, check, tmp_path, capsys):
-    """Of a run or a part that is stopped before it has begun: what is told computes this, and nothing else."""
+    """A run or part stopped before its begin prints a command, which computes exactly this run or part."""
     file, flags = tmp_path / "scene.toml", (*part, *trusted, *check)
     file.write_text(SCENE)
 
@@ -399,7 +401,7 @@ OTHER = {
 
 
 def test_only_threads_and_lanes_are_no_part_of_a_run(tmp_path):
-    """A scene with any other key changed is of another run, whose folder is refused; each key is tried."""
+    """A scene with any other key changed is another run, which the folder refuses; each key is tried."""
     file, how = tmp_path / "scene.toml", ("threads", "lanes")
     base = SCENE.replace("kubo", "noncommutative_oscillator").replace("[0, 700]", "[700]")
     base = base.replace("step = 0.1", 'scheme = "midpoint_areas"\nstep = 0.1')

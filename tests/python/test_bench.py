@@ -17,7 +17,7 @@ from topics import left_out
 from topics.loops import FEW, GROUPS, SAVED, found, rows
 
 KNOWN = {name: scene for name, scene in SCENES.items() if scene.name}
-# scene and scheme of every kind of step that `loops` makes
+# scene and scheme for every kind of step in `loops`
 STEPS = (
     "kubo midpoint",
     "linear_oscillator midpoint",
@@ -34,7 +34,7 @@ STEPS = (
 
 
 def gradient(scene, q, p, w):
-    """Of a scene's functions, which are those of a loop, for one path."""
+    """Gradients for one path by a scene's functions, which the loop uses."""
     s = scene.functions()
     if scene.ndof == 1:
         return [-s.force(w, 0.0, q[0])], s.mass(w) * p
@@ -45,7 +45,7 @@ def gradient(scene, q, p, w):
 
 @pytest.mark.parametrize("name", KNOWN)
 def test_functions_of_scenes_are_those_of_the_models(name):
-    """Gradients, and the derivative of the force by its differences; other parameters give other ones."""
+    """Gradients, and derivatives of the force against differences; other parameters give other numbers."""
     pytest.importorskip("sympy")
     scene = KNOWN[name].of(sites=5) if KNOWN[name].sites else KNOWN[name]
     draw = np.random.default_rng(3)
@@ -65,7 +65,7 @@ def test_functions_of_scenes_are_those_of_the_models(name):
 
 @pytest.mark.parametrize("name", STEPS)
 def test_loops_are_the_schemes_of_the_library(name):
-    """On the increments that a loop draws, to rounding; on others they part."""
+    """A loop and the library agree to rounding on the same increments, and differ on others."""
     pytest.importorskip("numba"), pytest.importorskip("sympy")
     from loops import loop
 
@@ -80,7 +80,7 @@ def test_loops_are_the_schemes_of_the_library(name):
 
 
 def test_the_loop_of_taylor_is_the_plain_rule():
-    """On the same normals: dW_1, dW_2 and, of each, the part of the integral that is independent of it."""
+    """On the same normals: dW_1, dW_2, and for each the part of the integral that is independent of it."""
     pytest.importorskip("numba"), pytest.importorskip("sympy")
     from loops import loop
 
@@ -107,14 +107,14 @@ def test_models_of_a_user_are_the_built_in_one(how):
 
 
 def test_claims_of_counters_hold(monkeypatch):
-    """And one that does not is said to have failed."""
+    """A claim that does not hold is reported."""
     monkeypatch.setattr(left_out, "ROWS", (*left_out.ROWS, ("explicit_calls_no_solver", "kubo", "midpoint", {})))
     *verdicts, planted = [row["verdict"] for row in left_out.measure(None)]
     assert set(verdicts) == {"ok"} and planted == "FAILED"
 
 
 def test_rows_of_loops_name_scenes():
-    """Every row has a scene and a group that the page names; names are told apart."""
+    """Every row has a scene and a group named on the page; names are distinct."""
     assert {f"{name} {scheme}" for name, schemes in FEW.items() for scheme in schemes} >= set(SAVED)
     assert found("fpu16 gauss2")[0].nnoise == 16 and found("mean_field4 midpoint")[0].values["N"] == 4
     keys = [(row.group, row.name) for row in rows()]

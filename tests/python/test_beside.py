@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Statements of docs/beside.md about symsde where other packages differ; the page names each of these tests.
+"""Statements of docs/beside.md about symsde, on points where packages differ; the page names each of these tests.
 
 False alarms: the two tests of random numbers allow five standard errors, 6e-7 for each number.
 """
@@ -18,7 +18,7 @@ RUN = {"q0": 0.7, "p0": 0.1, "step": 0.1, "steps": 20, "seed": 3, "paths": 7}
 
 
 def kicked(noises=1, strength=1.0):
-    """p_k = p_k(0) + strength W_k, and q does not move: by every scheme without error."""
+    """p_k = p_k(0) + strength W_k and q is constant: every scheme is exact."""
     return ss.Model(
         ndof=noises,
         nnoise=noises,
@@ -43,7 +43,7 @@ def test_threads_and_the_number_of_paths_change_no_bit():
 
 
 def test_the_seed_alone_chooses_the_noise():
-    """Neither NumPy's generator nor an earlier run does, and NumPy's is left as it is."""
+    """NumPy's generator and earlier runs do not matter, and NumPy's generator is left unchanged."""
     np.random.seed(1)
     before = np.random.get_state()[1].copy()
     first = ss.simulate(RING, **RUN)
@@ -54,7 +54,7 @@ def test_the_seed_alone_chooses_the_noise():
 
 
 def test_the_first_kick_is_whole():
-    """Half of it would have a quarter or a half of the variance; a uniform force another kurtosis."""
+    """Half a kick would have a quarter or half of the variance; a uniform force another kurtosis."""
     paths, h, sigma = 200_000, 0.1, 0.7
     run = ss.simulate(
         ss.models.linear_oscillator(sigma=sigma),
@@ -76,7 +76,7 @@ def test_save_every_that_does_not_divide_is_refused():
 
 
 def test_times_are_steps():
-    """t0 + n h to a rounding or two, backward too; the sum of the steps would be off by more."""
+    """Times are t0 + n h to a rounding or two, backward too; a sum of steps would be less exact."""
     for step in (0.1, -0.1):
         run = ss.simulate(RING, **RUN | {"step": step, "steps": 10_000}, save_every=1000, t0=0.3)
         exact = 0.3 + np.arange(0, 10_001, 1000) * step
@@ -94,7 +94,7 @@ def test_a_run_in_pieces_is_the_run():
 
 
 def test_states_between_steps_are_on_the_path():
-    """With half the step and refine=-1 the path is the same at whole steps; halfway W has half of its variance."""
+    """With half the step and refine=-1 the path is the same at whole steps, and W halfway has half of its variance."""
     paths = 200_000
     options = {"q0": 0.0, "p0": 0.0, "paths": paths, "scheme": "symplectic_euler"}
     whole = ss.simulate(kicked(), step=1.0, steps=1, **options)
@@ -104,7 +104,7 @@ def test_states_between_steps_are_on_the_path():
 
 
 def test_schemes_and_further_noises_leave_the_increments_as_they_are():
-    """W(T) is the same for schemes that draw more of the path, and W_1 whether or not there is a W_2."""
+    """W(T) is the same for schemes that draw more functionals, and W_1 does not depend on a second noise."""
     options = {"q0": 0.0, "p0": 0.0, "step": 0.1, "steps": 5, "paths": 4, "seed": 1}
     ends = [
         ss.simulate(kicked(), scheme=name, **options).p[-1]
@@ -117,14 +117,14 @@ def test_schemes_and_further_noises_leave_the_increments_as_they_are():
 
 
 def test_increments_are_differences_of_the_path():
-    """Given ones are dW: neither dW/dt nor normal numbers of variance one."""
+    """Given increments are dW, not dW/dt and not normals of variance one."""
     dw = np.array([[0.3], [-0.5], [0.1]])[..., None]
     run = ss.simulate(kicked(), q0=0.0, p0=0.0, step=0.01, steps=3, increments=dw)
     np.testing.assert_allclose(run.p[:, 0, 0], [0.0, 0.3, -0.2, -0.1], atol=1e-15)
 
 
 def test_momenta_stand_at_the_time_of_positions():
-    """Halving the step quarters the error of p by leapfrog; those of half a step earlier would have half of it."""
+    """Halving the step quarters leapfrog's error of p; momenta half a step earlier would halve their error."""
     errors = []
     for steps in (50, 100):
         run = ss.simulate(
@@ -135,13 +135,13 @@ def test_momenta_stand_at_the_time_of_positions():
 
 
 def test_equations_are_those_of_stratonovich():
-    """Kubo's oscillator keeps q^2 + p^2 in this sense alone; in that of Ito it would grow by sigma^2 dt."""
+    """Kubo's oscillator keeps q^2 + p^2 in the Stratonovich sense; in Ito's it would grow by sigma^2 dt."""
     run = ss.simulate(ss.models.kubo(sigma=0.5), q0=1.0, p0=0.0, step=0.05, steps=100, paths=5)
     assert abs(run.q**2 + run.p**2 - 1).max() < 1e-12
 
 
 def test_damping_is_a_rate_of_momenta():
-    """Without force p falls by exp(-gamma t), whatever the mass, and q comes to rest p/(gamma m) further on."""
+    """Without force p falls by exp(-gamma t) for any mass, and q comes to rest a distance p/(gamma m) away."""
     body = ss.model_from_sympy("p**2/(2*m)", params={"m": 3.0}, damping=0.5)
     run = ss.simulate(body, q0=0.0, p0=1.0, step=0.1, steps=30, scheme="gauss_dkdkd")
     assert abs(run.p[-1, 0, 0] - np.exp(-1.5)) < 1e-14

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""A path has the same bits however the run is cut."""
+"""A path has the same bits however the run is divided."""
 
 import numpy as np
 import pytest

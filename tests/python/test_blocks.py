@@ -1,10 +1,9 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Every code block of every page runs, in the order of the page; a block in a language unknown to this suite fails.
 
-Python blocks of a page share their names. A block of text is what a block before it, or a program that the page shows,
-prints. Scenes are checked, and stay under the name in their first line; those that are parts of one get the rest of
-BASE. Of a block for the shell, the lines that
-call symsde are run; the others must begin with a word of ELSEWHERE.
+Python blocks of a page share their names. A block of text must be the output of an earlier block or of a program on the
+page. Scenes are checked and kept under the name in their first line; parts of a scene are completed by BASE. Lines of
+shell blocks that call symsde are run; other lines must begin with a word of ELSEWHERE.
 """
 
 import contextlib
@@ -23,7 +22,7 @@ from symsde.cli import command_line
 ROOT = Path(__file__).parents[2]
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md")), *sorted((ROOT / "docs/method").glob("*.md"))]
 FENCE = re.compile(r"^```(\S+)(?: (\S+))?\n(.*?)^```$", re.M | re.S)
-#: What a page prints and does not show as text, in order.
+#: Output of a page's blocks that is not shown as text, in order.
 WORDS = {
     "expect": ("multilevel",),
     "own-model": ("True True True", "E q = -0.758176 +- 0.006346 at t = 10"),
@@ -34,7 +33,7 @@ WORDS = {
 NEEDS = dict.fromkeys(("README", "formulas", "formulas-inside", "own-model", "scenes"), ("sympy",))
 NEEDS |= dict.fromkeys(("exit-times", "first-ten-minutes", "project", "results", "scan"), ("sympy", "matplotlib"))
 NEEDS |= {"expect": ("scipy",), "beams": ("matplotlib",)}
-#: The folder in which a page is read: this scene, one part of its run, and functions of one's own.
+#: The folder for reading a page: this scene, one part of its run, and the user's own functions.
 BASE = """\
 [model]
 name = "kubo"
@@ -51,7 +50,7 @@ moments = true
 paths = [0]
 """
 OWN = "def far(q, p):\n    return (abs(q[0]) > 0.9) * 1.0\n"
-#: First words of lines for a shell that other tests run (install_readme, install_consumers), or that every build runs.
+#: First words of shell lines that other tests run (install_readme, install_consumers), or that every build runs.
 ELSEWHERE = (
     "#",
     '. "$HOME/venv',
@@ -67,7 +66,7 @@ ELSEWHERE = (
 
 @pytest.fixture
 def folder(tmp_path, monkeypatch):
-    """Nothing is written into the tree."""
+    """A temporary folder, so that nothing is written into the tree."""
     shutil.copytree(ROOT / "examples", tmp_path / "examples")
     (tmp_path / "scene.toml").write_text(BASE)
     (tmp_path / "own.py").write_text(OWN)
@@ -78,14 +77,14 @@ def folder(tmp_path, monkeypatch):
 
 
 class Page:
-    """A page as it is read: names of its Python blocks, and what each block printed."""
+    """A page while it is read: names of its Python blocks, and the output of each block."""
 
     def __init__(self, path):
         self.name, self.text = path.stem, path.read_text(encoding="utf-8")
         self.names, self.printed = {}, []
 
     def read(self):
-        """Run every block; the kinds of what was found."""
+        """Run every block; returns the kinds of blocks found."""
         kinds = []
         for kind, argument, body in FENCE.findall(self.text):
             getattr(self, "do_" + re.sub(r"\W", "", kind), self.unknown)(body, argument)
@@ -96,7 +95,7 @@ class Page:
         pytest.fail(f"{self.name}: no test runs blocks of this kind:\n{body}")
 
     def keep(self, run, *arguments):
-        """What a call prints."""
+        """Call and keep the output."""
         shown = io.StringIO()
         with contextlib.redirect_stdout(shown):
             run(*arguments)
@@ -121,7 +120,7 @@ class Page:
             for task in ("1", "2") if "$SLURM_ARRAY_TASK_ID" in line else ("1",):  # BASE is a run of two shards
                 os.environ["SLURM_ARRAY_TASK_ID"] = task
                 words = [str(found) for word in shlex.split(line, comments=True) for found in expanded(word)]
-                if "symsde" in words and words[0] in ("symsde", "srun", "mpirun"):  # one process of them
+                if "symsde" in words and words[0] in ("symsde", "srun", "mpirun"):  # run as one process
                     self.command(words[words.index("symsde") + 1 :])
                 else:
                     assert line.startswith(ELSEWHERE), f"{self.name}: no test runs {line}"
@@ -131,7 +130,7 @@ class Page:
         assert any(body in source.read_text(encoding="utf-8") for source in sources)
 
     def do_literalinclude(self, _body, argument):
-        """A program, which ctest runs: what it prints is compared with the page where it is one of Python."""
+        """A program that ctest runs; if it is a Python program, its output is compared with the page."""
         path = (ROOT / "docs" / argument).resolve()
         runs = (ROOT / "examples/CMakeLists.txt").read_text(encoding="utf-8") + (
             ROOT / "tests/compare_first.py"
@@ -141,10 +140,10 @@ class Page:
             self.keep(runpy.run_path, str(path))
 
     def do_toctree(self, _body, _argument):
-        """The site looks for these pages."""
+        """Nothing to do: the site checks these pages."""
 
     def command(self, words):
-        """A command, which must end well; one that ends only in asking for help, too."""
+        """A command, which must succeed, also one that only prints help."""
         try:
             code = command_line.main(words)
         except SystemExit as ended:
@@ -153,12 +152,12 @@ class Page:
 
 
 def untimed(text):
-    """What was printed, without the seconds of a report."""
+    """The output, without the seconds of a report."""
     return re.sub(r"^seconds .*", "seconds", text, flags=re.M)
 
 
 def expanded(word):
-    """A word of a shell: files, where it is a pattern of files, and values of variables."""
+    """A word of the shell: file patterns as files, variables as values."""
     return sorted(Path().glob(word)) if "*" in word else [os.path.expandvars(word)]
 
 
@@ -177,7 +176,7 @@ def test_blocks_of_a_page(path, folder):
 
 @pytest.mark.parametrize("path", PAGES, ids=lambda path: path.stem)
 def test_code_stands_in_fences(path):
-    """What is indented only is not run by the test above: formulas, and commands of the shell which others run."""
+    """Indented text outside of fences is not run: only formulas, and shell commands that other tests run, may be so."""
     text = FENCE.sub("", path.read_text(encoding="utf-8"))
     for block in re.findall(r"(?<=\n\n)((?: {4}.*\n)+)", text):
         assert not re.search(r"\bss\.|^ *(symsde|import|from|print)\b|^ *\[\w", block, re.M), block
@@ -194,7 +193,7 @@ def test_commands_in_the_text_of_the_readme_run(folder):
 
 
 def test_what_is_wrong_with_a_page_is_found(folder):
-    """Planted: a block that fails, other output, a scene with a key too many, a command that is none, a language."""
+    """Faults: a failing block, other output, an unknown key in a scene, an unknown command, an unknown language."""
     for block, says in (
         ("```python\nassert False\n```", "AssertionError"),
         ("```python\nprint(1)\n```\n\n```text\n2\n```", "shows"),
@@ -211,7 +210,9 @@ def test_what_is_wrong_with_a_page_is_found(folder):
 
 
 def test_files_for_slurm_set_up_what_they_need():
-    """Each has an environment, and as many threads as Slurm gives; those of `symsde slurm` are run by test_jobs.py."""
+    """Each file sets up an environment and uses Slurm's number of threads; test_jobs.py runs those of `symsde
+    slurm`.
+    """
     text = (ROOT / "docs/cluster.md").read_text(encoding="utf-8")
     files = [body for kind, _, body in FENCE.findall(text) if "#SBATCH --array" in body]
     assert len(files) == 1

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Compiled formulas on disk: a library that somebody else has put there never runs, nor does an incomplete one."""
+"""Compiled formulas on disk: a library put there by another user never runs, nor does an incomplete one."""
 
 import ctypes
 import hashlib
@@ -15,7 +15,7 @@ if compiler.command() is None:
     pytest.skip("no C compiler", allow_module_level=True)
 
 SOURCE = "double formula_value(void) { return 1.0; }\n"
-OTHER = 12345  #: a user that is not this one
+OTHER = 12345  #: a user id other than this process's
 needs_root = pytest.mark.skipif(os.geteuid() != 0, reason="only root gives files to others")
 ASK = """
 import ctypes, sys
@@ -28,7 +28,7 @@ print(made.library.formula_value(), made.seconds > 0)
 
 @pytest.fixture(autouse=True)
 def anew(monkeypatch, tmp_path_factory):
-    """As in a process that has loaded nothing, with a usual umask."""
+    """A state as in a new process with nothing loaded and a usual umask."""
     monkeypatch.setattr(cache, "_loaded", {})
     before = os.umask(0o022)
     yield
@@ -37,7 +37,7 @@ def anew(monkeypatch, tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def evil(tmp_path_factory):
-    """A library that tells that it was loaded: its bytes, and the file that tells."""
+    """A library that leaves a file when loaded: its bytes, and the file."""
     place = tmp_path_factory.mktemp("evil")
     text, marker = place / "evil.c", place / "ran"
     text.write_text(
@@ -61,7 +61,7 @@ def value(made):
 
 
 def plant(place, evil, monkeypatch, tmp_path):
-    """Put the evil library, with its checksum, where this text's would be."""
+    """Put the evil library, with its checksum, where the library for this text would be."""
     name = built(tmp_path / "clean", monkeypatch).path.name
     cache._loaded.clear()
     place.mkdir(parents=True, exist_ok=True)
@@ -87,7 +87,7 @@ def open_parent(place, _):
 
 
 def linked_from_an_open_place(place, _):
-    """A link of this user, where others can exchange it."""
+    """A link made by this user in a folder where others can exchange it."""
     real = place.rename(place.with_name("real"))
     (place.parent / "open").mkdir()
     (place.parent / "open").chmod(0o777)
@@ -123,7 +123,7 @@ FOLDERS = {
 @pytest.mark.parametrize("change", FOLDERS.values(), ids=FOLDERS)
 def test_a_folder_that_others_can_write_is_not_used(change, evil, tmp_path, monkeypatch):
     place = tmp_path / "above" / "cache"
-    monkeypatch.setattr(cache, "_OTHERS_ENTER", 0o777)  # wherever temporary files are, as if others came this far
+    monkeypatch.setattr(cache, "_OTHERS_ENTER", 0o777)  # count as open to others, wherever temporary files are
     planted = plant(place, evil, monkeypatch, tmp_path)
     planted.parent.parent.chmod(0o755)
     planted.parent.chmod(0o755)
@@ -175,7 +175,7 @@ def test_a_file_that_others_can_write_is_made_again(change, evil, tmp_path, monk
 
 
 def test_the_plant_would_run(evil, tmp_path, monkeypatch):
-    """Where it lies as if this user had made it: the tests above show something."""
+    """The same plant with this user's permissions does run, so the tests above show something."""
     planted = plant(tmp_path / "cache", evil, monkeypatch, tmp_path)
     planted.parent.chmod(0o700)
     assert value(built(tmp_path / "cache", monkeypatch)) == 666.0 and evil[1].exists()
@@ -184,7 +184,7 @@ def test_the_plant_would_run(evil, tmp_path, monkeypatch):
 
 @pytest.mark.parametrize("share", [0.0, 0.2, 0.5, 0.8, 0.95])
 def test_a_file_that_is_cut_off_is_made_again(share, tmp_path, monkeypatch):
-    """The loader would read beyond its end, which ends the process by SIGBUS."""
+    """The loader would read beyond the end of the file, and SIGBUS would end the process."""
     path = built(tmp_path, monkeypatch).path
     whole = path.read_bytes()
     os.truncate(path, int(share * len(whole)))
@@ -196,7 +196,7 @@ def test_a_file_that_is_cut_off_is_made_again(share, tmp_path, monkeypatch):
 
 @pytest.mark.parametrize("has_checksum", [True, False])
 def test_a_library_without_the_functions_is_made_again(has_checksum, tmp_path, monkeypatch):
-    """That of another text, under this one's name."""
+    """A library of another text under this text's name."""
     made = built(tmp_path, monkeypatch)
     other = compiler.build("double another(void) { return 2.0; }\n")
     made.path.write_bytes(other.path.read_bytes())
@@ -208,7 +208,7 @@ def test_a_library_without_the_functions_is_made_again(has_checksum, tmp_path, m
 
 
 def test_what_was_checked_is_loaded(evil, tmp_path, monkeypatch):
-    """Exchanged between the two."""
+    """The file is exchanged between check and loading."""
     path, load = built(tmp_path, monkeypatch).path, cache._from_memory
     cache._loaded.clear()
 
@@ -222,7 +222,7 @@ def test_what_was_checked_is_loaded(evil, tmp_path, monkeypatch):
 
 
 def test_what_is_loaded_outlives_its_file(tmp_path, monkeypatch):
-    """Cut off, or removed, under a process that has it."""
+    """The file is cut off or removed while a process has it loaded."""
     monkeypatch.setenv("SYMSDE_CACHE", str(tmp_path))
     program = "import os\n" + ASK.replace("made.library.f", "os.truncate(made.path, 0)\nmade.library.f", 1)
     ended = subprocess.run([sys.executable, "-c", program, SOURCE], capture_output=True, text=True, check=False)
@@ -230,7 +230,7 @@ def test_what_is_loaded_outlives_its_file(tmp_path, monkeypatch):
 
 
 def test_each_text_has_its_own_library(tmp_path, monkeypatch):
-    """The loader knows libraries by the text of their paths, and descriptors have the same numbers again."""
+    """The loader knows libraries by path, and file descriptors reuse numbers."""
     monkeypatch.setenv("SYMSDE_CACHE", str(tmp_path))
     for _ in range(2):
         made = [compiler.build(f"double formula_value(void) {{ return {i}.0; }}\n") for i in range(5)]
@@ -240,14 +240,14 @@ def test_each_text_has_its_own_library(tmp_path, monkeypatch):
 
 
 def test_where_nothing_is_loaded_from_memory(tmp_path, monkeypatch):
-    """On other systems than Linux: by name, from the folder that nobody else can write to."""
+    """Systems other than Linux load by name, from a folder that nobody else can write to."""
     monkeypatch.delattr(os, "memfd_create")
     made = built(tmp_path, monkeypatch)
     assert value(made) == 1.0 and str(made.path) == made.library._name
 
 
 def test_folders_are_made_for_this_user_alone(tmp_path, monkeypatch):
-    """Whatever the umask; files, too."""
+    """Whatever the umask; files are private, too."""
     os.umask(0)
     made = built(tmp_path / "above" / "cache", monkeypatch)
     assert made.path.parent == tmp_path / "above" / "cache"
@@ -258,7 +258,7 @@ def test_folders_are_made_for_this_user_alone(tmp_path, monkeypatch):
 
 
 def test_modes_below_a_closed_folder(tmp_path):
-    """Of no account, since nobody comes there; a link leads out of it, or nowhere."""
+    """Modes inside a closed folder do not matter, since nobody can enter; but a link may lead out of it, or nowhere."""
     inside, outside = tmp_path / "closed" / "open", tmp_path / "outside"
     for folder in (inside, outside):
         folder.mkdir(parents=True)
@@ -269,12 +269,12 @@ def test_modes_below_a_closed_folder(tmp_path):
     for name, target in (("absolute", outside), ("relative", "../outside"), ("turn", "turn")):
         (inside.parent / name).symlink_to(target)
     assert cache.open_to_others(inside.parent / "turn") == inside.parent / "turn"
-    before = cache.open_to_others(outside)  # None where temporary files are in a folder that is closed
+    before = cache.open_to_others(outside)  # None if temporary files are in a closed folder
     assert [cache.open_to_others(inside.parent / x) for x in ("absolute", "relative")] == [before, outside]
 
 
 def test_a_compiler_may_come_with_a_package(monkeypatch):
-    """Where the system has none; one of the system goes before it."""
+    """A package's compiler is used if the system has none, and the system's first otherwise."""
     assert "ziglang" not in compiler.command()
     with monkeypatch.context() as without:
         without.setattr(compiler.shutil, "which", lambda _: None)

@@ -43,7 +43,7 @@ def test_exact_rotation_of_a_user_model():
     facts = {"gradient": gradient, "position_noise": True, "additive": True, "identity_mass": True}
     run = {"scheme": "exact_rotation", "q0": 0.8, "p0": -0.3, "step": 0.7, "steps": 20, "paths": 9}
     mine = ss.Model(ndof=1, nnoise=1, rotation=[1.0], **facts)
-    gc.collect()  # the library has its own copy of the frequencies
+    gc.collect()  # the library keeps a copy of the frequencies
     assert mine.traits.rotation == (1.0,)
     known = ss.models.linear_oscillator(sigma=0.5)
     assert known.traits.rotation == (1.0,) and ss.models.kubo().traits.rotation is None
@@ -70,7 +70,7 @@ def test_what_is_derived_is_probed_once_for_each_size():
 
     def gradient(t, w, q, p):
         calls.append(q.shape)
-        far = q > 20  # where it is not separable
+        far = q > 20  # a region where it is not separable
         return w[0] * (q + far * p), w[0] * (p + far * q)
 
     def asked(model, q0):
@@ -93,7 +93,7 @@ def test_what_is_derived_is_probed_once_for_each_size():
 
 
 def lane_by_lane(ndof, nnoise, force, **traits):
-    """A model as compiled functions are, for any number of lanes: force(t, w, q, p) of one lane; and its calls."""
+    """A model like compiled functions, for any number of lanes, from force(t, w, q, p) of one lane; and its calls."""
     calls, array = [], ctypes.POINTER(ctypes.c_double)
 
     @ctypes.CFUNCTYPE(*(ctypes.c_int,) * 4, ctypes.c_double, *(array,) * 5, ctypes.c_void_p)
@@ -121,9 +121,9 @@ def test_one_path_asks_for_as_many_gradients_as_are_counted(ndof, scheme):
         run = ss.simulate(model, scheme=scheme, q0=0.7, p0=0.2, step=0.05, steps=steps)
         return np.array([len(calls), run.report.counters["gradients"]])
 
-    asked_and_counted(1)  # what is derived is probed once
+    asked_and_counted(1)  # models of derived formulas are probed once
     asked, counted = asked_and_counted(80) - asked_and_counted(40)
-    assert asked == counted > 40 and calls[-1] == 1  # one path by itself
+    assert asked == counted > 40 and calls[-1] == 1  # a single path
 
 
 def tied(t, w, q, p):
@@ -178,7 +178,7 @@ def test_a_block_asks_for_as_many_derivatives_as_are_counted(gradient, product, 
 
 
 def ends_at_a_wall(t, w, q, p):
-    """No number beyond 0.9, and a number where the position is none, as minima and maxima of C give it."""
+    """NaN beyond 0.9, but a number where the position is NaN, as minima and maxima of C return."""
     return [math.nan if q[0] > 0.9 else w[0] * (q[0] if abs(q[0]) < 2 else 2.0), w[0] * q[1]]
 
 
@@ -187,7 +187,7 @@ def rounds_by_momenta(t, w, q, p):
 
 
 def shaken_in_time(t, w, q, p):
-    """No number beyond 0.9; what takes steps that are not mild is made late, and asks of one path alone."""
+    """NaN beyond 0.9; the stepper for stiff steps is made late, and evaluates a single path."""
     if q[0] > 0.9:
         return [math.nan] * 2
     moving = 1 + 0.3 * math.sin(1.7 * t)
@@ -207,7 +207,7 @@ def shaken_in_time(t, w, q, p):
     ],
 )
 def test_one_path_meets_what_it_meets_in_a_block(scheme, force, nnoise, step):
-    """What is no number is seen, momenta are those of the path, and noises that change are seen to, bit for bit."""
+    """NaN is noticed, momenta are those of the path, and noises that depend on time are noticed, bit for bit."""
     random = np.random.default_rng(1)
     q0, p0 = np.clip(0.4 * random.normal(size=(2, 13)), -0.5, 0.5), random.normal(size=(2, 13))
     model, _ = lane_by_lane(2, nnoise, force)
@@ -271,7 +271,7 @@ def test_more_threads_if_asked(user_kubo, options):
 
 
 class BrokenError(Exception):
-    """Planted."""
+    """A planted exception."""
 
 
 @pytest.mark.parametrize("threads", [1, 2])
@@ -287,7 +287,7 @@ def test_exceptions_are_raised_with_their_traceback(threads):
         ss.simulate(model, steps=20, **common)
     assert "t > 0.5" not in str(caught.value)
     assert "raise BrokenError" in "".join(traceback.format_tb(caught.value.__traceback__))
-    assert np.isfinite(ss.simulate(model, steps=3, **common).q).all()  # the model lives on
+    assert np.isfinite(ss.simulate(model, steps=3, **common).q).all()  # the model is still usable
 
 
 def test_exception_of_an_observable(kubo, options):
@@ -381,7 +381,7 @@ def test_one_model_in_two_python_threads(user_kubo, options):
         np.testing.assert_array_equal(q, expected)
 
 
-# What an observable may ask of its own model and scheme while two threads run; a lock would wait for ever.
+# Calls that an observable may make of its own model and scheme while two threads run; a lock would wait forever.
 ASKS = {
     "value": lambda model, scheme: model.value,
     "gradient": lambda model, scheme: lambda q, p: model.gradient(q, p)[0][0],
@@ -392,7 +392,7 @@ ASKS = {
     "moments": lambda model, scheme: lambda q, p: ss.moments(
         model, scheme=scheme, q0=q, p0=p, step=0.1, steps=1, paths=q.shape[1], lanes=8, threads=2,
         observables={"e": model.value},
-    ).mean["e"][-1] * 0 + q[0],  # a mean of all paths is no observable
+    ).mean["e"][-1] * 0 + q[0],  # no value of other paths may enter
 }  # fmt: skip
 
 
@@ -414,7 +414,7 @@ def test_observables_ask_their_own_model_from_any_thread(asked, own, kubo, user_
 
 
 def test_an_exception_reaches_the_call_that_caused_it(user_kubo, options):
-    """Two runs of one model at the same time: the one whose observable fails, and only that one, raises."""
+    """Two runs of one model at the same time: the run whose observable fails raises, and no other."""
 
     def bad(q, p):
         raise BrokenError
@@ -444,14 +444,14 @@ def test_an_exception_reaches_the_call_that_caused_it(user_kubo, options):
 
 
 def test_handles_of_a_model_are_used_again(kubo, options):
-    """However many calls, there are no more handles than calls at one time."""
+    """However many calls there were, there are only as many handles as calls at one time."""
     for _ in range(20):
         ss.simulate(kubo, **options)
     assert len(kubo._handles._idle) == 1
 
 
 def test_results_of_another_real_type_are_converted(options):
-    """A gradient in float32 is that gradient, rounded; integers are numbers."""
+    """A gradient in float32 or in integers is converted."""
 
     def model(rounded):
         def gradient(t, w, q, p):
@@ -467,7 +467,7 @@ def test_results_of_another_real_type_are_converted(options):
 
 
 def test_set_up_does_not_ask_for_every_noise_of_very_many():
-    """Each call takes the weights of all noises: one for each noise would be quadratic."""
+    """Each call takes the weights of all noises; a call for each noise would make the cost quadratic."""
     calls = []
 
     def gradient(t, w, q, p):
@@ -482,7 +482,7 @@ def test_set_up_does_not_ask_for_every_noise_of_very_many():
 
 @pytest.mark.parametrize("number", [1, 2, 3])
 def test_each_noise_is_asked_for_its_traits(number):
-    """A false word about one of three noises is found, whichever it is."""
+    """A false trait of any one of three noises is found."""
     for trait, moved in (("position_noise", lambda q, p: 1.0 + 0 * p), ("additive", lambda q, p: p)):
         model = ss.Model(
             ndof=1,

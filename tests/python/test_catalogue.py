@@ -38,7 +38,7 @@ def test_every_model_has_a_function_with_the_library_s_defaults():
 
 @pytest.mark.parametrize("name", ss.models.names())
 def test_bounds_that_models_declare_hold(name):
-    """Frequencies of H, and the norm of the Hessians of all noises together, whatever the signs of the parameters."""
+    """Declared bounds hold: frequencies of H, and the norm of the Hessians of all noises together, for any signs."""
     given = {key: 3 if key == "n" else 0.8 * x + 0.1 for key, x in ss.models.parameters(name).items()}
     signed = [key for key in given if key != "n"]
     for signs in itertools.product((1, -1), repeat=len(signed)):
@@ -106,7 +106,7 @@ def test_families():
 
 
 def test_galerkin_schemes_are_those_whose_rule_has_the_order_in_the_name():
-    """PsNrQu: degree s <= r nodes, and u the order of the rule with r nodes; any other digits are no scheme."""
+    """PsNrQu: degree s <= r nodes, and u is the order of the rule with r nodes; other digits are no scheme."""
     has_order = {"Gau": lambda r: 2 * r, "Lob": lambda r: 2 * r - 2, "Otr": lambda r: 2 if r == 2 else 0}
     for s, r, u, rule in itertools.product(range(6), range(6), range(10), has_order):
         name = f"P{s}N{r}Q{u}{rule}"
@@ -126,7 +126,7 @@ def test_scheme_from_quadrature_is_gauss2(kubo, options):
 
 
 def test_a_scheme_is_known_by_its_coefficients():
-    """Whole steps of a model are those of the tableau, whatever it is called."""
+    """A tableau gets a model's whole steps, whatever it is called."""
     known = ss.schemes.get("lobatto3").tableau()
     how = {"q0": 0.3, "p0": 0.1, "step": 0.05, "steps": 40, "paths": 20, "correction": "none"}
     for factor, same in ((1.0, True), (1.01, False)):
@@ -159,7 +159,7 @@ def test_noise_weights_of_its_own(kubo, options):
         ss.simulate(kubo, scheme=ss.schemes.from_quadrature(nodes, weights, 2), **options).q,
     )
     own = ss.schemes.from_quadrature(nodes, weights, 2, noise_weights=[0.25, 0.75])
-    assert own.info.symplectic and own.info.correction_coefficient == 0  # Gauss: consistent with any of them
+    assert own.info.symplectic and own.info.correction_coefficient == 0  # Gauss: consistent with any weights
     assert ss.diagnose.symplecticity(kubo, own, step=0.2, dw=0.3).max() < 1e-13
     with pytest.raises(ss.errors.WrongShapeError, match="1 noise weights"):
         ss.schemes.from_quadrature(nodes, weights, 2, noise_weights=[1.0])
@@ -168,7 +168,7 @@ def test_noise_weights_of_its_own(kubo, options):
 
 
 def test_nodes_that_share_a_slope_want_noise_in_position_or_their_weights(options):
-    """More nodes than degrees take noise that moves q where it is additive and has the weights of the drift."""
+    """Schemes with more nodes than degree accept noise that moves q if it is additive and has the drift's weights."""
     moved = ss.models.additive_oscillator(sigma=0.3)
     shared, own = (
         ss.schemes.from_quadrature([0.0, 1.0], [0.5, 0.5], 1, noise_weights=weights) for weights in (None, [0.25, 0.75])
@@ -216,7 +216,9 @@ def test_schemes_from_schemes(kubo, options):
 
 @pytest.mark.parametrize("base", ["midpoint", "stormer_verlet", "gauss2", "lobatto3", "gauss3", "jump"])
 def test_a_triple_jump_cancels_the_first_error_of_its_base(base):
-    """Of order r it is h^(r+1): fractions g, 1 - 2 g, g of a step have 2 g^(r+1) + (1 - 2 g)^(r+1) = 0."""
+    """The base's error of order r is proportional to h^(r+1): fractions g, 1 - 2 g, g with 2 g^(r+1) + (1 - 2
+    g)^(r+1) = 0.
+    """
     known = ss.schemes.triple_jump("midpoint") if base == "jump" else ss.schemes.get(base)
     found = ss.schemes.triple_jump(known)
     order, alpha = known.info.order_noise_free, known.tableau().alpha
@@ -285,12 +287,12 @@ def central_motion():
 
 
 def test_bilinear_invariants_are_kept_where_the_certificate_says_so():
-    """Angular momentum over 50 steps: to rounding under every scheme that claims it, lost by the others."""
+    """Angular momentum over 50 steps: kept to rounding by every scheme that claims it, and lost by the others."""
     model = central_motion()
     for name in (*ss.schemes.names(), "lambda:0.3", "dirk:0.25"):
         scheme = ss.schemes.get(name)
         if scheme.info.form in {"Galerkin", "drifts and kicks"} or scheme.info.structure_evidence == "claimed":
-            continue  # they refuse this noise
+            continue  # schemes that refuse this noise
         run = ss.simulate(model, q0=[1.0, 0.2], p0=[-0.3, 0.8], step=0.1, steps=50, scheme=scheme, paths=8, seed=2)
         momentum = run.q[:, 0] * run.p[:, 1] - run.q[:, 1] * run.p[:, 0]
         lost = np.abs(momentum - momentum[0]).max()
@@ -307,7 +309,7 @@ def test_a_scheme_says_what_its_orders_rest_on():
     assert evidence["gauss2_weak2"] == "none"
     claimed = {name for name in ss.schemes.names() if ss.schemes.get(name).info.structure_evidence == "claimed"}
     assert claimed == {"verlet_dz", "averaged_shift_midpoint", "drift_preserving", "exact_rotation"}
-    mine = ss.schemes.from_tableau([[0.5]], [[0.5]], [1.0], name="midpoint")  # a name measures nothing
+    mine = ss.schemes.from_tableau([[0.5]], [[0.5]], [1.0], name="midpoint")  # a name has no measurements
     assert mine.info.orders["additive"].evidence == "derived" and mine.info.orders["additive"].measured is None
     assert "not measured" in mine.certificate() and "measured 1.0" in ss.schemes.get("midpoint").certificate()
 
@@ -318,7 +320,7 @@ def test_a_scheme_says_what_its_orders_rest_on():
      ("lambda:0.3", (0.0, 0.4, 0.4)), ("midpoint", (0.0, 0.0, 0.0))],
 )  # fmt: skip
 def test_residuals_of_structure(name, expected):
-    """By hand: largest |alpha_i a_ij + alpha_j a_ji - alpha_i alpha_j|, |alpha_j - a_-i,-j - a_ij|, |a - abar|."""
+    """By hand: the largest |alpha_i a_ij + alpha_j a_ji - alpha_i alpha_j|, |alpha_j - a_-i,-j - a_ij|, |a - abar|."""
     info = ss.schemes.get(name).info
     found = info.symplecticity_residual, info.symmetry_residual, info.quadratic_residual
     assert found == pytest.approx(expected, abs=1e-15)
@@ -336,7 +338,7 @@ def test_coefficients_of_a_tableau_are_those_given():
 
 
 def test_certificates_mark_what_their_coefficients_do_not_prove():
-    """A scheme with a stepper of its own prints no number of a tableau that it does not execute."""
+    """The certificate of a scheme with a stepper of its own shows no number of an unused tableau."""
     claimed = [name for name in ss.schemes.names() if ss.schemes.get(name).info.structure_evidence == "claimed"]
     assert {"averaged_shift_midpoint", "drift_preserving", "exact_rotation", "verlet_dz"} <= set(claimed)
     for name in ss.schemes.names():

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Noises that all paths share: the bits of path 0 in every path, in runs, moments, shards, prepared and exact runs."""
+"""Noises that all paths share have the bits of path 0 in every path: runs, moments, shards, prepared and exact runs."""
 
 import numpy as np
 import pytest
@@ -44,7 +44,7 @@ def test_a_part_of_the_paths_has_the_bits_of_the_whole(scheme):
 
 
 def test_the_last_of_64_noises():
-    """Every noise is common, up to the last one that can be: the paths are one."""
+    """Every noise is common, up to the largest index: all paths are equal."""
     run = ss.simulate(
         ss.models.fpu_chain(n=64), q0=0.1, p0=0.0, step=0.05, steps=2, paths=3, common_noise=list(range(1, 65))
     )
@@ -70,7 +70,7 @@ def test_prepared_runs():
 
 
 def test_a_shared_additive_noise_moves_all_paths_alike():
-    """H = (p^2+q^2)/2 with H_2 = -q: differences of paths know nothing of W_2; their exact solutions neither."""
+    """H = (p^2+q^2)/2 with H_2 = -q: differences of paths do not depend on W_2, nor do those of exact solutions."""
     model = ss.models.additive_oscillator(sigma=0.3, gamma=1.0)
     starts = {"q0": [[0.0, 1.0, 2.0]], "p0": [[0.0, 0.0, 0.0]]}
     both = ss.simulate(model, **{**RUN, **starts}, paths=3, common_noise=[1, 2])
@@ -79,11 +79,11 @@ def test_a_shared_additive_noise_moves_all_paths_alike():
     one = diagnose.exact(ss.simulate(model, **RUN, paths=3, common_noise=[2]))[0]
     assert abs((one[-1, 0, 2] - one[-1, 0, 1]) - (one[-1, 0, 1] - one[-1, 0, 0])) > 1e-3
     error = np.abs(both.q - diagnose.exact(both)[0]).max()
-    assert error < 0.05  # of one and the same path: midpoint at h = 0.05
+    assert error < 0.05  # the midpoint's error at h = 0.05
 
 
 def test_several_particles_in_one_noisy_field():
-    """The spread of an ensemble given a common noise is that of one realisation, not of all of them."""
+    """The spread of an ensemble given a common noise is that of one realisation, not of all realisations."""
     model = ss.models.linear_oscillator(sigma=1.0)
     options = {**RUN, "steps": 400, "save_every": 400, "paths": 2000}
     private = ss.moments(model, **options)
@@ -94,7 +94,7 @@ def test_several_particles_in_one_noisy_field():
 
 @pytest.mark.parametrize("given", [1, (1, 1), [np.int64(1)] * 3, np.array([1.0, 1.0]), {1}])
 def test_a_noise_may_be_named_again(given):
-    """Whatever holds the numbers: the same bits, and the same words in files."""
+    """`common_noise` as a list, tuple or array: the same bits, and the same words in files."""
     once, found = (ss.simulate(MODEL, **RUN, paths=3, common_noise=x) for x in ([1], given))
     np.testing.assert_array_equal(found.q, once.q)
     assert found.attributes()["options"] == once.attributes()["options"]

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""ss.commutator: commutative and non-commutative noises told apart, and the increments of weak schemes."""
+"""ss.commutator tells commutative from non-commutative noises; increments of weak schemes."""
 
 import itertools
 
@@ -18,7 +18,7 @@ def test_classes_of_noise():
     assert "order" in str(mixed)
 
 
-# Functions of u = q + p commute with each other however they look: both terms of the bracket vanish by themselves.
+# Functions of u = q + p all commute, since both terms of their bracket are zero by themselves.
 OF_SUM = {
     "sine and cosine": [(np.cos, lambda u: -np.sin(u)), (lambda u: -np.sin(u), lambda u: -np.cos(u))],
     "three": [
@@ -30,7 +30,7 @@ OF_SUM = {
 
 
 def model_of_sum(noises, hessian, strength=0.0):
-    """H = (p^2 + q^2)/2, noises f_k(q + p) given by f_k', f_k''; the last with strength*q^2/2 besides."""
+    """H = (p^2 + q^2)/2, noises f_k(q + p) given by f_k', f_k''; the last one plus strength*q^2/2."""
     last = len(noises)
 
     def gradient(t, w, q, p):
@@ -68,7 +68,7 @@ def test_noises_that_are_functions_of_one_sum_commute(noises, hessian):
 def test_noises_that_nearly_commute_do_not(noises, strength, hessian):
     found = ss.commutator(model_of_sum(noises, hessian, strength))
     assert not found.commutative
-    assert strength / 100 < found.noise < 10 * strength  # in proportion to what spoils it
+    assert strength / 100 < found.noise < 10 * strength  # in proportion to the term that does not commute
 
 
 @pytest.mark.parametrize(
@@ -89,7 +89,7 @@ def test_the_only_pair_that_does_not_commute_is_named(noises, one, two):
 
 
 def test_a_large_linear_part_is_not_taken_for_a_bracket():
-    """Differences of a gradient of size 1e6 know its Hessian to 1e-5 only; that is no evidence of a bracket."""
+    """Differences of a gradient of size 1e6 give its Hessian to 1e-5 only, which is no evidence of a bracket."""
 
     def gradient(t, w, q, p):
         slope = 1e6 * (w[1] + 0.5 * w[2]) + w[1] * (q + p) / 2 + w[2] * np.cos(q + p) / 3
@@ -99,14 +99,14 @@ def test_a_large_linear_part_is_not_taken_for_a_bracket():
 
 
 def test_chains_commute_by_their_traits():
-    """All noises are functions of the positions: exactly commuting, with zeros in every product."""
+    """All noises are functions of positions, so they commute exactly."""
     found = ss.commutator(ss.models.fpu_chain(n=8, beta=1.0, sigma=0.5))
     assert found.commutative and found.noise == 0 and not found.flows_commute
 
 
 @pytest.mark.parametrize("hessian", ["by hand", "by differences", "by products"])
 def test_noise_that_changes_in_time_does_not_commute_with_the_drift(hessian):
-    """H_1 = sigma(t) (p^2 + q^2)/2: increments alone reach order 1, whatever the scheme."""
+    """H_1 = sigma(t) (p^2 + q^2)/2: increments alone give order 1 with any scheme."""
     still = ss.commutator(rotation_in_time(hessian, lambda t: 0.5))
     assert still.flows_commute and "3 from gauss3" in still.text
     found = ss.commutator(rotation_in_time(hessian, lambda t: 0.5 + 0.4 * np.sin(4 * t)))
@@ -132,7 +132,7 @@ def rotation_in_time(hessian, sigma):
 
 @pytest.mark.parametrize("sigma", [0.0, 0.4])
 def test_the_order_on_noise_in_time_is_the_one_told(sigma):
-    """gauss2 against the rotation by t + int sigma dW on finer increments: 2 where told, else 1."""
+    """gauss2 against the rotation by t + int sigma dW on finer increments: order 2 where commutator says so, else 1."""
     model = rotation_in_time("by hand", lambda t: 0.5 + sigma * np.sin(4 * t))
     paths, levels, finest = 200, (4, 5, 6), 11
     dw = ss.increments(model, step=2.0**-finest, steps=2**finest, paths=paths, seed=3)[:, 0]
@@ -168,7 +168,7 @@ def test_increments_have_the_law_of_the_scheme():
 
 
 def test_rounding_of_a_large_gradient_is_no_bracket():
-    """H_1 = 1e6 q, H_2 = 1e6 p with gradients that are 1e6 but for rounding: all that differences see is that."""
+    """H_1 = 1e6 q, H_2 = 1e6 p with gradients that are 1e6 but for rounding: differences show rounding alone."""
 
     def gradient(t, w, q, p):
         one, two = (np.sin(3 * x) ** 2 + np.cos(3 * x) ** 2 for x in (q + 2 * p, 2 * q - p))
@@ -188,7 +188,7 @@ def test_brackets_by_hand():
 
 
 def test_the_orders_that_are_told():
-    """Of every class of noise, with the schemes that have them: as their certificates say."""
+    """The orders reported for every class of noise agree with the schemes' certificates."""
     silent = ss.Model(ndof=1, nnoise=0, gradient=lambda t, w, q, p: (w[0] * q, w[0] * p))
     told = {
         silent: "no noise: the order without noise of the scheme",

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
 # ruff: noqa: PLR0917 - callbacks of C take what they take
-"""Models of compiled functions: numba, ctypes, LowLevelCallable; wrong signatures, outputs that are not asked for."""
+"""Models of compiled functions: numba, ctypes, LowLevelCallable; wrong signatures, unwanted outputs."""
 
 import ctypes
 
@@ -89,7 +89,7 @@ def test_numba_gradient_hessian_and_sincos():
 
 
 def numba_functions(types, returned="int32"):
-    """A gradient whose arrays are of these types."""
+    """A gradient compiled with arrays of these types."""
     numba = pytest.importorskip("numba")
     pointers = ", ".join(f"CPointer({name})" for name in types)
     lines = ", ".join("abcdefgh"[: len(types)])
@@ -161,14 +161,14 @@ def test_ctypes_pointers_to_numbers_are_addresses_too():
 
 
 def all_schemes():
-    """Every scheme that takes one noise of any kind, and every way to solve."""
+    """Every scheme that accepts one noise of any kind, hence every way to solve."""
     found = [(name, {}) for name in ss.schemes.names() if ss.schemes.get(name).info.orders["commutative"].value > 0]
     return [*found, ("midpoint", {"general": True}), ("midpoint", {"fixed_point": 5}), ("gauss2", {"general": True})]
 
 
 @pytest.fixture(scope="module")
 def careless():
-    """Kubo's oscillator in numba, whose functions write every output without a look whether there is one."""
+    """Kubo's oscillator in numba, with functions that write every output without checking for NULL."""
     numba = pytest.importorskip("numba")
 
     @numba.cfunc(ss.numba_signature("gradient"))
@@ -203,12 +203,12 @@ def careless():
 
 @pytest.mark.parametrize("offer", ["gradient", "hessian", "joint", "joint alone"])
 def test_careless_compiled_functions_are_safe(offer, careless, kubo, options):
-    """With NULL for an unwanted output the first of these would end the process."""
+    """With NULL for an unwanted output these functions would crash the process."""
     for scheme, more in all_schemes():
         try:
             known = ss.simulate(kubo, scheme=scheme, **more, **options)
         except errors.IncompatibleError:
-            continue  # a quadrature that multiplicative noise does not allow
+            continue  # a quadrature that refuses multiplicative noise
         mine = ss.simulate(careless[offer], scheme=scheme, **more, **options)
         np.testing.assert_allclose(mine.q, known.q, rtol=0, atol=1e-9, err_msg=f"{scheme} {more}")
     for name in ("gradient", "hessian"):
@@ -217,7 +217,7 @@ def test_careless_compiled_functions_are_safe(offer, careless, kubo, options):
 
 
 def counting(wanted):
-    """A gradient in ctypes that counts calls with and without NULL."""
+    """A gradient in ctypes that counts calls with and without NULL outputs."""
     from symsde.native.abi import CALLBACKS
 
     def function(nlane, ndof, nham, t, w, q, p, hq, hp, user):
@@ -319,7 +319,9 @@ def test_whole_steps():
 
 @pytest.mark.parametrize("of", ["midpoint", "midpoint_areas"])
 def test_whole_steps_serve_the_scheme_they_are_meant_for(of):
-    """And discrete increments and areas of one noise only where equations are linear, so that a step has one root."""
+    """Whole steps are used with discrete increments and areas of one noise only if equations are linear and have one
+    root.
+    """
     numba = pytest.importorskip("numba")
     for scheme in ("midpoint", "midpoint_areas", "midpoint_weak1"):
         for quadratic in (True, False):
@@ -343,7 +345,7 @@ def test_whole_steps_are_compared_with_the_scheme():
 
 
 def oscillator_flow_of(numba, scheme):
-    """A model with whole steps of a scheme of this name."""
+    """The oscillator with whole steps of this scheme."""
 
     @numba.cfunc(ss.numba_signature("flow"))
     def flow(nlane, ndof, nham, nstep, every, max_iter, t, h, w, functionals, q, p, qn, pn, status, user):
@@ -353,7 +355,7 @@ def oscillator_flow_of(numba, scheme):
 
 
 def test_status_of_whole_steps_is_in_its_step():
-    """A lane that its own solver gives up is tried by the library, which solves this one: nothing fails."""
+    """A lane that the model's own solver gives up is solved by the library: nothing fails."""
     numba = pytest.importorskip("numba")
     how = {"q0": 0.3, "p0": 0.1, "step": 0.05, "steps": 160, "seed": 5, "paths": 40}
     mine, theirs = ss.simulate(oscillator(numba, stops=True), **how), ss.simulate(ss.models.linear_oscillator(), **how)
@@ -364,7 +366,7 @@ def test_status_of_whole_steps_is_in_its_step():
 
 @pytest.mark.parametrize("scheme", ["midpoint", "stormer_verlet", "gauss2"])
 def test_any_number_of_lanes(scheme):
-    """One path has the bits of many, though its functions are given one lane and not eight."""
+    """A single path has the bits of many, though its functions are called with one lane instead of eight."""
     numba = pytest.importorskip("numba")
 
     @numba.cfunc(ss.numba_signature("gradient"))
@@ -395,7 +397,7 @@ def test_any_number_of_lanes(scheme):
 
 @pytest.mark.parametrize("scheme", ["gauss3", "midpoint_areas", "stormer_verlet"])
 def test_few_unequal_masses(scheme):
-    """Masses are found out from the model, whatever the number of paths: three paths have the bits of 16."""
+    """Masses are read from the model for any number of paths: three paths have the bits of 16."""
     pytest.importorskip("numba")
     pytest.importorskip("sympy")
     model = ss.model_from_sympy(
@@ -411,7 +413,7 @@ def test_few_unequal_masses(scheme):
 
 @pytest.mark.parametrize("scheme", ["verlet_kdk_strong2", "chin4a_strong2", "verlet_kdk", "gauss_dkdkd_midpoint"])
 def test_few_paths_of_kicks(scheme):
-    """Products of gradients of noises, weighed by what is sampled of the path, have the same bits for few paths."""
+    """Products of noise gradients, weighted by functionals of the path, have the same bits for few paths."""
     pytest.importorskip("numba")
     pytest.importorskip("sympy")
     model = ss.model_from_sympy("p**2/2 + cos(q)", noise=["s*q**2", "s*cos(2*q)"], params={"s": 0.3})
@@ -424,7 +426,7 @@ def test_few_paths_of_kicks(scheme):
 
 
 def test_lanes_of_the_librarys_sine():
-    """Its sine and cosine are known to take any number of lanes; what else is called by its address is not."""
+    """The library's sine and cosine accept any number of lanes; other functions called by address are not known to."""
     numba = pytest.importorskip("numba")
 
     def pendulum(sines):
@@ -453,7 +455,7 @@ def test_lanes_of_the_librarys_sine():
 
 
 def test_one_path_of_a_quadratic_model():
-    """One solve a step, and the bits of many paths, where the Hamiltonian mixes q and p and depends on time."""
+    """One solve a step, with the bits of many paths, for a Hamiltonian that mixes q and p and depends on time."""
     numba = pytest.importorskip("numba")
 
     @numba.cfunc(ss.numba_signature("gradient_hessian"))

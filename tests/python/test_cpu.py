@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The variant of the library that a processor gets. tests/install/check_wheel.py runs the variants themselves."""
+"""The variant of the library for a processor. tests/install/check_wheel.py runs the variants themselves."""
 
 import os
 import shutil
@@ -32,7 +32,7 @@ def test_the_flags_of_the_first_processor_are_read():
         (SKYLAKE, ["v4", "v3", "baseline"]),
         (SKYLAKE - {"avx512vl"}, ["v3", "baseline"]),
         (HASWELL - {"movbe"}, ["baseline"]),
-        (SKYLAKE - {"fma"}, ["baseline"]),  # a level needs those below it
+        (SKYLAKE - {"fma"}, ["baseline"]),  # a level needs all levels below it
         (SKYLAKE - {"popcnt"}, ["baseline"]),
         (set(), ["baseline"]),
     ],
@@ -63,7 +63,7 @@ def test_folders_in_the_order_to_look_in(monkeypatch):
 
 
 def test_a_processor_below_all_variants_is_told_so(monkeypatch, tmp_path):
-    """Not by an illegal instruction; outside of wheels the library may have been built for it."""
+    """An error instead of an illegal instruction; a library outside of wheels may be built for such a processor."""
     monkeypatch.setattr(cpu.platform, "machine", lambda: "x86_64")
     monkeypatch.setattr(cpu, "_flags_here", lambda: NEHALEM - {"popcnt"})
     monkeypatch.delenv("SYMSDE_CPU", raising=False)
@@ -73,11 +73,11 @@ def test_a_processor_below_all_variants_is_told_so(monkeypatch, tmp_path):
         cpu.folders(tmp_path)
     monkeypatch.setattr(cpu, "_flags_here", lambda: NEHALEM)
     assert cpu.folders(tmp_path) == [tmp_path]
-    monkeypatch.setattr(cpu, "_flags_here", set)  # no /proc: nothing is known
+    monkeypatch.setattr(cpu, "_flags_here", set)  # no /proc: flags unknown
     assert cpu.folders(tmp_path) == [tmp_path]
 
 
-#: Variables and what is said; {folder} holds other.so, a library that is not this one.
+#: Environment variables, and the message; {folder} holds other.so, which is not this library.
 BROKEN = {
     "no such file": ("SYMSDE_LIBRARY", "{folder}/no.so", "SYMSDE_LIBRARY = '{folder}/no.so' is not a file: give"),
     "a folder": ("SYMSDE_LIBRARY", "{folder}", "SYMSDE_LIBRARY = '{folder}' is not a file: give"),
@@ -89,7 +89,7 @@ BROKEN = {
 
 @pytest.mark.parametrize("case", BROKEN)
 def test_a_command_says_in_one_line_what_is_wrong_with_the_library(case, tmp_path):
-    """By python -m symsde and by the script that pip makes, with exit code 2; Python code gets the exception."""
+    """python -m symsde and pip's script exit with code 2; Python code gets the exception."""
     if sys.platform != "linux" or (case == "no such level" and not cpu.levels()):
         pytest.skip("libraries have other names here, or processors no levels")
     shutil.copy(next(Path(np.__file__).parent.glob("linalg/_umath_linalg*.so")), tmp_path / "other.so")
@@ -113,7 +113,7 @@ def test_a_command_says_in_one_line_what_is_wrong_with_the_library(case, tmp_pat
 
 
 def test_a_package_for_another_processor_says_so(tmp_path):
-    """Its one library lies in the folder of its level, which no lower processor looks into."""
+    """The package's only library is in the folder of its level, which lower processors do not search."""
     if not cpu.levels():
         pytest.skip("processors have no levels here")
     package = tmp_path / "symsde"
@@ -132,7 +132,7 @@ def test_a_package_for_another_processor_says_so(tmp_path):
 
 
 def test_a_variant_that_is_not_there_is_an_error():
-    """Never another one in its place: the tree's own build has no variants."""
+    """No other library replaces a missing variant; the tree's own build has no variants."""
     environment = {key: value for key, value in os.environ.items() if key != "SYMSDE_LIBRARY"}
     command = [sys.executable, "-c", "import symsde"]
     done = subprocess.run(

@@ -45,7 +45,7 @@ absorb = true
 
 
 def hostile(place):
-    """Numbers of random bits, and those that have no digits."""
+    """Numbers of random bits, NaN and infinities."""
     bits = np.random.default_rng(5).integers(0, 2**64, 4000, dtype=np.uint64).view(float)
     bits[~np.isfinite(bits)] = 1 / 3
     columns = {
@@ -71,7 +71,7 @@ def files(tmp_path_factory):
 
 
 def test_there_is_one_form(files):
-    """One line ending, one word for what is no number, all digits; no file of another form was forgotten."""
+    """One line ending, one word for NaN, all digits; no file of another form is left out."""
     assert not any(b"\r" in file.read_bytes() for file in files)
     rows = "".join(line for file in files for line in table_of(file)[1:])
     assert "NaN" in rows and "nan" not in rows and "-inf" in rows
@@ -86,7 +86,7 @@ def test_there_is_one_form(files):
 
 
 def lines_before(file):
-    """Lines that begin with #."""
+    """The lines that begin with #."""
     return sum(line.startswith("#") for line in file.read_text(encoding="utf-8").splitlines())
 
 
@@ -112,7 +112,7 @@ def by_pyarrow(file):
 
 
 def by_program(file, tmp_path, *command):
-    """Columns of numbers as a program has written them, column by column."""
+    """Columns of numbers that a program has read and written, column by column."""
     if shutil.which(command[0]) is None:
         pytest.skip(f"{command[0]} is not installed")
     out = tmp_path / "numbers"
@@ -143,10 +143,10 @@ READERS = {
 
 @pytest.mark.parametrize("reader", READERS)
 def test_a_reader_has_equal_numbers(reader, files, tmp_path):
-    """Every number of every file, to the last bit, but for R; of columns of texts their texts."""
+    """Every number of every file to the last bit, except in R; columns of text as text."""
     for file in files:
         if reader == "Octave" and file.name == "work-precision.csv":
-            continue  # it holds texts, which dlmread takes for zeros
+            continue  # it holds text, which dlmread reads as zero
         header, *rows = csv.reader(table_of(file))
         found = READERS[reader](file, tmp_path)
         assert list(found) == header, file.name
@@ -157,7 +157,7 @@ def test_a_reader_has_equal_numbers(reader, files, tmp_path):
                 assert reader == "R" or list(found[name]) == list(cells), (file.name, name)
                 continue
             numbers = np.array(found[name], float)
-            if reader == "R":  # whose own literals of 17 digits are off by one unit in the last place, one in 5000
+            if reader == "R":  # R's own literals of 17 digits are off by one unit in the last place, one in 5000
                 differing = (numbers != known) & ~np.isnan(known)
                 assert differing.mean() <= 1 / len(known) + 1e-3
                 is_number = np.isfinite(known)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Damped momenta, dp = .. - gamma p dt: the equation, orders, dp ^ dq times exp(-gamma h), bits, refusals."""
+"""Damped momenta, dp = .. - gamma p dt: the equations, orders, dp ^ dq times exp(-gamma h), bits, refusals."""
 
 import copy
 import pickle
@@ -12,10 +12,10 @@ from symsde.errors import IncompatibleError, InvalidArgumentError, OutOfMemoryEr
 
 RATE = 0.8
 TIME = 1.0
-FINEST = 9  #: of 8 2^k steps
-#: noise in position that is not linear, two of them; without damping and with it
+FINEST = 9  #: the finest run has 8 2^k steps
+#: two nonlinear noises in position, without damping and with it
 SYNCHROTRON = ss.models.synchrotron(omega=2.0, sigma1=0.8, sigma2=0.5)
-#: the same equations as a closed system that changes in time, P = exp(gamma t) p [Caldirola and Kanai]
+#: the same equations as a closed system that depends on time, P = exp(gamma t) p [Caldirola and Kanai]
 CLOCK = ss.model_from_sympy(
     "exp(-g*t)*p**2/2 - exp(g*t)*4*cos(q)",
     noise=["exp(g*t)*0.8*sin(q)", "-exp(g*t)*0.5*cos(q)"],
@@ -23,7 +23,7 @@ CLOCK = ss.model_from_sympy(
 )
 WELL = ss.model_from_sympy("p**2/2 + q**4/4 - q**2/2", noise=["-s*q"], params={"s": 1.4})
 BILINEAR = ss.model_from_sympy("p**2/2 + cos(q)*(1 + p**2/8)", noise=["0.4*q*p", "0.3*sin(q)*p"])
-#: strong orders with additive noise, and with two noises in position that are not linear
+#: strong orders with additive noise, and with two nonlinear noises in position
 ORDERS = {
     "midpoint": (1, 1),
     "symplectic_euler": (1, 1),
@@ -41,7 +41,7 @@ ORDERS = {
 
 
 def ends(model, scheme, k, paths=100):
-    """Final states of 8 2^k steps on the paths of the finest level."""
+    """Final states after 8 2^k steps on the paths of the finest level."""
     steps = 8 * 2**k
     run = ss.simulate(model, q0=0.7, p0=0.3, step=TIME / steps, steps=steps, save_every=steps, paths=paths, seed=3,
                       scheme=scheme, refine=FINEST - k)  # fmt: skip
@@ -56,7 +56,7 @@ def distance(x, y):
 
 @pytest.mark.parametrize("scheme", ["midpoint", "gauss2", "stormer_verlet", "lobatto3"])
 def test_a_step_is_that_of_the_clock(scheme):
-    """A tableau with decays is the tableau applied to the system with a clock: an identity, for every step length."""
+    """A tableau with decays is the tableau applied to the closed system in P: an identity, for every step length."""
     damped, clock = ends(SYNCHROTRON.damped(RATE), scheme, 1), ends(CLOCK, scheme, 1)
     clock[1] *= np.exp(-RATE * TIME)
     np.testing.assert_allclose(damped, clock, rtol=0, atol=2e-12)
@@ -66,7 +66,7 @@ def test_a_step_is_that_of_the_clock(scheme):
 
 @pytest.mark.parametrize("scheme", ["midpoint", "symplectic_euler", "stormer_verlet", "lobatto2_swapped", "heun"])
 def test_fast_steppers_agree_with_the_oracle(scheme):
-    """The stepper around a stepper, and the explicit one, with the general one, for a correction and masses, too."""
+    """The damped steppers agree with the general one, also with a correction and masses."""
     pair = ss.model_from_sympy("p1**2/2 + p2**2/6 + cos(q1 - q2) + q1**4/4", noise=["0.3*sin(q1)", "0.2*q2"])
     cases = [(pair, [0.5, 1.5]), (pair, RATE), (BILINEAR, RATE), (ss.models.kubo(), RATE), (SYNCHROTRON, RATE)]
     for model, rates in cases:
@@ -101,7 +101,9 @@ def test_implicit_stages_agree_with_the_oracle(scheme):
 
 @pytest.mark.parametrize("scheme", ORDERS)
 def test_strong_orders(scheme):
-    """Errors fall with the order of the closed system; the reference of kicks is the clock, that of tableaux kicks."""
+    """Errors fall with the closed system's order; the reference of kicks is the closed system in P, that of tableaux
+    kicks.
+    """
     for which, model in enumerate((WELL.damped(RATE), SYNCHROTRON.damped(RATE))):
         fine = ends(model, "chin4a_strong2", FINEST)
         errors = [distance(ends(model, scheme, k), fine) for k in (1, 4)]
@@ -110,7 +112,7 @@ def test_strong_orders(scheme):
 
 
 def test_kicks_solve_the_equation():
-    """Kicks and the midpoint rule on the system with a clock, two families of schemes, meet at small steps."""
+    """Kicks, and the midpoint rule on the closed system in P, converge to the same solution."""
     clock = ends(CLOCK, "gauss2", FINEST)
     clock[1] *= np.exp(-RATE * TIME)
     for scheme in ("gauss_dkdkd_strong2", "verlet_kdk_strong2", "chin4a_strong2"):
@@ -137,7 +139,7 @@ def test_the_form_shrinks_by_one_factor(rate, step):
 
 
 def test_rates_of_each_degree():
-    """Unequal rates: two oscillators that do not meet are damped each by its own; equal ones are one rate."""
+    """Unequal rates: two uncoupled oscillators are each damped by their own; equal rates are one rate."""
     two = ss.model_from_sympy("(p1**2 + p2**2)/2 - cos(q1) - cos(q2)", noise=["-0.3*q1", "-0.3*q2"])
     one = ss.model_from_sympy("p**2/2 - cos(q)", noise=["-0.3*q"])
     given = {"step": 0.1, "steps": 8, "save_every": 8}
@@ -158,7 +160,7 @@ def test_rates_of_each_degree():
 @pytest.mark.parametrize("scheme", ["midpoint", "symplectic_euler", "gauss2", "gauss_dkdkd", "chin4a_strong2"])
 @pytest.mark.parametrize("compensated", [False, True])
 def test_a_path_has_its_bits(scheme, compensated):
-    """In blocks, alone, with other threads; and a rate of zero leaves the closed system."""
+    """The same bits in blocks, alone and with other threads; a rate of zero gives the closed system."""
     for model in (WELL, SYNCHROTRON):
         given = {"q0": 0.7, "p0": 0.3, "step": 0.05, "steps": 20, "save_every": 10, "seed": 5, "scheme": scheme}
         given["compensated"] = compensated
@@ -173,16 +175,16 @@ def test_a_path_has_its_bits(scheme, compensated):
 
 
 def test_means_of_a_damped_oscillator():
-    """E p^2 of dp = -q dt - p/2 dt + dW, dq = p dt from rest at t = 4, by an interval of 1 - 1e-6."""
+    """E p^2 of dp = -q dt - p/2 dt + dW, dq = p dt from rest at t = 4, within an interval of probability 1 - 1e-6."""
     model = ss.models.linear_oscillator(sigma=1.0).damped(0.5)
     run = ss.moments(model, q0=0.0, p0=0.0, step=0.25, steps=16, save_every=16, paths=40000, seed=2, scheme="chin4a",
                      observables={"square": lambda q, p: p[0] ** 2})  # fmt: skip
-    exact = 0.8913547910283172  # by the exponential of the equations of second moments
+    exact = 0.8913547910283172  # exponential of the equations of second moments
     assert abs(run.mean["square"][-1] - exact) < 4.9 * run.se_mean["square"][-1] + 1e-3
 
 
 def test_models_keep_their_damping():
-    """Text, parameters, pickle; a second damping takes the place of the first."""
+    """Text, parameters and pickles; a second damping replaces the first."""
     model = WELL.damped(RATE)
     assert model.damping == (RATE,)
     assert WELL.damping == ()
@@ -201,7 +203,7 @@ def test_models_keep_their_damping():
 
 
 def test_models_of_ones_own():
-    """Python functions, damped in the constructor."""
+    """Python functions with damping given to the constructor."""
 
     def gradient(t, w, q, p):
         return w[0] * np.sin(q), w[0] * p
@@ -215,7 +217,7 @@ def test_models_of_ones_own():
 
 
 def test_scenes(tmp_path):
-    """`damping` of [model], for built-in models and formulas; a wrong one is told with the file."""
+    """`damping` in [model], for built-in models and formulas; a wrong value is refused with the file's name."""
     text_of = '[model]\n{model}\n[run]\nstep = 0.05\nsteps = 4\nq0 = 0.7\np0 = 0.3\nseed = 5\nscheme = "midpoint"\n'
     file = tmp_path / "scene.toml"
     for text, model in (
@@ -233,7 +235,7 @@ def test_scenes(tmp_path):
 
 
 def test_refusals():
-    """What is not known of damped models is refused with a sentence."""
+    """Functions without a damped version refuse damped models with a sentence."""
     model = SYNCHROTRON.damped(RATE)
     given = {"q0": 0.7, "p0": 0.3, "step": 0.05, "steps": 4, "seed": 5}
     for scheme, why in (

@@ -55,7 +55,7 @@ def test_stationary_path_is_that_of_the_scheme(scheme):
     np.testing.assert_allclose(found.p, run.p, rtol=0, atol=1e-12)
     dw = ss.increments(model, step=0.05, steps=20, paths=9, seed=5)
     other = ss.diagnose.stationary_path(model, scheme, q_start=0.3, q_end=run.q[-1], increments=dw, **common)
-    assert abs(other.q - run.q).max() > 1e-3  # another path of the noise
+    assert abs(other.q - run.q).max() > 1e-3  # another path
     again = ss.diagnose.stationary_path(
         model, scheme, q_start=0.3, q_end=run.q[-1], guess_q=run.q + 0.1, guess_p=run.p - 0.1, **common
     )
@@ -70,7 +70,7 @@ def test_stationary_path_has_the_times_of_its_run(kubo):
 
 
 def test_stationary_path_of_a_drive_is_that_of_its_time():
-    """A drive that changes in time: the path from step 40 on, from its ends."""
+    """A drive that depends on time: the path from step 40 on is found from its ends."""
     model, common = ss.models.driven_pendulum(), {"step": 0.1, "steps": 5, "first_step": 40, "t0": 0.5, "seed": 3}
     run = ss.simulate(model, q0=0.3, p0=0.1, **common)
     found = ss.diagnose.stationary_path(model, q_start=0.3, q_end=run.q[-1], **common)
@@ -79,9 +79,10 @@ def test_stationary_path_of_a_drive_is_that_of_its_time():
 
 @pytest.mark.parametrize(("left", "next_point"), [(0.74, 0.6 + 0.148 / (2 - 2.96)), (0.76, 0.55)])
 def test_a_correction_is_halved_that_leaves_three_quarters(left, next_point):
-    """Two steps of 1 from q = 0 to 2, U' = 0.8 + c (q - 1/2)^2 below q = 1 and 0 beyond. The straight line has the
-    first stage at q = 1/2 and violates one equation alone; Newton moves the stage by 0.1, where c 0.01/0.8 of that is
-    left. More than three quarters: half of the way is tried next. Less: Newton goes on from there, where U'' is 0.2 c.
+    """Two steps of 1 from q = 0 to 2, U' = 0.8 + c (q - 1/2)^2 below q = 1 and 0 beyond. On the straight line the first
+    stage is at q = 1/2 and one equation alone is violated; Newton's correction moves the stage by 0.1 and leaves c
+    0.01/0.8 of the residual. If this is more than three quarters, half of the correction is tried next; if less, Newton
+    goes on from there, where U'' is 0.2 c.
     """
     seen, c = [], left * 80
 
@@ -101,7 +102,7 @@ def test_a_correction_is_halved_that_leaves_three_quarters(left, next_point):
 
 @pytest.mark.parametrize("given", [("guess_q",), ("guess_p",), ("guess_q", "guess_p")])
 def test_a_search_begins_with_the_guesses(given):
-    """Of two midpoint steps from 0 to 2: positions half way between those of the guess, momenta at its ends."""
+    """Two midpoint steps from 0 to 2 begin with positions half way between those of the guess, and its momenta."""
     seen = []
 
     def gradient(t, w, q, p):
@@ -155,7 +156,7 @@ def test_exact_solution_of_kubo(kubo, options):
 
 @pytest.mark.parametrize("columns", ["q0", "p0"])
 def test_exact_solution_from_columns_beside_one_for_all(kubo, columns):
-    """q, p each by itself have a column for each path or one for all, as a run does."""
+    """q and p each have a column for each path or one for all paths, as in a run."""
     start = {"q0": 0.7, "p0": 0.4}
     whole = {name: np.full((1, 3), x) for name, x in start.items()}
     whole[columns] = np.array([[0.7, -0.2, 1.1]])
@@ -189,19 +190,21 @@ GAUSSIAN = [name for name in ss.schemes.names() if ss.schemes.get(name).info.law
 
 @pytest.mark.parametrize("scheme", GAUSSIAN)
 def test_every_scheme_has_its_order_against_the_exact_solution(scheme):
-    """The exact solution takes the dZ and K of the run: order 0.0 where it took others of its own."""
+    """The exact solution uses the dZ and K of the run: with others of its own the order would be 0."""
     claimed = ss.schemes.get(scheme).info.orders["additive"].value
     table = ss.convergence(
         ss.models.linear_oscillator(), scheme, q0=0.5, p0=0.2, steps=[8, 16, 32, 64], paths=1000, seed=1
     )
     assert table.reference == "the exact solution" and table.reference_error == 0
-    # with noise in p alone and a linear force two schemes of order 1.5 are of order 2
+    # with noise in p alone and a linear force two schemes of order 1.5 reach order 2
     assert abs(table.order - (2.0 if claimed == 1.5 else claimed)) < 0.1
 
 
 @pytest.mark.parametrize("scheme", ["midpoint", "verlet_dz", "chin4a"])
 def test_exact_solution_is_of_the_halved_path(scheme):
-    """refine < 0: a step is halved by all that the scheme draws, and the exact solution by the same."""
+    """refine < 0: a step is halved with all functionals that the scheme draws, and the exact solution uses the same
+    halves.
+    """
     run = {"q0": 0.5, "p0": 0.2, "paths": 400, "seed": 1, "scheme": scheme, "refine": -2}
     errors = []
     for steps in (32, 64):
@@ -225,7 +228,7 @@ REVERSED = axes.covering(
 
 @pytest.mark.parametrize("row", REVERSED, ids=map(axes.ident, REVERSED))
 def test_exact_solutions_of_steps_back_are_those_of_steps_with_momenta_turned(row):
-    """On the same increments, of which those that act on p count with the other sign."""
+    """The same increments, with the opposite sign for noises that act on p."""
     q0, p0 = axes.start(1, row["paths"])
     how = {x: row[x] for x in ("first_step", "refine", "paths")} | {"first_path": 5, "seed": 3, "steps": 9}
     how |= {
@@ -243,13 +246,13 @@ def test_exact_solutions_of_steps_back_are_those_of_steps_with_momenta_turned(ro
 
 @pytest.mark.parametrize(("q", "p"), [(x, y) for x in (-1e9, 1e9) for y in (-1e9, 1e9)])
 def test_states_far_to_either_side_are_differenced_in_proportion(q, p):
-    """Near 1e9 differences over 1/32 would tell 1e-6 of rounding alone."""
+    """Near 1e9 differences over 1/32 would have rounding errors of 1e-6."""
     model, how = ss.models.linear_oscillator(), {"step": 0.2, "dw": 0.3}
     assert ss.diagnose.symplecticity(model, "midpoint", q=q, p=p, **how).max() < 1e-10
 
 
 def test_convergence_against_a_reference_that_is_good_enough():
-    """1.5 for gauss2_strong32 beside chin4a_strong2, 64 times finer; gauss2 would show 0.7 to 1.1."""
+    """Order 1.5 of gauss2_strong32 against chin4a_strong2, 64 times finer; against gauss2 it would be 0.7 to 1.1."""
     model = ss.models.synchrotron(omega=1.0, sigma1=2.0, sigma2=1.0)
     common = {"q0": 0.5, "p0": 0.2, "steps": [16, 32, 64], "paths": 400, "seed": 1}
     table = ss.convergence(model, "gauss2_strong32", **common)
@@ -262,7 +265,7 @@ def test_convergence_against_a_reference_that_is_good_enough():
 
 
 def test_points_at_the_floor_never_count():
-    """The slope is that of the points above it, however many lie on it."""
+    """The slope is fitted to the points above the floor, however many points lie on the floor."""
     model = ss.models.synchrotron()
     common = {"q0": 0.5, "p0": 0.2, "paths": 200, "seed": 1, "reference": "gauss2", "reference_steps": 1024}
     with pytest.warns(ss.ReferenceWarning):
@@ -272,7 +275,7 @@ def test_points_at_the_floor_never_count():
     slope = np.polyfit(np.log(table.step[counted]), np.log(table.error[counted]), 1)[0]
     assert counted.sum() > 1 and table.order == pytest.approx(slope)
     everything = np.polyfit(np.log(table.step), np.log(table.error), 1)[0]
-    assert abs(everything - slope) > 0.2  # the planted fault shows
+    assert abs(everything - slope) > 0.2  # the twin: with all points
 
 
 def test_exact_solutions_refuse_discrete_increments():
@@ -288,7 +291,7 @@ def test_plot(kubo):
 
 
 def test_exact_solutions_follow_the_path_without_truncation(kubo):
-    """Truncated increments are a matter of the step: the exact solution beside them is that of the whole path."""
+    """Truncation belongs to the step: the exact solution uses the increments before truncation."""
     run = {"q0": 1.0, "p0": 0.0, "step": 0.1, "steps": 50, "paths": 200, "seed": 4}
     cut, whole = ss.simulate(kubo, truncation=(2, 1.0), **run), ss.simulate(kubo, **run)
     assert not np.array_equal(cut.q, whole.q)
@@ -297,7 +300,7 @@ def test_exact_solutions_follow_the_path_without_truncation(kubo):
 
 
 def test_flows_that_nearly_commute_have_no_exact_solution():
-    """A hundredth apart: solutions in W alone would be wrong by as much."""
+    """Brackets of size 0.01: solutions that depend on W alone would be wrong by as much."""
 
     def gradient(t, w, q, p):
         return (w[0] + 1.01 * w[1]) * q, (w[0] + w[1]) * p

@@ -22,7 +22,7 @@ import typeset  # noqa: E402
 
 @pytest.mark.parametrize("page", [*generate.CATALOGUES, *generate.MEASURED])
 def test_generated_pages_are_current(page):
-    """Tables of the catalogues; formulas of what other programs have written."""
+    """Tables of the catalogues, and formulas that other programs write."""
     committed = (ROOT / "docs" / page).read_text(encoding="utf-8")
     assert committed == generate.pages()[page], ".venv/bin/python docs/generate.py writes it again"
 
@@ -35,7 +35,7 @@ def test_lists_are_the_tables_of_the_pages(what, capsys):
 
 
 def test_pages_list_the_same_packages():
-    """Those that ./bootstrap installs where they are missing; g++ brings gcc and the headers of C."""
+    """The packages that ./bootstrap installs if missing; g++ includes gcc and the headers of C."""
     pages = [ROOT / "README.md", ROOT / "docs/first-ten-minutes.md", ROOT / "docs/install.md"]
     lists = [re.findall(r"apt-get install (.*)", page.read_text(encoding="utf-8")) for page in pages]
     assert lists[0] == lists[1] == lists[2] and len(lists[0]) == 1
@@ -66,21 +66,25 @@ def test_rows_say_what_the_library_says():
 
 
 def test_measured_orders_reach_their_values():
-    """Not below the value by more than 0.1, with 95 % half-widths of at most 0.1 (a fifteenth of orders above 1.5)."""
+    """A measured order is at most 0.1 below its value, with half-widths of at most 0.1 (a fifteenth of orders above
+    1.5).
+    """
     for name in (*ss.schemes.names(), *catalogue.FAMILIES):
         for kind, order in ss.schemes.get(name).info.orders.items():
             if order.measured is not None:
                 assert order.value > 0, (name, kind)
                 assert order.measured.order > order.value - 0.1, (name, kind)
                 assert order.measured.half_width < max(0.1, order.value / 15), (name, kind)
-                assert order.measured.floor < 0.25, (name, kind)  # else the point would not have counted
+                assert order.measured.floor < 0.25, (name, kind)  # otherwise the point would not have counted
     for name in ("midpoint", "symplectic_euler", "stormer_verlet", "gauss2"):
         assert all(order.measured for order in ss.schemes.get(name).info.orders.values())
 
 
 def test_weak_orders_are_measured_without_sampling():
-    """Schemes of a law of their own by full enumeration of it: again, and the number that is kept."""
-    pytest.importorskip("numba")  # measure_orders has a model of its own
+    """Schemes with a law of their own, by full enumeration of the law: measured again, and compared with the kept
+    number.
+    """
+    pytest.importorskip("numba")  # measure_orders has a compiled model
     measure = load(ROOT / "docs" / "measure_orders.py")
     for name, order in (("gauss2_weak2", 2.0), ("gauss2_weak2_areas", 2.0), ("midpoint_weak1", 1.0)):
         found = measure.weak(name)
@@ -91,11 +95,11 @@ def test_weak_orders_are_measured_without_sampling():
     for scheme, agrees in (("gauss2_weak2", True), ("midpoint_weak1", False)):
         mean = np.linalg.matrix_power(measure.mean_map(model, scheme, 1 / 16), 16)
         assert (np.abs(mean - exact).max() < 1e-3) == agrees
-    assert np.abs(measure.generator_map([1.01 * noise[0]]) - exact).max() > 1e-3  # the planted fault shows
+    assert np.abs(measure.generator_map([1.01 * noise[0]]) - exact).max() > 1e-3  # the twin: a noise 1 % off
 
 
 def test_the_figure_of_weak_orders_shows_what_the_library_computes():
-    """Second moments again; extrapolation gains one order, and both ways to order two have it."""
+    """Second moments are computed again; extrapolation gains one order, and both schemes of order two have it."""
     pytest.importorskip("numba")
     weak_orders = load(ROOT / "docs" / "weak_orders.py")
     kept = json.loads((ROOT / "docs" / "figures" / "weak-orders.json").read_text(encoding="utf-8"))["curves"]
@@ -125,7 +129,7 @@ def load(path):
 
 @pytest.mark.parametrize(("name", "noise"), [("gauss2", "commuting"), ("symplectic_euler", "commutative")])
 def test_measured_orders_are_measured_again(name, noise):
-    """On a quarter of the paths: within the intervals of both, 95 % of which are wide enough; the paths are fixed."""
+    """On a quarter of the paths the orders agree within both intervals (95 % each); the paths are fixed."""
     pytest.importorskip("numba")  # measure_orders has a model of its own
     found = load(ROOT / "docs" / "measure_orders.py").strong(noise, [name], paths=200)[name]
     kept = ss.schemes.get(name).info.orders[noise].measured
@@ -134,7 +138,7 @@ def test_measured_orders_are_measured_again(name, noise):
 
 
 def formula(text):
-    """A formula of a docstring as a Python expression: 's1 p^2/2' is s1*p**2/2."""
+    """A formula in a docstring as a Python expression: 's1 p^2/2' becomes s1*p**2/2."""
     tokens = re.findall(r"[A-Za-z]\w*|\d+|\*\*|[-+/()^]", text.replace("^", "**").replace(".", "*"))
     code = ""
     for before, token in zip(["", *tokens], tokens, strict=False):
@@ -172,7 +176,7 @@ def test_every_figure_has_its_data():
 
 @pytest.mark.parametrize("data", sorted((ROOT / "docs" / "figures").glob("*.json")), ids=lambda path: path.stem)
 def test_figures_show_their_data(data, tmp_path):
-    """Drawn again, every pixel is the same up to antialiasing: docs/figures.py does it. Metadata are not compared."""
+    """Figures drawn again by docs/figures.py have equal pixels up to antialiasing. Metadata are not compared."""
     matplotlib, pillow = pytest.importorskip("matplotlib"), pytest.importorskip("PIL.Image")
     committed = data.with_suffix(".png")
     with pillow.open(committed) as picture:
@@ -182,14 +186,14 @@ def test_figures_show_their_data(data, tmp_path):
     figures.draw(data, tmp_path / "again.png")
     assert difference(pillow, committed, tmp_path / "again.png") < 1e-4
     changed = json.loads(data.read_text(encoding="utf-8"))
-    shift_numbers(changed)  # the planted fault: every number a tenth larger
+    shift_numbers(changed)  # the twin: every number a tenth larger
     (tmp_path / data.name).write_text(json.dumps(changed), encoding="utf-8")
     figures.draw(tmp_path / data.name, tmp_path / "other.png")
     assert difference(pillow, committed, tmp_path / "other.png") > 1e-3
 
 
 def test_pages_of_measurements_say_what_their_data_say():
-    """Tables and words that a change of the programs would write otherwise: no number is measured again for that."""
+    """Tables and words that the programs would write from the kept data: nothing is measured again."""
     page, bifurcation = (
         importlib.import_module(f"symsde.studies.{x}") for x in ("study.study_page", "stability.bifurcation")
     )
@@ -234,4 +238,4 @@ def test_the_first_figure_shows_what_the_library_computes():
     for label, (t, mean) in found.items():
         np.testing.assert_allclose(kept[label][0], t, rtol=1e-6)
         np.testing.assert_allclose(kept[label][1], mean, rtol=1e-5, err_msg=label)
-    assert 1.2 < kept["sympl. Euler, none"][1][-1] < 1.6  # in the figure of an older version near 2.9
+    assert 1.2 < kept["sympl. Euler, none"][1][-1] < 1.6  # an older version of the figure had 2.9

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Warnings about doubtful runs: before the first step, after a run whose paths grew beyond all bounds, and about
-passages that take paths out of all other results."""
+passages that absorb paths and so remove them from other results."""
 
 import dataclasses
 import warnings
@@ -41,7 +41,7 @@ low = -1.0
 
 
 def said(call):
-    """The sentences of doubt that a call says, and what it returns."""
+    """The doubts that a call warns of, and its result."""
     with warnings.catch_warnings(record=True) as found:
         warnings.simplefilter("always")
         result = call()
@@ -49,13 +49,13 @@ def said(call):
 
 
 def grown(sentences):
-    """The sentence about growth among others."""
+    """The warnings about growth."""
     return [text for text in sentences if "grew 1e6-fold" in text]
 
 
 @pytest.mark.parametrize("paths", [1, 5, 300])
 def test_an_unstable_step_is_warned_of_before_and_after(paths):
-    """All of `report.warnings` is said in Python, at the caller's line, and so is the growth, in any units."""
+    """Python gives all of `report.warnings`, and the warning about growth, at the caller's line, in any units."""
     model = ss.models.linear_oscillator()
     for call in (ss.simulate, ss.moments):
         sentences, found = said(lambda call=call: call(model, paths=paths, **UNSTABLE))
@@ -71,7 +71,7 @@ def test_an_unstable_step_is_warned_of_before_and_after(paths):
 
 
 def test_a_warning_made_an_error_comes_before_the_run():
-    """No step is made, and the run's place in the exception is empty."""
+    """No step is taken, and the exception holds no run."""
     steps = []
     with warnings.catch_warnings():
         warnings.simplefilter("error", errors.DoubtfulRunWarning)
@@ -85,7 +85,7 @@ def test_a_warning_made_an_error_comes_before_the_run():
 
 
 def test_prepared_runs():
-    """The warnings come with the preparation, growth with the call in which it happens."""
+    """Doubts are warned of by `prepare`, growth by the call in which it happens."""
     sentences, run = said(
         lambda: ss.prepare(ss.models.linear_oscillator(), "stormer_verlet", step=10.0, q0=1.0, p0=0.0, paths=3)
     )
@@ -94,13 +94,13 @@ def test_prepared_runs():
     assert grown(sentences) == sentences
     assert saved.report.grown == 3
     sentences, saved = said(lambda: run.run(4))
-    assert (sentences, saved.report.grown) == ([], 0)  # too few steps to tell
+    assert (sentences, saved.report.grown) == ([], 0)  # too few steps to judge
 
 
 @pytest.mark.parametrize("q_unit", [1.0, 1e-12, 1e9])
 @pytest.mark.parametrize("p_unit", [1.0, 1e15, 1e-6])
 def test_growth_knows_no_units(q_unit, p_unit):
-    """The same motion in other units, stable and unstable: H = a p^2/2 + b q^2/2, with a = q_unit/p_unit = 1/b."""
+    """The same motion in other units, stable and unstable: H = a p^2/2 + b q^2/2 with a = q_unit/p_unit = 1/b."""
     a = q_unit / p_unit
     model = ss.model_from_sympy("a*p**2/2 + q**2/2/a", params={"a": a})
     how = {"q0": q_unit, "p0": 0.0, "steps": 100, "scheme": "stormer_verlet"}
@@ -109,7 +109,7 @@ def test_growth_knows_no_units(q_unit, p_unit):
 
 
 def test_growth_is_beyond_a_million():
-    """H = q p: q' = q, p' = -p has q alone grow; H = (p^2 - q^2)/2 has both grow, by exp(0.9 t) after the tenth."""
+    """H = q p: q grows alone; H = (p^2 - q^2)/2: both grow, by exp(0.9 t) after the first tenth of the run."""
     saddle = ss.model_from_sympy("p**2/2 - q**2/2")
     how = {"q0": 1e-3, "p0": 1e-3, "steps": 1000, "scheme": "gauss2"}
     for rate, count in ((13.6, 0), (14.0, 1)):  # log(1e6) = 13.8
@@ -121,7 +121,7 @@ def test_growth_is_beyond_a_million():
 
 
 def test_from_rest():
-    """Noise, or a force, moves what is at rest: no growth, whatever the run's length."""
+    """From rest, noise or a force moves paths without counting as growth, however long the run."""
     shaken, pushed = ss.models.linear_oscillator(), ss.model_from_sympy("p**2/2 - q")
     for model in (shaken, pushed):
         for paths, steps in ((1, 10), (300, 1000), (1, 100_000)):
@@ -131,7 +131,7 @@ def test_from_rest():
 
 
 def test_growth_does_not_depend_on_blocks_and_threads():
-    """The same count in blocks of any width, on any number of threads, and with narrower blocks for what is left."""
+    """The same count for any block width and number of threads, and with narrower blocks for the remaining paths."""
     model = ss.model_from_sympy("p**2/2 - k*q**2/2", params={"k": 1.0})
     q0 = np.where(np.arange(700) % 7 == 3, 1.0, 0.0)[np.newaxis]
     how = {"q0": q0, "p0": 0.0, "step": 0.05, "steps": 400, "paths": 700, "seed": 1, "save_every": 400}
@@ -144,7 +144,7 @@ def test_growth_does_not_depend_on_blocks_and_threads():
 
 
 def test_shards_merge_the_count():
-    """An ensemble in shards counts what one run counts, and says so once."""
+    """An ensemble in shards gives the count of one run, and warns once."""
     model = ss.models.linear_oscillator()
     how = {**UNSTABLE, "paths": 700, "save_every": 100}
     sentences, whole = said(lambda: ss.moments(model, **how))
@@ -155,7 +155,7 @@ def test_shards_merge_the_count():
 
 
 def test_scenes_say_it(tmp_path, capsys):
-    """`symsde check` and `symsde run`, also with --quiet, of a stable and of an unstable step; saved paths, too."""
+    """`symsde check` and `symsde run`, also with --quiet, of a stable and an unstable step; saved paths, too."""
     file = tmp_path / "scene.toml"
     file.write_text(SCENE + "save_every = 20\n[output]\npaths = [0, 5]\n", encoding="utf-8")
     assert main(["check", str(file)]) == 0
@@ -173,7 +173,7 @@ def test_scenes_say_it(tmp_path, capsys):
 
 @pytest.mark.parametrize("file", sorted((ROOT / "examples").rglob("*.toml")), ids=lambda path: path.stem)
 def test_scenes_of_the_examples_have_no_doubts(file):
-    """Each of them, with few of its paths."""
+    """Every example scene, with few of its paths."""
     found = scenes.load(file)
     run = {**found.run, "paths": 8}
     steps = int(run["steps"])
@@ -182,7 +182,7 @@ def test_scenes_of_the_examples_have_no_doubts(file):
 
 
 def test_absorbed_paths_are_told():
-    """In the repr, in remarks and before the run; a passage that lets paths go on has nothing to say."""
+    """The repr, the remarks and a warning before the run say it; a passage that does not absorb warns of nothing."""
     model = ss.models.linear_oscillator()
     sentences, found = said(lambda: ss.moments(model, observers={"hop": HOP}, paths=500, **OSCILLATING))
     lost = found.observed["hop"].n
@@ -206,7 +206,7 @@ def test_absorbed_paths_are_told():
 )
 @pytest.mark.parametrize("call", [ss.moments, ss.ensemble])
 def test_absorb_unsaid_beside_other_results(call, beside):
-    """A warning that names absorb=, at the caller; none where it is said, or where the passage is alone."""
+    """A warning at the caller's line names absorb=; none if absorb is given, or if the passage is the only result."""
     model = ss.models.linear_oscillator()
     others = {"observables": beside.get("observables")}
     for absorb, is_said in ((None, False), (True, True), (False, True)):
@@ -225,7 +225,7 @@ def test_absorb_unsaid_beside_other_results(call, beside):
 
 
 def test_absorb_unsaid_in_scenes(tmp_path, capsys):
-    """Beside another observer, an observable or saved paths."""
+    """The warning comes beside another observer, an observable or saved paths."""
     text = SCENE.replace("10.0", "0.2") + "save_every = 20\n{}\n" + PASSAGE + "{}"
     file = tmp_path / "scene.toml"
     cases = [("", "", False), ("[output]\npaths = [1]", "", True), ("[observables]\nr = 'q**2'", "", True)]

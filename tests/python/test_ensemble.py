@@ -24,7 +24,7 @@ RUN |= {"paths": 3000, "first_path": 768, "scheme": "stormer_verlet"}
 
 
 def radius(q, p):
-    """An observable that other processes find by its name."""
+    """An observable that other processes import by its name."""
     return q[0] ** 2 + p[0] ** 2
 
 
@@ -64,11 +64,11 @@ def test_any_executor_gives_the_bits_of_one_run(kind, size, known):
     assert len([w for w in warned if w.category is ss.PathsFailedWarning]) == 1
     check_same(found, known)
     if executor:
-        assert executor.submit(abs, -1).result() == 1  # not shut down
+        assert executor.submit(abs, -1).result() == 1  # the executor was not shut down
         executor.shutdown()
 
 
-FORMULAS = {"radius": "q1**2 + p1**2"}  # which any process can read, wherever it finds its modules
+FORMULAS = {"radius": "q1**2 + p1**2"}  # formulas need no import in other processes
 
 
 @pytest.fixture(scope="module")
@@ -77,7 +77,7 @@ def by_formula():
         return ss.moments(ss.models.henon_heiles(sigma1=0.2), observables=FORMULAS, **RUN)
 
 
-@pytest.mark.filterwarnings("ignore")  # of Dask's own
+@pytest.mark.filterwarnings("ignore")  # warnings of Dask
 def test_dask_gives_the_bits_of_one_run(by_formula):
     """Two processes of a local cluster, through the client's executor."""
     if importlib.util.find_spec("distributed") is None:
@@ -107,7 +107,7 @@ if __name__ == "__main__":
 
 
 def test_mpi4py_futures_give_the_bits_of_one_run(by_formula, tmp_path):
-    """Rank 0 asks, two others compute."""
+    """Rank 0 asks, two other ranks compute."""
     if importlib.util.find_spec("mpi4py") is None or launcher() is None:
         pytest.skip("mpi4py and mpirun are not installed: pip install mpi4py mpich")
     (tmp_path / "on_ranks.py").write_text(ON_RANKS)
@@ -189,7 +189,7 @@ def file(tmp_path):
 
 
 def launcher():
-    """mpirun, of the environment of the tests before that of the system."""
+    """The mpirun of the Python environment, or else the system's."""
     beside = Path(sys.executable).with_name("mpirun")
     return str(beside) if beside.exists() else shutil.which("mpirun")
 
@@ -203,7 +203,7 @@ def test_ranks_give_the_bits_of_one_process(ranks, file, tmp_path):
     command = [launcher(), "-n", str(ranks), sys.executable, "-m", "symsde", *given, str(tmp_path / "out")]
     done = subprocess.run(command, env={**os.environ, **ALLOWED}, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
-    assert done.stdout.count("written to") == 1  # by rank 0 alone
+    assert done.stdout.count("written to") == 1  # rank 0 alone
     names = sorted(path.name for path in (tmp_path / "alone" / "shards").iterdir())
     assert names == sorted(path.name for path in (tmp_path / "out" / "shards").iterdir()) and len(names) == 14
     for name in (f"shards/{name}" for name in names):
@@ -226,7 +226,9 @@ def test_what_a_run_takes(file, tmp_path, capsys, monkeypatch):
 
 
 def test_half_the_step_on_the_same_paths(file, tmp_path, capsys):
-    """Midpoint has strong order 1 here: half the step, half the distance; on other paths it would not depend on it."""
+    """Midpoint has strong order 1 here: half the step halves the distance; on unrelated paths the distance would not
+    change.
+    """
     distances = []
     for step, steps, every in ((0.04, 200, 50), (0.02, 400, 100)):
         text = SCENE.replace("step = 0.02\nsteps = 400", f"step = {step}\nsteps = {steps}")
@@ -268,7 +270,7 @@ def test_differences_are_those_of_the_paths():
 
 
 def test_observables_are_compared_too(tmp_path, capsys):
-    """By hand, from the paths of both runs; what is not compared is said, on the screen and in the table."""
+    """By hand from the paths of both runs; the screen and the table say which observables are not compared."""
     file = tmp_path / "scene.toml"
     run = "step = 0.1\nsteps = 20\nsave_every = 10\npaths = 50\nseed = 3\nq0 = 0.3\np0 = 0.0\n"
     file.write_text(

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Expectations with an interval: every way gives the same number, the cheapest is chosen, misuse gets a sentence."""
+"""Expectations with an interval: every method gives the same number, the cheapest is chosen, misuse gets a message."""
 
 import math
 import time
@@ -43,8 +43,8 @@ def test_every_method_gives_the_exact_mean(method):
 
 @pytest.mark.usefixtures("work_clock")
 def test_intervals_hold_with_95_percent(nonlinear):
-    """E H grows exactly; of 40 repeats 32 to 40 hold: at 95 % fewer come with 3e-4. Half the interval, the planted
-    twin, holds with 67 %, and 32 and more with 3 %, so it is asked for twice the error instead: 33 %, 2e-9."""
+    """E H grows exactly; 32 or more of 40 intervals must hold it; at 95 % fewer do with probability 3e-4. The twin asks
+    for twice the error, so that 33 % hold; 32 or more then have probability 2e-9."""
     model = ss.models.synchrotron(sigma1=0.3, sigma2=0.3)
     exact = -4 * math.cos(1.0) + 0.09 / 2 * 2.0
     held = shrunk = 0
@@ -56,7 +56,7 @@ def test_intervals_hold_with_95_percent(nonlinear):
 
 
 def units(kind, problem, scheme, steps, count, **more):
-    """Units of an estimator."""
+    """Draws of an estimator in units."""
     return kind(problem, as_scheme(scheme), steps, 0, **more).draw(count).units
 
 
@@ -68,12 +68,12 @@ def test_antithetic_paths_cancel_what_is_odd():
 
 
 def test_bridge_makes_brownian_increments():
-    """Covariance h times unity for any number of steps, exactly: the map is linear in the normals."""
+    """Covariance h times the identity for any number of steps, exactly: the map is linear in the normals."""
     for steps in (1, 2, 7, 16):
         bridge = estimators.Bridge(steps, horizon=3.0)
         columns = bridge.increments(np.eye(steps)[np.newaxis, :, np.newaxis, :])[:, 0]
         np.testing.assert_allclose(columns @ columns.T, 3.0 / steps * np.eye(steps), atol=1e-14)
-        np.testing.assert_allclose(columns[:, 0].sum(), math.sqrt(3.0))  # the first normal is W(T)
+        np.testing.assert_allclose(columns[:, 0].sum(), math.sqrt(3.0))  # the first normal gives W(T)
         np.testing.assert_allclose(columns[:, 1:].sum(axis=0), 0.0, atol=1e-14)
 
 
@@ -100,7 +100,7 @@ def test_quasi_units_are_independent_and_repeatable():
 
 
 class FakeTrial:
-    """A trial with known variance, bias and cost: bias 2^-level, differences of variance 4^-level."""
+    """A trial of known variance, bias and cost: bias 2^-level, variance of differences 4^-level."""
 
     variance = 1.0
     scheme = as_scheme("midpoint")
@@ -123,7 +123,7 @@ class FakeTrial:
 
 
 def test_multilevel_is_reckoned_as_giles_has_it():
-    """Sum of sqrt(variance x cost), squared, over the variance allowed."""
+    """Work is (sum of sqrt(variance x cost))^2 over the allowed variance."""
     error = 1e-2
     trial = FakeTrial(1.0)
     single, plan = choice.plans(trial, error)
@@ -131,7 +131,7 @@ def test_multilevel_is_reckoned_as_giles_has_it():
     terms = [math.sqrt(4e-6)] + [math.sqrt(4.0**-k * 1.5e-6 * 2.0**k) for k in range(3, 6)]
     begun = 256 * 1.5e-6 * (8 + 16 + 32) + 3 * choice._A_LEVEL
     assert plan.seconds == pytest.approx(sum(terms) ** 2 / (0.9 * error**2) + begun)
-    # between the steps of the ladder: the bias is a third of the noise
+    # between two steps of the ladder the bias is a third of the noise
     assert single.level == pytest.approx(math.log2(0.1 / (1e-2 * math.sqrt(0.1))), abs=2**-6)
     assert single.seconds == pytest.approx(1e-6 * 2**single.level / (0.9 * error**2))
     assert plan.seconds < single.seconds
@@ -141,8 +141,8 @@ def test_multilevel_is_reckoned_as_giles_has_it():
 
 
 def test_steps_between_those_of_the_ladder(nonlinear):
-    """Bias is a multiple of h and a number there, as the order is one; level 1.5 has 2^1.5 times the coarsest steps,
-    rounded up, level 2 exactly four."""
+    """With order one the bias is proportional to h; level 1.5 has 2^1.5 times the coarsest number of steps, rounded up,
+    level 2 exactly four times."""
     trial = Trial(make_problem(nonlinear, "q**2", **PLACE, threads=1), as_scheme("stormer_verlet"), 3, 256)
     assert [trial.steps(level) for level in (0, 1.5, 2, 6)] == [3, 9, 12, 192]
     assert trial.settled and trial.order == 1
@@ -161,7 +161,7 @@ def test_long_horizon_is_not_given_to_multilevel(monkeypatch):
 
 
 def test_student_quantile():
-    """Tabled values, and the normal one."""
+    """Tabled values, and the normal quantile."""
     for units_, tabled in (
         (2, 12.706),
         (3, 4.303),
@@ -175,7 +175,7 @@ def test_student_quantile():
 
 
 def test_interval_holds_with_and_without_the_bias_that_is_reckoned_with():
-    """Normal error, bias at a third: 94.9 % with it, 95.9 % without."""
+    """Normal error and a bias of a third: 94.9 % of intervals hold with this bias, 95.9 % without."""
 
     def below(x):
         return 0.5 * math.erfc(-x / math.sqrt(2))
@@ -198,7 +198,7 @@ def test_tail_index_tells_infinite_variance():
 
 
 def test_frequency_is_that_of_the_fastest_mode():
-    """Synchrotron at rest: omega; a chain of n: 2 cos(pi/(2 n + 2)) of its linear part."""
+    """Synchrotron at rest: omega; a chain of n masses: 2 cos(pi/(2 n + 2)) of its linear part."""
     problem = make_problem(ss.models.synchrotron(omega=3.0), "q", q0=0.0, p0=0.0, horizon=1.0)
     assert frequency(problem) == pytest.approx(3.0)
     problem = make_problem(ss.models.fpu_chain(n=8), lambda q, p: q[0], q0=0.0, p0=0.0, horizon=1.0)
@@ -216,7 +216,7 @@ def test_answer_tells_choice_and_alternatives(nonlinear):
 def test_constants_and_noise_free_models():
     one = ss.expect(ss.models.synchrotron(), lambda q, p: np.ones(q.shape[1]), **PLACE, abs=1e-3)
     assert one.value == 1.0 and one.half_width == 0.0
-    assert "not seen" in one.notes[0]  # it might be 2 on one path of a million
+    assert "not seen" in one.notes[0]  # one path of a million might give 2
     zero = ss.expect(ss.models.synchrotron(), lambda q, p: np.zeros(q.shape[1]), **PLACE, rel=1e-3)
     assert zero.value == 0.0 and zero.reached
     still = ss.expect(ss.models.synchrotron(sigma1=0.0, sigma2=0.0), "q", **PLACE, abs=1e-5)
@@ -287,13 +287,15 @@ def test_plan_makes_the_estimator_it_names(nonlinear):
 
 
 def test_frequency_follows_the_way():
-    """A pendulum that begins near the top is linearised where it comes to, too: frequency 1 below."""
+    """A pendulum that begins near the top is linearised at later states, too: frequency 1 below."""
     problem = make_problem(ss.models.synchrotron(omega=1.0), "q", q0=3.0, p0=0.0, horizon=8.0)
     assert frequency(problem) == pytest.approx(1.0, abs=0.1)
 
 
 def test_ctrl_c_carries_an_answer_or_nothing(nonlinear, monkeypatch):
-    """Interrupted in the pilot there is none: not the run that was in work. Later it is an Answer, by every method."""
+    """Interrupted in the pilot, the exception holds no answer and no unfinished run; later it holds an Answer, with
+    every method.
+    """
 
     def during(self, level, paths):
         stop = KeyboardInterrupt()
@@ -318,7 +320,9 @@ def test_ctrl_c_carries_an_answer_or_nothing(nonlinear, monkeypatch):
 
 
 def test_cost_is_all_that_was_spent(nonlinear, monkeypatch):
-    """By a clock that f alone moves on: first looks at f, pairs, and schemes that were given up are counted."""
+    """With a clock that f alone advances: first evaluations of f, pairs, and schemes that were given up are all
+    counted.
+    """
     clock = Clock()
     monkeypatch.setattr(time, "process_time", clock)
     answer = ss.expect(nonlinear, clock.f, **PLACE, abs=2e-2, method="antithetic", scheme="midpoint")
@@ -326,7 +330,7 @@ def test_cost_is_all_that_was_spent(nonlinear, monkeypatch):
 
 
 def test_a_method_that_is_asked_for_is_taken_where_it_is_not_needed(nonlinear):
-    """One step of the ladder would do here."""
+    """One step of the ladder would be enough here."""
     answer = ss.expect(nonlinear, "q**2", **PLACE, abs=0.5, method="multilevel", scheme="gauss_dkdkd")
     assert answer.method == "multilevel" and answer.reached
     with pytest.raises(ss.errors.NumericalError, match="antithetic needs noise, no truncation, and a scheme that"):
@@ -334,7 +338,7 @@ def test_a_method_that_is_asked_for_is_taken_where_it_is_not_needed(nonlinear):
 
 
 def work_of(nonlinear, seconds: float, **more) -> Execution:
-    """A plan that is reckoned to take so many seconds, by what `more` says."""
+    """A plan with an estimate of so many seconds, and further arguments."""
     plan = Plan("plain", as_scheme("midpoint"), 4, 4, seconds, 1.0, (0.0, 0.0))
     for name, value in more.items():
         setattr(plan, name, value)
@@ -358,7 +362,7 @@ def test_units_that_all_fail_do_not_go_on_for_ever(nonlinear):
 
 
 def test_frequency_is_that_of_the_time():
-    """H = p^2/2 + (1 + t) q^2/2 from t0 = 8 to 15: from 3 to 4."""
+    """H = p^2/2 + (1 + t) q^2/2 from t = 8 to 15: frequency 3 to 4."""
     model = ss.Model(
         ndof=1,
         nnoise=1,

@@ -1,6 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Plans that are made anew after more measurements: twice the points of a sequence, and measurements that decide a
-plan."""
+"""Plans that are revised after more measurements: twice the points of a sequence, measurements that decide a plan."""
 
 import math
 import sys
@@ -27,15 +26,15 @@ START = {"q0": 1.0, "p0": 0.0, "horizon": 2.0}
 
 @pytest.fixture
 def pilot(monkeypatch):
-    """Of E p^2 of an oscillator with noises on q and p, before anything is chosen. Its times are those of work that was
-    counted: what it looks at depends on estimated seconds."""
+    """The pilot for E p^2 of an oscillator with noises on q and p, before any choice. Its times are counted work, since
+    its measurements depend on estimated seconds."""
     WorkClock(monkeypatch)
     problem = make_problem(ss.models.additive_oscillator(sigma=0.5, gamma=1.0), "p**2", **START)
     return Pilot(problem, make_tolerance(5e-4, None), Watch(None, False), suitable(problem))
 
 
 def even_of(trial, points, *, coarsest=2, seconds=1.0):
-    """A plan of levels of so many points, from this level of the ladder on."""
+    """A plan with so many points on levels from this one on."""
     finest = coarsest + len(points) - 1
     steps, bias = [trial.steps(level) for level in (finest, coarsest)], trial.bias(finest)
     return Plan(choice.EVEN_LEVELS, trial.scheme, *steps, seconds, trial.variance, bias, points, finest, trial)
@@ -44,8 +43,8 @@ def even_of(trial, points, *, coarsest=2, seconds=1.0):
 @pytest.mark.parametrize("differences", [False, True])
 @pytest.mark.parametrize("at_a_time", [2**6, 2**20])
 def test_doubled_points_are_those_of_the_longer_sequence(monkeypatch, differences, at_a_time):
-    """2^6 points and as many more are 2^7 points, also of units that follow: means to rounding, however many of them
-    fit in memory."""
+    """2^6 points and the next 2^6 are the first 2^7 points, also in later units; means agree to rounding, however many
+    units fit in memory."""
     pytest.importorskip("scipy")
     monkeypatch.setattr(Quasi, "_at_a_time", at_a_time)
     problem = make_problem(ss.models.synchrotron(sigma1=0.8, sigma2=0.5), "q**2", **START)
@@ -63,8 +62,8 @@ def test_doubled_points_are_those_of_the_longer_sequence(monkeypatch, difference
 
 @pytest.mark.parametrize(("coarsest", "points"), [(3, [7]), (2, [7, 5])])
 def test_points_are_doubled_where_units_are_too_few(pilot, coarsest, points):
-    """A plan that reckons with too few points: 15 000 and 25 000 paths give the error, as the points are doubled; more
-    units of 2^6 of them took more than 65 000."""
+    """A plan with too few points: as the points are doubled, 15 000 and 25 000 paths reach the error; more units of 2^6
+    points took more than 65 000."""
     pytest.importorskip("scipy")
     pilot.tolerance = make_tolerance(4e-3, None)
     plan = even_of(pilot.trials[0], points, coarsest=coarsest)
@@ -74,7 +73,9 @@ def test_points_are_doubled_where_units_are_too_few(pilot, coarsest, points):
 
 
 def test_work_begins_with_a_quarter_of_the_points(pilot):
-    """16 units of 2^9 points where 2^11 were planned, and are more than it takes; not below 2^8."""
+    """Work begins with 16 units of 2^9 points where 2^11 were planned, which are more than needed; and not below
+    2^8.
+    """
     pytest.importorskip("scipy")
     pilot.tolerance = make_tolerance(1.0, None)
     for planned, begun in ((11, 9), (9, 8), (7, 7)):
@@ -95,14 +96,14 @@ def test_work_begins_with_a_quarter_of_the_points(pilot):
     ],
 )
 def test_points_are_cut_to_the_time_that_is_left(pilot, planned, seconds, left, cut):
-    """By halvings, to 2^6 at the least, and of no time that is left as of a thousandth of a second."""
+    """Points are halved, down to 2^6; no time left counts as a thousandth of a second."""
     pilot.watch = SimpleNamespace(seconds=0.0, max_time=100.0, elapsed=100.0 - left)
     plan = even_of(pilot.trials[0], planned, coarsest=0, seconds=seconds)
     assert Execution(pilot, [plan]).plan.points == cut
 
 
 def test_levels_with_far_more_points_than_were_seen_are_looked_at_again(pilot):
-    """2^13 points of level 1 planned, 2^8 seen: with 2^10 it is known how their variance falls."""
+    """2^13 points of level 1 planned, 2^8 measured: measuring 2^10 shows how their variance falls."""
     pytest.importorskip("scipy")
     trial = pilot.trials[0]
     for level in (1, 2):
@@ -115,7 +116,7 @@ def test_levels_with_far_more_points_than_were_seen_are_looked_at_again(pilot):
 
 
 def test_what_packages_take_to_load_is_in_the_price(pilot, monkeypatch):
-    """Half a second, until they are there."""
+    """Packages take half a second to load, once."""
     there = pilot.trials[0].price_of_points(1)
     monkeypatch.setitem(sys.modules, "scipy.stats.qmc", None)
     monkeypatch.delitem(sys.modules, "scipy.stats.qmc")
@@ -123,7 +124,7 @@ def test_what_packages_take_to_load_is_in_the_price(pilot, monkeypatch):
 
 
 class Slow(Plain):
-    """Units of a second each, by a clock that they alone move on, in parts of a hundred."""
+    """Units that take a second each by a clock that they advance, in parts of a hundred."""
 
     part = 100
 
@@ -137,15 +138,15 @@ class Slow(Plain):
 
 
 class Told(Watch):
-    """A watch whose time is told."""
+    """A watch with a given time."""
 
     elapsed = seconds = 0.0
 
 
 @pytest.mark.parametrize(("left", "units"), [(250.5, 250), (300.0, 300), (0.0, 2), (2.5, 100)])
 def test_no_unit_is_begun_that_does_not_fit_into_the_time(pilot, left, units):
-    """All of the time and no more, but for the first part, of which nothing is known, and two units where there is no
-    time at all."""
+    """Units fill the time and no more, except the first part, whose cost is unknown; without any time there are two
+    units."""
     watch = Told(3600.0, False)
     watch.elapsed = watch.seconds = 3600.0 - left
     pilot.watch, pilot.tolerance = watch, make_tolerance(1e-9, None)
@@ -157,8 +158,8 @@ def test_no_unit_is_begun_that_does_not_fit_into_the_time(pilot, left, units):
 
 
 def test_skew_units_are_as_many_as_the_pilot_knows(pilot):
-    """Squares of normal numbers, of which 600 are wanted, known to the pilot: over 4000 answers their mean is 0 within
-    4.5 standard errors (7e-6). Begun with 256, it is off by seven of them, with 600 by five."""
+    """Squares of normals, of which the pilot knows that 600 are needed: over 4000 answers their mean is 0 within 4.5
+    standard errors (7e-6). Beginning with 256 it would be off by seven, with 600 by five."""
     rng, pilot.tolerance = np.random.default_rng(8), make_tolerance(1.96 * (2 / 0.9 / 600) ** 0.5, None)
     plan = Plan("plain", as_scheme("midpoint"), 1, 1, 0.0, 2.0, (0.0, 0.0))
     squares = SimpleNamespace(least_units=256, part=2**15)
@@ -171,7 +172,7 @@ def test_skew_units_are_as_many_as_the_pilot_knows(pilot):
 
 
 class Scattered(Quasi):
-    """A level whose units are normal, of mean 0; their variance falls as points^-1.5."""
+    """A level of normal units of mean 0, whose variance falls as points^-1.5."""
 
     def __init__(self, rng, size):
         self.rng, self.size, self.log2_points, self.least, self.count = rng, size, 8, 16, 0
@@ -195,7 +196,7 @@ class Scattered(Quasi):
 
 def test_intervals_hold_where_work_ends_by_their_own_scatter(pilot):
     """Three levels of 16 units, doubled until the half width is 1: of 8000 intervals 95.7 +- 0.2 % hold, and none is
-    wider than asked; of as many by the scatter as it is, 93.9 +- 0.3 %."""
+    wider than asked; with the bare scatter 93.9 +- 0.3 % hold."""
     rng, pilot.tolerance = np.random.default_rng(3), make_tolerance(1.0, None)
     plan = Plan(choice.EVEN_LEVELS, as_scheme("midpoint"), 1, 1, 1.0, 0.0, (0.0, 0.0))
     plan.estimators = lambda *_: [Scattered(rng, size * 0.5**level) for level in range(3)]
@@ -209,8 +210,8 @@ def test_intervals_hold_where_work_ends_by_their_own_scatter(pilot):
 
 
 def test_an_event_that_the_first_points_did_not_meet_is_not_taken_for_impossible(monkeypatch):
-    """P = 1e-4 by two levels. 16 units of 2^8 points, which work begins with, often meet no event: it goes on, and a
-    value is off by twice the half width once in 10 000. By the scatter of units that all agree it is 0."""
+    """P = 1e-4 by two levels. The first 16 units of 2^8 points often meet no event: work then goes on, and a value is
+    off by twice the half width once in 10 000. By the scatter of units that all agree the answer would be 0."""
     pytest.importorskip("scipy")
     edge = math.cos(3.0) + 3.719016 * math.sqrt(1.5 - math.sin(6.0) / 4)
     scheme = as_scheme("gauss2")
@@ -230,10 +231,10 @@ def test_an_event_that_the_first_points_did_not_meet_is_not_taken_for_impossible
 
 
 def test_a_pilot_is_no_longer_than_what_the_cheapest_way_is_worth():
-    """A fifth of the best plan so far, of the time that is left or of ten minutes, for everything beyond the first
-    scheme; what is too dear is passed over, and without any plan the cheapest measurement is made."""
+    """Measurements beyond the first scheme may take a fifth of the best plan so far, of the time left or of ten
+    minutes; dearer ones are passed over, and without any plan the cheapest measurement is made."""
     pilot = object.__new__(Pilot)
-    pilot._least, pilot.trials = 0.25, [SimpleNamespace(loading=10.0)]  # 10 s are those of packages
+    pilot._least, pilot.trials = 0.25, [SimpleNamespace(loading=10.0)]  # 10 s for loading packages
     pilot._tasks = lambda best=None: iter([(0.3, "dear"), (0.1, "cheap")])
     for seconds, left, spent, chosen in (
         (2.0, math.inf, 0.0, "dear"),
@@ -251,9 +252,9 @@ def test_a_pilot_is_no_longer_than_what_the_cheapest_way_is_worth():
 
 
 def test_each_method_is_chosen_where_it_wins(monkeypatch):
-    """By work that is counted: E q of Kubo's oscillator to 1e-4 by levels of Sobol points, of the second scheme that is
-    tried, to 4e-3 by pairs, whose odd part cancels; E q^2 of noises that do not commute by levels of paths, where areas
-    exclude points; an event at moderate tolerance by paths. Without this method the plan takes longer."""
+    """By counted work: E q of Kubo's oscillator to 1e-4 by levels of Sobol points with the second scheme tried, to 4e-3
+    by pairs, whose odd part cancels; E q^2 with noises that do not commute by levels of paths, since areas exclude
+    Sobol points; an event at moderate tolerance by plain paths. Without the method the plan takes longer."""
     pytest.importorskip("scipy")
     WorkClock(monkeypatch)
     monkeypatch.setattr(estimators, "seconds_to_load", lambda: 0.0)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""`symsde expect`: the answer for a scene is printed, refused, or given as far as it is known."""
+"""`symsde expect`: the answer for a scene is printed, refused, or given as far as it was computed."""
 
 import dataclasses
 import importlib
@@ -74,7 +74,7 @@ def test_ctrl_c_prints_what_is_known(tmp_path, capsys, monkeypatch):
 
 @pytest.fixture
 def asked(tmp_path, monkeypatch):
-    """A scene of two means, and what the command asks of `expect`, which gives the first one too wide."""
+    """A scene of two means, and the calls that the command makes of `expect`, which gives the first mean too wide."""
     scene = tmp_path / "scene.toml"
     scene.write_text(
         '[model]\nname = "kubo"\n[run]\nstep = 0.1\nsteps = 20\nq0 = 1.0\np0 = 0.0\n'
@@ -99,7 +99,7 @@ def test_a_width_on_the_command_line_replaces_that_of_the_scene(asked, option, o
 
 
 def test_one_interval_that_is_too_wide_is_enough(asked, tmp_path, capsys):
-    """The exit code says so though the last one is narrow enough, and a sentence says how to go on."""
+    """The exit code says so even if the last interval is narrow enough, and a message says how to go on."""
     scene, calls = asked
     out = str(tmp_path / "out")
     assert main(["expect", scene, "--quiet", "--out", out, "--allow-python"]) == 4
@@ -115,7 +115,7 @@ def test_a_mean_by_itself_has_the_whole_folder(asked, tmp_path):
 
 
 def test_what_a_scene_asks_of_its_run_is_asked_of_the_mean(asked):
-    """The seed, the start and the options that `expect` has are those of [run]."""
+    """Seed, initial state and those options that `expect` has are taken from [run]."""
     scene, calls = asked
     text = Path(scene).read_text()
     Path(scene).write_text(text.replace("[expect]", "seed = 5\nt0 = 0.5\ncompensated = true\n[expect]"))

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Sobol points: the increments that they give, their levels, their plans; and the bias that differences show."""
+"""Sobol points: their increments, levels and plans; and the bias that differences show."""
 
 import itertools
 import math
@@ -24,14 +24,14 @@ def nonlinear():
 
 
 def even_of(variances, *, level=0, path=1e-6, once=0.0, usual=USUAL):
-    """What scramblings may have shown at a level: variances of units of 2^6 and of 2^9 points."""
+    """A level with measured variances of units of 2^6 and 2^9 points by scrambling."""
     tallies = {points: Tally(8, 0.0, 7 * x) for points, x in zip((6, 9), variances, strict=True)}
     return Even(level, tallies, tallies, path, once, usual)
 
 
 def test_sobol_points_end_at_2_to_the_30():
-    """Flat from few to many points, the variance is taken to fall as 1/points; SciPy refuses more points than 2^30. Of
-    a variance that falls by 8 each time the slope is taken for 2.13, and for 2.6 where it does so six times."""
+    """A measured variance that does not fall is taken to fall as 1/points; SciPy refuses more than 2^30 points. Falling
+    by 8 each time gives a slope of 2.13, and six such falls one of 2.6."""
     trial = FakeTrial(0.25)
     trial.even = {0: even_of((1.0, 1.0))}
     assert points_of(trial, 0, 0, 2.0**-21) == [30] and points_of(trial, 0, 0, 2.0**-21.1) is None
@@ -42,15 +42,15 @@ def test_sobol_points_end_at_2_to_the_30():
 
 
 def points_of(trial, coarsest, finest, needed):
-    """log2 of the points of each level, if the variances of their units may add to this."""
+    """log2 of the points of each level, if the variances of their units may sum to this."""
     found = choice._points(trial, coarsest, finest, math.sqrt(needed / 16 / (1 - BIAS_SHARE)))
     return found and found[2]
 
 
 def test_points_are_doubled_where_variance_over_cost_is_largest():
-    """Level 0: 1 by 2^9 points, which falls as points^-1.7; level 1: 1/4, as points^-1.3; points of 1 and of 30 us.
-    From 2^5 points on they are 115 and 9; 1 (2^9) and 3.7 (2^6) are too many, and level 0 is the cheaper one to double.
-    Level 2, not looked at, varies by a quarter of level 1, as its paths do; nothing is known of it from level 0."""
+    """Level 0 has variance 1 by 2^9 points, falling as points^-1.7; level 1 has 1/4, falling as points^-1.3; a point
+    costs 1 and 30 us. From 2^5 points on the variances are 115 and 9, then 1 (2^9) and 3.7 (2^6), and doubling level 0
+    is cheaper. Level 2 was not measured and gets a quarter of level 1's variance, as for paths."""
     trial = FakeTrial(0.25)
     trial.even = {0: even_of((64.0, 1.0), once=0.5), 1: even_of((2.0, 0.25), level=1, path=3e-5, once=0.25)}
     seconds, coarsest, points = choice._points(trial, 0, 1, math.sqrt(4.5 / 16 / 0.9))
@@ -65,9 +65,9 @@ def test_points_are_doubled_where_variance_over_cost_is_largest():
 
 
 def test_points_of_an_f_that_jumps_gain_less():
-    """Variance 1 by 2^6 points, 2^-4.5 by 2^9, known to a half each: a fall of 1.5 if f is smooth, of 1.27 if it
-    jumps, so that it takes more points. Scramblings that all agree tell of a jump that none of their
-    points came to: as if one did."""
+    """Variance 1 by 2^6 points and 2^-4.5 by 2^9, each known to a half: a slope of 1.5 if f is smooth, of 1.27 if f
+    jumps, which needs more points. If all scramblings agree, a jump may lie between their points, so one point is taken
+    to have met it."""
     pytest.importorskip("scipy")
     smooth, jumping = (even_of((1.0, 2.0**-4.5), usual=usual) for usual in (USUAL, OF_JUMPS))
     assert smooth.fall(smooth.fine) == pytest.approx(1.5)
@@ -85,7 +85,7 @@ def test_points_of_an_f_that_jumps_gain_less():
 @pytest.mark.parametrize(("scheme", "columns"), [("midpoint", 1), ("gauss_dkdkd", 2), ("chin4a", 3)])
 def test_sobol_points_drive_what_a_scheme_takes(nonlinear, scheme, columns):
     """dW, dZ and K: the mean is that of independent paths within 4.5 standard errors (7e-6), the variance below a
-    third of theirs. With dZ and K of the wrong size it is not: see tests/mutants."""
+    third of theirs. tests/mutants has dZ and K of the wrong size."""
     pytest.importorskip("scipy")
     problem = make_problem(nonlinear, "q**2", q0=1.0, p0=0.0, horizon=2.0)
     assert estimators.columns(problem, as_scheme(scheme)) == columns
@@ -97,7 +97,7 @@ def test_sobol_points_drive_what_a_scheme_takes(nonlinear, scheme, columns):
 
 
 def test_dz_and_k_have_their_law():
-    """The map is linear in the normals: covariance h, h^3/3, h/720 and h^2/2 of dW with dZ, exactly."""
+    """The map is linear in the normals: covariances h, h^3/3, h/720, and h^2/2 between dW and dZ, exactly."""
     bridge, h = estimators.Bridge(4, horizon=2.0), 0.5
     normals = np.eye(12).reshape(3, 4, 1, 12)
     rows = bridge.increments(normals)
@@ -108,8 +108,8 @@ def test_dz_and_k_have_their_law():
 
 
 def test_differences_of_levels_telescope(nonlinear):
-    """Sobol points at h and 2h on one path: the means of f and of its changes add to that of the finest level, within
-    4.5 standard errors (7e-6); the change is that of the schemes, refuted as 0."""
+    """Sobol points at h and 2h on one path: the means of f and of its changes sum to that of the finest level, within
+    4.5 standard errors (7e-6); the change itself is not 0."""
     pytest.importorskip("scipy")
     problem = make_problem(nonlinear, "q**2", q0=1.0, p0=0.0, horizon=2.0)
     scheme = as_scheme("gauss_dkdkd")
@@ -121,22 +121,26 @@ def test_differences_of_levels_telescope(nonlinear):
 
 
 def test_bias_of_two_orders_is_told_from_one():
-    """Differences of 1e-2 h + h^2 from h = 1/2 on, which fall by nearly four: what is left is h's, within a percent."""
+    """Differences of 1e-2 h + h^2 from h = 1/2 on fall by nearly four: the remaining bias is that of the h term,
+    within 1 %.
+    """
     left = [1e-2 * h + h**2 for h in (0.5, 0.25, 0.125, 0.0625)]
     means = [a - b for a, b in itertools.pairwise(left)]
     for extra in (0, 1, 3):
         h = 0.0625 / 2**extra
         value, error = bias.left(means, [1e-9] * 3, 1.0, extra)
         assert value == pytest.approx(1e-2 * h + h**2, rel=1e-2) and error < 1e-2 * value
-    assert abs(bias.estimate(means, [1e-9] * 3, 2.0)[0] / left[-1] - 1) > 0.05  # one power alone
+    assert abs(bias.estimate(means, [1e-9] * 3, 2.0)[0] / left[-1] - 1) > 0.05  # with one power alone
     cubic = [a + h**3 for a, h in zip(left, (0.5, 0.25, 0.125, 0.0625), strict=True)]
     value, error = bias.left([a - b for a, b in itertools.pairwise(cubic)], [1e-9] * 3, 1.0)
-    assert error == pytest.approx(abs(value - cubic[-1]), rel=1e-6)  # a third power is the doubt
-    assert bias.left(means, [1.0] * 3, 1.0) == bias.estimate(means, [1.0] * 3, 1.0)  # not seen
+    assert error == pytest.approx(abs(value - cubic[-1]), rel=1e-6)  # the third power is the doubt
+    assert bias.left(means, [1.0] * 3, 1.0) == bias.estimate(means, [1.0] * 3, 1.0)  # smaller than its noise
 
 
 def test_the_longest_step_that_is_tried_is_stable_with_every_scheme():
-    """0.8 of the least limit of schemes that are tried by themselves: 2, of Verlet's rule and of lobatto2_swapped."""
+    """0.8 of the smallest limit among the schemes that are tried by default: 2, of Verlet's rule and of
+    lobatto2_swapped.
+    """
     problem = make_problem(ss.models.synchrotron(), "q**2", q0=1.0, p0=0.0, horizon=2.0)
     limits = {scheme.name: stable_up_to(scheme.name)[0] for scheme in suitable(problem)}
     assert limits["lobatto2_swapped"] == pytest.approx(2.0, rel=1e-5)

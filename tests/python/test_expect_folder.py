@@ -35,7 +35,7 @@ def model():
 
 
 def in_folder(path, watch):
-    """The folder of a question of no matter."""
+    """The folder of a question whose content does not matter."""
     problem = make_problem(ss.models.kubo(), "q", q0=1.0, p0=0.0, horizon=1.0, seed=0)
     return open_folder(path, {"expect": {}}, problem, [as_scheme("midpoint")], watch)
 
@@ -46,8 +46,8 @@ def shards(folder, kind):
 
 @pytest.mark.filterwarnings("ignore::symsde.BudgetWarning")
 def test_work_goes_on_and_counts_every_unit_once(model, tmp_path):
-    """The value is the mean over units 0, 1, .. of the plan, drawn anew without a folder; what was there is not
-    touched, and a third call draws nothing."""
+    """The value is the mean over units 0, 1, .. of the plan, also drawn without a folder; existing files are not
+    changed, and a third call draws nothing."""
     asked = {**PLACE, **STEADY, "abs": 5e-3, "method": "plain", "out": tmp_path}
     first = ss.expect(model, "q**2", **asked, max_time=1e-9)
     there = {path: path.read_bytes() for path in shards(tmp_path, "units")}
@@ -123,7 +123,7 @@ def test_a_damaged_part_is_drawn_anew(model, tmp_path):
 
 
 def test_while_others_draw_a_part_later_ones_are_drawn_here(tmp_path, monkeypatch):
-    """The first part is another process's for three looks; the second and third are drawn in the meantime."""
+    """Another process holds the first part for three looks; meanwhile the second and third are drawn here."""
     refused, drawn = [], []
     with in_folder(tmp_path, Watch(None, False)) as store:
         claim = store.folder.claim
@@ -143,7 +143,7 @@ def test_while_others_draw_a_part_later_ones_are_drawn_here(tmp_path, monkeypatc
         parts = [store.part("units", first, 10, 30 - first, draw) for first in (0, 10, 20)]
     assert [part.units.mean for part in parts] == [0.0, 10.0, 20.0]
     assert drawn == [10, 20, 0] and len(refused) == 3
-    assert store.seconds == 0.0  # all its own
+    assert store.seconds == 0.0  # all draws its own
     with in_folder(tmp_path, Watch(None, False)) as other:
         other.part("units", 0, 10, 30, draw)
         assert other.seconds == 0.5
@@ -158,7 +158,7 @@ def test_no_part_is_begun_when_the_time_is_over_but_the_least(tmp_path):
 
 
 def test_parts_are_long_enough_for_a_file_and_short_enough_to_lose():
-    """Of a second's work half a second, of an hour's ten; whole multiples of what is computed at a time."""
+    """A part of a second's work takes half a second, of an hour's ten; parts are multiples of one computation."""
     store = InFolder(None, None)
     assert store.grain(256, 10**6, -1.0) == 256
     assert store.grain(256, 10**6, 1e-6) == 0.5e6 // 256 * 256
@@ -185,7 +185,7 @@ method = "plain"
 """
 
 
-#: the command, each part of whose work is one call's: there are several, however fast a machine is
+#: a command whose parts are one call each, so that there are several on any machine
 COMMAND = """
 import sys
 from symsde.answers.expectation import draw_store
@@ -196,7 +196,7 @@ sys.exit(main(sys.argv[1:]))
 
 
 def test_a_killed_command_goes_on(tmp_path):
-    """kill -9 when the third part gets its name; the same command keeps what there is, and ends with the interval asked
+    """kill -9 when the third part gets its name; the same command keeps the parts and reaches the interval asked
     for."""
     scene, out = tmp_path / "scene.toml", tmp_path / "out"
     scene.write_text(SCENE)
@@ -211,7 +211,7 @@ def test_a_killed_command_goes_on(tmp_path):
     assert all(path.read_bytes() == content for path, content in there.items())
     low, high = (float(x) for x in done.stdout.split("[")[1].rstrip("]\n").split(","))
     assert 3e-3 * 2.1 > high - low > 0 and abs((low + high) / 2 - 0.9995) < 8e-3
-    assert not list((out / "shards").glob(".*"))  # nothing half-written
+    assert not list((out / "shards").glob(".*"))  # no unfinished file
 
 
 MLMC = """
@@ -223,7 +223,7 @@ print(found.value.hex(), found.reached)
 
 
 def test_multilevel_by_itself_goes_on_after_a_kill(tmp_path):
-    """kill -9 when a second part gets its name: what is there stays as it is, and the value is that of a folder of one
+    """kill -9 when a second part gets its name: existing parts stay unchanged, and the value is that of an undisturbed
     process."""
     begun, whole = tmp_path / "begun", tmp_path / "whole"
     killed = subprocess.run(words(signal.SIGKILL, 2, "shards/level-", PLACED, MLMC, begun), check=False)
@@ -270,7 +270,7 @@ def test_parts_are_read_as_they_were_written():
 
 
 def test_processes_share_a_folder(tmp_path):
-    """Two at once print the same bits, by parts that either of them drew: every unit is there once."""
+    """Two processes at once print the same bits from parts drawn by either; every unit exists once."""
     scene, out = tmp_path / "scene.toml", tmp_path / "out"
     scene.write_text(SCENE)
     command = [sys.executable, "-c", COMMAND, "expect", str(scene), "--out", str(out), "--quiet"]
@@ -285,8 +285,8 @@ def test_processes_share_a_folder(tmp_path):
 
 @pytest.mark.filterwarnings("ignore::symsde.BudgetWarning")
 def test_multilevel_by_itself_goes_on(model, tmp_path, monkeypatch):
-    """Stopped after its first levels, gone on with, and then read: the parts that are there stay, the bits are the
-    same, nothing is drawn again. Another first number of paths, or another reader, is refused."""
+    """Stopped after its first levels, continued, and then read: existing parts stay, the bits are the same, and nothing
+    is drawn twice. Another first number of paths, or another reader, is refused."""
     asked = {**PLACE, "scheme": "gauss_dkdkd", "threads": 1, "abs": 4e-3, "out": tmp_path}
     first = ss.mlmc(model, "q**2", **asked, max_time=1e-9)
     there = {path: path.read_bytes() for path in shards(tmp_path, "level")}
@@ -321,7 +321,7 @@ def test_multilevel_by_itself_goes_on(model, tmp_path, monkeypatch):
      ("abs", 0.6), ("horizon", 1.5), ("q0", 1.5), ("p0", 0.5), ("t0", 0.5)],
 )  # fmt: skip
 def test_multilevel_draws_of_another_call_are_another_run(name, other, tmp_path):
-    """Each input alone: none hides behind another that changes with it."""
+    """Each input is changed alone, so that none is hidden behind another."""
     asked = {**PLACE, "scheme": "midpoint", "steps": 8, "first": 16, "abs": 0.5, "seed": 1, "out": tmp_path}
     model = ss.models.linear_oscillator()
     ss.mlmc(model, "q**2", **asked)

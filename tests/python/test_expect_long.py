@@ -21,7 +21,7 @@ def exact_square(t: float) -> float:
 
 
 def square_by_verlet(steps: int, t: float) -> float:
-    """The same by Verlet's rule, from its matrix."""
+    """E q^2 by Verlet's rule, from its matrix."""
     h = t / steps
     kick, drift = np.array([[1.0, 0.0], [-h / 2, 1.0]]), np.array([[1.0, h], [0.0, 1.0]])
     step, noise = kick @ drift @ kick, (kick @ drift + np.eye(2)) @ np.array([0.0, SIGMA / 2])
@@ -33,14 +33,15 @@ def square_by_verlet(steps: int, t: float) -> float:
 
 @pytest.fixture
 def problem():
-    """Of 256 paths those by Verlet's rule at h = 1.6 to 0.2 end where phases differ by many radians."""
+    """With Verlet's rule at h = 1.6 to 0.2 the phases of 256 paths are off by many radians."""
     model = ss.models.linear_oscillator(sigma=SIGMA)
     return make_problem(model, "q**2", q0=1.0, p0=0.0, horizon=LONG, seed=3, threads=1)
 
 
 def test_phases_that_turn_are_told_from_those_that_do_not(problem):
-    """Verlet's rule leaves 0.322 at the finest step of its ladder, and says so within a factor of two, seeds aside; at
-    finer steps it promises no less. Two halvings on its levels are settled. chin4a is settled at once."""
+    """Verlet's rule has a bias of 0.322 at the finest step of its ladder, and estimates it within a factor of two for
+    most seeds; it predicts no smaller bias at finer steps. After two more halvings its levels are settled; chin4a's are
+    settled at once."""
     trial = Trial(problem, as_scheme("stormer_verlet"), 125, 256)
     left = exact_square(LONG) - square_by_verlet(1000, LONG)
     assert left == pytest.approx(-0.322, abs=1e-3)
@@ -55,8 +56,8 @@ def test_phases_that_turn_are_told_from_those_that_do_not(problem):
 
 @pytest.mark.usefixtures("work_clock")
 def test_intervals_hold_at_long_horizons(problem, monkeypatch):
-    """Of 12 answers 9 and more hold: at 94.9 % fewer come with 3e-4. With every level taken for settled, the planted
-    twin, the bias that is told is less than half of what is there."""
+    """9 or more of 12 intervals must hold; at 94.9 % fewer do with probability 3e-4. The twin takes every level for
+    settled, and reports less than half of the bias."""
     held = 0
     for seed in range(12):
         given = {"q0": 1.0, "p0": 0.0, "horizon": LONG, "abs": 0.1, "seed": seed, "threads": 1}
@@ -73,19 +74,19 @@ def test_intervals_hold_at_long_horizons(problem, monkeypatch):
 
 
 def test_what_no_power_of_h_tells_does_not_fall():
-    """Differences of either sign: the last one, or half of the one before; that at no finer step either."""
+    """Differences of changing sign: the bias is the last one or half of the one before, also at finer steps."""
     for extra in (0.0, 3.0):
         assert bias.left([-0.64, 0.91, -0.35], [0.1] * 3, 2.0, extra, settled=False) == (0.455, 0.1)
     assert not bias.settled(0.3, 1.0, [-0.64, 0.91, -0.35], [1e-3] * 3, 2.0)
-    assert bias.settled(0.3, 1.0, [0.64, 0.15, 0.04], [1e-3] * 3, 2.0)  # as the order says
-    assert not bias.settled(0.3, 1.0, [0.64, 0.15, 0.04], [0.05] * 3, 2.0)  # not seen
+    assert bias.settled(0.3, 1.0, [0.64, 0.15, 0.04], [1e-3] * 3, 2.0)  # falls with the order
+    assert not bias.settled(0.3, 1.0, [0.64, 0.15, 0.04], [0.05] * 3, 2.0)  # smaller than its noise
     assert not bias.settled(0.3, 1.0, [0.64, 0.5, 0.04], [1e-3] * 3, 2.0)
-    assert bias.settled(0.1, 1.0, [0.0] * 3, [1.0] * 3, 2.0)  # paths end near each other
+    assert bias.settled(0.1, 1.0, [0.0] * 3, [1.0] * 3, 2.0)  # paths that end near each other
 
 
 def test_second_powers_of_a_phase_are_in_the_doubt():
-    """cos(phi + x) - cos(phi) with x = 0.1 at h: of all phi the worst, where x and x^2 cancel in the difference from
-    2 h to h, leaves the doubt that paths of variance 1 tell by D^2 = 2 (1 - cos 3 x)."""
+    """cos(phi + x) - cos(phi) with x = 0.1 at h, for the worst phi, where x and x^2 cancel in the difference from 2 h
+    to h: the doubt follows from the paths' differences, D^2 = 2 (1 - cos 3 x)."""
     x, worst = 0.1, 0.0
     for phi in np.linspace(0.0, 2 * math.pi, 100):
         mean = [math.cos(phi + turned) for turned in (0.0, x, 4 * x)]
@@ -96,8 +97,8 @@ def test_second_powers_of_a_phase_are_in_the_doubt():
 
 
 def test_paths_that_part_by_themselves_take_paths_not_steps():
-    """Strong noise to T = 60: chin4a leaves no phase at h = 0.1, but paths end elsewhere: no finer steps are tried, no
-    power of h is counted on, and more paths tell the bias."""
+    """Strong noise to T = 60: chin4a has no phase error at h = 0.1, but paths end elsewhere. No finer steps are tried,
+    no power of h is assumed, and more paths are drawn to measure the bias."""
     model = ss.models.synchrotron(sigma1=0.8, sigma2=0.5)
     chaos = make_problem(model, "cos(q)", q0=1.0, p0=0.0, horizon=60.0, threads=1)
     trial = Trial(chaos, as_scheme("chin4a"), 75, 256)
@@ -108,7 +109,7 @@ def test_paths_that_part_by_themselves_take_paths_not_steps():
 
 
 def test_an_error_that_no_work_tells_is_in_the_interval(problem, monkeypatch):
-    """Where the pilot may try nothing beyond one ladder the answer is as wide as what is known, and says why."""
+    """If the pilot may try only one ladder, the interval covers the unknown error, and a note says why."""
     monkeypatch.setattr(Trial, "may_go_finer", False)
     monkeypatch.setattr(pilot, "_DOUBLINGS", 0)
     given = {"q0": 1.0, "p0": 0.0, "horizon": LONG, "abs": 0.1, "scheme": "stormer_verlet", "method": "plain"}
@@ -119,7 +120,7 @@ def test_an_error_that_no_work_tells_is_in_the_interval(problem, monkeypatch):
 
 
 def test_without_noise_an_interval_is_as_wide_as_its_bias():
-    """Student's quantile is for what is drawn: two paths know no less of a bias than many."""
+    """Student's quantile applies to drawn values: without noise two paths know a bias as well as many."""
     assert half_width(0.0, 1.0, 2) == pytest.approx(1.96)
     assert half_width(1.0, 0.0, 2) == pytest.approx(12.7062)
     still = ss.models.synchrotron(sigma1=0.0, sigma2=0.0)

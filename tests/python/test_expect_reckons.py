@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The estimates that `expect` gives before its work begins: the work takes about as long."""
+"""The estimates that `expect` gives before its work: the work takes about as long."""
 
 import logging
 import re
@@ -27,7 +27,7 @@ def plans(caplog):
 
 
 def told_and_taken(plans, model, f, place=None, **tolerance):
-    """Seconds that were told before the work and as its plan grew, and that it took."""
+    """The estimates before the work and when the plan grew, and the seconds it took."""
     answer = ss.expect(model, f, **(place or PLACE), **tolerance, threads=1)
     line, *grown = plans.messages
     plans.clear()
@@ -37,7 +37,7 @@ def told_and_taken(plans, model, f, place=None, **tolerance):
 
 
 def test_a_plan_that_grows_says_so(monkeypatch, plans):
-    """The pilot thinks four levels enough, and two more are needed: the second estimate holds, as the first did not."""
+    """The pilot plans four levels and two more are needed: the second estimate is right, the first was not."""
     WorkClock(monkeypatch)
     model = ss.models.noncommutative_oscillator(s1=0.5, s2=0.5)
     place = {**PLACE, "horizon": 1.0}
@@ -46,7 +46,7 @@ def test_a_plan_that_grows_says_so(monkeypatch, plans):
 
 
 def test_short_work_is_promised_no_number(monkeypatch, plans):
-    """What takes less than a tenth of a second; plain units are as many as an interval takes, at least."""
+    """Work of less than a tenth of a second gets no estimate; plain units are at least as many as an interval needs."""
     WorkClock(monkeypatch)
     told, taken = told_and_taken(plans, ss.models.kubo(), "q", abs=0.1, method="plain")
     assert not told and taken < 0.1
@@ -57,7 +57,7 @@ def test_short_work_is_promised_no_number(monkeypatch, plans):
 
 
 def test_the_plan_is_said_before_the_work(monkeypatch, plans, capsys):
-    """In the log, and beside the bar where nobody reads that."""
+    """The plan is given in the log, and beside the progress bar if nobody reads the log."""
 
     def stop(_work):
         raise RuntimeError("at work")
@@ -75,29 +75,33 @@ def test_the_plan_is_said_before_the_work(monkeypatch, plans, capsys):
 
 
 def test_work_that_takes_longer_than_told_says_so(monkeypatch):
-    """Once, beyond one and a half times and half a second more; with what it takes in all by the share that is done."""
+    """Work that exceeds its estimate 1.5 times plus half a second warns once, with the total expected from the share
+    done.
+    """
     now = SimpleNamespace(seconds=10.0)
     monkeypatch.setattr(time, "process_time", lambda: now.seconds)
     clock = Watch(None, progress=False)
     clock.announce("plan", 2.0)
     now.seconds += 3.4
-    clock.tell(0.5)  # nothing
+    clock.tell(0.5)  # no warning
     now.seconds += 0.2
     with pytest.warns(
         ss.BudgetWarning, match=r"the 2 s of the processor that were estimated: 3\.6 s so far, about 12 s"
     ):
         clock.tell(0.3)
     now.seconds += 100.0
-    clock.tell(0.4)  # once
+    clock.tell(0.4)  # one warning
     clock = Watch(None, progress=False)
     clock.announce("plan", 2.0)
     now.seconds += 4.0
     with pytest.warns(ss.BudgetWarning, match="4 s so far, about 4 s in all"):
-        clock.tell(33.0)  # a part held more units than were wanted
+        clock.tell(33.0)  # a part held more units than wanted
 
 
 def test_short_calls_take_one_thread(monkeypatch):
-    """Threads that wait for each other cost more than they give; what was measured of a step tells which are short."""
+    """In short calls threads waiting for each other cost more than they gain; measured steps tell which calls are
+    short.
+    """
     asked = []
     simulate = problem.simulate
     monkeypatch.setattr(problem, "simulate", lambda *a, **k: asked.append(k.get("threads")) or simulate(*a, **k))

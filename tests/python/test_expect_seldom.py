@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Rare events: a pilot that saw no event knows neither variance nor bias; it says so or draws more."""
+"""Rare events: a pilot that saw no event knows neither variance nor bias, and says so or draws more."""
 
 import math
 
@@ -35,7 +35,7 @@ def looked_at(problem) -> Tally:
 
 
 def test_a_pilot_looks_until_it_sees(problem, monkeypatch):
-    """20 events and more, or what was not seen is no wider than asked. The planted twin looks at 4096 paths."""
+    """The pilot sees 20 events or more, or the unseen part is no wider than asked. The twin draws 4096 paths."""
     seen = looked_at(problem)
     assert not seen.few and seen.n * seen.mean >= 20
     assert seen.size == pytest.approx(1.0, abs=2e-3)
@@ -44,8 +44,8 @@ def test_a_pilot_looks_until_it_sees(problem, monkeypatch):
 
 
 def test_paths_without_an_event_tell_no_bias_and_no_variance(problem):
-    """256 paths of which none is there: one more may be, by as much as it counts; units of other methods vary by what f
-    does. Before, both were known to be 0."""
+    """256 paths without an event: one more path may meet it, which gives the bias; other methods' units vary as f does.
+    Both used to be taken for 0."""
     trial = Trial(problem, as_scheme("stormer_verlet"), 2, 256)
     assert trial.draws[-1].difference.m2 == 0
     trial.known = looked_at(problem)
@@ -57,7 +57,7 @@ def test_paths_without_an_event_tell_no_bias_and_no_variance(problem):
 
 
 def test_what_was_not_seen_is_that_of_clopper_and_pearson():
-    """Upper ends of exact 95 % intervals of Poisson's law, beyond the count: 3.689, 5.669, 8.391, 10.89."""
+    """Upper ends of exact 95 % intervals of Poisson's law, less the count: 3.689, 5.669, 8.391, 10.89."""
     for count, exact in ((0, 3.689), (2, 5.225), (5, 6.668), (10, 8.391), (19, 10.67)):
         values = np.zeros(10**6)
         values[:count] = 1.0
@@ -66,7 +66,7 @@ def test_what_was_not_seen_is_that_of_clopper_and_pearson():
 
 @pytest.mark.usefixtures("work_clock")
 def test_intervals_of_what_happens_seldom_hold():
-    """P = 3e-3 to a quarter of it. Of 10 answers 6 and more hold: at 95 % fewer come with 6e-5."""
+    """P = 3e-3 to a quarter of it. 6 or more of 10 intervals must hold; at 95 % fewer do with probability 6e-5."""
     edge, held = math.cos(TIME) + 2.747781 * math.sqrt(TIME / 2 - math.sin(2 * TIME) / 4), 0
     for seed in range(10):
         given = {"q0": 1.0, "p0": 0.0, "horizon": TIME, "abs": 7.5e-4, "seed": seed, "threads": 1}
@@ -77,9 +77,10 @@ def test_intervals_of_what_happens_seldom_hold():
 
 
 def test_lognormal_tails_are_looked_at_further_out():
-    """Squares of a lognormal of 0.7 fall off as x^-1.9 at the 64th of 4096 and as x^-2.2 at the 256th of 65536: their
-    variance exists, and four in a hundred were refused. Those of Pareto's law of 1.5 fall off so everywhere, and three
-    in ten passed: 1.5 +- 0.19 at first, then 1.5 +- 0.09, above 1.78 with 1e-3."""
+    """Tails of squares of a lognormal of 0.7 fall as x^-1.9 at the 64th of 4096 values and as x^-2.2 at the 256th of
+    65536: their variance exists, but four in a hundred were refused. Tails of Pareto's law of index 1.5 fall with this
+    index everywhere, but three in ten passed: the estimate is 1.5 +- 0.19 at first, then 1.5 +- 0.09, above 1.78 with
+    probability 1e-3."""
 
     class Values:
         def __init__(self, seed, law):
@@ -98,9 +99,9 @@ def test_lognormal_tails_are_looked_at_further_out():
 
 @pytest.mark.usefixtures("work_clock")
 def test_the_first_level_is_one_that_implicit_steps_hold():
-    """dq = 0.7 q dW: midpoint has a pole at dW = 2/0.7, which one step meets with 4e-3, and values near it have no
-    variance; five steps meet it with 1e-10. E q = exp(0.245), at two half widths (8e-5 each). From one step on, the
-    planted twin, the first values are refused."""
+    """dq = 0.7 q dW: midpoint has a pole at dW = 2/0.7, which one step passes with probability 4e-3, and values near it
+    have no variance; five steps pass it with 1e-10. E q = exp(0.245), at two half widths (8e-5 each). The twin begins
+    with one step, and its values are refused."""
     model = ss.model_from_sympy("0*p", noise=["sigma*q*p"], params={"sigma": 0.7})
     given = {"q0": 1.0, "p0": 0.0, "horizon": 1.0, "abs": 0.04}
     assert mild_steps(make_problem(model, "q", q0=1.0, p0=0.0, horizon=1.0)) == 5
@@ -121,8 +122,8 @@ def test_products_of_noises_that_do_not_commute_are_not_refused():
 
 
 def test_peaks_have_a_variance(monkeypatch):
-    """exp(-c (1 - q)^2) is at most 1, however far its flanks fall off; powers of index 1 and 1.5 are refused still, all
-    of 20 samples but two of the 1 % each that look like a peak by chance (one in 10^3 sets of samples has more)."""
+    """exp(-c (1 - q)^2) is at most 1, however its flanks fall. Powers of index 1 and 1.5 are still refused, up to two
+    of 20 samples, since 1 % look like a peak by chance (one set of samples in 10^3 has more)."""
     rng = np.random.default_rng(1)
     peaks = [np.exp(-c * (1 - rng.standard_normal(2**16)) ** 2) for c in (1e5, 1e6, 1e7)]
     for values in peaks:

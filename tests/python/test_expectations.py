@@ -1,6 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The expectations behind reports: every judge just inside and just outside its bound, tables and pages by their
-text."""
+"""The expectations behind reports: every check just inside and just outside its bound; tables and pages as text."""
 
 import json
 import math
@@ -14,7 +13,7 @@ from symsde.studies.expectations import Check, Expectations
 
 E = 0.1  # a standard error
 
-JUDGED = [  # kind, arguments that pass, arguments that fail, what is measured, what is expected
+JUDGED = [  # kind, passing arguments, failing arguments, measured, expected
     ("at_most", (1.0, 1.0), (1.001, 1.0), "1.00e+00", "<= 1"),
     ("at_most", (-5.0, 1.5e-7), (math.nan, 1.0), "-5.00e+00", "<= 1.5e-07"),
     ("at_most", (0.5, 1.0), (-math.inf, 1.0), "5.00e-01", "<= 1"),
@@ -54,7 +53,7 @@ def test_judges(kind, good, bad, measured, expected):
 
 
 def test_the_rate_of_false_alarms():
-    """Of a normal mean, by a sum over its density."""
+    """The rate for a normal mean, by summing its density."""
     x = np.linspace(4.9, 12, 200_001)
     density = np.exp(-(x**2) / 2) / math.sqrt(2 * math.pi)
     assert pytest.approx(2 * np.trapezoid(density, x), rel=1e-6) == expectations.FALSE_ALARM

@@ -25,11 +25,11 @@ ROOT = Path(__file__).parents[2]
 HEADERS = ROOT / "include"
 RUN = "[run]\nstep = 0.05\nsteps = 40\nsave_every = 20\npaths = 30\nseed = 18446744073709551615\nq0 = 0.4\np0 = 0.3\n"
 SCENES = {
-    # every kind of function and operation, names that languages keep for themselves or do not tell apart, time
+    # every function and operation, names that other languages reserve or do not distinguish, time
     "names": '[model]\nH = "double**2/2*A0 - cos(E*q)*a0 + exp(-I*q**2)/(1+q**2)**(3/2) + sqrt(1 + t**2)*q"\n'
     'noise = ["value*sin(q)*double", "-NULL*log(2+q**2)*tanh(q)"]\nq = "q"\np = "double"\n'
     "[model.params]\nA0 = 1.2\na0 = 0.7\nE = 1.1\nI = 0.5\nvalue = 0.2\nNULL = 0.3\n" + RUN + 'scheme = "gauss2"\n',
-    # functions that languages have not, and those that derivatives of others become
+    # functions that languages lack, and functions that appear in derivatives
     "walls": '[model]\nH = "p**2/2 + sech(q) + a*coth(q+2) + csch(q+3) + erfc(q) + log(cosh(q)) + log(1+exp(q))"\n'
     'noise = ["0.1*log(1+exp(-q))*tanh(q)"]\n[model.params]\na = 0.2\n' + RUN,
     "wall_chain": '[model]\nH = "Sum(p[i]**2/2, i) + Sum(log(cosh(q[i+1]-q[i])) + sech(q[i]), i)"\nn = 5\n' + RUN,
@@ -40,7 +40,8 @@ SCENES = {
     "chain": '[model]\nH = "Sum(p[i]**2/2, i) + Sum(cosh(q[i+1]-q[i]), i)"\nnoise = ["-s*q[k]"]\nn = 9\n'
     'ends = "fixed"\n'
     "[model.params]\ns = 0.2\n" + RUN,
-    # neighbours on both sides across the ends, products of q and p, noises of each site before and after one of all
+    # couplings to both sides across the ends, products of q and p, noises of single sites before and after one of all
+    # sites
     "ring": '[model]\nH = "Sum((q[i+1]-q[i])**2/2 + (p[i+2]-p[i-1])**2*E/8 + g*(q[i]**2+p[i]**2)**2/4*cos(t), i)"\n'
     'noise = ["s*Sum(q[i]*p[i+1], i)", "s*q[k]", "s*p[k]", "Sum(s*cos(q[i])*log(2+p[i]**2)**E, i)"]\nn = 7\n'
     'ends = "periodic"\n[model.params]\ng = 0.7\nE = 1.3\ns = 0.2\n'
@@ -48,7 +49,7 @@ SCENES = {
     "toda": '[model]\nH = "Sum(p[i]**2/2, i) + Sum(exp(q[i+1]-q[i]), i)"\nnoise = ["Sum(s*q[i], i)"]\nn = 12\n'
     '[model.params]\ns = 0.2\n' + RUN.replace("q0 = 0.4", f"q0 = {[k/16 for k in range(12)]}")
     + 'scheme = "stormer_verlet"\n',
-    # brackets by third derivatives: differences of gradients give other numbers
+    # brackets by third derivatives, since differences of gradients give other numbers
     "third": '[model]\nH = "(x**2+u**2)*(y**2+v**2)/8 + a*cos(x-y)*u"\nnoise = ["s*sin(x)*v", "s*y*u**2"]\n'
     'q = ["x", "y"]\np = ["u", "v"]\n[model.params]\na = 0.9\ns = 0.4\n' + RUN + 'scheme = "gauss2_strong32"\n',
 }  # fmt: skip
@@ -58,7 +59,7 @@ SITES = [name for name in SCENES if "Sum(" in SCENES[name]]
 
 
 def export(folder, name, language, capsys):
-    """The line that compiles a scene as a program."""
+    """The line that compiles a scene exported as a program."""
     (folder / f"{name}.toml").write_text(SCENES[name])
     ending = {"fortran": "f90", "c": "c"}[language]
     target = folder / f"{name}.{ending}"
@@ -69,7 +70,7 @@ def export(folder, name, language, capsys):
 
 
 def numbers(folder, line, name):
-    """What the program prints."""
+    """Output of the program, as numbers."""
     subprocess.run(line, shell=True, check=True, cwd=folder)
     done = subprocess.run([f"./{name}"], check=True, cwd=folder, capture_output=True, text=True)
     return np.array([[float(x) for x in row.split()] for row in done.stdout.splitlines()[1:]])
@@ -77,7 +78,7 @@ def numbers(folder, line, name):
 
 @pytest.mark.parametrize("noises", [(1,), (2, 63), (1, 64), tuple(range(1, 65))])
 def test_common_noises_are_numbers_in_fortran(noises):
-    """Up to the last one that can be shared, whose bit is the sign of others' integers."""
+    """Up to the last noise that can be common, whose bit is the sign bit of signed integers."""
     assert in_fortran._option("common_noise", sum(1 << (k - 1) for k in noises)) == str(list(noises))
 
 
@@ -110,7 +111,7 @@ def test_programs_give_the_numbers_of_the_scene(name, language, tmp_path, capsys
 
 @pytest.mark.parametrize("language", ["c", "fortran"])
 def test_chains_of_any_length_are_the_same_program(language, tmp_path, capsys):
-    """But for the number of sites; the one of a hundred thousand in Fortran runs."""
+    """Programs differ in the number of sites alone; in Fortran a chain of a hundred thousand runs."""
     H = "Sum(p[i]**2/2, i) + Sum((q[i+1]-q[i])**2/2 + b*(q[i+1]-q[i])**4/4, i)"
     SCENES["short"] = f'[model]\nH = "{H}"\nnoise = ["Sum(s*q[i], i)"]\nn = 40\nends = "fixed"\n'
     SCENES["short"] += "[model.params]\nb = 0.7\ns = 0.2\n" + RUN.replace("40", "2").replace("20", "2").replace(
@@ -131,7 +132,7 @@ def test_chains_of_any_length_are_the_same_program(language, tmp_path, capsys):
 
 
 def test_the_program_is_written_from_the_formulas(tmp_path, capsys):
-    """The twin: another parameter gives other numbers."""
+    """The twin: another parameter in the program gives other numbers."""
     line, text = export(tmp_path, "names", "c", capsys)
     assert "H = double**2/2*A0 - cos(E*q)*a0" in text
     assert "      1.2, /* c0: A0 */\n" in text
@@ -142,19 +143,19 @@ def test_the_program_is_written_from_the_formulas(tmp_path, capsys):
 
 
 def test_no_text_of_a_scene_reaches_the_code(tmp_path, capsys):
-    """Comments in formulas are Python's, names are anything: neither ends a comment or begins a line."""
+    """Comments in formulas follow Python's syntax and names are arbitrary: neither ends a comment nor begins a line."""
     text = SCENES["names"].replace('H = "', "H = '''(p**2/2 # */ int evil; /*\n + q**2/2) #''' #")
     text = text.replace('q = "q"\np = "double"\n', 'name = "x*/\\" ; evil"\n').replace('*double"', '"')
     SCENES["hostile"] = text
     for language in ("c", "fortran"):
         text = export(tmp_path, "hostile", language, capsys)[1]
-        assert "evil" in text  # in a literal, without its quotation mark
+        assert "evil" in text  # in a string literal, without its quotation mark
         assert "int evil" not in text and '"x*/' not in text and "' ;" not in text and '" ;' not in text
     assert given.harmless("a */ b\n /* c # d\n*/*/") == "a * / b / * c * /* /".replace("/* /", "/ * /")
 
 
 def test_names_that_fortran_takes():
-    """Parameters are components of a type, so that only those of models are taken."""
+    """Parameters are components of a type, so that only names of the model's own are reserved."""
     names = ["omega", "double", "I", "A", "a", "q1", "self", "EOF", "9x", "a-b", "h" * 40, "ü", "value", "Traits"]
     made = given.identifiers(names)
     good = ("omega", "double", "I", "A", "q1", "self", "EOF")

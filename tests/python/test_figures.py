@@ -19,7 +19,7 @@ import mean_square_map
 
 @pytest.fixture
 def drawn(monkeypatch, tmp_path):
-    """Draw by a function, and give the axes of the figure."""
+    """Draw by a function; gives the axes of the figure."""
     pages = []
     monkeypatch.setattr(look, "readable", pages.append)
 
@@ -35,7 +35,7 @@ def points(line):
 
 
 def lines(axis):
-    """Those with a name of their own."""
+    """The lines with a name of their own."""
     return {line.get_label(): line for line in axis.lines if not line.get_label().startswith("_")}
 
 
@@ -84,7 +84,7 @@ def test_expected_and_observed(drawn):
 
 
 def test_panels_of_mean_squares(drawn):
-    """Every panel has the numbers of its equation and scheme, and the line where they are the limit."""
+    """Every panel shows the numbers of its equation and scheme, and a line at the limit."""
     x, y = [0.1, 0.3, 1.0], [0.01, 0.1, 0.5]
     equations = list(mean_square_map.EQUATIONS)[:2]
     excess = np.array([[1e-8, 1e-4, 1.0], [1e-3, 0.1, 100.0], [0.1, 0.2, 0.3]])
@@ -93,12 +93,12 @@ def test_panels_of_mean_squares(drawn):
         for i, equation in enumerate(equations)
         for j, scheme in enumerate(mean_square_map.SCHEMES)
     ]
-    maps[0]["excess"][2][2] = None  # has no second moments
+    maps[0]["excess"][2][2] = None  # no second moments here
     data = {"omega_h": x, "sigma_sqrt_h": y, "stable": 0.01, "maps": maps[::-1]}
     axes = drawn(mean_square_map.save, data)
     assert len(axes) == 11 and axes[10].get_ylabel() == "log$_{10}$ of what a step adds to log E$|z|^2$"
     count = len(mean_square_map.SCHEMES)
-    first, second = axes[:count], axes[count : 2 * count]  # in the order in which they come
+    first, second = axes[:count], axes[count : 2 * count]  # in the order drawn
     for row, i in ((first, 1), (second, 0)):
         for j, axis in enumerate(row):
             mesh, contour = axis.collections
@@ -114,7 +114,7 @@ def test_panels_of_mean_squares(drawn):
 
 
 def test_points_of_the_step(drawn):
-    """Points at their omega h and q, full where they are stable, circles where they are cycles; lines beside them."""
+    """Points at their omega h and q: full if stable, circles for cycles; lines beside them."""
     found = {scheme: [] for scheme in bifurcation.DRAWN}
     shown = found | {"stormer_verlet": [[1.5, 0.25, 1, 2]], "heun": [[2.5, -3.0, 0, 1]]}
     axes = drawn(bifurcation.save, {"points": {"hardening spring": shown, "pendulum": found}})

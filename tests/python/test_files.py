@@ -22,7 +22,7 @@ from symsde.errors import WrongTypeError
 from symsde.native.files import json_text
 
 START = np.full((2, 300), 0.1)
-START[:, [5, 270]] = 20.0  # these two escape
+START[:, [5, 270]] = 20.0  # these two paths escape
 RUN = {"q0": START, "p0": [0.05, -0.03], "t0": 2.0, "step": 0.1, "steps": 60, "save_every": 20, "paths": 300}
 RUN |= {"scheme": "stormer_verlet", "seed": 11, "first_path": 512, "first_step": 3}
 
@@ -54,7 +54,7 @@ def read(path):
 
 
 def check_attributes(given):
-    """Enough to make the run again."""
+    """The attributes suffice to repeat the run."""
     assert given["model"] == "henon_heiles" and given["scheme"] == "stormer_verlet"
     assert json.loads(given["parameters"]) == {"alpha": 1.1, "sigma1": 0.1, "sigma2": 0.1}
     assert given["increments"] == "Brownian"
@@ -86,7 +86,7 @@ def test_options_are_told_as_they_were_asked_for(asked):
 
 
 def test_every_variable_says_what_it_is(run, moments):
-    """In words and units, as CF asks."""
+    """Variables have descriptions and units, as CF asks."""
     pytest.importorskip("xarray")
     for data in (run.to_xarray(), moments.to_xarray()):
         assert all(variable.attrs["units"] == "1" for variable in data.variables.values())
@@ -118,14 +118,14 @@ def test_a_file_of_paths_holds_the_run(run, ending, tmp_path):
 
 
 def test_numbers_as_json():
-    """Seven digits, or all that there are; what is not a finite number is null."""
+    """Seven digits, or all digits; values that are not finite are null."""
     data = {"x": np.array([1 / 3, math.inf]), 2: (True, np.int64(12345678), None)}
     assert json_text(data) == '{"x": [0.3333333, null], "2": [true, 12345678, null]}\n'
     assert json_text(data, digits=None).startswith('{"x": [0.3333333333333333, null]')
 
 
 def moments_by_hand(run):
-    """Means, variances and errors of every value from saved paths; failed ones are NaN and left out."""
+    """Means, variances and errors of every value from saved paths, without failed ones, which are NaN."""
     model = run.model
     values = {"q_1": run.q[:, 0], "q_2": run.q[:, 1], "p_1": run.p[:, 0], "p_2": run.p[:, 1]}
     values["energy"] = np.array([model.value(q, p) for q, p in zip(run.q, run.p, strict=True)])
@@ -237,7 +237,7 @@ except OSError as error:
 
 @pytest.mark.parametrize("ending", ["csv", "npz", "nc"])
 def test_a_full_disk_is_an_oserror_and_leaves_nothing(ending, tmp_path):
-    """As full as a disk is to a process whose files may have 20 kB."""
+    """A full disk is imitated by a limit of 20 kB a file."""
     if ending == "nc":
         pytest.importorskip("netCDF4")
     code = FULL.format(make="ss.moments" if ending == "csv" else "ss.simulate", ending=ending)
@@ -298,7 +298,7 @@ def free(t, w, q, p):
 
 
 def test_pickles_of_lambdas_are_refused_with_a_sentence():
-    """Of a model, and of what it gave; picklers that write code themselves, as cloudpickle, take them."""
+    """Pickles of a model with lambdas, and of its results; picklers that write code, like cloudpickle, accept them."""
     own = ss.Model(ndof=1, nnoise=0, gradient=lambda t, w, q, p: (w[0] * q, w[0] * p), separable=True)
     found = ss.simulate(own, q0=1.0, p0=0.0, step=0.1, steps=2)
     for thing in (own, found, ss.moments(own, q0=1.0, p0=0.0, step=0.1, steps=2)):
@@ -326,7 +326,7 @@ def test_compiled_functions_cannot_be_pickled():
 
 @pytest.mark.parametrize("kind", ["a pipe", "a socket", "a device"])
 def test_what_is_no_file_is_refused_before_it_is_opened(kind, tmp_path, capsys):
-    """A pipe is opened when somebody writes, /dev/zero never ends: both would hang."""
+    """Opening a pipe waits for a writer, and reading /dev/zero never ends: both must be refused without opening."""
     made = {".toml": tmp_path / "x.toml", ".csv": tmp_path / "x.csv", "manifest": tmp_path / "run" / "manifest.json"}
     (tmp_path / "run").mkdir()
     for path in made.values():
@@ -335,7 +335,7 @@ def test_what_is_no_file_is_refused_before_it_is_opened(kind, tmp_path, capsys):
         elif kind == "a device":
             path.symlink_to("/dev/zero")
         else:
-            os.chdir(path.parent)  # names of sockets are short
+            os.chdir(path.parent)  # paths of sockets must be short
             socket.socket(socket.AF_UNIX).bind(path.name)
     for verb in ("check", "run", "expect", "study"):
         assert command_line.main([verb, str(made[".toml"])]) == command_line.BAD_INPUT

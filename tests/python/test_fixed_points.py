@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Fixed points and cycles of the map of a step, beside results worked out by hand."""
+"""Fixed points and cycles of the map of a step, against results worked out by hand."""
 
 import cmath
 import math
@@ -18,7 +18,7 @@ def test_starts_are_everywhere_in_the_box(box):
 
 
 def test_multipliers_of_a_turn():
-    """Midpoint turns by 2 atan(h/2) about rest; Heun's multipliers have the size (1 + h^4/4)^(1/2)."""
+    """Midpoint rotates by 2 atan(h/2) about rest; Heun's multipliers have modulus (1 + h^4/4)^(1/2)."""
     pendulum, h = ss.models.pendulum(sigma=0.0), 0.7
     for scheme, expected, stable in (
         ("midpoint", cmath.exp(2j * math.atan(h / 2)), True),
@@ -33,7 +33,7 @@ def test_multipliers_of_a_turn():
 
 
 def test_the_cycle_of_kicks_doubles_the_period_at_two():
-    """sin q/q = 4/h^2: from h = 2 on, stable until cos q = 0, h = sqrt(2 pi)."""
+    """The cycle q = -q' has sin q/q = 4/h^2: it exists from h = 2 on, and is stable until cos q = 0, h = sqrt(2 pi)."""
     pendulum = ss.models.pendulum(sigma=0.0)
     for h, count in ((1.99, 0), (2.02, 2), (2.49, 2)):
         cycles = fixed_points(pendulum, "stormer_verlet", step=h, period=2, box=(3, 3))
@@ -47,7 +47,9 @@ def test_the_cycle_of_kicks_doubles_the_period_at_two():
 
 
 def test_a_cycle_beside_rest_is_of_the_scheme():
-    """Just beyond h = 2 the cycle is so near to rest, q = sqrt(6 (h - 2)), that the force there says nothing."""
+    """Just above h = 2 the cycle is so near rest, q = sqrt(6 (h - 2)), that its small force could pass for
+    equilibrium.
+    """
     cycles = fixed_points(ss.models.pendulum(sigma=0.0), "stormer_verlet", step=2 + 5e-5, period=2, box=(30, 30))
     near = [x for x in cycles if abs(x.q) < 1]
     assert [x.q for x in near] == pytest.approx([-math.sqrt(3e-4), math.sqrt(3e-4)], rel=1e-4)
@@ -57,26 +59,28 @@ def test_a_cycle_beside_rest_is_of_the_scheme():
 @pytest.mark.parametrize("scheme", ["midpoint", "gauss2"])
 @pytest.mark.parametrize("h", [0.7, 1.6])
 def test_midpoint_and_gauss_rest_where_the_equation_does(scheme, h):
-    """Wells and hill of the double well; the hill's multipliers are real."""
+    """Wells and hill of the double well; the multipliers at the hill are real."""
     found = fixed_points(double_well(), scheme, step=h, box=(2, 2))
     assert [round(x.q, 6) for x in found] == [-1.0, 0.0, 1.0] and not any(x.spurious for x in found)
     assert [x.stable for x in found] == [True, False, True]
 
 
 def test_orbits_of_the_hardening_spring_are_lost_before_the_limit():
-    """Verlet from q = 1: 2 by linear theory, the frequency at q = 1 is twice that at rest."""
+    """Verlet from q = 1 loses its orbits early: linear theory allows h = 2, but the frequency at q = 1 is twice that
+    at rest.
+    """
     assert bifurcation.stays_up_to("stormer_verlet", 1.0) == pytest.approx(0.9, abs=0.06)
     assert bifurcation.lost("symplectic_euler", 0.75) and not bifurcation.lost("symplectic_euler", 0.65)
 
 
 def test_a_box_has_a_width_and_a_height():
-    """The double well rests at q = -1, 0, 1: a box that is high and narrow holds one of them."""
+    """The double well has equilibria q = -1, 0, 1: a tall and narrow box contains one of them."""
     found = [fixed_points(double_well(), "midpoint", step=0.7, box=box) for box in ((0.5, 2), (2, 0.5))]
     assert [[round(x.q, 6) for x in points] for points in found] == [[0.0], [-1.0, 0.0, 1.0]]
 
 
 def test_the_table_says_what_was_found():
-    """Numbers in words: none, up to, all; from."""
+    """The table's wording of numbers: none, up to, all; from."""
     curves = {
         "stays": {name: [0.0, 0.9, 3.35] for name in bifurcation.SCHEMES},
         "appears": {"hardening spring": dict.fromkeys(bifurcation.SCHEMES, 0.494),

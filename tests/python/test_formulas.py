@@ -62,7 +62,7 @@ def formula(name, factor=1):
 
 
 def chain(n):
-    """The chain of Fermi, Pasta and Ulam, written out."""
+    """The Fermi-Pasta-Ulam chain, site by site."""
     x, y = sp.symbols(f"x0:{n}"), sp.symbols(f"y0:{n}")
     beta, ends = sp.Symbol("beta"), [0, *sp.symbols(f"x0:{n}"), 0]
     stretch = [ends[i + 1] - ends[i] for i in range(n + 1)]
@@ -71,13 +71,13 @@ def chain(n):
 
 
 def everything(model, x, y, weights):
-    """Values and all derivatives, one after the other."""
+    """Values and all derivatives, in sequence."""
     value = model.value(x, y, weights)
     return [value, *model.gradient(x, y, weights), *model.hessian(x, y, weights)]
 
 
 def distance(mine, known):
-    """Largest difference in ulps of the larger of the number and one."""
+    """Largest difference in ulps of the number, or of one if that is larger."""
     pairs = zip(mine, known, strict=True)
     return max(float(np.max(np.abs(m - k) / np.spacing(np.maximum(np.abs(k), 1.0)))) for m, k in pairs)
 
@@ -126,7 +126,7 @@ def test_bits_do_not_depend_on_threads_or_blocks():
     model = formula("pendulum")
     one, other = (ss.simulate(model, threads=n, lanes=k, **run) for n, k in ((1, 0), (2, 8)))
     assert (one.q == other.q).all() and (one.p == other.p).all()
-    for first, paths in ((0, 1), (5, 3), (17, 9)):  # blocks that no vector fills
+    for first, paths in ((0, 1), (5, 3), (17, 9)):  # blocks that fill no vector
         some = ss.simulate(model, first_path=first, **{**run, "paths": paths})
         assert (some.q == one.q[:, :, first : first + paths]).all()
 
@@ -137,7 +137,7 @@ BLOCKS = ("hq", "hp", "hqq", "hqp", "hpp")
 
 
 def call(model, kind, names, outputs, at, vectors=()):
-    """A callback by its address: arrays of the outputs that are wanted."""
+    """Call a callback by its address; gives the arrays of the wanted outputs."""
     x, y, weights = (np.ascontiguousarray(v) for v in at)
     n, lanes = x.shape
     shapes = {"value": (lanes,), "hq": (n, lanes), "hp": (n, lanes), "uq": (n, lanes), "up": (n, lanes)}
@@ -152,7 +152,7 @@ def call(model, kind, names, outputs, at, vectors=()):
 
 
 def mixed():
-    """A model whose blocks all differ, with functions and time."""
+    """A model with functions and time, whose blocks of derivatives all differ."""
     H = p1**2 / (2 + sp.cos(q1 - q2)) + p2**2 / 2 + sp.exp(-(q1**2)) * p1 * q2 + sp.log(2 + q2**2) * sp.cos(w * t)
     noise = [s * sp.tanh(q1) * p2, sp.sqrt(1 + q1**2 + p1**2), q2**3 * p1]
     return ss.model_from_sympy(H, noise, q=[q1, q2], p=[p1, p2], params={"omega": 1.5, "sigma": 0.3})
@@ -172,7 +172,7 @@ def test_every_set_of_outputs_has_the_same_bits():
 
 
 def test_derivatives_agree_with_differences_of_values_in_every_direction():
-    """The value is the formula itself; everything else is judged by it, in the exact arithmetic of mpmath."""
+    """The value is the formula itself; mpmath's exact arithmetic gives all derivatives from it."""
     model = mixed()
     x, y, weights = points(model, count=3)
     made = call(model, "gradient_hessian", BLOCKS, BLOCKS, (x, y, weights))
@@ -220,7 +220,7 @@ def test_a_far_lane_changes_no_other():
 
 
 def in_numpy_of(model):
-    """The functions that a model without a compiler calls."""
+    """The NumPy functions of a model without a compiler."""
     from symsde.model.formulas import derivatives, in_numpy, named_formulas
 
     _, (given,) = model._remade
@@ -261,7 +261,7 @@ def test_parameters_are_given_at_run_time():
     assert silent.traits.additive and silent.traits.position_noise and not first.traits.additive
     with pytest.raises(errors.UnknownNameError, match="there are sigma"):
         first.with_parameters(sigmo=1)
-    with pytest.raises(TypeError):  # it would be printed, and kept with results, but not run
+    with pytest.raises(TypeError):  # numbers as text would be printed and saved, but not run
         first.parameters["sigma"] = 0.25
 
 
@@ -300,7 +300,7 @@ def test_symbols_of_mechanics_and_functions_of_time():
     assert (renamed.gradient(0.3, 0.0, t=0.7)[0] == force).all()
 
 
-# ---- what is proved ----------------------------------------------------------------------------------------
+# ---- proofs about formulas ------------------------------------------------------------------------------
 
 
 def test_invariants_are_proved_or_not():
@@ -330,7 +330,7 @@ def test_masses():
     assert ss.model_from_sympy(p**2 / (2 * a), q=q, p=p, params={"a": 1.0}).traits.identity_mass
     heavy = ss.model_from_sympy(p**2 / (2 * a) - sp.cos(q), [sp.sin(q) / 2], q=q, p=p, params={"a": 4.0})
     assert heavy.traits.constant_mass and heavy.traits.kicked
-    # q -> 2 q, p -> p/2 makes the mass one
+    # with q -> 2 q, p -> p/2 the mass is one
     light = ss.model_from_sympy(p**2 / 2 - sp.cos(q / 2), [sp.sin(q / 2) / 2], q=q, p=p)
     assert light.traits.identity_mass and not light.traits.constant_mass and light.traits.kicked
     run = {"step": 0.1, "steps": 30, "paths": 20, "seed": 1, "scheme": "chin4a"}
@@ -417,7 +417,7 @@ def test_bad_input_gets_a_sentence(H, more, words):
 @pytest.mark.usefixtures("quick_compiler")
 @pytest.mark.parametrize("H", ["p**2/2 - 1/q", "p**2/2 + log(q)", "sqrt(q**2 + p**2 - 1)", "p**2/2 + q**2/(q - t)"])
 def test_singular_starts_are_told_with_the_formula(H):
-    """Also where a scheme would step over the singularity; paths with states of their own have a status each."""
+    """Also where a step would jump over the singularity; paths with states of their own each get a status."""
     model = ss.model_from_sympy(H, ["0.1*q"])
     start = {"q0": 1.0, "p0": 0.0, "t0": 1.0} if "sqrt" in H or "t" in H else {"q0": 0.0, "p0": 1.0}
     for function, more in ((ss.simulate, {"steps": 3}), (ss.moments, {"steps": 3}), (ss.prepare, {})):
@@ -441,7 +441,7 @@ def test_noises_that_a_scheme_forbids_are_quoted():
 
 
 def test_compilation_is_bounded_in_processor_time(monkeypatch):
-    """A compiler that computes for long is stopped, with all that it started; one that waits is waited for."""
+    """A compiler that computes too long is stopped, with its child processes; one that waits is waited for."""
     monkeypatch.setattr(compiler, "TIME_LIMIT", 1.0)
     busy = compiler._bounded(
         [sys.executable, "-c", "import subprocess, sys; subprocess.run([sys.executable, '-c', 'while 1: 1'])"]
@@ -465,7 +465,9 @@ def test_signs_stand_before_products_and_sums():
 
 
 def test_nothing_is_drawn_for_a_noise_of_strength_zero():
-    """The paths of the built-in model, which draws one of two noises; another strength is drawn again."""
+    """The same paths as the built-in model, which draws one of two noises; with another strength the noise is drawn
+    again.
+    """
     mine = ss.model_from_sympy("p**2/2 + q**2/2", ["s*p", "-g*q"], params={"s": 0.0, "g": 1.0})
     assert mine.traits.silent == mine.formula.structure.silent == (1,)
     known = ss.models.additive_oscillator(sigma=0.0, gamma=1.0)
@@ -495,6 +497,6 @@ def test_a_model_says_which_noises_are_zero():
 
 
 def test_a_time_that_is_none_is_called_so():
-    """Not a singularity of the formula, which it is handed to."""
+    """The message blames the time, not a singularity of the formula."""
     with pytest.raises(errors.InvalidArgumentError, match="t0 = NaN is not a time"):
         ss.simulate(ss.model_from_sympy("p**2/2 + q*cos(t)"), q0=1.0, p0=0.3, t0=np.nan, step=0.01, steps=2)

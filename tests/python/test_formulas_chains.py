@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Sums over sites: the chain of the catalogue, every kind of ends against formulas that are written out, bad input."""
+"""Sums over sites: the chain of the catalogue, every kind of ends against formulas written out, bad input."""
 
 import ctypes
 
@@ -20,7 +20,7 @@ if compiler.command() is None:
 
 FPU = "Sum(p[i]**2/2, i) + Sum((q[i+1]-q[i])**2/2 + beta*(q[i+1]-q[i])**4/4, i)"
 PARAMS = {"beta": 0.8, "sigma": 0.1}
-# mixed derivatives, three neighbours, functions, time; and terms that live on a site beyond either end
+# mixed derivatives, three neighbours, functions, time; and terms that vanish beyond either end
 DENSITY = "cos(q[{after}] - q[{before}])*p[{here}] + beta*p[{after}]**2*q[{here}]/2 + sin(t)*q[{here}]"
 DENSITY += " + q[{before}]**3*(q[{here}]+1)/3 + p[{after}]**2/2"
 N = 5
@@ -36,7 +36,7 @@ def chain(ends):
 
 
 def written_out(ends):
-    """The same, site by site."""
+    """The same Hamiltonian, site by site."""
 
     def place(i):
         inside = 0 <= i < N
@@ -93,7 +93,7 @@ def test_the_code_is_the_same_for_any_number_of_sites():
 
 @pytest.mark.usefixtures("quick_compiler")
 def test_fixed_ends_have_a_bond_before_the_first_site():
-    """n + 1 bonds hold n sites between two walls; free ends leave n - 1, a ring has n."""
+    """Fixed ends: n + 1 bonds hold n sites between two walls; free ends have n - 1 bonds, a ring has n."""
     for n in (2, 3, 7):
         for ends, bonds in (("free", n - 1), ("fixed", n + 1), ("periodic", n)):
             model = ss.model_from_sympy("Sum(cos(q[i+1] - q[i]) + p[i]**2/2, i)", n=n, ends=ends)
@@ -136,7 +136,7 @@ def hessian_vector(model, at, vq, vp):
 
 
 ON_SITE = "Sum(p[i]**2/2 + cos(q[i])*cos(t), i)"
-ROWS = [  # springs alone; looking back, on-site terms, time, noises of the state; noises linear in p and q
+ROWS = [  # springs alone; with backward terms, on-site terms, time, noises of the state; noises linear in p and q
     (FPU, ["-sigma*q[k]"]),
     (f"{FPU} + Sum(exp(q[i]-q[i-1]), i) + {ON_SITE[:-4]} - p[i]**2/2, i)", ["Sum(sigma*q[i]*q[i+1], i)", "sin(q[k])"]),
     (FPU, ["sigma*p[k]", "Sum(sigma*q[i], i)"]),
@@ -166,9 +166,9 @@ def test_rows_are_those_of_gradient_and_hessian(H, noise, ends, lanes):
 @pytest.mark.parametrize("ends", ["free", "fixed"])
 @pytest.mark.parametrize(("H", "noise"), ROWS)
 def test_a_lane_by_itself_has_the_same_bits(H, noise, ends):
-    n = 300  # a tile of rows, and what is left over
+    n = 300  # a tile of rows, and a remainder
     model = ss.model_from_sympy(H, noise, params=PARAMS, n=n, ends=ends)
-    x, y, w = points(model, 67)  # more than a strip of lanes
+    x, y, w = points(model, 67)  # more lanes than a strip
     beyond = np.zeros((1, 67))
     padded = np.concatenate([beyond, x, beyond])
     force, velocity = model.gradient(x, y, w, t=0.7)
@@ -182,7 +182,7 @@ def test_a_lane_by_itself_has_the_same_bits(H, noise, ends):
 
 
 def lanes_alone(model, at, force, velocity):
-    """Some lanes, each with the gradient that it has among all."""
+    """Some lanes by themselves have the gradients they have among all."""
     for lane in (0, 15, 66):
         own = slice(lane, lane + 1)
         alone = model.gradient(*(v[:, own] for v in at), t=0.7)
@@ -221,7 +221,7 @@ def test_one_path_of_a_chain_is_that_of_a_block(scheme, n):
 
 
 def rows(model, q, w, first, last):
-    """Force and stiffness as the library asks for them."""
+    """Force and stiffness by rows, as the library calls them."""
     function = ctypes.cast(ctypes.CDLL(model.formula.file).formula_chain_rows, abi.CALLBACKS["chain_rows"])
     q, w, values = np.ascontiguousarray(q), np.ascontiguousarray(w), np.array([*model.parameters.values(), 0.0])
     f, k = np.full((last - first + 1, q.shape[1]), np.nan), np.full((last - first + 1, 2, q.shape[1]), np.nan)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Functions of sums over sites: against formulas that are written out, traits, any number of sites."""
+"""Functions of sums over sites: against formulas written out, traits, any number of sites."""
 
 import ctypes
 
@@ -19,7 +19,7 @@ if compiler.command() is None:
 N = 5
 ROTATORS = "Sum(p[i]**2/2, i) - K*(Sum(cos(q[i]), i)**2 + Sum(sin(q[i]), i)**2)/(2*N)"
 PARAMS = {"K": 1.2, "N": float(N), "s": 0.3, "a": 2.5}
-# terms, a constant, products of sums of q and p and of neighbours, a family before a noise with a function
+# terms, a constant, products of sums of q and p and of neighbours, a family of noises before a noise with a function
 H = ROTATORS + " + exp(Sum(q[i]*p[i+1]/9, i))*Sum(p[i], i)*sin(t) + 3*(Sum(p[i]**3/9, i) + a)"
 NOISE = ["s*sin(q[k])", "s*sqrt(1 + Sum(cos(q[i]), i)**2)*Sum(p[j], j) + Sum(q[i]**2, i)"]
 
@@ -29,7 +29,7 @@ def mean_field(n=N, H=ROTATORS, noise=("s*q[k]",), **params):
 
 
 def written_out(ends, H=H, noise=NOISE):
-    """The same, site by site."""
+    """The same Hamiltonian, site by site."""
 
     def total(body):
         body, index = body.rsplit(",", 1)
@@ -97,7 +97,7 @@ def times(blocks, vector):
 
 
 def product_by(model, at, vq, vp):
-    """The generated product of the Hessian and a vector."""
+    """The generated product of the Hessian with a vector."""
     library = ctypes.CDLL(model.formula.file)
     function = ctypes.cast(library.formula_hessian_vector, abi.CALLBACKS["hessian_vector"])
     x, y, weights = (np.ascontiguousarray(v) for v in at)
@@ -121,7 +121,7 @@ def test_runs_are_those_of_the_formula_written_out(scheme):
 
 @pytest.mark.usefixtures("quick_compiler")
 def test_the_code_is_the_same_for_any_number_of_sites_and_its_work_grows_with_them():
-    noise = ["s*q[k]", "s*Sum(cos(q[i]), i)**2/N"]  # the number of the last one hangs on that of the sites
+    noise = ["s*q[k]", "s*Sum(cos(q[i]), i)**2/N"]  # the last noise's number depends on the number of sites
     short, long = mean_field(5, noise=noise), mean_field(100_000, noise=noise)
     assert short.formula.file == long.formula.file and long.nnoise == 100_001
     x, w = np.random.default_rng(1).normal(size=(100_000, 2)), np.zeros((100_002, 2))
@@ -133,7 +133,7 @@ def test_the_code_is_the_same_for_any_number_of_sites_and_its_work_grows_with_th
 
 def test_many_sites_are_stepped_by_products():
     given = {"q0": np.linspace(-1, 1, 96), "p0": 0.1, "step": 0.5, "steps": 5, "paths": 8, "seed": 1}
-    model = mean_field(96, K=5.0)  # stiff enough for Newton
+    model = mean_field(96, K=5.0)  # stiff, so that Newton's method is used
     run, plain, block = (ss.simulate(model, **(given | more)) for more in ({}, {"general": True}, {"paths": 20}))
     assert (run.report.lanes, block.report.lanes) == (1, 24)
     np.testing.assert_array_equal(run.q, block.q[..., :8])
@@ -179,7 +179,7 @@ def test_a_far_lane_changes_no_other():
     model = mean_field()
     at = points(model)
     alone = model.gradient(*at)[0]
-    at[0][2, 4] = 7e15  # where a reduction that is short of digits leaves none
+    at[0][2, 4] = 7e15  # a lane where an inexact reduction of the angle loses all digits
     beside = model.gradient(*at)[0]
     others = [i for i in range(30) if i != 4]
     assert (alone[:, others] == beside[:, others]).all()

@@ -16,7 +16,7 @@ from symsde.model.formulas.structure import Prover
 pytest.importorskip("sympy")
 
 pytestmark = pytest.mark.usefixtures("quick_compiler")
-FLAGS, LONG = compiler.FLAGS, compiler.LONG  # as they are outside of these tests
+FLAGS, LONG = compiler.FLAGS, compiler.LONG  # the normal compiler options, also within these tests
 PARAMS = {"a": 1.3, "s": 0.4, "b": 0.2}
 RUN = {"step": 0.05, "steps": 40, "save_every": 20, "paths": 9, "seed": 3}
 
@@ -31,7 +31,7 @@ def test_kubo_from_its_formula():
         np.testing.assert_allclose(one, other, rtol=0, atol=2e-14)
 
 
-# coupled oscillators turned together by two noises; a drift along what is kept, with linear terms; growth and decay
+# coupled oscillators rotated together by two noises; a drift along invariants, with linear terms; growth and decay
 COMMUTING = [
     ("a*(x**2+y**2+u**2+v**2)/2", ["s*(x*v - y*u)", "b*(x**2+y**2+u**2+v**2)/2"], ["x", "y"], ["u", "v"]),
     ("a*u**2/2 + b*u + (y*v)/3", ["s*u", "b*y*v"], ["x", "y"], ["u", "v"]),
@@ -85,7 +85,7 @@ def test_which_flows_commute():
 
 
 def test_a_noise_that_changes_in_time_commutes_with_no_flow():
-    """{H, H_k} vanishes at every time, but the flow of t H + W H_k is no solution."""
+    """{H, H_k} vanishes at every time, but the flow of t H + W H_k does not solve the equation."""
     spins = ["sin(3*t)*(p**2 + q**2)/2", "sin(3*t)"]
     still, moving = (ss.model_from_sympy("(p**2 + q**2)/2", spins[i]).formula.structure for i in (1, 0))
     assert still.flows_commute and moving.noises_commute and not moving.flows_commute
@@ -99,20 +99,20 @@ def test_a_noise_for_each_of_many_degrees_of_freedom():
     given = {"H": "+".join(energy), "noise": [f"s*sin(q{i})" for i in range(1, n + 1)], "params": {"s": 0.3}}
     found = []
     calls = calls_of(lambda: found.append(Prover(make_problem(**given, q=None, p=None, t=None)).structure()))
-    assert calls < 3e7  # 1.2e7; ten times that where every derivative of every Hamiltonian was taken
+    assert calls < 3e7  # measured 1.2e7; ten times that when every derivative of every Hamiltonian was computed
     (structure,) = found
     assert structure.noises_commute and not structure.flows_commute
     assert structure.nonzero == {"qq": 3 * n - 2, "qp": 0, "pp": n}
 
 
 def test_what_leaves_floating_point_is_not_simplified():
-    """35 exp in each other: sympy knows no largest number, and did not come back; whole steps of 12 took gcc 13 s."""
+    """35 nested exp: sympy has no largest number and did not return; whole steps with 12 took gcc 13 s."""
     nested = {n: f"p**2/2 + {'exp(' * n}q/9{')' * n}" for n in (12, 35)}
     made = {n: make_problem(H=h, noise="sin(q)", q=None, p=None, params=None, t=None) for n, h in nested.items()}
     prover = Prover(made[35])
     structure = prover.structure()
     assert structure.identity_mass and structure.separable and structure.rotation is None
-    assert Derivatives(made[35], prover.vanishing()).third() is None  # too many operations: differences do
+    assert Derivatives(made[35], prover.vanishing()).third() is None  # too many operations: differences are used
     assert emit_flow.flows(Derivatives(made[12])) == []
     few = make_problem(H="p**2/2 - cos(q)", noise="sin(q)", q=None, p=None, params=None, t=None)
     assert "midpoint" in emit_flow.flows(Derivatives(few))
@@ -125,7 +125,9 @@ def test_too_many_noises():
 
 @pytest.mark.skipif(compiler.command() is None, reason="no compiler")
 def test_long_texts_are_compiled_in_less_time(monkeypatch, tmp_path):
-    """At the first level, beyond a length that 35 nested exp have and no formula of this suite; with the same bits."""
+    """Texts longer than 35 nested exp give, beyond all other formulas of this suite, are compiled with -O1; the bits
+    are the same.
+    """
     monkeypatch.setenv("SYMSDE_CACHE", str(tmp_path))
     monkeypatch.setattr(compiler, "FLAGS", FLAGS)
     asked = []
@@ -146,7 +148,7 @@ def test_long_texts_are_compiled_in_less_time(monkeypatch, tmp_path):
 
 
 def proved(h, noise, **params):
-    """Structure of formulas; nothing is compiled."""
+    """The structure found for formulas, without compiling."""
     return Prover(make_problem(H=h, noise=noise, q=None, p=None, params=params, t="t")).structure()
 
 
@@ -155,7 +157,7 @@ def proved(h, noise, **params):
     ("factor", "commute"), [("1", True), ("(1 + t)", False), ("sin(t)", False), ("exp(-t)", False)]
 )
 def test_flows_of_noise_in_time_do_not_commute(noises, factor, commute):
-    """All brackets vanish, yet noise that changes in time takes the order of its own time from every scheme."""
+    """All brackets vanish, yet noise that depends on time limits every scheme to the order of its time integral."""
     still, moving = "s*(q**2 + p**2)", f"s*{factor}*(q**2 + p**2)"
     found = proved("(q**2 + p**2)/2", [still] * (noises - 1) + [moving], s=0.2)
     assert found.noises_commute and found.flows_commute == commute
@@ -163,7 +165,7 @@ def test_flows_of_noise_in_time_do_not_commute(noises, factor, commute):
 
 @pytest.mark.parametrize("squares", [(0, 4), (4, 0), (0, 0), (1, 4), (-1, 4)])
 def test_frequencies_of_the_linear_part(squares):
-    """Those that are zero are told beside others; unstable directions have none."""
+    """Zero frequencies are listed beside others; unstable directions have none."""
     h = f"(p1**2 + p2**2)/2 + ({squares[0]}*q1**2 + {squares[1]}*q2**2)/2 + q1*q2**3"
     wanted = None if min(squares) < 0 or not any(squares) else tuple(math.sqrt(x) for x in squares)
     assert proved(h, []).rotation == wanted

@@ -20,7 +20,7 @@ if compiler.command() is None:
 
 ALL = ("symplectic_euler", "symplectic_euler_adjoint", "stormer_verlet", "midpoint", "gauss2")
 KINETIC = "(p1**2 + p2**2 + p3**2)/2"
-MODELS = {  # H, noises, which schemes are generated
+MODELS = {  # H, noises, schemes with generated steps
     "kubo": ("a*(p**2 + q**2)/2", ["b*(p**2 + q**2)/2"], ALL),
     "mixed": ("p**2/2 + a*q*p + q**2/2", ["b*q*p"], ALL[3:4]),
     "shaken": ("p**2/2 + a*q*p + q**2/2 + a*q", ["b*q*p", "b*p - q"], ALL[3:4]),
@@ -48,7 +48,7 @@ CASES = [(name, scheme) for name, (*_, schemes) in MODELS.items() for scheme in 
 
 @pytest.mark.parametrize(("name", "scheme"), CASES)
 def test_steps_are_those_of_the_general_stepper(name, scheme):
-    """To rounding, after 37 steps of 85 paths; a single path, small blocks and single steps give the same bits."""
+    """Equal to rounding after 37 steps of 85 paths; single paths, small blocks and single steps have the same bits."""
     mine = model(name)
     run = ss.simulate(mine, scheme=scheme, **RUN, steps=37, paths=85)
     assert run.report.stepper == f"whole steps of {scheme} by the model"
@@ -64,14 +64,14 @@ def test_steps_are_those_of_the_general_stepper(name, scheme):
 @pytest.mark.parametrize("save_every", [40, 160])
 @pytest.mark.parametrize("name", ["kubo", "pushed", "pendulum"])
 def test_a_path_alone_goes_on_with_the_noise_of_its_steps(name, save_every):
-    """More steps than are drawn at once, up to saved points that lie anywhere among them."""
+    """More steps than are drawn at once, with saved points anywhere among them."""
     run = {**RUN, "scheme": "midpoint", "steps": 320, "save_every": save_every}
     alone, three = (ss.simulate(model(name), **run, paths=n) for n in (1, 3))
     np.testing.assert_array_equal(alone.q[:, :, 0], three.q[:, :, 0])
     np.testing.assert_array_equal(alone.p[:, :, 0], three.p[:, :, 0])
 
 
-CORRECTED = {  # H, noises, of which of the pair corrected steps are generated
+CORRECTED = {  # H, noises, schemes of the pair whose corrected steps are generated
     "kubo": (*MODELS["kubo"][:2], ALL[:2]),
     "pendulum": (*MODELS["pendulum"][:2], ALL[:2]),
     "in two noises": ("p**2/2 + q**4", ["b*p**2/2", "b*q**2/2"], ALL[:2]),
@@ -87,7 +87,7 @@ CORRECTED = {  # H, noises, of which of the pair corrected steps are generated
 
 @pytest.mark.parametrize("name", CORRECTED)
 def test_corrected_steps_are_those_of_the_general_stepper(name):
-    """The Euler pair with its correction, where the end is found without iterations; other noises go without."""
+    """The Euler pair with its correction is generated where the end of a step is explicit, and not for other noises."""
     H, noise, schemes = CORRECTED[name]
     mine = ss.model_from_sympy(H, noise, params={k: v for k, v in PARAMS.items() if k in H + "".join(noise)})
     run = {**RUN, "correction": "auto", "steps": 37}
@@ -130,7 +130,9 @@ def test_time_mixed_products_and_many_coordinates_have_none(H):
 
 @pytest.mark.parametrize("name", ["kubo", "pendulum", "relativistic", "several"])
 def test_loops_over_lanes_become_vectors(name, tmp_path):
-    """A loop of scalars is right, and several times slower: as gcc reports, line by line."""
+    """A scalar loop would be right, but several times slower: gcc's report, line by line, must call loops
+    vectorised.
+    """
     version = subprocess.run([*compiler.command(), "--version"], capture_output=True, text=True, check=True).stdout
     if platform.machine() != "x86_64" or "Free Software Foundation" not in version:
         pytest.skip("the report is of gcc on x86-64")
@@ -141,7 +143,7 @@ def test_loops_over_lanes_become_vectors(name, tmp_path):
         *compiler.FLAGS,
         "-fopt-info-vec",
         "-fopt-info-vec-missed",
-        "-dx",  # to where loops are vectors already
+        "-dx",  # stop after vectorisation
         "-S",
         "formula.c",
     ]
@@ -163,7 +165,7 @@ def test_loops_over_lanes_become_vectors(name, tmp_path):
     wanted |= {"gauss2_sweeps"} if name == "several" else set()
     assert loops.keys() == wanted
     assert {name for name, number in loops.items() if number in vectors} == wanted
-    assert not [x for x, number in loops.items() if x.endswith("corrections") and number in left]  # nor the last one
+    assert not [x for x, number in loops.items() if x.endswith("corrections") and number in left]  # nor the last loop
 
 
 def test_parameters_are_given_when_it_runs():
@@ -177,11 +179,13 @@ def test_parameters_are_given_when_it_runs():
 
 @pytest.mark.parametrize("scheme", ["stormer_verlet", "midpoint", "gauss2"])
 def test_a_far_path_changes_no_other(scheme):
-    """Arguments beyond those of the inlined sine: the same path as by the general stepper, and the others' bits."""
+    """Arguments beyond the inlined sine's range: that path agrees with the general stepper, and others keep their
+    bits.
+    """
     mine = model("pendulum")
     starts = np.full((1, 40), 0.4)
     near = ss.simulate(mine, scheme=scheme, **{**RUN, "q0": starts}, steps=20, paths=40)
-    starts[0, 7] = 3e17  # where it is nowhere near: p says so, as q does not move
+    starts[0, 7] = 3e17  # q is so large that it does not move; p shows the force
     far = ss.simulate(mine, scheme=scheme, **{**RUN, "q0": starts}, steps=20, paths=40)
     plain = ss.simulate(mine, scheme=scheme, **{**RUN, "q0": starts}, steps=20, paths=40, general=True)
     others = [i for i in range(40) if i != 7]
@@ -193,7 +197,7 @@ def test_a_far_path_changes_no_other(scheme):
 
 @pytest.mark.parametrize("scheme", ALL)
 def test_angles_below_an_eighth_of_a_turn_alone(scheme):
-    """A path that is alone takes a short way to the sine there, with the bits of a block."""
+    """A single path reduces small angles by a shorter way, with the bits of a block."""
     starts = np.array([[0.0, -0.0, 0.78, 0.7851, 0.7855, 0.82, -0.785, 2.0, 3e5]])
     run = {**RUN, "scheme": scheme, "steps": 20}
     block = ss.simulate(model("pendulum"), **{**run, "q0": starts}, paths=9)
@@ -208,7 +212,7 @@ FAR = [*(("one equation", scheme) for scheme in ALL), ("two angles", "gauss2")]
 
 @pytest.mark.parametrize(("name", "scheme"), FAR)
 def test_forces_of_far_paths_are_those_of_the_c_library(name, scheme):
-    """Beyond 2^52 the inlined sine finds no angle at all; there q stays where it is, and p takes the same force."""
+    """Beyond 2^52 the inlined sine has no angle; q does not move there, and p gets the C library's force."""
     made = model(name)
     starts = np.linspace(0.9e17, 1.1e17, 20)[None, :] * np.ones((made.ndof, 1))
     run = {**RUN, "q0": starts, "scheme": scheme, "steps": 10, "paths": 20}
@@ -218,7 +222,7 @@ def test_forces_of_far_paths_are_those_of_the_c_library(name, scheme):
 
 
 def test_a_far_path_of_two_angles_changes_no_other():
-    """Sweeps leave it to Newton's iteration, whichever way its neighbours are solved."""
+    """Sweeps leave such a path to Newton's iteration, however its neighbours are solved."""
     mine = model("two angles")
     starts = np.full((2, 40), 0.4)
     run = {**RUN, "scheme": "gauss2", "steps": 20, "paths": 40}
@@ -235,8 +239,8 @@ def test_a_far_path_of_two_angles_changes_no_other():
 @pytest.mark.parametrize("name", ["several", "three", "two angles"])
 @pytest.mark.parametrize("step", [0.3, 1.5, 6.0])
 def test_lanes_that_sweeps_leave_are_solved_by_newton(name, step):
-    """Steps of h omega up to 10, at some of which some paths are swept and others not: as by the general stepper, no
-    path hangs on another, and none is rescued."""
+    """Steps of h omega up to 10, in which some paths are swept and others are not: equal to the general stepper's,
+    independent of other paths, and none is rescued."""
     mine = model(name)
     starts = np.linspace(-0.05, 0.05, 30)[None, :] * np.ones((mine.ndof, 1))
     run = {**RUN, "q0": starts, "p0": 0.02, "step": step, "steps": 6, "scheme": "gauss2"}
@@ -251,7 +255,7 @@ def test_lanes_that_sweeps_leave_are_solved_by_newton(name, step):
 
 
 def test_paths_fail_as_they_do_without():
-    """A potential without bottom: the same paths fail in the same steps, not finite."""
+    """A potential without a minimum: the same paths fail in the same steps as nonfinite."""
     mine = ss.model_from_sympy("p**2/2 - q**6", ["sigma*q"], params={"sigma": 1.0})
     run = {**RUN, "scheme": "stormer_verlet", "step": 0.1, "steps": 60, "paths": 50}
     with pytest.warns(errors.PathsFailedWarning):
@@ -263,7 +267,7 @@ def test_paths_fail_as_they_do_without():
 
 
 def test_paths_fail_alike_in_any_block():
-    """Equations without a solution near: what becomes of a path does not depend on its neighbours."""
+    """Equations without a nearby solution: the outcome of a path does not depend on its neighbours."""
     mine = ss.model_from_sympy("p**2/2 + sigma*p**2*q**2 - q**6", ["sigma*q"], params={"sigma": 1.0})
     run = {**RUN, "scheme": "midpoint", "step": 0.1, "steps": 60}
     with pytest.warns(errors.PathsFailedWarning):
@@ -280,7 +284,7 @@ def test_paths_fail_alike_in_any_block():
 
 
 def test_steep_steps_keep_their_digits():
-    """h omega = 10 to 1000, where eliminated momenta lose digits: those of the general stepper to 1e-14."""
+    """h omega = 10 to 1000, where elimination of momenta loses digits: equal to the general stepper's to 1e-14."""
     mine = ss.model_from_sympy("p**2/2 + k**2*q**2/2 + q**4/4", ["0.01*q"], params={"k": 1000.0})
     for step in (0.01, 0.1, 1.0):
         run = {"q0": 0.3, "p0": 200.0, "step": step, "steps": 20, "paths": 20}
@@ -290,7 +294,7 @@ def test_steep_steps_keep_their_digits():
 
 
 def test_equations_with_several_solutions_are_no_wrong_steps():
-    """Steps of ten turns: which solution is found is a matter of the iteration, not of the formulas."""
+    """Steps of ten turns: which solution is found depends on the iteration, so a difference is no wrong step."""
     mine = ss.model_from_sympy("p**2/2 - k**2*cos(q)", ["0.01*q"], params={"k": 1000.0})
     for step in (0.01, 1.0):
         run = {"q0": 0.3, "p0": 200.0, "step": step, "steps": 10, "seed": 1}
@@ -301,7 +305,7 @@ def test_equations_with_several_solutions_are_no_wrong_steps():
 
 
 def test_iterations_are_bounded():
-    """One iteration does not solve a nonlinear equation; the general stepper cannot either."""
+    """One iteration does not solve a nonlinear equation, here or in the general stepper."""
     mine = model("pendulum")
     with pytest.warns(errors.PathsFailedWarning):
         run = ss.simulate(mine, scheme="midpoint", **RUN, steps=3, paths=9, max_iter=1)
@@ -332,7 +336,9 @@ def test_wrong_steps_are_refused(monkeypatch, text, old, new, scheme):
 
 @pytest.mark.parametrize("state", [(0.3, 0.0), (0.6, -1.0), (1.0, -1.0)])
 def test_another_root_of_a_stiff_step_is_no_fault(state):
-    """A double well at h = 6, where the equations have several roots: theirs is found, and it solves them."""
+    """A double well at h = 6, where the equations have several roots: the steps find another root than the general
+    stepper.
+    """
     well = ss.model_from_sympy("p**2/2 + q**4/4 - q**2/2", noise=["-0.2*q"], q=["q"], p=["p"])
     run = ss.simulate(
         well, q0=state[0], p0=state[1], step=6.0, steps=1, scheme="midpoint", increments=np.full((1, 1), 0.5)
@@ -344,7 +350,7 @@ def test_another_root_of_a_stiff_step_is_no_fault(state):
     assert abs(p[1] - p[0] + 6 * (middle**3 - middle) - 0.2 * 0.5) < 1e-12 * size
 
 
-CANCELS = {  # separable, but not as it stands: what each is
+CANCELS = {  # separable after cancellation: the separable form
     "(p+q)*(p-q)/2 + cos(q)": "p**2/2 - q**2/2 + cos(q)",
     "(p+q)**2/2 - p*q + sin(q)": "p**2/2 + q**2/2 + sin(q)",
     "(p+q)**4/12 - p**3*q/3 - p**2*q**2/2 - p*q**3/3 + p**2/2": "p**4/12 + p**2/2 + q**4/12",
@@ -360,7 +366,9 @@ CANCELS = {  # separable, but not as it stands: what each is
 @pytest.mark.parametrize("written", CANCELS)
 @pytest.mark.parametrize("noise", [(), "(p+q)**2/20 - p**2/20 - p*q/10"])
 def test_separable_after_cancellation(written, noise):
-    """What cancels is not computed: rounding would tie the halves of a step, and whole steps would lose their bits."""
+    """Terms that cancel are not computed: their rounding would couple the halves of a step and change bits of whole
+    steps.
+    """
     noise = noise.replace("q", "q1").replace("p", "p1") if noise and "q1" in written else noise
     params = {"a": 1.7} if "a*" in written else None
     mine, short = (ss.model_from_sympy(h, noise, params=params) for h in (written, CANCELS[written]))
@@ -375,7 +383,7 @@ def test_separable_after_cancellation(written, noise):
 
 @pytest.mark.usefixtures("quick_compiler")
 def test_a_branch_does_not_cancel():
-    """Slopes of these by p are zero, but one has two signs, and the other is none where p < 0."""
+    """The derivative of these terms by p is zero, but one has two signs and the other is NaN for p < 0."""
     turned = ss.model_from_sympy("q*(atan(p/q) + atan(q/p)) + p**2/2")
     np.testing.assert_allclose([turned.gradient(1.0, p)[0][0, 0] for p in (1.0, -1.0)], [np.pi / 2, -np.pi / 2])
     half = ss.model_from_sympy("q*(log(p**2) - 2*log(p)) + p**2/2")

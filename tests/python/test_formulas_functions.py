@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Elementary functions of generated code: ulps against mpmath, bits for every width of vectors, far arguments."""
+"""Elementary functions of generated code: ulps against mpmath, bits for every vector width, far arguments."""
 
 import ctypes
 import platform
@@ -29,17 +29,17 @@ CALLS = {
 }
 BOUNDS = dict.fromkeys(CALLS, 2.0) | dict.fromkeys(
     ("sin", "cos", "exp", "log", "atan", "pow", "gauss", "log1p"), 1.0
-)  # ulps
+)  # bounds in ulps
 BOUNDS |= {"asin": 1.5, "acos": 1.5, "csch": 2.5, "coth": 2.5, "erfc": 3.0, "logcosh": 3.0}
 WIDTHS = {"sse2": ["-march=x86-64"], "avx2": ["-march=haswell"], "avx512": ["-march=skylake-avx512"]}
-CONTRACTS = "-DCONTRACTS"  # products and sums as one operation, as a library that is built for one machine has them
+CONTRACTS = "-DCONTRACTS"  # fused products and sums, as in a library built for one machine
 
 if compiler.command() is None:
     pytest.skip("no C compiler", allow_module_level=True)
 
 
 def program(name):
-    """C for one of the functions on whole arrays, as generated loops call it."""
+    """C text that applies one function to whole arrays, like a generated loop."""
     loop = "for (int i = 0; i < n; i++) { " + CALLS[name] + " }"
     return HEADER + (
         "int64_t f(int n, const double *restrict x, const double *restrict z, double *restrict y) {\n"
@@ -50,7 +50,7 @@ def program(name):
 
 
 def function(name, flags=(), contracts=CONTRACTS in compiler.FLAGS):
-    """One of the functions on whole arrays: values, and whether some argument was far."""
+    """A function applied to whole arrays: values, and whether some argument was far."""
     with pytest.MonkeyPatch.context() as patch:
         usual = [x for x in compiler.FLAGS if x != CONTRACTS]
         patch.setattr(compiler, "FLAGS", (*usual, *flags, *([CONTRACTS] if contracts else [])))
@@ -58,7 +58,7 @@ def function(name, flags=(), contracts=CONTRACTS in compiler.FLAGS):
     library.f.restype = ctypes.c_int64
 
     def call(x):
-        """x: (1 or 2, lane); of pow the second row holds exponents."""
+        """x: (1 or 2, lane); for pow the second row holds exponents."""
         x = np.ascontiguousarray(x, dtype=float)
         y = np.empty_like(x[0])
         far = library.f(ctypes.c_int(len(y)), *(ctypes.c_void_p(z.ctypes.data) for z in (x[0], x[-1], y)))
@@ -68,7 +68,7 @@ def function(name, flags=(), contracts=CONTRACTS in compiler.FLAGS):
 
 
 def arguments(name):
-    """Ordinary arguments, (1 or 2, lane): spread over the range, and where the formulas change."""
+    """Ordinary arguments, (1 or 2, lane), spread over the range and near places where formulas change."""
     rng = np.random.default_rng(5)
     small = 10 ** rng.uniform(-300, 0, 300)
     if name == "pow":
@@ -122,12 +122,12 @@ def test_ulps(name, bound, contracts):
     y, far = function(name, contracts=contracts)(x)
     assert not far
     assert ulps(name, x, y) < bound
-    assert ulps(name, x, y * (1 + 1e-15)) > bound  # the measure sees five units
+    assert ulps(name, x, y * (1 + 1e-15)) > bound  # an error of five units is found
 
 
 @pytest.mark.parametrize("name", CALLS)
 def test_loops_become_vectors(name, tmp_path):
-    """As gcc reports: the loop over ordinary arguments does, and that over far ones does not."""
+    """gcc reports the loop over ordinary arguments as vectorised, and not the loop over far ones."""
     version = subprocess.run([*compiler.command(), "--version"], capture_output=True, text=True, check=True).stdout
     if platform.machine() != "x86_64" or "Free Software Foundation" not in version:
         pytest.skip("the report is of gcc on x86-64")
@@ -141,7 +141,7 @@ def test_loops_become_vectors(name, tmp_path):
 @pytest.mark.parametrize("contracts", [True, False])
 @pytest.mark.parametrize("name", CALLS)
 def test_bits_do_not_depend_on_the_width_of_vectors(name, contracts):
-    """Nor, without contraction, on what the processor can."""
+    """Nor do bits depend, without contraction, on the processor's instructions."""
     x = arguments(name)
     known = Path("/proc/cpuinfo").read_text(encoding="utf-8")
     if contracts and " fma " not in known:
@@ -151,7 +151,7 @@ def test_bits_do_not_depend_on_the_width_of_vectors(name, contracts):
         if (width in ("sse2", "avx2") or "avx512dq" in known) and not (contracts and width == "sse2"):
             y, _ = function(name, flags, contracts=contracts)(x)
             assert (y == expected).all(), width
-    backwards, _ = function(name, contracts=contracts)(x[:, ::-1][:, :-3])  # other lanes beside it
+    backwards, _ = function(name, contracts=contracts)(x[:, ::-1][:, :-3])  # with other lanes beside it
     assert (backwards[::-1] == expected[3:]).all()
 
 
@@ -161,7 +161,7 @@ FAR += [1.0, 1.5, -1.5, 1e-300, -0.0, 1e200, -(1 - 2.0**-53), -2.5, 2.0]
 
 @pytest.mark.parametrize("name", CALLS)
 def test_far_arguments_are_those_of_the_c_library(name):
-    """Outside of the domain too: no number; of powers every pair of a base and an exponent."""
+    """Also outside of the domain, where results are NaN; for powers every pair of base and exponent."""
     x = np.array([FAR] if name != "pow" else np.meshgrid(FAR, [0.5, -0.5, 2.5, 3.0, 0.0, 1e300, np.inf, np.nan]))
     x = x.reshape(len(x), -1)
     y, far = function(name)(x)
@@ -171,13 +171,13 @@ def test_far_arguments_are_those_of_the_c_library(name):
     assert (y[expected == 0] == 0).all()
     assert (
         name in ("sin", "log1p") or (np.signbit(y) == np.signbit(expected))[expected == 0].all()
-    )  # of -0 they are 0 in lanes
+    )  # for -0 lanes give 0
     assert (np.isnan(y) == np.isnan(expected)).all()
     fine = np.isfinite(expected) & (expected != 0)
     np.testing.assert_allclose(y[fine], expected[fine], rtol=4e-16, atol=1e-323)
     assert (y[np.isinf(expected)] == expected[np.isinf(expected)]).all()
     near, _ = function(name)(x[:, :1])
-    np.testing.assert_array_equal(y[:1], near)  # neighbours that are far change nothing
+    np.testing.assert_array_equal(y[:1], near)  # far neighbours change nothing
 
 
 @pytest.mark.usefixtures("quick_compiler")

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Arguments beside formulas: parameters of value 0, 1 and -1, unused parameters, arguments that do not exist."""
+"""Arguments of formulas: parameters of value 0, 1 and -1, unused parameters, arguments that do not exist."""
 
 import warnings
 
@@ -22,7 +22,7 @@ BARE = {
 @pytest.mark.parametrize("value", [0.0, -0.0, 1.0, -1.0, 2.0])
 @pytest.mark.parametrize("given", BARE.values(), ids=BARE)
 def test_a_bare_parameter_of_any_value(given, value):
-    """As an expression it is a number for which no sympy object stands."""
+    """A parameter alone as expression is a plain number, not a sympy object."""
     model = ss.model_from_sympy(**given, params={"s": value})
     again = ss.model_from_sympy(**given, params={"s": 3.0}).with_parameters(s=value)
     w = np.eye(model.nnoise + 1)
@@ -83,7 +83,7 @@ def test_parameters_that_no_formula_holds_are_told(given, words):
     with pytest.warns(errors.UnusedParameterWarning, match=words):
         model = ss.model_from_sympy(**given)
     with warnings.catch_warnings():
-        warnings.simplefilter("error")  # a new value is no new formula
+        warnings.simplefilter("error")  # a new value needs no new formula
         model.with_parameters(**dict.fromkeys(given["params"], 2.0))
         ss.model_from_sympy("p**2/2 + q*s", invariants=["E*q"], params={"s": 1.0, "E": 2.0})
 
@@ -109,7 +109,7 @@ def test_parameters_that_no_formula_holds_are_told(given, words):
     ],
 )
 def test_indices_that_are_parameters(H, noise, words):
-    """What is wrong is told of the formula that holds it."""
+    """The message names the formula that holds the wrong index."""
     with pytest.raises(errors.InvalidArgumentError, match=words):
         ss.model_from_sympy(H, noise, params={"k": 1.0, "s": 0.1}, n=8)
 
@@ -127,7 +127,7 @@ def test_indices_that_are_parameters(H, noise, words):
     ],
 )
 def test_numbers_of_many_digits(number, value):
-    """Rationals whose numerator and denominator leave floating point, though their quotient does not."""
+    """Rationals whose numerator and denominator overflow, though their quotient does not."""
     q, p = sympy.symbols("q p")
     H = f"p**2/2 + {number}*q" if isinstance(number, str) else p**2 / 2 + number * q
     expected = number.p / number.q if value is None else value
@@ -144,7 +144,7 @@ def test_powers_of_numbers_are_bounded_by_their_value():
 
 @pytest.mark.usefixtures("quick_compiler")
 def test_dummies_are_symbols():
-    """Each is its own, whatever its name: two of one name are refused."""
+    """Dummies differ even with one name; two coordinates of one name are refused."""
     x, y, a = (sympy.Dummy(name) for name in "xya")
     model = ss.model_from_sympy(y**2 / 2 + a * x**3, [x], q=x, p=y, params={a: 2.0})
     assert [x.item() for x in model.gradient(2.0, 5.0)] == [24.0, 5.0] and model.parameters == {"a": 2.0}

@@ -15,7 +15,7 @@ from symsde.model.formulas.in_numpy import InNumpy, values_of  # noqa: E402
 from symsde.model.formulas.named_formulas import make_problem  # noqa: E402
 
 Q = sympy.Symbol("q")
-#: formula -> largest error of its first, second and third derivative in ulps
+#: formula -> largest errors of its first, second and third derivative in ulps
 BOUNDS = dict.fromkeys(
     (
         "log(cosh(q))",
@@ -27,7 +27,7 @@ BOUNDS = dict.fromkeys(
         "erf(q)",
         "erfc(q)",
     ),
-    (4, 4, 5),  # the third one has zeros, beside which it is a difference
+    (4, 4, 5),  # the third derivative has zeros, near which it is a difference
 ) | {
     "sech(q)": (4, 4, 4),
     "csch(q)": (4, 4, 8),
@@ -45,7 +45,7 @@ BOUNDS = dict.fromkeys(
 
 
 def places(bound=120.0):
-    """From the middle to the tails, both signs."""
+    """Arguments from the middle to the tails, of both signs."""
     rng = np.random.default_rng(7)
     sides = [-50.0, 50.0, 18.0, -18.0, 25.0, -25.0, 1e-3]
     return np.concatenate([rng.uniform(-3, 3, 9), rng.uniform(-60, 60, 12), rng.uniform(-bound, bound, 8), sides])
@@ -57,9 +57,9 @@ def exact(text, times):
 
 
 def worst(function, x, found):
-    """Largest error in ulps. Places near a zero of the derivative are left out, where every sum loses digits."""
+    """Largest error in ulps, except near zeros of the derivative, where every sum loses digits."""
     largest = 0.0
-    with mpmath.workdps(400):  # of which three hundred are lost at 120
+    with mpmath.workdps(400):  # three hundred digits are lost at 120
         for at, value in zip(x.tolist(), found.tolist(), strict=True):
             here, *beside = (mpmath.mpf(function(mpmath.mpf(at + shift))) for shift in (0, -1, 1))
             if abs(here) < 1e-290 or min(here * other for other in beside) <= 0:
@@ -70,7 +70,7 @@ def worst(function, x, found):
 
 
 def third(made, x):
-    """The third derivative, by nodes."""
+    """The third derivative, by the model's functions."""
     given = {"t": 0.0, "w0": 1.0, "w1": 0.0, "q0": x, "p0": 0 * x, "aq0": 1.0, "bq0": 1.0, "ap0": 0.0, "bp0": 0.0}
     return values_of(made.graph, made.third()["tq"], given, len(x))[0]
 
@@ -83,7 +83,7 @@ def test_derivatives_in_ulps(text):
     found = [model.gradient(*at)[0][0], model.hessian(*at)[0][0, 0], third(model._derivatives, x)]
     for times, (values, bound) in enumerate(zip(found, BOUNDS[text], strict=True), 1):
         assert worst(exact(text, times), x, values) < bound, f"{times} derivatives"
-    assert worst(exact(text, 1), x, found[0] * (1 + 3e-15)) > 8  # the measure sees what it is to see
+    assert worst(exact(text, 1), x, found[0] * (1 + 3e-15)) > 8  # an error of this size is found
 
 
 @pytest.mark.parametrize("text", ["log(cosh(q))", "tanh(q)**2", "log(1+exp(q))", "erfc(q)", "csch(q)"])
@@ -102,7 +102,7 @@ def test_without_a_compiler_and_without_symengine(text, name, monkeypatch):
     "text", ["log(cosh(q))", "tanh(q)", "log(1+exp(q))", "1/(1+exp(q))", "erfc(q)", "sech(q)", "coth(q)"]
 )
 def test_far_out_nothing_is_lost_or_left(text):
-    """Where results are denormal, zero or a limit: right to one smallest number."""
+    """Where results are denormal, zero or at a limit: right to one smallest number."""
     x = np.array([-1e308, -1e4, -746.5, -720.0, -709.0, 709.0, 720.0, 746.5, 1e4, 1e308, 26.5, 27.35, -26.5, -27.35])
     model = ss.model_from_sympy(f"p**2/2 + {text}")
     found = model.gradient(x[None], 0 * x[None])[0][0], model.hessian(x[None], 0 * x[None])[0][0, 0]
@@ -118,7 +118,7 @@ def test_far_out_nothing_is_lost_or_left(text):
 
 @pytest.mark.parametrize("ends", ["free", "periodic"])
 def test_sums_over_sites_keep_their_digits(ends):
-    """Densities, rows, and functions of sums take the same derivatives."""
+    """Densities, rows, and functions of sums use the same derivatives."""
     x = np.array([-50.0, -18.0, 3.0, 25.0])
     kinetic = "Sum(p[i]**2/2, i)"
     chain = ss.model_from_sympy(f"{kinetic} + Sum(log(cosh(q[i])), i)", n=4, ends=ends)
@@ -133,7 +133,7 @@ def test_sums_over_sites_keep_their_digits(ends):
 
 
 def test_what_holds_no_such_function_is_as_it_was():
-    """Not even the object is another one."""
+    """The very same object is returned."""
     for text in ("p**2/2 + exp(q)*sin(q)", "cosh(q)*exp(-q**2)", "q**2/(1+q**2)", "exp(q)/q + q*sinh(q)"):
         made = Derivatives(make_problem(H=text, noise=(), q="q", p="p", params=None, t=None))
         assert made._of()[0] is made.hamiltonians[0] and not made._tails.known

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Tame formulas of exponentials, far out: values and derivatives against sixty digits, where nothing is to overflow.
+"""Tame formulas of exponentials, far out: values and derivatives against sixty digits, without overflow.
 Words of Python as names; how a power of a square is refused."""
 
 import numpy as np
@@ -45,7 +45,7 @@ PARAMS = {"a": 0.7}
 
 
 def truth(text, times):
-    """A derivative at all places."""
+    """The derivative at all places."""
     q = sympy.Symbol("q")
     exact = sympy.sympify(text, locals={"q": q}).subs(sympy.Symbol("a"), sympy.Rational(7, 10))
     function = sympy.lambdify(q, exact.diff(q, times) if times else exact, "mpmath")
@@ -66,7 +66,9 @@ def test_nothing_overflows_inside(text):
 @pytest.mark.skipif(compiler.command() is None, reason="no compiler")
 @pytest.mark.parametrize("text", TAME[:3])
 def test_runs_far_out(text):
-    """Beyond the step of a potential a path flies freely or falls evenly; every lane has the bits of one alone."""
+    """Beyond the step of a potential a path moves freely or with constant force; every lane has the bits it has
+    alone.
+    """
     model = ss.model_from_sympy(f"p**2/2 + {text}")
     force = -float(text.startswith("log"))
     run = {"p0": 0.5, "step": 0.1, "steps": 20, "save_every": 20}
@@ -79,7 +81,7 @@ def test_runs_far_out(text):
 
 
 def test_what_overflows_itself_does():
-    """No limit is invented: exp(q) is infinite at 800, and a quotient by zero is none."""
+    """No limit is invented: exp(q) is infinite at 800, and a quotient by zero is NaN."""
     problem = make_problem(H="exp(q) + 1/(exp(q) - 1)", noise=(), q="q", p="p", params=None, t=None)
     value = InNumpy(Derivatives(problem), {}).functions()["value"]
     np.testing.assert_array_equal(value(0.0, np.ones((1, 2)), np.array([[800.0, 0.0]]), np.zeros((1, 2))), np.inf)
@@ -87,12 +89,12 @@ def test_what_overflows_itself_does():
 
 @pytest.mark.parametrize("name", ["lambda", "as", "in", "is", "def", "None", "True"])
 def test_words_of_python_are_names_too(name):
-    """Any name will do for a parameter; where none of it is given the sentence is that of every stranger."""
+    """Any name may be a parameter; if its value is missing, the message is the one for unknown names."""
     text = f"p1**2/2 + {name}*cos(q1) + {name}**2*q2**2 + p2**2"
     problem = make_problem(H=text, noise=(), q=None, p=None, params={name: 2.0}, t=None)
     plain = make_problem(H=text.replace(name, "a"), noise=(), q=None, p=None, params={"a": 2.0}, t=None)
     assert problem.hamiltonians == plain.hamiltonians
-    if name not in ("None", "True"):  # which Python itself reads
+    if name not in ("None", "True"):  # words that Python reads as constants
         with pytest.raises(errors.InvalidArgumentError, match=f"it holds {name}, which is not given: there are q1"):
             make_problem(H=text, noise=(), q=None, p=None, params=None, t=None)
 

@@ -314,7 +314,7 @@ def test_hostile_texts_get_a_sentence_soon(text, tmp_path, monkeypatch):
             ss.model_from_sympy(text, q="q", p="p", params={"omega": 1.0})
         said = str(caught.value)
 
-    assert calls_of(refused) < 1e7  # some seconds
+    assert calls_of(refused) < 1e7  # would take seconds
     assert said.startswith("the formula " + repr(text)[:60].rstrip("'\"")) and ": " in said and len(said) < 600
     assert not os.listdir(tmp_path)
 
@@ -332,7 +332,7 @@ def test_what_is_costly_but_allowed_is_derived_soon():
         "((q+p+1)**32+(q-p)**32)**32",
         "*".join(f"(q+p+{i})" for i in range(20)),
     ):
-        assert calls_of(lambda text=text: derived(text)) < 1e7  # 3e6
+        assert calls_of(lambda text=text: derived(text)) < 1e7  # measured 3e6
 
 
 def test_names_that_texts_could_not_mean():
@@ -463,7 +463,7 @@ def test_python_models_only_where_allowed(tmp_path, capsys, monkeypatch):
     [
         ("p**2/2 + q^2", 0.4, "a power is written"),
         ("p**2/2 + ~q", 0.4, "it holds ~ or not"),
-        ("p**2/2 + log(q)", -1.0, "a Hamiltonian or its derivative is not finite at q0 = -1"),  # its derivative is 1/q
+        ("p**2/2 + log(q)", -1.0, "a Hamiltonian or its derivative is not finite at q0 = -1"),  # the derivative is 1/q
         ("p**2/2 + q/t", 1.0, "not finite at q0 = 1, p0 = 0.3, t0 = 0: begin elsewhere"),
         ("p**2/2 + q**2", np.nan, "the initial state holds values that are not finite"),
         (sp.Symbol("p") ** 2 / 2 + sp.Integral(sp.Symbol("q"), sp.Symbol("q")), 0.4, "cannot be differentiated"),
@@ -482,15 +482,15 @@ def test_what_a_sentence_says(H, start, sentence):
 
 
 def test_a_time_that_is_none_is_called_by_its_name():
-    """Not a fault of the Hamiltonian, which has no value then."""
+    """The message blames the time, not the Hamiltonian, which has no value then."""
     with pytest.raises(errors.InvalidArgumentError, match="t0 = NaN is not a time: give a finite number"):
         ss.simulate(ss.model_from_sympy("p**2/2 + t*q**2"), q0=0.4, p0=0.3, t0=np.nan, step=0.01, steps=2)
 
 
 @pytest.mark.usefixtures("quick_compiler")
 def test_names_of_generated_code_and_of_c_are_free():
-    """Whatever a parameter is called, the numbers are those of the formula."""
-    # Python reads the last as another letter
+    """The numbers do not depend on the parameters' names."""
+    # Python reads the last name as another letter
     names = ["x19", "c0", "w0", "far", "beyond", "double", "while_", "E", "I", "S", "N", "q0", "p0", "λ", "ϕ"]
     terms = " + ".join(f"{name}*q**{k + 1}" for k, name in enumerate(names))
     values = {name: 0.1 * (k + 1) for k, name in enumerate(names)}

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Third derivatives from formulas, and with them exact brackets of strong schemes, against differences of gradients.
+"""Third derivatives from formulas, and exact brackets of strong schemes by them, against differences of gradients.
 
 The differences of the library are exact for cubic Hamiltonians, so that both must agree to rounding there.
 """
@@ -49,7 +49,7 @@ def test_brackets_of_cubic_hamiltonians_are_the_differences(H, noise, names, sch
     np.testing.assert_allclose(exact.p, plain.p, rtol=0, atol=2e-11)
     assert exact.report.counters["gradients"] < plain.report.counters["gradients"]
     one = ss.simulate(model, **{**given, "paths": 1, "first_path": 5})
-    assert (one.q[:, :, 0] == exact.q[:, :, 5]).all()  # real lanes alone
+    assert (one.q[:, :, 0] == exact.q[:, :, 5]).all()  # without padding
 
 
 @pytest.mark.usefixtures("quick_compiler")
@@ -81,7 +81,7 @@ def test_differences_come_to_the_brackets_and_both_have_the_order():
     for steps in (8, 32):
         runs = [ss.simulate(m, step=1 / steps, steps=steps, threads=1, **given) for m in (model, plain)]
         apart.append(np.sqrt(np.mean((runs[0].q[-1] - runs[1].q[-1]) ** 2)))
-    assert apart[0] > 1e-9  # they are not the same
+    assert apart[0] > 1e-9  # exact and differenced brackets differ
     assert apart[1] < apart[0] / 8
     measured = ss.convergence(model, SCHEME, q0=0.3, p0=0.4, steps=(8, 16, 32, 64), paths=400, seed=3)
     assert measured.order_low > 1.35 and measured.order_high < 1.75
@@ -117,7 +117,7 @@ def test_a_chain():
     ("H", "noise"),
     [
         ("p**2/2 + cos(q)", ["s*sin(q)"]),  # squares
-        ("p**2/2 + a*q**2", ["s*q*p"]),  # they vanish
+        ("p**2/2 + a*q**2", ["s*q*p"]),  # zero brackets
         ("p**4 + cos(q)", []),
     ],
 )
@@ -126,7 +126,7 @@ def test_what_no_scheme_asks_for_is_not_generated(H, noise):
 
 
 def test_quadratic_models_take_brackets_as_they_are():
-    """The catalogue's against the same declared with differences, which are exact for them."""
+    """The catalogue's models against the same models with differences, which are exact for quadratic Hamiltonians."""
     known = ss.models.noncommutative_oscillator(s1=0.4, s2=0.3)
     plain = ss.Model(ndof=1, nnoise=2, gradient=lambda t, w, q, p: known.gradient(q, p, w),
                      hessian=lambda t, w, q, p: known.hessian(q, p, w))  # fmt: skip
@@ -146,7 +146,7 @@ def test_false_third_derivatives_are_refused():
         return ss.Model(ndof=1, nnoise=1, third_derivative=function, **functions)
 
     with_third(right).probe(0.3, 0.4)
-    for q in (1e3, 1e4, 3e5, 1e6):  # where a step in proportion to the state is longer than the period
+    for q in (1e3, 1e4, 3e5, 1e6):  # where an increment in proportion to the state exceeds the period
         with_third(right).probe(q, 0.4)
     wrong = [
         lambda *x: tuple(1.01 * y for y in right(*x)),

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The scenes of examples/gallery: each against its exact solution, and with its invariants."""
+"""The scenes of examples/gallery, each against its exact solution and its invariants."""
 
 import itertools
 from pathlib import Path
@@ -26,7 +26,7 @@ def load(name):
 
 
 def finer(run):
-    """Half the step."""
+    """The run with half the step."""
     return {**run, "step": run["step"] / 2, "steps": run["steps"] * 2, "save_every": run["save_every"] * 2}
 
 
@@ -44,7 +44,7 @@ def turned(angle, x, y):
 
 
 def second_order(error, run):
-    """Errors of two steps, the second half the first: they go with the square of the step."""
+    """Errors for a step and half of it, which must fall with the square of the step."""
     coarse, fine = error(run), error(finer(run))
     assert coarse < 0.02 and 3.0 < coarse / fine < 5.0, (coarse, fine)
 
@@ -89,7 +89,7 @@ def test_point_vortices():
     for i in range(3):
         x, y = turned(angle, found.q[0, i, 0], found.p[0, i, 0])
         assert np.sqrt(np.mean((found.q[:, i] - x) ** 2 + (found.p[:, i] - y) ** 2)) < 0.02
-    # a turn that is too slow by one percent would be seen, after 20 units of time
+    # the twin: a rotation one per cent too slow would show after 20 units of time
     wrong = 0.99 * found.t[:, None] / (2 * np.pi) + 0.2 * brownian(model, run)
     x, _ = turned(wrong, 1.0, 0.0)
     assert np.abs(found.q[-1, 0] - x[-1]).mean() > 5 * np.abs(found.q[-1, 0] - turned(angle, 1.0, 0.0)[0][-1]).mean()
@@ -141,7 +141,7 @@ def test_rigid_body():
     inertia = np.array([1.0, 2.0, 3.0])
 
     def euler(t):
-        """Euler's equations by the classical method of order four, in steps that leave 1e-11."""
+        """Euler's equations by the classical Runge-Kutta method, with steps so small that errors are 1e-11."""
         m, path = body(np.array([[0.6]]), np.array([[0.4]]))[:, 0, 0], []
         slope = lambda m: np.cross(m, m / inertia)  # noqa: E731
         h = (t[1] - t[0]) / 200
@@ -168,7 +168,7 @@ def body(angle, momentum):
 
 
 def by_kutta(slope, state, t, substeps, dw=None):
-    """States at the times t, by the classical method of order four; dw (step,) moves the second component before."""
+    """States at the times t by the classical Runge-Kutta method; dw (step,) is added to the second component first."""
     states, n = [np.array(state, float)], 0
     for begin, end in itertools.pairwise(t):
         y, h = states[-1], (end - begin) / substeps
@@ -201,7 +201,7 @@ def test_driven_pendulum():
 
     second_order(error, run)
     noisy = ss.simulate(model, **run)
-    assert np.abs(noisy.q - np.pi).max() < 1.0  # upright all the time, and fallen where it is not shaken
+    assert np.abs(noisy.q - np.pi).max() < 1.0  # upright all the time, but fallen without shaking
     assert np.abs(ss.simulate(model.with_parameters(a=0), **run).q - np.pi).max() > 2
     kicks = 0.02 * ss.increments(model, **{key: run[key] for key in ("step", "steps", "paths", "seed")})[:, 0, 0]
     exact = by_kutta(slope, [3.3, 0.0], noisy.t, run["save_every"], kicks)
@@ -210,7 +210,7 @@ def test_driven_pendulum():
 
 
 def area(q, p):
-    """Of a polygon."""
+    """Area of a polygon."""
     return 0.5 * np.abs(np.sum(q * np.roll(p, -1) - p * np.roll(q, -1)))
 
 

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""A run that continues another has the noise of the next steps: `extend` always, and `simulate` warns where it may
-not."""
+"""A run that continues another needs the noise of the following steps: `extend` uses it, and `simulate` warns if it may
+be repeated."""
 
 import warnings
 from concurrent.futures import ProcessPoolExecutor
@@ -27,7 +27,7 @@ CASES = {
 
 
 def equal(end, whole, first):
-    """Whether the run from a saved time on has the bits of the whole one."""
+    """Whether the run from a saved time on has the bits of the whole run."""
     np.testing.assert_array_equal(end.t, whole.t[first:])
     for name in NAMES:
         known = getattr(whole, name)
@@ -39,7 +39,7 @@ def equal(end, whole, first):
 @pytest.mark.parametrize("given", CASES.values(), ids=CASES)
 @pytest.mark.parametrize("steps", [(9, 12), (6, 6, 9)])
 def test_pieces_have_the_bits_of_one_run(given, steps):
-    """Also an odd number of steps, since normals come in pairs, and several pieces."""
+    """Also with an odd number of steps, since normals come in pairs, and with several pieces."""
     model = ss.models.henon_heiles(sigma1=0.1, sigma2=0.1)
     whole = ss.simulate(model, steps=sum(steps), save_every=3, **{**RUN, **given})
     run = ss.simulate(model, steps=steps[0], save_every=3, **{**RUN, **given})
@@ -67,7 +67,7 @@ def test_a_prepared_run_that_was_moved_goes_on_from_where_it_is():
 
 
 def test_paths_that_failed_stay_failed():
-    """Status, step and last good state of a path that escaped stay, and it is counted."""
+    """Status, step and last good state of an escaped path stay, and it is counted."""
     q0 = np.full((2, 4), 0.1)
     q0[:, 2] = 0.75
     given = {"q0": q0, "p0": 0.0, "step": 0.05, "seed": 5, "scheme": "stormer_verlet", "paths": 4}
@@ -99,7 +99,7 @@ def test_other_savings_and_what_is_refused():
 
 
 def piece(**given):
-    """Arguments of the second half of a run, as one writes them who thinks of times."""
+    """Arguments for the second half of a run, as a user might write them who gives times alone."""
     first = ss.simulate(ss.models.kubo(), q0=1.0, p0=0.0, step=0.1, steps=10, paths=300)
     again = {"q0": first.q[-1], "p0": first.p[-1], "t0": first.t[-1], "step": 0.1, "steps": 10, "paths": 300}
     return {key: value for key, value in {**again, **given}.items() if value is not None}
@@ -108,7 +108,7 @@ def piece(**given):
 @pytest.mark.parametrize("function", [ss.simulate, ss.moments, ss.ensemble])
 @pytest.mark.parametrize("given", [{}, {"t0": 1.0}, {"p0": 0.5}, {"t0": -1.0, "step": -0.1}])
 def test_repeated_noise_is_said(function, given):
-    """Once, with what to give instead, where it is called, and in the report."""
+    """One warning at the caller's line and in the report, which says what to give instead."""
     with pytest.warns(RepeatedNoiseWarning, match=r"first_step=10 and t0=0.*run\.extend\(steps\)") as said:
         found = function(ss.models.kubo(), **piece(**given))
     assert len(said) == 1 and said[0].filename == __file__
@@ -147,7 +147,7 @@ def test_own_increments_and_no_noise_are_not_warned():
 
 
 def test_shards_do_not_say_it_again():
-    """Of an ensemble in other processes only the call warns."""
+    """For an ensemble in other processes only the call warns."""
     with ProcessPoolExecutor(1) as pool, pytest.warns(RepeatedNoiseWarning) as said:
         ss.ensemble(ss.models.kubo(), executor=pool, shard_paths=256, **piece())
     assert len(said) == 1

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Wrong types and values in every place: the call works, or a sentence of bearable length says what to do."""
+"""Wrong types and values in every place: the call works, or a message of readable length says what to do."""
 
 import copy
 import inspect
@@ -21,14 +21,14 @@ LONGEST = 2100
 
 
 class Mute:
-    """Whose repr raises."""
+    """An object whose repr raises."""
 
     def __repr__(self):
-        """It does not say what it is."""
+        """Raise."""
         raise RuntimeError("no words")
 
 
-#: made anew for every call
+#: values made anew for every call
 HOSTILE = {
     "None": lambda: None,
     "array of no dimension": lambda: np.array(1),
@@ -60,15 +60,15 @@ HOSTILE = {
     "set": lambda: {1, 2},
     "generator": lambda: (x for x in ()),
 }
-MORE = {"executor", "progress", "max_time", "out", "within"}  #: parameters that the tables leave out
-NOT_FOR_USERS = {"diagnose.exact_of"}  #: takes a set-up
+MORE = {"executor", "progress", "max_time", "out", "within"}  #: parameters missing from the tables
+NOT_FOR_USERS = {"diagnose.exact_of"}  #: takes an internal object
 
 
 @pytest.mark.parametrize(("name", "own"), list(test_inputs.cases()))
 def test_what_does_not_belong_is_told(name, own, tmp_path, monkeypatch):
     if name in NOT_FOR_USERS:
         return
-    monkeypatch.chdir(tmp_path)  # some of these are names of folders
+    monkeypatch.chdir(tmp_path)  # some values are names of folders
     function = dict(test_inputs.public())[name]
     parameters = inspect.signature(function).parameters
     given = {*test_inputs.arguments(name, function, own), *(MORE & {*parameters})}
@@ -126,10 +126,10 @@ def test_a_sampler_of_a_formula_is_pickled():
 
 
 class Unread(io.StringIO):
-    """A pipe that nobody reads any more."""
+    """A pipe whose reader has gone."""
 
     def write(self, text):
-        """As the system says it."""
+        """Raise the system's error."""
         raise BrokenPipeError(32, "Broken pipe")
 
 
@@ -139,7 +139,7 @@ def test_progress_needs_nobody_who_sees_it(stderr, monkeypatch):
     if stderr == "closed":
         there.close()
     monkeypatch.setattr("sys.stderr", there)
-    monkeypatch.setitem(sys.modules, "tqdm.auto", None)  # a bar of its own has its own ways
+    monkeypatch.setitem(sys.modules, "tqdm.auto", None)  # tqdm's bar has other rules
     wanted = ss.simulate(KUBO, **RUN)
     np.testing.assert_array_equal(ss.simulate(KUBO, **RUN, progress=True).q, wanted.q)
     assert ss.ensemble(KUBO, **RUN, progress=True).n_ok[0] == 1
@@ -184,7 +184,7 @@ def test_a_path_that_cannot_begin_fails_alone_whatever_runs_with_it(tmp_path):
     found = scene.load(write_scene(tmp_path))
     assert paths_of(found).status.tolist() == [3, 0] and moments_of(found).n_ok.tolist() == [3, 2, 2, 2, 2]
     with pytest.raises(ss.errors.InvalidArgumentError, match="not finite at q0 = 0"):
-        ss.simulate(model, q0=0.0, paths=3, **options)  # one state for all: none can begin
+        ss.simulate(model, q0=0.0, paths=3, **options)  # with one state for all, no path can begin
 
 
 def test_points_of_brackets_need_both():

@@ -83,7 +83,7 @@ BESIDE = {
 
 @pytest.mark.parametrize("name", schemes.names())
 def test_a_tableau_says_what_stands_beside_it(name):
-    """Where it is said, the tableau alone makes another step; where nothing is said, the same."""
+    """If the text mentions something beside the tableau, the tableau alone gives another step; otherwise the same."""
     scheme = schemes.get(name)
     found = scheme.tableau()
     said = BESIDE.get(name, "")

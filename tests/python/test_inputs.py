@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Arguments are copied: a caller may change every array, list and table after a call without any effect.
 
-Every public function and method is found by its signature. A parameter takes its value from the tables below, by its
-name, or its default; one that has neither fails the test, so that what is new is covered or noticed.
+Every public function and method is found by its signature. A parameter takes its value from the tables below by its
+name, or its default; a new parameter without either fails the test.
 """
 
 import contextlib
@@ -19,7 +19,7 @@ import symsde as ss
 from symsde.answers.coupled import Draw
 from symsde.answers.expectation.problem import make_problem
 
-OMITTED = object()  #: a parameter that another case of the function gives, or that cannot be changed
+OMITTED = object()  #: a parameter that another case gives, or that cannot be changed
 PATHS, STEPS = 3, 8
 STATE = np.array([[0.9, 1.1, 1.3]])
 KUBO = ss.models.kubo(a=1.0, sigma=0.3)
@@ -39,7 +39,7 @@ def two_noises(t, w, q, p):
 
 
 def energy(q, p):
-    """Of an oscillator."""
+    """Energy of an oscillator."""
     return (q[0] ** 2 + p[0] ** 2) / 2
 
 
@@ -48,7 +48,7 @@ def prepared():
     return ss.prepare(KUBO, "midpoint", step=0.05, q0=STATE, p0=0.1 * STATE, paths=PATHS, compensated=True)
 
 
-#: by the name of the parameter, for every function
+#: values of parameters by name, for every function
 VALUES = {
     "model": KUBO,
     "scheme": "midpoint",
@@ -186,16 +186,16 @@ OWN = {
     "PreparedRun.reset": [{**LOW, "first_path": 3, "first_step": 2}],
     "PreparedRun.run": [{"increments": INCREMENTS[::2]}],
 }
-#: where runs are made for; functions of a run take one that saved every step
+#: objects for methods; functions of a run get one that saved every step
 SUBJECTS = {
     "Model": lambda: KUBO,
     "FormulaModel": lambda: FORMULA,
     "PreparedRun": prepared,
     "LevelSampler": lambda: ss.level_sampler(KUBO, "q**2", **ONE_STATE, horizon=0.5, steps=4),
 }
-#: these are made by the library, or are called by it, or write and keep nothing
+#: methods that only the library calls, or that write and keep nothing
 NOT_CALLED = {"call", "check_start", "fill", "fill_from_sums", "plot", "save", "table", "resume"}
-CLOCKED = {"expect", "mlmc", "advise", "work_precision"}  #: whose results hold seconds
+CLOCKED = {"expect", "mlmc", "advise", "work_precision"}  #: results that hold seconds
 RESULTS = (
     "Run Moments PreparedRun LevelSampler OpenRun schemes.Scheme Scheme FormulaModel open_run load Advice Alternative "
     "Answer Commutator Convergence MeanSquare Multilevel Report Traits WorkPrecision observe.Observed observe.Observer"
@@ -203,7 +203,7 @@ RESULTS = (
 
 
 def public():
-    """Names and functions of all that users call with arguments."""
+    """Names and functions of all public callables with arguments."""
     modules = ("models", "schemes", "diagnose", "observe")
     for prefix, where in {"": ss, **{f"{x}.": getattr(ss, x) for x in modules}}.items():
         own = [
@@ -223,7 +223,7 @@ def public():
 
 
 def cases():
-    """Name of every function with its arguments, once for each case."""
+    """Name and function with its arguments, once for each case."""
     for name, function in public():
         parameters = inspect.signature(function).parameters.values()
         if [x for x in parameters if x.name != "self"]:
@@ -232,7 +232,7 @@ def cases():
 
 
 def arguments(name, function, own):
-    """Arguments of a case, every one of which its caller can change; those which the tables lack fail the test."""
+    """The arguments of a case, all of which the caller can change; an argument missing from the tables fails."""
     given = dict(own)
     for x in inspect.signature(function).parameters.values():
         if x.name == "self" or x.kind in (x.VAR_KEYWORD, x.VAR_POSITIONAL):
@@ -245,7 +245,7 @@ def arguments(name, function, own):
 
 
 def loose(value):
-    """The same, in what can be changed in place: a list for a tuple, an array without dimension for a number."""
+    """The same values in changeable form: a list for a tuple, an array without dimension for a number."""
     if isinstance(value, dict):
         return {key: loose(x) for key, x in value.items()}
     if isinstance(value, list | tuple):
@@ -254,7 +254,7 @@ def loose(value):
 
 
 def change(value):
-    """Change it in place, whatever it is."""
+    """Change an object in place, of whatever type."""
     if isinstance(value, np.ndarray):
         value[...] = 3 * value + 1
     elif isinstance(value, dict | list):
@@ -264,7 +264,7 @@ def change(value):
 
 
 def called(name, given):
-    """The result of a function, or the object and the result of its method."""
+    """The result of a function, or the object together with its method's result."""
     owner, _, method = name.rpartition(".")
     if owner in SUBJECTS:
         subject = ss.Model if method == "builtin" else SUBJECTS[owner]()
@@ -274,7 +274,7 @@ def called(name, given):
 
 
 def seen(x):
-    """All that can be seen of a result, and what it does when it is used."""
+    """All visible contents of a result, and its behaviour when used."""
     if isinstance(x, np.ndarray):
         return (x.shape, str(x.dtype), x.tobytes())
     if isinstance(x, dict | list | tuple):
@@ -289,7 +289,7 @@ def seen(x):
 
 
 def model_seen(model):
-    """Values, what a pickle makes of it, and formulas."""
+    """Values of a model and of its pickle, and its formulas."""
     found = [repr(model), seen(model.parameters | {}), seen(model.traits)]
     models = [model]
     with contextlib.suppress(ss.SymsdeError):
@@ -308,7 +308,7 @@ def model_seen(model):
 
 
 def run_seen(run):
-    """Arrays, attributes, and what diagnostics make of it."""
+    """Arrays and attributes of a run, and diagnostics of it."""
     found = [seen(x) for x in (run.t, run.q, run.p, run.status, run.last_q, run.path, attributes(run))]
     for look in ("exact", "action", "euler_lagrange_residual", "driving_increments"):
         with contextlib.suppress(ss.SymsdeError):
@@ -317,7 +317,7 @@ def run_seen(run):
 
 
 def attributes(result):
-    """Without the time of the day, the command and seconds."""
+    """Attributes without the date, the command and seconds."""
     found = {key: x for key, x in result.attributes().items() if key not in ("history", "date", "command", "host")}
     return {**found, "report": {**json.loads(found["report"]), "timings": None}}
 
@@ -329,24 +329,24 @@ def moments_seen(found):
 
 
 def prepared_seen(run):
-    """From where it is, and from its beginning again."""
+    """States from the present step on, and after a reset."""
     first = run_seen(run.run(2))
     run.reset()
     return [first, run_seen(run.run(4, save_every=2)), seen(run.q)]
 
 
 def draw_seen(draw):
-    """Without the seconds."""
+    """A draw without its seconds."""
     return [seen(x) for x in (draw.difference, draw.fine, draw.coarse, draw.failed)]
 
 
 def sampler_seen(sampler):
-    """New samples."""
+    """New samples of a sampler."""
     return [seen(sampler(level, 16)[0]) for level in (0, 1)]
 
 
 def scheme_seen(scheme):
-    """Coefficients, a step, and the same of a pickle."""
+    """Coefficients and a step of a scheme and of its pickle."""
     again = pickle.loads(pickle.dumps(scheme))
     return [
         (str(x.certificate()), seen(x.tableau()), seen(ss.step(LINEAR, x, 1.0, 0.2, 0.1, 0.1))) for x in (scheme, again)
@@ -354,7 +354,7 @@ def scheme_seen(scheme):
 
 
 def observer_seen(observer):
-    """Its fields, and what it keeps of a run."""
+    """Fields of an observer, and what it records in a run."""
     options = {"q0": STATE, "p0": STATE, "paths": PATHS, "step": 0.1, "steps": 4}
     found = ss.moments(KUBO, **options, observers={"x": observer})
     return [repr(observer), hash(observer), moments_seen(found)]
@@ -388,7 +388,7 @@ def test_nothing_changes_with_the_arguments(name, own):
         for value in changed.values():
             change(value)
         expected = called(name, untouched)
-        if name == "LevelSampler.__call__":  # sums and seconds
+        if name == "LevelSampler.__call__":  # sums, not seconds
             result, expected = result[0], (expected[0], expected[1][0])
         assert [seen(subject), seen(result)] == [seen(x) for x in expected]
 

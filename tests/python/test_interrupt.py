@@ -34,7 +34,7 @@ def test_ctrl_c_with_python_callbacks(user_kubo):
 
 @pytest.mark.parametrize("what", ["exact", "commutator", "increments", "stationary"])
 def test_ctrl_c_in_what_takes_long(what, kubo):
-    """By a Ctrl-C and by a signal whose handler raises something else."""
+    """By Ctrl-C, and by a signal whose handler raises another exception."""
     chain = ss.models.fpu_chain(n=1000)
     endless = setup.make_setup(kubo, q0=1.0, p0=0.0, step=1e-7, steps=10**9, save_every=10**9)
     places = {"q_start": 0.1, "q_end": 0.2, "step": 0.01, "steps": 40, "paths": 20000}
@@ -78,14 +78,14 @@ if __name__ == "__main__":
 
 
 def stopping(number):
-    """A progress function that sends this process a signal when it is called for the third time."""
+    """A progress function that sends this process a signal in its third call."""
     told = []
 
     def progress(done, total):
         told.append(done)
         if len(told) == 3:
             os.kill(os.getpid(), number)
-            told.append("after")  # the signal is noted, and handled when the run has stopped
+            told.append("after")  # the signal is noted, and its handler runs when the run has stopped
 
     progress.told = told
     return progress
@@ -108,7 +108,7 @@ def test_a_stopped_run_is_given_back(kubo):
 
 def test_stopped_moments_are_given_back(kubo):
     common = {"q0": 1.0, "p0": 0.0, "step": 1e-3, "paths": 8, "seed": 4, "threads": 1}
-    common["observables"] = {"square": lambda q, p: (q * q)[0]}  # asked of several saved times at once
+    common["observables"] = {"square": lambda q, p: (q * q)[0]}  # called with several saved times at once
     with pytest.raises(KeyboardInterrupt) as caught:
         ss.moments(kubo, steps=10**9, save_every=10**5, progress=stopping(signal.SIGINT), **common)
     found = caught.value.partial
@@ -139,9 +139,9 @@ def test_what_stops_before_the_run_begins_carries_nothing(function, result, kubo
 
 @pytest.mark.parametrize("times", [10**5, 2 * 10**6])
 def test_moments_with_many_saved_times_show_progress_and_stop(times, kubo):
-    """Blocks tell of their steps before they are done, and what no path reached costs nothing to give back.
+    """Blocks report steps before they are done, and returning times that no path reached costs nothing.
 
-    Blocks of few times may be done before the third word.
+    Blocks of few times may be done before the third report.
     """
     told = []
 
@@ -158,7 +158,7 @@ def test_moments_with_many_saved_times_show_progress_and_stop(times, kubo):
 
 
 def test_each_run_is_told_of_its_own_progress(kubo):
-    """A progress function that runs the library itself: both functions hear of their own run alone, and may stop it."""
+    """A progress function that runs the library itself: each function hears of its own run alone, and may stop it."""
     told = {"outer": set(), "inner": set()}
 
     def inner(done, total):
@@ -177,7 +177,7 @@ def test_each_run_is_told_of_its_own_progress(kubo):
 
 
 def test_no_result_waits_for_the_garbage_collector(kubo):
-    """Arrays of a result that is dropped are free at once."""
+    """Arrays of a dropped result are freed at once."""
     gc.disable()
     try:
         for function in (ss.simulate, ss.moments):
@@ -202,7 +202,7 @@ def test_no_result_waits_for_the_garbage_collector(kubo):
     ],
 )
 def test_a_step_whose_draws_take_an_hour_can_be_left(scheme, options):
-    """Nothing of it is used: the paths are where they were."""
+    """The unfinished step is discarded: paths keep their states."""
     told = []
     run = ss.simulate(
         ss.models.kubo() if scheme == "gauss2_strong32" else ss.models.noncommutative_oscillator(),

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Work that other processes do: job arrays as scripts, and ensembles that go on when one of their processes is lost."""
+"""Work of other processes: job arrays as scripts, and ensembles that go on when a process is lost."""
 
 import multiprocessing
 import os
@@ -37,7 +37,7 @@ def sh(script, folder, **variables):
 
 
 def written(tmp_path, *more, out="jobs of one"):
-    """A scene in a folder whose name has a space, and the folder of its scripts."""
+    """A scene in a folder with a space in its name, and the folder of its scripts."""
     scene = tmp_path / "my scene.toml"
     scene.write_text(SCENE)
     code = command_line.main(["slurm", str(scene), "--out", str(tmp_path / out), *more])
@@ -65,7 +65,7 @@ def test_every_task_of_the_array_runs_and_the_merge_has_the_bits_of_one_run(tmp_
 
 
 def test_the_environment_is_the_users(tmp_path):
-    """Scripts are written again, but not over what was added for a cluster."""
+    """Scripts are written again, but not over lines added by the user for a cluster."""
     _, folder, _ = written(tmp_path, "--parts", "2")
     mine = folder / slurm_command.ENVIRONMENT
     mine.write_text(text := mine.read_text() + "module load gcc\n")
@@ -74,7 +74,7 @@ def test_the_environment_is_the_users(tmp_path):
 
 
 def test_both_jobs_are_submitted_and_the_merge_waits(tmp_path, monkeypatch):
-    """By a command of that name, which writes down how it was called."""
+    """A command named sbatch records how it was called."""
     _, folder, _ = written(tmp_path, "--parts", "2")
     fake = tmp_path / "bin" / "sbatch"
     fake.parent.mkdir()
@@ -116,7 +116,9 @@ MODEL = ss.models.synchrotron()
 
 
 def test_an_ensemble_goes_on_when_a_process_was_lost(tmp_path, monkeypatch):
-    """From the shards in its folder, which are not computed again; the bits are those of one run."""
+    """The ensemble goes on from the shards in its folder, which are not computed again; the bits are those of one
+    run.
+    """
     out = tmp_path / "kept"
     monkeypatch.setenv("MARK", str(tmp_path / "mark"))
     monkeypatch.setenv("SHARDS", str(out / "shards"))
@@ -170,17 +172,17 @@ def test_the_folder_of_an_ensemble_is_no_folder_of_a_scene(tmp_path):
 def test_a_client_of_dask_is_told_what_to_give():
     class Client:
         def submit(self):
-            """As Dask's, whose futures are others."""
+            """Like Dask's executor, whose futures are of another type."""
 
         def get_executor(self):
-            """What is wanted."""
+            """Return the executor."""
 
     with pytest.raises(ss.errors.WrongTypeError, match=r"is a client of Dask.*give client\.get_executor\(\)"):
         ss.ensemble(MODEL, **RUN, executor=Client())
 
 
 def test_advice_for_a_scene_is_that_of_its_call(tmp_path, capsys, monkeypatch):
-    """The same question; which scheme takes the least time is measured anew in every call."""
+    """The same question; which scheme is fastest is measured anew in each call."""
     asked = []
 
     def recorded(model, **given):

@@ -1,12 +1,12 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Explicit flows of kicks and drifts: the work that they save, by counters, not by time; they need no noise."""
+"""Explicit flows of kicks and drifts: the work that they save, by counters; they need no noise."""
 
 import numpy as np
 import pytest
 import symsde as ss
 
 ORDER_ONE = ("midpoint", "symplectic_euler", "stormer_verlet")
-LONG, FINEST = 256, 1024  # steps of schemes of order one, and of the judge
+LONG, FINEST = 256, 1024  # steps of schemes of order one, and of the reference
 
 
 @pytest.mark.parametrize(
@@ -18,7 +18,7 @@ LONG, FINEST = 256, 1024  # steps of schemes of order one, and of the judge
     ids=["henon_heiles", "fpu64"],
 )
 def test_kicks_take_a_fifth_of_the_work_of_order_one(model: ss.Model, state: dict, scheme: str, steps: int, judge: str):
-    """Gradients and products of Hessians, of a path to T = 2; the error is smaller, too.
+    """Work is gradients and Hessian products for a path to T = 2; the error is smaller, too.
 
     Measured: Henon-Heiles 1.9e-4 by 4 steps of chin4a, 4.6e-4 and 1.1e-3 by 256 of order one; the chain 1.7e-3 by 16
     steps of gauss_dkdkd, 3.2e-3 by 256.
@@ -49,7 +49,7 @@ KICKS += ("verlet_kdk", "verlet_kdk_strong2", "gauss_dkdkd", "gauss_dkdkd_strong
 @pytest.mark.parametrize("scheme", KICKS)
 @pytest.mark.parametrize("paths", [1, 3, 40])
 def test_noises_that_are_silent(scheme: str, paths: int):
-    """Neither dZ nor dW is drawn for them: whole steps of the model are those of the general stepper."""
+    """Neither dZ nor dW of a silent noise is drawn: whole steps of the model are those of the general stepper."""
     model = ss.models.henon_heiles(sigma1=0.0, sigma2=0.0)
     given = {"q0": [0.2, -0.1], "p0": [0.05, 0.3], "step": 0.1, "steps": 40, "scheme": scheme, "paths": paths}
     run, oracle = ss.simulate(model, **given), ss.simulate(model, general=True, **given)
@@ -61,7 +61,7 @@ def test_noises_that_are_silent(scheme: str, paths: int):
 @pytest.mark.parametrize("moving", [False, True])
 @pytest.mark.parametrize("paths", [1, 2, 3, 8, 40])
 def test_a_singular_drift_is_rescued_in_one_lane_or_in_all(paths, moving):
-    """At rest 1 + h^2 U''/4 = 0; without noise and at rest no kick comes before the midpoint step."""
+    """At rest 1 + h^2 U''/4 = 0, so that the midpoint step between kicks is singular unless a kick moves the path."""
 
     def gradient(t, w, q, p):
         return w[0] * (4 * q**3 - 16 * q + 0.3) + 0.2 * w[1] * q, w[0] * p

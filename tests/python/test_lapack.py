@@ -1,10 +1,9 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The LAPACK in use: no bit of dense systems of up to 160 unknowns depends on it, reports and folders name it for
-larger systems, and its BLAS makes no threads.
+"""The LAPACK in use: dense systems of up to 160 unknowns do not depend on it, reports and folders name it for larger
+systems, and its BLAS starts no threads.
 
 LAPACKs are those of Debian's folders on this machine, and of folders that SYMSDE_LAPACKS names: NAME=DIR:DIR,NAME=.. .
-Each is tried in a process of its own, whose loader finds it first. There a library that counts the threads that are
-made stands before all others.
+Each is tried in a process of its own whose loader finds it first, after a preloaded library that counts new threads.
 """
 
 import functools
@@ -34,7 +33,7 @@ paths = 4
 q0 = 0.1
 p0 = 0.2
 """
-UNKNOWNS = {"small": 40, "large": 41}  # degrees of freedom, of which two stages make 160 and 164 unknowns
+UNKNOWNS = {"small": 40, "large": 41}  # degrees of freedom; two stages have 160 and 164 unknowns
 
 COUNT = """
 #define _GNU_SOURCE
@@ -66,7 +65,7 @@ print(json.dumps(found))
 
 
 def folders():
-    """Folders of libraries, by name: the first one is that of the machine."""
+    """Folders of libraries by name, beginning with the machine's own."""
     found = {"the machine": ""}
     for place in sorted(Path("/usr/lib").glob("*-linux-gnu/*")):
         if place.name.startswith(("openblas-", "blis-", "atlas")) and (place / "libblas.so.3").exists():
@@ -90,7 +89,7 @@ def counter(tmp_path_factory):
 
 @functools.cache
 def runs(counter, places):
-    """What a process finds whose libraries are in these folders, where OMP_NUM_THREADS is four."""
+    """Results of a process with the libraries in these folders and OMP_NUM_THREADS=4."""
     given = {key: x for key, x in os.environ.items() if not key.startswith(("OPENBLAS", "MKL_NUM", "BLIS"))}
     given |= {"OMP_NUM_THREADS": "4", "LD_PRELOAD": str(counter)}
     given |= {"LD_LIBRARY_PATH": places} if places else {}
@@ -123,7 +122,7 @@ def test_a_report_names_whose_lapack_solved():
         if what == "small":
             assert run.report.lapack == "" and counters["lapack_solves"] == 0
             assert "LAPACK" not in str(run.report)
-        elif counters["lapack_solves"]:  # not where a BLAS is not used
+        elif counters["lapack_solves"]:  # not if no BLAS was used
             assert counters["lapack_solves"] == counters["solves"]
             assert run.report.lapack == ss.build_info()["lapack"]
             assert f"LAPACK     {run.report.lapack}" in str(run.report)
@@ -131,7 +130,7 @@ def test_a_report_names_whose_lapack_solved():
 
 @pytest.fixture
 def parts(tmp_path):
-    """Two parts of the large scene; whose LAPACK the machine has is played."""
+    """Two parts of the large scene; the LAPACK's name is imitated."""
     (tmp_path / "scene.toml").write_text(SCENE.format(n=41) + "[output]\npaths = [0, 1, 2, 3]\n")
     for i in (1, 2):
         given = [tmp_path / "scene.toml", "--out", tmp_path / f"part{i}", "--shard", f"{i}/2", "--quiet"]
@@ -140,7 +139,7 @@ def parts(tmp_path):
 
 
 def edit(folder, **changes):
-    """A folder of another machine."""
+    """The folder as another machine would have written it."""
     path = folder / "manifest.json"
     content = json.loads(path.read_text())
     path.write_text(json.dumps({**content, "numerics": {**content["numerics"], **changes}}))

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Results are loaded from a file unchanged, or the file says which results it cannot hold."""
+"""Results are loaded from a file unchanged, or the file says which results it lacks."""
 
 import dataclasses
 import json
@@ -66,7 +66,7 @@ def same(found, known, where):
 
 
 def test_observers_come_back(moments, ending, tmp_path):
-    """All that a result holds, but for what its file says that it does not: of every kind."""
+    """For every observer, everything in a result except what the file declares missing."""
     moments.save(tmp_path / f"m.{ending}")
     loaded = ss.load(tmp_path / f"m.{ending}")
     assert list(loaded.observed) == list(OBSERVERS)
@@ -113,7 +113,7 @@ def test_moments_come_back(moments, ending, tmp_path):
 
 
 def test_runs_come_back(run, ending, tmp_path):
-    """With their last states, from which they go on, and their report; with the energy where it was looked at."""
+    """Runs come back with last states, from which they continue, reports, and energy if it was observed."""
     run.save(tmp_path / f"r.{ending}")
     loaded = ss.load(tmp_path / f"r.{ending}")
     for name in ("t", "q", "p", "path", "status", "failed_step", "last_q", "last_p", "q_low", "p_low"):
@@ -164,7 +164,7 @@ def test_seconds_are_left_out_where_files_are_to_be_made_again(run, monkeypatch,
 
 
 def older(file, target, leave):
-    """A file as an older version has written it: without these variables and attributes."""
+    """A file as an older version wrote it: without these variables and attributes."""
     with np.load(file) as data:
         found = {name: data[name] for name in data.files if name not in leave}
     told = json.loads(str(found.pop("attributes")))
@@ -173,7 +173,7 @@ def older(file, target, leave):
 
 
 def test_older_files_are_read(run, moments, tmp_path):
-    """They have what was in them, and say of the rest that it is not there."""
+    """Old files give their contents, and say what is missing."""
     moments.save(tmp_path / "m.npz")
     older(tmp_path / "m.npz", tmp_path / "old.npz", {"report", "m2", "hist_share", "hist_se_share", "loss_mean"})
     found = ss.load(tmp_path / "old.npz")
@@ -195,7 +195,7 @@ def test_older_files_are_read(run, moments, tmp_path):
 
 
 def test_a_report_of_another_version_is_read(run):
-    """What it does not tell is None, and what nobody knows here is left out."""
+    """Missing entries are None, and unknown ones are dropped."""
     told = {**json.loads(run.attributes()["report"]), "unheard": 3}
     del told["lanes"]
     found = ss.run.report.read_report(json.dumps(told))

@@ -31,7 +31,7 @@ paths = [0]
 
 
 def test_a_path_of_many_steps_is_resumed_to_the_same_bits(tmp_path, monkeypatch):
-    """Stopped wherever a fifteenth of the steps is over; |q|^2 + |p|^2 moves by rounding alone."""
+    """Stopped after every fifteenth of the steps; |q|^2 + |p|^2 changes by rounding alone."""
     (tmp_path / "scene.toml").write_text(LONG)
     given = ["run", str(tmp_path / "scene.toml"), "--quiet", "--checkpoint", "0.02", "--out"]
     assert command_line.main([*given, str(tmp_path / "whole")]) == command_line.OK
@@ -68,7 +68,7 @@ print(re.search(r"VmHWM:\\s*(\\d+)", open("/proc/self/status").read())[1])  # ru
 
 @pytest.mark.skipif(not os.path.exists("/proc/self/status"), reason="there is no /proc to ask")
 def test_memory_does_not_grow_with_paths():
-    """10^4, 10^5 and 10^6 paths; kB of the whole process. A thousand shards would add four MB of reports."""
+    """10^4, 10^5 and 10^6 paths; kB of the whole process. A thousand shards would add 4 MB of reports."""
     peaks = []
     for paths in (10**4, 10**5, 10**6):
         done = subprocess.run([sys.executable, "-c", PEAK, str(paths)], capture_output=True, text=True, check=True)
@@ -103,7 +103,7 @@ def mounted(place, options):
 
 
 def test_a_full_file_system(tmp_path, capsys):
-    """It ends with a sentence; what is there is whole; with room it goes on to the bits of a run that had it."""
+    """A full disk ends the run with a message and complete files; with more room the run goes on to the same bits."""
     (tmp_path / "scene.toml").write_text(MANY)
     given = ["run", str(tmp_path / "scene.toml"), "--quiet", "--shard-paths", "256", "--out"]
     assert command_line.main([*given, str(tmp_path / "known")]) == command_line.OK

@@ -15,15 +15,15 @@ import symsde as ss
 
 ROOT = Path(__file__).parents[2]
 LIBRARY = os.path.realpath(ss.native.library.library._name)
-DEEPEST = 13  # calls from simulate to the model
-DEEPER = {"_midpoint": 3}  # where a midpoint step stands between kicks
+DEEPEST = 13  # most calls from simulate to the model
+DEEPER = {"_midpoint": 3}  # further calls of midpoint steps between kicks
 Numbers = ctypes.POINTER(ctypes.c_double)
 Gradient = ctypes.CFUNCTYPE(ctypes.c_int, *3 * [ctypes.c_int], ctypes.c_double, *5 * [Numbers], ctypes.c_void_p)
 Both = ctypes.CFUNCTYPE(ctypes.c_int, *3 * [ctypes.c_int], ctypes.c_double, *8 * [Numbers], ctypes.c_void_p)
 
 
 def symbols():
-    """Addresses and names of the library's procedures, in order; none of a library that was stripped."""
+    """Addresses and names of the library's procedures, sorted; empty for a stripped library."""
     if shutil.which("nm") is None:
         return []
     told = subprocess.run(["nm", "-n", LIBRARY], capture_output=True, text=True, check=False).stdout
@@ -37,7 +37,7 @@ if not any("_MOD_" in name for _, name in SYMBOLS):
 
 
 def callers():
-    """The library's procedures that wait for this call, the outermost first."""
+    """The library's procedures on the stack of this call, outermost first."""
     found = (ctypes.c_void_p * 64)()
     n = ctypes.CDLL(None).backtrace(found, 64)
     maps = Path("/proc/self/maps").read_text(encoding="utf-8").splitlines()
@@ -49,7 +49,7 @@ def callers():
 
 
 def traced(scheme, paths):
-    """Who called the force of a pendulum in every call of it during steps."""
+    """The callers of a pendulum's force in every call during steps."""
     seen = []
 
     def gradient(nlane, ndof, nham, t, w, q, p, hq, hp, user):  # noqa: PLR0917 - as C calls it
@@ -89,13 +89,13 @@ def traced(scheme, paths):
 
 
 def module_of(name):
-    """The module of a procedure, that of blocks for its instance of one lane."""
+    """The module of a procedure; for an instance of one lane, the module for blocks."""
     found = re.match(r"__(symsde_\w+?)_MOD_", name)
     return found[1].removesuffix("_single_path") if found else name
 
 
 def page():
-    """Modules of the table, in its order; that of a body is the module beside it."""
+    """Modules in the order of the table; for a body, the module beside it."""
     text = (ROOT / "CONTRIBUTING.md").read_text(encoding="utf-8")
     table = text.split("## The main path")[1].split("\n## ")[0]
     files = re.findall(r"^\| `src/([\w/]+)\.(f90|inc)`", table, re.MULTILINE)
@@ -105,7 +105,7 @@ def page():
 
 
 def of_library(call):
-    """The modules from the driver, whom C calls, to the model."""
+    """The modules of a call from the driver, which C calls, to the model."""
     modules = [module_of(name) for name in call]
     first = next(i for i, module in enumerate(modules) if module.startswith("symsde_ensemble"))
     return modules[first : next(i for i, module in enumerate(modules) if module.startswith("symsde_model"))]
@@ -114,7 +114,7 @@ def of_library(call):
 @pytest.mark.parametrize("paths", [1, 1000])
 @pytest.mark.parametrize("scheme", ["midpoint", "stormer_verlet"])
 def test_the_page_is_the_way_of_a_step(scheme, paths):
-    _, *known = page()  # simulate of Fortran, whose place C has here
+    _, *known = page()  # Fortran's simulate, which C replaces here
     calls = traced(scheme, paths)
     assert calls
     for call in calls:
@@ -131,10 +131,10 @@ def test_every_scheme_has_few_callers(paths):
         try:
             calls = traced(scheme, paths)
         except ss.errors.IncompatibleError:
-            continue  # the pendulum's noise is not additive, it has no frequencies
+            continue  # the pendulum's noise is not additive, and it declares no frequencies
         tried += 1
         assert calls
         most = DEEPEST + sum(more for part, more in DEEPER.items() if part in scheme)
-        for call in calls:  # simulate and the model are not among those of the library
+        for call in calls:  # without simulate and the model, which are outside the library here
             assert len(of_library(call)) + 1 <= most, (scheme, call)
     assert tried > 30

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Mean-square stability: the matrix of second moments beside hand calculations and beside paths."""
+"""Mean-square stability: the matrix of second moments against hand calculations and against paths."""
 
 import json
 import math
@@ -17,14 +17,14 @@ def spring(sigma: float = 0.4) -> ss.Model:
 
 
 def two_springs():
-    """H = (p^2 + q^2)/2 with two noises on the stiffness."""
+    """H = (p^2 + q^2)/2 with two noises in the stiffness."""
     flags = dict.fromkeys(("separable", "position_noise", "identity_mass"), True)
     return bilinear(lambda w: (w[0] + 0.1 * w[1] + 0.2 * w[2], 0, w[0]), nnoise=2, **flags)
 
 
 @pytest.mark.parametrize(("a", "sigma", "h"), [(1.0, 0.3, 0.2), (2.0, 0.5, 0.5)])
 def test_kubo_by_hand(a, sigma, h):
-    """x = a h + sigma dW: midpoint turns; Heun multiplies |z|^2 by 1 + x^4/4; Euler-Maruyama in Ito's form by
+    """x = a h + sigma dW: midpoint rotates; Heun multiplies |z|^2 by 1 + x^4/4; Euler-Maruyama in Ito's form by
     (1 - sigma^2 h/2)^2 + E x^2."""
     model = ss.models.kubo(a=a, sigma=sigma)
     mu, s2 = a * h, sigma**2 * h
@@ -40,7 +40,7 @@ def test_kubo_by_hand(a, sigma, h):
 
 
 def test_exact_growth_of_noise_on_the_stiffness():
-    """d E(q^2, q p, p^2)/dt has the matrix ((0, 2, 0), (-1, 0, 1), (s^2, -2, 0)): its largest eigenvalue."""
+    """The largest eigenvalue of d/dt E(q^2, q p, p^2), whose matrix is ((0, 2, 0), (-1, 0, 1), (s^2, -2, 0))."""
     rates = np.linalg.eigvals([[0, 2, 0], [-1, 0, 1], [0.16, -2, 0]]).real.max()
     found = ss.mean_square(spring(), "stormer_verlet", step=0.3)
     assert found.exact == pytest.approx(math.exp(0.3 * rates), rel=1e-10)
@@ -48,7 +48,7 @@ def test_exact_growth_of_noise_on_the_stiffness():
 
 
 def test_verlet_ends_at_two():
-    """Without noise: |M| = 1 up to omega h = 2, and beyond it grows."""
+    """Without noise |M| = 1 up to omega h = 2, and more beyond."""
     model = ss.models.linear_oscillator()
     assert ss.mean_square(model, "stormer_verlet", step=1.99).growth == pytest.approx(1.0, abs=1e-9)
     assert ss.mean_square(model, "stormer_verlet", step=2.05).growth > 1.2
@@ -58,8 +58,8 @@ def test_verlet_ends_at_two():
 @pytest.mark.parametrize("noise", [[], ["0.3*q"]])
 @pytest.mark.parametrize("h", [0.2, -0.2])
 def test_exact_growth_on_a_hill(noise, h):
-    """p + q grows as e^t where H = (p^2 - q^2)/2, its square twice as fast, and p - q back in time; additive noise is
-    no part of it."""
+    """With H = (p^2 - q^2)/2 p + q grows as e^t, its square twice as fast, and p - q likewise back in time; additive
+    noise does not matter."""
     found = ss.mean_square(ss.model_from_sympy("p**2/2 - q**2/2", noise), "midpoint", step=h)
     assert found.exact == pytest.approx(math.exp(0.4), rel=1e-12)
     assert found.growth == pytest.approx((1.1 / 0.9) ** 2, rel=1e-12)
@@ -78,7 +78,9 @@ DRIVEN = {"stiffness": spring(), "mass": soft(0.4), "Kubo": ss.models.kubo(a=1.0
     ],
 )  # fmt: skip
 def test_paths_grow_as_the_matrix_says(scheme, equation):
-    """E q^2, q p, p^2 after 12 steps over 4e4 paths, each within 4.5 standard errors (9e-5 for thirteen by four)."""
+    """E q^2, q p, p^2 after 12 steps over 4e4 paths, each within 4.5 standard errors (9e-5 for thirteen schemes and
+    four equations).
+    """
     model, h, steps = DRIVEN[equation], 0.4, 12
     matrix = ss.mean_square(model, scheme, step=h).matrix
     start = np.array([1.0, 0.5])
@@ -96,14 +98,14 @@ def test_paths_grow_as_the_matrix_says(scheme, equation):
 
 @pytest.mark.parametrize(("scheme", "equation"), [("midpoint", "Kubo"), ("stormer_verlet", "stiffness")])
 def test_symplectic_steps_keep_areas(scheme, equation):
-    """M x M turns (1, 0) x (0, 1) - (0, 1) x (1, 0) into det M times it: second moments, symmetric, do not tell."""
+    """M x M multiplies (1, 0) x (0, 1) - (0, 1) x (1, 0) by det M: symmetric second moments would not show this."""
     area = np.array([0.0, 1.0, -1.0, 0.0])
     matrix = ss.mean_square(DRIVEN[equation], scheme, step=0.4).matrix
     np.testing.assert_allclose(matrix @ area, area, atol=1e-12)
 
 
 def test_a_step_that_may_be_singular_has_no_second_moments():
-    """Midpoint divides by 1 + h^2/4 + sigma h dW/4, which vanishes at three standard deviations here."""
+    """Midpoint divides by 1 + h^2/4 + sigma h dW/4, which vanishes at three standard deviations of dW here."""
     assert ss.mean_square(spring(4.0), "midpoint", step=0.5).growth == math.inf
 
 
@@ -120,8 +122,9 @@ def test_misuse_gets_a_sentence():
 
 @pytest.mark.parametrize("n", [20, 100])
 def test_a_chain_under_additive_noise(n):
-    """Fixed ends: omega_k = 2 sin(k pi/(2n + 2)). Verlet's largest multiplier at x = h omega_n > 2 solves
-    l^2 + (x^2 - 2) l + 1 = 0; midpoint's are on the unit circle."""
+    """Fixed ends: omega_k = 2 sin(k pi/(2n + 2)). Verlet's largest multiplier at x = h omega_n > 2 solves l^2 + (x^2
+    - 2) l + 1 = 0; midpoint's are on the unit circle.
+    """
     model = ss.models.fpu_chain(n=n, beta=0.0, sigma=0.3)
     fastest = 2 * math.sin(n * math.pi / (2 * n + 2))
     for h in (0.5, 1.9 / fastest, 2.2 / fastest):
@@ -134,7 +137,7 @@ def test_a_chain_under_additive_noise(n):
 
 
 def test_one_matrix_is_the_matrix_of_pairs():
-    """Additive noise, the step of a damped shape (heun grows): E M x M by its definition."""
+    """Additive noise, a step of the form of damping (heun grows): E M x M by its definition."""
     found = ss.mean_square(ss.models.linear_oscillator(), "heun", step=0.5)
     x = 0.5
     one = np.array([[1 - x**2 / 2, x], [-x, 1 - x**2 / 2]])
@@ -159,8 +162,9 @@ def test_many_degrees_of_freedom_get_a_sentence_before_memory():
 
 @pytest.mark.parametrize("h", [0.3, -0.3])
 def test_exact_growth_of_steps_back_in_time(h):
-    """Kubo's oscillator turns, whichever way; noise on the stiffness drives by |h|: ((0, 2, 0), (-1, 0, 1), (0, -2, 0))
-    changes its sign, s^2 on E p^2 does not."""
+    """Kubo's oscillator rotates either way; noise in the stiffness acts with |h|: ((0, 2, 0), (-1, 0, 1), (0, -2,
+    0)) changes its sign with h, and s^2 in the row of E p^2 does not.
+    """
     assert ss.mean_square(ss.models.kubo(sigma=0.9), "midpoint", step=h).exact == pytest.approx(1.0, abs=1e-12)
     sign = math.copysign(1, h)
     rates = np.array([[0, 2, 0], [-1, 0, 1], [0, -2, 0]]) * sign + np.array([[0, 0, 0], [0, 0, 0], [0.16, 0, 0]])
@@ -179,7 +183,9 @@ def test_exact_growth_of_large_steps(sigma, h):
 
 
 def test_the_map_of_the_pages_tells_of_every_scheme():
-    """Those with which a step is one matrix are where they are by hand: Verlet below 2, midpoint everywhere."""
+    """Limits on the page for steps that are one matrix agree with those by hand: Verlet below 2, midpoint
+    everywhere.
+    """
     path = Path(__file__).resolve().parents[2] / "docs/figures/mean-square.json"
     data = json.loads(path.read_text(encoding="utf-8"))
     assert list(data["limits"]) == ss.schemes.names()

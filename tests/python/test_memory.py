@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Lack of memory: every call ends with a result or a sentence, and the process goes on.
 
-Child processes walk down limits of their address space (`ulimit -v`), from too little for anything to enough: what
-the library judges too low it refuses, and an allocation that fails all the same ends the child, which fails the test.
+Child processes try limits of their address space (`ulimit -v`), from too little for anything to enough: the library
+refuses work beyond the limit, and an allocation that fails nevertheless ends the child and fails the test.
 """
 
 import subprocess
@@ -96,7 +96,7 @@ def test_every_call_ends_under_any_limit(threads):
     done = [line.split() for line in lines if line.startswith("done")]
     assert len(done) > (200 if threads == 1 else 60)
     assert all(line[-2] in ("ok", "incompatible") for line in done), [line for line in done if line[-2] == "refused"]
-    assert sum(line[-3] == "refused" for line in done) > len(done) // 2  # the smallest limits are felt
+    assert sum(line[-3] == "refused" for line in done) > len(done) // 2  # the smallest limits have an effect
 
 
 G = {"q0": 0.1, "p0": 0.1, "step": 0.01}
@@ -113,7 +113,7 @@ G = {"q0": 0.1, "p0": 0.1, "step": 0.01}
     ],
 )
 def test_sizes_are_judged_before_work_begins(call):
-    """A chain of 300000: its dense matrices have 7e11 bytes and more, and the refusal says so at once."""
+    """A chain of 300000 masses: its dense matrices need 7e11 bytes or more, and the refusal says so at once."""
     with pytest.raises(MemoryError, match=r"needs \d\.\d+e\d+ bytes of memory, more than this process can have: give"):
         call(ss.models.fpu_chain(n=300000))
 
@@ -144,7 +144,7 @@ def test_codes_of_status_are_32_bits():
 
 
 def test_results_that_a_group_forbids(monkeypatch):
-    """A refusal, where the process would be killed when arrays are filled (what groups leave: test_capi_groups.c)."""
+    """A refusal instead of a killed process when arrays are filled (test_capi_groups.c has the limits of groups)."""
     assert checks._left_by_groups() > 0
     monkeypatch.setattr(checks, "_left_by_groups", lambda: 4e9)
     told = r"need 4\.8 GB, more than the 4 GB that this process can have: save"

@@ -20,7 +20,7 @@ PLACE = {"q0": 1.0, "p0": 0.0}
 
 
 def free_gradient(t, w, q, p):
-    """H = p^2/2, H_1 = -q: p(T) = W(T) whatever the step."""
+    """H = p^2/2, H_1 = -q: p(T) = W(T) for any step."""
     return np.broadcast_to(-w[1], q.shape), w[0] * p
 
 
@@ -45,7 +45,7 @@ def test_tallies_merge_as_if_they_were_one():
 @pytest.mark.parametrize("scheme", ["midpoint", "stormer_verlet", "gauss_dkdkd", "chin4a"])
 @pytest.mark.parametrize("antithetic", [False, True])
 def test_fine_and_coarse_follow_one_brownian_path(scheme, antithetic):
-    """p(T) = W(T): any other path would differ by 1; swapped halves have the same sum."""
+    """p(T) = W(T): on another path it would differ by about 1; exchanging halves keeps the sum."""
     if antithetic and scheme in ("gauss_dkdkd", "chin4a"):
         pytest.skip("takes more of the path than increments")
     place = {"q0": 0.0, "p0": 0.0, "horizon": 2.0}
@@ -73,15 +73,15 @@ def test_a_level_begins_at_its_own_path():
 
 
 def test_means_within_two_errors_say_nothing_of_a_rate():
-    """1, 1/4 and 1/16 fall by two powers; a fourth that is 1.9 of its errors is left out."""
+    """1, 1/4 and 1/16 fall by two powers of two; a fourth mean of 1.9 standard errors is left out."""
     rate = fall([1.0, 0.25, 0.0625, 0.9], [1e-3, 1e-3, 1e-3, 0.9 / 1.9])
     assert rate.value == pytest.approx(2.0, abs=1e-12)
     assert math.isnan(fall([1.0, 0.1], [0.1, 0.06]).value)
 
 
 def test_truncation_of_the_coarse_path_is_that_of_its_own_step():
-    """Sums of two increments are cut at the bound of the coarse step: else what is subtracted has another law than
-    what was added one level below, and the levels do not telescope."""
+    """Sums of two increments are clipped at the bound of the coarse step: otherwise the subtracted mean has another law
+    than the mean one level below, and the sum over levels does not telescope."""
     model, truncation = ss.models.kubo(), (2, 1.0)
     step, count = 1 / 64, 2**16
     given = {"paths": count, "seed": 5, "truncation": truncation}
@@ -89,25 +89,25 @@ def test_truncation_of_the_coarse_path_is_that_of_its_own_step():
     alone = ss.increments(model, step=2 * step, steps=2, refine=0, **given)
     bound = math.sqrt(4 * abs(math.log(2 * step))) * math.sqrt(2 * step)
     for dw in (coarse, alone):
-        np.testing.assert_allclose(np.abs(dw).max(), bound, rtol=1e-12)  # some of 131072 draws beyond 3.7 are
+        np.testing.assert_allclose(np.abs(dw).max(), bound, rtol=1e-12)  # some of 131072 normals exceed 3.7
 
 
 @pytest.mark.parametrize("scheme", ["midpoint", "gauss_dkdkd", "chin4a"])
 @pytest.mark.parametrize("options", [{}, {"truncation": (2, 1.0)}, {"t0": 0.7, "compensated": True}])
 def test_increments_of_a_problem_drive_its_runs(scheme, options):
-    """Antithetic paths are made of them: whatever the options, they are those of the runs."""
+    """`increments` of a problem, of which antithetic paths are made, are those of its runs, with any options."""
     problem = make_problem(ss.models.synchrotron(), "q**2", **PLACE, horizon=2.0, seed=2**40 + 3, **options)
     dw = problem.increments(as_scheme(scheme), 32, 2**33 + 5, 3000)
     run = problem.run(as_scheme(scheme), 32, first_path=2**33 + 5, paths=3000)
     np.testing.assert_array_equal(dw, ss.diagnose.driving_increments(run))
-    beyond = np.abs(dw).max() > 3.4 * 0.25  # 3.33 standard deviations are the bound
+    beyond = np.abs(dw).max() > 3.4 * 0.25  # the bound is 3.33 standard deviations
     assert beyond != ("truncation" in options) and dw.shape == (32, 2, 3000)
 
 
 @pytest.mark.parametrize("first", [0, 2**40])
 @pytest.mark.parametrize("level", [0, 1, 3])
 def test_samples_by_their_numbers(first, level):
-    """Sample n of level l is path 2^41 l + first + n, in whatever order samples are asked for."""
+    """Sample n of level l is path 2^41 l + first + n, in whatever order samples are requested."""
     problem = make_problem(ss.models.synchrotron(), "q**2", **PLACE, horizon=2.0, seed=3)
     sampler = LevelSampler(problem, "midpoint", 4, first=first)
     for sample in (300, 0, 7):
@@ -156,14 +156,14 @@ def test_variance_falls_by_twice_the_strong_order(scheme, model, low, high):
 
 
 def test_intervals_of_rates_are_of_95_percent():
-    """Two levels: log2 of a ratio, whose noise is that of both."""
+    """With two levels the rate is log2 of a ratio, whose noise is that of both levels."""
     rate = fall([0.8, 0.1], [0.08, 0.005])
     assert rate.value == pytest.approx(3.0, abs=1e-12)
     assert rate.half == pytest.approx(1.959964 * math.hypot(0.1, 0.05) / math.log(2), rel=1e-4)
 
 
 def test_exchanged_halves_restore_the_order_that_areas_take():
-    """Noises that do not commute, increments alone: beta 1, with antithetic pairs 2 and more."""
+    """Noises that do not commute, with increments alone: beta is 1, and with antithetic pairs 2 or more."""
     rates = []
     for antithetic in (False, True):
         sampler = ss.level_sampler(
@@ -174,7 +174,7 @@ def test_exchanged_halves_restore_the_order_that_areas_take():
 
 
 def test_estimate_of_a_bias():
-    """d_l = c 2^(-a l): the finest step is off by c 2^(-a L)/(2^a - 1)."""
+    """d_l = c 2^(-a l): the finest step has the bias c 2^(-a L)/(2^a - 1)."""
     for order in (1.0, 2.0, 3.0):
         means = [2.0 ** (-order * level) for level in (1, 2, 3)]
         exact = 2.0 ** (-3 * order) / (2**order - 1)
@@ -184,15 +184,15 @@ def test_estimate_of_a_bias():
         further, _ = bias.estimate(means, [1e-9] * 3, order, extra=2)
         np.testing.assert_allclose(further, exact / 4**order, rtol=1e-6)
         assert bias.order_of(means, [1e-9] * 3, 1.0) == min(order, 2.0)
-    # noise alone is reckoned with, and a difference that passes through zero on a coarse step hides nothing
+    # with noise alone the bias is its noise, and a difference through zero on a coarse level hides nothing
     assert math.hypot(*bias.estimate([0.0], [1e-3], 1.0)) == pytest.approx(1e-3)
     assert math.hypot(*bias.estimate([0.0, 1e-2], [1e-5, 1e-5], 1.0)) > 0.8e-2
     assert bias.order_of([1e-3, 1e-4], [1e-3, 1e-3], 1.0) == 1.0
 
 
 def test_differences_that_contradict_each_other_do_not_cancel():
-    """The oscillator with q p and q^2/2 noises, h = 3/2, 3/4 and 3/8: differences change their sign, and 7e-3 is left.
-    Their weighted mean is -2e-3 +- 2e-3; differences that agree within their noise keep their error."""
+    """The oscillator with q p and q^2/2 noises, h = 3/2, 3/4 and 3/8: differences change their sign, and the bias is
+    7e-3. Their weighted mean is -2e-3 +- 2e-3; only differences that agree within their noise keep this error."""
     assert math.hypot(*bias.estimate([-1.25e-2, 1.06e-2], [3e-3, 4e-3], 1.0)) > 5e-3
     assert bias.estimate([2e-2, 1.06e-2], [3e-3, 4e-3], 1.0)[1] < 4e-3
 
@@ -204,8 +204,8 @@ def exact_square(t: float) -> float:
 
 @pytest.mark.usefixtures("work_clock")
 def test_interval_holds_with_95_percent():
-    """Of 60 repeats 50 to 60 hold: at 95 % fewer come with 3e-4. Half the interval, the planted twin, holds with 67 %:
-    50 and more come with 4e-3."""
+    """50 or more of 60 intervals must hold; at 95 % fewer do with probability 3e-4. The twin halves the interval, which
+    holds with 67 %: 50 or more then have probability 4e-3."""
     exact, held = exact_square(2.0), {1.0: 0, 0.5: 0}
     for seed in range(60):
         found = ss.mlmc(
@@ -225,14 +225,14 @@ def test_interval_holds_with_95_percent():
 
 
 def test_narrow_interval_is_where_the_mean_is():
-    """At two half widths, 8e-5 of false alarm; the bias has its small share."""
+    """At two half widths, false alarms 8e-5; the bias has its small share."""
     found = ss.mlmc(ss.models.linear_oscillator(), "q**2", **PLACE, horizon=2.0, abs=5e-3, seed=4)
     assert abs(found.value - exact_square(2.0)) < 2 * found.half_width
     assert found.bias < 0.4 * found.error
 
 
 def test_report_tells_rates_and_levels(monkeypatch):
-    """A path of the first level takes one second here, of a finer one two, for both of its steps."""
+    """A path of the first level takes one second here, and a path of a finer level two, since it runs both steps."""
     clock = Clock(by_paths=True)
     monkeypatch.setattr(time, "process_time", clock)
     model = ss.models.synchrotron(sigma1=0.8, sigma2=0.5)
@@ -242,20 +242,20 @@ def test_report_tells_rates_and_levels(monkeypatch):
     assert 1.6 < found.beta.value < 2.5
     assert all(x.consistency < 1.5 for x in found.levels) and not found.notes
     assert "alpha" in str(found) and "consistent" in str(found)
-    for before, x in itertools.pairwise(found.levels):  # variances of f differ by little
+    for before, x in itertools.pairwise(found.levels):  # variances of f are nearly equal
         apart = abs(before.fine_mean - (x.fine_mean - x.mean))
         error = math.hypot(*(math.sqrt(y.fine_variance / y.paths) for y in (before, x)))
         assert x.consistency == pytest.approx(apart / (3 * error), rel=0.5)
     costs = [x.paths * math.sqrt(x.seconds / x.paths / x.variance) for x in found.levels if x.paths > 1024]
     assert len(costs) > 2 and max(costs[:-1]) / min(costs) < 1.1  # paths in proportion to sqrt(variance / cost)
-    assert costs[-1] > 0.9 * costs[0]  # the finest one is begun with as many as its bias takes
+    assert costs[-1] > 0.9 * costs[0]  # the finest level begins with as many as its bias needs
 
 
 @pytest.mark.parametrize(
     ("kurtosis", "paths", "told"), [(100.0, 999, ""), (101.0, 10099, "10 %"), (101.0, 10100, ""), (1e4, 160000, "25 %")]
 )
 def test_heavy_tails_are_told_where_they_make_a_variance_uncertain(kurtosis, paths, told):
-    """By a tenth and more."""
+    """The warning names a relative uncertainty of a tenth or more."""
     notes = mlmc._doubts((Level(8, paths, 0.1, 0.01, 1.0, kurtosis, 0.1, 1.0, 0.0, 1.0, 0),))
     assert [told in note for note in notes] == [True] * bool(told)
 
@@ -275,14 +275,14 @@ def test_scheme_with_areas_telescopes_in_law():
 
 
 def test_a_function_that_jumps_is_not_trusted_with_few_paths():
-    """No path differs on the fine levels: their variance is not zero."""
+    """If no path differs on fine levels, their variance is not taken for zero."""
     sampler = ss.level_sampler(
         ss.models.synchrotron(), lambda q, p: q[0] > 0, q0=0.0, p0=0.0, horizon=0.5, scheme="chin4a", steps=8
     )
     draw = sampler.draw(3, 200)
     assert draw.difference.m2 == 0 and draw.fine.variance > 0
     assert draw.error == pytest.approx(draw.fine.size / 200) and draw.fine.size == pytest.approx(0.5, rel=1e-2)
-    assert draw.error_by(1.0) == pytest.approx(1 / 200)  # of an event that these paths did not show
+    assert draw.error_by(1.0) == pytest.approx(1 / 200)  # an event that these paths did not show
 
 
 def test_time_that_is_over_gives_the_interval_so_far(monkeypatch):
@@ -365,7 +365,7 @@ def test_ctrl_c_gives_the_levels_that_were_begun(level, left, monkeypatch):
 
 
 def test_cost_is_all_that_was_spent(monkeypatch):
-    """By a clock that f alone moves on: what f was looked at for first is counted, but to no level."""
+    """With a clock that f alone advances: the first evaluation of f is counted, but for no level."""
     clock = Clock()
     monkeypatch.setattr(time, "process_time", clock)
     found = ss.mlmc(ss.models.synchrotron(), **SYNCHROTRON | {"f": clock.f}, abs=0.3, steps=64, first=16)
@@ -382,8 +382,8 @@ def test_paths_that_all_fail_are_told_of():
 @pytest.mark.parametrize("method", ["plain", "multilevel"])
 @pytest.mark.usefixtures("work_clock")
 def test_what_happens_seldom_is_not_taken_for_impossible(method):
-    """P(q > 3.09 standard deviations) = 1e-3: the standard error that the half width asks for is 5e-4. Before any of
-    256 paths is there, with 77 %, their own scatter is 0."""
+    """P(q > 3.09 standard deviations) = 1e-3: the half width asks for a standard error of 5e-4. With probability 77 %
+    none of the first 256 paths meets the event, and their own scatter is 0."""
     model = ss.models.linear_oscillator()
     edge = math.cos(2.0) + 3.0902 * math.sqrt(2.0 / 2 - math.sin(4.0) / 4)
     given = {**PLACE, "horizon": 2.0, "abs": 1e-3, "scheme": "verlet_dz"}
@@ -399,7 +399,7 @@ def test_what_happens_seldom_is_not_taken_for_impossible(method):
             found = ss.mlmc(model, seldom, **given, steps=8, first=256, seed=seed)
         assert found.error > 1e-4
         held += found.interval[0] <= 1e-3 <= found.interval[1]
-    assert held >= 6  # fewer with 6e-3 at 95 %
+    assert held >= 6  # fewer have probability 6e-3 at 95 %
 
 
 def test_who_stopped_is_told(monkeypatch):

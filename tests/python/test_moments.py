@@ -50,7 +50,7 @@ def test_failed_paths_are_left_out():
 
 @pytest.mark.parametrize(("lanes", "threads"), [(8, 1), (64, 1), (8, 2), (None, 1)])
 def test_python_observables_are_asked_for_many_times_at_once(lanes, threads):
-    """A block is shown at several saved times in one call, failed lanes too: the bits are those of q itself."""
+    """A block hands several saved times to the function at once, failed lanes, too: the bits are those of q itself."""
     model = ss.models.henon_heiles()
     start = np.full((2, 50), 0.1)
     start[:, [5, 41]] = [[0.2, 20.0]]
@@ -67,7 +67,7 @@ def test_python_observables_are_asked_for_many_times_at_once(lanes, threads):
         np.testing.assert_array_equal(getattr(found, kind)["first"], getattr(found, f"{kind}_q")[:, 0])
         np.testing.assert_array_equal(getattr(found, kind)["other"], getattr(found, f"{kind}_p")[:, 1])
     block = found.report.lanes
-    del sizes[:3]  # of the probe
+    del sizes[:3]  # calls of the probe
     assert sum(n for _, n in sizes) == -(-50 // block) * block * 61
     assert max(n for _, n in sizes) <= 4096 and len(sizes) == -(-50 // block)
 
@@ -76,7 +76,7 @@ def test_python_observables_are_asked_for_many_times_at_once(lanes, threads):
 @pytest.mark.parametrize("every", [1, 2])
 @pytest.mark.parametrize("ends", ["all", "absorbed", "some"])
 def test_observables_of_paths_that_all_end_early(paths, every, ends):
-    """What was shown before the last path of a block ended waits to be asked for, and is: the means of saved paths."""
+    """States kept until the last path of a block ended are still evaluated: the means are those of saved paths."""
 
     def gradient(t, w, q, p):
         return np.where(q > 1.3, np.nan, -w[0] * q + 0.1 * w[1]), w[0] * p
@@ -88,7 +88,7 @@ def test_observables_of_paths_that_all_end_early(paths, every, ends):
     how = {"q0": start, "p0": 0.3, "step": 0.1, "steps": 20, "save_every": every, "paths": paths, "scheme": "heun"}
     watch = {"out": ss.observe.Passage("q", high=1.2)} if ends == "absorbed" else {}
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # of failed paths, and of times without any
+        warnings.simplefilter("ignore")  # warnings of failed paths, and of times without any
         found = ss.moments(model, observables={"a": lambda q, p: q[0] ** 2}, observers=watch, **how)
         run = ss.simulate(model, **{**how, "save_every": 1})
         q = run.q[:, 0]
@@ -103,7 +103,7 @@ def test_observables_of_paths_that_all_end_early(paths, every, ends):
 
 
 def test_growth_of_energy():
-    """E(p^2 + q^2)/2 = sigma^2 t/2 (24), times the midpoint's factor 1/(1 + h^2/4); 5 standard errors: 6e-7."""
+    """E(p^2 + q^2)/2 = sigma^2 t/2 (24), times the midpoint's factor 1/(1 + h^2/4); five standard errors: 6e-7."""
     found = ss.moments(
         ss.models.linear_oscillator(sigma=1.0), q0=0.0, p0=0.0, step=0.1, steps=100, paths=20000, save_every=100
     )

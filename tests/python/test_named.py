@@ -65,7 +65,7 @@ RUN = {"q0": 1.0, "p0": 0.1, "step": 0.05, "steps": 100, "save_every": 20, "path
 
 @pytest.fixture
 def module(request):
-    """A name that no other test has: modules stay in a process."""
+    """A name that no other test uses, since modules stay loaded in a process."""
     return "own_" + "".join(x if x.isalnum() else "_" for x in request.node.name)
 
 
@@ -89,7 +89,7 @@ def run(*arguments):
 
 
 def test_values_in_runs_and_shards(file, module, tmp_path, allowed):
-    """Those of the paths, whatever the shards; beside formulas, in order; told in the table."""
+    """Values are those of the paths, with any shards; beside formulas, in order; recorded in the table."""
     for size in (256, 1024):
         assert run(file, "--out", tmp_path / str(size), "--shard-paths", size) == command_line.OK
     found = ss.open_run(tmp_path / "256").moments
@@ -107,7 +107,7 @@ def test_values_in_runs_and_shards(file, module, tmp_path, allowed):
 
 
 def test_resumed_merged_and_compared(file, module, tmp_path, capsys):
-    """The file goes with the folder, which another process goes on in, and merges, and is an input of the run."""
+    """The file is copied into the folder, where another process continues and merges, and is an input of the run."""
     whole, part = tmp_path / "whole", tmp_path / "part"
     assert run(file, "--out", whole, "--shard-paths", 256) == command_line.OK
     assert run(file, "--out", part, "--shard-paths", 256, "--shard", "1/2") == command_line.OK
@@ -190,7 +190,7 @@ def test_files_that_cannot_be_loaded(file, module, tmp_path, capsys):
 
 
 def test_a_function_that_fails_on_the_way(file, module, tmp_path, capsys):
-    """A sentence with the line, no shard of what failed."""
+    """A message with the line, and no shard of the failed part."""
     file.write_text(
         SCENE.replace("MODULE:radius", "MODULE:late").replace("MODULE", module).replace("= 0.1\n", "= 0.6\n")
     )

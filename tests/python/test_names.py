@@ -6,13 +6,13 @@ import pytest
 import sympy
 import symsde as ss
 
-MICRO, MU = "\u00b5", "\u03bc"  # two letters, which Python's parser reads as the second
+MICRO, MU = "\u00b5", "\u03bc"  # two letters that Python's parser reads as the second
 OSCILLATORS = "({0}**2 + {1}**2)/2 + {2}**2/2 + 2*{3}**2"
 START = {"q0": [1.0, 2.0], "p0": [0.3, 0.4], "step": 0.1, "steps": 4, "paths": 8}
 
 
 def model(q, p, **more):
-    """Two oscillators with these names."""
+    """Two oscillators with these names of coordinates."""
     return ss.model_from_sympy(OSCILLATORS.format(*p, *q), q=q, p=p, **more)
 
 
@@ -29,7 +29,7 @@ def test_a_name_is_one_coordinate_everywhere(q, p):
     mine = model(q, p)
     every = [*zip(q, ("q_1", "q_2"), strict=True), *zip(p, ("p_1", "p_2"), strict=True)]
     names = {name: column for own, column in every for name in (own, column, column.replace("_", ""))}
-    own = {column: column if own[0] in "qp" else own for own, column in every}  # as results call it
+    own = {column: column if own[0] in "qp" else own for own, column in every}  # the name in results
     assert [*own.values(), "energy"] == list(ss.simulate(mine, **START).columns())
     observables = {f"my_{name}": name for name in names}
     of = {f"h_{column}": ss.observe.Quantiles(column, shares=[0.5]) for column in set(names.values())}

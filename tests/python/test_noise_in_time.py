@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Noises that change in time are noticed; weak order (strong orders: test_axes_orders.py)."""
+"""Noises that depend on time are noticed; weak order (strong orders: test_axes_orders.py)."""
 
 import numpy as np
 import pytest
@@ -14,7 +14,7 @@ AT_EDGES = {
 
 @pytest.mark.parametrize("kind", AT_EDGES)
 def test_change_in_time_is_noticed_at_edges(kind: str):
-    """The terms of time are taken: paths are others than those of noise that is constant in each step."""
+    """Terms of time are used: paths differ from those with noise constant in each step."""
     noise, t0 = AT_EDGES[kind]
     model = ss.model_from_sympy("p**2/2 - cos(q)", [noise], q="q", p="p")
     end = {}
@@ -23,7 +23,7 @@ def test_change_in_time_is_noticed_at_edges(kind: str):
                           scheme="gauss2_strong32", paths=200, seed=5)  # fmt: skip
         end[steps] = run.q[-1]
     errors = [np.sqrt(np.mean((end[steps] - end[1024]) ** 2)) for steps in (64, 256)]
-    assert np.log2(errors[0] / errors[1]) / 2 > 1.4  # 0.98 to 1.0 where it was not noticed
+    assert np.log2(errors[0] / errors[1]) / 2 > 1.4  # 0.98 to 1.0 if the dependence were not noticed
 
 
 def turning(a: float, b: float) -> tuple[ss.Model, object]:
@@ -49,7 +49,7 @@ def turning(a: float, b: float) -> tuple[ss.Model, object]:
 
 
 def second_moments(field: object, count: int = 1000) -> np.ndarray:
-    """Map of the second moments from t = 0 to 1: Runge and Kutta's method for d/dt E x x^T of the linear model."""
+    """Map of the second moments from t = 0 to 1: Runge-Kutta for d/dt E x x^T of the linear model."""
 
     def rate(t: float) -> np.ndarray:
         noise, unit = field(t), np.eye(2)
@@ -67,7 +67,7 @@ def second_moments(field: object, count: int = 1000) -> np.ndarray:
 
 
 def enumerated(model: ss.Model, count: int) -> np.ndarray:
-    """The same of gauss2_weak2 in `count` steps: every step's mean over its three increments."""
+    """The same by gauss2_weak2 in `count` steps, with the mean of each step over its three increments."""
     h = 1 / count
     weights = (1 / 6, 2 / 3, 1 / 6)
     dw = np.repeat(np.sqrt(3 * h) * np.array([-1, 0, 1]), 2)[None, None]
@@ -82,7 +82,7 @@ def enumerated(model: ss.Model, count: int) -> np.ndarray:
 
 @pytest.mark.parametrize(("a", "b"), [(0.8, 0.8), (0.8, 0.0)])
 def test_weak_order_where_a_noise_does_not_commute_with_itself(a: float, b: float):
-    """Measured 1.98 and 1.99; 1.02 for the first without {H_1(t_1), H_1(t_0)}."""
+    """Measured 1.98 and 1.99; for the first model 1.02 without {H_1(t_1), H_1(t_0)}."""
     model, field = turning(a, b)
     exact = second_moments(field)
     coarse, fine = (np.abs(enumerated(model, count) - exact).max() for count in (32, 64))
@@ -91,7 +91,7 @@ def test_weak_order_where_a_noise_does_not_commute_with_itself(a: float, b: floa
 
 @pytest.mark.parametrize("scheme", ["verlet_dz", "averaged_shift_midpoint", "gauss2_strong32"])
 def test_one_path_knows_that_noise_changes_in_time(scheme: str):
-    """Functions that take any lanes are asked of one lane alone; what is asked at set-up must be of lanes, too."""
+    """Functions that accept any number of lanes are called with one lane, also at set-up."""
     model = ss.model_from_sympy("p**2/2 - cos(q)", ["-(1 + 0.8*sin(4*t))*q"], q="q", p="p")
     few, many = (
         ss.simulate(model, q0=0.4, p0=0.7, step=0.1, steps=20, scheme=scheme, paths=n, seed=5) for n in (1, 512)

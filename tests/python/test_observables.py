@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Observables from formulas and functions: values against saved paths, the same bits for any division, values that are
-no numbers."""
+NaN."""
 
 import pickle
 import warnings
@@ -79,7 +79,9 @@ def test_observers_see_formulas(found, run):
 
 
 def test_passages_of_formulas(found):
-    """After every step, not only where values are saved; without a bridge, of which nothing is known."""
+    """Passages are checked after every step, not only at saved times; without bridges, since the noise of a formula
+    is unknown.
+    """
     every = ss.simulate(model(), **{**RUN, "save_every": 1})
     outside = every.q[:, 0] ** 2 + every.q[:, 1] ** 2 >= 0.3  # (step, path)
     lost = np.logical_or.accumulate(outside, axis=0)[::20].mean(axis=1)
@@ -93,7 +95,7 @@ def test_passages_of_formulas(found):
 
 
 def test_bridges_that_are_missing_are_told(found, tmp_path, capsys):
-    """Where noise may act on a value without Brownian bridges: in the result, in files, on the screen."""
+    """Results, files and the screen say if noise may act on a value without Brownian bridges."""
     sentence = "r^2 is checked only at the ends of steps, since only q and p have Brownian bridges"
     assert found.remarks() == [f"loss: {found.observed['loss'].remarks()[0]}"]
     assert sentence in found.remarks()[0] and sentence in found.attributes()["remarks"]
@@ -151,7 +153,7 @@ def total(q, p):
 
 
 def test_formulas_beside_functions(found):
-    """In the order in which they are given; with the time of each saved point, which functions do not get."""
+    """Values in the given order; formulas know the time of each saved point, functions do not."""
     mixed = {"r^2": FORMULAS["r^2"], "total": total, **{name: FORMULAS[name] for name in list(FORMULAS)[1:]}}
     both = ss.moments(model(), observables=mixed, **RUN)
     for name in FORMULAS:
@@ -163,7 +165,7 @@ def test_formulas_beside_functions(found):
 
 
 def test_the_time_within_a_sum_is_that_of_the_state():
-    run = ss.simulate(model(), **(few := {**RUN, "paths": 1}))  # functions see several of its states together
+    run = ss.simulate(model(), **(few := {**RUN, "paths": 1}))  # functions get several of its states at once
     found = ss.moments(model(), observables={"sum": "Sum(cos(t)*q[i], i)", "total": total}, **few)
     np.testing.assert_allclose(found.mean["sum"], np.cos(run.t) * run.q[..., 0].sum(axis=1), rtol=1e-12)
 
@@ -192,7 +194,7 @@ def test_without_a_compiler(found, monkeypatch):
 
 
 def test_names_are_those_of_the_model():
-    """Coordinates and parameters as its formulas have them; q_1, p_1 beside these."""
+    """Coordinates and parameters have the names of the model's formulas; q_1, p_1 work beside them."""
     mine = ss.model_from_sympy("px**2/2 + k*x**2/2", ["s*x"], q="x", p="px", params={"k": 2.0, "s": 0.1})
     run = {"q0": 1.0, "p0": 0.5, "step": 0.1, "steps": 10, "paths": 20}
     wanted = {"a": "k*x*px", "b": "2*q_1*p_1", "c": "2*q1*p"}
@@ -246,7 +248,7 @@ def test_what_is_no_observable(given):
 
 
 def test_what_is_no_number_is_said():
-    """log(q1) of the paths that are below zero: the means say so, and the warning says which and when."""
+    """log(q1) of paths below zero: means are NaN, and the warning names the observable and the times."""
     start = np.full((1, 20), 1.0)
     start[0, 3] = -1.0
     run = {"q0": start, "p0": 0.0, "step": 0.1, "steps": 4, "save_every": 2, "paths": 20}
@@ -278,7 +280,7 @@ def test_what_is_no_number_is_said():
 
 
 def test_no_number_spreads_to_errors_and_quantiles():
-    """What is no number has no error of 0, and no quantile leaves it out."""
+    """A NaN value gives a NaN error, and no quantile leaves it out."""
     start = np.full((1, 20), 1.0)
     start[0, 3] = -1.0
     wanted = {
@@ -307,7 +309,7 @@ def test_no_number_spreads_to_errors_and_quantiles():
     ],
 )
 def test_a_function_gives_a_number_for_each_path(function, words):
-    """A sum over all of a block would depend on how many paths a block has."""
+    """A sum over all paths of a block would depend on the block's size."""
     with pytest.raises((WrongShapeError, WrongTypeError), match=words):
         ss.moments(ss.models.kubo(), q0=1.0, p0=0.0, step=0.1, steps=4, paths=100, observables={"x": function})
 
@@ -410,7 +412,7 @@ CLASHES = {
 
 @pytest.mark.parametrize(("names", "sentence"), CLASHES.items())
 def test_names_that_files_would_hold_twice(names, sentence):
-    """One of the two would be written over the other."""
+    """One of two equal names would overwrite the other in a file."""
     kinds = {
         "passage": observe.Passage("q_1", within=1.0),
         "histogram": observe.Histogram("q_1", -1, 1, 4),
@@ -428,7 +430,7 @@ def test_observables_need_moments(tmp_path):
 
 
 def middle(x):
-    """Distance from the mean of the paths."""
+    """Distance from the mean over paths."""
     return (x - x.mean()) ** 2
 
 
@@ -447,7 +449,7 @@ ALONE = r"mixes paths: it is .* for a path among different ones, and .* among co
 
 @pytest.mark.parametrize("name", MIXING)
 def test_what_mixes_paths_is_refused(name):
-    """Values would depend on blocks, `lanes` and shards; so of everything that takes a function of states."""
+    """Functions that mix paths would depend on blocks, `lanes` and shards; every function of states is checked."""
     chosen, start = MIXING[name], {"q0": RUN["q0"], "p0": RUN["p0"]}
     as_numbers = {"fine": "q1**2", "mine": lambda q, p: chosen(q, p) * 1.0}
     with pytest.raises(FalseTraitError, match="^observable 'mine' " + ALONE):
@@ -465,7 +467,9 @@ def test_invariants_that_mix_paths_are_refused():
 
 
 def test_what_takes_each_path_by_itself_is_not():
-    """Sums over degrees of freedom, jumps, what is zero or no number at the start, what is rounding alone."""
+    """Sums over degrees of freedom, jumps, values that are zero or NaN at the start, rounding alone are all
+    accepted.
+    """
     mine, at = model(), (np.array(RUN["q0"])[:, None], np.array(RUN["p0"])[:, None])
     first = mine.value(*at)[0]
     fine = {
@@ -484,7 +488,7 @@ def test_what_takes_each_path_by_itself_is_not():
 @pytest.mark.parametrize("late", [False, True])
 @pytest.mark.parametrize("paths", [1, 20])
 def test_doubts_are_of_paths_that_count(paths, late, lost, entry, tmp_path):
-    """Where no path is left, means are no numbers, and no warning says that a value is none: paths failed."""
+    """If no path is left, means are NaN, and no warning blames a value: the paths failed."""
     gone = {"none": [], "one": [0], "all but one": range(paths - 1), "all": range(paths)}[lost]
     start = np.full((1, paths), 1.0)
     start[0, list(gone)] = -1.0

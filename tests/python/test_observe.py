@@ -35,7 +35,7 @@ def found():
 
 @pytest.fixture(scope="module")
 def run():
-    """The same paths, all saved; none fails."""
+    """The same paths with all states saved; none fails."""
     saved = ss.simulate(model(), **RUN)
     assert saved.report.failed == 0
     return saved
@@ -69,12 +69,12 @@ def test_quantiles(found, run):
 
 
 def test_errors_of_quantiles_are_those_of_a_sample():
-    """The median of n normals errs by 1.2533/sqrt(n): the error that is told is that, to the width of bins."""
+    """The median of n normals has the error 1.2533/sqrt(n): the reported error agrees, to the width of bins."""
     phases = np.random.default_rng(2).standard_normal(4096)
     median = {"median": observe.Quantiles("q_1", (0.5,), low=1e-4, high=100, parts=1024)}
     still = ss.moments(ss.models.pendulum(), q0=phases[None], p0=0.0, step=0.1, steps=0, paths=4096, observers=median)
     told = still.observed["median"].se_quantile[0, 0]
-    assert 0.7 < told / (math.sqrt(math.pi / 2) / 64) < 1.4  # the ranks' distance has an error of its own
+    assert 0.7 < told / (math.sqrt(math.pi / 2) / 64) < 1.4  # the distance of ranks has an error of its own
 
 
 def test_covariance(found, run):
@@ -114,9 +114,9 @@ def test_autocorrelation_of_a_rotation():
     about = {"along": observe.Autocorrelation("q_1", lags=30)}
     run = {"q0": np.cos(phases)[None], "p0": np.sin(phases)[None], "step": 0.1, "steps": 200, "paths": 64}
     along = ss.moments(ss.models.kubo(a=1.0, sigma=0.0), observers=about, **run).observed["along"]
-    omega = 2 * math.atan(0.05) / 0.1  # of the midpoint
+    omega = 2 * math.atan(0.05) / 0.1  # the midpoint's frequency
     np.testing.assert_allclose(along.covariance, np.cos(omega * along.lag) / 2, atol=1e-13)
-    assert np.abs(along.covariance - np.cos(along.lag) / 2).max() > 1e-4  # the twin: not the frequency of the step
+    assert np.abs(along.covariance - np.cos(along.lag) / 2).max() > 1e-4  # the twin: not the frequency of the equation
 
 
 def test_extremes(found, run):
@@ -137,7 +137,7 @@ def test_extremes(found, run):
 @pytest.mark.parametrize(("low", "high"), [(0.0, 1.0), (-0.7, 0.3), (1e-3, 0.9), (-1 / 3, 1e6)])
 @pytest.mark.parametrize("bins", [1, 3, 10, 49, 1000])
 def test_an_edge_belongs_to_the_bin_that_it_begins(low, high, bins):
-    """Exactly, wherever rounding puts its quotient; the number before it belongs to the bin before."""
+    """Exactly, whatever the rounding of its quotient; the next smaller number belongs to the bin before."""
     found = []
     wanted = {"x": observe.Histogram("q_1", low, high, bins)}
     edges = low + np.arange(bins + 1) * ((high - low) / bins)
@@ -204,7 +204,7 @@ def test_absorbed_paths_count_nowhere_afterwards(run):
 
 
 def test_a_run_ends_when_all_paths_are_absorbed():
-    """A free flight q = t leaves |q| < 1 at step 10 of 1000000: the rest costs nothing."""
+    """A free flight q = t leaves |q| < 1 at step 10 of 1000000: the remaining steps cost nothing."""
     flight = ss.Model(ndof=1, nnoise=0, gradient=lambda t, w, q, p: (0 * q, w[0] * p), value=None, separable=True)
     loss = {"loss": observe.Passage("q_1", within=1.0)}
     run = {"q0": 0.0, "p0": 1.0, "step": 0.1, "steps": 1_000_000, "paths": 20, "save_every": 1000}
@@ -214,7 +214,7 @@ def test_a_run_ends_when_all_paths_are_absorbed():
 
 
 def brownian():
-    """dq = 2 dW, exactly, by every scheme."""
+    """dq = 2 dW, which every scheme solves exactly."""
     return ss.Model(
         ndof=1,
         nnoise=1,
@@ -227,7 +227,7 @@ def brownian():
 
 @pytest.mark.parametrize("barrier", [1.0, 3.0])
 def test_passage_of_brownian_motion(barrier):
-    """P(max of 2 W on (0, 1) >= a) = erfc(a/(2 sqrt 2)), for steps of a quarter as for small ones; 5 sigma: 6e-7.
+    """P(max of 2 W on (0, 1) >= a) = erfc(a/(2 sqrt 2)), with steps of 1/4 as with small ones; 5 sigma: 6e-7.
 
     The twin without bridges is off by a third.
     """
@@ -246,14 +246,16 @@ def test_passage_of_brownian_motion(barrier):
 
 
 def test_bridges_are_told_absent_where_no_noise_acts():
-    """Noise in position acts on momenta alone; on the energy nothing is said."""
+    """Noise in position acts on momenta alone, so a passage of q mentions no missing bridges; that of the energy
+    does.
+    """
     wanted = {of: observe.Passage(of, within=5.0) for of in ("q_1", "p_1", "energy")}
     found = ss.moments(model(), observers=wanted, **RUN).observed
     assert found["q_1"].bridged is None and found["p_1"].bridged == 0 and found["energy"].bridged is None
 
 
 def test_bridges_of_momenta():
-    """dp = -2 dW, from noise linear in q: the same law for p."""
+    """dp = -2 dW by noise linear in q: the same law for p."""
     turned = ss.Model(
         ndof=1, nnoise=1, gradient=lambda t, w, q, p: (2 * w[1] + 0 * q, np.zeros_like(p)), separable=True,
         additive=True, position_noise=True,
@@ -283,7 +285,7 @@ def test_bits_do_not_depend_on_blocks_and_threads(lanes, threads, found):
 
 @pytest.mark.parametrize("absorb", [False, True])
 def test_parts_merge_to_the_bits_of_the_whole(absorb):
-    """Three units and a part of one, of which paths fail; merged from the right as from the left."""
+    """Three units and a part of one, in which paths fail; merged from the right or from the left."""
     start = np.full((2, 1000), 0.1)
     start[:, 300:310] = 30.0
     how = {**RUN, "paths": 1000, "scheme": "stormer_verlet"}
@@ -306,7 +308,9 @@ def test_parts_merge_to_the_bits_of_the_whole(absorb):
 
 
 def test_observables_of_ones_own_are_observed():
-    """They wait for several saved times, while steps are watched: the same as q itself."""
+    """Python observables wait for several saved times while steps are watched; their results equal those of q
+    itself.
+    """
     own = {"x": lambda q, p: q[0] + 0, "r": lambda q, p: np.hypot(q[0], q[1])}
     wanted = {
         "own": observe.Histogram("x", -0.4, 0.3, 14),
@@ -394,7 +398,7 @@ def test_values_that_are_no_number_are_told():
 
 
 def test_values_may_be_called_as_observables_are():
-    """q1 is q_1, and so is q of one degree of freedom; of two, q is none."""
+    """q1 is q_1, and so is q with one degree of freedom; with two, q is unknown."""
     kubo, start = ss.models.kubo(), {"q0": 1.0, "p0": 0.3, "step": 0.1, "steps": 4, "paths": 20}
     named = {
         "x": (observe.Histogram("q", -2, 2, 9), observe.Histogram("q_1", -2, 2, 9)),

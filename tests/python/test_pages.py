@@ -35,7 +35,7 @@ def test_which_scheme_is_current():
 
 @pytest.mark.parametrize("data", sorted(which_scheme.FIGURES.glob("work-precision-*.json")), ids=lambda path: path.stem)
 def test_the_table_names_the_cheapest_points(data):
-    """Every cell against the rows of the measurement, by another way of looking."""
+    """Every cell against the rows of the measurement, found in another way."""
     study = json.loads(data.read_text(encoding="utf-8"))
     page = (ROOT / "docs" / "which-scheme-tables.md").read_text(encoding="utf-8")
     row = next(line for line in page.splitlines() if f"| {study['name']}, to $t = " in line)
@@ -54,7 +54,7 @@ def test_the_table_names_the_cheapest_points(data):
 
 
 def test_the_first_screen_says_what_was_measured():
-    """Its picture asks what its table says, and each scheme is the fastest where the table of measurements says so."""
+    """The picture asks the questions of the table, and each scheme is the fastest in the table of measurements."""
     assert json.loads((which_scheme.FIGURES / "which-scheme.json").read_text()) == which_scheme.picture()
     tables = (ROOT / "docs" / "which-scheme-tables.md").read_text(encoding="utf-8").splitlines()
     cells = {line.split(" | ")[1].partition(",")[0]: line.split(" | ")[2:] for line in tables if ", to $t = " in line}
@@ -64,7 +64,7 @@ def test_the_first_screen_says_what_was_measured():
 
 
 def test_the_page_of_performance_says_what_its_tables_say():
-    """The page is that of its data, and every number of its picture stands in a row of the tables."""
+    """The page agrees with its data, and every number of its picture is in a row of the tables."""
     tables, page = ((ROOT / f"docs/performance{x}.md").read_text(encoding="utf-8") for x in ("-tables", ""))
     data = json.loads((which_scheme.FIGURES / "performance.json").read_text(encoding="utf-8"))
     assert page == first_screen.page(data, tables)
@@ -80,7 +80,7 @@ def test_the_page_of_performance_says_what_its_tables_say():
 
 @pytest.mark.parametrize("page", drawings.BANDS)
 def test_pictures_of_pages_show_what_their_code_computes(page):
-    """Run again, on any build: the numbers of the picture to a tenth of its bands, or to 1 %."""
+    """The code run again on any build gives the picture's numbers to a tenth of its bands, or to 1 %."""
     pytest.importorskip("sympy"), pytest.importorskip("matplotlib")
     kept = json.loads((which_scheme.FIGURES / f"{page}.json").read_text(encoding="utf-8"))["panels"]
     for found, panel in zip(drawings.bands(page)["panels"], kept, strict=True):
@@ -90,7 +90,7 @@ def test_pictures_of_pages_show_what_their_code_computes(page):
 
 
 def unexplained(text):
-    """Words whose first standing in the prose of a page is no link to the page of words."""
+    """Words whose first occurrence in the prose of a page is not linked to the page of words."""
     for pattern in (
         r"```.*?^```$",
         r"(?<=\n\n)(?: {4}.*\n+)+",
@@ -138,7 +138,9 @@ def test_every_scheme_has_a_use():
 
 
 def test_explicit_uses_are_explicit():
-    """What a line calls explicit needs no solver for separable models, and what it calls no paths converges to none."""
+    """Schemes that a line calls explicit need no solver for separable models; schemes that it gives to expectations
+    alone claim no strong order.
+    """
     for name, text in which_scheme.USE.items():
         info = ss.schemes.get(name).info
         if "explicit" in text:

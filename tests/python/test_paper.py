@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """`symsde paper --quick`: the numbers in results.json against the mathematics, and the files.
 
-The bounds stand here a second time, from the formulas and not from the checks of the command itself. Statistical ones
+The bounds here come from the formulas again, not from the command's own checks. Statistical ones
 are five standard errors wide (a false alarm in two million), and the seeds are fixed.
 """
 
@@ -60,7 +60,7 @@ def test_every_experiment_says_where_its_numbers_come_from(results):
 
 
 def test_seeds_are_those_of_the_runs(results):
-    """The first normals of the paths of an experiment, from the seed in the file, give its numbers again."""
+    """Normals drawn with the seed in the file reproduce the numbers of an experiment."""
     from symsde.studies.paper import figure_4_1
 
     part = results["euler_lagrange"]
@@ -78,7 +78,7 @@ def test_seeds_are_those_of_the_runs(results):
 
 
 def test_the_printed_table_is_that_of_the_file(outcome, results):
-    """Line by line: equations, quantity, measured, expected and verdict, cut where the rule of the table is."""
+    """Line by line: equations, quantity, measured, expected and verdict, cut at the columns of the table's rule."""
     verdicts = {True: "ok", False: "FAILED", None: "-"}
     lines = iter(outcome[2].splitlines())
     for part in results.values():
@@ -97,7 +97,7 @@ def test_figures_are_png_of_half_a_page(outcome, name):
     data = (outcome[0] / f"{name}.png").read_bytes()
     assert data[:8] == b"\x89PNG\r\n\x1a\n"
     width, height = (int.from_bytes(data[at : at + 4], "big") for at in (16, 20))
-    assert width == {"kubo_invariant": 920}.get(name, 1100)  # 5.5 in at 200 dpi; one in 4.6, for pages on a phone
+    assert width == {"kubo_invariant": 920}.get(name, 1100)  # 5.5 in at 200 dpi; one figure has 4.6 in, for phones
     assert 500 <= height <= 900
 
 
@@ -110,7 +110,7 @@ def test_kubo_order_constant_and_invariant(results):
     # sum of (x - 2 atan(x/2)), x = a h + sigma dW: mean square (h/12)^2 ((3 a sigma^2)^2 + 15 sigma^6) at t = 1
     a, sigma = kubo["parameters"]["a"], kubo["parameters"]["sigma"]
     constant = math.sqrt((3 * a * sigma**2) ** 2 + 15 * sigma**6) / 12
-    assert kubo["error_constant"] == pytest.approx(constant, rel=0.08)  # 1000 paths: 3 % is one standard error
+    assert kubo["error_constant"] == pytest.approx(constant, rel=0.08)  # 1000 paths: one standard error is 3 %
     assert 0 < kubo["invariant_drift"] < 1e-11
     assert 1e-3 < kubo["max_error"] < 0.2
 
@@ -126,7 +126,7 @@ def test_linear_oscillator_means_and_slopes(results):
     rows = {row["step"]: row for row in part["slopes"]}
     for step, row in rows.items():
         assert abs(row["slope"] - sigma**2 / (1 + step**2 / 4)) < 5 * row["standard_error"]
-    for step in (1.0, 2.0):  # 0.8 and 0.5 are not 1
+    for step in (1.0, 2.0):  # 0.8 and 0.5 instead of 1
         assert abs(rows[step]["slope"] - sigma**2) > 5 * rows[step]["standard_error"]
     blow_up = part["euler_maruyama"]
     h, n = blow_up["step"], round(blow_up["t"][-1] / blow_up["step"])
@@ -138,7 +138,8 @@ def test_figure_4_1_differences_and_iterations(results):
     assert [row["seed"] for row in part["seeds"]] == part["parameters"]["seeds"]
     for row in part["seeds"]:
         assert row["midpoint_fine"] > row["midpoint_eighth_fine"] > 0
-        # the triangle inequality of three computations on one path; different paths would differ by the amplitude
+        # triangle inequality of three computations on one path; on different paths distances would be as large as the
+        # amplitude
         assert row["midpoint_reference"] <= row["midpoint_fine"] + row["reference_fine"]
     middle = sorted(row["midpoint_fine"] for row in part["seeds"])[len(part["seeds"]) // 2]
     assert middle < 0.2
@@ -178,14 +179,14 @@ def test_symplectic_schemes_keep_area_and_the_contrasts_do_not(results):
     shift = (1 - sigma**2 * h / 2) ** 2 - 1
     second, fourth = (_moment(k, a * h, sigma**2 * h) for k in (2, 4))
     euler = math.sqrt(shift**2 + 2 * shift * second + fourth)
-    assert table["Heun"]["det_defect"] == pytest.approx(heun, rel=0.6)  # 1000 points of a heavy tail
+    assert table["Heun"]["det_defect"] == pytest.approx(heun, rel=0.6)  # 1000 points with a heavy tail
     assert table["Euler-Maruyama"]["det_defect"] == pytest.approx(euler, rel=0.25)
     assert table["midpoint, 3 iterations"]["det_defect"] > 1e-3
     assert 1e-9 < table["midpoint, 10 iterations"]["det_defect"] < 1e-5
 
 
 def _moment(k, mean, variance):
-    """E x^k of a normal x, by the recursion of its moments."""
+    """E x^k of a normal x by recursion."""
     moments = [1.0, mean]
     for j in range(2, k + 1):
         moments.append(mean * moments[-1] + (j - 1) * variance * moments[-2])
@@ -223,14 +224,14 @@ def test_residuals_vanish_on_paths_and_grow_beside_them(results, case):
     assert part["boundary_form_difference"] < 1e-7
 
 
-#: equations of each case, the wrong print aside
+#: number of equations in each case, without the wrong print
 PRINTED = {"Kubo, midpoint": 5, "synchrotron, midpoint": 3, "two noises, (89)-(90)": 2, "two noises, (91)-(92)": 5}
 
 
 def test_steps_satisfy_the_printed_equations(results):
     for case, count in PRINTED.items():
         found = dict(results["euler_lagrange"][case]["printed_residuals"])
-        if case == "synchrotron, midpoint":  # sigma1 dW/2 (cos(q_n/2) - cos of the mean): of order 0.1 * 0.3
+        if case == "synchrotron, midpoint":  # sigma1 dW/2 (cos(q_n/2) - cos((q_n + q_{n+1})/2)): of order 0.1 * 0.3
             assert 0.01 < found.pop("(80), second print") < 0.2
         assert len(found) == count
         assert max(found.values()) < 4e-14
@@ -238,7 +239,7 @@ def test_steps_satisfy_the_printed_equations(results):
 
 @pytest.mark.parametrize("case", PRINTED)
 def test_a_coefficient_one_per_cent_off_fails_the_printed_equations(case):
-    """Of every coefficient, in every equation that has it; (79) has none."""
+    """One per cent off in each coefficient fails each equation that contains it; (79) contains none."""
     from symsde.studies.paper import euler_lagrange
     from symsde.studies.paper.experiment import Experiment
 
@@ -257,7 +258,7 @@ def test_a_coefficient_one_per_cent_off_fails_the_printed_equations(case):
 
 
 def test_failed_expectation_gives_a_failing_exit_code(tmp_path, monkeypatch, capsys):
-    """The command notices a wrong library: here a midpoint rule that does one fixed-point iteration."""
+    """The command notices a wrong library, here a midpoint rule with a single fixed-point iteration."""
     from symsde.studies import paper
 
     simulate = ss.simulate

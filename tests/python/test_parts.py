@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Files that are written under temporary names: two writers never meet, and the next writer removes leftovers of a
-killed one."""
+"""Files that are written under temporary names: two writers never use one name, and the next writer removes files left
+by a killed one."""
 
 import os
 import signal
@@ -30,7 +30,7 @@ _files.replace(folder / "name", lambda part: (part.write_text("half"), die()))
 
 
 def test_a_writer_inside_another_of_the_same_target(tmp_path):
-    """One process, one thread: no number of the system tells the two apart."""
+    """Two writers in one process and thread, which no number of the system distinguishes."""
     target = tmp_path / "moments.csv"
 
     def outer(part):
@@ -44,7 +44,7 @@ def test_a_writer_inside_another_of_the_same_target(tmp_path):
 
 @pytest.mark.parametrize("keep", [True, False])
 def test_a_durable_writer_inside_another(keep, tmp_path, monkeypatch):
-    """Of two that keep what is there the second has no say; else it has the last one."""
+    """If existing files are kept, the second writer has no effect; otherwise the last one wins."""
     target, sync = tmp_path / "shard.npz", os.fsync
 
     def meanwhile(handle):
@@ -59,7 +59,9 @@ def test_a_durable_writer_inside_another(keep, tmp_path, monkeypatch):
 
 @pytest.mark.parametrize("ending", ["npz", "nc"])
 def test_threads_that_save(ending, tmp_path):
-    """One target, and targets of their own: in a process by itself, since the library of HDF5 used to crash."""
+    """Threads that save to one target or to several, in a process of its own, since the library of HDF5 used to
+    crash.
+    """
     if ending == "nc":
         pytest.importorskip("xarray")
         pytest.importorskip("netCDF4")
@@ -87,7 +89,7 @@ assert not failed, failed
 
 @pytest.mark.parametrize("writer", ["durable", "replace"])
 def test_what_a_killed_writer_leaves(writer, tmp_path):
-    """Gone with the next one, but for what somebody works on."""
+    """The next writer removes leftovers, except files in use."""
     ended = subprocess.run([sys.executable, "-c", LEFT, str(tmp_path), writer], check=False)
     assert ended.returncode == -signal.SIGKILL and len(os.listdir(tmp_path)) == 1
     with parts.beside(tmp_path / "alive") as part:
@@ -99,7 +101,7 @@ def test_what_a_killed_writer_leaves(writer, tmp_path):
 
 
 def test_the_next_run_clears_its_folder(tmp_path):
-    """Also below shards, where only shards and their checkpoints are."""
+    """Also below shards, where only shards and their checkpoints may be."""
     scene = tmp_path / "scene.toml"
     scene.write_text(ss.batch.scene.template("kubo").replace("steps = 5000", "steps = 50").replace("paths = 1000", ""))
     given = ["run", str(scene), "--out", str(tmp_path / "out"), "--quiet"]
@@ -113,14 +115,14 @@ def test_the_next_run_clears_its_folder(tmp_path):
 
 
 def test_parts_of_another_machine(tmp_path):
-    """There a lock that is free proves nothing: a day must have passed, and even then it must be free."""
+    """For parts of another machine a free lock proves nothing: they must be a day old, and the lock free."""
     with parts.beside(tmp_path / "name") as part:
         held = part.parent.rename(tmp_path / ".part-elsewhere-held")
         for name in (".part-elsewhere-young", ".part-elsewhere-old", ".part-elsewhere-bare", ".other"):
             (tmp_path / name).mkdir()
             if name != ".part-elsewhere-bare":
                 (tmp_path / name / "lock").touch()
-        link = tmp_path / f"{parts._OWN}link"  # as of this machine, to a folder with a lock that is free
+        link = tmp_path / f"{parts._OWN}link"  # as if from this machine, pointing to a folder with a free lock
         link.symlink_to(tmp_path / ".other")
         for folder in (held, *(tmp_path / f".part-elsewhere-{x}" for x in ("old", "bare"))):
             then = folder.stat().st_mtime - 90000
@@ -132,7 +134,7 @@ def test_parts_of_another_machine(tmp_path):
 
 
 def test_a_writer_that_is_killed_before_it_has_a_lock(tmp_path):
-    """Between making the folder and the lock in it: the next one clears that, too."""
+    """Killed between making the folder and its lock: the next writer removes the folder, too."""
     write = "from pathlib import Path; from symsde.native import durable; durable.write(Path('name'), b'')"
     ended = subprocess.run(words(signal.SIGKILL, 1, "/lock", "open", write), cwd=tmp_path, check=False)
     assert ended.returncode == -signal.SIGKILL and len(os.listdir(tmp_path)) == 1
@@ -141,7 +143,7 @@ def test_a_writer_that_is_killed_before_it_has_a_lock(tmp_path):
 
 
 def test_a_part_that_is_taken_before_it_has_a_lock(tmp_path, monkeypatch):
-    """The writer that lives makes another one."""
+    """The living writer makes another folder."""
     make, made = parts.tempfile.mkdtemp, []
 
     def late(**where):
@@ -157,7 +159,9 @@ def test_a_part_that_is_taken_before_it_has_a_lock(tmp_path, monkeypatch):
 
 @pytest.mark.parametrize("is_over", [True, False])
 def test_a_part_that_is_taken_before_it_is_locked(is_over, tmp_path, monkeypatch):
-    """Between making the folder and locking it: who sweeps has its lock, or is done. The writer makes another one."""
+    """Between making the folder and locking it, a sweeping process takes the lock or is done; the writer makes
+    another folder.
+    """
     lock, calls = parts._locked, []
 
     def late(handle):
@@ -173,7 +177,7 @@ def test_a_part_that_is_taken_before_it_is_locked(is_over, tmp_path, monkeypatch
 
 
 def test_locks_that_nobody_can_have(tmp_path, monkeypatch):
-    """A file system that says so of every lock is told, not waited for."""
+    """An error of the file system on every lock is reported, not waited for."""
     monkeypatch.setattr(parts, "_locked", lambda _: False)
     with pytest.raises(ss.errors.NotWrittenError, match=r"name cannot be written: locks in .* held by somebody"):
         files.replace(tmp_path / "name", lambda part: part.write_text("whole"))
@@ -181,7 +185,7 @@ def test_locks_that_nobody_can_have(tmp_path, monkeypatch):
 
 
 def test_without_locks_only_age_counts(tmp_path, monkeypatch):
-    """On file systems that have none, writers go on, and nothing young is removed."""
+    """On file systems without locks, writers go on, and no young file is removed."""
 
     def none(*_):
         raise OSError(38, "Function not implemented")

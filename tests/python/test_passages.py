@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""First passages between two steps: a bridge has the law of its noise, and a noise that is shared has one bridge."""
+"""First passages between two steps: a bridge has the law of its noise, and a shared noise has one bridge."""
 
 import math
 import warnings
@@ -11,13 +11,13 @@ from symsde import observe
 from symsde.errors import IncompatibleError
 
 STEPS, BARRIER = 4, 2.0
-EXACT = math.erfc(BARRIER / (2 * math.sqrt(2)))  # that the maximum of 2 W on (0, 1) is at least that
+EXACT = math.erfc(BARRIER / (2 * math.sqrt(2)))  # P(max of 2 W on (0, 1) >= BARRIER)
 RUN = {"q0": 0.0, "p0": 0.0, "step": 1 / STEPS, "steps": STEPS, "save_every": STEPS}
 DISCRETE = {name: law for name in ss.schemes.names() if (law := ss.schemes.get(name).info.law) != "Gaussian"}
 
 
 def brownian(noises=1):
-    """dq_k = 2 dW_k, exactly, by every scheme."""
+    """dq_k = 2 dW_k, which every scheme solves exactly."""
     return ss.Model(
         ndof=noises,
         nnoise=noises,
@@ -36,7 +36,9 @@ def passage(model, of="q_1", bridge=True, **options):
 
 @pytest.mark.parametrize("scheme", sorted(DISCRETE))
 def test_discrete_increments_have_no_bridges(scheme):
-    """They are refused where noise acts on the value, here p alone, by any number of paths; steps may be looked at."""
+    """With discrete increments, bridges are refused if noise acts on the value (here p), for any number of paths;
+    checks at steps work.
+    """
     assert set(DISCRETE.values()) == {"two-point", "three-point"}
     model = ss.models.linear_oscillator()
     for paths in (1, 300):
@@ -49,9 +51,9 @@ def test_discrete_increments_have_no_bridges(scheme):
 
 
 def test_bridges_belong_to_points_of_brownian_paths():
-    """Increments that are given are points of a path: with N(0, h) the law is that of the maximum, 5 sigma (6e-7).
+    """Given normal increments are points of a path: the law is that of the maximum within 5 sigma (6e-7).
 
-    By a weak scheme, too. The twin: two-point increments, as that scheme would draw them, are off by a fifth.
+    Also with a weak scheme. The twin: two-point increments, as this scheme would draw them, are off by a fifth.
     """
     rng, paths = np.random.default_rng(8), 20000
     shape = (STEPS, 1, paths)
@@ -65,9 +67,9 @@ def test_bridges_belong_to_points_of_brownian_paths():
 
 
 def test_a_shared_noise_has_one_bridge():
-    """Paths that are the same leave together, with the law of one: 5 sigma of 1000 seeds (6e-7).
+    """Equal paths leave together, with the law of one path: 5 sigma over 1000 seeds (6e-7).
 
-    The twin: noises of their own, where some leave and some stay.
+    The twin: with private noises some leave and some stay.
     """
     model, seeds, steps = brownian(), 1000, []
     for seed in range(seeds):
@@ -80,7 +82,7 @@ def test_a_shared_noise_has_one_bridge():
 
 
 def test_own_noises_have_their_own_bridges():
-    """q_1 is moved by a noise that all paths share, q_2 by one that they do not: in parts and blocks, too."""
+    """q_1 is moved by a shared noise, q_2 by a private one: in parts and blocks, too."""
     model, together = brownian(2), set()
     for seed in range(20):
         options = {"paths": 512, "seed": seed, "common_noise": [1]}
@@ -92,12 +94,12 @@ def test_own_noises_have_their_own_bridges():
             again = passage(model, "q_2", **{**options, **change})
             assert np.array_equal(again.path, own.path) and np.array_equal(again.step, own.step)
         together.add((shared.n, shared.bridged))
-    assert len(together) == 3  # none left, all at a step, all between two
+    assert len(together) == 3  # no path, all at a step, all between two steps
 
 
 def test_increments_that_are_given_to_all_may_share_their_bridge():
-    """One path's increments for all paths: `common_noise` says that the bridge is shared, too."""
-    dw = np.array([[0.6], [-0.1], [0.1], [-0.2]])  # to 1.2, 1.0, 1.2, 0.8
+    """One path's increments given for all paths: with `common_noise` the bridge is shared, too."""
+    dw = np.array([[0.6], [-0.1], [0.1], [-0.2]])  # positions 1.2, 1.0, 1.2, 0.8
     apart, together = (passage(brownian(), paths=500, increments=dw, **common) for common in ({}, {"common_noise": 1}))
     assert 0 < apart.n < 500 and together.n in (0, 500)
 
@@ -106,7 +108,7 @@ def test_increments_that_are_given_to_all_may_share_their_bridge():
 @pytest.mark.parametrize("side", [-1, 1])
 @pytest.mark.parametrize("of", ["q_1", "p_1", "sum"])
 def test_an_end_is_outside(of, side, paths):
-    """A value of 0, 1/2, 1 .. leaves (-1, 1) at the second step, to the side where it is exactly."""
+    """A value of 0, 1/2, 1 .. leaves (-1, 1) at the second step, exactly at one of the ends."""
     model = ss.Model(ndof=1, nnoise=0, gradient=lambda t, w, q, p: (-w[0] + 0 * q, w[0] + 0 * p), separable=True)
     shown = {"observables": {"sum": lambda q, p: (q + p)[0] / 2}, "observers": {"out": observe.Passage(of, -1, 1)}}
     run = {"q0": 0.0, "p0": 0.0, "step": side / 2, "steps": 4, "paths": paths, "scheme": "symplectic_euler"}
@@ -118,10 +120,10 @@ def test_an_end_is_outside(of, side, paths):
 @pytest.mark.parametrize("absorb", [True, False])
 @pytest.mark.parametrize(("end", "edge"), [(0.55, math.inf), (0.55, 0.9), (0.55, 0.55), (0.9, 0.55)])
 def test_a_value_that_is_lost_with_its_step(end, edge, absorb, paths):
-    """Where a step fails, the value is no number, or both: the path fails, and has left through neither end.
+    """A path whose step fails or whose value is NaN fails, and has then left through neither end.
 
-    q = t; the force is no number beyond `end`, the value beyond `edge`; every second path begins far below, and passes
-    -4.85 on its way. One that has left and is not absorbed fails afterwards, and remains lost.
+    q = t; the force is NaN beyond `end`, the value beyond `edge`; every second path begins far below, and passes -4.85
+    on its way. A path that has left without being absorbed may fail later, and is then lost.
     """
     model = ss.Model(
         ndof=1,
@@ -148,9 +150,9 @@ def test_a_value_that_is_lost_with_its_step(end, edge, absorb, paths):
     assert value.n == 0 and not value.lost.any()
     assert value.there.tolist() == found.n_ok.tolist() == [paths, paths, paths - doomed, paths - doomed]
     assert found.report.failed == doomed and found.failed.tolist()[:2] == [0, 2][: min(doomed, 2)]
-    if absorb:  # those that begin far below leave there, the others are beyond from the start
+    if absorb:  # paths from far below leave at -4.85, the others are beyond from the start
         assert upper.n == paths and upper.there.tolist() == [paths - doomed, 0, 0, 0]
-    else:  # at 0.3, after three steps, before they fail
+    else:  # at 0.3, after three steps, before failing
         assert upper.n == doomed and set(upper.step) == {3} and upper.there.tolist() == [paths, *[paths - doomed] * 3]
     assert upper.count.sum() == upper.n
 
@@ -159,8 +161,8 @@ def test_a_value_that_is_lost_with_its_step(end, edge, absorb, paths):
 @pytest.mark.parametrize("lanes", [None, 8, 64])
 @pytest.mark.parametrize("of", ["p_1", "q_1"])
 def test_what_becomes_of_others_is_nothing_to_a_path(of, lanes, absorb):
-    """Every second path ends beyond q = 3, one after the other, or stays: the others leave by the same bridges, whose
-    rates differ from path to path."""
+    """Every second path ends beyond q = 3 at a different step, or stays: the other paths leave by the same bridges in
+    both cases, with rates that differ from path to path."""
     both, turn = (0.3, 0.2), of == "q_1"
 
     def gradient(t, w, q, p):
@@ -187,7 +189,9 @@ def test_what_becomes_of_others_is_nothing_to_a_path(of, lanes, absorb):
 
 
 def test_steps_after_others_decide_by_numbers_of_their_own():
-    """Steps 100 .. of the same increments and states have other bridges, and those of a part are those of the whole."""
+    """Steps from 100 on with the same increments and states have other bridges; those of a part are those of the
+    whole.
+    """
     given = math.sqrt(1 / STEPS) * np.random.default_rng(9).standard_normal((STEPS, 1, 300))
     at = {first: passage(brownian(), paths=300, increments=given, first_step=first) for first in (0, 1, 100)}
     assert len({tuple(found.path) for found in at.values()}) == 3

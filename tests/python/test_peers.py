@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The benches of other packages: the equations are those of the models, and the page gives the measured numbers."""
+"""Benchmarks of other packages: the equations are those of the models, and the page shows the measured numbers."""
 
 import json
 import math
@@ -52,7 +52,7 @@ def test_heun_is_the_library_s_and_the_numba_loop(name):
 
 
 def test_runge_kutta_turns_kubo_s_oscillator_with_order_four():
-    """The exact turn by t + 0.3 W; twice the steps, of the same W shared evenly, leave 1/16."""
+    """The exact rotation by t + 0.3 W; twice the steps, with W shared evenly, leave 1/16 of the error."""
     problem = PROBLEMS["kubo"]
     errors = []
     for steps in (16, 32):
@@ -95,7 +95,7 @@ def test_the_page_says_who_wins_and_by_how_much():
 
 
 def test_the_committed_page_is_that_of_its_data():
-    """Who wins, and every table; several packages have been measured on every problem."""
+    """The sentences about winners, and every table."""
     data = json.loads((ROOT / "docs/figures/peers.json").read_text())["peers"]
     text = re.sub(r"\s+", " ", (ROOT / "docs/peers.md").read_text())
     for part in peers_page.tables(data):

@@ -1,5 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Heun's rule and Taylor's of order 1.5, which the figure of horizons compares with, by their orders on given paths."""
+"""Heun's rule and Taylor's rule of order 1.5, used for comparison in the figure of horizons, by their orders on
+given paths.
+"""
 
 import json
 import math
@@ -20,13 +22,13 @@ STRONG = (2.0, 0.4, 0.3)
 
 
 def plain(model, parameters):
-    """To time 2 from (1, 0)."""
+    """Runs of both rules to time 2 from (1, 0)."""
     problem = make_problem(model, lambda q, p: np.zeros(q.shape[1]), q0=1.0, p0=0.0, horizon=2.0)
     return plain_rules.Plain(problem, parameters)
 
 
 def ends(runs, rule, steps, finest=2048, paths=200):
-    """On the path of so many finest steps: (q and p, path)."""
+    """Final states (q and p, path) on the path with so many finest steps."""
     run = runs.run(rule, steps, paths=paths, refine=(finest // steps).bit_length() - 1)
     return np.concatenate([run.q[-1], run.p[-1]])
 
@@ -45,7 +47,7 @@ def orders(runs, truth, steps=(32, 64, 128, 256)):
 
 
 def test_orders_on_the_synchrotron_and_a_planted_dz(monkeypatch):
-    """Beside Heun's rule at the finest step, which is another rule; with half of h dW for dZ the order is 1."""
+    """Against Heun's rule at the finest step, which is another rule; with half of h dW for dZ the order is 1."""
     runs = plain(ss.models.synchrotron(*STRONG), STRONG)
     truth = ends(runs, "taylor15", 2048)
     assert rms(ends(runs, "heun", 2048) - truth) < 5e-4
@@ -62,7 +64,7 @@ def test_orders_on_the_synchrotron_and_a_planted_dz(monkeypatch):
 
 
 def test_orders_on_kubo_s_oscillator():
-    """Beside the exact turn, whose W is that of the steps."""
+    """Against the exact rotation with the W of the steps."""
     runs = plain(ss.models.kubo(1.0, 0.5), (1.0, 0.5))
     generator = np.random.default_rng(plain_rules._SEED)
     turn = 2.0 + 0.5 * sum(plain_rules._drawn(generator, 2.0 / 2048, 1, 1, 200)[0, 0] for _ in range(2048))
@@ -82,7 +84,7 @@ def test_heun_is_that_of_the_library(monkeypatch):
 
 
 def test_dw_and_dz_have_their_covariance():
-    """h, h^2/2, h^3/3, however the step is put together: within 4.5 standard errors of 10^5 paths."""
+    """Covariances h, h^2/2, h^3/3, however a step is summed: within 4.5 standard errors of 10^5 paths."""
     for parts in (1, 4):
         dw, dz = plain_rules._drawn(np.random.default_rng(1), 0.5, parts, 1, 100_000)[:, 0]
         for product, value in ((dw * dw, 0.5), (dw * dz, 0.125), (dz * dz, 0.125 / 3)):
@@ -90,7 +92,9 @@ def test_dw_and_dz_have_their_covariance():
 
 
 def test_the_circle_of_the_invariant_law():
-    """Midpoint never leaves it; steps that keep 0.01 do so of Heun's rule, half as many do not."""
+    """Midpoint never leaves the circle; with so many steps Heun's rule stays within 0.01, with half as many it does
+    not.
+    """
     assert horizons.cost(horizons.Circle, 0.01, 10.0, "midpoint")["steps"] < 30
     for name in ("heun", "taylor15"):
         steps = horizons.cost(horizons.Circle, 0.01, 10.0, name)["steps"]
@@ -103,7 +107,7 @@ def test_the_circle_of_the_invariant_law():
 
 
 def test_the_figure_of_horizons_shows_its_rows(monkeypatch, tmp_path):
-    """Every scheme of every want, at its horizons; what no step keeps is left out."""
+    """Every scheme for every accuracy, at its horizons; accuracies that no step reaches are left out."""
     pytest.importorskip("matplotlib")
     data = json.loads((Path(__file__).resolve().parents[2] / "docs/figures/horizons.json").read_text(encoding="utf-8"))
     pages = []

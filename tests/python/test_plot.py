@@ -50,7 +50,7 @@ def lines(figure, panel=0):
 
 
 def band(figure, number, panel=0):
-    """Lower and upper edge of a band."""
+    """Lower and upper edges of a band."""
     collection = figure.axes[panel].collections[number]
     points = collection.get_paths()[0].vertices
     xs = np.unique(points[:, 0])
@@ -63,11 +63,11 @@ def test_paths_along_time(run):
     assert len(figure.axes) == 2 and len(drawn) == 4
     for i, (x, y) in enumerate(drawn):
         np.testing.assert_array_equal(x, run.t)
-        np.testing.assert_array_equal(y, run.q[:, 1, i])  # the first one as far as it came
+        np.testing.assert_array_equal(y, run.q[:, 1, i])  # the first path up to its failure
     np.testing.assert_array_equal(lines(figure, 1)[3][1], run.p[:, 0, 3])
     assert [axes.get_ylabel() for axes in figure.axes] == ["q_2", "p_1"] and figure.axes[0].get_xlabel() == "t"
     assert [text.get_text() for text in figure.axes[0].get_legend().get_texts()] == [f"path {i}" for i in range(4)]
-    assert figure.axes[1].get_legend() is None  # the same colours
+    assert figure.axes[1].get_legend() is None  # the same colours, so no legend
     assert figure.get_suptitle() == "henon_heiles by stormer_verlet, 4 of 30 paths"
 
 
@@ -164,7 +164,7 @@ def test_names_of_curves_and_axes(moments):
 
 
 def test_paths_outside_of_a_histogram_are_counted():
-    """Below, above, and no number: each counts."""
+    """Values below, above, and NaN are each counted."""
     counts = np.array([[3, 4]])
     found = SimpleNamespace(
         observer=observe.Histogram("q_1", -1, 1, 2), looked_at=("q_1",), t=np.array([0.5]), counts=counts,
@@ -175,7 +175,7 @@ def test_paths_outside_of_a_histogram_are_counted():
 
 
 def test_maps_of_chains():
-    """From eight degrees of freedom on a run is shown by all of them: colours over time and site, red above zero."""
+    """From eight degrees of freedom on a run is drawn as a map: colours over time and site, red above zero."""
     chain = ss.models.fpu_chain(n=9)
     options = {"q0": np.arange(9.0), "p0": 0.0, "step": 0.1, "steps": 40, "save_every": 10, "scheme": "stormer_verlet"}
     run = ss.simulate(chain, first_path=4, **options)
@@ -201,7 +201,7 @@ def test_maps_of_chains():
 
 
 def test_lines_do_not_hide_how_few_points_there_are(model):
-    """Up to 200 saved times are marked; a phase plot joins no points that lie farther apart than a tenth of it."""
+    """Up to 200 saved times are marked; a phase plot joins no points farther apart than a tenth of its width."""
     oscillator = {"q0": 1.0, "p0": 0.0, "step": 0.05, "scheme": "stormer_verlet", "seed": 1}
     often = ss.simulate(ss.models.kubo(), steps=400, **oscillator)
     seldom = ss.simulate(ss.models.kubo(), steps=400, save_every=20, **oscillator)
@@ -217,7 +217,7 @@ def test_lines_do_not_hide_how_few_points_there_are(model):
 
 
 def every_result(run, moments):
-    """All that has a plot, with its number of panels, or of those that can be drawn into axes of one's own."""
+    """All results with a plot and its number of panels, or those that can be drawn into given axes."""
     kubo = {"q0": 1.0, "p0": 0.0, "steps": [4, 8], "paths": 40}
     study = ss.work_precision(ss.models.kubo(), schemes=["midpoint", "heun"], repeats=5, **kubo)
     return [(run, 4), (moments, 6), *((x, 1) for x in moments.observed.values()),
@@ -225,7 +225,7 @@ def every_result(run, moments):
 
 
 def test_every_plot_takes_a_file_or_axes(run, moments, tmp_path):
-    """One signature: plot(path=None, *, ax=None, ..) returns the figure, which it writes, or that of the axes."""
+    """One signature: plot(path=None, *, ax=None, ..) returns the figure that it writes, or that of the axes."""
     figures = pytest.importorskip("matplotlib.figure")
     for i, (found, panels) in enumerate(every_result(run, moments)):
         assert list(inspect.signature(found.plot).parameters)[:2] == ["path", "ax"]
@@ -274,7 +274,7 @@ def test_what_cannot_be_drawn(run, moments, model, tmp_path):
 
 
 def test_no_path_is_ok(model):
-    """Every path has failed at the last saved time; without any finite value there is nothing to draw."""
+    """Every path has failed at the last saved time; without finite values there is nothing to draw."""
     with pytest.warns(ss.PathsFailedWarning):
         gone = ss.moments(model, **{**RUN, "q0": 20.0, "steps": 20})
     assert gone.n_ok.tolist() == [30, 30, 0]
@@ -320,7 +320,7 @@ def folder(tmp_path_factory):
 
 
 def drawn_by(monkeypatch):
-    """The figures that the command writes, by the names of their files."""
+    """The figures that the command writes, by file name."""
     figures = {}
     monkeypatch.setattr("symsde.show.plot.draw.write", lambda page, target: figures.__setitem__(target.name, page))
     return figures
@@ -404,7 +404,7 @@ def test_the_command_draws_maps(tmp_path, monkeypatch):
 
 
 def test_figures_of_a_value(tmp_path, monkeypatch, capsys):
-    """--of chooses the figures that show the value, where a folder has several."""
+    """With several figures in a folder, --of selects those of one value."""
     file = tmp_path / "scene.toml"
     file.write_text(
         '[model]\nname = "kubo"\n[run]\nstep = 0.1\nsteps = 20\npaths = 50\nq0 = 0.3\np0 = 0.1\n'
@@ -420,7 +420,7 @@ def test_figures_of_a_value(tmp_path, monkeypatch, capsys):
         ("q_1", "r"): ["moments", "observed-covariance"],
         ("p_1",): ["paths", "phase", "moments"],
         ("p",): ["paths", "phase", "moments"],
-        ("extremes",): ["observed-extremes"],  # by the name of the observer
+        ("extremes",): ["observed-extremes"],  # by the observer's name
     }
     for names, known in chosen.items():
         figures.clear()
@@ -459,7 +459,7 @@ def test_a_folder_without_shards_has_nothing_to_draw(folder, tmp_path):
 
 
 def test_names_are_drawn_as_they_are(tmp_path):
-    """A $ is no mathematics; an observer named like a variance is no value."""
+    """A $ does not begin mathematics; an observer named like a variance is not a value."""
     found = ss.moments(
         ss.models.kubo(), q0=1.0, p0=0.0, step=0.1, steps=4, paths=40, observables={"$x^{2$": "q**2"},
         observers={"var_h": ss.observe.Extremes("q_1")},
@@ -474,7 +474,7 @@ def test_names_are_drawn_as_they_are(tmp_path):
 
 @pytest.mark.parametrize("size", [1e301, 1e308, 1.7e308])
 def test_numbers_near_the_largest_are_left_out(size):
-    """Axes cannot hold them: their ends and ticks overflow. The other paths are drawn."""
+    """Axes overflow for numbers this large: these paths are left out, the others drawn."""
     pytest.importorskip("matplotlib")
     model = ss.Model(ndof=1, nnoise=0, gradient=lambda t, w, q, p: (0 * q, 0 * p), value=lambda t, w, q, p: q[0])
     how = {"q0": np.array([[size, 2.0, -size]]), "p0": 0.0, "step": 0.1, "steps": 3, "paths": 3}

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""A prepared run has the bits of simulate in any number of calls, whatever the host does between them."""
+"""A prepared run has the bits of simulate in any number of calls, whatever the caller does between them."""
 
 import gc
 import threading
@@ -15,14 +15,14 @@ WHERE = {"q0": 0.3, "p0": 0.1, "step": 0.02, "seed": 3}
 
 @pytest.fixture
 def model():
-    """Two noises."""
+    """A model with two noises."""
     return ss.models.synchrotron()
 
 
 @pytest.mark.parametrize("scheme", ["midpoint", "stormer_verlet", "gauss2_strong32", "chin4a"])
 @pytest.mark.parametrize(("threads", "lanes"), [(1, None), (1, 8), (2, 64)])
 def test_calls_make_the_bits_of_one_run(model, scheme, threads, lanes):
-    """Single steps, saved steps and single steps again are one run, from an odd step and path on too."""
+    """Single steps, saved steps and single steps again give one run, also from an odd step and path."""
     how = {"scheme": scheme, "paths": 77, "first_path": 5, "first_step": 3, "t0": 1.0, **WHERE}
     whole = ss.simulate(model, steps=37, **how)
     run = ss.prepare(model, threads=threads, lanes=lanes, **how)
@@ -39,7 +39,7 @@ def test_calls_make_the_bits_of_one_run(model, scheme, threads, lanes):
 
 @pytest.mark.parametrize("how", [{}, {"compensated": True}, {"refine": -1}, {"truncation": (2.0, 1.0)}])
 def test_options_are_those_of_simulate(model, how):
-    """Compensated sums go on with their low parts."""
+    """Compensated sums continue with their low parts."""
     whole = ss.simulate(model, steps=20, paths=9, **WHERE, **how)
     run = ss.prepare(model, paths=9, **WHERE, **how)
     for _ in range(4):
@@ -50,7 +50,7 @@ def test_options_are_those_of_simulate(model, how):
 
 
 def test_increments_of_the_host(model):
-    """Given step by step, or for all steps at once, or one set for all paths."""
+    """Increments given step by step, for all steps at once, or as one set for all paths."""
     dw = ss.increments(model, step=0.02, steps=10, paths=9, seed=3)
     run = ss.prepare(model, paths=9, **WHERE)
     for row in dw:
@@ -72,7 +72,7 @@ def test_increments_of_the_host(model):
 
 
 def test_the_state_is_the_hosts_between_steps(model):
-    """What is written into q and p is where the next step begins, and what is kept outlives the run."""
+    """The next step begins at states written into q and p; kept arrays outlive the run."""
     run = ss.prepare(model, "stormer_verlet", paths=3, **WHERE)
     run.run(4)
     run.q[...] = [[0.3, 0.2, 0.1]]
@@ -89,9 +89,9 @@ def test_the_state_is_the_hosts_between_steps(model):
     assert np.array_equal(kept, values)
 
 
-@pytest.mark.parametrize("seed", [2, 3, 8, 2**64 - 1])  # below the one before, the same, above it, negative as signed
+@pytest.mark.parametrize("seed", [2, 3, 8, 2**64 - 1])  # below the seed before, equal, above, negative if signed
 def test_reset_begins_anew(model, seed):
-    """At the state that was given, or at another one, with other paths, seed and step."""
+    """A reset to the given state or to another, with other paths, seed and step."""
     run = ss.prepare(model, paths=4, **WHERE)
     first = run.run(6)
     run.reset()
@@ -105,7 +105,7 @@ def test_reset_begins_anew(model, seed):
 
 
 def test_failed_paths_rest_until_reset():
-    """One of them meets infinity: it keeps its status, step and last good state; the others go on."""
+    """One path overflows: it keeps its status, step and last good state; the other paths go on."""
     model = ss.models.henon_heiles()
     q0 = np.full((2, 3), 0.1)
     q0[:, 1] = 1e200
@@ -113,7 +113,7 @@ def test_failed_paths_rest_until_reset():
     with pytest.warns(ss.PathsFailedWarning, match="1 of 3 paths failed"):
         run.step()
     with warnings.catch_warnings():
-        warnings.simplefilter("error")  # said once
+        warnings.simplefilter("error")  # warned once
         run.step()
         saved = run.run(2)
     assert run.status.tolist() == [0, 3, 0] and run.failed_step.tolist() == [-1, 0, -1]
@@ -125,7 +125,7 @@ def test_failed_paths_rest_until_reset():
     run.run(4)
     assert not run.status.any() and np.array_equal(run.q[:, 0], alone.q[-1, :, 0])
     run.reset(q0)
-    with pytest.warns(ss.PathsFailedWarning, match="1 of 3 paths failed"):  # anew
+    with pytest.warns(ss.PathsFailedWarning, match="1 of 3 paths failed"):  # again after a reset
         run.step()
 
 
@@ -138,7 +138,7 @@ def test_warnings_show_where_the_run_was_called():
 
 
 def test_a_stopped_run_resumes():
-    """With one block done, one on its way and one not begun, it is finished to the same bits, stopped twice."""
+    """With one block done, one unfinished and one not begun, the run is finished to the same bits after two stops."""
 
     def gradient(t, w, q, p):
         time.sleep(0.001 * slow)
@@ -157,7 +157,7 @@ def test_a_stopped_run_resumes():
     for refused in (run.step, lambda: run.run(1)):
         with pytest.raises(ss.errors.IncompatibleError, match=r"stopped on its way to step 60.*resume or reset"):
             refused()
-    run.resume(progress=lambda done, total: True)  # once more
+    run.resume(progress=lambda done, total: True)  # stopped again
     assert run.status.any()
     resumed = run.resume()
     assert resumed is stopped and np.array_equal(resumed.q, whole.q) and np.array_equal(run.p, whole.p[-1])
@@ -170,7 +170,7 @@ def test_a_stopped_run_resumes():
 
 @pytest.mark.parametrize("ill", [0, 1])
 def test_paths_that_a_stop_cut_short_have_not_failed(ill):
-    """Warnings count those alone that have, before the stop or in the call that it ends, and say so once."""
+    """Warnings count only paths that failed, before the stop or in the call that finishes it, and are given once."""
     q0 = np.full((2, 3), 0.1)
     q0[:, :ill] = 1e200
     run = ss.prepare(ss.models.henon_heiles(), "stormer_verlet", q0=q0, p0=0.0, step=1e-3, paths=3)
@@ -184,7 +184,9 @@ def test_paths_that_a_stop_cut_short_have_not_failed(ill):
 
 @pytest.mark.parametrize("ended", ["done", "stopped", "raised", "failed"])
 def test_a_reset_ends_what_was_begun(ended):
-    """However the calls before ended: the bits, counts and refusals of a new run, in single steps and in calls."""
+    """However earlier calls ended: a reset run has the bits, counts and refusals of a new run, in single steps and
+    in calls.
+    """
     how = {"q0": np.full((2, 3), 0.1), "p0": 0.2, "step": 1e-3, "paths": 3, "seed": 3}
     run = ss.prepare(ss.models.henon_heiles(), "stormer_verlet", **how)
 
@@ -215,7 +217,7 @@ def test_a_reset_ends_what_was_begun(ended):
 
 
 def test_what_a_call_gave_stays_as_it_is(model):
-    """Whatever comes after: steps, another call, what the host writes into the state, failures, a reset."""
+    """Results of a call do not change through later steps, calls, written states, failures or a reset."""
     run = ss.prepare(model, paths=3, compensated=True, **WHERE)
     run.run(2)
     given = run.run(4, save_every=2)
@@ -237,7 +239,7 @@ def test_what_a_call_gave_stays_as_it_is(model):
 
 
 def test_interrupts_and_exceptions_leave_a_run_that_goes_on():
-    """An exception of the progress function stops and is raised; the run can be resumed."""
+    """An exception of the progress function stops the run and is raised; the run can be resumed."""
     model = ss.models.kubo()
 
     def fail(done, total):
@@ -252,7 +254,7 @@ def test_interrupts_and_exceptions_leave_a_run_that_goes_on():
 
 
 def test_models_of_python_functions():
-    """They are probed once, their exceptions are raised, and a callback cannot step its own run."""
+    """Python functions are probed once, their exceptions are raised, and they cannot step their own run."""
     calls = []
 
     def gradient(t, w, q, p):
@@ -283,7 +285,7 @@ def test_models_of_python_functions():
 
 
 def test_model_and_scheme_may_be_forgotten():
-    """The run keeps what it needs of them."""
+    """The run keeps model and scheme alive."""
     run = ss.prepare(ss.Model(ndof=1, nnoise=0, gradient=lambda t, w, q, p: (w * q, w * p)), q0=1.0, p0=0.0, step=0.1)
     gc.collect()
     run.step()
@@ -291,7 +293,7 @@ def test_model_and_scheme_may_be_forgotten():
 
 
 def test_threads_have_runs_of_their_own(model):
-    """Eight host threads at once; one run for two threads is refused or serves them one after the other."""
+    """Eight threads of the caller at once; one run used by two threads refuses or serves them in turn."""
     wanted = ss.simulate(model, steps=50, paths=9, **WHERE).q[-1]
     found = []
 
@@ -329,7 +331,7 @@ def test_threads_have_runs_of_their_own(model):
     ],
 )
 def test_bad_input_is_refused_and_changes_nothing(model, act, words):
-    """A sentence, and the run goes on as if nothing had been asked."""
+    """A refusal, after which the run goes on unchanged."""
     run = ss.prepare(model, paths=2, **WHERE)
     run.step()
     q = run.q.copy()

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Given increments with dZ and K beside dW: they have the effect of a polygon of finer rows, or are refused."""
+"""Given increments with dZ and K beside dW have the effect of a polygon of finer rows, or are refused."""
 
 import numpy as np
 import pytest
@@ -11,7 +11,7 @@ START = {"q0": 1.0, "p0": 0.3, "step": STEP, "steps": STEPS, "paths": PATHS}
 
 
 def polygon(parts):
-    """Finer rows (step*part, noise, path), and dW, dZ, K of steps cut into so many parts, by hand."""
+    """Finer rows (step*part, noise, path), and dW, dZ, K of steps divided into so many parts, by hand."""
     rows = np.random.default_rng(5).normal(0.0, np.sqrt(STEP / FINE), (STEPS * FINE, 2, PATHS))
     number = FINE // parts
     w = rows.reshape(STEPS * parts, number, 2, PATHS)
@@ -25,7 +25,7 @@ def polygon(parts):
 @pytest.mark.parametrize(("scheme", "columns"), [("gauss2_strong32", 2), ("gauss_dkdkd", 2), ("chin4a", 3)])
 @pytest.mark.parametrize("parts", [1, 2])
 def test_columns_drive_as_the_polygon_does(scheme, columns, parts):
-    """Values by hand against the library's own merging; parts = 2: two rows a step, merged with their dZ and K."""
+    """Values by hand against the library's merging; with parts = 2, two rows a step are merged with their dZ and K."""
     rows, *known = polygon(parts)
     given = np.concatenate(known[:columns], axis=1)
     fine = ss.simulate(TWO, scheme=scheme, increments=rows, refine=3, **START)
@@ -33,7 +33,7 @@ def test_columns_drive_as_the_polygon_does(scheme, columns, parts):
     np.testing.assert_allclose([run.q, run.p], [fine.q, fine.p], rtol=0, atol=2e-14)
     one = ss.simulate(TWO, scheme=scheme, increments=given[:, :, 2], refine=parts - 1, **START)
     np.testing.assert_array_equal(one.q[:, :, 0], run.q[:, :, 2])
-    for column in range(columns):  # each of them matters
+    for column in range(columns):  # each column matters
         other = given.copy()
         other[:, 2 * column] *= 1.1
         moved = ss.simulate(TWO, scheme=scheme, increments=other, refine=parts - 1, **START)
@@ -41,7 +41,7 @@ def test_columns_drive_as_the_polygon_does(scheme, columns, parts):
 
 
 def test_a_prepared_run_takes_them():
-    """Its own run and that of `simulate` have the same bits."""
+    """A prepared run and `simulate` have the same bits."""
     given = np.concatenate(polygon(1)[1:], axis=1)
     whole = ss.simulate(TWO, scheme="chin4a", increments=given, **START)
     prepared = ss.prepare(TWO, "chin4a", q0=1.0, p0=0.3, step=STEP, paths=PATHS)
@@ -78,7 +78,7 @@ def test_columns_that_are_not_finite_get_a_sentence():
 @pytest.mark.parametrize("scheme", ["midpoint", "gauss2_strong32", "chin4a"])
 @pytest.mark.parametrize("refine", [-3, -2, 1])
 def test_increments_have_their_variance_at_every_refinement(scheme, refine):
-    """Whatever is drawn with them, dZ and K, and divided with them: 6 sigma of 144000 normals; the noises are apart."""
+    """Also for schemes that draw and halve dZ and K: 6 sigma of 144000 normals, for each noise."""
     drawn = ss.increments(TWO, scheme=scheme, step=STEP, steps=8, paths=9000, refine=refine, seed=3)
     dw = drawn.reshape(8, -1, 2, 9000).sum(axis=1)
     n = dw[:, 0].size
@@ -94,7 +94,7 @@ def test_increments_have_their_variance_at_every_refinement(scheme, refine):
 @pytest.mark.parametrize("general", [False, True])
 @pytest.mark.parametrize("paths", [1, PATHS, 70])
 def test_what_is_given_is_cut_as_what_is_drawn(scheme, general, paths):
-    """A truncated run takes dW beyond the cut as the cut itself."""
+    """In a truncated run dW beyond the bound is set to the bound."""
     how = {"scheme": scheme, "truncation": (1.0, 30.0), "general": general, **START, "paths": paths}
     cut = np.sqrt(2 * np.log(30 / STEP) * STEP)
     given = np.random.default_rng(6).normal(0.0, 1.5 * cut, (STEPS, 2, paths))

@@ -31,7 +31,7 @@ from symsde.studies.stability.scenario import says
 
 
 def test_every_member_of_a_report():
-    """A struct whose members all differ, and what Python makes of it."""
+    """A struct whose members all differ arrives in Python with each value in its place."""
     given = abi.Report(status=6, correction=2, failed=11, stopped=12, threads=13, lanes=16)
     given.lost_variance, given.seconds_setup, given.seconds_run = 0.015, 1.25, 2.5
     given.stepper, given.left_out, given.warnings = b"a stepper", b"one; two", b"first\nsecond"
@@ -76,7 +76,7 @@ def test_every_member_of_a_report():
 
 
 def test_counters_and_times_of_a_run_that_is_known():
-    """One normal a step of a path."""
+    """One normal for each step of a path."""
     given = ss.simulate(
         ss.models.pendulum(), q0=1.0, p0=0.0, step=0.01, steps=4000, paths=256, threads=1, scheme="stormer_verlet"
     ).report
@@ -219,7 +219,7 @@ def test_status_texts():
 
 
 def test_texts_longer_than_any_buffer():
-    """What does not fit the first buffer is asked for again."""
+    """A text that does not fit the first buffer is requested again."""
     from symsde.native import handles
 
     sizes = []
@@ -244,7 +244,7 @@ def test_texts_longer_than_any_buffer():
 
 @pytest.mark.skipif(shutil.which("bash") is None, reason="no bash")
 def test_completion_in_a_shell(capsys, monkeypatch):
-    """A shell that reads the script completes verbs and options; without shtab a sentence says what to install."""
+    """A shell with the script completes verbs and options; without shtab a message says what to install."""
     pytest.importorskip("shtab")
     assert command_line.main(["completion", "bash"]) == 0
     script = capsys.readouterr().out
@@ -264,7 +264,7 @@ def test_completion_in_a_shell(capsys, monkeypatch):
 
 
 def test_how_a_missing_package_is_installed(tmp_path, monkeypatch):
-    """In a source tree by the tree, elsewhere by the name of what is installed there."""
+    """In a source tree the message names the tree, elsewhere the installed package."""
     place = tmp_path / "python" / "symsde" / "native" / "files.py"
     monkeypatch.setattr(files, "__file__", str(place))
     with pytest.raises(MissingPackageError, match=r"^none is not installed: pip install 'symsde\[sympy\]'$"):
@@ -316,8 +316,8 @@ def test_sizes_and_times_in_words():
 
 @pytest.mark.parametrize(("kind", "disk", "memory"), [("paths", 32 * 5, 16 * 5 * (2 + 3)), ("moments", 0, 0)])
 def test_memory_and_disk_of_a_dry_run(monkeypatch, kind, disk, memory):
-    """Of 5 times: every path, q and p, is in its shard and in the results; in memory twice, and three times what each
-    of the threads has in work. Moments take as much for many paths as for few."""
+    """With 5 saved times: every path, q and p, is in a shard and in the results; memory is twice that plus three times
+    each thread's work. Moments take as much for many paths as for few."""
     monkeypatch.setattr(dry, "_rate", lambda task, piece: 100.0)
     run = {"q0": 0.1, "p0": 0.0, "step": 0.1, "steps": 4, "threads": 1}
     few, many = (
@@ -332,7 +332,7 @@ def test_memory_and_disk_of_a_dry_run(monkeypatch, kind, disk, memory):
 
 
 def test_a_dry_run_compares_disk_with_what_is_free(monkeypatch, tmp_path):
-    """Where the folder will be, also while it and its parents are not there yet."""
+    """Free space of the future folder's disk, also while the folder and its parents do not exist."""
     monkeypatch.setattr(dry, "_rate", lambda task, piece: 100.0)
     task = Task(ss.models.kubo(), {"q0": 0.1, "p0": 0.0, "step": 0.1, "steps": 4, "threads": 1, "paths": 256})
     asked = []
@@ -349,7 +349,7 @@ def test_a_dry_run_compares_disk_with_what_is_free(monkeypatch, tmp_path):
 
 @pytest.mark.parametrize(("threads", "pieces", "seconds"), [(1, 4, 40.0), (2, 4, 20.0), (6, 3, 5.0), (8, 2, 2.5)])
 def test_the_time_of_a_dry_run_is_that_of_all_threads(monkeypatch, threads, pieces, seconds):
-    """Pieces of 10 seconds each on one thread; where there are fewer of them than threads, these share them."""
+    """Pieces of 10 seconds on one thread; if there are fewer pieces than threads, threads share them."""
     monkeypatch.setattr(dry, "_rate", lambda task, piece: 100.0)
     run = {"q0": 0.1, "p0": 0.0, "step": 0.1, "steps": 4, "paths": 256 * pieces, "threads": threads}
     task = Task(ss.models.kubo(), run)
@@ -365,7 +365,7 @@ def test_the_time_of_a_dry_run_is_that_of_all_threads(monkeypatch, threads, piec
 
 @pytest.mark.parametrize(("found", "left"), [(0, 60), (15, 150)])
 def test_progress_tells_the_time_that_is_left(found, left, monkeypatch, caplog):
-    """A quarter takes 20 seconds: 60 are left. If 15 of its 25 parts were found done, the 75 left take 150."""
+    """A quarter takes 20 seconds: 60 are left. If 15 of its 25 parts were found finished, the 75 left take 150."""
     now = [100.0]
     monkeypatch.setattr(run_progress.time, "monotonic", lambda: now[0])
     with caplog.at_level(logging.INFO, logger="symsde"):
@@ -376,7 +376,7 @@ def test_progress_tells_the_time_that_is_left(found, left, monkeypatch, caplog):
 
 
 def test_least_median_and_most_of_the_seeds():
-    """Three seeds whose mean is not their median."""
+    """Three seeds whose mean differs from their median."""
     experiment = Experiment("figure_4_1", "a title")
     keys = ("midpoint_fine", "reference_fine", "midpoint_reference", "midpoint_eighth_fine")
     figure_4_1._judge(experiment, [{key: (i + 1) * x for i, key in enumerate(keys)} for x in (0.09, 0.01, 0.02)])

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Threads that OpenMP's runtime binds when it is loaded: pieces of work still go to all processors of the process."""
+"""OpenMP's runtime may bind the thread that loads it to a processor: work still uses all processors of the process."""
 
 import os
 import subprocess
@@ -35,10 +35,10 @@ def counted(**settings):
 )
 @pytest.mark.parametrize("settings", [{"OMP_PROC_BIND": "true"}, {"OMP_PLACES": "cores"}, {}])
 def test_pieces_go_to_all_processors(settings):
-    """Also where the runtime has bound the thread that loaded it; what the program itself sets later is kept."""
+    """The mask of the loading thread is restored; a mask that the program sets later is kept."""
     (before, bound, threads, all_of_them), later = counted(**settings)
-    assert (int(bound) < int(before)) == bool(settings)  # else this test says nothing
+    assert (int(bound) < int(before)) == bool(settings)  # otherwise this test shows nothing
     assert threads == before
     assert all_of_them == "True"
-    if not settings:  # one processor, set by the program, is not told from that of the runtime where both are one
+    if not settings:  # a single processor set by the program cannot be told from one set by the runtime
         assert later == ["1", "1"]

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Every table and file of a run tells what made it: model, options, scene, version, date, command, paths."""
+"""Every table and file of a run records its origin: model, options, scene, version, date, command, paths."""
 
 import hashlib
 import json
@@ -41,7 +41,7 @@ bins = 4
 
 
 def attributes_of(path):
-    """Of a .nc or .npz file, or of the lines of # of a table."""
+    """Attributes of a .nc or .npz file, or of the # lines of a table."""
     if path.suffix == ".csv":
         return told(path)
     if path.suffix == ".npz":
@@ -86,7 +86,7 @@ def test_every_file_tells_what_made_it(name, paths, folder):
     assert given["command"] == "symsde run 'a scene.toml' --quiet"
     assert given["history"] == f"{given['date']} {given['command']}"
     assert given["symsde_version"] == ss.__version__ and given["source"] == f"symsde {ss.__version__}"
-    for key, value in ss.build_info().items():  # compiler, its options, version of the counter map
+    for key, value in ss.build_info().items():  # compiler, options, version of the counter map
         assert given[f"symsde_{key.replace(' ', '_')}"] == value != ""
     assert "counter map of the noise" in ss.build_info() and "compiler" in ss.build_info()
 
@@ -97,7 +97,7 @@ def test_observers_are_told(folder):
 
 
 def test_failed_paths_are_not_ok(tmp_path):
-    """Of 40 paths two begin where they escape."""
+    """Two of 40 paths begin where they escape."""
     q0 = np.full((2, 40), 0.1)
     q0[:, [3, 7]] = 20.0
     run = {"q0": q0, "p0": 0.0, "step": 0.1, "steps": 60, "paths": 40, "scheme": "stormer_verlet"}
@@ -107,7 +107,7 @@ def test_failed_paths_are_not_ok(tmp_path):
         given = attributes_of(tmp_path / name)
         assert (given["paths_asked"], given["paths_ok"]) == ("40", "38")
         digest = hashlib.sha256(q0.tobytes()).hexdigest()
-        assert given["q0"] == f"sha256 {digest} of 2 x 40 numbers"  # too many to write out
+        assert given["q0"] == f"sha256 {digest} of 2 x 40 numbers"  # too many to write in full
         assert "scene" not in given
 
 
@@ -127,7 +127,7 @@ def test_a_table_can_be_read_by_what_people_use(folder):
 
 
 def test_a_command_can_be_typed(monkeypatch):
-    """By its own name, or as a module, by which Python is given a file that nobody types."""
+    """The recorded command is `symsde` or `python -m symsde`, not the file that Python ran."""
     for argv, command in (
         (["/usr/bin/symsde", "run", "a b.toml"], "symsde run 'a b.toml'"),
         (["/somewhere/symsde/__main__.py", "run", "a.toml"], "python -m symsde run a.toml"),

@@ -1,17 +1,16 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Results as they were recorded: nobody changes a number, a counter or a text unknowingly.
+"""Results as they were recorded, so that no number, counter or text changes unnoticed.
 
     python tests/python/test_recorded.py --record        writes recorded.txt anew
 
-What stands in recorded.txt is no proof of correctness: orders, oracles and the facts of the paper are judged by other
-suites. It is what came out when the file was written. Where a change is meant, write it anew, look which keys `git
-diff` shows, and say in the commit why these, and no others, are what they are now.
+The numbers in recorded.txt prove nothing: other suites test orders, oracles and the facts of the paper. They are the
+results when the file was written. After an intended change write the file again, see which keys `git diff` shows, and
+say in the commit why these keys, and no others, changed.
 
-Each line is a key and what is left of some results: a number is a weighted sum over all entries (recorded.py) that
-agrees to 1e-9 with that of any build, and x... is a checksum of integers and text. Iterations, and what goes with
-them, differ between builds: work of a scheme is how many of each, n, a path took in all runs of the group. Seen are
-changes by more than 1 % and 3 roots of n; every change, where nothing iterates.
-A key that is missing there fails, and so does one that nothing makes.
+Each line is a key and a summary of some results: a number is a weighted sum over all entries (recorded.py) that agrees
+between builds to 1e-9, and x... is a checksum of integers and text. Counts of iterations differ between builds: `work`
+gives each count n for a path over all runs of the group, and a change by more than 1 % and 3 sqrt(n) fails, or any
+change if nothing iterates. A key missing from the file fails, and so does a key that no group makes.
 """
 
 import sys
@@ -32,7 +31,7 @@ HEAD = "\n".join(f"# {line}".rstrip() for line in __doc__.splitlines())
 def of_group(name):
     """All keys of a group with their numbers."""
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # those that belong to a result are among its numbers
+        warnings.simplefilter("ignore")  # warnings that belong to results are among the numbers
         found = [(f"{name}: {key}", numbers) for key, numbers in GROUPS[name]()]
     assert len(found) == len(dict(found)), "two results have one key"
     return dict(found)
@@ -50,7 +49,7 @@ def test_results_are_as_recorded(name):
 
 
 def test_a_fault_of_one_in_ten_thousand_is_seen():
-    """The twin: of one entry among 300, and a text, an integer, a counter that is a fifth more."""
+    """The twin: a change of one entry among 300, of a text, an integer, or a counter by a fifth is noticed."""
     x = recorded.weights(300)
     off = x + 1e-4 * (recorded.weights(300).argsort() == 7)
     assert not recorded.number(off).agrees(str(recorded.number(x)))

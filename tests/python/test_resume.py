@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""A run resumes only if the files of the model are the same and its functions give the same values: equal files alone
-prove nothing, since a helper may read other data."""
+"""A run resumes only if the files of the model are the same and its functions give the same values: equal files are not
+enough, since a helper may read other data."""
 
 import json
 import subprocess
@@ -49,7 +49,7 @@ def corner(q): return 0*q
 
 @pytest.fixture
 def own(tmp_path, monkeypatch):
-    """A scene whose model imports a helper, which reads a file; and how it is run."""
+    """A scene whose model imports a helper that reads a file; and the way to run it."""
     (tmp_path / "scene.toml").write_text(SCENE)
     (tmp_path / "own_model.py").write_text(MODEL)
     (tmp_path / "own_helper.py").write_text(HELPER)
@@ -80,7 +80,7 @@ CHANGES = {
 
 @pytest.mark.parametrize(("file", "old", "new", "told"), CHANGES.values(), ids=CHANGES)
 def test_another_model_is_refused(file, old, new, told, own):
-    """By name, with both values; put back, the run goes on."""
+    """The refusal names the file or value, with old and new; restored, the run goes on."""
     folder, run = own
     begin(run)
     text = (folder / file).read_text()
@@ -93,7 +93,9 @@ def test_another_model_is_refused(file, old, new, told, own):
 
 
 def test_a_folder_holds_all_that_it_needs(own):
-    """With what the model imports: the copy goes on by itself, and merges, and is refused where a file has changed."""
+    """A folder holds the model and its imports: a copy continues by itself, merges, and is refused if a file has
+    changed.
+    """
     folder, run = own
     begin(run)
     for name in ("own_helper.py", "own_model.py"):
@@ -130,7 +132,7 @@ def formula():
     ],
 )
 def test_parameters_of_a_returned_model(make, changed, told, own):
-    """The function stands in the file as before."""
+    """The function in the file is unchanged, but its parameters differ."""
     folder, run = own
     text = SCENE.partition("[observables]")[0].replace("own_model:make", f"own_parameters:{make}")
     (folder / "scene.toml").write_text(text)
@@ -144,7 +146,7 @@ def test_parameters_of_a_returned_model(make, changed, told, own):
 
 
 def test_a_helper_of_another_scene_is_not_taken(tmp_path, monkeypatch):
-    """Two scenes of one process whose files have the same names."""
+    """Two scenes of one process whose files have equal names."""
     token = scene.PYTHON_ALLOWED.set(True)
     for name, sigma in (("one", 0.1), ("two", 0.9)):
         (tmp_path / name).mkdir()
@@ -166,7 +168,7 @@ def test_a_helper_of_another_scene_is_not_taken(tmp_path, monkeypatch):
 
 
 def test_folders_of_before(tmp_path, monkeypatch, capsys):
-    """They can be read; to go on is refused, since nobody knows with what they were computed."""
+    """Old folders can be read; continuing them is refused, since nothing says which model made them."""
     file, out = tmp_path / "scene.toml", tmp_path / "out"
     file.write_text(SCENE.partition("[observables]")[0].replace('python = "own_model:make"', 'name = "kubo"'))
     words = ["run", str(file), "--out", str(out), "--quiet"]
@@ -199,7 +201,9 @@ def user(force, **more):
 
 
 def test_what_tells_models_apart():
-    """Each alone: a trait, the value, the time, one component of very different sizes; and what does not: rounding."""
+    """Each alone distinguishes models: a trait, the value, the time, one component of very different size; rounding
+    does not.
+    """
     known = of(user(lambda t, q: q))
     assert of(user(lambda t, q: q)) == known
     assert of(user(lambda t, q: q * (1 + 1e-12) + 1e-16)) == known

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Runs that follow one Brownian path: recognised by the functionals that they take, compared in every step and not at
-the end alone."""
+"""Runs that follow one Brownian path: recognised by the functionals that they use, and compared in every step, not only
+at the end."""
 
 import itertools
 
@@ -14,7 +14,7 @@ RUN = {"q0": 0.3, "p0": 0.1, "paths": 3, "seed": 3}
 
 
 def fits(scheme):
-    """Whether it draws a Brownian path, and suits the model."""
+    """Whether the scheme draws a Brownian path and suits the model."""
     try:
         ss.simulate(MODEL, scheme=scheme, step=0.1, steps=0, **RUN)
     except ss.errors.IncompatibleError:
@@ -26,7 +26,7 @@ GAUSSIAN = [name for name in ss.schemes.names() if fits(name)]
 
 
 def driven(scheme, refine, step=0.05):
-    """Increments of the path in steps of 0.05, and what is taken of it beside them."""
+    """Increments of the path in steps of 0.05, and the functionals used beside them."""
     run = ss.simulate(MODEL, scheme=scheme, step=step, steps=round(0.8 / step), refine=refine, **RUN)
     dw = ss.diagnose.driving_increments(run)
     each = round(0.05 / step)
@@ -35,8 +35,8 @@ def driven(scheme, refine, step=0.05):
 
 @pytest.mark.parametrize(("refine", "decide"), [(-1, {"dZ"}), (-2, {"dZ", "K"}), (-3, {"dZ", "K"})])
 def test_schemes_share_a_halved_path_where_they_take_the_same_of_it(refine, decide):
-    """W after whole steps of the run that is halved is one for all; W between them is that of the functionals, of K
-    from the second halving on: it is a part of dZ of the halves."""
+    """After whole steps of the halved run all schemes share W; between them W depends on the functionals drawn, and on
+    K from the second halving on, since K is part of the halves' dZ."""
     found = [driven(scheme, refine, 0.05 * 2.0**refine) for scheme in GAUSSIAN]
     kinds = {taken for _, taken in found}
     assert {(), ("dZ",), ("dZ", "K")} <= kinds and len(kinds) < len(GAUSSIAN)
@@ -54,7 +54,7 @@ def test_all_schemes_share_a_path_that_is_not_halved(refine):
 
 
 def test_functionals_without_effect_are_not_drawn():
-    """Areas of noises in position, and whatever belongs to no noise; a table has a line only where there are some."""
+    """Areas of noises in position are not drawn, nor any functional without a noise; tables have no line for them."""
     reports = [
         ss.simulate(model, scheme="gauss2_strong32_areas", q0=0.3, p0=0.1, step=0.05, steps=2).report
         for model in (ss.models.noncommutative_oscillator(), MODEL, ss.models.kubo(sigma=0.0))
@@ -68,7 +68,9 @@ def test_functionals_without_effect_are_not_drawn():
 
 @pytest.mark.parametrize("name", ["convergence", "work_precision"])
 def test_studies_compare_like_with_like(name, monkeypatch):
-    """Whatever schemes and their references take: the finest increments of all runs that are compared are the same."""
+    """Whatever functionals schemes and references use, all runs that a study compares have the same finest
+    increments.
+    """
     seen = []
     real = error_plan.simulate
 

@@ -59,7 +59,7 @@ def file(tmp_path):
 
 
 def saved(file, folder):
-    """The paths that `symsde run` saves of a scene."""
+    """The paths that `symsde run` saves for a scene."""
     assert command_line.main(["run", str(file), "--out", str(folder), "--quiet"]) == 0
     return ss.open_run(folder).run
 
@@ -85,7 +85,7 @@ def test_scene_is_the_run_it_says(file, tmp_path):
         np.testing.assert_array_equal(getattr(run, name), getattr(whole, name)[..., [0, 1, 7]], err_msg=name)
 
 
-# Every key of [run] with a value that is not its default, and what must differ in the run because of it.
+# Every key of [run] with a value other than its default, and what must change in the run.
 KEYS = {
     "step": "0.01", "steps": "550", "q0": "0.25", "p0": "-0.5", "t0": "1.5", "scheme": '"gauss2"', "paths": "1001",
     "seed": "12", "save_every": "25", "refine": "1", "first_path": "256", "first_step": "7", "correction": '"none"',
@@ -95,13 +95,13 @@ KEYS = {
 
 
 def test_every_key_of_a_run_reaches_it(file):
-    """One scene for each key: the options, and the paths and moments, of the same call of `simulate`."""
+    """One scene for each key: options, paths and moments equal those of the same call of `simulate`."""
     assert set(KEYS) == set(scene.RUN_KEYS)
     default = {"q0": 0.0, "p0": 0.0, "step": 0.02, "steps": 500, "seed": 1, "save_every": 50, "paths": 1000}
     for key, text in KEYS.items():
         value = tomllib.loads(f"x = {text}")["x"]
         head, _, run = SCENE.partition("[output]")[0].partition("[run]\n")
-        scheme = "midpoint_areas" if key == "areas" else "midpoint"  # one that draws some
+        scheme = "midpoint_areas" if key == "areas" else "midpoint"  # a scheme that draws areas
         run, default = run.replace('"midpoint"', f'"{scheme}"'), {**default, "scheme": scheme}
         kept = "".join(line for line in run.splitlines(True) if not line.startswith(f"{key} ="))
         loaded = scene.load(file(text=f'{head}[run]\n{key} = {text}\n{kept}[output]\npaths = "all"'))
@@ -145,7 +145,7 @@ def test_only_what_is_wanted_is_computed(output, written, file, tmp_path, monkey
 
 
 def results(folder):
-    """What there is besides the shards and what belongs to them."""
+    """The files besides the shards and their own files."""
     return sorted(set(os.listdir(folder)) - {"manifest.json", "scene.toml", "shards", ".claims"})
 
 
@@ -164,7 +164,7 @@ def test_files_of_a_run_hold_the_run(file, tmp_path, capsys):
 
 
 def test_paths_of_a_compensated_scene_keep_their_low_parts(file, tmp_path):
-    """Those of every stretch of paths, as of a run of all."""
+    """Low parts of every stretch of paths, as in a run of all."""
     path = file(("[run]", "[run]\ncompensated = true"))
     found, whole = saved(path, tmp_path / "out"), paths_of(scene.load(path))
     for name in ("last_q", "q_low", "p_low"):
@@ -257,7 +257,7 @@ HOSTILE += ["9" * 5000, "[" * 500 + "]" * 500, "[[1, 2], [3]]", "922337203685477
 
 
 def test_whatever_a_scene_holds_there_is_a_sentence(file, capsys):
-    """Every key with every hostile value: a scene, or a refusal that names the file; never another exception."""
+    """Every key with every hostile value: a scene, or a refusal that names the file; no other exception."""
     keys = [line.split(" =")[0] for line in SCENE.splitlines() if " = " in line]
     more = [("[run]", key) for key in scene.RUN_KEYS if key not in keys] + [
         ("[study]", key) for key in scene.STUDY_KEYS
@@ -283,7 +283,7 @@ def test_whatever_a_scene_holds_there_is_a_sentence(file, capsys):
 
 
 def test_bytes_that_are_no_scene(tmp_path):
-    """Random bytes, halves of scenes, and scenes with a few wrong letters; the seed is fixed."""
+    """Random bytes, halves of scenes, and scenes with a few wrong letters, by a fixed seed."""
     chance = random.Random(1)
     path = tmp_path / "scene.toml"
     for _ in range(200):
@@ -331,7 +331,7 @@ def test_failed_paths(output, file, tmp_path, capsys):
     assert first == "symsde: 2 paths failed; moments are over the others"
     if "moments = false" in output:
         assert not more
-    else:  # of a path that is about to fail
+    else:  # also of paths about to fail
         assert [line[:47] for line in more] == ["symsde: energy is not a finite number for some "]
         last = (tmp_path / "out" / "moments.csv").read_text().splitlines()[-1]
         assert last.split(",")[1] == "1"
@@ -349,16 +349,16 @@ LONG = ("steps = 500", "steps = 1000000000"), ("save_every = 50", "save_every = 
 
 
 def stopped_by(number, command, folder):
-    """Exit code and what a terminal shows of a command that gets a signal when a hundredth of it is done."""
+    """Exit code and terminal output of a command that gets a signal when a hundredth of it is done."""
     terminal, theirs = pty.openpty()
     termios.tcsetwinsize(theirs, (24, 80))
     process = subprocess.Popen([sys.executable, "-m", "symsde", *command], stderr=theirs, cwd=folder)
     os.close(theirs)
     shown = b""
-    with contextlib.suppress(OSError):  # raised at the end of a terminal
+    with contextlib.suppress(OSError):  # raised at the end of a terminal's output
         while data := os.read(terminal, 1000):
             shown += data
-            if number and re.search(rb"[1-9]\d* ?%", shown):  # the first checkpoint is behind
+            if number and re.search(rb"[1-9]\d* ?%", shown):  # the first checkpoint is written
                 process.send_signal(number)
                 number = None
     os.close(terminal)
@@ -386,7 +386,7 @@ FOLDERS = ["/proc/self", "/proc/self/deeper", "scene.toml"]
 @pytest.mark.parametrize("folder", FOLDERS)
 @pytest.mark.parametrize("verb", ["run", "study", "stability", "paper"])
 def test_a_folder_that_cannot_be_written_is_found_before_the_work(verb, folder, file, capsys, monkeypatch):
-    """Folders of /proc take no files, not even those of root."""
+    """Folders in /proc take no files, even from root."""
     pytest.importorskip("matplotlib")
     from symsde.studies import paper, stability, study
 
@@ -404,7 +404,7 @@ def test_a_folder_that_cannot_be_written_is_found_before_the_work(verb, folder, 
 
 
 def piped(arguments, lines):
-    """Exit code, standard error and the first lines of a command whose reader leaves then."""
+    """Exit code, standard error and first lines of a command whose reader stops after these lines."""
     command = [sys.executable, "-m", "symsde", *arguments]
     with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE) as process:
         read = [process.stdout.readline() for _ in range(lines)]
@@ -455,7 +455,7 @@ def test_paper_is_dispatched(monkeypatch, tmp_path):
 
 
 def test_a_plain_scene_needs_numpy_alone():
-    """As in an environment of `pip install symsde`: optional packages are refused to it."""
+    """An environment as after `pip install symsde`: importing optional packages fails."""
     scene_file = Path(__file__).parents[2] / "examples" / "scenes" / "kubo.toml"
     code = (
         "import sys\n"

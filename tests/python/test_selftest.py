@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""symsde selftest and symsde cite: every check passes here, and fails if the tested part is wrong."""
+"""symsde selftest and symsde cite: every check passes here, and fails if its part of the library is wrong."""
 
 import re
 import subprocess
@@ -22,7 +22,7 @@ def test_all_is_well_and_quick(capsys):
     lines = capsys.readouterr().out.splitlines()
     assert [line.split()[0] for line in lines[:-1]] == ["ok"] * 8
     found = re.fullmatch(r"8 of 8 checks passed in ([\d.]+) s", lines[-1])
-    assert found and float(found[1]) < 60  # ten seconds on a quiet machine; here others may be at work
+    assert found and float(found[1]) < 60  # ten seconds on a quiet machine; this one may be busy
     assert str(library.found()) in lines[7]
 
 
@@ -31,12 +31,12 @@ def _shifted(by):
 
 
 def _other_options(**wrong):
-    """The function, with options that are not those asked for."""
+    """The function called with options other than the given ones."""
     return lambda function: lambda *args, **options: function(*args, **{**options, **wrong})
 
 
 def _drifting(function):
-    """Midpoint rotates a little too far: what another library's step would do."""
+    """Midpoint rotates slightly too far, as a wrong library would."""
 
     def wrong(*args, **options):
         q, p = function(*args, **options)
@@ -50,12 +50,12 @@ def _as_heun(function):
 
 
 def _without_the_step(function):
-    """A resumed run that draws the noise of its first steps again."""
+    """A resumed run that repeats the noise of its first steps."""
     return lambda *args, **options: function(*args, **{**options, "first_step": 0})
 
 
 def _by_threads(function):
-    """The last digit hangs on the threads."""
+    """The last digit depends on the number of threads."""
 
     def wrong(*args, threads=None, **options):
         run = function(*args, threads=threads, **options)
@@ -80,7 +80,7 @@ FAULTS = {
 
 @pytest.mark.parametrize("name", NAMES)
 def test_a_planted_fault_fails_its_check(name, monkeypatch, tmp_path, capsys):
-    """And that check alone, by which a user knows where to look."""
+    """No other check fails, so that a user knows where to look."""
     what, fault = FAULTS[name]
     if name == "structure":
         found = selftest.diagnose.symplecticity
@@ -120,7 +120,7 @@ def test_the_verb(capsys):
 
 
 def test_the_command_line_needs_numpy_alone(tmp_path):
-    """What a fresh environment has: no sympy, xarray, numba, matplotlib; scenes run, and save what they can."""
+    """A fresh environment without sympy, xarray, numba, matplotlib: scenes run, and save the files they can."""
     hide = "import sys; sys.modules.update(dict.fromkeys(sys.argv[1].split(',')))\n"
     names = "sympy,symengine,xarray,netCDF4,numba,matplotlib,tqdm,scipy,pandas"
     verb = [
@@ -148,11 +148,11 @@ def test_every_source_of_the_catalogue_is_cited():
             seen.add((names, year))
             entries = [entry for entry in text.split("\n@") if f"year = {{{year}}}" in entry]
             assert any(all(author in entry for author in names.split(", ")) for entry in entries), (name, names, year)
-    assert len(seen) == 9  # Holm, Tyranowski 2018, ..: fewer would mean that the pattern finds nothing
+    assert len(seen) == 9  # Holm, Tyranowski 2018, ..: fewer would mean a wrong pattern
 
 
 def test_citations_are_sound_bibtex():
-    """Braces match, keys are unique, and only what belongs to a scheme is there."""
+    """Braces match, keys are unique, and only entries for this scheme are included."""
     for name in [None, *ss.schemes.names()]:
         text = cite.cite(name)
         depths = np.cumsum([{"{": 1, "}": -1}.get(letter, 0) for letter in text])

@@ -26,13 +26,13 @@ def prepared(model, **options):
     return lambda: run.run(steps, every)
 
 
-#: name of a call -> it, made of a model and the options of a run; and the kind of what it carries
+#: name of a call -> the call for a model and options; and the type of result that the exception carries
 CALLS = {
     "simulate": (lambda model, run: lambda: ss.simulate(model, **run), ss.Run),
     "moments": (lambda model, run: lambda: ss.moments(model, **run), ss.Moments),
     "prepared": (lambda model, run: prepared(model, **run), ss.Run),
 }
-#: the same of calls that run as often as they want
+#: the same for calls that decide themselves how long they run
 WORKS = {
     "expect": (lambda model: lambda: ss.expect(model, "q**2", abs=1e-4, scheme="midpoint", **HORIZON), Answer),
     "mlmc": (lambda model: lambda: ss.mlmc(model, "q**2", abs=1e-4, **HORIZON), Multilevel),
@@ -62,7 +62,7 @@ def test_what_a_handler_raises_is_raised_with_what_there_is(name, number, kubo):
 
 @pytest.mark.parametrize("name", CALLS)
 def test_where_a_handler_returns_the_run_goes_on(name, kubo):
-    """To the same bits, however often."""
+    """The same bits, however many signals."""
     seen = []
     call = CALLS[name][0]
     wanted = call(kubo, dict(SHORT))()
@@ -88,7 +88,7 @@ def test_what_a_handler_raises_ends_long_work(name, at):
 
 @pytest.mark.parametrize("method", ["plain", "multilevel"])
 def test_what_a_handler_raises_carries_an_answer(method, kubo):
-    """In the work itself, which tells of its progress."""
+    """A signal during the work, which reports its progress."""
     with handled(signal.SIGALRM, raises), pytest.raises(HandledError) as caught:
         tell = {"progress": lambda *_: signal.raise_signal(signal.SIGALRM)}
         ss.expect(kubo, "q**2", abs=1e-3, method=method, scheme="midpoint", **tell, **HORIZON)
@@ -107,7 +107,9 @@ def test_where_a_handler_returns_convergence_counts_all_paths():
 
 @pytest.mark.parametrize("threads", [1, 2])
 def test_an_ensemble_gives_its_shards(threads, kubo):
-    """Its threads compute, the main one waits: a handler that returns lets it wait on, one that raises ends it."""
+    """Its threads compute while the main thread waits: a handler that returns lets it wait on, one that raises ends
+    it.
+    """
 
     def tells(done, total):
         if done and seen == []:
@@ -128,7 +130,7 @@ def test_an_ensemble_gives_its_shards(threads, kubo):
 
 
 def test_a_handler_that_was_made_in_the_run_counts(kubo):
-    """A progress function sets an alarm of its own."""
+    """A progress function sets a handler for an alarm."""
     before = signal.getsignal(signal.SIGALRM)
     with Sender(signal.SIGALRM, at=2) as sender:
 
@@ -144,7 +146,7 @@ def test_a_handler_that_was_made_in_the_run_counts(kubo):
 
 
 def test_handlers_of_several_signals_are_all_called(kubo):
-    """What the last one raises is raised, on top of what the others did."""
+    """The exception of the last handler is raised, with those of the others as its context."""
 
     def progress(done, total):
         signal.raise_signal(signal.SIGALRM)
@@ -167,7 +169,7 @@ def model_of(gradient):
 
 
 def test_a_second_signal_ends_a_callback_at_once(kubo):
-    """The first one waits for the library to ask; a callback that hangs would wait for ever."""
+    """The first signal waits for the library's next question, which never comes if a callback hangs."""
 
     def hangs(t, w, q, p):
         signal.raise_signal(signal.SIGINT)
@@ -189,7 +191,7 @@ def test_a_second_signal_ends_a_callback_at_once(kubo):
 
 
 def model_that_signals(number):
-    """A model whose gradient sends a signal in the first call after it is armed, and that switch."""
+    """A model whose gradient sends a signal in the first call after it is armed, and the switch that arms it."""
     armed = threading.Event()
 
     def gradient(t, w, q, p):
@@ -203,7 +205,7 @@ def model_that_signals(number):
 
 @pytest.mark.parametrize("what", ["prepare", "gradient", "expect"])
 def test_calls_without_progress_raise_what_handlers_raise(what):
-    """Python functions that are called where nobody asks how to go on."""
+    """Python functions called by functions of the library without a progress function."""
     model, armed = model_that_signals(signal.SIGALRM)
     calls = {
         "prepare": lambda: ss.prepare(model, step=0.1, **PLACE),
@@ -216,7 +218,7 @@ def test_calls_without_progress_raise_what_handlers_raise(what):
 
 
 def test_a_step_is_not_spoilt_by_a_handler():
-    """What it raises would leave the results of a callback unset: it is called when the step is done."""
+    """The handler is called when the step is done, since its exception inside a callback would leave outputs unset."""
     model, armed = model_that_signals(signal.SIGALRM)
     run, good = (ss.prepare(x, step=0.1, **PLACE) for x in (model, model_of(rotation_gradient)))
     with handled(signal.SIGALRM, raises):
@@ -230,7 +232,7 @@ def test_a_step_is_not_spoilt_by_a_handler():
 
 
 def test_a_handler_in_the_main_thread_leaves_the_run_of_another_alone(kubo):
-    """It is the main thread's, and raises there; the run goes on to its end."""
+    """The handler belongs to the main thread and raises there; the other thread's run goes on to its end."""
     go, found, wanted = threading.Event(), Future(), ss.simulate(kubo, **SHORT)
 
     def work():
@@ -249,7 +251,7 @@ def test_a_handler_in_the_main_thread_leaves_the_run_of_another_alone(kubo):
 
 @pytest.mark.parametrize("arrives", [signal.SIGUSR1, signal.SIGALRM])
 def test_handlers_are_given_back_whatever_happens(arrives, kubo, monkeypatch):
-    """Also where a handler raises while others are given back or taken over: one before, one behind in the order."""
+    """Also if a handler raises while handlers are exchanged, before or after the own one in the order."""
     from symsde.native import signals
 
     swap, numbers = signals.signal.signal, (signal.SIGUSR1, signal.SIGUSR2, signal.SIGALRM)

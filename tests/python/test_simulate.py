@@ -59,7 +59,7 @@ def test_times_and_negative_step(kubo):
 
 @pytest.mark.parametrize("where", [{}, {"t0": -0.3}, {"t0": 2.0, "first_step": 7}, {"step": -0.07}])
 def test_times_are_those_that_the_library_fills_in(kubo, where):
-    """They are asked for when they are looked at: the bits of those of moments, in prepared runs and copies, too."""
+    """Times are computed when read: the bits equal those of moments, also for prepared runs and copies."""
     how = {"q0": 1.0, "p0": 0.0, "step": 0.1, **where}
     run = ss.simulate(kubo, steps=30, save_every=3, **how)
     filled = ss.moments(kubo, steps=30, save_every=3, paths=2, **how).t
@@ -74,7 +74,7 @@ def test_times_are_those_that_the_library_fills_in(kubo, where):
 @pytest.mark.parametrize(("steps", "together"), [(10, False), (20_000, True)])
 @pytest.mark.parametrize("paths", [1, 3])
 def test_q_and_p_are_arrays_of_their_own(kubo, steps, together, paths):
-    """Where one piece of memory holds both, too: neither lies in the other."""
+    """Also if q and p are parts of one block of memory: neither overlaps the other."""
     run = ss.simulate(kubo, q0=1.0, p0=0.0, step=1e-3, steps=steps, paths=paths)
     assert (run.q.base is not None) == together
     assert run.q.flags.c_contiguous and run.p.flags.c_contiguous and not np.shares_memory(run.q, run.p)
@@ -163,7 +163,7 @@ def test_truncation_is_reported(kubo, options):
 @pytest.mark.parametrize("masses", [3, 5, 16])
 @pytest.mark.parametrize("scheme", ["stormer_verlet", "symplectic_euler"])
 def test_a_path_alone_fails_as_in_company(masses, scheme):
-    """A chain that is far out of its range becomes infinite in the same step, which its status says."""
+    """A chain far out of its range overflows in the same step, alone and in a block, and its status says so."""
     common = {"q0": 30.0, "p0": 0.0, "step": 1.5, "steps": 12, "scheme": scheme}
     with pytest.warns(ss.PathsFailedWarning):
         alone, many = (ss.simulate(ss.models.fpu_chain(n=masses), **common, paths=n) for n in (1, 20))
@@ -183,7 +183,7 @@ def test_truncation_takes_an_order_and_a_time():
 @pytest.mark.parametrize("paths", [1, 3, 100])
 @pytest.mark.parametrize("how", [{}, {"refine": 1}, {"refine": -1}, {"first_step": 5}])
 def test_few_paths_are_truncated_as_many(paths, how):
-    """One in 390 normals is cut, at any place of a draw: what `increments` tells drives the same run."""
+    """One in 390 normals is clipped, at any place of a draw: the output of `increments` drives the same run."""
     model, given = ss.models.synchrotron(), {"step": 0.05, "steps": 6400, "paths": paths, "truncation": (0.76, 20.0)}
     dw = ss.increments(model, **given, **how)
     cut = np.isclose(np.abs(dw), np.abs(dw).max(), rtol=1e-14)
@@ -216,7 +216,7 @@ def test_progress_is_told_and_may_stop(user_kubo):
 
 @pytest.mark.parametrize("tqdm", [True, False])
 def test_progress_bar(tqdm, user_kubo, capsys, monkeypatch):
-    """A bar of all path-steps that begins at nothing, ends, and leaves no line; without tqdm, percents."""
+    """A bar of all path-steps that begins at zero, ends, and leaves no line; without tqdm, per cents."""
     if tqdm:
         pytest.importorskip("tqdm")
     else:
@@ -278,7 +278,7 @@ def test_npz(kubo, options, tmp_path):
 
 
 def lattice(sites, sigma, noises_at=None, **declared):
-    """Oscillators, each noise in the stiffness of the site that it acts on."""
+    """Oscillators, each noise in the stiffness of one site."""
     at = list(range(sites)) if noises_at is None else noises_at
 
     def stiffness(w):
@@ -299,7 +299,7 @@ def lattice(sites, sigma, noises_at=None, **declared):
 
 @pytest.mark.parametrize("form", ["catalogue", "formula"])
 def test_the_frequency_of_a_chain_is_that_of_its_rows(form):
-    """The largest row sum of |H_qq| at the initial state, whether the chain gives rows or bands."""
+    """The largest row sum of |H_qq| at the initial state, whether the chain offers rows or bands."""
     if form == "catalogue":
         model = ss.models.fpu_chain(n=5, sigma=0.1, beta=0.7)
     else:
@@ -313,7 +313,9 @@ def test_the_frequency_of_a_chain_is_that_of_its_rows(form):
 
 @pytest.mark.parametrize("bandwidth", [None, 0, 1])
 def test_noises_on_different_sites_do_not_add_up(bandwidth):
-    """Solvable for certain while sigma |dW|/2 < 1: normals below 2/(sigma sqrt h) = 6.3 here, whatever the sites."""
+    """Solvable for certain while sigma |dW|/2 < 1: normals below 2/(sigma sqrt h) = 6.3 here, for any number of
+    sites.
+    """
     run = {"q0": 1.0, "p0": 0.0, "step": 0.1, "steps": 10, "paths": 3}
 
     def alarms(*given):
@@ -325,7 +327,7 @@ def test_noises_on_different_sites_do_not_add_up(bandwidth):
     assert "normals above 3.162" in said
     expected = 600 * math.erfc(math.sqrt(5))
     assert float(re.search(r"about ([\d.]+) of them", said)[1]) == pytest.approx(expected, rel=1e-3)
-    (said,) = alarms(20, 1.0, [4] * 20)  # all on one site: these do add up
+    (said,) = alarms(20, 1.0, [4] * 20)  # all noises on one site do add up
     assert "normals above 0.316" in said
 
 
@@ -337,7 +339,7 @@ print(run.report.threads)
 
 
 def with_threads(value, more=""):
-    """Threads of a run in a process with this SYMSDE_NUM_THREADS, or what it says on standard error."""
+    """Threads of a run in a process with this SYMSDE_NUM_THREADS, or the error that it prints."""
     environment = {**os.environ, "SYMSDE_NUM_THREADS": value, "OMP_NUM_THREADS": "2"}
     code = THREADS % more
     done = subprocess.run([sys.executable, "-c", code], env=environment, capture_output=True, text=True, check=False)
@@ -345,9 +347,9 @@ def with_threads(value, more=""):
 
 
 def test_threads_by_the_environment():
-    assert with_threads("3") == 3 and with_threads(" 4 ") == 4 and with_threads("1024") == 8  # one a block
+    assert with_threads("3") == 3 and with_threads(" 4 ") == 4 and with_threads("1024") == 8  # one thread a block
     assert with_threads("3", ", threads=2") == 2  # the option wins
-    assert with_threads("") == 2  # OpenMP's
+    assert with_threads("") == 2  # OpenMP's number
 
 
 @pytest.mark.parametrize("value", ["abc", "0", "-2", "1025", "2.5", "3,5", "4x", "1e3", "9" * 40, "2*3", "3 4"])
@@ -358,7 +360,7 @@ def test_an_environment_that_names_no_threads_is_refused(value):
 
 
 def shaken(**more):
-    """H = p^2/2 + q sin t, H_1 = q cos t: every step knows its time."""
+    """H = p^2/2 + q sin t, H_1 = q cos t: steps depend on their time."""
     return ss.Model(
         ndof=1,
         nnoise=1,
@@ -370,7 +372,7 @@ def shaken(**more):
 
 
 def test_one_step_begins_at_its_time():
-    """The midpoint takes H at t + h/2: p falls by h sin(t + h/2) + dw cos(t + h/2)."""
+    """The midpoint evaluates H at t + h/2: p falls by h sin(t + h/2) + dw cos(t + h/2)."""
     h, dw = 0.1, 0.3
     for t in (0.0, 0.7, -2.0):
         q, p = ss.step(shaken(), "midpoint", 1.0, 0.5, h, dw, t=t)
@@ -411,7 +413,7 @@ def test_derivatives_and_probes_take_place_at_their_times():
 
 
 def test_rounding_that_cycles_ends_an_iteration():
-    """A stiff spring that hardens: corrections of Newton stay at a few ulps, and the step is solved all the same."""
+    """A stiff spring that hardens: Newton's corrections stay at a few ulps, and the step still counts as solved."""
     model = ss.Model(
         ndof=1,
         nnoise=1,
@@ -425,11 +427,11 @@ def test_rounding_that_cycles_ends_an_iteration():
     run = ss.simulate(model, q0=0.5, p0=1.0, step=0.1, steps=100, scheme="midpoint", paths=32, seed=1)
     counters = run.report.counters
     assert not run.status.any() and counters["failures"] == 0
-    assert counters["iterations"] < 12 * counters["path_steps"]  # 7; 37 where nothing looks for cycles
+    assert counters["iterations"] < 12 * counters["path_steps"]  # 7; 37 if cycles were not recognised
 
 
 def test_defaults_of_options_are_those_of_the_library():
-    """They are not looked at where they are given: reading one must change nothing."""
+    """Defaults come from the library, and reading one changes nothing."""
     library = bytes(handles.new(abi.Options, "options"))
     for name, (default, read) in setup._READ.items():
         options = handles.new(abi.Options, "options")
@@ -442,7 +444,7 @@ def test_defaults_of_options_are_those_of_the_library():
 )
 @pytest.mark.parametrize("model", [ss.models.synchrotron, ss.models.pendulum, ss.models.driven_pendulum])
 def test_the_last_lanes_of_a_block_go_on_as_they_began(model, scheme):
-    """Steps in which some of 256 paths take longer than the others: their bits are those of blocks of eight."""
+    """Steps in which some of 256 paths iterate longer: these paths have the bits of blocks of eight."""
     how = {"q0": 0.4, "p0": 0.1, "step": 1.2, "steps": 10, "scheme": scheme, "paths": 256, "seed": 3, "threads": 1}
     large, small = (ss.simulate(model(), lanes=lanes, **how) for lanes in (256, 8))
     np.testing.assert_array_equal([large.q, large.p], [small.q, small.p])
@@ -452,7 +454,7 @@ def test_the_last_lanes_of_a_block_go_on_as_they_began(model, scheme):
 
 @pytest.mark.parametrize("seed", [0, 1, 2])
 def test_a_step_that_overflows_is_counted_once(seed):
-    """Three gradients a step, of the one that fails as well."""
+    """Three gradients a step, also for the failing step."""
     with pytest.warns(ss.PathsFailedWarning):
         run = ss.simulate(
             ss.models.linear_oscillator(), q0=1.0, p0=0.0, step=3.0, steps=400, scheme="stormer_verlet", seed=seed
@@ -464,7 +466,9 @@ def test_a_step_that_overflows_is_counted_once(seed):
 
 @pytest.mark.parametrize("scheme", ["midpoint", "gauss2"])
 def test_steps_that_damping_solves_are_counted_as_damped(scheme):
-    """Newton's iteration leaps to and fro over the kink of log cosh, and with damping does not: none is continued."""
+    """Newton's iteration jumps back and forth over the kink of log cosh without damping; with it no step needs
+    continuation.
+    """
     model = ss.Model(
         ndof=1,
         nnoise=0,
@@ -481,7 +485,7 @@ def test_steps_that_damping_solves_are_counted_as_damped(scheme):
 
 @pytest.mark.parametrize("paths", [1, 20])
 def test_a_step_that_neither_sweeps_nor_newton_solve_fails(paths):
-    """Two degrees of freedom by their gradient alone, too few iterations: every path is lost in its first step."""
+    """Two degrees of freedom by gradients alone and too few iterations: every path fails in its first step."""
 
     def gradient(t, w, q, p):
         s, sin = p[0] ** 2 + p[1] ** 2, np.sin(q[0] * q[1])

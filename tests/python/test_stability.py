@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Stiff and extreme cases, the quick sample: all criteria hold, and each fails where a fault is planted."""
+"""Stiff and extreme cases, the quick sample: all criteria hold, and each fails for a planted fault."""
 
 import contextlib
 import functools
@@ -48,7 +48,7 @@ def test_every_criterion_holds(tmp_path, capsys):
 
 @pytest.fixture(autouse=True)
 def _nothing_remembered():
-    """A test neither takes limits that were found without its fault, nor leaves those that were found with it."""
+    """Clear remembered limits, so that a test with a fault and one without do not share them."""
     limits.stable_up_to.cache_clear()
     yield
     limits.stable_up_to.cache_clear()
@@ -77,7 +77,7 @@ def replaced(value):
 
 
 def lost_late():
-    """Not finite from t = 0.5 on."""
+    """A run that is not finite from t = 0.5 on."""
     return ss.Model(ndof=1, nnoise=0, gradient=lambda t, w, q, p: (w[0] * (q if t < 0.5 else np.nan * q), w[0] * p))
 
 
@@ -161,7 +161,7 @@ def test_a_failed_criterion_is_the_exit_code(tmp_path, monkeypatch):
 
 
 SYMPLECTIC_EULER = np.log(np.roots([1, 2.2**2 - 2, 1]) ** 2).max() / 2  # eigenvalues of trace 2 - x^2 at x = 2.2
-LIMITS = [  # scheme, omega h, where growth is told, log of the growth there, from where on it is stable again
+LIMITS = [  # scheme, omega h where it grows, log of the growth there, omega h where it is stable again
     ("midpoint", math.inf, math.inf, 0.0, math.inf),
     ("gauss_dkdkd_rotation", math.inf, math.inf, 0.0, math.inf),
     ("gauss_dkdkd_midpoint", math.inf, math.inf, 0.0, math.inf),
@@ -185,7 +185,7 @@ def test_limits_are_those_by_hand(scheme, omega_h, beyond, rate, again):
 
 
 def test_a_window_of_instability_ends():
-    """Lobatto's quadrature with four nodes is unstable in a narrow window alone; the traces on its sides are known."""
+    """Lobatto's quadrature with four nodes is unstable in a narrow window alone; traces on both sides are known."""
     found = limits.limit("lobatto4")
     assert found.omega_h < found.beyond < found.again < 1.1 * found.omega_h
     traces = [np.trace(limits.step_matrix("lobatto4", x)) for x in (0.999 * found.omega_h, found.beyond, found.again)]
@@ -205,7 +205,7 @@ def test_the_first_table():
 
 
 def test_the_long_time_figure(tmp_path, monkeypatch):
-    """Curves are those of the scenario in the colours of their schemes."""
+    """Curves are those of the scenario, in the colours of their schemes."""
     curves = long_time.long_time(True).curves
     kept = {}
     real = look.panels
@@ -219,7 +219,7 @@ def test_the_long_time_figure(tmp_path, monkeypatch):
     monkeypatch.setattr(look, "panels", panels)
     long_time.save(tmp_path / "x.png", curves)
     for axis, time, prefix in (("energy", "t", ""), ("kubo", "kubo_t", "kubo_")):
-        drawn, _ = kept[axis].get_legend_handles_labels()  # crosses have no name
+        drawn, _ = kept[axis].get_legend_handles_labels()  # crosses have no legend entry
         for line, scheme in zip(drawn, long_time.SCHEMES, strict=True):
             change = curves[prefix + scheme]
             assert line.get_color() == look.colour(scheme) and line.get_label() == scheme

@@ -56,7 +56,7 @@ def test_a_scheme_of_the_wrong_equation_does_not_converge():
 
 
 def weak_error_of_midpoint(h, steps, sigma=0.3, factor=1.0):
-    """E q of n midpoint steps less the exact one, by Gauss-Hermite nodes: the step turns by 2 atan(theta/2)."""
+    """Error of E q after n midpoint steps by Gauss-Hermite nodes: a step rotates by 2 atan(theta/2)."""
     nodes, weights = np.polynomial.hermite_e.hermegauss(40)
     turn = 2 * np.arctan((h + sigma * np.sqrt(h) * nodes) / 2)
     mean = (weights / weights.sum() * np.exp(-1j * turn)).sum()
@@ -72,12 +72,12 @@ def test_weak_error_is_the_expectation(small, factor, agrees):
 
 def test_costs_and_invariant(small):
     for row in small.rows:
-        assert row["normals"] == 1  # increments of its own step, not sums
+        assert row["normals"] == 1  # increments of its own step, no sums
         assert 0 < row["seconds_low"] <= row["seconds"] <= row["seconds_high"]
         assert row["repeats"] >= 5
     assert point(small, "midpoint", 8)["drift"] < 1e-13
     assert point(small, "heun", 8)["drift"] > 1e-3
-    # what a path costs once is most of 8 steps here, and a busy machine is noisy
+    # a path's set-up costs most of 8 steps here, and a busy machine is noisy
     assert point(small, "midpoint", 64)["seconds_high"] > point(small, "midpoint", 8)["seconds_low"]
 
 
@@ -160,13 +160,13 @@ def test_a_stopped_study_goes_on(tmp_path, monkeypatch):
     monkeypatch.setattr(study, "cost", stop_at_third)
     with pytest.raises(KeyboardInterrupt):
         kubo(**given)
-    assert len(read(tmp_path)) == 2  # finished points are there
+    assert len(read(tmp_path)) == 2  # finished points are kept
     monkeypatch.setattr(study, "cost", real)
     whole = kubo(**given)
     assert whole.resumed == 2 and len(whole.rows) == 4
     again = kubo(**given)
     assert again.resumed == 4 and again.rows == whole.rows
-    assert kubo(**{**given, "paths": 80}).resumed == 0  # another study
+    assert kubo(**{**given, "paths": 80}).resumed == 0  # a different study
 
 
 def read(directory):
@@ -248,7 +248,7 @@ def test_page(tmp_path):
     ],
 )
 def test_check_refuses_what_the_study_would(tmp_path, capsys, monkeypatch, line, words):
-    """The values of [study], not its keys alone; a good one is ok."""
+    """The values in [study] are checked, not its keys alone; good ones pass."""
     monkeypatch.setattr(study, "measure", lambda *_: pytest.fail("a point was measured"))
     head, _, _ = (SCENES / "kubo.toml").read_text().partition("[study]")
     (tmp_path / "a.toml").write_text(f"{head}[study]\n{line}\n")
@@ -269,7 +269,7 @@ def test_a_bad_scene_of_a_folder_is_refused_first(tmp_path, monkeypatch, capsys)
     assert "b.toml: [study]: steps: 8" in capsys.readouterr().err
 
 
-# Of a path-step: normals, gradients, Hessians, iterations, solves, LAPACK; None where Newton iterates.
+# For a path-step: normals, gradients, Hessians, iterations, solves, LAPACK; None where Newton iterates.
 LEFT_OUT = {
     "additive_oscillator": (2, 2, 0, 0, 0, 0),
     "driven_pendulum": (2, None, None, None, None, 0),
@@ -308,7 +308,7 @@ def test_every_scene_is_expected():
 
 
 def test_the_reference_where_flows_commute_is_above_the_scheme():
-    """gauss3 is of strong order 3 there, gauss2_strong32 of 2; so is it without noise."""
+    """gauss3 has strong order 3 there, above gauss2_strong32's 2; likewise without noise."""
     given = {"q0": 0.5, "p0": 0.3, "steps": [1, 2, 4], "paths": 40, "horizon": 2.0}
     for noises in (1, 0):
 

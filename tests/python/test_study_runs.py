@@ -17,7 +17,7 @@ GIVEN |= {"repeats": 5}
 
 
 class Clock:
-    """A clock that only the runs of a plan move."""
+    """A clock that the runs of a plan alone advance."""
 
     def __init__(self):
         self.now, self.busy = 100.0, 50.0
@@ -30,7 +30,9 @@ class Clock:
 
 
 def test_costs_of_a_machine_that_is_known(monkeypatch):
-    """A set-up of 3 s, then 2 ms a path and step; repeats are slower by 0, 1, 2, ... %; elapsed time is twice that."""
+    """A set-up of 3 s, then 2 ms for each path and step; repeats are slower by 0, 1, 2, ... %; elapsed time is twice
+    that.
+    """
     clock, runs = Clock(), []
     plan = make_plan(ss.models.kubo(), **GIVEN)
     monkeypatch.setattr(timing, "time", clock)
@@ -47,7 +49,7 @@ def test_costs_of_a_machine_that_is_known(monkeypatch):
     def run(scheme, steps, *, shared, paths, threads):
         assert not shared and threads == 1
         runs.append(paths)
-        slower = 1 + 0.01 * max(0, len(runs) - 3)  # the first for the number of paths, the second to warm
+        slower = 1 + 0.01 * max(0, len(runs) - 3)  # the first counts paths, the second warms up
         seconds = 3.0 + 2e-3 * paths * steps * slower
         clock.busy += seconds
         clock.now += 2 * seconds
@@ -104,7 +106,7 @@ OTHER_STUDIES = [
 
 @pytest.mark.parametrize("changed", OTHER_STUDIES, ids=" ".join)
 def test_a_study_goes_on_only_where_it_is_the_same(changed, tmp_path, monkeypatch):
-    """A point is known again where everything that it depends on is the same."""
+    """A kept point is used again only if everything that it depends on is the same."""
     monkeypatch.setattr(study, "cost", lambda *_: {"seconds": 1.0, "seconds_low": 1.0, "seconds_high": 1.0})
     monkeypatch.setattr(study.WorkPrecision, "save", lambda *_: None)
     given = {"q0": 1.0, "p0": 0.0, "t0": 0.0, "steps": [4, 8], "paths": 60, "schemes": ["midpoint"], "seed": 5}
@@ -117,12 +119,12 @@ def test_a_study_goes_on_only_where_it_is_the_same(changed, tmp_path, monkeypatc
     assert ss.work_precision(**other).resumed == 2 and ss.work_precision(**given).resumed == 2
     alone = ss.work_precision(**{**other, "out": None})
     assert [row["err_strong"] for row in alone.rows] == [row["err_strong"] for row in fresh.rows]
-    if not {"repeats", "invariants", "t0", "truncation"} & set(changed):  # the others change errors
+    if not {"repeats", "invariants", "t0", "truncation"} & set(changed):  # all others change errors
         assert [row["err_strong"] for row in first.rows] != [row["err_strong"] for row in fresh.rows]
 
 
 def mine(strength: float, **changed) -> ss.Model:
-    """A model of one's own, always of the same name, parameters and traits."""
+    """A user's model, always with the same name, parameters and traits."""
 
     def gradient(t, w, q, p):
         return (w[0] + strength * w[1]) * q, w[0] * p
@@ -141,7 +143,7 @@ def mine(strength: float, **changed) -> ss.Model:
     ids=["function", "traits", "invariant", "scheme"],
 )  # fmt: skip
 def test_a_study_knows_functions_apart(changed, tmp_path, monkeypatch):
-    """Models, invariants and schemes of one's own, told apart by what they do, not by their names."""
+    """Models, invariants and schemes of users are distinguished by their values, not by their names."""
     monkeypatch.setattr(study, "cost", lambda *_: {"seconds": 1.0, "seconds_low": 1.0, "seconds_high": 1.0})
     monkeypatch.setattr(study.WorkPrecision, "save", lambda *_: None)
     own = ss.schemes.from_quadrature([0.5 - 0.75**0.5 / 3, 0.5 + 0.75**0.5 / 3], [0.5, 0.5], degree=2, name="own")
@@ -155,7 +157,7 @@ def test_a_study_knows_functions_apart(changed, tmp_path, monkeypatch):
 
 @pytest.mark.parametrize("model", [ss.models.kubo(), ss.models.synchrotron()])
 def test_a_column_for_each_of_many_paths(model, monkeypatch):
-    """More than a block of them; q0 has columns, p0 has not."""
+    """More paths than a block; q0 has a column for each path, p0 has one for all."""
     monkeypatch.setattr(timing, "TARGET", 0.0)
     q0 = np.linspace(0.5, 1.0, 300)[np.newaxis]
     found = ss.work_precision(model, q0=q0, p0=0.0, schemes=["midpoint"], steps=[4, 8], paths=300, repeats=5)
@@ -163,7 +165,7 @@ def test_a_column_for_each_of_many_paths(model, monkeypatch):
 
 
 def test_invariants_that_are_no_numbers():
-    """At the beginning they are refused; at the end of a study they are not taken for kept."""
+    """NaN at the beginning is refused; NaN at the end does not count as conserved."""
     given = {"q0": 1.0, "p0": 0.0, "schemes": ["midpoint"], "steps": [4, 8], "paths": 40, "repeats": 5}
     for function in (lambda q, p: q, lambda q, p: np.log(-q[0]), lambda q, p: q[0] * 1j):
         with (
@@ -192,7 +194,7 @@ def test_a_file_of_state_that_cannot_be_read_costs_only_time(tmp_path, monkeypat
 
 
 def test_the_error_of_a_reference_is_that_of_the_paths_that_it_follows():
-    """Some escape, and are compared with nothing; where most do, there is no reference."""
+    """Some paths of the reference escape and are compared with nothing; if most do, there is no reference."""
     model = ss.models.henon_heiles(sigma1=0.5, sigma2=0.5)
     given = {"q0": 0.2, "p0": 0.0, "steps": [64, 128], "reference": "chin4a", "reference_steps": 512, "paths": 200}
     table = ss.convergence(model, "stormer_verlet", horizon=6.0, **given)
@@ -202,7 +204,7 @@ def test_the_error_of_a_reference_is_that_of_the_paths_that_it_follows():
 
 
 def test_a_scene_with_a_column_for_each_path(tmp_path):
-    """The paths of the scene are those of its study."""
+    """The scene and its study use the same initial states."""
     file = tmp_path / "columns.toml"
     text = '[model]\nname = "kubo"\n[run]\nstep = 0.1\nsteps = 8\nq0 = [{}]\np0 = 0.0\npaths = 50\n'
     file.write_text(
@@ -226,7 +228,7 @@ def test_a_scene_that_goes_backward_needs_a_horizon(tmp_path):
 
 
 def test_the_table_tells_what_made_it(tmp_path):
-    """Model, first states, options and the scene's text, before the rows."""
+    """The table begins with the model, initial states, options and the scene's text."""
     file = tmp_path / "told.toml"
     file.write_text(
         '# one\n[model]\nname = "kubo"\nsigma = 0.3\n[run]\nstep = 0.1\nsteps = 8\nq0 = 1.5\np0 = 0.0\nseed = 9\n'
@@ -244,7 +246,7 @@ def test_the_table_tells_what_made_it(tmp_path):
 
 
 def test_what_is_compared_unless_told(monkeypatch):
-    """Schemes may be the second argument; without any, splittings are among them where drifts and kicks are."""
+    """Schemes may be the second argument; without any, kicks and drifts are included if the model allows them."""
     made = []
     monkeypatch.setattr(study, "_measured", lambda plan, *_: made.append([scheme.name for scheme in plan.schemes]))
     place = {"q0": 0.3, "p0": 0.1, "steps": [4, 8], "paths": 40}

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Every number of a study, of its file, its table, its page and its figure: computed a second time, by other means."""
+"""Every number of a study, its file, table, page and figure, computed a second time by other means."""
 
 import csv
 import math
@@ -14,7 +14,7 @@ from symsde.answers import coupled_errors
 from symsde.answers.expectation.interval import quantile
 from symsde.studies.study import orders, study_figure, study_page, study_words, table
 
-STUDENT = 2.0930240544082634  # 97.5 % of Student's t with 19 degrees of freedom
+STUDENT = 2.0930240544082634  # 97.5 % quantile of Student's t with 19 degrees of freedom
 GIVEN = {"q0": [0.4], "p0": 0.3, "t0": 0.5, "horizon": 1.0, "steps": [4, 8, 16], "paths": 120, "seed": 5}
 GIVEN |= {"schemes": ["midpoint", "heun"], "reference": "gauss2_strong32", "reference_steps": 128, "repeats": 5}
 INVARIANTS = {"one": lambda q, p: q[0] + 2.0, "two": lambda q, p: p[0] ** 2 + q[0] ** 2}
@@ -53,7 +53,7 @@ def by_hand():
             q, p = end(scheme, steps)
             square = ((q - fine[0]) ** 2 + (p - fine[1]) ** 2)[0]
             error = math.sqrt(square.mean())
-            half_width = quantile(120) * square.std(ddof=1) / math.sqrt(120) / (2 * error)  # of a square root
+            half_width = quantile(120) * square.std(ddof=1) / math.sqrt(120) / (2 * error)  # error of a square root
             energies = [x[1] ** 2 / 2 - 4 * np.cos(x[0]) for x in ((q, p), fine)]
             weak = {"q": q - fine[0], "p": p - fine[1], "H": energies[0] - energies[1]}
             changes = [(f(q, p) - f(np.array([0.4]), np.array([0.3]))) / f(np.array([0.4]), np.array([0.3]))
@@ -91,9 +91,9 @@ def test_orders_by_their_definition(result, by_hand):
 
 @pytest.mark.parametrize(("factor", "holds"), [(1.0, True), (1.3, False), (1 / 1.3, False)])
 def test_intervals_of_orders_cover_what_they_say(factor, holds, monkeypatch):
-    """2000 made-up studies of order 1: the share of intervals that hold it is 0.95 up to 0.03.
+    """2000 made-up studies of order 1: 0.95 +- 0.03 of the intervals contain it.
 
-    Half a per cent is a standard error, another per cent the skewness of logarithms; false alarms below 1e-4.
+    A standard error is half a per cent, and the skewness of logarithms adds one per cent; false alarms below 1e-4.
     """
     monkeypatch.setattr(orders, "quantile", lambda units: factor * quantile(units))
     chance = np.random.default_rng(7)
@@ -112,7 +112,7 @@ def test_intervals_of_orders_cover_what_they_say(factor, holds, monkeypatch):
 
 
 def made_up(levels, plateau, **changed):
-    """Rows of order 2 with a plateau below, whose points are far off the line."""
+    """Rows of order 2 down to a plateau, whose points are far off the line."""
     rows = []
     for k in range(levels):
         error = max(0.1 * 4.0**-k, plateau)
@@ -134,7 +134,7 @@ def made_up(levels, plateau, **changed):
     [({"ref_error": 2e-4}, "reference"), ({"size": 1e9}, "rounding"), ({"size": 1e-6}, "diverged")],
 )
 def test_plateaus_are_left_out_of_slopes(changed, status):
-    """Six points fall with order 2, four lie on a plateau that the least squares of all would follow: 1.2."""
+    """Six points fall with order 2, four lie on a plateau; least squares over all would give 1.2."""
     rows = made_up(10, 5e-4)
     assert {row["status"] for row in rows} == {"ok"}
     everything = orders.fitted(rows).value
@@ -192,12 +192,12 @@ def test_the_file_holds_every_number(result):
 
 
 def cell(text):
-    """A number of a table; per cents as such."""
+    """A number in a table; per cents are divided by 100."""
     return None if text == "-" else float(text.rstrip("%"))
 
 
 def test_two_references_are_told_apart(result):
-    """That of schemes of higher order is finer, and the head says which is whose."""
+    """The reference for schemes of higher order is finer, and the heading says which schemes use which."""
     names = [f"chin4a_strong2, {n} steps" for n in (1024, 8192)]
     rows = [{**row, "reference": names[i > 0]} for i, row in enumerate(result.study.rows)]
     head = str(replace(result.study, rows=rows)).partition("\n")[0]
@@ -276,7 +276,7 @@ def test_only_upper_ends_count_as_reached():
     rows = [cost_row("midpoint", 0.1, 9.5e-3, 1e-6), cost_row("gauss2", 0.1, 2e-3, 5e-6)]  # 9.5e-3 + 10 % is above 0.01
     assert [row["scheme"] for row in study_words.cheapest(rows, 0.01)] == ["gauss2"]
     assert [row["scheme"] for row in study_words.cheapest(rows, 0.0105)] == ["midpoint", "gauss2"]
-    assert len(study_words.cheapest(rows, rows[0]["err_strong_high"])) == 2  # an error that is met is reached
+    assert len(study_words.cheapest(rows, rows[0]["err_strong_high"])) == 2  # an error equal to the goal is reached
 
 
 def test_the_table_of_the_page(result):
@@ -322,7 +322,7 @@ def test_what_is_drawn(result):
             rows = [row for row in result.study.rows if row["scheme"] == scheme]
             np.testing.assert_array_equal(bars[0].get_xdata(), [row[x] for row in rows])
             np.testing.assert_array_equal(bars[0].get_ydata(), [row["err_strong"] for row in rows])
-            ends = np.array(bars[2][-1].get_segments())  # of the errors
+            ends = np.array(bars[2][-1].get_segments())  # bars of the errors
             np.testing.assert_allclose(ends[:, 0, 1], [row["err_strong_low"] for row in rows], rtol=1e-12)
             np.testing.assert_allclose(ends[:, 1, 1], [row["err_strong_high"] for row in rows], rtol=1e-12)
             if x == "seconds":
@@ -334,12 +334,12 @@ def test_what_is_drawn(result):
     (front,) = [line for line in left.lines if line.get_label() == "best"]
     best = sorted((row["seconds"], row["err_strong"]) for row in result.study.rows if row["pareto"])
     np.testing.assert_array_equal(np.transpose([front.get_xdata(), front.get_ydata()]), best)
-    assert front.get_drawstyle() == "steps-post"  # an error is kept until something better is paid for
+    assert front.get_drawstyle() == "steps-post"  # the front stays level until a better point
     assert left.get_xlabel() == "run time of a path [s]" and right.get_xlabel() == "step $h$"
 
 
 def test_weak_errors_are_drawn_and_hollow_where_they_may_be_zero(result):
-    """The largest of E q, E p and E H of every point; the bar of a hollow one ends above it alone."""
+    """The largest error of E q, E p and E H of every point; a hollow point may be zero and has only an upper bar."""
     figures = pytest.importorskip("matplotlib.figure")
     made = [cost_row("a", 1.0, 0.2, 1.0, weak_q=-0.3, weak_q_ci=0.1, weak_p=0.2, weak_p_ci=0.01),
             cost_row("a", 0.5, 0.1, 2.0, weak_q=0.01, weak_q_ci=0.03, weak_p=0.0, weak_p_ci=0.2),
@@ -415,7 +415,7 @@ def driven_value(t, w, q, p):
 
 
 def test_energy_that_depends_on_time_is_taken_at_the_end():
-    """H = p^2/2 + q^2/2 + q sin 3t without noise: not an invariant, and its error is one at t0 + horizon."""
+    """H = p^2/2 + q^2/2 + q sin 3t without noise: not an invariant, so its error is taken at t0 + horizon."""
     model = ss.Model(ndof=1, nnoise=0, gradient=driven, value=driven_value, separable=True)
     assert coupled_errors.conserves_energy(model, [0.7]) and not coupled_errors.conserves_energy(model, [0.7, 1.2])
     given = {"q0": 0.0, "p0": 0.3, "t0": 0.7, "horizon": 0.5}

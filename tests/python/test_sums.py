@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Sums over sites in observables, by their values: beside saved paths, and beside the energy that they equal."""
+"""Sums over sites in observables, against saved paths and against the energy."""
 
 import numpy as np
 import pytest
@@ -27,7 +27,7 @@ RUN = {"step": 0.02, "steps": 40, "save_every": 10, "paths": 300, "seed": 2}
 
 @pytest.mark.parametrize("ends", ["free", "fixed", "periodic"])
 def test_the_energy_as_an_observable(ends):
-    """The same text, added up by the code of the model and by that of observables."""
+    """The model's own text as an observable has the values of the energy."""
     found = ss.moments(chain(ends), observables={"h": H}, **RUN, **start())
     np.testing.assert_allclose(found.mean["h"], found.mean_energy, rtol=1e-13)
     np.testing.assert_allclose(found.var["h"][1:], found.var_energy[1:], rtol=1e-10)
@@ -51,8 +51,8 @@ IN_TIME = ("Sum(q[i]*cos(3*t), i)", "t*Sum(q[i+1]*p[i], i)", "Sum(t + q[i], i)/(
 @pytest.mark.parametrize("formula", IN_TIME)
 @pytest.mark.parametrize("paths", [1, 3, 20])
 def test_formulas_beside_a_function_are_taken_at_their_times(formula, paths):
-    """A function of Python is shown several saved times at once, unless a formula beside it reads the time, in sums
-    too: the same values as by itself."""
+    """A Python function gets several saved times at once, unless a formula beside it uses the time, also in sums: its
+    values are the same either way."""
     run = {**RUN, **start(), "paths": paths, "save_every": 1}
     alone = ss.moments(chain("periodic"), observables={"f": formula}, **run)
     beside = ss.moments(chain("periodic"), observables={"f": formula, "own": lambda q, p: q[0] + 0 * p[0]}, **run)
@@ -64,7 +64,7 @@ def test_formulas_beside_a_function_are_taken_at_their_times(formula, paths):
 
 @pytest.fixture(scope="module")
 def beta():
-    """A chain of the library, whose ends are its own: sums over its sites stop where neighbours do."""
+    """A chain of the library with its own ends: sums over sites stop where its bonds do."""
     return ss.models.fpu_chain(n=5, beta=0.7)
 
 
@@ -99,7 +99,7 @@ def test_formulas_of_sums(beta):
 
 
 def test_lanes_far_away(beta):
-    """One path whose sine is asked for far from zero leaves the others their bits."""
+    """One path far from zero, where the sine is slow, leaves the other paths their bits."""
     q0 = np.tile(start(5)["q0"][:, None], (1, 20))
     run = {"p0": 0.0, "step": 1e-3, "steps": 0, "paths": 20}
     shown = {"observables": {"sines": "Sum(sin(q[i]), i)"}, "observers": {"x": observe.Paths((3, 7), of=("sines",))}}
@@ -146,7 +146,7 @@ def test_without_a_compiler_at_the_ends(ends, monkeypatch):
 
 
 def test_any_number_of_sites():
-    """The same code for 100,000 sites, with names of some of them."""
+    """The same code for 100,000 sites, with names for some of them."""
     n = 100_000
     model = chain("periodic", n)
     q = np.cos(0.1 * np.arange(n))[:, None] * [1.0, 2.0]

@@ -79,7 +79,7 @@ def test_the_energy_of_a_run(run):
 
 
 def test_degrees_of_freedom_and_time_are_coordinates(run, moments):
-    """In datasets t is what it is everywhere; time, the name of the dimension, is the same."""
+    """In datasets t is the time, as everywhere; `time`, the dimension's name, has the same values."""
     pytest.importorskip("xarray")
     for data in (run.to_xarray(), moments.to_xarray()):
         assert data.dof.to_numpy().tolist() == [1, 2] and data.dof.attrs["long_name"] == "degree of freedom"
@@ -102,7 +102,7 @@ def test_long_data_frames(run):
 
 @pytest.mark.parametrize("ending", ["nc", "npz", "csv"])
 def test_files_are_loaded_again(ending, run, moments, tmp_path):
-    """What a run has saved has its arrays, tables, texts and figures."""
+    """A loaded run has the arrays, tables, texts and figures of the run that was saved."""
     if ending == "nc":
         pytest.importorskip("netCDF4")
     moments.scene = "first\n\n  third: x"

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Words and numbers in answers, levels and advice: each is compared with an independent number."""
+"""Words and numbers in answers, levels and advice, each against an independent number."""
 
 import dataclasses
 import importlib
@@ -32,13 +32,13 @@ LEVEL = Level(8, 1000, 0.5, 0.1, 0.25, 3.5, 0.6, 0.7, 0.875, 0.0115, 0)
 
 @pytest.fixture(scope="module")
 def pilot():
-    """Of E p^2 of an oscillator with noises on q and p, before anything is chosen."""
+    """The pilot for E p^2 of an oscillator with noises on q and p, before any choice."""
     problem = make_problem(ss.models.additive_oscillator(sigma=0.5, gamma=1.0), "p**2", **PLACE)
     return Pilot(problem, make_tolerance(2e-2, None), Watch(None, False), suitable(problem))
 
 
 def plan_of(pilot, method, level, seconds):
-    """A plan of the first trial at this level of its ladder."""
+    """A plan with the first trial at this level of its ladder."""
     trial = pilot.trials[0]
     steps = trial.steps(level)
     return choice.Plan(method, trial.scheme, steps, steps, seconds, trial.variance, trial.bias(level))
@@ -56,7 +56,7 @@ def test_why_a_plan_was_taken_and_which_were_not(pilot):
 
 
 def test_paths_of_levels_are_all_that_were_computed(pilot):
-    """A value of the first level takes one path, one of the others two; those that failed were computed, too."""
+    """A value of the first level takes one path, a value of another level two; failed paths are counted, too."""
     levels = tuple(
         dataclasses.replace(LEVEL, steps=4 << i, paths=paths, failed=failed)
         for i, (paths, failed) in enumerate([(100, 1), (50, 2), (20, 0)])
@@ -69,7 +69,7 @@ def test_paths_of_levels_are_all_that_were_computed(pilot):
 
 
 def test_what_was_reached_and_what_an_interval_is(pilot):
-    """Within a twentieth of the width that was asked for, 0.02; with less noise than a fifth of the bias, a bound."""
+    """Within a twentieth of the width asked for, 0.02; with noise below a fifth of the bias the answer is a bound."""
     work = Execution(pilot, [plan_of(pilot, "plain", 1, 0.5)])
 
     def finished(half, error, bias):
@@ -89,8 +89,9 @@ def test_what_was_reached_and_what_an_interval_is(pilot):
 
 
 def test_units_of_which_few_differ_vary_as_the_pilot_knows(pilot):
-    """256 paths without an event have no scatter of their own, and 16 scramblings that agree are as many paths; where
-    many units differ, their own variance counts, though the pilot's is larger."""
+    """256 paths without an event have no scatter, and 16 scramblings that agree count as so many paths; where many
+    units differ, their own variance is used, even if the pilot's is larger.
+    """
     for method, few, paths in (("plain", np.zeros(256), 256), (choice.EVEN_LEVELS, np.zeros(16), 2048)):
         work = Execution(pilot, [dataclasses.replace(plan_of(pilot, method, 1, 0.5), variance=9.0)])
         assert work._noises([Drawn(Tally.of(few), 1.0, 0, paths)]) == [9.0 / paths]
@@ -136,13 +137,13 @@ def test_doubts_of_levels_tell_their_size():
 
 def test_rates_and_consistency_of_levels():
     """Means that fall as 2^-2l, variances as 2^-3l and seconds that double: alpha 2, beta 3, gamma 1; the mean of a
-    level and that of the coarse paths of the next one are 3 standard errors of their difference apart."""
+    level and that of the next level's coarse paths differ by 3 standard errors."""
     problem = make_problem(ss.models.synchrotron(), "q", **PLACE)
     sampler = LevelSampler(problem, as_scheme("midpoint"), 4)
     estimate = Estimate(sampler, make_tolerance(1e-2, None), levels=5, first=16, watch=Watch(None, False),
                         known=Tally(1000, 0.0, 999.0, 0.0, 2997.0))  # fmt: skip
     n = 1001
-    apart = 3 * math.sqrt(2 / n)  # of two means of variance 1
+    apart = 3 * math.sqrt(2 / n)  # two means of variance 1
     for i in range(4):
         fine = Tally(n, 2 * i * apart, n - 1.0, 0.0, 3.0 * n)
         variance = 2.0 ** (-3 * i)
@@ -163,7 +164,7 @@ def test_rates_and_consistency_of_levels():
 
 
 def test_a_level_on_which_few_values_differ_varies_as_those_that_were_looked_at():
-    """Level 0 at least as the values of f; a finer one as if one more of its differences were as far from the rest."""
+    """Level 0 has at least the variance of f; a finer level as if one more of its differences were as far out."""
     sampler = LevelSampler(make_problem(ss.models.synchrotron(), "q", **PLACE), as_scheme("midpoint"), 4)
     known = Tally.of(np.arange(1000) % 2.0)
     estimate = Estimate(sampler, make_tolerance(1e-2, None), levels=5, first=16, watch=Watch(None, False), known=known)
@@ -193,7 +194,7 @@ def test_the_limit_that_is_told_is_that_of_the_scheme(monkeypatch):
 
 
 def test_kicks_are_explicit_whatever_else_a_model_declares(monkeypatch):
-    """H = p^2/2 - cos q with noise in position, which does not say that it is separable."""
+    """H = p^2/2 - cos q with noise in position, which does not declare that it is separable."""
     monkeypatch.setattr(sys.modules["symsde.answers.advice.advise"], "scheme_names", lambda *_: ["gauss_dkdkd"])
     model = ss.Model(
         ndof=1, nnoise=1, identity_mass=True, position_noise=True,
@@ -217,7 +218,7 @@ def test_the_pilot_is_told_by_its_finest_steps():
 
 
 def test_changes_of_invariants_are_relative_to_the_first():
-    """Root mean square over 64 paths of max |H - H_0|/|H_0|, by Verlet, which does not keep it."""
+    """Root mean square over 64 paths of max |H - H_0|/|H_0| by Verlet, which does not conserve H."""
     problem = make_problem(ss.models.kubo(sigma=0.8), lambda q, p: q[0], **PLACE)
     seen = Invariants(problem).see(as_scheme("stormer_verlet"), 8)
     run = problem.run(as_scheme("stormer_verlet"), 8, paths=64, save_every=1)
@@ -228,7 +229,7 @@ def test_changes_of_invariants_are_relative_to_the_first():
 
 
 def test_steps_lie_between_the_last_that_misses_and_the_next():
-    """Errors 8, 2, 4, 1 at 4, 8, 16, 32 steps, as differences that fall as 1/4: to 2 by a power law from 16 on."""
+    """Errors 8, 2, 4, 1 with 4, 8, 16, 32 steps, whose differences fall as 1/4: error 2 by a power law from 16 on."""
     problem = make_problem(ss.models.pendulum(), "q", **PLACE)
     ladder = Ladder(problem, as_scheme("midpoint"), Paths(problem), fewest=4)
     ladder.steps = [4, 8, 16, 32]

@@ -61,14 +61,14 @@ FIRST = 3  # the line of the first mistake
 
 
 def mypy(folder):
-    """The command, where it is installed."""
+    """The command, if installed."""
     if importlib.util.find_spec("mypy"):
         return [sys.executable, "-m", "mypy", "--cache-dir", str(folder / "cache"), "--no-color-output"]
     return None
 
 
 def pyright(_folder):
-    """The command, where it is installed; its wheel loads Node.js when it is called first, which no test does."""
+    """The command, if installed; its wheel downloads Node.js in its first call, which no test makes."""
     return [found, "--pythonpath", sys.executable] if (found := shutil.which("pyright")) else None
 
 
@@ -90,7 +90,7 @@ def test_checkers_see_results_and_refuse_mistakes(checker, tmp_path):
 
 
 def test_what_types_say_of_options_is_what_there_is():
-    """The options that a function knows when it runs are those that its types tell."""
+    """The options that a function accepts are those in its type annotations."""
     known = {*setup.OPTIONS, "increments", "q0_low", "p0_low", "scheme"} - {"step", "steps"}
     assert set(setup.RunOptions.__annotations__) == known
     assert set(setup.PathOptions.__annotations__) == known - {"scheme", "save_every", "increments"}

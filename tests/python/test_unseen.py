@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Too few paths show only a part of f: the interval covers the unseen part, or the answer says that it may not."""
+"""Too few paths show only part of f: the interval covers the unseen part, or the answer says that it may not."""
 
 import importlib
 import math
@@ -21,7 +21,7 @@ from symsde.schemes import as_scheme
 
 PLACE = {"q0": 1.0, "p0": 0.0, "horizon": 1.0}
 BUMP = "exp(-1e15*(1 - q)**2)"
-#: what leaves the choice of paths to the seed alone
+#: calls in which the seed alone decides which paths are drawn
 WAYS = [(ss.expect, {"scheme": "midpoint", "method": "plain"}), (ss.mlmc, {"scheme": "midpoint"})]
 
 EXACT = 4.59991e-5  #: P(|1 + 0.3 W(1) - 2 pi k| < arccos(0.99999))
@@ -33,13 +33,13 @@ def rare(q, p):
 
 @pytest.fixture
 def kubo():
-    """q = cos(t + 0.3 W(t)): q > 0.99999 where 0.3 W(1) is within 4.5e-3 of -1, with a probability of 4.6e-5."""
+    """q = cos(t + 0.3 W(t)): q > 0.99999 where 0.3 W(1) is within 4.5e-3 of -1, with probability 4.6e-5."""
     return ss.models.kubo(a=1.0, sigma=0.3)
 
 
 @pytest.fixture
 def blind(monkeypatch):
-    """A pilot that gives up looking after 8192 values: so many show neither of these with 69 and 98 %."""
+    """A pilot that gives up after 8192 values: with 69 and 98 % it sees neither of these events."""
     monkeypatch.setattr(tails, "_MOST", 4096)
 
 
@@ -55,9 +55,9 @@ def test_an_event_that_no_path_showed_is_in_the_interval(kubo, blind, solve, way
 @pytest.mark.parametrize(("solve", "way"), WAYS)
 @pytest.mark.parametrize("given", [{"abs": 1e-5}, {"rel": 0.2}])
 def test_an_event_that_the_pilot_looks_for_is_seen(kubo, solve, way, given):
-    """P = 4.6e-5, at two half widths (8e-5 each). Levels of 256 and 1024 paths do not tell it from 0, which was refused
-    for rel: the pilot's values do. What `expect` measures of the bias hangs on seconds: it may be known to twice its
-    share alone, the square root of 0.9 + 0.4 makes the interval 1.14 times as wide, and the answer says so."""
+    """P = 4.6e-5, at two half widths (8e-5 each). Levels of 256 and 1024 paths do not distinguish P from 0, which rel
+    refuses, but the pilot's values do. How well `expect` knows the bias depends on seconds: known to only twice its
+    share, it makes the interval sqrt(0.9 + 0.4) = 1.14 times as wide, and the answer says so."""
     found = solve(kubo, rare, **PLACE, **given, **way)
     wanted = given.get("abs") or given["rel"] * found.value
     assert abs(found.value - EXACT) < 2 * found.half_width and found.half_width < 1.2 * wanted
@@ -65,7 +65,7 @@ def test_an_event_that_the_pilot_looks_for_is_seen(kubo, solve, way, given):
 
 
 def test_a_bias_is_blamed_where_the_noise_is_as_wanted(kubo):
-    """A half width of 1: noise of 0.9 and bias of 0.6 are 1.08; noise of 1.1 is too few paths."""
+    """A half width of 1: noise of 0.9 and bias of 0.6 give 1.08, blamed on the bias; noise of 1.1 on too few paths."""
     plan = Plan("plain", as_scheme("midpoint"), 4, 4, 1.0, 1.0, (0.0, 0.0))
     pilot = {"tolerance": make_tolerance(1.0, None), "watch": Watch(None, False), "seconds": 0.0}
     work = Execution(SimpleNamespace(problem=make_problem(kubo, "q", **PLACE), **pilot), [plan])
@@ -76,7 +76,7 @@ def test_a_bias_is_blamed_where_the_noise_is_as_wanted(kubo):
 
 @pytest.mark.parametrize(("solve", "way"), WAYS)
 def test_an_event_that_the_pilot_looks_for_in_vain_is_in_the_interval(kubo, solve, way):
-    """P = 4.6e-7, to 1e-5: 2^19 values show one with 21 %, and what they do not show is 3.84/2^19 = 7.3e-6."""
+    """P = 4.6e-7, to 1e-5: 2^19 values show one event with 21 %, and the unseen part is 3.84/2^19 = 7.3e-6."""
     found = solve(kubo, lambda q, p: q[0] > 1 - 1e-9, **PLACE, abs=1e-5, **way)
     assert found.reached and found.interval[0] <= 4.6e-7 <= found.interval[1]
     assert 1.9e-6 < found.half_width <= 1.05e-5
@@ -91,7 +91,7 @@ def test_a_smooth_peak_that_few_paths_meet_is_in_the_interval(kubo, blind, solve
 
 
 def test_flanks_of_a_peak_are_no_unit():
-    """Values of which a few lie on a flank tell not how large f is; all of 1e-140 do."""
+    """Values of which a few lie on a flank do not show how large f is; values that are all 1e-140 do."""
     flank = np.zeros(4096)
     flank[:3] = 1e-140, 1e-200, 1e-235
     tails.require_variance(flank, "f")
@@ -101,7 +101,7 @@ def test_flanks_of_a_peak_are_no_unit():
 
 @pytest.mark.parametrize("solve", [ss.expect, ss.mlmc])
 def test_what_is_constant_stays_an_answer(kubo, solve):
-    """By itself, or because the motion keeps it, to rounding or to the last bit."""
+    """Constant by itself or by conservation, to rounding or to the last bit."""
     free = ss.models.linear_oscillator()
     for model, f, exact in (
         (kubo, lambda q, p: np.full(q.shape[1], 3.0), 3.0),
@@ -114,8 +114,8 @@ def test_what_is_constant_stays_an_answer(kubo, solve):
 
 
 def test_scale_of_what_was_not_seen(kubo):
-    """Of 3000 values: 1.96^2/3000 of the scale (Wilson), and where one differs 1.96 (0.98 + 1.4)/3000. The scale
-    is 1 for truth values, 0 for what varies around the paths."""
+    """For 3000 equal values 1.96^2/3000 of the scale (Wilson); if one differs, 1.96 (0.98 + 1.4)/3000. The scale is 1
+    for truth values, 0 for values that vary between nearby states."""
 
     def hidden(f, *values):
         return unseen(make_problem(kubo, f, **PLACE), as_scheme("midpoint"), 4, Tally.of(np.array(values)))
@@ -167,8 +167,8 @@ def test_ctrl_c_carries_none_before_anything_is_begun(kubo, solve, monkeypatch):
 
 
 def test_scramblings_fit_into_the_time(kubo, monkeypatch):
-    """80 s are reckoned and 10 are there: an eighth of the points, but no fewer than 64."""
-    WorkClock(monkeypatch)  # on a busy machine fewer points fit
+    """The plan needs 80 s and 10 are left: an eighth of the points, but no fewer than 64."""
+    WorkClock(monkeypatch)  # counted work, since on a busy machine fewer points would fit
 
     def points(max_time):
         plan = Plan(EVEN_LEVELS, as_scheme("midpoint"), 4, 4, 80.0, 1.0, (0.0, 0.0), [14])
@@ -192,7 +192,7 @@ def test_the_index_of_a_tail_by_hand():
 
 @pytest.mark.parametrize(("a", "refused"), [(2.5, False), (1.9, False), (1.2, True)])
 def test_a_variance_in_doubt_is_not_refused(a, refused):
-    """4096 values of P(|f| > x) = x^-a tell a to an eighth: 1.9 may be 2."""
+    """4096 values of P(|f| > x) = x^-a give a to an eighth: 1.9 may be 2."""
     x = ((np.arange(2048) + 0.5) / 2048) ** (-1 / a)
     values = np.concatenate([x, -x])
     assert tails.tail_index(values)[0] == pytest.approx(a, rel=0.05)
@@ -204,7 +204,7 @@ def test_a_variance_in_doubt_is_not_refused(a, refused):
 
 
 def escaping():
-    """A q^2 that escapes to 1e6 on two paths of 2^15."""
+    """The mean of q^2 when two paths of 2^15 escape to q^2 = 1e6."""
     rng = np.random.default_rng(5)
     values = rng.standard_normal(2**15) ** 2
     values[:2] = 1e6
@@ -212,8 +212,8 @@ def escaping():
 
 
 def test_paths_that_escape_seldom_are_told_of_by_their_largest_values():
-    """Two of 2^15: the root of their number, 181 values, shows no such tail, the outermost 32 do; of as many values of
-    a normal law squared, or of an event that one of ten thousand shows, they do not. Tallies do not overflow."""
+    """Two of 2^15 values escape: the largest 181, the root of their number, show no heavy tail, but the largest 32 do;
+    for squares of normals, or an event of one in ten thousand, they do not. Tallies do not overflow."""
     tails.require_variance(escaping(), "f")
     with pytest.raises(ss.errors.NumericalError, match="no finite variance"):
         tails.require_variance(escaping(), "f", tails._OUTERMOST)
@@ -225,8 +225,8 @@ def test_paths_that_escape_seldom_are_told_of_by_their_largest_values():
 
 
 def test_an_escape_that_the_pilot_does_not_see_ends_the_work():
-    """A few of 2^15 values carry all variation: they are looked at again, once; a variance that overflows is refused at
-    once, fewer values or those that vary evenly are not."""
+    """If a few of 2^15 values carry all variation, more are drawn, once; a variance that overflows is refused at once,
+    fewer values or evenly varying ones are not."""
     model = ss.models.henon_heiles(sigma1=0.03, sigma2=0.03)
     problem = make_problem(model, "q1**2", q0=0.3, p0=0.0, horizon=10.0, threads=1)
     found, rare = tails.Doubt(problem), np.zeros(2**15)

@@ -11,20 +11,20 @@ from symsde import errors
 
 numba = pytest.importorskip("numba")
 
-SINGLE = 2.0  #: where the functions below return early: the third of eight paths begins there
+SINGLE = 2.0  #: the functions below return early here, where the third of eight paths begins
 TRAITS = {"ndof": 1, "nnoise": 1, "separable": True, "additive": True, "position_noise": True, "identity_mass": True}
 HOW = {"p0": 0.3, "step": 0.1, "steps": 4, "paths": 8, "seed": 1}
 
 
 def starts():
-    """Eight paths, the third at the place where functions return."""
+    """Eight paths, the third at the place where functions return early."""
     q0 = np.linspace(0.5, 1.2, 8)
     q0[2] = SINGLE
     return q0[np.newaxis]
 
 
 def functions(limit=1.5):
-    """H = p^2/2 + q^2/2 + q^4/40, H_1 = q/10: all functions of it, each of which returns 0 at a lane with q > limit."""
+    """H = p^2/2 + q^2/2 + q^4/40, H_1 = q/10: all its functions, each of which returns 0 at a lane with q > limit."""
 
     @numba.cfunc(ss.numba_signature("gradient"))
     def gradient(nlane, ndof, nham, t, w, q, p, hq, hp, user):
@@ -94,7 +94,7 @@ def functions(limit=1.5):
 
 
 def model_of(early):
-    """A model whose function of this kind returns early; its other functions are whole."""
+    """A model in which the function of this kind returns early and all others are complete."""
     whole, cut = functions(np.inf), functions()
     kinds = {"gradient", early, *(() if early in {"gradient_hessian", "hessian_vector"} else ("hessian",))} - {"flow"}
     given = {kind: (cut if kind == early else whole)[kind] for kind in kinds}
@@ -113,8 +113,8 @@ CASES += [("hessian_vector", "gauss2")]
 
 @pytest.mark.parametrize(("early", "scheme"), CASES)
 def test_no_lane_is_silently_wrong(early, scheme):
-    """Path 2 fails in the first step, with the status of what is not finite or not solved; those before it have their
-    own bits, and later lanes of the block, which the function never came to, fail too."""
+    """Path 2 fails in the first step as nonfinite or not solved; paths before it keep their bits, and later lanes of
+    the block, which the function never reached, fail, too."""
     model = model_of(early)
     whole = ss.Model(**TRAITS, **{kind: functions(np.inf)[kind] for kind in ("gradient", "hessian")})
     with pytest.warns(errors.PathsFailedWarning):
@@ -127,13 +127,13 @@ def test_no_lane_is_silently_wrong(early, scheme):
     assert not fine[2:].any()
     assert (run.failed_step[2:] == 0).all()
     if early in {"gradient", "flow"} and scheme in {"symplectic_euler", "stormer_verlet", "heun", "euler_maruyama"}:
-        assert (run.status[2:] == 3).all()  # not a number
+        assert (run.status[2:] == 3).all()  # nonfinite
     assert np.isnan(run.q[1:, :, 2:]).all()
 
 
 @pytest.mark.parametrize("kind", ["gradient", "value", "hessian"])
 def test_what_is_asked_directly(kind):
-    """Values and derivatives at points: NaN from the lane on at which the function returned."""
+    """Values and derivatives at points are NaN from the lane on at which the function returned."""
     model = model_of(kind)
     found = getattr(model, kind)(starts(), np.full((1, 8), 0.3))
     for x in found if isinstance(found, tuple) else (found,):
@@ -141,14 +141,14 @@ def test_what_is_asked_directly(kind):
 
 
 def test_energies():
-    """A mean over paths of which some have no value is no number, and a warning says so."""
+    """A mean over paths some of which have no value is NaN, and a warning says so."""
     with pytest.warns(errors.NotANumberWarning, match="energy"):
         found = ss.moments(model_of("value"), q0=starts(), **HOW)
     assert np.isnan(found.mean_energy[0])
 
 
 def test_division_by_zero_of_numba():
-    """numba leaves a function at a division by zero, unless error_model="numpy": then that lane alone has no number."""
+    """numba leaves a function at a division by zero, unless error_model="numpy": then that lane alone is NaN."""
 
     def slope(nlane, ndof, nham, t, w, q, p, hq, hp, user):
         for i in range(nlane):
@@ -169,7 +169,7 @@ def test_division_by_zero_of_numba():
 
 
 def test_a_callback_of_ctypes_that_returns_early():
-    """As C: 0 is returned and nothing is written."""
+    """As in C: 0 is returned and nothing is written."""
     pointer = ctypes.POINTER(ctypes.c_double)
     kind = ctypes.CFUNCTYPE(ctypes.c_int, *(ctypes.c_int,) * 3, ctypes.c_double, *(pointer,) * 5, ctypes.c_void_p)
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The user's names of coordinates appear wherever results name a coordinate, and a text is one name."""
+"""The user's names of coordinates appear wherever results name a coordinate; a text counts as one name."""
 
 import copy
 import pickle
@@ -94,7 +94,7 @@ def test_a_trajectory_is_one_value_over_another(run):
 
 
 def test_a_text_is_one_name(run, moments):
-    """Not its letters, and a value that is drawn alone takes no other."""
+    """A text is not split into letters, and the only drawn value needs no other name."""
     pytest.importorskip("matplotlib")
     assert labels(run.plot(of="px")) == [("t", "px")] and labels(moments.plot(of="r")) == [("t", "mean r")]
     short = ss.moments(run.model, observables={"r": "x", "rr": "y"}, **START)
@@ -125,7 +125,7 @@ def test_a_text_is_one_name(run, moments):
 
 
 def test_titles_are_whole(model):
-    """However long they are: no line is wider than its figure."""
+    """However long the titles: no line is wider than its figure."""
     pytest.importorskip("matplotlib")
     long = ss.model_from_sympy("p**2/2 + q**2/2", name="a_model_with_a_long_name_" * 4)
     found = ss.moments(long, q0=1.0, p0=0.0, step=0.1, steps=2, paths=10)
@@ -146,7 +146,7 @@ FALLBACKS = [
 
 @pytest.mark.parametrize(("names", "columns"), FALLBACKS)
 def test_names_that_columns_have_for_something_else(names, columns):
-    """Two columns never have one name, and every name can stand in a file."""
+    """Two columns never have one name, and every name is allowed in a file."""
     symbols = {key: [sympy.Symbol(str(x)) for x in given] for key, given in names.items()}
     found = ss.model_from_sympy(sum(x**2 for given in symbols.values() for x in given) / 2, **symbols)
     assert found.coordinates == columns
@@ -224,7 +224,7 @@ def test_files_have_the_names_of_the_model(tmp_path, capsys):
 
 
 def test_an_animation_shows_the_ensemble_at_saved_times(run, tmp_path):
-    """A frame for each saved time, whose points are the paths; the limits hold all of them."""
+    """One frame for each saved time with the paths as points; the limits contain all points."""
     pytest.importorskip("matplotlib")
     for of, (x, y) in {None: (run.q[:, 0], run.p[:, 0]), ("x", "y"): (run.q[:, 0], run.q[:, 1])}.items():
         found = run.animate(of=of, most=30)
@@ -239,7 +239,7 @@ def test_an_animation_shows_the_ensemble_at_saved_times(run, tmp_path):
             assert axes.get_title() == f"formula by midpoint, 30 paths, t = {run.t[i]:g}"
         for values, (low, high) in ((x, axes.get_xlim()), (y, axes.get_ylim())):
             assert low < values[:, :30].min() and values[:, :30].max() < high
-        found._draw_was_started = True  # nothing is to be shown
+        found._draw_was_started = True  # nothing is drawn on a screen
     assert (axes.get_xlabel(), axes.get_ylabel()) == ("x", "y")
     images = pytest.importorskip("PIL.Image")
     run.animate(tmp_path / "moving.gif", rate=10)

@@ -21,7 +21,7 @@ THREE = ((-math.sqrt(3), 1 / 6), (0.0, 2 / 3), (math.sqrt(3), 1 / 6))
 
 
 def outcomes(noises):
-    """(normals, signs, probability) of a step."""
+    """(normals, signs, probability) of all outcomes of a step."""
     pairs = noises * (noises - 1) // 2
     for drawn in itertools.product(THREE, repeat=noises):
         for signs in itertools.product((-1, 1), repeat=pairs):
@@ -90,7 +90,7 @@ NOISES = (sympy.Rational(3, 5) * Q**3 / 3, sympy.Rational(1, 2) * P**2 / 2, symp
 
 
 def coupled(count):
-    """H with the first noises, their derivatives by SymPy."""
+    """H with the first `count` noises, and their derivatives by SymPy."""
     parts = (H, *NOISES[:count])
     first = [[sympy.lambdify((Q, P), sympy.diff(f, x)) for f in parts] for x in (Q, P)]
     second = [[sympy.lambdify((Q, P), sympy.diff(f, x, y)) for f in parts] for x, y in ((Q, Q), (Q, P), (P, P))]
@@ -108,13 +108,13 @@ def coupled(count):
 
 
 def along(f, g):
-    """{f, g}, the change of f along the field of g."""
+    """{f, g}: the change of f along the field of g."""
     return f.diff(X) * g.diff(Y) - f.diff(Y) * g.diff(X)
 
 
 @functools.cache
 def derivatives(f, count, q0, p0):
-    """f, L f, L^2 f, .. at a point, L f = {f, H} + sum_k {{f, H_k}, H_k}/2."""
+    """f, L f, L^2 f, .. at a point, with L f = {f, H} + sum_k {{f, H_k}, H_k}/2."""
     energy, *noises = (RING.from_expr(one.subs({Q: "x", P: "y"})) for one in (H, *NOISES[:count]))
     term, found = RING.from_expr(f.subs({Q: "x", P: "y"})), []
     for _ in range(7):
@@ -131,7 +131,7 @@ def exact_mean(f, count, h, q0, p0):
 @pytest.mark.parametrize("count", [2, 3])
 @pytest.mark.parametrize(("scheme", "order"), [("gauss2_weak2_areas", 3.0), ("gauss2_weak2", 2.0)])
 def test_error_of_one_step(count, scheme, order):
-    """Of E q^2, q p, p^2, q^3: h^3 in one step is order two; without areas and brackets of noises it is h^2."""
+    """Errors of E q^2, q p, p^2, q^3: h^3 in one step is order two; without areas and brackets of noises it is h^2."""
     model, start = coupled(count), (0.6, 0.4)
     sizes = (1 / 32, 1 / 64)
     errors = []
@@ -148,8 +148,8 @@ def test_error_of_one_step(count, scheme, order):
 
 
 def test_runs_draw_what_the_order_wants():
-    """E q^2 and E p^2 at t = 1 in eight steps, 2^18 paths, within 4.5 standard errors (two in 10^5) of the law's own
-    exact mean; the scheme without areas, the planted twin, is not."""
+    """E q^2 and E p^2 at t = 1 in eight steps, 2^18 paths, within 4.5 standard errors (two in 10^5) of the exact mean;
+    the twin, the scheme without areas, is not."""
     model = ss.models.noncommutative_oscillator(s1=0.7, s2=0.9)
     moments = {}
     for scheme in ("gauss2_weak2_areas", "gauss2_weak2"):

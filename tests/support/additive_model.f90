@@ -3,7 +3,7 @@
 !>
 !>    H = (p^2/2)(1 + c sin q) + p^4/20 - cos q,   H_1 = sigma p,   H_2 = -gamma q
 !>
-!> All built-in models with additive noise have noise in p alone, or are quadratic.
+!> Built-in models with additive noise are quadratic, or have noise in p alone.
 module additive_model
    use symsde_base_kinds, only: wp
    use symsde_base_traits, only: model_traits

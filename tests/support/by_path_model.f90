@@ -1,8 +1,8 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> A view of models that differ from path to path: path first + i - 1 has model i of a table, later paths the last one.
+!> A view whose model differs from path to path: path first + i - 1 has model i of a table, later paths the last model.
 !>
-!> Lanes are asked for one by one. A table of one model is a model that is the same for all paths. Rows of chains are
-!> offered where they are asked for.
+!> Each lane is computed by a call of its own. With a table of one model all paths have this model. Rows of chains are
+!> offered if the constructor is told so.
 module by_path_model
    use symsde_base_kinds, only: wp, i8
    use symsde_base_lane_paths, only: lane_paths
@@ -46,7 +46,7 @@ contains
       self%name = 'by path'
    end subroutine new_by_path
 
-   !> A copy whose lanes are told.
+   !> A view of the same table that knows the paths of its lanes.
    subroutine for_paths(self, paths, view)
       class(by_path_type), intent(in), target :: self
       type(lane_paths), pointer, intent(in) :: paths
@@ -61,7 +61,7 @@ contains
       view => told
    end subroutine for_paths
 
-   !> Which models of the table the lanes have.
+   !> For every lane, the index in the table of its model.
    subroutine find_places(self, nlane, place)
       class(by_path_type), intent(in) :: self
       integer, intent(in) :: nlane
@@ -150,7 +150,7 @@ contains
       end do
    end subroutine third_derivative
 
-   !> Rows of each lane, by a strip of it alone.
+   !> Rows of every lane, computed by a strip that holds copies of this lane alone.
    subroutine chain_rows(self, ndof, nnoise, first, last, t, w, q, hq, hqq)
       class(by_path_type), intent(in) :: self
       integer, intent(in) :: ndof, nnoise, first, last

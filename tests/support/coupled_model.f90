@@ -1,10 +1,10 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> A model that no trait helps: mixed derivatives without symmetry, multiplicative noise, nothing separable.
+!> A model without any helpful trait: mixed derivatives without symmetry, multiplicative noise, nothing separable.
 !>
 !>    H   = sum_i (p_i^2 + q_i^2)/2 + c (q_i p_j + q_i^2 p_j^2/2),   j = min(i+1, n)
 !>    H_1 = s sum_i q_i p_j,   H_2 = s sum_i (p_i^2 + q_i^2)/2
 !>
-!> The built-in models have no mixed derivatives; a matrix with its blocks transposed would pass with them.
+!> The built-in models have no mixed derivatives, so they cannot show that a matrix has its blocks transposed.
 module coupled_model
    use symsde_base_kinds, only: wp
    use symsde_base_traits, only: model_traits
@@ -25,7 +25,7 @@ module coupled_model
 
 contains
 
-   !> n degrees of freedom; the Hessian is banded, of width one.
+   !> n degrees of freedom; the Hessian is banded, with bandwidth one.
    subroutine new_coupled(self, n)
       type(coupled_type), intent(out) :: self
       integer, intent(in) :: n

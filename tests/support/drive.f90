@@ -1,5 +1,5 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> Steps and noises driven by plain arrays: the contents of a record or a store of steps are copied in and out.
+!> Steps and noises driven by plain arrays, which are copied into records and stores of steps, and back.
 module drive
    use symsde_base_functionals, only: path_dz, path_areas, functional_set
    use symsde_base_kinds, only: wp, i8
@@ -12,7 +12,7 @@ module drive
 
 contains
 
-   !> One step of a stepper from t, by the weights w, and by dZ and areas where its scheme asks for them.
+   !> One step of a stepper from time t with the weights w, and with dZ and areas if the scheme uses them.
    subroutine take_step(stepper, t, w, q, p, dq, dp, status, z, area)
       class(stepper_type), intent(inout) :: stepper
       real(wp), intent(in) :: t, w(:, 0:), q(:, :), p(:, :)  ! (nlane, 0:nnoise), (nlane, ndof)
@@ -26,7 +26,7 @@ contains
       call stepper%increment(step, q, p, dq, dp, status)
    end subroutine take_step
 
-   !> A record of one step; it lives as long as the store.
+   !> A record of one step. It points into the store, which must outlive it.
    subroutine record_of(store, step, t, w, z, area)
       type(step_store), intent(out), target :: store
       type(step_record), intent(out) :: step
@@ -43,7 +43,8 @@ contains
       call store%show(0, t, step)
    end subroutine record_of
 
-   !> The steps from 2*pair on, as many as w has; z and area are those that the source was asked for. Adds to drawn.
+   !> As many steps as w holds, from step 2*pair on; z and area are present if the source was asked for them. The number
+   !> of normals drawn is added to drawn.
    subroutine fill_steps(noise, path, pair, w, drawn, nreal, z, area)
       class(noise_type), intent(in) :: noise
       integer(i8), intent(in) :: path(:), pair

@@ -1,13 +1,14 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> A chain whose Hamiltonians all depend on time, and the same system with time as a coordinate.
+!> A chain whose Hamiltonians all depend on time, and an extended system that has time as a coordinate.
 !>
 !>    H   = p.p/2 + sum_i [(1 + 0.3 sin(3t+i)) q_i^2/2 + (1 + 0.4 t) q_i^4/4] + 0.2 cos(2t) sum_i q_i q_{i+1}
 !>    H_1 = -0.5 (1 + 0.8 sin 4t) sum_i cos(i) q_i
 !>    H_2 = 0.3 (1 + t) times    0,   sum_i sin q_i,   sum_i sin(i) p_i   or   sum_i q_i p_i
 !>
-!> In the extended system q_{n+1} = t and H gains p_{n+1}: time stands still in every noise and runs with h in the
-!> drift, so a scheme that takes H at the times of its stages makes the very same step. Or p_{n+1} = t, and H
-!> loses q_{n+1}. The partner of time is left alone: nothing depends on it.
+!> In the extended system q_{n+1} = t and H gains the term p_{n+1}: time grows by h under the drift and not at all under
+!> a noise, so a scheme that evaluates H at the times of its stages must give the same step for both systems. With
+!> as_momentum, p_{n+1} = t and H loses q_{n+1}. Nothing depends on the variable conjugate to time, and the tests ignore
+!> it.
 module driven_model
    use symsde_base_kinds, only: wp
    use symsde_base_traits, only: model_traits
@@ -26,14 +27,14 @@ module driven_model
 
    type, extends(model_type) :: extended_type
       type(driven_type) :: inner
-      logical :: as_momentum = .false.  !! time is the last momentum, not the last coordinate
+      logical :: as_momentum = .false.  !! time is the last momentum instead of the last coordinate
    contains
       procedure :: gradient => extended_gradient
    end type extended_type
 
 contains
 
-   !> n masses with bands of the given width declared, 1 or more.
+   !> n masses; a bandwidth of 1 or more is declared.
    subroutine new_driven(self, n, bandwidth, noise)
       type(driven_type), intent(out) :: self
       integer, intent(in) :: n, bandwidth, noise
@@ -83,7 +84,7 @@ contains
       end do
    end subroutine driven_gradient
 
-   !> Lane by lane, each at its own time.
+   !> Every lane by a call of its own, since each has its own time.
    subroutine extended_gradient(self, nlane, ndof, nnoise, t, w, q, p, hq, hp)
       class(extended_type), intent(in) :: self
       integer, intent(in) :: nlane, ndof, nnoise

@@ -34,13 +34,13 @@ static void gives(void *memory) {
       atomic_fetch_sub(&held, (long long)malloc_usable_size(memory));
 }
 
-/* from now on */
+/* start watching: the bytes held at this moment are the base */
 void heap_watch(void) {
    begin = held;
    most = held;
 }
 
-/* the most bytes held since then, beyond those that were held then */
+/* the most bytes held at one time since heap_watch, less the bytes held at that call */
 double heap_most(void) {
    return (double)(most - begin);
 }

@@ -1,5 +1,5 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> Models with some of their kernels withheld, so that the general way is compared with the fast one.
+!> Models with some of their kernels hidden, so that a test compares the general way with the fast one.
 module kernels_in_tests
    use symsde_model_abstract, only: model_type
    use symsde_model_kernels, only: kernel_model
@@ -9,7 +9,8 @@ module kernels_in_tests
 
 contains
 
-   !> Set which kernels a model says it has; an absent argument changes nothing. A model without kernels stays as it is.
+   !> Say which kernels a model offers; an absent argument changes nothing, and a model without kernels is left as it
+   !> is.
    subroutine offer(model, angle, rows)
       class(model_type), intent(inout) :: model
       logical, intent(in), optional :: angle, rows

@@ -1,10 +1,10 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> Springs between unequal masses, with a quartic term, and noise in position; momenta may be tied by the mass matrix.
+!> Springs between unequal masses, with a quartic term and noise in position; the mass matrix may couple momenta.
 !>
 !>    H   = p.R p/2 + sum_i (kappa q_i^2/2 + 0.3 q_i^4/4) + 0.4 sum_{i<n} (q_{i+1} - q_i)^2/2,   R = M^-1
 !>    H_1 = 0.3 sum_i q_i^2/2
 !>
-!> R is diagonal, 1/2.3, 1/0.7, 1/1.9, 1/0.35 and again, and has `tie` beside the diagonal.
+!> The diagonal of R is 1/2.3, 1/0.7, 1/1.9, 1/0.35, repeated; the entries beside the diagonal are `tie`.
 module masses
    use symsde_base_kinds, only: wp
    use symsde_base_traits, only: model_traits
@@ -15,7 +15,7 @@ module masses
 
    type, extends(model_type) :: masses_type
       real(wp) :: kappa = 0.9_wp, tie = 0
-      real(wp) :: rate = 0            !! R grows with time, by the factor 1 + rate t: then the mass is not constant
+      real(wp) :: rate = 0 !! R grows with time by the factor 1 + rate t, so with rate /= 0 the mass is not constant
       real(wp), allocatable :: r(:)   !! the diagonal of R (ndof)
    contains
       procedure :: gradient
@@ -24,7 +24,7 @@ module masses
 
 contains
 
-   !> n masses; bands are declared if there are any.
+   !> n masses; bands are declared if the argument is present.
    subroutine new_masses(self, n, tie, bands)
       type(masses_type), intent(out) :: self
       integer, intent(in) :: n
@@ -40,7 +40,7 @@ contains
       if (bands) self%traits%bandwidth = 1
    end subroutine new_masses
 
-   !> Terms are added one after the other: their bits do not depend on the number of lanes.
+   !> Terms are added one after the other, so that their bits do not depend on the number of lanes.
    subroutine gradient(self, nlane, ndof, nnoise, t, w, q, p, hq, hp)
       class(masses_type), intent(in) :: self
       integer, intent(in) :: nlane, ndof, nnoise

@@ -1,5 +1,5 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> Degrees of freedom that all feel each other, at a cost that grows like their number: dense Hessians.
+!> Every degree of freedom is coupled to every other: dense Hessians, gradients at a cost proportional to ndof.
 !>
 !>    H   = sum_i (p_i^2 + kappa_i q_i^2)/2 + (c/2n) sum_ij (1 - cos(q_i - q_j)) + n b L^2/2
 !>    H_1 = -sigma sum_i cos(i) q_i,   L = (1/n) sum_i q_i p_i
@@ -27,7 +27,7 @@ module mean_field_model
       procedure :: hessian_vector
    end type mean_field_type
 
-   !> The same of which only the gradient is known.
+   !> The same model with its gradient alone.
    type, extends(model_type) :: bare_type
       type(mean_field_type) :: whole
    contains
@@ -72,7 +72,7 @@ contains
       call self%whole%gradient(nlane, ndof, nnoise, t, w, q, p, hq, hp)
    end subroutine bare_gradient
 
-   !> The spring of degree i.
+   !> Stiffness of the spring of degree i.
    pure real(wp) function spring(self, i)
       class(mean_field_type), intent(in) :: self
       integer, intent(in) :: i
@@ -80,7 +80,7 @@ contains
       spring = 1 + (self%kappa - 1)*(real(i, wp)/self%traits%ndof)**2
    end function spring
 
-   !> The means over the degrees of freedom.
+   !> Means over the degrees of freedom: of cos q, sin q and q p.
    pure subroutine means(nlane, ndof, q, p, mx, my, l)
       integer, intent(in) :: nlane, ndof
       real(wp), intent(in) :: q(nlane, ndof), p(nlane, ndof)

@@ -1,5 +1,5 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> Positions and momenta that feel each other, lane by lane: the bits of a lane do not depend on how many there are.
+!> Positions and momenta coupled by H; a loop over lanes, so that the bits of a lane do not depend on their number.
 !>
 !>    H   = p.p/2 + b (q.p)^2/2 + (q.q)^2/4
 !>    H_1 = sigma q.p

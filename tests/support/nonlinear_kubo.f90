@@ -1,7 +1,7 @@
 ! SPDX-License-Identifier: BSD-3-Clause
 !> A nonlinear oscillator with a quadratic invariant: I = (p^2+q^2)/2, H = I + I^2/2, H_1 = sigma I.
 !>
-!> Newton's iteration is needed, and the midpoint rule keeps I exactly: what drifts is the solver.
+!> Each step needs Newton's iteration, and the midpoint rule keeps I exactly: any drift of I is an error of the solver.
 module nonlinear_kubo
    use symsde_base_kinds, only: wp
    use symsde_base_traits, only: model_traits

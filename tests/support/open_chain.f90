@@ -1,5 +1,5 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> A chain that leaves the entry right of its last diagonal entry undefined, as it may: what stands there is no number.
+!> A chain that writes NaN into the entry right of its last diagonal entry, which models may leave undefined.
 module open_chain
    use, intrinsic :: ieee_arithmetic, only: ieee_value, ieee_quiet_nan
    use symsde_base_kinds, only: wp
@@ -11,7 +11,7 @@ module open_chain
    public :: open_chain_type, new_open_chain
 
    type, extends(fpu_chain_model) :: open_chain_type
-      logical :: loose = .false.  !! no springs at all: its masses fly freely
+      logical :: loose = .false.  !! no springs: the masses move freely
    contains
       procedure :: chain_rows
    end type open_chain_type

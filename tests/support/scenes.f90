@@ -1,7 +1,7 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> Helpers that the suites share: models and schemes by name, single steps, Gauss-Hermite nodes, slopes.
+!> Helpers of the suites: models and schemes by name, single steps, Gauss-Hermite nodes, fitted slopes.
 !>
-!> A scene that cannot be set up ends the program: that is a mistake of the suite, not a result.
+!> A scene that cannot be set up ends the program: the mistake is in the suite, so no test should report it.
 module scenes
    use drive, only: fill_steps
    use symsde_base_counters, only: counters_type
@@ -33,8 +33,8 @@ contains
       call require(error)
    end function model_of
 
-   !> The same into a variable. Assignment of a polymorphic result to a variable that holds a model of another
-   !> size corrupts memory with gfortran 12.
+   !> The same as a subroutine: with gfortran 12, assigning a polymorphic function result to a variable that holds a
+   !> model of another size corrupts memory.
    subroutine make_model(model, name, values)
       class(model_type), allocatable, intent(out) :: model
       character(*), intent(in) :: name
@@ -54,7 +54,7 @@ contains
       call require(error)
    end function scheme_of
 
-   !> The stepper that the factory chooses.
+   !> The stepper that the factory chooses for model, scheme and options.
    subroutine stepper_of(stepper, model, scheme, options, nlane)
       class(stepper_type), allocatable, intent(out) :: stepper
       class(model_type), intent(in), target :: model
@@ -67,7 +67,7 @@ contains
       call require(error)
    end subroutine stepper_of
 
-   !> End the program where setting up a scene has failed.
+   !> End the program if setting up a scene has failed.
    subroutine require(error)
       type(error_type), allocatable, intent(in) :: error
 
@@ -105,7 +105,7 @@ contains
       integer :: n, i, k
 
       n = size(x)
-      z = 2.5_wp*sqrt(n + 1.0_wp)  ! above the largest zero; the zeros follow from right to left by deflation
+      z = 2.5_wp*sqrt(n + 1.0_wp)  ! starts above the largest zero; deflation finds the zeros from right to left
       do i = 1, n
          do k = 1, 500
             call hermite(n, z, value, slope)
@@ -121,7 +121,7 @@ contains
       weight = weight/sum(weight)
    end subroutine hermite_nodes
 
-   !> The orthonormal Hermite polynomial of degree n and its derivative, sqrt(n) times the one before.
+   !> The orthonormal Hermite polynomial of degree n, and its derivative: sqrt(n) times the polynomial of degree n - 1.
    pure subroutine hermite(n, z, value, slope)
       integer, intent(in) :: n
       real(wp), intent(in) :: z
@@ -139,7 +139,7 @@ contains
       slope = sqrt(real(n, wp))*before
    end subroutine hermite
 
-   !> Slope of the straight line of least squares through (log x, log y).
+   !> Slope of the least-squares line through (log x, log y).
    pure real(wp) function slope_of(x, y)
       real(wp), intent(in) :: x(:), y(:)
       real(wp) :: lx(size(x)), ly(size(x))
@@ -160,8 +160,8 @@ contains
       end do
    end function hash_of
 
-   !> What takes one path of a model by itself, as increments; not allocated where nothing does. The task is kept by who
-   !> asks, as a target.
+   !> The stepper for a single path of this model, returning increments; not allocated if there is none. The caller
+   !> keeps the task, to which the stepper points.
    subroutine single_path_of(single, task, model, scheme)
       class(stepper_type), allocatable, intent(out) :: single
       type(stepper_task), intent(inout), target :: task

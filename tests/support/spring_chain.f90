@@ -1,11 +1,11 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> Springs between neighbours and to the ground, a quartic term, and additive noise that may move positions.
+!> Springs between neighbours and to the ground, a quartic term, and additive noise that may act on positions.
 !>
 !>    H   = sum_i p_i^2/2 + sum_i (kappa q_i^2/2 + beta q_i^4/4) + (c/2) sum_{i<n} (q_{i+1} - q_i)^2
 !>    H_1 = sum_i (a p_i - s cos(i) q_i)
 !>
-!> One model that may be declared dense, banded or tridiagonal, with rows of its own or without, with analytic
-!> derivatives or with gradients alone: the step is the same.
+!> The same model may be declared dense, banded or tridiagonal, with or without rows, with analytic derivatives or with
+!> gradients alone: the step must be the same each time.
 module spring_chain
    use symsde_base_kinds, only: wp
    use symsde_base_traits, only: model_traits, strip_lanes
@@ -26,7 +26,7 @@ module spring_chain
 
 contains
 
-   !> n masses; the Hessian is declared dense, and everything is analytic.
+   !> n masses; the Hessian is declared dense, and all derivatives are analytic.
    subroutine new_spring_chain(self, n, kappa, c, beta, a, s)
       type(spring_chain_type), intent(out) :: self
       integer, intent(in) :: n
@@ -75,7 +75,7 @@ contains
       end do
    end subroutine gradient
 
-   !> The diagonal entry of row i without its weight.
+   !> The diagonal entry of row i, not multiplied by the weight of H.
    pure subroutine diagonal(self, nlane, i, q, k)
       class(spring_chain_type), intent(in) :: self
       integer, intent(in) :: nlane, i

@@ -1,5 +1,5 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> A stiff spring and a soft one with a noise on each momentum; the map of a step is linear.
+!> A stiff spring, a soft spring, and a noise on each momentum; the map of a step is linear.
 !>
 !>    H = (p.p + omega^2 q_1^2 + (q_2 - q_1)^2)/2,   H_k = -sigma q_k        E H = H_0 + sigma^2 t
 module stiff_model

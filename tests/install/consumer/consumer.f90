@@ -1,5 +1,5 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> A stranger's program: the installed module files and library, nothing else of the project.
+!> A program outside the project: it uses the installed module files and library alone.
 program consumer
    use symsde, only: wp, i8, error_type, kubo_model, new_kubo, scheme_type, get_scheme
    use symsde, only: run_options, paths_type, simulate

@@ -1,5 +1,5 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> What `fpm test` runs: known answers of a library that was built by other flags than CMake's. The suites need CMake.
+!> The program of `fpm test`: known answers of a library built with other flags than CMake's. The unit tests need CMake.
 program known
    use symsde, only: error_type, get_scheme, i8, kubo_model, library_version, moments, moments_type, new_kubo
    use symsde, only: paths_type, run_options, scheme_type, simulate, wp
@@ -28,7 +28,7 @@ program known
    call moments(model, scheme, run_options(step=0.02_wp, nstep=500_i8, npath=20000_i8, seed=1_i8, save_every=500_i8), &
                 q0=[1.0_wp], p0=[0.0_wp], result=mean, error=error)
    if (allocated(error)) call require(.false., error%message)
-   ! E q(t) = exp(-sigma^2 t/2) cos(a t); five standard errors of 20000 paths, and the step's error below 2e-3
+   ! E q(t) = exp(-sigma^2 t/2) cos(a t); five standard errors of 20000 paths, and 2e-3 for the error of the step
    exact = exp(-0.045_wp*10)*cos(10.0_wp)
    call require(abs(mean%mean(1, 2) - exact) < 5*0.7_wp/sqrt(20000.0_wp) + 2e-3_wp, 'the mean of q at t = 10')
    print '(2a)', 'all as known, symsde ', library_version
