@@ -163,6 +163,12 @@ int symsde_model_set_derived(symsde_model model, symsde_error *error);
  * of freedom or one for each [1/time]. Rates of zero take it back. A negative rate needs allow_gain. No run may be using
  * the model. Tableaux execute it, and free drifts with kicks; other schemes are refused */
 int symsde_model_set_damping(symsde_model model, int nrate, const double *rates, int allow_gain, symsde_error *error);
+/* put a model into a heat bath: dp_i = .. - gamma_i p_i dt, and after the noises of the model one for each degree of freedom,
+ * H_k = -sigma_i q_i with sigma_i^2 = 2 gamma_i m_i/beta_i; then exp(-beta H) is stationary, where the model has no other
+ * noise. gamma [1/time] and beta = 1/kT [1/energy] are one number each, or one for each degree of freedom. Needs H =
+ * sum_i p_i^2/(2 m_i) + U(q), declared as identity_mass or constant_mass. Functions of the model are set before */
+int symsde_model_thermostat(symsde_model model, int ngamma, const double *gamma, int nbeta, const double *beta,
+                            symsde_error *error);
 int symsde_model_delete(symsde_model *model);
 /* the traits of a model; rotation and silent point into the model and are valid as long as it exists */
 int symsde_model_traits(symsde_model model, symsde_traits *traits, symsde_error *error);

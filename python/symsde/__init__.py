@@ -38,6 +38,7 @@ from .errors import (
 from .model.commutator import Commutator, commutator
 from .model.definition import Model, Traits
 from .model.formulas import FormulaModel, model_from_sympy
+from .model.thermostat import thermostat
 from .native.build import build_info
 from .native.callbacks import numba_signature, numba_sincos
 from .native.handles import status_text
@@ -123,5 +124,6 @@ __all__ = [
     "simulate",
     "status_text",
     "step",
+    "thermostat",
     "work_precision",
 ]

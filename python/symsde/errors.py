@@ -146,6 +146,10 @@ class UnusedParameterWarning(UserWarning):
     """A parameter of formulas that none of them holds."""
 
 
+class OwnNoiseWarning(UserWarning):
+    """A model in a heat bath has noises of its own, which heat it beside the bath."""
+
+
 class BudgetWarning(UserWarning):
     """The time limit was too short for the interval that was asked for."""
 

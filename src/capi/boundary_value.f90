@@ -12,7 +12,6 @@ module symsde_capi_boundary_value
    use symsde_diagnose_boundary_value, only: stationary_path
    use symsde_ensemble_options, only: run_options
    use symsde_model_abstract, only: model_type
-   use symsde_model_user_callback, only: callback_model
    use symsde_scheme_scheme, only: scheme_type
    implicit none
    private
@@ -28,7 +27,7 @@ contains
       integer(c_int) :: status
       type(error_type), allocatable :: refusal
       class(model_type), pointer :: m
-      type(callback_model), target :: own
+      class(model_type), allocatable, target :: own
       type(scheme_type), pointer :: s
       type(run_options) :: o
       type(callback_monitor) :: monitor

@@ -13,7 +13,6 @@ module symsde_capi_commutator
    use symsde_capi_text, only: put_text
    use symsde_diagnose_commutator, only: commutator, commutator_type
    use symsde_model_abstract, only: model_type
-   use symsde_model_user_callback, only: callback_model
    implicit none
    private
    public :: symsde_commutator
@@ -34,7 +33,7 @@ contains
       type(error_type), allocatable :: refusal
       type(commutator_type) :: found
       class(model_type), pointer :: m
-      type(callback_model), target :: own
+      class(model_type), allocatable, target :: own
       real(wp), pointer, contiguous :: qs(:, :), ps(:, :), largest(:)
       integer(c_int32_t), pointer :: flags(:)
       type(callback_monitor) :: monitor

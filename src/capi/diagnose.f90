@@ -17,7 +17,6 @@ module symsde_capi_diagnose
    use symsde_diagnose_symplecticity, only: symplecticity_defect
    use symsde_ensemble_options, only: run_options
    use symsde_model_abstract, only: model_type
-   use symsde_model_user_callback, only: callback_model
    use symsde_scheme_scheme, only: scheme_type
    implicit none
    private
@@ -36,7 +35,7 @@ contains
       integer(c_int) :: status
       type(error_type), allocatable :: refusal
       class(model_type), pointer :: m
-      type(callback_model), target :: own
+      class(model_type), allocatable, target :: own
       type(scheme_type), pointer :: s
       type(run_options) :: o
       type(callback_monitor) :: monitor
@@ -84,7 +83,7 @@ contains
       integer(c_int) :: status
       type(error_type), allocatable :: refusal
       class(model_type), pointer :: m
-      type(callback_model), target :: own
+      class(model_type), allocatable, target :: own
       type(scheme_type), pointer :: s
       type(run_options) :: o
       type(run_input) :: from
@@ -116,7 +115,7 @@ contains
       integer(c_int) :: status
       type(error_type), allocatable :: refusal
       class(model_type), pointer :: m
-      type(callback_model), target :: own
+      class(model_type), allocatable, target :: own
       type(scheme_type), pointer :: s
       type(run_options) :: o
       type(callback_monitor) :: monitor
@@ -143,7 +142,7 @@ contains
    !> Model, scheme and options of a diagnosis; no failure of a callback yet.
    subroutine read_run(model, scheme, options, own, m, s, o, error, monitor)
       type(c_ptr), intent(in) :: model, scheme, options
-      type(callback_model), intent(inout), target :: own   !! of use_model
+      class(model_type), allocatable, intent(inout), target :: own   !! of use_model
       class(model_type), pointer, intent(out) :: m
       type(scheme_type), pointer, intent(out) :: s
       type(run_options), intent(out) :: o

@@ -12,7 +12,6 @@ module symsde_capi_evaluate
    use symsde_capi_error, only: finish, require, check_sizes
    use symsde_capi_model, only: use_model
    use symsde_model_abstract, only: model_type
-   use symsde_model_user_callback, only: callback_model
    implicit none
    private
    public :: symsde_model_value, symsde_model_gradient, symsde_model_hessian
@@ -24,7 +23,7 @@ module symsde_capi_evaluate
    !> not allocated.
    type :: points_type
       class(model_type), pointer :: model => null()
-      type(callback_model) :: own   !! the user's model, if the handle has one
+      class(model_type), allocatable :: own   !! the user's model, if the handle has one
       integer(i8) :: npath = 0
       integer :: ndof = 0, nnoise = 0, nlane = 0
       real(wp), pointer, contiguous :: w(:, :) => null(), q(:, :) => null(), p(:, :) => null()

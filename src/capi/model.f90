@@ -18,12 +18,13 @@ module symsde_capi_model
    use symsde_capi_text, only: read_text, put_text, lines
    use symsde_model_abstract, only: model_type
    use symsde_model_user_callback, only: callback_model, new_callback_model
+   use symsde_model_views_thermostat, only: thermostat_model, new_thermostat
    use symsde_model_catalogue_by_name, only: get_model, model_names, tabulate
    implicit none
    private
-   public :: find_model, use_model
+   public :: find_model, use_model, copy_model
    public :: symsde_model_names, symsde_model_parameters, symsde_model_get
-   public :: symsde_model_set_damping
+   public :: symsde_model_set_damping, symsde_model_thermostat
    public :: symsde_model_new, symsde_model_delete, symsde_model_traits, symsde_model_probe
 
    integer(i8), parameter :: tag_of_model = int(z'6D6F64656C', i8)  !! 'model'; cleared when the handle is deleted
@@ -60,7 +61,7 @@ contains
    !> record of failure, and of the threads that share a handle each shall hear of its own failures alone.
    subroutine use_model(handle, own, model, error)
       type(c_ptr), intent(in) :: handle
-      type(callback_model), intent(inout), target :: own  !! lives as long as model is used
+      class(model_type), allocatable, intent(inout), target :: own  !! lives as long as model is used
       class(model_type), pointer, intent(out) :: model
       type(error_type), allocatable, intent(inout) :: error
 
@@ -69,10 +70,38 @@ contains
       if (.not. associated(model)) return
       select type (shared => model)
       type is (callback_model)
-         own = shared
+         call copy_model(shared, own)
+         model => own
+      type is (thermostat_model)
+         call copy_model(shared, own)
          model => own
       end select
    end subroutine use_model
+
+   !> A copy of a model. One of callbacks owns a record of failure, which allocate(source=) would share, and so does a
+   !> bath around it.
+   recursive subroutine copy_model(from, to)
+      class(model_type), intent(in) :: from
+      class(model_type), allocatable, intent(out) :: to
+
+      select type (from)
+      type is (callback_model)
+         allocate (callback_model :: to)
+         select type (to)
+         type is (callback_model)
+            to = from
+         end select
+      type is (thermostat_model)
+         allocate (thermostat_model :: to)
+         select type (to)
+         type is (thermostat_model)
+            call to%copy_bath(from)
+            call copy_model(from%inner, to%inner)
+         end select
+      class default
+         allocate (to, source=from)
+      end select
+   end subroutine copy_model
 
    !> Names of the built-in models, one a line.
    function symsde_model_names(buffer, size, needed) result(status) bind(c, name='symsde_model_names')
@@ -181,6 +210,35 @@ contains
       status = finish(refusal, error)
    end function symsde_model_set_damping
 
+   !> Put a model into a heat bath: damped momenta, and additive noises after its own, one for each degree of freedom.
+   function symsde_model_thermostat(model, ngamma, gamma, nbeta, beta, error) result(status) &
+      bind(c, name='symsde_model_thermostat')
+      type(c_ptr), intent(in), value :: model, gamma, beta, error
+      integer(c_int), intent(in), value :: ngamma, nbeta
+      integer(c_int) :: status
+      type(error_type), allocatable :: refusal
+      class(model_type), pointer :: known
+      type(thermostat_model), allocatable :: bath
+      type(model_handle), pointer :: holder
+      real(wp), pointer, contiguous :: rates(:), betas(:)
+
+      call find_model(model, known, refusal)
+      call require(gamma, 'gamma', refusal)
+      call require(beta, 'beta', refusal)
+      if (min(ngamma, nbeta) < 1) call raise(refusal, invalid_argument, 'symsde_model_thermostat', 'ngamma = '// &
+                                             to_text(ngamma)//', nbeta = '//to_text(nbeta)//': give one number of '// &
+                                             'each, or one for each degree of freedom')
+      if (.not. allocated(refusal)) then
+         call view(gamma, int(ngamma, i8), rates)
+         call view(beta, int(nbeta, i8), betas)
+         call c_f_pointer(model, holder)
+         allocate (bath)
+         call new_thermostat(bath, holder%model, rates, betas, refusal)
+         if (.not. allocated(refusal)) call move_alloc(bath, holder%model)
+      end if
+      status = finish(refusal, error)
+   end function symsde_model_thermostat
+
    !> Delete a model and set its handle to NULL; NULL is accepted.
    function symsde_model_delete(model) result(status) bind(c, name='symsde_model_delete')
       type(c_ptr), intent(in), value :: model
@@ -231,7 +289,7 @@ contains
       integer(c_int) :: status
       type(error_type), allocatable :: refusal
       class(model_type), pointer :: known
-      type(callback_model), target :: own
+      class(model_type), allocatable, target :: own
       real(wp), pointer, contiguous :: q(:), p(:)
       integer :: code
 

@@ -14,7 +14,6 @@ module symsde_capi_observer
    use symsde_ensemble_options, only: run_options
    use symsde_ensemble_observe_streaming, only: observer_request, observed_run, observed_type
    use symsde_model_abstract, only: model_type
-   use symsde_model_user_callback, only: callback_model
    implicit none
    private
    public :: symsde_observer_init, symsde_observer_sizes, symsde_observer_merge, symsde_observer_answer
@@ -134,7 +133,7 @@ contains
       integer(i8), intent(out) :: answers
       type(error_type), allocatable, intent(inout) :: error
       class(model_type), pointer :: m
-      type(callback_model), target :: own
+      class(model_type), allocatable, target :: own
       type(run_options) :: o
       type(observer_request) :: request
       type(observed_run) :: run

@@ -21,7 +21,6 @@ module symsde_capi_paths
    use symsde_ensemble_run_report, only: run_report
    use symsde_ensemble_run_simulate, only: fill_times
    use symsde_model_abstract, only: model_type
-   use symsde_model_user_callback, only: callback_model
    use symsde_scheme_scheme, only: scheme_type
    implicit none
    private
@@ -67,7 +66,7 @@ contains
       integer(c_int) :: status
       type(error_type), allocatable :: refusal
       class(model_type), pointer :: m
-      type(callback_model), target :: own
+      class(model_type), allocatable, target :: own
       type(scheme_type), pointer :: s
       type(run_options) :: o
       type(run_input) :: from

@@ -8,7 +8,7 @@ module symsde_capi_run
    use symsde_base_status, only: error_type, raise, null_handle, out_of_memory
    use symsde_capi_error, only: finish, require, take_struct, give_struct
    use symsde_capi_input, only: run_input, read_input, read_drive
-   use symsde_capi_model, only: find_model
+   use symsde_capi_model, only: copy_model, find_model
    use symsde_capi_options, only: read_options
    use symsde_capi_paths, only: read_saved
    use symsde_capi_report, only: check_report, give_report, end_run
@@ -19,7 +19,6 @@ module symsde_capi_run
    use symsde_ensemble_observe_recorder, only: path_recorder
    use symsde_ensemble_run_report, only: run_report
    use symsde_model_abstract, only: model_type
-   use symsde_model_user_callback, only: callback_model
    use symsde_scheme_scheme, only: scheme_type
    implicit none
    private
@@ -253,23 +252,6 @@ contains
       call raise(error, null_handle, 'find_run', 'run is NULL, deleted or not a prepared run: make one with '// &
                  'symsde_run_new')
    end subroutine find_run
-
-   !> A model of callbacks owns a record of failure, which allocate(source=) would share.
-   subroutine copy_model(from, to)
-      class(model_type), intent(in) :: from
-      class(model_type), allocatable, intent(out) :: to
-
-      select type (from)
-      type is (callback_model)
-         allocate (callback_model :: to)
-         select type (to)
-         type is (callback_model)
-            to = from
-         end select
-      class default
-         allocate (to, source=from)
-      end select
-   end subroutine copy_model
 
    !> The status of an advance. The caller gets the report by symsde_run_report.
    function end_advance(holder, refusal, error) result(status)

@@ -362,6 +362,44 @@ static void test_damping(void) {
    symsde_scheme_delete(&scheme);
 }
 
+/* a bath: a noise after the model's own, with sigma^2 = 2 gamma m/beta, and the friction; callbacks keep their failures */
+static void test_thermostat(void) {
+   const char *keys[] = {"a", "sigma"};
+   const double values[] = {4, 0}, gamma = 0.5, beta = 2, several[] = {0.5, 0.5}, wrong = -1, one = 1;
+   const double w[] = {0, 0, 1};
+   double hq = 0, hp = 1;
+   symsde_model model = NULL;
+   symsde_scheme scheme = NULL;
+   symsde_options options = some_options();
+   const symsde_input input = some_input(&one, &one);
+   arrays a;
+   symsde_paths paths = paths_in(&a, 0);
+   symsde_traits traits = {0};
+
+   traits.struct_size = sizeof traits;
+   OK(symsde_model_get("kubo", 2, keys, values, &model, &error));
+   EXPECT(SYMSDE_INVALID_ARGUMENT, "2 rates", symsde_model_thermostat(model, 2, several, 1, &beta, &error));
+   EXPECT(SYMSDE_INVALID_ARGUMENT, "2 values of beta", symsde_model_thermostat(model, 1, &gamma, 2, several, &error));
+   EXPECT(SYMSDE_INVALID_ARGUMENT, "beta is not a finite",
+          symsde_model_thermostat(model, 1, &gamma, 1, &wrong, &error));
+   EXPECT(SYMSDE_INVALID_ARGUMENT, "negative", symsde_model_thermostat(model, 1, &wrong, 1, &beta, &error));
+   EXPECT(SYMSDE_INVALID_ARGUMENT, "nbeta = 0", symsde_model_thermostat(model, 1, &gamma, 0, &beta, &error));
+   EXPECT(SYMSDE_INVALID_ARGUMENT, "gamma", symsde_model_thermostat(model, 1, NULL, 1, &beta, &error));
+   EXPECT(SYMSDE_NULL_HANDLE, "model", symsde_model_thermostat(NULL, 1, &gamma, 1, &beta, &error));
+   OK(symsde_model_traits(model, &traits, &error)); /* refused baths leave the model as it was */
+   CHECK(traits.nnoise == 1);
+   OK(symsde_model_thermostat(model, 1, &gamma, 1, &beta, &error));
+   OK(symsde_model_traits(model, &traits, &error));
+   CHECK(traits.nnoise == 2 && traits.silent[0] && !traits.silent[1]);
+   OK(symsde_model_gradient(model, 1, 0, w, &one, &one, &hq, &hp, &error));
+   CHECK(fabs(hq + sqrt(2 * gamma / 4 / beta)) < 1e-15 && fabs(hp) <= 0);
+   EXPECT(SYMSDE_INCOMPATIBLE, "damped already", symsde_model_thermostat(model, 1, &gamma, 1, &beta, &error));
+   OK(symsde_scheme_get("midpoint", &scheme, &error));
+   OK(symsde_simulate(model, scheme, &options, &input, &paths, NULL, &error));
+   symsde_model_delete(&model);
+   symsde_scheme_delete(&scheme);
+}
+
 int main(void) {
    test_joint_is_called();
    test_joint_fails();
@@ -369,5 +407,6 @@ int main(void) {
    test_null_is_not_handed_out();
    test_sincos();
    test_damping();
+   test_thermostat();
    return close_report();
 }

@@ -127,6 +127,7 @@ OWN = {
         {"common_noise": (1,), "truncation": (8, 4.0), "paths": PATHS},
         {"compensated": True, **LOW, "paths": 3},
     ],
+    "thermostat": [{"model": ss.models.kubo(sigma=0.0), "beta": np.array([2.0]), "gamma": np.array([0.5])}],
     "level_sampler": [{**ONE_STATE, "steps": 4, "antithetic": True, "truncation": (8, 4.0)}],
     "expect": [{**ONE_STATE, "abs": 0.3, "method": "plain", "truncation": (8, 4.0)}],
     "mlmc": [{**ONE_STATE, "abs": 0.3, "steps": 4, "truncation": (8, 4.0)}],

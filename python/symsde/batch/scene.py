@@ -16,6 +16,7 @@ from .. import models
 from ..errors import InvalidArgumentError, SceneError, SymsdeError
 from ..model.definition import Model
 from ..model.formulas import formula_scenes as formulas
+from ..model.thermostat import thermostat
 from ..native import checks, files
 from ..run.moments import Moments, try_out
 from ..run.observers import observables, requests
@@ -179,14 +180,28 @@ def _known(file: str, what: str, given: dict, known: list[str]) -> None:
 
 
 def _model(file: str, table: dict[str, Any]) -> Model:
-    damping = None if "python" in table else table.pop("damping", None)
-    model = _own_model(file, table) if "H" in table or "python" in table else _built_in(file, table)
-    if damping is None:
-        return model
+    own = "python" in table  # its function takes all other keys
+    damping, bath = (None if own else table.pop(key, None) for key in ("damping", "thermostat"))
+    model = _own_model(file, table) if "H" in table or own else _built_in(file, table)
     try:
-        return model.damped(damping)
+        if damping is not None:
+            model = model.damped(damping)
+        return model if bath is None else thermostat(model, **_bath(file, bath))
+    except SceneError:
+        raise
     except SymsdeError as error:
         raise SceneError(f"{file}: [model]: {error}") from error
+
+
+def _bath(file: str, given: object) -> dict[str, Any]:
+    """The numbers of a heat bath."""
+    if not isinstance(given, dict) or "beta" not in given or "gamma" not in given:
+        raise SceneError(
+            f"{file}: [model] thermostat = {checks.shown(given)}: give beta and gamma, as in "
+            "{beta = 1.0, gamma = 0.5}"
+        )
+    _known(file, "key of thermostat", given, ["beta", "gamma"])
+    return given
 
 
 def _built_in(file: str, table: dict[str, Any]) -> Model:

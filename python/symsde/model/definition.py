@@ -119,6 +119,7 @@ class Model:
     check_start: Callable[[np.ndarray, np.ndarray, float], None] | None = None
     _damping: tuple[float, ...] = ()  #: damping rates of the momenta; empty for a closed system
     _closed: Model | None = None  #: for a damped model the same model without damping
+    _bath: tuple[float, ...] = ()  #: beta of a heat bath, one or one for each degree of freedom; empty without one
     _coordinates: tuple[str, ...] = ()  #: the model's own names of coordinates and momenta, if it has any
     _hamiltonians: Sequence[str] = ()  #: texts "H = ..", "H_1 = .." if they are known
 
@@ -313,11 +314,10 @@ class Model:
         """Name and parameters."""
         parameters = ", ".join(f"{key}={value:g}" for key, value in self.parameters.items())
         what = parameters or f"ndof={self.ndof}, nnoise={self.nnoise}"
-        rates = dict.fromkeys(self.damping)
-        damping = (
-            ", damping=" + (f"{self.damping[0]:g}" if len(rates) == 1 else str(list(self.damping))) if rates else ""
-        )
-        return f"{self.name}({what}{damping})"
+        for key, numbers in (("damping", self.damping), ("bath at beta", self._bath)):
+            if numbers:
+                what += f", {key}=" + (f"{numbers[0]:g}" if len(set(numbers)) == 1 else str(list(numbers)))
+        return f"{self.name}({what})"
 
     def _repr_html_(self) -> str:
         """For notebooks: Hamiltonians, parameters, traits."""

@@ -144,6 +144,8 @@ class Setup:
         return {
             "model": self.model.name,
             "parameters": json.dumps(dict(self.model.parameters)),
+            **({"damping": json.dumps(self.model.damping)} if self.model.damping else {}),
+            **({"bath": json.dumps(self.model._bath)} if self.model._bath else {}),
             **({"names": json.dumps(self.model._coordinates)} if self.model._coordinates else {}),
             "scheme": self.scheme.name,
             "options": json.dumps(chosen),

@@ -38,6 +38,7 @@ module symsde_model_catalogue_by_name
    use symsde_model_catalogue_pendulum, only: pendulum_model, new_pendulum, pendulum_names, pendulum_defaults
    use symsde_model_catalogue_synchrotron, only: synchrotron_model, new_synchrotron, synchrotron_names, &
                                                  synchrotron_defaults
+   use symsde_model_views_thermostat, only: thermostat_model
    implicit none
    private
    public :: model_names, parameter_names, parameter_defaults, tabulate, get_model, is_built_in
@@ -60,11 +61,13 @@ contains
 
    !> Whether a model is a built-in type and no extension of one: tests, not runs, probe what built-in models
    !> declare.
-   pure logical function is_built_in(model)
+   !> A bath around one adds what the library derives.
+   pure recursive function is_built_in(model) result(built_in)
       class(model_type), intent(in) :: model
+      logical :: built_in
 
       ! `type is` holds for the very type alone: an extension of a model may give other functions, and is probed.
-      is_built_in = .true.
+      built_in = .true.
       select type (model)
       type is (kubo_model)
       type is (linear_oscillator_model)
@@ -75,8 +78,10 @@ contains
       type is (noncommutative_oscillator_model)
       type is (henon_heiles_model)
       type is (fpu_chain_model)
+      type is (thermostat_model)
+         built_in = is_built_in(model%inner)
       class default
-         is_built_in = .false.
+         built_in = .false.
       end select
    end function is_built_in
 

@@ -5,16 +5,15 @@
 !>
 !> Where M is diagonal its numbers are found once, from the model: what a user's function computes beside them, the
 !> force, is not computed again for every velocity. Otherwise the model is asked, by H_p with the weight of H alone.
-!> The model declares that the mass is constant, but not that it is diagonal: this is found by trying eight momenta.
+!> The model declares that the mass is constant, but not that it is diagonal: model/diagonal_mass finds that out.
 module symsde_step_hamiltonian_mass
    use symsde_base_kinds, only: wp
    use symsde_base_vectors, only: add_vectors => add
    use symsde_model_abstract, only: model_type
+   use symsde_model_diagonal_mass, only: find_diagonal_mass
    implicit none
    private
    public :: constant_mass, new_constant_mass
-
-   integer, parameter :: nmomentum = 8  !! momenta at which velocities are compared
 
    !> Knowledge of M, and room for a call of the model. The first finite position settles whether M is diagonal.
    !> `asked` is the cost of a velocity: one gradient, or none once M is known to be diagonal.
@@ -45,17 +44,15 @@ contains
       self%asked = 1
    end subroutine new_constant_mass
 
-   !> Look whether every velocity is a number times its momentum, at a place where some path is. That is so where
-   !> numbers found for one momentum are those of seven others, to rounding. The place itself does not matter: the
-   !> numbers are the same for all paths, blocks and threads. One momentum after the other: a view of the real lanes of
-   !> a block (model/views/real_lanes) does not look at more than there are paths.
+   !> Look whether M is diagonal, at a place where some path is. The place itself does not matter: the numbers are the
+   !> same for all paths, blocks and threads.
    subroutine look(self, model, nlane, t, q)
       class(constant_mass), intent(inout) :: self
       class(model_type), intent(in) :: model
       integer, intent(in) :: nlane
       real(wp), intent(in) :: t, q(nlane, size(self%inverse))
-      real(wp), dimension(1, size(self%inverse)) :: x, p, v
-      integer :: i, j, lane
+      real(wp) :: x(1, size(self%inverse))
+      integer :: lane
 
       ! The first lane at a finite position is asked for: iterates of others may be anywhere.
       do lane = 1, nlane
@@ -64,20 +61,8 @@ contains
       if (lane > nlane) return  ! no path has a finite place: look again next time
       ! Whatever comes out is not asked for again: the answer is the same for all paths.
       self%known = .true.
-      self%diagonal = .true.
       x(1, :) = q(lane, :)
-      p = 1  ! at unit momenta the velocities are the numbers 1/m_i, if M is diagonal
-      do j = 1, nmomentum
-         ! The first momentum is e = (1, .., 1), for which v_i is the i-th number if M is diagonal. Then p_i is
-         ! different from row to row, and M is diagonal if v_i is p_i times that number to 4 eps, seven times.
-         call model%gradient(1, size(self%inverse), model%traits%nnoise, t, self%unit(1, :), x, p, hp=v)
-         if (j == 1) self%inverse = v(1, :)
-         do i = 1, size(self%inverse)
-            self%diagonal = self%diagonal .and. abs(self%inverse(i)) <= huge(t) .and. &
-                            abs(v(1, i) - self%inverse(i)*p(1, i)) <= 4*epsilon(t)*abs(v(1, i))
-            p(1, i) = 1.5_wp + sin(1.7_wp*i*(j + 1) + (j + 1))  ! different for all masses
-         end do
-      end do
+      call find_diagonal_mass(model, t, x, self%inverse, self%diagonal)
       ! A mass that is not diagonal goes on costing a gradient for each velocity.
       if (self%diagonal) self%asked = 0
    end subroutine look

@@ -1,0 +1,252 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Heat baths: noises and masses, exact stationary laws of a harmonic oscillator, laws of ensembles, refusals."""
+
+import copy
+import pickle
+import warnings
+
+import numpy as np
+import pytest
+import symsde as ss
+from symsde.batch import scene
+from symsde.errors import IncompatibleError, InvalidArgumentError, OwnNoiseWarning, SceneError, WrongShapeError
+
+RATE = 0.8
+#: H = p^2/2 + q^2/2, whose mean of q^2 and p^2 is 1/beta
+OSCILLATOR = ss.model_from_sympy("p**2/2 + q**2/2")
+FREE = ss.model_from_sympy("p**2/2")
+#: <q^2>, <q p>, <p^2> of the oscillator at gamma = beta = 1, h = 1/2: solutions of S = M S M^T + Q in closed form
+HARMONIC = {
+    "verlet_kdk": (1.0221002310236824, -0.0221002310236824, 0.9600306707450751),
+    "gauss_dkdkd": (1.0057668918470486, -0.000271503399757, 1.011855939830468),
+    "chin4a": (0.9997965958401762, 0.000183864866367, 0.9994036074421323),
+}
+
+
+def linear_step(model, scheme, step, columns):
+    """One step of a linear model of one degree of freedom with one noise: the matrix of (q, p), and what (q, p) get of
+    the normal numbers of dW, a = dZ/h - dW/2 and K (the first `columns` of them)."""
+    variance = np.array([step, step / 12, step / 720])
+    given = np.zeros((1, columns, 2 + columns))  # each of (q, p), dW, a, K is one on a path of its own
+    given[0, :, 2:] = np.diag(np.sqrt(variance[:columns]))
+    if columns > 1:
+        given[0, 1] = step * (given[0, 1] + given[0, 0] / 2)
+    q0, p0 = np.eye(2, 2 + columns)
+    run = ss.simulate(model, q0=q0[np.newaxis], p0=p0[np.newaxis], paths=2 + columns, step=step, steps=1, scheme=scheme,
+                      increments=given)  # fmt: skip
+    found = np.array([run.q[1, 0], run.p[1, 0]])
+    return found[:, :2], found[:, 2:]
+
+
+def stationary(model, scheme, step, columns=1):
+    """The stationary second moments <q^2>, <q p>, <p^2> of a scheme on such a model: S = M S M^T + Q."""
+    m, noise = linear_step(model, scheme, step, columns)
+    s = np.linalg.solve(np.eye(4) - np.kron(m, m), (noise @ noise.T).ravel())
+    return s[0], s[1], s[3]
+
+
+@pytest.mark.parametrize("scheme", HARMONIC)
+def test_harmonic_laws(scheme):
+    """Exact moments of the scheme in the bath; 1 % of gamma or beta is seen."""
+    columns = 3 if scheme == "chin4a" else 2
+    found = stationary(ss.thermostat(OSCILLATOR, beta=1.0, gamma=1.0), scheme, 0.5, columns)
+    np.testing.assert_allclose(found, HARMONIC[scheme], rtol=0, atol=2e-14)
+    half = stationary(ss.thermostat(OSCILLATOR, beta=2.0, gamma=1.0), scheme, 0.5, columns)
+    np.testing.assert_allclose(half, np.array(HARMONIC[scheme]) / 2, rtol=0, atol=2e-14)
+    for wrong in ({"beta": 1.01, "gamma": 1.0}, {"beta": 1.0, "gamma": 1.01}):
+        other = stationary(ss.thermostat(OSCILLATOR, **wrong), scheme, 0.5, columns)
+        assert np.abs(np.subtract(other, found)).max() > 1e-6
+
+
+@pytest.mark.parametrize("scheme", HARMONIC)
+@pytest.mark.parametrize("z", [1e-6, 0.3, 4.0, 20.0])
+def test_free_particles_have_the_temperature(scheme, z):
+    """One step takes <p^2> = m/beta to itself, for every gamma h, with a mass, too."""
+    step, mass, beta = 0.5, 3.0, 0.7
+    model = ss.thermostat(ss.model_from_sympy("p**2/(2*m)", params={"m": mass}), beta=beta, gamma=z / step)
+    m, noise = linear_step(model, scheme, step, 3 if scheme == "chin4a" else 2)
+    assert abs(m[1, 1] - np.exp(-z)) < 1e-15
+    assert abs(m[1, 1] ** 2 * mass / beta + (noise[1] ** 2).sum() - mass / beta) < 1e-13
+
+
+def test_noises():
+    """sigma_i^2 = 2 gamma_i m_i/beta_i after the noises of the model; built-in, of formulas, of functions."""
+    masses = ss.model_from_sympy("p1**2/2 + p2**2/6 + cos(q1 - q2)", noise=["s*q1"], params={"s": 0.0})
+    bath = ss.thermostat(masses, beta=2.0, gamma=[0.5, 0.0])
+    assert (bath.nnoise, bath.damping, bath.traits.silent) == (3, (0.5, 0.0), (1, 3))
+    bath = ss.thermostat(masses, beta=[2.0, 4.0], gamma=0.5)
+
+    def gradient(t, w, q, p):
+        return w[0] * np.sin(q), w[0] * p / 3.0
+
+    own = ss.Model(ndof=1, nnoise=0, gradient=gradient, separable=True, constant_mass=True)
+    cases = [
+        (bath, 1, [np.sqrt(2 * 0.5 / 2), np.sqrt(2 * 0.5 * 3 / 4)]),
+        (ss.thermostat(own, beta=2.0, gamma=0.25), 0, [np.sqrt(2 * 0.25 * 3 / 2)]),
+        (ss.thermostat(ss.models.kubo(a=4.0, sigma=0.0), beta=1.0, gamma=0.5), 1, [np.sqrt(2 * 0.5 / 4)]),
+        (ss.thermostat(ss.models.pendulum(sigma=0.0), beta=1.0, gamma=0.5), 1, [1.0]),
+        (ss.thermostat(ss.models.additive_oscillator(0.0, 0.0), beta=1.0, gamma=0.5), 2, [1.0]),
+        (ss.thermostat(ss.models.henon_heiles(1.0, 0.0, 0.0), beta=2.0, gamma=[1.0, 4.0]), 2, [1.0, 2.0]),
+        (ss.thermostat(ss.models.fpu_chain(n=3, sigma=0.0), beta=2.0, gamma=1.0), 3, [1.0] * 3),
+    ]
+    for model, before, sigma in cases:
+        model.probe()
+        assert model.nnoise == before + model.ndof
+        q = 0.3 + 0.1 * np.arange(model.ndof)
+        for i, expected in enumerate(sigma):
+            w = np.eye(model.nnoise + 1)[before + 1 + i]
+            hq, hp = model.gradient(q, 0.7, w)
+            np.testing.assert_allclose(hq[:, 0], -expected * np.eye(model.ndof)[i], rtol=1e-14, atol=1e-15)
+            np.testing.assert_array_equal(hp, 0.0)
+            if model.traits.has_value:
+                np.testing.assert_allclose(model.value(q, 0.7, w), -expected * q[i], rtol=1e-14)
+
+
+@pytest.mark.parametrize(
+    "scheme", ["midpoint", "symplectic_euler", "gauss2", "stormer_verlet", "gauss_dkdkd", "chin4a"]
+)
+def test_a_bath_is_noise_and_damping(scheme):
+    """The same as noise and damping written by hand; bits of a path alone are those in a block; copies agree."""
+    sums = "Sum(p[i]**2/2, i) + Sum((q[i+1]-q[i])**2/2 + (q[i+1]-q[i])**4/4, i)"
+    chain = ss.models.fpu_chain(n=5, sigma=0.0)
+    pairs = [
+        (chain, ss.models.fpu_chain(n=5, sigma=np.sqrt(2 * RATE))),
+        (ss.model_from_sympy(sums, n=5, ends="fixed"), ss.models.fpu_chain(n=5, sigma=np.sqrt(2 * RATE))),
+        (
+            ss.model_from_sympy("p**2/6 + q**4/4"),
+            ss.model_from_sympy("p**2/6 + q**4/4", noise=["-s*q"], params={"s": np.sqrt(6 * RATE)}),
+        ),
+        (ss.models.linear_oscillator(sigma=0.0), ss.models.linear_oscillator(sigma=np.sqrt(2 * RATE))),
+        (ss.models.henon_heiles(0.1, 0.0, 0.0), ss.models.henon_heiles(0.1, -np.sqrt(2 * RATE), -np.sqrt(2 * RATE))),
+    ]
+    given = {"q0": 0.1, "p0": 0.3, "step": 0.05, "steps": 12, "save_every": 6, "scheme": scheme}
+    for closed, noisy in pairs:
+        bath, by_hand = ss.thermostat(closed, beta=1.0, gamma=RATE), noisy.damped(RATE)
+        dw = np.random.default_rng(1).normal(size=(12, bath.nnoise, 3)) * np.sqrt(0.05)
+        if "dkdkd" not in scheme and scheme != "chin4a":  # kicks draw more than increments
+            first = ss.simulate(bath, paths=3, increments=dw, **given)
+            second = ss.simulate(by_hand, paths=3, increments=dw[:, -bath.ndof :], **given)
+            np.testing.assert_allclose(first.q, second.q, rtol=0, atol=1e-12)
+            np.testing.assert_allclose(first.p, second.p, rtol=0, atol=1e-12)
+        many = ss.simulate(bath, paths=300, threads=2, seed=5, **given)
+        if closed.nnoise == 0:
+            np.testing.assert_allclose(ss.simulate(by_hand, paths=300, seed=5, **given).p, many.p, rtol=0, atol=1e-12)
+        for path in (0, 299):
+            alone = ss.simulate(bath, paths=1, first_path=path, seed=5, **given)
+            np.testing.assert_array_equal(many.q[..., path], alone.q[..., 0])
+            np.testing.assert_array_equal(many.p[..., path], alone.p[..., 0])
+        for other in (pickle.loads(pickle.dumps(bath)), copy.deepcopy(bath)):
+            np.testing.assert_array_equal(ss.simulate(other, paths=300, seed=5, **given).p, many.p)
+
+
+def means_of_squares(beta):
+    """Means of q^2 and p^2 in the quartic well with their standard errors, over 12000 paths and 1000 times of each."""
+    model = ss.thermostat(ss.model_from_sympy("p**2/2 + q**4/4"), beta=beta, gamma=1.0)
+    run = ss.simulate(model, q0=0.6, p0=0.5, step=0.2, steps=10_000, save_every=10, paths=12_000, seed=7,
+                      scheme="chin4a")  # fmt: skip
+    for x in (run.q, run.p):
+        squares = (x[25:, 0] ** 2).mean(axis=0)
+        yield squares.mean(), squares.std(ddof=1) / np.sqrt(squares.size)
+
+
+def test_the_law_of_a_quartic_well():
+    """<q^2> = .6759782401 and <p^2> = 1 at beta = 1, within 4.9 standard errors (two false alarms in a million) and
+    1e-4 of the step (6e-5 by a density on a grid). A bath of beta = 1.01 has .5 % and 1 % less and fails by both."""
+    for beta, holds in ((1.0, True), (1.01, False)):
+        for (found, error), exact in zip(means_of_squares(beta), (0.6759782401, 1.0), strict=True):
+            assert error < 5e-4
+            assert (abs(found - exact) < 4.9 * error + 1e-4) == holds, (beta, exact, found, error)
+
+
+def test_two_temperatures():
+    """Two oscillators, each in a bath of its own: each has its temperature, within 4.9 standard errors."""
+    model = ss.thermostat(ss.model_from_sympy("(p1**2 + p2**2 + q1**2 + q2**2)/2"), beta=[1.0, 4.0], gamma=[1.0, 2.0])
+    run = ss.moments(model, q0=0.0, p0=0.0, step=0.1, steps=200, save_every=200, paths=20_000, seed=2, scheme="chin4a",
+                     observables={"one": lambda q, p: p[0] ** 2, "two": lambda q, p: p[1] ** 2})  # fmt: skip
+    for name, expected in (("one", 1.0), ("two", 0.25)):
+        assert abs(run.mean[name][-1] - expected) < 4.9 * run.se_mean[name][-1] + 1e-4 * expected
+
+
+def test_models_remember_their_bath():
+    """Text, rates, names; other friction leaves the noise; files say what the bath was."""
+    chain = ss.thermostat(ss.models.fpu_chain(n=4, sigma=0.0), beta=2.0, gamma=0.5)
+    assert repr(chain) == "fpu_chain(n=4, beta=1, sigma=0, damping=0.5, bath at beta=2)"
+    assert chain.damped(0.0).damping == ()
+    assert pickle.loads(pickle.dumps(chain.damped(0.0))).damping == ()
+    assert "H_5 .. H_8 = -sqrt(2 gamma_i m_i/beta) q_i" in chain._repr_html_()
+    named = ss.thermostat(ss.model_from_sympy("y**2/2 + x**4", q="x", p="y"), beta=[1.5], gamma=[0.5])
+    assert named.coordinates == ("x", "y")
+    run = ss.simulate(named, q0=0.1, p0=0.0, step=0.1, steps=1)
+    assert run.report.status == 0
+
+
+def test_functions_in_a_bath():
+    """Exceptions of a model's functions are raised from inside the bath; prepared runs have a copy of both."""
+
+    def gradient(t, w, q, p):
+        if t > 1:
+            raise ValueError("beyond the end")
+        return w[0] * q, w[0] * p
+
+    own = ss.Model(ndof=1, nnoise=0, gradient=gradient, separable=True, identity_mass=True)
+    bath = ss.thermostat(own, beta=1.0, gamma=1.0)
+    given = {"q0": 0.1, "p0": 0.0, "step": 0.125, "paths": 3, "seed": 1, "scheme": "gauss_dkdkd"}
+    whole = ss.simulate(bath, steps=8, **given)
+    with pytest.raises(ValueError, match="beyond the end"):
+        ss.simulate(bath, steps=16, **given)
+    again = ss.simulate(bath, steps=8, **given)
+    np.testing.assert_array_equal(whole.p, again.p)
+    prepared = ss.prepare(bath, **given)
+    prepared.run(8)
+    np.testing.assert_array_equal(prepared.p, whole.p[-1])
+
+
+def test_scenes(tmp_path):
+    """`thermostat` of [model] is the function; what is wrong in it is told with the file."""
+    text_of = '[model]\n{model}\n[run]\nstep = 0.05\nsteps = 4\nq0 = 0.7\np0 = 0.3\nseed = 5\nscheme = "midpoint"\n'
+    file = tmp_path / "scene.toml"
+    for text, model in (
+        ('name = "pendulum"\nsigma = 0.0\nthermostat = {beta = 2.0, gamma = 0.5}', ss.models.pendulum(sigma=0.0)),
+        ('H = "p**2/2 + q**4/4"\nthermostat = {beta = 2.0, gamma = [0.5]}', ss.model_from_sympy("p**2/2 + q**4/4")),
+    ):
+        file.write_text(text_of.format(model=text), encoding="utf-8")
+        read = scene.load(file)
+        bath = ss.thermostat(model, beta=2.0, gamma=0.5)
+        found = ss.simulate(read.model, **read.run)
+        np.testing.assert_array_equal(found.p, ss.simulate(bath, q0=0.7, p0=0.3, step=0.05, steps=4, seed=5).p)
+    for wrong, told in (
+        ("1.0", r"\[model\] thermostat = 1.0: give beta and gamma, as in {beta = 1.0, gamma = 0.5}"),
+        ("{beta = 1.0, gamma = 1.0, mass = 1.0}", "'mass' is no key of thermostat"),
+        ("{beta = 0.0, gamma = 1.0}", r"\[model\]: beta = 0.0: give finite numbers above zero"),
+    ):
+        file.write_text(text_of.format(model=f'name = "pendulum"\nsigma = 0.0\nthermostat = {wrong}'), encoding="utf-8")
+        with pytest.raises(SceneError, match=told):
+            scene.load(file)
+
+
+def test_refusals():
+    """What has no temperature is refused with a sentence; noises beside the bath are told."""
+    for text in ("p**2*(1 + q**2)/2", "p1**2/2 + p1*p2/4 + p2**2/2 + q1*q2", "p**4/4 + q**2", "q**2/2 - p**2/2"):
+        with pytest.raises(IncompatibleError, match=r"model formula does not declare a kinetic energy .*choose"):
+            ss.thermostat(ss.model_from_sympy(text), beta=1.0, gamma=1.0)
+    with pytest.raises(IncompatibleError, match="model formula is damped already: give the model without damping"):
+        ss.thermostat(FREE.damped(1.0), beta=1.0, gamma=1.0)
+    with pytest.warns(OwnNoiseWarning, match="model kubo has noises of its own, which heat it beside the bath"):
+        ss.thermostat(ss.models.kubo(), beta=1.0, gamma=1.0)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        ss.thermostat(ss.models.kubo(sigma=0.0), beta=1.0, gamma=1.0)
+    for beta, gamma, error, told in (
+        (-1.0, 1.0, InvalidArgumentError, "beta = -1.0: give finite numbers above zero"),
+        (1.0, 0.0, InvalidArgumentError, "gamma = 0.0: give finite numbers above zero"),
+        (np.nan, 1.0, InvalidArgumentError, "beta = nan: give finite numbers above zero"),
+        ([1.0, 2.0], 1.0, WrongShapeError, r"beta has shape \(2,\): give a number, or \(1,\), one for each"),
+        (1.0, [[1.0]], WrongShapeError, r"gamma has shape \(1, 1\)"),
+    ):
+        with pytest.raises(error, match=told):
+            ss.thermostat(FREE, beta=beta, gamma=gamma)
+    pair = ss.models.henon_heiles(sigma1=0.0, sigma2=0.0)
+    with pytest.raises(InvalidArgumentError, match="a rate of damping is negative"):
+        ss.thermostat(pair, beta=1.0, gamma=[1.0, -1.0])
+    with pytest.raises(InvalidArgumentError, match="a value of beta is not a finite number above zero"):
+        ss.thermostat(pair, beta=[1.0, -1.0], gamma=1.0)
