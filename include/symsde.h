@@ -337,6 +337,7 @@ typedef struct symsde_report {
    int64_t pivoted_solves; /* of the solves, with exchanges of rows */
    char lapack[128];       /* whose LAPACK has solved systems; "" where lapack_solves is 0 */
    int64_t grown;        /* paths that are ok, but both |q| and |p| grew 1e6-fold after a tenth of the run */
+   char damping[192];    /* what damps the momenta, and what that is for velocities; "" of a closed system */
 } symsde_report;
 int symsde_report_init(symsde_report *report);
 /* Saved paths, in the caller's arrays; ntime = steps/save_every + 1. Values after a failure are NaN. */

@@ -9,6 +9,7 @@ module symsde_base_damping
    use symsde_base_kinds, only: wp
    use symsde_base_status, only: error_type, raise, incompatible, invalid_argument
    use symsde_base_text, only: to_text
+   use symsde_base_traits, only: model_traits
    implicit none
    private
    public :: damping_type, new_damping, decay_less_one
@@ -19,6 +20,7 @@ module symsde_base_damping
    contains
       procedure :: acts
       procedure :: is_scalar
+      procedure :: describe
       procedure :: refuse
    end type damping_type
 
@@ -56,6 +58,27 @@ contains
          end do
       end if
    end subroutine new_damping
+
+   !> Say in a sentence what is damped, and what that is for velocities. Without damping the text is empty.
+   subroutine describe(self, traits, text)
+      class(damping_type), intent(in) :: self
+      type(model_traits), intent(in) :: traits
+      character(:), allocatable, intent(out) :: text
+
+      text = ''
+      if (.not. self%acts()) return
+      if (self%is_scalar()) then
+         text = 'dp = .. - '//to_text(self%rate(1))//' p dt, so that dp^dq shrinks by one factor'
+      else
+         text = 'dp_i = .. - gamma_i p_i dt, gamma_i = '//to_text(minval(self%rate))//' to '//to_text(maxval(self%rate))
+      end if
+      if (traits%identity_mass) return
+      if (traits%constant_mass) then
+         text = text//'; on velocities the friction is rate times mass'
+      else
+         text = text//'; of momenta, which is not friction on velocities'
+      end if
+   end subroutine describe
 
    !> Refuse a damped model where only closed systems are known.
    subroutine refuse(self, model, place, what, error)

@@ -31,6 +31,7 @@ module symsde_capi_report
       integer(c_int64_t) :: pivoted_solves
       character(kind=c_char) :: lapack(128)
       integer(c_int64_t) :: grown
+      character(kind=c_char) :: damping(192)
    end type c_report
 
 contains
@@ -126,6 +127,7 @@ contains
       c%grown = r%ngrown
       call put(r%functionals, c%functionals)
       call put(r%lapack, c%lapack)
+      call put(r%damping, c%damping)
 
    contains
 

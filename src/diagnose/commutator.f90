@@ -106,8 +106,9 @@ contains
          result%drift = max(result%drift, change_in_time(model, points, k))
       end do
       result%commutative = result%noise <= vanishing
-      result%flows_commute = result%commutative .and. result%drift <= vanishing
-      call expect_orders(model%traits%nnoise, result)
+      ! Damping does not commute with any noise but those that move nothing.
+      result%flows_commute = result%commutative .and. result%drift <= vanishing .and. .not. model%damping%acts()
+      call expect_orders(model%traits%nnoise, model%damping%acts(), result)
    end subroutine commutator
 
    !> Largest |Hess F V_G - Hess G V_F| over the points for F = H_j, G = H_k, relative to the largest
@@ -231,8 +232,9 @@ contains
    end function largest
 
    !> Orders in words.
-   pure subroutine expect_orders(nnoise, c)
+   pure subroutine expect_orders(nnoise, damped, c)
       integer, intent(in) :: nnoise
+      logical, intent(in) :: damped   !! no scheme with brackets of H or for means alone runs then
       type(commutator_type), intent(inout) :: c
 
       ! State the strongest result that holds: each class of noise contains the classes before it.
@@ -240,6 +242,12 @@ contains
          c%text = 'no noise: the order without noise of the scheme'
       else if (c%flows_commute) then
          c%text = 'all flows commute: strong order 1 from midpoint, 2 from gauss2, 3 from gauss3, with increments alone'
+      else if (c%commutative .and. damped) then
+         c%text = 'the noises commute: strong order 1 from midpoint with increments alone; where H = p.M^-1 p/2 + '// &
+                  'U(q) and noise is in position, 3/2 from gauss_dkdkd with dZ, 2 from gauss_dkdkd_strong2'
+      else if (damped) then
+         c%text = 'the noises '//to_text(c%k)//' and '//to_text(c%l)//' do not commute: strong order 1/2 with '// &
+                  'increments alone, 1 from midpoint_areas with areas where all rates of damping are equal'
       else if (c%commutative) then
          c%text = 'the noises commute: strong order 1 from every consistent scheme with increments alone, 3/2 from '// &
                   'gauss2_strong32 with dZ; weak order 2 from gauss2_weak2'

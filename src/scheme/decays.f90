@@ -15,7 +15,7 @@ module symsde_scheme_decays
    use symsde_base_kinds, only: wp
    implicit none
    private
-   public :: tableau_decays, new_decays
+   public :: tableau_decays, new_decays, free_temperature
 
    !> The factors of one step; of a closed system all are one, and those of differences zero.
    type :: tableau_decays
@@ -46,6 +46,28 @@ contains
       self%rate = damping%rate
       self%node = c
    end subroutine new_decays
+
+   !> What noise of strength one gives the mean of p^2 of a free particle at rest, over the right one: weights w_j of
+   !> dW at the nodes c_j give the momentum s = sum_j w_j exp(-(1 - c_j) z) of it in a step, so that the mean is
+   !> h s^2/(1 - exp(-2 z)), where h/(2 z) is right. Kicks have such sums for a and K, too, of variance h/12 and h/720.
+   pure real(wp) function free_temperature(c, w, z) result(ratio)
+      real(wp), intent(in) :: c(:)      !! (node)
+      real(wp), intent(in) :: w(:, :)   !! of dW, a and K (node, 1 or 3)
+      real(wp), intent(in) :: z         !! gamma h > 0
+      real(wp), parameter :: variance(3) = [1.0_wp, 1/12.0_wp, 1/720.0_wp]
+      real(wp) :: s
+      integer :: i, j
+
+      ratio = 0
+      do j = 1, size(w, 2)
+         s = 0
+         do i = 1, size(c)
+            s = s + w(i, j)*exp(-(1 - c(i))*z)
+         end do
+         ratio = ratio + variance(j)*s**2
+      end do
+      ratio = -2*z*ratio/decay_less_one(2*z)
+   end function free_temperature
 
    !> The factors of steps of the length h, with its sign.
    subroutine set_step(self, h)

@@ -43,6 +43,25 @@ int main(void) {
    CHECK(nheard == 1 && strncmp(heard, "h*omega = 10 ", 13) == 0 && strcmp(heard, report.warnings) == 0);
    CHECK(report.grown == PATHS && a.q[(NTIME - 1) * PATHS] * a.q[(NTIME - 1) * PATHS] > 1e60);
 
+   /* gamma h = 1 of midpoint: momenta are too cold, by z/sinh z */
+   {
+      const double rate = 1, closed = 0;
+      symsde_scheme midpoint = new_scheme("midpoint");
+
+      options.step = 1;
+      OK(symsde_model_set_damping(model, 1, &rate, 0, &error));
+      nheard = 0;
+      OK(symsde_simulate(model, midpoint, &options, &input, &paths, &report, &error));
+      CHECK(nheard == 1 && strstr(heard, "gamma*h = 1 ") && strstr(heard, " 0.85"));
+      CHECK(strncmp(report.damping, "dp = .. - 1 p dt", 16) == 0);
+      OK(symsde_model_set_damping(model, 1, &closed, 0, &error));
+      OK(symsde_simulate(model, midpoint, &options, &input, &paths, &report, &error));
+      CHECK(nheard == 1 && report.damping[0] == 0);
+      options.step = 10;
+      symsde_scheme_delete(&midpoint);
+   }
+
+   nheard = 1;
    refuses = 1;
    input.progress = never;
    EXPECT(SYMSDE_CALLBACK_FAILED, "refused, before its first step",

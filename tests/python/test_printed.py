@@ -35,7 +35,7 @@ def test_every_member_of_a_report():
     given = abi.Report(status=6, correction=2, failed=11, stopped=12, threads=13, lanes=16)
     given.lost_variance, given.seconds_setup, given.seconds_run = 0.015, 1.25, 2.5
     given.stepper, given.left_out, given.warnings = b"a stepper", b"one; two", b"first\nsecond"
-    given.functionals, given.lapack = b"dZ and K", b"somebody's 1.2"
+    given.functionals, given.lapack, given.damping = b"dZ and K", b"somebody's 1.2", b"dp = .. - p dt"
     for i, name in enumerate(abi.COUNTERS):
         setattr(given, name, 100 + i)
     result = report.Reported()
@@ -52,7 +52,7 @@ def test_every_member_of_a_report():
         "stopped": 12,
         "grown": 0,
     }
-    expected |= {"functionals": ("dZ", "K"), "lapack": "somebody's 1.2"}
+    expected |= {"functionals": ("dZ", "K"), "lapack": "somebody's 1.2", "damping": "dp = .. - p dt"}
     expected |= {"threads": 13, "lanes": 16, "lost_variance": 0.015, "timings": {"setup": 1.25, "run": 2.5}}
     names = ["path_steps", "normals", "gradients", "hessians", "hessian_vectors", "iterations", "solves"]
     names += ["lapack_solves", "failures", "damped", "continued", "pivoted_solves"]
@@ -67,7 +67,7 @@ def test_every_member_of_a_report():
     )
     assert lines["counters"] == ", ".join(f"{name.replace('_', ' ')} {100 + i}" for i, name in enumerate(names))
     assert lines["driven by"] == "dW and dZ and K"
-    assert lines["LAPACK"] == "somebody's 1.2"
+    assert lines["LAPACK"] == "somebody's 1.2" and lines["damping"] == "dp = .. - p dt"
     assert lines["paths"] == "11 failed, 12 stopped" and lines["threads"] == "13, 16 lanes a block"
     assert lines["seconds"] == "1.25 to set up, 2.5 to run" and lines["version"] == ss.__version__
     resumed = dataclasses.replace(found, timings={"setup": 0.0, "run": 2.5})

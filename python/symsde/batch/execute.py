@@ -114,7 +114,7 @@ def kept_arrays(parts: dict[str, PartialStatistics]) -> dict[str, np.ndarray]:
 
 def facts_of(report: Report) -> dict[str, Any]:
     """Entries of a report that do not depend on time or on the number of threads."""
-    names = ("stepper", "correction", "lapack", "failed", "grown", "lanes", "lost_variance")
+    names = ("stepper", "correction", "damping", "lapack", "failed", "grown", "lanes", "lost_variance")
     facts = {name: getattr(report, name) for name in names}
     counters = {name: report.counters[name] for name in _STEADY}
     told = {name: list(getattr(report, name)) for name in ("left_out", "warnings", "functionals")}

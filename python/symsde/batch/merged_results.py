@@ -120,6 +120,7 @@ def merged_report(reports: Iterable[dict[str, Any]], seconds: float = 0.0, threa
         status=status,
         stepper=first["stepper"],
         correction=first["correction"],
+        damping=first.get("damping", ""),
         left_out=tuple(first["left_out"]),
         warnings=tuple(dict.fromkeys(text for facts in (first, *others) for text in facts["warnings"])),
         functionals=tuple(first.get("functionals", ())),

@@ -21,7 +21,7 @@ class Commutator:
     """Poisson brackets of a model's Hamiltonians at sample points, which can refute that they vanish, not prove it."""
 
     commutative: bool  #: every {H_k,H_l} is constant: increments alone reach strong order 1, dZ 3/2
-    flows_commute: bool  #: every {H,H_k} is constant too, and no noise changes in time
+    flows_commute: bool  #: every {H,H_k} is constant too, no noise changes in time and nothing is damped
     noise: float  #: largest relative gradient of {H_k,H_l}
     drift: float  #: largest relative gradient of {H,H_k}, or change of a noise's gradient in time
     text: str  #: which strong order to expect, from which scheme

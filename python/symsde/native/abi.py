@@ -176,6 +176,7 @@ class Report(Structure):
         ("pivoted_solves", c_int64),
         ("lapack", c_char * 128),
         ("grown", c_int64),
+        ("damping", c_char * 192),
     )
 
 

@@ -23,6 +23,7 @@ class Report:
     status: int  #: status code of the outcome; 0 = ok
     stepper: str  #: the stepper that the traits chose
     correction: str  #: the correction that was used
+    damping: str  #: what damps the momenta, and what that is for velocities; "" of a closed system
     left_out: tuple[str, ...]  #: computations that were skipped because they were not needed
     warnings: tuple[str, ...]  #: problems found before the run, with numbers
     #: functionals of the path beside dW: dZ, areas, K, J; for refine < 0 they determine the path
@@ -46,6 +47,7 @@ class Report:
             "outcome": self.outcome,
             "stepper": self.stepper,
             "correction": self.correction,
+            **({"damping": self.damping} if self.damping else {}),
             "left out": "; ".join(self.left_out) or "nothing",
             **({"driven by": " and ".join(("dW", *self.functionals))} if self.functionals else {}),
             "counters": counted,
@@ -151,6 +153,7 @@ def make_report(given: abi.Report) -> Report:
         status=given.status,
         stepper=given.stepper.decode("utf-8", "replace"),
         correction=abi.CORRECTIONS[given.correction],
+        damping=given.damping.decode("utf-8", "replace"),
         left_out=tuple(part for part in left_out.split("; ") if part),
         warnings=tuple(given.warnings.decode("utf-8", "replace").splitlines()),
         functionals=tuple(given.functionals.decode("utf-8", "replace").split(" and ")) if given.functionals else (),

@@ -17,6 +17,7 @@ module symsde_ensemble_run_report
       character(:), allocatable :: stepper       !! the stepper the factory chose
       character(:), allocatable :: left_out      !! what this scene did not need
       character(:), allocatable :: warnings      !! doubts known before the run, one a line
+      character(:), allocatable :: damping       !! what damps the momenta; empty for a closed system
       character(:), allocatable :: functionals   !! of the path, beside dW: 'dZ and K'
       character(:), allocatable :: lapack        !! whose LAPACK solved systems; not allocated where none did
       integer :: correction = correction_none    !! the correction that was active

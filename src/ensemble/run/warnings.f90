@@ -6,13 +6,15 @@
 !>
 !> Private to its family.
 module symsde_ensemble_run_warnings
+   use symsde_base_damping, only: damping_type
    use symsde_base_kinds, only: wp
    use symsde_base_text, only: add => append_line, to_text
-   use symsde_base_traits, only: dense
+   use symsde_base_traits, only: model_traits, dense
    use symsde_ensemble_options, only: run_options, time_rounding, latest_time
    use symsde_model_abstract, only: model_type
    use symsde_model_kernels, only: kernel_offers, offers_of
-   use symsde_scheme_scheme, only: scheme_type, frame_rotation
+   use symsde_scheme_decays, only: free_temperature
+   use symsde_scheme_scheme, only: scheme_type, frame_rotation, splitting_form
    implicit none
    private
    public :: set_up_warnings
@@ -48,6 +50,7 @@ contains
       call find_bounds(model, nlane, options%t0, q, p, bounds)
       call warn_of_frequency(text, scheme, model%traits%quadratic, abs(options%step), explicit, bounds)
       if (.not. explicit) call warn_of_noise(text, options, bounds)
+      call warn_of_damping(text, scheme, model%traits, model%damping, options%step)
       if (lost_variance > 1e-3_wp) call add(text, 'truncation loses '//to_text(100*lost_variance)// &
                                             ' % of the variance of every increment')
       if (time_rounding(options) > 0.01_wp) &
@@ -104,6 +107,51 @@ contains
                                        to_text(cut)//', about '//to_text(expected)//' of them in this run; take a '// &
                                        'smaller step or truncate')
    end subroutine warn_of_noise
+
+   !> Warn where noise in position does not warm damped momenta as it should: by the temperature of a free particle, or
+   !> by kicks that blow up. Where the last kick is far before the end of a step, in times of decay, the noise
+   !> that momenta keep comes after it, and only large and opposite kicks have its law.
+   subroutine warn_of_damping(text, scheme, traits, damping, h)
+      character(:), allocatable, intent(inout) :: text
+      type(scheme_type), intent(in) :: scheme
+      type(model_traits), intent(in) :: traits
+      type(damping_type), intent(in) :: damping
+      real(wp), intent(in) :: h
+      real(wp), parameter :: short = 0.25_wp      ! gamma h up to which errors are those of the scheme's order
+      real(wp), parameter :: most = 0.01_wp       ! error of the mean of p^2
+      real(wp), parameter :: longest = 4          ! times of decay after the last kick
+      real(wp) :: z, ratio, last
+      real(wp), allocatable :: w(:, :)            ! weights of dW, a and K (node, 1 or 3)
+
+      if (.not. (damping%acts() .and. traits%position_noise .and. traits%nnoise > 0)) return
+      if (allocated(traits%silent)) then
+         if (all(traits%silent)) return
+      end if
+      z = maxval(damping%rate*h)
+      if (.not. z > short) return
+      if (scheme%form /= splitting_form) then
+         allocate (w(size(scheme%c), 1))
+         w(:, 1) = scheme%beta
+         ratio = free_temperature(scheme%c, w, z)
+      else if (scheme%kicks%uses_dz() .and. damping%is_scalar()) then
+         last = scheme%kicks%c(size(scheme%kicks%c))
+         if ((1 - last)*z > longest) &
+            call add(text, 'gamma*h = '//to_text(z)//' of the damping is too large for '//scheme%name// &
+                     ', whose last kick comes '//to_text(1 - last)//' h before the end of the step: kicks by '// &
+                     'noise become large and opposite; take verlet_kdk or chin4a, or a smaller step')
+         return
+      else
+         allocate (w(size(scheme%kicks%c), 3))
+         w(:, 1) = scheme%kicks%beta
+         w(:, 2) = scheme%kicks%gamma
+         w(:, 3) = scheme%kicks%eta
+         ratio = free_temperature(scheme%kicks%c, w, z)
+      end if
+      if (abs(ratio - 1) > most) &
+         call add(text, 'gamma*h = '//to_text(z)//' of the damping is large for '//scheme%name// &
+                  ': the noise gives a free particle at rest '//to_text(ratio)//' times the right mean of p^2; '// &
+                  'take a smaller step, or kicks with one rate (gauss_dkdkd), whose noise has the exact law')
+   end subroutine warn_of_damping
 
    !> Warn where the increments of the drift lie below the rounding of the state, so that sums lose them.
    subroutine warn_of_rounding(text, model, nlane, options, q, p)
