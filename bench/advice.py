@@ -1,12 +1,12 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Is `symsde.advise` near the measured front? Its advice beside every scheme of the pages, on this machine.
+"""Whether `symsde.advise` is near the measured front: its advice beside every scheme of the pages, on this machine.
 
     .venv/bin/python bench/advice.py                # every scene, as a table for docs/expect-inside.md
     .venv/bin/python bench/advice.py kubo fpu_chain # some of them
 
-Errors by the number of steps are those of docs/figures/work-precision-*.json, which do not move with the machine. Each
-scheme there is timed here at the fewest steps that keep the tolerance; so is what is advised, all by seconds of the
-processor and in turn, the least of several. A scheme that is not on that page has no error to be judged by.
+Errors by the number of steps are those of docs/figures/work-precision-*.json, which do not depend on the machine. Each
+scheme there, and the advised one, is timed here at the fewest steps that keep the tolerance: all in turn, the least
+processor time of several. A scheme that is not on that page cannot be judged, since its error is unknown.
 """
 
 import json
@@ -32,11 +32,11 @@ CASES = {
     "stiff_chain": (1.0,),
 }
 TURNS = 5
-WORK = 2**19  #: path-steps times degrees of freedom of a timed run
+WORK = 2**19  #: path-steps times degrees of freedom in a timed run
 
 
 def front(name):
-    """Horizon, and (steps, error) of every scheme of the page, the longest step first."""
+    """Horizon, and (steps, error) of every scheme on the page, longest step first."""
     data = json.loads((ROOT / f"docs/figures/work-precision-{name}.json").read_text())
     points = {}
     for row in data["rows"]:
@@ -46,7 +46,7 @@ def front(name):
 
 
 def fewest(rows, tolerance):
-    """Steps at which the error is the tolerance, on a broken line of logarithms; None: no step keeps it."""
+    """Steps at which the error equals the tolerance, by logarithmic interpolation; None if no step keeps it."""
     steps, errors = (np.log(column) for column in zip(*rows, strict=True))
     kept = [i for i in range(len(rows)) if errors[i] <= math.log(tolerance)]
     if not kept:
@@ -59,14 +59,14 @@ def fewest(rows, tolerance):
 
 
 def error_at(rows, steps):
-    """Error at these steps; None outside of those measured."""
+    """Error at this number of steps; None outside of the measured range."""
     if not rows or not rows[0][0] <= steps <= rows[-1][0]:
         return None
     return float(np.exp(np.interp(math.log(steps), *(np.log(column) for column in zip(*rows, strict=True)))))
 
 
 def seconds(chosen, horizon, todo):
-    """Of a path, for every (scheme, steps): the least of several turns, less what is set up once."""
+    """Seconds of a path for every (scheme, steps): the least of several turns, without the set-up of a run."""
     least = {}
     for _ in range(TURNS):
         for scheme, steps in todo:

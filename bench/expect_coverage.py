@@ -5,16 +5,18 @@
     .venv/bin/python bench/expect_coverage.py --long [--repeats 160] [--pilots 40] [--narrower N] [--scenes WORD]
     .venv/bin/python bench/expect_coverage.py --cost 8 [--repeats 5] [--scenes WORD] [--out FILE.json]
 
-All means but one are known exactly; the reference of the last scene is a run of 2^24 paths by another scheme, whose own
-error is told. Coverage is the share of answers whose interval holds the mean, with its standard error. A pilot takes
-longer than most answers here, so each serves several, which have seeds and paths of their own; the standard error
-reckons with what they share. --narrower N asks for intervals N times as narrow, by Sobol points then more often.
+All means but one are known exactly; the reference of the last scene is a run of 2^24 paths by another scheme, whose
+standard error is printed. Coverage is the share of answers whose interval holds the mean, with its standard error. A
+pilot takes longer than most answers here, so each pilot serves several answers, which have seeds and paths of their
+own; the standard error allows for the shared pilot. --narrower N asks for intervals N times as narrow, which Sobol
+points then reach more often.
 
 --long takes scenes of horizons from 1 to 1000 and of rare events instead. Their references, where there is no formula,
 are runs of 2^16 paths by chin4a at fine steps.
 
---cost N asks for intervals N times as narrow, and tells what answers cost, pilot and all, over the best choice by hand:
-the cheapest of all schemes, methods and steps that a pilot of eight times the paths lets in, carried out and timed.
+--cost N asks for intervals N times as narrow, and prints the cost of answers, with their pilots, over the best choice
+by hand: the cheapest of all schemes, methods and steps that a pilot of eight times the paths allows, executed and
+timed.
 """
 
 from __future__ import annotations
@@ -44,7 +46,7 @@ from symsde.answers.expectation.watch import Watch
 
 @dataclass(frozen=True)
 class Case:
-    """A mean that is known."""
+    """A function whose mean is known."""
 
     name: str
     model: ss.Model
@@ -56,7 +58,7 @@ class Case:
 
 
 def second_moments(model_name: str, **parameters: float) -> float:
-    """E q^2 at t = 1 of the oscillator whose noises do not commute, from q = 1, p = 0, by the exponential."""
+    """E q^2 at t = 1 of the oscillator with noises that do not commute, from q = 1, p = 0, by a matrix exponential."""
     s1, s2 = parameters["s1"], parameters["s2"]
     a = np.array([[0.0, 1.0], [-1.0, 0.0]])
     noises = [np.array([[0.0, s1], [0.0, 0.0]]), np.array([[0.0, 0.0], [-s2, 0.0]])]
@@ -82,7 +84,7 @@ def long_reference(model, f, start, *, scheme: str, steps: int, log2_paths: int)
 
 
 def cases(log2_paths: int, word: str) -> list[Case]:
-    """The scenes of this name."""
+    """The scenes whose name contains this word."""
     t, found = 2.0, []
     cos, sin = math.cos(t), math.sin(t)
     from_one = {"q0": 1.0, "p0": 0.0, "horizon": t}
@@ -119,7 +121,9 @@ def cases(log2_paths: int, word: str) -> list[Case]:
 
 
 def long_cases(word: str) -> list[Case]:
-    """Means at short and long horizons, where phases turn, and of what happens seldom; those of this name."""
+    """Means at short and long horizons, where phases are lost, and of rare events; those whose name contains this
+    word.
+    """
     found = []
 
     def add(name, model, f, exact, wanted, where, known_to=0.0):  # noqa: PLR0917
@@ -128,7 +132,7 @@ def long_cases(word: str) -> list[Case]:
     def start(t, q0=1.0, p0=0.0):
         return {"q0": q0, "p0": p0, "horizon": t}
 
-    def spread(t, omega=1.0):  # of q, over sigma^2
+    def spread(t, omega=1.0):  # variance of q over sigma^2
         return (t / 2 - math.sin(2 * omega * t) / (4 * omega)) / omega**2
 
     sigma = math.sqrt(1 / 32)
@@ -176,7 +180,7 @@ def _floats_above(edge: float):
 
 
 def repeat(case: Case, repeats: int, pilots: int) -> dict:
-    """Answers of so many seeds; every pilot serves repeats/pilots of them, which have paths of their own."""
+    """Answers with so many seeds; every pilot serves repeats/pilots answers, which have paths of their own."""
     chosen, found = collections.Counter(), []
     begin = time.process_time()
     tolerance = make_tolerance(case.abs, None)
@@ -190,7 +194,7 @@ def repeat(case: Case, repeats: int, pilots: int) -> dict:
             found.append(answer)
             chosen[f"{answer.method} by {answer.scheme}"] += 1
     held = np.array([x.interval[0] <= case.exact <= x.interval[1] for x in found])
-    shares = held.reshape(pilots, -1).mean(axis=1)  # of each pilot
+    shares = held.reshape(pilots, -1).mean(axis=1)  # share for each pilot
     bounds = np.array([any("is a bound" in note for note in x.notes) for x in found])
     off = np.array([x.value for x in found]) - case.exact
     return {
@@ -217,7 +221,7 @@ def repeat(case: Case, repeats: int, pilots: int) -> dict:
 
 
 def every_plan(pilot: Pilot) -> list[Plan]:
-    """Of all schemes and methods, by eight times the paths; the cheapest first."""
+    """Plans of all schemes and methods by a pilot with eight times the paths; the cheapest first."""
     pilot.try_all()
     for trial in pilot.trials:
         for _ in range(3):
@@ -231,7 +235,7 @@ def every_plan(pilot: Pilot) -> list[Plan]:
 
 
 def by_hand(case: Case, tolerance: Tolerance, repeats: int) -> tuple[list[float], str]:
-    """Seconds of the best plan that there is, and which one it is: the likely ones are all carried out."""
+    """Seconds of the best existing plan, and its name: the likely plans are all executed."""
     problem = make_problem(case.model, case.f, seed=10**9, threads=1, **case.start)
     pilot = Pilot(problem, tolerance, Watch(None, False), suitable(problem))
     plans = every_plan(pilot)
@@ -273,7 +277,7 @@ def cost(case: Case, times: float, repeats: int) -> dict:
 
 
 def told(row: dict) -> str:
-    """A row as a line."""
+    """A row of the table as a line."""
     if "best" in row:
         return (
             f"{row['scene']:34s} best {row['best_seconds']:.3f} s ({row['best']}), work {row['work_over_best']:.2f}, "

@@ -6,7 +6,7 @@ from __future__ import annotations
 import importlib
 from pathlib import Path
 
-#: rows of the section loops -> what the page calls them
+#: rows of the section loops -> their names on the page
 ROWS = {
     "kubo midpoint": "Kubo's oscillator, midpoint",
     "linear oscillator midpoint": "oscillator with additive noise, midpoint",
@@ -14,7 +14,7 @@ ROWS = {
     "henon heiles stormer verlet": "Hénon-Heiles, two noises, stormer_verlet",
     "fpu64 midpoint": "chain of 64 masses, 64 noises, midpoint",
 }
-LARGE = "fpu64 midpoint"  #: the row that the sentence leaves out
+LARGE = "fpu64 midpoint"  #: the row that the sentence does not mention
 MANY, ONE = "few32", "few1"
 
 PAGE = """\
@@ -52,7 +52,7 @@ marked "missed".
 
 
 def data(loops: list[dict]) -> dict | None:
-    """What the picture shows, from the rows of the section loops; None where one was not measured."""
+    """The numbers of the picture, from the rows of the section loops; None if one was not measured."""
     found = {(row["group"], row["name"]): row["numbers"][:2] for row in loops}
     keys = [(group, name) for name in ROWS for group in (MANY, ONE)]
     if any(key not in found for key in keys):
@@ -86,7 +86,7 @@ def page(given: dict, tables: str) -> str:
 
 def save(path: Path, given: dict) -> None:
     """Draw the bars: symsde beside the loop, for many paths and for one."""
-    look = importlib.import_module("symsde.show.look")  # bench/run.py itself needs no package
+    look = importlib.import_module("symsde.show.look")  # bench/run.py must work without packages
     with look.drawing(path, 5.4, 3.2, 160) as picture:
         panels = picture.subplots(1, 2, sharey=True, sharex=True)
         for axes, group, title in zip(panels, (MANY, ONE), ("32 paths", "one path alone"), strict=True):

@@ -1,8 +1,9 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The table of docs/formulas-inside.md: formulas beside the catalogue, and what it takes to compile them.
+"""The table of docs/formulas-inside.md: models from formulas beside those of the catalogue, and the cost of compiling
+formulas.
 
-formula_table.py [REPEATS [SECONDS]]: processor time of a path-step on one thread, of runs of about SECONDS, formula and
-catalogue in turn; the median of the ratios of REPEATS such pairs. Compilations are of a cache of their own.
+formula_table.py [REPEATS [SECONDS]]: processor time of a path-step on one thread, in runs of about SECONDS, formula and
+catalogue in turn; the ratio is the median of REPEATS such pairs. Formulas are compiled into an empty cache.
 """
 
 import os
@@ -30,7 +31,7 @@ MODELS = {
 
 
 def compiled(scene: Scene) -> tuple[ss.Model, list[str]]:
-    """A model by its formula, the processor time of its compilation, and the lines of its code."""
+    """A model from its formula, the processor time of its compilation, and the lines of its code."""
     before = resource.getrusage(resource.RUSAGE_CHILDREN)
     mine = scene.formula()
     after = resource.getrusage(resource.RUSAGE_CHILDREN)

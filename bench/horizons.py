@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Where symplectic pays: what a path costs that keeps a tolerance, as the horizon grows, beside two plain rules.
-They are Heun's and Taylor's of order 1.5.
+"""Where symplectic schemes pay: the cost of a path that keeps a tolerance, as the horizon grows, beside two plain
+rules. The two are Heun's rule and Taylor's rule of order 1.5.
 """
 
 from __future__ import annotations
@@ -22,10 +22,10 @@ from symsde.schemes import as_scheme
 from symsde.show import look
 
 SCHEMES = ("midpoint", "stormer_verlet", "gauss_dkdkd", "chin4a", "heun", "taylor15")
-ON_KUBO = ("midpoint", "stormer_verlet", "gauss2", "heun", "taylor15")  #: whose noise is on p, too
+ON_KUBO = ("midpoint", "stormer_verlet", "gauss2", "heun", "taylor15")  #: its noise acts on p, too
 HORIZONS = (1.0, 10.0, 100.0, 1000.0)
-KUBO = (1.0, 0.3)  #: a and sigma, those of the scene
-SIGMA = (0.02, 0.01)  #: so little noise that the energy stays of one size up to the last horizon
+KUBO = (1.0, 0.3)  #: a and sigma of the scene
+SIGMA = (0.02, 0.01)  #: noise so weak that the energy stays of one size up to the last horizon
 
 
 class Energy(Moments):
@@ -47,13 +47,13 @@ class Circle(Paths):
     count = 256
 
     def see(self, scheme, steps: int) -> Seen:
-        """The distance itself: of exact paths it is 0."""
+        """The distance from the circle, which is 0 for exact paths."""
         run = self.problem.run(scheme, steps, paths=self.count)
         size = math.sqrt(np.mean((np.hypot(run.q[-1], run.p[-1]) - 1) ** 2))
         return Seen(size, 0.0, size)
 
 
-#: what is kept, and the tolerance: amplitudes are 1, H begins at -2.2
+#: kind of error, tolerance, and label: amplitudes are 1, H begins at -2.2
 WANTS = (
     (Paths, 0.1, "paths to 0.1"),
     (Energy, 0.01, "E H to 0.01"),
@@ -63,7 +63,7 @@ WANTS = (
 
 
 def compute() -> dict:
-    """Steps and microseconds of a path for every want, horizon and scheme; null where no affordable step keeps it."""
+    """Steps and microseconds of a path for every tolerance, horizon and scheme; null if no affordable step keeps it."""
     rows = [
         {"want": words, "horizon": horizon, "scheme": name, **cost(kind, tolerance, horizon, name)}
         for kind, tolerance, words in WANTS
@@ -75,9 +75,10 @@ def compute() -> dict:
 
 
 def cost(kind: type, tolerance: float, horizon: float, name: str) -> dict:
-    """Steps and microseconds of a path by a scheme. H is kept by a model whose noises have strength zero, as schemes
-    that take more of the path than increments cannot be given these; all times are those of the noisy model. The time
-    of Taylor's rule is that of Heun's in the library times what the two take in NumPy, at as many steps."""
+    """Steps and microseconds of a path by a scheme. Conservation of H is measured on a model with noises of strength
+    zero, since schemes that use functionals cannot be given zero increments; all times are those of the noisy model.
+    The time of Taylor's rule is that of Heun's rule in the library times the ratio of both in NumPy, at as many
+    steps."""
     parameters = KUBO if kind is Circle else (2.0, *SIGMA)
     still = (parameters[0], *(0.0 for _ in parameters[1:]))
     noisy, quiet = (_problem(kind, values, horizon) for values in (parameters, still))
@@ -103,7 +104,7 @@ def _problem(kind: type, parameters: tuple[float, ...], horizon: float):
 
 @functools.cache
 def _dearer(circle: bool) -> float:
-    """Seconds of a step of Taylor's rule over those of Heun's, both in NumPy with what they draw: least of 25."""
+    """Time of a step of Taylor's rule over that of Heun's rule, both in NumPy with their draws: least of 25."""
     kind, parameters = (Circle, KUBO) if circle else (Paths, (2.0, *SIGMA))
     plain = Plain(_problem(kind, parameters, 1.0), parameters)
     least = dict.fromkeys(RULES, math.inf)
@@ -116,9 +117,9 @@ def _dearer(circle: bool) -> float:
 
 
 def save(path: Path, data: dict) -> None:
-    """Draw the cost of a path by its horizon, a panel for each want."""
+    """Draw the cost of a path by its horizon, a panel for each tolerance."""
     wants = list(dict.fromkeys(row["want"] for row in data["rows"]))
-    with look.drawing(path, 4.8, 5.4, 160) as page:  # whose labels can be read on a phone
+    with look.drawing(path, 4.8, 5.4, 160) as page:  # with labels that can be read on a phone
         panels = page.subplots((len(wants) + 1) // 2, 2, sharex=True, sharey=True)
         for axes, want in zip(panels.flat, wants, strict=True):
             for name in dict.fromkeys((*SCHEMES, *ON_KUBO)):
@@ -141,5 +142,5 @@ def save(path: Path, data: dict) -> None:
 
 
 def _nothing(q: np.ndarray, p: np.ndarray) -> np.ndarray:
-    """No function is asked for."""
+    """A function without values, since none is needed."""
     return np.zeros(q.shape[1])

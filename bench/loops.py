@@ -2,15 +2,15 @@
 # ruff: noqa: PLR0917
 """The plain loops that a user of numba would write instead of calling the library: `topics/loops.py` times both.
 
-Every loop goes over paths and steps, draws its normals where it needs them from NumPy's Generator (PCG64 and ziggurat,
-as numba compiles them), and keeps nothing but what its name says. Implicit schemes iterate, one unknown by
-Newton's method to rounding, several by fixed-point iteration from the explicit guess, which converges at the mild steps
-of the rows, until positions change by `ROUNDING` or less. No -ffast-math: results would not be comparable.
+Every loop goes over paths and steps, draws each normal when it is needed from NumPy's Generator (PCG64 and ziggurat, as
+numba compiles them), and keeps only results that its name mentions. Implicit schemes iterate, one unknown by Newton's
+method to rounding, several by fixed-point iteration from the explicit guess, which converges at the mild steps of the
+rows, until positions change by `ROUNDING` or less. No -ffast-math: results would not be comparable.
 
 A loop is `run(generator, q0, p0, step, steps, paths)`, q0 and p0 arrays of one number for each degree of freedom. The
-functions of a scene, and the step of a scheme, are inlined as if they had been written in it: a step of one
-degree of freedom is `step(w, t, q, p)`, which gives both, of several `step(w, t, q, p, x, f)`, which changes arrays; x
-and f are room for stages.
+functions of a scene, and the step of a scheme, are inlined as if written in the loop: with one degree of freedom
+`step(w, t, q, p)` returns q and p; with several `step(w, t, q, p, x, f)` changes the arrays q and p, and x and f are
+room for stages.
 """
 
 import math
@@ -20,11 +20,11 @@ import numpy as np
 
 ROUNDING = 1e-14
 BOUND = 100
-_inlined = numba.njit(inline="always")  # LLVM leaves large steps as calls
+_inlined = numba.njit(inline="always")  # forced, since LLVM would call large steps
 
 
 def loop(scene, scheme, keep="nothing"):
-    """The loop of a scheme on a scene; keep: nothing, states, moments."""
+    """The loop of a scheme on a scene; keep: "nothing", "states" or "moments"."""
     s = scene.functions(compiled=_inlined)
     if scheme in TABLEAUX and (scene.ndof > 1 or scheme != "midpoint"):
         return _of_arrays(_collocation(s, scene.ndof, TABLEAUX[scheme]), scene, len(TABLEAUX[scheme][2]), keep)
@@ -117,7 +117,7 @@ def _place_of_moments(paths, steps, n):
 
 @numba.njit
 def _moments(saved, path, i, q, p):
-    """Mean and square sum of q, p, energy of an oscillator and q p (Welford)."""
+    """Means and sums of squared deviations of q, p, an oscillator's energy, and q p (Welford)."""
     for j, x in enumerate((q, p, 0.5 * (q * q + p * p), q * p)):
         d = x - saved[0, i, j]
         saved[0, i, j] += d / (path + 1)
@@ -160,13 +160,13 @@ def _verlet(s):
 
 
 def _linear_midpoint(s):
-    """The linear equation solved."""
+    """The midpoint step of a linear force in closed form."""
     slope, mass = s.slope, s.mass
 
     @_inlined
     def step(w, t, q, p):
         e, (f, derivative) = mass(w), slope(w, t + 0.5 * w[0], q)
-        part = 1 / (1 - 0.25 * e * derivative)  # does not wait for q and p
+        part = 1 / (1 - 0.25 * e * derivative)  # computed before q and p are ready
         return q + (e * part) * (p + 0.5 * f), p + part * (f + 0.5 * e * derivative * p)
 
     return step
@@ -183,7 +183,7 @@ def _midpoint(s):
             f, derivative = slope(w, t + 0.5 * w[0], q + 0.5 * e * (p + 0.5 * v))
             change = (v - f) / (1 - 0.25 * e * derivative)
             v -= change
-            if not abs(change) > 1e-10:  # Newton: the next one would be rounding
+            if not abs(change) > 1e-10:  # the next correction would be rounding
                 break
         return q + e * (p + 0.5 * v), p + v
 
@@ -192,7 +192,7 @@ def _midpoint(s):
 
 def _taylor(s):
     """Stochastic Taylor scheme of strong order 3/2 for H = p^2/2 + U(q), two noises in position (Kloeden, Platen 1992):
-    what a user would write; not symplectic. Its last two numbers make the integrals of the path over the step."""
+    as a user would write it; not symplectic. Its last two normals give dZ of the two noises."""
     force, slope, part = s.force, s.slope, math.sqrt(1 / 12)
 
     @_inlined
@@ -210,7 +210,7 @@ def _taylor(s):
 
 
 def _kick_drift(s, n, half):
-    """Stormer-Verlet, of two half kicks, or symplectic Euler, of a whole one."""
+    """Stormer-Verlet with two half kicks, or symplectic Euler with one whole kick."""
     force, part = s.force, 0.5 if half else 1.0
 
     @_inlined

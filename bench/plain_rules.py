@@ -13,17 +13,17 @@ _SEED = 7
 
 
 class Plain:
-    """Runs of a problem by a plain rule: what `Ladder` and its wants ask of a `Problem`."""
+    """Runs of a problem by a plain rule, with the methods of a `Problem` that `Ladder` calls."""
 
     def __init__(self, problem: Problem, parameters: tuple[float, ...]):
-        """The synchrotron has omega, sigma1, sigma2, Kubo's oscillator a and sigma."""
+        """parameters: omega, sigma1, sigma2 for the synchrotron, a and sigma for Kubo's oscillator."""
         self.model, self.horizon, self.options = problem.model, problem.horizon, problem.options
         self.q0, self.p0, self._parameters = problem.q0, problem.p0, parameters
 
     def run(self, rule: str, steps: int, *, paths: int, refine: int = 0, save_every: int | None = None, increments=None,
             threads: int = 1) -> SimpleNamespace:  # fmt: skip
-        """q, p (time, 1, path) and t of the saved times. `refine`: steps are made of 2^refine finer ones, which are the
-        same for all runs of as many of these; increments of zero switch the noise off."""
+        """q, p (time, 1, path) and t of the saved times. `refine`: increments are sums over 2^refine finer steps, which
+        are the same in all runs with as many finer steps; increments of zero switch the noise off."""
         h = self.horizon / steps
         noises = self.model.nnoise
         kind = _synchrotron if noises > 1 else _kubo
@@ -42,7 +42,7 @@ class Plain:
 
 
 def _drawn(generator, h: float, parts: int, noises: int, paths: int) -> np.ndarray:
-    """dW and dZ, the integral of W - W_n over the step, of a step of so many parts: (2, noise, path)."""
+    """dW and dZ, the integral of W - W_n over the step, summed from so many parts: (2, noise, path)."""
     short = h / parts
     normals = generator.standard_normal((parts, 2, noises, paths))
     dw = np.sqrt(short) * normals[:, 0]
@@ -54,7 +54,8 @@ def _drawn(generator, h: float, parts: int, noises: int, paths: int) -> np.ndarr
 
 
 def _synchrotron(rule, q, p, h, dw, dz, omega, sigma1, sigma2):  # noqa: PLR0917
-    """dq = p dt, dp = -omega^2 sin q dt - sigma1 cos q dW_1 - sigma2 sin q dW_2; Ito's and Stratonovich's are one."""
+    """dq = p dt, dp = -omega^2 sin q dt - sigma1 cos q dW_1 - sigma2 sin q dW_2; the Ito and Stratonovich equations
+    agree."""
     sin, cos = np.sin(q), np.cos(q)
     kick = h * omega**2 + sigma2 * dw[1]
     jump = -kick * sin - sigma1 * dw[0] * cos
@@ -69,7 +70,7 @@ def _synchrotron(rule, q, p, h, dw, dz, omega, sigma1, sigma2):  # noqa: PLR0917
 
 
 def _kubo(rule, q, p, h, dw, dz, a, sigma):  # noqa: PLR0917
-    """d(q + i p) = -i (q + i p) (a dt + sigma o dW). Ito's drift is linear too, so that dZ drops out."""
+    """d(q + i p) = -i (q + i p) (a dt + sigma o dW). The Ito drift is linear, too, so that dZ cancels."""
     z, w = q + 1j * p, dw[0]
     if rule == "heun":
         turn = -1j * (a * h + sigma * w)

@@ -5,8 +5,8 @@ Called by `./bootstrap bench`, with its arguments:
     run.py --build BUILD [--quick] [--only SECTION ...]
            [--rows REGEX] [--repeats N] [--markdown docs/performance.md] [--json FILE]
 `./bootstrap bench loops [REGEX]` runs the section loops alone, and of it the rows that match.
-What is compared with is skipped where numba is not installed. Each module of topics/ measures and writes one section of
-the page of tables, in a process of its own, by the library of the build; first_screen.py writes the page.
+Comparisons with loops are skipped where numba is not installed. Each module of topics/ measures and writes one section
+of the page of tables, in a process of its own, by the library of the build; first_screen.py writes the page.
 """
 
 import argparse
@@ -38,7 +38,7 @@ TOPICS = {
 
 
 def measured(module: str, setting: Setting) -> tuple[object, str]:
-    """Numbers and text of a section."""
+    """Numbers and text of a section, measured in a process of its own."""
     topic = importlib.import_module(f"topics.{module}")
     found = topic.measure(setting)
     return found, topic.section(found)
@@ -56,7 +56,7 @@ def page(described: dict, sections: list[str]) -> str:
 
 
 def write(target: Path, tables: str, results: dict) -> None:
-    """Write the tables beside the page; the page and its picture, too, where all that they show was measured."""
+    """Write the tables, and, if all of its numbers were measured, the page with its picture."""
     target.with_stem(f"{target.stem}-tables").write_text(tables, encoding="utf-8")
     if (data := first_screen.data(results.get("loops", []))) is None:
         return

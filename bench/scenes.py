@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The scenes of the benchmarks, each an entry of `SCENES`: its equations once, its parameters once.
+"""The scenes of the benchmarks: each entry of `SCENES` states equations and parameters once.
 
 From an entry come the model of the catalogue, the same model by its formulas, and the functions of a loop in numba or
 NumPy: `mass`, `force` and `slope` of the one-step Hamiltonian S = sum_j w_j H_j = mass p^2/2 + U(q).
@@ -18,20 +18,20 @@ import symsde as ss
 
 @dataclass(frozen=True)
 class Scene:
-    """H, its noises, and parameters that are not those of the catalogue."""
+    """H, its noises, and parameters that differ from the catalogue's."""
 
-    name: str  #: in the catalogue; "" where it has no such model
+    name: str  #: name in the catalogue; "" if the model is not in it
     H: str
     noises: tuple[str, ...]
     parameters: Mapping[str, float] = field(default_factory=dict)
     step: float = 0.02
-    sites: int = 0  #: of formulas about sites
+    sites: int = 0  #: number of sites, for formulas about sites
     ends: str = "free"
     by_sites: Callable | None = None  #: makes force(w, t, q, f), a loop over sites, from parameters
 
     @property
     def values(self) -> dict[str, float]:
-        """All parameters."""
+        """All parameters, with the catalogue's defaults."""
         return {**(ss.models.get(self.name).parameters if self.name else {}), **self.parameters}
 
     @property
@@ -45,11 +45,11 @@ class Scene:
         return self.sites if "[k]" in self.noises[0] else len(self.noises)
 
     def model(self) -> ss.Model:
-        """The model of the catalogue."""
+        """The model from the catalogue."""
         return ss.models.get(self.name, **self.parameters, **({"n": self.sites} if self.sites else {}))
 
     def formula(self) -> ss.Model:
-        """The same model as a user writes it by formulas."""
+        """The same model from formulas, as a user writes it."""
         values = {name: value for name, value in self.values.items() if name != "n"}
         about = {"n": self.sites, "ends": self.ends} if self.sites else {}
         return ss.model_from_sympy(self.H, list(self.noises), params=values, **about)
@@ -60,8 +60,8 @@ class Scene:
         return replace(self, sites=sites, parameters={**self.parameters, **changes})
 
     def functions(self, library: str = "math", compiled: Callable = lambda function: function) -> SimpleNamespace:
-        """mass(w), force(w, t, q) and slope(w, t, q), which gives the force and its derivative; of several degrees of
-        freedom force(w, t, q, f), which writes the forces into f. By sine and cosine of `library`: math or numpy.
+        """mass(w), force(w, t, q) and slope(w, t, q), which gives the force and its derivative; with several degrees of
+        freedom force(w, t, q, f), which writes the forces into f. Sine and cosine come from `library`: math or numpy.
         """
         if self.by_sites:
             force = self.by_sites(**{name: value for name, value in self.values.items() if name != "n"})
@@ -88,7 +88,7 @@ def _written(scene: Scene, library: str, compiled: Callable) -> SimpleNamespace:
     force = [(-sympy.diff(total, q)).subs(written) for q in qs]
     printer = NumPyPrinter() if library == "numpy" else PythonCodePrinter()
 
-    def gathered(x):  # by what is computed from q, as one writes it
+    def gathered(x):  # grouped by common subexpressions in q, as one writes it
         return sympy.collect(sympy.expand(x), [*x.atoms(sympy.sin, sympy.cos), *written.values()]) if n == 1 else x
 
     def function(arguments: str, results: list, ending: str) -> Callable:
@@ -127,7 +127,7 @@ def chain_force(beta: float, sigma: float) -> Callable:
 
 
 def rotators_force(strength: float, N: float) -> Callable:
-    """Rotators in the field of their mean: two sums over sites."""
+    """Rotators in the field of their mean, with two sums over sites."""
 
     def force(w, t, q, f):
         cosines, x, y = np.empty_like(q), 0.0, 0.0
@@ -144,7 +144,7 @@ SPRINGS = "Sum(p[i]**2/2, i) + Sum((q[i+1]-q[i])**2/2 + beta*(q[i+1]-q[i])**4/4,
 ROTATORS = "Sum(p[i]**2/2, i) + Sum(q[i]**2/2, i) - (Sum(cos(q[i]), i)**2 + Sum(sin(q[i]), i)**2)/(2*N)"
 DRIVEN = "p**2/2 - omega**2*(1 + epsilon*cos(nu*t))*cos(q)"
 HENON_HEILES = "(p1**2 + p2**2 + q1**2 + q2**2)/2 + alpha*(q1**2*q2 - q2**3/3)"
-QUIET = {"sigma1": 1e-4, "sigma2": 1e-4}  #: so little noise that no path escapes in a long run
+QUIET = {"sigma1": 1e-4, "sigma2": 1e-4}  #: noise so weak that no path escapes in a long run
 
 SCENES = {
     "kubo": Scene("kubo", "a*(p**2 + q**2)/2", ("sigma*(p**2 + q**2)/2",)),
@@ -154,7 +154,7 @@ SCENES = {
         "noncommutative_oscillator",
         "(p**2 + q**2)/2",
         ("s1*p**2/2", "s2*q**2/2"),
-        step=1e-6,  # it grows without bound
+        step=1e-6,  # the solution grows without bound
     ),
     "synchrotron": Scene("synchrotron", "p**2/2 - omega**2*cos(q)", ("sigma1*sin(q)", "-sigma2*cos(q)")),
     "pendulum": Scene("pendulum", "p**2/2 - cos(q)", ("sigma*(p**2 + q**2)/2",)),
@@ -162,7 +162,7 @@ SCENES = {
         "driven_pendulum", DRIVEN, ("-sigma1*(1 + alpha*sin(nu*t))*q", "-sigma2*(1 + alpha*sin(nu*t))*cos(q)")
     ),
     "henon_heiles": Scene("henon_heiles", HENON_HEILES, ("sigma1*q1", "sigma2*q2"), QUIET),
-    "fpu_chain": Scene(  # so little noise that it stays cool in a long run
+    "fpu_chain": Scene(  # noise so weak that the chain hardly heats in a long run
         "fpu_chain", SPRINGS, ("-sigma*q[k]",), {"sigma": 1e-3}, 0.05, sites=64, ends="fixed", by_sites=chain_force
     ),
     "mean_field": Scene(
@@ -173,7 +173,7 @@ SCENES = {
 
 
 def library(model: ss.Model, scheme: str, paths: int, step: float, **how) -> Callable[[int], ss.Run]:
-    """Runs of the library, of so many steps, from (0.2, 0) on one thread, that save their last state alone."""
+    """Runs of the library with so many steps from (0.2, 0) on one thread, which save the last state alone."""
 
     def run(steps: int) -> ss.Run:
         more = {"q0": 0.2, "p0": 0.0, "save_every": steps} | how

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""What shards, several processes and observers cost, in processor time, for docs/cluster.md and docs/observers.md.
+"""The cost of shards, several processes and observers, in processor time, for docs/cluster.md and docs/observers.md.
 
     .venv/bin/python bench/shards.py shards      # folders of 1 shard and of as many as are chosen beside one call
     .venv/bin/python bench/shards.py longer      # the same for 5 and 30 times the paths, one run each
@@ -47,7 +47,7 @@ def seconds() -> float:
 
 
 def shards(paths: int = PATHS, repeats: int = REPEATS) -> None:
-    """One call of the library, a folder of one shard, and of as many as it chooses."""
+    """One call of the library, a folder with one shard, and a folder with the default number of shards."""
     run = {"q0": 0.0, "p0": 0.1, "step": 0.02, "steps": STEPS, "save_every": EVERY, "paths": paths, "seed": 1}
     model = ss.models.synchrotron()
 
@@ -75,7 +75,9 @@ def longer() -> None:
 
 
 def weak() -> None:
-    """Processor time and time a path of two processes that share a folder, and of two ranks of MPI, beside one."""
+    """Processor time and elapsed time a path for two processes that share a folder, and for two MPI ranks, beside
+    one.
+    """
 
     def processes(count: int, launcher: tuple[str, ...] = ()) -> None:
         with tempfile.TemporaryDirectory() as place:
@@ -87,7 +89,7 @@ def weak() -> None:
             assert all(process.wait() == 0 for process in started)
 
     ways = {"1 process": lambda: processes(1), "2 processes": lambda: processes(2)}
-    beside = Path(sys.executable).with_name("mpirun")  # of mpi4py's wheels, before that of the system
+    beside = Path(sys.executable).with_name("mpirun")  # the mpirun of mpi4py's wheels, or else the system's
     if mpirun := str(beside) if beside.exists() else shutil.which("mpirun"):
         os.environ |= {"OMPI_ALLOW_RUN_AS_ROOT": "1", "OMPI_ALLOW_RUN_AS_ROOT_CONFIRM": "1"}
         ways["1 rank"] = lambda: processes(1, (mpirun, "-n", "1"))
@@ -96,7 +98,7 @@ def weak() -> None:
         found = least(ways, REPEATS, clock)
         one = found["1 process"]
         for name, x in found.items():
-            work = int(name[0]) if clock is seconds else 1  # two work at a time
+            work = int(name[0]) if clock is seconds else 1  # two processes work at a time
             print(f"{what:15s} {name:12s} {x:.3f} s, weak efficiency {work * one / x:.3f} of one process")
 
 
@@ -116,7 +118,7 @@ def observers() -> None:
     model, run = ss.models.synchrotron(), {"q0": 0.0, "p0": 0.1, "step": 0.02, "steps": 200, "paths": 4096}
 
     def times(many: int, **options) -> float:
-        """Again and again, so that the clock of the system is fine enough."""
+        """Seconds of repeated runs, so many that the system's clock is fine enough."""
         for _ in range(many):
             ss.moments(model, threads=1, **run, **options)
 

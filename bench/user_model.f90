@@ -38,7 +38,7 @@ contains
       call self%gradient_hessian(nlane, ndof, nnoise, t, w, q, p, hqq=hqq, hqp=hqp, hpp=hpp)
    end subroutine hessian
 
-   !> Both share their sine and cosine: the call that an implicit scheme makes in every iteration.
+   !> Gradient and Hessian with one call of sine and cosine; an implicit scheme calls this in every iteration.
    subroutine gradient_hessian(self, nlane, ndof, nnoise, t, w, q, p, hq, hp, hqq, hqp, hpp)
       class(user_synchrotron), intent(in) :: self
       integer, intent(in) :: nlane, ndof, nnoise
@@ -57,10 +57,10 @@ contains
       if (present(hpp)) hpp(:, 1, 1) = w(:, 0)
    end subroutine gradient_hessian
 
-   !> nstep steps of npath paths from (1, 0) on one thread; final positions on return. 0: the run went well.
+   !> nstep steps of npath paths from (1, 0) on one thread; returns final positions, and 0 if the run succeeded.
    integer(c_int) function run_user_model(nname, name, step, npath, nstep, q) bind(c)
       integer(c_int), intent(in), value :: nname
-      character(kind=c_char), intent(in) :: name(nname)  !! of the scheme
+      character(kind=c_char), intent(in) :: name(nname)  !! name of the scheme
       real(wp), intent(in), value :: step
       integer(c_int64_t), intent(in), value :: npath, nstep
       real(wp), intent(out) :: q(npath)

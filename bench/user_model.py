@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The synchrotron as a user writes it in Python, and the model of user_model.c as the library gets it."""
+"""The synchrotron as a user writes it in Python, and the model of user_model.c as the library receives it."""
 
 from __future__ import annotations
 
@@ -40,7 +40,9 @@ def in_numpy():
 
 
 def in_numba(plain=False):
-    """numba.cfunc, by sine and cosine of the library, or plainly by those of Python; gradient and Hessian together."""
+    """Functions by numba.cfunc with the library's sine and cosine, or if plain with Python's; gradient and Hessian
+    jointly.
+    """
     if plain:
 
         @numba.njit
@@ -91,7 +93,7 @@ def in_numba(plain=False):
 
 
 def by_hand(scheme, step, paths, lanes):
-    """Runs of a loop of NumPy alone, from (1, 0), in blocks of so many lanes."""
+    """Runs of a loop in NumPy alone, from (1, 0), in blocks of so many lanes."""
     s, generator = SCENE.functions("numpy"), np.random.default_rng(1)
 
     def kick(w, q, p):  # change of p in a midpoint step by Newton's iteration

@@ -3,10 +3,10 @@
 
     .venv/bin/python bench/variants.py build/native/libsymsde.so SITE/symsde/glibc-hwcaps/x86-64-v4/libsymsde.so
 
-says what a wheel unpacked in SITE costs beside the native build. Each library runs in a process of its own, one
+compares a wheel unpacked in SITE with the native build. Each library runs in a process of its own, one
 thread; the runs of a scene are taken in turn, and the least processor time of each counts. About twenty seconds for
-each library. Fused multiply-add is what a library for older processors lacks: one that is built for this machine with
--DSYMSDE_FP_CONTRACT=off tells its share of a ratio.
+each library. A library for older processors lacks fused multiply-add: a build for this machine with
+-DSYMSDE_FP_CONTRACT=off shows how much of a ratio is due to it.
 """
 
 import math
@@ -28,7 +28,7 @@ SCENES = [
     ("noncommutative_oscillator", "midpoint_areas"),
 ]
 PATHS, STEP, TIME = 2048, 0.02, 8.0
-ROUNDS, SECONDS = 7, 0.12  #: runs of a scene are repeated for so long, and that so often
+ROUNDS, SECONDS = 7, 0.12  #: rounds of a scene, and seconds of each round
 
 
 def main() -> int:
@@ -52,7 +52,7 @@ def main() -> int:
 
 
 def start(library: str) -> subprocess.Popen:
-    """A process with that library, which times scenes."""
+    """A process with this library, which times scenes."""
     python = str(Path(__file__).resolve().parents[1] / "python")
     environment = os.environ | {"SYMSDE_LIBRARY": str(Path(library).resolve()), "PYTHONPATH": python}
     return subprocess.Popen(
@@ -61,14 +61,14 @@ def start(library: str) -> subprocess.Popen:
 
 
 def ask(worker: subprocess.Popen, scene: int) -> float:
-    """Nanoseconds of a path-step of that scene, once."""
+    """Nanoseconds of a path-step of a scene, measured once."""
     worker.stdin.write(f"{scene}\n")
     worker.stdin.flush()
     return float(worker.stdout.readline())
 
 
 def work() -> None:
-    """Time the scenes that are asked for, one a line."""
+    """Time the requested scenes, one a line."""
     import symsde as ss  # noqa: PLC0415 - the library that the environment names
 
     steps = round(TIME / STEP)
@@ -86,7 +86,7 @@ def work() -> None:
             return time.process_time() - begin
 
         if line not in runs:
-            seconds(1)  # what is done once, and cold
+            seconds(1)  # a cold run, which does everything that is done once
             runs[line] = math.ceil(SECONDS / seconds(1))
         print(1e9 * seconds(runs[line]) / (runs[line] * steps * PATHS), flush=True)
 

@@ -1,15 +1,16 @@
 # SPDX-License-Identifier: BSD-3-Clause
 # Compile flags, in one place, on one interface target. -ffast-math is never used: the library promises
-# bits, tests for NaN and infinity, and compensated sums, all of which it breaks.
-# Only who names dev gets its -Werror: a Debug build of a project that embeds this one does not.
+# bits, tests for NaN and infinity, and compensated sums, all of which that option breaks. Only SYMSDE_FLAGS=dev has
+# -Werror: a Debug build of a project that embeds this one does not.
 set(_sets dev release native sanitize sanitize-threads coverage)
 set(SYMSDE_FLAGS release CACHE STRING "Set of compile flags: ${_sets}")
 set_property(CACHE SYMSDE_FLAGS PROPERTY STRINGS ${_sets})
 
-# One rule for all libraries that users build: a product and a sum are one operation (contraction) wherever the processor
-# has it, so that those for one machine, for x86-64-v3 and v4, and wheels compute the same bits. All sums contract alike:
-# tuning for some processors would leave out those in registers, and a path by itself would have other bits than one of a
-# block. With SYMSDE_FP_CONTRACT=off products are rounded everywhere: older processors and aarch64 agree then, too.
+# One rule for all libraries that users build: a product and a sum are one operation (contraction) if the processor has
+# it, so that builds for one machine, for x86-64-v3 and v4, and wheels compute the same bits. All sums contract alike:
+# tuning for some processors would not contract sums in registers, and a single path would have other bits than a path
+# in a block. With SYMSDE_FP_CONTRACT=off products are rounded everywhere, so that older processors and aarch64 agree,
+# too.
 set(SYMSDE_FP_CONTRACT fast CACHE STRING "Whether a product and a sum are one operation: fast, off")
 set(_release -O3 -fno-trapping-math -fno-math-errno -ffp-contract=${SYMSDE_FP_CONTRACT})
 if(CMAKE_SYSTEM_PROCESSOR MATCHES "^(x86_64|amd64|AMD64)$")
@@ -26,23 +27,23 @@ if(SYMSDE_FLAGS STREQUAL "release")
 elseif(SYMSDE_FLAGS STREQUAL "native")
    set(_common ${_release} -march=native)
 elseif(SYMSDE_FLAGS STREQUAL "dev")
-   set(SYMSDE_CONTRACTS ON)  # src/base/contracts.f90
+   set(SYMSDE_CONTRACTS ON)  # executes src/base/contracts.f90
    set(_common -Og -g -Werror)
    set(_fortran ${_fortran_warnings} -fcheck=all -finit-real=snan -fbacktrace)
    set(_c ${_c_warnings})
 elseif(SYMSDE_FLAGS STREQUAL "sanitize")
    set(SYMSDE_CONTRACTS ON)
    set(SYMSDE_SANITIZERS -fsanitize=address,undefined)
-   # lines are what a report shows; all of -g took a quarter of the time
+   # reports show line numbers, for which -g1 is enough; all of -g took a quarter of the time
    set(_common -O1 -g1 -fno-omit-frame-pointer ${SYMSDE_SANITIZERS} -fno-sanitize-recover=undefined)
-   # an absent optional array that is passed on counts as a load of a null pointer: not an error
+   # passing on an absent optional array counts as a load of a null pointer, which is not an error
    set(_fortran -fcheck=all -fbacktrace -fno-sanitize=null)
 elseif(SYMSDE_FLAGS STREQUAL "sanitize-threads")
-   # for programs whose threads are the host's own: those of OpenMP meet in ways that this sanitizer does not see
+   # for programs with threads of their own: this sanitizer does not see how OpenMP's threads synchronise
    set(SYMSDE_SANITIZERS -fsanitize=thread)
    set(_common -O1 -g1 -fno-omit-frame-pointer ${SYMSDE_SANITIZERS})
 elseif(SYMSDE_FLAGS STREQUAL "coverage")
-   # lines are counted: no line is merged with another one more than -O1 does; threads count at once
+   # lines are counted, so -O1 merges few of them; threads count at the same time
    set(_common -O1 -g --coverage -fprofile-update=atomic)
    set(_link --coverage)
 else()
@@ -55,7 +56,7 @@ if(NOT CMAKE_Fortran_COMPILER_ID STREQUAL "GNU" OR CMAKE_Fortran_COMPILER_VERSIO
       "this is ${CMAKE_Fortran_COMPILER_ID} ${CMAKE_Fortran_COMPILER_VERSION}.")
 endif()
 
-# Of these, other compilers of Fortran know few.
+# Compilers other than gfortran know few of these flags.
 set(_known ${_common})
 list(FILTER _known INCLUDE REGEX "^-(O[0-3]|g|march=.*|ffp-contract=.*)$")
 
@@ -64,5 +65,5 @@ target_compile_options(symsde_flags INTERFACE
    $<$<COMPILE_LANG_AND_ID:Fortran,GNU>:${_common};${_fortran}>
    $<$<AND:$<COMPILE_LANGUAGE:Fortran>,$<NOT:$<Fortran_COMPILER_ID:GNU>>>:${_known}>
    $<$<COMPILE_LANGUAGE:C>:${_common};${_c}>)
-# A stack that cannot be executed: no object may ask for another one.
+# The stack must not be executable: no object may require it.
 target_link_options(symsde_flags INTERFACE LINKER:-z,noexecstack ${SYMSDE_SANITIZERS} ${_link})

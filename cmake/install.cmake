@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: BSD-3-Clause
-# What `cmake --install` puts where: library, header, module files, CMake package, pkg-config file.
+# Where `cmake --install` puts library, header, module files, CMake package, and pkg-config file.
 include(CMakePackageConfigHelpers)
 
 if(SKBUILD)
-   # A package for Python holds the library only, beside or below the files that load it.
+   # A Python package holds the library only, beside or below the files that load it.
    set(_folder symsde)
    if(SYMSDE_LEVEL)
       set(_folder symsde/glibc-hwcaps/${SYMSDE_LEVEL})
@@ -34,7 +34,7 @@ set(_private "-llapack -lblas -lgfortran -lgomp -lm")
 set(SYMSDE_PC_LIBS "")
 set(SYMSDE_PC_PRIVATE "\nLibs.private: ${_private}")
 if(SYMSDE_KIND STREQUAL "STATIC")
-   set(SYMSDE_PC_LIBS " ${_private}")  # who links an archive needs them, whether pkg-config is told --static or not
+   set(SYMSDE_PC_LIBS " ${_private}")  # programs linked to an archive need these, with or without pkg-config --static
    set(SYMSDE_PC_PRIVATE "")
 endif()
 configure_file(cmake/symsde.pc.in symsde.pc @ONLY)

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
-# The library once more for newer processors of x86-64, in folders of the names that glibc searches beside a library
-# which a program was linked with (glibc-hwcaps), and from which Python chooses. Both compute the same bits. The library
-# beside them is for processors without fused multiply-add, and rounds products.
+# The library again for newer x86-64 processors, in folders with the names that glibc searches beside a library that a
+# program is linked with (glibc-hwcaps); Python chooses among the same folders. All variants compute the same bits. The
+# library beside the folders is for processors without fused multiply-add, and rounds products.
 if(NOT SYMSDE_FLAGS STREQUAL "release" OR NOT CMAKE_SYSTEM_PROCESSOR MATCHES "^(x86_64|amd64|AMD64)$")
    message(FATAL_ERROR "SYMSDE_VARIANTS is ON, for SYMSDE_FLAGS '${SYMSDE_FLAGS}' on ${CMAKE_SYSTEM_PROCESSOR}: "
       "variants are those of the flags release on x86-64.")

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Run a program of MPI on 1, 2 and 3 ranks and compare what it prints; exit 77 (skipped) where there is none."""
+"""Run an MPI program on 1, 2 and 3 ranks and compare the outputs; exit 77 (skipped) without MPI."""
 
 import os
 import subprocess
@@ -10,7 +10,7 @@ SKIPPED = 77
 
 
 def main(launcher: str = "", program: str = "") -> int:
-    """0 where every number of ranks prints the same."""
+    """Run; 0 if the outputs for all numbers of ranks are equal."""
     if not (launcher and program and Path(launcher).exists()):
         print("skipped: there is no MPI for Fortran with mpi_f08: apt install libopenmpi-dev")
         return SKIPPED

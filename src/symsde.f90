@@ -3,7 +3,7 @@
 !>
 !>    dp = -H_q dt - sum_k H_{k,q} o dW_k,   dq = H_p dt + sum_k H_{k,p} o dW_k     (Stratonovich)
 !>
-!> What a program uses, from one module. Nothing is defined here; names too short to share a scope with a
+!> All names that a program needs, from one module. Nothing is defined here; names too short to share a scope with a
 !> user's own get a prefix.
 !>
 !>    use symsde
@@ -48,11 +48,11 @@ module symsde
    use symsde_model_user_callback, only: callback_model, new_callback_model
    use symsde_model_views_thermostat, only: thermostat_model, new_thermostat
    use symsde_model_probe_traits, only: probe_model
-   ! sincos_lanes(n, x, sine, cosine), for models of one's own: arrays of any length n at once, several times as
-   ! fast as the intrinsics lane by lane; within 1 ulp for |x| <= 1e5, with the same bits on every processor with fused
-   ! multiply-add, and the intrinsics beyond. A lane depends on its own x alone
+   ! sincos_lanes(n, x, sine, cosine), for users' models: arrays of any length n at once, several times as fast as the
+   ! intrinsics lane by lane; within 1 ulp for |x| <= 1e5, with the same bits on every processor with fused
+   ! multiply-add, and the intrinsics beyond. Each result depends on its own x alone
    use symsde_base_sincos, only: sincos_lanes
-   ! schemes: by name, from a quadrature, from a tableau, and what is proved about them
+   ! schemes: by name, from a quadrature, from a tableau, and their certificates
    use symsde_scheme_scheme, only: scheme_type, tableau_form, galerkin_form, ito_form, symplectic_conjugate
    use symsde_scheme_scheme, only: correction_auto, correction_none, correction_mean, correction_increments
    use symsde_scheme_catalogue, only: get_scheme, scheme_names, scheme_families

@@ -79,7 +79,7 @@ contains
       end do
    end subroutine one_step
 
-   !> Rows of residual and matrix and their elimination downwards. x is the middle of the positions.
+   !> Rows of the residual and the matrix, and their elimination downwards. x is the midpoint of the positions.
    pure subroutine forward(n, h, beta, sigma, dw, x, v, upper, rhs)
       integer(i4), intent(in) :: n
       real(wp), intent(in) :: h, beta, sigma, dw(nlane, n), x(nlane, n), v(nlane, n)
@@ -110,7 +110,7 @@ contains
       end do
    end subroutine forward
 
-   !> Back substitution, correction of the running lanes, sizes of correction and unknowns.
+   !> Back substitution, and correction of the running lanes; gives the sizes of corrections and unknowns.
    pure subroutine backward(n, h, upper, rhs, last, x, v, step, size)
       integer(i4), intent(in) :: n
       real(wp), intent(in) :: h, upper(nlane, n), rhs(nlane, n), last(nlane)
@@ -134,8 +134,8 @@ contains
       end do
    end subroutine backward
 
-   !> Size of the correction where the lane goes on, negative where it is done: the library's quadratic
-   !> test, without that of failures.
+   !> Size of the correction for a lane that goes on, negative for one that is done: the library's quadratic convergence
+   !> test, without its test for failures.
    pure function next_size(d, size, last) result(next)
       real(wp), intent(in) :: d, size, last
       real(wp) :: next

@@ -1,8 +1,8 @@
 ! SPDX-License-Identifier: BSD-3-Clause
 !> Limit program: the midpoint rule on the synchrotron, Newton in V = dp to stagnation.
 !>
-!> It calls the library's sine and cosine and does all the rest of an iteration in one pass over 256
-!> lanes; a lane that has converged is frozen.
+!> Each iteration calls the library's sine and cosine, and does all other work in one pass over 256 lanes; a lane that
+!> has converged is frozen.
 module bench_limit_synchrotron
    use symsde_base_kinds, only: wp, i4, i8
    use symsde_base_sincos, only: sincos_lanes
@@ -113,8 +113,8 @@ contains
       end do
    end subroutine iterate
 
-   !> Size of the correction where the lane goes on, negative where it is done: the library's test
-   !> of stagnation for exact matrices, without that of failures.
+   !> Size of the correction for a lane that goes on, negative for one that is done: the library's test of stagnation
+   !> for exact matrices, without its test for failures.
    pure function next_size(d, size, last) result(next)
       real(wp), intent(in) :: d, size, last
       real(wp) :: next, bound

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Other packages beside symsde: their errors and run times, who wins and by how much."""
+"""Other packages beside symsde: their errors and run times, and who is faster by how much."""
 
 from __future__ import annotations
 
@@ -20,12 +20,12 @@ TITLES = {
 
 
 def key(row: dict) -> tuple[str, str]:
-    """A curve."""
+    """Package and scheme of a row, which identify a curve."""
     return row["package"], row["scheme"]
 
 
 def curves(rows: Iterable[dict], problem: str) -> dict[tuple[str, str], list[tuple[float, float]]]:
-    """(error, seconds) of every scheme on a problem, by falling error."""
+    """(error, seconds) of every scheme on a problem, in order of falling error."""
     found: dict[tuple[str, str], list[tuple[float, float]]] = {}
     for row in rows:
         if row["problem"] == problem and row["error"] is not None and math.isfinite(row["error"]):
@@ -34,7 +34,7 @@ def curves(rows: Iterable[dict], problem: str) -> dict[tuple[str, str], list[tup
 
 
 def seconds_to(points: list[tuple[float, float]], error: float) -> float | None:
-    """Of the cheapest run with at most this error: between two points on the line through them, never beyond them."""
+    """Seconds of the cheapest run with at most this error: interpolated between two points, never extrapolated."""
     best = [s for e, s in points if e <= error]
     for (e0, s0), (e1, s1) in itertools.pairwise(points):
         if e0 > error >= e1:
@@ -44,8 +44,9 @@ def seconds_to(points: list[tuple[float, float]], error: float) -> float | None:
 
 
 def compared(rows: list[dict], problem: str) -> dict[tuple[str, str], tuple[float, float, int] | None]:
-    """For every scheme of a peer, its seconds over those that symsde takes to the same error: least and most over its
-    points, and how many points have an error that symsde did not come to."""
+    """For every scheme of a peer, its seconds over symsde's for the same error: least and most over its points, and
+    the number of points with an error that symsde did not reach.
+    """
     every = curves(rows, problem)
     ours = {name: points for name, points in every.items() if name[0].startswith(OURS)}
     found = {}
@@ -64,7 +65,7 @@ def compared(rows: list[dict], problem: str) -> dict[tuple[str, str], tuple[floa
 
 
 def sentence(rows: list[dict], problem: str) -> str:
-    """Who wins on a problem, and by how much."""
+    """A sentence on who is faster on a problem, and by how much."""
     wins, losses = [], []
     for name, found in compared(rows, problem).items():
         if found is None:
@@ -85,9 +86,9 @@ def sentence(rows: list[dict], problem: str) -> str:
 
 
 def draw(axes, rows: list[dict]) -> None:
-    """Error over run time of every scheme of one problem: symsde's on full lines, the others' on broken ones.
+    """Error over run time of every scheme of one problem: full lines for symsde, broken lines for other packages.
 
-    Colours are those of schemes, in every figure; markers and dashes are those of packages.
+    A colour is a scheme, the same in every figure; markers and dashes distinguish packages.
     """
     for name, points in sorted(curves(rows, rows[0]["problem"]).items(), key=lambda found: _rank(found[0])):
         errors, seconds = zip(*points, strict=True)

@@ -18,11 +18,11 @@ from .prepared import Prepared
 
 jax.config.update("jax_enable_x64", True)
 VERSION = f"diffrax {diffrax.__version__}, jax {jax.__version__}"
-FINE = 4  #: times the finest steps of a problem, of ShARK's own reference
+FINE = 4  #: ShARK's own reference has so many times the finest steps
 
 
 class _Slope(diffrax.AbstractTerm):
-    """Drift and noises of a step together, on increments that are given."""
+    """Drift and noises of a step as one term, with given increments."""
 
     problem: Problem
     w: jax.Array  #: (step, noise)
@@ -48,7 +48,7 @@ def _solve(problem: Problem, term, solver, steps: int):
 
 
 def heun(problem: Problem, steps: int, dw: np.ndarray) -> Prepared:
-    """Heun's rule on the increments that all get."""
+    """Heun's rule on the increments that all packages get."""
     h = problem.horizon / steps
     given = jnp.asarray(np.ascontiguousarray(dw.transpose(2, 0, 1)))
     many = jax.jit(jax.vmap(lambda w: _solve(problem, _Slope(problem, w, h), diffrax.Heun(), steps)))
@@ -56,7 +56,9 @@ def heun(problem: Problem, steps: int, dw: np.ndarray) -> Prepared:
 
 
 def shark(problem: Problem, steps: int, dw: np.ndarray) -> Prepared | None:
-    """ShARK (order 3/2 for additive noise) on paths of its own; its error beside itself at finer steps."""
+    """ShARK (order 3/2 for additive noise) on paths of its own; its error is that against its own run at finer
+    steps.
+    """
     if not problem.additive:
         return None
     dof, keys = problem.dof, jax.random.split(jax.random.PRNGKey(7), dw.shape[2])

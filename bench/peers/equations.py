@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Five Stratonovich problems as equations, for packages that know nothing of symsde.
+"""Five Stratonovich problems as equations, without symsde, for other packages.
 
-A slope is what one step's weights make of a state: h times the drift plus the noise terms times their increments.
-q, p are arrays whose first axis is the degree of freedom; w one of increments, noise first; xp is numpy, jax.numpy or
-torch.
+A slope is the change of a state by the weights of one step: h times the drift plus the noise terms times their
+increments. q, p are arrays whose first axis is the degree of freedom; w one of increments, noise first; xp is numpy,
+jax.numpy or torch.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from dataclasses import dataclass
 from typing import Any
 
 SIGMA, OMEGA, SIGMA1, SIGMA2 = 0.3, 2.0, 0.2, 0.1  #: Kubo's oscillator; the synchrotron
-SMALL = 0.01  #: both noises of Henon and Heiles
+SMALL = 0.01  #: both noises of Henon-Heiles
 MASSES, NOISE = 64, 0.05  #: of the chain
 
 
@@ -55,7 +55,7 @@ def _joined(xp: Any, parts: list):
 
 @dataclass(frozen=True)
 class Problem:
-    """Where a problem begins, and how long it goes on."""
+    """A problem: its first state and its horizon."""
 
     name: str
     slope: Callable
@@ -64,10 +64,10 @@ class Problem:
     p0: tuple[float, ...] = (0.0,)
     horizon: float = 4.0
     paths: int = 2048
-    fine: int = 4096  #: steps of the reference
+    fine: int = 4096  #: steps of the reference run
     steps: tuple[int, ...] = (32, 128, 512)
     additive: bool = False  #: one noise on every momentum, of constant strength
-    strength: float = 0.0  #: of these
+    strength: float = 0.0  #: strength of these noises
 
     @property
     def dof(self) -> int:

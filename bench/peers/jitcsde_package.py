@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """jitcsde (G. Ansmann): adaptive steps, C code from SymEngine, one path at a time; diagonal noise alone.
 
-Steps follow a tolerance and not a number: each of the three numbers of steps stands for one. Its paths are its own,
-drawn before on a fine grid (pin_noise); its error is that beside its own run at a hundredth of the tolerance.
+Its steps follow a tolerance: each of the three numbers of steps is translated into a tolerance. It draws its own paths,
+beforehand on a fine grid (pin_noise); its error is that against its own run at a hundredth of the tolerance.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ TOLERANCES = (1e-2, 1e-3, 1e-4)
 
 
 class _Symbols:
-    """What `equations` asks of a package of arrays."""
+    """The functions that `equations` expects of an array package, for symbols."""
 
     @staticmethod
     def concatenate(parts):
@@ -32,7 +32,7 @@ class _Symbols:
 
 
 def adaptive(problem: Problem, steps: int, dw: np.ndarray) -> Prepared | None:
-    """The tolerance that stands for this number of steps."""
+    """The tolerance used for this number of steps."""
     if not problem.additive:
         return None
     dof, tolerance = problem.dof, TOLERANCES[problem.steps.index(steps)]

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""A loop as users write it, compiled by numba: Heun's rule on increments that are given, path after path."""
+"""A loop as users write it, compiled by numba: Heun's rule on given increments, path after path."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ VERSION = f"numba {numba.__version__}"
 
 
 def _loop(scene):
-    """A run on increments (path, step, noise); one degree of freedom as others, in arrays of one."""
+    """A run on increments (path, step, noise); one degree of freedom is an array of length one."""
     n, s = scene.ndof, scene.functions(compiled=numba.njit(inline="always"))
     mass, number = s.mass, s.force
 
@@ -51,7 +51,7 @@ def _loop(scene):
 
 
 def heun(problem: Problem, steps: int, dw: np.ndarray) -> Prepared:
-    """All paths."""
+    """Heun's rule for all paths."""
     start = np.array(problem.q0), np.array(problem.p0)
     loop, of_paths = _loop(OF_PROBLEMS[problem.name]), np.ascontiguousarray(dw.transpose(2, 0, 1))
     return Prepared(lambda: loop(*start, problem.horizon / steps, of_paths), dw.shape[2])

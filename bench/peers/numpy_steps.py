@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """All paths at once in NumPy: Heun's rule, and the classical Runge-Kutta rule with the noise held over a step.
 
-The second is what XMDS2 does by its algorithm RK4: its error on given increments stands in for that of XMDS2.
+XMDS2's algorithm RK4 is this Runge-Kutta rule, whose error on given increments is used for XMDS2.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ def _start(problem: Problem, paths: int) -> np.ndarray:
 
 
 def integrated(problem: Problem, steps: int, dw: np.ndarray, rule) -> np.ndarray:
-    """(2 dof, path) at the end."""
+    """Final states (2 dof, path)."""
     z, h, dof = _start(problem, dw.shape[2]), problem.horizon / steps, problem.dof
     for w in dw:
         z = rule(lambda x, w=w: np.concatenate(problem.slope(np, x[:dof], x[dof:], h, w)), z)
@@ -27,13 +27,13 @@ def integrated(problem: Problem, steps: int, dw: np.ndarray, rule) -> np.ndarray
 
 
 def heun_step(slope, z: np.ndarray) -> np.ndarray:
-    """One step."""
+    """One step of Heun's rule."""
     a = slope(z)
     return z + (a + slope(z + a)) / 2
 
 
 def rk4_step(slope, z: np.ndarray) -> np.ndarray:
-    """One step."""
+    """One step of the classical Runge-Kutta rule."""
     a = slope(z)
     b = slope(z + a / 2)
     c = slope(z + b / 2)
@@ -41,7 +41,7 @@ def rk4_step(slope, z: np.ndarray) -> np.ndarray:
 
 
 def heun(problem: Problem, steps: int, dw: np.ndarray) -> Prepared:
-    """All paths."""
+    """Heun's rule for all paths."""
     return Prepared(lambda: integrated(problem, steps, dw, heun_step), dw.shape[2])
 
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The page docs/peers.md and its figure, from what was measured."""
+"""The page docs/peers.md and its figure, from the measurements."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ CAPTION = "error against run time of a path"
 
 
 def write(target: Path, found: dict) -> None:
-    """What was measured, as a part of the page, and its figure."""
+    """Write the page and its figure from the measurements."""
     page = Page(target, COMMAND)
     page.put(
         "measured",
@@ -27,14 +27,14 @@ def write(target: Path, found: dict) -> None:
 
 
 def measured(found: dict) -> list[str]:
-    """Versions, the machine, and packages that were not there."""
+    """Sentences on versions, the machine, and missing packages."""
     machine = f", {found['machine']}" if "machine" in found else ""
     parts = [f"symsde {found['symsde']}{machine}; " + ", ".join(found["versions"].values()) + "."]
     return parts + [f"{name} was not there ({why}) and is left out." for name, why in found["skipped"].items()]
 
 
 def tables(rows: list[dict]) -> list[str]:
-    """Every problem: who wins, and the errors and run times."""
+    """For every problem, who is faster, and the errors and run times."""
     parts = []
     for problem in dict.fromkeys(row["problem"] for row in rows):
         parts += [f"## {TITLES[problem]}", wrapped(sentence(rows, problem)), _table(rows, problem)]
@@ -58,7 +58,7 @@ def _firsts(rows: list[dict]) -> str:
 
 
 def save(path: Path, data: dict) -> None:
-    """A panel for each problem."""
+    """Draw a panel for each problem."""
     rows = data["peers"]
     problems = list(dict.fromkeys(row["problem"] for row in rows))
     height = (len(problems) + 1) // 2

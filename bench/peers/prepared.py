@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The run that a package prepares for one task."""
+"""A run that a package has prepared for one task."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from typing import Any
 class Prepared:
     """A run that can be repeated."""
 
-    run: Callable[[], Any]  #: gives (2 dof, path), q above p, of the first paths; None where `error` is told instead
+    run: Callable[[], Any]  #: gives (2 dof, path), q before p, of the first paths; None if `error` is given instead
     paths: int
-    error: float | None = None  #: error beside the package's own finest run, if it draws its own paths
-    seconds: float | None = None  #: seconds of a path, if it was timed by other means
+    error: float | None = None  #: error against the package's own finest run, if it draws its own paths
+    seconds: float | None = None  #: seconds of a path, if measured in another way

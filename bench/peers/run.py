@@ -5,12 +5,12 @@
     .venv/bin/python bench/peers/run.py --from FILE.json --page docs/peers.md
 
 Packages that take increments get those of one set of paths, and so does symsde in the rows "given": errors are those of
-the same paths, and no random number is timed. In rows "own", symsde draws what its scheme takes. Errors are root mean
-squares of the distance in (q, p) at the horizon to symsde's best scheme at many steps; packages that draw their own
-paths are compared with their own finest run on them. Seconds are those of the processor for a path on one thread, the
-least of three warm runs; what is compiled or set up once is told beside. Every package runs in a process of its own, by
-this interpreter or by the one that --python names, such as --python diffrax=/venv/bin/python: packages that are not
-there are skipped with a sentence.
+the same paths, and no random number is timed. In rows "own", symsde draws the increments and functionals of its scheme.
+Errors are root mean squares of the distance in (q, p) at the horizon to symsde's best scheme at many steps; packages
+that draw their own paths are compared with their own finest run on these paths. Seconds are those of the processor for
+a path on one thread, the least of three warm runs; compilation and set-up are printed separately. Every package runs
+in a process of its own, by this interpreter or by the one that --python names, such as --python
+diffrax=/venv/bin/python: missing packages are skipped with a sentence.
 """
 
 from __future__ import annotations
@@ -45,7 +45,7 @@ GIVEN = ("midpoint", "stormer_verlet", "heun")
 
 
 def timed(function) -> tuple[Any, float]:
-    """Result and least seconds of warm runs."""
+    """Result of a function, and least seconds of its warm runs."""
     function()
     least = np.inf
     for _ in range(REPEATS):
@@ -56,7 +56,7 @@ def timed(function) -> tuple[Any, float]:
 
 
 class Bench:
-    """One problem with its increments, and the end of their paths."""
+    """One problem with its increments, and the reference states at the horizon."""
 
     def __init__(self, problem: Problem):
         """Draw and integrate the reference."""
@@ -68,7 +68,7 @@ class Bench:
         self.exact = self.by_symsde(self.best, problem.fine)
 
     def by_symsde(self, scheme: str, steps: int, **more) -> np.ndarray:
-        """The end of paths."""
+        """Final states of the paths by a scheme of symsde."""
         problem = self.problem
         run = ss.simulate(
             self.model, q0=np.array(problem.q0), p0=np.array(problem.p0), step=problem.horizon / steps, steps=steps,
@@ -77,15 +77,15 @@ class Bench:
         return np.concatenate([run.q[-1], run.p[-1]])
 
     def error(self, found: np.ndarray) -> float:
-        """Root mean square distance of the first paths."""
+        """Root mean square distance of the first paths' final states from the reference."""
         return float(np.sqrt(np.square(found - self.exact[:, : found.shape[1]]).sum(axis=0).mean()))
 
     def increments(self, steps: int) -> np.ndarray:
-        """Those of longer steps, (step, noise, path)."""
+        """Increments summed for longer steps, (step, noise, path)."""
         return self.fine.reshape(steps, self.problem.fine // steps, *self.fine.shape[1:]).sum(axis=1)
 
     def ours(self, steps: int) -> list[dict]:
-        """Rows of symsde."""
+        """Rows of symsde for this number of steps."""
         problem, dw, rows = self.problem, self.increments(steps), []
         for scheme in GIVEN:
             found, seconds = timed(partial(self.by_symsde, scheme, steps, increments=dw))
@@ -96,7 +96,7 @@ class Bench:
         return rows
 
     def theirs(self, package: str, command: list[str], steps: int) -> list[dict]:
-        """Rows of a package."""
+        """Rows of a package for this number of steps."""
         found, ends = asked(package, command, {"problem": self.problem.name, "steps": steps}, self.increments(steps))
         rows = []
         for row, end in zip(found["rows"], ends, strict=True):
@@ -105,7 +105,7 @@ class Bench:
         return rows
 
     def row(self, package: str, scheme: str, steps: int, error: float, seconds: float, first: float = 0.0) -> dict:  # noqa: PLR0917
-        """As it is kept."""
+        """A row as it is saved."""
         return {
             "problem": self.problem.name,
             "package": package,
@@ -118,7 +118,7 @@ class Bench:
 
 
 def asked(package: str, command: list[str], task: dict, dw: np.ndarray | None) -> tuple[dict, list]:
-    """What a package's process answers: its result and ends; PackageError where it is not there or fails."""
+    """The result and final states from a package's process; PackageError if the package is missing or fails."""
     module = package if package.startswith("num") else f"{package}_package"
     with tempfile.TemporaryDirectory(dir=os.environ.get("PEERS_TMP")) as folder:
         place = Path(folder)
@@ -136,7 +136,7 @@ def asked(package: str, command: list[str], task: dict, dw: np.ndarray | None) -
 
 
 class PackageError(Exception):
-    """A package that is not there, or does not work."""
+    """A package is missing or does not work."""
 
 
 def measured(only: str, commands: dict[str, list[str]]) -> dict:
@@ -168,7 +168,7 @@ def measured(only: str, commands: dict[str, list[str]]) -> dict:
 
 
 def main() -> None:
-    """Measure, or read what was measured; write."""
+    """Measure, or read measurements from a file; write."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--only", default="")
     parser.add_argument("--python", action="append", default=[], metavar="PACKAGE=COMMAND")

@@ -16,7 +16,7 @@ MOST_PATHS = 2
 
 
 def heun(problem: Problem, steps: int, dw: np.ndarray) -> Prepared:
-    """stratHeun on the first paths."""
+    """sdeint's stratHeun on the first paths."""
     dof, m = problem.dof, problem.noises
     times = np.linspace(0, problem.horizon, steps + 1)
     start, still, paths = np.array([*problem.q0, *problem.p0]), np.zeros(m), min(MOST_PATHS, dw.shape[2])
@@ -37,7 +37,7 @@ def heun(problem: Problem, steps: int, dw: np.ndarray) -> Prepared:
 
 
 def _grown(problem: Problem, z: np.ndarray, w: np.ndarray):
-    """A column of the noise, in full length."""
+    """The noise matrix at a state, with a column for each noise."""
     dof = problem.dof
     a, b = problem.slope(np, z[:dof], z[dof:], 0.0, w)
     return np.broadcast_to(a, dof), np.broadcast_to(b, dof)

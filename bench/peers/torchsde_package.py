@@ -17,7 +17,7 @@ VERSION = f"torchsde {version('torchsde')}, torch {torch.__version__}"
 
 
 class _Given(torchsde.BaseBrownian):
-    """The increments that all get."""
+    """The increments that all packages get."""
 
     def __init__(self, dw: np.ndarray, h: float):
         super().__init__()
@@ -38,7 +38,7 @@ class _Given(torchsde.BaseBrownian):
 
 
 class _Equations(torch.nn.Module):
-    """Drift and noise, paths first."""
+    """Drift and noise as torchsde calls them, paths first."""
 
     noise_type, sde_type = "general", "stratonovich"
 
@@ -61,7 +61,7 @@ class _Equations(torch.nn.Module):
 
 
 def heun(problem: Problem, steps: int, dw: np.ndarray) -> Prepared:
-    """Method "heun"."""
+    """torchsde's method "heun"."""
     h, paths = problem.horizon / steps, dw.shape[2]
     start = torch.tensor([*problem.q0, *problem.p0], dtype=torch.float64).repeat(paths, 1)
     times = torch.tensor([0.0, problem.horizon], dtype=torch.float64)

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """One package on one task, in a process and an interpreter of its own: worker.py MODULE FOLDER.
 
-FOLDER/task.json and FOLDER/dw.npy (step, noise, path) say what is asked; FOLDER/result.json and end.npy what came.
-A module has VERSION and SCHEMES, name -> prepare(problem, steps, dw), which gives a `Prepared`, or None where the
-package cannot do this.
+FOLDER/task.json and FOLDER/dw.npy (step, noise, path) hold the task; FOLDER/result.json and end.npy get the result.
+A module has VERSION and SCHEMES, name -> prepare(problem, steps, dw), which gives a `Prepared`, or None if the package
+cannot do the task.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from pathlib import Path
 
 os.environ.setdefault("OMP_NUM_THREADS", "1")
 if __name__ == "__main__":
-    os.sched_setaffinity(0, {min(os.sched_getaffinity(0))})  # threads of any kind have one processor
+    os.sched_setaffinity(0, {min(os.sched_getaffinity(0))})  # all threads share one processor
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 import numpy as np

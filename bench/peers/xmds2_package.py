@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """XMDS2: a program in C++ from a description in XML, by its algorithm RK4, which solves the Stratonovich equation.
 
-It draws its own paths and tells means over them. Seconds are those of the program, of many paths less those of few;
-the error is that of the same rule on the increments that all get (numpy_steps.py).
+It draws its own paths and prints means over them. Seconds are those of the program with many paths less those with few;
+the error is that of the same rule on the common increments (numpy_steps.py).
 """
 
 from __future__ import annotations
@@ -43,7 +43,7 @@ _XML = """<?xml version="1.0" encoding="UTF-8"?>
 
 
 def _equations(name: str, dof: int) -> list[str]:
-    """Rates of the momenta."""
+    """Equations of motion in XMDS2's language."""
     if name == "kubo":
         return [f"dp1_dt = -(1 + {SIGMA}*w1)*q1;"]
     if name == "synchrotron":
@@ -61,7 +61,7 @@ def _equations(name: str, dof: int) -> list[str]:
 
 
 def rk4(problem: Problem, steps: int, dw: np.ndarray) -> Prepared:
-    """RK4 of XMDS2 in time, the same rule in NumPy in error."""
+    """The time of XMDS2's RK4, and the error of the same rule in NumPy."""
     sites = range(1, problem.dof + 1)
     moved = f"(1 + {SIGMA}*w1)*" if problem.name == "kubo" else ""
     text = {
@@ -90,7 +90,7 @@ def rk4(problem: Problem, steps: int, dw: np.ndarray) -> Prepared:
 
 
 def _child(command: list[str], place: Path) -> float:
-    """Seconds of the processor."""
+    """Processor seconds of a command."""
     before = resource.getrusage(resource.RUSAGE_CHILDREN)
     subprocess.run(command, cwd=place, capture_output=True, check=True, env={**os.environ, "OMP_NUM_THREADS": "1"})
     after = resource.getrusage(resource.RUSAGE_CHILDREN)

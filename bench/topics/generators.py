@@ -35,7 +35,7 @@ def measure(setting: Setting) -> list[dict]:
 
 
 def numpy_draw(bits: str, size: int):
-    """A call that makes COUNT normals in blocks of a size."""
+    """A call that makes COUNT normals in blocks of this size."""
     generator, out = np.random.Generator(getattr(np.random, bits)(1)), np.empty(size)
 
     def draw() -> None:

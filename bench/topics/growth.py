@@ -12,7 +12,7 @@ from scenes import SCENES, wave
 
 from .tools import Setting, summary, table
 
-#: axis -> exponent of time, the point from which it is fitted, points, scene
+#: axis -> expected exponent of time, first point of the fit, points, scene
 AXES = {
     "paths": (1.0, 1000, [10**i for i in range(7)],
         "Kubo midpoint, 100 steps, moments; full blocks from 256 paths on"),
@@ -38,7 +38,7 @@ def noisy(x: int) -> ss.Model:
 
 
 def run_of(axis: str, x: int):
-    """A call at a point of the axis, everything else fixed, and the seconds that count of its report; None: all."""
+    """The call at a point of the axis with everything else fixed, and which seconds of its report count; None: all."""
     kubo, how = SCENES["kubo"].model(), {"scheme": "midpoint", "step": 0.02, "threads": 1, "q0": 1.0, "p0": 0.0}
 
     def simulated(model, steps, paths=64, save_every=0, **more):
@@ -72,7 +72,7 @@ def measure(setting: Setting) -> list[dict]:
         points = []
         for x in xs:
             run, counts = run_of(axis, x)
-            run()  # what is compiled, or done once
+            run()  # compile, and do everything that is done once
             times = []
             for _ in range(1 if setting.quick else setting.repeats):
                 begin = time.perf_counter()

@@ -12,10 +12,10 @@ COUNTERS = {
     "iterations": "iterations",
     "solves": "solves",
 }
-#: claim -> counters that it fixes, for a step of a path
+#: claim -> the counters that it fixes, for a step of a path
 CLAIMS = {
     "explicit_calls_no_solver": {"iterations": 0, "solves": 0, "hessians": 0},
-    "Ito_drift_calls_no_solver": {"iterations": 0, "solves": 0, "hessians": 1},  # of the noise, by its gradient
+    "Ito_drift_calls_no_solver": {"iterations": 0, "solves": 0, "hessians": 1},  # the noise's drift, by its gradient
     "sigma_zero_draws_nothing": {"normals": 0},
     "one_noise_silent_draws_one": {"normals": 1},
     "linear_iterates_once": {"iterations": 1, "solves": 1},
@@ -44,7 +44,7 @@ RUN = {"q0": 0.1, "p0": 0.0, "step": 0.02, "steps": 10, "paths": 260, "threads":
 
 
 def measure(_setting: Setting) -> list[dict]:
-    """Read the counters of what scenes leave out, and hold them to the claims."""
+    """Read the counters of every row and compare them with the claim."""
     found = []
     for claim, model, scheme, parameters in ROWS:
         counters = ss.simulate(ss.models.get(model, **parameters), scheme=scheme, **RUN).report.counters

@@ -35,7 +35,7 @@ GROUPS = {
     "call": "µs of a call; the target is a bound of the library's",
 }
 EXPLICIT, IMPLICIT = ("symplectic_euler", "stormer_verlet"), ("midpoint", "gauss2")
-#: scenes and schemes of few paths
+#: scenes and schemes that run with few paths
 FEW = {
     "kubo": ("midpoint",),
     "synchrotron": (*IMPLICIT, "lobatto3", "symplectic_euler"),
@@ -54,25 +54,25 @@ SAVED = (
     "pendulum stormer_verlet",
     "henon_heiles stormer_verlet",
 )
-CALLS = 200  #: of a row whose time is that of a call
+CALLS = 200  #: calls, for rows that time a call
 # steps to T = 4 for a root-mean-square error of 1e-5 from q = 0.2, p = 0, against chin4a_strong2 with 2048 steps
 STEPS = {"chin4a": 89, "taylor": 1500}
 
 
 @dataclass(frozen=True)
 class Row:
-    """What is compared: a maker, so that only rows that are wanted are compiled."""
+    """A comparison, with a function that makes its runs, so that only requested rows are compiled."""
 
     group: str
     name: str
     paths: int
     target: float
     make: Callable[[], tuple[Run, Run]]
-    per_call: int = 0  # steps of a call, for rows whose time is that of a call
+    per_call: int = 0  # steps of a call, for rows that time a call
 
 
 def rows() -> Iterator[Row]:
-    """All of them."""
+    """All comparisons."""
     for scheme in ("gauss2", "gauss3", "lobatto3"):
         for n in (2, 4, 8, 16, 64):
             yield Row("stages", f"{scheme} fpu{n}", 256, 1.0, partial(beside_loop, f"fpu{n} {scheme}", 256))
@@ -94,12 +94,12 @@ def rows() -> Iterator[Row]:
 
 
 def rows_that_save() -> Iterator[Row]:
-    """Beside loops that save, and beside the library without."""
+    """Runs that save, beside loops that save and beside runs of the library that do not."""
     for name in SAVED:
         yield Row("saved", name, 1, 1.5, partial(beside_loop, name, 1, keep="states"))
     for name in ("kubo midpoint", "pendulum stormer_verlet"):
         yield Row("saved1000", name, 1000, 1.5, partial(beside_loop, name, 1000, keep="states"))
-    for paths, target in ((1, 1.5), (1000, 2.0)):  # of many, memory is read twice: to look for NaN, and to use it
+    for paths, target in ((1, 1.5), (1000, 2.0)):  # many are read twice: to look for NaN, and to use them
         for name in ("kubo midpoint", "fpu64 stormer_verlet"):
             yield Row(f"given{paths}", name, paths, target, partial(given_or_own, name, paths))
     for name in (*SAVED, "synchrotron midpoint", "cfunc synchrotron midpoint"):
@@ -107,7 +107,7 @@ def rows_that_save() -> Iterator[Row]:
 
 
 def found(name: str) -> tuple[Scene, Callable[[], ss.Model], str]:
-    """Scene, maker of its model, and scheme of a row's name: a digit is the number of sites."""
+    """Scene, function that makes its model, and scheme of a row's name; digits in the name are the number of sites."""
     *kinds, model, scheme = name.split()
     model, sites = re.fullmatch(r"(.*?)_?(\d*)", model).groups()
     scene = SCENES["fpu_chain" if model == "fpu" else model]
@@ -129,7 +129,7 @@ def beside_loop(name: str, paths: int, keep: str = "nothing", formula: bool = Fa
 
 
 def loop(scene: Scene, scheme: str, paths: int, step: float, *, q0=0.2, keep: str = "nothing") -> Run:
-    """Runs of a loop."""
+    """Runs of a numba loop."""
     import loops  # noqa: PLC0415 - it needs numba
 
     generator, run = np.random.default_rng(1), loops.loop(scene, scheme, keep)
@@ -138,14 +138,14 @@ def loop(scene: Scene, scheme: str, paths: int, step: float, *, q0=0.2, keep: st
 
 
 def saved_or_not(name: str) -> tuple[Run, Run]:
-    """Every step of one path is kept, beside none."""
+    """One path with every step saved, beside the path without saving."""
     scene, maker, scheme = found(name)
     model = maker()
     return library(model, scheme, 1, scene.step, save_every=1), library(model, scheme, 1, scene.step)
 
 
 def given_or_own(name: str, paths: int) -> tuple[Run, Run]:
-    """Increments that are given, drawn beforehand, beside those of the library."""
+    """Given increments, drawn beforehand, beside increments that the library draws."""
     scene, maker, scheme = found(name)
     model, drawn = maker(), {}
 
@@ -170,7 +170,7 @@ def observed() -> tuple[Run, Run]:
 
 
 def accurate() -> tuple[Run, Run]:
-    """Each as many steps as it needs for the same error; a "step" is a path to T = 4."""
+    """The library and a loop, each with the steps it needs for the same error; a "step" is a path to T = 4."""
     scene = SCENES["synchrotron"]
     kicks = library(scene.model(), "chin4a", 1000, 4 / STEPS["chin4a"])
     taylor = loop(scene, "taylor", 1000, 4 / STEPS["taylor"])
@@ -182,7 +182,7 @@ def measured(row: Row, repeats: int, seconds: float) -> list[float]:
     runs = row.make()
     if row.per_call:
         for run in runs:
-            run(row.per_call)  # compiles
+            run(row.per_call)  # compile
         calls = [lambda run=run: [run(row.per_call) for _ in range(CALLS)] for run in runs]
         times = [[1e6 * x / CALLS for x in kind] for kind in in_turn(calls, repeats)]
     else:
@@ -192,10 +192,10 @@ def measured(row: Row, repeats: int, seconds: float) -> list[float]:
 
 
 def measure(setting: Setting) -> list[dict]:
-    """Time all rows, or those asked for; nothing where numba is missing."""
+    """Time all rows, or the requested ones; nothing if numba is missing."""
     if importlib.util.find_spec("numba") is None:
         return []
-    warnings.simplefilter("error", ss.PathsFailedWarning)  # a path that fails would stop early and cheaply
+    warnings.simplefilter("error", ss.PathsFailedWarning)  # a failed path stops early and looks cheap
     seconds = 0.01 if setting.quick else 0.04
     return [
         {

@@ -14,7 +14,7 @@ TARGET = 1.0  # MB
 
 
 def peak(paths: int, steps: int, save_every: int) -> float:
-    """kB by which the peak of this process grows in a run, after one of few steps."""
+    """kB by which the peak memory of this process grows in a run, after a run of few steps."""
     how = {"q0": 1.0, "p0": 0.0, "step": 0.02, "paths": paths, "threads": 2}
     model = ss.models.kubo()
     ss.moments(model, steps=10, save_every=1, **how | {"paths": 512})

@@ -21,20 +21,20 @@ NAMES = {
     "NumPy": "NumPy functions",
     "hand": "NumPy loop by hand",
 }
-# Largest ratio to the built-in model; for NumPy functions to the loop by hand.
+# Largest allowed ratio to the built-in model, or for NumPy functions to the loop by hand.
 TARGETS = {"Fortran": 1.2, "C": 1.2, "numba": 1.5, "NumPy": 1.5}
 STEPS = {"symplectic_euler": 5000, "midpoint": 2500}  #: of compiled models
-SLOW = 100  #: steps of those by NumPy
+SLOW = 100  #: steps of models in NumPy
 STEP, PATHS, LANES = 0.02, 4096, 2048
 
 
 def measure(setting: Setting) -> list[dict]:
-    """All that describe the model in turn, under an explicit and an implicit scheme."""
+    """Time all descriptions of the model in turn, with an explicit and an implicit scheme."""
     return [row for scheme in STEPS for row in compared(scheme, setting)]
 
 
 def compared(scheme: str, setting: Setting) -> list[dict]:
-    """ns of a path-step of each, and the median of the ratios to the one it is judged by."""
+    """ns of a path-step of each description, and the median ratio to the one it is compared with."""
     runs = {kind: run for kind, run in runs_of(scheme, setting).items() if run}
     expected = runs["built-in"](SLOW).q[-1, 0]
     for kind, run in runs.items():
@@ -58,7 +58,7 @@ def compared(scheme: str, setting: Setting) -> list[dict]:
 
 
 def runs_of(scheme: str, setting: Setting) -> dict:
-    """Runs of so many steps from (1, 0); None where numba is missing."""
+    """Runs of so many steps from (1, 0); None for numba if it is missing."""
     programs, numba = setting.programs, user_model.numba
     models = {
         "built-in": user_model.SCENE.model(),

@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Time and memory that the Python package adds to a call.
 
-Calls: ms of a run of one path and one step through `symsde` and through a call of the C interface that was prepared
-beforehand, in turn. Steps: us of one call on one path. Observed: ns a path-step of moments of 1000 paths, every step
-saved, without and with an observable in Python. Memory: by how much the peak resident memory of this process grows in a
-large run, over the size of what it returns.
+Calls: ms of a run of one path and one step through `symsde` and through a C call with prepared arguments, in turn.
+Steps: us of one call on one path. Observed: ns a path-step of moments of 1000 paths, every step saved, without and with
+an observable in Python. Memory: growth of this process's peak resident memory in a large run, over the size of the
+results.
 """
 
 import ctypes
@@ -33,11 +33,11 @@ STEPS = {
     "prepared run.step(dw)": 10.0,
 }  # us
 OBSERVED = 17.6  # ns a path-step with every step saved and an observable in Python: twice a loop in numba
-GROWN = 1.05  # peak memory over the size of the results
+GROWN = 1.05  # allowed peak memory over the size of the results
 
 
 def prepared_simulate():
-    """The same run as a bare call of the C interface."""
+    """The same run as a call of the C interface alone."""
     run = ss.simulate(MODEL, **HOW)
     paths = handles.new(abi.Paths, "paths")
     for name, *_ in abi.Paths._fields_[1:]:
@@ -46,7 +46,7 @@ def prepared_simulate():
 
 
 def prepared_moments():
-    """The same moments as a bare call of the C interface."""
+    """The same moments as a call of the C interface alone."""
     run = ss.moments(MODEL, **HOW)
     moments = handles.new(abi.Moments, "moments")
     moments.t, moments.n_ok = address(run.t), address(run.n_ok)
@@ -56,7 +56,7 @@ def prepared_moments():
 
 
 def prepared(run, function, result):
-    """A call without arguments of one function of the C interface."""
+    """A call without arguments that calls one function of the C interface."""
     setup, report = run.setup, handles.new(abi.Report, "report")
     given, model = setup.input(), setup.model._handles.take()
     arguments = (model.pointer, *setup.handles(), *(ctypes.byref(struct) for struct in (given, result, report)), None)
@@ -70,7 +70,7 @@ def prepared(run, function, result):
 
 
 def measure(setting: Setting) -> dict:
-    """Time calls and look at the memory."""
+    """Time calls, and measure memory."""
     repeats = max(5, setting.repeats)
     return {
         "call": {
@@ -84,19 +84,19 @@ def measure(setting: Setting) -> dict:
 
 
 def many(call):
-    """CALLS of them."""
+    """Seconds of CALLS calls."""
     return lambda: [call() for _ in range(CALLS)]
 
 
 def added(by_python, by_c, repeats) -> list[float]:
-    """ms: the median of the differences, then median, least and largest of both."""
+    """ms: the median of the differences; then median, least and largest of both."""
     times = [[1e3 * x / CALLS for x in kept] for kept in in_turn((many(by_python), many(by_c)), repeats)]
     difference = statistics.median(a - b for a, b in zip(*times, strict=True))
     return [difference, *summary(times[0]), *summary(times[1])]
 
 
 def steps_of_few_paths(repeats) -> dict[str, float]:
-    """What one step takes, called in four ways, us."""
+    """us of one step, called in four ways."""
     how = {"q0": 1.0, "p0": 0.0, "step": 0.02, "threads": 1}
     run = ss.prepare(MODEL, **how)
     calls = (
@@ -110,7 +110,7 @@ def steps_of_few_paths(repeats) -> dict[str, float]:
 
 
 def observed_steps(repeats) -> dict[str, float]:
-    """What saving every step takes, without and with an observable in Python, ns of a path-step."""
+    """ns of a path-step that saving every step adds, without and with an observable in Python."""
     paths, steps = 1000, 500
     how = {"q0": 1.0, "p0": 0.0, "step": 0.02, "steps": steps, "paths": paths, "threads": 1}
     radius = {"radius": lambda q, p: q[0] ** 2 + p[0] ** 2}
@@ -129,22 +129,22 @@ def peak() -> int:
 
 
 def grown(run) -> tuple:
-    """By how many bytes the peak grows in a run, and what the run gave."""
+    """Bytes by which the peak grows in a run, and the run's result."""
     before = peak()
     result = run()
     return peak() - before, result
 
 
 def large_runs() -> dict[str, list[float]]:
-    """MB that a run returns, and by how much the peak grows over that."""
+    """MB that a run returns, and growth of the peak over that."""
     found = {}
     for name, steps in (("saved paths", 3000), ("saved paths, increments given", 6000)):
         given = {}
         if "given" in name:
-            given["increments"] = np.full((steps, 1, 4096), 0.01)  # its pages are touched here, before the run
+            given["increments"] = np.full((steps, 1, 4096), 0.01)  # touches its pages before the run
         how = {"step": 0.02, "paths": 4096, "threads": 1, "steps": steps, **given}
         growth, run = grown(lambda how=how: ss.simulate(MODEL, q0=1.0, p0=0.0, **how))
-        size = run.q.nbytes + run.p.nbytes + (run.setup.increments.nbytes if given else 0)  # the run's own
+        size = run.q.nbytes + run.p.nbytes + (run.setup.increments.nbytes if given else 0)  # bytes of its own arrays
         found[name] = [size / 2**20, growth / size]
         del run
     return found

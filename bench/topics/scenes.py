@@ -11,7 +11,7 @@ from timing import in_turn
 
 from .tools import Setting, at_least, ratio, spread, summary, table
 
-#: name -> scene, scheme, function of bench/limits, its parameters, steps, fraction of its speed that is to be reached
+#: name -> scene, scheme, function of bench/limits, its parameters, steps, fraction of its speed to reach
 ROWS = {
     "kubo_midpoint": (SCENES["kubo"], "midpoint", "limit_kubo", ("a", "sigma"), 60000, 0.93),
     "synchrotron_midpoint": (
@@ -32,7 +32,7 @@ def measure(setting: Setting) -> list[dict]:
     for name, (scene, scheme, function, parameters, usual, target) in ROWS.items():
         n, steps = scene.ndof, max(8, usual // (40 if setting.quick else 8) * 8)
         q0, given = wave(n), np.array([scene.values[x] for x in parameters])
-        ends = np.empty((2, PATHS // LANES, n, LANES))  # of programs block by block
+        ends = np.empty((2, PATHS // LANES, n, LANES))  # programs return states block by block
         whole = (
             ctypes.c_int64(PATHS),
             ctypes.c_int64(steps),

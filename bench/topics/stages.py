@@ -17,19 +17,19 @@ from .tools import Setting, at_most, table, words
 SCHEMES = ("midpoint", "gauss2", "gauss3", "lobatto3", "gauss2_strong32")
 STIFF = ("midpoint", "gauss2", "gauss3", "gauss2_strong32")  # lobatto3 is unstable there
 LONG = (64, 256, 1024, 4096)
-LASTING = 200.0  # the longest time: noise heats, and steps that are mild in the beginning are not for ever
-#: Most midpoints that a step may cost, where it is mild and where it is stiff.
+LASTING = 200.0  # longest time of a run: noise heats the chain, so mild steps become stiff
+#: Allowed cost of a step in midpoint steps, for mild and for stiff steps.
 TARGETS = {"gauss2": (4.0, 8.0)}
 OTHERS = (10.0, 20.0)
 
 
 def chain(n: int) -> tuple:
-    """A chain of n sites and where it begins."""
+    """A chain of n sites and its first state."""
     i = np.arange(n)
     return SCENES["fpu_chain"].of(sites=n, sigma=0.1), 0.3 * np.sin(0.7 * i + 0.3), 0.3 * np.cos(1.3 * i)
 
 
-#: scene, beginning, and steps
+#: (scene, first state, noise), and steps
 ROWS = [
     ((SCENES["synchrotron"], 0.5, 0.2), (0.1, 0.25)),
     ((SCENES["driven_pendulum"], 0.5, 0.2), (0.02, 0.1)),
@@ -40,7 +40,7 @@ ROWS = [
 
 
 def measure(setting: Setting) -> dict:
-    """Ratios to the midpoint rule, and how the time of long chains grows."""
+    """Ratios to the midpoint rule, and the growth of time with long chains."""
     warnings.simplefilter("ignore")
     found: dict = {"rows": [], "growth": []}
     repeats = 3 if setting.quick else setting.repeats
@@ -68,7 +68,7 @@ def measure(setting: Setting) -> dict:
 
 
 def times(scene: tuple, schemes: tuple[str, ...], h: float, paths: int, repeats: int) -> tuple[dict, dict]:
-    """The least ns of a path-step of every scheme, all in turn, and their reports."""
+    """Least ns of a path-step for every scheme, all in turn, and the reports."""
     it, q0, p0 = scene
     model = it.model()
     runs = {scheme: library(model, scheme, paths, h, q0=q0, p0=p0) for scheme in schemes}
@@ -93,7 +93,7 @@ def section(found: dict) -> str:
 
 
 def table_of(rows: list[dict]) -> str:
-    """All scenes."""
+    """The table of all scenes."""
     heads = ["model", "ndof", "h", "scheme", "ns", "midpoints", "iterations", "LAPACK", "target", ""]
     return table(
         heads,
@@ -115,7 +115,7 @@ def table_of(rows: list[dict]) -> str:
 
 
 def growth_of(rows: list[dict]) -> str:
-    """Time of a site of long chains."""
+    """The table of time a site in long chains."""
     schemes = list(dict.fromkeys(r["scheme"] for r in rows))
     sizes = list(dict.fromkeys(r["ndof"] for r in rows))
     times = {(r["ndof"], r["scheme"]): f"{r['ns']:.3g}" for r in rows}

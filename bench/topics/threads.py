@@ -10,13 +10,13 @@ import symsde as ss
 from .tools import Setting, at_least, spread, summary, table
 
 STEPS = {"synchrotron": 4000, "kubo": 16000}
-PATHS = 20480  #: of a thread
-TARGET = 0.97  # of the throughput of two processes
+PATHS = 20480  #: for each thread
+TARGET = 0.97  # least throughput, in units of two processes
 PAIRS = 7
 
 
 def load(scene: str, threads: int, steps: int) -> tuple[float, float, float]:
-    """A steady run: path-steps a second of the clock, ns of processor time for one, part of the time threads ran."""
+    """A steady run: path-steps per second, ns of processor time for a path-step, part of the time that threads ran."""
     how = {"q0": 1.0, "p0": 0.0, "step": 0.02, "steps": steps, "save_every": steps, "seed": 1}
     begin, processor = time.perf_counter(), time.process_time()
     run = ss.simulate(ss.models.get(scene), scheme="midpoint", paths=PATHS * threads, threads=threads, **how)
@@ -26,13 +26,13 @@ def load(scene: str, threads: int, steps: int) -> tuple[float, float, float]:
 
 
 def measure(setting: Setting) -> list[dict]:
-    """Run both in turn, the same work for every thread."""
+    """Run threads and processes in turn, with the same work for every thread."""
     found = []
     with ProcessPoolExecutor(2, mp_context=get_context("spawn")) as pool:
         for scene, usual in STEPS.items():
             steps = usual // 5 if setting.quick else usual
             runs = {"threads": [], "processes": [], "ratio": [], "threads_ns": [], "processes_ns": [], "ns_ratio": []}
-            list(pool.map(load, [scene] * 2, [1] * 2, [10] * 2))  # both have begun
+            list(pool.map(load, [scene] * 2, [1] * 2, [10] * 2))  # start both processes
             for _ in range(2 if setting.quick else max(PAIRS, setting.repeats)):
                 rate, ns, inside = load(scene, 2, steps)
                 both = list(pool.map(load, [scene] * 2, [1] * 2, [steps] * 2))

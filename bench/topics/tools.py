@@ -12,7 +12,7 @@ ABSENT = "absent, skipped"
 
 @dataclass(frozen=True)
 class Setting:
-    """What is measured, and how often."""
+    """The build to measure, and how often."""
 
     build: Path  #: the CMake build directory
     repeats: int
@@ -34,7 +34,7 @@ def summary(values: list[float]) -> list[float]:
 
 
 def ratio(ours: list[float], theirs: list[float]) -> float:
-    """The median of the ratios of pairs."""
+    """The median of the ratios of paired times."""
     return statistics.median(a / b for a, b in zip(ours, theirs, strict=True))
 
 
@@ -57,12 +57,12 @@ def spread(values: list[float] | None) -> str:
 
 
 def at_most(value: float | None, target: float | None) -> list[str]:
-    """Two cells: a target from above and whether it is met."""
+    """Two cells: an upper limit, and whether the value keeps it."""
     return _verdict(f"<= {target:g}", value <= target) if None not in (value, target) else ["", ""]
 
 
 def at_least(value: float | None, target: float | None) -> list[str]:
-    """Two cells: a target from below and whether it is met."""
+    """Two cells: a lower limit, and whether the value keeps it."""
     return _verdict(f">= {target:g}", value >= target) if None not in (value, target) else ["", ""]
 
 

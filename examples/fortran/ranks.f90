@@ -4,8 +4,8 @@
 !>    mpif90 ranks.f90 $(pkg-config --cflags --libs symsde) && mpirun -n 3 ./a.out
 !>
 !> The paths are cut into pieces of 1024. Rank r computes the pieces r, r + n, ..; rank 0 merges siblings, the pieces
-!> 2 j and 2 j + 1, then siblings of twice that size, up to the whole. What is merged with what does not depend on who
-!> has computed it, and so neither do the bits.
+!> 2 j and 2 j + 1, then siblings of twice that size, up to the whole. Which pieces are merged does not depend on the
+!> ranks that computed them, and so neither do the bits.
 program ranks
    use, intrinsic :: iso_fortran_env, only: error_unit
    use mpi_f08, only: mpi_init, mpi_finalize, mpi_comm_rank, mpi_comm_size, mpi_send, mpi_recv, mpi_abort, &
@@ -13,7 +13,7 @@ program ranks
    use symsde
    implicit none
 
-   !> What is known of a piece: paths that count, means, sums of squared deviations.
+   !> Results of a piece: number of paths that count, means, sums of squared deviations.
    type :: part
       integer(i8), allocatable :: n_ok(:)
       real(wp), allocatable :: mean(:, :), m2(:, :)

@@ -7,7 +7,7 @@
 #include <stdlib.h>
 
 #define CACHE_LINE ((size_t)64)
-#define SMALL ((size_t)2048) /* a column of a usual block; below it, descriptors and texts */
+#define SMALL ((size_t)2048) /* the size of a column of a usual block; smaller requests are descriptors and texts */
 
 void *__real_malloc(size_t size);
 __attribute__((visibility("hidden"))) void *__wrap_malloc(size_t size);

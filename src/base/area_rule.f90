@@ -1,12 +1,11 @@
 ! SPDX-License-Identifier: BSD-3-Clause
 !> How the areas of a step are drawn.
 !>
-!> areas_by_path   the step is halved 2^n >= tau/(12 |h|) times: what is left of the areas of the very path that
-!>                 drives the step falls with h as strong order 1 wants. A run can be halved (refine < 0)
-!> areas_in_law    the finest interval is not halved: what dW and H say of its areas, and a rest that has the
-!>                 mean and the covariances of the true one given both. Order 1 in law at a cost that is bounded
+!> areas_by_path   the step is halved 2^n >= tau/(12 |h|) times: the unresolved part of the areas of the path falls with
+!> h as strong order 1 needs. A run can be halved (refine < 0) areas_in_law    the finest interval is not halved: areas
+!> by dW and H, plus a rest with the right mean and covariances given both. Order 1 in law at a bounded cost
 !>
-!> The second knows no time scale, and cannot be halved: the rest belongs to no path.
+!> areas_in_law uses no time scale, and steps cannot be halved, since the rest belongs to no path.
 module symsde_base_area_rule
    use symsde_base_kinds, only: wp
    implicit none
@@ -24,14 +23,14 @@ module symsde_base_area_rule
 
    type :: area_rule
       integer :: kind = areas_by_path
-      real(wp) :: time = 0   !! tau, the time scale of the areas where they follow the path [time]
+      real(wp) :: time = 0   !! tau, the time scale of areas_by_path [time]
    contains
       procedure :: levels
    end type area_rule
 
 contains
 
-   !> n, the number of halvings of an interval whose areas are wanted.
+   !> n, the number of halvings of an interval whose areas are needed.
    pure integer function levels(self, h)
       class(area_rule), intent(in) :: self
       real(wp), intent(in) :: h   !! length, either sign [time]
@@ -39,7 +38,7 @@ contains
 
       levels = 0
       if (self%kind == areas_in_law) return
-      parts = self%time/(12*abs(h))*(1 - 1e-6_wp)  ! rounding in tau does not double them
+      parts = self%time/(12*abs(h))*(1 - 1e-6_wp)  ! rounding in tau must not double the parts
       do while (2.0_wp**levels < parts .and. levels < max_area_levels)
          levels = levels + 1
       end do

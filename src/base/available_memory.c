@@ -2,7 +2,7 @@
  * Whether memory can be had, asked of the operating system itself: a mapping is made and given back untouched, so that
  * limits of the process (ulimit -v) and of the machine answer, and the allocator of the host notices nothing. Limits of
  * control groups answer to nobody: they are read (group_memory.c). */
-#define _DEFAULT_SOURCE /* mappings without a file */
+#define _DEFAULT_SOURCE /* for mappings without a file */
 #include <math.h>
 #include <stddef.h>
 #include <stdint.h>
@@ -18,8 +18,9 @@
 #define MAP_ANONYMOUS MAP_ANON
 #endif
 #define ARENA ((size_t)64 << 20) /* address space that malloc reserves for a thread */
-#define LITTLE 67108864.0 /* bytes that every machine has: it is not asked for so few */
-#define GROUP 25165824.0  /* nor are control groups for these: to read what they have takes as long as a short run */
+#define LITTLE 67108864.0 /* memory that every machine has: smaller requests are not checked */
+/* control groups are not checked below this: reading their files takes as long as a short run */
+#define GROUP 25165824.0
 
 static int can_map(size_t bytes, int protection) {
    if (bytes == 0)
@@ -60,8 +61,8 @@ static double machine(void) {
    return bytes > 0 ? bytes : HUGE_VAL;
 }
 
-/* 1 where a mapping of a few megabytes cannot be refused: Linux sets bounds to the address space and the data of a
- * process, or to what all of them are promised (strict). To make a mapping takes as long as a short run's step. */
+/* 1 if a mapping of a few megabytes cannot be refused: Linux limits the address space and the data of a process, or
+ * the sum promised to all processes (strict). Making a mapping takes as long as a short run's step. */
 #if defined(__linux__)
 #include <stdio.h>
 
@@ -87,7 +88,7 @@ static int is_unbounded(void) {
 static int is_unbounded(void) { return 0; }
 #endif
 
-/* 1 where so many bytes, and so many threads besides the calling one, can be had now. */
+/* 1 if so many bytes, and threads besides the calling one, are available now. */
 __attribute__((visibility("hidden"))) int symsde_memory_available(double bytes, int threads);
 int symsde_memory_available(double bytes, int threads) {
    if (!(bytes < 4e18) || (bytes > LITTLE && bytes > machine()))

@@ -1,15 +1,15 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> Contracts, executed: what a family of procedures asks of its callers, and what it promises them.
+!> Contracts, executed: requirements of a family of procedures on its callers, and its promises.
 !>
-!> Each area of src states its own in contract.f90, for both ends of what it offers to others, where it stands as
+!> The file contract.f90 of each area of src states requirements and promises of the area; they are called as
 !>
 !>    if (contracts_are_executed) call require_request(..)
 !>
 !> The presets dev and sanitize compile a copy of this file in which the constant is true (CMakeLists.txt beside it).
 !> Everywhere else it is false, and compilers leave such lines out.
 !>
-!> Mistakes of users are refused with an error, and get no further than that. A broken contract is a defect of the
-!> library or of its contract, and ends the program with a sentence: contract of PLACE broken: SENTENCE
+!> Mistakes of users are refused with an error before any contract is reached. A broken contract is a defect of the
+!> library or of the contract, and ends the program with a message: contract of PLACE broken: SENTENCE
 module symsde_base_contracts
    use symsde_base_kinds, only: wp, i8
    use symsde_base_status, only: status_ok, stopped, absorbed
@@ -21,16 +21,16 @@ module symsde_base_contracts
 
 contains
 
-   !> The condition holds.
+   !> The condition must hold.
    pure subroutine require(holds, place, sentence)
       logical, intent(in) :: holds
       character(*), intent(in) :: place      !! area and procedure
-      character(*), intent(in) :: sentence   !! what ought to hold
+      character(*), intent(in) :: sentence   !! the condition in words
 
       if (.not. holds) error stop 'contract of '//place//' broken: '//sentence
    end subroutine require
 
-   !> All n numbers are finite.
+   !> All n numbers must be finite.
    pure subroutine require_finite(n, x, place, what)
       integer, intent(in) :: n
       real(wp), intent(in) :: x(n)
@@ -39,7 +39,7 @@ contains
       call require(count(abs(x) <= huge(x)) == n, place, what//' are finite')
    end subroutine require_finite
 
-   !> The n numbers of every lane without a status are finite; others may hold anything.
+   !> The n numbers of every lane without a status must be finite; other lanes may hold anything.
    pure subroutine require_finite_lanes(nlane, n, status, x, place, what)
       integer, intent(in) :: nlane, n
       integer(i8), intent(in) :: status(nlane)
@@ -53,7 +53,7 @@ contains
       end do
    end subroutine require_finite_lanes
 
-   !> Lanes past nreal repeat lane nreal, bit by bit.
+   !> Lanes beyond nreal must repeat lane nreal, bit for bit.
    pure subroutine require_padded(nlane, nreal, n, x, place, what)
       integer, intent(in) :: nlane, nreal, n
       real(wp), intent(in) :: x(nlane, n)
@@ -68,7 +68,7 @@ contains
       end do
    end subroutine require_padded
 
-   !> Every lane has a status of lanes: ok, or one of the numerical outcomes of base/status that a path can have.
+   !> Every lane must have a lane's status: ok, or one of the numerical outcomes of base/status that a path can have.
    pure subroutine require_statuses(nlane, status, place)
       integer, intent(in) :: nlane
       integer(i8), intent(in) :: status(nlane)

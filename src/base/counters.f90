@@ -1,5 +1,5 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> Counts of the work of a run, summed over paths: they prove which work was left out.
+!> Counts of the work of a run, summed over paths: they prove which operations were spared.
 module symsde_base_counters
    use symsde_base_kinds, only: i8
    implicit none
@@ -9,9 +9,9 @@ module symsde_base_counters
    !> Every count is in units of one path: a gradient of a block of 200 paths counts 200.
    type :: counters_type
       integer(i8) :: steps = 0            !! path-steps, before a path failed, was absorbed or stopped
-      integer(i8) :: normals = 0          !! normal deviates drawn for these, by pairs of steps
+      integer(i8) :: normals = 0          !! normal deviates drawn for these steps, by pairs of steps
       integer(i8) :: gradients = 0        !! gradients of a weighted sum of Hamiltonians
-      integer(i8) :: hessians = 0         !! Hessians of the same
+      integer(i8) :: hessians = 0         !! Hessians of a weighted sum
       integer(i8) :: hessian_vectors = 0  !! Hessian-vector products
       integer(i8) :: iterations = 0       !! Newton or fixed-point iterations, each until its own lane was done
       integer(i8) :: solves = 0           !! linear systems solved

@@ -14,7 +14,7 @@ module symsde_base_damping
    private
    public :: damping_type, new_damping, decay_less_one
 
-   !> The rates of a model; not allocated, all of a closed system, which nothing damps.
+   !> The damping rates of a model; not allocated for a closed system.
    type :: damping_type
       real(wp), allocatable :: rate(:)   !! gamma_i [1/time] (ndof)
    contains
@@ -26,9 +26,8 @@ module symsde_base_damping
 
 contains
 
-   !> The damping of these rates: one for all degrees of freedom, or one for each. Rates of zero damp nothing: the
-   !> system is closed then. A negative rate feeds energy in, and is refused unless it is allowed. Where rates are
-   !> refused the damping stays as it was.
+   !> The damping of these rates: one for all degrees of freedom, or one for each. With all rates zero the system is
+   !> closed. A negative rate adds energy, and is refused unless allowed. Refused rates leave the damping unchanged.
    subroutine new_damping(self, rate, ndof, error, allow_gain)
       type(damping_type), intent(inout) :: self
       real(wp), intent(in) :: rate(:)   !! [1/time] (1 or ndof)
@@ -59,7 +58,7 @@ contains
       end if
    end subroutine new_damping
 
-   !> Say in a sentence what is damped, and what that is for velocities. Without damping the text is empty.
+   !> Describe the damping, and what it means for velocities. Without damping the text is empty.
    subroutine describe(self, traits, text)
       class(damping_type), intent(in) :: self
       type(model_traits), intent(in) :: traits
@@ -80,10 +79,10 @@ contains
       end if
    end subroutine describe
 
-   !> Refuse a damped model where only closed systems are known.
+   !> Refuse a damped model for a result that only closed systems have.
    subroutine refuse(self, model, place, what, error)
       class(damping_type), intent(in) :: self
-      character(*), intent(in) :: model   !! its name
+      character(*), intent(in) :: model   !! name of the model
       character(*), intent(in) :: place   !! the procedure
       character(*), intent(in) :: what    !! the result that only closed systems have
       type(error_type), allocatable, intent(inout) :: error
@@ -100,7 +99,7 @@ contains
       acts = allocated(self%rate)
    end function acts
 
-   !> Whether all degrees of freedom have one rate.
+   !> Whether all degrees of freedom have the same rate.
    pure logical function is_scalar(self)
       class(damping_type), intent(in) :: self
 

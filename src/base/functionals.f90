@@ -6,11 +6,11 @@
 !>    path_stt_area    K_k = int (s^2 - s + 1/6) dW_k /2, s = time in the step over h   one a noise  [time^(1/2)]
 !>    path_magnus  J_kl = int W_k (dW_l - W_l) ds, symmetrised, k <= l, pair_index  one a pair   [time^2]
 !>
-!> (K is the space-time-time Levy area, J the second Magnus term of kicks that a drift separates; both want dZ.)
+!> (K is the space-time-time Levy area, J the second Magnus term of kicks between drifts; both also need dZ.)
 !>
-!> What they are called and how many columns they have stands here, in base, because schemes ask for them,
-!> sources answer and steppers read the answer; how they are drawn and merged is in noise/functionals. A new
-!> functional is a name and a count here, a law there, a scheme that asks for it and a stepper that uses it.
+!> Their names and numbers of columns are here, in base, because schemes, sources and steppers all use them;
+!> noise/functionals draws and merges them. A new functional needs a name and a count here, a law there, a scheme that
+!> asks for it and a stepper that uses it.
 module symsde_base_functionals
    use symsde_base_traits, only: model_traits
    implicit none
@@ -29,7 +29,7 @@ module symsde_base_functionals
 
    character(len=*), parameter :: names(nfunctional) = [character(len=5) :: 'dZ', 'areas', 'K', 'J']
 
-   !> Which functionals are asked for.
+   !> A set of functionals.
    type :: functional_set
       logical :: has(nfunctional) = .false.
    contains
@@ -53,7 +53,7 @@ contains
       is_empty = .not. any(self%has)
    end function is_empty
 
-   !> Numbers of a path in a step: its increments and the values of these functionals.
+   !> Number of values for a path in a step: its increments and these functionals.
    pure integer function columns(self, nnoise)
       class(functional_set), intent(in) :: self
       integer, intent(in) :: nnoise      !! m
@@ -81,7 +81,7 @@ contains
       needed_for%has(path_magnus) = needed_for%has(path_magnus) .and. .not. traits%additive
    end function needed_for
 
-   !> How many values a functional has for m noises.
+   !> Number of values of a functional for m noises.
    pure integer function functional_count(functional, nnoise)
       integer, intent(in) :: functional  !! path_dz, ..
       integer, intent(in) :: nnoise      !! m
@@ -107,7 +107,7 @@ contains
       pair_index = l*(l - 1)/2 + k
    end function pair_index
 
-   !> The set in words: "dZ and areas".
+   !> The set in words, such as "dZ and areas".
    pure subroutine name_functionals(set, text)
       type(functional_set), intent(in) :: set
       character(:), allocatable, intent(out) :: text

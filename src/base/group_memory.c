@@ -10,7 +10,7 @@
 
 enum { LINE = 4096 };
 
-/* The names of what is asked for in version 1, where a hierarchy is mounted for it, and in version 2. */
+/* Names of the files of control groups, version 1 (if its memory hierarchy is mounted) and version 2. */
 typedef struct names {
    const char *limit, *used, *stat[2];
 } names;
@@ -19,7 +19,7 @@ static const names version_1 = {
     "memory.limit_in_bytes", "memory.usage_in_bytes", {"total_inactive_file ", "total_active_file "}};
 static const names version_2 = {"memory.max", "memory.current", {"inactive_file ", "active_file "}};
 
-/* The number that follows `key` at the beginning of a line of a file; `otherwise` where there is none, as of "max". */
+/* The number after `key` at the beginning of a line of a file; `otherwise` if there is none, as for "max". */
 static double number_in(const char *folder, const char *file, const char *key, double otherwise) {
    char line[LINE + 64];
    if (snprintf(line, sizeof line, "%s/%s", folder, file) >= (int)sizeof line)
@@ -41,10 +41,10 @@ static double number_in(const char *folder, const char *file, const char *key, d
    return found;
 }
 
-/* What one group leaves. */
+/* Bytes that one group leaves. */
 static double left_in(const char *folder, const names *names) {
    const double limit = number_in(folder, names->limit, "", HUGE_VAL);
-   if (!(limit < 1e18)) /* version 1 writes 2^63 less a page where there is none */
+   if (!(limit < 1e18)) /* version 1 writes 2^63 less a page if there is no limit */
       return HUGE_VAL;
    double used = number_in(folder, names->used, "", 0);
    for (int i = 0; i < 2; i++)
@@ -52,15 +52,15 @@ static double left_in(const char *folder, const names *names) {
    return fmax(0, limit - fmax(0, used));
 }
 
-/* 1 where a list of controllers, as "cpu,memory", holds that of memory. */
+/* 1 if a list of controllers, such as "cpu,memory", contains memory. */
 static int has_memory(const char *controllers) {
    const char *found = strstr(controllers, "memory");
    return found != NULL && (found == controllers || found[-1] == ',') && (found[6] == 0 || found[6] == ',');
 }
 
-/* Bytes that all groups leave which `list` (/proc/self/cgroup) names, and those above them, below `root` (/sys/fs/cgroup);
- * infinity where none has a limit. A container may see another part of the tree than the list: what is not there is left
- * out, and the root is its own group. */
+/* The least number of bytes left by the groups named in `list` (/proc/self/cgroup) and all groups above them, below
+ * `root` (/sys/fs/cgroup); infinity without limits. A container may see another part of the tree than the list
+ * names: missing groups are skipped, and the root counts as its group. */
 __attribute__((visibility("hidden"))) double symsde_group_memory(const char *list, const char *root);
 double symsde_group_memory(const char *list, const char *root) {
    double least = HUGE_VAL;
@@ -91,7 +91,7 @@ double symsde_group_memory(const char *list, const char *root) {
    return least;
 }
 
-/* The same of this process. */
+/* The same for this process. */
 __attribute__((visibility("hidden"))) double symsde_groups_leave(void);
 double symsde_groups_leave(void) {
    return symsde_group_memory("/proc/self/cgroup", "/sys/fs/cgroup");

@@ -1,11 +1,11 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> Whether work is to be left that may take long within one step, as the sums of a million draws do.
+!> A flag to stop work that may take long within one step, such as the sum of a million draws.
 module symsde_base_interrupt
    implicit none
    private
    public :: interrupt_type
 
-   !> Long work calls after_part now and then, and returns at once if `wanted` is set; its results are then invalid.
+   !> Long work calls after_part regularly, and returns at once if `wanted` is set; its results are then invalid.
    type, abstract :: interrupt_type
       logical :: wanted = .false.
       integer, private :: nunseen = 0  !! parts of work since the last look
@@ -26,7 +26,7 @@ module symsde_base_interrupt
 
 contains
 
-   !> One more part of work is done, which may take as long as a look: see after every so many.
+   !> Called after each part of the work. Since a look may take as long as a part, look only after every so many parts.
    subroutine after_part(self)
       class(interrupt_type), intent(inout) :: self
 

@@ -1,25 +1,25 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> Which paths the lanes are that a model is asked for, at any moment of a run.
+!> Which paths the lanes of a model's call are, at any moment of a run.
 !>
-!> A model answers for lanes. One that is different from path to path, as one whose parameters go by path, must know
-!> which path a lane is. So every runner of a block has a list of its own (`begin`), which its view of the model reads
-!> (`find`). Whoever asks the model for other lanes than those of the block says which these are before (`narrow`), and
-!> afterwards that they are over (`widen`): a part of the lanes, or some of them gathered. A part may be narrowed again.
-!> Lanes behind the last one repeat it, so that a path by itself may be asked for in several lanes without a word.
-!> Nothing is done for models that are the same for all paths: they have no list.
+!> A model is called with lanes. A model that differs from path to path, for instance in its parameters, must know the
+!> path of each lane. So every runner of a block has a list of paths (`begin`), which its view of the model reads
+!> (`find`). A caller that passes other lanes than those of the block, a part of them or some gathered ones, names them
+!> before the calls (`narrow`), and ends this afterwards (`widen`). A part may be narrowed again. Lanes beyond the last
+!> one repeat it, so that a single path may fill several lanes without `narrow`. Models that are the same for all paths
+!> have no list.
 module symsde_base_lane_paths
    use symsde_base_kinds, only: i8
    implicit none
    private
    public :: lane_paths, narrow, widen
 
-   integer, parameter :: most_deep = 4  !! parts of parts: of stages, a strip of it, one lane of that, and one to spare
+   integer, parameter :: most_deep = 4  !! nested parts: stages, a strip of them, one lane of it, and one to spare
 
    type :: path_list
       integer(i8), allocatable :: path(:)
    end type path_list
 
-   !> The lists of one runner: number 0 is that of the block, the last one that of the lanes which are asked for now.
+   !> The lists of one runner: number 0 is that of the block, the last one that of the lanes in present calls.
    type :: lane_paths
       private
       integer :: depth = 0
@@ -29,13 +29,13 @@ module symsde_base_lane_paths
       procedure :: find
    end type lane_paths
 
-   interface narrow  !! without effect where `paths` is null, as is `widen`
+   interface narrow  !! without effect if `paths` is null, like `widen`
       module procedure :: narrow_to_part, narrow_to_lanes
    end interface narrow
 
 contains
 
-   !> The lanes of a block that begins are these paths.
+   !> Begin a block whose lanes are these paths.
    subroutine begin(self, path)
       class(lane_paths), intent(inout) :: self
       integer(i8), intent(in) :: path(:)  !! global index of every lane
@@ -44,8 +44,8 @@ contains
       self%lists(0)%path = path
    end subroutine begin
 
-   !> The paths of the first nlane lanes that are asked for now; lanes behind the last one repeat it. Before a block
-   !> has begun, as where steppers are made, all of them are path 0.
+   !> The paths of the first nlane lanes of a call; lanes beyond the last one repeat it. Before a block has begun, as
+   !> when steppers are made, all lanes are path 0.
    subroutine find(self, nlane, path)
       class(lane_paths), intent(in) :: self
       integer, intent(in) :: nlane
@@ -61,7 +61,7 @@ contains
       end associate
    end subroutine find
 
-   !> From here on n lanes are asked for, of those before the lanes from `first` on; lanes behind the last repeat it.
+   !> From here on calls have the n lanes from `first` on of the present lanes; lanes beyond the last one repeat it.
    subroutine narrow_to_part(paths, first, n)
       type(lane_paths), pointer, intent(in) :: paths
       integer, intent(in) :: first, n
@@ -74,7 +74,7 @@ contains
       call narrow_to_lanes(paths, lanes)
    end subroutine narrow_to_part
 
-   !> From here on these lanes are asked for, of those before.
+   !> From here on calls have these lanes of the present ones.
    subroutine narrow_to_lanes(paths, lanes)
       type(lane_paths), pointer, intent(in) :: paths
       integer, intent(in) :: lanes(:)
@@ -92,7 +92,7 @@ contains
       end associate
    end subroutine narrow_to_lanes
 
-   !> The lanes of the last `narrow` are over: those before it are asked for again.
+   !> End the last `narrow`: calls have the lanes from before it again.
    subroutine widen(paths)
       type(lane_paths), pointer, intent(in) :: paths
 

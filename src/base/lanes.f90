@@ -1,5 +1,5 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> Lanes: the paths of a block lie side by side, first array index, padded to a multiple of eight.
+!> Lanes: the paths of a block are neighbours in memory, the first array index, padded to a multiple of eight.
 !>
 !> Padding repeats the last real path. Without it the scalar remainder of a vector loop would round
 !> differently from its vector body, and a path would depend on the size of its block.
@@ -17,7 +17,7 @@ module symsde_base_lanes
 
 contains
 
-   !> The smallest multiple of lane_unit that is not below n.
+   !> The smallest multiple of lane_unit that is at least n.
    pure integer function padded(n)
       integer, intent(in) :: n  !! number of real paths
 
@@ -33,7 +33,7 @@ contains
       if (npath < lanes_for) lanes_for = padded(int(max(npath, 1_i8)))
    end function lanes_for
 
-   !> Lanes to take together, so that an array of width by ndof numbers stays in the nearest cache: whole units that
+   !> Lanes to process together, so that an array of width by ndof numbers stays in the nearest cache: whole units that
    !> divide nlane, at least `least` lanes. A single lane is its own group.
    pure integer function lanes_together(nlane, ndof, least) result(width)
       integer, intent(in) :: nlane, ndof, least
@@ -65,7 +65,7 @@ contains
       is_finite_lane = abs(x) <= huge(x)
    end function is_finite_lane
 
-   !> The same of all of n numbers, eight at a time.
+   !> Whether all of n numbers are finite, tested eight at a time.
    pure logical function all_finite(n, x)
       integer(i8), intent(in) :: n
       real(wp), intent(in) :: x(n)
@@ -75,12 +75,13 @@ contains
       rest = mod(n, int(lane_unit, i8))
       zero = 0
       do i = 1, n - rest, lane_unit
-         zero = zero + 0*x(i:i + lane_unit - 1)  ! NaN where one is not finite
+         zero = zero + 0*x(i:i + lane_unit - 1)  ! NaN if one is not finite
       end do
       all_finite = abs(sum(zero)) <= 0 .and. all(is_finite_lane(x(n - rest + 1:)))
    end function all_finite
 
-   !> VEC Copy the lanes before + 1 .. before + wanted of x to y: all, or whole units, whose loop is written out.
+   !> VEC Copy the lanes before + 1 .. before + wanted of x to y: all lanes, or whole units, for which the loop is
+   !> unrolled.
    pure subroutine slice_lanes(nlane, n, before, wanted, x, y)
       integer, intent(in) :: nlane, n, before, wanted
       real(wp), intent(in) :: x(nlane, n)

@@ -1,7 +1,7 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> The laws of the increments that a scheme may ask of a noise source.
+!> The laws of increments that a scheme may require of a noise source.
 !>
-!> The names stand here, in base, because schemes ask for them and sources answer.
+!> The names are here, in base, because both schemes and sources use them.
 module symsde_base_laws
    implicit none
    private

@@ -1,6 +1,6 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> The maps by which schemes go from (q, p) to (q', p') in one step, as equations: a stepper asks a model for whole
-!> steps by one of them. With Hhat = h H + sum_k dW_k H_k:
+!> The maps from (q, p) to (q', p') in one step, as equations, by which a stepper asks a model for whole steps. With
+!> Hhat = h H + sum_k dW_k H_k:
 !>
 !>    euler_map, euler_adjoint_map     p' = p - Hhat_q(q, p'),  q' = q + Hhat_p(q, p'), and the same with (q', p)
 !>    verlet_map, verlet_swapped_map   half of Hhat_q, Hhat_p, half of Hhat_q, as a tableau; half of Hhat_p first
@@ -8,9 +8,9 @@
 !>    lobatto3_map ..                  the pair of Lobatto IIIA for q and IIIB for p, of 3 and 4 nodes; or swapped
 !>    gauss2_brackets_map              gauss2_map of Hhat with brackets of the H_j added to it
 !>
-!> Of H = p.p/2 + U(q), with noise in position: drifts q + tau p, and kicks p - b (h U_q + (..) H_k,q) between them, in
-!> whose second part each kick has its share of dW_k and of dZ_k. In some an H_k,q.H_k,q is added, whose gradient
-!> vanishes for additive noise.
+!> For H = p.p/2 + U(q) with noise in position: drifts q + tau p with kicks p - b (h U_q + (..) H_k,q) between them,
+!> where (..) is the kick's part of dW_k and of dZ_k. Some maps add H_k,q.H_k,q, whose gradient vanishes for additive
+!> noise.
 !>
 !>    drift_kick_drift_map             one kick by dW_k alone
 !>    kick_drift_kick_map              kicks at the ends of a step
@@ -33,11 +33,11 @@ module symsde_base_maps
       enumerator :: drift_kick_drift_map, kick_drift_kick_map, two_kicks_map, two_kicks_rotation_map
    end enum
 
-   !> A map. A model that knows its equation needs no more; a user's model keeps functions by any label.
+   !> A map. The library's models know its equation; a user's model keeps functions by any label.
    type :: step_map
       integer :: equation = other_map
-      logical :: corrected = .false.              !! of the Euler pair: with +-F_p.F_q/2 added, F = sum_k dW_k H_k
-      character(len=2*name_length) :: label = ''  !! name in messages; maps of other equations differ by it
+      logical :: corrected = .false.              !! corrected Euler pair: with +-F_p.F_q/2 added, F = sum_k dW_k H_k
+      character(len=2*name_length) :: label = ''  !! name in messages; distinguishes maps with other equations
    end type step_map
 
 contains

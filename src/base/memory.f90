@@ -1,10 +1,9 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> Memory judged before it is taken: an allocation without stat= that fails ends the process, and the process is
-!> the host's.
+!> Memory is checked before it is allocated: a failing allocation without stat= would end the calling process.
 !>
-!> Every entry point adds up what it will hold at most, in numbers of eight bytes, and asks here. What small
-!> temporaries need, and a small run, is in the reserve, which every entry point asks for first: the question takes
-!> microseconds, as long as some runs. A host may still lose the race against its own threads.
+!> Every entry point adds up the most that it will hold, in numbers of eight bytes, and asks here. The reserve covers
+!> small temporaries and small runs; every entry point checks it first, since the whole question takes microseconds, as
+!> long as some runs. Threads of the calling program may still take the memory in between.
 module symsde_base_memory
    use, intrinsic :: iso_c_binding, only: c_double, c_int
    use symsde_base_kinds, only: wp
@@ -16,11 +15,11 @@ module symsde_base_memory
 
    real(wp), parameter :: reserve = 12.0_wp*2**20  !! bytes for texts, small arrays and the allocator itself
    character(*), parameter :: reserve_text = '12582912'  !! reserve as text: without memory no number can be written
-   real(wp), parameter :: small = 5.0_wp*2**20    !! bytes that need no check beside the reserve
+   real(wp), parameter :: small = 5.0_wp*2**20    !! bytes that need no check beyond the reserve
    real(wp), parameter :: share = 1.02_wp         !! factor for the allocator's overhead on large arrays
 
    interface
-      !> 1 where so many bytes, and threads besides the calling one, can be had.
+      !> 1 if so many bytes, and threads besides the calling one, are available.
       function symsde_memory_available(bytes, threads) result(available) bind(c, name='symsde_memory_available')
          import :: c_double, c_int
          real(c_double), value :: bytes
@@ -37,7 +36,7 @@ module symsde_base_memory
 
 contains
 
-   !> Whether so many numbers, and threads besides the calling one, can be had.
+   !> Whether so many numbers, and threads besides the calling one, are available.
    logical function memory_for(numbers, threads)
       real(wp), intent(in) :: numbers  !! of eight bytes
       integer, intent(in) :: threads
@@ -47,11 +46,11 @@ contains
       memory_for = symsde_memory_available(share*8*numbers + reserve, int(threads, c_int)) /= 0
    end function memory_for
 
-   !> Refuse (out_of_memory) a request that memory cannot hold, and name its bytes.
+   !> Refuse (out_of_memory) a request that exceeds memory, and state its size in bytes.
    subroutine require_memory(numbers, what, remedy, place, error)
       real(wp), intent(in) :: numbers          !! numbers of eight bytes held at one time, at most
-      character(*), intent(in) :: what, remedy !! object that needs them, advice for the user
-      character(*), intent(in) :: place        !! the procedure that would take them
+      character(*), intent(in) :: what, remedy !! the object that needs them, advice for the user
+      character(*), intent(in) :: place        !! the procedure that would allocate them
       type(error_type), allocatable, intent(inout) :: error
 
       call require_reserve(what, place, error)

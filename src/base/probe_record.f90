@@ -1,16 +1,16 @@
 ! SPDX-License-Identifier: BSD-3-Clause
 !>    number = 1 + low + 2^31 high,    low <- 48271 low + x,   high <- 69621 high + x   (mod 2^31 - 1)
 !>
-!> over all numbers x that a probe depends on: which probes a model has passed, where its functions are derived from
-!> formulas by a program and never change.
+!> over all numbers x that a probe depends on: it identifies probes that a model has passed, if its functions are
+!> derived from formulas by a program and never change.
 !>
 !> Such a model is probed once for each size of its state and time, not by every run: a probe costs hundreds of
-!> gradients, and finds nothing new. It takes points as far from the state as the state is large, so that a state of
-!> another binary order is another probe; generated code, too, takes other ways for large arguments. Functions written
-!> by hand are probed by every run, since what `user` points to may have changed.
+!> gradients, and finds nothing new. Its points are displaced by the size of the state, so that a state of another
+!> binary order is another probe; generated code, too, has other branches for large arguments. Functions written by hand
+!> are probed by every run, since the data behind `user` may have changed.
 !>
-!> A probe is known by a number made from all that it depends on. Several threads may ask and enter at once: numbers
-!> are read and written whole, and one that is overwritten is a probe that is made again.
+!> Several threads may read and enter numbers at once: numbers are read and written whole, and an overwritten number
+!> only means that a probe is repeated.
 module symsde_base_probe_record
    use symsde_base_kinds, only: wp, i8
    use symsde_base_traits, only: model_traits
@@ -18,19 +18,19 @@ module symsde_base_probe_record
    private
    public :: probe_record, probe_number
 
-   integer, parameter :: most = 32              !! probes that are remembered
+   integer, parameter :: most = 32              !! number of probes remembered
    integer(i8), parameter :: prime = 2147483647_i8
 
-   !> Probes that a model and its copies have passed: every call of the library works on a copy.
+   !> Probes that a model and its copies have passed; every call of the library works on a copy.
    type :: common_record
       integer(i8) :: passed(most) = 0  !! numbers, 0 = none
-      integer(i8) :: entered = 0       !! how many there were
+      integer(i8) :: entered = 0       !! number of entries so far
       integer :: owners = 1
    end type common_record
 
    type :: probe_record
       private
-      type(common_record), pointer :: common => null()  !! null: nothing is kept
+      type(common_record), pointer :: common => null()  !! null: no probes are remembered
    contains
       procedure :: keep
       procedure :: knows
@@ -42,12 +42,12 @@ module symsde_base_probe_record
 
 contains
 
-   !> Begin to remember passed probes; none is passed so far.
+   !> Begin to remember passed probes; the list is empty.
    subroutine keep(self)
       class(probe_record), intent(inout) :: self
 
       call self%release()
-      ! The record is a new one, which copies made before do not see.
+      ! The record is new, so copies made before do not share it.
       allocate (self%common)
    end subroutine keep
 
@@ -75,9 +75,9 @@ contains
       end do
    end function knows
 
-   !> Remember that a probe was passed; in a full record it replaces the oldest.
+   !> Remember that a probe was passed; in a full record its number replaces the oldest.
    subroutine enter(self, number)
-      class(probe_record), intent(in) :: self  ! a run has its model as intent(in)
+      class(probe_record), intent(in) :: self  ! intent(in), since a run has its model as intent(in)
       integer(i8), intent(in) :: number
       integer(i8) :: before
 
@@ -90,8 +90,7 @@ contains
       self%common%passed(1 + int(modulo(before, int(most, i8)))) = number
    end subroutine enter
 
-   !> Share the record of another model, of which this one becomes a copy: a probe that one of them passes, both
-   !> have passed.
+   !> Share the record of another model, of which this one becomes a copy: a probe passed by either counts for both.
    subroutine share(self, other)
       class(probe_record), intent(inout) :: self
       type(probe_record), intent(in) :: other
@@ -105,7 +104,7 @@ contains
       self%common%owners = self%common%owners + 1
    end subroutine share
 
-   !> Take part in no record any more. The last owner gives the memory back.
+   !> Leave the record. The last owner frees it.
    subroutine release(self)
       class(probe_record), intent(inout) :: self
       integer :: left
@@ -115,7 +114,7 @@ contains
       self%common%owners = self%common%owners - 1
       left = self%common%owners
       !$omp end atomic
-      ! The count and its value are captured at once: only one thread sees zero.
+      ! The count is decreased and read in one operation, so that only one thread sees zero.
       if (left == 0) deallocate (self%common)
       nullify (self%common)
    end subroutine release
@@ -142,7 +141,7 @@ contains
       ! Enter the order of magnitude and the sign of the step, for steppers that take whole steps.
       call take(exponent(step))
       call take(merge(1, 0, step < 0))
-      ! All that is declared and that some probe tests enters, so that another declaration is another probe.
+      ! All declarations that some probe tests enter, so that another declaration gives another number.
       call take(traits%ndof)
       call take(traits%nnoise)
       call take(traits%bandwidth)

@@ -1,9 +1,8 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> What a step of a block is given, by whoever fills it: time, step, weights, and functionals of the path.
+!> The inputs of a step of a block: time, step, weights, and functionals of the path.
 !>
-!> A noise source fills a store of several steps at once (steps come in pairs, because two words of the
-!> generator make the normals of both). A stepper is handed one step of it: a record of pointers, so that
-!> nothing is copied.
+!> A noise source fills a store of several steps at once (steps come in pairs, because two words of the generator give
+!> the normals of both). A stepper gets one step of the store: a record of pointers, so that nothing is copied.
 module symsde_base_record
    use symsde_base_functionals, only: functional_set, functional_count, nfunctional
    use symsde_base_kinds, only: wp, i8
@@ -33,14 +32,14 @@ module symsde_base_record
       real(wp), pointer, contiguous :: x(:, :, :) => null()  !! (nlane, functional_count, nstep)
    end type functional_run
 
-   !> Several steps that follow each other, for a model that takes them by itself. The states after every
-   !> `every`-th of them are asked for. The record lives no longer than what it points to.
+   !> Several consecutive steps, for a model that computes them itself. The model returns the states after every
+   !> `every`-th step. The record is valid as long as the arrays that it points to.
    type :: steps_record
       integer :: nlane = 0, nnoise = 0
       integer :: nreal = 0                                   !! lanes beyond are padding, and need not be computed
       integer :: nstep = 0                                   !! a multiple of every
       integer :: most = 0                                    !! largest number of steps of such a record
-      logical :: by_weights = .false.                        !! the weights alone drive the steps, no functionals
+      logical :: by_weights = .false. !! whether steps depend on the weights alone, without functionals
       integer :: every = 1
       real(wp) :: t = 0                                      !! when the first step begins [time]
       real(wp) :: t0 = 0                                     !! when step 0 of the run begins [time]
@@ -54,12 +53,12 @@ module symsde_base_record
       procedure :: leave_one
    end type steps_record
 
-   !> Steps that follow each other.
+   !> Several consecutive steps.
    type :: step_store
       integer :: nlane = 0, nnoise = 0
       integer :: capacity = 0                       !! steps that fit, an even number
       real(wp) :: h = 0                         !! of every step [time]
-      type(functional_set) :: asked             !! the functionals that are filled in
+      type(functional_set) :: asked             !! the functionals that are filled
       real(wp), allocatable :: w(:, :, :)       !! weights h, dW_1 .. dW_m (nlane, 0:nnoise, 0:capacity-1)
       type(functional_steps) :: of(nfunctional)
    contains
@@ -68,10 +67,10 @@ module symsde_base_record
       procedure :: show_several
    end type step_store
 
-   !> Which paths and steps a source is asked for.
+   !> The paths and steps of a request to a source.
    type :: step_request
       integer :: nlane = 0
-      integer :: nreal = 0                 !! lanes past it repeat it
+      integer :: nreal = 0                 !! number of real lanes; lanes beyond repeat the last
       integer(i8), allocatable :: path(:)  !! global path of each lane (nlane)
       integer(i8) :: pair = 0              !! the steps 2 pair, 2 pair + 1, .. , counted from step 0
       integer :: npair = 1                 !! pairs of steps
@@ -79,7 +78,7 @@ module symsde_base_record
 
 contains
 
-   !> Room for steps of nlane lanes: zero but for h.
+   !> Allocate steps of nlane lanes: all zero except h.
    subroutine new_step_store(self, nlane, nnoise, capacity, h, asked)
       type(step_store), intent(out) :: self
       integer, intent(in) :: nlane, nnoise
@@ -121,7 +120,7 @@ contains
       end do
    end subroutine make_room
 
-   !> Zero but for the first column, by explicit bounds: of one lane `source` would set each number by a call.
+   !> Zero except for the first column, by explicit bounds: for one lane `source` would set each number by a call.
    pure subroutine set_to(first, nlane, ncolumn, nstep, x)
       real(wp), intent(in) :: first
       integer, intent(in) :: nlane, ncolumn, nstep
@@ -135,12 +134,12 @@ contains
       end do
    end subroutine set_to
 
-   !> Step i of the store, which begins at the time t.
+   !> Make a record of step i of the store; the step begins at time t.
    subroutine show(self, i, t, step)
       class(step_store), intent(in), target :: self
       integer, intent(in) :: i                !! 0 .. capacity-1
       real(wp), intent(in) :: t
-      type(step_record), intent(inout) :: step  !! the last one shown, or a new one
+      type(step_record), intent(inout) :: step  !! the record shown before, or a new one
       integer :: f
 
       step%t = t
@@ -179,7 +178,7 @@ contains
    subroutine show_one(self, k, step)
       class(steps_record), intent(in) :: self
       integer, intent(in) :: k                  !! 1 .. nstep
-      type(step_record), intent(inout) :: step  !! the last one shown of these, or a new one
+      type(step_record), intent(inout) :: step  !! the record of these steps shown before, or a new one
       integer :: f
 
       step%t = self%t0 + real(self%first + k - 1, wp)*self%h
@@ -191,7 +190,7 @@ contains
       end do
    end subroutine show_one
 
-   !> Point to the k-th of several steps.
+   !> Make `one` point to the k-th of several steps.
    subroutine leave_one(self, k, one)
       class(steps_record), intent(in) :: self
       integer, intent(in) :: k                 !! 1 .. nstep

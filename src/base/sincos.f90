@@ -1,7 +1,7 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> Sine and cosine of the same argument, for models whose forces need both (or one) per lane.
-!> A library call in a loop becomes a vector call for most lanes and a scalar call for the rest,
-!> with different last bits; here each lane is a pure function of its own argument.
+!> Sine and cosine of the same argument, for models whose forces need one or both in every lane. A call of the C library
+!> in a loop becomes a vector call for most lanes and a scalar call for the rest, with different last bits; here each
+!> lane is a pure function of its own argument.
 module symsde_base_sincos
    use symsde_base_kinds, only: wp, i4, i8
    implicit none
@@ -12,8 +12,8 @@ module symsde_base_sincos
    !> makes the products with the 37-bit parts of pi/2 exact.
    real(wp), parameter :: sincos_bound = 1.0e5_wp
 
-   !> Lanes at once for callers that keep one of the two alone: room on the stack, since gfortran takes arrays as long
-   !> as an argument says from the heap, in every call.
+   !> Lanes at once for callers that use one of the two alone: room on the stack, since gfortran allocates arrays of
+   !> variable length on the heap in every call.
    integer, parameter :: sincos_tile = 256
 
    !> Read as integers, the bits of |x| have the order of |x|, with infinities and NaNs above all numbers.
@@ -24,7 +24,7 @@ module symsde_base_sincos
    real(wp), parameter :: half_pi_1 = 1.5707963267923333_wp
    real(wp), parameter :: half_pi_2 = 2.5633441515839558e-12_wp
    real(wp), parameter :: half_pi_3 = 1.0562999066987428e-23_wp
-   real(wp), parameter :: small = 0.785_wp  !! arguments below pi/4, which are reduced to themselves
+   real(wp), parameter :: small = 0.785_wp  !! arguments below pi/4 need no reduction
    real(wp), parameter :: to_integer = 1.5_wp*2.0_wp**52  ! x + this - this rounds x to an integer
    ! minimax on |r| <= pi/4, z = r**2, to 2**-58 and 2**-64:
    ! sin(r) = r + r z (s1 + s2 z + ..), cos(r) = 1 - z/2 + z**2 (c1 + c2 z + ..)
@@ -56,7 +56,7 @@ contains
       if (beyond < 0) call sincos_far(n, x, s, c)
    end subroutine sincos_lanes
 
-   !> sincos_lanes for products with these weights. If all weights vanish, s and c are zero: so it is where a
+   !> sincos_lanes for products with these weights. If all weights vanish, s and c are set to zero: this happens when a
    !> Hamiltonian without sine and cosine is evaluated alone.
    pure subroutine sincos_where_weighted(n, weight, x, s, c)
       integer(i4), intent(in) :: n
@@ -67,7 +67,7 @@ contains
 
       bits = 0
       do i = 1, n
-         bits = ior(bits, iand(transfer(weight(i), 0_i8), huge(bits)))  ! without their signs
+         bits = ior(bits, iand(transfer(weight(i), 0_i8), huge(bits)))  ! bits of the weights without their signs
       end do
       if (bits /= 0) then
          call sincos_lanes(n, x, s, c)
@@ -77,15 +77,15 @@ contains
       end if
    end subroutine sincos_where_weighted
 
-   !> Sine and cosine of one argument, with the bits of a lane. A single path waits for the sine, which is passed in
-   !> registers here. A small angle needs no reduction.
+   !> Sine and cosine of one argument, with the bits it has in a lane. The sine is returned in a register, since a
+   !> single path waits for it. A small angle needs no reduction.
    real(wp) function sincos_one(x, c) result(s)
       real(wp), value :: x               !! radians
       real(wp), intent(out) :: c         !! cos(x)
 
       if (abs(x) <= small) then
          call on_quarter(x, 0.0_wp, s, c)
-      else if (abs(x) <= sincos_bound) then  ! tested outside sincos_near, so that the compiler contracts it as in lanes
+      else if (abs(x) <= sincos_bound) then  ! outside sincos_near, so that it is contracted as in lanes
          call sincos_near(x, s, c)
       else
          s = sin(x)
@@ -115,7 +115,7 @@ contains
       integer(i8) :: q, a_bits, b_bits, swap
 
       shifted = x*two_over_pi + to_integer
-      q = transfer(shifted, 0_i8)                 ! its last bits are the bits of the integer
+      q = transfer(shifted, 0_i8)                 ! its last bits are those of the integer
       turns = shifted - to_integer
       first = x - turns*half_pi_1
       second = turns*half_pi_2
@@ -143,7 +143,7 @@ contains
                (z*z*(c1 + z*(c2 + z*(c3 + z*(c4 + z*(c5 + z*c6))))) - r*low))
    end subroutine on_quarter
 
-   !> Bit 1 of q at the place of the sign.
+   !> Bit 1 of q, moved to the sign bit.
    pure function sign_bit(q) result(bits)
       integer(i8), intent(in) :: q
       integer(i8) :: bits
@@ -151,7 +151,7 @@ contains
       bits = ishft(iand(q, 2_i8), 62)
    end function sign_bit
 
-   !> Let the intrinsics overwrite lanes beyond the bound and lanes that are not finite.
+   !> Replace lanes beyond the bound and lanes that are not finite by the intrinsics' values.
    pure subroutine sincos_far(n, x, s, c)
       integer(i4), intent(in) :: n
       real(wp), intent(in) :: x(n)

@@ -22,7 +22,7 @@ module symsde_base_status
    integer(i4), parameter :: false_trait = -6        !! a declared trait or Hessian is refuted by a probe
    integer(i4), parameter :: null_handle = -7
    integer(i4), parameter :: out_of_memory = -8
-   integer(i4), parameter :: missing_operation = -9  !! the model does not offer what was asked of it
+   integer(i4), parameter :: missing_operation = -9  !! the model does not offer the requested operation
    ! numerical outcomes: 1 to 5 and 7 are also the status of a path
    integer(i4), parameter :: not_converged = 1
    integer(i4), parameter :: singular = 2
@@ -30,7 +30,7 @@ module symsde_base_status
    integer(i4), parameter :: callback_failed = 4
    integer(i4), parameter :: stopped = 5
    integer(i4), parameter :: paths_failed = 6        !! the run is complete, some of its paths are not ok
-   integer(i4), parameter :: absorbed = 7            !! the path has left the region of an observer, which ends it
+   integer(i4), parameter :: absorbed = 7            !! the path has left the region of an absorbing observer
 
    !> The error of a set-up. Procedures return it as allocatable: allocated means failed.
    type :: error_type
@@ -41,7 +41,7 @@ module symsde_base_status
 
 contains
 
-   !> Raise an error; an error raised earlier is kept, so that the first cause is the one reported.
+   !> Raise an error; an error raised earlier is kept, so that the first cause is reported.
    subroutine raise(error, code, place, message)
       type(error_type), allocatable, intent(inout) :: error
       integer(i4), intent(in) :: code           !! a code of this module

@@ -3,8 +3,8 @@
 !>
 !> The length of every result is an expression of the arguments. No function of the library returns text of
 !> deferred length: gfortran 12 keeps the length of such a result in static storage, where threads race for it.
-!> Longer sentences are written by subroutines into an allocatable argument. Functions of lengths stand above
-!> those that use them, since gfortran warns of an implicit interface otherwise.
+!> Longer sentences are written by subroutines into an allocatable argument. Functions that give lengths come before the
+!> functions that use them, since gfortran warns of an implicit interface otherwise.
 module symsde_base_text
    use symsde_base_kinds, only: wp, i8
    implicit none
@@ -13,21 +13,22 @@ module symsde_base_text
 
    integer, parameter :: name_length = 32  !! longest name of a model, a scheme or a parameter
 
-   !> The shortest usual text of a number.
+   !> The usual short text of a number.
    interface to_text
       module procedure integer_text, long_text, real_text
    end interface to_text
 
 contains
 
-   !> Digit by digit: an internal write takes as long as thirty numbers, and probes of models name all their noises.
+   !> Digit by digit: an internal write takes as long as thirty numbers this way, and probes of models name all their
+   !> noises.
    pure character(len=24) function padded_long(n)
       integer(i8), intent(in) :: n
       character(len=24) :: digits
       integer(i8) :: rest
       integer :: first
 
-      rest = merge(n, -n, n < 0)  ! there is a negative number more
+      rest = merge(n, -n, n < 0)  ! negative, since there is one more negative number
       digits = ''
       do first = len(digits), 1, -1
          digits(first:first) = achar(iachar('0') - int(mod(rest, 10_i8)))
@@ -44,7 +45,7 @@ contains
       long_length = len_trim(padded_long(n))
    end function long_length
 
-   !> With up to seven digits, as people write them: 0.25 and 5.551115e-17, not 0.250000 and 5.551115E-017.
+   !> At most seven digits, as people write them: 0.25 and 5.551115e-17, not 0.250000 and 5.551115E-017.
    pure character(len=24) function padded_real(x)
       real(wp), intent(in) :: x
       character(len=24) :: power
@@ -52,7 +53,7 @@ contains
 
       write (padded_real, '(1pg14.6e3)') x
       padded_real = adjustl(padded_real)
-      if (index(padded_real, '.') == 0) return  ! no finite number
+      if (index(padded_real, '.') == 0) return  ! NaN or infinity
       power = ''
       at = index(padded_real, 'E')
       if (at > 0) then
@@ -71,12 +72,12 @@ contains
       real_length = len_trim(padded_real(x))
    end function real_length
 
-   !> '1 path', '2 paths': a number, as text, with what it counts, whose plural takes an s.
+   !> '1 path', '2 paths': a number (as text) and a noun, with an s in the plural.
    pure function counted(number, noun) result(text)
       character(*), intent(in) :: number, noun
       character(len=len(number) + 1 + len(noun) + merge(0, 1, number == '1')) :: text
 
-      text = number//' '//noun//'s'  ! cut to its length
+      text = number//' '//noun//'s'  ! cut to the length of the result
    end function counted
 
    pure function integer_text(n) result(text)

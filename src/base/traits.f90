@@ -1,6 +1,6 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> The declarations of a model about its Hamiltonians; they tell what a step may leave out. They stand in base,
-!> because models set them and the factory of steppers reads them.
+!> The declarations of a model about its Hamiltonians, by which a step may skip work. They are in base, because models
+!> set them and the factory of steppers reads them.
 module symsde_base_traits
    use symsde_base_kinds, only: wp
    implicit none
@@ -9,8 +9,8 @@ module symsde_base_traits
 
    integer, parameter :: dense = -1  !! bandwidth of a Hessian without declared bands
 
-   !> Lanes that go through a chain together, row after row. The length is a constant, so that values carried from
-   !> row to row stay in registers: two AVX-512 vectors, one of which divides while the other waits.
+   !> Lanes that are processed along a chain together, row after row. The number is a constant, so that values carried
+   !> from row to row stay in registers: two AVX-512 vectors, one of which divides while the other waits.
    integer, parameter :: strip_lanes = 16
 
    !> H_0 = H is the drift Hamiltonian, H_1 .. H_m are the Hamiltonians of the noises.
@@ -22,19 +22,19 @@ module symsde_base_traits
       logical :: position_noise = .false.  !! every H_k, k >= 1, depends on q alone
       logical :: quadratic = .false.       !! every H_j is a polynomial of degree two at most
       logical :: identity_mass = .false.   !! H = p.p/2 + U(q)
-      logical :: constant_mass = .false.   !! H = p.M^-1 p/2 + U(q), M a matrix of constants; identity_mass says more
+      logical :: constant_mass = .false.   !! H = p.M^-1 p/2 + U(q), M constant; identity_mass is stronger
       logical, allocatable :: silent(:)    !! noises whose H_k vanishes: nothing is drawn for them (nnoise)
       integer :: bandwidth = dense         !! b: every Hessian block vanishes for |i-j| > b
       logical :: has_value = .false.       !! the Hamiltonians themselves can be evaluated
       logical :: has_hessian = .false.     !! Hessians are analytic, not differences of gradients
       logical :: has_hessian_vector = .false.  !! Hessian-vector products are analytic
-      logical :: has_third_derivative = .false.  !! third derivatives are analytic: third_derivative of the model
-      logical :: any_lanes = .false.       !! a lane has the same bits whatever their number
+      logical :: has_third_derivative = .false.  !! third derivatives are analytic (third_derivative)
+      logical :: any_lanes = .false.       !! a lane has the same bits whatever the number of lanes
       logical :: autonomous = .false.      !! no H_j depends on time
       real(wp) :: max_frequency = 0        !! declared bound of the frequencies of H; 0 = not declared
       real(wp) :: noise_lipschitz = 0      !! declared Lipschitz constant of sum_k |grad H_k|; 0 = not declared
-      !> omega_i of the stiff linear part, H = p.p/2 + sum_i omega_i^2 q_i^2/2 + V(q) (ndof). A choice, not a
-      !> claim: V is what remains, so nothing is probed. Not allocated = not declared.
+      !> omega_i of the stiff linear part, H = p.p/2 + sum_i omega_i^2 q_i^2/2 + V(q) (ndof). A choice, not a claim: V
+      !> is the remainder, so it is not probed. Not allocated = not declared.
       real(wp), allocatable :: rotation(:)
    contains
       procedure :: correction_vanishes
@@ -47,7 +47,7 @@ module symsde_base_traits
 
 contains
 
-   !> Whether no frequency is known that h is long for.
+   !> Whether no known frequency makes the step h long.
    pure logical function is_slow(self, h)
       class(model_traits), intent(in) :: self
       real(wp), intent(in) :: h
@@ -63,7 +63,7 @@ contains
       vanishes = self%nnoise == 0 .or. self%additive .or. self%position_noise
    end function correction_vanishes
 
-   !> Whether H = p.M^-1 p/2 + U(q) with a constant M, declared in one way or the other.
+   !> Whether H = p.M^-1 p/2 + U(q) with a constant M is declared, by constant_mass or identity_mass.
    pure logical function has_constant_mass(self)
       class(model_traits), intent(in) :: self
 
@@ -77,7 +77,7 @@ contains
       eliminates_momenta = self%identity_mass .and. self%correction_vanishes()
    end function eliminates_momenta
 
-   !> Whether Hhat_p = h M^-1 p with a constant M that is not declared to be the identity: no noise moves positions.
+   !> Whether Hhat_p = h M^-1 p with a constant M that is not declared the identity: no noise acts on positions.
    pure logical function divides_by_mass(self)
       class(model_traits), intent(in) :: self
 
@@ -85,11 +85,11 @@ contains
                         (self%position_noise .or. self%nnoise == 0)
    end function divides_by_mass
 
-   !> Whether one linear solve finds the root of a step: quadratic Hamiltonians with exact Hessians.
-   !> Differences leave errors of 1e-11 in a Hessian, which a second iteration removes.
+   !> Whether one linear solve finds the root of a step: quadratic Hamiltonians with exact Hessians. Differences leave
+   !> errors of 1e-11 in a Hessian, which a second iteration removes.
    pure function one_solve(self, banded)
       class(model_traits), intent(in) :: self
-      logical, intent(in) :: banded  !! the Hessian is taken by its bands
+      logical, intent(in) :: banded  !! the Hessian is computed by its bands
       logical :: one_solve
 
       one_solve = self%quadratic .and. (self%has_hessian_vector .or. (self%has_hessian .and. .not. banded))

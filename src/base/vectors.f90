@@ -1,5 +1,5 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> Sums of n numbers that lie side by side: of the lanes of a block, or of the degrees of freedom of a path.
+!> Sums of n numbers that are neighbours in memory: the lanes of a block, or the degrees of freedom of a path.
 module symsde_base_vectors
    use symsde_base_kinds, only: wp
    implicit none
@@ -44,8 +44,8 @@ contains
       end do
    end subroutine add_times
 
-   !> y = x, which the compiler makes a copy of memory. Where the lanes of x and y are not known to be one, an
-   !> assignment would go lane by lane.
+   !> y = x, which the compiler turns into a copy of memory. Where the lanes of x and y are not known to be one, an
+   !> assignment would copy lane by lane.
    pure subroutine copy(n, x, y)
       integer, intent(in) :: n
       real(wp), intent(in) :: x(n)

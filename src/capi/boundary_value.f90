@@ -19,7 +19,7 @@ module symsde_capi_boundary_value
 
 contains
 
-   !> q, p[steps+1][ndof][paths] and status[paths].
+   !> Shapes: q, p[steps+1][ndof][paths] and status[paths].
    function symsde_stationary_path(model, scheme, options, q_start, q_end, dw, guess_q, guess_p, q, p, path_status, &
                                    error) result(status) bind(c, name='symsde_stationary_path')
       type(c_ptr), intent(in), value :: model, scheme, options, q_start, q_end, dw, guess_q, guess_p
@@ -60,7 +60,7 @@ contains
             call view(dw, o%npath, int(m%traits%nnoise, i8), rows, given)
          if (c_associated(guess_q)) call view(guess_q, o%npath, n, ntime, gq)
          if (c_associated(guess_p)) call view(guess_p, o%npath, n, ntime, gp)
-         ! a null pointer is an absent argument
+         ! a null pointer counts as an absent argument
          call stationary_path(m, s, o, from, to, qs, ps, codes, refusal, given, gq, gp, monitor=monitor)
       end if
       if (allocated(refusal)) then
@@ -70,7 +70,7 @@ contains
       end if
    end function symsde_stationary_path
 
-   !> The status of the call: a callback failed, some paths failed, or ok.
+   !> The status of the call: code if a callback failed, else whether some paths failed.
    function outcome(code, codes, error) result(status)
       integer, intent(in) :: code
       integer(i4), intent(in) :: codes(:)

@@ -42,7 +42,7 @@ contains
       text = certificate_text(certificate(scheme))
    end subroutine describe_scheme
 
-   !> No scheme.
+   !> Information about no scheme.
    function blank_info() result(info)
       type(c_scheme_info) :: info
 
@@ -56,7 +56,7 @@ contains
                            unknowns_if_separable=0, name=c_null_char, reference=c_null_char)
    end function blank_info
 
-   !> All members but struct_size, from the certificate.
+   !> Fill all members but struct_size from the certificate.
    subroutine fill_info(scheme, info)
       type(scheme_type), intent(in) :: scheme
       type(c_scheme_info), intent(inout) :: info

@@ -1,5 +1,5 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> Whether the noises of a model commute, by its brackets at sample points.
+!> Test whether the noises of a model commute, by brackets at sample points.
 module symsde_capi_commutator
    use, intrinsic :: iso_c_binding, only: c_double, c_f_pointer, c_funptr, c_int, c_int32_t, c_int64_t, c_null_ptr, &
                                                                              c_ptr, c_size_t
@@ -19,8 +19,8 @@ module symsde_capi_commutator
 
 contains
 
-   !> The largest relative gradients of the brackets over the points, whether the noises commute, and a sentence on
-   !> it.
+   !> Compute the largest relative gradients of the brackets over the points, whether the noises commute, and a sentence
+   !> about the result.
    function symsde_commutator(model, t, npoint, q, p, gradients, commute, text, size, progress, user, error) &
       result(status) bind(c, name='symsde_commutator')
       type(c_ptr), intent(in), value :: model

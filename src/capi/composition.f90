@@ -19,7 +19,7 @@ module symsde_capi_composition
 
 contains
 
-   !> The inverse map of a step back in time.
+   !> The adjoint of a scheme: the inverse map of a step back in time.
    function symsde_scheme_adjoint(base, name, scheme, error) result(status) bind(c, name='symsde_scheme_adjoint')
       type(c_ptr), intent(in), value :: base, name, scheme, error
       integer(c_int) :: status
@@ -36,7 +36,7 @@ contains
       status = derive(of_symmetric, base, name, scheme, error)
    end function symsde_scheme_symmetric_composition
 
-   !> Three steps, the second one back, of a symmetric scheme.
+   !> The triple jump of a symmetric scheme: three steps, the second one back in time.
    function symsde_scheme_triple_jump(base, name, scheme, error) result(status) &
       bind(c, name='symsde_scheme_triple_jump')
       type(c_ptr), intent(in), value :: base, name, scheme, error
@@ -45,7 +45,7 @@ contains
       status = derive(of_jump, base, name, scheme, error)
    end function symsde_scheme_triple_jump
 
-   !> Derive a scheme from another, under a name of the caller's or its own; all three derivations call this.
+   !> Derive a scheme from another one, named by the caller or by default; all three derivations call this.
    function derive(what, base, name, scheme, error) result(status)
       integer, intent(in) :: what
       type(c_ptr), intent(in) :: base, name, scheme, error
@@ -69,7 +69,7 @@ contains
       status = finish(refusal, error)
    end function derive
 
-   !> Steps of several schemes one after the other, each with its fraction of the step.
+   !> Compose several schemes: their steps one after the other, each over its fraction of the step.
    function symsde_scheme_compose(npart, parts, fractions, name, scheme, error) result(status) &
       bind(c, name='symsde_scheme_compose')
       integer(c_int), intent(in), value :: npart
@@ -104,7 +104,7 @@ contains
       status = finish(refusal, error)
    end function symsde_scheme_compose
 
-   !> The caller's array of handles.
+   !> View the caller's array of handles.
    subroutine handles_at(address, extent, handles)
       use, intrinsic :: iso_c_binding, only: c_f_pointer
       type(c_ptr), intent(in) :: address

@@ -27,7 +27,7 @@ module symsde_capi_diagnose
 
 contains
 
-   !> defect[npoint] of one step.
+   !> Compute defect[npoint] of one step.
    function symsde_symplecticity(model, scheme, options, npoint, q, p, dw, defect, error) result(status) &
       bind(c, name='symsde_symplecticity')
       type(c_ptr), intent(in), value :: model, scheme, options, q, p, dw, defect, error
@@ -58,7 +58,7 @@ contains
       status = end_diagnosis(refusal, m, error)
    end function symsde_symplecticity
 
-   !> action[steps][paths].
+   !> Compute action[steps][paths].
    function symsde_discrete_action(model, scheme, options, q, p, dw, action, error) result(status) &
       bind(c, name='symsde_discrete_action')
       type(c_ptr), intent(in), value :: model, scheme, options, q, p, dw, action, error
@@ -67,7 +67,7 @@ contains
       status = diagnose_paths(of_action, model, scheme, options, q, p, dw, action, error)
    end function symsde_discrete_action
 
-   !> residual[4][paths].
+   !> Compute residual[4][paths].
    function symsde_euler_lagrange_residual(model, scheme, options, q, p, dw, residual, error) result(status) &
       bind(c, name='symsde_euler_lagrange_residual')
       type(c_ptr), intent(in), value :: model, scheme, options, q, p, dw, residual, error
@@ -76,7 +76,7 @@ contains
       status = diagnose_paths(of_residual, model, scheme, options, q, p, dw, residual, error)
    end function symsde_euler_lagrange_residual
 
-   !> q, p [ntime][ndof][paths] of the exact solution.
+   !> Compute q, p [ntime][ndof][paths] of the exact solution.
    function symsde_exact_solution(model, scheme, options, input, q, p, error) result(status) &
       bind(c, name='symsde_exact_solution')
       type(c_ptr), intent(in), value :: model, scheme, options, input, q, p, error
@@ -139,22 +139,22 @@ contains
       status = end_diagnosis(refusal, m, error)
    end function diagnose_paths
 
-   !> Model, scheme and options of a diagnosis; no failure of a callback yet.
+   !> Read model, scheme and options of a diagnosis, and clear the record of failed callbacks.
    subroutine read_run(model, scheme, options, own, m, s, o, error, monitor)
       type(c_ptr), intent(in) :: model, scheme, options
-      class(model_type), allocatable, intent(inout), target :: own   !! of use_model
+      class(model_type), allocatable, intent(inout), target :: own   !! memory for the model, see use_model
       class(model_type), pointer, intent(out) :: m
       type(scheme_type), pointer, intent(out) :: s
       type(run_options), intent(out) :: o
       type(error_type), allocatable, intent(inout) :: error
-      type(callback_monitor), intent(out), optional :: monitor   !! of the options
+      type(callback_monitor), intent(out), optional :: monitor   !! monitor of the options
 
       call use_model(model, own, m, error)
       call find_scheme(scheme, s, error)
       call read_options(options, o, error, monitor)
    end subroutine read_run
 
-   !> The arrays of a diagnosis; without noise there is no dw to give.
+   !> Check the arrays of a diagnosis; without noise dw may be NULL.
    subroutine require_arrays(model, q, p, dw, output, what, error)
       class(model_type), pointer, intent(in) :: model
       type(c_ptr), intent(in) :: q, p, dw, output
@@ -169,7 +169,7 @@ contains
       call require(output, what, error)
    end subroutine require_arrays
 
-   !> View the caller's increments. Without noise there are none, and the array of extent zero has any address.
+   !> View the caller's increments. Without noise there are none, and the array of extent zero gets the address of q.
    subroutine view_increments(dw, q, npath, nnoise, nstep, increments)
       type(c_ptr), intent(in) :: dw, q
       integer(i8), intent(in) :: npath, nstep
@@ -183,7 +183,7 @@ contains
       end if
    end subroutine view_increments
 
-   !> Whether a callback failed, which may be the cause of a refusal, or the refusal.
+   !> The status of a diagnosis: the failure of a callback, which may be the cause of a refusal, else the refusal.
    function end_diagnosis(refusal, model, error) result(status)
       type(error_type), allocatable, intent(in) :: refusal
       class(model_type), pointer, intent(in) :: model

@@ -31,13 +31,13 @@ module symsde_capi_error
 
 contains
 
-   !> The status to return, written into the caller's error too, with the sentence: of the refusal, else
-   !> of the outcome, else empty.
+   !> Return the status of a call, and write it into the caller's error too, with a sentence: of the refusal, else of
+   !> the outcome, else empty.
    function finish(refusal, error, outcome, sentence) result(status)
       type(error_type), allocatable, intent(in) :: refusal
       type(c_ptr), intent(in) :: error                  !! symsde_error, may be NULL
       integer, intent(in), optional :: outcome          !! status if nothing was refused, default ok
-      character(*), intent(in), optional :: sentence    !! what the outcome means
+      character(*), intent(in), optional :: sentence    !! sentence about the outcome
       integer(c_int) :: status
       type(c_error), pointer :: filled
 
@@ -56,7 +56,7 @@ contains
       end if
    end function finish
 
-   !> A pointer that is needed must not be NULL.
+   !> Refuse a NULL pointer where one is needed.
    subroutine require(pointer, what, error)
       type(c_ptr), intent(in) :: pointer
       character(*), intent(in) :: what   !! name of the argument
@@ -66,7 +66,7 @@ contains
          call raise(error, invalid_argument, 'require', what//' is NULL: give its address')
    end subroutine require
 
-   !> A function that is needed must not be NULL. (Under the name `require`, too, gfortran 12 would not tell c_ptr from
+   !> Refuse a NULL function where one is needed. (In one generic with `require`, gfortran 12 would not tell c_ptr from
    !> c_funptr.)
    subroutine require_function(pointer, what, error)
       type(c_funptr), intent(in) :: pointer
@@ -95,11 +95,11 @@ contains
       end if
    end subroutine check_sizes
 
-   !> Copy the caller's struct over a copy that holds the defaults: members that his struct_size does not
-   !> reach keep them. Refuses NULL, a size never set, and a size larger than this library's.
+   !> Copy the caller's struct over a copy that holds the defaults: members beyond the caller's struct_size keep the
+   !> defaults. Refuses NULL, a struct_size that was never set, and one larger than this library's.
    subroutine take_struct(given, what, copy, room, error)
-      type(c_ptr), intent(in) :: given           !! the caller's struct, its first member is struct_size
-      character(*), intent(in) :: what           !! its name
+      type(c_ptr), intent(in) :: given           !! the caller's struct; its first member is struct_size
+      character(*), intent(in) :: what           !! name of the struct
       type(c_ptr), intent(in) :: copy            !! this library's struct
       integer(c_size_t), intent(in) :: room      !! size of this library's struct
       type(error_type), allocatable, intent(inout) :: error
@@ -121,10 +121,10 @@ contains
       end if
    end subroutine take_struct
 
-   !> Copy this library's struct into the caller's, as far as his struct_size reaches.
+   !> Copy this library's struct into the caller's, up to the caller's struct_size.
    subroutine give_struct(copy, given)
       type(c_ptr), intent(in) :: copy    !! this library's struct
-      type(c_ptr), intent(in) :: given   !! the caller's, accepted by take_struct before; may be NULL
+      type(c_ptr), intent(in) :: given   !! the caller's struct, accepted by take_struct before; may be NULL
       integer(c_size_t), pointer :: struct_size
       type(c_ptr) :: ignored
 

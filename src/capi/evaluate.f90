@@ -1,5 +1,5 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> A model at points of the caller: value, gradient, Hessian, block by block.
+!> A model at points of the caller: value, gradient and Hessian, block by block.
 module symsde_capi_evaluate
    use, intrinsic :: iso_c_binding, only: c_associated, c_double, c_int, c_int64_t, c_ptr
    use symsde_base_kinds, only: wp, i8
@@ -18,9 +18,8 @@ module symsde_capi_evaluate
 
    integer, parameter :: of_value = 1, of_gradient = 2, of_hessian = 3  !! function of the model to evaluate
 
-   !> The caller's arrays as (npath, numbers of a path), and one block of each, copied and padded so that
-   !> a path does not depend on its neighbours. An output that is not wanted is not associated, its block
-   !> not allocated.
+   !> The caller's arrays as (npath, numbers per path), and a block of each array, copied and padded so that a path does
+   !> not depend on its neighbours. An unwanted output is not associated, and its block not allocated.
    type :: points_type
       class(model_type), pointer :: model => null()
       class(model_type), allocatable :: own   !! the user's model, if the handle has one
@@ -34,7 +33,7 @@ module symsde_capi_evaluate
 
 contains
 
-   !> value[npath] of sum_j w_j H_j.
+   !> Compute value[npath] of sum_j w_j H_j.
    function symsde_model_value(model, npath, t, w, q, p, value, error) result(status) &
       bind(c, name='symsde_model_value')
       type(c_ptr), intent(in), value :: model, w, q, p, value, error
@@ -55,7 +54,7 @@ contains
       status = evaluate(points, of_value, t, refusal, error)
    end function symsde_model_value
 
-   !> hq, hp [ndof][npath] of sum_j w_j H_j; either may be NULL.
+   !> Compute hq, hp [ndof][npath] of sum_j w_j H_j; either may be NULL.
    function symsde_model_gradient(model, npath, t, w, q, p, hq, hp, error) result(status) &
       bind(c, name='symsde_model_gradient')
       type(c_ptr), intent(in), value :: model, w, q, p, hq, hp, error
@@ -72,7 +71,7 @@ contains
       status = evaluate(points, of_gradient, t, refusal, error)
    end function symsde_model_gradient
 
-   !> hqq, hqp, hpp [ndof][ndof][npath] of sum_j w_j H_j; each may be NULL.
+   !> Compute hqq, hqp, hpp [ndof][ndof][npath] of sum_j w_j H_j; each may be NULL.
    function symsde_model_hessian(model, npath, t, w, q, p, hqq, hqp, hpp, error) result(status) &
       bind(c, name='symsde_model_hessian')
       type(c_ptr), intent(in), value :: model, w, q, p, hqq, hqp, hpp, error
@@ -93,7 +92,7 @@ contains
       status = evaluate(points, of_hessian, t, refusal, error)
    end function symsde_model_hessian
 
-   !> Read the model and its inputs, and make room for a block of inputs.
+   !> Read the model and its inputs, and allocate a block of inputs.
    subroutine read_points(points, model, npath, w, q, p, error)
       type(points_type), intent(out), target :: points
       type(c_ptr), intent(in) :: model, w, q, p
@@ -108,7 +107,7 @@ contains
       points%ndof = points%model%traits%ndof
       points%nnoise = points%model%traits%nnoise
       points%nlane = lanes_for(points%ndof, npath)
-      if (points%ndof > 128) points%nlane = padded(1)  ! a block of a dense Hessian is large
+      if (points%ndof > 128) points%nlane = padded(1)  ! a block of dense Hessians is large
       call require_memory(points%nlane*evaluation_numbers(points%model), 'a call of model '//points%model%name, &
                           'give a smaller system', 'read_points', error)
       call add_array(points, w, 'w', points%nnoise + 1_i8, points%w, points%wb, error)
@@ -116,14 +115,14 @@ contains
       call add_array(points, p, 'p', int(points%ndof, i8), points%p, points%pb, error)
    end subroutine read_points
 
-   !> Numbers a lane: inputs, and the vectors of differences where the model has no Hessian.
+   !> Numbers per lane: the inputs, and the vectors of differences if the model has no Hessian.
    pure real(wp) function evaluation_numbers(model) result(numbers)
       class(model_type), intent(in) :: model
 
       numbers = 20.0_wp*model%traits%ndof + 4.0_wp*model%traits%nnoise
    end function evaluation_numbers
 
-   !> One array of n numbers a path, and its block.
+   !> View an array of n numbers per path, and allocate its block.
    subroutine add_array(points, given, what, n, array, block, error)
       type(points_type), intent(in) :: points
       type(c_ptr), intent(in) :: given
@@ -159,7 +158,7 @@ contains
       if (c_associated(given)) call add_array(points, given, 'output', n, array, block, error)
    end subroutine add_output
 
-   !> Block by block: copy in, ask the model, copy out, until all are done or a callback fails.
+   !> Block by block: copy in, call the model, copy out, until all points are done or a callback fails.
    function evaluate(points, what, t, refusal, error) result(status)
       type(points_type), intent(inout) :: points
       integer, intent(in) :: what
@@ -208,7 +207,7 @@ contains
       if (associated(x%out3)) call copy_out(x%block3, first, x%out3)
    end subroutine ask_model
 
-   !> Rows from first on; lanes past the last row repeat it.
+   !> Copy the rows from `first` on; lanes past the last row repeat it.
    pure subroutine copy_in(array, first, block)
       real(wp), intent(in) :: array(:, :)
       integer(i8), intent(in) :: first

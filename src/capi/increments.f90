@@ -1,5 +1,5 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> The increments that drive a run, asked of the same noise source that drives it.
+!> The increments that drive a run, drawn from the noise source of the run.
 module symsde_capi_increments
    use, intrinsic :: iso_c_binding, only: c_associated, c_int, c_ptr
    use symsde_base_kinds, only: wp, i8
@@ -26,7 +26,7 @@ module symsde_capi_increments
 
 contains
 
-   !> dw[steps][nnoise][paths].
+   !> Compute dw[steps][nnoise][paths].
    function symsde_increments(model, scheme, options, dw, error) result(status) bind(c, name='symsde_increments')
       type(c_ptr), intent(in), value :: model, scheme, options, dw, error
       integer(c_int) :: status

@@ -1,5 +1,5 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> Status codes, version and build of the library as texts, and the memory that it may use.
+!> Status codes, version and build of the library as text, and the memory that the process may still use.
 module symsde_capi_info
    use, intrinsic :: iso_c_binding, only: c_f_pointer, c_int, c_ptr, c_size_t
    use, intrinsic :: iso_fortran_env, only: compiler_options, compiler_version
@@ -39,7 +39,7 @@ contains
       status = status_ok
    end function symsde_version
 
-   !> Lines 'key: value' about how the library was built, and whose LAPACK is loaded.
+   !> Lines 'key: value' about how the library was built, and which LAPACK is loaded.
    function symsde_build_info(buffer, size, needed) result(status) bind(c, name='symsde_build_info')
       type(c_ptr), intent(in), value :: buffer, needed
       integer(c_size_t), intent(in), value :: size
@@ -60,7 +60,7 @@ contains
       status = status_ok
    end function symsde_build_info
 
-   !> Bytes that the control groups of this process leave it now.
+   !> Bytes that the limits of the process's control groups leave now.
    function symsde_memory_left(bytes, error) result(status) bind(c, name='symsde_memory_left')
       type(c_ptr), intent(in), value :: bytes, error
       integer(c_int) :: status

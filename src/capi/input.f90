@@ -27,8 +27,8 @@ module symsde_capi_input
       type(c_ptr) :: warn_user
    end type c_input
 
-   !> The caller's arrays, path first. An array that the caller left out is not associated, so that it is absent as
-   !> an optional argument.
+   !> The caller's arrays, path index first. An array that the caller left out is not associated, so that it counts as
+   !> absent when passed as an optional argument.
    type :: run_input
       real(wp), pointer, contiguous :: q0(:, :) => null(), p0(:, :) => null()          !! (npath or 1, ndof)
       real(wp), pointer, contiguous :: dw(:, :, :) => null()                           !! (npath or 1, nnoise, rows)
@@ -38,7 +38,7 @@ module symsde_capi_input
 
 contains
 
-   !> No state, no increments, no callback.
+   !> An input with no state, no increments and no callback.
    function symsde_input_init(input) result(status) bind(c, name='symsde_input_init')
       type(c_ptr), intent(in), value :: input
       integer(c_int) :: status
@@ -53,7 +53,7 @@ contains
       status = finish(refusal, c_null_ptr)
    end function symsde_input_init
 
-   !> The arrays of the caller as Fortran arrays; whether their shapes fit the run is for the run to say.
+   !> View the arrays of the caller as Fortran arrays; the run itself checks their shapes.
    subroutine read_input(given, ndof, npath, input, error)
       type(c_ptr), intent(in) :: given     !! symsde_input
       integer, intent(in) :: ndof
@@ -79,7 +79,7 @@ contains
       call view_drive(copy, input, error)
    end subroutine read_input
 
-   !> Read all of an input but the state: increments, and the function that receives progress.
+   !> Read all of an input but the state: the increments, and the function that receives progress.
    subroutine read_drive(given, input, error)
       type(c_ptr), intent(in) :: given     !! symsde_input, or NULL
       type(run_input), intent(out) :: input

@@ -21,8 +21,7 @@ module symsde_capi_joint
 
 contains
 
-   !> Give a model of symsde_model_new one more function; NULL takes it back. Refuses built-in models
-   !> (incompatible).
+   !> Give a model of symsde_model_new one more function; NULL removes it. Refuses built-in models (incompatible).
    function symsde_model_set_gradient_hessian(model, joint, error) result(status) &
       bind(c, name='symsde_model_set_gradient_hessian')
       type(c_ptr), intent(in), value :: model, error
@@ -51,7 +50,7 @@ contains
       status = finish(refusal, error)
    end function symsde_model_set_chain_rows
 
-   !> Give a model of symsde_model_new third derivatives; NULL takes them back. Refuses built-in models (incompatible).
+   !> Give a model of symsde_model_new third derivatives; NULL removes them. Refuses built-in models (incompatible).
    function symsde_model_set_third_derivative(model, third, error) result(status) &
       bind(c, name='symsde_model_set_third_derivative')
       type(c_ptr), intent(in), value :: model, error
@@ -65,7 +64,7 @@ contains
       status = finish(refusal, error)
    end function symsde_model_set_third_derivative
 
-   !> From now on an output that is not wanted is NULL. Refuses built-in models (incompatible).
+   !> From now on pass NULL for outputs that are not wanted. Refuses built-in models (incompatible).
    function symsde_model_accept_null(model, error) result(status) bind(c, name='symsde_model_accept_null')
       type(c_ptr), intent(in), value :: model, error
       integer(c_int) :: status
@@ -77,8 +76,8 @@ contains
       status = finish(refusal, error)
    end function symsde_model_accept_null
 
-   !> Give a model of symsde_model_new whole steps of a scheme; NULL takes them back. Refuses built-in models
-   !> (incompatible) and names of no scheme (unknown_name).
+   !> Give a model of symsde_model_new whole steps of a scheme; NULL removes them. Refuses built-in models
+   !> (incompatible) and unknown names of schemes (unknown_name).
    function symsde_model_set_flow(model, scheme, flow, error) result(status) bind(c, name='symsde_model_set_flow')
       type(c_ptr), intent(in), value :: model, scheme, error
       type(c_funptr), intent(in), value :: flow
@@ -95,7 +94,7 @@ contains
       status = finish(refusal, error)
    end function symsde_model_set_flow
 
-   !> The map of a scheme; behind the name of one of the Euler pair may stand that it is corrected.
+   !> Find the map of a scheme from its name; the names of the Euler pair may have a suffix for the corrected variant.
    subroutine read_map(text, map, error)
       character(*), intent(in) :: text
       type(step_map), intent(out) :: map
@@ -118,7 +117,7 @@ contains
                     "corrected of symplectic_euler and symplectic_euler_adjoint alone; leave out '"//ending//"'")
    end subroutine read_map
 
-   !> From now on the functions are given the real lanes alone. Refuses built-in models (incompatible).
+   !> From now on pass the real lanes only, without padding. Refuses built-in models (incompatible).
    function symsde_model_accept_any_lanes(model, error) result(status) bind(c, name='symsde_model_accept_any_lanes')
       type(c_ptr), intent(in), value :: model, error
       integer(c_int) :: status
@@ -130,7 +129,7 @@ contains
       status = finish(refusal, error)
    end function symsde_model_accept_any_lanes
 
-   !> From now on probes that the model passed are not made again. Refuses built-in models (incompatible).
+   !> From now on do not repeat probes that the model has passed. Refuses built-in models (incompatible).
    function symsde_model_set_derived(model, error) result(status) bind(c, name='symsde_model_set_derived')
       type(c_ptr), intent(in), value :: model, error
       integer(c_int) :: status

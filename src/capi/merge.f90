@@ -1,5 +1,5 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> symsde_merge_moments: parts of an ensemble, computed anywhere, become the whole.
+!> symsde_merge_moments: merge the moments of parts of an ensemble, computed anywhere, into the whole.
 module symsde_capi_merge
    use, intrinsic :: iso_c_binding, only: c_int, c_int64_t, c_ptr
    use symsde_base_kinds, only: wp, i8
@@ -13,7 +13,7 @@ module symsde_capi_merge
 
 contains
 
-   !> The left part becomes both siblings together.
+   !> Merge the moments of two siblings into the left one.
    function symsde_merge_moments(ntime, nvalue, n_ok, mean, m2, n_ok_right, mean_right, m2_right, error) &
       result(status) bind(c, name='symsde_merge_moments')
       integer(c_int64_t), intent(in), value :: ntime, nvalue

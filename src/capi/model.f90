@@ -1,5 +1,5 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> The handle of a model: made, asked for its traits, probed, deleted.
+!> The handle of a model: create, read traits, probe, delete.
 module symsde_capi_model
    use, intrinsic :: iso_c_binding, only: &
       c_associated, c_double, c_f_pointer, c_funptr, c_int, c_loc, c_null_ptr, c_ptr, c_size_t, &
@@ -57,11 +57,11 @@ contains
                  'make one with symsde_model_get or symsde_model_new')
    end subroutine find_model
 
-   !> The model of a handle for one call that evaluates it. A model of callbacks is copied into own: it keeps a
-   !> record of failure, and of the threads that share a handle each shall hear of its own failures alone.
+   !> The model of a handle for one call that evaluates it. A model of callbacks is copied into own, because it keeps a
+   !> record of failure: threads that share a handle must each see their own failures only.
    subroutine use_model(handle, own, model, error)
       type(c_ptr), intent(in) :: handle
-      class(model_type), allocatable, intent(inout), target :: own  !! lives as long as model is used
+      class(model_type), allocatable, intent(inout), target :: own  !! must live as long as model is used
       class(model_type), pointer, intent(out) :: model
       type(error_type), allocatable, intent(inout) :: error
 
@@ -116,7 +116,7 @@ contains
       status = status_ok
    end function symsde_model_names
 
-   !> Parameters of a built-in model, lines 'key = default'.
+   !> The parameters of a built-in model as lines 'key = default'.
    function symsde_model_parameters(name, buffer, size, needed, error) result(status) &
       bind(c, name='symsde_model_parameters')
       type(c_ptr), intent(in), value :: name, buffer, needed, error
@@ -137,7 +137,7 @@ contains
       status = finish(refusal, error)
    end function symsde_model_parameters
 
-   !> A built-in model; parameters that are not given keep their defaults.
+   !> Create a built-in model; parameters that are not given keep their defaults.
    function symsde_model_get(name, nparameter, keys, values, model, error) result(status) &
       bind(c, name='symsde_model_get')
       type(c_ptr), intent(in), value :: name, keys, values, model, error
@@ -161,7 +161,7 @@ contains
       status = finish(refusal, error)
    end function symsde_model_get
 
-   !> A model of the user's own.
+   !> Create a model from the user's functions.
    function symsde_model_new(name, traits, gradient, value, hessian, hessian_vector, user, model, error) &
       result(status) bind(c, name='symsde_model_new')
       type(c_ptr), intent(in), value :: name, traits, user, model, error
@@ -193,7 +193,7 @@ contains
       bind(c, name='symsde_model_set_damping')
       type(c_ptr), intent(in), value :: model, rates, error
       integer(c_int), intent(in), value :: nrate
-      integer(c_int), intent(in), value :: allow_gain   !! not zero: a rate may be negative
+      integer(c_int), intent(in), value :: allow_gain   !! nonzero: rates may be negative
       integer(c_int) :: status
       type(error_type), allocatable :: refusal
       class(model_type), pointer :: known
@@ -310,7 +310,7 @@ contains
       end if
    end function symsde_model_probe
 
-   !> Check the address that shall receive a new handle, and set it to NULL until the model exists.
+   !> Check the address where a new handle will be stored, and store NULL until the model exists.
    subroutine begin_handle(handle, what, error)
       type(c_ptr), intent(in) :: handle   !! symsde_model *
       character(*), intent(in) :: what
@@ -324,9 +324,9 @@ contains
       made = c_null_ptr
    end subroutine begin_handle
 
-   !> Put a model behind a handle, unless something was refused.
+   !> Store a handle of the model, unless an error was raised.
    subroutine new_handle(model, handle, error)
-      class(model_type), allocatable, intent(inout) :: model  !! taken over
+      class(model_type), allocatable, intent(inout) :: model  !! moved into the handle
       type(c_ptr), intent(in) :: handle                       !! symsde_model *
       type(error_type), allocatable, intent(inout) :: error
       type(model_handle), pointer :: holder
@@ -372,7 +372,7 @@ contains
       end do
    end subroutine read_keys
 
-   !> Lines 'key = default' of a known model; every digit of the default.
+   !> Lines 'key = default' of a known model; defaults have all their digits.
    subroutine parameter_lines(name, text)
       character(*), intent(in) :: name
       character(:), allocatable, intent(out) :: text

@@ -48,7 +48,7 @@ module symsde_capi_moments
 
 contains
 
-   !> No arrays, no observables, no failed paths.
+   !> A struct with no arrays, no observables and no failed paths.
    function symsde_moments_init(moments) result(status) bind(c, name='symsde_moments_init')
       type(c_ptr), intent(in), value :: moments
       integer(c_int) :: status
@@ -101,7 +101,7 @@ contains
       status = end_run(refusal, code, result%report, report, error)
    end function symsde_compute_moments
 
-   !> The run, with the state as one list, path first.
+   !> Compute the run, with the state as one vector, path index first.
    subroutine run(model, scheme, options, from, observables, observers, result, error)
       class(model_type), intent(in), target :: model
       type(scheme_type), intent(in) :: scheme
@@ -119,7 +119,7 @@ contains
                    from%q0_low, from%p0_low, observers)
    end subroutine run
 
-   !> The caller's struct, its arrays there, its observables a function where there are any.
+   !> Read the caller's struct: check that its arrays are given, and the function of the observables if there are any.
    subroutine read_moments(given, model, options, copy, error)
       type(c_ptr), intent(in) :: given          !! symsde_moments
       class(model_type), intent(in) :: model
@@ -146,7 +146,7 @@ contains
       call require(copy%se_mean, 'se_mean', error)
    end subroutine read_moments
 
-   !> Copy moments into the caller's arrays and the failed paths into his struct.
+   !> Copy moments into the caller's arrays and the failed paths into the caller's struct.
    subroutine give_moments(result, copy, given)
       type(moments_type), intent(in) :: result
       type(c_moments), intent(inout), target :: copy

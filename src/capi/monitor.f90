@@ -1,5 +1,5 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> The monitor that asks a C function.
+!> A monitor that calls a C function.
 module symsde_capi_monitor
    use, intrinsic :: iso_c_binding, only: &
       c_associated, c_char, c_f_procpointer, c_funptr, c_int, c_int64_t, c_null_ptr, c_ptr
@@ -34,7 +34,7 @@ module symsde_capi_monitor
       !> Called with warnings before the first step; nonzero refuses the run.
       function warn_callback(warnings, user) bind(c) result(refuse)
          import :: c_char, c_int, c_ptr
-         character(kind=c_char), intent(in) :: warnings(*)   !! terminated
+         character(kind=c_char), intent(in) :: warnings(*)   !! null-terminated
          type(c_ptr), value :: user
          integer(c_int) :: refuse
       end function warn_callback
@@ -42,7 +42,7 @@ module symsde_capi_monitor
 
 contains
 
-   !> Set the caller's function, or none.
+   !> Set the caller's function; a null pointer means none.
    subroutine new_callback_monitor(self, progress, user)
       type(callback_monitor), intent(out) :: self
       type(c_funptr), intent(in) :: progress   !! symsde_progress, or c_null_funptr
@@ -61,7 +61,7 @@ contains
       if (associated(self%on_progress)) wants_stop = self%on_progress(done, total, self%user) /= 0
    end function ask_callback
 
-   !> Set the caller's function for warnings, or none.
+   !> Set the caller's function for warnings; a null pointer means none.
    subroutine set_warn(self, warn, user)
       class(callback_monitor), intent(inout) :: self
       type(c_funptr), intent(in) :: warn   !! symsde_warn, or c_null_funptr

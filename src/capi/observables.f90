@@ -1,5 +1,5 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> Observables that are a C function on whole blocks.
+!> Observables computed by a C function for whole blocks.
 module symsde_capi_observables
    use, intrinsic :: iso_c_binding, only: c_associated, c_double, c_f_procpointer, c_funptr, c_int, c_null_ptr, c_ptr
    use, intrinsic :: ieee_arithmetic, only: ieee_value, ieee_quiet_nan
@@ -9,7 +9,7 @@ module symsde_capi_observables
    private
    public :: callback_observables, new_callback_observables
 
-   !> Shared by all threads, intent(in): the record of failure lies behind a pointer.
+   !> All threads share the object as intent(in); the record of failure is therefore a pointer.
    type, extends(observables_type) :: callback_observables
       private
       procedure(observables_callback), pointer, nopass :: on_observables => null()
@@ -42,7 +42,7 @@ contains
       integer, intent(in) :: nvalue
       type(c_funptr), intent(in) :: observables   !! an observables_callback; not needed for nvalue = 0
       type(c_ptr), intent(in) :: user
-      integer, intent(in) :: most_lanes           !! lanes of several saved times in one call; 0 = one time each
+      integer, intent(in) :: most_lanes           !! lanes of several saved times in one call; 0 = one time per call
 
       self%nvalue = nvalue
       self%most_lanes = most_lanes
@@ -51,7 +51,7 @@ contains
       allocate (self%failure, source=0_i4)
    end subroutine new_callback_observables
 
-   !> Ask the function, until it fails once: values are NaN from there on.
+   !> Call the function until it has failed once; after a failure all values are NaN.
    subroutine evaluate(self, nlane, ndof, t, q, p, values)
       class(callback_observables), intent(in) :: self
       integer, intent(in) :: nlane, ndof

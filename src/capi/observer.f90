@@ -1,5 +1,5 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> struct symsde_observer: a statistic beside the moments of a run, how its parts merge, and its answer.
+!> struct symsde_observer: a statistic besides the moments of a run, how its parts merge, and its answer.
 module symsde_capi_observer
    use, intrinsic :: iso_c_binding, only: &
       c_associated, c_f_pointer, c_int, c_int32_t, c_int64_t, c_loc, c_null_ptr, c_ptr, c_size_t, c_sizeof, c_double
@@ -38,7 +38,7 @@ module symsde_capi_observer
 
 contains
 
-   !> No kind, no values; bridges are on.
+   !> An observer with no kind and no values; bridges are on.
    function symsde_observer_init(observer) result(status) bind(c, name='symsde_observer_init')
       type(c_ptr), intent(in), value :: observer
       integer(c_int) :: status
@@ -53,7 +53,7 @@ contains
       status = finish(refusal, c_null_ptr)
    end function symsde_observer_init
 
-   !> How many integers and numbers an observer keeps in a run, and how many its answer has.
+   !> How many integers and numbers an observer keeps in a run, and how many numbers its answer has.
    function symsde_observer_sizes(model, options, nobservable, observer, sizes, error) result(status) &
       bind(c, name='symsde_observer_sizes')
       type(c_ptr), intent(in), value :: model, options
@@ -77,7 +77,7 @@ contains
       status = finish(refusal, error)
    end function symsde_observer_sizes
 
-   !> The left part becomes both siblings together.
+   !> Merge the results of two siblings into the left one.
    function symsde_observer_merge(model, options, nobservable, left, right, error) result(status) &
       bind(c, name='symsde_observer_merge')
       type(c_ptr), intent(in), value :: model, options
@@ -125,7 +125,7 @@ contains
       status = finish(refusal, error)
    end function symsde_observer_answer
 
-   !> Make empty results of an observer of a run with these options.
+   !> Allocate empty results of an observer for a run with these options.
    subroutine find_kept(model, options, nobservable, observer, kept, answers, error)
       type(c_ptr), intent(in) :: model, options, observer
       integer(c_int), intent(in) :: nobservable
@@ -146,7 +146,7 @@ contains
       call new_observed(kept, answers, request, run, error)
    end subroutine find_kept
 
-   !> Read the caller's arrays into kept results.
+   !> Copy the caller's arrays into kept results.
    subroutine take_kept(given, kept, error)
       type(c_ptr), intent(in) :: given
       type(observed_type), intent(inout) :: kept
@@ -167,7 +167,7 @@ contains
       kept%sums = sums
    end subroutine take_kept
 
-   !> Into the caller's arrays, where he gave some.
+   !> Copy kept results into the caller's arrays that are not NULL.
    subroutine give_kept(kept, given)
       type(observed_type), intent(in) :: kept
       type(c_ptr), intent(in) :: given
@@ -188,7 +188,7 @@ contains
       end if
    end subroutine give_kept
 
-   !> The caller's list of observers, each by its address.
+   !> Read the caller's list of observers, given by their addresses.
    subroutine read_observers(given, n, requests, error)
       type(c_ptr), intent(in) :: given          !! [n]
       integer, intent(in) :: n
@@ -251,7 +251,7 @@ contains
       request%absorbs = copy%absorbs /= 0
       request%bridges = copy%bridges /= 0
       call view(copy%values, int(copy%nvalue, i8), values)
-      request%values = values + 1  ! from 0 in C
+      request%values = values + 1  ! numbered from 0 in C
       if (copy%nshare > 0) then
          call view(copy%shares, int(copy%nshare, i8), shares)
          request%shares = shares

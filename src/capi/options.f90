@@ -1,5 +1,5 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> struct symsde_options and its conversion; the defaults stand in run_options alone.
+!> struct symsde_options and its conversion; run_options alone defines the defaults.
 module symsde_capi_options
    use, intrinsic :: iso_c_binding, only: &
       c_double, c_f_pointer, c_funptr, c_int, c_int32_t, c_int64_t, c_loc, c_null_funptr, c_null_ptr, c_ptr, &
@@ -57,7 +57,7 @@ contains
       status = finish(refusal, c_null_ptr)
    end function symsde_options_init
 
-   !> The caller's options, checked, and the function that a diagnosis tells of its progress.
+   !> Read and check the caller's options, and the function that receives the progress of a diagnosis.
    subroutine read_options(given, options, error, monitor)
       type(c_ptr), intent(in) :: given          !! symsde_options
       type(run_options), intent(out) :: options

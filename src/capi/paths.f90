@@ -1,5 +1,5 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> symsde_simulate: the run that saves paths, straight into the caller's arrays.
+!> symsde_simulate: the run that saves paths directly into the caller's arrays.
 module symsde_capi_paths
    use, intrinsic :: iso_c_binding, only: &
       c_associated, c_f_pointer, c_int, c_loc, c_null_ptr, c_ptr, c_size_t, c_sizeof
@@ -37,14 +37,14 @@ module symsde_capi_paths
       type(c_ptr) :: q_low, p_low
    end type c_paths
 
-   !> Arrays that the caller does not want, but the recorder writes.
+   !> Arrays that the recorder writes although the caller does not want them.
    type :: scratch_type
       real(wp), allocatable :: last_q(:, :), last_p(:, :), q_low(:, :), p_low(:, :)  !! (npath, ndof)
    end type scratch_type
 
 contains
 
-   !> No arrays.
+   !> A struct with no arrays.
    function symsde_paths_init(paths) result(status) bind(c, name='symsde_paths_init')
       type(c_ptr), intent(in), value :: paths
       integer(c_int) :: status
@@ -93,7 +93,7 @@ contains
       status = end_run(refusal, code, outcome, report, error)
    end function symsde_simulate
 
-   !> When the saved points of a run with these options are.
+   !> Times of the saved points of a run with these options.
    function symsde_saved_times(options, t, error) result(status) bind(c, name='symsde_saved_times')
       type(c_ptr), intent(in), value :: options, t, error
       integer(c_int) :: status
@@ -134,7 +134,7 @@ contains
       call choose(copy%p_low, options%compensated, npath, n, scratch%p_low, recorder%p_low, error)
    end subroutine read_paths
 
-   !> Make a recorder for saved states alone: a prepared run has arrays of its own for the final state.
+   !> Make a recorder for saved states only: a prepared run has its own arrays for the final state.
    subroutine read_saved(given, ndof, options, recorder, error)
       type(c_ptr), intent(in) :: given                       !! symsde_paths
       integer, intent(in) :: ndof
@@ -147,8 +147,8 @@ contains
       call take_paths(given, ndof, options, recorder, copy, error)
    end subroutine read_saved
 
-   !> Read the caller's struct, let the recorder point to its arrays of saved states, and fill in the saved times if
-   !> the caller wants them.
+   !> Read the caller's struct, point the recorder to its arrays of saved states, and fill in the saved times if the
+   !> caller wants them.
    subroutine take_paths(given, ndof, options, recorder, copy, error)
       type(c_ptr), intent(in) :: given                       !! symsde_paths
       integer, intent(in) :: ndof

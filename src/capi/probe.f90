@@ -23,7 +23,7 @@ contains
       real(wp) :: hq(1, ndof), hp(1, ndof), w(1, 0:model%traits%nnoise), own_q(1, ndof), own_p(1, ndof)
 
       w = 1
-      own_q(1, :) = q  ! a gradient that writes into its inputs must not reach the caller's
+      own_q(1, :) = q  ! copies, since a gradient may write into its inputs
       own_p(1, :) = p
       call model%clear_failure()
       call model%gradient(1, ndof, model%traits%nnoise, t, w, own_q, own_p, hq, hp)

@@ -36,7 +36,7 @@ module symsde_capi_report
 
 contains
 
-   !> The report of no run yet.
+   !> An empty report.
    function symsde_report_init(report) result(status) bind(c, name='symsde_report_init')
       type(c_ptr), intent(in), value :: report
       integer(c_int) :: status
@@ -53,7 +53,7 @@ contains
       status = finish(refusal, c_null_ptr)
    end function symsde_report_init
 
-   !> Refuse a struct that could not be filled, before the run; NULL = no report is wanted.
+   !> Refuse, before the run, a struct that cannot be filled; NULL means that no report is wanted.
    subroutine check_report(given, error)
       type(c_ptr), intent(in) :: given   !! symsde_report
       type(error_type), allocatable, intent(inout) :: error
@@ -95,7 +95,7 @@ contains
       call give_struct(c_loc(copy), given)
    end subroutine give_report
 
-   !> All members but struct_size.
+   !> Fill all members but struct_size.
    subroutine fill_report(r, c)
       type(run_report), intent(in) :: r
       type(c_report), intent(inout) :: c
@@ -144,7 +144,7 @@ contains
 
    end subroutine fill_report
 
-   !> Say what the outcome of a run means, and where to look.
+   !> Write what the outcome of a run means, and where the cause may be found.
    pure subroutine outcome_sentence(report, code, text)
       type(run_report), intent(in) :: report
       integer, intent(in) :: code              !! return value of a failed callback

@@ -1,5 +1,5 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> The handle of a prepared run: made, advanced, resumed, reset, looked at, deleted.
+!> The handle of a prepared run: create, advance, resume, reset, view its state, delete.
 module symsde_capi_run
    use, intrinsic :: iso_c_binding, only: &
       c_associated, c_double, c_f_pointer, c_int, c_int32_t, c_int64_t, c_loc, c_null_ptr, c_ptr, c_size_t, c_sizeof
@@ -30,7 +30,7 @@ module symsde_capi_run
    !> The object behind a symsde_run.
    type :: run_handle
       integer(i8) :: tag = tag_of_run
-      class(model_type), allocatable :: model   !! its own copy, which the run points to
+      class(model_type), allocatable :: model   !! copy of the model, to which the run points
       type(prepared_run) :: run
    end type run_handle
 
@@ -49,7 +49,7 @@ module symsde_capi_run
 
 contains
 
-   !> The state of no run.
+   !> An empty state.
    function symsde_state_init(state) result(status) bind(c, name='symsde_state_init')
       type(c_ptr), intent(in), value :: state
       integer(c_int) :: status
@@ -136,7 +136,7 @@ contains
       status = end_advance(holder, refusal, error)
    end function symsde_run_advance
 
-   !> The rest of an advance that was stopped.
+   !> Take the remaining steps of an advance that was stopped.
    function symsde_run_resume(run, input, paths, error) result(status) bind(c, name='symsde_run_resume')
       type(c_ptr), intent(in), value :: run, input, paths, error
       integer(c_int) :: status
@@ -253,7 +253,7 @@ contains
                  'symsde_run_new')
    end subroutine find_run
 
-   !> The status of an advance. The caller gets the report by symsde_run_report.
+   !> The status of an advance. The caller reads the report with symsde_run_report.
    function end_advance(holder, refusal, error) result(status)
       type(run_handle), pointer, intent(in) :: holder
       type(error_type), allocatable, intent(in) :: refusal
@@ -269,7 +269,7 @@ contains
       end if
    end function end_advance
 
-   !> All members but struct_size.
+   !> Fill all members but struct_size.
    subroutine show_state(holder, state)
       type(run_handle), intent(in), pointer :: holder
       type(c_state), intent(inout) :: state

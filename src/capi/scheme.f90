@@ -1,5 +1,5 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> The handle of a scheme: from the catalogue, from a quadrature, from a tableau; described, deleted.
+!> The handle of a scheme: create from the catalogue, a quadrature or a tableau; describe, delete.
 module symsde_capi_scheme
    use, intrinsic :: iso_c_binding, only: &
       c_associated, c_char, c_double, c_f_pointer, c_int, c_int32_t, c_loc, c_null_ptr, c_ptr, &
@@ -24,7 +24,7 @@ module symsde_capi_scheme
    public :: symsde_scheme_certificate
 
    integer(i8), parameter :: tag_of_scheme = int(z'736368656D65', i8)  !! 'scheme'; cleared when the handle is deleted
-   integer, parameter :: most_stages = 1000                            !! stages of a user's tableau or quadrature
+   integer, parameter :: most_stages = 1000 !! largest number of stages of a user's tableau or quadrature
 
    !> The object behind a symsde_scheme.
    type :: scheme_handle
@@ -54,7 +54,7 @@ contains
                  'make one with symsde_scheme_get')
    end subroutine find_scheme
 
-   !> Information about no scheme yet.
+   !> Information about no scheme.
    function symsde_scheme_info_init(info) result(status) bind(c, name='symsde_scheme_info_init')
       type(c_ptr), intent(in), value :: info
       integer(c_int) :: status
@@ -82,7 +82,7 @@ contains
       status = status_ok
    end function symsde_scheme_names
 
-   !> A scheme of the catalogue.
+   !> Create a scheme of the catalogue.
    function symsde_scheme_get(name, scheme, error) result(status) bind(c, name='symsde_scheme_get')
       type(c_ptr), intent(in), value :: name, scheme, error
       integer(c_int) :: status
@@ -97,7 +97,7 @@ contains
       status = finish(refusal, error)
    end function symsde_scheme_get
 
-   !> The scheme of a quadrature of the action.
+   !> Create the scheme of a quadrature of the action.
    function symsde_scheme_from_quadrature(nnode, nodes, weights, noise_weights, degree, name, scheme, error) &
       result(status) bind(c, name='symsde_scheme_from_quadrature')
       integer(c_int), intent(in), value :: nnode, degree
@@ -120,14 +120,14 @@ contains
          call view(weights, n, alpha)
          nullify (beta)
          if (c_associated(noise_weights)) call view(noise_weights, n, beta)
-         ! a null pointer is an absent argument
+         ! a null pointer counts as an absent argument
          call scheme_from_quadrature(made, int(degree), c, alpha, text, refusal, beta)
       end if
       call new_handle(made, scheme, refusal)
       status = finish(refusal, error)
    end function symsde_scheme_from_quadrature
 
-   !> A scheme from a tableau of the user's own.
+   !> Create a scheme from a tableau of the user.
    function symsde_scheme_from_tableau(nstage, a, abar, alpha, b, bbar, beta, name, allow_nonsymplectic, scheme, &
                                        error) result(status) bind(c, name='symsde_scheme_from_tableau')
       integer(c_int), intent(in), value :: nstage, allow_nonsymplectic
@@ -155,7 +155,7 @@ contains
          call view(alpha, n, weights)
          nullify (noise_weights)
          if (c_associated(beta)) call view(beta, n, noise_weights)
-         ! arrays that were not given are not allocated or null, and so absent arguments
+         ! arrays that were not given are not allocated or null, and so count as absent arguments
          call scheme_from_tableau(made, drift, drift_bar, weights, text, allow_nonsymplectic /= 0, refusal, &
                                   noise, noise_bar, noise_weights)
       end if
@@ -163,7 +163,7 @@ contains
       status = finish(refusal, error)
    end function symsde_scheme_from_tableau
 
-   !> Read a square matrix of the caller's, row by row; the result is not allocated if NULL was given.
+   !> Read a square matrix of the caller, row by row; the result is not allocated if NULL was given.
    subroutine read_rows(given, n, matrix)
       type(c_ptr), intent(in) :: given
       integer(i8), intent(in) :: n
@@ -233,7 +233,7 @@ contains
       status = finish(refusal, error)
    end function symsde_scheme_certificate
 
-   !> Check the address that shall receive a new handle, and set it to NULL until the scheme exists.
+   !> Check the address where a new handle will be stored, and store NULL until the scheme exists.
    subroutine begin_handle(handle, error)
       type(c_ptr), intent(in) :: handle   !! symsde_scheme *
       type(error_type), allocatable, intent(inout) :: error
@@ -246,7 +246,7 @@ contains
       made = c_null_ptr
    end subroutine begin_handle
 
-   !> Put a scheme behind a handle, unless something was refused.
+   !> Store a handle of the scheme, unless an error was raised.
    subroutine new_handle(scheme, handle, error)
       type(scheme_type), intent(in) :: scheme
       type(c_ptr), intent(in) :: handle          !! symsde_scheme *

@@ -1,5 +1,5 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> Sine and cosine of the library for a user's functions in C.
+!> The library's sine and cosine for functions of the user in C.
 module symsde_capi_sincos
    use, intrinsic :: iso_c_binding, only: c_associated, c_int, c_ptr
    use symsde_base_kinds, only: wp, i8
@@ -12,8 +12,8 @@ module symsde_capi_sincos
 
 contains
 
-   !> sine[n], cosine[n] of x[n]. Called in innermost loops, by functions that cannot hand on a message: the status
-   !> alone reports NULL and a negative n.
+   !> Compute sine[n], cosine[n] of x[n]. Innermost loops call this function, and have no use for a message: only the
+   !> status reports NULL and a negative n.
    function symsde_sincos(n, x, sine, cosine) result(status) bind(c, name='symsde_sincos')
       integer(c_int), intent(in), value :: n
       type(c_ptr), intent(in), value :: x, sine, cosine

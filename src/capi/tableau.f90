@@ -1,7 +1,6 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> The coefficients of a scheme across the C interface.
-!> In a module of its own: the C function has the name of the module of src/scheme/tableau.f90, and gfortran 12 calls
-!> one for the other where a file knows both.
+!> The coefficients of a scheme across the C interface. This module is separate because the C function has the name of
+!> the module in src/scheme/tableau.f90, and gfortran 12 calls the wrong one where a file uses both.
 module symsde_capi_tableau
    use, intrinsic :: iso_c_binding, only: c_associated, c_int, c_ptr
    use symsde_base_kinds, only: wp, i8
@@ -42,7 +41,7 @@ contains
       status = finish(refusal, error)
    end function symsde_scheme_tableau
 
-   !> Whether all coefficients of a tableau are there.
+   !> Whether all coefficients of a tableau are allocated.
    pure logical function has_coefficients(scheme)
       type(scheme_type), intent(in) :: scheme
 

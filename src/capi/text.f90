@@ -8,7 +8,7 @@ module symsde_capi_text
    private
    public :: read_text, put_text, put_chars, lines
 
-   integer, parameter :: longest = 4096  !! characters of a name; more is not a name
+   integer, parameter :: longest = 4096  !! characters after which a string is no valid name
 
 contains
 
@@ -37,12 +37,12 @@ contains
                     ' characters: give a string that ends with 0')
    end subroutine read_text
 
-   !> Copy as much of text as the caller's buffer holds, terminated, and return the size of the whole.
+   !> Copy as much of text as the caller's buffer holds, null-terminated, and return the size of the whole.
    subroutine put_text(text, buffer, size, needed)
       character(*), intent(in) :: text
       type(c_ptr), intent(in) :: buffer            !! size bytes; NULL = only the size is wanted
       integer(c_size_t), intent(in) :: size
-      type(c_ptr), intent(in) :: needed            !! bytes of the whole text with its end; NULL = not wanted
+      type(c_ptr), intent(in) :: needed            !! bytes of the whole text with its terminator; NULL = not wanted
       character(kind=c_char), pointer :: chars(:)
       integer(c_size_t), pointer :: total
       integer(c_size_t) :: extent(1)
@@ -52,14 +52,14 @@ contains
          total = len(text, c_size_t) + 1
       end if
       if (.not. c_associated(buffer) .or. size == 0) return
-      ! a size_t above the largest integer reads as negative: room for any text
+      ! a size_t above the largest integer reads as negative: the buffer holds any text
       extent(1) = len(text, c_size_t) + 1
       if (size > 0) extent(1) = min(extent(1), size)
       call c_f_pointer(buffer, chars, extent)
       call put_chars(text, chars)
    end subroutine put_text
 
-   !> Copy as much of text as an array of characters holds, terminated.
+   !> Copy as much of text as an array of characters holds, null-terminated.
    pure subroutine put_chars(text, chars)
       character(*), intent(in) :: text
       character(kind=c_char), intent(out) :: chars(:)
@@ -71,7 +71,7 @@ contains
       end do
    end subroutine put_chars
 
-   !> Names, one a line.
+   !> Join names, one per line.
    pure function lines(names) result(text)
       character(*), intent(in) :: names(:)
       character(len=sum(len_trim(names)) + size(names)) :: text

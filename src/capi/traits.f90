@@ -44,7 +44,7 @@ contains
       status = finish(refusal, c_null_ptr)
    end function symsde_traits_init
 
-   !> The traits of a model, all members of the struct filled; rotation and silent point into them.
+   !> Convert traits to the C struct, with all members filled; its rotation and silent point into the traits.
    function from_traits(traits) result(filled)
       type(model_traits), intent(in), target :: traits
       type(c_traits) :: filled
@@ -70,8 +70,8 @@ contains
       if (allocated(traits%silent)) filled%silent = c_loc(traits%silent)  ! four bytes each, 0 or 1
    end function from_traits
 
-   !> Convert the user's declarations; the model itself sets has_value and the other has_... traits. If the model's
-   !> size is refused, frequencies and silent noises are not read.
+   !> Convert the user's declarations; the model itself sets has_value and the other has_... traits. If the number of
+   !> degrees of freedom or noises is refused, frequencies and silent noises are not read.
    function to_traits(given) result(traits)
       type(c_traits), intent(in) :: given
       type(model_traits) :: traits

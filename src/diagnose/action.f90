@@ -3,14 +3,14 @@
 !>    dLbar_h(n-1)/dq_n + dLbar_h(n)/dq_n = 0,   dLbar_h(n-1)/dp_n + dLbar_h(n)/dp_n = 0        (47)-(48)
 !>    p_n = -dLbar_h/dq_n,  0 = dLbar_h/dp_n,   p_{n+1} = dLbar_h/dq_{n+1},  0 = dLbar_h/dp_{n+1}
 !>
-!> The discrete action along given paths, its gradient, and what it says of computed paths: the discrete
-!> Euler-Lagrange equations and the Legendre transforms (53)-(54), (57)-(58) of [WHSB]. Lbar_h is that of
+!> The discrete action along given paths, its gradient, and tests of computed paths: the discrete Euler-Lagrange
+!> equations and the Legendre transforms (53)-(54), (57)-(58) of [WHSB]. Lbar_h is the discrete Lagrangian of
 !> diagnose/lagrangian.
 !>
 !> Paths are (q_n, p_n), n = 0 .. nstep, at t_n = t0 + (first_step + n) step, with the increments
-!> that drove them: a run with save_every = 1. They need not be solutions: action and gradient are
-!> functions of arbitrary paths. Of the options step, t0, first_step, correction and max_iter are
-!> used. Values are NaN for paths that hold NaN or whose internal stages cannot be solved.
+!> that drove them: a run with save_every = 1. Paths need not be solutions: action and gradient are functions of
+!> arbitrary paths. Of the options step, t0, first_step, correction and max_iter are used. Values are NaN for paths that
+!> hold NaN or whose internal stages cannot be solved.
 module symsde_diagnose_action
    use, intrinsic :: ieee_arithmetic, only: ieee_value, ieee_quiet_nan
    use symsde_base_contracts, only: contracts_are_executed
@@ -29,7 +29,7 @@ module symsde_diagnose_action
    private
    public :: discrete_action, action_gradient, euler_lagrange_residual
 
-   !> One step of one block: its two states, its increments, the derivatives of its Lagrangian.
+   !> Data of one step of one block: its two states, its increments, and the derivatives of its Lagrangian.
    type :: step_block
       integer :: nlane = 0, nreal = 0
       real(wp) :: h = 0
@@ -59,7 +59,7 @@ contains
       integer :: first, n, lane
 
       if (allocated(error)) return
-      ! Gradients would not do: the action needs the values of H and H_k.
+      ! The gradient of the model is not enough: the action needs the values of H and H_k.
       if (.not. model%traits%has_value) then
          call raise(error, missing_operation, 'discrete_action', 'the model has gradients '// &
                     'only, and the action needs the values of its Hamiltonians: give the '// &
@@ -70,7 +70,7 @@ contains
       if (.not. fits2(action, size(q, 1), size(dw, 3))) call refuse_shape('action', error)
       if (allocated(error)) return
       call blas_single_thread()
-      ! Blocks of paths are the outer loop and steps the inner one: the data of a step are copied once.
+      ! Blocks of paths are the outer loop and steps the inner one, so that a block's arrays are allocated once.
       blocks: do first = 1, size(q, 1), work%nlane
          work%status = 0
          do n = 1, size(dw, 3)
@@ -81,7 +81,7 @@ contains
             call lagrangian%value(time_of(options, n), work%w, work%q0, work%p0, work%q1, work%p1, &
                                   work%action, work%status)
             do lane = 1, work%nreal
-               ! A lane whose stages were once not solved keeps its status, and gives NaN from then on.
+               ! A lane whose stages could not be solved once keeps its status, and its action is NaN from then on.
                action(first + lane - 1, n) = nan_unless(work%status(lane) == 0, work%action(lane))
             end do
          end do
@@ -130,8 +130,8 @@ contains
       call blas_restore_threads()
    end subroutine action_gradient
 
-   !> Add the left derivatives of a step to the gradient at its first state, and set the gradient at its last state
-   !> to the right ones. The ends of the path are given, and get no gradient.
+   !> Add the left derivatives of a step to the gradient at its first state, and set the gradient at its last state to
+   !> the right derivatives. The ends of the path are given and have no gradient.
    subroutine add_ends(work, first, left, gradient_q, gradient_p)
       type(step_block), intent(in) :: work
       integer, intent(in) :: first   !! first path of the block
@@ -143,7 +143,7 @@ contains
       do i = 1, size(gradient_q, 2)
          do lane = 1, work%nreal
             path = first + lane - 1
-            ! The unit is 1, or NaN, which makes NaN of all that it multiplies.
+            ! unit is 1, or NaN for failed lanes, so that products with it become NaN.
             unit = nan_unless(work%status(lane) == 0, 1.0_wp)
             ! State `left` holds the right derivatives of the step before; add the left derivatives of this step.
             if (left > 0) then
@@ -165,14 +165,14 @@ contains
    !>    residual(:, 3)   |p_n + dLbar_h/dq_n|, |dLbar_h/dp_n|                    (53)-(54), (59)
    !>    residual(:, 4)   |p_{n+1} - dLbar_h/dq_{n+1}|, |dLbar_h/dp_{n+1}|        (57)-(58), (59)
    !>
-   !> The first two say that the path is stationary, the last two that it is the scheme's. With several stages
-   !> dLbar_h/dq_{n+1} is p_{n+1} itself, so that the fourth is the equation of q_{n+1}, sum_i alpha_i V_i = q_{n+1} -
-   !> q_n; the third is the equation of p_n, in which a wrong abar shows. A wrong increment, a step of another length
-   !> or a solver that stopped early shows in both.
+   !> Residuals 1 and 2 test whether the path is stationary, residuals 3 and 4 whether the scheme produced it. With
+   !> several stages dLbar_h/dq_{n+1} is p_{n+1} itself, so that residual 4 tests the equation of q_{n+1}, sum_i alpha_i
+   !> V_i = q_{n+1} - q_n; residual 3 tests the equation of p_n, and reveals a wrong abar. A wrong increment, a step of
+   !> another length or a solver that stopped early shows in both.
    !>
-   !> Absolute numbers: round-off is at most 7e-16 times the size of the states (measured: 5000
-   !> steps of 0.02, six models, seven schemes). The first two are zero for a single step. Errors as
-   !> discrete_action, but values are not needed.
+   !> Residuals are absolute numbers: round-off is at most 7e-16 times the size of the states (measured: 5000 steps of
+   !> 0.02, six models, seven schemes). Residuals 1 and 2 are zero for a single step. Errors as discrete_action, but
+   !> values are not needed.
    subroutine euler_lagrange_residual(model, scheme, options, q, p, dw, residual, error, monitor)
       class(model_type), intent(in), target :: model
       type(scheme_type), intent(in) :: scheme
@@ -200,13 +200,14 @@ contains
          do n = 1, size(dw, 3)
             call ask_monitor(work, first, n, dw, 'euler_lagrange_residual', error, monitor)
             if (allocated(error)) exit blocks
-            ! Keep the right derivatives of the step before: (47) and (48) add the left ones of this step to them.
+            ! Keep the right derivatives of the step before: in (47) and (48) the left derivatives of this step are
+            ! added to them.
             before_q = work%d%right_q
             before_p = work%d%right_p
             call load_step(work, first, n, q, p, dw)
             call differentiate(lagrangian, work, options, n)
             if (n > 1) then
-               ! (47) and (48) are asked from the second step on.
+               ! Equations (47) and (48) begin with the second step.
                call enlarge(before_q, work%d%left_q, largest(:, 1))
                call enlarge(before_p, work%d%left_p, largest(:, 2))
             end if
@@ -227,7 +228,7 @@ contains
       call blas_restore_threads()
    end subroutine euler_lagrange_residual
 
-   !> Check, and set up the Lagrangian and room for one block.
+   !> Check the arguments, set up the Lagrangian and allocate one block.
    subroutine prepare(lagrangian, work, model, scheme, options, q, p, dw, error)
       type(discrete_lagrangian), intent(out) :: lagrangian
       type(step_block), intent(out) :: work
@@ -246,7 +247,7 @@ contains
          call refuse_shape('dw', error)
       if (allocated(error)) return
       if (contracts_are_executed) call require_increments(dw, 'diagnose, action')
-      ! Check memory before allocating: a refusal names what to make smaller.
+      ! Check memory before allocating, since the refusal then names what to make smaller.
       nlane = lanes_of_diagnosis(model, scheme, size(q, 1, i8))
       call require_memory(lagrangian_numbers(model, scheme, nlane), 'the discrete Lagrangian of model '//model%name// &
                           ' under scheme '//scheme%name, 'give a smaller system or a scheme of one stage', &
@@ -257,13 +258,12 @@ contains
       work%h = options%step
       allocate (work%w(nlane, 0:model%traits%nnoise), work%action(nlane), work%status(nlane))
       allocate (work%q0(nlane, n), work%p0(nlane, n), work%q1(nlane, n), work%p1(nlane, n))
-      ! Start with zero derivatives: the first step reads them as derivatives of a step before it, but does not use
-      ! them.
+      ! Start with zero derivatives: the first step reads them like those of a preceding step, but does not use them.
       allocate (work%d%left_q(nlane, n), work%d%left_p(nlane, n), work%d%right_q(nlane, n), &
                 work%d%right_p(nlane, n), source=0.0_wp)
    end subroutine prepare
 
-   !> Ask the monitor before step n (from 1) of the block of paths from first (from 1).
+   !> Call the monitor before step n (from 1) of the block of paths that begins at `first` (from 1).
    subroutine ask_monitor(work, first, n, dw, place, error, monitor)
       type(step_block), intent(in) :: work
       integer, intent(in) :: first, n
@@ -279,7 +279,7 @@ contains
       call stop_if_wanted(monitor, (first - 1)/work%nlane*nstep + n - 1, nblock*nstep, place, error)
    end subroutine ask_monitor
 
-   !> largest = max(largest, |x + y|) in every lane, NaN where that is not finite.
+   !> largest = max(largest, |x + y|) in every lane, NaN where x + y is not finite.
    pure subroutine enlarge(x, y, largest)
       real(wp), intent(in) :: x(:, :), y(:, :)
       real(wp), intent(inout) :: largest(:)
@@ -289,7 +289,7 @@ contains
       do i = 1, size(x, 2)
          do lane = 1, size(x, 1)
             size_now = abs(x(lane, i) + y(lane, i))
-            ! A lane that holds NaN keeps it.
+            ! A lane that holds NaN keeps NaN.
             if (size_now <= largest(lane) .or. .not. largest(lane) <= huge(largest)) cycle
             largest(lane) = nan_unless(size_now <= huge(size_now), size_now)
          end do
@@ -312,7 +312,7 @@ contains
       fits3 = size(x, 1) == n1 .and. size(x, 2) == n2 .and. size(x, 3) == n3
    end function fits3
 
-   !> One message for all arrays: it tells every shape that is wanted.
+   !> One message for all arrays: it lists every shape that is wanted.
    subroutine refuse_shape(what, error)
       character(*), intent(in) :: what
       type(error_type), allocatable, intent(inout) :: error
@@ -323,8 +323,8 @@ contains
                  '(npath,ndof,nstep-1)')
    end subroutine refuse_shape
 
-   !> States n-1 and n (from 0) and increments of step n of the paths from first; the lanes behind
-   !> the last path repeat it.
+   !> Load states n-1 and n (from 0) and the increments of step n, for the paths from `first` on; lanes beyond the last
+   !> path repeat it.
    subroutine load_step(work, first, n, q, p, dw)
       type(step_block), intent(inout) :: work
       integer, intent(in) :: first, n
@@ -344,7 +344,7 @@ contains
       end do
    end subroutine load_step
 
-   !> The four derivatives of Lbar_h of step n, into work%d.
+   !> The four derivatives of Lbar_h of step n, stored in work%d.
    subroutine differentiate(lagrangian, work, options, n)
       type(discrete_lagrangian), intent(inout) :: lagrangian
       type(step_block), intent(inout) :: work
@@ -363,7 +363,7 @@ contains
       time_of = options%t0 + real(options%first_step + n - 1, wp)*options%step
    end function time_of
 
-   !> x, or NaN where something went wrong: a number would be taken for a result.
+   !> x, or NaN if something failed: any number would be mistaken for a result.
    elemental real(wp) function nan_unless(ok, x)
       logical, intent(in) :: ok
       real(wp), intent(in) :: x

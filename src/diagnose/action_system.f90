@@ -1,11 +1,11 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> The equations that make the discrete action [WHSB] (46) stationary between two given positions, with
-!> all internal momenta and velocities among the unknowns.
+!> The equations for a stationary discrete action [WHSB] (46) between two given positions. All internal momenta and
+!> velocities are unknowns.
 !>
 !>    S = sum_m [ p_{m+1}.(q_{m+1} - q_m)
 !>                + sum_i alpha_i ((P_i - p_{m+1}).V_i - Hhat(P_i, q_m + sum_j a_ij V_j)) ]
 !>
-!> over the steps m = 0 .. N-1, q_0 and q_N given. Its derivatives, in the order of the unknowns of a step:
+!> over the steps m = 0 .. N-1, with q_0 and q_N given. Derivatives of S, in the order of the unknowns of a step:
 !>
 !>    V_j       alpha_j (P_j - p_{m+1}) - sum_i alpha_i a_ij Hhat_q(P_i,Q_i)
 !>    P_i       alpha_i (V_i - Hhat_p(P_i,Q_i))
@@ -18,8 +18,8 @@
 !>    P_i P_i   -alpha_i Hhat_pp                         V_j p_{m+1}   -alpha_j
 !>    q_m: as V_j with 1 in place of a_ij                p_{m+1} q_{m+1}   1,     p_{m+1} q_m   -1
 !>
-!> Nothing is divided by a second derivative of Hhat, so steps in which it is singular do no harm. The
-!> matrix is the symmetric banded Hessian of S. Of the scheme a, alpha and c enter (diagnose/lagrangian).
+!> Nothing is divided by a second derivative of Hhat, so steps with a singular second derivative do no harm. The matrix
+!> is the symmetric banded Hessian of S. Only a, alpha and c of the scheme enter (diagnose/lagrangian).
 module symsde_diagnose_action_system
    use symsde_base_kinds, only: wp
    use symsde_base_status, only: error_type, raise, out_of_memory
@@ -29,21 +29,21 @@ module symsde_diagnose_action_system
    private
    public :: action_system, new_action_system
 
-   !> A block of paths; the unknowns of a path are contiguous: V_1, P_1, .., V_r, P_r, p_{m+1}, q_{m+1}.
+   !> The system for a block of paths; the unknowns of a path are contiguous: V_1, P_1, .., V_r, P_r, p_{m+1}, q_{m+1}.
    type :: action_system
       type(discrete_lagrangian) :: lagrangian
       integer :: nlane = 0, ndof = 0, nstep = 0
       integer :: length = 0          !! unknowns of a step, 2 ndof (r+1)
-      integer :: nunknown = 0        !! unknowns of a path, nstep*length - ndof: q_N is given
+      integer :: nunknown = 0        !! unknowns of a path, nstep*length - ndof, as q_N is given
       integer :: width = 0           !! sub- and superdiagonals of the matrix
       real(wp) :: t0 = 0, h = 0      !! time of step 0, step [time]
-      real(wp), allocatable :: w(:, :, :)             !! h, dW_1 .. dW_m (nlane, 0:nnoise, nstep)
+      real(wp), allocatable :: w(:, :, :)             !! weights h, dW_1 .. dW_m (nlane, 0:nnoise, nstep)
       real(wp), allocatable :: q_start(:, :), q_end(:, :)  !! (nlane, ndof)
       real(wp), allocatable :: x(:, :)                !! unknowns (nunknown, nlane)
       real(wp), allocatable :: r(:, :)                !! derivatives of S (nunknown, nlane)
       real(wp), allocatable :: band(:, :)             !! matrix of one path (3 width+1, nunknown)
-      real(wp), allocatable, private :: v(:, :)       !! weights of one part (nlane, 0:nnoise)
-      real(wp), allocatable, private, dimension(:, :) :: qs, ps, hq, hp  !! one stage (nlane, ndof)
+      real(wp), allocatable, private :: v(:, :)       !! weights of one stage (nlane, 0:nnoise)
+      real(wp), allocatable, private, dimension(:, :) :: qs, ps, hq, hp  !! vectors of one stage (nlane, ndof)
       real(wp), allocatable, private, dimension(:, :, :, :, :) :: hqq, hqp, hpp
       !! Hessians of all stages (nlane, ndof, ndof, r, nstep)
    contains
@@ -57,7 +57,7 @@ module symsde_diagnose_action_system
 
 contains
 
-   !> Room for the paths of the Lagrangian's lanes over nstep steps. Errors: out_of_memory.
+   !> Allocate the system for the paths of the Lagrangian's lanes over nstep steps. Errors: out_of_memory.
    subroutine new_action_system(self, lagrangian, nstep, t0, h, error)
       type(action_system), intent(out) :: self
       type(discrete_lagrangian), intent(in) :: lagrangian
@@ -66,7 +66,7 @@ contains
       type(error_type), allocatable, intent(inout) :: error
       integer :: n, r, info
 
-      ! Take Hhat, a, alpha, c, and the part of Hhat at each stage from the Lagrangian.
+      ! Take a, alpha, c, Hhat and its part at each stage from the Lagrangian.
       self%lagrangian = lagrangian
       n = lagrangian%ham%ndof
       r = lagrangian%nstage
@@ -75,8 +75,8 @@ contains
       self%nstep = nstep
       self%length = 2*n*(r + 1)
       self%nunknown = nstep*self%length - n
-      ! The unknowns of step m are coupled with q_m, the last ndof of the step before: with V_1 .. p_{m+1} behind it,
-      ! these span one length of a step.
+      ! The unknowns of step m are coupled with q_m, the last ndof unknowns of the step before: from q_m to p_{m+1}
+      ! there are as many unknowns as in one step.
       self%width = self%length - 1
       self%t0 = t0
       self%h = h
@@ -113,7 +113,7 @@ contains
       integer, intent(in) :: step, lane
       real(wp) :: q(self%ndof)
 
-      ! q_0 and q_N are given, the others are the last ndof unknowns of their steps.
+      ! q_0 and q_N are given; the other positions are the last ndof unknowns of their steps.
       if (step == 0) then
          q = self%q_start(lane, :)
       else if (step == self%nstep) then
@@ -157,7 +157,7 @@ contains
 
       associate (n => self%ndof)
          do lane = 1, self%nlane
-            !   Q_i = q_m + sum_j a_ij V_j,   P_i is an unknown itself
+            ! Q_i = q_m + sum_j a_ij V_j,   P_i is an unknown
             q = self%position(step - 1, lane)
             do j = 1, self%lagrangian%nstage
                at = self%stage_at(step, j)
@@ -170,7 +170,7 @@ contains
       end associate
    end subroutine stage_point
 
-   !> The weights that a stage sees: all, or where noise has stages of its own, (h, 0, ..) or (0, dW).
+   !> The weights at a stage: all weights; or, if noise has its own stages, (h, 0, ..) or (0, dW).
    subroutine weights_of(self, step, i)
       type(action_system), intent(inout) :: self
       integer, intent(in) :: step, i
@@ -190,7 +190,7 @@ contains
       integer, intent(in) :: step, i, lane
       integer :: j, v, p, e
 
-      ! v, p and e are the places before V_i, P_i and p_{m+1}; q_{m+1} stands n behind p_{m+1}.
+      ! v, p and e are the positions before V_i, P_i and p_{m+1}; q_{m+1} follows n positions after p_{m+1}.
       associate (n => self%ndof, lag => self%lagrangian, x => self%x, r => self%r)
          v = self%stage_at(step, i)
          p = v + n
@@ -240,8 +240,8 @@ contains
       integer :: i, at
 
       at = self%momentum_at(1)
-      ! p_0 is no unknown: it follows from the solved stages, and tells from where the scheme itself would go along
-      ! the path.
+      ! p_0 is no unknown: compute it from the solved stages. It is the momentum with which the scheme itself starts
+      ! along the path.
       p = transpose(self%x(at + 1:at + self%ndof, :))
       do i = 1, self%lagrangian%nstage
          call stage_point(self, 1, i)
@@ -253,15 +253,15 @@ contains
       end do
    end subroutine first_momentum
 
-   !> The Hessian of S in one lane at the last differentiated point, A(i,j) at band(2 width+1+i-j, j). It leaves out
-   !> a correction in Hhat.
+   !> The Hessian of S in one lane at the last differentiated point, A(i,j) at band(2 width+1+i-j, j). Derivatives of a
+   !> correction in Hhat are left out.
    subroutine fill_matrix(self, lane)
       class(action_system), intent(inout) :: self
       integer, intent(in) :: lane
       integer :: step, i, k, e
 
-      ! Enter each pair of unknowns twice: the solver with row exchanges needs the whole band. Its first `width`
-      ! rows take the entries that exchanges add.
+      ! Enter each pair of unknowns twice: the solver with row exchanges needs the whole band. The first `width` rows of
+      ! the band receive the entries that exchanges add.
       self%band = 0
       do step = 1, self%nstep
          e = self%momentum_at(step)
@@ -284,7 +284,7 @@ contains
       end do
    end subroutine fill_matrix
 
-   !> -alpha_i Hess Hhat(P_i,Q_i), seen through Q_i = q_m + sum_j a_ij V_j.
+   !> Add -alpha_i Hess Hhat(P_i,Q_i), transformed to the unknowns by Q_i = q_m + sum_j a_ij V_j.
    subroutine add_stage_hessian(self, step, i, lane)
       type(action_system), intent(inout) :: self
       integer, intent(in) :: step, i, lane
@@ -292,15 +292,15 @@ contains
       real(wp) :: c(0:self%lagrangian%nstage)
 
       associate (lag => self%lagrangian, n => self%ndof)
-         at(0) = (step - 1)*self%length - n   ! q_m, and its share of Q_i
-         ! q_0 is no unknown, and has no place in the matrix.
+         at(0) = (step - 1)*self%length - n   ! q_m, with factor 1 in Q_i
+         ! q_0 is no unknown and has no row in the matrix.
          c(0) = merge(1.0_wp, 0.0_wp, step > 1)
          do j = 1, lag%nstage
             at(j) = self%stage_at(step, j)
             c(j) = lag%a(i, j)
          end do
-         ! Q_i is a sum of q_m and the V_j with the factors c: its derivatives are entered with these at all of their
-         ! places. hqp(k, l) is the derivative in q_k and p_l.
+         ! Q_i is a sum of q_m and the V_j with factors c: derivatives with respect to Q_i are entered, times these
+         ! factors, at q_m and all V_j. hqp(k, l) is the derivative in q_k and p_l.
          p = at(i) + n
          do l = 1, n
             do k = 1, n
@@ -329,7 +329,7 @@ contains
       self%band(2*self%width + 1 + i - j, j) = self%band(2*self%width + 1 + i - j, j) + value
    end subroutine add_entry
 
-   !> The same at (i,j) and (j,i).
+   !> Add a value to A(i,j) and A(j,i).
    pure subroutine add_pair(self, i, j, value)
       type(action_system), intent(inout) :: self
       integer, intent(in) :: i, j

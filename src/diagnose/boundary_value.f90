@@ -2,21 +2,21 @@
 !>    dS(x) = 0,   S = sum_m Lbar_h(m),  q_0 and q_N given;      x <- x + length d,   S''(x) d = -S'(x)
 !>
 !> The stochastic Hamilton principle as a tool: the path between two given positions that makes the discrete action
-!> stationary, [WHSB] Theorem 2.3 and (46)-(48), on a given Brownian path. The unknowns x are the V_i, P_i, p_{m+1}
-!> and q_{m+1} of all steps.
+!> stationary, [WHSB] Theorem 2.3 and (46)-(48), on a given Brownian path. The unknowns x are the V_i, P_i, p_{m+1} and
+!> q_{m+1} of all steps.
 !>
-!> S'' is symmetric and banded, 4 ndof (r + 1) - 1 numbers wide for r stages: a correction costs as many operations as
-!> there are steps, times the cube of a step's unknowns. It is indefinite, since S is stationary and not least, which
-!> is why rows are exchanged and no Cholesky factor is taken. At a conjugate point the linearised equations have a
-!> solution that vanishes at both ends, and S'' is singular.
+!> S'' is symmetric and banded, 4 ndof (r + 1) - 1 numbers wide for r stages: the operations of a correction are
+!> proportional to the number of steps times the cube of a step's unknowns. S'' is indefinite, since S is stationary and
+!> not minimal; so rows are exchanged instead of a Cholesky factorisation. At a conjugate point the linearised equations
+!> have a solution that vanishes at both ends, and S'' is singular.
 !>
-!> Newton's method on diagnose/action_system, its banded matrix solved with row exchanges. A correction is
-!> shortened while it does not lower the residual; a path is done when a full correction no longer does
-!> and the residual is rounding. The result is the path that the scheme itself takes from (q_0, p_0) to
-!> q_N, up to rounding times the condition number of the boundary value problem. That number is finite,
-!> and the solution unique near the guess, for times below the first conjugate point (pi for an
-!> oscillator of unit frequency); at a conjugate point the status is singular. Beyond it a path may exist
-!> that Newton does not find from a straight line (not_converged): give a guess.
+!> Newton's method on diagnose/action_system; the banded matrix is solved with row exchanges. A correction is shortened
+!> until it lowers the residual; a path is done when the residual is of the size of rounding and a correction does not
+!> lower it. The result is the path that the scheme itself takes from (q_0, p_0) to q_N, up to rounding times the
+!> condition number of the boundary value problem. The condition number is finite, and the solution unique near the
+!> guess, for times below the first conjugate point (pi for an oscillator of unit frequency); at a conjugate point the
+!> status is singular. Beyond a conjugate point a path may exist that Newton does not find from a straight line
+!> (not_converged): pass a guess.
 module symsde_diagnose_boundary_value
    use, intrinsic :: ieee_arithmetic, only: ieee_value, ieee_quiet_nan
    use symsde_base_contracts, only: contracts_are_executed
@@ -45,19 +45,19 @@ module symsde_diagnose_boundary_value
    public :: stationary_path
 
    real(wp), parameter :: rounding = 1e-12_wp        !! residual of a solved path, in units of the unknowns
-   ! A path that no part of a correction down to 1e-6 improves is given up.
-   real(wp), parameter :: shortest = 2.0_wp**(-20)   !! of a full correction
-   real(wp), parameter :: patience = 2e7_wp          !! multiplications of a linear solve between two questions
+   ! A path is given up when even a correction shortened to 1e-6 does not improve it.
+   real(wp), parameter :: shortest = 2.0_wp**(-20)   !! as a fraction of a full correction
+   real(wp), parameter :: patience = 2e7_wp !! multiplications of a linear solve between two calls of the monitor
    character(*), parameter :: place = 'stationary_path'
 
-   !> The iteration of one path.
+   !> The state of Newton's iteration for one path.
    type :: newton_state
       logical :: running = .false.
       integer(i4) :: status = status_ok
       real(wp) :: norm = huge(1.0_wp)  !! norm of the residual at the last accepted unknowns
-      real(wp) :: length = 1           !! trial correction as a part of the full one
-      real(wp) :: rcond = 0            !! of the last matrix
-      real(wp), allocatable :: x(:), d(:)  !! unknowns last accepted, their full correction (nunknown)
+      real(wp) :: length = 1           !! trial correction as a fraction of the full one
+      real(wp) :: rcond = 0            !! reciprocal condition of the last matrix
+      real(wp), allocatable :: x(:), d(:)  !! last accepted unknowns, and their full correction (nunknown)
    end type newton_state
 
 contains
@@ -89,27 +89,27 @@ contains
       real(wp), allocatable :: w(:, :, :)
       real(wp) :: lost
       real(wp), pointer, dimension(:, :, :) :: given_q, given_p  !! the guesses, or null
-      real(wp), pointer, contiguous :: given(:, :, :)  !! dw, or null: an absent array is not handed on
+      real(wp), pointer, contiguous :: given(:, :, :)  !! dw, or null: an absent array is not passed on
       integer :: first, nreal, info
 
       nullify (given, given_q, given_p)
       if (present(dw)) given => dw
       if (present(guess_q)) given_q => guess_q
       if (present(guess_p)) given_p => guess_p
-      ! Pointers stand for the optional arrays; null means absent in the procedures below.
+      ! Pointers replace the optional arrays: null means absent in the procedures below.
       call check(model, options, q_start, q_end, q, p, status, error, given_q, given_p)
       if (present(rcond)) then
          if (size(rcond) /= size(status)) call refuse_shape('rcond', error)
       end if
       if (allocated(error)) return
-      ! There are at most 2 ndof (2 r + 1) unknowns a step: noise may have stages of its own.
+      ! A step has at most 2 ndof (2 r + 1) unknowns, since noise may have its own stages.
       if (4.0_wp*model%traits%ndof*(scheme%nstage + 1)*options%nstep > huge(0)) then
          call raise(error, too_large, place, to_text(options%nstep)//' steps have more unknowns than can be '// &
                     'numbered: give fewer steps')
          return
       end if
-      ! Make sure of the room first; then set up the Lagrangian of the scheme, the noise of the run, and the
-      ! equations of a block.
+      ! Check memory first; then set up the Lagrangian of the scheme, the noise of the run, and the equations of a
+      ! block.
       call judge_memory(model, scheme, options, error)
       call new_discrete_lagrangian(lagrangian, model, scheme, options, lane_unit, error)
       if (.not. allocated(error)) call new_noise(noise, model, options, lost, error, given, scheme)
@@ -125,12 +125,12 @@ contains
                     ' steps: give fewer steps or paths')
          return
       end if
-      ! The increments are those of a run with these options, whatever blocks draw them.
+      ! Blocks of any size draw the increments of a run with these options.
       call collect_increments(noise, options, w, error, monitor)
       if (allocated(error)) return
       call blas_single_thread()
-      ! A block has few paths: each has a banded matrix of its own, which is factored for one path after the other in
-      ! the same room.
+      ! A block has few paths: each path has a banded matrix, and the matrices are factored one after the other in the
+      ! same array.
       do first = 1, size(q, 1), lane_unit
          nreal = min(lane_unit, size(q, 1) - first + 1)
          ! Each block loads its end points and weights, guesses the unknowns, iterates, and stores its paths.
@@ -145,7 +145,8 @@ contains
       if (contracts_are_executed .and. .not. allocated(error)) call require_paths(status, q, p)
    end subroutine stationary_path
 
-   !> The increments of all paths, and for a block the Lagrangian, the equations with their band, and Newton's work.
+   !> Check the memory of the increments of all paths, and of a block's Lagrangian, equations with their band, and
+   !> Newton work.
    subroutine judge_memory(model, scheme, options, error)
       class(model_type), intent(in) :: model
       type(scheme_type), intent(in) :: scheme
@@ -155,7 +156,7 @@ contains
 
       n = model%traits%ndof
       m = model%traits%nnoise
-      stages = 2.0_wp*scheme%nstage   ! at most: noise may have stages of its own
+      stages = 2.0_wp*scheme%nstage   ! at most: noise may have its own stages
       length = 2*n*(stages + 1)
       unknowns = length*options%nstep
       ! Count the increments, arrays for drawing, the Lagrangian, a band with its fill (3 width + 1 wide), vectors
@@ -168,19 +169,19 @@ contains
                           ' under scheme '//scheme%name, 'give fewer steps or paths, or a smaller system', place, error)
    end subroutine judge_memory
 
-   !> Newton on the paths of a block; every iteration differentiates all paths at once.
+   !> Apply Newton's method to the paths of a block; every iteration differentiates all paths at once.
    subroutine solve_block(system, max_iter, nreal, states, done, npath, error, monitor)
       type(action_system), intent(inout) :: system
       integer, intent(in) :: max_iter, nreal
       type(newton_state), intent(out) :: states(:)
-      integer(i8), intent(in) :: done, npath   !! paths before the block, and all, for the monitor
+      integer(i8), intent(in) :: done, npath   !! paths before the block, and all paths, for the monitor
       type(error_type), allocatable, intent(inout) :: error
       class(monitor_type), intent(inout), optional :: monitor
       integer :: iteration, lane
 
-      ! A path that is done keeps its unknowns, and is differentiated along with the others.
+      ! A path that is done keeps its unknowns; it is still differentiated along with the others.
       states(:nreal)%running = .true.
-      ! Iteration 0 judges the guess; every later one judges the trial of the iteration before.
+      ! Iteration 0 judges the guess; every later iteration judges the trial of the iteration before.
       do iteration = 0, max_iter
          call system%differentiate()
          do lane = 1, nreal
@@ -193,11 +194,11 @@ contains
       end do
    end subroutine solve_block
 
-   !> Judge the unknowns of a path, and compute the next ones.
+   !> Judge the unknowns of a path, and compute the next trial.
    subroutine iterate(system, lane, last, state, done, npath, error, monitor)
       type(action_system), intent(inout) :: system
       integer, intent(in) :: lane
-      logical, intent(in) :: last     !! no iteration follows
+      logical, intent(in) :: last     !! whether this is the last iteration
       type(newton_state), intent(inout) :: state
       integer(i8), intent(in) :: done, npath   !! for the monitor
       type(error_type), allocatable, intent(inout) :: error
@@ -206,12 +207,12 @@ contains
       logical :: better
 
       associate (x => system%x(:, lane), r => system%r(:, lane))
-         ! Armijo's rule with factor 1/4: a correction of `length` must lower the residual by a quarter of the
-         ! decrease for linear equations. The first iteration has nothing to compare with.
+         ! Armijo's rule with factor 1/4: a correction of `length` must lower the residual by a quarter of the decrease
+         ! for linear equations. The first iteration accepts any residual.
          norm = norm2(r)
          better = norm <= (1 - 0.25_wp*state%length)*state%norm
          if (.not. allocated(state%x)) better = norm <= huge(norm)
-         ! A trial that is no better is taken back: a shorter correction starts from the same unknowns.
+         ! Undo a trial that is no better: a shorter correction starts from the same unknowns.
          if (.not. better .and. allocated(state%x)) x = state%x
          ! Accept a better trial.
          if (better) then
@@ -226,7 +227,7 @@ contains
             call finish(status_ok)
             return
          else
-            ! The trial is neither better nor a solution: restore the unknowns, and try half of the correction.
+            ! The trial is neither better nor a solution: try half of the correction.
             state%length = 0.5_wp*state%length
          end if
          ! All equations hold exactly: no correction would change anything.
@@ -236,7 +237,8 @@ contains
             call finish(not_converged)
             if (state%norm <= rounding*sqrt(real(size(x), wp))*maxval(abs(x))) state%status = status_ok
          else
-            ! Accepted unknowns get a new correction; after a refusal the old one is tried at its new length.
+            ! Accepted unknowns get a new correction; after a rejected trial the old correction is used with its new
+            ! length.
             if (better) call find_correction(system, lane, state, done, npath, error, monitor)
             if (state%running) x = state%x + state%length*state%d
          end if
@@ -244,7 +246,7 @@ contains
 
    contains
 
-      !> The path is done, with this status.
+      !> End the iteration of the path with this status.
       subroutine finish(status)
          integer(i4), intent(in) :: status
 
@@ -254,8 +256,8 @@ contains
 
    end subroutine iterate
 
-   !> The full correction from the unknowns last differentiated. The matrix is factored in parts, between which the
-   !> monitor is asked.
+   !> The full correction at the last differentiated unknowns. The matrix is factored in parts, and the monitor is
+   !> called between them.
    subroutine find_correction(system, lane, state, done, npath, error, monitor)
       type(action_system), intent(inout) :: system
       integer, intent(in) :: lane
@@ -271,21 +273,21 @@ contains
       state%d = -system%r(:, lane)
       state%length = 1
       call new_banded_factors(factors, system%nunknown, system%width, system%width, system%band)
-      ! A matrix that is not finite is no conjugate point; it has the status nonfinite.
+      ! A matrix that is not finite does not mean a conjugate point; its status is nonfinite.
       state%status = nonfinite
-      state%running = factors%norm <= huge(1.0_wp)   ! NaN and infinities enter the norm
+      state%running = factors%norm <= huge(1.0_wp)   ! NaN and infinities show in the norm
       if (.not. state%running) return
       do while (factors%done < factors%n .and. .not. factors%is_singular)
          call stop_if_wanted(monitor, done, npath, place, error)
          if (allocated(error)) return
          call factor_columns(factors, system%band, patience)
       end do
-      ! The reciprocal condition tells how far the end point is from a conjugate point, where S'' is singular.
+      ! The reciprocal condition shows how far the end point is from a conjugate point, where S'' is singular.
       call solve_factored(factors, system%band, state%d, state%status, state%rcond)
       state%running = state%status == status_ok
    end subroutine find_correction
 
-   !> End points and weights of the paths from first; the lanes behind the last path repeat it.
+   !> Load end points and weights of the paths from `first` on; lanes beyond the last path repeat it.
    subroutine load(system, first, nreal, q_start, q_end, dw)
       type(action_system), intent(inout) :: system
       integer, intent(in) :: first, nreal
@@ -295,14 +297,15 @@ contains
       system%w(:, 0, :) = system%h
       do lane = 1, system%nlane
          path = first + min(lane, nreal) - 1
-         ! The weights of Hhat in each step are h, dW_1 .. dW_m; end points may be one for all paths.
+         ! The weights of Hhat in each step are h, dW_1 .. dW_m; end points are given once for all paths or for each.
          system%w(lane, 1:, :) = dw(path, :, :)
          system%q_start(lane, :) = q_start(min(path, size(q_start, 1)), :)
          system%q_end(lane, :) = q_end(min(path, size(q_end, 1)), :)
       end do
    end subroutine load
 
-   !> Unknowns to begin with: a straight line in q, its velocity where H = p.p/2 + U(q), or the caller's.
+   !> The guess: the caller's path, or a straight line in q with its velocity as momentum if H = p.p/2 + U(q), else
+   !> momentum zero.
    subroutine start_guess(system, model, first, nreal, guess_q, guess_p)
       type(action_system), intent(inout) :: system
       class(model_type), intent(in) :: model
@@ -326,9 +329,9 @@ contains
                if (associated(guess_p)) p = guess_p(path, :, step + 1)
                do i = 1, system%lagrangian%nstage
                   at = system%stage_at(step, i)
-                  ! Along a straight line V_i is q_{m+1} - q_m; stages of the noise alone begin with no velocity.
+                  ! Along a straight line V_i is q_{m+1} - q_m; stages of the noise alone start with zero velocity.
                   system%x(at + 1:at + n, lane) = merge(v, 0.0_wp, system%lagrangian%part(i) == 1)
-                  ! All stages of a step begin with its one momentum.
+                  ! All stages of a step start with the momentum of the step.
                   system%x(at + n + 1:at + 2*n, lane) = p
                end do
                at = system%momentum_at(step)
@@ -339,7 +342,7 @@ contains
       end associate
    end subroutine start_guess
 
-   !> The paths of a block as the caller wants them.
+   !> Store the paths of a block in the caller's arrays.
    subroutine store(system, first, nreal, states, q, p, status)
       type(action_system), intent(inout) :: system
       integer, intent(in) :: first, nreal
@@ -349,28 +352,27 @@ contains
       real(wp) :: p0(system%nlane, system%ndof), now(system%ndof)
       integer :: lane, path, step, at
 
-      ! Find p_0 first, which needs the stages of the first step. The other momenta are unknowns, and are read from
-      ! x.
+      ! Find p_0 first, from the stages of the first step. The other momenta are unknowns and are read from x.
       call system%first_momentum(p0)
       do lane = 1, nreal
          path = first + lane - 1
          status(path) = states(lane)%status
          p(path, :, 1) = p0(lane, :)
          do step = 0, system%nstep
-            ! State n stands at n + 1; p_{m+1} is read from the end of step m.
+            ! State n is stored at index n + 1; p_{m+1} is read from the end of step m.
             now = system%position(step, lane)
             q(path, :, step + 1) = now
             at = system%momentum_at(step)
             if (step > 0) p(path, :, step + 1) = system%x(at + 1:at + system%ndof, lane)
          end do
-         ! A path that was not found must not be taken for one.
+         ! Set a path that was not found to NaN, so that nobody uses it.
          if (status(path) == status_ok) cycle
          q(path, :, :) = ieee_value(0.0_wp, ieee_quiet_nan)
          p(path, :, :) = ieee_value(0.0_wp, ieee_quiet_nan)
       end do
    end subroutine store
 
-   !> Options, shapes and numbers.
+   !> Check options, shapes and values.
    subroutine check(model, options, q_start, q_end, q, p, status, error, guess_q, guess_p)
       class(model_type), intent(in) :: model
       type(run_options), intent(in) :: options
@@ -415,7 +417,7 @@ contains
 
    end subroutine check
 
-   !> One message for all arrays, with all shapes that are wanted.
+   !> One message for all arrays: it lists every shape that is wanted.
    subroutine refuse_shape(what, error)
       character(*), intent(in) :: what
       type(error_type), allocatable, intent(inout) :: error

@@ -1,23 +1,22 @@
 ! SPDX-License-Identifier: BSD-3-Clause
 !>    {F,G} = F_q.G_p - F_p.G_q,     grad {F,G} = Hess F V_G - Hess G V_F,     V_G = (G_p, -G_q)
 !>
-!> Do the noises of a model commute, and which order is to be expected then? By brackets at sample points.
+!> Find by brackets at sample points whether the noises of a model commute, and which order to expect.
 !>
 !>    {H_k,H_l} constant for all k, l    commutative noises: increments alone reach strong order 1, dZ 3/2
 !>    {H,H_k} constant for all k, and    the drift commutes too: the flow is that of H t + sum_k H_k W_k
 !>    no H_k changes in time
 !>
 !> The gradient follows from {F,G} = grad F . V_G with V_G = J grad G: differentiating F gives Hess F V_G,
-!> differentiating G gives (J Hess G)^T grad F = -Hess G J grad F = -Hess G V_F. Two Hessian-vector products tell it,
-!> no third derivative.
+!> differentiating G gives (J Hess G)^T grad F = -Hess G J grad F = -Hess G V_F. Two Hessian-vector products suffice; no
+!> third derivative is needed.
 !>
-!> A bracket is constant where its gradient Hess F V_G - Hess G V_F vanishes (V: the Hamiltonian field). It is
-!> measured against |Hess F| |V_G| + |Hess G| |V_F|, the largest one among the points, and not against the two
-!> products: these may vanish each by itself, up to rounding, as for sin(q+p) and cos(q+p). The norms are those of
-!> products with the field under changes of sign, which do not cancel all at once. Numbers below 1e-6 are rounding, or
-!> the error of differences where the model has no analytic Hessian. Noise that changes in time, H_k = sigma(t) I,
-!> does not commute with the drift: in the phase space with time the bracket is {H,H_k} - H_{k,t}. Points can refute,
-!> not prove.
+!> A bracket is constant if its gradient Hess F V_G - Hess G V_F vanishes (V: the Hamiltonian field). The gradient is
+!> divided by |Hess F| |V_G| + |Hess G| |V_F|, the largest among the points, and not by the two products, which may both
+!> vanish up to rounding, as for sin(q+p) and cos(q+p). The norms are those of products with the field under changes of
+!> sign, which do not all cancel at once. Numbers below 1e-6 are rounding, or the error of differences if the model has
+!> no analytic Hessian. Noise that changes in time, H_k = sigma(t) I, does not commute with the drift: in the phase
+!> space with time the bracket is {H,H_k} - H_{k,t}. Points can refute commutation, not prove it.
 module symsde_diagnose_commutator
    use, intrinsic :: ieee_arithmetic, only: ieee_value, ieee_positive_inf
    use symsde_base_kinds, only: wp, i8
@@ -30,11 +29,11 @@ module symsde_diagnose_commutator
    private
    public :: commutator_type, commutator
 
-   real(wp), parameter :: vanishing = 1e-6_wp  !! relative size of a gradient that is taken for zero
-   real(wp), parameter :: later(3) = [0.0137_wp, 0.61_wp, 1.93_wp]  !! after t, where H_k may have changed [time]
-   integer, parameter :: npattern = 8          !! changes of sign
+   real(wp), parameter :: vanishing = 1e-6_wp  !! relative size below which a gradient counts as zero
+   real(wp), parameter :: later(3) = [0.0137_wp, 0.61_wp, 1.93_wp] !! times after t at which H_k may have changed [time]
+   integer, parameter :: npattern = 8          !! number of changes of sign
 
-   !> The sample points, and the time.
+   !> Sample points, and the time.
    type :: sample_points
       integer :: n = 0
       real(wp) :: t = 0
@@ -44,15 +43,15 @@ module symsde_diagnose_commutator
    type :: commutator_type
       real(wp) :: noise = 0             !! largest relative |grad {H_k,H_l}|
       real(wp) :: drift = 0             !! largest relative |grad {H,H_k}|, or change of grad H_k in time
-      integer :: k = 0, l = 0           !! the noises where the first is found
+      integer :: k = 0, l = 0           !! pair of noises with the largest noise gradient
       logical :: commutative = .true.   !! the noises commute at all points
-      logical :: flows_commute = .true. !! and with the drift
-      character(:), allocatable :: text !! which order to expect, from which scheme
+      logical :: flows_commute = .true. !! the noises commute with each other and with the drift
+      character(:), allocatable :: text !! which order to expect, of which scheme
    end type commutator_type
 
 contains
 
-   !> Brackets at the points (q, p) and time t. Errors: wrong_shape; stopped, by the monitor, which is asked before
+   !> Brackets at the points (q, p) and time t. Errors: wrong_shape; stopped, by the monitor, which is called before
    !> each bracket.
    subroutine commutator(model, t, q, p, result, error, monitor)
       class(model_type), intent(in) :: model
@@ -94,7 +93,7 @@ contains
             size_kl = relative_gradient(model, points, j, k)
             if (j == 0) then
                result%drift = max(result%drift, size_kl)
-               ! The pair that commutes least is kept for the message.
+               ! Keep the pair that commutes least, for the message.
             else if (size_kl > result%noise .or. result%k == 0) then
                result%noise = size_kl
                result%k = j
@@ -124,8 +123,7 @@ contains
       ! (fq, fp) is V_F and (gq, gp) is V_G, F = H_j and G = H_k.
       call field(model, points, j, points%t, fq, fp)
       call field(model, points, k, points%t, gq, gp)
-      ! The scale is the larger of two: the rounding of both products, and their largest size under changes of
-      ! sign.
+      ! The scale is the sum of the rounding of both products, but at least their largest size under changes of sign.
       scale = floor_of_differences(model, points, fq, fp)*largest(gq, gp) &
               + floor_of_differences(model, points, gq, gp)*largest(fq, fp)
       difference = 0
@@ -133,12 +131,12 @@ contains
          !   a = Hess F V_G,   b = Hess G V_F
          call product_with(model, points, j, gq, gp, pattern, aq, ap)
          call product_with(model, points, k, fq, fp, pattern, bq, bp)
-         ! The first pattern is the bracket itself; all patterns measure the size of the products.
+         ! The first pattern gives the bracket itself; all patterns give the size of the products.
          if (pattern == 1) difference = largest(aq - bq, ap - bp)
          scale = max(scale, largest(aq, ap) + largest(bq, bp))
       end do
       relative = 0
-      ! For linear Hamiltonians both are zero: they commute. A value that is not finite counts as not commuting.
+      ! For linear Hamiltonians both are zero, so they commute. A value that is not finite counts as not commuting.
       if (scale > 0) relative = difference/scale
       if (.not. difference + scale <= huge(scale)) relative = huge(relative)
    end function relative_gradient
@@ -159,8 +157,8 @@ contains
       vp = -vp
    end subroutine field
 
-   !> The Hessian of H_j times (vq, vp), with signs of its components changed by a pattern: the first pattern
-   !> changes none, the second the momenta.
+   !> The Hessian of H_j times (vq, vp), whose components change sign by a pattern: the first pattern changes none, the
+   !> second the momenta.
    subroutine product_with(model, points, j, vq, vp, pattern, uq, up)
       class(model_type), intent(in) :: model
       type(sample_points), intent(in) :: points
@@ -177,7 +175,7 @@ contains
       if (pattern == 2) sp = -vp
       if (pattern > 2) then
          do i = 1, model%traits%ndof
-            ! The signs have no pattern among the degrees of freedom, but are the same in every call: results repeat.
+            ! The signs are irregular over the degrees of freedom but the same in every call, so that results repeat.
             sq(:, i) = sign(1.0_wp, sin(real(i*(2*pattern - 1), wp)))*vq(:, i)
             sp(:, i) = sign(1.0_wp, cos(real(i*(3*pattern - 2), wp)))*vp(:, i)
          end do
@@ -200,8 +198,8 @@ contains
       size_at_least = epsilon(1.0_wp)*largest(fq, fp)/(default_step*max(1.0_wp, largest(points%q, points%p))*vanishing)
    end function floor_of_differences
 
-   !> Largest change of grad H_k from t to some later times, relative to its size; times at which the model cannot be
-   !> asked are passed over.
+   !> Largest change of grad H_k from t to some later times, relative to its size; times at which the model is not
+   !> finite or fails are skipped.
    real(wp) function change_in_time(model, points, k) result(relative)
       class(model_type), intent(in) :: model
       type(sample_points), intent(in) :: points
@@ -212,7 +210,7 @@ contains
 
       relative = 0
       call field(model, points, k, points%t, fq, fp)
-      ! The three times have no common period: a noise with one of them as its period still changes at the others.
+      ! The three times have no common period: a noise whose period is one of them still changes at the others.
       do i = 1, size(later)
          call field(model, points, k, points%t + later(i), gq, gp)
          change = largest(gq - fq, gp - fp)
@@ -221,23 +219,23 @@ contains
       end do
    end function change_in_time
 
-   !> The largest entry; infinite where one is not a number.
+   !> The largest absolute entry; infinite if one is NaN.
    pure real(wp) function largest(xq, xp)
       real(wp), intent(in) :: xq(:, :), xp(:, :)   !! (npoint, ndof)
 
       largest = max(maxval(abs(xq)), maxval(abs(xp)))
-      ! maxval may pass over NaN.
+      ! maxval may ignore NaN.
       if (.not. all(abs(xq) <= huge(largest)) .or. .not. all(abs(xp) <= huge(largest))) &
          largest = ieee_value(largest, ieee_positive_inf)
    end function largest
 
-   !> Orders in words.
+   !> Write which orders to expect.
    pure subroutine expect_orders(nnoise, damped, c)
       integer, intent(in) :: nnoise
-      logical, intent(in) :: damped   !! no scheme with brackets of H or for means alone runs then
+      logical, intent(in) :: damped   !! then schemes with brackets of H, or for means alone, do not run
       type(commutator_type), intent(inout) :: c
 
-      ! State the strongest result that holds: each class of noise contains the classes before it.
+      ! Report the strongest result that holds; each case implies the cases before it.
       if (nnoise == 0) then
          c%text = 'no noise: the order without noise of the scheme'
       else if (c%flows_commute) then

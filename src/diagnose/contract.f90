@@ -1,8 +1,8 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> The contract of diagnoses, behind their refusals.
+!> The contract of diagnoses, checked after their refusals of wrong arguments.
 !>
-!> Asked: increments and functionals of steps have a row for each point or path, and are finite, as weights of a model
-!> must be. Promised: paths that were found are finite, others have a status.
+!> Required: increments and functionals of steps have a row for each point or path, and are finite, since they become
+!> weights of a model. Promised: paths that were found are finite; all other paths have a nonzero status.
 module symsde_diagnose_contract
    use symsde_base_contracts, only: require, require_finite, require_finite_lanes, require_statuses
    use symsde_base_kinds, only: wp, i4, i8
@@ -12,11 +12,11 @@ module symsde_diagnose_contract
 
 contains
 
-   !> What a diagnosis of single steps may count on.
+   !> Check the requirements of a diagnosis of single steps.
    subroutine require_given(npoint, nnoise, dw, dz, areas)
       integer, intent(in) :: npoint, nnoise
       real(wp), intent(in) :: dw(:, :)
-      real(wp), pointer, intent(in) :: dz(:, :), areas(:, :)   !! or null
+      real(wp), pointer, intent(in) :: dz(:, :), areas(:, :)   !! may be null
 
       call require_columns(nnoise, dw)
       if (associated(dz)) call require_columns(nnoise, dz)
@@ -36,15 +36,15 @@ contains
 
    end subroutine require_given
 
-   !> What a diagnosis of given paths may count on.
+   !> Check the requirements of a diagnosis of given paths.
    subroutine require_increments(dw, place)
       real(wp), intent(in) :: dw(:, :, :)   !! (npath, nnoise, steps)
-      character(*), intent(in) :: place     !! area and procedure
+      character(*), intent(in) :: place     !! source area and procedure
 
       call require_finite(size(dw), dw, place, 'increments')
    end subroutine require_increments
 
-   !> What callers may count on, of paths between given ends.
+   !> Check the promises about paths between given ends.
    subroutine require_paths(status, q, p)
       integer(i4), intent(in) :: status(:)
       real(wp), intent(in) :: q(:, :, :), p(:, :, :)   !! (npath, ndof, ntime)

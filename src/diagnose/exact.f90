@@ -1,5 +1,5 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> Exact solutions along the Brownian path that drives a run, for the models that have one.
+!> Exact solutions along the Brownian path that drives a run, for models with a known solution.
 !>
 !>    kubo                  rotation by theta = a t + sigma W(t):
 !>                          q = q0 cos theta + p0 sin theta,  p = p0 cos theta - q0 sin theta
@@ -10,24 +10,24 @@
 !>
 !> with C_k = int cos(h - s) dW_k(s) and S_k = int sin(h - s) dW_k(s) over the step: sigma moves q, gamma moves p.
 !>
-!> The recursion is the variation of constants. With A = (0, 1; -1, 0), F = exp(A h) and the constant vectors b_k that
-!> dW_k moves (q, p) by,
+!> The recursion is the variation of constants. Let A = (0, 1; -1, 0), F = exp(A h), and let b_k be the constant vector
+!> in dY = .. + b_k dW_k:
 !>
 !>    dY = A Y dt + sum_k b_k dW_k,      Y_{k+1} = F Y_k + sum_k int exp(A (h - s)) b_k dW_k(s),
 !>    exp(A s) = (cos s, sin s; -sin s, cos s),      b = (to_q, to_p):  int = to_q (C; -S) + to_p (S; C)
 !>
-!> Given dW_k the integrals C_k and S_k are no functions of the increments: what is left of them has the size h^(3/2),
-!> and is normal with a known covariance. A reference that put their mean in its place would have an error of the
-!> order of the schemes that it is to judge.
+!> Given dW_k the integrals C_k and S_k are not determined by the increments: their deviation from the conditional mean
+!> has the size h^(3/2), and is normal with a known covariance. A reference that used the mean instead would have an
+!> error as large as the schemes it is to judge.
 !>
-!> W(t) is the sum of the run's increments. (C_k, S_k) are drawn from their law given what the run itself takes from
-!> the path, dW_k, H_k = dZ_k/h - dW_k/2 and K_k, two normals more for each step and noise (noise/oscillator_law): the
-!> solution has the exact law jointly with the increments, and where the scheme takes dZ or K, with these. For schemes
-!> that do not take them H_k and K_k are the same numbers, others would draw them. With refine = l > 0 the recursion
-!> runs on the finer draws, so that it is the same path for (step, l) and (step/2, l-1), and for all schemes; not so
-!> with refine < 0, where a step is halved by all that the scheme draws: the path is that of the scheme. Truncation is
-!> left out: the Brownian path itself is followed. Prescribed increments are taken as they are; where the scheme takes
-!> dZ, it is that of the polygon through them, as in the run.
+!> W(t) is the sum of the run's increments. (C_k, S_k) are drawn from their law given the quantities dW_k, H_k = dZ_k/h
+!> - dW_k/2 and K_k of the run; this takes two more normals for each step and noise (noise/oscillator_law). The solution
+!> has the exact law jointly with the increments, and with dZ or K if the scheme uses them. A scheme that does not use
+!> H_k and K_k gets the same solution as a scheme that does. With refine = l > 0 the recursion runs on the finer draws,
+!> so that the path is the same for (step, l) and (step/2, l-1), and for all schemes. With refine < 0 the halving of a
+!> step depends on all that the scheme draws, so that the path depends on the scheme. Truncation is not applied: the
+!> solution follows the Brownian path itself. Prescribed increments are used as given; if the scheme uses dZ, then dZ of
+!> the polygon through them, as in the run.
 module symsde_diagnose_exact
    use symsde_base_functionals, only: path_dz, path_stt_area
    use symsde_base_kinds, only: wp, i8
@@ -59,16 +59,16 @@ module symsde_diagnose_exact
       real(wp) :: a = 0                        !! angular velocity [1/time]
       real(wp) :: sigma = 0                    !! kubo: noise of the angular velocity
       real(wp), allocatable :: to_q(:), to_p(:)  !! additive: dW_k in dq and in dp (nnoise)
-      type(linear_flow), allocatable :: flow   !! for quadratic models with commuting flows
+      type(linear_flow), allocatable :: flow   !! flow of a quadratic model whose flows commute
    end type oscillator
 
-   !> One block of paths on its way.
+   !> State of one block of paths.
    type :: exact_block
       integer :: nlane = 0, nreal = 0
       integer(i8) :: first = 0                 !! first path of the block, from 0
       type(step_request) :: request            !! request for a pair of steps
-      type(step_store) :: store                !! the answer
-      real(wp), allocatable, dimension(:, :, :) :: shape, stt_area  !! H_k and K_k of these (nlane, nnoise, 0:1)
+      type(step_store) :: store                !! increments that were filled in
+      real(wp), allocatable, dimension(:, :, :) :: shape, stt_area  !! H_k and K_k of the pair (nlane, nnoise, 0:1)
       real(wp), allocatable, dimension(:, :) :: q0, p0, q, p  !! (nlane, ndof)
       real(wp), allocatable, dimension(:, :) :: sum_w, low    !! W_k(t) (nlane, nnoise)
       real(wp), allocatable, dimension(:) :: xi1, xi2, c, s   !! (nlane)
@@ -87,13 +87,13 @@ contains
       type(error_type), allocatable, intent(inout) :: error
       !> increments (npath or 1, nnoise, rows)
       real(wp), intent(in), target, contiguous, optional :: dw(:, :, :)
-      type(scheme_type), intent(in), optional :: scheme !! scheme of the run; dW alone if absent
+      type(scheme_type), intent(in), optional :: scheme !! scheme of the run; if absent, only dW is drawn
       class(monitor_type), intent(inout), optional :: monitor
       class(noise_type), allocatable, target :: noise
       type(oscillator) :: system
       type(exact_block) :: work
       type(run_options) :: fine
-      real(wp), pointer, contiguous :: given(:, :, :)  !! dw, or null: an absent array is not handed on
+      real(wp), pointer, contiguous :: given(:, :, :)  !! dw, or null: an absent array is not passed on
       real(wp) :: lost
       integer(i8) :: n, done
 
@@ -105,11 +105,11 @@ contains
       if (.not. allocated(error)) call check_shapes(model%traits%ndof, options, q0, p0, q, p, error)
       if (allocated(error)) return
       fine = finest(options)
-      ! Draw with the generator of the run for the same paths and steps: the increments are the same numbers.
+      ! Draw with the generator of the run for the same paths and steps, which gives the same increments.
       call new_noise(noise, model, fine, lost, error, given)
       if (present(scheme)) call ask_for(scheme, model, noise, error)
       if (allocated(error)) return
-      ! From here on the step is the step of the draws.
+      ! From here on `step` is the step of the draws.
       call new_block(work, noise, model%traits%ndof, model%traits%nnoise, fine)
       ! Blocks of paths are the outer loop, and the steps at which the noise is drawn the inner one.
       do while (work%first < fine%npath)
@@ -136,7 +136,7 @@ contains
       end do
    end subroutine exact_solution
 
-   !> Let the noise draw the functionals that the scheme takes.
+   !> Request the functionals that the scheme uses.
    subroutine ask_for(scheme, model, noise, error)
       type(scheme_type), intent(in) :: scheme
       class(model_type), intent(in) :: model
@@ -144,19 +144,19 @@ contains
       type(error_type), allocatable, intent(inout) :: error
 
       if (allocated(error)) return
-      ! Increments of two or three points come from no Brownian path.
+      ! Two-point and three-point increments do not belong to a Brownian path.
       if (scheme%law /= law_gaussian) then
          call raise(error, incompatible, 'exact_solution', 'scheme '//scheme%name//' draws '//law_text(scheme%law)// &
                     ' increments and follows no Brownian path, so there is no exact solution beside it: compare '// &
                     'expectations, or take a scheme with Gaussian increments')
          return
       end if
-      ! The same functionals are asked of the same source: it draws the same numbers as in the run.
+      ! The same functionals are requested from the same source, so that it draws the same numbers as in the run.
       noise%asked = scheme%asks%needed_for(model%traits)
    end subroutine ask_for
 
-   !> Get increments of the steps 2*pair and 2*pair+1, and for additive noise H_k and K_k: from the run, or drawn
-   !> here as a run would draw them.
+   !> Get increments of the steps 2*pair and 2*pair+1; for additive noise also H_k and K_k, from the run, or drawn here
+   !> with the counters of the run.
    subroutine fill(work, noise, system, options, pair)
       type(exact_block), intent(inout) :: work
       class(noise_type), intent(in) :: noise
@@ -167,7 +167,7 @@ contains
       real(wp) :: shape(work%nlane, 0:1), stt_area(work%nlane, 0:1)
       integer :: k
 
-      ! The source fills dW of both steps of a pair, and the functionals asked for.
+      ! The source fills dW of both steps of a pair, and the requested functionals.
       work%request%pair = pair
       call noise%fill(work%request, work%store, drawn)
       if (.not. system%additive) return
@@ -188,7 +188,7 @@ contains
       if (noise%asked%has(path_stt_area)) work%stt_area = work%store%of(path_stt_area)%x
    end subroutine fill
 
-   !> The model's parameters, read from its gradients at unit points and unit weights; exact.
+   !> Read the model's parameters from its gradients at unit points and unit weights, which give them exactly.
    subroutine recognise(model, options, system, error)
       class(model_type), intent(in) :: model
       type(run_options), intent(in) :: options
@@ -209,7 +209,7 @@ contains
       type is (additive_oscillator_model)
          system%additive = .true.
       class default
-         ! Any other model may still be linear with commuting flows: its fields are read and tested.
+         ! Any other model may be linear with commuting flows: read its fields and test them.
          allocate (system%flow)
          call new_linear_flow(system%flow, model, options%t0, &
                               options%t0 + options%step*real(options%first_step + options%nstep, wp), reason)
@@ -220,7 +220,7 @@ contains
                        '(refine) instead')
       end select
       if (.not. system%additive) return
-      ! dq = .. + H_k,p dW_k and dp = .. - H_k,q dW_k.
+      ! The noise enters as dq = .. + H_k,p dW_k and dp = .. - H_k,q dW_k.
       system%a = 1
       allocate (system%to_q(model%traits%nnoise), system%to_p(model%traits%nnoise))
       do k = 1, model%traits%nnoise
@@ -246,14 +246,14 @@ contains
       if (present(in_q)) slope = hq(1, 1)
    end function slope
 
-   !> The run at the step of its draws, without truncation.
+   !> The options of the run at the step of its draws, without truncation.
    pure type(run_options) function finest(options) result(fine)
       type(run_options), intent(in) :: options
       integer(i8) :: parts
 
       fine = options
       fine%truncation = 0
-      if (options%refine <= 0 .or. options%refine > max_refine) return  ! beyond it: refused later
+      if (options%refine <= 0 .or. options%refine > max_refine) return  ! values out of range are refused later
       ! The run's step is made of 2^refine steps of the generator, and all counts of steps are multiplied by as many.
       parts = 2_i8**options%refine
       fine%refine = 0
@@ -264,7 +264,7 @@ contains
       fine%save_every = min(options%save_every, max(options%nstep, 1_i8))*parts
    end function finest
 
-   !> Room for (npath, ndof, ntime) in q and p, ntime counting t0; initial states of one path or of each.
+   !> Check shapes: (npath, ndof, ntime) for q and p, where ntime counts t0; initial states of one path or of all.
    subroutine check_shapes(ndof, options, q0, p0, q, p, error)
       integer, intent(in) :: ndof
       type(run_options), intent(in) :: options
@@ -288,7 +288,7 @@ contains
 
    contains
 
-      !> All degrees of freedom, given once or for every path.
+      !> Whether all degrees of freedom are given, once or for every path.
       logical function one_or_all(x)
          real(wp), intent(in) :: x(:, :)
 
@@ -297,7 +297,7 @@ contains
 
    end subroutine check_shapes
 
-   !> Make room for a block of lanes and a pair of steps; H_k and K_k stay zero unless drawn.
+   !> Allocate a block of lanes and a pair of steps; H_k and K_k stay zero unless drawn.
    subroutine new_block(work, noise, ndof, nnoise, options)
       type(exact_block), intent(out) :: work
       class(noise_type), intent(in) :: noise
@@ -325,7 +325,7 @@ contains
       integer(i8) :: row
       integer :: lane
 
-      ! Lanes after the last path repeat it: they are computed but not saved.
+      ! Lanes beyond the last path repeat it: they are computed but not saved.
       work%nreal = int(min(int(work%nlane, i8), options%npath - work%first))
       work%request%nreal = work%nreal
       call path_of_lane(work%nlane, options%first_path + work%first, work%nreal, work%request%path)
@@ -358,14 +358,14 @@ contains
       half = int(mod(n, 2_i8))
       if (.not. system%additive) then
          do k = 1, size(work%sum_w, 2)
-            !   W_k(t_{n+1}) = W_k(t_n) + dW_k
-            ! Sums of many increments lose digits, which would turn the Kubo oscillator by a wrong angle late in a
-            ! run.
+            ! W_k(t_{n+1}) = W_k(t_n) + dW_k
+            ! A plain sum of many increments would lose digits, and the Kubo oscillator would have a wrong angle late in
+            ! a run.
             call add_compensated(work%nlane, work%store%w(:, k, half), work%sum_w(:, k), work%low(:, k))
          end do
          return
       end if
-      ! The versine 1 - cos h is found without cancellation.
+      ! The versine 1 - cos h is computed without cancellation.
       versine = 2*sin(0.5_wp*options%step)**2
       sine = sin(options%step)
       !   Y <- Y + (F - I) Y,   F - I = (-versine, sin h; -sin h, -versine)
@@ -373,7 +373,7 @@ contains
       do k = 1, size(system%to_q)
          ! A noise of strength zero adds nothing and needs no draws.
          if (abs(system%to_q(k)) <= 0 .and. abs(system%to_p(k)) <= 0) cycle
-         ! Draw (C_k, S_k) given dW_k, H_k and K_k, by two normals that no run draws.
+         ! Draw (C_k, S_k) given dW_k, H_k and K_k, from two normals that no run draws.
          from = work%request%path
          if (noise%common(k)) from = 0
          call oscillator_draws(work%nlane, options%seed, from, n, k, work%xi1, work%xi2)
@@ -385,7 +385,7 @@ contains
       end do
    end subroutine advance
 
-   !> The Kubo oscillator, or a quadratic model, after the time t, from the initial state and W(t).
+   !> Compute the Kubo oscillator, or a quadratic model, after the time t, from the initial state and W(t).
    subroutine rotate(work, system, t)
       type(exact_block), intent(inout) :: work
       type(oscillator), intent(in) :: system
@@ -393,7 +393,7 @@ contains
       real(wp) :: theta, z(2*size(work%q, 2)), w(size(work%sum_w, 2))
       integer :: lane, n
 
-      !   z(t) = exp(t A_0 + sum_k W_k(t) A_k) z_0 with the linear terms
+      ! z(t) = exp(t A_0 + sum_k W_k(t) A_k) z_0, plus the effect of linear terms
       if (allocated(system%flow)) then
          n = size(work%q, 2)
          do lane = 1, work%nreal
@@ -443,7 +443,7 @@ contains
       end do
    end subroutine turn
 
-   !> Kahan's summation: the sum proper is x + low.
+   !> Kahan's summation: x + low is the accurate sum.
    pure subroutine add_compensated(nlane, d, x, low)
       integer, intent(in) :: nlane
       real(wp), intent(in) :: d(nlane)

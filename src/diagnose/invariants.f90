@@ -1,8 +1,8 @@
 ! SPDX-License-Identifier: BSD-3-Clause
 !>    drift = max_n |I(q_n, p_n)/I(q_0, p_0) - 1|,      I = p.p + q.q  or  I = H(t, q, p)
 !>
-!> Invariants along saved paths: their values, and how far they drift. dI = {I,H} dt + sum_k {I,H_k} o dW_k vanishes
-!> for the first on Kubo's oscillator, and for H where every {H,H_k} does.
+!> Invariants along saved paths: their values and their drift. dI = {I,H} dt + sum_k {I,H_k} o dW_k vanishes for I = p.p
+!> + q.q on Kubo's oscillator, and for I = H if every {H,H_k} vanishes.
 module symsde_diagnose_invariants
    use, intrinsic :: ieee_arithmetic, only: ieee_value, ieee_quiet_nan
    use symsde_base_kinds, only: wp
@@ -15,8 +15,7 @@ module symsde_diagnose_invariants
 
 contains
 
-   !> drift(path) = max over the times of |I/I_0 - 1|. NaN for paths that failed or begin with
-   !> I_0 = 0.
+   !> drift(path) = max over the times of |I/I_0 - 1|. NaN for paths that failed or that begin with I_0 = 0.
    pure function invariant_drift(values) result(drift)
       real(wp), intent(in) :: values(:, :)    !! I along the paths (npath, ntime)
       real(wp) :: drift(size(values, 1))
@@ -27,7 +26,7 @@ contains
       do path = 1, size(values, 1)
          do n = 1, size(values, 2)
             change = abs(values(path, n)/values(path, 1) - 1)
-            ! A change that is NaN is not skipped here: it ends the path's search, and is the result.
+            ! A NaN change is not skipped here: it ends the search along the path, and is the result.
             if (change <= drift(path)) cycle
             drift(path) = change
             if (change <= huge(change)) cycle
@@ -45,8 +44,7 @@ contains
       values = sum(p**2 + q**2, dim=2)
    end function quadratic_invariant
 
-   !> values(path, n) = H(q, p) at the saved times.
-   !> Errors: missing_operation where the model has no value; wrong_shape.
+   !> values(path, n) = H(q, p) at the saved times. Errors: missing_operation if the model has no value; wrong_shape.
    subroutine energy(model, t, q, p, values, error)
       class(model_type), intent(in) :: model
       real(wp), intent(in) :: t(:)                     !! saved times (ntime)

@@ -7,29 +7,29 @@
 !>    Lbar_h = P.(q_{n+1} - q_n) - Hhat(P,Q),
 !>    P = lambda p_n + (1-lambda) p_{n+1},   Q = (1-lambda) q_n + lambda q_{n+1}
 !>
-!> More stages, with internal slopes V_i and momenta P_i free (Hamilton-Pontryagin principle) and
-!> p_{n+1} the multiplier of q_{n+1} = q_n + sum_i alpha_i V_i:
+!> More stages, with free internal slopes V_i and momenta P_i (Hamilton-Pontryagin principle) and p_{n+1} as the
+!> multiplier of q_{n+1} = q_n + sum_i alpha_i V_i:
 !>
 !>    Lbar_h = p_{n+1}.(q_{n+1} - q_n)
 !>             + ext_{V,P} sum_i alpha_i [(P_i - p_{n+1}).V_i - Hhat(P_i,Q_i)],
 !>    Q_i = q_n + sum_j a_ij V_j
 !>
-!> Stationary in P_i, and in V_j:
+!> The expression is stationary in P_i and in V_j if
 !>
 !>    alpha_i (V_i - Hhat_p(P_i,Q_i)) = 0,     alpha_j (P_j - p_{n+1}) - sum_i alpha_i a_ij Hhat_q(P_i,Q_i) = 0
 !>
 !> so V_i = Hhat_p(P_i,Q_i) and P_i = p_{n+1} + sum_j (alpha_j a_ji/alpha_i) Hhat_q(P_j,Q_j), solved
-!> here by Newton. (57) then holds identically and (58) is the constraint. It is not a function of
-!> q_n, q_{n+1} alone, because that one does not exist where Hhat_pp is singular, as for the Kubo
-!> oscillator at a h + sigma dW = 0. Of the scheme only a, alpha and c enter, never abar: a wrong
-!> abar, or a wrong sign in a stepper, shows in the Legendre transforms. Noise coefficients of their
-!> own (b, beta) make stages of their own, with the Hamiltonians h H and sum_k dW_k H_k.
+!> here by Newton. (57) then holds identically and (58) is the constraint. Lbar_h is not a function of q_n, q_{n+1}
+!> alone: such a function does not exist if Hhat_pp is singular, as for the Kubo oscillator at a h + sigma dW = 0. Only
+!> a, alpha and c of the scheme enter, never abar: a wrong abar, or a wrong sign in a stepper, shows in the Legendre
+!> transforms. If noise has its own coefficients (b, beta), drift and noise have separate stages with the Hamiltonians h
+!> H and sum_k dW_k H_k.
 !>
 !> With (53), p_n = -dLbar_h/dq_n = p_{n+1} + sum_j alpha_j Hhat_q(P_j,Q_j), the momenta are those of the tableau:
 !>
 !>    P_i = p_n - sum_j abar_ij Hhat_q(P_j,Q_j),      abar_ij = alpha_j - alpha_j a_ji/alpha_i
 !>
-!> so that the symplectic conjugate of a is not put in but comes out, and (53) fails for a scheme with another abar.
+!> so that the symplectic conjugate of a is a result and no input, and (53) fails for a scheme with another abar.
 module symsde_diagnose_lagrangian
    use symsde_base_kinds, only: wp, i8
    use symsde_base_lanes, only: lanes_for
@@ -44,7 +44,7 @@ module symsde_diagnose_lagrangian
    private
    public :: discrete_lagrangian, lagrangian_gradient, new_discrete_lagrangian, lanes_of_diagnosis, lagrangian_numbers
 
-   !> Partial derivatives of Lbar_h: in q_n, p_n (left), q_{n+1}, p_{n+1} (right).
+   !> Partial derivatives of Lbar_h: with respect to q_n, p_n (left) and q_{n+1}, p_{n+1} (right).
    type :: lagrangian_gradient
       real(wp), allocatable, dimension(:, :) :: left_q, left_p, right_q, right_p  !! (nlane, ndof)
    end type lagrangian_gradient
@@ -56,7 +56,7 @@ module symsde_diagnose_lagrangian
       type(newton_type) :: newton
       logical :: one_stage = .false.
       integer, public :: nstage = 0                !! stages of drift and noise together
-      integer, allocatable, public :: part(:)      !! 1: all of Hhat, or its drift; 2: its noise (nstage)
+      integer, allocatable, public :: part(:)      !! 1: all of Hhat, or the drift part; 2: the noise part (nstage)
       real(wp), allocatable, public :: c(:), alpha(:)  !! (nstage)
       real(wp), allocatable, public :: a(:, :)     !! a_ij (nstage, nstage)
       real(wp), allocatable :: back(:, :)          !! alpha_j a_ji/alpha_i (nstage, nstage)
@@ -71,7 +71,7 @@ module symsde_diagnose_lagrangian
 
 contains
 
-   !> Unknowns of one path's internal stages, to choose the size of blocks by.
+   !> Number of unknowns of the internal stages of a path; the size of blocks depends on it.
    pure integer function count_unknowns(model, scheme) result(n)
       class(model_type), intent(in) :: model
       type(scheme_type), intent(in) :: scheme
@@ -81,14 +81,14 @@ contains
       if (.not. has_one_part(model, scheme)) n = 2*n
    end function count_unknowns
 
-   !> Lanes of a block of a diagnosis: fewer with the squares of the systems, whose matrices are stored lane by
-   !> lane, and so that a host need not wait long for a block to end.
+   !> Lanes of a block of a diagnosis. Their number falls with the square of the unknowns, since matrices are stored
+   !> lane by lane and the calling program should not wait long for the end of a block.
    pure integer function lanes_of_diagnosis(model, scheme, npath) result(nlane)
       class(model_type), intent(in) :: model
       type(scheme_type), intent(in) :: scheme
       integer(i8), intent(in) :: npath   !! paths or points
 
-      ! The square of the unknowns, over 16, stands in the place of degrees of freedom: so much longer a lane takes.
+      ! The square of the unknowns, over 16, replaces the degrees of freedom, because a lane takes so much longer.
       nlane = lanes_for(int(min(real(count_unknowns(model, scheme), wp)**2/16 + 1, 1e6_wp)), npath)
    end function lanes_of_diagnosis
 
@@ -101,7 +101,7 @@ contains
 
       n = model%traits%ndof
       unknowns = count_unknowns(model, scheme)
-      ! Newton's matrices of all lanes, Hessians, points and weights, and room of the solver.
+      ! Newton's matrices of all lanes, Hessians, points and weights, and work arrays of the solver.
       numbers = nlane*(unknowns**2 + 9*n**2 + 80*n + 12*unknowns + 10*(model%traits%nnoise + 1)) + 2*unknowns**2
    end function lagrangian_numbers
 
@@ -117,13 +117,13 @@ contains
       type(newton_options) :: newton
       integer :: n, correction
 
-      ! Schemes without an action are refused before anything is allocated.
+      ! Refuse schemes without an action before anything is allocated.
       call check_scheme(scheme, error)
       call model%damping%refuse(model%name, 'new_discrete_lagrangian', 'the discrete action', error)
       if (allocated(error)) return
       call resolve_correction(correction, model, scheme, options%correction, error)
       if (allocated(error)) return
-      ! From here on only a, alpha and c are known.
+      ! The following code uses only a, alpha and c.
       call flatten(self, scheme, has_one_part(model, scheme), error)
       if (allocated(error)) return
       ! Hhat includes the correction that the options ask for: this is the Lagrangian of the corrected scheme.
@@ -142,13 +142,13 @@ contains
       allocate (self%hqq(nlane, n, n), self%hqp(nlane, n, n), self%hpp(nlane, n, n))
    end subroutine new_discrete_lagrangian
 
-   !> Partial derivatives of Lbar_h; there must be room for them.
+   !> Partial derivatives of Lbar_h; the arrays of d must be allocated.
    subroutine gradient(self, t, w, q0, p0, q1, p1, d, status)
       class(discrete_lagrangian), intent(inout) :: self
       real(wp), intent(in) :: t, w(self%ham%nlane, 0:self%ham%nnoise)   !! t_n; h, dW_1 .. dW_m
       real(wp), intent(in), dimension(self%ham%nlane, self%ham%ndof) :: q0, p0, q1, p1
       type(lagrangian_gradient), intent(inout) :: d
-      integer(i8), intent(inout) :: status(self%ham%nlane)   !! 0, or why the stages were not solved
+      integer(i8), intent(inout) :: status(self%ham%nlane)   !! 0, or the reason why the stages were not solved
       integer :: i, at
 
       call split_weights(self, w)
@@ -165,10 +165,10 @@ contains
          return
       end if
       call solve_stages(self, t, w(1, 0), q0, p1, status)
-      ! By the envelope theorem only what is explicit in the end points is differentiated: the internal variables are
-      ! stationary.
-      !   d/dq_n = -p_{n+1} - sum_i alpha_i Hhat_q,        d/dq_{n+1} = p_{n+1}
-      !   d/dp_n = 0,                                      d/dp_{n+1} = q_{n+1} - q_n - sum_i alpha_i V_i
+      ! By the envelope theorem only explicit occurrences of the end points are differentiated, since the internal
+      ! variables are stationary.
+      ! d/dq_n = -p_{n+1} - sum_i alpha_i Hhat_q,        d/dq_{n+1} = p_{n+1}
+      ! d/dp_n = 0,                                      d/dp_{n+1} = q_{n+1} - q_n - sum_i alpha_i V_i
       d%left_q = -p1
       d%left_p = 0
       d%right_q = p1
@@ -182,13 +182,13 @@ contains
       end associate
    end subroutine gradient
 
-   !> Lbar_h itself; the model must have values.
+   !> The value of Lbar_h; the model must have values.
    subroutine value(self, t, w, q0, p0, q1, p1, action, status)
       class(discrete_lagrangian), intent(inout) :: self
       real(wp), intent(in) :: t, w(self%ham%nlane, 0:self%ham%nnoise)   !! t_n; h, dW_1 .. dW_m
       real(wp), intent(in), dimension(self%ham%nlane, self%ham%ndof) :: q0, p0, q1, p1
       real(wp), intent(out) :: action(self%ham%nlane)
-      integer(i8), intent(inout) :: status(self%ham%nlane)   !! 0, or why the stages were not solved
+      integer(i8), intent(inout) :: status(self%ham%nlane)   !! 0, or the reason why the stages were not solved
       real(wp) :: h(self%ham%nlane)
       integer :: i, at
 
@@ -242,8 +242,8 @@ contains
       end if
    end subroutine check_scheme
 
-   !> Make one list of stages; noise with its own coefficients follows the drift. Stages that have no weight and
-   !> that no stage uses are left out.
+   !> Make one list of stages; if noise has its own coefficients, its stages follow those of the drift. Stages with zero
+   !> weight that no stage uses are left out.
    subroutine flatten(self, scheme, one_part, error)
       type(discrete_lagrangian), intent(inout) :: self
       type(scheme_type), intent(in) :: scheme
@@ -275,7 +275,7 @@ contains
          self%alpha = alpha(k)
          self%a = a(k, k)
          self%part = (k - 1)/r + 1
-         ! Stages of the noise have the times of the drift's stages.
+         ! Stages of the noise have the same times as stages of the drift.
          k = mod(k - 1, r) + 1
          self%c = scheme%c(k)
       end associate
@@ -299,26 +299,26 @@ contains
       real(wp), intent(in) :: w(self%ham%nlane, 0:self%ham%nnoise)
 
       self%v(:, :, 1) = w
-      ! If noise has its own stages, drift stages see H alone, and noise stages H_k alone.
+      ! If noise has its own stages, drift stages use H alone, and noise stages H_k alone.
       if (all(self%part == 1)) return
       self%v(:, 1:, 1) = 0
       self%v(:, :, 2) = w
       self%v(:, 0, 2) = 0
    end subroutine split_weights
 
-   !> (Q, P) of the one-stage form.
+   !> The point (Q, P) of the one-stage form.
    subroutine one_point(self, q0, p0, q1, p1)
       type(discrete_lagrangian), intent(inout) :: self
       real(wp), intent(in), dimension(self%ham%nlane, self%ham%ndof) :: q0, p0, q1, p1
 
       associate (lambda => self%a(1, 1))
-         ! lambda = 1/2 gives the midpoint of both, as in (61)-(62), and 0 and 1 give the Euler pair, as in (88).
+         ! lambda = 1/2 gives the midpoint of q and of p, as in (61)-(62); 0 and 1 give the Euler pair, as in (88).
          self%qs = (1 - lambda)*q0 + lambda*q1
          self%ps = lambda*p0 + (1 - lambda)*p1
       end associate
    end subroutine one_point
 
-   !> (Q_i, P_i) from the slopes.
+   !> Compute (Q_i, P_i) from the slopes.
    subroutine stage_point(self, i, q0, p1)
       type(discrete_lagrangian), intent(inout) :: self
       integer, intent(in) :: i
@@ -337,7 +337,7 @@ contains
       end associate
    end subroutine stage_point
 
-   !> Newton for the slopes of all stages, given q_n and p_{n+1}.
+   !> Solve for the slopes of all stages by Newton, given q_n and p_{n+1}.
    subroutine solve_stages(self, t, h, q0, p1, status)
       type(discrete_lagrangian), intent(inout) :: self
       real(wp), intent(in) :: t, h
@@ -345,7 +345,7 @@ contains
       integer(i8), intent(inout) :: status(self%ham%nlane)
       integer :: i, at
 
-      ! Begin with slopes of zero, Q_i = q_n and P_i = p_{n+1}, which are off by the size of a step.
+      ! Start with zero slopes, Q_i = q_n and P_i = p_{n+1}; their error has the size of a step.
       self%x = 0
       call self%newton%start(status)
       do while (self%newton%running)
@@ -356,18 +356,18 @@ contains
                                            self%hqq, self%hqp, self%hpp)
             associate (n => self%ham%ndof)
                at = 2*n*(i - 1)
-               !   r = (V_i - Hhat_p(P_i,Q_i), F_i - Hhat_q(P_i,Q_i)),   F_i the second slope
+               ! r = (V_i - Hhat_p(P_i,Q_i), F_i - Hhat_q(P_i,Q_i)),   F_i is the second slope
                self%newton%r(:, at + 1:at + n) = self%x(:, at + 1:at + n) - self%hp
                self%newton%r(:, at + n + 1:at + 2*n) = self%x(:, at + n + 1:at + 2*n) - self%hq
             end associate
             call matrix_rows(self, i)
          end do
-         ! Take one Newton step in all lanes; lanes that have failed or are done stay.
+         ! Take one Newton step in all lanes; lanes that have failed or are done do not change.
          call self%newton%update(self%x, status, self%ham%counters)
       end do
    end subroutine solve_stages
 
-   !> Rows of stage i of the matrix, from the Hessian there.
+   !> Rows of stage i of the matrix, from the Hessian at the stage.
    subroutine matrix_rows(self, i)
       type(discrete_lagrangian), intent(inout) :: self
       integer, intent(in) :: i
@@ -380,8 +380,8 @@ contains
             to = 2*n*(j - 1)
             do l = 1, n
                do k = 1, n
-                  ! dQ_i/dV_j = a_ij and dP_i/dF_j = back_ij. hqp(k, l) is the derivative in q_k and p_l, hence the
-                  ! order of its indices.
+                  ! dQ_i/dV_j = a_ij and dP_i/dF_j = back_ij. hqp(k, l) is the derivative in q_k and p_l: the indices
+                  ! below are in that order.
                   m(:, at + k, to + l) = -self%a(i, j)*self%hqp(:, l, k)
                   m(:, at + k, to + n + l) = -self%back(i, j)*self%hpp(:, k, l)
                   m(:, at + n + k, to + l) = -self%a(i, j)*self%hqq(:, k, l)
@@ -390,7 +390,7 @@ contains
             end do
          end do
          do k = at + 1, at + 2*n
-            ! V_i and F_i themselves stand in the equations with the factor one.
+            ! V_i and F_i occur in their equations with the factor one.
             m(:, k, k) = m(:, k, k) + 1
          end do
       end associate

@@ -2,16 +2,16 @@
 !>    dz = sum_j (A_j z + b_j) o dW_j,  dW_0 = dt,     A_i A_j = A_j A_i,  A_i b_j = A_j b_i
 !>    z(t) = exp(t A_0 + sum_k W_k A_k) z_0 + ..,      as exp of the matrices (A_j, b_j; 0, 0) acting on (z, 1)
 !>
-!> Quadratic Hamiltonians whose flows commute: the solution is the flow of one of them, of
+!> Quadratic Hamiltonians whose flows commute: the solution is the flow of a single quadratic Hamiltonian
 !>
-!>    S = t H + sum_k W_k(t) H_k,   z(t) = exp(J Hess S) z_0  with what linear terms of S add,
+!> S = t H + sum_k W_k(t) H_k,   z(t) = exp(J Hess S) z_0  plus the effect of linear terms of S,
 !>
-!> whatever the path between. Fields J grad H_j = A_j z + b_j are read from gradients at unit points; they commute
-!> where A_i A_j = A_j A_i and A_i b_j = A_j b_i, to rounding. With b_j as one more column it is one matrix
-!> exponential.
+!> whatever the path does between 0 and t. Fields J grad H_j = A_j z + b_j are read from gradients at unit points; they
+!> commute if A_i A_j = A_j A_i and A_i b_j = A_j b_i, up to rounding. With b_j as an additional column the solution is
+!> one matrix exponential.
 !>
-!> In the Stratonovich sense d exp(X) = exp(X) dX where all X(t) commute with each other, as those made of commuting
-!> F_j do; then exp(t F_0 + sum_k W_k F_k) solves the equation, and no step is needed on the way.
+!> In the Stratonovich sense d exp(X) = exp(X) dX if all X(t) commute with each other, as sums of commuting F_j do; so
+!> exp(t F_0 + sum_k W_k F_k) solves the equation, and no intermediate steps are needed.
 module symsde_diagnose_linear_flow
    use symsde_base_kinds, only: wp
    use symsde_model_abstract, only: model_type
@@ -19,9 +19,9 @@ module symsde_diagnose_linear_flow
    private
    public :: linear_flow, new_linear_flow, exponential
 
-   integer, parameter :: largest = 64                        !! degrees of freedom, and noises
+   integer, parameter :: largest = 64                        !! largest number of degrees of freedom, and of noises
    real(wp), parameter :: rounding = 64*epsilon(1.0_wp)
-   real(wp), parameter :: looked_at(6) = [0.0_wp, 0.11_wp, 0.37_wp, 0.5_wp, 0.79_wp, 1.0_wp]  !! parts of the time
+   real(wp), parameter :: looked_at(6) = [0.0_wp, 0.11_wp, 0.37_wp, 0.5_wp, 0.79_wp, 1.0_wp]  !! fractions of t1 - t0
 
    type :: linear_flow
       private
@@ -33,7 +33,7 @@ module symsde_diagnose_linear_flow
 
 contains
 
-   !> Make the linear flow of a model between two times. reason is '' on success, else it says why there is none.
+   !> Make the linear flow of a model between two times. reason is '' on success, else why there is none.
    subroutine new_linear_flow(self, model, t0, t1, reason)
       type(linear_flow), intent(out) :: self
       class(model_type), intent(in) :: model
@@ -44,14 +44,14 @@ contains
       m = model%traits%nnoise
       self%n = 2*model%traits%ndof
       reason = ''
-      ! Only models that declare the trait are tried, even if others are linear.
+      ! Only models that declare the trait are tried, even if other models are linear.
       if (.not. model%traits%quadratic) then
          reason = 'is not declared quadratic'
       else if (max(model%traits%ndof, m) > largest) then
          reason = 'has more than 64 degrees of freedom or noises'
       end if
       if (len(reason) > 0) return
-      ! The trait is a declaration: the fields are read, and then held against the model at other points and times.
+      ! The declaration may be wrong: read the fields, then compare them with the model at other points and times.
       allocate (self%field(self%n + 1, self%n + 1, 0:m), source=0.0_wp)
       do j = 0, m
          call read_field(self, model, t0, j)
@@ -91,7 +91,7 @@ contains
       end do
    end subroutine read_field
 
-   !> Whether the field is that at a point without zeros, at times from t0 to t1.
+   !> Whether the model has the linear field that was read, at a point without zeros and at times from t0 to t1.
    logical function holds(self, model, t0, t1, j)
       type(linear_flow), intent(in) :: self
       class(model_type), intent(in) :: model
@@ -101,12 +101,12 @@ contains
       integer :: i
 
       do i = 1, self%n
-         ! No two components are equal, and none is zero: terms that are not linear in z show.
+         ! No two components are equal and none is zero, so that terms that are not linear in z show.
          z(i) = 1.3_wp + 0.7_wp*modulo(0.618_wp*i, 1.0_wp)
       end do
       known = matmul(self%field(:self%n, :self%n, j), z)
       known = known + self%field(:self%n, self%n + 1, j)
-      ! Allow for rounding with room to spare: nonlinear fields differ by far more.
+      ! Allow generously for rounding: nonlinear fields differ by far more.
       allowed = 1.0e-10_wp*(maxval(abs(known)) + maxval(abs(self%field(:, :, j))))
       holds = .true.
       do i = 1, size(looked_at)
@@ -145,7 +145,7 @@ contains
       commute = all(abs(ab - ba) <= rounding*size(a, 1)*maxval(abs(a))*maxval(abs(b)))
    end function commute
 
-   !> The state after the time t, with W_k = w(k), from z.
+   !> Replace z by the state after the time t, with W_k = w(k).
    subroutine solve(self, t, w, z)
       class(linear_flow), intent(in) :: self
       real(wp), intent(in) :: t, w(:)           !! (nnoise)
@@ -154,7 +154,7 @@ contains
       real(wp) :: moved(self%n)
       integer :: k
 
-      !   S = t F_0 + sum_k W_k F_k with F_j = (A_j, b_j; 0, 0)
+      ! S = t F_0 + sum_k W_k F_k with F_j = (A_j, b_j; 0, 0)
       s = t*self%field(:, :, 0)
       do k = 1, size(w)
          s = s + w(k)*self%field(:, :, k)
@@ -165,8 +165,8 @@ contains
       z = moved + flow(:self%n, self%n + 1)
    end subroutine solve
 
-   !> exp(s): Taylor's series of s/2^k, of size 1/2 at most, squared k times; its first term left out, 2^-16/16!, is
-   !> below 1e-18 of one.
+   !> exp(s): Taylor series of s/2^k, of norm at most 1/2, squared k times; the first omitted term, 2^-16/16!, is below
+   !> 1e-18.
    pure function exponential(n, s) result(e)
       integer, intent(in) :: n
       real(wp), intent(in) :: s(n, n)

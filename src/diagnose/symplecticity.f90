@@ -2,24 +2,23 @@
 !>    M = d(q_{n+1}, p_{n+1})/d(q_n, p_n) = I + D,      defect = max_ij |M^T J M - J| = max_ij |D^T J + J D + D^T J D|
 !>    f'(x) ~ (1/e) sum_k w_k f(x + k e),  k = -4 .. 4,      w_k = -w_{-k} = 4/5, -1/5, 4/105, -1/280
 !>
-!> How far one step is from symplectic: its tangent map M with frozen increments, J = (0, I; -I, 0), and M^T J M - J.
+!> The distance of one step from symplectic: its tangent map M with frozen increments, J = (0, I; -I, 0), and M^T J M -
+!> J.
 !>
-!> D^T J + J D + D^T J D is what is left of M^T J M once J is subtracted by hand: its terms are of the size of the
-!> step, and its rounding with them, while that of M^T J M - J would be of size one. Increments of the noise are the
-!> same at all points of a stencil, since the paper's theorem is of the map along a given path.
+!> D^T J + J D + D^T J D equals M^T J M - J, but J is subtracted analytically: its terms, and so their rounding errors,
+!> have the size of the step, while rounding of M^T J M - J would have size one. All points of a stencil have the same
+!> increments, since the paper's theorem is about the map along a given path.
 !>
-!> A defect above rounding has one of three causes: the scheme is not symplectic; its solver stopped early; or
-!> Hessians in its correction or brackets are differences of gradients, whose error is no gradient.
+!> A defect above rounding has one of three causes: the scheme is not symplectic; its solver stopped early; or Hessians
+!> in its correction or brackets are differences of gradients, whose error is not the gradient of a function.
 !>
-!> M comes from central differences of eighth order of the stepper's own map, so that what is tested
-!> is what runs. Increments are differenced, not states, and the spacing is a power of two: the
-!> rounding of the states cancels. What is left, with spacing e = 1/32, is the truncation
-!> e^8/630 = 1.4e-15 times the ninth derivatives of the increments, and the rounding of the
-!> increments divided by e. Measured over the symplectic tableaux of the catalogue, states of order
-!> one, steps of 0.1, increments up to two deviations: at most 7e-15 on kubo, synchrotron, pendulum,
-!> noncommutative_oscillator and henon_heiles, 1.1e-14 on the oscillators with additive noise,
-!> 1.6e-14 on fpu_chain. heun has 3e-4 to 8e-3 there, and 2.5e-5 on the oscillators with additive
-!> noise.
+!> M comes from central differences of eighth order of the stepper's own map, so that the tested code is the code of a
+!> run. Increments are differenced, not states, and the spacing is a power of two, so that the rounding of the states
+!> cancels. With spacing e = 1/32 the remaining errors are the truncation e^8/630 = 1.4e-15 times the ninth derivatives
+!> of the increments, and the rounding of the increments divided by e. Measured over the symplectic tableaux of the
+!> catalogue, states of order one, steps of 0.1, increments up to two deviations: at most 7e-15 on kubo, synchrotron,
+!> pendulum, noncommutative_oscillator and henon_heiles, 1.1e-14 on the oscillators with additive noise, 1.6e-14 on
+!> fpu_chain. heun has 3e-4 to 8e-3 there, and 2.5e-5 on the oscillators with additive noise.
 module symsde_diagnose_symplecticity
    use, intrinsic :: ieee_arithmetic, only: ieee_value, ieee_quiet_nan
    use symsde_base_contracts, only: contracts_are_executed
@@ -45,30 +44,30 @@ module symsde_diagnose_symplecticity
    public :: symplecticity_defect, tangent_map
 
    integer, parameter :: nstencil = 8
-   ! The stencil of eighth order: four points on either side, none in the middle.
+   ! The stencil of eighth order: four points on either side, none at the centre.
    real(wp), parameter :: offset(nstencil) = [-4.0_wp, -3.0_wp, -2.0_wp, -1.0_wp, &
                                               1.0_wp, 2.0_wp, 3.0_wp, 4.0_wp]
    real(wp), parameter :: weight(nstencil) = [1/280.0_wp, -4/105.0_wp, 0.2_wp, -0.8_wp, &
                                               0.8_wp, -0.2_wp, 4/105.0_wp, -1/280.0_wp]
-   ! The spacing is a compromise: e^8 times a ninth derivative against the rounding of increments over e.
+   ! The spacing balances e^8 times a ninth derivative against the rounding of increments over e.
    real(wp), parameter :: default_spacing = 1/32.0_wp
    real(wp), parameter :: longest_state = 1024  !! in units of the length over which forces vary
 
-   !> Steps, one at each point: the states that they begin with, what drives them.
+   !> The given steps, one at each point: initial states and increments.
    type :: given_steps
       real(wp), pointer, dimension(:, :) :: q => null(), p => null()       !! (npoint, ndof)
       real(wp), pointer :: dw(:, :) => null()                              !! (npoint, nnoise)
-      real(wp), pointer, dimension(:, :) :: dz => null(), areas => null()  !! or null, see symplecticity_defect
+      real(wp), pointer, dimension(:, :) :: dz => null(), areas => null()  !! may be null, see symplecticity_defect
    end type given_steps
 
 contains
 
    !> defect(point) = max_ij |(M^T J M - c J)_ij| of the step from (q, p) at time options%t0 with the
-   !> given increments, c = 1; Theorem 3.2 of [WHSB] says zero. NaN where the step was not solved.
-   !> Of a model damped by one rate c = exp(-gamma h) (base/damping); unequal rates keep no such form and are refused.
-   !> Of the options step, t0, correction, general, max_iter and fixed_point are used. dZ and areas are used
-   !> by the schemes that need them; they must have the shapes given.
-   !> Errors: wrong_shape, invalid_argument, those of check_options and new_stepper; stopped, by the monitor.
+   !> given increments, c = 1; which is zero for the schemes of [WHSB], by Theorem 3.2. NaN where the step was not
+   !> solved. For a model damped by one rate, c = exp(-gamma h) (base/damping); unequal rates conserve no such form and
+   !> are refused. Of the options step, t0, correction, general, max_iter and fixed_point are used. dZ and areas are
+   !> used by the schemes that need them; they must have the shapes given. Errors: wrong_shape, invalid_argument, those
+   !> of check_options and new_stepper; stopped, by the monitor.
    subroutine symplecticity_defect(model, scheme, options, q, p, dw, defect, error, spacing, dz, areas, monitor)
       class(model_type), intent(in), target :: model
       type(scheme_type), intent(in) :: scheme
@@ -77,13 +76,13 @@ contains
       real(wp), intent(in), target :: dw(:, :)               !! increments of the step (npoint, nnoise)
       real(wp), intent(out) :: defect(:)             !! (npoint)
       type(error_type), allocatable, intent(inout) :: error
-      real(wp), intent(in), optional :: spacing      !! of the differences, default 1/32
+      real(wp), intent(in), optional :: spacing      !! spacing of the differences, default 1/32
       real(wp), intent(in), target, optional :: dz(:, :)     !! dZ of the step, default 0 (npoint, nnoise)
-      real(wp), intent(in), target, optional :: areas(:, :)  !! of the step, default 0 (npoint, nnoise(nnoise-1)/2)
+      real(wp), intent(in), target, optional :: areas(:, :)  !! Levy areas, default 0 (npoint, nnoise(nnoise-1)/2)
       class(monitor_type), intent(inout), optional :: monitor
       type(given_steps) :: steps
       real(wp), allocatable :: d(:, :, :)
-      real(wp) :: loss   !! c - 1
+      real(wp) :: loss   !! c - 1, where c is the factor of J
       integer :: i
 
       if (allocated(error)) return
@@ -105,10 +104,10 @@ contains
                     to_text(size(defect))//' points; '//to_text(size(q, 1))//' states were given')
          return
       end if
-      ! One difference quotient serves both: D, of which the defect is made, and M = I + D.
+      ! D gives the defect here, and M = I + D in tangent_map.
       call differentiate(model, scheme, options, steps, d, error, spacing, monitor)
       if (allocated(error)) return
-      ! Of a point that was not solved D is NaN, and so is the defect.
+      ! At a point that was not solved D is NaN, and so is the defect.
       do i = 1, size(defect)
          defect(i) = defect_of(model%traits%ndof, d(:, :, i), loss)
       end do
@@ -124,9 +123,9 @@ contains
       real(wp), intent(in), target :: dw(:, :)               !! increments of the step (npoint, nnoise)
       real(wp), intent(out) :: m(:, :, :)            !! (npoint, 2 ndof, 2 ndof)
       type(error_type), allocatable, intent(inout) :: error
-      real(wp), intent(in), optional :: spacing      !! of the differences, default 1/32
+      real(wp), intent(in), optional :: spacing      !! spacing of the differences, default 1/32
       real(wp), intent(in), target, optional :: dz(:, :)     !! dZ of the step, default 0 (npoint, nnoise)
-      real(wp), intent(in), target, optional :: areas(:, :)  !! of the step, default 0 (npoint, nnoise(nnoise-1)/2)
+      real(wp), intent(in), target, optional :: areas(:, :)  !! Levy areas, default 0 (npoint, nnoise(nnoise-1)/2)
       type(given_steps) :: steps
       real(wp), allocatable :: d(:, :, :)
       integer :: i, j, n
@@ -150,14 +149,13 @@ contains
          do i = 1, n
             m(:, i, j) = d(i, j, :)
          end do
-         ! The differences are those of the increments: D = M - I.
+         ! The differences are of the increments, D = M - I.
          m(:, j, j) = m(:, j, j) + 1
       end do
    end subroutine tangent_map
 
-   !> d(:, :, point) = M - I: derivatives of the increments (dq, dp) with respect to (q, p).
-   !> All points of all stencils are lanes, side by side: point slowest, then the variable that is
-   !> moved, then its offset.
+   !> d(:, :, point) = M - I: derivatives of the increments (dq, dp) with respect to (q, p). All points of all stencils
+   !> are lanes: the point varies slowest, then the variable that is moved, then its offset.
    subroutine differentiate(model, scheme, options, steps, d, error, spacing, monitor)
       class(model_type), intent(in), target :: model
       type(scheme_type), intent(in) :: scheme
@@ -185,7 +183,7 @@ contains
       if (allocated(error)) return
       if (contracts_are_executed) &
          call require_given(size(steps%q, 1), model%traits%nnoise, steps%dw, steps%dz, steps%areas)
-      ! The stepper is built as for a run: solver, correction and bounds are those of the options.
+      ! The stepper is built as for a run, with solver, correction and bounds of the options.
       npoint = size(steps%q, 1)
       ! Each of the 2 ndof variables is moved to eight places, at every point.
       total = int(npoint, i8)*2*n*nstencil
@@ -193,7 +191,7 @@ contains
       call resolve_task(task, model, scheme, steppers_of(options), error)
       if (allocated(error)) return
       call find_step_memory(task, memory)
-      ! Counted are D of all points, states and increments of a block, and the stepper itself.
+      ! Count D of all points, states and increments of a block, and the stepper.
       call require_memory(4.0_wp*npoint*real(n, wp)**2 + nlane*(8.0_wp*n + 2*model%traits%nnoise) &
                           + memory%numbers(nlane), &
                           'the tangent map of '//to_text(2*n)//' variables at '//to_text(npoint)// &
@@ -204,7 +202,7 @@ contains
       if (allocated(error)) return
       allocate (d(2*n, 2*n, npoint), source=0.0_wp)
       call new_step_store(store, nlane, model%traits%nnoise, 2, options%step, scheme%asks)
-      ! The record points into the store, whose weights are overwritten for every block.
+      ! The record points into the store; every block overwrites the weights there.
       call store%show(0, options%t0, step)
       allocate (status(nlane))
       allocate (qs(nlane, n), ps(nlane, n), dq(nlane, n), dp(nlane, n))
@@ -212,24 +210,24 @@ contains
       do first = 0, total - 1, nlane
          call stop_if_wanted(monitor, first, total, 'symplecticity_defect', error)
          if (allocated(error)) exit
-         ! Each block loads the states of its stencil points and their increments, dZ and areas where the scheme asks
-         ! for them, and takes one step.
+         ! Each block loads the states of its stencil points and their increments, and dZ and areas if the scheme needs
+         ! them, and takes one step.
          nreal = int(min(int(nlane, i8), total - first))
          call spread_points(steps, first, nreal, base, qs, ps, store%w(:, 1:, 0))
-         ! Functionals that are not given are zero, as the store has set them.
+         ! Functionals that are not given stay zero, as the store initialised them.
          if (associated(steps%dz) .and. associated(step%of(path_dz)%x)) &
             call spread_integrals(first, nreal, n, steps%dz, step%of(path_dz)%x)
          if (associated(steps%areas) .and. associated(step%of(path_areas)%x)) &
             call spread_integrals(first, nreal, n, steps%areas, step%of(path_areas)%x)
          status = 0
-         ! The stepper is the one that a run would take, with its solver and its stopping rule.
+         ! The stepper is the one that a run would use, with its solver and its stopping rule.
          call stepper%increment(step, qs, ps, dq, dp, status)
          call collect(steps, first, nreal, base, dq, dp, status, d)
       end do
       call blas_restore_threads()
    end subroutine differentiate
 
-   !> Lanes first .. first+nreal-1 of all; the lanes behind them repeat the last.
+   !> Load the lanes first .. first+nreal-1 of all; lanes beyond them repeat the last.
    subroutine spread_points(steps, first, nreal, base, qs, ps, noise)
       type(given_steps), intent(in) :: steps
       integer(i8), intent(in) :: first
@@ -254,7 +252,7 @@ contains
       end do
    end subroutine spread_points
 
-   !> dZ or areas of each lane's point.
+   !> Copy dZ or areas of each lane's point.
    subroutine spread_integrals(first, nreal, n, given, lanes)
       integer(i8), intent(in) :: first
       integer, intent(in) :: nreal, n           !! real lanes, degrees of freedom
@@ -268,7 +266,7 @@ contains
       end do
    end subroutine spread_integrals
 
-   !> Add what the real lanes contribute to the differences.
+   !> Add the contributions of the real lanes to the differences.
    subroutine collect(steps, first, nreal, base, dq, dp, status, d)
       type(given_steps), intent(in) :: steps
       integer(i8), intent(in) :: first
@@ -290,18 +288,17 @@ contains
          end if
          ! One point that was not solved makes the whole tangent map NaN at its state.
          if (status(lane) /= 0) factor = ieee_value(factor, ieee_quiet_nan)
-         ! Column `variable` of D is summed over the eight offsets as they come; dq is in its upper half, dp in its
-         ! lower one.
+         ! Column `variable` of D is the sum over the eight offsets; dq is in its upper half, dp in its lower half.
          d(:n, variable, point) = d(:n, variable, point) + factor*dq(lane, :)
          d(n + 1:, variable, point) = d(n + 1:, variable, point) + factor*dp(lane, :)
       end do
    end subroutine collect
 
-   !> Which point, variable and offset the lane of this number (from 0) carries.
+   !> Find point, variable and offset of a lane from its number (from 0).
    pure subroutine locate(number, n, point, variable, k)
       integer(i8), intent(in) :: number
       integer, intent(in) :: n
-      integer, intent(out) :: point, variable, k  !! all from 1
+      integer, intent(out) :: point, variable, k  !! each counted from 1
 
       !   number = ((point - 1) 2 ndof + variable - 1) 8 + k - 1
       k = int(mod(number, int(nstencil, i8))) + 1
@@ -322,22 +319,22 @@ contains
    pure real(wp) function defect_of(n, d, loss) result(defect)
       integer, intent(in) :: n
       real(wp), intent(in) :: d(2*n, 2*n)
-      real(wp), intent(in) :: loss    !! c - 1
+      real(wp), intent(in) :: loss    !! c - 1, where c is the factor of J
       real(wp) :: entry
       integer :: i, j
 
-      ! The matrix is antisymmetric; all its entries are looked at, which costs nothing beside the steps.
+      ! The matrix is antisymmetric; all its entries are computed, which takes little time compared with the steps.
       defect = 0
       do j = 1, 2*n
          do i = 1, 2*n
             !   (J D)_ij + (D^T J)_ij + (D^T J D)_ij,   (D^T J)_ij = -(J D)_ji
             entry = with_unit(n, i, d(:, j)) - with_unit(n, j, d(:, i)) &
                     + dot_product(d(:n, i), d(n + 1:, j)) - dot_product(d(n + 1:, i), d(:n, j))
-            ! J has ones where a position meets its momentum, and minus ones the other way.
+            ! J has 1 where a position meets its momentum, and -1 in the transposed place.
             if (j == i + n) entry = entry - loss
             if (i == j + n) entry = entry + loss
             if (.not. abs(entry) <= huge(entry)) entry = ieee_value(entry, ieee_quiet_nan)
-            ! A comparison with NaN is false: .not. lets NaN through, and the next line ends the search with it.
+            ! A comparison with NaN is false: .not. accepts NaN, and the next line then ends the search.
             if (.not. abs(entry) <= defect) defect = abs(entry)
             if (.not. defect <= huge(defect)) return
          end do
@@ -356,7 +353,7 @@ contains
       end if
    end function with_unit
 
-   !> Shapes, spacing and options.
+   !> Check shapes, spacing and options.
    subroutine check(model, options, q, p, dw, base, error)
       class(model_type), intent(in) :: model
       type(run_options), intent(in) :: options

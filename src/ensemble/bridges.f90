@@ -1,5 +1,5 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> A value that is inside an interval before and after a step may have been outside between. A Brownian bridge gives
+!> A value that is inside an interval before and after a step may have been outside in between. A Brownian bridge gives
 !> the probability, and a random number decides.
 module symsde_ensemble_bridges
    use symsde_base_kinds, only: wp, i4, i8
@@ -12,12 +12,13 @@ module symsde_ensemble_bridges
 
 contains
 
-   !> Probabilities that the values went below and above; zero if they are not inside, or if no noise moves them.
+   !> Probabilities that the values left below and above during a step; zero if they are not inside, or if no noise acts
+   !> on them.
    pure subroutine bridge_chances(n, low, high, h, rate, before, after, chance)
       integer, intent(in) :: n
       real(wp), intent(in) :: low, high
       real(wp), intent(in) :: h                !! > 0 [time]
-      real(wp), intent(in) :: rate(n)          !! rate at which their variance grows, per time
+      real(wp), intent(in) :: rate(n)          !! growth of their variance, per time
       real(wp), intent(in) :: before(n), after(n)
       real(wp), intent(out) :: chance(n, 2)
       real(wp) :: spread
@@ -33,7 +34,7 @@ contains
       end do
    end subroutine bridge_chances
 
-   !> Probability that a bridge between two points at distances a, b > 0 of an end has passed it; 0 below 1e-20.
+   !> Probability that a bridge between two points at distances a, b > 0 from an end has passed that end; 0 below 1e-20.
    pure real(wp) function passed(a, b, spread)
       real(wp), intent(in) :: a, b, spread   !! spread: s^2 h
 
@@ -41,11 +42,11 @@ contains
       if (2*a*b < 46*spread) passed = exp(-2*a*b/spread)
    end function passed
 
-   !> One number of (0, 1) for each path, of a step and the value that is watched.
+   !> One number in (0, 1) for each path, for a step and a watched value.
    subroutine deciding_numbers(n, seed, path, step, value, words, u)
       integer, intent(in) :: n, value
       integer(i8), intent(in) :: seed, step, path(n)
-      integer(i8), intent(out) :: words(n, 4)        !! room
+      integer(i8), intent(out) :: words(n, 4)        !! work
       real(wp), intent(out) :: u(n)
 
       call philox_lanes(n, seed, path, step, int(value, i4), 0_i4, purpose_passage, words)

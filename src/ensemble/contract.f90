@@ -1,10 +1,10 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> The contract of ensembles: of blocks (ensemble/block/runner) with their callers and observers, and of the loop over
+!> The contracts of ensembles: of blocks (ensemble/block/runner) with their callers and observers, and of the loop over
 !> blocks.
 !>
-!> Asked: a block has 1 to nlane real paths, and padding repeats the last. Promised to observers: the state of every
-!> lane without a status is finite, and lanes with one are counted. Promised at the end: each path has reached the last
-!> step, or has a status and a step in which it ended; all blocks were taken, and paths that ended early are counted
+!> Required: a block has 1 to nlane real paths, and padding repeats the last. Promised to observers: the state of every
+!> lane without a status is finite, and lanes with a status are counted. Promised at the end: each path has reached the
+!> last step, or has a status and a step in which it ended; all blocks were run, and paths that ended early are counted
 !> once.
 module symsde_ensemble_contract
    use symsde_base_contracts, only: require
@@ -17,7 +17,7 @@ module symsde_ensemble_contract
 
 contains
 
-   !> What a block may count on.
+   !> Requirements when a block begins.
    pure subroutine require_block(nlane, nreal, path, step)
       integer, intent(in) :: nlane, nreal
       integer(i8), intent(in) :: path(nlane), step
@@ -28,7 +28,7 @@ contains
       call require(all(path >= 0) .and. step >= 0, place, 'paths and steps are counted from 0')
    end subroutine require_block
 
-   !> What an observer may count on.
+   !> Promises to an observer.
    subroutine require_shown(state)
       type(lane_state), intent(in) :: state
       character(*), parameter :: place = 'ensemble, observe'
@@ -37,11 +37,11 @@ contains
       call require(count(state%status /= 0) == state%nfailed, place, 'lanes with a status are counted')
    end subroutine require_shown
 
-   !> What callers may count on when a block has ended, of its first nreal lanes.
+   !> Promises to callers when a block has ended, for its first nreal lanes.
    subroutine require_finished(state, nreal, step, last)
       type(lane_state), intent(in) :: state
       integer, intent(in) :: nreal
-      integer(i8), intent(in) :: step, last   !! that comes next, that with which the run ends
+      integer(i8), intent(in) :: step, last   !! next step; the step at which the run ends
       character(*), parameter :: place = 'ensemble, finish'
 
       call require_state(state, place)
@@ -52,7 +52,7 @@ contains
       call require(all(state%status(nreal + 1:) /= 0), place, 'padding has a status')
    end subroutine require_finished
 
-   !> What callers may count on when all blocks have ended.
+   !> Promises to callers when all blocks have ended.
    pure subroutine require_counts(nblock, nfinished, npath, nended)
       integer(i8), intent(in) :: nblock, nfinished, npath
       integer(i8), intent(in) :: nended   !! paths that failed or were stopped

@@ -1,5 +1,5 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> The abstract monitor: it is called with the progress now and then, and may stop a run or a diagnosis.
+!> The abstract monitor: it is called regularly with the progress, and may stop a run or a diagnosis.
 module symsde_ensemble_monitor
    use symsde_base_clock, only: seconds
    use symsde_base_kinds, only: wp, i8
@@ -8,11 +8,11 @@ module symsde_ensemble_monitor
    private
    public :: monitor_type, stop_if_wanted, raise_stopped, tell_warnings
 
-   real(wp), parameter :: pause = 0.05_wp  !! between two questions [s]
+   real(wp), parameter :: pause = 0.05_wp  !! least time between two questions [s]
 
-   !> This base never stops. Extensions are called on the calling thread only, twenty times a second at most.
+   !> This base never stops. Extensions are called on the calling thread only, at most twenty times a second.
    type :: monitor_type
-      integer(i8) :: chunk = 0                   !! steps between two chances to stop; 0 = those of a moment
+      integer(i8) :: chunk = 0                   !! steps between two chances to stop; 0 = chosen by duration
       real(wp), private :: last = -huge(1.0_wp)  !! time of the last call [s]
    contains
       procedure :: wants_stop
@@ -39,7 +39,7 @@ contains
       refuses = .false.
    end function refuses
 
-   !> Tell the monitor of the warnings of a run, if there are any, before its first step.
+   !> Pass the warnings of a run, if there are any, to the monitor before the first step.
    subroutine tell_warnings(monitor, warnings, error)
       class(monitor_type), intent(inout) :: monitor
       character(*), intent(in) :: warnings
@@ -50,7 +50,7 @@ contains
                                                 'before its first step, by who was told of its warnings')
    end subroutine tell_warnings
 
-   !> Call `wants_stop`, unless that was done a moment ago.
+   !> Call `wants_stop`, unless it was called a moment ago.
    subroutine ask(self, done, total, stop_now)
       class(monitor_type), intent(inout) :: self
       integer(i8), intent(in) :: done, total
@@ -68,7 +68,7 @@ contains
    subroutine stop_if_wanted(monitor, done, total, place, error)
       class(monitor_type), intent(inout), optional :: monitor
       integer(i8), intent(in) :: done, total
-      character(*), intent(in) :: place  !! the procedure that can be left
+      character(*), intent(in) :: place  !! the procedure to be stopped
       type(error_type), allocatable, intent(inout) :: error
       logical :: stop_now
 
@@ -77,9 +77,9 @@ contains
       if (stop_now) call raise_stopped(place, error)
    end subroutine stop_if_wanted
 
-   !> A diagnosis is left.
+   !> Raise `stopped` for a diagnosis.
    subroutine raise_stopped(place, error)
-      character(*), intent(in) :: place  !! the procedure that is left
+      character(*), intent(in) :: place  !! the procedure that stops
       type(error_type), allocatable, intent(inout) :: error
 
       call raise(error, stopped, place, 'the diagnosis was stopped on request: it has no result')

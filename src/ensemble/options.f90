@@ -14,10 +14,10 @@ module symsde_ensemble_options
    private
    public :: run_options, check_options, steppers_of, time_rounding, latest_time, max_nlane
 
-   integer, parameter :: max_nlane = 4096            !! lanes of a block
+   integer, parameter :: max_nlane = 4096            !! most lanes of a block
    integer(i8), parameter :: max_index = 2_i8**47    !! bound of paths and of fine steps: 48-bit counters
 
-   !> Everything is dimensionless except the step and times, which share the model's unit of time.
+   !> Everything is dimensionless except the step and times, which are in the model's unit of time.
    type :: run_options
       real(wp) :: step = 0                  !! h, may be negative, never zero [time]
       integer(i8) :: nstep = 0              !! steps, a multiple of save_every
@@ -31,12 +31,12 @@ module symsde_ensemble_options
       integer :: correction = correction_auto
       real(wp) :: truncation = 0            !! order l of truncated increments, 0 = none
       real(wp) :: truncation_time = 0       !! time scale tau of the truncation [time]
-      integer :: areas = areas_by_path      !! how areas are drawn, of base/area_rule
-      real(wp) :: area_time = 0             !! their time scale, 0 = derived from the model [time]
-      integer, allocatable :: common_noise(:) !! noises k that every path shares: W_k of path 0 (nothing = none)
+      integer :: areas = areas_by_path      !! how areas are drawn: a parameter of base/area_rule
+      real(wp) :: area_time = 0             !! time scale of areas, 0 = derived from the model [time]
+      integer, allocatable :: common_noise(:) !! noises k that all paths share: W_k of path 0 (not allocated = none)
       logical :: compensated = .false.      !! compensated summation of the state
-      logical :: general = .false.          !! the general stepper, the oracle
-      integer :: max_iter = 100             !! Newton iterations a step
+      logical :: general = .false.          !! use the general stepper, the oracle
+      integer :: max_iter = 100             !! most Newton iterations a step
       integer :: fixed_point = 0            !! n > 0: n fixed-point iterations instead of Newton
       integer :: nlane = 0                  !! lanes of a block, a multiple of 8; 0 = chosen; never changes a result
       integer :: nthread = 0                !! threads; 0 = SYMSDE_NUM_THREADS, else OpenMP's default
@@ -55,14 +55,14 @@ contains
       choice%as_increments = options%compensated
    end function steppers_of
 
-   !> By how much of a step t0 + n h is rounded, at most: n h, and the sum.
+   !> Largest rounding of t0 + n h as a fraction of a step: of n h, and of the sum.
    pure real(wp) function time_rounding(o)
       type(run_options), intent(in) :: o
 
       time_rounding = spacing(abs(o%t0/o%step) + (real(o%first_step, wp) + real(o%nstep, wp)))
    end function time_rounding
 
-   !> The time farthest from 0 of a run [time].
+   !> The time of a run that is farthest from 0 [time].
    pure real(wp) function latest_time(o)
       type(run_options), intent(in) :: o
 
@@ -70,7 +70,7 @@ contains
       if (abs(o%t0) > abs(latest_time)) latest_time = o%t0
    end function latest_time
 
-   !> Refuse options that cannot be run: the message names the value and the allowed ones.
+   !> Refuse options that cannot be run: the message names the value and the allowed values.
    subroutine check_options(o, error)
       type(run_options), intent(in) :: o
       type(error_type), allocatable, intent(inout) :: error

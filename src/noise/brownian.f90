@@ -11,14 +11,14 @@
 !> > 0, and have no bridge. A noise that is common to all paths is drawn with the counters of path 0 for each of them.
 !> A silent noise has dW = 0 and draws nothing, which changes no other noise: each has counters of its own.
 !>
-!> What a request asks for decides who fills it:
+!> The contents of a request decide which procedure fills it:
 !>
 !>    functionals of the path (dZ, areas, ..)      fill_functionals, by noise/integrals
 !>    Gaussian, refine = 0, from an even pair on   fill_ahead: draws whose four normals are all used
-!>    all else                                     fill_others, by noise/levels or by sums of discrete draws
+!>    everything else                                     fill_others, by noise/levels or by sums of discrete draws
 !>
-!> All ways give a step the same numbers. They differ in what fills the lanes of the generator: the paths of a block,
-!> or the steps and noises of few paths, for which a vector of paths would be padding for the most part.
+!> All three give a step the same numbers. They differ in whether lanes of the generator are the paths of a block, or
+!> steps and noises of few paths: a vector of few paths would be mostly padding.
 module symsde_noise_brownian
    use symsde_base_contracts, only: contracts_are_executed
    use symsde_base_functionals, only: nfunctional, path_areas
@@ -41,14 +41,14 @@ module symsde_noise_brownian
    private
    public :: brownian_noise, new_brownian_noise
 
-   ! These numbers of lanes bound arrays on the stack. If draws need more than most_ahead lanes, the paths fill the
-   ! lanes.
+   ! These numbers of lanes bound arrays on the stack. If the draws of few paths need more than most_ahead lanes, lanes
+   ! of the generator are paths.
    integer, parameter, public :: max_refine = 30  !! largest |refine|
    integer, parameter :: most_ahead = 64     !! lanes of the generator for one noise of few paths
-   integer, parameter :: most_at_once = 256  !! for several of their noises
+   integer, parameter :: most_at_once = 256  !! for several noises of few paths
    integer, parameter :: purpose_increment = 0    !! counter word of the draws at the finest step
 
-   !> A source is immutable: all threads fill their stores from the same one.
+   !> A source is immutable: all threads fill their stores from the same source.
    type, extends(noise_type) :: brownian_noise
       private
       integer(i8) :: seed = 0
@@ -98,8 +98,8 @@ contains
       allocate (self%common(nnoise), source=.false.)
    end subroutine new_brownian_noise
 
-   !> Fill the steps 2 pair .. 2 pair + 2 npair - 1 of the request. Several pairs at once are the same numbers as pair
-   !> by pair: no word of a draw is left over, and few paths pay for themselves and not for their padding.
+   !> Fill the steps 2 pair .. 2 pair + 2 npair - 1 of the request. Several pairs at once give the same numbers as pair
+   !> by pair, but use every word of a draw, and spare few paths the cost of padding.
    subroutine fill_brownian(self, request, store, drawn, interrupt)
       class(brownian_noise), intent(in) :: self
       type(step_request), intent(in) :: request
@@ -109,7 +109,7 @@ contains
 
       if (contracts_are_executed) call require_request(self, request, store)
       drawn = 0
-      ! Discrete increments of few paths go the way of functionals, too: it draws several steps at once, and makes
+      ! Discrete increments of few paths are drawn by fill_functionals, too: it draws several steps at once, and gives
       ! the same increments.
       if (.not. self%asked%is_empty() .or. &
           (self%law /= law_gaussian .and. looks_ahead(self, request))) then
@@ -134,7 +134,7 @@ contains
       type(normals_of) :: normals
       integer :: k, step
 
-      ! The steps of one noise side by side, as sums and bridges make them; in w all noises of a step stand together.
+      ! dw: the steps of one noise are neighbours, as sums and bridges need; in w all noises of a step are.
       allocate (dw(request%nlane, 0:2*request%npair - 1))
       normals%seed = self%seed
       normals%nreal = request%nreal
@@ -145,7 +145,7 @@ contains
                w(:, k, :) = 0
                cycle
             end if
-            ! The lanes of one noise: which counters they draw from.
+            ! The counters of this noise's lanes.
             normals%noise = k
             ! Every lane of a common noise has the counters of path 0, and so the same numbers.
             normals%path = merge(0_i8, request%path, self%common(k))
@@ -160,7 +160,7 @@ contains
             ! An interrupt leaves w unfinished: no caller uses it.
             if (normals%is_left()) return
             do step = 0, nstep - 1
-               ! The bound of dW, where the run is truncated.
+               ! In a truncated run clip the increments.
                if (self%bound < huge(1.0_wp)) call clip_increments(nlane, self%bound, dw(:, step))
                w(:, k, step) = dw(:, step)
             end do
@@ -188,15 +188,15 @@ contains
             w(:, k, :) = 0
          else
             if (.not. few) call fill_many(self, nlane, path, pair, npair, k, w)
-            ! Counted here for both ways: one normal a step of this noise.
+            ! One normal for each step of this noise, however many paths there are.
             drawn = drawn + 2*npair
          end if
       end do
       if (few) call fill_few(self, nlane, nreal, path, pair, npair, w)
    end subroutine fill_ahead
 
-   !> Noise k for whole blocks: the lanes of the generator are the paths, and the normals are written where w has
-   !> them, up to pairs_of_steps pairs in one pass.
+   !> Noise k for whole blocks: the lanes of the generator are the paths, and the normals are written directly into w,
+   !> up to pairs_of_steps pairs in one pass.
    subroutine fill_many(self, nlane, path, pair, npair, k, w)
       class(brownian_noise), intent(in) :: self
       integer, intent(in) :: nlane, npair, k
@@ -217,8 +217,8 @@ contains
       end do
    end subroutine fill_many
 
-   !> Few paths: each path and draw is a lane of the generator, of as many noises at once as there are lanes for. Lane
-   !> j nreal + i of a noise is draw pair/2 + j of path i; the lanes of the next noise stand behind.
+   !> Few paths: a lane of the generator is a path and a draw, for as many noises at once as lanes allow. Lane j nreal +
+   !> i of a noise is draw pair/2 + j of path i; the lanes of the next noise follow.
    subroutine fill_few(self, nlane, nreal, path, pair, npair, w)
       class(brownian_noise), intent(in) :: self
       integer, intent(in) :: nlane, nreal, npair
@@ -250,14 +250,14 @@ contains
             do i = 1, n
                paths(used + i) = merge(0_i8, path_of(i), self%common(k))
                draws(used + i) = draw_of(i)
-               ! All that tells one lane from another: path, draw and noise.
+               ! Lanes differ in path, draw and noise.
                noises(used + i) = k
             end do
             used = used + n
          end do
          ! All of these noises were silent.
          if (used == 0) cycle
-         m = padded(used)  ! a full vector: the last one again and again
+         m = padded(used)  ! a full vector: padding repeats the last lane
          paths(used + 1:m) = paths(used)
          draws(used + 1:m) = draws(used)
          noises(used + 1:m) = noises(used)
@@ -273,9 +273,9 @@ contains
       end do
    end subroutine fill_few
 
-   !> Put the increments of one noise where steps have them: column i of x holds the steps 4j + i of draw j, behind
-   !> the `before` lanes of other noises. Padding of the block repeats the last path. In w the numbers of a step lie
-   !> nlane (nnoise + 1) apart.
+   !> Write the increments of one noise to their steps: column i of x holds the steps 4j + i of draw j, behind the
+   !> `before` lanes of other noises. Padding of the block repeats the last path. In w neighbouring steps of a noise are
+   !> nlane (nnoise + 1) numbers apart.
    pure subroutine spread_few(nlane, nreal, nnoise, k, npair, before, m, x, w)
       integer, intent(in) :: nlane, nreal, nnoise, k, npair, before, m
       real(wp), intent(in) :: x(m, 0:3)
@@ -298,7 +298,7 @@ contains
       end do
    end subroutine spread_few
 
-   !> The same into a block of one lane, four steps of a draw at a time. An odd number of pairs uses half of its last
+   !> The same for a block of one lane, four steps of a draw at a time. An odd number of pairs uses half of its last
    !> draw.
    pure subroutine spread_alone(nnoise, k, npair, before, m, x, w)
       integer, intent(in) :: nnoise, k, npair, before, m
@@ -314,13 +314,13 @@ contains
          end do
       end do
       if (mod(npair, 2) == 0) return
-      ! The last draw makes four steps, of which two are left.
+      ! Of the last draw's four steps two are used.
       w(k, 2*npair - 2) = x(before + 1 + npair/2, 0)
       w(k, 2*npair - 1) = x(before + 1 + npair/2, 1)
    end subroutine spread_alone
 
-   !> The same draws with the functionals of the path that they belong to, step by step in the arrays of
-   !> noise/integrals, which are then copied to where the store has them.
+   !> The same draws with the functionals of their path, step by step in the arrays of noise/integrals, which are then
+   !> copied into the store.
    subroutine fill_functionals(self, request, store, drawn, interrupt)
       class(brownian_noise), intent(in) :: self
       type(step_request), intent(in) :: request
@@ -345,7 +345,7 @@ contains
             call fill_alone(self, draws, request, request%pair - behind, i, store, of_path)
             if (draws%is_left()) return
          end do
-         ! Counted once: `drawn` is a number of each path.
+         ! `drawn` is the number of one path, so the first path counts.
          drawn = drawn + of_path
          call repeat_last(self, request, store)
          return
@@ -371,8 +371,8 @@ contains
       end do
    end subroutine fill_functionals
 
-   !> Whether lanes are pairs of steps and not paths: of one path, and of a vector of paths where a step is a sum of
-   !> many draws. Areas are left out of the latter, as their sub-increments fill the lanes.
+   !> Whether lanes are pairs of steps instead of paths: for one path, and for up to a vector of paths if a step is a
+   !> sum of many draws, but not with areas, whose sub-increments fill the lanes.
    pure logical function looks_ahead(self, request)
       class(brownian_noise), intent(in) :: self
       type(step_request), intent(in) :: request
@@ -381,8 +381,8 @@ contains
                     request%nlane <= merge(lane_unit, 1, self%refine /= 0 .and. .not. self%asked%has(path_areas))
    end function looks_ahead
 
-   !> Give padding the increments and functionals of the last path: models and solvers then see no values in padding
-   !> that no path has.
+   !> Give padding the increments and functionals of the last path, so that models and solvers see in padding only
+   !> values that a real path has.
    subroutine repeat_last(self, request, store)
       class(brownian_noise), intent(in) :: self
       type(step_request), intent(in) :: request
@@ -404,10 +404,10 @@ contains
    !> look_ahead: even pairs first, then odd pairs.
    subroutine fill_alone(self, draws, request, pair, lane, store, drawn)
       class(brownian_noise), intent(in) :: self
-      type(integral_draws), intent(in) :: draws  !! that look ahead
+      type(integral_draws), intent(in) :: draws  !! with d%ahead set by look_ahead
       type(step_request), intent(in) :: request
       integer(i8), intent(in) :: pair            !! pair from which `ahead` counts
-      integer, intent(in) :: lane                !! of the path
+      integer, intent(in) :: lane                !! lane of the path in the block
       type(step_store), intent(inout) :: store
       integer(i8), intent(out) :: drawn
       integer(i8), allocatable :: path(:)
@@ -425,9 +425,9 @@ contains
       ! of_pair counts the draws of one lane for its two steps.
       drawn = request%npair*of_pair
       do i = 0, 1
-         ! The lanes are steps, but each is cut as one of a block is.
+         ! The lanes are steps, but each is truncated like a step of a block.
          if (self%bound < huge(1.0_wp)) call clip_interval(n, self%nnoise, self%bound, steps(i))
-         ! The weights of a step have nnoise + 1 columns, of which the first is passed over.
+         ! Skip the first of the nnoise + 1 columns of weights, which is h.
          call spread_lanes(self%nnoise, self%nnoise + 1, steps(i)%w, store%w(lane, 1, i))
          do f = 1, nfunctional
             if (.not. self%asked%has(f)) cycle
@@ -444,13 +444,13 @@ contains
       pure subroutine spread_lanes(ncolumn, nstep, x, w)
          integer, intent(in) :: ncolumn, nstep
          real(wp), intent(in) :: x(n, ncolumn)
-         !> From the lane's number in the first column on.
+         !> Begins with this path's lane of the first column.
          real(wp), intent(inout) :: w(1 + request%nlane*(2*(request%npair - 1)*nstep + ncolumn - 1))
          integer :: j, k
 
          do k = 1, ncolumn
-            do j = 0, request%npair - 1  ! the odd pairs stand behind the even ones
-               ! A column of the store is nlane numbers long; of these the one of this path is written.
+            do j = 0, request%npair - 1  ! in x the odd pairs follow the even ones
+               ! A column of the store has nlane numbers; this path's is written.
                w(1 + request%nlane*(2*j*nstep + k - 1)) = x(1 + j/2 + mod(j, 2)*(n/2), k)
             end do
          end do
@@ -458,8 +458,8 @@ contains
 
    end subroutine fill_alone
 
-   !> Sum increments of a discrete law, 2^refine draws of variance h/2^refine each, as a balanced binary tree. One
-   !> draw makes two neighbours: two steps at refine = 0, else the first sum of two within a step.
+   !> Sum increments of a discrete law, 2^refine draws of variance h/2^refine each, as a balanced binary tree. One draw
+   !> gives two neighbours: two steps at refine = 0, else two leaves of one step.
    subroutine sum_discrete(self, of, nlane, first, nstep, dw, drawn)
       class(brownian_noise), intent(in) :: self
       type(normals_of), intent(in) :: of       !! of which noise and paths
@@ -485,7 +485,7 @@ contains
             drawn = drawn + 2
             even = scale*even
             odd = scale*odd
-            ! Both draws are steps of their own.
+            ! At refine = 0 both values of the draw are steps.
             if (self%refine == 0) exit
             ! The lowest level of the tree; `carry` adds the levels above.
             even = even + odd

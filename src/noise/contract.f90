@@ -1,9 +1,9 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> The contract of noise sources (noise/source), both ends of `fill`.
+!> The contract of noise sources (noise/source), at both ends of `fill`.
 !>
-!> Asked: source, request and store agree in lanes and noises; every lane has a path, padding that of the last real
-!> lane; the store has room for the steps. Promised, unless an interrupt is wanted: increments and functionals of these
-!> steps are finite, padding repeats them, and the first weight is h.
+!> Required: source, request and store agree in lanes and noises; every lane has a path, and padding has that of the
+!> last real lane; the store has room for the steps. Promised, unless an interrupt is wanted: increments and functionals
+!> of these steps are finite, padding repeats them, and the first weight is h.
 module symsde_noise_contract
    use symsde_base_contracts, only: require, require_finite, require_padded
    use symsde_base_functionals, only: nfunctional
@@ -18,7 +18,7 @@ module symsde_noise_contract
 
 contains
 
-   !> What a source may count on.
+   !> Requirements of a source on its arguments.
    subroutine require_request(noise, request, store)
       class(noise_type), intent(in) :: noise
       type(step_request), intent(in) :: request
@@ -35,7 +35,7 @@ contains
                    'pairs are counted from 0 and fit into the store')
    end subroutine require_request
 
-   !> What callers may count on, in the steps first .. last of the store.
+   !> Promises of a source to its callers, for the steps first .. last of the store.
    subroutine require_filled(noise, request, store, first, last, interrupt)
       class(noise_type), intent(in) :: noise
       type(step_request), intent(in) :: request

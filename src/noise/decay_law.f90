@@ -1,11 +1,11 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> The noise of a damped free motion over one step, in the functionals of the step that are drawn as ever.
+!> The noise of a damped free motion over one step, by the functionals of the step that undamped kicks draw, too.
 !>
 !> With u = h - s, z = gamma h and phi(t) = (1 - exp(-gamma t))/gamma, momentum and position receive
 !>
 !>    E = int exp(-gamma u) dW,   D = int phi(u) dW,        E + gamma D = W
 !>
-!> so that D alone is wanted beside W. Two forms give (W, D) its exact law, from the normals of a = dZ/h - W/2 and K:
+!> so that beside W only D is needed. Two forms give (W, D) its exact law, from the normals of a = dZ/h - W/2 and K:
 !>
 !>    law2   D = h [psi W + rho_1 a]                               for kicks that follow dZ
 !>    law3   D = h [psi W + 3 i_1(x)/x exp(-x) a - rho_2 K]        for kicks that follow K, too;  x = z/2
@@ -15,8 +15,8 @@
 !>    rho_2^2 = 720 exp(-z) z^2 sum_{k>=2} 4k(k-1)(2k+3) z^(2k-4)/(2k+4)!
 !>    i_1(x)  = x sum_k (x^2/2)^k/(k! (2k+3)!!)                    the modified spherical Bessel function
 !>
-!> D follows the path to the order that the kicks have: its difference from int phi(u) dW has mean zero and size
-!> h^(5/2) in law2, h^(7/2) in law3. Without damping psi = 1/2, rho_1 = 1, rho_2 = 0.
+!> D follows the path to the order of the kicks: its difference from int phi(u) dW has mean zero and size h^(5/2) in
+!> law2, h^(7/2) in law3. Without damping psi = 1/2, rho_1 = 1, rho_2 = 0.
 !>
 !> The sums of rho and i_1 have terms of one sign. For |z| > 20 their closed forms lose no digits, with e = exp(-|z|):
 !>
@@ -29,8 +29,8 @@ module symsde_noise_decay_law
    private
    public :: decay_law2, decay_law3, decay_integral
 
-   integer, parameter :: nterm = 40            !! of the sums
-   real(wp), parameter :: summed_up_to = 20    !! |z|; closed forms beyond
+   integer, parameter :: nterm = 40            !! terms of the sums
+   real(wp), parameter :: summed_up_to = 20    !! largest |z| for which sums are used
 
 contains
 
@@ -62,7 +62,7 @@ contains
       if (abs(z) > 0) phi = -decay_less_one(s*z)/z
    end function decay_integral
 
-   !> The factor of rho_1, rho_2 and the Bessel function where momenta grow.
+   !> For z < 0, exp(|z|) for rho_1, rho_2 and the Bessel function; else 1.
    pure real(wp) function growth(z)
       real(wp), intent(in) :: z
 
@@ -130,7 +130,7 @@ contains
       end do
    end function bessel_over
 
-   !> The sums of rho_1 (order 1) and rho_2 (order 2), without the powers of z before them.
+   !> The sums in rho_1 (order 1) and rho_2 (order 2), without the powers of z before the sums.
    pure real(wp) function positive_sum(z, order) result(total)
       real(wp), intent(in) :: z
       integer, intent(in) :: order

@@ -1,12 +1,11 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> Increments with two or three values, which serve weak schemes and bound the noise of a step: dW = sqrt(h) x,
+!> Increments with two or three values, for weak schemes and for schemes that need bounded noise: dW = sqrt(h) x,
 !>
 !>    three-point   x = +-sqrt(3) with probability 1/6 each, else 0     moments of a normal up to the fifth
 !>    two-point     x = +-1 with probability 1/2 each                   up to the third
 !>
-!> Areas of such steps are +-|h|/2, independent of the increments: the mean and the variance of the true ones. A value
-!> is read off a uniform number by comparing it with the edges of the law, so it depends on one counter alone, as a
-!> normal does.
+!> Areas of such steps are +-|h|/2, independent of the increments, with the mean and variance of true areas. A value is
+!> found by comparing a uniform number with the edges of the law, so it depends on one counter alone, as a normal does.
 module symsde_noise_discrete
    use symsde_base_kinds, only: wp, i8
    use symsde_base_laws, only: law_three_point
@@ -17,7 +16,7 @@ module symsde_noise_discrete
    public :: discrete_pairs, sign_pairs
 
    integer, parameter :: purpose_discrete = 6  !! counter word of these draws
-   integer, parameter :: purpose_sign = 10     !! and of the signs of areas; their noise word is the index of the pair
+   integer, parameter :: purpose_sign = 10     !! of the signs of areas, whose noise word is the index of the pair
 
 contains
 
@@ -29,7 +28,7 @@ contains
       integer, intent(in) :: noise
       integer, intent(in) :: law                          !! law_three_point or law_two_point
       real(wp), intent(out) :: even(nlane), odd(nlane)
-      integer(i8), intent(in), optional :: ahead(nlane)   !! pairs that each lane is ahead of this one
+      integer(i8), intent(in), optional :: ahead(nlane)   !! pairs from `pair` to each lane's own pair
 
       ! Both values of a draw follow from uniforms of 52 bits each.
       call uniforms(nlane, seed, path, pair, noise, purpose_discrete, even, odd, ahead)
@@ -72,8 +71,8 @@ contains
       call uniform_open_lanes(nlane, words, even, odd)
    end subroutine uniforms
 
-   !> Turn uniforms on (0,1) into values of the law: below `edge` -size, above 1 - edge +size, and 0 between. With
-   !> two points nothing lies between.
+   !> Turn uniforms on (0,1) into values of the law: -size below `edge`, +size above 1 - edge, 0 between. With two
+   !> points no number is between.
    pure subroutine to_values(nlane, three, u)
       integer, intent(in) :: nlane
       logical, intent(in) :: three
@@ -81,7 +80,7 @@ contains
       real(wp) :: edge, size
       integer :: lane
 
-      ! Two-point values are the three-point rule with edges that meet in the middle, and of size one.
+      ! Two-point values are the three-point rule with edges at 1/2 and size one.
       edge = merge(1.0_wp/6, 0.5_wp, three)
       size = merge(sqrt(3.0_wp), 1.0_wp, three)
       do lane = 1, nlane

@@ -1,22 +1,20 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> The law of each functional of the path: its value on the finest intervals, how those of neighbouring intervals
-!> merge, how far a truncated run lets it go. Everything that is particular to one functional and not its name
-!> (base/functionals) stands here. Merging is exact: on the whole interval a functional is made of what the halves
-!> have and of products between them.
+!> The law of each functional of the path: its value on the finest intervals, how the values of neighbouring intervals
+!> merge, and its bound in a truncated run. All properties of single functionals but their names (base/functionals) are
+!> in this module. Merging is exact: the value of the whole interval consists of values of the halves and products
+!> between the halves.
 !>
-!> A finest interval is known by its dW, its H = dZ/h - dW/2 and, where it is asked for, its K: a parabola, or a
-!> cubic. On it
+!> A finest interval is given by its dW, its H = dZ/h - dW/2 and, if asked for, its K: a parabola, or a cubic. On it
 !>
 !>    dZ_k = h (dW_k/2 + H_k),   A_kl = H_k dW_l - H_l dW_k,   J_kl = h (dW_k dW_l/6 - (6/5) H_k H_l) - delta_kl h^2/15
 !>
-!> (J by its mean given dW and H; an area drawn in law has 12 (K_k H_l - K_l H_k) and a normal rest of variance h^2/20
-!> beside, which makes its mean and covariances given dW and H those of the true one), and neighbouring intervals
-!> merge by
+!> (J by its mean given dW and H; an area drawn in law has in addition 12 (K_k H_l - K_l H_k) and a normal rest of
+!> variance h^2/20, which give it the true mean and covariances given dW and H), and neighbouring intervals merge by
 !>
 !>    dW = dW_1 + dW_2,  dZ = dZ_1 + dZ_2 + h_2 dW_1,  A_kl = A_1 + A_2 + (dW_k1 dW_l2 - dW_l1 dW_k2)/2
 !>    K = (K_1 + K_2)/4 + (H_1 - H_2)/8  (halves),     J_kl = J_1 + J_2 + Z_k1 dW_l2 + dW_k1 (h_2 dW_l2 - Z_l2)
 !>
-!> The standard deviations that truncation goes by are sqrt|h| of dW, sqrt(|h|/12) of H and sqrt(|h|/720) of K.
+!> Truncation uses the standard deviations sqrt|h| of dW, sqrt(|h|/12) of H and sqrt(|h|/720) of K.
 module symsde_noise_functionals
    use, intrinsic :: ieee_arithmetic, only: ieee_value, ieee_quiet_nan
    use symsde_base_functionals, only: functional_set, functional_count, area_index, pair_index, nfunctional, &
@@ -61,8 +59,8 @@ contains
       integer, intent(in) :: functional, nlane, nnoise
       real(wp), intent(in) :: length, w(nlane, nnoise), hh(nlane, nnoise)
       real(wp), intent(out) :: x(nlane, functional_count(functional, nnoise))
-      real(wp), intent(in), optional :: kk(nlane, nnoise)  !! zero where it is absent
-      !> Of areas, what K does not say; without it they are those of the parabola.
+      real(wp), intent(in), optional :: kk(nlane, nnoise)  !! zero if absent
+      !> The rest of areas beyond K; without it areas are those of the parabola.
       real(wp), intent(in), optional :: rest(nlane, functional_count(path_areas, nnoise))
       integer :: k, l
 
@@ -96,7 +94,7 @@ contains
       end select
    end subroutine shape_values
 
-   !> Merge two neighbouring intervals. The functionals are those that the left one has.
+   !> Merge two neighbouring intervals. The whole gets the functionals that the left half has.
    pure subroutine merge_intervals(nlane, nnoise, left, right, whole)
       integer, intent(in) :: nlane, nnoise
       type(path_interval), intent(in) :: left, right
@@ -123,11 +121,11 @@ contains
             case (path_areas)
                call merge_areas(nlane, nnoise, w1, w2, x1, x2, x)
             case (path_stt_area)
-               ! H = dZ/h - dW/2 of the halves: the K of the whole feels how the two differ.
+               ! H = dZ/h - dW/2 of the halves: the K of the whole depends on their difference.
                x = 0.25_wp*(x1 + x2) + 0.125_wp*(left%of(path_dz)%x/left%length - right%of(path_dz)%x/right%length &
                                                  - 0.5_wp*(w1 - w2))
             case (path_magnus)
-               ! J takes dZ of both halves, which whoever asks for J has, too.
+               ! J needs dZ of both halves, which are present whenever J is.
                call merge_magnus(nlane, nnoise, left, right, x)
             case default  ! a functional without a case: NaN stops every path
                x = ieee_value(left%length, ieee_quiet_nan)

@@ -1,6 +1,6 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> The normals that increments and functionals of a path are made of (noise/integrals): each is a function of seed,
-!> path, step, and of what it is for.
+!> The normals behind increments and functionals of a path (noise/integrals): each is a function of seed, path, step,
+!> and its purpose.
 !>
 !> On a finest interval of length h these are, independent of each other,
 !>
@@ -10,8 +10,8 @@
 !> counter, each halving a level, and each interval of a level a pair and a place in it: no two draws of a run share a
 !> counter.
 !>
-!> The lanes of a block are paths in the same steps. A path by itself looks ahead instead: its lanes are pairs of
-!> steps. Both ask for the same counters, so the numbers do not depend on which way they were made.
+!> The lanes of a block are paths in the same steps; for a single path the lanes are pairs of steps instead. Both use
+!> the same counters, so the numbers do not depend on what the lanes are.
 module symsde_noise_integral_draws
    use symsde_base_area_rule, only: area_rule, areas_in_law
    use symsde_base_functionals, only: functional_set, functional_count, area_index, path_areas, path_dz, &
@@ -29,11 +29,11 @@ module symsde_noise_integral_draws
    public :: integral_draws, fill_direct, shape_draws, draw, draw_rests
    public :: purpose_increment, purpose_shape, purpose_halving, purpose_halves, purpose_stt_area, purpose_stt_halving
 
-   ! counter words; 1 is the bridge of W alone, 2 the oscillator's
+   ! counter words; 1 is for the bridge of W alone, 2 for the oscillator
    integer, parameter :: purpose_increment = 0  !! dW at the finest step
    integer, parameter :: purpose_shape = 3      !! H at the finest step
    integer, parameter :: purpose_halving = 4    !! Z of a halving
-   integer, parameter :: purpose_halves = 5     !! N of the same, or M
+   integer, parameter :: purpose_halves = 5     !! N of a halving, or M
    integer, parameter :: purpose_stt_area = 6       !! K at the finest step
    integer, parameter :: purpose_stt_halving = 7      !! D of a halving
    integer, parameter :: purpose_rest = 8       !! rest of an area in law; its noise word is the index of the pair
@@ -46,12 +46,12 @@ module symsde_noise_integral_draws
       integer :: refine = 0
       logical, allocatable :: silent(:)    !! silent noises, which need no draws (nnoise)
       logical, allocatable :: common(:)    !! noises drawn with the counters of path 0 for all paths (nnoise)
-      type(functional_set) :: asked        !! functionals that are wanted
+      type(functional_set) :: asked        !! functionals asked for
       type(area_rule) :: areas             !! how areas are drawn
       integer :: law = law_gaussian        !! of base/laws
-      !> Pairs of steps that each lane is ahead of the one that is asked for, of a path by itself (nlane)
+      !> For a single path, the pairs of steps from the requested pair to each lane's pair (nlane)
       integer(i8), allocatable :: ahead(:)
-      class(interrupt_type), pointer :: interrupt => null()  !! may want the draws to be left
+      class(interrupt_type), pointer :: interrupt => null()  !! may stop the draws
    contains
       procedure :: look
       procedure :: is_left
@@ -63,18 +63,18 @@ module symsde_noise_integral_draws
 
 contains
 
-   !> Look whether someone wants the draws to be left, since areas of many sub-increments take long.
+   !> Look whether a stop is wanted, since areas of many sub-increments take long.
    subroutine look(self)
       class(integral_draws), intent(in) :: self
 
       if (associated(self%interrupt)) call self%interrupt%look()
    end subroutine look
 
-   !> Whether an interrupt ends the draws: then all values made from them are invalid.
+   !> Whether an interrupt has stopped the draws, so that all values made from them are invalid.
    pure logical function is_left(self)
       class(integral_draws), intent(in) :: self
 
-      ! Without an interrupt nobody can want that.
+      ! Without an interrupt there is no stop.
       is_left = .false.
       if (associated(self%interrupt)) is_left = self%interrupt%wanted
    end function is_left
@@ -87,21 +87,21 @@ contains
                    count(self%asked%has) == count(self%asked%has([path_dz, path_stt_area]))
    end function are_direct
 
-   !> Let the lanes be npair pairs of steps of a path, an even one first. Even pairs fill the first half of the
-   !> lanes, odd pairs the second: an even pair and the next odd pair share a draw. `ahead` counts pairs from the
-   !> first pair of the coarsest interval; `behind` of them lie before the wanted steps. Both halves are padded to
+   !> Let the lanes be npair pairs of steps of a path, from an even pair on. Even pairs fill the first half of the
+   !> lanes, odd pairs the second: an even pair and the next odd pair share a draw. `ahead` counts pairs from the first
+   !> pair of the coarsest interval, of which `behind` pairs come before the wanted steps. Both halves are padded to
    !> whole vectors.
    pure subroutine look_ahead(self, npair, behind)
       class(integral_draws), intent(inout) :: self
       integer, intent(in) :: npair
-      integer(i8), intent(in) :: behind  !! so far, even
+      integer(i8), intent(in) :: behind  !! even
       integer :: half, i
 
       ! An odd number of pairs leaves a lane of the second half without use.
       half = padded((npair + 1)/2)
       allocate (self%ahead(2*half))
       do i = 1, half
-         ! Lane i of each half: the pairs 2 i - 2 and 2 i - 1 behind the first wanted one.
+         ! Lane i of each half: the pairs number 2 i - 2 and 2 i - 1 from the first wanted one.
          self%ahead(i) = behind + 2*(i - 1)
          self%ahead(half + i) = behind + 2*i - 1
       end do
@@ -119,7 +119,7 @@ contains
       integer :: k, j, step, n
       real(wp) :: root
 
-      ! Standard deviations of the head, by |h|: a step back in time has the same law.
+      ! Standard deviations as at the head of this file; |h|, since a step back in time has the same law.
       root = sqrt(abs(d%h))
       associate (w => store%w, dz => store%of(path_dz), stt_area => store%of(path_stt_area), m => d%nnoise)
          do k = 1, m
@@ -141,7 +141,7 @@ contains
                   call draw_column(purpose_stt_area, sqrt(abs(d%h)/720), m, stt_area%x(1, k, 2*j))
             end do
             do step = 0, 2*request%npair - 1
-               ! Only now, since H is drawn for several steps in one pass.
+               ! dZ comes last, since H is drawn for several steps in one pass.
                call dz_of_shape(request%nlane, d%h, w(:, k, step), dz%x(:, k, step))
             end do
          end do
@@ -175,15 +175,15 @@ contains
       end do
    end subroutine dz_of_shape
 
-   !> Whether areas are asked for and drawn in law: K and a normal rest then replace sub-increments, and no path
-   !> within the step has these areas.
+   !> Whether areas are asked for and drawn in law: K and a normal rest then replace sub-increments, and halving the
+   !> step would give other areas.
    pure logical function in_law(self)
       class(integral_draws), intent(in) :: self
 
       in_law = self%asked%has(path_areas) .and. self%areas%kind == areas_in_law
    end function in_law
 
-   !> Whether the path is known by its K, too: where K is asked for, or is a part of areas in law.
+   !> Whether K is drawn, too: if it is asked for, or part of areas in law.
    pure logical function needs_stt_area(self)
       class(integral_draws), intent(in) :: self
 
@@ -191,8 +191,8 @@ contains
    end function needs_stt_area
 
    !> Draw the rests of areas for the intervals 2*pair and 2*pair+1: scaled normals for all pairs of noises k < l.
-   !> They are zero if one of the two noises is silent, and taken from path 0 if both are common. The counter's word
-   !> for the noise holds the index of the pair of noises; the purpose keeps the two apart.
+   !> They are zero if one of the two noises is silent, and taken from path 0 if both are common. The counter's word for
+   !> the noise holds the index of the pair; the purpose keeps pairs apart from noises.
    subroutine draw_rests(d, nlane, path, pair, scale, even, odd, drawn)
       type(integral_draws), intent(in) :: d
       integer, intent(in) :: nlane
@@ -203,14 +203,14 @@ contains
       integer(i8) :: from(nlane)
       integer :: k, l, kl
 
-      ! Zero for pairs that are left out below.
+      ! Zero for silent pairs, which are skipped below.
       allocate (even(nlane, functional_count(path_areas, d%nnoise)), source=0.0_wp)
       allocate (odd, source=even)
       do l = 2, d%nnoise
          do k = 1, l - 1
             ! A silent noise has no area with another.
             if (d%silent(k) .or. d%silent(l)) cycle
-            ! The pair's own number: other pairs of the same two noises do not exist.
+            ! The index of the pair, instead of the number of a noise.
             kl = area_index(k, l)
             from = merge(0_i8, path, d%common(k) .and. d%common(l))
             call draw_one(d, normal_stream(d%seed, kl, 0, purpose_rest, scale), nlane, from, pair, even(:, kl), &
@@ -239,10 +239,10 @@ contains
    end subroutine shape_draws
 
    !> Draw scaled normals of all noises for the intervals 2*pair and 2*pair+1 of a level, into (nlane, nnoise) each;
-   !> zero for silent noises. `of` has level, purpose and scale; its noise runs from 1 to nnoise here.
+   !> zero for silent noises. `of` gives level, purpose and scale; the noise runs from 1 to nnoise here.
    subroutine draw(d, of, nlane, path, pair, even, odd, drawn)
       type(integral_draws), intent(in) :: d
-      type(normal_stream), intent(in) :: of   !! whose seed is theirs, and whose noise is each of these
+      type(normal_stream), intent(in) :: of   !! seed and noise are set here
       integer, intent(in) :: nlane
       integer(i8), intent(in) :: path(nlane), pair
       real(wp), allocatable, intent(inout) :: even(:, :), odd(:, :)  !! (nlane, nnoise)
@@ -250,7 +250,7 @@ contains
       integer(i8) :: from(nlane)
       integer :: k
 
-      ! Room is made once where a caller halves again and again.
+      ! Allocated once, for callers that halve again and again.
       if (.not. allocated(even)) allocate (even(nlane, d%nnoise), odd(nlane, d%nnoise))
       do k = 1, d%nnoise
          if (d%silent(k)) then

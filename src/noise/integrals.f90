@@ -1,21 +1,21 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> The increments of a step together with functionals of one and the same Brownian path (noise/functionals).
+!> The increments of a step, together with functionals of the same Brownian path (noise/functionals).
 !>
-!> A path is known by its dW and H = dZ/h - dW/2 ~ N(0, |h|/12), independent of dW, on intervals that are
-!> halved where more of it is wanted:
+!> A path is described by dW and H = dZ/h - dW/2 ~ N(0, |h|/12), independent of dW, on intervals that are halved where
+!> more detail is needed:
 !>
 !>    W_1 = W/2 + 3/2 H + Z,    W_2 = W - W_1,          Z ~ N(0, |h|/16)
 !>    H_1 = H/4 - Z/2 + N/2,    H_2 = H/4 - Z/2 - N/2,  N ~ N(0, |h|/12)
 !>
-!> This is the law of the halves given (W, H): W_1 has the variance |h|/4 + (9/4) |h|/12 + |h|/16 = |h|/2 that it must
-!> have, and the halves of dZ merge to the whole again, dZ = dZ_1 + dZ_2 + (h/2) W_1.
+!> This is the law of the halves given (W, H): W_1 has the right variance |h|/4 + (9/4) |h|/12 + |h|/16 = |h|/2, and the
+!> halves of dZ merge to the whole again, dZ = dZ_1 + dZ_2 + (h/2) W_1.
 !>
-!> A path of which K ~ N(0, |h|/720) is asked for is known by it, too, and N by K:
+!> If K ~ N(0, |h|/720) is asked for, the path is described by K, too, and N depends on K:
 !>
 !>    N = 15/2 K + M,   K_1, K_2 = K/8 - M/4 +- D/4,    M ~ N(0, |h|/192),  D ~ N(0, |h|/180)
 !>
-!> and so is one whose areas are drawn in law (base/area_rule): of these K is a part. J is merged from four quarters
-!> of a step (noise/functionals).
+!> and also if areas are drawn in law (base/area_rule), since K is part of them. J is merged from four quarters of a
+!> step (noise/functionals).
 !>
 !> Steps of a discrete law have no shape: dW of that law and areas +-|h|/2 (noise/discrete).
 !>
@@ -24,14 +24,14 @@
 !> most |h|^3/tau.
 !>
 !> refine = l > 0: 2^l finer steps, merged as a balanced binary tree; dW has the bits of the source that makes only
-!> dW, and the functionals at refine = l are, bit for bit, what those of h/2 and l-1 merge to.
-!> refine = -l: the coarse step halved l times. Its dW are those of the (W,H) halving, not of the W-only one of a
-!> source that makes only dW: a run is halved on the path of the same scheme. The halvings of a run at refine = -l are
-!> the sub-increments of the areas at refine = 0: one path.
+!> dW, and the functionals at refine = l are, bit for bit, merged from those of step h/2 and refine = l-1.
+!> refine = -l: the coarse step halved l times. Its dW come from the (W,H) halving, and differ from those of a source
+!> that makes only dW: a run is halved on the path of the same scheme. The halvings of a run at refine = -l are the
+!> sub-increments of the areas at refine = 0: one path.
 !>
 !> A step goes through these procedures: fill_pair asks for its finest intervals (finest_pair), which are drawn
 !> (draw_shapes), halved down to the step where refine < 0 (descend), and get their functionals (complete), by halving
-!> further where their shape does not tell all (merge_halves); where refine > 0 they are merged to the step
+!> further if dW, H and K do not determine them (merge_halves); if refine > 0 the intervals are merged to the step
 !> (sum_tree).
 module symsde_noise_integrals
    use symsde_base_functionals, only: area_index, nfunctional, path_areas, path_magnus
@@ -46,8 +46,8 @@ module symsde_noise_integrals
    private
    public :: fill_pair
 
-   integer, parameter :: magnus_levels = 2      !! halvings of a step whose J is wanted
-   integer, parameter :: levels_unseen = 6      !! lowest levels of halvings, which do not look at the interrupt
+   integer, parameter :: magnus_levels = 2      !! halvings of a step for J
+   integer, parameter :: levels_unseen = 6      !! lowest levels of halvings, in which the interrupt is not checked
 
    !> The known shape of the path on an interval: dW, H and, if asked for, K (nlane, nnoise); and the rest of its
    !> areas if drawn in law (nlane, pairs of noises).
@@ -63,7 +63,7 @@ module symsde_noise_integrals
    !> An interval to be halved further: its place, the shape of the path on it, and the draws that halve it.
    type :: known_interval
       integer :: level = 0         !! halvings that led to this interval
-      integer(i8) :: index = 0     !! its number among its like
+      integer(i8) :: index = 0     !! its number among intervals of its level
       real(wp) :: length = 0
       type(path_shape) :: shape
       type(halving_draws) :: u
@@ -71,8 +71,8 @@ module symsde_noise_integrals
 
 contains
 
-   !> Make the steps 2*pair and 2*pair+1 of the run with their functionals; for a single path, the steps of all
-   !> pairs in its lanes. Steps come in twos, since the two words of a draw make the normals of both.
+   !> Make the steps 2*pair and 2*pair+1 of the run with their functionals; for a single path, the steps of all pairs in
+   !> its lanes. Both steps are made together, since one draw gives normals for both.
    subroutine fill_pair(d, nlane, path, pair, even, odd, drawn)
       type(integral_draws), intent(in) :: d
       integer, intent(in) :: nlane
@@ -103,8 +103,8 @@ contains
 
       ! Length of a finest interval, with its sign.
       fine = d%h/2.0_wp**d%refine
-      ! Draws come in pairs, of which the step has 2^(refine-1), numbered through the run.
-      first = step*2_i8**(d%refine - 1)  ! pairs of draws
+      ! A draw makes two fine steps; the step has 2^(refine-1) draws, numbered through the run.
+      first = step*2_i8**(d%refine - 1)  ! draws before this step
       do i = 0, 2_i8**(d%refine - 1) - 1
          ! The sum may end between any two draws if an interrupt asks for it.
          if (associated(d%interrupt)) call d%interrupt%after_part()
@@ -142,19 +142,19 @@ contains
          return
       end if
       level = max(-d%refine, 0)
-      ! Number the two intervals, for the draws that halve them.
+      ! The numbers select the draws that halve the two intervals.
       call number_pair(first, second, level, pair, length)
       call draw_shapes(d, nlane, path, pair/2_i8**level, length*2.0_wp**level, first%shape, second%shape, drawn)
       if (level > 0) call descend(d, nlane, path, pair, first%shape, second%shape, drawn)
-      ! The draws that halve the one and the other are made together.
+      ! One draw halves both intervals.
       if (levels_below(d, length) > 0) &
          call draw_halving(d, nlane, path, pair, level + 1, length, first%u, second%u, drawn)
       call complete(d, nlane, path, first, even, drawn)
       call complete(d, nlane, path, second, odd, drawn)
    end subroutine finest_pair
 
-   !> Make dW and areas of a discrete law on the finest intervals 2*pair and 2*pair+1: values of variance one first,
-   !> in the place of dW and of the areas, and their scales sqrt|h| and |h|/2 at the end.
+   !> Make dW and areas of a discrete law on the finest intervals 2*pair and 2*pair+1: first values of variance one in
+   !> the arrays of dW and areas, at the end multiplied by sqrt|h| and |h|/2.
    subroutine discrete_pair(d, nlane, path, pair, length, even, odd, drawn)
       type(integral_draws), intent(in) :: d
       integer, intent(in) :: nlane
@@ -166,7 +166,7 @@ contains
       integer(i8), allocatable :: ahead(:)  ! not allocated unless of a single path
       integer :: k, l, kl
 
-      ! A pair of steps further on is 2^refine pairs of draws further on.
+      ! One pair of steps is 2^refine pairs of draws.
       if (allocated(d%ahead)) ahead = 2_i8**d%refine*d%ahead
       call new_path_interval(even, nlane, d%nnoise, length, d%asked)
       call new_path_interval(odd, nlane, d%nnoise, length, d%asked)
@@ -217,8 +217,8 @@ contains
    end subroutine draw_shapes
 
    !> Find the steps 2*pair and 2*pair+1 of a run at refine < 0, from the pair of coarse intervals that holds them.
-   !> Level by level the one of the two is chosen that holds the pair, lane by lane, and halved: left and right become
-   !> its halves.
+   !> At every level each lane takes the interval of the two that holds its pair, and halves it: left and right become
+   !> the halves.
    subroutine descend(d, nlane, path, pair, left, right, drawn)
       type(integral_draws), intent(in) :: d
       integer, intent(in) :: nlane
@@ -234,15 +234,15 @@ contains
       at = pair
       if (allocated(d%ahead)) at = at + d%ahead
       do level = 1, -d%refine
-         ! Halvings that are left: an interval of this level has 2^longer pairs of steps.
+         ! Halvings still to do: an interval of this level has 2^longer pairs of steps.
          longer = -d%refine - level
          odd = mod(at/2_i8**longer, 2_i8) == 1
          call draw_halving(d, nlane, path, pair/2_i8**(longer + 1), level, d%h*2.0_wp**(longer + 1), u1, u2, drawn)
-         ! From here on left is the interval that holds the step, and u1 has the draws that halve it.
+         ! From here on left is the interval that holds the step, and u1 holds the draws that halve it.
          call choose(odd, right%w, left%w)
          call choose(odd, right%hh, left%hh)
          call choose(odd, right%kk, left%kk)
-         ! The same choice for the draws that halve the interval.
+         ! The draws of the same interval.
          call choose(odd, u2%z, u1%z)
          call choose(odd, u2%n, u1%n)
          call choose(odd, u2%d, u1%d)
@@ -255,7 +255,7 @@ contains
    pure subroutine choose(in_second, second, chosen)
       logical, intent(in) :: in_second(:)                         !! (nlane)
       real(wp), allocatable, intent(in) :: second(:, :)           !! (nlane, nnoise)
-      real(wp), allocatable, intent(inout) :: chosen(:, :)        !! in: the first
+      real(wp), allocatable, intent(inout) :: chosen(:, :)        !! in: the values of the first
       integer :: k
 
       if (.not. allocated(second)) return
@@ -264,18 +264,18 @@ contains
       end do
    end subroutine choose
 
-   !> Halvings below an interval of this length: as many as the most demanding functional wants.
+   !> Halvings below an interval of this length: as many as the most demanding functional needs.
    pure integer function levels_below(d, length)
       type(integral_draws), intent(in) :: d
       real(wp), intent(in) :: length
 
-      ! dW, dZ and K want no halving.
+      ! dW, dZ and K need no halving.
       levels_below = 0
       if (d%asked%has(path_areas)) levels_below = d%areas%levels(length)
       if (d%asked%has(path_magnus)) levels_below = max(levels_below, magnus_levels)
    end function levels_below
 
-   !> Make an interval with its functionals. Functionals that its shape determines need no halving.
+   !> Make an interval with its functionals. Functionals that dW, H and K determine need no halving.
    subroutine complete(d, nlane, path, known, interval, drawn)
       type(integral_draws), intent(in) :: d
       integer, intent(in) :: nlane
@@ -286,21 +286,21 @@ contains
       type(path_interval) :: whole
       integer :: last
 
-      ! The shape determines dZ, K, and areas in law.
+      ! dW, H and K determine dZ, K, and areas in law.
       call finest_interval(d, nlane, known%length, known%shape, interval)
       last = known%level + levels_below(d, known%length)
-      ! No functional wants more than the shape.
+      ! All functionals asked for are determined.
       if (last == known%level) return
       call merge_halves(d, nlane, path, last, known, whole, drawn)
       if (d%is_left()) return
-      ! Keep dZ and K of the shape; the merged values equal them up to rounding.
+      ! Keep dZ and K as drawn; the merged values equal them up to rounding.
       if (d%asked%has(path_areas) .and. .not. d%in_law()) &
          call move_alloc(whole%of(path_areas)%x, interval%of(path_areas)%x)
       if (d%asked%has(path_magnus)) call move_alloc(whole%of(path_magnus)%x, interval%of(path_magnus)%x)
    end subroutine complete
 
-   !> Make the functionals of an interval from those of its halves, down to the last level. With levels_unseen + 1
-   !> levels below, look at the interrupt: often enough to stop soon, seldom enough to cost little.
+   !> Make the functionals of an interval from those of its halves, down to the last level. The interrupt is checked
+   !> when levels_unseen + 1 levels remain: often enough to stop soon, seldom enough to cost little.
    recursive subroutine merge_halves(d, nlane, path, last, known, whole, drawn)
       type(integral_draws), intent(in) :: d
       integer, intent(in) :: nlane
@@ -321,14 +321,14 @@ contains
          call finest_interval(d, nlane, first%length, first%shape, left)
          call finest_interval(d, nlane, second%length, second%shape, right)
       else
-         ! The halves are halved in turn: their draws are made here, for both at once.
+         ! Draw for the next halving, of both halves at once.
          call draw_halving(d, nlane, path, known%index, first%level + 1, first%length, first%u, second%u, drawn)
          call merge_halves(d, nlane, path, last, first, left, drawn)
          call merge_halves(d, nlane, path, last, second, right, drawn)
          if (d%is_left()) return
       end if
       call merge_intervals(nlane, d%nnoise, left, right, whole)
-      whole%w = known%shape%w  ! the sum of the halves to rounding
+      whole%w = known%shape%w  ! which is the sum of the halves, to rounding
    end subroutine merge_halves
 
    !> Number the intervals 2*pair and 2*pair+1 of a level.
@@ -363,8 +363,8 @@ contains
       end do
    end subroutine finest_interval
 
-   !> Halve an interval by the formulas at the head. u%n is N, or M where K is known: N = 15/2 K + M has its first
-   !> part added to H_1 and H_2 as (15/4) K.
+   !> Halve an interval by the formulas at the head. u%n holds N, or M if K is known: the part 15/2 K of N = 15/2 K + M
+   !> is then added to H_1 and H_2 as (15/4) K.
    pure subroutine halve(whole, u, left, right)
       type(path_shape), intent(in) :: whole
       type(halving_draws), intent(in) :: u

@@ -1,12 +1,12 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> Gaussian increments of one noise at other levels than that of one draw a step:
+!> Gaussian increments of one noise that are finer or coarser than one draw a step:
 !>
 !>    finer    dW = sum of 2^l draws N(0, h/2^l), as a balanced binary tree: (x1 + x2) + (x3 + x4), ..
 !>    coarser  W_1 = W/2 + e, W_2 = W - W_1 with e ~ N(0, H/4), from an increment W over H; once for every level
 !>
-!> Increments of several steps are made at once, so that words of a draw are not left over, and few paths fill the
-!> lanes of the generator with steps. The tree is the same however many leaves are drawn at a time, since sums of
-!> complete subtrees are kept until their neighbour is there (carry).
+!> Increments of several steps are made at once, so that all words of a draw are used, and few paths fill the lanes of
+!> the generator with steps. The tree does not depend on how many leaves are drawn at a time, since sums of complete
+!> subtrees are kept until their neighbour is complete (carry).
 module symsde_noise_levels
    use symsde_base_interrupt, only: interrupt_type
    use symsde_base_kinds, only: wp, i8
@@ -24,17 +24,17 @@ module symsde_noise_levels
    type :: normals_of
       integer(i8) :: seed = 0
       integer :: noise = 0
-      integer :: nreal = 0                   !! real lanes; the others repeat the last of them
+      integer :: nreal = 0                   !! real lanes; further lanes repeat the last
       integer(i8), allocatable :: path(:)    !! (nlane)
-      class(interrupt_type), pointer :: interrupt => null()  !! may want the sums to be left
+      class(interrupt_type), pointer :: interrupt => null()  !! may stop the sums
    contains
       procedure :: is_left
    end type normals_of
 
 contains
 
-   !> Look at the interrupt, once for each part of a sum; if true, the sum is invalid. A sum of 2^30 draws takes a
-   !> while, and a user may stop it.
+   !> Check the interrupt, once for each part of a sum; if true, the sum is invalid. A sum of 2^30 draws takes a while,
+   !> and a user may stop it.
    logical function is_left(self)
       class(normals_of), intent(in) :: self
 
@@ -69,7 +69,7 @@ contains
       do step = 0, nstep - 1, 2**(levels_at_once(self) - levels)
          count = min(2**(levels_at_once(self) - levels), nstep - step)
          do i = 0, 2_i8**(refine - levels) - 1
-            ! An interrupt is looked for in each part; dw is not used then.
+            ! On an interrupt dw stays unfinished, and callers discard it.
             if (self%is_left()) return
             ! n draws are added at once: of one part of a step, or of `count` whole steps.
             n = count*2**levels
@@ -80,15 +80,15 @@ contains
                n = n/2
                call add_pairs(nlane, n, fine)
             end do
-            ! The first column of `fine` is the sum of this part of the step, a leaf of the tree above.
+            ! The first column of `fine` is now the sum of this part of the step, a leaf of the tree above.
             if (refine > levels) call carry(nlane, i, partial, fine)
          end do
          dw(:, step:step + count - 1) = fine(:, :count - 1)
       end do
    end subroutine sum_finer
 
-   !> Levels of fine increments that are summed at once. Increments of few paths fill the lanes of the generator,
-   !> four a lane; of many paths eight are drawn at once.
+   !> Levels of fine increments that are summed at once. For few paths increments fill the lanes of the generator, four
+   !> a lane; for many paths eight are drawn at once.
    pure integer function levels_at_once(self) result(levels)
       type(normals_of), intent(in) :: self
 
@@ -96,7 +96,7 @@ contains
       levels = 3
       if (self%nreal > lane_unit) return
       levels = 8
-      ! 2^(levels - 2) draws of each path are as many lanes, of which there are most_ahead.
+      ! 2^(levels - 2) draws of each path need as many lanes, and most_ahead is the limit.
       do while (self%nreal*2**(levels - 2) > most_ahead)
          levels = levels - 1
       end do
@@ -115,12 +115,12 @@ contains
       left = i
       level = 1
       do while (mod(left, 2_i8) == 1)
-         ! The earlier sum stands on the left, as in every pair of the tree.
+         ! The earlier sum is the left operand, as in every pair of the tree.
          x = partial(:, level) + x
          left = left/2
          level = level + 1
       end do
-      ! The sum of all has no neighbour to wait for.
+      ! The last sum has no neighbour to wait for.
       if (level <= size(partial, 2)) partial(:, level) = x
    end subroutine carry
 
@@ -138,7 +138,7 @@ contains
       integer(i8), intent(inout) :: drawn
       real(wp), allocatable, dimension(:, :) :: x, e, halves
       real(wp) :: coarse
-      integer(i8) :: base, from, low, high  ! steps of a level: of x(:, 0), of e(:, 0), first and last wanted
+      integer(i8) :: base, from, low, high  ! indices in this level: of x(:, 0), of e(:, 0), first and last wanted
       integer :: level, n, i
 
       ! Intervals that hold nstep steps, rounded down and up to multiples of four.
@@ -152,7 +152,7 @@ contains
       n = fours(high - base + 1)
       call draw_steps(self, nlane, base, n, 0, sqrt(coarse), x)
       do level = 1, levels
-         ! Interval j of this level becomes the intervals 2 j and 2 j + 1 of the next.
+         ! Interval j of this level gives the intervals 2 j and 2 j + 1 of the next level.
          from = low - mod(low, 4_i8)
          n = fours(high - from + 1)
          call draw_steps(self, nlane, from, n, level, 0.5_wp*sqrt(coarse), e)
@@ -162,7 +162,7 @@ contains
          end do
          call move_alloc(halves, x)
          allocate (halves(nlane, 0:nstep + 7))
-         ! Indices of the next level. Of its intervals the first and the last may not be wanted.
+         ! Indices in the next level, whose first and last intervals may not be wanted.
          base = 2*low
          low = first/2_i8**(levels - level)
          high = (first + nstep - 1)/2_i8**(levels - level)
@@ -179,8 +179,8 @@ contains
       fours = 4*int((n + 3)/4)
    end function fours
 
-   !> Draw N(0, scale^2) of nstep steps from `first` on, both multiples of four, into x (nlane, nstep). Level 0
-   !> draws increments, level l normals of the bridge, which have another purpose: the two share no draw.
+   !> Draw N(0, scale^2) of nstep steps from `first` on, both multiples of four, into x (nlane, nstep). Level 0 draws
+   !> increments, level l normals of the bridge under another purpose, so the two share no draw.
    subroutine draw_steps(self, nlane, first, nstep, level, scale, x)
       type(normals_of), intent(in) :: self
       integer, intent(in) :: nlane, nstep, level
@@ -190,9 +190,9 @@ contains
       type(normal_stream) :: of
       integer :: i, n
 
-      ! The level is a word of the counter: at half the step a run goes one level further down the same bridge.
+      ! The level is a word of the counter: a run at half the step halves the same bridge one level further.
       of = normal_stream(self%seed, self%noise, level, merge(purpose_increment, purpose_bridge, level == 0), scale)
-      ! A vector of paths or fewer: lanes are filled with steps, as many as there are lanes for. Else lanes are paths.
+      ! For a vector of paths or fewer, lanes are draws of all paths, as many as fit. Otherwise lanes are paths.
       if (self%nreal <= lane_unit) then
          do i = 0, nstep - 1, 4*(most_ahead/self%nreal)
             n = min(nstep - i, 4*(most_ahead/self%nreal))
@@ -206,8 +206,8 @@ contains
       end if
    end subroutine draw_steps
 
-   !> The same of few paths: every four steps of a path are a lane of the generator, and paths change fastest, lane (i
-   !> - 1) nreal + j for draw i of path j.
+   !> Few paths: a lane of the generator is four steps of a path; paths change fastest, and draw i of path j is lane (i
+   !> - 1) nreal + j.
    subroutine draw_few(self, of, nlane, first, nstep, x)
       type(normals_of), intent(in) :: self
       type(normal_stream), intent(in) :: of

@@ -1,12 +1,12 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> Uniform and normal numbers from the generator's words. Only + - * / sqrt and integer bits, so
-!> that the numbers are the same on every x86-64 processor with fused multiply-add; no library
-!> function, so that a lane does not depend on where in a vector it sits.
+!> Uniform and normal numbers from the generator's words. Only + - * / sqrt and integer bits are used, so that numbers
+!> are the same on every x86-64 processor with fused multiply-add; no library function, so that a number does not depend
+!> on its place in a vector.
 !>
-!> Normals come by Box and Muller, four from one draw of the generator: words 1-2 make those of the fine
-!> steps 4j and 4j+1, words 3-4 those of 4j+2 and 4j+3. Of the two words of a pair
+!> Normals come by Box and Muller, four from one draw of the generator: words 1-2 give the fine steps 4j and 4j+1, words
+!> 3-4 the steps 4j+2 and 4j+3. Of the two words for a pair
 !>
-!>    the first makes the radius, r = sqrt(-2 log u), u = (k + 1/2)/2**32
+!>    the first gives the radius, r = sqrt(-2 log u), u = (k + 1/2)/2**32
 !>    the second the angle: bits 1 .. 30 within a quarter turn, bits 31 and 0 the signs of the two normals
 !>
 !> With phi in (-pi/4, pi/4) the angle within the first quarter turn is pi/4 + phi, and
@@ -14,17 +14,16 @@
 !>    x_even = +- r/sqrt(2) (cos phi - sin phi),    x_odd = +- r/sqrt(2) (cos phi + sin phi),
 !>
 !> so that sine and cosine are polynomials on this short interval and no quadrant is looked up: the two signs, each a
-!> bit of the word, turn the first quarter into the four. The logarithm takes u = 2**e m apart by its bits and sums
+!> bit of the word, turn the first quarter into the four. The logarithm splits u = 2**e m by its bits and sums
 !> the series of log m = 2 artanh((m - 1)/(m + 1)).
 !>
-!> A law on 2**64 points a pair; only in its tail would it be coarse, and end at 6.8. So a radius with k < 2**12, one
-!> pair in 2**20, takes 32 further bits from a draw of its own: u = (2**32 k + k' + 1/2)/2**64, up to r = 9.5. Half as
-!> many words, and half the time, as with 64 bits for each uniform.
+!> The law has 2**64 points for a pair; without more, it would be coarse in the tail and end at 6.8. So a radius with k
+!> < 2**12, one pair in 2**20, uses 32 further bits from a draw of its own: u = (2**32 k + k' + 1/2)/2**64, up to r =
+!> 9.5. This takes half the words and half the time of 64 bits for each uniform.
 !>
-!> Procedures differ in what lanes are: paths in one pair of steps (scaled_normal_pairs), paths in several
+!> Procedures differ in their lanes: paths in one pair of steps (scaled_normal_pairs), paths in several pairs
 !> (scaled_normal_column), or any paths, draws and noises (scaled_normals_at, scaled_pairs_at). All give a path and a
 !> step the same numbers.
-!> for each uniform.
 module symsde_noise_normal
    use symsde_base_kinds, only: wp, i4, i8
    use symsde_noise_philox, only: philox_tile, philox_lanes, philox_two_lanes, philox_lanes_at
@@ -43,9 +42,9 @@ module symsde_noise_normal
    real(wp), parameter :: big = 2.0_wp**52
    real(wp), parameter :: one_less = 1 - 2.0_wp**(-53)
 
-   integer(i8), parameter :: tail_words = 2_i8**12     !! radius words below this ask for further bits
-   real(wp), parameter :: tail_size = sqrt(19.9_wp*0.6931471805599453094_wp)  !! below r/sqrt(2) of all of them
-   integer(i4), parameter :: tail_purpose = 32         !! added to the purpose of the draw these come from
+   integer(i8), parameter :: tail_words = 2_i8**12     !! radius words below this use further bits
+   real(wp), parameter :: tail_size = sqrt(19.9_wp*0.6931471805599453094_wp) !! below r/sqrt(2) of all radii in the tail
+   integer(i4), parameter :: tail_purpose = 32         !! added to the purpose for the draw of further bits
 
    real(wp), parameter :: ln2 = 0.6931471805599453094_wp
    ! minimax on |s| <= 3 - sqrt(8), z = s**2, to 2**-45: log((1+s)/(1-s)) = s (2 + z (l1 + l2 z + ..))
@@ -61,7 +60,7 @@ module symsde_noise_normal
                           c3 = -0.0208634684012751_wp*unit2**3, c4 = 0.0009191629221169082_wp*unit2**4, &
                           c5 = -2.4852206943562213e-05_wp*unit2**5
 
-   !> A stream selects normals among all that belong to a path and a pair of fine steps.
+   !> A stream selects normals among all those of a path and a pair of fine steps.
    type :: normal_stream
       integer(i8) :: seed = 0          !! the 64-bit key
       integer(i4) :: noise = 0         !! 0 .. 2**20-1
@@ -112,7 +111,7 @@ contains
       end do
    end subroutine scaled_normal_pairs
 
-   !> The same of npair pairs of fine steps from an even pair on, into the column of w that belongs to their noise.
+   !> The same for npair pairs of fine steps from an even pair on, written into the columns of w of this noise.
    subroutine scaled_normal_steps(nlane, of, path, pair, npair, nnoise, w)
       integer(i4), intent(in) :: nlane
       type(normal_stream), intent(in) :: of    !! stream of noise 1 .. nnoise
@@ -125,8 +124,8 @@ contains
       call scaled_normal_column(nlane, of, path, pair, npair, nnoise + 1, w(1, of%noise, 0))
    end subroutine scaled_normal_steps
 
-   !> The same into one column of several, with which x begins: the way of long runs, in which no word is left over.
-   !> Four pairs are two draws, which the generator makes in one pass.
+   !> The same for one column of several, the first in x; long runs use this, since it uses every word. Four pairs are
+   !> two draws, which the generator makes in one pass.
    subroutine scaled_normal_column(nlane, of, path, pair, npair, ncolumn, x)
       integer(i4), intent(in) :: nlane
       type(normal_stream), intent(in) :: of
@@ -141,11 +140,11 @@ contains
 
       first = 1
       do while (first <= nlane)
-         ! The pass wants paths of one tile that share their high bits, which all do but in a block across 2^32.
+         ! The pass needs paths of one tile with equal high bits, as all are, except in a block across 2**32.
          n = neighbours(min(philox_tile, nlane - first + 1), path(first))
          call philox_two_lanes(n, of%seed, path(first), ishft(path(first), -32), pair/2, of%noise, of%level, &
                                of%purpose, words)
-         ! words(:, :, j) are the words of radius and angle of pair j, of which two make a draw.
+         ! words(:, :, j) are the words for radius and angle of pair j; two pairs make a draw.
          do j = 0, npair - 1
             call normal_pair_lanes(n, words(1, 1, j), words(1, 2, j), of%scale, x(first + 2*j*nlane*ncolumn), &
                                    x(first + (2*j + 1)*nlane*ncolumn), tails)
@@ -158,8 +157,8 @@ contains
       end do
    end subroutine scaled_normal_column
 
-   !> How many lanes, from the first on, have paths that differ in their low 32 bits alone: all of them, except in
-   !> one block of 2**24. First gather differing high bits of all lanes, without a branch.
+   !> How many lanes, from the first on, have paths that differ in their low 32 bits alone: all, except in one block of
+   !> 2**24. A loop without branches first combines differing high bits of all lanes.
    pure integer(i4) function neighbours(nlane, path)
       integer(i4), intent(in) :: nlane
       integer(i8), intent(in) :: path(nlane)
@@ -179,8 +178,8 @@ contains
       end do
    end function neighbours
 
-   !> One draw and one noise for each lane, whatever the noise of the stream: normals of the fine steps 4 draw .. 4
-   !> draw + 3.
+   !> Normals of the fine steps 4 draw .. 4 draw + 3, with a draw and a noise for each lane; the stream's noise is not
+   !> used.
    subroutine scaled_normals_at(nlane, of, path, draw, noise, x)
       integer(i4), intent(in) :: nlane         !! lanes, any number
       type(normal_stream), intent(in) :: of
@@ -206,7 +205,7 @@ contains
       end do
    end subroutine scaled_normals_at
 
-   !> The two normals of a pair of fine steps for each lane; all of these pairs are even, or all are odd.
+   !> The two normals of a pair of fine steps for each lane; the pairs are all even, or all odd.
    subroutine scaled_pairs_at(nlane, of, path, pair, even, odd)
       integer(i4), intent(in) :: nlane         !! lanes, any number
       type(normal_stream), intent(in) :: of
@@ -225,7 +224,7 @@ contains
       if (tails) call mend_tails(nlane, of, path, draw, word, words(1, word), words(1, word + 1), even, odd)
    end subroutine scaled_pairs_at
 
-   !> Make the pairs whose radius lies in the tail once more, with the further bits of their draw. The angle stays.
+   !> Compute pairs whose radius lies in the tail again, with the further bits of their draw. The angle stays.
    subroutine mend_tails(nlane, of, path, draw, word, radius, angle, even, odd)
       integer(i4), intent(in) :: nlane
       type(normal_stream), intent(in) :: of
@@ -239,15 +238,15 @@ contains
 
       do lane = 1, nlane
          if (radius(lane) >= tail_words) cycle
-         ! Draw again with another purpose: 32 more bits below the bits of the radius.
+         ! The draw with the tail's purpose: 32 more bits below the bits of the radius.
          call philox_lanes(1, of%seed, path(lane), draw(lane), of%noise, of%level, of%purpose + tail_purpose, words)
          call normal_pair(real(ishft(radius(lane), 32) + words(1, word), wp) + 0.5_wp, 64, angle(lane), of%scale, &
                           even(lane), odd(lane), size)
       end do
    end subroutine mend_tails
 
-   !> Two uniforms a lane in the open interval: (2 k + 1) / 2**53, k the first 52 of the 64 bits of
-   !> words 1-2 and of words 3-4. Symmetric about 1/2; never 0 or 1; every value is exact.
+   !> Two uniforms a lane in the open interval: (2 k + 1) / 2**53, with k the first 52 of the 64 bits of words 1-2, or
+   !> of words 3-4. Symmetric about 1/2; never 0 or 1; every value is exact.
    subroutine uniform_open_lanes(nlane, words, u1, u2)
       integer(i4), intent(in) :: nlane
       integer(i8), intent(in) :: words(nlane, 4)          !! each 0 .. 2**32-1
@@ -261,9 +260,8 @@ contains
       end do
    end subroutine uniform_open_lanes
 
-   !> VEC Two independent normals a lane by Box and Muller, tails not mended. Within 6.4e-14 of the radius of the
-   !> exact function of the words. About 50 operations a lane, one division and one root among them; 16 bytes
-   !> in, 16 out.
+   !> VEC Two independent normals a lane by Box and Muller, without correcting tails. The error is at most 6.4e-14 of
+   !> the radius. About 50 operations a lane, one division and one root among them; 16 bytes in, 16 out.
    subroutine normal_pair_lanes(nlane, radius, angle, scale, even, odd, tails)
       integer(i4), intent(in) :: nlane
       integer(i8), intent(in) :: radius(nlane), angle(nlane)   !! words, each 0 .. 2**32-1
@@ -275,8 +273,8 @@ contains
 
       largest = 0
       do lane = 1, nlane
-         ! k + 1/2 without a conversion: the bits of k are the last ones of a number in [2**52, 2**53), which is taken
-         ! off.
+         ! k + 1/2 without a conversion: the bits of k become the last bits of a number in [2**52, 2**53), from which
+         ! 2**52 is subtracted.
          call normal_pair(transfer(ior(radius(lane), big_bits), 0.0_wp) - (big - 0.5_wp), 32, angle(lane), scale, &
                           even(lane), odd(lane), size)
          ! One number for all lanes, compared at the end, instead of a test in each.
@@ -286,8 +284,7 @@ contains
    end subroutine normal_pair_lanes
 
    !> Two normals of a lane from u = x/2**bits and the word of the angle. In the first quarter turn the angle is
-   !> pi/4 + phi, and its cosine and sine are (cos phi -+ sin phi)/sqrt(2); two more bits of the word make the
-   !> signs.
+   !> pi/4 + phi, and its cosine and sine are (cos phi -+ sin phi)/sqrt(2); two more bits of the word give the signs.
    pure subroutine normal_pair(x, bits, angle, scale, even, odd, size)
       real(wp), intent(in) :: x                !! k + 1/2
       integer, intent(in) :: bits
@@ -299,7 +296,7 @@ contains
 
       ! r/sqrt(2) = sqrt(-log u), and 1/sqrt(2) is the factor of cos and sin below.
       size = scale*sqrt(minus_log(x, bits))
-      ! An odd number of 31 bits less 2**30, so that phi never vanishes and its law is symmetric.
+      ! An odd 31-bit number less 2**30, so that phi is never zero and its law is symmetric.
       y = transfer(ior(iand(angle, inner_bits), big_bits + 1), 0.0_wp) - (big + 2.0_wp**30)
       z = y*y
       sine = y*(s1 + z*(s2 + z*(s3 + z*(s4 + z*(s5 + z*s6)))))

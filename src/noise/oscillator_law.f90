@@ -1,11 +1,12 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> The exact law of what one step of an oscillator of unit frequency takes from its Brownian motion:
+!> The exact law of the stochastic integrals in one step of an oscillator of unit frequency:
 !>
 !>    dW = W(h),   C = int_0^h cos(h-s) dW(s),   S = int_0^h sin(h-s) dW(s)
 !>
 !> jointly Gaussian with Var C = h/2 + sin(2h)/4, Var S = h/2 - sin(2h)/4, Cov(C,S) = sin(h)^2/2,
 !> Cov(dW,C) = sin h, Cov(dW,S) = 1 - cos h (the u_k after [WHSB] (92)), given the increment dW,
-!> H = dZ/h - dW/2 and K, the space-time-time area (base/functionals): all that a scheme may take from the same path.
+!> H = dZ/h - dW/2 and K, the space-time-time area (base/functionals), since schemes may use any of these from the same
+!> path.
 !>
 !> exp(iu) on [0,h] is a sum of Legendre polynomials with spherical Bessel functions j_n for coefficients
 !> (Rayleigh's expansion), and the integrals of the polynomials are independent: dW the first, 2 H the second, 12 K
@@ -15,9 +16,9 @@
 !>    R = j_0(a) dW - 60 j_2(a) K + sqrt(h sum_{n=4,6,..} (2n+1) j_n(a)^2) xi_1
 !>    I = 6 j_1(a) H + sqrt(h sum_{n=3,5,..} (2n+1) j_n(a)^2) xi_2
 !>
-!> with two independent normals of its own. The sums have positive terms and are taken as they stand up to |h| = 8,
-!> where the closed forms (1 + sin(h)/h)/2 - j_0^2 - 5 j_2^2 and (1 - sin(h)/h)/2 - 3 j_1^2 lose no digits any more;
-!> below they lose all of them. A step h < 0 leaves C and turns S around.
+!> with two further independent normals. The sums have positive terms and are used up to |h| = 8; beyond, the closed
+!> forms (1 + sin(h)/h)/2 - j_0^2 - 5 j_2^2 and (1 - sin(h)/h)/2 - 3 j_1^2 lose no digits, but for small |h| they would
+!> lose all. A step h < 0 keeps C and changes the sign of S.
 module symsde_noise_oscillator_law
    use symsde_base_kinds, only: wp, i4, i8
    use symsde_noise_normal, only: normal_pairs
@@ -117,8 +118,8 @@ contains
       end do
    end subroutine oscillator_integrals
 
-   !> The two normals of (path, step, noise): a pure function of these and the seed, independent of
-   !> all increments by a purpose word of their own.
+   !> The two normals of (path, step, noise): a pure function of these numbers and the seed, independent of all
+   !> increments by their own purpose word.
    subroutine oscillator_draws(nlane, seed, path, step, noise, xi1, xi2)
       integer(i4), intent(in) :: nlane
       integer(i8), intent(in) :: seed

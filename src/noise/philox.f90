@@ -1,7 +1,7 @@
 ! SPDX-License-Identifier: BSD-3-Clause
 !> Philox4x32-10, the counter-based generator of Salmon, Moraes, Dror and Shaw,
 !> "Parallel random numbers: as easy as 1, 2, 3" (SC'11): four random 32-bit words are a pure
-!> function of a 128-bit counter and a 64-bit key. Nothing is carried from call to call.
+!> function of a 128-bit counter and a 64-bit key. The generator has no state.
 !>
 !> A 32-bit word is held in an i8, 0 .. 2**32-1. The counter map, version `counter_map_version`:
 !>
@@ -13,18 +13,18 @@
 !>     counter(4) noise + 2**20 * level + 2**26 * purpose
 !>
 !> with path and draw of 48 bits, noise of 20, level and purpose of 6 bits each: distinct
-!> arguments never share a counter. What the words of a draw are for says who draws; the normals of
-!> fine steps 4j .. 4j+3 are draw j (symsde_noise_normal). Whoever changes any of it raises the version.
+!> arguments never share a counter. The use of a draw's words is defined where it is drawn; the normals of fine steps 4j
+!> .. 4j+3 are draw j (symsde_noise_normal). Any change of these rules needs a new version number.
 !>
-!> This file, and no other, is compiled with -fwrapv: the lane kernel wants the low 64 bits of an
-!> unsigned product, which overflows a signed integer.
+!> This file, and no other, is compiled with -fwrapv: the lane kernel needs the low 64 bits of an unsigned product,
+!> which overflows a signed integer.
 module symsde_noise_philox
    use symsde_base_kinds, only: i4, i8
    implicit none
    private
    public :: counter_map_version, philox_tile, philox_lanes, philox_two_lanes, philox_lanes_at, philox_words
 
-   integer(i4), parameter :: counter_map_version = 2  !! written with every result
+   integer(i4), parameter :: counter_map_version = 2  !! recorded with every result
 
    integer(i8), parameter :: low32 = int(z'FFFFFFFF', i8)
    integer(i8), parameter :: low16 = int(z'FFFF', i8)
@@ -72,9 +72,9 @@ contains
       end do
    end subroutine philox_lanes
 
-   !> VEC philox_lanes for two draws, `draw` and `draw` + 1, of paths that differ in their low 32 bits alone. Two
-   !> chains of rounds a lane hide the latency of the products, and work that the first rounds share is done once:
-   !> 0.85 of the time a word.
+   !> VEC philox_lanes for two draws, `draw` and `draw` + 1, of paths that differ in their low 32 bits alone. Two chains
+   !> of rounds in a lane hide the latency of products, and common work of the first rounds is done once: 0.85 of the
+   !> time for each word.
    subroutine philox_two_lanes(nlane, seed, path, upper, draw, noise, level, purpose, words)
       integer(i4), intent(in) :: nlane           !! 1 .. philox_tile
       integer(i8), intent(in) :: seed, path(nlane)
@@ -153,8 +153,8 @@ contains
       tag_of = int(noise, i8) + ishft(int(level, i8), 20) + ishft(int(purpose, i8), 26)
    end function tag_of
 
-   !> The two multipliers, read through volatile, or the compiler replaces the multiplications by constants
-   !> by chains of shifts and additions (without AVX-512: 8.8 instead of 6.7 ns per lane).
+   !> The two multipliers, read through volatile: otherwise the compiler replaces multiplications by constants by chains
+   !> of shifts and additions (without AVX-512: 8.8 instead of 6.7 ns per lane).
    subroutine multipliers(m)
       integer(i8), intent(out) :: m(2)
       integer(i8), volatile :: hidden(2)
@@ -196,8 +196,8 @@ contains
       end do
    end subroutine round_keys
 
-   !> Philox4x32-10 of one counter and key as published: the readable twin of the lane kernel,
-   !> free of overflow, for known-answer tests.
+   !> Philox4x32-10 of one counter and key as published: the readable twin of the lane kernel, which cannot overflow,
+   !> for known-answer tests.
    pure subroutine philox_words(counter, key, words)
       integer(i8), intent(in) :: counter(4)   !! each 0 .. 2**32-1
       integer(i8), intent(in) :: key(2)       !! each 0 .. 2**32-1

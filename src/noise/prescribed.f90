@@ -1,17 +1,17 @@
 ! SPDX-License-Identifier: BSD-3-Clause
 !> Increments given by the user, one row a step; with refine = l > 0, 2^l finer rows a step, added as a tree.
 !>
-!> Schemes that need functionals of the path need them beside the increments, as columns of their own: dW_1 .. dW_m,
-!> dZ_1 .. dZ_m, and K_1 .. K_m of each row; or finer rows: the path is then the polygon through them, whose
-!> functionals are exact (the mean-square error against the Brownian path is h^3/(12 4^l) in dZ and h^2/(4 2^l) in an
-!> area). Finer rows with columns of their own merge to those of the step.
+!> Schemes that use functionals need them as further columns beside the increments: dW_1 .. dW_m, dZ_1 .. dZ_m, and K_1
+!> .. K_m of each row; or they need finer rows: the path is then the polygon through the rows, whose functionals are
+!> exact (the mean-square error against the Brownian path is h^3/(12 4^l) in dZ and h^2/(4 2^l) in an area). Finer rows
+!> with functionals merge to those of the step.
 !>
-!> Row r of the array belongs to the absolute steps from first_step on: step n has the rows
+!> The first row belongs to step first_step; step n has the rows
 !>
 !>    (n - first_step) 2^l + 1  ..  (n - first_step + 1) 2^l.
 !>
-!> Steps are asked for in pairs that are counted from step 0, so a pair may reach over both ends of what is given:
-!> those steps of the store are left as they are.
+!> Requests are for pairs of steps counted from step 0, so a pair may reach beyond the rows at both ends: steps without
+!> rows are left as they are in the store.
 module symsde_noise_prescribed
    use symsde_base_contracts, only: contracts_are_executed
    use symsde_base_functionals, only: nfunctional
@@ -43,7 +43,7 @@ contains
    !> not copied: it must live as long as the source.
    subroutine new_prescribed_noise(self, dw, first_path, first_step, refine, h, nnoise)
       type(prescribed_noise), intent(out) :: self
-      !> (npath or 1, columns, rows), with nnoise columns of dW, then as many of dZ, then of K, where they are given
+      !> (npath or 1, columns, rows), with nnoise columns of dW, then as many of dZ, then of K, if given
       real(wp), intent(in), target, contiguous :: dw(:, :, :)
       integer(i8), intent(in) :: first_path, first_step
       integer, intent(in) :: refine  !! 0 or more
@@ -52,7 +52,7 @@ contains
 
       ! Without functionals no length is needed.
       if (present(h)) self%h = h
-      ! The columns do not tell m if dZ or K are among them, so nnoise must be given with them.
+      ! The number of columns does not determine m if dZ or K are among them, so nnoise must then be given.
       self%nnoise = size(dw, 2)
       if (present(nnoise)) self%nnoise = nnoise
       self%dw => dw
@@ -63,7 +63,7 @@ contains
       allocate (self%common(self%nnoise), source=.false.)
    end subroutine new_prescribed_noise
 
-   !> Fill the steps of a request from the array. Nothing is drawn, so the interrupt is not looked at.
+   !> Fill the steps of a request from the array. Nothing is drawn, so the interrupt is not checked.
    subroutine fill_prescribed(self, request, store, drawn, interrupt)
       class(prescribed_noise), intent(in) :: self
       type(step_request), intent(in) :: request
@@ -77,8 +77,8 @@ contains
       drawn = 0
       rows = 2_i8**self%refine
       row = (2*request%pair - self%first_step)*rows + 1
-      ! steps of this run
-      ! Steps of the request that lie before the first row, or behind the last, are not there. row may be negative.
+      ! Rows of the run; row is that of the request's first step, and may be negative. Steps before the first row or
+      ! after the last are skipped.
       first = int(max(0_i8, (rows - row)/rows))
       last = int(min(2_i8*request%npair, (size(self%dw, 3, i8) + 1 - row)/rows)) - 1
       ! The array holds none of these steps.
@@ -96,7 +96,7 @@ contains
          end if
       else
          do i = first, last
-            ! Each step begins with the row behind those of the step before.
+            ! Rows of a step follow those of the step before.
             call fill_step(self, request%nlane, request%path, row, rows, i, store)
             row = row + rows
          end do
@@ -104,8 +104,8 @@ contains
       if (contracts_are_executed) call require_filled(self, request, store, first, last)
    end subroutine fill_prescribed
 
-   !> Make the increments of one step, the sum of its rows, and functionals of the polygon through them, truncated as
-   !> those of a Brownian source.
+   !> Make the increments of one step, the sum of its rows, and functionals of the polygon through the rows, truncated
+   !> as those of a Brownian source.
    subroutine fill_step(self, nlane, path, row, rows, i, store)
       class(prescribed_noise), intent(in) :: self
       integer, intent(in) :: nlane, i
@@ -121,7 +121,7 @@ contains
          if (self%bound < huge(1.0_wp)) call clip_increments(nlane*self%nnoise, self%bound, store%w(:, 1:, i))
          return
       end if
-      ! Functionals want the path between the rows, and not their sum alone.
+      ! Functionals need the path through the rows, not only the sum.
       call polygon(self, nlane, path, row, rows, whole)
       if (self%bound < huge(1.0_wp)) call clip_interval(nlane, self%nnoise, self%bound, whole)
       store%w(:, 1:, i) = whole%w
@@ -130,8 +130,8 @@ contains
       end do
    end subroutine fill_step
 
-   !> Make one interval of rows row .. row+rows-1, by halves. A single row is known by its dW, and by dZ and K where
-   !> these are given. One without dZ is a straight line: H = 0, so that dZ = h dW/2, and its area is zero.
+   !> Merge rows row .. row+rows-1 to one interval, by halves. A single row is given by dW, and by dZ and K if present.
+   !> Without dZ it is a straight line: H = 0, so that dZ = h dW/2, and its area is zero.
    recursive subroutine polygon(self, nlane, path, row, rows, whole)
       class(prescribed_noise), intent(in) :: self
       integer, intent(in) :: nlane
@@ -150,16 +150,16 @@ contains
       end if
       call new_path_interval(whole, nlane, self%nnoise, self%h/2.0_wp**self%refine, self%asked)
       hh = 0
-      ! What is not given is zero: no bend beside the straight line.
+      ! K is zero unless given.
       kk = 0
       associate (m => self%nnoise)
          call take_rows(self, nlane, path, 1, m, row, 1, 0, whole%w)
          if (size(self%dw, 2) > m) then
-            ! dZ stands in hh first, and H = dZ/h - dW/2 takes its place.
+            ! hh holds dZ first, then H = dZ/h - dW/2.
             call take_rows(self, nlane, path, m + 1, m, row, 1, 0, hh)
             hh = hh/whole%length - 0.5_wp*whole%w
          end if
-         ! K is given as it is; without it the row is a parabola, or the line above.
+         ! K is used as given; without K the row is a parabola, or the line above.
          if (size(self%dw, 2) > 2*m) call take_rows(self, nlane, path, 2*m + 1, m, row, 1, 0, kk)
       end associate
       do f = 1, nfunctional
@@ -168,8 +168,8 @@ contains
       end do
    end subroutine polygon
 
-   !> Sum rows row .. row+rows-1 of noise k as a balanced binary tree, as the Brownian source adds its draws:
-   !> increments that it has written out give the same bits when they are read as rows.
+   !> Sum rows row .. row+rows-1 of noise k as a balanced binary tree, as the Brownian source adds its draws: its
+   !> increments, written out and read as rows, give the same bits.
    recursive subroutine sum_rows(self, nlane, path, k, row, rows, dw)
       class(prescribed_noise), intent(in) :: self
       integer, intent(in) :: nlane, k
@@ -180,15 +180,15 @@ contains
       if (rows > 1) then
          call sum_rows(self, nlane, path, k, row, rows/2, dw)
          call sum_rows(self, nlane, path, k, row + rows/2, rows/2, right)
-         ! Halves of halves: the tree of noise/levels.
+         ! By halves, like the tree of noise/levels.
          dw = dw + right
       else
          call take_rows(self, nlane, path, k, 1, row, 1, 0, dw)
       end if
    end subroutine sum_rows
 
-   !> Copy columns column .. column+n-1 of nrow rows to dw (nlane, n, nrow), behind `lead` columns that are left
-   !> alone. Lanes that are neighbours in the array are copied as they stand, others are looked up one by one.
+   !> Copy columns column .. column+n-1 of nrow rows to dw (nlane, n, nrow), behind `lead` columns that are left alone.
+   !> Lanes that are neighbours in the array are copied together, other lanes one by one.
    subroutine take_rows(self, nlane, path, column, n, row, nrow, lead, dw)
       class(prescribed_noise), intent(in) :: self
       integer, intent(in) :: nlane, column, n, nrow
@@ -199,9 +199,9 @@ contains
       logical :: neighbours
       integer :: i, k, lane
 
-      ! One path in the array serves all lanes.
+      ! A single path in the array serves all lanes.
       place = merge(1_i8, path - self%first_path + 1, size(self%dw, 1) == 1)
-      ! Paths of a block follow each other, but for its padding.
+      ! The real paths of a block are usually neighbours.
       neighbours = all(place(2:) - place(:nlane - 1) == 1)
       do i = 1, nrow
          from = row + i - 1

@@ -1,10 +1,9 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> The abstract noise source: it answers which increments drive these paths in these steps, and which functionals of
-!> the same paths belong to them (base/functionals), where a scheme asked for some.
+!> The abstract noise source: it gives the increments for these paths in these steps, and the functionals of the same
+!> paths (base/functionals) that the scheme asked for.
 !>
-!> The answer is written into a store of steps: w(:,0) is the step size and stays as it is, w(:,k) = dW_k. It is a
-!> function of the path and of the step alone, so that a run can begin at any step, and threads need not talk about
-!> it.
+!> The source writes into a store of steps: w(:,0) is the step size and stays as it is, w(:,k) = dW_k. Its numbers are a
+!> function of path and step alone, so that a run can begin at any step, and threads need no communication.
 module symsde_noise_source
    use symsde_base_area_rule, only: area_rule
    use symsde_base_functionals, only: functional_set
@@ -15,7 +14,7 @@ module symsde_noise_source
    private
    public :: noise_type
 
-   !> What all sources have in common. A run fills it in before the first step, and nothing changes it afterwards.
+   !> The common part of all sources. A run fills it in before the first step, and nothing changes it afterwards.
    type, abstract :: noise_type
       integer :: nnoise = 0                  !! m, number of noises
       logical, allocatable :: silent(:)      !! noises for which nothing is drawn: dW_k = 0 (nnoise)
@@ -28,8 +27,8 @@ module symsde_noise_source
    end type noise_type
 
    abstract interface
-      !> Increments and functionals of the requested steps, from step 0 of the store on. Rows of steps that
-      !> the source does not have are left as they are; where an interrupt is wanted, all may be.
+      !> Increments and functionals of the requested steps, from step 0 of the store on. Steps that the source does not
+      !> have are left as they are; after a wanted interrupt any step may be.
       subroutine fill_interface(self, request, store, drawn, interrupt)
          import :: noise_type, step_request, step_store, i8, interrupt_type
          class(noise_type), intent(in) :: self

@@ -1,11 +1,11 @@
 ! SPDX-License-Identifier: BSD-3-Clause
 !> Truncated increments (Milstein, Repin, Tretyakov 2002): dW = sqrt(h) clip(xi, +-c), c = sqrt(2 l |ln(h/tau)|).
 !>
-!> E(xi - clip xi)^2 <= (h/tau)^l, so schemes of strong order one want l >= 2. The formula is not free of units: the
-!> time scale tau must be given, and near h = tau it would delete the noise.
+!> E(xi - clip xi)^2 <= (h/tau)^l, so schemes of strong order one need l >= 2. The formula depends on units: the time
+!> scale tau must be given, and near h = tau all noise would be clipped.
 !>
-!> Here stand the numbers alone; the cut is applied in noise/functionals, to the increment of the step in use. The
-!> report of a run says how much of the variance is lost.
+!> This module has the numbers alone; noise/functionals clips the increments of steps. The report of a run says how much
+!> of the variance is lost.
 module symsde_noise_truncation
    use symsde_base_kinds, only: wp
    use symsde_base_status, only: error_type, raise, invalid_argument
@@ -18,8 +18,8 @@ module symsde_noise_truncation
 
 contains
 
-   !> The cut c of the standard normal for the step h. Refused where c < 3, since that many increments would be
-   !> changed, and where l or tau is no number that can be meant.
+   !> The bound c of the standard normal for the step h. Refused if c < 3, since too many increments would be clipped,
+   !> or if l or tau is not a positive finite number in its range.
    subroutine truncation_bound(h, order, tau, cut, error)
       real(wp), intent(in) :: h      !! step size [time]
       real(wp), intent(in) :: order  !! l > 0
@@ -27,7 +27,7 @@ contains
       real(wp), intent(out) :: cut   !! c
       type(error_type), allocatable, intent(inout) :: error
 
-      ! No cut where one is refused.
+      ! The value where the bound is refused.
       cut = 0
       if (.not. (order > 0 .and. order <= 100 .and. tau > 0 .and. tau <= huge(tau))) then
          call raise(error, invalid_argument, 'truncation_bound', 'truncation takes an order l and a time '// &

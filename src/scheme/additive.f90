@@ -1,6 +1,6 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> Schemes for some noise alone, additive or a function of position: a tableau, what surrounds its step, and
-!> what a model must be (docs/method/beyond-order-one.md).
+!> Schemes for one kind of noise alone, additive or depending on position: a tableau, the frame around its step, and the
+!> conditions on the model (docs/method/beyond-order-one.md).
 !>
 !>    verlet_dz                 position Verlet with dZ: strong 2, explicit, symplectic
 !>    averaged_shift_midpoint   midpoint around the mean of the path with dZ: strong 3/2, symplectic
@@ -22,7 +22,7 @@ module symsde_scheme_additive
 
 contains
 
-   !> One of the four, by name.
+   !> One of these four schemes, by name.
    subroutine additive_scheme(scheme, name, error)
       type(scheme_type), intent(out) :: scheme
       character(*), intent(in) :: name
@@ -42,7 +42,7 @@ contains
          ! from 1.
          call claim(scheme, 2.0_wp, 2.0_wp)
          scheme%frame = frame_shift
-         scheme%symmetric = .false.  ! its shift by dZ comes last
+         scheme%symmetric = .false.  ! the shift by dZ comes last
          scheme%needs = model_needs(additive=.true., position_noise=.true., identity_mass=.true., instead=plain)
          scheme%asks = functionals([path_dz])
          scheme%reference = 'position Verlet with dZ; Milstein, Repin, Tretyakov 2002 (additive noise)'
@@ -65,11 +65,11 @@ contains
          ! step.
          call new_kicks(scheme%kicks, ends, halves, flow=flow_rotation)
          scheme%kicks%beta = [1, 0]
-         scheme%symmetric = .false.  ! its noise comes first
+         scheme%symmetric = .false.  ! the noise comes first
          scheme%needs = model_needs(position_noise=.true., identity_mass=.true., rotation=.true., &
                                     instead='stormer_verlet, or midpoint where it is stiff')
          scheme%remark = 'where U is that part and the noise additive, E H is exact for every h'
-         call set_order(scheme%order(commutative_noise), 1.0_wp, evidence_claimed)  ! in position they commute
+         call set_order(scheme%order(commutative_noise), 1.0_wp, evidence_claimed)  ! noises in position commute
          scheme%reference = 'trigonometric; Cohen 2012'
       case default
          call averaged_forces(scheme, name, error)
@@ -80,12 +80,12 @@ contains
       end select
    end subroutine additive_scheme
 
-   !> Orders hold for the noise that is named; for others the schemes are refused, not wrong.
+   !> Orders hold for the kind of noise that the scheme is made for; with other noise the scheme is refused.
    pure subroutine claim(scheme, strong, weak)
       type(scheme_type), intent(inout) :: scheme
       real(wp), intent(in) :: strong, weak
 
-      scheme%structure = evidence_claimed  ! structure of the tableau; the stepper does more
+      scheme%structure = evidence_claimed  ! structure of the tableau alone; the stepper adds the frame
       scheme%order = order_type()
       call set_order(scheme%order(additive_noise), strong, evidence_claimed)
       call set_order(scheme%order(weak_order), weak, evidence_claimed)

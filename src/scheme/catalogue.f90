@@ -1,18 +1,17 @@
 ! SPDX-License-Identifier: BSD-3-Clause
 !>    L_h(q_n,q_{n+1}) = ext sum_i alpha_i [P_i . q_d'(c_i) - h H(P_i,q_d(c_i))] - sum_i beta_i sum_k dW_k H_k
 !>
-!> The catalogue of schemes by name. Everything that comes from a quadrature (c_i, alpha_i) and a degree s of q_d is
-!> built from it, by this discrete Lagrangian (scheme/discrete_lagrangian); the coefficients of no such scheme are
-!> written down:
+!> The catalogue of schemes by name. Schemes from a quadrature (c_i, alpha_i) and a degree s of q_d are built by this
+!> discrete Lagrangian (scheme/discrete_lagrangian), so their coefficients are not written down:
 !>
 !>    midpoint, gauss2, gauss3, gauss4         s nodes of Gauss
 !>    symplectic_euler and its adjoint         s = 1, the left and the right rectangle
-!>    stormer_verlet = lobatto2, lobatto3, ..  s nodes of Lobatto: IIIA for q, IIIB for p; `swapped` the other way
-!>    PsNrQu                                   degree s, r >= s nodes, quadrature of order u
-!>    lambda:x                                 s = 1, one node x
+!>    stormer_verlet = lobatto2, lobatto3, ..  s nodes of Lobatto: IIIA for q, IIIB for p; `swapped`: IIIB for q, IIIA
+!>    for p PsNrQu                                   degree s, r >= s nodes, quadrature of order u lambda:x
+!>    s = 1, one node x
 !>
 !> The others are tableaux (heun, dirk:c), kicks and drifts (scheme/splitting), a tableau with a modified Hamiltonian
-!> (scheme/expansion) or with a step around it (scheme/additive), and Euler-Maruyama.
+!> (scheme/expansion) or with a frame around its step (scheme/additive), and Euler-Maruyama.
 module symsde_scheme_catalogue
    use symsde_base_contracts, only: contracts_are_executed
    use symsde_base_kinds, only: wp
@@ -33,8 +32,7 @@ module symsde_scheme_catalogue
    private
    public :: get_scheme, scheme_names, scheme_families
 
-   ! The names that get_scheme knows; it compares unknown names with them. A family with a parameter ends in a
-   ! colon.
+   ! The names that get_scheme knows, and compares unknown names with. A family with a parameter ends in a colon.
    integer, parameter :: nplain = 44  !! names without a parameter; the families follow
    character(len=name_length), parameter :: all_names(nplain + 2) = [character(len=name_length) :: & !&
       'midpoint', 'symplectic_euler', 'symplectic_euler_adjoint', 'stormer_verlet', & !&
@@ -147,7 +145,7 @@ contains
       if (.not. allocated(error)) call expand_scheme(scheme, name)
    end subroutine expanded
 
-   !> The number of stages in names such as gauss3 and lobatto3_swapped.
+   !> Number of stages in names such as gauss3 and lobatto3_swapped.
    pure integer function degree_of(name)
       character(*), intent(in) :: name
 
@@ -191,7 +189,7 @@ contains
          call scheme_from_tableau(scheme, none, none, one, name, .true., error)
          scheme%form = ito_form
          scheme%reference = 'Euler-Maruyama for the Ito form; Kloeden, Platen 1992; not symplectic'
-         ! The strong order is 1 for additive noise, where the Ito and the Stratonovich form are one, and 1/2 for all
+         ! The strong order is 1 for additive noise, where the Ito and the Stratonovich equations agree, and 1/2 for all
          ! other noise.
          call set_order(scheme%order(additive_noise), 1.0_wp, evidence_claimed)
          do i = commutative_noise, commuting_flows
@@ -202,7 +200,7 @@ contains
       end if
    end subroutine contrast
 
-   !> The names with parameters inside.
+   !> Schemes whose names contain parameters.
    subroutine parametrised(scheme, name, error)
       type(scheme_type), intent(out) :: scheme
       character(*), intent(in) :: name
@@ -216,7 +214,7 @@ contains
       if (known) return
       if (index(name, 'dirk:') == 1) then
          call read_parameter(name, 'dirk:', x, error)
-         ! With c = 0 or 1 one of the two midpoint steps would have the length zero, and its weight too.
+         ! With c = 0 or 1 one of the two midpoint steps would have length zero, and so its weight would be zero.
          if (x <= 0 .or. x >= 1) call refuse_parameter(name, '0 < c < 1, as in dirk:0.25', error)
          if (.not. allocated(error)) call dirk(scheme, name, x, error)
       else if (index(name, 'lambda:') == 1) then
@@ -224,19 +222,19 @@ contains
          if (x < 0 .or. x > 1) call refuse_parameter(name, '0 <= x <= 1, as in lambda:0.3', error)
          if (allocated(error)) return
          ! The one node x gives Q = (1 - x) q_n + x q_{n+1}, P = x p_n + (1 - x) p_{n+1}. x = 1/2 is the midpoint
-         ! rule, 0 and 1 are the Euler pair; all but 1/2 need the drift correction with the factor 1/2 - x.
+         ! rule, 0 and 1 are the Euler pair; schemes with x /= 1/2 need the drift correction with the factor 1/2 - x.
          nodes = x
          call scheme_from_quadrature(scheme, 1, nodes, one, name, error)
          scheme%reference = 'one-sided family, [WHSB] (71)-(72), (89)-(92)'
       else
          names = all_names
-         ! The nearest name tells a misprint; the whole list would hide it.
+         ! The nearest name shows a misprint, which the whole list would hide.
          call raise(error, unknown_name, 'get_scheme', "there is no scheme '"//trim(name)// &
                     "'; the nearest is "//trim(nearest_name(name, names))//'; scheme_names() lists all')
       end if
    end subroutine parametrised
 
-   !> Two midpoint steps of lengths c h and (1-c) h, with the same parts of the increments.
+   !> Two midpoint steps of lengths c h and (1-c) h, with the same fractions of the increments.
    subroutine dirk(scheme, name, c, error)
       type(scheme_type), intent(out) :: scheme
       character(*), intent(in) :: name
@@ -268,7 +266,7 @@ contains
       known = .false.
       ! Digit 2 is the degree s, digit 4 the number of nodes r, digit 6 the order u that the rule must have.
       if (len_trim(name) /= 9) return
-      ! A digit outside its list gives zero, which no scheme has.
+      ! A digit outside its list gives zero, which is no degree, number of nodes or order.
       s = index('1234', name(2:2))
       r = index('1234', name(4:4))
       u = index('12345678', name(6:6))
@@ -283,7 +281,7 @@ contains
       case ('Otr')
          rule = 'open_trapezoid'
          known = r == 2 .and. u == 2
-      case default  ! not known
+      case default  ! no such rule
       end select
       ! r < s would leave control points undetermined.
       known = known .and. min(s, r, u) > 0 .and. s <= r
@@ -301,7 +299,7 @@ contains
       integer :: iostat
 
       x = 0.5_wp
-      ! Only digits, signs, points and exponents are read: a Fortran read would take NaN and infinities, too.
+      ! Accept digits, signs, points and exponents alone: a Fortran read would accept NaN and infinities, too.
       text = name(len(family) + 1:)
       iostat = merge(1, 0, text == '' .or. verify(trim(text), '0123456789.+-eE') > 0)
       if (iostat == 0) read (text, '(f40.0)', iostat=iostat) x

@@ -3,19 +3,19 @@
 !>    adjointness     max_ij |a_ij + a_i'j' - alpha_j|, .. ,  i' = r + 1 - i
 !>    consistency     beta^T b e = beta^T bbar e = 1/2
 !>
-!> The certificate of a scheme: what its coefficients prove, what is claimed beside that, and what was measured.
+!> The certificate of a scheme: properties proved by its coefficients, claims beyond these, and measurements.
 !>
 !>    line of the text       rests on
-!>    symplectic             the residual of a tableau; the form of other data; a claim where a frame adds more
+!>    symplectic             the residual of a tableau; the form of other data; a claim if a frame adds to the step
 !>    consistency            beta^T b e and beta^T bbar e
-!>    symmetric              the distance from the adjoint, and which end of a step a frame acts at
-!>    quadratic invariants   a - abar and b - bbar, of what is symplectic
+!>    symmetric              the distance from the adjoint, and the end of the step at which a frame acts
+!>    quadratic invariants   a - abar and b - bbar, if symplectic
 !>    strong .., weak        scheme/orders: derived or claimed, and measured
 !>    explicit, cost         scheme/dependency: cycles among the stage values
 !>    needs                  the traits that a model must declare (scheme/needs)
 !>
-!> Residuals are computed here from the coefficients. Structure is derived where the stepper executes them, claimed
-!> where a special stepper does something else; orders say for each class of noise what they rest on (scheme/orders).
+!> Residuals are computed here from the coefficients. Structure is derived if the stepper executes these coefficients,
+!> and claimed if a special stepper does more; orders state their evidence for each class of noise (scheme/orders).
 module symsde_scheme_certificate
    use symsde_base_functionals, only: functional_set, name_functionals
    use symsde_base_kinds, only: wp
@@ -47,12 +47,12 @@ module symsde_scheme_certificate
       integer :: form = tableau_form
       integer :: nstage = 0
       integer :: degree = 0
-      integer :: implicit_drifts = 0            !! midpoint steps between kicks
+      integer :: implicit_drifts = 0            !! number of midpoint steps between kicks
       type(functional_set) :: asks              !! functionals of the path that a step needs beside dW
       type(bracket_terms) :: brackets           !! added to the one-step Hamiltonian
       integer :: law = law_gaussian             !! law of the increments (base/laws)
       integer :: frame = frame_none             !! what surrounds the tableau's step
-      type(model_needs) :: needs                !! of a model
+      type(model_needs) :: needs                !! conditions on the model
       character(:), allocatable :: remark       !! more facts on the scheme
       logical :: symplectic = .false.
       real(wp) :: symplecticity_residual = 0    !! largest residual of the four conditions
@@ -65,12 +65,12 @@ module symsde_scheme_certificate
       logical :: keeps_quadratic = .false.
       real(wp) :: quadratic_residual = 0        !! largest |a - abar|, |b - bbar|
       logical :: keeps_bilinear = .false.       !! invariants q^T D p
-      integer :: structure = evidence_derived   !! evidence of these: derived or claimed
+      integer :: structure = evidence_derived   !! evidence of the structure: derived or claimed
       type(order_type) :: order(norder)         !! by class of noise; corrected where needed
       integer :: order_noise_free = 0
       integer :: explicit_for = never_explicit  !! one of the three enumerators
       integer :: gradients_per_step = 0         !! for each iteration of the solver where implicit
-      integer :: unknowns = 0                   !! to solve for, each degree of freedom; any Hamiltonian
+      integer :: unknowns = 0                   !! coupled unknowns for each degree of freedom; any Hamiltonian
       integer :: unknowns_if_separable = 0
    end type certificate_type
 
@@ -102,7 +102,7 @@ contains
       ! Judge symplecticity by the residual, whatever the scheme declares.
       c%symplectic = scheme%form /= ito_form .and. c%symplecticity_residual < coefficient_tolerance
       c%symmetry_residual = symmetry_residual(scheme)
-      ! A frame that does something at one end of the step alone is not seen in the coefficients.
+      ! The coefficients do not show a frame that acts at one end of the step.
       c%symmetric = c%symmetry_residual < coefficient_tolerance .and. &
                     scheme%frame /= frame_shift .and. scheme%frame /= frame_rotation
       c%quadratic_residual = quadratic_residual(scheme)
@@ -130,8 +130,8 @@ contains
       c%unknowns_if_separable = implicit_unknowns(scheme, .true.)
    end function certificate
 
-   !> Find the equation that the scheme approximates. beta^T b e and beta^T bbar e must be 1/2. A correction
-   !> Hamiltonian moves them by opposite amounts, so it helps only if their sum is one.
+   !> Decide which equation the scheme approximates. beta^T b e and beta^T bbar e must be 1/2. A correction Hamiltonian
+   !> changes both by opposite amounts, so it helps only if their sum is one.
    pure subroutine judge_consistency(c, scheme)
       type(certificate_type), intent(inout) :: c
       type(scheme_type), intent(in) :: scheme
@@ -169,7 +169,7 @@ contains
       text = text//')'
    end subroutine describe
 
-   !> The answer in a word.
+   !> 'yes' or 'no'.
    pure function yes_no(truth) result(text)
       logical, intent(in) :: truth
       character(len=merge(3, 2, truth)) :: text
@@ -290,7 +290,7 @@ contains
       call add(text, 'quadratic invariants', value)
    end subroutine add_invariants
 
-   !> How the line of an order begins: the kind of convergence and the class of noise.
+   !> First words of an order's line: the kind of convergence and the class of noise.
    pure function order_label(i) result(label)
       integer, intent(in) :: i
       character(len=23) :: label
@@ -299,7 +299,7 @@ contains
       if (i == weak_order) label = 'weak'
    end function order_label
 
-   !> One line a class of noise. Weak order two takes the noises to commute where theirs are not nested.
+   !> One line for each class of noise. Weak order two assumes commutative noises unless crossed brackets are added.
    pure subroutine add_orders(text, c)
       character(:), allocatable, intent(inout) :: text
       type(certificate_type), intent(in) :: c
@@ -350,7 +350,7 @@ contains
          call add(text, 'increments', law_text(c%law)//': for expectations, not path by path')
    end subroutine add_expansion
 
-   !> The line that says for which models no equations are solved; a correction makes every scheme implicit.
+   !> The line that names the models for which no equations are solved; a correction makes every scheme implicit.
    pure subroutine add_explicit(text, c)
       character(:), allocatable, intent(inout) :: text
       type(certificate_type), intent(in) :: c
@@ -365,7 +365,7 @@ contains
       call add(text, 'explicit', value)
    end subroutine add_explicit
 
-   !> The line on cost: gradients and unknowns, of explicit schemes per step, of implicit schemes per iteration.
+   !> The line on cost: gradients and unknowns, for explicit schemes per step, for implicit schemes per iteration.
    pure subroutine add_cost(text, c)
       character(:), allocatable, intent(inout) :: text
       type(certificate_type), intent(in) :: c
@@ -384,7 +384,7 @@ contains
       call add(text, 'cost per step', value)
    end subroutine add_cost
 
-   !> The line on conditions that a model must meet, for schemes that have some.
+   !> The line on conditions that a model must meet, if there are any.
    pure subroutine add_needs(text, c)
       character(:), allocatable, intent(inout) :: text
       type(certificate_type), intent(in) :: c
@@ -434,7 +434,7 @@ contains
       call add_needs(text, c)
    end subroutine write_certificate
 
-   !> The length of the text, which the result of certificate_text has: the lines are written twice.
+   !> Length of the text, needed to declare the result of certificate_text: the lines are written twice.
    pure integer function text_length(c)
       type(certificate_type), intent(in) :: c
       character(:), allocatable :: lines

@@ -3,10 +3,10 @@
 !>
 !> New schemes from old ones: the adjoint, compositions of fractions of a step, the triple jump.
 !>
-!> All are tableaux again, so the general stepper executes them and a certificate judges them. The
-!> parts of a composition share the increments in proportion to their fractions of the step. The
-!> adjoint treats the drift correction as even: its coefficient follows from the new beta^T b e and
-!> has the other sign (adjoint of the one-sided scheme lambda is that of 1 - lambda).
+!> All results are tableaux, so the general stepper executes them and certificates are computed. The parts of a
+!> composition share the increments in proportion to their fractions of the step. The drift correction keeps its sign
+!> for negative steps, so the adjoint's coefficient is computed from its own beta^T b e and has the opposite sign (the
+!> adjoint of the one-sided scheme lambda is that of 1 - lambda).
 module symsde_scheme_composition
    use symsde_base_contracts, only: contracts_are_executed
    use symsde_base_kinds, only: wp
@@ -62,12 +62,12 @@ contains
       scheme%name = base%name//'_adjoint'
       if (present(name)) scheme%name = trim(name)
       scheme%reference = 'adjoint of '//base%name
-      ! Backwards in time a scheme has the same order.
+      ! The adjoint has the same order.
       call declare_properties(scheme, base%order_noise_free)
       if (contracts_are_executed) call require_scheme(scheme, 'scheme, adjoint')
    end subroutine adjoint_scheme
 
-   !> a*_ij = alpha_j' - a_i'j'; zero where only rounding is left, so that explicit stages are seen.
+   !> a*_ij = alpha_j' - a_i'j'; zero if only rounding is left, so that explicit stages are recognised.
    pure subroutine adjoint_matrix(a, alpha, adjoint)
       real(wp), intent(in) :: a(:, :)   !! (nstage, nstage)
       real(wp), intent(in) :: alpha(:)  !! (nstage)
@@ -131,8 +131,8 @@ contains
       type(scheme_type), intent(inout) :: scheme
       type(scheme_type), intent(in) :: part
       integer, intent(in) :: first      !! stages of the parts before
-      real(wp), intent(in) :: start     !! their fraction of the step
-      real(wp), intent(in) :: fraction  !! that of this part
+      real(wp), intent(in) :: start     !! fraction of the step before this part
+      real(wp), intent(in) :: fraction  !! fraction of this part
       integer :: last, i
 
       ! The part takes the fraction `fraction` of time and of all increments: scale its matrices and weights.
@@ -144,7 +144,7 @@ contains
       scheme%abar(first + 1:last, first + 1:last) = fraction*part%abar
       scheme%b(first + 1:last, first + 1:last) = fraction*part%b
       scheme%bbar(first + 1:last, first + 1:last) = fraction*part%bbar
-      ! A stage of a later part begins where this part has ended: with all of its increment, alpha and not a.
+      ! A stage of a later part begins where this part has ended: with alpha, the part's whole increment, instead of a.
       do i = last + 1, scheme%nstage
          scheme%a(i, first + 1:last) = fraction*part%alpha
          scheme%abar(i, first + 1:last) = fraction*part%alpha
@@ -184,8 +184,7 @@ contains
       end if
    end subroutine check_parts
 
-   !> Brackets and frames belong to a whole step: dZ and areas are not shared out in
-   !> proportion to time.
+   !> Brackets and frames belong to a whole step: dZ and areas cannot be divided in proportion to time.
    subroutine check_plain(place, base, error)
       character(*), intent(in) :: place
       type(scheme_type), intent(in) :: base
@@ -198,8 +197,8 @@ contains
                     'take a plain scheme such as midpoint or gauss2')
    end subroutine check_plain
 
-   !> A half step of the scheme followed by a half step of its adjoint: symmetric, of even order. From (89)-(90) of
-   !> [WHSB] it makes the Stoermer-Verlet scheme. Errors: the errors of adjoint_scheme and composed_scheme.
+   !> A half step of the scheme followed by a half step of its adjoint: symmetric, of even order. For (89)-(90) of
+   !> [WHSB] the result is the Stoermer-Verlet scheme. Errors: the errors of adjoint_scheme and composed_scheme.
    subroutine symmetric_composition(scheme, base, error, name)
       type(scheme_type), intent(out) :: scheme  !! not the same variable as base
       type(scheme_type), intent(in) :: base
@@ -211,8 +210,8 @@ contains
       own_name = base%name//'_symmetric'
       if (present(name)) own_name = name
       parts(1) = base
-      ! The map is Phi*_{h/2} o Phi_{h/2}: base acts first. Both halves get dW/2, so that the drift corrections of
-      ! the two cancel.
+      ! The map is Phi*_{h/2} o Phi_{h/2}: base acts first. Both halves get dW/2, so that their drift corrections
+      ! cancel.
       call adjoint_scheme(parts(2), base, error)
       if (allocated(error)) return
       call composed_scheme(scheme, parts, [0.5_wp, 0.5_wp], own_name, error)
@@ -239,7 +238,7 @@ contains
       own_name = base%name//'_triple_jump'
       if (present(name)) own_name = name
       ! 2 g^(p+1) + (1 - 2 g)^(p+1) = 0 removes the leading error, of degree p + 1. The middle part goes back in time,
-      ! as 1 - 2 g < 0, and back along the path: its increments have the same sign as its fraction.
+      ! as 1 - 2 g < 0, and back along the path: its increments have the sign of its fraction.
       g = 1/(2 - 2**(1.0_wp/(base%order_noise_free + 1)))
       fractions = g
       fractions(2) = 1 - 2*g

@@ -1,6 +1,6 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> The contract of schemes (scheme/scheme): what constructors promise, and what compositions and steppers ask of a
-!> scheme that they are given.
+!> The contract of schemes (scheme/scheme): promises of constructors, and requirements of compositions and steppers on
+!> the schemes that they get.
 !>
 !> Nodes and weights have an entry for each stage, matrices a row and a column; all are finite, and weights sum to one.
 !> Nodes may lie outside of the step: compositions go back in time.
@@ -12,7 +12,7 @@ module symsde_scheme_contract
    private
    public :: require_scheme
 
-   real(wp), parameter :: tolerance = 1e-12_wp  !! of sums of weights, each of which has been rounded
+   real(wp), parameter :: tolerance = 1e-12_wp  !! of sums of weights, each rounded
 
 contains
 

@@ -1,12 +1,12 @@
 ! SPDX-License-Identifier: BSD-3-Clause
 !>    Q_i <- H_p(P_j, Q_j)  where a_ij or b_ij /= 0,          P_i <- H_q(P_j, Q_j)  where abar_ij or bbar_ij /= 0
 !>
-!> Which stage values of a tableau need which others: whether a scheme is explicit, and in which order. Stage values
-!> are the vertices of a graph, numbered i for Q_i and nstage + i for P_i; a value needs those that its arrows come
-!> from. A scheme is explicit where this graph has no cycle.
+!> The dependencies between stage values of a tableau: whether a scheme is explicit, and in which order its values are
+!> computed. Stage values are the vertices of a graph, numbered i for Q_i and nstage + i for P_i; a value needs the
+!> values that its arrows come from. A scheme is explicit if this graph has no cycle.
 !>
-!> Q_i needs H_p at stage j where a_ij or b_ij is not zero, P_i needs H_q there by abar and bbar.
-!> H_p at stage j needs (Q_j,P_j), for separable Hamiltonians P_j alone; H_q needs Q_j alone then.
+!> Q_i needs H_p at stage j where a_ij or b_ij is not zero, P_i needs H_q at stage j where abar_ij or bbar_ij is not
+!> zero. H_p at stage j needs (Q_j,P_j), but for separable Hamiltonians P_j alone, and H_q then Q_j alone.
 module symsde_scheme_dependency
    use symsde_base_kinds, only: wp
    use symsde_scheme_kicks, only: flow_midpoint
@@ -31,8 +31,8 @@ contains
       is_explicit = known == size(order)
    end function is_explicit
 
-   !> Order the stage values so that each needs earlier ones only, i for Q_i and nstage+i for P_i. The first `known`
-   !> entries hold them; the other values must be solved for. An explicit scheme has no others.
+   !> Order the stage values so that each needs earlier values only, i for Q_i and nstage+i for P_i. The first `known`
+   !> entries hold these values; all others must be solved for. An explicit scheme has no others.
    pure subroutine evaluation_order(scheme, separable, order, known)
       type(scheme_type), intent(in) :: scheme            !! not of Galerkin form
       logical, intent(in) :: separable                   !! every H_j(q,p) = T_j(p) + U_j(q)
@@ -46,7 +46,7 @@ contains
       order = 0
       known = 0
       before = -1
-      ! Take every value whose needs are all taken, until a pass finds none: on an acyclic graph it takes all.
+      ! Append every value whose needs are all in the list, until a pass finds none: on an acyclic graph it finds all.
       do while (known > before)
          before = known
          do i = 1, size(done)
@@ -59,8 +59,8 @@ contains
    end subroutine evaluation_order
 
    !> Number of coupled unknowns for each degree of freedom: a stage value counts if it lies on a cycle of the
-   !> dependency graph or between two; equal values count once. Of Galerkin data, the momenta at the nodes and the
-   !> control points count.
+   !> dependency graph or between two cycles; equal values count once. For the Galerkin form the momenta at the nodes
+   !> and the control points count.
    pure integer function implicit_unknowns(scheme, separable) result(unknowns)
       type(scheme_type), intent(in) :: scheme
       logical, intent(in) :: separable
@@ -76,9 +76,9 @@ contains
       end if
       needs = dependencies(scheme, separable)
       left = .true.
-      ! Keep values that need a value of the rest and are needed by one. Each pass that changes the rest removes at
-      ! least one value, so twice their number of passes suffices.
-      do i = 1, 2*size(left)  ! from the front: known already; from the back: known afterwards
+      ! Keep values that need a remaining value and are needed by one. Each pass that changes the set removes at least
+      ! one value, so as many passes as values suffice in either direction.
+      do i = 1, 2*size(left)  ! first drop values known before the cycles, then after them
          do j = 1, size(left)
             keep(j) = any(needs(j, :) .and. left) .and. any(needs(:, j) .and. left)
          end do
@@ -86,7 +86,7 @@ contains
       end do
       unknowns = 0
       do i = 1, size(left)
-         ! The midpoint rule's Q_1 and P_1 are two; stages with equal rows have equal values, and are one unknown.
+         ! The midpoint rule has two unknowns, Q_1 and P_1; stages with equal rows have equal values and count as one.
          if (left(i) .and. .not. repeats(scheme, i, left)) unknowns = unknowns + 1
       end do
    end function implicit_unknowns
@@ -100,7 +100,7 @@ contains
       integer :: r
 
       r = scheme%nstage
-      ! Drift and noise are computed together: a value waits where either needs it.
+      ! Drift and noise are computed together, so a value needs all that either of them needs.
       of_q = abs(scheme%a) > 0 .or. abs(scheme%b) > 0
       of_p = abs(scheme%abar) > 0 .or. abs(scheme%bbar) > 0
       ! For separable Hamiltonians H_p is a function of P_j alone and H_q of Q_j alone: the blocks on the diagonal, Q
@@ -111,7 +111,7 @@ contains
       needs(r + 1:, r + 1:) = of_p .and. .not. separable
    end function dependencies
 
-   !> Whether an earlier stage value that is left has the same coefficients.
+   !> Whether an earlier remaining stage value has the same coefficients.
    pure logical function repeats(scheme, i, left)
       type(scheme_type), intent(in) :: scheme
       integer, intent(in) :: i

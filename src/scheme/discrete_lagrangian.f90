@@ -8,7 +8,7 @@
 !>
 !>    L_h(q_n,q_{n+1}) = ext sum_i alpha_i [P_i . q_d'(c_i) - h H(P_i,q_d(c_i))] - sum_i beta_i sum_k dW_k H_k
 !>
-!> Its variations are the equations of the step, in the P_i and in the inner control points q^mu of q_d:
+!> Its variations with respect to P_i and to the inner control points q^mu of q_d are the equations of the step:
 !>
 !>    q_d'(c_i) = h H_p + sum_k (beta_i/alpha_i) dW_k H_k,p   at (P_i, q_d(c_i))
 !>    sum_i [alpha_i l_mu'(c_i) P_i - l_mu(c_i) (alpha_i h H_q + sum_k beta_i dW_k H_k,q)] = 0,   0 < mu < s
@@ -18,9 +18,9 @@
 !> Lagrange polynomial from 0 to c_i, and the variations with respect to V_j give P_j (Holm and
 !> Tyranowski, BIT 58, 2018; Ober-Bloebaum and Saake, 2015).
 !>
-!> Why the momenta are free: where P_i is tied to p_n and p_{n+1}, as in the paper, (63)-(65) are 4n equations for 2n
-!> unknowns, and agree for one node alone (scheme_from_end_point_rule). With r < s the control points are
-!> undetermined. With r > s the q'(c_i) are not independent of each other, and H_pp must be invertible for the P_i.
+!> Why the momenta are free: if P_i were tied to p_n and p_{n+1}, as in the paper, (63)-(65) would be 4n equations for
+!> 2n unknowns, which are consistent for one node alone (scheme_from_end_point_rule). With r < s the control points are
+!> undetermined. With r > s the q'(c_i) depend on each other, and H_pp must be invertible for the P_i.
 module symsde_scheme_discrete_lagrangian
    use symsde_base_contracts, only: contracts_are_executed
    use symsde_base_kinds, only: wp
@@ -45,10 +45,10 @@ contains
 
    !> The scheme of a polynomial degree s and a quadrature of r nodes, in any order. r = s gives a
    !> tableau; with own noise weights beta its b_ij = a_ij beta_j/alpha_j and bbar_ij = beta_j -
-   !> beta_j a_ji/alpha_i satisfy the four symplecticity conditions identically. r > s gives Galerkin
-   !> data, for noises in position, or all additive ones that share the weights of the drift: where
-   !> the nodes see different velocities of the noise, P_i - P_j is of the size dW^2/h.
-   !> Errors: wrong_shape, invalid_argument (numbers), incompatible (choices that give no scheme).
+   !> beta_j a_ji/alpha_i satisfy the four symplecticity conditions identically. r > s gives Galerkin data, for noises
+   !> in position, or for any additive noises with the weights of the drift: otherwise nodes would get different
+   !> velocities from the noise, and P_i - P_j would be of size dW^2/h. Errors: wrong_shape, invalid_argument (numbers),
+   !> incompatible (choices that give no scheme).
    subroutine scheme_from_quadrature(scheme, degree, nodes, weights, name, error, noise_weights)
       type(scheme_type), intent(out) :: scheme
       integer, intent(in) :: degree                      !! s, 1 .. max_degree
@@ -76,7 +76,7 @@ contains
       scheme%c = nodes(order)
       scheme%alpha = weights(order)
       scheme%beta = beta(order)
-      ! With as many nodes as degrees the velocities V_i = q_d'(c_i) are free, and the scheme is a tableau.
+      ! With as many nodes as the degree the velocities V_i = q_d'(c_i) are free, and the scheme is a tableau.
       if (scheme%nstage == degree) then
          call fill_tableau(scheme)
       else
@@ -158,8 +158,7 @@ contains
       end if
    end subroutine check_numbers
 
-   !> Degree, number of nodes and exactness must fit, or the equations have no or inconsistent
-   !> solutions.
+   !> Degree, number of nodes and exactness must match, or the equations have no solution or inconsistent ones.
    subroutine check_choice(degree, nodes, weights, error)
       integer, intent(in) :: degree
       real(wp), intent(in) :: nodes(:), weights(:)
@@ -167,9 +166,9 @@ contains
       integer :: needed
 
       needed = degree - 1
-      ! sum_i alpha_i q_d'(c_i) must be q_{n+1} - q_n, which takes exactness to degree s - 1; with more nodes than
-      ! degrees also the first moment, int t dt = 1/2, must be right: it decides whether the Stratonovich equation is
-      ! met.
+      ! sum_i alpha_i q_d'(c_i) must be q_{n+1} - q_n, which requires exactness to degree s - 1; with more nodes than
+      ! the degree the first moment, int t dt = 1/2, must be exact, too: it decides whether the Stratonovich equation is
+      ! approximated.
       if (size(nodes) > degree) needed = max(needed, 1)
       if (size(nodes) < degree) then
          call raise(error, incompatible, place, 'a polynomial of degree '//to_text(degree)//' with '// &
@@ -200,7 +199,7 @@ contains
          allocate (s%b(r, r), s%bbar(r, r))
          do j = 1, r
             do i = 1, r
-               ! V_j is the velocity of all Hamiltonians, in which the noise is weighed by beta_j/alpha_j.
+               ! V_j is the velocity by all Hamiltonians, with the noise weighted by beta_j/alpha_j.
                s%b(i, j) = s%a(i, j)*(s%beta(j)/s%alpha(j))
                s%bbar(i, j) = s%beta(j) - s%beta(j)*s%a(j, i)/s%alpha(i)
             end do
@@ -302,7 +301,7 @@ contains
       end do
    end function smallest_distance
 
-   !> Positions of the nodes in ascending order: reversal of the stages then means reversal of time.
+   !> Positions of the nodes in ascending order, so that reversing the stages means reversing time.
    pure function ascending(nodes) result(order)
       real(wp), intent(in) :: nodes(:)
       integer :: order(size(nodes))

@@ -1,12 +1,12 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> Schemes beyond strong order one, and weak schemes: a symplectic tableau applied to the modified
-!> Hamiltonian of one step, with the law of increments that it is meant for (docs/method/beyond-order-one.md).
+!> Schemes beyond strong order one, and weak schemes: a symplectic tableau applied to a modified Hamiltonian of the
+!> step, with the law of increments that the order needs (docs/method/beyond-order-one.md).
 !>
 !>    gauss2_strong32         with dZ: strong 3/2 for commutative noises
 !>    midpoint_areas          with areas: strong 1 for every noise
-!>    gauss2_strong32_areas   with both: strong 3/2 for commutative noises, 1 for the others
+!>    gauss2_strong32_areas   with both: strong 3/2 for commutative noises, 1 for other noises
 !>    gauss2_weak2            three-point increments: weak 2 for commutative noises
-!>    gauss2_weak2_areas      with two-point areas beside: weak 2 for every noise
+!>    gauss2_weak2_areas      with two-point areas, too: weak 2 for every noise
 !>    midpoint_weak1          two-point increments, nothing added: weak 1
 module symsde_scheme_expansion
    use symsde_base_functionals, only: functionals, path_dz, path_areas
@@ -29,13 +29,13 @@ contains
       base = name
    end function base_of
 
-   !> Make the plain scheme of the name, gauss2 or midpoint, the expanded one: brackets, law, orders.
+   !> Turn the plain scheme, gauss2 or midpoint, into the expanded scheme of this name: brackets, law, orders.
    !>
    !> Orders are those of the truncated logarithm of the flow (Castell 1993, adapted): dZ and the nested
    !> bracket leave a local error of size h^2 for commutative noises, areas alone one of size h^(3/2) with
    !> mean h^2. The mean of the flow with three-point increments and areas +-h/2 is that of the equation to h^2
    !> (docs/method/weak.md). Brackets of commuting Hamiltonians vanish: such flows keep the order of the plain scheme.
-   !> What commutes with every H_j commutes with their brackets: quadratic invariants stay.
+   !> A function that commutes with every H_j commutes with their brackets, too: quadratic invariants are kept.
    pure subroutine expand_scheme(scheme, name)
       type(scheme_type), intent(inout) :: scheme
       character(*), intent(in) :: name   !! one of the six
@@ -62,7 +62,7 @@ contains
          call declare(scheme, law_three_point, 0.0_wp, 0.0_wp, 2.0_wp)
       case ('midpoint_weak1')
          call declare(scheme, law_two_point, 0.0_wp, 0.0_wp, 1.0_wp)
-      case default  ! leave the base unchanged
+      case default  ! no expanded scheme: leave the base unchanged
       end select
       scheme%reference = 'modified one-step Hamiltonian on '//base_of(name)//' (log-ODE; Castell 1993)'
       if (scheme%law /= law_gaussian) then
@@ -75,7 +75,7 @@ contains
       type(scheme_type), intent(inout) :: scheme
       integer, intent(in) :: law
       real(wp), intent(in) :: commutative, general  !! strong orders
-      real(wp), intent(in) :: weak                  !! weak order, commutative noises; every noise where crossed
+      real(wp), intent(in) :: weak                  !! weak order for commutative noises; for every noise if crossed
 
       scheme%law = law
       call set_order(scheme%order(additive_noise), commutative, evidence_claimed)

@@ -1,8 +1,8 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> The tableau that a Galerkin scheme is where H = p.M^-1 p/2 + U(q) with a constant mass M.
+!> The tableau that a Galerkin scheme is equal to if H = p.M^-1 p/2 + U(q) with a constant mass M.
 !>
 !> With r nodes and degree s the velocities q_d'(c_i) are values of a polynomial of degree s - 1 (step/oracle/galerkin
-!> has the equations), and so are the momenta of the nodes, which M takes them to. With phi_m, m = 1..s, an orthogonal
+!> has the equations), and so are the momenta at the nodes, M times the velocities. With phi_m, m = 1..s, an orthogonal
 !> basis of these polynomials for the sum over nodes,
 !>
 !>    sum_i alpha_i phi_l(c_i) phi_m(c_i) = delta_lm d_m,       Phi_m(t) = integral of phi_m from 0 to t,
@@ -11,9 +11,9 @@
 !>
 !>    a_ij = sum_m Phi_m(c_i) phi_m(c_j) alpha_j/d_m,           abar: its symplectic conjugate
 !>
-!> P_i = p_n + sum_j abar_ij G_j is such a polynomial, which a integrates exactly; of velocities that additive noise
-!> gives the nodes a integrates the projection, as q_d does. Two nodes of Lobatto with s = 1 are Stormer-Verlet, three
-!> with s = 2 Lobatto IIIA-IIIB (tests/verification/test_galerkin.pf).
+!> P_i = p_n + sum_j abar_ij G_j is such a polynomial, which a integrates exactly; for velocities due to additive noise
+!> a integrates the projection, as q_d does. Two nodes of Lobatto with s = 1 give Stormer-Verlet, three with s = 2
+!> Lobatto IIIA-IIIB (tests/verification/test_galerkin.pf).
 module symsde_scheme_galerkin_tableau
    use symsde_base_kinds, only: wp
    use symsde_base_traits, only: model_traits
@@ -36,7 +36,7 @@ contains
       if (scheme%form /= galerkin_form .or. .not. traits%has_constant_mass()) return
       if (traits%nnoise > 0 .and. .not. scheme%noise_coefficients_equal()) return
       call orthogonalise(scheme, phi, integral, norm)
-      if (.not. all(norm > 0)) return  ! weights of both signs
+      if (.not. all(norm > 0)) return  ! a sum with weights of both signs may vanish
       do j = 1, scheme%nstage
          do i = 1, scheme%nstage
             a(i, j) = scheme%alpha(j)*sum(integral(i, :)*phi(j, :)/norm)

@@ -1,9 +1,9 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> Kicks between flows of the rest, as data: explicit, symplectic, of strong order 3/2 or 2 for any
-!> number of noises in position (docs/method/explicit.md derives it).
+!> Kicks between flows of the rest, as data: explicit, symplectic, of strong order 3/2 or 2 for any number of noises in
+!> position (derived in docs/method/explicit.md).
 !>
-!> For H = p.M^-1 p/2 + U(t,q), M constant, and H_k(t,q) a step is a sequence of drifts and kicks. Kick i comes
-!> where the drift has arrived at t_n + c_i h, and is the flow of
+!> For H = p.M^-1 p/2 + U(t,q), M constant, and H_k(t,q) a step is a sequence of drifts and kicks. Kick i follows when
+!> the drifts have reached t_n + c_i h, and is the flow of
 !>
 !>    b_i h U + sum_k w_ik H_k  +  kappa_i h V_q.M^-1 V_q  +  s_i/2 sum_kl D_kl H_k,q . M^-1 H_l,q
 !>
@@ -11,20 +11,20 @@
 !>    K_k  = int (s^2 - s + 1/6) dW_k /2, the space-time-time Levy area, of variance h/720
 !>    V    = h U + sum_k (dW_k + zeta K_k) H_k
 !>
-!> What the kicks of a noise leave of its second Magnus term, sum_kl J_kl H_k,q . M^-1 H_l,q /2 with
-!> J_kl = int W_k (dW_l - W_l) ds symmetrised, is made good by the last part:
+!> The kicks of a noise miss part of its second Magnus term, sum_kl J_kl H_k,q . M^-1 H_l,q /2 with J_kl = int W_k (dW_l
+!> - W_l) ds symmetrised. The last term above adds the missing part:
 !>
 !>    D_kl = h sum_{i<j} (c_j - c_i) (w_ik w_jl + w_il w_jk)/2 - 2 kappa h v_k v_l - J_kl,   v_k = dW_k + zeta K_k
 !>
-!> with J sampled for strong order 2; else by its mean, since E J = 0: D_kl = c h^2 delta_kl,
+!> with J sampled for strong order 2; else with E J = 0 in place of J: D_kl = c h^2 delta_kl,
 !>
 !>    c = sum_{i<j} (c_j - c_i) (beta_i beta_j + gamma_i gamma_j/12 + eta_i eta_j/720) - 2 kappa (1 + zeta^2/720)
 !>
 !> for strong order 3/2, kappa = sum_i kappa_i. With dW alone (gamma = eta = 0) the same c gives weak order 2.
 !>
-!> Between kicks p stays (flow_free), or a declared linear part turns q and p (flow_rotation), or all of H moves them by
-!> the implicit midpoint rule (flow_midpoint), and the kicks are those of the noises alone, b = 0. None of the
-!> conditions sees the difference. With c = 0 nothing but the noises is kicked: H may be any then.
+!> Between kicks p is constant (flow_free), or a declared linear part rotates q and p (flow_rotation), or all of H acts
+!> by the implicit midpoint rule (flow_midpoint), and the kicks are those of the noises alone, b = 0. The conditions are
+!> the same for all three. With c = 0 only noises are kicked, and H may be any.
 module symsde_scheme_kicks
    use symsde_base_kinds, only: wp
    implicit none
@@ -33,7 +33,7 @@ module symsde_scheme_kicks
    public :: flow_free, flow_rotation, flow_midpoint
 
    enum, bind(c)
-      enumerator :: flow_free = 0      !! of the kinetic energy
+      enumerator :: flow_free = 0      !! flow of the kinetic energy
       enumerator :: flow_rotation = 1  !! flow of p.M^-1 p/2 and of a linear part with declared frequencies
       enumerator :: flow_midpoint = 2  !! step of H by the implicit midpoint rule
    end enum
@@ -47,7 +47,7 @@ module symsde_scheme_kicks
       real(wp), allocatable :: kappa(:)    !! factor of h |V_q|^2 (nkick)
       real(wp), allocatable :: share(:)    !! s: part of the potential with D, their sum is one (nkick)
       real(wp) :: zeta = 0                 !! factor of K in V
-      logical :: samples = .false.         !! J is sampled, else its mean is used
+      logical :: samples = .false.         !! whether J is sampled; else its mean is used
       integer :: flow = flow_free          !! flow between kicks: one of the enumerators
    contains
       procedure :: uses_dz
@@ -57,14 +57,14 @@ module symsde_scheme_kicks
 
 contains
 
-   !> Make kicks from the coefficients given, others being zero; share is b by default.
+   !> Make kicks from the given coefficients, others being zero; share is b by default.
    pure subroutine new_kicks(kicks, c, b, gamma, eta, kappa, zeta, share, flow)
       type(kicks_type), intent(out) :: kicks
       real(wp), intent(in) :: c(:), b(:)           !! (nkick)
       real(wp), intent(in), optional :: gamma(:)   !! (nkick)
       real(wp), intent(in), optional :: eta(:), kappa(:), share(:) !! (nkick)
       real(wp), intent(in), optional :: zeta
-      integer, intent(in), optional :: flow        !! with flow_midpoint b weighs noises alone
+      integer, intent(in), optional :: flow        !! with flow_midpoint b is the weight of noises alone
 
       kicks%c = c
       kicks%b = b
@@ -80,7 +80,7 @@ contains
       if (present(zeta)) kicks%zeta = zeta
    end subroutine new_kicks
 
-   !> Whether kicks follow dZ: then the scheme approximates paths. With kicks of dW alone it approximates means.
+   !> Whether kicks use dZ, so that the scheme approximates paths. With kicks by dW alone it approximates means.
    pure logical function uses_dz(self)
       class(kicks_type), intent(in) :: self
 
@@ -93,7 +93,7 @@ contains
       uses_k = any(abs(self%eta) > 0)
    end function uses_k
 
-   !> Drifts of a step: one before each kick and one after the last, but for kicks at the ends.
+   !> Drifts of a step: one before each kick and one after the last, but none outside of kicks at the ends.
    pure integer function ndrift(self)
       class(kicks_type), intent(in) :: self
 
@@ -124,8 +124,8 @@ contains
 
    !> How far the kicks of a noise are from its moments int s^r dW, r = 0 .. degree, with s^0 = 1, int s dW =
    !> dW/2 - a, int s^2 dW = dW/3 - a + 2K: the largest |sum_i w_i c_i^r - moment| over the three coefficients,
-   !> and of those of the potential, 1/(r+1). Degree one is what strong order 3/2 needs; a is left out of it for kicks
-   !> of dW alone, and the potential where the flow between kicks has it.
+   !> and of those of the potential, 1/(r+1). Strong order 3/2 needs degree one. Kicks by dW alone do not use a, and
+   !> flows that contain the potential do not kick it: these moments are then left out.
    pure real(wp) function moment_residual(kicks, degree) result(residual)
       type(kicks_type), intent(in) :: kicks
       integer, intent(in) :: degree  !! 0, 1 or 2

@@ -12,8 +12,8 @@ module symsde_scheme_needs
 
 contains
 
-   !> The first need that the traits do not meet, in words; not allocated where all are met. Without noise every
-   !> need of the noise is met.
+   !> The first need that the traits do not meet, in words; not allocated if all are met. Without noise every need
+   !> concerning noise is met.
    pure subroutine find_missing(scheme, traits, missing)
       type(scheme_type), intent(in) :: scheme
       type(model_traits), intent(in) :: traits
@@ -22,8 +22,8 @@ contains
 
       noisy = traits%nnoise > 0
       associate (needs => scheme%needs)
-         ! Galerkin schemes with more nodes than degrees take noise in position, or additive noise in p as well where
-         ! drift and noise share their weights: all nodes see one velocity of the noise then.
+         ! Galerkin schemes with more nodes than the degree accept noise in position, or additive noise on q as well if
+         ! drift and noise have equal weights: then all nodes get the same velocity from the noise.
          will_do = .false.
          if (needs%additive_will_do) will_do = traits%additive .and. scheme%noise_coefficients_equal()
          if (needs%additive .and. noisy .and. .not. traits%additive) then

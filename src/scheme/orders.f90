@@ -1,12 +1,12 @@
 ! SPDX-License-Identifier: BSD-3-Clause
 !>    strong   (E |x_N - x(T)|^2)^(1/2) <= C h^order,          weak   |E f(x_N) - E f(x(T))| <= C h^order
 !>
-!> Orders of convergence and what they rest on: order conditions that the coefficients meet, a claim, a measurement.
+!> Orders of convergence and their evidence: order conditions that the coefficients meet, a claim, a measurement.
 !>
-!> A derived order is computed from the coefficients that the stepper executes. A claimed one is said by the author of
-!> a scheme, or of this library, on arguments that no program here checks. Either may have been measured besides
-!> (scheme/measured): a value with its 95 % half-width on one problem, and how far below the smallest error counted
-!> that of the reference lies.
+!> A derived order is computed from the coefficients that the stepper executes. A claimed order is stated by the author
+!> of a scheme, or of this library, by arguments that no program here checks. Either may also have been measured
+!> (scheme/measured): a slope with its 95 % half-width on one problem, and the ratio of the reference's error to the
+!> smallest error that counts.
 module symsde_scheme_orders
    use symsde_base_kinds, only: wp
    implicit none
@@ -20,21 +20,21 @@ module symsde_scheme_orders
       enumerator :: commutative_noise = 2  !! strong, one noise, or every {H_k,H_l} constant
       enumerator :: general_noise = 3      !! strong
       enumerator :: commuting_flows = 4    !! strong, every {H,H_k} constant as well (Kubo oscillator)
-      enumerator :: weak_order = 5         !! of expectations, commutative noise
+      enumerator :: weak_order = 5         !! weak, commutative noise
    end enum
-   ! The classes are nested but for the weak one: additive noises commute, and commuting flows are commutative.
+   ! The strong classes are nested: additive noises commute, and commuting flows are commutative noises.
    integer, parameter :: norder = 5
    character(len=15), parameter :: order_names(norder) = ['additive noise ', 'commutative    ', 'general        ', &
                                                           'commuting flows', 'weak           ']
    enum, bind(c)
-      enumerator :: evidence_none = 0      !! no order: diverges, or is not made for such noise
+      enumerator :: evidence_none = 0      !! no order: the scheme diverges, or is not made for such noise
       enumerator :: evidence_claimed = 1
       enumerator :: evidence_derived = 2   !! from the coefficients
    end enum
 
    type :: order_type
       real(wp) :: value = 0                  !! 0 = none
-      integer :: evidence = evidence_none    !! what shows the value
+      integer :: evidence = evidence_none    !! evidence of the value
       character(len=26) :: problem = ''      !! problem of the measurement; blank = not measured
       real(wp) :: measured = 0               !! the slope of the error over the step
       real(wp) :: half_width = 0             !! half-width of the 95 % interval

@@ -1,13 +1,13 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!>    symplectic      alpha_i abar_ij + alpha_j a_ji = alpha_i alpha_j, and those with noise (scheme/tableau)
+!>    symplectic      alpha_i abar_ij + alpha_j a_ji = alpha_i alpha_j, and three conditions with noise (scheme/tableau)
 !>    symmetric       alpha_j = alpha_j',  c_i + c_i' = 1,  a_ij + a_i'j' = alpha_j,       i' = r + 1 - i
-!>    invariants      a = abar and b = bbar, of a symplectic tableau: all quadratic ones are kept
+!>    invariants      a = abar and b = bbar, of a symplectic tableau: all quadratic invariants are kept
 !>    Stratonovich    beta^T b e = beta^T bbar e = 1/2,                                    e = (1, .., 1)
 !>
-!> What follows from the coefficients of a scheme: symplecticity, symmetry, invariants, expected orders.
+!> Properties that follow from the coefficients of a scheme: symplecticity, symmetry, invariants, expected orders.
 !>
-!> Everything here is derived from the coefficients. What schemes claim beyond that is set, and marked as claimed,
-!> where they are made (scheme/expansion, scheme/additive, scheme/catalogue).
+!> Everything here is derived from the coefficients. Claims beyond these are set, and marked as claimed, where a scheme
+!> is made (scheme/expansion, scheme/additive, scheme/catalogue).
 module symsde_scheme_properties
    use symsde_base_kinds, only: wp
    use symsde_scheme_kicks, only: kicks_type
@@ -30,15 +30,15 @@ contains
    !> to one and beta^T b e = beta^T bbar e = 1/2; where only their sum is one, a correction
    !> Hamiltonian restores it, and the orders are those with correction = increments. Without
    !> either, the scheme does not converge to the Stratonovich equation, except for additive noise.
-   !> For commuting flows the one-step Hamiltonian is integrated for unit time, and its size is the
-   !> square root of h: half the order.
+   !> For commuting flows a step integrates the one-step Hamiltonian, whose size is the square root of h, for unit time:
+   !> half the order without noise.
    pure subroutine declare_properties(scheme, order_noise_free)
       type(scheme_type), intent(inout) :: scheme
       integer, intent(in) :: order_noise_free  !! order of the scheme without noise
       logical :: consistent, correctable
       real(wp) :: commutative, commuting
 
-      ! In the expansion of a step the factor of the term H_k,qp H_k,p dW^2 and its like is beta^T b e; in the
+      ! In the expansion of a step the factor of the term H_k,qp H_k,p dW^2 and similar terms is beta^T b e; in the
       ! Stratonovich equation it is 1/2.
       consistent = abs(stratonovich_sum(scheme) - 0.5_wp) < coefficient_tolerance .and. &
                    abs(conjugate_stratonovich_sum(scheme) - 0.5_wp) < coefficient_tolerance
@@ -105,7 +105,7 @@ contains
       end associate
    end function symmetry_residual
 
-   !> Kicks that do not read the same from behind; a changes its sign then, K does not.
+   !> How much kicks differ from their reversal, which changes the sign of a but not of K.
    pure real(wp) function unlike_reversed(kicks) result(residual)
       type(kicks_type), intent(in) :: kicks
 

@@ -4,8 +4,8 @@
 !> Named quadratures on [0,1], the choice from which a scheme is built ([WHSB] (49), (62)). The nodes become the times
 !> of the stages and the weights the factors of the Hamiltonians in the discrete Lagrangian
 !> (scheme/discrete_lagrangian). With R nodes the rules of Gauss are exact to degree 2R - 1, those of Radau to 2R - 2,
-!> of Lobatto to 2R - 3, which are as many as zero, one and two end points among the nodes leave. All have closed
-!> forms, so that nothing is iterated.
+!> of Lobatto to 2R - 3: every end point among the nodes costs one degree. All have closed forms, so no iteration is
+!> needed.
 module symsde_scheme_quadrature
    use symsde_base_kinds, only: wp
    use symsde_base_status, only: error_type, raise, unknown_name
@@ -18,7 +18,7 @@ module symsde_scheme_quadrature
       'rectangle_left', 'rectangle_right', 'midpoint', 'trapezoid', 'open_trapezoid', & !&
       'gauss1', 'gauss2', 'gauss3', 'gauss4', 'lobatto2', 'lobatto3', 'lobatto4', & !&
       'radau_left2', 'radau_left3', 'radau_right2', 'radau_right3'] !&
-   ! A rule that is exact misses a moment by rounding of nodes and weights alone.
+   ! An exact rule misses a moment only by rounding of nodes and weights.
    real(wp), parameter :: tolerance = 64*epsilon(1.0_wp)  !! of a moment that should vanish
 
 contains
@@ -81,7 +81,7 @@ contains
       case ('gauss2')
          ! The nodes on [-1,1] are the zeros of P_2(x) = (3 x^2 - 1)/2.
          x = sqrt(1.0_wp/3.0_wp)
-         ! Nodes are moved from [-1,1] to [0,1], t = (1 + x)/2, and weights halved.
+         ! Move nodes from [-1,1] to [0,1], t = (1 + x)/2, and halve the weights.
          nodes = 0.5_wp + 0.5_wp*x*[-1.0_wp, 1.0_wp]
          weights = [0.5_wp, 0.5_wp]
       case ('gauss3')
@@ -162,8 +162,8 @@ contains
 
       degree = -1
       if (.not. abs(sum(weights) - 1) <= tolerance) return
-      ! Legendre's polynomials P_k(x), x = 2 t - 1, have vanishing moments for k > 0: a rule is exact to degree d
-      ! where the sums over its nodes vanish for k = 1 .. d.
+      ! Legendre's polynomials P_k(x), x = 2 t - 1, have vanishing moments for k > 0: a rule is exact to degree d if the
+      ! sums over its nodes vanish for k = 1 .. d.
       x = 2*nodes - 1
       ! older and old are P_{k-1} and P_k at the nodes.
       older = 1

@@ -17,9 +17,9 @@
 !> Ito form (Euler-Maruyama, for comparison): x_{n+1} = x_n + h f(x_n) + sum_k dW_k J grad H_k(x_n) with the drift f
 !> of the Ito equation
 !>
-!> In every form all stages share the increments dW_k of the step: h and dW_k are weights of the Hamiltonians, and
-!> what is symplectic for every h is so for every path. What a scheme needs of the path beside dW stands in `asks`,
-!> what it adds to Hhat in `brackets`, what a model must be in `needs`.
+!> In every form all stages share the increments dW_k of the step: h and dW_k are weights of the Hamiltonians, and a map
+!> that is symplectic for every h is symplectic for every path. `asks` has the functionals that a scheme uses beside dW,
+!> `brackets` the terms it adds to Hhat, `needs` its conditions on the model.
 module symsde_scheme_scheme
    use symsde_base_kinds, only: wp
    use symsde_base_functionals, only: functional_set
@@ -42,18 +42,18 @@ module symsde_scheme_scheme
       enumerator :: splitting_form = 4 !! executed from kicks
    end enum
    enum, bind(c)
-      ! Terms added to Hhat so that a scheme with beta^T b e = lambda /= 1/2 meets the Stratonovich equation.
+      ! Terms added to Hhat so that a scheme with beta^T b e = lambda /= 1/2 approximates the Stratonovich equation.
       enumerator :: correction_auto = 0        !! increments form, or none where the traits prove it vanishes
       enumerator :: correction_none = 1
       enumerator :: correction_mean = 2        !! (1/2-lambda) |h| sum_k H_{k,p}.H_{k,q}
       enumerator :: correction_increments = 3  !! (1/2-lambda) F_p.F_q with F = sum_k dW_k H_k
    end enum
 
-   ! what surrounds the step of the tableau, in schemes for some noise alone (scheme/additive)
+   ! frame around the tableau's step, in schemes for one kind of noise alone (scheme/additive)
    enum, bind(c)
       enumerator :: frame_none = 0      !! the tableau is the whole step
       enumerator :: frame_shift = 1     !! a shift of q by dZ - h dW/2 comes last
-      enumerator :: frame_mean_path = 2 !! positions and momenta are seen from the mean of the path, which dZ tells
+      enumerator :: frame_mean_path = 2 !! positions and momenta relative to the mean of the path, which dZ gives
       enumerator :: frame_rotation = 3  !! the noise comes first, then drifts that are rotations
    end enum
 
@@ -63,10 +63,10 @@ module symsde_scheme_scheme
       logical :: position_noise = .false.
       logical :: additive_will_do = .false.   !! instead of position_noise, where drift and noise share coefficients
       logical :: identity_mass = .false.
-      logical :: constant_mass = .false.      !! identity_mass will do
+      logical :: constant_mass = .false.      !! met by identity_mass, too
       logical :: rotation = .false.           !! frequencies of the linear part of H
-      character(:), allocatable :: why        !! why the scheme needs them, for messages
-      character(:), allocatable :: instead    !! scheme for models that declare less
+      character(:), allocatable :: why        !! reason of the needs, for messages
+      character(:), allocatable :: instead    !! scheme for models that do not meet the needs
    end type model_needs
 
    !> Brackets added to the one-step Hamiltonian (step/hamiltonian/brackets), for orders beyond one.
@@ -74,7 +74,7 @@ module symsde_scheme_scheme
       logical :: single = .false.  !! sum_k (h dW_k/2 - dZ_k) {H_k,H}
       logical :: areas = .false.   !! sum_{k<l} A_kl {H_l,H_k}
       logical :: nested = .false.  !! (h^2/12) sum_k {{H,H_k},H_k}
-      logical :: crossed = .false. !! with the nested ones, those of noises: (h/12) sum_kl dW_l {{H_l,H_k},H_k}
+      logical :: crossed = .false. !! with nested brackets, those between noises: (h/12) sum_kl dW_l {{H_l,H_k},H_k}
    contains
       procedure :: are_added
    end type bracket_terms
@@ -95,15 +95,15 @@ module symsde_scheme_scheme
       type(kicks_type) :: kicks               !! of the splitting form, and of the frame with a rotation
       type(functional_set) :: asks            !! functionals of the path that a step needs beside dW
       type(bracket_terms) :: brackets         !! added to the one-step Hamiltonian
-      integer :: frame = frame_none           !! what surrounds the step of the tableau
-      type(model_needs) :: needs              !! of a model
+      integer :: frame = frame_none           !! frame around the tableau's step
+      type(model_needs) :: needs              !! conditions on the model
       character(:), allocatable :: remark     !! more facts on the scheme, for its certificate
       integer :: law = law_gaussian           !! law of the increments that a run draws (base/laws)
       logical :: symplectic = .false.
       logical :: symmetric = .false.          !! equal to its adjoint
       logical :: keeps_quadratic = .false.    !! quadratic invariants are preserved exactly
-      integer :: structure = evidence_derived !! what these rest on; claimed where a stepper leaves the tableau
-      type(order_type) :: order(norder)       !! evidence of these; claimed if a stepper does more
+      integer :: structure = evidence_derived !! evidence of symmetric and keeps_quadratic
+      type(order_type) :: order(norder)       !! orders by class of noise, each with its evidence
       integer :: order_noise_free = 0         !! order without noise
       logical :: sharp = .false.              !! the order for commutative noise is not exceeded on generic problems
    contains
@@ -116,14 +116,14 @@ module symsde_scheme_scheme
 
 contains
 
-   !> Whether the coefficients a, abar, b, bbar are there.
+   !> Whether the scheme has the coefficients a, abar, b, bbar.
    pure logical function has_tableau(self)
       class(scheme_type), intent(in) :: self
 
       has_tableau = self%form == tableau_form .or. self%form == ito_form
    end function has_tableau
 
-   !> Whether drift and noise share all coefficients: then one gradient a stage serves both.
+   !> Whether drift and noise share all coefficients, so that one gradient a stage serves both.
    pure function noise_coefficients_equal(self) result(equal)
       class(scheme_type), intent(in) :: self
       logical :: equal
@@ -140,20 +140,20 @@ contains
       are_added = self%single .or. self%areas .or. self%nested
    end function are_added
 
-   !> One stage in the middle of both q and p, drift and noise alike.
+   !> Whether this is the midpoint rule: one stage in the middle of q and p, for drift and noise alike.
    pure logical function is_midpoint(self)
       class(scheme_type), intent(in) :: self
 
       is_midpoint = .false.
       if (self%form /= tableau_form .or. self%frame /= frame_none .or. self%nstage /= 1) return
       if (.not. self%noise_coefficients_equal()) return
-      ! The numbers are exact in binary, whoever gave them.
+      ! Compared exactly, since these numbers are exact in binary.
       is_midpoint = abs(self%a(1, 1) - 0.5_wp) <= 0 .and. abs(self%abar(1, 1) - 0.5_wp) <= 0 .and. &
                     abs(self%alpha(1) - 1) <= 0 .and. abs(self%c(1) - 0.5_wp) <= 0
    end function is_midpoint
 
    !> Whether this is symplectic Euler or its adjoint: one stage, lambda = 0 or 1, drift and noise alike. Then a =
-   !> 0, abar = 1 or a = 1, abar = 0, with alpha = 1 and the node c = a. The general stepper takes a scheme with
+   !> 0, abar = 1 or a = 1, abar = 0, with alpha = 1 and the node c = a. The general stepper executes schemes with
    !> another node.
    pure logical function is_euler_pair(self)
       class(scheme_type), intent(in) :: self
@@ -161,7 +161,7 @@ contains
       is_euler_pair = .false.
       if (self%form /= tableau_form .or. self%nstage /= 1) return
       if (.not. self%noise_coefficients_equal() .or. abs(self%alpha(1) - 1) > 0) return
-      if (abs(self%c(1) - self%a(1, 1)) > 0) return  ! a time of the user's own
+      if (abs(self%c(1) - self%a(1, 1)) > 0) return  ! a user's own stage time
       is_euler_pair = (abs(self%a(1, 1)) <= 0 .and. abs(self%abar(1, 1) - 1) <= 0) .or. &
                       (abs(self%a(1, 1) - 1) <= 0 .and. abs(self%abar(1, 1)) <= 0)
    end function is_euler_pair
@@ -174,7 +174,7 @@ contains
 
       coefficient = 0
       if (self%form == tableau_form) coefficient = 0.5_wp - dot_product(self%beta, sum(self%b, dim=2))
-      ! Zero says that no correction is formed, which would cost a Hessian: it must not be missed by rounding.
+      ! Zero means that no correction is formed, which would cost a Hessian: rounding must not hide a zero.
       if (abs(coefficient) < 16*epsilon(1.0_wp)) coefficient = 0
    end function correction_coefficient
 

@@ -3,17 +3,16 @@
 !>    kick i         p' = p - (b_i h U_q + sum_k (beta_i dW_k + gamma_i a_k + eta_i K_k) H_k,q)
 !>
 !> Splitting schemes by name: drifts and kicks for H = p.M^-1 p/2 + U(t,q) with noise in position, explicit and
-!> symplectic (scheme/kicks says what the coefficients mean and which potentials are added, docs/method/explicit.md
-!> derives them).
+!> symplectic (scheme/kicks defines the coefficients and the added potentials, docs/method/explicit.md derives them).
 !>
-!>    gauss_dkdkd            kicks at Gauss' two nodes: c = 0, two forces and nothing else
+!>    gauss_dkdkd            kicks at Gauss' two nodes: c = 0, two forces and no other gradient
 !>    verlet_kdk             kicks at both ends
-!>    chin4a                 the forward flow 4A of Chin, of order four, with one integral of the path more
+!>    chin4a                 the forward flow 4A of Chin, of order four, with K beside dZ
 !>    .._strong2             the same with the second Magnus term of the noise sampled
 !>    gauss_dkdkd_rotation   drifts are the exact flow of a linear part that the model declares
-!>    verlet_kdk_midpoint    the noise alone at both ends, one step of the implicit midpoint rule for H between
+!>    verlet_kdk_midpoint    the noise alone at both ends, a step of the implicit midpoint rule for H between
 !>    gauss_dkdkd_midpoint   the noise alone at Gauss' nodes, midpoint steps between, for any H
-!>    verlet_dkd_weak2       one kick by dW alone, of three points: for means
+!>    verlet_dkd_weak2       one kick by a three-point dW alone: for expectations
 module symsde_scheme_splitting
    use symsde_base_functionals, only: functionals, path_dz, path_stt_area, path_magnus
    use symsde_base_kinds, only: wp
@@ -62,8 +61,8 @@ contains
          call new_kicks(kicks, ends, half, [1.0_wp, -1.0_wp], flow=flow)
          scheme%reference = 'velocity Verlet with dZ; docs/method/explicit.md'
       case ('chin4a', 'chin4a_strong2')
-         ! Simpson's weights with kappa = -1/72 are of order four without noise; eta meets sum_i eta_i c_i^2 = 2, the
-         ! K in int s^2 dW = dW/3 - a + 2 K.
+         ! Simpson's weights with kappa = -1/72 have order four without noise; eta satisfies sum_i eta_i c_i^2 = 2, the
+         ! factor of K in int s^2 dW = dW/3 - a + 2 K.
          call new_kicks(kicks, [0.0_wp, 0.5_wp, 1.0_wp], [sixth, 2*third, sixth], [1.0_wp, 0.0_wp, -1.0_wp], &
                         eta=[4.0_wp, -8.0_wp, 4.0_wp], kappa=[0.0_wp, -1/72.0_wp, 0.0_wp], zeta=-12.0_wp, &
                         share=[0.0_wp, 1.0_wp, 0.0_wp])
@@ -88,7 +87,7 @@ contains
       type(kicks_type), intent(in) :: kicks
       type(error_type), allocatable, intent(inout) :: error
 
-      ! A misprint among the coefficients above is found here, when the scheme is asked for.
+      ! This check finds a misprint among the coefficients above when the scheme is requested.
       if (moment_residual(kicks, 1) > tolerance) then
          call raise(error, invalid_argument, 'splitting_scheme', 'the kicks of '//name//' miss the moments of '// &
                     'the noise: their weights must sum to 1 and have the mean 1/2, those of a sum to 0 with mean -1')
@@ -101,9 +100,8 @@ contains
       scheme%alpha = kicks%beta
       scheme%beta = kicks%beta
       scheme%kicks = kicks
-      ! Drifts are kicked by gradients of potentials alone: noise must be in position. The mass matters where
-      ! velocities M^-1 p or products H_k,q.M^-1 H_l,q are formed, which midpoint steps without products leave to the
-      ! model's own gradient.
+      ! Drifts are kicked by gradients of potentials alone: noise must be in position. The mass is needed for velocities
+      ! M^-1 p and products H_k,q.M^-1 H_l,q; midpoint steps without products use the model's gradient instead.
       scheme%needs = model_needs(position_noise=.true., identity_mass=kicks%flow == flow_rotation, &
                                  constant_mass=kicks%flow /= flow_midpoint .or. has_products(kicks), &
                                  rotation=kicks%flow == flow_rotation, &
@@ -118,7 +116,7 @@ contains
       scheme%symmetric = is_palindrome(kicks)
    end subroutine complete
 
-   !> Whether some kick multiplies gradients, which takes the mass.
+   !> Whether some kick multiplies gradients, which needs the mass.
    pure logical function has_products(kicks)
       type(kicks_type), intent(in) :: kicks
 
@@ -126,8 +124,9 @@ contains
    end function has_products
 
    !> Set orders. They hold for noise in position and constant mass (with midpoint steps and no products beside
-   !> them, for any H); other models are refused. Strong orders follow from the moments that the kicks meet, since
-   !> the mean of the second Magnus term is subtracted by construction. Kicks of dW alone have a weak order.
+   !> them, for any H); other models are refused. Strong orders follow from the moment conditions that the kicks
+   !> satisfy, since the mean of the second Magnus term is subtracted by construction. Kicks by dW alone have a weak
+   !> order.
    pure subroutine set_orders(scheme, kicks)
       type(scheme_type), intent(inout) :: scheme
       type(kicks_type), intent(in) :: kicks
@@ -146,7 +145,7 @@ contains
       call set_order(scheme%order(weak_order), merge(3.0_wp, 2.0_wp, forward), evidence_claimed)
    end subroutine set_orders
 
-   !> Whether the kicks read the same from behind; a changes its sign then, K does not.
+   !> Whether the kicks equal their reversal, which changes the sign of a but not of K.
    pure logical function is_palindrome(kicks)
       type(kicks_type), intent(in) :: kicks
       integer :: n

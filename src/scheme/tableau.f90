@@ -2,15 +2,15 @@
 !>    Q_i = q_n + sum_j (a_ij h H_p + sum_k b_ij dW_k H_k,p)(P_j, Q_j),      weights alpha_i of h, beta_i of dW_k
 !>    P_i = p_n - sum_j (abar_ij h H_q + sum_k bbar_ij dW_k H_k,q)(P_j, Q_j)
 !>
-!> Q_i and P_i are positions and momenta of stage i, and q_{n+1}, p_{n+1} the same sums with the weights in place of
-!> the rows.
+!> Q_i and P_i are positions and momenta of stage i, and q_{n+1}, p_{n+1} the same sums with the weights in place of the
+!> rows.
 !>
-!> A scheme from a partitioned tableau that a user or the catalogue gives. It is symplectic where
+!> A scheme from a partitioned tableau given by a user or the catalogue. It is symplectic if
 !>
 !>    alpha_i abar_ij + alpha_j a_ji = alpha_i alpha_j,    beta_i abar_ij + alpha_j b_ji = beta_i alpha_j,
 !>    alpha_i bbar_ij + beta_j a_ji = alpha_i beta_j,      beta_i bbar_ij + beta_j b_ji = beta_i beta_j
 !>
-!> hold for all i, j. They suffice, and are needed where no stage is superfluous.
+!> hold for all i, j. The conditions are sufficient, and necessary if no stage is superfluous.
 module symsde_scheme_tableau
    use symsde_base_contracts, only: contracts_are_executed
    use symsde_base_kinds, only: wp
@@ -48,8 +48,8 @@ contains
       real(wp), intent(in), optional :: c(:)        !! times of the stages, default row sums of a (nstage)
       real(wp) :: residual
 
-      ! Check shapes first, then sums: a sum of weights means nothing if their number is wrong. A check keeps an
-      ! error that an earlier one has raised.
+      ! Check shapes first, then sums: with a wrong number of weights their sum means nothing. Each check keeps an error
+      ! raised before.
       call check_vector('alpha', alpha, size(alpha), error)
       call check_matrix('a', a, size(alpha), error)
       call check_matrix('abar', abar, size(alpha), error)
@@ -62,7 +62,7 @@ contains
       if (allocated(error)) return
       ! The noise has the coefficients of the drift unless others are given.
       call fill(scheme, a, abar, alpha)
-      ! Position Verlet, for one, has times that are no row sums of a: its force is taken in the middle of the step.
+      ! The times of position Verlet are not row sums of a: its force is evaluated in the middle of the step.
       if (present(c)) scheme%c = c
       if (present(beta)) scheme%beta = beta
       if (present(b)) scheme%b = b
@@ -94,7 +94,7 @@ contains
       scheme%alpha = alpha
       scheme%a = a
       scheme%abar = abar
-      ! Stage i has one time, of Q_i, for H_p and H_q alike: two times in a stage would break symplecticity if
+      ! Stage i has one time, that of Q_i, for H_p and H_q alike: two times in a stage would break symplecticity if
       ! H(t,q,p) is not separable.
       scheme%c = sum(a, dim=2)
       scheme%beta = alpha

@@ -7,8 +7,8 @@
 !> Entries that would lie outside the matrix are never read. The pivot monitor `smallest` is that of
 !> symsde_solve_elimination. Cost: n kl (ku + 1) multiplications and subtractions a lane.
 !>
-!> Rows are not exchanged, so the factors need no room beside the bands: L takes the place of what it eliminates, U
-!> that of what is left. The diagonal of U holds 1/u_kk, with which rows are multiplied instead of being divided.
+!> Rows are not exchanged, so the factors fit into the bands: L replaces the eliminated entries, U the rest. The
+!> diagonal of U holds 1/u_kk, so that rows are multiplied instead of divided.
 module symsde_solve_banded
    use symsde_base_kinds, only: wp
    use symsde_solve_elimination, only: pivot_ratio
@@ -30,9 +30,9 @@ contains
       real(wp) :: diagonal(nlane, 0:kl)
       integer :: i, k, m
 
-      ! elimination at pivot k first touches row k+kl: the diagonals of kl+1 rows are enough
+      ! Elimination at pivot k first changes row k+kl, so the diagonals of kl+1 rows are enough.
       do i = 1, min(kl, n)
-         ! The entry of row i as the matrix has it, for the pivot monitor.
+         ! The entry of row i in the matrix, for the pivot monitor.
          diagonal(:, mod(i, kl + 1)) = ab(:, 0, i)
       end do
       smallest = 1
@@ -71,8 +71,8 @@ contains
       end do
    end subroutine back_substitute_banded_lanes
 
-   !> Solve lanes first .. first+width-1 in a compact copy, which stays in cache. ab itself is kept, for exchanges
-   !> of rows and for residuals.
+   !> Solve lanes first .. first+width-1 in a compact copy, which stays in cache. ab itself is kept, for exchanges of
+   !> rows and for residuals.
    subroutine solve_banded_strip(nlane, n, kl, ku, first, width, ab, x, smallest, strip, part)
       integer, intent(in) :: nlane                          !! lanes of the block
       integer, intent(in) :: n                              !! unknowns of a system
@@ -103,14 +103,14 @@ contains
       end do
    end subroutine solve_banded_strip
 
-   !> VEC Subtract a multiple of the pivot's row so that the row's first entry vanishes; the multiplier l_ik takes its
-   !> place. Both rows begin with the column of the pivot. Two arguments that do not overlap keep the loops free of
+   !> VEC Subtract a multiple of the pivot's row so that the row's first entry vanishes; the multiplier l_ik replaces
+   !> this entry. Both rows begin with the column of the pivot. Two arguments that do not overlap keep the loops free of
    !> overlap tests.
    subroutine eliminate_row(nlane, m, pivot_row, row)
       integer, intent(in) :: nlane                     !! lanes
       integer, intent(in) :: m                         !! entries right of the pivot
       real(wp), intent(in) :: pivot_row(nlane, 0:m)    !! 1/pivot and the entries right of it
-      real(wp), intent(inout) :: row(nlane, 0:m)       !! the row's entries below them
+      real(wp), intent(inout) :: row(nlane, 0:m)       !! entries of the row to be changed
       integer :: j, lane
 
       do lane = 1, nlane
@@ -129,7 +129,7 @@ contains
       integer, intent(in) :: nlane             !! lanes
       integer, intent(in) :: m                 !! entries of the row
       real(wp), intent(in) :: row(nlane, m)    !! entries of the matrix
-      real(wp), intent(in) :: x(nlane, m)      !! unknowns they belong to
+      real(wp), intent(in) :: x(nlane, m)      !! the unknowns of these entries
       real(wp), intent(inout) :: y(nlane)      !! row's right-hand side
       integer :: j, lane
 

@@ -1,7 +1,7 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> LU factors P A = L U of one banded matrix with row exchanges, computed in parts so that a host may stop a long
-!> solve between them; solutions by these factors; and an estimate of the matrix's condition. A(i,j) stands at
-!> band(kl+ku+1+i-j, j); the kl rows above take the entries that row exchanges add. A row of the matrix runs through
+!> LU factors P A = L U of one banded matrix with row exchanges, computed in parts so that a caller may stop a long
+!> solve between parts; solutions by these factors; and an estimate of the matrix's condition. A(i,j) is
+!> band(kl+ku+1+i-j, j); the kl rows above are room for entries that row exchanges add. A row of the matrix runs through
 !> `band` from the lower left to the upper right: one column right is one row up.
 module symsde_solve_banded_pivoting
    use symsde_base_kinds, only: wp
@@ -9,22 +9,21 @@ module symsde_solve_banded_pivoting
    private
    public :: banded_factors, new_banded_factors, factor_columns, substitute, reciprocal_condition
 
-   !> How far the factorization has come. The numbers themselves are the caller's `band`, which it hands over in each
-   !> call.
+   !> The progress of a factorization. The numbers themselves are the caller's `band`, which it passes in each call.
    type :: banded_factors
       integer :: n = 0                  !! unknowns
       integer :: kl = 0, ku = 0         !! diagonals below and above the main one
-      integer :: done = 0               !! columns that are factored
-      integer :: reach = 0              !! last column that the exchanges so far have filled
-      logical :: is_singular = .false.  !! a column has no pivot: factoring has ended there
+      integer :: done = 0               !! number of columns factored
+      integer :: reach = 0              !! last column filled by the exchanges so far
+      logical :: is_singular = .false.  !! a column has no pivot, and factoring has stopped there
       real(wp) :: norm = 0              !! largest column sum of the matrix
       integer, allocatable :: pivot(:)  !! row exchanged with row j (n)
    end type banded_factors
 
 contains
 
-   !> Begin with a matrix whose uppermost kl rows are zero: its largest column sum is kept for an estimate of its
-   !> condition. The norm is not finite where a number is not.
+   !> Begin with a matrix whose uppermost kl rows are zero; keep its largest column sum for an estimate of its
+   !> condition. The norm is not finite if any number is not.
    subroutine new_banded_factors(self, n, kl, ku, band)
       type(banded_factors), intent(out) :: self
       integer, intent(in) :: n, kl, ku
@@ -42,9 +41,9 @@ contains
       end do
    end subroutine new_banded_factors
 
-   !> Factor the next columns, about `work` multiplications of them; all are factored when done = n. In column j:
-   !> find the largest entry on and below the diagonal, exchange its row with row j, divide the entries below by the
-   !> pivot, and subtract multiples of them from all columns that row j reaches.
+   !> Factor the next columns, of about `work` multiplications; all are factored when done = n. In column j: find the
+   !> largest entry on and below the diagonal, exchange its row with row j, divide the entries below by the pivot, and
+   !> subtract multiples of column j from all columns that row j reaches.
    subroutine factor_columns(self, band, work)
       type(banded_factors), intent(inout) :: self
       real(wp), intent(inout) :: band(2*self%kl + self%ku + 1, self%n)
@@ -64,7 +63,7 @@ contains
             self%pivot(j) = j + at
             self%is_singular = .not. abs(band(middle + at, j)) > 0
             if (self%is_singular) return
-            ! A row from below brings its entries right of the band of row j.
+            ! An exchanged row has entries right of the band of row j.
             reach = max(reach, min(j + self%ku + at, self%n))
             if (at > 0) call exchange_rows(self, j, at, band)
             ! l_ij = u_ij/u_jj below the pivot, in place.
@@ -81,7 +80,7 @@ contains
    end subroutine factor_columns
 
    !> Exchange rows j and j + at, from column j to the last column that exchanges have filled. Multipliers left of
-   !> column j stay in place: a solution, too, alternates exchanges and subtractions.
+   !> column j stay in place: substitution, too, alternates exchanges and subtractions.
    pure subroutine exchange_rows(self, j, at, band)
       type(banded_factors), intent(in) :: self
       integer, intent(in) :: j, at
@@ -98,7 +97,8 @@ contains
       end do
    end subroutine exchange_rows
 
-   !> Solve A x = b: for each column of L the exchange of rows and the multiples of x_j, then U x = y column by column.
+   !> Solve A x = b: for each column of L exchange rows and subtract multiples of x_j, then solve U x = y column by
+   !> column.
    pure subroutine substitute(self, band, x)
       type(banded_factors), intent(in) :: self
       real(wp), intent(in) :: band(2*self%kl + self%ku + 1, self%n)  !! factors
@@ -150,8 +150,8 @@ contains
    end subroutine exchange
 
    !> 1/(|A| |A^-1|) in the 1-norm; |A^-1| is found by Hager's ascent, which is rarely wrong by a factor of three: a
-   !> maximum of the convex |A^-1 x| over |x| = 1 lies at a unit vector, and the gradient A^-T sign(A^-1 x) tells to
-   !> which one it rises. A vector of alternating signs guards against matrices that deceive it.
+   !> maximum of the convex |A^-1 x| over |x| = 1 lies at a unit vector, and the gradient A^-T sign(A^-1 x) gives the
+   !> next one. A vector of alternating signs guards against matrices for which the ascent stops early.
    pure real(wp) function reciprocal_condition(self, band) result(rcond)
       type(banded_factors), intent(in) :: self
       real(wp), intent(in) :: band(2*self%kl + self%ku + 1, self%n)  !! factors
@@ -181,14 +181,14 @@ contains
       rcond = 1/(self%norm*norm)
    end function reciprocal_condition
 
-   !> The larger of two numbers; NaN or infinite if one of them is, since max may ignore NaN.
+   !> The larger of two numbers; NaN or infinite if either is, since max may ignore NaN.
    elemental real(wp) function larger(x, y)
       real(wp), intent(in) :: x, y
 
       larger = max(x, y) + 0*(x + y)
    end function larger
 
-   !> y = y - factor x, the entries of column k below row j less u_jk times the multipliers.
+   !> y = y - factor x: the entries of column k below row j less u_jk times the multipliers.
    pure subroutine subtract(n, factor, x, y)
       integer, intent(in) :: n
       real(wp), intent(in) :: factor, x(n)

@@ -3,7 +3,7 @@
 !> pivoting.
 !>
 !> C is an s x s matrix, the same for all sites and lanes; K_m is the symmetric tridiagonal stiffness at stage m, its
-!> diagonal k(lane, 0, at, m) and what is right of it, k(lane, 1, at, m). With the unknowns of a site side by side
+!> diagonal k(lane, 0, at, m) and the entries right of it, k(lane, 1, at, m). With the unknowns of a site as neighbours
 !> the matrix is block tridiagonal: C + diag(K_m(i,i)) on the diagonal, E_i = diag(K_m(i,i+1)) beside it. Downwards,
 !> site after site,
 !>
@@ -16,16 +16,15 @@
 !> with g the slopes and g + f their residual. S_i^{-1} E_i is kept as `factor` and r_i as `rhs`. A block is inverted
 !> by its minors, which takes one division a site.
 !>
-!> A lane is trusted while all principal minors of its blocks are positive; a NaN is not. So they are where every K_m is
-!> positive semidefinite and the stages can be scaled so that C has a positive definite symmetric part, as those of
-!> Gauss schemes: the blocks that are left have one, too, and nothing grows.
+!> A lane is trusted while all principal minors of its blocks are positive, which a NaN is not. They are positive if
+!> every K_m is positive semidefinite and the stages can be scaled so that C has a positive definite symmetric part, as
+!> for Gauss schemes: the reduced blocks S_i then have one, too, and no entry grows.
 !>
-!> Strips of lanes go through together, as in solve/tridiagonal. Sites may come in several parts, as the rows of K are
-!> found: what one part hands to the next is site_above. The way upwards takes all sites at once.
+!> Strips of lanes are eliminated together, as in solve/tridiagonal. Sites may come in several parts, as the rows of K
+!> are computed; site_above passes data from one part to the next. The way upwards takes all sites at once.
 !>
-!> The unknowns are corrections d of the stage positions, which are not kept: slopes g are what a stage needs, and
-!> take the correction C d at once. Two and three stages have kernels of their own, with numbers instead of small
-!> matrices.
+!> The unknowns are corrections d of the stage positions, which are not kept: stages need the slopes g, which are
+!> corrected by C d directly. Two and three stages have kernels of their own, with scalars instead of small matrices.
 module symsde_solve_block_tridiagonal
    use symsde_base_kinds, only: wp
    use symsde_base_traits, only: strip_lanes
@@ -33,13 +32,13 @@ module symsde_solve_block_tridiagonal
    private
    public :: eliminate_down_blocks, correct_up_blocks, site_above, new_site_above
 
-   !> Data that a site hands to the next: S^{-1} E, of its block S and the block E = diag(beside) right of it; the
+   !> Data that a site passes to the next: S^{-1} E with its block S and the block E = diag(beside) right of it; the
    !> diagonal of E; and its reduced right-hand side.
    type :: site_above
       real(wp), allocatable :: factor(:, :, :)   !! S^{-1} E (strip_lanes, s, s)
       real(wp), allocatable :: beside(:, :)      !! (strip_lanes, s)
       real(wp), allocatable :: rhs(:, :)         !! eliminated (strip_lanes, s)
-      real(wp) :: trusted(strip_lanes) = 1         !! 1, or 0 where the lane is not
+      real(wp) :: trusted(strip_lanes) = 1         !! 1 for trusted lanes, else 0
    contains
       procedure :: start
    end type site_above
@@ -66,7 +65,7 @@ contains
    end subroutine start
 
    !> Eliminate sites first .. last, with residuals g + f and matrices as at the head of this file, after the sites
-   !> above them. f and k hold these sites alone, from 1 to last - first + 1, while g, factor and rhs hold all n.
+   !> above them. f and k hold these sites alone, from index 1 on, while g, factor and rhs hold all n sites.
    pure subroutine eliminate_down_blocks(s, n, first, last, capacity, c, g, f, k, above, factor, rhs)
       integer, intent(in) :: s                                   !! stages: 2 or 3
       integer, intent(in) :: n, first, last                      !! sites
@@ -93,7 +92,7 @@ contains
    pure subroutine correct_up_blocks(s, n, c, factor, rhs, last, g, step, size)
       integer, intent(in) :: s, n
       real(wp), intent(in) :: c(s, s), factor(strip_lanes, s, s, n), rhs(strip_lanes, s, n)
-      real(wp), intent(in) :: last(strip_lanes)                  !! negative in lanes that rest
+      real(wp), intent(in) :: last(strip_lanes)                  !! negative in lanes that are done or failed
       real(wp), intent(inout) :: g(strip_lanes, s, n)
       real(wp), intent(out) :: step(strip_lanes), size(strip_lanes)
 
@@ -155,7 +154,7 @@ contains
             factor(lane, 2, 1, i) = above(lane, 2, 1)
             factor(lane, 1, 2, i) = above(lane, 1, 2)
             factor(lane, 2, 2, i) = above(lane, 2, 2)
-            ! For the way upwards.
+            ! Kept for the way upwards.
             rhs(lane, 1, i) = r(lane, 1)
             rhs(lane, 2, i) = r(lane, 2)
          end do
@@ -188,7 +187,7 @@ contains
             ! g <- g - C d_i.
             change1 = c(1, 1)*e1 + c(1, 2)*e2
             change2 = c(2, 1)*e1 + c(2, 2)*e2
-            ! Lanes that rest keep their slopes.
+            ! Lanes that are done or failed keep their slopes.
             new1 = merge(g(lane, 1, i) - change1, g(lane, 1, i), rests(lane) >= 0)
             new2 = merge(g(lane, 2, i) - change2, g(lane, 2, i), rests(lane) >= 0)
             g(lane, 1, i) = new1
@@ -196,7 +195,7 @@ contains
             ! The sizes at this site, sums over its stages.
             change1 = abs(change1) + abs(change2)
             new1 = abs(new1) + abs(new2)
-            ! a NaN goes on from site to site in d, and this comparison takes it
+            ! a NaN spreads from site to site in d, and this comparison keeps it
             largest(lane) = merge(largest(lane), change1, change1 <= largest(lane))
             extent(lane) = merge(extent(lane), new1, new1 <= extent(lane))
          end do
@@ -206,7 +205,7 @@ contains
    end subroutine correct_pairs
 
    !> VEC Three stages, as eliminate_pairs, with S = (a_pq) of three rows. Its nine minors serve the inverse, the
-   !> determinant and the test: m11, m33, a11 and the determinant are principal minors whose signs are looked at.
+   !> determinant and the test: m11, m33, a11 and the determinant are the principal minors whose signs are tested.
    pure subroutine eliminate_triples(n, first, last, capacity, c, g, f, k, above, beside, r, trusted, factor, rhs)
       integer, intent(in) :: n, first, last, capacity
       real(wp), intent(in) :: c(3, 3), g(strip_lanes, 3, n)
@@ -274,7 +273,7 @@ contains
             above(lane, 1, 3) = m13*right3
             above(lane, 2, 3) = m23*right3
             above(lane, 3, 3) = m33*right3
-            ! Keep the parts of this site that the way upwards needs.
+            ! Keep the numbers of this site that the way upwards needs.
             factor(lane, 1, 1, i) = above(lane, 1, 1)
             factor(lane, 2, 1, i) = above(lane, 2, 1)
             factor(lane, 3, 1, i) = above(lane, 3, 1)
@@ -319,7 +318,7 @@ contains
             d1(lane) = e1
             d2(lane) = e2
             d3(lane) = e3
-            ! g <- g - C d_i in lanes that run.
+            ! g <- g - C d_i in running lanes.
             change1 = c(1, 1)*e1 + c(1, 2)*e2 + c(1, 3)*e3
             change2 = c(2, 1)*e1 + c(2, 2)*e2 + c(2, 3)*e3
             change3 = c(3, 1)*e1 + c(3, 2)*e2 + c(3, 3)*e3
@@ -329,7 +328,7 @@ contains
             g(lane, 1, i) = new1
             g(lane, 2, i) = new2
             g(lane, 3, i) = new3
-            ! A NaN passes no comparison, and is taken for the largest from there on.
+            ! A NaN fails every comparison, and stays the largest from there on.
             change1 = abs(change1) + abs(change2) + abs(change3)
             new1 = abs(new1) + abs(new2) + abs(new3)
             largest(lane) = merge(largest(lane), change1, change1 <= largest(lane))

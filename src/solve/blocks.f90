@@ -1,5 +1,6 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> The linear systems of a block, one per lane, A x = b: eliminated across lanes, or one by one with exchanges of rows.
+!> The linear systems of a block, one per lane, A x = b: eliminated across lanes, or lane by lane with exchanges of
+!> rows.
 !>
 !>    one or two unknowns, dense      closed form (solve/elimination)
 !>    dense up to max_lane_unknowns   A = L U without pivoting, strips of lanes at once (solve/elimination)
@@ -7,8 +8,7 @@
 !>    all others                      lane by lane, with exchanges of rows (solve/one_system)
 !>
 !> A lane whose pivots are not trusted is solved again, with exchanges of rows, from the same matrix, which elimination
-!> across lanes leaves alone.
-!> Which way a lane goes depends on its own numbers only.
+!> across lanes does not change. The choice for a lane depends on its own numbers alone.
 module symsde_solve_blocks
    use symsde_base_contracts, only: contracts_are_executed, require_statuses
    use symsde_base_kinds, only: wp, i4, i8
@@ -70,7 +70,7 @@ contains
       self%width = strip_lanes(nlane, self%rows*n)
       allocate (self%smallest(nlane), source=0.0_wp)
       allocate (self%rhs(nlane, n))
-      ! Closed forms and large systems need no strips.
+      ! Closed forms and large systems use no strips.
       if (closed_form(self) .or. too_large(self)) return
       allocate (self%strip(self%width, self%rows, n), self%part(self%width, n))
    end subroutine new_block_solver
@@ -94,7 +94,8 @@ contains
          self%smallest = 0
          call solve_suspects(self, a, x, active, status)
       else
-         ! Elimination puts solutions in place of right-hand sides, which may be needed once more; matrices are kept.
+         ! Elimination replaces right-hand sides by solutions, and the right-hand sides may be needed again; matrices
+         ! are kept.
          self%rhs(:, :) = x
          call eliminate(self, a, x, active)
          call find_suspects(self%nlane, self%n, x, active, self%smallest, nsuspect)
@@ -117,8 +118,8 @@ contains
       too_large = self%kl < 0 .and. self%n > max_lane_unknowns
    end function too_large
 
-   !> Eliminate across lanes, strip by strip; strips without an active lane are left out. A strip is copied, so that
-   !> it stays in cache while n^2 entries are gone through n times.
+   !> Eliminate across lanes, strip by strip; strips without an active lane are skipped. A strip is copied, so that it
+   !> stays in cache while its n^2 entries are read n times.
    subroutine eliminate(self, a, x, active)
       type(block_solver), intent(inout) :: self
       real(wp), intent(in) :: a(self%nlane, self%rows, self%n)  !! matrices
@@ -158,7 +159,7 @@ contains
 
       do i = 1, n
          do lane = 1, nlane
-            ! A solution that is not finite has no pivots to be trusted.
+            ! A solution that is not finite gets the monitor 0.
             smallest(lane) = merge(smallest(lane), 0.0_wp, abs(x(lane, i)) <= huge(1.0_wp))
          end do
       end do
@@ -189,9 +190,9 @@ contains
          else
             call solve_banded_lane(self%nlane, self%n, self%kl, self%ku, lane, a, x, info)
          end if
-         ! Counted whether it succeeds or not; reports say how many there were.
+         ! Counted whether it succeeds or not, for reports.
          self%pivoted_solves = self%pivoted_solves + 1
-         ! Exchanges of rows do not help: the matrix is singular, or a number is not finite.
+         ! Exchanges of rows did not help: the matrix is singular, or a number is not finite.
          if (info == status_ok) cycle
          status(lane) = info
          x(lane, :) = 0

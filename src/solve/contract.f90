@@ -1,9 +1,9 @@
 ! SPDX-License-Identifier: BSD-3-Clause
 !> The contract of solvers: linear systems of a block (solve/blocks) and Newton's iteration (solve/newton).
 !>
-!> Asked: systems have rows and a diagonal, and statuses are codes that a path can have. Matrices and right-hand sides
-!> need not be finite: a lane whose numbers are not gets a status. Promised: statuses stay such codes, and solutions are
-!> finite in lanes that were to be solved and have none.
+!> Required: systems have rows and a diagonal, and statuses are codes that a path can have. Matrices and right-hand
+!> sides need not be finite: a lane that is not finite gets a status. Promised: statuses stay such codes, and solutions
+!> are finite in lanes that were solved and have no status.
 module symsde_solve_contract
    use symsde_base_contracts, only: require, require_statuses, require_finite_lanes
    use symsde_base_kinds, only: wp, i8
@@ -13,7 +13,7 @@ module symsde_solve_contract
 
 contains
 
-   !> What a solver may count on when it is made.
+   !> Requirements when a solver is made.
    pure subroutine require_system(nlane, n, kl, ku)
       integer, intent(in) :: nlane, n
       integer, intent(in) :: kl, ku   !! diagonals below and above the main one; kl < 0: dense
@@ -22,7 +22,7 @@ contains
       call require(kl < 0 .or. ku >= 0, 'solve, new solver', 'a banded matrix has its main diagonal')
    end subroutine require_system
 
-   !> What callers may count on.
+   !> Promises of a solver to its callers.
    subroutine require_solved(nlane, n, status, x, place, active)
       integer, intent(in) :: nlane, n
       integer(i8), intent(in) :: status(nlane)

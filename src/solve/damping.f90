@@ -6,8 +6,8 @@
 !> with the largest entry of a lane's residual as its size, its merit. Only paths that plain Newton could not solve
 !> come here, so these are plain loops, one lane at a time.
 !>
-!> An update calls `reject` before it solves, with the residual at the x that the last correction led to, and `accept`
-!> after it. A rejected lane has its system solved along and does not use it: its x is a point on the way back.
+!> An update calls `reject` before it solves, with the residual at the x of the last correction, and `accept` after it.
+!> The system of a rejected lane is solved, too, but its solution is not used, as x is then a point on the way back.
 module symsde_solve_damping
    use, intrinsic :: ieee_arithmetic, only: ieee_value, ieee_positive_inf
    use symsde_base_kinds, only: wp
@@ -15,14 +15,14 @@ module symsde_solve_damping
    private
    public :: damping_type, new_damping, start_damping, reject, accept
 
-   real(wp), parameter :: shortest = 2.0_wp**(-30)  !! shorter corrections fail the lane
+   real(wp), parameter :: shortest = 2.0_wp**(-30)  !! a lane whose tau is below this fails
    real(wp), parameter :: rounding = 1e-10_wp       !! corrections below it, relative to x, are not judged
 
    type :: damping_type
       private
       real(wp), allocatable :: x(:, :), d(:, :)  !! last accepted unknowns and their correction (nlane, n)
-      real(wp), allocatable :: merit(:)          !! largest residual there (nlane)
-      real(wp), allocatable :: tau(:)            !! how much of the correction was taken (nlane)
+      real(wp), allocatable :: merit(:)          !! largest residual at that x (nlane)
+      real(wp), allocatable :: tau(:)            !! fraction of the correction applied (nlane)
       logical, allocatable :: rejected(:)        !! (nlane)
    end type damping_type
 
@@ -36,7 +36,7 @@ contains
       allocate (self%x(nlane, n), self%d(nlane, n), self%merit(nlane), self%tau(nlane), self%rejected(nlane))
    end subroutine new_damping
 
-   !> Start without a residual: the first one is compared with infinity, so no correction is rejected.
+   !> Start without a residual: the first residual is compared with infinity, so no correction is rejected.
    subroutine start_damping(self)
       type(damping_type), intent(inout) :: self
 
@@ -47,8 +47,8 @@ contains
    end subroutine start_damping
 
    !> Judge the last corrections by the residuals r at x, and halve corrections that did not lower them, x = x_old -
-   !> tau d. A residual that is not finite counts as the largest number. Corrections of the size of rounding are not
-   !> judged. A lane whose tau is too short gets an infinite correction; the stopping test then fails it.
+   !> tau d. A residual that is not finite counts as the largest number. Corrections at rounding are not judged. A lane
+   !> whose tau is too short gets an infinite correction; the stopping test then fails it.
    subroutine reject(self, r, last, x, step, size)
       type(damping_type), intent(inout) :: self
       real(wp), intent(in) :: r(:, :)              !! residuals at x (nlane, n)
@@ -61,15 +61,15 @@ contains
          merit = maxval(abs(r(lane, :)))
          ! Count a NaN as the largest number: comparisons with NaN are all false.
          if (.not. all(abs(r(lane, :)) <= huge(merit))) merit = huge(merit)
-         ! Reject in a running lane that has an earlier residual, if the new residual is not lower by the part
-         ! tau/4, and the correction is more than rounding.
+         ! Reject the correction of a running lane that has an earlier residual, if the new residual is not lower by the
+         ! fraction tau/4, and the correction is above rounding.
          self%rejected(lane) = last(lane) >= 0 .and. self%merit(lane) < huge(merit) .and. &
                                .not. merit < (1 - 0.25_wp*self%tau(lane))*self%merit(lane) .and. &
                                maxval(abs(self%d(lane, :)))*self%tau(lane) > rounding*maxval(abs(self%x(lane, :)))
          if (self%rejected(lane)) then
             self%tau(lane) = self%tau(lane)/2
             x(lane, :) = self%x(lane, :) - self%tau(lane)*self%d(lane, :)
-            step(lane) = last(lane)  ! neither progress nor stagnation
+            step(lane) = last(lane)  ! counts as neither progress nor stagnation
             size(lane) = 0
             if (self%tau(lane) < shortest) step(lane) = ieee_value(merit, ieee_positive_inf)  ! fails the lane
          else

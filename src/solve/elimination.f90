@@ -1,18 +1,18 @@
 ! SPDX-License-Identifier: BSD-3-Clause
 !> Many small dense linear systems, one per lane, solved side by side without pivoting.
 !>
-!> Newton's matrix is I + O(sqrt(h)), so pivots stay near one and an exchange of rows, which no
-!> vector unit does well, is not needed. Each lane is watched instead: `smallest` is
+!> Newton's matrix is I + O(sqrt(h)), so pivots stay near one and exchanges of rows, which are slow on vector units, are
+!> not needed. Each lane is monitored instead: `smallest` is
 !>
-!>     min over k of min(|u_kk|, |a_kk|) / max(|u_kk|, |a_kk|)        (0 if that is no number)
+!> min over k of min(|u_kk|, |a_kk|) / max(|u_kk|, |a_kk|)        (0 if this is NaN)
 !>
 !> with u_kk the pivot and a_kk the diagonal it came from. It is small where a pivot cancels or
 !> where an earlier small pivot made this one grow, and a scaling of rows or columns (stiff momenta
 !> beside slow positions) does not change it. Callers solve lanes with a small value with exchanges of rows.
 !> A NaN or infinity in a lane shows as smallest = 0 or as a solution that is not finite.
 !>
-!> A lane's result is made of its own numbers only, in an order that nlane does not change. The factorization itself is
-!> the body elimination.inc.
+!> A lane's result depends on its own numbers only, combined in an order that does not depend on nlane. The
+!> factorization itself is the body elimination.inc.
 module symsde_solve_elimination
    use symsde_base_kinds, only: wp
    use symsde_solve_elimination_single_path, only: solve_scalar
@@ -29,9 +29,9 @@ contains
    include 'all_lanes.inc'
    include 'elimination.inc'
 
-   !> VEC target(:,i) = target(:,i) - factor column(:,i), u_ij <- u_ij - l_ik u_kj for all i below the pivot. A
-   !> procedure of its own because distinct arguments cannot overlap: as parts of one array they cost a test before
-   !> every loop.
+   !> VEC target(:,i) = target(:,i) - factor column(:,i), u_ij <- u_ij - l_ik u_kj for all i below the pivot. A separate
+   !> procedure because distinct arguments cannot overlap: as parts of one array they would cost a test before every
+   !> loop.
    pure subroutine subtract_multiple(nlane, m, factor, column, target)
       integer, intent(in) :: nlane                 !! lanes
       integer, intent(in) :: m                     !! entries of the column
@@ -47,8 +47,8 @@ contains
       end do
    end subroutine subtract_multiple
 
-   !> Lanes to eliminate together: as many as keep the matrices in the first-level cache, but not so few that the
-   !> loops over them stop paying. Lanes do not feel the width of their strip: each is eliminated by its own numbers.
+   !> Lanes to eliminate together: as many as keep the matrices in the first-level cache, but enough for loops over
+   !> lanes to pay. Results do not depend on the width of a strip: each lane is eliminated by its own numbers.
    pure integer function strip_lanes(nlane, entries)
       integer, intent(in) :: nlane    !! lanes of the block
       integer, intent(in) :: entries  !! numbers of a lane's matrix
@@ -58,7 +58,7 @@ contains
    end function strip_lanes
 
    !> Solve a(lane,:,:) x(lane,:) = x(lane,:) in every lane: one and two unknowns in closed form, more by strips.
-   !> For callers without a block_solver; each call allocates the room of a strip.
+   !> For callers without a block_solver; each call allocates a strip.
    subroutine solve_lanes(nlane, n, a, x, smallest)
       integer, intent(in) :: nlane                !! lanes of the block
       integer, intent(in) :: n                    !! unknowns of a system
@@ -100,7 +100,7 @@ contains
       integer :: last, i, j
 
       last = first + width - 1
-      ! The lanes of the strip, side by side.
+      ! Copy the lanes of the strip side by side.
       do j = 1, n
          do i = 1, n
             strip(:, i, j) = a(first:last, i, j)

@@ -3,30 +3,30 @@
 !>
 !>    l_ik = u_ik/u_kk,   u_ij <- u_ij - l_ik u_kj   (i, j > k),   x = U^{-1} L^{-1} b
 !>
-!> The innermost loop of a block goes over its lanes. Here it goes down a column, over as many numbers as rows are
-!> left, and vectors pay from `few` of them on. There are no strips, and the factors replace the matrix.
+!> In a block the innermost loop is over lanes. Here it goes down a column, over the remaining rows, and vectors pay
+!> from `few` rows on. There are no strips, and the factors replace the matrix.
 module symsde_solve_elimination_single_path
    use symsde_base_kinds, only: wp
    implicit none
    private
    public :: solve_scalar
 
-   integer, parameter :: few = 8  !! numbers of one system from which vectors pay
+   integer, parameter :: few = 8  !! numbers from which vectors pay
 
 contains
 
    include 'one_lane.inc'
    include 'elimination.inc'
 
-   !> Solve one system, with the bits of the same system in a lane of many. The caller looks at `smallest`, the pivot
-   !> monitor of solve/elimination, and at the solution.
+   !> Solve one system, with the bits of the same system in a lane of many. The caller checks `smallest`, the pivot
+   !> monitor of solve/elimination, and the solution.
    pure subroutine solve_scalar(n, a, x, smallest)
       integer, intent(in) :: n            !! unknowns, from 3 on: fewer have a closed form
       real(wp), intent(inout) :: a(n, n)  !! in: the matrix; out: factors
       real(wp), intent(inout) :: x(n)     !! in: right-hand side; out: solution
       real(wp), intent(out) :: smallest   !! pivot monitor
 
-      ! Give three and four unknowns as constants: the compiler then makes straight code.
+      ! With three and four unknowns as constants, the compiler unrolls the loops.
       if (n == 3) then
          call solve_known(3, a, x, smallest)
       else if (n == 4) then
@@ -36,7 +36,7 @@ contains
       end if
    end subroutine solve_scalar
 
-   !> solve_scalar with n by value: a constant of the caller stays one after inlining.
+   !> solve_scalar with n by value, so that a constant argument stays constant after inlining.
    pure subroutine solve_known(n, a, x, smallest)
       integer, value :: n
       real(wp), intent(inout) :: a(n, n), x(n)

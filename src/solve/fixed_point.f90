@@ -1,10 +1,10 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> When a fixed-point iteration x <- g(x) has ended in a lane (fixed_point.inc), and the passes over the lanes of a
-!> block that take x and test.
+!> The end of a fixed-point iteration x <- g(x) in a lane (fixed_point.inc), and passes over the lanes of a block that
+!> update x and test it.
 !>
-!> The new x is sign*f of what the caller has computed at the old one, as an equation x + f(x) = 0 gives it with sign
-!> = -1. A sweep clears change and extent (nlane), takes the parts of x one after the other, each of which raises
-!> both, and judges at the end.
+!> The new x is sign*f, with f computed by the caller at the old x; sign = -1 for an equation x + f(x) = 0. A sweep
+!> clears change and extent (nlane), updates the parts of x one after the other, each of which raises both, and judges
+!> at the end.
 module symsde_solve_fixed_point
    use symsde_base_kinds, only: wp, i8
    implicit none
@@ -15,8 +15,8 @@ module symsde_solve_fixed_point
    include 'fixed_point.inc'
    include 'all_lanes.inc'
 
-   !> VEC x = sign*f of the first sweep, before which x is not known: its change is x itself, which raises the change
-   !> of other parts of x. Lanes that rest are written, too.
+   !> VEC x = sign*f in the first sweep, which has no x before it: its change is x itself, which raises the change of
+   !> other parts of x. Lanes that are done are written, too.
    pure subroutine take_first(nlane, n, sign, f, x, change)
       integer, intent(in) :: nlane, n
       real(wp), intent(in) :: sign, f(nlane, n)
@@ -33,7 +33,7 @@ module symsde_solve_fixed_point
    end subroutine take_first
 
    !> VEC x = sign*f in running lanes. Raise change and extent to the largest change and unknown. A change is NaN or
-   !> infinite where f is: 0*(..) keeps a NaN, which max would drop.
+   !> infinite if f is: 0*(..) keeps a NaN, which max would drop.
    pure subroutine take(nlane, n, sign, f, last, x, change, extent)
       integer, intent(in) :: nlane, n
       real(wp), intent(in) :: sign, f(nlane, n), last(nlane)
@@ -43,7 +43,7 @@ module symsde_solve_fixed_point
 
       do i = 1, n
          do lane = 1, nlane
-            ! Lanes that rest have their change computed along; nobody judges it.
+            ! Also computed for lanes that are done, and ignored there.
             d = abs(sign*f(lane, i) - x(lane, i))
             x(lane, i) = merge(sign*f(lane, i), x(lane, i), last(lane) >= 0)
             change(lane) = max(change(lane), d) + 0*(change(lane) + d)

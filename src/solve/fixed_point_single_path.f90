@@ -1,9 +1,9 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> When a fixed-point iteration x <- g(x) of a single path has ended (fixed_point.inc), and how x is taken.
+!> The end of a fixed-point iteration x <- g(x) of a single path (fixed_point.inc), and its updates of x.
 !>
 !> The largest change of few numbers is found one by one; of many it is found in nbeside chains side by side, whose
 !> largest numbers are compared at the end. The largest of a set does not depend on the order, so the bits are those
-!> of a block. The last sweeps may have been taken ahead, before they were judged (judge_ahead).
+!> of a block. Several sweeps may be done before they are judged (judge_ahead).
 module symsde_solve_fixed_point_single_path
    use symsde_base_kinds, only: wp, i8
    implicit none
@@ -17,8 +17,7 @@ module symsde_solve_fixed_point_single_path
    include 'one_lane.inc'
 
    !> x = sign*f with sign = 1 or -1, n numbers. Raise change and extent to the largest change and unknown; change
-   !> becomes NaN if some f is not finite. The path is running, so `last` is not read: callers take no x of a path
-   !> that is done.
+   !> becomes NaN if some f is not finite. `last` is not read, since callers update running paths alone.
    pure subroutine take(nlane, n, sign, f, last, x, change, extent)
       integer, intent(in) :: nlane, n
       real(wp), intent(in) :: sign, f(n), last(1)
@@ -34,7 +33,7 @@ module symsde_solve_fixed_point_single_path
       ! A change that is not finite already stays so.
       zero = 0*moved
       if (beside > 0) call take_beside(beside, sign, f, x, moved, largest, zero)
-      ! These are fewer than a vector has room for.
+      ! Fewer numbers than a vector holds.
       !GCC$ novector
       do i = beside + 1, n
          d = abs(sign*f(i) - x(i))
@@ -43,11 +42,11 @@ module symsde_solve_fixed_point_single_path
          largest = max(largest, abs(f(i)))
          zero = zero + 0*d
       end do
-      change(1) = moved + zero  ! zero is NaN where some change was not finite
+      change(1) = moved + zero  ! zero is NaN if any change was not finite
       extent(1) = largest
    end subroutine take
 
-   !> x = sign*f of the first sweep, before which x is not known: as from x = 0.
+   !> x = sign*f of the first sweep, which has no x before it: as if from x = 0.
    pure subroutine take_first(nlane, n, sign, f, x, change)
       integer, intent(in) :: nlane, n
       real(wp), intent(in) :: sign, f(n)
@@ -60,8 +59,8 @@ module symsde_solve_fixed_point_single_path
       call take(nlane, n, sign, f, [0.0_wp], x, change, extent)
    end subroutine take_first
 
-   !> The same of nbeside numbers at a time, each of which has its own largest: one for all would wait for itself. n
-   !> is a multiple of nbeside.
+   !> The same for nbeside numbers at a time, each with a maximum of its own: a single maximum would be a chain in which
+   !> each number waits for the one before.
    pure subroutine take_beside(n, sign, f, x, change, extent, zero)
       integer, intent(in) :: n   !! a multiple of nbeside
       real(wp), intent(in) :: sign, f(n)
@@ -85,7 +84,7 @@ module symsde_solve_fixed_point_single_path
             nothing(i) = nothing(i) + 0*d
          end do
       end do
-      ! Combine the eight maxima by halves: one after another, each would wait for the one before.
+      ! Combine the eight maxima by halves, since one after another each would wait for the one before.
       moved(:4) = max(moved(:4), moved(5:))
       largest(:4) = max(largest(:4), largest(5:))
       nothing(:4) = nothing(:4) + nothing(5:)
@@ -100,7 +99,7 @@ module symsde_solve_fixed_point_single_path
    !> one lane.
    pure subroutine take_alone(n, first, f, x, change, extent)
       integer, intent(in) :: n
-      logical, intent(in) :: first   !! nothing was known
+      logical, intent(in) :: first   !! first sweep: no x before it
       real(wp), intent(in) :: f(n)
       real(wp), intent(inout) :: x(n), change, extent
       real(wp) :: d(1), e(1)
@@ -114,8 +113,8 @@ module symsde_solve_fixed_point_single_path
       extent = e(1)
    end subroutine take_alone
 
-   !> Judge sweeps first .. final, which a single path took ahead: find the sweep that ends the iteration, and how
-   !> it ends. Later sweeps are ignored, as if they had not been taken.
+   !> Judge sweeps first .. final, which were done before judging: find the sweep that ends the iteration, and how it
+   !> ends. Later sweeps are ignored.
    pure subroutine judge_ahead(first, final, too_slow, too_stiff, most, change, extent, last, sweep)
       integer, intent(in) :: first, final, most
       real(wp), intent(in) :: too_slow, too_stiff, change(most), extent(most)
@@ -131,7 +130,7 @@ module symsde_solve_fixed_point_single_path
                cycle
             end if
          end associate
-         ! The sweep before has left its change in `last`.
+         ! `last` is the change of the sweep before.
          last = verdict(sweep, too_slow, too_stiff, change(sweep), extent(sweep), last)
          ! Done, left or given up in this sweep.
          if (last < 0) return

@@ -1,7 +1,7 @@
 ! SPDX-License-Identifier: BSD-3-Clause
 !> Linear systems A x = b of a block, one a lane, from products with A alone: GMRES.
 !>
-!> The caller multiplies, as it alone knows its matrices:
+!> The caller multiplies, since only the caller has the matrices:
 !>
 !>    call krylov%start(b, last)          norm = |b|; lanes with last >= 0 are to be solved
 !>    call krylov%seek(goal)              until |b - A x| <= goal
@@ -9,17 +9,17 @@
 !>       ... krylov%v(:, :, krylov%k + 1) = A krylov%v(:, :, krylov%k) ...
 !>       call krylov%advance()
 !>    end do
-!>    ... krylov%x, and krylov%unsolved where the goal was not reached ...
+!>    ... krylov%x, and krylov%unsolved if the goal was not reached ...
 !>
 !> A may be any nonsingular matrix: symmetric where momenta are eliminated, not so elsewhere. Arnoldi's vectors v_i
 !> span b, A b, A^2 b, ..: with V_k = (v_1, .., v_k) they obey A V_k = V_{k+1} H_k, H_k of k+1 rows with zeros below
 !> the first subdiagonal, and x = V_k y with the y that makes |b - A x| = | |b| e_1 - H_k y | least. Givens rotations
-!> make H_k triangular as it grows; g is what they make of |b| e_1, and the last entry of g is the size of the
-!> residual, known before x is. Vectors by modified Gram-Schmidt, no restart: Saad & Schultz, SIAM J. Sci. Stat.
-!> Comput. 7 (1986) 856.
+!> make H_k triangular as it grows; applied to |b| e_1 they give g, whose last entry is the size of the residual, known
+!> before x is computed. Vectors by modified Gram-Schmidt, no restart: Saad & Schultz, SIAM J. Sci. Stat. Comput. 7
+!> (1986) 856.
 !>
-!> Sizes are Euclidean. All lanes multiply as long as one runs, but the solution of a lane is made of the vectors up
-!> to the one that reached its goal, whatever its neighbours still need.
+!> Sizes are Euclidean. All lanes multiply as long as one lane runs, but the solution of a lane uses only vectors up to
+!> the one that reached its goal, whatever its neighbours need.
 module symsde_solve_krylov
    use symsde_base_kinds, only: wp
    implicit none
@@ -28,8 +28,8 @@ module symsde_solve_krylov
 
    integer, parameter :: most_vectors = 60  !! bound of the products of a solve
 
-   !> The systems of a block, their vectors and rotations. A is not here: the caller multiplies. x and norm are read
-   !> when `running` is false.
+   !> The systems of a block, their vectors and rotations. A is not stored, as the caller multiplies. x and norm may be
+   !> read when `running` is false.
    type :: krylov_type
       integer :: nlane = 0, n = 0          !! lanes, unknowns of a lane
       integer :: k = 0                     !! vector to multiply next
@@ -39,7 +39,7 @@ module symsde_solve_krylov
       real(wp), allocatable :: x(:, :)     !! solutions; zero in lanes that were not to be solved (nlane, n)
       real(wp), allocatable :: norm(:)     !! |b - A x| (nlane)
       real(wp), allocatable :: largest(:)  !! the largest |A v| of all vectors of size one so far (nlane)
-      logical, allocatable :: unsolved(:)  !! was to be solved, and the goal is not reached (nlane)
+      logical, allocatable :: unsolved(:)  !! to be solved, and the goal is not reached (nlane)
       integer, private :: most = 0
       real(wp), allocatable, private :: goal(:)     !! (nlane)
       integer, allocatable, private :: length(:)    !! vectors in a lane's solution; -1: no solution (nlane)
@@ -54,7 +54,7 @@ module symsde_solve_krylov
 
 contains
 
-   !> Make room for n unknowns a lane and as many vectors as a solve may take: n at most, since n vectors span all.
+   !> Allocate n unknowns a lane and as many vectors as a solve may use: at most n, since n vectors span all.
    subroutine new_krylov(self, nlane, n)
       type(krylov_type), intent(out) :: self
       integer, intent(in) :: nlane  !! lanes of the block, a multiple of 8
@@ -71,14 +71,14 @@ contains
       end associate
    end subroutine new_krylov
 
-   !> Take in right-hand sides, tell their sizes in norm, and make v_1 = b/|b|.
+   !> Take right-hand sides, return their sizes in norm, and form v_1 = b/|b|.
    subroutine start(self, b, last)
       class(krylov_type), intent(inout) :: self
       real(wp), intent(in) :: b(self%nlane, self%n)
       real(wp), intent(in) :: last(self%nlane)  !! negative: the lane is not to be solved
 
       self%v(:, :, 1) = b
-      ! b is divided by its largest entry first, and by its size then.
+      ! b is divided by its largest entry first, then by its size.
       call largest_of(self%nlane, self%n, b, self%largest)  ! squares of unscaled entries may overflow
       call scale_by(self%nlane, self%n, self%largest, self%v(:, :, 1))
       ! |b| = largest |b/largest|; 0*largest makes it NaN where a component is not finite.
@@ -90,7 +90,7 @@ contains
    end subroutine start
 
    !> Begin with x = 0 and the residual b. A lane whose b is not above the goal is solved by x = 0; a lane whose b
-   !> is not finite stays unsolved. `start` and `seek` are separate, since a goal may depend on the size of b.
+   !> is not finite stays unsolved. `seek` is separate from `start`, since a goal may depend on the size of b.
    subroutine seek(self, goal)
       class(krylov_type), intent(inout) :: self
       real(wp), intent(in) :: goal(self%nlane)  !! sizes of the residual to reach
@@ -99,10 +99,10 @@ contains
       self%goal = goal
       self%unsolved = self%unsolved .and. .not. (self%norm <= goal .and. self%norm <= huge(1.0_wp))
       ready = self%unsolved .and. self%norm <= huge(1.0_wp)
-      ! A lane with length = k - 1 takes vector k; a lane with length -1 takes none.
+      ! A lane with length = k - 1 may use vector k; a lane with length -1 uses none.
       self%length = merge(0, -1, ready)
-      ! The right-hand side of the least squares problem is |b| e_1. Lanes that are not to be solved have zero, and
-      ! stay so.
+      ! The right-hand side of the least squares problem is |b| e_1. In lanes that are not to be solved it is zero, and
+      ! stays zero.
       self%g(:, 1) = merge(self%norm, 0.0_wp, ready)
       self%x = 0
       self%largest = 0
@@ -111,7 +111,7 @@ contains
       self%running = self%nrunning > 0
    end subroutine seek
 
-   !> Take in the product A v_k, which makes v_{k+1} and column k of H, and go on to the next one, or end with the
+   !> Take the product A v_k, form v_{k+1} and column k of H, and continue with the next vector, or end with the
    !> solutions.
    subroutine advance(self)
       class(krylov_type), intent(inout) :: self
@@ -131,8 +131,8 @@ contains
       end if
    end subroutine advance
 
-   !> Column k of H, h_ik = v_i.(A v_k), and v_{k+1} = (A v_k - sum_i h_ik v_i)/h_{k+1,k}. Each pass removes one
-   !> vector and multiplies by the next one, so that the product is read once for both.
+   !> Column k of H, h_ik = v_i.(A v_k), and v_{k+1} = (A v_k - sum_i h_ik v_i)/h_{k+1,k}. Each pass subtracts one
+   !> vector and multiplies by the next, so that the product is read once for both.
    subroutine orthogonalise(self, k)
       type(krylov_type), intent(inout) :: self
       integer, intent(in) :: k
@@ -152,7 +152,7 @@ contains
    end subroutine orthogonalise
 
    !> x = sum_i y_i v_i over the first `length` vectors of each lane, with y from its triangle H y = g, from the last
-   !> row up. y takes the place of g, and is zero from length + 1 on.
+   !> row up. y replaces g, and is zero from length + 1 on.
    subroutine add_up(self)
       type(krylov_type), intent(inout) :: self
       real(wp) :: divisor(self%nlane)
@@ -160,15 +160,15 @@ contains
 
       associate (y => self%g, h => self%h, length => self%length)
          do i = maxval(length), 1, -1
-            ! Vectors beyond the length of a lane are there for its neighbours, and have no part in its sum.
+            ! Vectors beyond a lane's length serve its neighbours, and do not enter its sum.
             do j = i + 1, maxval(length)
                y(:, i) = y(:, i) - merge(h(:, i, j)*y(:, j), 0.0_wp, j <= length)
             end do
             ! Triangle: y_i = (g_i - sum_{j>i} h_ij y_j)/h_ii. In lanes beyond their length one is added to the
             ! divisor.
-            divisor = sign(abs(h(:, i, i)) + merge(0.0_wp, 1.0_wp, i <= length), h(:, i, i))  ! no choice of divisors
+            divisor = sign(abs(h(:, i, i)) + merge(0.0_wp, 1.0_wp, i <= length), h(:, i, i))  ! a sum, never zero
             y(:, i) = merge(y(:, i)/divisor, 0.0_wp, i <= length)
-            ! y_i is final now, and its share of x is added.
+            ! y_i is final now; add its part to x.
             call add_multiple(self%nlane, self%n, y(:, i), self%v(:, :, i), self%x)
          end do
       end associate
@@ -240,7 +240,7 @@ contains
       end do
    end subroutine remove_and_square
 
-   !> VEC u = u + c a, a share of the solution.
+   !> VEC u = u + c a, a part of the solution.
    pure subroutine add_multiple(nlane, n, c, a, u)
       integer, intent(in) :: nlane, n
       real(wp), intent(in) :: c(nlane), a(nlane, n)
@@ -254,7 +254,7 @@ contains
       end do
    end subroutine add_multiple
 
-   !> VEC u = u/size, or 0 where that size is zero (or has no inverse) or not finite.
+   !> VEC u = u/size, or 0 if the size is zero (or has no inverse) or not finite.
    pure subroutine scale_by(nlane, n, size, u)
       integer, intent(in) :: nlane, n
       real(wp), intent(in) :: size(nlane)
@@ -278,7 +278,7 @@ contains
    pure subroutine rotate(nlane, most, k, unsolved, length, h, c, s, g, largest)
       integer, intent(in) :: nlane, most, k
       logical, intent(in) :: unsolved(nlane)
-      integer, intent(in) :: length(nlane)  !! vectors so far; the others' are there for their neighbours' sake
+      integer, intent(in) :: length(nlane)  !! vectors used so far; further ones serve other lanes
       real(wp), intent(inout) :: h(nlane, most + 1, most), c(nlane, most), s(nlane, most)
       real(wp), intent(inout) :: g(nlane, most + 1), largest(nlane)
       real(wp) :: total(nlane), a(nlane), d(nlane), divisor(nlane)
@@ -309,8 +309,8 @@ contains
    end subroutine rotate
 
    !> Find the lanes that vector k has brought to their goal: |g_{k+1}| is the size of the residual. If the diagonal
-   !> entry of column k is zero or not finite, the matrix is singular or not finite: the lane keeps its vectors and
-   !> takes no more.
+   !> entry of column k is zero or not finite, the matrix is singular or not finite: the lane keeps its vectors and uses
+   !> no more.
    pure subroutine judge_lanes(nlane, k, diagonal, rest, goal, norm, length, unsolved, nrunning)
       integer, intent(in) :: nlane, k
       real(wp), intent(in) :: diagonal(nlane), rest(nlane), goal(nlane)
@@ -323,7 +323,7 @@ contains
 
       nrunning = 0
       do lane = 1, nlane
-         ! Vectors are taken in turn: a lane that has passed over one takes no more.
+         ! Vectors are used in order: a lane that has skipped a vector uses no more.
          takes = unsolved(lane) .and. length(lane) == k - 1 .and. diagonal(lane) > 0
          takes = takes .and. abs(rest(lane)) <= huge(1.0_wp)
          ! With vector k a lane has the residual |g_{k+1}|, and is solved if the residual reaches the goal.

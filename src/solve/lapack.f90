@@ -1,9 +1,9 @@
 ! SPDX-License-Identifier: BSD-3-Clause
 !> The only file that calls LAPACK: one large system A x = b with row exchanges, P A = L U, and the threads of the BLAS.
 !>
-!> LAPACK's info tells no failure that could be relied on: a nearly singular matrix gives info = 0 and infinities, an
-!> exactly singular one info = 0 by some libraries and info > 0 by others, numbers below the normal ones info = 0 and
-!> a wrong solution. So info is not asked beyond whether there is a solution; solve/one_system looks at that.
+!> LAPACK's info is not a reliable sign of failure: a nearly singular matrix gives info = 0 and infinities, an exactly
+!> singular one info = 0 with some libraries and info > 0 with others, subnormal numbers info = 0 and a wrong solution.
+!> So info only decides whether there is a solution at all; solve/one_system checks the solution.
 module symsde_solve_lapack
    use, intrinsic :: iso_c_binding, only: c_char, c_int, c_null_char
    use symsde_base_kinds, only: wp
@@ -34,7 +34,7 @@ module symsde_solve_lapack
          integer, intent(out) :: info
       end subroutine dgetrs
 
-      !> lapack_library.c: whose LAPACK this process has; the text ends with a null character.
+      !> lapack_library.c: vendor of this process's LAPACK; the text ends with a null character.
       subroutine take_name(text, size) bind(c, name='lapack_name')
          import :: c_char, c_int
          integer(c_int), value :: size
@@ -61,14 +61,14 @@ contains
    subroutine solve_by_lapack(n, a, x)
       integer, intent(in) :: n            !! unknowns
       real(wp), intent(inout) :: a(n, n)  !! matrix, destroyed
-      real(wp), intent(inout) :: x(n)     !! in: right-hand side; out: the solution, as LAPACK has it
+      real(wp), intent(inout) :: x(n)     !! in: right-hand side; out: LAPACK's solution
       integer :: pivot(n), info
 
       call dgetrf(n, n, a, n, pivot, info)
       if (info == 0) call dgetrs('N', n, 1, a, n, pivot, x, n, info)
    end subroutine solve_by_lapack
 
-   !> Whether the LAPACK of this process can be used: not where the threads of its BLAS cannot be set.
+   !> Whether the LAPACK of this process may be used: not if the threads of its BLAS cannot be set.
    logical function lapack_is_usable()
       lapack_is_usable = serves() /= 0
    end function lapack_is_usable
@@ -88,14 +88,14 @@ contains
       end do
    end subroutine name_lapack
 
-   !> Set a threaded BLAS to one thread: our own threads solve many small systems, and threads within each solve
-   !> make them many times slower. Call blas_restore_threads once for each call. A BLAS without threads needs
-   !> nothing; a BLAS whose threads cannot be set is not used (lapack_is_usable).
+   !> Set a threaded BLAS to one thread: the library's threads solve many small systems, and threads within each solve
+   !> would make them many times slower. Call blas_restore_threads once for each call. A BLAS without threads is left
+   !> alone; a BLAS whose threads cannot be set is not used (lapack_is_usable).
    subroutine blas_single_thread()
       call take_threads()
    end subroutine blas_single_thread
 
-   !> Give the BLAS its threads back when its last user is done. Calls are counted, since calls of several host
+   !> Restore the number of threads of the BLAS when its last user is done. Calls are counted, since calls of several
    !> threads overlap.
    subroutine blas_restore_threads()
       call give_back_threads()

@@ -30,7 +30,7 @@ void blas_threads_take(void);
 void blas_threads_give_back(void);
 #pragma GCC visibility pop
 
-/* files of the archives that are linked in, of a build that has no others */
+/* file names of linked archives, in builds that link archives */
 #ifndef SYMSDE_LAPACK_FILE
 #define SYMSDE_LAPACK_FILE ""
 #define SYMSDE_BLAS_FILE ""
@@ -48,7 +48,7 @@ typedef struct {
    char *status, *build, *processor, *platform;
 } mkl_version;
 
-/* The function of a library, or of the running program; NULL where there is none. */
+/* The function of a library, or of the running program; NULL if there is none. */
 static any_function function_of(void *library, const char *name) {
    any_function found;
    *(void **)&found = dlsym(library, name);
@@ -60,12 +60,12 @@ static const char *base_of(const char *path) {
    return slash == NULL ? path : slash + 1;
 }
 
-/* The same of a library that may not be loaded. */
+/* The same for a library that may not be loaded. */
 static any_function loaded_function(void *library, const char *name) {
    return library == NULL ? NULL : function_of(library, name);
 }
 
-/* The file that holds a function, links followed; the archive where it is in the file of this function itself. */
+/* The file that contains a function, with links resolved; the archive's name if that is the file of this code. */
 static void find_file(any_function function, const char *archive, char path[PATH_MAX]) {
    const any_function here = (any_function)lapack_name;
    void *addresses[2];
@@ -115,7 +115,7 @@ static void name_of(const char *path, char text[NAME]) {
    }
 }
 
-/* Put the name of LAPACK, and that of its BLAS where it is another vendor's, into a text of `size` characters. */
+/* Write the name of LAPACK, and of its BLAS if the vendor differs, into a text of `size` characters. */
 void lapack_name(char *text, int size) {
    char lapack_file[PATH_MAX], blas_file[PATH_MAX], lapack[NAME], blas[NAME];
    find_file(dgetrf_, SYMSDE_LAPACK_FILE, lapack_file);
@@ -131,20 +131,20 @@ void lapack_name(char *text, int size) {
 
 enum { OPENBLAS, MKL, BLIS, VENDORS };
 
-/* what the BLAS libraries that have threads call their functions; they are looked for in the running program */
+/* functions for the number of threads in threaded BLAS libraries; they are looked up in the running program */
 static const char *const readers[VENDORS] = {"openblas_get_num_threads", "MKL_Get_Max_Threads",
                                              "bli_thread_get_num_threads"};
 static const char *const setters[VENDORS] = {"openblas_set_num_threads", "MKL_Set_Num_Threads",
                                              "bli_thread_set_num_threads"};
-/* and what their files are called */
+/* and words in their file names */
 static const char *const words[VENDORS] = {"openblas", "mkl", "blis"};
 
 static pthread_mutex_t blas_lock = PTHREAD_MUTEX_INITIALIZER;
 static int blas_users, blas_sought, blas_serves, blas_choice[VENDORS];
 static any_function blas_reader[VENDORS], blas_setter[VENDORS];
 
-/* Both functions of a vendor, or none, and whether the BLAS can be used. It takes longer than a short run, so it is done
- * once: the BLAS of this library is there from its start. */
+/* Both functions of a vendor, or none, and whether the BLAS may be used. The search takes longer than a short run,
+ * so it is done once: the BLAS of this library is loaded with it. */
 static void seek_functions(void) {
    char path[PATH_MAX];
    if (blas_sought) {
@@ -165,7 +165,7 @@ static void seek_functions(void) {
    blas_sought = 1;
 }
 
-/* Threads of a vendor's BLAS; 0 where it does not tell. BLIS counts in 64 bits. */
+/* Threads of a vendor's BLAS; 0 if unknown. BLIS counts in 64 bits. */
 static int read_threads(int vendor) {
    if (blas_reader[vendor] == NULL) {
       return 0;
@@ -181,7 +181,7 @@ static void set_threads(int vendor, int number) {
    }
 }
 
-/* Whether systems may be given to LAPACK: 0 where its BLAS cannot be kept to one thread. */
+/* Whether LAPACK may solve systems: 0 if its BLAS cannot be kept to one thread. */
 int lapack_serves(void) {
    pthread_mutex_lock(&blas_lock);
    seek_functions();
@@ -190,7 +190,7 @@ int lapack_serves(void) {
    return serves;
 }
 
-/* One thread from now on. */
+/* The BLAS uses one thread from now on. */
 void blas_threads_take(void) {
    pthread_mutex_lock(&blas_lock);
    if (blas_users++ == 0) {

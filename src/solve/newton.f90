@@ -11,12 +11,12 @@
 !>       call newton%update(x, status, counters)
 !>    end do
 !>
-!> One unknown in the form x + s f(x) = 0, as all steppers have it, goes through update_scalar: one pass
-!> over the lanes instead of five; a step that begins at x = 0 does its first iteration by first_scalar,
-!> instead of start. A stepper that solves and corrects by itself calls only judge.
+!> One unknown in the form x + s f(x) = 0, as all steppers have it, uses update_scalar: one pass over the lanes instead
+!> of five; a step that begins at x = 0 uses first_scalar for its first iteration, instead of start. A stepper that
+!> solves and corrects by itself calls only judge.
 !>
-!> When a lane is done: module symsde_solve_stagnation. Steppers whose matrix is the derivative of their
-!> residual to rounding say so (`exact`), which spares most lanes their last iteration.
+!> The test of convergence is in solve/stagnation. Steppers whose matrix is the derivative of their residual to rounding
+!> declare it (`exact`), which spares most lanes their last iteration.
 !>
 !> A lane that is done or failed is frozen: a path never depends on its neighbours. Loops are bounded by
 !> max_iter.
@@ -37,36 +37,36 @@ module symsde_solve_newton
    public :: newton_type, newton_options, new_newton, check_newton, patience
    public :: start, update, judge, first_scalar, update_scalar, mark, stop_lanes
 
-   !> Iterations after which one unknown is tested for rounding that cycles, too, as several are from the start. Few
-   !> lanes take as many, and the test of the others is shorter without.
+   !> Iterations after which one unknown is tested for rounding that cycles, as several unknowns are from the start. Few
+   !> lanes iterate as often, and until then the test is shorter.
    integer, parameter :: patience = 8
 
    type :: newton_options
       integer :: max_iter = 100         !! bound of the iterations of one step, 1..1000
       integer :: fixed_point = 0        !! n > 0: exactly n fixed-point iterations instead of Newton
-      logical :: damped = .false.       !! shorten corrections that do not lower the residual; update only
+      logical :: damped = .false.       !! shorten corrections that do not lower the residual; by `update` alone
    contains
       procedure :: is_free
    end type newton_options
 
-   !> The iteration of a block. The caller fills r and a (or bands) at x, and finds the correction in r afterwards;
-   !> `last` says of each lane whether it runs.
+   !> The iteration of a block. The caller fills r and a (or bands) at x, and afterwards r holds the correction; `last`
+   !> says for each lane whether it runs.
    type :: newton_type
       integer :: nlane = 0, n = 0       !! lanes, unknowns of a lane
       logical :: affine = .false.       !! the equations are linear in the unknowns: one solve, no test
-      logical :: running = .false.      !! some lane is not done yet
+      logical :: running = .false.      !! whether some lane is not done yet
       type(newton_options) :: options
-      integer :: most = 0               !! iterations of a step at most
+      integer :: most = 0               !! largest number of iterations of a step
       integer :: iteration = 0
-      integer :: nrunning = 0           !! lanes that are not done
-      logical :: keeps_matrix = .false. !! of a single path: the next update keeps it
+      integer :: nrunning = 0           !! number of lanes that are not done
+      logical :: keeps_matrix = .false. !! single path: the next update must keep the matrix
       real(wp), allocatable :: r(:, :)  !! residual (nlane, n); after an update: the correction
       real(wp), allocatable :: a(:, :, :)      !! matrix (nlane, n, n), dense case
       real(wp), allocatable :: bands(:, :, :)  !! matrix (nlane, -kl:ku, n), banded case
       real(wp), allocatable :: last(:)  !! size of the last correction, or done, or failed; >= 0 runs (nlane)
       real(wp), allocatable :: step(:)  !! size of this correction (nlane)
       real(wp), allocatable :: size(:)  !! size of the unknowns (nlane)
-      logical :: exact = .false.        !! matrix and residual belong together, to rounding
+      logical :: exact = .false.        !! matrix is the derivative of the residual, to rounding
       type(stopping_test) :: test = linear
       logical, allocatable, private :: active(:)
       integer(i8), allocatable, private :: verdict(:)
@@ -87,15 +87,14 @@ contains
    include 'newton_scalar.inc'
    include 'all_lanes.inc'
 
-   !> Whether the options ask for neither damping nor a number of iterations: then steppers may choose how they
-   !> solve.
+   !> Whether the options ask for neither damping nor a number of iterations: then steppers may choose how to solve.
    pure logical function is_free(self)
       class(newton_options), intent(in) :: self
 
       is_free = self%fixed_point <= 0 .and. .not. self%damped
    end function is_free
 
-   !> Refuse numbers of iterations that no step can be meant to take.
+   !> Refuse numbers of iterations out of range.
    subroutine check_newton(options, error)
       type(newton_options), intent(in) :: options
       type(error_type), allocatable, intent(inout) :: error
@@ -109,10 +108,10 @@ contains
       end if
    end subroutine check_newton
 
-   !> Make room for n unknowns a lane; kl >= 0 makes the matrix banded with kl sub- and ku superdiagonals. The
-   !> stopping test depends on the equations and their derivatives: done at once for linear equations, quadratic for
-   !> exact derivatives, else linear. Damping and a given number of iterations (is_free false) use neither linearity
-   !> nor exactness.
+   !> Allocate n unknowns a lane; kl >= 0 makes the matrix banded with kl sub- and ku superdiagonals. The stopping test
+   !> depends on the equations and their derivatives: done at once for linear equations, quadratic for exact
+   !> derivatives, else linear. Damping and a given number of iterations (is_free false) use neither linearity nor
+   !> exactness.
    subroutine new_newton(self, nlane, n, options, affine, kl, ku, judge_only, exact)
       type(newton_type), intent(out) :: self
       integer, intent(in) :: nlane, n
@@ -149,9 +148,9 @@ contains
       if (kl >= 0 .or. n > 1) call new_block_solver(self%solver, nlane, n, kl, ku)
    end subroutine new_newton
 
-   !> Solve A d = r, take d from the unknowns of the running lanes, and test each lane. Damped, the last correction
-   !> is judged first by the new residual, and halved where it did not help. As a fixed-point iteration x <- x - r no
-   !> system is solved.
+   !> Solve A d = r, subtract d from the unknowns of the running lanes, and test each lane. With damping, first judge
+   !> the last correction by the new residual, and halve it if the residual did not fall. A fixed-point iteration x <- x
+   !> - r solves no system.
    subroutine update(self, x, status, counters)
       class(newton_type), intent(inout) :: self
       real(wp), intent(inout) :: x(self%nlane, self%n)         !! unknowns
@@ -171,8 +170,8 @@ contains
       if (contracts_are_executed) call require_solved(self%nlane, self%n, status, x, 'solve, newton')
    end subroutine update
 
-   !> Freeze a lane whose system could not be solved.
-   !> For steppers that solve by themselves; the lane is counted here, and `mark` passes over it.
+   !> Freeze a lane whose system could not be solved. For steppers that solve themselves; the lane is counted here, and
+   !> `mark` skips it.
    subroutine fail(self, lane, code, status, counters)
       class(newton_type), intent(inout) :: self
       integer, intent(in) :: lane
@@ -219,7 +218,7 @@ contains
       end if
       counters%pivoted_solves = counters%pivoted_solves + self%solver%pivoted_solves - pivoted
       counters%lapack_solves = counters%lapack_solves + self%solver%lapack_solves - by_lapack
-      ! Lanes whose system failed have the correction zero, and rest from here on.
+      ! Lanes whose system failed get the correction zero, and are frozen.
       if (all(self%verdict == 0)) return
       counters%failures = counters%failures + count(self%active .and. self%verdict /= 0)
       where (self%active .and. self%verdict /= 0)
@@ -237,7 +236,7 @@ contains
       integer :: lane
 
       do lane = 1, self%nlane
-         ! `failed` is -2, and lanes above -1.5 run or are done.
+         ! `failed` is -2; lanes above -1.5 run or are done.
          if (self%last(lane) > -1.5_wp .or. status(lane) /= 0) cycle
          status(lane) = nonfinite
          counters%failures = counters%failures + 1

@@ -2,9 +2,9 @@
 !> An update of Newton's iteration, solve/newton, for a single path: A d = r, x <- x - d, and the test, with the bits
 !> of a lane of a block.
 !>
-!> The matrix is eliminated where it stands. Where its pivots are not trusted it is lost, so the same iteration is
-!> asked for once more, at the same x, and done by solve/newton, which keeps a matrix for exchanges of rows: a copy in
-!> every iteration takes a tenth of the time of a step.
+!> The matrix is eliminated in place. If its pivots are not trusted it is lost, so the same iteration is repeated at the
+!> same x by solve/newton, which keeps the matrix for exchanges of rows: a copy in every iteration would take a tenth of
+!> the time of a step.
 module symsde_solve_newton_single_path
    use symsde_base_counters, only: counters_type
    use symsde_base_kinds, only: wp, i8
@@ -28,8 +28,8 @@ contains
       type(counters_type), intent(inout) :: counters
       real(wp) :: smallest
 
-      ! Cases for solve/newton: a repeated iteration, fewer unknowns than elimination is for, bands, too many
-      ! unknowns, and damping.
+      ! Cases for solve/newton: a repeated iteration, fewer unknowns than elimination handles, bands, too many unknowns,
+      ! and damping.
       if (self%keeps_matrix .or. self%n < 3 .or. self%n > max_lane_unknowns .or. .not. allocated(self%a) .or. &
           self%options%damped) then
          self%keeps_matrix = .false.
@@ -38,7 +38,7 @@ contains
       end if
       ! r becomes the correction d.
       call solve_scalar(self%n, self%a, self%r, smallest)
-      ! Only the matrix and r have changed, which the caller forms again: x, counts and `last` are as before.
+      ! Only the matrix and r have changed, and the caller forms both again: x, counts and `last` are as before.
       self%keeps_matrix = .not. (smallest > pivot_floor .and. is_finite(self%n, self%r))
       if (self%keeps_matrix) return
       call correct(self%n, self%r, x, self%step(1), self%size(1))
@@ -50,7 +50,7 @@ contains
    include 'stagnation.inc'
    include 'correction.inc'
 
-   !> Whether all n numbers are finite: zero times another one is NaN, and a sum with NaN stays NaN.
+   !> Whether all n numbers are finite: zero times any other is NaN, and a sum with NaN stays NaN.
    pure logical function is_finite(n, x)
       integer, intent(in) :: n
       real(wp), intent(in) :: x(n)
@@ -65,8 +65,7 @@ contains
       is_finite = abs(zero) <= 0
    end function is_finite
 
-   !> Take the correction, which is finite, from x, and find the largest entries of both: `step` and `size` of the
-   !> lane.
+   !> Subtract the finite correction from x, and find the largest entries of both: `step` and `size` of the lane.
    pure subroutine correct(n, d, x, step, size)
       integer, intent(in) :: n
       real(wp), intent(in) :: d(n)

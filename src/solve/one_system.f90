@@ -2,16 +2,15 @@
 !> One system A x = b with exchanges of rows, dense or banded, and whether there is a solution.
 !>
 !>    nonfinite   a number of A or b is infinite or NaN, before anything is solved
-!>    singular    a pivot is zero, the condition number too large where it is asked for, or the solution not finite
+!>    singular    a pivot is zero, the condition number too large if requested, or the solution not finite
 !>    status_ok   x is the solution
 !>
 !> All but large dense systems are solved by eliminations of the library (solve/pivoting, solve/banded_pivoting): their
-!> bits do not depend on whose LAPACK is installed. LAPACK solves dense systems of more than `most_eliminated` unknowns,
-!> from where some of its libraries are faster. Its solution is taken where it satisfies the system; where it does not,
-!> the library's own elimination has the word, so that the status of a system is not LAPACK's either.
+!> bits do not depend on the installed LAPACK. LAPACK solves dense systems of more than `most_eliminated` unknowns, for
+!> which some implementations are faster. Its solution is used if it satisfies the system; otherwise the library's own
+!> elimination decides, so that the status of a system does not depend on LAPACK either.
 !>
-!> A system that fails leaves x undefined in the procedures for one system, and as it was in those for a lane of a
-!> block.
+!> If a system fails, x is undefined in the procedures for one system, and unchanged in those for a lane of a block.
 module symsde_solve_one_system
    use symsde_base_kinds, only: wp, i4, i8
    use symsde_base_status, only: status_ok, singular, nonfinite
@@ -24,17 +23,18 @@ module symsde_solve_one_system
    public :: solve_dense, solve_dense_alone, solve_lane, solve_banded, solve_banded_lane, solve_factored
    public :: lapack_takes, most_eliminated
 
-   !> Dense systems of up to so many unknowns are eliminated by the library, larger ones by LAPACK. On AVX2 elimination
-   !> takes 0.6 of OpenBLAS's time at 40 unknowns, 0.95 at 128, 1.0 at 160, 1.2 at 256, and a third of netlib's at any.
+   !> Dense systems of up to this size are eliminated by the library, larger ones by LAPACK. On AVX2 elimination takes
+   !> 0.6 of OpenBLAS's time at 40 unknowns, 0.95 at 128, 1.0 at 160, 1.2 at 256, and a third of netlib's time at any
+   !> size.
    integer, parameter :: most_eliminated = 160
 
-   !> A solution whose residual is less than this share of |A| |x| is LAPACK's rounding, about 1e-14 of it; a wrong one
-   !> misses by all.
+   !> Allowed residual as a fraction of |A| |x|. LAPACK's rounding is about 1e-14 of |A| |x|; a wrong solution has a
+   !> residual of its size.
    real(wp), parameter :: most_missed = 1.0e-8_wp
 
 contains
 
-   !> Whether dense systems of n unknowns are LAPACK's.
+   !> Whether LAPACK solves dense systems of n unknowns.
    logical function lapack_takes(n)
       integer, intent(in) :: n
 
@@ -63,7 +63,7 @@ contains
       call solve_dense_alone(n, a, x, info)
    end subroutine solve_dense
 
-   !> The same without LAPACK, whatever the size.
+   !> Solve without LAPACK, whatever the size.
    subroutine solve_dense_alone(n, a, x, info)
       integer, intent(in) :: n              !! unknowns
       real(wp), intent(inout) :: a(n, n)    !! matrix, destroyed
@@ -87,7 +87,7 @@ contains
       is_sound = all_finite(size(a, kind=i8), a) .and. all_finite(size(b, kind=i8), b)
    end function is_sound
 
-   !> Whether |b - A x| is rounding beside |A| |x| + |b|, by largest entries. Residuals that overflow satisfy nothing.
+   !> Whether |b - A x| is rounding compared with |A| |x| + |b|, by largest entries; false if the residual overflows.
    pure logical function satisfies(n, a, b, x)
       integer, intent(in) :: n
       real(wp), intent(in) :: a(n, n), b(n), x(n)
@@ -104,8 +104,8 @@ contains
                   maxval(abs(residual)) <= most_missed*maxval(scale)
    end function satisfies
 
-   !> Solve one lane of a block of dense systems. Its numbers lie nlane apart, so matrix and right-hand side are
-   !> copied; the matrix of the block is kept for whoever forms residuals with it.
+   !> Solve one lane of a block of dense systems. Its numbers are nlane apart in memory, so matrix and right-hand side
+   !> are copied; the matrix of the block is kept for callers that form residuals.
    subroutine solve_lane(nlane, n, lane, a, x, info)
       integer, intent(in) :: nlane            !! lanes of the block
       integer, intent(in) :: n                !! unknowns of a system
@@ -115,7 +115,7 @@ contains
       integer(i4), intent(out) :: info        !! status_ok, singular or nonfinite
       real(wp), allocatable :: matrix(:, :), vector(:)
 
-      ! Room of this call alone: few lanes come here, and mostly none.
+      ! Allocated in each call, since few lanes come here, and mostly none.
       allocate (matrix(n, n), vector(n))
       matrix(:, :) = a(lane, :, :)
       vector(:) = x(lane, :)
@@ -132,14 +132,14 @@ contains
       integer, intent(in) :: ku                     !! diagonals above the main one
       integer, intent(in) :: lane                   !! the lane to solve
       real(wp), intent(in) :: ab(nlane, -kl:ku, n)  !! matrices, kept
-      real(wp), intent(inout) :: x(nlane, n)        !! x(lane,:): in, and solution if info is ok
+      real(wp), intent(inout) :: x(nlane, n)        !! x(lane,:): right-hand side, then solution if ok
       integer(i4), intent(out) :: info              !! status_ok, singular or nonfinite
       real(wp), allocatable :: band(:, :), vector(:)
       integer :: d, i
 
       allocate (band(2*kl + ku + 1, n), source=0.0_wp)
       do i = 1, n
-         ! A(i, i+d) goes to row kl+ku+1-d of column i+d; the kl rows above stay zero for what exchanges fill in.
+         ! A(i, i+d) goes to row kl+ku+1-d of column i+d; the kl rows above stay zero, as room for exchanges.
          do d = max(-kl, 1 - i), min(ku, n - i)
             band(kl + ku + 1 - d, i + d) = ab(lane, d, i)
          end do
@@ -150,8 +150,8 @@ contains
       if (info == status_ok) x(lane, :) = vector
    end subroutine solve_banded_lane
 
-   !> Solve one banded system, A(i,j) at band(kl+ku+1+i-j, j); the kl rows above are zero. All columns are factored at
-   !> once: the work of a part is not bounded.
+   !> Solve one banded system, A(i,j) at band(kl+ku+1+i-j, j); the kl rows above are zero. All columns are factored in
+   !> one part.
    subroutine solve_banded(n, kl, ku, band, x, info)
       integer, intent(in) :: n                              !! unknowns
       integer, intent(in) :: kl                             !! diagonals below the main one
@@ -164,7 +164,7 @@ contains
       info = nonfinite
       if (.not. all_finite(size(band, kind=i8), band)) return
       call new_banded_factors(factors, n, kl, ku, band)
-      ! A pivot that is zero is noted in `factors`, and told as singular below.
+      ! A zero pivot is recorded in `factors`, and reported as singular below.
       call factor_columns(factors, band, huge(1.0_wp))
       call solve_factored(factors, band, x, info)
    end subroutine solve_banded
@@ -172,13 +172,13 @@ contains
    !> Solve one banded system from factors, which may have been made in parts. With rcond, a system whose condition
    !> number exceeds 1/(4 eps) is singular too: its solution would have no correct digit.
    subroutine solve_factored(factors, band, x, info, rcond)
-      type(banded_factors), intent(in) :: factors           !! of solve/banded_pivoting
-      real(wp), intent(in) :: band(2*factors%kl + factors%ku + 1, factors%n)   !! their numbers
+      type(banded_factors), intent(in) :: factors           !! made by solve/banded_pivoting
+      real(wp), intent(in) :: band(2*factors%kl + factors%ku + 1, factors%n)   !! the factors' numbers
       real(wp), intent(inout) :: x(factors%n)               !! in: right-hand side; out: solution, if ok
       integer(i4), intent(out) :: info                      !! status_ok, singular or nonfinite
       real(wp), intent(out), optional :: rcond              !! 1/(|A| |A^-1|), estimated, in the 1-norm
 
-      ! What is known of the condition where nothing can be solved.
+      ! The condition reported if nothing is solved.
       if (present(rcond)) rcond = 0
       info = nonfinite
       if (.not. all_finite(int(factors%n, i8), x)) return
@@ -193,14 +193,14 @@ contains
       if (all_finite(int(factors%n, i8), x)) info = status_ok
    end subroutine solve_factored
 
-   !> True where no number of x is infinite or NaN. Counting has no early exit and so vectorises; n may exceed 2^31 in
-   !> a large matrix.
+   !> Whether no number of x is infinite or NaN. Counting has no early exit and so vectorises; n may exceed 2^31 in a
+   !> large matrix.
    pure logical function all_finite(n, x)
       integer(i8), intent(in) :: n  !! numbers to look at; more than 2^31 in a large matrix
       real(wp), intent(in) :: x(n)  !! the numbers
       integer(i8) :: i, bad
 
-      ! No number is skipped, so the loop does the same for all.
+      ! The loop treats all numbers alike.
       bad = 0
       do i = 1, n
          bad = bad + merge(0_i8, 1_i8, abs(x(i)) <= huge(1.0_wp))

@@ -3,21 +3,21 @@
 !>
 !>    l_ik = u_ik/u_kk,   u_ij <- u_ij - l_ik u_kj   (i, j > k),
 !>
-!> u_kk the largest number of its column on and below the diagonal. Columns are taken by panels of eight: a panel is
-!> factored, then each later column loses its eight multiples in one pass, two columns in a pass. Every number loses
-!> its multiples in the order of k all the same: neither panels nor vectors change a bit of it.
+!> u_kk the largest number of its column on and below the diagonal. Columns are factored by panels of eight: after a
+!> panel is factored, one pass subtracts its eight multiples from two later columns. From every number multiples are
+!> subtracted in the order of k, so neither panels nor vectors change any bit.
 module symsde_solve_pivoting
    use symsde_base_kinds, only: wp
    implicit none
    private
    public :: eliminate_pivoting
 
-   integer, parameter :: panel = 8  !! columns of a panel, as subtract_from_column and _pair are written
+   integer, parameter :: panel = 8  !! columns of a panel, fixed in subtract_from_column and _pair
 
 contains
 
-   !> Solve the system, n^3/3 multiplications. Where a column has no number but zeros, or one that is not a number, the
-   !> matrix is singular: x is undefined then. Otherwise x may not be finite, which callers look at.
+   !> Solve the system, n^3/3 multiplications. If a column has only zeros left, or a NaN, the matrix is singular, and x
+   !> is undefined. Otherwise x may still be infinite, which callers check.
    pure subroutine eliminate_pivoting(n, a, x, is_singular)
       integer, intent(in) :: n            !! unknowns
       real(wp), intent(inout) :: a(n, n)  !! matrix, destroyed
@@ -38,7 +38,7 @@ contains
       end do
    end subroutine eliminate_pivoting
 
-   !> Factor the columns first .. last, and do to x what is done to their rows.
+   !> Factor the columns first .. last, and apply the same operations to x.
    pure subroutine factor_panel(n, first, last, a, x, is_singular)
       integer, intent(in) :: n, first, last
       real(wp), intent(inout) :: a(n, n), x(n)
@@ -58,8 +58,7 @@ contains
       end do
    end subroutine factor_panel
 
-   !> Bring the largest number of column k, on and below the diagonal, to the diagonal: the first of them, where several
-   !> are as large.
+   !> Move the largest number of column k, on and below the diagonal, to the diagonal: the first of several equal ones.
    pure subroutine exchange_rows(n, k, a, x)
       integer, intent(in) :: n, k
       real(wp), intent(inout) :: a(n, n), x(n)
@@ -85,8 +84,8 @@ contains
       x(at) = kept
    end subroutine exchange_rows
 
-   !> Column j > last loses its multiples of the panel's columns: first between the rows of the panel, where u_kj comes
-   !> to be, then below them. A panel that others follow is full.
+   !> Subtract from each column j > last its multiples of the panel's columns: first in the rows of the panel, which
+   !> gives u_kj, then below them. Every panel but the last one is full.
    pure subroutine update_columns(n, first, last, a)
       integer, intent(in) :: n, first, last
       real(wp), intent(inout) :: a(n, n)
@@ -106,7 +105,7 @@ contains
          call subtract_from_column(n - last, n, a(last + 1, first), a(first, n), a(last + 1, n))
    end subroutine update_columns
 
-   !> y = y/pivot. A pivot below the normal numbers has no inverse.
+   !> y = y/pivot. A subnormal pivot has no inverse.
    pure subroutine divide(m, pivot, y)
       integer, intent(in) :: m
       real(wp), intent(in) :: pivot

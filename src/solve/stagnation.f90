@@ -1,25 +1,24 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> When Newton's iteration has stagnated in a lane, and the passes over lanes that correct and test.
+!> The end of Newton's iteration in a lane, and passes over lanes that correct and test.
 !>
-!> A lane is done when its next correction would vanish in rounding. With d_k the size of its k-th correction
-!> and |x| that of its unknowns,
+!> A lane is done when its next correction would vanish in rounding. With d_k the size of its k-th correction and |x|
+!> the size of its unknowns,
 !>
-!>    linear       d_k <= eps |x|/4, or d_k r <= eps |x|/4 with the rate r = d_k/d_{k-1} seen (two classes of it),
-!>                 or d_k is not smaller than the one before (the first has none) and within 2^-33 |x|. It assumes
-!>                 nothing of the matrix: differences, or a Hessian without third derivatives, converge at a rate
-!>                 that stays.
-!>    quadratic    d_k <= 2^-33 |x| at a rate r <= 1/8, or d_k <= 2^-20 |x| at a rate r <= 2^-20, or d_k <= eps |x|/4.
+!>    linear       d_k <= eps |x|/4, or d_k r <= eps |x|/4 with the rate r = d_k/d_{k-1} (in two classes), or d_k is not
+!>    smaller than d_{k-1} and within 2^-33 |x|. This test assumes nothing of the matrix: with differences, or a Hessian
+!>    without third derivatives, the rate of convergence stays constant. quadratic    d_k <= 2^-33 |x| at a rate r <=
+!>    1/8, or d_k <= 2^-20 |x| at a rate r <= 2^-20, or d_k <= eps |x|/4.
 !>                 For steppers whose matrix is the derivative of their residual to rounding, so that
-!>                 d_{k+1} = C d_k^2 (from far away the rate is 2/3 and such, and says so). In the first case
-!>                 d_{k+1} <= C |x| 2^-66 |x|, and C |x| is of the order of one at most where the iteration
-!>                 converges from x = 0. In the second C = d_k/d_{k-1}^2 and d_{k+1} = r^2 d_k <= 2^-60 |x|.
-!>                 Should d_k be that small by accident although c = C d_{k-1} is not, c 2^-40 |x| remains at
-!>                 most, in one step of 2^20 c, without a preferred sign: sqrt(c/5) 2^-50 |x| in the mean square.
+!>                 d_{k+1} = C d_k^2 (far away the rate is about 2/3). In the first case
+!>                 d_{k+1} <= C |x| 2^-66 |x|, and C |x| is at most of order one if the iteration converges from x = 0.
+!>                 In the second C = d_k/d_{k-1}^2 and d_{k+1} = r^2 d_k <= 2^-60 |x|. If d_k is that small by accident
+!>                 although c = C d_{k-1} is not, an error of at most c 2^-40 |x| remains, in one of 2^20 c steps, with
+!>                 random sign: sqrt(c/5) 2^-50 |x| in the mean square.
 !>
 !>    seen         as quadratic, but for a rate r <= 2^-13 in its first case: d_{k+1} = r^2 d_k <= 2^-59 |x| whatever C
-!>                 is. For equations whose |x| says little of C, such as two unknowns far from the origin.
+!>                 is. For equations whose |x| does not bound C, such as two unknowns far from the origin.
 !>
-!> Bounds looser than these make invariants drift linearly.
+!> Looser bounds make invariants drift linearly.
 module symsde_solve_stagnation
    use symsde_base_kinds, only: wp, i8
    implicit none
@@ -32,9 +31,9 @@ module symsde_solve_stagnation
    real(wp), parameter :: failed = -2    !! value of `last` for a lane that has failed
    real(wp), parameter :: near = 2.0_wp**(-33)
 
-   !> A correction not larger than `level` times the unknowns ends a lane, and so does one larger by at_slow
-   !> (at_fast) that is the part `slow` (`fast`) of the one before or less, and one within `stagnation` that
-   !> is not smaller than the one before.
+   !> A lane is done if its correction is at most `level` times the unknowns; or at most that times at_slow (at_fast),
+   !> if it is at most `slow` (`fast`) times the correction before; or within `stagnation` times the unknowns, if it is
+   !> not smaller than the correction before.
    type :: stopping_test
       real(wp) :: level = 0.25_wp*epsilon(1.0_wp)
       real(wp) :: slow = 2.0_wp**(-13), at_slow = 2.0_wp**13
@@ -46,10 +45,10 @@ module symsde_solve_stagnation
    type(stopping_test), parameter :: quadratic = stopping_test(slow=2.0_wp**(-3), at_slow=2.0_wp**21, &
                                                                fast=2.0_wp**(-20), at_fast=2.0_wp**34)
    type(stopping_test), parameter :: seen = stopping_test(at_slow=2.0_wp**21, fast=2.0_wp**(-20), at_fast=2.0_wp**34)
-   !> Affine systems, after one solve.
+   !> Affine systems are done after one solve.
    type(stopping_test), parameter :: done_at_once = stopping_test(level=huge(1.0_wp), at_slow=1, at_fast=1, &
                                                                   stagnation=huge(1.0_wp))
-   !> Fixed-point runs, which end after their number of iterations.
+   !> Fixed-point runs end after their number of iterations.
    type(stopping_test), parameter :: never_done = stopping_test(level=-1, at_slow=1, at_fast=1, stagnation=-1)
 
 contains

@@ -1,10 +1,10 @@
 ! SPDX-License-Identifier: BSD-3-Clause
 !> Whether paths of a block have grown beyond all bounds, as those of an unstable step do.
 !>
-!> A path has grown where both the largest of its |q_i| and the largest of its |p_i| end `factor` times beyond the
-!> largest that they were at the start and after a tenth of the steps. So no unit counts, and what is at rest at the
-!> start is compared with where noise or a force has brought it. States are looked at three times in a run, never in a
-!> step: what grows by the step goes on growing. Runs of fewer than ten steps are not looked at.
+!> A path has grown if both the largest of its |q_i| and the largest of its |p_i| end `factor` times above their largest
+!> values at the start and after a tenth of the steps. So units do not matter, and a path at rest at the start is
+!> compared with where noise or a force has moved it. States are compared three times in a run and never inside a step:
+!> growth by the step continues to the end. Runs of fewer than ten steps are not checked.
 !>
 !> Private to its family.
 module symsde_ensemble_block_growth
@@ -18,7 +18,7 @@ module symsde_ensemble_block_growth
 
    type :: growth_type
       integer(i8) :: look = -1                           !! the state is compared before this absolute step; -1 = none
-      real(wp), allocatable, private :: largest(:, :)    !! |q_i| and |p_i| until then (nlane, 2)
+      real(wp), allocatable, private :: largest(:, :)    !! largest |q_i| and |p_i| so far (nlane, 2)
    contains
       procedure :: begin
       procedure :: note
@@ -28,7 +28,7 @@ module symsde_ensemble_block_growth
 
 contains
 
-   !> A block begins with this state, before step number `first` of the run; nstep steps are to come.
+   !> Begin a block with this state, before step number `first` of the run; nstep steps are to come.
    subroutine begin(self, first, nstep, state)
       class(growth_type), intent(inout) :: self
       integer(i8), intent(in) :: first, nstep

@@ -1,16 +1,16 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> What drives the steps of a block: increments dW_k and functionals of the path (dZ, areas), drawn several pairs of
-!> steps ahead, and shown as many steps at a time as are taken at once.
+!> The inputs of the steps of a block: increments dW_k and functionals of the path (dZ, areas), drawn several pairs of
+!> steps ahead, and shown to the stepper as many steps at a time as it takes.
 !>
-!> A source is asked for pairs of steps since the words of the generator make the normals of both. Every draw is
-!> counted by path and step: how far ahead a block draws, and where it began, changes nothing.
+!> A source is asked for pairs of steps, since the words of one draw give the normals of both. Every draw is numbered by
+!> path and step: how far ahead a block draws, and where it began, changes nothing.
 !>
 !> The store holds the pairs request%pair .. request%pair + nahead - 1, that is the steps
 !>
 !>    2 request%pair  ..  2 (request%pair + nahead) - 1,
 !>
-!> counted from the beginning of the run. The runner asks for a step (draw), how many are there from it on (left), and
-!> has them shown (show) to the stepper as pointers into the store.
+!> counted from the beginning of the run. The runner requests a step (draw), asks how many are available from it on
+!> (left), and shows them to the stepper as pointers into the store (show).
 module symsde_ensemble_block_noise_buffer
    use symsde_base_functionals, only: functional_set
    use symsde_base_interrupt, only: interrupt_type
@@ -22,12 +22,12 @@ module symsde_ensemble_block_noise_buffer
    private
    public :: noise_buffer, new_noise_buffer
 
-   !> The noise of one block: its paths, and the increments and functionals that were drawn for them.
+   !> The noise of one block: its paths, and the increments and functionals drawn for them.
    type :: noise_buffer
       class(noise_type), pointer :: noise => null()
       type(step_request) :: request        !! paths of the block, and the pairs of steps in the store
-      type(step_store) :: store            !! steps drawn ahead; without room at first
-      integer(i8) :: normals_of_pair = 0   !! drawn for one path in a pair of steps
+      type(step_store) :: store            !! steps drawn ahead; not allocated at first
+      integer(i8) :: normals_of_pair = 0   !! normals drawn for one path in a pair of steps
       integer, private :: nahead = 0, npair = 1       !! pairs in the store, and the most that fit
    contains
       procedure :: begin
@@ -70,7 +70,7 @@ contains
    !> the interrupt is raised, the store counts as empty.
    subroutine draw(self, step, nstep, interrupt)
       class(noise_buffer), intent(inout) :: self
-      integer(i8), intent(in) :: step, nstep       !! absolute, counted from 0; that with which the run ends
+      integer(i8), intent(in) :: step, nstep       !! absolute step, from 0; the step at which the run ends
       class(interrupt_type), intent(inout), optional :: interrupt
       integer(i8) :: pair, drawn
 
@@ -83,18 +83,18 @@ contains
       self%request%npair = self%nahead
       drawn = 0
       call self%store%make_room()
-      ! Without noises the weights h alone drive a step, which the store has from the beginning.
+      ! Without noises only the weight h drives a step, which the store has from the beginning.
       if (self%noise%nnoise > 0) call self%noise%fill(self%request, self%store, drawn, interrupt)
       if (present(interrupt)) then
          if (interrupt%wanted) then
             self%nahead = 0
-            return  ! a draw that was left says nothing of what a pair takes
+            return  ! an interrupted draw has no count for a pair
          end if
       end if
       self%normals_of_pair = drawn/self%nahead
    end subroutine draw
 
-   !> How many steps from this one on are in the store.
+   !> Number of steps in the store from this step on.
    pure integer(i8) function left(self, step)
       class(noise_buffer), intent(in) :: self
       integer(i8), intent(in) :: step

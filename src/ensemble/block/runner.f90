@@ -1,19 +1,19 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> One block of paths from its initial state to its last step: the time loop. A block of one lane is a path by itself.
+!> One block of paths from its initial state to its last step: the time loop. A block of one lane is a single path.
 !>
 !>    begin:     load the states of the paths, show them to the observer
 !>    run_chunk: until the chunk is over
-!>                  draw         what drives the next steps, unless it was drawn ahead
-!>                  plan_states  how many steps are taken at once, and which states on the way are saved
-!>                  take_steps   the stepper takes them, up to the first in which a lane fails (`advance`); then
+!>                  draw         increments and functionals of the next steps, unless drawn ahead
+!>                  plan_states  how many steps are taken at once, and which states are saved
+!>                  take_steps   the stepper takes these steps, up to the first in which a lane fails (`advance`); then
 !>                    show_states  the saved states are shown to the observer, which may retire lanes
 !>                    settle       failed lanes are rescued, or their failure is recorded
 !>    finish:    account for saved times that were not reached, count the steps
 !>
-!> Steps are counted from the beginning of the run of which this may be a part, and t_n = t0 + n h is formed from the
-!> count. The loop is cut into chunks of as many steps as the caller likes, between which it may stop the run. Nothing
-!> that is computed, shown or counted depends on where: steps are taken several at once, but a lane that fails or is
-!> retired on the way ends where it would end if they were taken one by one. No clock is read here.
+!> Steps are counted from the beginning of the run, of which this block may be a part, and t_n = t0 + n h is computed
+!> from the count. The loop is divided into chunks of a length chosen by the caller, who may stop the run between
+!> chunks. Results do not depend on the chunks: several steps are taken at once, but a lane that fails or is retired
+!> meanwhile ends where it would end step by step. No clock is read here.
 module symsde_ensemble_block_runner
    use symsde_base_contracts, only: contracts_are_executed
    use symsde_base_counters, only: counters_type, add_counters
@@ -42,28 +42,28 @@ module symsde_ensemble_block_runner
    private
    public :: block_runner, new_block_runner
 
-   !> All that one thread needs. Threads share read-only data alone.
+   !> All data of one thread. Threads share read-only data alone.
    type :: block_runner
       type(run_options) :: options
       class(stepper_type), allocatable :: stepper
-      type(rescue_type) :: rescue          !! for paths that the stepper cannot solve
+      type(rescue_type) :: rescue          !! for paths whose step the stepper cannot solve
       class(observer_type), allocatable :: observer
-      type(real_lanes_model), pointer :: real_lanes => null()  !! the model without padding, where it allows; owned
-      class(model_type), pointer :: by_path => null()  !! the model for these lanes, where it goes by path; owned
-      type(lane_paths), pointer :: paths => null()     !! which paths they are; owned, and there beside by_path alone
+      type(real_lanes_model), pointer :: real_lanes => null()  !! model without padding, if allowed; owned
+      class(model_type), pointer :: by_path => null() !! view of the model for these paths, if it differs by path; owned
+      type(lane_paths), pointer :: paths => null()     !! the paths of the lanes; owned, only together with by_path
       type(lane_state) :: state
       integer :: nreal = 0
-      integer(i8) :: step = 0              !! absolute step that comes next
+      integer(i8) :: step = 0              !! absolute number of the next step
       type(noise_buffer) :: drawn           !! increments and functionals that drive the steps
-      integer(i8), private :: begun = 0    !! absolute step that the block began with
-      integer(i8) :: chunk = 1             !! steps of a chunk, for the caller to choose
-      type(counters_type) :: counters      !! steps and normals
-      type(steps_record) :: steps          !! the steps that are taken at once
-      type(passed_states) :: passed        !! saved states on the way; has no room if states are taken one by one
+      integer(i8), private :: begun = 0    !! absolute number of the block's first step
+      integer(i8) :: chunk = 1             !! steps of a chunk, set by the caller
+      type(counters_type) :: counters      !! steps and normals counted
+      type(steps_record) :: steps          !! the steps taken at once
+      type(passed_states) :: passed        !! saved states among them; not allocated if states are taken one by one
       type(growth_type) :: growth          !! the largest values so far, to find paths that grow without bound
-      integer :: enough = 0                              !! a chunk ends when so many lanes have a status
-      type(block_runner), pointer :: narrower => null()  !! a list of runners of narrower blocks, which it owns
-      integer, allocatable :: origin(:)                  !! of a narrower runner: its lanes in the wide block (nlane)
+      integer :: enough = 0                              !! number of lanes with a status that ends a chunk
+      type(block_runner), pointer :: narrower => null()  !! list of runners of narrower blocks, owned by this one
+      integer, allocatable :: origin(:)                  !! in a narrower runner: its lanes in the wide block (nlane)
    contains
       procedure :: equip
       procedure :: begin
@@ -76,7 +76,7 @@ module symsde_ensemble_block_runner
       final :: release
    end type block_runner
 
-   integer, parameter :: most_retaken = 32  !! lanes of a block: where one is retired, several steps are taken again
+   integer, parameter :: most_retaken = 32  !! most lanes of a block that repeats several steps when a lane is retired
 
 contains
 
@@ -88,10 +88,10 @@ contains
       type(block_runner), intent(out) :: self
       type(run_options), intent(in) :: options
       integer, intent(in) :: nlane
-      class(stepper_type), allocatable, intent(inout) :: stepper  !! taken over
+      class(stepper_type), allocatable, intent(inout) :: stepper  !! moved into the runner
       type(functional_set), intent(in) :: asked                   !! functionals of the path, beside its increments
       integer :: nout
-      logical :: several  ! states are taken at once
+      logical :: several  ! whether several states are taken at once
 
       self%options = options
       call move_alloc(stepper, self%stepper)
@@ -104,15 +104,16 @@ contains
          call new_noise_buffer(self%drawn, nlane, self%stepper%ham%nnoise, options%nstep, options%step, asked)
          call new_lane_state(self%state, nlane, n, options%compensated)
          nout = int(min(int(states_ahead(nlane, n), i8), max(1_i8, options%nstep/options%save_every)))
-         ! Without room, the state of the block itself is shown.
+         ! Without room for states, the state of the block itself is shown.
          if (.not. several) nout = 0
          allocate (self%passed%q(nlane, n, nout), self%passed%p(nlane, n, nout))
       end associate
       self%steps%t0 = options%t0
    end subroutine new_block_runner
 
-   !> Give the runner what one drive needs. The options may differ from those of new_block_runner in steps and saves
-   !> alone. The observer is copied, since it keeps the sums of this thread; all threads read one source of noise.
+   !> Give the runner the options, observer and noise of one drive. The options may differ from those of
+   !> new_block_runner in steps and saves alone. The observer is copied, since it keeps the sums of this thread; all
+   !> threads read one source of noise.
    subroutine equip(self, options, observer, noise)
       class(block_runner), intent(inout) :: self
       type(run_options), intent(in) :: options
@@ -127,7 +128,7 @@ contains
       if (associated(self%by_path)) call self%observer%see(self%by_path)
    end subroutine equip
 
-   !> Load the state of paths first .. first+nreal-1, and show it, unless a stopped run goes on from there.
+   !> Load the state of paths first .. first+nreal-1, and show it to the observer, unless a stopped run is resumed.
    subroutine begin(self, first, nreal, start)
       class(block_runner), intent(inout) :: self
       integer(i8), intent(in) :: first        !! global index
@@ -135,17 +136,17 @@ contains
       type(initial_state), intent(in) :: start
 
       call take_state(self, first, nreal, start)
-      ! The rest of a stopped drive, whose blocks go on from different steps, is not looked at.
+      ! Growth is not checked when a stopped drive is resumed, whose blocks continue from different steps.
       call self%growth%begin(self%options%first_step, merge(0_i8, self%options%nstep, start%resumed), self%state)
       call self%observer%begin_block(first, nreal, self%state%nlane)
       if (contracts_are_executed) call require_shown(self%state)
-      ! The initial state is saved state 0; a block that goes on has shown it before.
+      ! The initial state is saved state 0; a resumed block has shown it before.
       if (self%step == self%options%first_step) &
          call self%observer%observe(0_i8, time_of(self, self%step), self%state)
    end subroutine begin
 
-   !> Load the initial state of a block; lanes past its last path repeat that path. A resumed block says itself which
-   !> step comes next.
+   !> Load the initial state of a block; lanes beyond its last path repeat that path. A resumed block sets the next step
+   !> itself.
    subroutine take_state(self, first, nreal, start)
       type(block_runner), intent(inout) :: self
       integer(i8), intent(in) :: first
@@ -157,13 +158,13 @@ contains
       call self%begin_with(self%options%first_step, nreal, path)
       call start%give(first - self%options%first_path, nreal, self%options%first_step + self%options%nstep, self%step, &
                       self%state)
-      ! Steps are counted from here at the end.
+      ! The number of steps taken is counted from here.
       self%begun = self%step
    end subroutine take_state
 
-   !> Begin a block of these paths, the first nreal of them real, with step number `step` next; the caller loads
-   !> their state. Noise, steps, Hamiltonian and the view of the model learn how many lanes are real, and noise
-   !> and a model that goes by path which paths all lanes are.
+   !> Begin a block of these paths, the first nreal of them real, with step number `step` next; the caller loads their
+   !> state. Noise, steps, Hamiltonian and the view of the model get the number of real lanes; noise, and a model that
+   !> differs by path, get the paths of all lanes.
    subroutine begin_with(self, step, nreal, path)
       class(block_runner), intent(inout) :: self
       integer(i8), intent(in) :: step, path(self%state%nlane)
@@ -181,19 +182,19 @@ contains
       self%enough = self%state%nlane
    end subroutine begin_with
 
-   !> Steps until the chunk or the run is over, enough paths of the block have failed (then a narrower block may take
-   !> the others), or the interrupt is wanted, which is looked at where the draws of a step take long.
+   !> Take steps until the chunk or the run is over, enough lanes of the block have a status (a narrower block may then
+   !> take the others), or the interrupt is set, which is checked if the draws of a step take long.
    subroutine run_chunk(self, interrupt)
       class(block_runner), intent(inout) :: self
       class(interrupt_type), intent(inout), optional :: interrupt
       integer(i8) :: last
       integer :: nout, every
 
-      ! The chunk ends here at the latest; steps that are taken at once do not reach over its end.
+      ! The chunk ends here at the latest; no group of steps reaches beyond its end.
       last = min(self%step + self%chunk, self%options%first_step + self%options%nstep)
       do while (self%step < last .and. self%state%nfailed < self%enough)
          call self%drawn%draw(self%step, self%options%first_step + self%options%nstep, interrupt)
-         ! An interrupted draw is of no use: the block stays where it is.
+         ! An interrupted draw is discarded: the block stays where it is.
          if (present(interrupt)) then
             if (interrupt%wanted) return
          end if
@@ -203,22 +204,21 @@ contains
       end do
    end subroutine run_chunk
 
-   !> Steps from here to the next saved point, 1 .. save_every; save_every at a saved point itself, from which a whole
-   !> distance is ahead.
+   !> Steps from here to the next saved point, 1 .. save_every; save_every at a saved point itself.
    pure integer(i8) function steps_to_save(self)
       type(block_runner), intent(in) :: self
 
       steps_to_save = self%options%save_every - mod(self%step - self%options%first_step, self%options%save_every)
    end function steps_to_save
 
-   !> Plan the steps to take at once: nout times `every` of the steps that were drawn. They end at the next saved
-   !> point; or begin at a saved point and end at a later one, as far as there is room. If an observer may retire
-   !> lanes of a wide block, they end at the next saved point: a retired lane would force the whole block to repeat
-   !> its later steps.
+   !> Plan the steps to take at once: nout groups of `every` steps, all drawn already. They end at the next saved point;
+   !> or begin at a saved point and end at a later one, as far as there is room. If an observer may retire lanes of a
+   !> wide block, they end at the next saved point: a retired lane would force the whole block to repeat its later
+   !> steps.
    subroutine plan_states(self, left, nout, every)
       type(block_runner), intent(in) :: self
       integer(i8), intent(in) :: left       !! steps that may be taken
-      integer, intent(out) :: nout, every   !! states that are asked for, and the steps to each
+      integer, intent(out) :: nout, every   !! number of states, and steps to each
       integer(i8) :: most, ahead
       integer :: room
 
@@ -228,17 +228,17 @@ contains
       ahead = steps_to_save(self)
       room = size(self%passed%q, 3)
       if (self%state%nlane > most_retaken .and. self%observer%may_retire()) room = 1
-      ! From a saved point on, with at least one whole distance to the next: as many distances as fit.
+      ! From a saved point with at least one whole interval to the next: as many intervals as fit.
       nout = 1
       if (ahead == self%options%save_every .and. ahead <= most) nout = max(1, int(min(most/ahead, int(room, i8))))
       every = int(min(ahead, most))
    end subroutine plan_states
 
-   !> Step to nout states, `every` steps apart. If nout > 1, each is a saved point; a single state may be none. The
-   !> steps end with the first in which a lane fails; the failure is settled here.
+   !> Take steps to nout states, `every` steps apart. If nout > 1, each is a saved point; a single state need not be.
+   !> The steps end with the first in which a lane fails; the failure is settled here.
    !>
    !> The order matters. Saved states before a failure are shown first and without it, as if steps had been taken
-   !> one by one. If the observer retires a lane at a saved state, the later steps were taken in vain: their counts
+   !> one by one. If the observer retires a lane at a saved state, later steps are discarded: their counts
    !> are subtracted, and the steps up to that state are repeated. Otherwise the failure is settled, and the point
    !> reached is shown if it is a saved one.
    subroutine take_steps(self, nout, every)
@@ -252,25 +252,25 @@ contains
 
       step = self%step
       retires = .false.
-      ! Only where an observer may retire a lane between these steps is the state at their beginning kept.
+      ! Keep the state before these steps only if an observer may retire a lane during them.
       if (nout > 1) retires = self%observer%may_retire()
       if (retires) then
          from = self%state
          call self%stepper%tally(before)
       end if
-      ! The stepper takes them one after the other by default, or at once where the model does. ntaken counts the step
-      ! in which a lane failed, too.
+      ! The stepper takes the steps one after another by default, or at once if the model has whole steps. ntaken
+      ! includes the step in which a lane failed.
       call self%drawn%show(step, nout*every, time_of(self, step), self%steps)
       self%steps%every = every
       call self%stepper%advance(self%steps, self%state, self%passed, ntaken, failed)
-      ! Show states on the way as if the last, failing step had not been tried.
+      ! Show the saved states as if the last, failing step had not been tried.
       if (nout > 1) then
          if (failed) call set_back(self%state, reached)
-         ! Lanes with a status before the observer has seen the states.
+         ! Number of lanes with a status before the observer sees the states.
          nfailed = self%state%nfailed
          call show_states(self, every, nshown)
-         ! A lane was retired before the last step: subtract what all these steps counted, and repeat the steps up
-         ! to the state where it was retired.
+         ! A lane was retired before the last step: subtract the counts of these steps, and repeat the steps up to the
+         ! state where it was retired.
          if (retires .and. self%state%nfailed > nfailed .and. (failed .or. nshown < nout)) then
             call self%stepper%tally(after)
             call add_counters(self%counters, after, -1)
@@ -281,11 +281,11 @@ contains
          if (failed) self%state = reached
       end if
       self%step = step + ntaken
-      ! The rescue gets the step that failed, and room for the increments by which it moves lanes that it saves.
+      ! The rescue gets the failed step, and arrays for the increments by which it moves lanes that it saves.
       if (failed) call self%rescue%settle(self%step - 1, self%stepper%record, self%state, self%stepper%last_dq, &
                                           self%stepper%last_dp)
-      ! States of several saved points have been shown above, unless a failure has ended them at a point that is
-      ! saved.
+      ! Several saved states have been shown above; still to show is a single state at a saved point, or a failed step's
+      ! end there.
       if ((nout == 1 .or. failed) .and. steps_to_save(self) == self%options%save_every) call save_point(self)
    end subroutine take_steps
 
@@ -300,12 +300,12 @@ contains
       where (state%failed_step < 0) state%status = 0
    end subroutine set_back
 
-   !> Show the saved states on the way to the observer, one after another, until it retires a lane. The first lies
-   !> `every` steps after the beginning of these steps.
+   !> Show the saved states to the observer, one after another, until it retires a lane. The first is `every` steps
+   !> after the beginning of these steps.
    subroutine show_states(self, every, nshown)
       type(block_runner), intent(inout) :: self
       integer, intent(in) :: every
-      integer, intent(out) :: nshown   !! up to the first after which a lane is retired, else all
+      integer, intent(out) :: nshown   !! states shown: to the first with a retired lane, else all
       real(wp) :: times(most_shown)
       integer :: k
 
@@ -321,12 +321,12 @@ contains
    end subroutine show_states
 
    !> Repeat the steps to the nshown states that were shown, after a lane was retired at the last of them: for the
-   !> counters, and for the low parts, which passed states lack. The states themselves are in place: the observer
-   !> was shown the last one in self%state, and has retired the lane there.
+   !> counters, and for the low parts, which saved states lack. The states themselves are right: the observer was shown
+   !> the last one in self%state, and has retired the lane there.
    subroutine take_again(self, from, step, nshown, every)
       type(block_runner), intent(inout) :: self
-      type(lane_state), intent(inout) :: from   !! where they began
-      integer(i8), intent(in) :: step           !! the first of them
+      type(lane_state), intent(inout) :: from   !! state before these steps
+      integer(i8), intent(in) :: step           !! number of the first step
       integer, intent(in) :: nshown, every
       integer :: ntaken
       logical :: failed
@@ -335,14 +335,14 @@ contains
       self%steps%every = every
       call self%stepper%advance(self%steps, from, self%passed, ntaken, failed)
       self%step = step + ntaken
-      ! Low parts after these steps, which the states on the way do not hold.
+      ! Low parts after these steps, which the saved states lack.
       if (.not. allocated(from%q_low)) return
       self%state%q_low = from%q_low
       self%state%p_low = from%p_low
    end subroutine take_again
 
-   !> Count the steps that each path has taken, and the normals of the pairs of steps that it began. Steps of paths
-   !> that were gone, and draws ahead, do not count, so the numbers do not depend on how paths share blocks.
+   !> Count the steps that each path has taken, and the normals of the pairs of steps that it began. Steps after a
+   !> path's end and draws ahead do not count, so the numbers do not depend on how paths share blocks.
    subroutine count_steps(self)
       type(block_runner), intent(inout) :: self
       integer :: lane, nwhole
@@ -356,8 +356,8 @@ contains
       end do
    end subroutine count_steps
 
-   !> Count the steps of n paths from where the block began to the step `next`, which they did not take. Normals are
-   !> drawn for pairs of steps 2 j, 2 j + 1, of which the first and the last may be half used.
+   !> Count the steps of n paths from the block's first step up to, but without, step `next`. Normals are drawn for
+   !> pairs of steps 2 j, 2 j + 1, of which the first and the last may be half used.
    subroutine add_steps(self, n, next)
       type(block_runner), intent(inout) :: self
       integer, intent(in) :: n
@@ -378,7 +378,8 @@ contains
                 self%state%nfailed == self%state%nlane
    end function is_done
 
-   !> A block that the run has no time for: its paths are stopped at their first state and counted nowhere.
+   !> Pass over a block that a stopped run does not reach: its paths are stopped at their first state and counted
+   !> nowhere.
    subroutine pass_over(self, first, nreal, start)
       class(block_runner), intent(inout) :: self
       integer(i8), intent(in) :: first        !! global index
@@ -429,7 +430,7 @@ contains
       if (associated(self%narrower)) call self%narrower%tally(total)
    end subroutine tally
 
-   !> Give back the views of the model, and the narrower runners, each of which gives back the next of the list.
+   !> Free the views of the model, and the narrower runners, each of which frees the next of the list.
    impure elemental recursive subroutine release(self)
       type(block_runner), intent(inout) :: self
 
@@ -448,7 +449,7 @@ contains
                                  time_of(self, self%step), self%state)
    end subroutine save_point
 
-   !> t_n = t0 + n h, never accumulated: a resumed run has the times of one that was not stopped.
+   !> t_n = t0 + n h, never accumulated: a resumed run has the times of an uninterrupted one.
    pure real(wp) function time_of(self, step)
       type(block_runner), intent(in) :: self
       integer(i8), intent(in) :: step

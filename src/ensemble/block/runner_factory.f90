@@ -1,11 +1,11 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> How a block runner of any width is made for a run. The task, the options and the functionals that are asked for are
-!> the same for all threads and are only read. Every thread has a runner of its own, and makes those of narrower
-!> blocks when it first needs them.
+!> How block runners of any width are made for a run. The task, the options and the requested functionals are the same
+!> for all threads and are only read. Every thread has a runner of its own, and makes runners of narrower blocks when it
+!> first needs them.
 !>
-!> A runner is made of four things: views of the model, one that knows its paths, where the model goes by path
-!> (for_paths), and one that hides padding, where the model is a user's (real_lanes); a stepper for this width, which
-!> sees the model through the views; the block's state and noise buffer (new_block_runner); and a rescue for its failed
+!> A runner is made of four things: views of the model, one that knows its paths, if the model differs by path
+!> (for_paths), and one that hides padding, if the model is a user's (real_lanes); a stepper for this width, which sees
+!> the model through the views; the block's state and noise buffer (new_block_runner); and a rescue for its failed
 !> lanes.
 module symsde_ensemble_block_runner_factory
    use symsde_base_functionals, only: functional_set
@@ -25,7 +25,7 @@ module symsde_ensemble_block_runner_factory
    private
    public :: runner_factory
 
-   !> All that the runners of a run are made from. step/factory resolves the task once.
+   !> The inputs of all runners of a run. step/factory resolves the task once.
    type :: runner_factory
       type(stepper_task) :: task        !! for any lanes
       type(run_options) :: options
@@ -43,9 +43,9 @@ contains
       class(runner_factory), intent(in), target :: self   !! must live as long as the runner
       type(block_runner), intent(out) :: runner
       integer, intent(in) :: nlane
-      logical, intent(in) :: has_padding        !! some block will not be full
+      logical, intent(in) :: has_padding        !! whether some block has padding
       type(error_type), allocatable, intent(inout) :: error
-      class(stepper_type), allocatable, intent(inout), optional :: single  !! of one lane, if allocated; taken over
+      class(stepper_type), allocatable, intent(inout), optional :: single  !! stepper of one lane, if allocated; moved
       class(stepper_type), allocatable :: stepper
       type(real_lanes_model), pointer :: view
       class(model_type), pointer :: by_path, seen
@@ -58,8 +58,8 @@ contains
       else
          deallocate (paths)
          call look_at_real_lanes(self%task%model, has_padding, view, seen)
-         ! The driver makes a stepper of one lane to ask how many paths run one by one; use it if it is there. It sees
-         ! the model itself.
+         ! The driver makes a stepper of one lane to ask how many paths run one by one; if given, use it. It sees the
+         ! model itself.
          if (present(single)) call move_alloc(single, stepper)
       end if
       if (nlane > 1) then
@@ -67,7 +67,7 @@ contains
       else if (.not. allocated(stepper)) then
          call new_single_path(stepper, self%task, seen, self%options%npath, error)
       end if
-      ! Without a runner nobody owns the views.
+      ! If the runner cannot be made, nobody owns the views.
       if (allocated(error)) then
          if (associated(view)) deallocate (view)
          if (associated(by_path)) deallocate (by_path, paths)
@@ -78,12 +78,12 @@ contains
       runner%real_lanes => view
       runner%by_path => by_path
       if (associated(by_path)) runner%paths => paths
-      if (self%task%scheme%frame == frame_none) &  ! else a step inside of the frame is rescued, by its stepper
+      if (self%task%scheme%frame == frame_none) &  ! a frame's stepper rescues the steps inside it
          call new_rescue(runner%rescue, self%task, runner%stepper)
    end subroutine new_runner
 
-   !> The model as a stepper sees it: padding is kept from functions of a user that take any number of lanes. Functions
-   !> that must have all lanes, and models of the library, see the padding.
+   !> The model as a stepper sees it: padding is hidden from a user's functions that accept any number of lanes.
+   !> Functions that need all lanes, and models of the library, get the padding.
    subroutine look_at_real_lanes(model, has_padding, view, seen)
       class(model_type), intent(in), target :: model
       logical, intent(in) :: has_padding
@@ -91,12 +91,12 @@ contains
       class(model_type), pointer, intent(out) :: seen
       type(kernel_offers) :: offers
 
-      ! The model itself, unless a view is better.
+      ! The model itself, unless a view is needed.
       nullify (view)
       seen => model
       ! Without padding the view has nothing to hide.
       if (.not. has_padding) return
-      ! The view is for functions of a user that take any number of lanes; others are called with padding.
+      ! The view is for a user's functions that accept any number of lanes; others are called with padding.
       offers = offers_of(model)
       if (.not. model%traits%any_lanes .or. offers%rows) return  ! rows come in strips of a fixed width
       allocate (view)

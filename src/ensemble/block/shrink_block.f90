@@ -1,14 +1,14 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> Narrower blocks for the paths that are left where others failed or were absorbed: lanes without a path cost nothing.
+!> Narrower blocks for the remaining paths when others failed or were absorbed: lanes without a path cost nothing.
 !>
 !> As soon as half of the lanes of a block have a status, its other paths go on in a block of half the width, a quarter,
-!> and so on, of eight lanes at least. Such a block is run by a runner of its own, made when it is first needed and kept
-!> for the blocks to come; its observer puts the lanes back to where they were in the wide block and shows that to the
-!> observer of the run. So observers see what they would see without this. A path has the same bits in a block of any
-!> width, and its noise is asked for by its global index: nothing that is computed depends on when a block was narrowed.
+!> and so on, of at least eight lanes. Such a block has a runner of its own, made when first needed and kept for later
+!> blocks; its observer writes the lanes back to their places in the wide block and shows the wide block to the observer
+!> of the run. So observers see the same blocks as without narrowing. A path has the same bits in a block of any width,
+!> and its noise is asked for by its global index: nothing that is computed depends on when a block was narrowed.
 !>
-!> The wide runner stays the owner of the block. While a narrower one has its paths the wide state is brought up to date
-!> whenever something is shown, and when the narrower one gives the paths on or back. A block narrows from the wide
+!> The wide runner stays the owner of the block. While a narrower runner has its paths, the wide state is updated
+!> whenever a state is shown, and when the narrower runner passes the paths on or back. A block narrows from the wide
 !> state each time, never from another narrow one, so `origin` always names lanes of the wide block:
 !>
 !>    lane l of the narrow block  <->  lane origin(l) of the wide one       l = 1 .. nreal of the narrow block
@@ -24,9 +24,9 @@ module symsde_ensemble_block_shrink_block
    private
    public :: narrow_down, come_back, narrower_width
 
-   integer(i8), parameter :: worth_while = 16  !! steps to come: fewer do not pay for the change
+   integer(i8), parameter :: worth_while = 16  !! fewer remaining steps do not pay for the change
 
-   !> The observer of a narrower block: it shows its lanes where they were in the wide one to the observer of the run.
+   !> The observer of a narrower block: it shows its lanes at their places in the wide block to the observer of the run.
    type, extends(observer_type) :: spreading_observer
       type(block_runner), pointer :: wide => null(), narrow => null()
    contains
@@ -46,47 +46,46 @@ contains
       narrower_width = min(nlane, max(lane_unit, padded((nlane + 1)/2)))
    end function narrower_width
 
-   !> Give the paths of a block to a narrower runner once half of its lanes have a status. Otherwise set
-   !> active%enough to the number of such lanes at which it would, which ends a chunk. The width is halved while the
-   !> remaining paths fit. Near the end of a run, or without memory for narrower blocks, nothing is done.
+   !> Move the paths of a block to a narrower runner once half of its lanes have a status. Otherwise set active%enough
+   !> to the number of such lanes that would cause it, which ends a chunk. The width is halved while the remaining paths
+   !> fit. Near the end of a run, or without memory for narrower blocks, nothing is done.
    subroutine narrow_down(factory, wide, active)
       type(runner_factory), intent(in) :: factory
       type(block_runner), intent(inout), target :: wide            !! the runner of the whole block
-      type(block_runner), pointer, intent(inout) :: active  !! the one that has its paths now
+      type(block_runner), pointer, intent(inout) :: active  !! the runner that has its paths now
       type(block_runner), pointer :: next
       integer :: width, nlive
 
       associate (nlane => active%state%nlane)
-         active%enough = nlane  ! the chunk goes on whatever fails, unless said otherwise below
-         ! Blocks of eight lanes are the narrowest: a vector is not halved.
+         active%enough = nlane  ! chunks do not end by failures, unless set below
+         ! Blocks of eight lanes are the narrowest, since a vector is not halved.
          if (.not. factory%narrows .or. narrower_width(nlane) == nlane) return
          if (wide%options%first_step + wide%options%nstep - active%step < worth_while) return
-         ! Half of the lanes, or nearly: as many as the next narrower block does without.
+         ! Half of the lanes, or nearly: as many as the next narrower block lacks.
          active%enough = nlane - narrower_width(nlane)
          if (active%state%nfailed < active%enough) return
          nlive = nlane - active%state%nfailed
          width = narrower_width(nlane)
       end associate
-      ! many paths may have left since the last look: the narrowest block that holds the others is taken at once
+      ! many paths may have ended since the last check: take the narrowest block that holds the others
       do while (narrower_width(width) < width .and. nlive <= narrower_width(width))
          width = narrower_width(width)
       end do
       call find_runner(factory, wide, width, next)
-      ! The block keeps its width, and no longer watches for lanes that leave.
+      ! The block keeps its width, and no longer watches for lanes that end.
       if (.not. associated(next)) then
          active%enough = active%state%nlane
          return
       end if
-      ! paths go from one narrow block to another through the wide state
+      ! paths move from one narrow block to another through the wide state
       if (.not. associated(active, wide)) call leave(wide, active)
       call hand_over(wide, active, next)
       active => next
-      ! A block that can be no narrower goes on until its last lane has a status.
+      ! A block that cannot be narrower goes on until its last lane has a status.
       active%enough = width - merge(narrower_width(width), 0, narrower_width(width) < width)
    end subroutine narrow_down
 
-   !> Bring the paths of a block back to where they were, if a narrower runner has them: the wide runner finishes the
-   !> block.
+   !> Return the paths of a block to the wide runner, if a narrower runner has them: the wide runner finishes the block.
    subroutine come_back(wide, active)
       type(block_runner), intent(inout), target :: wide
       type(block_runner), pointer, intent(inout) :: active
@@ -94,7 +93,7 @@ contains
       ! No narrower runner has taken the paths.
       if (associated(active, wide)) return
       call leave(wide, active)
-      ! the wide runner took no steps meanwhile
+      ! the wide runner took no steps itself
       wide%step = active%step
       active => wide
    end subroutine come_back
@@ -121,13 +120,13 @@ contains
          return
       end if
       allocate (runner%origin(width))
-      ! The new one becomes the first of the list, which the wide runner releases at its end.
+      ! The new runner becomes the first of the list, which the wide runner frees.
       runner%narrower => wide%narrower
       wide%narrower => runner
    end subroutine find_runner
 
-   !> Let the paths of the wide block that are ok go on in another, from the wide state, which is up to date. They keep
-   !> their order; lanes that are left over repeat the last path and have the status of padding.
+   !> Let the ok paths of the wide block go on in another block, from the wide state, which is up to date. They keep
+   !> their order; remaining lanes repeat the last path and have the status of padding.
    subroutine hand_over(wide, from, to)
       type(block_runner), intent(inout), target :: wide
       type(block_runner), intent(in) :: from
@@ -135,14 +134,14 @@ contains
       integer(i8) :: path(to%state%nlane)
       integer :: lane, n
 
-      ! origin(1 .. n) are the lanes that are ok, in their order.
+      ! origin(1 .. n) are the lanes that are ok, in order.
       n = 0
       do lane = 1, wide%nreal
          if (wide%state%status(lane) /= 0) cycle
          n = n + 1
          to%origin(n) = lane
       end do
-      ! Padding repeats the last path. There is one: a block without a lane that is ok is done.
+      ! Padding repeats the last path. n > 0, since a block without an ok lane is done.
       to%origin(n + 1:) = to%origin(n)
       ! paths keep their global indices, by which their noise is drawn
       do lane = 1, to%state%nlane
@@ -155,7 +154,7 @@ contains
       associate (s => to%state, x => wide%state)
          call gather_lanes(x%nlane, s%nlane, s%ndof, to%origin, x%q, s%q)
          call gather_lanes(x%nlane, s%nlane, s%ndof, to%origin, x%p, s%p)
-         ! Low parts of compensated sums go along, or the bits would be others.
+         ! Low parts of compensated sums move, too, or bits would change.
          if (allocated(s%q_low)) then
             call gather_lanes(x%nlane, s%nlane, s%ndof, to%origin, x%q_low, s%q_low)
             call gather_lanes(x%nlane, s%nlane, s%ndof, to%origin, x%p_low, s%p_low)
@@ -170,8 +169,8 @@ contains
          call to%growth%begin(wide%options%first_step, wide%options%nstep, to%state)
    end subroutine hand_over
 
-   !> Write the outcome of a narrower block's paths into the wide block, and the normals that a pair of their steps
-   !> took.
+   !> Write the states of a narrower block's paths into the wide block, and the number of normals that a pair of their
+   !> steps took.
    subroutine leave(wide, narrow)
       type(block_runner), intent(inout) :: wide
       type(block_runner), intent(in) :: narrow
@@ -182,8 +181,8 @@ contains
       wide%drawn%normals_of_pair = narrow%drawn%normals_of_pair
    end subroutine leave
 
-   !> Write the lanes of a narrower block to their places in the wide block. Lanes that have a status there stay as
-   !> they are. A lane that failed in the narrow block brings its last good state, its status and its step.
+   !> Write the lanes of a narrower block to their places in the wide block. Lanes that have a status there are not
+   !> changed. From a lane that failed in the narrow block its last good state, its status and its step are copied.
    subroutine spread_state(nreal, origin, narrow, wide)
       integer, intent(in) :: nreal
       type(lane_state), intent(in) :: narrow
@@ -192,7 +191,7 @@ contains
       integer :: lane
       logical :: is_ok(nreal)
 
-      is_ok = wide%status(origin(:nreal)) == 0  ! before any status is written: it decides about all numbers of a lane
+      is_ok = wide%status(origin(:nreal)) == 0  ! before statuses are written, since it decides which lanes are copied
       call spread_lanes(wide%nlane, narrow%nlane, nreal, wide%ndof, origin, is_ok, narrow%q, wide%q)
       call spread_lanes(wide%nlane, narrow%nlane, nreal, wide%ndof, origin, is_ok, narrow%p, wide%p)
       if (allocated(wide%q_low)) then
@@ -200,7 +199,7 @@ contains
          call spread_lanes(wide%nlane, narrow%nlane, nreal, wide%ndof, origin, is_ok, narrow%p_low, wide%p_low)
       end if
       do lane = 1, nreal
-         ! Lanes that failed in the narrow block also bring their status and step.
+         ! Lanes that failed in the narrow block: copy status and step, too.
          if (.not. is_ok(lane) .or. narrow%status(lane) == 0) cycle
          wide%status(origin(lane)) = narrow%status(lane)
          wide%failed_step(origin(lane)) = narrow%failed_step(lane)
@@ -246,8 +245,8 @@ contains
       integer, intent(in) :: nreal, nlane
    end subroutine begin_block
 
-   !> Show the wide block, with these lanes where they were; lanes that its observer retires are retired here, too,
-   !> with the same status and step.
+   !> Show the wide block with these lanes at their places; lanes that its observer retires are retired here, too, with
+   !> the same status and step.
    subroutine observe(self, isave, t, state)
       class(spreading_observer), intent(inout) :: self
       integer(i8), intent(in) :: isave
@@ -256,9 +255,9 @@ contains
       integer :: lane, before
 
       associate (wide => self%wide%state, origin => self%narrow%origin)
-         ! The wide state is brought up to date first: the observer sees all paths of the block.
+         ! Update the wide state first: the observer sees all paths of the block.
          call spread_state(self%narrow%nreal, origin, state, wide)
-         ! The count shows whether the observer retired lanes; only then are they looked for, among these lanes.
+         ! The count shows whether the observer retired lanes; only then search these lanes.
          before = wide%nfailed
          call self%wide%observer%observe(isave, t, wide)
          if (wide%nfailed == before) return
@@ -271,7 +270,7 @@ contains
       end associate
    end subroutine observe
 
-   !> Whether the observer of the run may retire lanes: the runner of the narrow block then keeps the state to go back
+   !> Whether the observer of the run may retire lanes: the runner of the narrow block then keeps the state to return
    !> to.
    logical function may_retire(self)
       class(spreading_observer), intent(in) :: self

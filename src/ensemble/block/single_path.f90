@@ -1,7 +1,6 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> The stepper of a single path: one lane, without padding. Whether paths run one by one depends on their number and
-!> on the stepper: each stepper knows up to how many paths it beats a block. So the stepper is made first and then
-!> asked.
+!> The stepper of a single path: one lane, without padding. Whether paths run one by one depends on their number and on
+!> the stepper, which knows up to how many paths it beats a block. So the stepper is made first and then asked.
 module symsde_ensemble_block_single_path
    use symsde_base_kinds, only: i8
    use symsde_base_status, only: error_type
@@ -14,11 +13,11 @@ module symsde_ensemble_block_single_path
 
 contains
 
-   !> Make a stepper as the factory does for one lane. It is not allocated where blocks are faster for npath paths.
+   !> Make a stepper as the factory does for one lane. It is not allocated if blocks are faster for npath paths.
    subroutine new_single_path(stepper, task, model, npath, error)
       class(stepper_type), allocatable, intent(out) :: stepper
       type(stepper_task), intent(in) :: task
-      class(model_type), intent(in), target :: model   !! of the task, or a view of it
+      class(model_type), intent(in), target :: model   !! the task's model, or a view of it
       integer(i8), intent(in) :: npath
       type(error_type), allocatable, intent(inout) :: error
 

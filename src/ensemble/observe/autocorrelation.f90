@@ -1,11 +1,11 @@
 ! SPDX-License-Identifier: BSD-3-Clause
 !> Autocovariance of a value along time, for lags of 0 .. L saved points, of a stationary process.
 !>
-!> Of each path that is ok to the end, with x the value less a number c near its mean: averages over time of
+!> For each path that is ok to the end, with x the value less a number c near its mean: averages over time of
 !> x(t) x(t - l) and of (x(t) + x(t - l))/2, the columns 1 and 2 of row l of the table; columns 3 and 4 are those of
-!> l = 0. With m the mean of column 4, C(l) = <x(t) x(t - l)> - m <x(t) + x(t - l)> + m^2; what chance does to m changes
-!> it in second order only. Paths are independent, so that the errors are those of means over paths, whatever the
-!> correlation along them. Answers are (C(l) and C(l)/C(0), l).
+!> l = 0. With m the mean of column 4, C(l) = <x(t) x(t - l)> - m <x(t) + x(t - l)> + m^2; the error of m changes it in
+!> second order only. Paths are independent, so errors are those of means over paths, whatever the correlation along a
+!> path. Answers are (C(l) and C(l)/C(0), l).
 module symsde_ensemble_observe_autocorrelation
    use, intrinsic :: ieee_arithmetic, only: ieee_value, ieee_quiet_nan
    use symsde_base_kinds, only: wp, i8
@@ -23,7 +23,7 @@ module symsde_ensemble_observe_autocorrelation
       integer :: nlag = 0
       real(wp), allocatable :: last(:, :)      !! the last values of each lane, in a ring (nlane, 0:nlag)
       real(wp), allocatable :: product(:, :)   !! sums over time of x(t) x(t - l) (nlane, 0:nlag)
-      real(wp), allocatable :: mean(:, :)      !! and of (x(t) + x(t - l))/2 (nlane, 0:nlag)
+      real(wp), allocatable :: mean(:, :)      !! sums over time of (x(t) + x(t - l))/2 (nlane, 0:nlag)
    contains
       procedure :: open_block
       procedure :: take
@@ -78,7 +78,7 @@ contains
       end do
    end subroutine take
 
-   !> VEC
+   !> VEC Add x y and (x + y)/2 to the sums over time.
    pure subroutine add(nlane, x, y, product, mean)
       integer, intent(in) :: nlane
       real(wp), intent(in) :: x(nlane), y(nlane)
@@ -132,7 +132,7 @@ contains
       m = table%mean(4, 1)
       lag = [1.0_wp, -2*m, 0.0_wp, 0.0_wp]   ! C(l) is linear in the columns of its row
       c0 = dot_product(lag, table%mean(:, 1)) + m**2
-      zero = [0.0_wp, 0.0_wp, 1.0_wp, -2*m]  ! and so is C(0)
+      zero = [0.0_wp, 0.0_wp, 1.0_wp, -2*m]  ! so is C(0), in the same columns
       do i = 1, self%nrow
          c = dot_product(lag, table%mean(:, i)) + m**2
          rho = c/merge(c0, 1.0_wp, abs(c0) > 0)
@@ -143,7 +143,7 @@ contains
          errors(2*i - 1) = sqrt(variance_along(lag, table%pairs(:, i))/(n - 1)/n)
          if (abs(c0) > 0) errors(2*i) = sqrt(variance_along(ratio, table%pairs(:, i))/(n - 1)/n)/abs(c0)
       end do
-      if (n > 1.5_wp .and. abs(c0) > 0) errors(2) = 0  ! C(0)/C(0)
+      if (n > 1.5_wp .and. abs(c0) > 0) errors(2) = 0  ! C(0)/C(0) is 1 without error
    end subroutine answer
 
    !> Sum of squared deviations of a combination of the columns.
@@ -157,7 +157,7 @@ contains
             variance_along = variance_along + merge(1, 2, i == j)*weights(i)*weights(j)*pairs(pair_place(i, j))
          end do
       end do
-      variance_along = max(variance_along, 0.0_wp) + 0*variance_along  ! max may pass over NaN
+      variance_along = max(variance_along, 0.0_wp) + 0*variance_along  ! max may drop a NaN
    end function variance_along
 
 end module symsde_ensemble_observe_autocorrelation

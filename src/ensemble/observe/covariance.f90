@@ -74,7 +74,7 @@ contains
             at = int(npair, i8)*(it - 1) + k
             associate (uv => table%pairs(with_errors*(k - 1) + 1, it), uuvv => table%pairs(with_errors*k, it))
                values(at) = uv/(n - 1)
-               errors(at) = sqrt(max(uuvv/n - (uv/n)**2, 0.0_wp)/n) + 0*uv  ! max may pass over NaN
+               errors(at) = sqrt(max(uuvv/n - (uv/n)**2, 0.0_wp)/n) + 0*uv  ! max may drop a NaN
             end associate
          end do
       end do

@@ -1,10 +1,10 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> How low and how high a value has come, on each path up to each saved time.
+!> The lowest and the highest value on each path up to each saved time.
 !>
 !> A row of the table is a saved time, its columns are the lowest and the highest value of a path until then. Answers
 !> are their means with standard errors, (lowest or highest, time). counts are path and number of the saved time (t0 is
-!> 0) of the lowest value of all and of the highest, -1 where there is none; these two values are the numbers of single
-!> paths.
+!> 0) of the lowest value of all paths and of the highest, -1 if there is none; these two values are the numbers of
+!> single paths.
 module symsde_ensemble_observe_extremes
    use, intrinsic :: ieee_arithmetic, only: ieee_is_nan, ieee_value, ieee_quiet_nan
    use symsde_base_kinds, only: wp, i8
@@ -54,7 +54,7 @@ contains
       integer :: lane, side
 
       associate (x => values(:, self%request%values(1)))
-         ! NaN stays, and shows in the means
+         ! a NaN stays, and shows in the means
          where (counts .and. .not. (x >= self%reached(:, 1) .or. ieee_is_nan(self%reached(:, 1)))) &
             self%reached(:, 1) = x
          where (counts .and. .not. (x <= self%reached(:, 2) .or. ieee_is_nan(self%reached(:, 2)))) &
@@ -74,8 +74,8 @@ contains
       end associate
    end subroutine take
 
-   !> Whether x is further out than x_old, or equal and of a lower path. Of equal values of one path the earlier is
-   !> kept: times are shown in their order, and a later value counts only if it is further out.
+   !> Whether x is further out than x_old, or equal and on a path of lower index. Of equal values of one path the
+   !> earlier is kept: times come in order, and a later value counts only if it is further out.
    pure logical function is_further(side, x, path, x_old, path_old)
       integer, intent(in) :: side   !! 1: lowest, 2: highest
       real(wp), intent(in) :: x, x_old

@@ -1,9 +1,9 @@
 ! SPDX-License-Identifier: BSD-3-Clause
 !> Counts of a value in bins, at every saved time: a histogram, or quantiles from bins of one relative width.
 !>
-!> counts(slot, time), slots as in symsde_ensemble_statistics_bins: below, the bins, above, not a number. Answers are
-!> the shares of the slots with binomial errors, or, where shares are asked for, the quantiles (share, time) with
-!> theirs.
+!> counts(slot, time), with slots as in symsde_ensemble_statistics_bins: below, the bins, above, not a number. Answers
+!> are the shares of the slots with binomial errors, or, if shares are requested, the quantiles (share, time) with their
+!> errors.
 module symsde_ensemble_observe_histogram
    use, intrinsic :: ieee_arithmetic, only: ieee_value, ieee_quiet_nan
    use symsde_base_kinds, only: wp, i8
@@ -27,7 +27,7 @@ module symsde_ensemble_observe_histogram
 
 contains
 
-   !> relative: bins of one relative width instead of one width.
+   !> relative: bins of one relative width instead of one absolute width.
    subroutine new_histogram_observer(self, request, ntime, relative, error)
       type(histogram_observer), intent(out) :: self
       type(observer_request), intent(in) :: request

@@ -1,10 +1,10 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> The observer that keeps moments only: memory grows with the saved times, and with the logarithm of the
-!> number of paths.
+!> The observer that keeps moments only: memory grows with the saved times, and with the logarithm of the number of
+!> paths.
 !>
-!> Values, in this order: q_1 .. q_n, p_1 .. p_n, the energy H(q,p) where the model can evaluate it, and
-!> the user's observables. Moments at time t are over the paths that are ok up to t. Streaming observers are shown the
-!> same values; where one of them watches every step, every step is shown here, and saved times are some of these.
+!> Values, in this order: q_1 .. q_n, p_1 .. p_n, the energy H(q,p) if the model has values, and the user's observables.
+!> Moments at time t are over the paths that are ok up to t. Streaming observers get the same values; if one of them
+!> watches every step, this observer gets every step, and saved times are some of these.
 module symsde_ensemble_observe_moment_collector
    use symsde_base_kinds, only: wp, i4, i8
    use symsde_base_lanes, only: padded
@@ -32,12 +32,13 @@ module symsde_ensemble_observe_moment_collector
       integer(i8) :: failed_step(max_failed_listed) = -1
    end type moment_store
 
-   !> States that wait for the user's observables, since a function in Python costs microseconds a call.
+   !> States that wait for the user's observables, which are called for many states at once, since a Python call costs
+   !> microseconds.
    type :: waiting_states
       integer :: nplace = 1                       !! saved times that fit
-      integer :: n = 0                            !! that wait
-      integer :: it = 0                           !! which time the first of them is
-      real(wp) :: t = 0                           !! it [time]
+      integer :: n = 0                            !! saved times that wait
+      integer :: it = 0                           !! number of the first of them
+      real(wp) :: t = 0                           !! its time [time]
       real(wp), allocatable :: own(:, :, :)       !! q, p and the energy (nlane, nplace, own values)
       logical, allocatable :: counts(:, :)        !! (nlane, nplace)
    end type waiting_states
@@ -47,10 +48,10 @@ module symsde_ensemble_observe_moment_collector
       class(model_type), pointer :: model => null()
       class(observables_type), pointer :: observables => null()
       type(moment_store), pointer :: store => null()
-      integer, public :: nvalue = 0                 !! of all, and those that are not the user's
+      integer, public :: nvalue = 0                 !! number of all values, and of those without the user's
       integer :: nown = 0
-      type(observer_plan), pointer :: plan => null() !! of streaming observers
-      type(observer_list) :: list                   !! those of this thread
+      type(observer_plan), pointer :: plan => null() !! plan of the streaming observers
+      type(observer_list) :: list                   !! streaming observers of this thread
       integer(i8) :: every = 1                      !! steps shown between saved times
       type(waiting_states) :: waiting
       integer :: ntime = 0, nreal = 0, npiece = 0
@@ -75,7 +76,7 @@ module symsde_ensemble_observe_moment_collector
 contains
 
    !> A collector for ntime saved times that delivers its nodes to store. If the observers of `plan` watch steps, it
-   !> is shown every step, and every `every`-th step is a saved time.
+   !> gets every step, and every `every`-th step is a saved time.
    subroutine new_moment_collector(self, model, nlane, ntime, store, observables, plan, every)
       type(moment_collector), intent(out) :: self
       class(model_type), intent(in), target :: model
@@ -104,7 +105,7 @@ contains
       if (plan%watches_steps) self%every = every
    end subroutine new_moment_collector
 
-   !> Ask this view of the model for energies, and let passages ask it.
+   !> Use this view of the model for energies, and for passages.
    subroutine see(self, model)
       class(moment_collector), intent(inout) :: self
       class(model_type), intent(in), target :: model
@@ -112,7 +113,7 @@ contains
       self%model => model
    end subroutine see
 
-   !> Room for blocks of so many lanes.
+   !> Allocate arrays for blocks of so many lanes.
    subroutine make_room(self, nlane)
       class(moment_collector), intent(inout) :: self
       integer, intent(in) :: nlane
@@ -141,7 +142,7 @@ contains
       end if
    end subroutine begin_block
 
-   !> Room for the pieces of a block that has begun; a block that a stop leaves out needs none.
+   !> Allocate the pieces of a block that has begun; a block left out by a stop needs none.
    subroutine new_pieces(self)
       class(moment_collector), intent(inout) :: self
       integer :: i
@@ -181,7 +182,7 @@ contains
       call take(self, it, t, self%values, counts)
    end subroutine observe
 
-   !> Paths that a passage absorbs are in no statistic from then on.
+   !> Warn that paths absorbed by a passage no longer count in other statistics.
    subroutine add_warnings(self, text)
       class(moment_collector), intent(in) :: self
       character(:), allocatable, intent(inout) :: text
@@ -203,7 +204,7 @@ contains
       if (associated(self%plan)) may_retire = self%plan%watches_steps
    end function may_retire
 
-   !> All values of the lanes at a saved time.
+   !> Take all values of the lanes at a saved time.
    subroutine take(self, it, t, values, counts)
       class(moment_collector), intent(inout) :: self
       integer, intent(in) :: it
@@ -215,7 +216,7 @@ contains
       call self%list%take(it, t, values, counts)
    end subroutine take
 
-   !> The remaining times are left out: evaluate observables at the states that still wait for them.
+   !> Skip the remaining times: evaluate observables at the states that still wait.
    subroutine skip(self, isave)
       class(moment_collector), intent(inout) :: self
       integer(i8), intent(in) :: isave
@@ -224,7 +225,7 @@ contains
          call ask_observables(self, size(self%waiting%own, 1), self%model%traits%ndof)
    end subroutine skip
 
-   !> Moments of all values of the lanes of each piece.
+   !> Compute the moments of all values over the lanes of each piece.
    subroutine reduce(self, it, values, counts)
       class(moment_collector), intent(inout) :: self
       integer, intent(in) :: it
@@ -244,7 +245,7 @@ contains
       end do
    end subroutine reduce
 
-   !> q, p and energy of every lane.
+   !> Compute q, p and energy of every lane.
    subroutine evaluate(self, t, state)
       class(moment_collector), intent(inout) :: self
       real(wp), intent(in) :: t
@@ -259,7 +260,7 @@ contains
                                self%values(:, 2*n + 1))
    end subroutine evaluate
 
-   !> Keep a state for the user's observables.
+   !> Keep a state until the user's observables are called.
    subroutine let_wait(self, it, t, own, counts)
       type(waiting_states), intent(inout) :: self
       integer, intent(in) :: it
@@ -278,7 +279,7 @@ contains
       self%counts(:, self%n) = counts
    end subroutine let_wait
 
-   !> The user's observables of all states that wait, as lanes side by side, in whole vectors: the last one is repeated.
+   !> Call the user's observables for all waiting states, as neighbouring lanes in whole vectors, padded by the last.
    !> Never under a lock: a function may run the library itself.
    subroutine ask_observables(self, nlane, ndof)
       class(moment_collector), intent(inout) :: self
@@ -327,8 +328,8 @@ contains
       call self%list%gather()
    end subroutine gather
 
-   !> Nodes over all saved times: the pieces of each thread's block, one of each level that waits for its sibling
-   !> in the tree, and the root.
+   !> Numbers of eight bytes held at most: nodes over all saved times for the pieces of each thread's block, one node of
+   !> each level that waits for its sibling in the tree, and the root.
    real(wp) function numbers(self, npath, nthread)
       class(moment_collector), intent(in) :: self
       integer(i8), intent(in) :: npath
@@ -349,7 +350,7 @@ contains
                    (4*self%model%traits%ndof + 3*self%observables%nvalue + 1)
    end function numbers
 
-   !> The failure code of the user's observables.
+   !> The return code of the user's observables that failed.
    integer function failure_code(self) result(code)
       class(moment_collector), intent(in) :: self
 
@@ -382,7 +383,7 @@ contains
       store%nlisted = min(store%nlisted + 1, max_failed_listed)
    end subroutine list_failure
 
-   !> The user's observables must take every path by itself.
+   !> Refuse user's observables that mix paths.
    subroutine probe(self, t, q0, p0, error)
       class(moment_collector), intent(in) :: self
       real(wp), intent(in) :: t, q0(:), p0(:)

@@ -1,5 +1,6 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> The abstract observable: a user's values, computed lane by lane from (q, p); and a probe that lanes stay apart.
+!> The abstract observable: a user's values, computed lane by lane from (q, p); and a probe that finds observables that
+!> mix lanes.
 module symsde_ensemble_observe_observables
    use symsde_base_kinds, only: wp
    use symsde_base_lanes, only: lane_unit
@@ -11,7 +12,7 @@ module symsde_ensemble_observe_observables
 
    type, abstract :: observables_type
       integer :: nvalue = 0      !! how many values
-      integer :: most_lanes = 0  !! > 0: not of t, they are asked for so many lanes of several saved times
+      integer :: most_lanes = 0  !! > 0: independent of t, and may be called with so many lanes of several saved times
    contains
       procedure(evaluate_interface), deferred :: evaluate
       procedure :: failure_code => never_failed
@@ -19,7 +20,7 @@ module symsde_ensemble_observe_observables
    end type observables_type
 
    abstract interface
-      !> All values at one time, or at the first of several; every lane from its own numbers alone.
+      !> All values at one time, or at the first of several; each lane from its own numbers alone.
       subroutine evaluate_interface(self, nlane, ndof, t, q, p, values)
          import :: observables_type, wp
          class(observables_type), intent(in) :: self
@@ -31,21 +32,21 @@ module symsde_ensemble_observe_observables
 
 contains
 
-   !> Nonzero after a user callback has refused, which aborts the run: its own return code.
+   !> The nonzero return code of a user callback that refused, which aborts the run; 0 if none has.
    integer function never_failed(self) result(code)
       class(observables_type), intent(in) :: self
 
       code = 0
    end function never_failed
 
-   !> Refuses observables (false_trait) that mix paths: two states near that of one path are among each other, in an
-   !> order that no shift repeats, and each is among its likes; its values must be the same.
+   !> Refuse (false_trait) observables that mix paths: two states near the state of one path are evaluated in a mixed
+   !> order that no shift repeats, and each in a block of copies of itself; the values must be the same.
    subroutine probe(self, t, q0, p0, error)
       class(observables_type), intent(in) :: self
       real(wp), intent(in) :: t, q0(:), p0(:)
       type(error_type), allocatable, intent(inout) :: error
       integer, parameter :: nlane = lane_unit, state_of(nlane) = [1, 2, 2, 1, 2, 1, 1, 2], of_one(nlane) = 1
-      real(wp), parameter :: vanishing = 1.0e-6_wp  !! differences below this part of the values are rounding
+      real(wp), parameter :: vanishing = 1.0e-6_wp  !! differences below this fraction of the values are rounding
       real(wp), allocatable :: among(:, :), alike(:, :)  !! values (nlane, nvalue)
       real(wp) :: scale
       integer :: state, lane, i
@@ -55,7 +56,7 @@ contains
       call ask(state_of, among)
       do state = 1, 2
          call ask(state*of_one, alike)
-         if (self%failure_code() /= 0) return  ! the run tells
+         if (self%failure_code() /= 0) return  ! the run reports the failure
          do i = 1, self%nvalue
             scale = maxval(abs(among(:, i)), mask=abs(among(:, i)) <= huge(1.0_wp))
             do lane = 1, nlane
@@ -94,7 +95,7 @@ contains
          near = x + merge(0.01_wp, -0.005_wp, state == 1)*max(1.0_wp, abs(x))
       end function near
 
-      !> Equal up to rounding. A value that is infinite or NaN equals any value.
+      !> Whether a and b are equal up to rounding. An infinite or NaN value equals any value.
       pure logical function are_same(a, b, scale)
          real(wp), intent(in) :: a, b, scale
 

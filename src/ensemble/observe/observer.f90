@@ -1,7 +1,7 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> The abstract observer: it is shown every block at every saved time, from its first to its last, and keeps
-!> results. Every thread has its own copy of an observer, made by assignment before the threads start. Data that the
-!> copies share lie behind pointers.
+!> The abstract observer: it sees every block at every saved time, from the first to the last, and keeps results. Every
+!> thread has its own copy of an observer, made by assignment before the threads start. Data that the copies share are
+!> behind pointers.
 module symsde_ensemble_observe_observer
    use symsde_base_kinds, only: wp, i8
    use symsde_base_status, only: error_type
@@ -36,9 +36,8 @@ module symsde_ensemble_observe_observer
          integer, intent(in) :: nreal, nlane
       end subroutine begin_interface
 
-      !> Show the state at saved time number isave (0 is t0). Lanes with a status have failed before t. The observer
-      !> may retire lanes (state%retire): retired lanes are not shown any more, and a block of retired lanes alone
-      !> ends.
+      !> Take the state at saved time number isave (0 is t0). Lanes with a status have failed before t. The observer may
+      !> retire lanes (state%retire): retired lanes are not shown any more, and a block with only retired lanes ends.
       subroutine observe_interface(self, isave, t, state)
          import :: observer_type, lane_state, i8, wp
          class(observer_type), intent(inout) :: self
@@ -57,14 +56,14 @@ module symsde_ensemble_observe_observer
 
 contains
 
-   !> Show the states at saved times isave, isave + 1, ..., of lanes with the status of `state`. Afterwards `state`
-   !> holds the last state shown: the first after which a lane is retired, if any. This default shows one state
-   !> after another.
+   !> Take the states at saved times isave, isave + 1, ..., of lanes with the status of `state`. Afterwards `state`
+   !> holds the last state shown: the first after which a lane is retired, if any. This default shows one state after
+   !> another.
    subroutine observe_each(self, isave, nsave, t, nlane, q, p, state)
       class(observer_type), intent(inout) :: self
       integer(i8), intent(in) :: isave
       integer, intent(inout) :: nsave            !! states given; on return, states shown
-      integer, intent(in) :: nlane               !! that of state
+      integer, intent(in) :: nlane               !! of state
       real(wp), intent(in) :: t(nsave)
       type(lane_state), intent(inout) :: state
       real(wp), intent(in) :: q(nlane, state%ndof, nsave), p(nlane, state%ndof, nsave)
@@ -87,20 +86,19 @@ contains
       it_does_not = .false.
    end function it_does_not
 
-   !> No lane counts from saved time number isave on: all have failed, or the run was stopped. Called at most once a
-   !> block, and instead of observe for the times that remain. This default serves observers that keep nothing for
-   !> them.
+   !> No lane counts from saved time number isave on: all have failed, or the run was stopped. Called at most once for a
+   !> block, and instead of observe for the remaining times. This default does nothing.
    subroutine nothing_to_skip(self, isave)
       class(observer_type), intent(inout) :: self
       integer(i8), intent(in) :: isave
    end subroutine nothing_to_skip
 
-   !> Deliver results: this thread has no block left. Called by one thread at a time.
+   !> Deliver results: this thread has no further block. Called by one thread at a time.
    subroutine nothing_to_gather(self)
       class(observer_type), intent(inout) :: self
    end subroutine nothing_to_gather
 
-   !> Numbers of eight bytes that the copies of nthread threads allocate, at most, while npath paths are run.
+   !> Numbers of eight bytes that the copies of nthread threads hold at most during a run of npath paths.
    real(wp) function nothing_held(self, npath, nthread) result(numbers)
       class(observer_type), intent(in) :: self
       integer(i8), intent(in) :: npath
@@ -130,8 +128,8 @@ contains
       character(:), allocatable, intent(inout) :: text
    end subroutine nothing_to_warn
 
-   !> Ask this view of the model, which knows the paths of the block, in the place of the model. It outlives the
-   !> observer. This default asks for nothing.
+   !> Use this view of the model, which knows the paths of the block, in place of the model. It outlives the observer.
+   !> This default uses no model.
    subroutine nothing_to_ask(self, model)
       class(observer_type), intent(inout) :: self
       class(model_type), intent(in), target :: model

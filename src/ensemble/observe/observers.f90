@@ -1,5 +1,5 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> The streaming observers of a run: their kinds, how one is made from a request, and the list of all of them.
+!> The streaming observers of a run: their kinds, how an observer is made from a request, and the list of all observers.
 module symsde_ensemble_observe_observers
    use symsde_base_kinds, only: wp, i8
    use symsde_base_status, only: error_type, raise, invalid_argument, incompatible, too_large
@@ -23,12 +23,12 @@ module symsde_ensemble_observe_observers
    public :: observer_plan, new_observer_plan, observer_list, new_observer_list, new_observed_run, new_observed, &
              merge_observed, observed_answer
 
-   integer, parameter :: observe_histogram = 1       !! one value in bins of one width
-   integer, parameter :: observe_quantiles = 2       !! one value in bins of one relative width
-   integer, parameter :: observe_covariance = 3      !! of some values
+   integer, parameter :: observe_histogram = 1       !! histogram of one value, bins of one width
+   integer, parameter :: observe_quantiles = 2       !! quantiles of one value, bins of one relative width
+   integer, parameter :: observe_covariance = 3      !! covariances of some values
    integer, parameter :: observe_autocorrelation = 4 !! autocorrelation of one value along time
    integer, parameter :: observe_extremes = 5        !! extremes of one value until each saved time
-   integer, parameter :: observe_passage = 6         !! out of an interval
+   integer, parameter :: observe_passage = 6         !! passages out of an interval
    integer, parameter :: observe_paths = 7           !! some values of chosen paths
    integer, parameter :: one_value(5) = [observe_histogram, observe_quantiles, observe_autocorrelation, &
                                          observe_extremes, observe_passage]
@@ -37,8 +37,8 @@ module symsde_ensemble_observe_observers
    type :: observer_plan
       type(observer_request), allocatable :: requests(:)
       type(observed_run) :: run
-      logical :: watches_steps = .false.               !! some observer is shown every step
-      type(observer_store), allocatable :: stores(:)   !! what the threads share
+      logical :: watches_steps = .false.               !! whether some observer sees every step
+      type(observer_store), allocatable :: stores(:)   !! data shared by the threads
    contains
       procedure :: numbers => numbers_of_all
       procedure :: deliver
@@ -132,7 +132,7 @@ contains
                     'for fewer bins, values or paths')
    end subroutine new_observer
 
-   !> Known kinds, and values that there are.
+   !> Refuse unknown kinds, and values that the run does not have.
    subroutine check_request(request, run, error)
       type(observer_request), intent(in) :: request
       type(observed_run), intent(in) :: run
@@ -167,7 +167,7 @@ contains
 
    end subroutine check_request
 
-   !> The observers of a run, tried; one for each request.
+   !> Make the observers of a run, one for each request, to find out whether all requests are valid.
    subroutine new_observer_plan(self, requests, run, error)
       type(observer_plan), intent(out) :: self
       type(observer_request), intent(in) :: requests(:)
@@ -190,8 +190,8 @@ contains
    subroutine new_observer_list(self, plan, model)
       type(observer_list), intent(out) :: self
       type(observer_plan), intent(in), target :: plan
-      class(model_type), intent(in), target, optional :: model  !! to be asked in the place of the plan's
-      type(error_type), allocatable :: refusal  ! not allocated: the plan was tried and accepted
+      class(model_type), intent(in), target, optional :: model  !! used in place of the plan's model
+      type(error_type), allocatable :: refusal  ! stays unallocated: the plan has accepted the requests
       integer :: i
 
       allocate (self%slots(size(plan%requests)))
@@ -308,7 +308,7 @@ contains
       end do
    end subroutine deliver
 
-   !> Make room for the results of a request, and tell how many numbers its answer has.
+   !> Allocate the results of a request, and return the number of values in its answer.
    subroutine new_observed(observed, nanswer, request, run, error)
       type(observed_type), intent(out) :: observed
       integer(i8), intent(out) :: nanswer
@@ -337,8 +337,8 @@ contains
       nullify (observed%of%model, observed%of%observables)  ! results may outlive the model and the observables
    end subroutine clear_observed
 
-   !> The left part becomes both siblings together, as by merge_moments: a part is the paths j 2^k .. (j+1) 2^k - 1 with
-   !> k >= 8.
+   !> Merge two siblings into the left part, as merge_moments does: a part is the paths j 2^k .. (j+1) 2^k - 1 with k >=
+   !> 8.
    subroutine merge_observed(left, right, error)
       type(observed_type), intent(inout) :: left
       type(observed_type), intent(in) :: right
@@ -370,7 +370,7 @@ contains
       end associate
    end subroutine merge_observed
 
-   !> Answers and their standard errors; their shapes are said by the module of each observer.
+   !> Answers and their standard errors; the module of each observer documents their shapes.
    subroutine observed_answer(observed, values, errors, error)
       type(observed_type), intent(in) :: observed
       real(wp), allocatable, intent(out) :: values(:), errors(:)

@@ -1,20 +1,20 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> Paths that leave an interval, low < x < high: how many until when, through which end, and in what state.
+!> Paths that leave an interval, low < x < high: how many until each saved time, through which end, and in which state.
 !>
-!> The value x is a coordinate, a momentum, the energy or an observable, looked at after every step. A path of which it
-!> is not a number fails there: it is neither inside nor outside. Between two steps a path may
-!> leave and come back. Where noise acts on a coordinate, x moves like a Brownian bridge between its values x_0 and
-!> x_1, whose variance grows by s^2 = sum_k (dH_k/dp_i)^2 in unit time (for momenta dH_k/dq_i), and it has passed a
-!> with probability exp(-2 (a - x_0)(a - x_1)/(s^2 h)); one number of the generator decides (Gobet, Stoch. Proc. Appl.
-!> 87, 2000, 167): that of the path, or that of path 0 where all noises that act on x are common to all paths, as is the
-!> bridge then. So the times are right to first order in h instead of sqrt(h). Where no noise acts on x there is no
-!> such correction. Where increments have another law than the path that a bridge would belong to, there is no bridge.
+!> The value x is a coordinate, a momentum, the energy or an observable, checked after every step. A path whose x is NaN
+!> fails, since it is neither inside nor outside. Between two steps a path may leave and come back. If noise acts on a
+!> coordinate, x moves like a Brownian bridge between its values x_0 and x_1, whose variance grows by s^2 = sum_k
+!> (dH_k/dp_i)^2 in unit time (for momenta dH_k/dq_i), and it has passed a with probability exp(-2 (a - x_0)(a -
+!> x_1)/(s^2 h)); a random number decides (Gobet, Stoch. Proc. Appl. 87, 2000, 167): that of the path, or that of path 0
+!> if all noises that act on x are common to all paths, since the bridge is then common, too. So times are right to
+!> first order in h instead of sqrt(h). Without noise on x there is no such correction. Discrete increments are not
+!> those of a Brownian path, so there is no bridge.
 !>
-!> counts: (below, above, still there) at each saved time, losses in the interval that ends there; then the losses
-!> between two steps, -1 where there is no bridge; then path and absolute step of the lost paths with the lowest
-!> indices, -1 where there are fewer. Numbers of single paths: time, q and p of these. The table has one row, over all
-!> lost paths: time, q, p. Answers are the shares lost below and above until each saved time, of all paths, with
-!> binomial errors.
+!> counts: (below, above, still inside) at each saved time, losses being those since the saved time before; then the
+!> losses between two steps, -1 without bridges; then path and absolute step of the lost paths with the lowest indices,
+!> -1 if there are fewer. Numbers of single paths: time, q and p of these paths. The table has one row, over all lost
+!> paths: time, q, p. Answers are the shares lost below and above until each saved time, of all paths, with binomial
+!> errors.
 module symsde_ensemble_observe_passage
    use, intrinsic :: ieee_arithmetic, only: ieee_value, ieee_quiet_nan, ieee_is_nan
    use symsde_base_kinds, only: wp, i8
@@ -34,21 +34,21 @@ module symsde_ensemble_observe_passage
    integer, parameter :: below = 1, above = 2
 
    type, extends(streaming_observer) :: passage_observer
-      integer :: nlist = 0                          !! lost paths that are listed
-      logical :: bridges = .false.                  !! noise acts on the value
-      logical :: shares = .false.                   !! the value may move by a noise that all paths share
+      integer :: nlist = 0                          !! number of lost paths that are listed
+      logical :: bridges = .false.                  !! whether noise acts on the value
+      logical :: shares = .false.                   !! whether a noise common to all paths may act on the value
       integer(i8), allocatable :: side(:), step(:)  !! end by which a lane left, or 0; step of leaving (nlane)
       real(wp), allocatable :: left(:, :)           !! time, q and p when it left (nlane, 1 + 2 ndof)
-      integer :: nlook = 0                          !! lanes still inside; their data stand side by side
+      integer :: nlook = 0                          !! number of lanes still inside; their data are neighbours
       integer, allocatable :: lanes(:)              !! numbers of the lanes still inside; the last is repeated (nlane)
-      integer :: nseen = 0                          !! lanes with a status when these were last counted
+      integer :: nseen = 0                          !! lanes with a status when the lanes inside were last counted
       real(wp), allocatable :: x(:), before(:)      !! value after the step, and before it (nlane)
       real(wp), allocatable :: rate(:)              !! s^2 before the step (nlane)
-      integer(i8), allocatable :: by(:)             !! 0 or the end that it leaves by in this step (nlane)
-      integer(i8), allocatable :: path(:)           !! whose number decides for a lane (nlane)
+      integer(i8), allocatable :: by(:)             !! 0, or the end by which the lane leaves in this step (nlane)
+      integer(i8), allocatable :: path(:)           !! path whose number decides for a lane (nlane)
       integer(i8), allocatable :: words(:)          !! output of the random generator (4 nlane)
       real(wp), allocatable :: chance(:), u(:)      !! probabilities of leaving (nlane below, nlane above); uniforms
-      real(wp), allocatable :: q(:), p(:), w(:), hq(:), hp(:), own(:)  !! of one call of the model or observables
+      real(wp), allocatable :: q(:), p(:), w(:), hq(:), hp(:), own(:)  !! arguments and results of one call
    contains
       procedure :: open_block
       procedure :: is_coordinate
@@ -65,7 +65,7 @@ module symsde_ensemble_observe_passage
 
 contains
 
-   !> Lost paths that are listed with their states, at most.
+   !> Largest number of lost paths listed with their states.
    pure integer function most_lost(ndof)
       integer, intent(in) :: ndof
 
@@ -112,7 +112,7 @@ contains
       class(passage_observer), intent(inout) :: self
       integer :: lane
 
-      associate (n => padded(self%run%nlane))  ! the model is asked for whole vectors
+      associate (n => padded(self%run%nlane))  ! the model is called with whole vectors
          if (.not. allocated(self%side)) call new_workspace(self, self%run%nlane, n)
          self%side = 0
          self%rate = 0
@@ -123,7 +123,7 @@ contains
       end associate
    end subroutine open_block
 
-   !> Room for the results of a block, and for n lanes that are inside.
+   !> Allocate the results of a block, and work for n lanes that are inside.
    subroutine new_workspace(self, nlane, n)
       class(passage_observer), intent(inout) :: self
       integer, intent(in) :: nlane, n
@@ -137,7 +137,7 @@ contains
       if (associated(self%run%observables)) allocate (self%own(n*self%run%observables%nvalue))
    end subroutine new_workspace
 
-   !> Whether all lanes of the block are inside, so that its arrays can be used whole.
+   !> Whether all lanes of the block are inside, so that whole arrays can be used.
    pure logical function looks_at_all(self)
       class(passage_observer), intent(in) :: self
 
@@ -151,7 +151,7 @@ contains
       is_coordinate = self%request%values(1) <= 2*self%run%ndof
    end function is_coordinate
 
-   !> Steps tell it all: values of saved times may come later.
+   !> Nothing to do: steps are watched, and values at saved times may come later.
    subroutine take(self, it, t, values, counts)
       class(passage_observer), intent(inout) :: self
       integer, intent(in) :: it
@@ -160,7 +160,7 @@ contains
       logical, intent(in), contiguous :: counts(:)
    end subroutine take
 
-   !> After every step: who has left.
+   !> After every step: find the lanes that have left.
    subroutine watch(self, istep, t, state)
       class(passage_observer), intent(inout) :: self
       integer(i8), intent(in) :: istep
@@ -184,7 +184,7 @@ contains
       if (self%bridges .and. self%nlook > 0) call noise_on_value(self, t, state)
    end subroutine watch
 
-   !> VEC How many of n values are not inside, or no numbers.
+   !> VEC How many of n values are outside or NaN.
    pure integer function count_outside(n, x, low, high)
       integer, intent(in) :: n
       real(wp), intent(in) :: x(n), low, high
@@ -198,7 +198,7 @@ contains
       count_outside = n - int(inside)
    end function count_outside
 
-   !> Take out lanes that have left or whose values are NaN: keep their results, and follow them no longer.
+   !> Take out lanes that have left or whose values are NaN: keep their results, and stop watching them.
    subroutine see_off(self, istep, t, state)
       class(passage_observer), intent(inout) :: self
       integer(i8), intent(in) :: istep
@@ -239,7 +239,7 @@ contains
       self%counts(3*it + side) = self%counts(3*it + side) + 1
    end subroutine note
 
-   !> The rest of the lanes moves up; the padding repeats the last.
+   !> Move the remaining lanes together; padding repeats the last.
    subroutine look_away_from(self, leaves)
       class(passage_observer), intent(inout) :: self
       logical, intent(in) :: leaves(:)     !! (nlane)
@@ -258,7 +258,7 @@ contains
       if (n > 0) self%lanes(n + 1:) = self%lanes(n)
    end subroutine look_away_from
 
-   !> The value that is watched, in all lanes that are looked at.
+   !> The watched value in all lanes that are still watched.
    subroutine value_of(self, t, state)
       class(passage_observer), intent(inout) :: self
       real(wp), intent(in) :: t
@@ -302,7 +302,7 @@ contains
       end associate
    end subroutine evaluate
 
-   !> Some lanes of x, side by side.
+   !> Gather some lanes into x.
    pure subroutine take_lanes(nlane, n, ncolumn, lanes, in_place, x, taken)
       integer, intent(in) :: nlane, n, ncolumn, lanes(n)
       logical, intent(in) :: in_place                  !! the lanes are the first n
@@ -321,7 +321,7 @@ contains
       end do
    end subroutine take_lanes
 
-   !> Find lanes that are inside before and after the step, and were outside between.
+   !> Find lanes that are inside before and after the step, and were outside in between.
    subroutine cross_bridges(self, istep, nleave)
       class(passage_observer), intent(inout) :: self
       integer(i8), intent(in) :: istep
@@ -342,7 +342,7 @@ contains
       end do
    end subroutine cross_bridges
 
-   !> s^2 at the state where the next step begins; and whose numbers decide where paths share noises.
+   !> s^2 at the state where the next step begins; and the path whose number decides, if paths share noises.
    subroutine noise_on_value(self, t, state)
       class(passage_observer), intent(inout) :: self
       real(wp), intent(in) :: t
@@ -372,7 +372,7 @@ contains
       end associate
    end subroutine noise_on_value
 
-   !> What a noise adds to s^2; the number of a path itself decides where a noise of its own does.
+   !> Add a noise's part of s^2; if the noise is a path's own, the path's own number decides.
    subroutine add_noise(self, k, n, slope)
       type(passage_observer), intent(inout) :: self
       integer, intent(in) :: k, n
@@ -383,7 +383,7 @@ contains
       where (abs(slope) > 0) self%path(:n) = self%first + self%lanes(:n) - 1
    end subroutine add_noise
 
-   !> The paths of the block that have left, into the list and the table.
+   !> Enter the paths of the block that have left into the list and the table.
    subroutine close_block(self, state)
       class(passage_observer), intent(inout) :: self
       type(lane_state), intent(in) :: state
@@ -441,7 +441,7 @@ contains
 
       n = self%ncolumn
       zero = 3*self%run%ntime + 1
-      at = 1  ! the first place behind lower paths, or the first one that is free
+      at = 1  ! the place after lower paths, or the first free one
       behind = self%nlist + 1
       do while (at < behind)
          middle = (at + behind)/2

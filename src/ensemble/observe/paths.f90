@@ -1,7 +1,7 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> Chosen paths: some of their values at every saved time, beside the other results of the ensemble. counts: 0 for
-!> each path that was run, -1 for a path that was not. Numbers of single paths are the answers, too, with errors of
-!> zero: (value, time, path), NaN where a path has failed or left.
+!> Chosen paths: some of their values at every saved time, beside the other results of the ensemble. counts: 0 for each
+!> path that was run, -1 for a path that was not. The numbers of single paths are the answers, with errors of zero:
+!> (value, time, path), NaN after a path has failed or left.
 module symsde_ensemble_observe_paths
    use, intrinsic :: ieee_arithmetic, only: ieee_value, ieee_quiet_nan
    use symsde_base_kinds, only: wp, i8

@@ -1,5 +1,5 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> The observer that saves paths, straight into the caller's arrays. Values after a failure are NaN.
+!> The observer that saves paths directly into the caller's arrays. Values after a failure are NaN.
 module symsde_ensemble_observe_recorder
    use, intrinsic :: ieee_arithmetic, only: ieee_value, ieee_quiet_nan
    use symsde_base_kinds, only: wp, i4, i8
@@ -10,10 +10,10 @@ module symsde_ensemble_observe_recorder
    private
    public :: path_recorder
 
-   integer, parameter :: few = 8  !! lanes of a block that are copied one by one
+   integer, parameter :: few = 8  !! up to so many lanes of a block are copied one by one
 
-   !> Pointers to the caller's arrays, path first. The last good state is kept for resuming and diagnosis; q and p
-   !> may be null, and then nothing else is kept. Low parts belong to compensated runs only.
+   !> Pointers to the caller's arrays, path first. The last good state is kept for resuming and diagnosis; if q and p
+   !> are null, only this state is kept. Low parts belong to compensated runs only.
    type, extends(observer_type) :: path_recorder
       integer(i8) :: first_path = 0
       real(wp), pointer, contiguous :: q(:, :, :) => null()        !! (npath, ndof, 0:nsave)
@@ -94,7 +94,7 @@ contains
       call state%take_first(nlane, q(1, 1, nsave), p(1, 1, nsave))
    end subroutine observe_several
 
-   !> States of all paths of a run that are all its lanes.
+   !> Copy the states of all paths of a run whose paths are all the lanes.
    pure subroutine copy_all(x, saved)
       real(wp), intent(in), contiguous :: x(:, :, :)
       real(wp), intent(inout), contiguous :: saved(:, :, :)

@@ -1,13 +1,13 @@
 ! SPDX-License-Identifier: BSD-3-Clause
 !> The abstract streaming observer: it keeps one statistic of a run, in memory independent of paths and steps.
 !>
-!> It is shown values of whole blocks: q_1 .. q_n, p_1 .. p_n, the energy where the model has one, the user's
-!> observables. What it keeps is of two kinds, each of which merges to the same bits in any order:
+!> It gets values of whole blocks: q_1 .. q_n, p_1 .. p_n, the energy if the model has values, the user's observables.
+!> It keeps two kinds of data, each of which merges to the same bits in any order:
 !>
-!>   integers, and numbers that belong to single paths (extremes, lists), which `join` puts together;
-!>   a table of means over paths, whose sums merge on the dyadic tree of symsde_ensemble_statistics_path_tree.
+!> integers, and numbers that belong to single paths (extremes, lists), which `join` merges; a table of means over
+!> paths, whose sums merge on the dyadic tree of symsde_ensemble_statistics_path_tree.
 !>
-!> Every thread has its own copy; what the copies share is the store, which they reach one at a time.
+!> Every thread has its own copy; the copies share the store, which one thread at a time may change.
 module symsde_ensemble_observe_streaming
    use symsde_base_kinds, only: wp, i8
    use symsde_base_laws, only: law_gaussian
@@ -21,21 +21,21 @@ module symsde_ensemble_observe_streaming
    public :: streaming_observer, observer_request, observed_type, observer_store, observed_run
    public :: means_only, with_pairs, with_errors
 
-   integer, parameter :: means_only = 0, with_pairs = 1, with_errors = 4  !! sums of a table beside means
+   integer, parameter :: means_only = 0, with_pairs = 1, with_errors = 4  !! sums kept beside the means of a table
 
-   !> One observer that a caller wants. Which members mean something depends on its kind.
+   !> One observer that a caller requests. Its kind decides which members are used.
    type :: observer_request
       integer :: kind = 0                     !! a parameter of symsde_ensemble_observe_observers
-      integer, allocatable :: values(:)       !! numbers of the values it looks at, q_1 is 1
+      integer, allocatable :: values(:)       !! numbers of the values observed, q_1 is 1
       real(wp) :: low = 0, high = 0           !! an interval
       integer :: bins = 0                     !! bins, parts or lags
       real(wp), allocatable :: shares(:)      !! 0 .. 1, of quantiles
       integer(i8), allocatable :: paths(:)    !! global indices, ascending
-      logical :: absorbs = .false.            !! paths that leave end there
-      logical :: bridges = .true.             !! paths may leave between two steps, too
+      logical :: absorbs = .false.            !! whether paths that leave end there
+      logical :: bridges = .true.             !! whether paths may leave between two steps, too
    end type observer_request
 
-   !> Data of a run that observers use.
+   !> Data of a run that observers need.
    type :: observed_run
       integer :: ndof = 0, nvalue = 0, nlane = 0
       integer :: ntime = 0                    !! saved times
@@ -43,14 +43,14 @@ module symsde_ensemble_observe_streaming
       integer(i8) :: first_step = 0, save_every = 1, seed = 0
       real(wp) :: step = 0                    !! [time]
       integer :: nnoise = 0
-      integer :: law = law_gaussian           !! law of the increments that are drawn
-      logical, allocatable :: common(:)       !! noises that all paths share, as their options say (nnoise)
+      integer :: law = law_gaussian           !! law of the increments drawn
+      logical, allocatable :: common(:)       !! noises that all paths share, by the options (nnoise)
       logical :: position_noise = .false., has_value = .false.  !! traits of the model
-      class(model_type), pointer :: model => null()  !! for who asks it for more than values
-      class(observables_type), pointer :: observables => null()  !! the user's own values, likewise
+      class(model_type), pointer :: model => null()  !! for observers that need more than values
+      class(observables_type), pointer :: observables => null()  !! the user's values, for the same
    end type observed_run
 
-   !> The results of an observer: they can be merged, and its answer needs nothing else.
+   !> The results of an observer: they can be merged, and suffice to compute its answer.
    type :: observed_type
       type(observer_request) :: request
       type(observed_run) :: of
@@ -70,7 +70,7 @@ module symsde_ensemble_observe_streaming
       type(observed_run) :: run
       integer(i8) :: ncount = 0, nsingle = 0           !! integers, and numbers of single paths
       integer :: nrow = 0, ncolumn = 0                 !! rows and columns of the table; 0 = no table
-      integer :: kept = means_only                     !! of its columns
+      integer :: kept = means_only                     !! kinds of sums kept: means_only, with_pairs or with_errors
       integer(i8), allocatable :: counts(:)            !! of this thread (ncount)
       real(wp), allocatable :: singles(:)              !! of this thread (nsingle)
       type(observer_store), pointer :: store => null()
@@ -99,7 +99,7 @@ module symsde_ensemble_observe_streaming
    end type streaming_observer
 
    abstract interface
-      !> Take values at saved time number it (1 is t0). Lanes count where `counts` is true. The caller may reuse the
+      !> Take the values at saved time number it (1 is t0). Lanes with `counts` true count. The caller may reuse the
       !> arrays afterwards.
       subroutine take_interface(self, it, t, values, counts)
          import :: streaming_observer, wp
@@ -110,7 +110,7 @@ module symsde_ensemble_observe_streaming
          logical, intent(in), contiguous :: counts(:)       !! (nlane)
       end subroutine take_interface
 
-      !> Numbers of an answer.
+      !> Number of values in an answer.
       integer(i8) function extent_interface(self)
          import :: streaming_observer, i8
          class(streaming_observer), intent(in) :: self
@@ -145,12 +145,12 @@ contains
       call self%open_block()
    end subroutine begin_block
 
-   !> Forget the paths of the block before.
+   !> Clear the data of the block before.
    subroutine nothing_before(self)
       class(streaming_observer), intent(inout) :: self
    end subroutine nothing_before
 
-   !> Tables for the pieces of a block that has begun; a block that a stop leaves out needs none.
+   !> Make tables for the pieces of a block that has begun; a block left out by a stop needs none.
    subroutine new_pieces(self)
       class(streaming_observer), intent(inout) :: self
       integer :: i
@@ -167,7 +167,7 @@ contains
       end do
    end subroutine new_pieces
 
-   !> Put numbers of each lane into a row of the table.
+   !> Write numbers of each lane into a row of the table.
    subroutine row(self, irow, x, counts)
       class(streaming_observer), intent(inout) :: self
       integer, intent(in) :: irow
@@ -194,14 +194,14 @@ contains
       end do
    end subroutine row
 
-   !> Whether it wants to see every step.
+   !> Whether the observer needs every step.
    pure logical function it_does_not(self)
       class(streaming_observer), intent(in) :: self
 
       it_does_not = .false.
    end function it_does_not
 
-   !> The state after a step of the run, number istep; 0 is the first state. Lanes may be retired there.
+   !> Take the state after step number istep of the run; 0 is the first state. Lanes may be retired here.
    subroutine look_away(self, istep, t, state)
       class(streaming_observer), intent(inout) :: self
       integer(i8), intent(in) :: istep
@@ -209,7 +209,7 @@ contains
       type(lane_state), intent(inout) :: state
    end subroutine look_away
 
-   !> The block is done: write results that its end has settled into the table. This default writes none.
+   !> The block is done: write results that are known only now into the table. This default writes none.
    subroutine nothing_more(self, state)
       class(streaming_observer), intent(inout) :: self
       type(lane_state), intent(in) :: state
@@ -227,7 +227,7 @@ contains
       deallocate (self%pieces)
    end subroutine end_block
 
-   !> Deliver results: this thread has no block left. Called by one thread at a time.
+   !> Deliver results: this thread has no further block. Called by one thread at a time.
    subroutine gather(self)
       class(streaming_observer), intent(inout) :: self
 
@@ -241,7 +241,7 @@ contains
       end if
    end subroutine gather
 
-   !> Integers and numbers of single paths, of no path.
+   !> Integers and numbers of single paths before any path.
    subroutine to_zero(self, counts, singles)
       class(streaming_observer), intent(in) :: self
       integer(i8), intent(out) :: counts(:)
@@ -262,7 +262,7 @@ contains
       counts = counts + more_counts
    end subroutine add_up
 
-   !> Numbers of eight bytes that so many threads hold at most while a run of so many paths lasts.
+   !> Numbers of eight bytes that so many threads hold at most during a run of so many paths.
    real(wp) function numbers(self, npath, nthread)
       class(streaming_observer), intent(in) :: self
       integer(i8), intent(in) :: npath
@@ -275,25 +275,25 @@ contains
       numbers = (nthread + 1)*real(self%ncount + self%nsingle, wp) + (nthread*pieces + waiting + 2)*table
    end function numbers
 
-   !> How many numbers a kept row of the table has: n, means, and sums of squares or of all pairs.
+   !> Numbers in a stored row of the table: n, means, and sums of squares or of all pairs.
    pure integer function row_size(ncolumn, kept)
       integer, intent(in) :: ncolumn, kept
 
       row_size = 1 + ncolumn + merge(ncolumn, kept*pair_count(ncolumn), kept == means_only)
    end function row_size
 
-   !> Numbers of all that is kept but the integers.
+   !> Numbers in all stored data except the integers.
    pure integer(i8) function nsum(self)
       class(streaming_observer), intent(in) :: self
 
       nsum = self%nsingle + int(self%nrow, i8)*row_size(self%ncolumn, self%kept)
    end function nsum
 
-   !> Numbers of single paths and the table, side by side.
+   !> Write numbers of single paths and the table into one array.
    subroutine to_sums(self, singles, table, sums)
       class(streaming_observer), intent(in) :: self
       real(wp), intent(in) :: singles(:)             !! (nsingle)
-      type(moment_node), intent(in) :: table         !! empty where no block was run
+      type(moment_node), intent(in) :: table         !! empty if no block was run
       real(wp), intent(out) :: sums(:)               !! (nsum)
       integer(i8) :: at
       integer :: i, n
@@ -314,7 +314,7 @@ contains
       end do
    end subroutine to_sums
 
-   !> The table, as a node of the tree.
+   !> The table from this array, as a node of the tree.
    subroutine to_table(self, sums, table)
       class(streaming_observer), intent(in) :: self
       real(wp), intent(in) :: sums(:)                !! (nsum)

@@ -1,5 +1,5 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> How the areas of a run are drawn, as user and model choose it, and whether the counters of the generator suffice.
+!> How the areas of a run are drawn, chosen by user and model, and whether the counters of the generator suffice.
 !>
 !> Private to its family.
 module symsde_ensemble_run_areas
@@ -19,9 +19,8 @@ module symsde_ensemble_run_areas
 
 contains
 
-   !> Choose how areas are drawn, and refuse (incompatible) a choice that the scheme cannot follow. The time scale
-   !> at which steps are halved is the user's; if the user gives none and the scheme needs areas, it is derived from
-   !> the model.
+   !> Choose how areas are drawn, and refuse (incompatible) a choice that the scheme cannot use. The time scale for
+   !> halving steps is the user's; if none is given and the scheme needs areas, it is derived from the model.
    subroutine choose_areas(model, scheme, options, asked, areas, error)
       class(model_type), intent(in) :: model
       type(scheme_type), intent(in) :: scheme
@@ -42,18 +41,17 @@ contains
                        'increments, such as midpoint_areas')
          end if
       else if (scheme%law /= law_gaussian) then
-         areas%time = 0  ! areas of two values need no halving of steps
+         areas%time = 0  ! two-valued areas need no halving of steps
       else if (asked%has(path_areas) .and. .not. areas%time > 0) then
          call derive_area_time(model, options%t0, areas%time, error)
       end if
    end subroutine choose_areas
 
-   !> Refuse (too_large) areas that need more numbers than counters can tell apart. Rows are all sub-increments of
-   !> the run to its end; counters of steps hold 2^47 of them. Areas drawn apart from the path also count pairs of
-   !> noises.
+   !> Refuse (too_large) areas that need more numbers than the counters distinguish. Rows are all sub-increments of the
+   !> run to its end; counters of steps hold 2^47 of them. Areas in law also count pairs of noises.
    subroutine check_area_counters(nnoise, law, options, areas, error)
       integer, intent(in) :: nnoise
-      integer, intent(in) :: law       !! that the increments follow
+      integer, intent(in) :: law       !! law of the increments
       type(run_options), intent(in) :: options
       type(area_rule), intent(in) :: areas
       type(error_type), allocatable, intent(inout) :: error

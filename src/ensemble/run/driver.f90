@@ -1,5 +1,5 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> An ensemble: model, scheme and options, checked and probed, with a runner for every thread; and how it is driven.
+!> An ensemble: model, scheme and options, checked and probed, with a runner for every thread; and its drives.
 !>
 !>    new_ensemble: options, task of the steppers, lanes and threads, probes, noise, runners, warnings
 !>    drive:        equip the runners, run_blocks (ensemble/run/threads), summarise
@@ -46,13 +46,13 @@ module symsde_ensemble_run_driver
 
    integer, parameter :: chain_lanes = 32, longest_chain = 4096
 
-   !> Model, scheme and options, checked and probed, with a runner for every thread: ready to be driven any number
-   !> of times. A drive leaves nothing behind for the next but the counters of the report.
+   !> Model, scheme and options, checked and probed, with a runner for every thread: ready to be driven any number of
+   !> times. A drive leaves only the counters of the report for the next.
    type :: ensemble_type
       type(run_options) :: options
       type(run_report) :: report     !! totals of all drives; the outcome of the last one
       class(model_type), pointer, private :: model => null()
-      class(noise_type), allocatable, private :: noise         !! noise of drives that bring none
+      class(noise_type), allocatable, private :: noise         !! noise of drives without given increments
       type(runner_factory), private :: factory
       type(block_runner), allocatable, private :: runners(:)   !! one for every thread
    contains
@@ -62,10 +62,10 @@ module symsde_ensemble_run_driver
 
 contains
 
-   !> The lanes of a block: as many as the user chooses, else by the size of the system and the number of paths.
-   !> Chains of up to 4096 masses take at least 32 where there are so many paths: in rows of 8 each lane costs twice
-   !> as much (20 ns a mass and not 10, AVX-512), whether or not the block fits the cache. With dense matrices that
-   !> would be too much memory.
+   !> The number of lanes of a block: as the user chooses, else by the size of the system and the number of paths.
+   !> Chains of up to 4096 masses get at least 32 lanes if there are so many paths: with 8 lanes a row, each lane costs
+   !> twice as much (20 ns a mass instead of 10, AVX-512), whether or not the block fits the cache. With dense matrices
+   !> 32 lanes would take too much memory.
    pure integer function choose_nlane(options, model)
       type(run_options), intent(in) :: options
       class(model_type), intent(in) :: model
@@ -79,7 +79,7 @@ contains
       end associate
    end function choose_nlane
 
-   !> Run all paths and show them to (copies of) the observer: an ensemble that is driven once.
+   !> Run all paths and show them to (copies of) the observer: an ensemble driven once.
    subroutine run_ensemble(model, scheme, options, from, observer, monitor, report, error, dw)
       class(model_type), intent(in), target :: model
       type(scheme_type), intent(in), target :: scheme
@@ -93,7 +93,7 @@ contains
       type(ensemble_type), target :: ensemble
       real(wp), pointer, contiguous :: given(:, :, :)
 
-      nullify (given)  ! instead of an absent array, whose bounds gfortran 12 would read
+      nullify (given)  ! not an absent array, whose bounds gfortran 12 would read
       if (present(dw)) given => dw
       call new_ensemble(ensemble, model, scheme, options, from%q, from%p, observer, error, given)
       if (allocated(error)) return
@@ -103,14 +103,14 @@ contains
       report = ensemble%report
    end subroutine run_ensemble
 
-   !> Check, probe and choose all that is the same however often the ensemble is driven, and make its runners.
+   !> Check, probe and choose everything that is the same for all drives of the ensemble, and make its runners.
    subroutine new_ensemble(self, model, scheme, options, q0, p0, observer, error, dw)
       type(ensemble_type), intent(out), target :: self
       class(model_type), intent(in), target :: model          !! must live as long as the ensemble
-      type(scheme_type), intent(in), target :: scheme         !! this, too
+      type(scheme_type), intent(in), target :: scheme         !! must live as long as the ensemble
       type(run_options), intent(in) :: options
       real(wp), intent(in) :: q0(:, :), p0(:, :)      !! initial state (npath or 1, ndof)
-      class(observer_type), intent(in) :: observer    !! same kind as the observers of the drives
+      class(observer_type), intent(in) :: observer    !! of the same kind as the observers of the drives
       type(error_type), allocatable, intent(inout) :: error
       real(wp), intent(in), target, contiguous, optional :: dw(:, :, :)  !! increments (npath or 1, nnoise, rows)
       class(stepper_type), allocatable :: single  ! stepper of one lane, if paths run one by one
@@ -144,9 +144,8 @@ contains
       self%report%seconds_setup = seconds() - start
    end subroutine new_ensemble
 
-   !> Take all paths through the steps of self%options. The number of steps, the first one and the saves may have
-   !> changed since the ensemble was made, so that options are checked again. Increments that are given are for this
-   !> drive alone.
+   !> Take all paths through the steps of self%options. The number of steps, the first step and the saves may have
+   !> changed since the ensemble was made, so options are checked again. Given increments are for this drive alone.
    subroutine drive(self, from, observer, monitor, error, dw)
       class(ensemble_type), intent(inout), target :: self
       type(initial_state), intent(in) :: from
@@ -187,11 +186,10 @@ contains
       call summarise(self, shared)
    end subroutine drive
 
-   !> Take over another first path, first step and seed for the drives to come. Another seed needs another source of
-   !> noise.
+   !> Use another first path, first step and seed in later drives. Another seed needs another source of noise.
    subroutine renumber(self, options, error)
       class(ensemble_type), intent(inout) :: self
-      type(run_options), intent(in) :: options     !! like its own but for these three and the steps
+      type(run_options), intent(in) :: options     !! equal to its own except for these and the steps
       type(error_type), allocatable, intent(inout) :: error
       integer(i8) :: seed
 
@@ -226,7 +224,7 @@ contains
 
    contains
 
-      !> Take blocks of so many lanes, and as many threads as have blocks and fit into memory.
+      !> Choose blocks of so many lanes, and as many threads as have blocks and fit into memory.
       subroutine fit(nlane)
          integer, intent(in) :: nlane
 
@@ -245,7 +243,7 @@ contains
    subroutine new_runners(self, scheme, single, error)
       type(ensemble_type), intent(inout), target :: self
       type(scheme_type), intent(in) :: scheme   !! scheme as the user named it
-      class(stepper_type), allocatable, intent(inout) :: single  !! taken over for the first runner, if allocated
+      class(stepper_type), allocatable, intent(inout) :: single  !! moved into the first runner, if allocated
       type(error_type), allocatable, intent(inout) :: error
       logical :: has_padding
       integer :: i, n, info
@@ -254,7 +252,7 @@ contains
          self%factory%options = self%options
          self%factory%asked = self%noise%asked
          report%correction = self%factory%task%correction
-         ! only threads that will have work get a runner
+         ! only threads that have work get a runner
          n = usable_threads(report%nthread, real(model%traits%ndof, wp)*self%options%npath*self%options%nstep)
          allocate (self%runners(n), stat=info)
          if (info /= 0) then
@@ -273,8 +271,8 @@ contains
       end associate
    end subroutine new_runners
 
-   !> Whether a lane has the same bits for any number of lanes beside it. True for models of the catalogue, and for
-   !> models whose users say so.
+   !> Whether a lane has the same bits whatever the number of lanes. True for models of the catalogue, and for models
+   !> declared so by users.
    pure logical function has_any_lanes(model)
       class(model_type), intent(in) :: model
 
@@ -287,7 +285,7 @@ contains
       class(noise_type), allocatable, intent(out) :: noise
       class(model_type), intent(in) :: model
       type(run_options), intent(in) :: options
-      real(wp), intent(out) :: lost  !! variance of a normal lost to truncation
+      real(wp), intent(out) :: lost  !! variance of a normal that truncation loses
       type(error_type), allocatable, intent(inout) :: error
       real(wp), intent(in), target, contiguous, optional :: dw(:, :, :)
       type(scheme_type), intent(in), optional :: scheme
@@ -342,8 +340,8 @@ contains
       end if
    end subroutine new_noise
 
-   !> Mark the noises that all paths share, as the user chooses them, and refuse (invalid_argument) numbers that no
-   !> noise has.
+   !> Mark the noises that all paths share, as the user chooses, and refuse (invalid_argument) numbers that no noise
+   !> has.
    subroutine share_noises(noise, options, error)
       class(noise_type), intent(inout) :: noise
       type(run_options), intent(in) :: options
@@ -362,9 +360,9 @@ contains
       end do
    end subroutine share_noises
 
-   !> Refuse (incompatible) prescribed increments that lack functionals of the scheme. Functionals come from finer
-   !> rows or from columns of their own; columns that no scheme uses are refused, too. So are areas in law: the
-   !> given path determines its areas.
+   !> Refuse (incompatible) prescribed increments that lack functionals of the scheme. Functionals come from finer rows
+   !> or from columns of their own; columns that the scheme does not use are refused, too. Areas in law are also
+   !> refused, since the given path determines its areas.
    subroutine check_given(model, scheme, options, asked, areas, ncolumn, error)
       class(model_type), intent(in) :: model
       type(scheme_type), intent(in), optional :: scheme
@@ -402,9 +400,9 @@ contains
       end if
    end subroutine check_given
 
-   !> Refuse (wrong_shape) prescribed increments unless they have one row for every step or finer step; one column
-   !> for every noise, as many for dZ, and as many for K; and one path or all paths. refine < 0 excludes them
-   !> (incompatible).
+   !> Refuse (wrong_shape) prescribed increments unless they have one row for every step or finer step; one column for
+   !> every noise, as many for dZ, and as many for K; and one path or all paths. With refine < 0 prescribed increments
+   !> are refused (incompatible).
    subroutine check_increments(options, nnoise, extent, error)
       type(run_options), intent(in) :: options
       integer, intent(in) :: nnoise
@@ -457,8 +455,8 @@ contains
 
    end subroutine check_state
 
-   !> Sum the counters of the threads and name the outcome. A callback that failed comes before a stop, since it stops
-   !> the run, and a stop before paths that failed.
+   !> Sum the counters of the threads and set the outcome. A failed callback takes precedence over a stop, since it
+   !> causes the stop, and a stop over failed paths.
    subroutine summarise(self, shared)
       type(ensemble_type), intent(inout) :: self
       type(shared_state), intent(in) :: shared

@@ -9,7 +9,7 @@ HIDDEN void set_float_mode(int mode);
 #if defined(__SSE2__)
 #include <xmmintrin.h>
 
-#define MODE 0xe040u /* of MXCSR: flush to zero, rounding, denormals are zeros */
+#define MODE 0xe040u /* bits of MXCSR: flush to zero, rounding, denormals are zeros */
 
 static unsigned control(void) {
    return _mm_getcsr();
@@ -19,7 +19,7 @@ static void set_control(unsigned bits) {
    _mm_setcsr(bits);
 }
 #elif defined(__aarch64__)
-#define MODE 0x1c00000u /* of FPCR: flush to zero, which takes denormals for zeros, too; rounding */
+#define MODE 0x1c00000u /* bits of FPCR: flush to zero, which also reads denormals as zeros; rounding */
 
 static unsigned control(void) {
    unsigned long long bits;
@@ -33,7 +33,7 @@ static void set_control(unsigned bits) {
 #else
 #include <fenv.h>
 
-#define MODE (~0u) /* rounding alone */
+#define MODE (~0u) /* rounding mode alone */
 
 static unsigned control(void) {
    return (unsigned)fegetround();

@@ -1,5 +1,5 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> The increments that drive a run, all at once, asked of the same noise source that drives it.
+!> The increments that drive a run, all at once, from the same noise source as in the run.
 module symsde_ensemble_run_increments
    use symsde_base_interrupt, only: interrupt_type
    use symsde_base_kinds, only: wp, i8
@@ -13,7 +13,7 @@ module symsde_ensemble_run_increments
    private
    public :: collect_increments
 
-   !> Asks the monitor whether to go on, where the draws of a step take long.
+   !> Asks the monitor whether to stop, if the draws of a step take long.
    type, extends(interrupt_type) :: question
       class(monitor_type), pointer :: monitor => null()
       integer(i8) :: done = 0, total = 0
@@ -40,8 +40,8 @@ contains
       end do
    end subroutine collect_increments
 
-   !> Fill in the increments of the paths of one block. The source makes the steps 2j and 2j+1 together; a run may
-   !> begin with the second of a pair or end with the first, and the other is left out.
+   !> Write the increments of the paths of one block. The source makes the steps 2j and 2j+1 together; a run may begin
+   !> with the second of a pair or end with the first, and the other step is then left out.
    subroutine fill_block(noise, options, first, dw, error, monitor)
       class(noise_type), intent(in) :: noise
       type(run_options), intent(in) :: options
@@ -49,7 +49,7 @@ contains
       real(wp), intent(inout) :: dw(:, :, :)     !! (npath, nnoise, nstep)
       type(error_type), allocatable, intent(inout) :: error
       class(monitor_type), intent(inout), target, optional :: monitor
-      type(step_store) :: store  !! with functionals, on which dW depends at refine < 0
+      type(step_store) :: store  !! holds functionals, too, on which dW depends at refine < 0
       type(step_request) :: request
       integer(i8) :: pair, n, drawn
       type(question) :: patient

@@ -1,5 +1,5 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> How much memory a run takes at most, and on how many threads it fits.
+!> How much memory a run takes at most, and how many threads fit.
 module symsde_ensemble_run_memory
    use symsde_base_functionals, only: functional_set, path_areas
    use symsde_base_kinds, only: wp
@@ -20,7 +20,7 @@ module symsde_ensemble_run_memory
    private
    public :: fit_threads, narrower_numbers, noise_numbers
 
-   integer, parameter :: levels = 64  !! intervals of the integrals of a step are halved at most so many times
+   integer, parameter :: levels = 64  !! most halvings of an interval for the integrals of a step
 
 contains
 
@@ -33,7 +33,7 @@ contains
       class(observer_type), intent(in) :: observer
       integer, intent(in) :: nlane          !! lanes of a block
       integer, intent(inout) :: nthread     !! in: threads wanted
-      logical, intent(out) :: narrows       !! paths that are left may go on in narrower blocks
+      logical, intent(out) :: narrows       !! whether remaining paths may go on in narrower blocks
       type(error_type), allocatable, intent(inout) :: error
       type(step_memory) :: step
       real(wp) :: block
@@ -49,7 +49,7 @@ contains
          if (memory_for(nthread*block + observer%numbers(options%npath, nthread), nthread - 1)) return
          nthread = nthread/2
       end do
-      if (memory_for(block + observer%numbers(options%npath, 1), 0)) return  ! the texts below take time
+      if (memory_for(block + observer%numbers(options%npath, 1), 0)) return  ! texts for a refusal take time
       call require_memory(block + observer%numbers(options%npath, 1), 'the run of model '//task%model%name// &
                           ' by scheme '//task%scheme%name//' ('//to_text(task%model%traits%ndof)// &
                           ' degrees of freedom, '//to_text(nlane)//' paths at a time)', 'give a smaller system, '// &
@@ -93,15 +93,14 @@ contains
       numbers = step%numbers(nlane) + nlane*((12.0_wp + kept)*ndof + ahead*(ncolumn + 1)) &
                 + noise_numbers(nnoise, asked, nlane)
       if (nlane > 1) return
-      if (task%scheme%form == splitting_form) &    ! weights of kicks are found for all steps ahead
+      if (task%scheme%form == splitting_form) &    ! weights of kicks are computed for all steps drawn ahead
          numbers = numbers + ahead*kick_numbers(task%scheme%kicks, task%model%traits, ncolumn)
-      if (.not. asked%is_empty()) &                ! pairs of steps are filled side by side, as lanes
+      if (.not. asked%is_empty()) &                ! pairs of steps are filled as neighbouring lanes
          numbers = numbers + noise_numbers(nnoise, asked, 2*padded(pairs_ahead(1, ncolumn)/2))
    end function block_numbers
 
-   !> Numbers that a single path keeps for steps whose kicks are weighed ahead: increments and functionals, the
-   !> weights w of the kicks, V, and D where it is sampled. Each is kept twice: in lanes to weigh, and by steps to
-   !> take.
+   !> Numbers that a single path keeps for steps whose kick weights are computed ahead: increments and functionals, the
+   !> weights w of the kicks, V, and D if J is sampled. Each is kept twice: as lanes to compute weights, and by steps.
    pure real(wp) function kick_numbers(kicks, traits, ncolumn) result(numbers)
       type(kicks_type), intent(in) :: kicks
       type(model_traits), intent(in) :: traits
@@ -113,11 +112,11 @@ contains
       if (kicks%samples .and. .not. traits%additive) numbers = numbers + m*(m + 1)
    end function kick_numbers
 
-   !> Numbers that a source of noise needs to fill a block of nlane lanes: increments, and for functionals those of
-   !> the intervals of which they are composed.
+   !> Numbers that a source of noise needs to fill a block of nlane lanes: increments, and for functionals those of the
+   !> intervals that they are merged from.
    pure real(wp) function noise_numbers(nnoise, asked, nlane)
       integer, intent(in) :: nnoise, nlane
-      type(functional_set), intent(in) :: asked   !! beside the increments
+      type(functional_set), intent(in) :: asked   !! functionals beside the increments
       real(wp) :: m
 
       m = nnoise

@@ -1,11 +1,11 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> A prepared run: checks, probes and allocations once; then as many calls as wanted, of one step or of many.
+!> A prepared run: checks, probes and allocations once; then any number of calls, of one step or of many.
 !>
-!> The run holds where its paths are. Between calls a host may read that state and change it: a thermostat, a
-!> collision, a resampling of paths. Steps in several calls give the same bits as in one, with any threads and blocks.
+!> The run keeps the states of its paths. Between calls a program may read and change them: a thermostat, a collision, a
+!> resampling of paths. Steps in several calls give the same bits as in one call, with any threads and blocks.
 !>
-!> A path that fails keeps its status, step and last good state until the run is reset. A call that is stopped leaves
-!> its blocks at different steps; `resume` takes all of them to where the call was to end.
+!> A path that fails keeps its status, step and last good state until the run is reset. A stopped call leaves its blocks
+!> at different steps; `resume` takes all of them to the end of the call.
 module symsde_ensemble_run_prepared
    use, intrinsic :: iso_c_binding, only: c_associated, c_loc, c_null_ptr, c_ptr
    use symsde_base_kinds, only: wp, i4, i8
@@ -25,23 +25,24 @@ module symsde_ensemble_run_prepared
    private
    public :: prepared_run, prepare
 
-   integer(i8), parameter :: foreseen = 1000000  !! steps that the warnings of a prepared run are about
+   integer(i8), parameter :: foreseen = 1000000  !! number of steps that the warnings of a prepared run are about
 
-   !> q, p and low parts may be changed between calls, but not reshaped. A compensated run has low parts. A run has
-   !> pointers into itself, so it cannot be copied: after an assignment the left-hand side is not prepared.
+   !> The caller may change the values of q, p and their low parts between calls, but not their shape. Only a
+   !> compensated run has low parts. A run has pointers into itself and cannot be copied: after an assignment the
+   !> left-hand side is not prepared.
    type :: prepared_run
       real(wp), allocatable :: q(:, :), p(:, :)          !! present state (npath, ndof)
-      real(wp), allocatable :: q_low(:, :), p_low(:, :)  !! its low parts (npath, ndof)
+      real(wp), allocatable :: q_low(:, :), p_low(:, :)  !! low parts of the state (npath, ndof)
       integer(i4), allocatable :: status(:)              !! 0 = ok, else a code of base/status (npath)
       integer(i8), allocatable :: failed_step(:)         !! absolute step, -1 = none (npath)
       type(scheme_type), private :: scheme
       type(ensemble_type), private :: ensemble
-      type(run_options), private :: given     !! where a reset begins
-      logical, private :: was_stopped = .false.    !! the last call was stopped
+      type(run_options), private :: given     !! options to begin again with after reset
+      logical, private :: was_stopped = .false.    !! whether the last call was stopped
       integer(i8), private :: goal = 0        !! absolute step to which the last call was to go
       integer, private :: at_work = 0         !! 1 during a call
-      logical, private :: was_assigned = .false.   !! and not prepared since
-      type(c_ptr), private :: home = c_null_ptr    !! address of the run when it was prepared; a copy has another
+      logical, private :: was_assigned = .false.   !! whether the run was assigned to after it was prepared
+      type(c_ptr), private :: home = c_null_ptr !! address of the run when it was prepared; a copy has another address
    contains
       procedure :: advance
       procedure :: resume
@@ -62,7 +63,7 @@ module symsde_ensemble_run_prepared
 contains
 
    !> Check model, scheme and options, probe the model at the initial state, and allocate all that steps need. The model
-   !> must live as long as the run; the scheme is copied. nstep and save_every of the options mean nothing here.
+   !> must live as long as the run; the scheme is copied. nstep and save_every of the options are not used.
    subroutine prepare(self, model, scheme, options, q0, p0, error, q0_low, p0_low)
       type(prepared_run), intent(out), target :: self
       class(model_type), intent(in), target :: model
@@ -89,8 +90,7 @@ contains
       if (.not. allocated(error)) call self%reset(q0, p0, error, q_low, p_low)
    end subroutine prepare
 
-   !> Assignment copies nothing, since pointers would point into the original; calls of the left-hand side are
-   !> refused.
+   !> Copy nothing on assignment, since pointers would point into the original; calls of the left-hand side are refused.
    impure elemental subroutine leave_unprepared(self, run)
       class(prepared_run), intent(inout) :: self  !! keeps its arrays: gfortran 12 reads them after run = run
       class(prepared_run), intent(in) :: run
@@ -98,7 +98,7 @@ contains
       self%was_assigned = .true.
    end subroutine leave_unprepared
 
-   !> Make room for the state of all paths. Missing memory is refused (out_of_memory).
+   !> Allocate the state of all paths. Errors: out_of_memory.
    subroutine new_state(self, npath, ndof, compensated, error)
       type(prepared_run), intent(inout) :: self
       integer(i8), intent(in) :: npath
@@ -116,11 +116,11 @@ contains
                                 ' paths: prepare fewer paths')
    end subroutine new_state
 
-   !> Begin again from a given state. All paths are ok again. The first step, the seed and the first path stay as
-   !> they were unless given.
+   !> Begin again from a given state, with the status of every path ok. First step, seed and first path keep their
+   !> values unless given.
    subroutine reset(self, q0, p0, error, q0_low, p0_low, first_step, seed, first_path)
       class(prepared_run), intent(inout) :: self
-      real(wp), intent(in) :: q0(:, :), p0(:, :)                     !! state (npath or 1, ndof)
+      real(wp), intent(in) :: q0(:, :), p0(:, :)                     !! new state (npath or 1, ndof)
       type(error_type), allocatable, intent(inout) :: error
       real(wp), intent(in), target, optional :: q0_low(:, :), p0_low(:, :)  !! low parts (npath or 1, ndof), else 0
       integer(i8), intent(in), optional :: first_step, seed, first_path  !! as in run_options
@@ -155,7 +155,7 @@ contains
       call self%leave()
    end subroutine reset
 
-   !> Take nstep more steps, with the noise of the run or with the increments dw. If `saved` is present, it receives
+   !> Take nstep more steps, with the noise of the run or with the increments dw. If `saved` is present, write into it
    !> the state at the beginning and after every save_every steps.
    subroutine advance(self, nstep, error, dw, monitor, saved, save_every)
       class(prepared_run), intent(inout) :: self
@@ -167,7 +167,7 @@ contains
       integer(i8), intent(in), optional :: save_every                    !! default 1
       type(path_recorder) :: recorder
       type(run_options) :: options
-      real(wp), pointer, contiguous :: given(:, :, :)  !! dw, or null: an absent array is not handed on
+      real(wp), pointer, contiguous :: given(:, :, :)  !! dw, or null: an absent array is not passed on
       integer(i8) :: every
 
       if (allocated(error)) return
@@ -192,7 +192,8 @@ contains
       if (.not. allocated(error)) call show_state(self, saved)
    end subroutine advance
 
-   !> Finish a call that was stopped. It needs the same increments dw, and the array `saved` of the stopped call.
+   !> Finish a call that was stopped. The caller passes the same increments dw and the array `saved` of the stopped call
+   !> again.
    subroutine resume(self, error, dw, monitor, saved)
       class(prepared_run), intent(inout) :: self
       type(error_type), allocatable, intent(inout) :: error
@@ -200,7 +201,7 @@ contains
       class(monitor_type), intent(inout), optional :: monitor
       type(paths_type), intent(inout), target, optional :: saved
       type(path_recorder) :: recorder
-      real(wp), pointer, contiguous :: given(:, :, :)  !! dw, or null: an absent array is not handed on
+      real(wp), pointer, contiguous :: given(:, :, :)  !! dw, or null: an absent array is not passed on
 
       if (allocated(error)) return
       nullify (given)
@@ -221,7 +222,8 @@ contains
       if (.not. allocated(error)) call show_state(self, saved)
    end subroutine resume
 
-   !> `advance` for a recorder, whose q and p have room (npath, ndof, nstep/save_every + 1) or none.
+   !> Like `advance`, but save into a recorder, whose q and p have shape (npath, ndof, nstep/save_every + 1) or are not
+   !> associated.
    subroutine record(self, nstep, save_every, recorder, error, dw, monitor)
       class(prepared_run), intent(inout) :: self
       integer(i8), intent(in) :: nstep, save_every
@@ -229,7 +231,7 @@ contains
       type(error_type), allocatable, intent(inout) :: error
       real(wp), intent(in), target, contiguous, optional :: dw(:, :, :)  !! increments (npath or 1, nnoise, rows)
       class(monitor_type), intent(inout), optional :: monitor
-      real(wp), pointer, contiguous :: given(:, :, :)  !! dw, or null: an absent array is not handed on
+      real(wp), pointer, contiguous :: given(:, :, :)  !! dw, or null: an absent array is not passed on
 
       nullify (given)
       if (present(dw)) given => dw
@@ -247,14 +249,14 @@ contains
       call self%leave()
    end subroutine record
 
-   !> `resume` for a recorder on the arrays of the call that was stopped.
+   !> Like `resume`, but save into a recorder on the arrays of the call that was stopped.
    subroutine record_rest(self, recorder, error, dw, monitor)
       class(prepared_run), intent(inout) :: self
       type(path_recorder), intent(inout) :: recorder
       type(error_type), allocatable, intent(inout) :: error
       real(wp), intent(in), target, contiguous, optional :: dw(:, :, :)  !! increments (npath or 1, nnoise, rows)
       class(monitor_type), intent(inout), optional :: monitor
-      real(wp), pointer, contiguous :: given(:, :, :)  !! dw, or null: an absent array is not handed on
+      real(wp), pointer, contiguous :: given(:, :, :)  !! dw, or null: an absent array is not passed on
 
       nullify (given)
       if (present(dw)) given => dw
@@ -268,8 +270,8 @@ contains
       call self%leave()
    end subroutine record_rest
 
-   !> Drive the ensemble from the state of the run and back into it: the same arrays are where paths begin and where
-   !> their last states are written.
+   !> Run the ensemble from the state of the run: paths begin from self%q and self%p, and their last states are written
+   !> there.
    subroutine go(self, recorder, error, dw, monitor)
       class(prepared_run), intent(inout), target :: self
       type(path_recorder), intent(inout) :: recorder
@@ -308,8 +310,8 @@ contains
       self%was_stopped = self%ensemble%report%nstopped > 0
    end subroutine go
 
-   !> Refuse (invalid_argument) a state that the host has changed to something that is not finite. Paths that have
-   !> failed may be so.
+   !> Refuse (invalid_argument) a state that the caller has changed to values that are not finite. Paths that have
+   !> failed may hold any values.
    subroutine check_own_state(self, error)
       class(prepared_run), intent(in) :: self
       type(error_type), allocatable, intent(inout) :: error
@@ -328,14 +330,14 @@ contains
       end do
    end subroutine check_own_state
 
-   !> The absolute step that comes next, or that will once a stopped call is resumed.
+   !> The absolute number of the next step; after a stopped call, of the next step once the call is resumed.
    integer(i8) function next_step(self)
       class(prepared_run), intent(in) :: self
 
       next_step = self%goal
    end function next_step
 
-   !> The time t = t0 + n h before that step [time].
+   !> The time t = t0 + n h at which the next step begins [time].
    real(wp) function time(self)
       class(prepared_run), intent(in) :: self
 
@@ -350,7 +352,8 @@ contains
       options = self%ensemble%options
    end function options
 
-   !> What the run did: counters and seconds of all calls, the outcome of the last, warnings for a million steps.
+   !> The report of the run: counters and seconds of all calls, the outcome of the last call, and warnings computed for
+   !> a million steps.
    subroutine get_report(self, report)
       class(prepared_run), intent(in) :: self
       type(run_report), intent(out) :: report
@@ -358,7 +361,8 @@ contains
       report = self%ensemble%report
    end subroutine get_report
 
-   !> A run serves one call at a time: of two threads the second is refused, and so is a callback that asks its own run.
+   !> A run serves one call at a time: a second thread is refused, and so is a callback that calls the run it belongs
+   !> to.
    subroutine enter(self, place, error)
       class(prepared_run), intent(inout), target :: self
       character(*), intent(in) :: place
@@ -384,7 +388,7 @@ contains
       end if
    end subroutine enter
 
-   !> The call is over: another one may enter.
+   !> End the call, so that another call may begin.
    subroutine leave(self)
       class(prepared_run), intent(inout) :: self
 
@@ -411,7 +415,7 @@ contains
       end if
    end subroutine check_low
 
-   !> Tell in saved paths how each of them ended: status, failed step, last state, and the report of the run.
+   !> Write into saved paths how each path ended: status, failed step and last state.
    subroutine show_state(self, saved)
       class(prepared_run), intent(in) :: self
       type(paths_type), intent(inout), optional :: saved
@@ -428,7 +432,7 @@ contains
       saved%report = self%ensemble%report
    end subroutine show_state
 
-   !> Take over the rows of a state, one for all paths or one for each. Rows that are absent stand for zero.
+   !> Copy the rows of a state, one row for all paths or one for each. Absent rows count as zero.
    pure subroutine take_rows(x, rows)
       real(wp), intent(inout) :: x(:, :)                 !! (npath, ndof)
       real(wp), intent(in), optional :: rows(:, :)       !! (npath or 1, ndof)

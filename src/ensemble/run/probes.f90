@@ -1,7 +1,7 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> Which probes a run makes. Models of the catalogue are not probed, since the tests do that. A user's model is probed
-!> by every run, but for one whose functions are derived from formulas, which makes no probe again that it has passed.
-!> A probe that decides nothing, because the model is not finite at the state or gives up, does not count as passed.
+!> Decide which probes a run makes. Models of the catalogue are not probed, since the tests probe them. Every run probes
+!> a user's model; but a model derived from formulas is not probed again after it has passed. A probe that decides
+!> nothing, because the model is not finite at the state or fails there, does not count as passed.
 !>
 !> Private to its family.
 module symsde_ensemble_run_probes
@@ -37,7 +37,7 @@ contains
       if (decided .and. .not. allocated(error)) call model%passed%enter(number)
    end subroutine probe_declared
 
-   !> Probe the whole steps that a model defines, where a stepper takes them, near the state of one path.
+   !> Probe the whole steps that a model defines, if the stepper takes them, near the state of one path.
    subroutine probe_whole_steps(stepper, model, scheme, t, h, q0, p0, error)
       class(stepper_type), intent(in) :: stepper
       class(model_type), intent(in), target :: model
@@ -59,7 +59,7 @@ contains
       end select
       number = probe_number(stepper%name, model%traits, t, q0, p0, h)
       if (model%passed%knows(number)) return
-      ! Steppers of the probe's lanes; an oracle that is refused compares nothing.
+      ! Make steppers for the lanes of the probe. If the comparison stepper is refused, nothing is compared.
       call new_stepper(whole, model, scheme, stepper_options(correction=correction), probe_lanes, refusal)
       if (allocated(refusal)) return
       call new_stepper(oracle, model, scheme, stepper_options(correction=correction, general=.true.), probe_lanes, &

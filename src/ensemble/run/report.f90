@@ -1,5 +1,5 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> What a run did: the stepper chosen, what was left out, counters, failures and timings.
+!> The report of a run: the chosen stepper, work that was left out, counters, failures and timings.
 module symsde_ensemble_run_report
    use symsde_base_counters, only: counters_type
    use symsde_base_kinds, only: wp, i4, i8
@@ -14,30 +14,30 @@ module symsde_ensemble_run_report
    !> The report of a run; a prepared run adds up the counters and seconds of all its calls.
    type :: run_report
       integer(i4) :: status = status_ok          !! ok, or the numerical outcome of the whole run
-      character(:), allocatable :: stepper       !! the stepper the factory chose
-      character(:), allocatable :: left_out      !! what this scene did not need
-      character(:), allocatable :: warnings      !! doubts known before the run, one a line
-      character(:), allocatable :: damping       !! what damps the momenta; empty for a closed system
-      character(:), allocatable :: functionals   !! of the path, beside dW: 'dZ and K'
-      character(:), allocatable :: lapack        !! whose LAPACK solved systems; not allocated where none did
+      character(:), allocatable :: stepper       !! name of the stepper that the factory chose
+      character(:), allocatable :: left_out      !! work that model and scheme do not need
+      character(:), allocatable :: warnings      !! doubts known before the run, one per line
+      character(:), allocatable :: damping       !! description of the damping; empty for a closed system
+      character(:), allocatable :: functionals   !! functionals drawn besides dW: 'dZ and K'
+      character(:), allocatable :: lapack        !! LAPACK library that solved systems; not allocated if none did
       integer :: correction = correction_none    !! the correction that was active
       type(counters_type) :: counters
       integer(i8) :: nfailed = 0                 !! paths with a numerical failure
       integer(i8) :: nstopped = 0                !! paths cut short by a stop
-      integer(i8) :: ngrown = 0                  !! paths that are ok and grew 1e6-fold (block/growth)
+      integer(i8) :: ngrown = 0                  !! ok paths that grew by a factor of 1e6 (block/growth)
       integer :: nthread = 1, nlane = 0
-      real(wp) :: lost_variance = 0              !! of a normal, by truncation
+      real(wp) :: lost_variance = 0              !! variance that a normal loses by truncation
       real(wp) :: seconds_setup = 0, seconds_run = 0
    end type run_report
 
 contains
 
-   !> Say which work the traits of the model made superfluous, joined by semicolons.
+   !> List the work that the traits of the model make unnecessary, joined by semicolons.
    subroutine describe_left_out(model, scheme, correction, stepper, text)
       class(model_type), intent(in) :: model
       type(scheme_type), intent(in) :: scheme
       integer, intent(in) :: correction
-      class(stepper_type), intent(in) :: stepper  !! the one that the factory chose
+      class(stepper_type), intent(in) :: stepper  !! stepper that the factory chose
       character(:), allocatable, intent(out) :: text
       integer :: nsilent
 

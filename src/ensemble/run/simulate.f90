@@ -1,5 +1,5 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> The two things users do: simulate (paths are saved) and moments (only statistics are kept).
+!> The two runs of a user: simulate saves paths, moments keeps statistics only.
 module symsde_ensemble_run_simulate
    use symsde_base_kinds, only: wp, i4, i8
    use symsde_base_laws, only: law_gaussian
@@ -23,9 +23,9 @@ module symsde_ensemble_run_simulate
    private
    public :: paths_type, moments_type, simulate, moments, new_paths, fill_times
 
-   !> Saved paths. Values of a path after its failure are NaN; last_q, last_p keep its last good state.
+   !> Saved paths. Values of a path after its failure are NaN; last_q and last_p hold its last good state.
    type :: paths_type
-      real(wp), allocatable :: t(:)                 !! saved times, from the beginning of the run on (ntime)
+      real(wp), allocatable :: t(:)                 !! saved times; the first is the beginning of the run (ntime)
       real(wp), allocatable :: q(:, :, :)           !! (npath, ndof, ntime)
       real(wp), allocatable :: p(:, :, :)           !! (npath, ndof, ntime)
       integer(i4), allocatable :: status(:)         !! 0 = ok, else a code of base/status (npath)
@@ -39,11 +39,11 @@ module symsde_ensemble_run_simulate
    !> has_energy, then the user's observables.
    type :: moments_type
       real(wp), allocatable :: t(:)                 !! (ntime)
-      integer(i8), allocatable :: n_ok(:)           !! paths that count (ntime)
+      integer(i8), allocatable :: n_ok(:)           !! paths that are ok up to each time (ntime)
       real(wp), allocatable :: mean(:, :)           !! (nvalue, ntime)
       real(wp), allocatable :: variance(:, :)       !! unbiased; NaN for fewer than two paths (nvalue, ntime)
       real(wp), allocatable :: se_mean(:, :)        !! standard error of the mean (nvalue, ntime)
-      real(wp), allocatable :: m2(:, :)             !! sums of squared deviations: parts merge by them (nvalue, ntime)
+      real(wp), allocatable :: m2(:, :)             !! sums of squared deviations, needed to merge parts (nvalue, ntime)
       logical :: has_energy = .false.
       integer(i8), allocatable :: failed(:)         !! global indices of the first failed paths, at most 1000
       integer(i4), allocatable :: failed_status(:)
@@ -59,7 +59,7 @@ contains
       class(model_type), intent(in), target :: model
       type(scheme_type), intent(in) :: scheme
       type(run_options), intent(in) :: options
-      real(wp), intent(in) :: q0(:), p0(:)        !! initial state of all paths (ndof), or (npath*ndof) path first
+      real(wp), intent(in) :: q0(:), p0(:) !! initial state of all paths (ndof), or (npath*ndof), path index first
       type(paths_type), intent(out), target :: run
       type(error_type), allocatable, intent(inout) :: error
       real(wp), intent(in), target, contiguous, optional :: dw(:, :, :)  !! increments (npath or 1, nnoise, rows)
@@ -67,7 +67,7 @@ contains
       real(wp), intent(in), target, optional :: q0_low(:, :), p0_low(:, :)  !! low parts, to resume (npath, ndof)
       type(path_recorder) :: recorder
       real(wp), allocatable, target :: q_rows(:, :), p_rows(:, :)  !! (npath or 1, ndof)
-      real(wp), pointer, contiguous :: given(:, :, :)  !! dw, or null: an absent array is not handed on
+      real(wp), pointer, contiguous :: given(:, :, :)  !! dw, or null: an absent array is not passed on
       type(initial_state) :: from
       type(monitor_type) :: no_monitor
 
@@ -101,13 +101,14 @@ contains
       end if
    end subroutine simulate
 
-   !> Integrate all paths and keep moments and results of observers only; memory grows with the saved times alone.
+   !> Integrate all paths and keep only moments and results of observers; memory grows with the number of saved times,
+   !> not of paths.
    subroutine moments(model, scheme, options, q0, p0, result, error, observables, dw, monitor, q0_low, p0_low, &
                       observers)
       class(model_type), intent(in), target :: model
       type(scheme_type), intent(in) :: scheme
       type(run_options), intent(in) :: options
-      real(wp), intent(in) :: q0(:), p0(:)        !! initial state of all paths (ndof), or (npath*ndof) path first
+      real(wp), intent(in) :: q0(:), p0(:) !! initial state of all paths (ndof), or (npath*ndof), path index first
       type(moments_type), intent(out) :: result
       type(error_type), allocatable, intent(inout) :: error
       class(observables_type), intent(in), target, optional :: observables
@@ -123,7 +124,7 @@ contains
       type(moment_node) :: root
       type(run_options) :: shown
       real(wp), allocatable, target :: q_rows(:, :), p_rows(:, :)  !! (npath or 1, ndof)
-      real(wp), pointer, contiguous :: given(:, :, :)  !! dw, or null: an absent array is not handed on
+      real(wp), pointer, contiguous :: given(:, :, :)  !! dw, or null: an absent array is not passed on
       type(initial_state) :: from
       type(monitor_type) :: no_monitor
 
@@ -165,11 +166,11 @@ contains
       result%failed_step = store%failed_step(:store%nlisted)
    end subroutine moments
 
-   !> Plan the work of the observers asked for, if there are any.
+   !> Plan the work of the requested observers, if there are any.
    subroutine plan_observers(plan, model, law, options, observers, error, observables)
       type(observer_plan), intent(out) :: plan
       class(model_type), intent(in), target :: model
-      integer, intent(in) :: law               !! law of the increments that are drawn
+      integer, intent(in) :: law               !! law of the drawn increments
       type(run_options), intent(in) :: options
       type(observer_request), intent(in) :: observers(:)
       type(error_type), allocatable, intent(inout) :: error
@@ -185,8 +186,8 @@ contains
       call new_observer_plan(plan, observers, run, error)
    end subroutine plan_observers
 
-   !> Refuse (invalid_argument) shards of moments that do not begin at a multiple of 256: such shards do not merge
-   !> on the tree of a whole run.
+   !> Refuse (invalid_argument) shards of moments that do not begin at a multiple of 256: such shards could not be
+   !> merged into the tree of a whole run.
    subroutine check_shard(options, error)
       type(run_options), intent(in) :: options
       type(error_type), allocatable, intent(inout) :: error
@@ -197,7 +198,7 @@ contains
       end if
    end subroutine check_shard
 
-   !> Make room for the moments. Sizes that overflow and missing memory are refused.
+   !> Allocate the moments. Sizes that overflow and missing memory are refused.
    subroutine new_moments(result, model, options, error, observables)
       type(moments_type), intent(inout) :: result
       class(model_type), intent(in) :: model
@@ -226,11 +227,11 @@ contains
       call saved_times(options, result%t)
    end subroutine new_moments
 
-   !> Find mean, variance and standard error from counts, means and sums of squares. The sums are kept, and handed
-   !> over.
+   !> Compute mean, variance and standard error from counts, means and sums of squares. The sums are moved to the
+   !> result.
    subroutine to_moments(root, result)
       use, intrinsic :: ieee_arithmetic, only: ieee_value, ieee_quiet_nan
-      type(moment_node), intent(inout) :: root      !! used up
+      type(moment_node), intent(inout) :: root      !! empty afterwards
       type(moments_type), intent(inout) :: result
       real(wp) :: nan
       integer :: it
@@ -253,7 +254,7 @@ contains
       call move_alloc(root%m2, result%m2)
    end subroutine to_moments
 
-   !> Find the saved times, from the beginning of the run on, and make room for them if there is none yet.
+   !> Compute the saved times, from the beginning of the run on; allocate the array if the caller has not.
    subroutine saved_times(options, t)
       type(run_options), intent(in) :: options
       real(wp), allocatable, intent(inout) :: t(:)
@@ -262,7 +263,7 @@ contains
       call fill_times(options, size(t, kind=i8), t)
    end subroutine saved_times
 
-   !> The times t_n = t0 + n h at the saved points, beginning with that before the first step of the run.
+   !> Times t_n = t0 + n h of the saved points; the first is the time before the first step of the run.
    pure subroutine fill_times(options, ntime, t)
       type(run_options), intent(in) :: options
       integer(i8), intent(in) :: ntime
@@ -276,7 +277,7 @@ contains
       end associate
    end subroutine fill_times
 
-   !> Make room for the saved paths. Sizes that overflow and missing memory are refused.
+   !> Allocate the saved paths. Sizes that overflow and missing memory are refused.
    subroutine new_paths(run, options, ndof, error)
       type(paths_type), intent(out) :: run
       type(run_options), intent(in) :: options
@@ -311,8 +312,8 @@ contains
       call saved_times(options, run%t)
    end subroutine new_paths
 
-   !> Give an initial state the shape (npath or 1, ndof). A size that is no multiple of ndof is left for the check of
-   !> shapes to refuse.
+   !> Give an initial state the shape (npath or 1, ndof). A size that is no multiple of ndof is passed on, and the check
+   !> of shapes refuses it.
    subroutine by_path(x, ndof, rows, error)
       real(wp), intent(in) :: x(:)
       integer, intent(in) :: ndof

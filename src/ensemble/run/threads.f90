@@ -1,11 +1,11 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> How blocks are spread over threads: the loop over them, which is the only parallel region of the library, and how
-!> many threads it takes.
+!> Distribute blocks over threads: the loop over blocks, which is the only parallel region of the library, and the
+!> choice of the number of threads.
 !>
-!>    run_blocks: start the threads
-!>    run_share:  take one block after the other, until none is left
-!>    run_block:  take a block to its end, chunk by chunk
-!>    watch:      wait on the calling thread for the others
+!> run_blocks: start the threads
+!> run_share:  compute one block after the other, until none is left
+!> run_block:  compute a block to its end, chunk by chunk
+!> watch:      let the calling thread wait for the other threads
 !>
 !> Private to its family.
 module symsde_ensemble_run_threads
@@ -28,28 +28,28 @@ module symsde_ensemble_run_threads
    private
    public :: shared_state, run_blocks, choose_nthread, usable_threads
 
-   integer(c_int), parameter :: longest_wait = 200  !! wait of one thread for the others, at most [us]
-   real(wp), parameter :: moment = 0.025_wp         !! time of a chunk [s]
+   integer(c_int), parameter :: longest_wait = 200  !! longest sleep while waiting for other threads [us]
+   real(wp), parameter :: moment = 0.025_wp         !! duration of a chunk [s]
 
-   !> Data that the threads of one drive share.
+   !> Data shared by the threads of one run.
    type :: shared_state
       logical :: stopping = .false.
-      integer(i8) :: next = 0, finished = 0       !! blocks: the next to be taken, and how many have ended
-      integer(i8) :: done = 0, total = 0          !! path-steps done, and of the whole drive
+      integer(i8) :: next = 0, finished = 0       !! next block to compute; number of blocks that have ended
+      integer(i8) :: done = 0, total = 0          !! path-steps done, and path-steps of the whole run
       integer(i8) :: nfailed = 0, nstopped = 0    !! failed paths, and paths cut short by a stop
-      integer(i8) :: ngrown = 0                   !! paths that are ok and have grown (block/growth)
+      integer(i8) :: ngrown = 0                   !! ok paths that have grown (block/growth)
    end type shared_state
 
-   !> The stop flag as one thread sees it, looked at between chunks and wherever a step takes long.
+   !> The stop flag as one thread reads it, between chunks and during long steps.
    type, extends(interrupt_type) :: stop_flag
       type(shared_state), pointer :: shared => null()
-      class(monitor_type), pointer :: monitor => null()  !! called by the calling thread alone
+      class(monitor_type), pointer :: monitor => null()  !! called by the calling thread only
    contains
       procedure :: look
    end type stop_flag
 
    interface
-      !> POSIX: sleep for so many microseconds.
+      !> POSIX: sleep for this many microseconds.
       function usleep(microseconds) result(status) bind(c, name='usleep')
          import :: c_int
          integer(c_int), value :: microseconds
@@ -62,13 +62,13 @@ module symsde_ensemble_run_threads
          integer(c_int) :: forked
       end function process_is_forked
 
-      !> float_mode.c: how this thread rounds, and whether it keeps denormal numbers.
+      !> float_mode.c: the rounding mode of this thread, and whether it keeps denormal numbers.
       function float_mode() result(mode) bind(c)
          import :: c_int
          integer(c_int) :: mode
       end function float_mode
 
-      !> float_mode.c: let this thread round so.
+      !> float_mode.c: set the mode of this thread.
       subroutine set_float_mode(mode) bind(c)
          import :: c_int
          integer(c_int), value :: mode
@@ -77,9 +77,9 @@ module symsde_ensemble_run_threads
 
 contains
 
-   !> Run the parallel loop over blocks. All threads must round as the calling one does, or results would depend on
-   !> which of them takes a block. Threads of OpenMP still round as the calling one did when they were started, or as
-   !> parallel regions of the host set them, so they are set here, and given back as they were.
+   !> Run the parallel loop over blocks. All threads must round like the calling thread, or results would depend on
+   !> which thread computes a block. Threads of OpenMP keep the rounding mode they were started with, or that a parallel
+   !> region of the calling program set; so the mode is set here, and restored at the end.
    subroutine run_blocks(runners, factory, options, start, monitor, shared)
       type(block_runner), intent(inout), target :: runners(:)
       type(runner_factory), intent(in) :: factory
@@ -89,7 +89,7 @@ contains
       type(shared_state), intent(inout), target :: shared
       integer(c_int) :: mode, own
 
-      if (size(runners) == 1) then  ! a team of one costs a microsecond
+      if (size(runners) == 1) then  ! even a team of one thread costs a microsecond
          call run_share(1, runners, factory, options, start, monitor, shared)
       else
          mode = float_mode()
@@ -105,7 +105,7 @@ contains
                                                       options%npath, shared%nfailed + shared%nstopped)
    end subroutine run_blocks
 
-   !> Run one block after another on this thread, by its own runner, until no block is left.
+   !> Compute one block after another on this thread, with its own runner, until no block is left.
    subroutine run_share(me, runners, factory, options, start, monitor, shared)
       integer, intent(in) :: me   !! 1 is the thread that called the library
       type(block_runner), intent(inout), target :: runners(:)
@@ -156,8 +156,8 @@ contains
       if (me == 1) call watch(nblock, flag, shared)
    end subroutine run_share
 
-   !> Wait on the calling thread, which has no block left, for the others. It goes on telling and asking the monitor,
-   !> so that a run can be stopped whichever thread works on its last block.
+   !> Let the calling thread, which has no block left, wait for the other threads. Meanwhile it keeps calling the
+   !> monitor, so that a run can be stopped whichever thread computes the last block.
    subroutine watch(nblock, flag, shared)
       integer(i8), intent(in) :: nblock
       type(stop_flag), intent(inout) :: flag
@@ -176,8 +176,8 @@ contains
       end do
    end subroutine watch
 
-   !> Find whether the run shall stop. Only the thread that called the library calls the monitor; other threads read
-   !> its answer.
+   !> Find out whether the run shall stop. Only the thread that called the library calls the monitor; other threads read
+   !> the stop flag.
    subroutine look(self)
       class(stop_flag), intent(inout) :: self
       integer(i8) :: done
@@ -199,14 +199,14 @@ contains
 
    !> Run one block to its end, chunk by chunk. Between chunks read the stop flag, report to the monitor, and move
    !> remaining paths to a narrower block. The monitor sets the steps of a chunk; by default the clock does, which
-   !> decides nothing else.
+   !> affects nothing else.
    subroutine run_block(runner, factory, chunk, flag, shared)
       type(block_runner), intent(inout), target :: runner
       type(runner_factory), intent(in) :: factory
       integer(i8), intent(in) :: chunk   !! steps of a chunk, from the monitor; 0 = by the clock
       type(stop_flag), intent(inout) :: flag
       type(shared_state), intent(inout) :: shared
-      type(block_runner), pointer :: active   !! who has the paths of the block
+      type(block_runner), pointer :: active   !! runner that holds the paths of the block now
       integer(i8) :: before
       real(wp) :: began, took
       logical :: stop_now
@@ -236,21 +236,21 @@ contains
       call runner%finish()
    end subroutine run_block
 
-   !> Of so many threads those that pay for so much work, and one alone in a process that was forked, into which
-   !> threads of OpenMP do not come along. To wake a thread takes microseconds, and far longer where other programs
-   !> keep the processors busy.
+   !> The number of threads that pays for an amount of work, at most nthread; one in a forked process, since the threads
+   !> of OpenMP do not exist in it. Waking a thread takes microseconds, and far longer if other programs keep the
+   !> processors busy.
    integer function usable_threads(nthread, work)
       integer, intent(in) :: nthread
       real(wp), intent(in) :: work     !! degrees of freedom times paths times steps
-      real(wp), parameter :: share = 2000  !! of a thread: ten microseconds and more
+      real(wp), parameter :: share = 2000  !! work of a thread that is worth waking it: ten microseconds or more
 
       usable_threads = max(1, min(nthread, int(min(work/share, 1024.0_wp))))
-      if (usable_threads == 1) return  ! whether this process is forked is a question to the system
+      if (usable_threads == 1) return  ! asking the system whether this process is forked takes time
       if (process_is_forked() /= 0) usable_threads = 1
    end function usable_threads
 
-   !> Choose the number of threads: from the options, else from SYMSDE_NUM_THREADS, else OpenMP's; one in a forked
-   !> process. A variable that is no number of threads is refused: a user who sets it expects an effect.
+   !> Choose the number of threads: from the options, else from SYMSDE_NUM_THREADS, else from OpenMP; one in a forked
+   !> process. A variable that is not a valid number of threads is refused: a user who sets it expects an effect.
    subroutine choose_nthread(options, nthread, error)
       type(run_options), intent(in) :: options
       integer, intent(out) :: nthread
@@ -264,7 +264,7 @@ contains
       if (process_is_forked() /= 0) nthread = 1
       if (nthread > 0) return
       call get_environment_variable('SYMSDE_NUM_THREADS', text, status=info)
-      if (info > 0 .or. text == '') then  ! not set, or empty
+      if (info > 0 .or. text == '') then  ! the variable is not set, or empty
          nthread = max(1, omp_get_max_threads())
          return
       end if

@@ -1,8 +1,8 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> What can be known to be doubtful before a run begins, told in sentences with numbers.
+!> Warnings before a run begins: sentences with numbers about steps and noises that are probably too large.
 !>
-!> Bounds that the model declares (max_frequency, noise_lipschitz) are used as they are; otherwise they
-!> are estimated from Hessians at the initial state of the first path, and called estimates.
+!> Bounds that the model declares (max_frequency, noise_lipschitz) are used as declared; otherwise bounds are estimated
+!> from Hessians at the initial state of the first path, and the sentences call them estimates.
 !>
 !> Private to its family.
 module symsde_ensemble_run_warnings
@@ -19,28 +19,28 @@ module symsde_ensemble_run_warnings
    private
    public :: set_up_warnings
 
-   integer, parameter :: largest_dense = 64  !! degrees of freedom up to which a dense Hessian is looked at
-   integer, parameter :: most_noises = 1024  !! noises that are looked at one by one, each with weights for all of them
+   integer, parameter :: largest_dense = 64  !! degrees of freedom up to which a dense Hessian is read
+   integer, parameter :: most_noises = 1024  !! noises up to which each Hessian is read, with weights for all noises
 
    !> Bounds that the warnings use, and their origin.
    type :: bounds_type
-      real(wp) :: frequency = 0   !! of H [1/time]
-      real(wp) :: lipschitz = 0   !! of the noise [1/sqrt(time)]
-      integer :: nnoise = 0       !! noises whose Hessians do not vanish
+      real(wp) :: frequency = 0   !! largest frequency of H [1/time]
+      real(wp) :: lipschitz = 0   !! Lipschitz constant of the noise [1/sqrt(time)]
+      integer :: nnoise = 0       !! number of noises whose Hessians do not vanish
       character(:), allocatable :: frequency_source, lipschitz_source
    end type bounds_type
 
 contains
 
-   !> Collect the warnings, one a line. Without warnings the text is empty.
+   !> Collect the warnings, one per line; the text is empty without warnings.
    subroutine set_up_warnings(model, nlane, scheme, options, explicit, q0, p0, lost_variance, text)
       class(model_type), intent(in) :: model
-      integer, intent(in) :: nlane               !! lanes of a call of the model: 1 if it takes any number
+      integer, intent(in) :: nlane               !! lanes of a call of the model: 1 if the model takes any number
       type(scheme_type), intent(in) :: scheme
       type(run_options), intent(in) :: options
-      logical, intent(in) :: explicit            !! the step calls no solver
+      logical, intent(in) :: explicit            !! whether the step calls no solver
       real(wp), intent(in) :: q0(:), p0(:)       !! initial state of the first path (ndof)
-      real(wp), intent(in) :: lost_variance      !! of a normal, by truncation
+      real(wp), intent(in) :: lost_variance      !! variance that a normal loses by truncation
       character(:), allocatable, intent(out) :: text
       real(wp), dimension(nlane, size(q0)) :: q, p
       type(bounds_type) :: bounds
@@ -59,8 +59,9 @@ contains
       if (.not. options%compensated) call warn_of_rounding(text, model, nlane, options, q, p)
    end subroutine set_up_warnings
 
-   !> Warn of a step too long for the fastest oscillation: h omega is compared with the stability limit of explicit
-   !> steps, with what resolves an oscillation, and with where implicit equations may have more than one solution.
+   !> Warn of a step too long for the fastest oscillation: compare h omega with the stability limit of explicit steps,
+   !> with the value that resolves an oscillation, and with the value above which implicit equations may have more than
+   !> one solution.
    subroutine warn_of_frequency(text, scheme, quadratic, h, explicit, bounds)
       character(:), allocatable, intent(inout) :: text
       type(scheme_type), intent(in) :: scheme
@@ -70,13 +71,13 @@ contains
       real(wp) :: x
       character(:), allocatable :: value, factor
 
-      if (scheme%frame == frame_rotation) return  ! its declared frequencies are integrated exactly
+      if (scheme%frame == frame_rotation) return  ! the scheme integrates the declared frequencies exactly
       x = h*bounds%frequency
-      if (.not. x > 1) return  ! to make texts takes longer than a short run
+      if (.not. x > 1) return  ! making texts takes longer than a short run
       value = 'h*omega = '//to_text(x)//' (omega '//bounds%frequency_source//')'
       if (explicit .and. x >= 1.8_wp) call add(text, value//' is near or above 2, the stability limit of '// &
                                                'explicit symplectic steps: take a smaller step or midpoint')
-      factor = ''  ! of the midpoint's energy input, exact for linear oscillators with additive noise
+      factor = ''  ! factor of the midpoint's energy input, exact for linear oscillators with additive noise
       if (scheme%is_midpoint()) &
          factor = ' (by the factor 1/(1+(h*omega)^2/4) = '//to_text(1/(1 + 0.25_wp*x**2))//')'
       call add(text, value//' exceeds 1: the fastest oscillations are under-resolved, their phases '// &
@@ -86,8 +87,8 @@ contains
                   'may have several solutions, and Newton finds one of them')
    end subroutine warn_of_frequency
 
-   !> Warn of noise so strong that implicit equations may be unsolvable. With the Lipschitz constant L of the noise
-   !> they are solvable while L |dW|/2 < 1; the warning tells how many larger increments to expect in the run.
+   !> Warn of noise so strong that implicit equations may be unsolvable. With the Lipschitz constant L of the noise they
+   !> are solvable while L |dW|/2 < 1; the warning gives the expected number of larger increments in the run.
    subroutine warn_of_noise(text, options, bounds)
       character(:), allocatable, intent(inout) :: text
       type(run_options), intent(in) :: options
@@ -95,7 +96,7 @@ contains
       real(wp) :: cut, probability, expected
 
       if (.not. bounds%lipschitz > 0) return
-      cut = 2/(bounds%lipschitz*sqrt(abs(options%step)))  ! in units of the standard normal
+      cut = 2/(bounds%lipschitz*sqrt(abs(options%step)))  ! in units of a standard deviation
       probability = erfc(cut/sqrt(2.0_wp))
       expected = probability*real(bounds%nnoise, wp)*real(options%npath, wp)*real(options%nstep, wp)
       if (options%truncation > 0) then
@@ -108,18 +109,18 @@ contains
                                        'smaller step or truncate')
    end subroutine warn_of_noise
 
-   !> Warn where noise in position does not warm damped momenta as it should: by the temperature of a free particle, or
-   !> by kicks that blow up. Where the last kick is far before the end of a step, in times of decay, the noise
-   !> that momenta keep comes after it, and only large and opposite kicks have its law.
+   !> Warn if noise in position does not give damped momenta the right temperature: test the temperature of a free
+   !> particle, or the size of kicks. If the last kick is many decay times before the end of a step, the noise that
+   !> momenta keep comes after the last kick, and only large and opposite kicks can reproduce its law.
    subroutine warn_of_damping(text, scheme, traits, damping, h)
       character(:), allocatable, intent(inout) :: text
       type(scheme_type), intent(in) :: scheme
       type(model_traits), intent(in) :: traits
       type(damping_type), intent(in) :: damping
       real(wp), intent(in) :: h
-      real(wp), parameter :: short = 0.25_wp      ! gamma h up to which errors are those of the scheme's order
-      real(wp), parameter :: most = 0.01_wp       ! error of the mean of p^2
-      real(wp), parameter :: longest = 4          ! times of decay after the last kick
+      real(wp), parameter :: short = 0.25_wp      ! gamma h up to which the order of the scheme describes its errors
+      real(wp), parameter :: most = 0.01_wp       ! largest relative error of the mean of p^2
+      real(wp), parameter :: longest = 4          ! largest number of decay times after the last kick
       real(wp) :: z, ratio, last
       real(wp), allocatable :: w(:, :)            ! weights of dW, a and K (node, 1 or 3)
 
@@ -153,7 +154,7 @@ contains
                   'take a smaller step, or kicks with one rate (gauss_dkdkd), whose noise has the exact law')
    end subroutine warn_of_damping
 
-   !> Warn where the increments of the drift lie below the rounding of the state, so that sums lose them.
+   !> Warn if the increments of the drift are below the rounding error of the state, so that sums lose them.
    subroutine warn_of_rounding(text, model, nlane, options, q, p)
       character(:), allocatable, intent(inout) :: text
       class(model_type), intent(in) :: model
@@ -173,9 +174,9 @@ contains
                   to_text(epsilon(1.0_wp)*state)//': ask for compensated summation')
    end subroutine warn_of_rounding
 
-   !> Find the bounds: declared ones, else row sums of Hessians at the initial state. Row sums of all noises are
-   !> added row by row, and the largest row counts: noises on different sites of a lattice do not add up. With more
-   !> than most_noises noises there is no estimate.
+   !> Find the bounds: declared bounds, else row sums of Hessians at the initial state. Row sums of all noises are added
+   !> for each row, and the largest row counts: noises on different sites of a lattice do not add up. With more than
+   !> most_noises noises there is no estimate.
    subroutine find_bounds(model, nlane, t, q, p, bounds)
       class(model_type), intent(in) :: model
       integer, intent(in) :: nlane
@@ -209,14 +210,14 @@ contains
       bounds%lipschitz = maxval(rows)
    end subroutine find_bounds
 
-   !> The sums of absolute values along the rows of the Hessian blocks of H_k in q, mixed and in p. Of the mixed
-   !> block, which separable models do not have, it is the larger of row and column.
+   !> Sums of absolute values along the rows of the Hessian blocks of H_k: in q, mixed, and in p. For the mixed block,
+   !> which separable models do not have, take the larger of row sum and column sum.
    subroutine row_sums(model, nlane, n, t, k, q, p, sums, looked)
       class(model_type), intent(in) :: model
       integer, intent(in) :: nlane, n, k
       real(wp), intent(in) :: t, q(nlane, n), p(nlane, n)
       real(wp), intent(out) :: sums(n, 3)
-      logical, intent(out) :: looked   !! false where the Hessian is too large to look at
+      logical, intent(out) :: looked   !! false if the Hessian is too large to read
       real(wp) :: w(nlane, 0:model%traits%nnoise)
       real(wp), allocatable :: aqq(:, :, :), aqp(:, :, :), app(:, :, :), column(:)
       type(kernel_offers) :: offers
@@ -257,7 +258,7 @@ contains
       end if
    end subroutine row_sums
 
-   !> The same for the block in q of a chain that gives its rows in one pass: to ask for all bands takes longer than
+   !> Row sums of the block in q for a chain that gives its rows in one pass: reading all bands would take longer than
    !> steps.
    subroutine sum_rows(model, nlane, n, m, t, w, q, p, sums)
       class(model_type), intent(in) :: model
@@ -286,7 +287,7 @@ contains
       w(:, k) = 1
    end subroutine look_at
 
-   !> Copy a state to all lanes. Bounds are explicit, as in sum_bands.
+   !> Copy a state to all lanes. The dummy arrays have explicit bounds, as in sum_bands.
    pure subroutine spread_state(nlane, n, q0, p0, q, p)
       integer, intent(in) :: nlane, n
       real(wp), intent(in) :: q0(:), p0(:)     !! (n)
@@ -302,8 +303,8 @@ contains
       end do
    end subroutine spread_state
 
-   !> Sums over the bands of the first lane. Bounds are explicit: for a small chain, array sections take as long as
-   !> its steps.
+   !> Row sums over the bands of the first lane. The dummy arrays have explicit bounds: for a small chain, array
+   !> sections take as long as its steps.
    pure subroutine sum_bands(nlane, nband, n, a, sums)
       integer, intent(in) :: nlane, nband, n
       real(wp), intent(in) :: a(nlane, nband, n)

@@ -1,10 +1,11 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> Bins that numbers are counted in: of one width between two numbers, or of one relative width on both sides of zero.
+!> Bins for counting numbers: bins of equal width between two numbers, or bins of equal relative width on both sides of
+!> zero.
 !>
-!> Slots are 0 (below all bins), 1 .. nbin (ascending), nbin + 1 (above them) and nbin + 2 (not a number). Bins of one
-!> relative width, to a factor of two, are 2^k equal parts of each power of two: which one a number falls into is read
-!> from its bits, so that it is the same everywhere; what is smaller than all of them is in the bin of zero, the middle
-!> one.
+!> Slots are 0 (below all bins), 1 .. nbin (ascending), nbin + 1 (above them) and nbin + 2 (NaN). Bins of equal relative
+!> width, up to a factor of two, are 2^k equal parts of each power of two: the bin of a number is read from the bits of
+!> the number, so that it is the same on every machine. Numbers smaller than all bins fall into the bin of zero, the
+!> middle one.
 module symsde_ensemble_statistics_bins
    use symsde_base_kinds, only: wp, i8
    implicit none
@@ -12,14 +13,14 @@ module symsde_ensemble_statistics_bins
    public :: bin_rule, new_equal_bins, new_relative_bins, quantile
 
    integer, parameter :: digits_of_mantissa = 52
-   integer, parameter :: others = 3  !! slots that are no bins
+   integer, parameter :: others = 3  !! slots besides the bins
 
    type :: bin_rule
       integer :: nbin = 0
       logical :: relative = .false.
-      real(wp) :: low = 0, high = 0     !! of equal bins
-      integer :: side = 0, shift = 0    !! of relative bins: those of one sign; bits of a number that tell no bin
-      integer(i8) :: base = 0           !! the other bits of the smallest of them
+      real(wp) :: low = 0, high = 0     !! range of equal bins
+      integer :: side = 0, shift = 0    !! of relative bins: bins of one sign; bits of a number that are shifted out
+      integer(i8) :: base = 0           !! the remaining bits of the smallest magnitude
    contains
       procedure :: nslot
       procedure :: count_lanes
@@ -29,7 +30,7 @@ module symsde_ensemble_statistics_bins
 
 contains
 
-   !> nbin bins of one width from low to high.
+   !> nbin bins of equal width from low to high.
    pure subroutine new_equal_bins(self, low, high, nbin)
       type(bin_rule), intent(out) :: self
       real(wp), intent(in) :: low, high   !! finite, low < high
@@ -40,7 +41,7 @@ contains
       self%high = high
    end subroutine new_equal_bins
 
-   !> Bins for magnitudes from low to high, widened to powers of two, each power in so many parts.
+   !> Bins for magnitudes from low to high, widened to powers of two; each power of two is divided into this many parts.
    pure subroutine new_relative_bins(self, low, high, parts)
       type(bin_rule), intent(out) :: self
       real(wp), intent(in) :: low, high   !! normal numbers, 0 < low < high
@@ -61,7 +62,7 @@ contains
       nslot = self%nbin + others
    end function nslot
 
-   !> Count the lanes of x that count.
+   !> Count the values of the lanes that take part.
    pure subroutine count_lanes(self, x, counts, slots)
       class(bin_rule), intent(in) :: self
       real(wp), intent(in), contiguous :: x(:)
@@ -79,7 +80,8 @@ contains
       end do
    end subroutine count_lanes
 
-   !> VEC Slots of numbers: a quotient, and the edges beside it, which the quotient may have missed by rounding.
+   !> VEC Slots of numbers: the quotient, corrected by comparing with the two edges of the bin, since the quotient may
+   !> be off by rounding.
    pure subroutine find_equal(n, x, low, high, nbin, slot)
       integer, intent(in) :: n, nbin
       real(wp), intent(in) :: x(n), low, high
@@ -100,7 +102,7 @@ contains
       end do
    end subroutine find_equal
 
-   !> VEC Slots of numbers: their sign, exponent and leading bits.
+   !> VEC Slots of numbers, from their sign, exponent and leading bits.
    pure subroutine find_relative(n, x, base, shift, side, slot)
       integer, intent(in) :: n, shift, side
       real(wp), intent(in) :: x(n)
@@ -117,7 +119,7 @@ contains
       end do
    end subroutine find_relative
 
-   !> Where bin i begins; i = nbin + 1: where the last one ends.
+   !> Lower edge of bin i; for i = nbin + 1 the upper edge of the last bin.
    pure real(wp) function lower(self, i)
       class(bin_rule), intent(in) :: self
       integer, intent(in) :: i
@@ -134,7 +136,7 @@ contains
       end if
    end function lower
 
-   !> The middle of bin i; of the slots below and above the bins, where these begin and end.
+   !> The middle of bin i; for the slots below and above the bins, the edge of the bins on that side.
    pure real(wp) function middle(self, i)
       class(bin_rule), intent(in) :: self
       integer, intent(in) :: i
@@ -148,9 +150,9 @@ contains
       end if
    end function middle
 
-   !> The number that a share of all counted numbers lies below: the middle of its bin. How far off it may be, by chance
-   !> (one standard error, from the ranks) and by half the width of the bin, together. NaN where nothing was counted,
-   !> where some value was no number, or where it lies outside of all bins.
+   !> Quantile: the middle of the bin below which a share of all counted numbers lies. Its error is the chance error
+   !> (one standard error, from the ranks) combined with half the width of the bin. NaN if nothing was counted, if some
+   !> value was NaN, or if the quantile lies outside of all bins.
    pure subroutine quantile(rule, slots, share, x, error)
       use, intrinsic :: ieee_arithmetic, only: ieee_value, ieee_quiet_nan
       type(bin_rule), intent(in) :: rule
@@ -174,7 +176,7 @@ contains
       error = 0.5_wp*((rule%middle(last) - rule%middle(first)) + (rule%lower(i + 1) - rule%lower(i)))
    end subroutine quantile
 
-   !> The slot that holds a rank, 0 .. n.
+   !> The slot that contains the number of a rank 0 .. n.
    pure integer function slot_of_rank(nbin, slots, rank) result(i)
       integer, intent(in) :: nbin
       integer(i8), intent(in) :: slots(0:)

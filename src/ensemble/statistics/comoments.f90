@@ -1,40 +1,40 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> Sums over paths of products of deviations, of every pair of some values, merged on the dyadic tree.
+!> Sums over paths of products of deviations, for every pair of values, merged on the dyadic tree.
 !>
-!> With u, v the deviations of two values from their means over a node, a pair holds sum u v, of order four also
-!> sum u^2 v, sum u v^2 and sum u^2 v^2, which tell how well a covariance is known. Two siblings merge by moving each to
-!> the mean of both, u -> u + a, v -> v + b, and adding up (Pebay, Sandia report SAND2008-6212). Compiled without
-!> contraction, like the means: loops over lanes and over pairs must come to the same bits.
+!> Let u and v be the deviations of two values from their means over a node. A pair holds sum u v; at order four also
+!> sum u^2 v, sum u v^2 and sum u^2 v^2, which give the error of a covariance. Two siblings merge by moving both to the
+!> common mean, u -> u + a, v -> v + b, and adding (Pebay, Sandia report SAND2008-6212). Compiled without contraction,
+!> like the means: loops over lanes and over pairs must give the same bits.
 module symsde_ensemble_statistics_comoments
    use symsde_base_kinds, only: wp
    implicit none
    private
    public :: pair_count, pair_place, reduce_pair, merge_pairs
 
-   integer, parameter :: mean_u = 1, mean_v = 2, uu = 3, vv = 4, uv = 5, uuv = 6, uvv = 7, uuvv = 8  !! of a pair
+   integer, parameter :: mean_u = 1, mean_v = 2, uu = 3, vv = 4, uv = 5, uuv = 6, uvv = 7, uuvv = 8 !! numbers of a pair
 
 contains
 
-   !> Pairs of n values, each with itself and with those after it.
+   !> Number of pairs of n values, each value paired with itself and with those after it.
    pure integer function pair_count(n)
       integer, intent(in) :: n
 
       pair_count = n*(n + 1)/2
    end function pair_count
 
-   !> Which of them (i, j) is, i <= j: (1,1), (1,2), (2,2), (1,3) ..
+   !> Place of the pair (i, j), i <= j, in the order (1,1), (1,2), (2,2), (1,3) ..
    pure integer function pair_place(i, j)
       integer, intent(in) :: i, j
 
       pair_place = j*(j - 1)/2 + i
    end function pair_place
 
-   !> The sums of a pair over the 2^level lanes of a piece, halving the piece again and again.
+   !> Sums of a pair over the 2^level lanes of a piece, by halving the piece repeatedly.
    pure subroutine reduce_pair(level, x, y, counts, sums)
       integer, intent(in) :: level
-      real(wp), intent(in) :: x(2**level), y(2**level)  !! values in each lane; any number where it does not count
+      real(wp), intent(in) :: x(2**level), y(2**level)  !! values in each lane; any number in lanes that do not count
       logical, intent(in) :: counts(2**level)           !! whether a lane counts
-      real(wp), intent(out) :: sums(:)                  !! of uv; or of uv, uuv, uvv, uuvv
+      real(wp), intent(out) :: sums(:)                  !! sums of uv; or of uv, uuv, uvv, uuvv
       real(wp), dimension(2**level) :: n, n_left, n_right
       real(wp), dimension(2**level, 8) :: a, left, right
       integer :: half
@@ -57,9 +57,9 @@ contains
       sums = a(1, uv:uv + size(sums) - 1)
    end subroutine reduce_pair
 
-   !> The pairs of two siblings, na and nb paths, become those of both.
+   !> Merge the pairs of two siblings with na and nb paths; the result replaces the first.
    pure subroutine merge_pairs(nvalue, order, na, mean_a, pairs_a, nb, mean_b, pairs_b)
-      integer, intent(in) :: nvalue, order                  !! order: numbers of a pair, 1 or 4
+      integer, intent(in) :: nvalue, order                  !! order: numbers per pair, 1 or 4
       real(wp), intent(in) :: na, nb
       real(wp), intent(in) :: mean_a(nvalue), mean_b(nvalue)
       real(wp), intent(inout) :: pairs_a(order, nvalue*(nvalue + 1)/2)
@@ -96,11 +96,11 @@ contains
       end do
    end subroutine merge_pairs
 
-   !> Of n pairs of siblings the left becomes both.
+   !> Merge n pairs of siblings; each result replaces the left sibling.
    pure subroutine join(room, n, n_left, n_right, left, right)
       integer, intent(in) :: room, n
       real(wp), intent(in) :: n_left(n), n_right(n)
-      real(wp), intent(inout) :: left(room, 8), right(room, 8)  !! right is used up
+      real(wp), intent(inout) :: left(room, 8), right(room, 8)  !! right is changed too
       real(wp) :: share, du, dv
       integer :: i
 
@@ -123,7 +123,7 @@ contains
       end do
    end subroutine join
 
-   !> Sums over n paths of products of u and v become those of u + a and v + b; sum u = sum v = 0.
+   !> Turn sums over n paths of products of u and v into sums of products of u + a and v + b, given sum u = sum v = 0.
    pure subroutine move(n, a, b, s_uu, s_vv, s_uv, s_uuv, s_uvv, s_uuvv)
       real(wp), intent(in) :: n, a, b
       real(wp), intent(inout) :: s_uu, s_vv, s_uv, s_uuv, s_uvv, s_uuvv
@@ -131,7 +131,7 @@ contains
       s_uuvv = s_uuvv + 2*(b*s_uuv + a*s_uvv) + (b**2*s_uu + a**2*s_vv + 4*a*b*s_uv) + n*(a*b)**2
       s_uuv = s_uuv + (b*s_uu + 2*a*s_uv) + n*a**2*b
       s_uvv = s_uvv + (a*s_vv + 2*b*s_uv) + n*a*b**2
-      s_uv = s_uv + n*(a*b)  ! of a value with itself these three are one
+      s_uv = s_uv + n*(a*b)  ! for a value paired with itself these three must be equal
       s_uu = s_uu + n*(a*a)
       s_vv = s_vv + n*(b*b)
    end subroutine move

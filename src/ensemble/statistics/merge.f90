@@ -1,9 +1,8 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> Moments of two parts of an ensemble together, on the same dyadic tree as within one run.
+!> Merge the moments of two parts of an ensemble, on the same dyadic tree as within one run.
 !>
-!> A part is the paths j 2^k .. (j+1) 2^k - 1, k >= 8, of which the last one may lack some at its end. Two siblings
-!> (j even, and j + 1) become their parent; merged so up to the root, the parts of any division give the bits of
-!> the whole run.
+!> A part holds the paths j 2^k .. (j+1) 2^k - 1, k >= 8; the last part may lack paths at its end. Two siblings (j even,
+!> and j + 1) merge into their parent; merging up to the root gives the bits of the whole run, however it was divided.
 module symsde_ensemble_statistics_merge
    use symsde_base_kinds, only: wp, i8
    use symsde_ensemble_statistics_path_tree, only: moment_node, moment_tree, insert_node, final_node
@@ -13,9 +12,10 @@ module symsde_ensemble_statistics_merge
 
 contains
 
-   !> The left part becomes both. By the tree itself, not by its formula: a second copy of that could round otherwise.
+   !> Merge two siblings into the left one. Call the tree itself rather than copy its formula: a second copy could round
+   !> differently.
    subroutine merge_moments(n_ok, mean, m2, n_ok_right, mean_right, m2_right)
-      integer(i8), intent(inout) :: n_ok(:)                     !! paths that count (ntime)
+      integer(i8), intent(inout) :: n_ok(:)                     !! paths that are ok up to each time (ntime)
       real(wp), intent(inout) :: mean(:, :), m2(:, :)           !! (nvalue, ntime)
       integer(i8), intent(in) :: n_ok_right(:)
       real(wp), intent(in) :: mean_right(:, :), m2_right(:, :)
@@ -44,7 +44,7 @@ contains
       node%n = real(n_ok, wp)
       node%mean = mean
       node%m2 = m2
-      do it = 1, size(n_ok)  ! moments of no path are shown as NaN, but are zeros in the tree
+      do it = 1, size(n_ok)  ! moments of no path are NaN in results, but zero in the tree
          if (n_ok(it) > 0) cycle
          node%mean(:, it) = 0
          node%m2(:, it) = 0

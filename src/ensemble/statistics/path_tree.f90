@@ -2,8 +2,8 @@
 !> Mean and variance of many values over paths and times, merged on one fixed dyadic tree of paths.
 !>
 !> A node of level k and index j holds the paths j 2^k .. (j+1) 2^k - 1 that were given. Two siblings merge
-!> into their parent by the pairwise update of Chan, Golub and LeVeque; nothing else is ever added up, so
-!> the result is the same, bit for bit, for any number of threads and any size of blocks.
+!> into their parent by the pairwise update of Chan, Golub and LeVeque; there are no other sums, so the result has the
+!> same bits for any number of threads and any size of blocks.
 module symsde_ensemble_statistics_path_tree
    use symsde_base_kinds, only: wp, i8
    use symsde_ensemble_statistics_comoments, only: merge_pairs, pair_count
@@ -12,18 +12,18 @@ module symsde_ensemble_statistics_path_tree
    public :: moment_node, moment_tree, insert_node, final_node, dyadic_pieces, reduce_lanes
 
    type :: moment_node
-      integer :: level = 0                  !! k
-      integer(i8) :: index = 0              !! j
-      real(wp), allocatable :: n(:)         !! paths that count at each time (ntime)
+      integer :: level = 0                  !! level k
+      integer(i8) :: index = 0              !! index j
+      real(wp), allocatable :: n(:)         !! paths that are ok up to each time (ntime)
       real(wp), allocatable :: mean(:, :)   !! (nvalue, ntime)
       real(wp), allocatable :: m2(:, :)     !! sums of squared deviations (nvalue, ntime)
-      real(wp), allocatable :: pairs(:, :)  !! where wanted, sums of products of every pair (order*pairs, ntime)
+      real(wp), allocatable :: pairs(:, :)  !! if wanted, sums of products of every pair (order*pairs, ntime)
    end type moment_node
 
-   integer, parameter :: highest_level = 62  !! no index has more bits
-   integer, parameter :: usual_level = 11    !! of a block's lanes, 2048 for models in Python
+   integer, parameter :: highest_level = 62  !! an index has no more bits
+   integer, parameter :: usual_level = 11    !! level of a block's lanes: 2048 for models in Python
 
-   !> The complete nodes that have not found their siblings yet: O(threads log paths) of them.
+   !> The complete nodes whose siblings have not arrived yet: O(threads log paths) of them.
    type :: moment_tree
       type(moment_node), allocatable :: nodes(:)
       integer :: nnode = 0
@@ -31,17 +31,17 @@ module symsde_ensemble_statistics_path_tree
 
 contains
 
-   !> Put a node into the tree; while its sibling is there, the two become their parent.
+   !> Insert a node; as long as its sibling is in the tree, merge both into their parent.
    subroutine insert_node(tree, node)
       type(moment_tree), intent(inout) :: tree
-      type(moment_node), intent(inout) :: node  !! taken over: empty afterwards
+      type(moment_node), intent(inout) :: node  !! moved into the tree: empty afterwards
       integer :: i
 
       i = 1
       do while (i <= tree%nnode)
          if (tree%nodes(i)%level == node%level .and. tree%nodes(i)%index == ieor(node%index, 1_i8)) then
             call merge_siblings(node, tree%nodes(i))
-            if (i < tree%nnode) call move_node(tree%nodes(tree%nnode), tree%nodes(i))  ! never onto itself
+            if (i < tree%nnode) call move_node(tree%nodes(tree%nnode), tree%nodes(i))  ! never a node onto itself
             tree%nnode = tree%nnode - 1
             i = 1
          else
@@ -53,7 +53,7 @@ contains
       call move_node(node, tree%nodes(tree%nnode))
    end subroutine insert_node
 
-   !> The root: what has no sibling rises to its parent's place alone. The tree is empty afterwards.
+   !> Compute the root: a node without a sibling becomes its parent unchanged. The tree is empty afterwards.
    subroutine final_node(tree, root)
       type(moment_tree), intent(inout) :: tree
       type(moment_node), intent(out) :: root
@@ -62,7 +62,7 @@ contains
 
       do while (tree%nnode > 1)
          lowest = minloc(tree%nodes(:tree%nnode)%level, dim=1)
-         if (tree%nodes(lowest)%level > highest_level) exit  ! two nodes of the same paths would never merge
+         if (tree%nodes(lowest)%level > highest_level) exit  ! no sibling exists at this level
          call move_node(tree%nodes(lowest), node)
          if (lowest < tree%nnode) call move_node(tree%nodes(tree%nnode), tree%nodes(lowest))
          tree%nnode = tree%nnode - 1
@@ -74,10 +74,10 @@ contains
       tree%nnode = 0
    end subroutine final_node
 
-   !> node becomes the parent of node and sibling; the left one is always the first of the two.
+   !> Replace node by the parent of node and sibling; the left of the two is always the first argument of the merge.
    subroutine merge_siblings(node, sibling)
       type(moment_node), intent(inout) :: node
-      type(moment_node), intent(inout) :: sibling  !! used up
+      type(moment_node), intent(inout) :: sibling  !! empty afterwards
       type(moment_node) :: left
       integer :: it, nvalue
 
@@ -103,7 +103,7 @@ contains
    pure subroutine merge_values(nvalue, na, mean_a, m2_a, nb, mean_b, m2_b)
       integer, intent(in) :: nvalue
       real(wp), intent(in) :: na, nb
-      real(wp), intent(inout) :: mean_a(nvalue), m2_a(nvalue)  !! a on entry, a and b together on return
+      real(wp), intent(inout) :: mean_a(nvalue), m2_a(nvalue)  !! of a on entry, of a and b together on return
       real(wp), intent(in) :: mean_b(nvalue), m2_b(nvalue)
       real(wp) :: share, d
       integer :: i
@@ -141,12 +141,12 @@ contains
       call move_alloc(more, tree%nodes)
    end subroutine make_room
 
-   !> The largest dyadic pieces that make up the paths first .. first+n-1, from left to right.
+   !> The largest dyadic pieces that the paths first .. first+n-1 consist of, from left to right.
    pure subroutine dyadic_pieces(first, n, npiece, offset, level)
       integer(i8), intent(in) :: first   !! global index of the first path
       integer, intent(in) :: n
       integer, intent(out) :: npiece
-      integer, intent(out) :: offset(64) !! of each piece from the first path
+      integer, intent(out) :: offset(64) !! distance of each piece from the first path
       integer, intent(out) :: level(64)  !! each piece holds 2^level paths
       integer :: at, k
 
@@ -164,10 +164,10 @@ contains
       end do
    end subroutine dyadic_pieces
 
-   !> Moments of one value over the 2^level lanes of a piece, halving the piece again and again.
+   !> Moments of one value over the 2^level lanes of a piece, by halving the piece repeatedly.
    pure subroutine reduce_lanes(level, x, counts, n, mean, m2)
       integer, intent(in) :: level
-      real(wp), intent(in) :: x(2**level)        !! the value in each lane; any number where it does not count
+      real(wp), intent(in) :: x(2**level)        !! the value in each lane; any number in lanes that do not count
       logical, intent(in) :: counts(2**level)    !! whether a lane counts
       real(wp), intent(out) :: n, mean, m2
 
@@ -179,7 +179,7 @@ contains
       end if
    end subroutine reduce_lanes
 
-   !> The same in any case.
+   !> Moments of a piece in which some lanes may not count.
    pure subroutine reduce_some(level, x, counts, n, mean, m2)
       integer, intent(in) :: level
       real(wp), intent(in) :: x(2**level)
@@ -210,8 +210,9 @@ contains
       m2 = sa(1)
    end subroutine reduce_some
 
-   !> The same where every lane counts: siblings are of one size and share is 1/2, so that these are the same bits. Room
-   !> of a fixed size is on the stack: from the heap it would take longer than the sums.
+   !> Moments of a piece in which every lane counts: siblings have equal size and share is 1/2, so that the bits equal
+   !> those of reduce_some. The work array has a fixed size and is on the stack: allocating it would take longer than
+   !> the sums.
    pure subroutine reduce_full(level, x, mean, m2)
       integer, intent(in) :: level               !! at most usual_level
       real(wp), intent(in) :: x(2**level)
@@ -230,7 +231,7 @@ contains
       m2 = merge(sb(1), sa(1), mod(level, 2) == 1)
    end subroutine reduce_full
 
-   !> VEC Siblings of 2*weight lanes each become their parents: means from ma to mb, sums from sa to sb.
+   !> VEC Merge siblings of 2*weight lanes: means from ma into mb, sums from sa into sb.
    pure subroutine halve(half, weight, ma, sa, mb, sb)
       integer, intent(in) :: half
       real(wp), intent(in) :: weight, ma(2*half), sa(2*half)
