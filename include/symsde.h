@@ -307,6 +307,8 @@ typedef struct symsde_options {
    uint64_t common_noise;  /* bit k - 1: every path gets the W_k of path 0; the others differ by path */
 } symsde_options;
 int symsde_options_init(symsde_options *options);
+/* refuses options as every function does that takes options, with the same sentences */
+int symsde_options_check(const symsde_options *options, symsde_error *error);
 
 /* The input of a run besides model, scheme and options. */
 typedef struct symsde_input {

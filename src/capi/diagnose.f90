@@ -15,7 +15,7 @@ module symsde_capi_diagnose
    use symsde_diagnose_action, only: discrete_action, euler_lagrange_residual
    use symsde_diagnose_exact, only: exact_solution
    use symsde_diagnose_symplecticity, only: symplecticity_defect
-   use symsde_ensemble_options, only: run_options
+   use symsde_ensemble_options, only: run_options, saved_count
    use symsde_model_abstract, only: model_type
    use symsde_scheme_scheme, only: scheme_type
    implicit none
@@ -96,7 +96,7 @@ contains
       call require(p, 'p', refusal)
       if (.not. allocated(refusal)) then
          n = m%traits%ndof
-         ntime = o%nstep/o%save_every + 1
+         ntime = saved_count(o)
          call check_sizes(ntime, n, o%npath, 'q', refusal)
          call read_input(input, m%traits%ndof, o%npath, from, refusal)
       end if

@@ -9,9 +9,10 @@ module symsde_capi_input
    use symsde_capi_arrays, only: view
    use symsde_capi_error, only: finish, require, check_sizes, take_struct
    use symsde_capi_monitor, only: callback_monitor, new_callback_monitor
+   use symsde_ensemble_block_initial_state, only: initial_state
    implicit none
    private
-   public :: run_input, read_input, read_drive, symsde_input_init
+   public :: run_input, read_input, begin_at, read_drive, symsde_input_init
 
    !> struct symsde_input
    type, bind(c) :: c_input
@@ -78,6 +79,17 @@ contains
       if (c_associated(copy%p0_low)) call view(copy%p0_low, npath, n, input%p0_low)
       call view_drive(copy, input, error)
    end subroutine read_input
+
+   !> Let a run begin at the caller's arrays.
+   subroutine begin_at(start, input)
+      type(initial_state), intent(out) :: start
+      type(run_input), intent(in) :: input
+
+      start%q => input%q0
+      start%p => input%p0
+      start%q_low => input%q0_low
+      start%p_low => input%p0_low
+   end subroutine begin_at
 
    !> Read all of an input but the state: the increments, and the function that receives progress.
    subroutine read_drive(given, input, error)

@@ -9,16 +9,17 @@ module symsde_capi_moments
    use symsde_base_text, only: to_text
    use symsde_capi_arrays, only: view
    use symsde_capi_error, only: finish, require, require_function, check_sizes, take_struct, give_struct
-   use symsde_capi_input, only: run_input, read_input
+   use symsde_capi_input, only: run_input, read_input, begin_at
    use symsde_capi_model, only: use_model
    use symsde_capi_observer, only: read_observers, give_observed
    use symsde_capi_observables, only: callback_observables, new_callback_observables
    use symsde_capi_options, only: read_options
    use symsde_capi_report, only: check_report, end_run
    use symsde_capi_scheme, only: find_scheme
+   use symsde_ensemble_block_initial_state, only: initial_state
    use symsde_ensemble_observe_moment_collector, only: max_failed_listed
-   use symsde_ensemble_options, only: run_options
-   use symsde_ensemble_run_simulate, only: moments_type, moments
+   use symsde_ensemble_options, only: run_options, saved_count
+   use symsde_ensemble_run_simulate, only: moments_type, collect_moments
    use symsde_ensemble_observe_streaming, only: observer_request
    use symsde_model_abstract, only: model_type
    use symsde_scheme_scheme, only: scheme_type
@@ -74,8 +75,9 @@ contains
       type(scheme_type), pointer :: s
       type(run_options) :: o
       type(run_input) :: from
+      type(initial_state) :: start
       type(c_moments), target :: copy
-      type(callback_observables) :: observables
+      type(callback_observables), target :: observables
       type(moments_type) :: result
       type(observer_request), allocatable :: observers(:)
       integer :: code
@@ -90,7 +92,8 @@ contains
       if (.not. allocated(refusal)) then
          call new_callback_observables(observables, copy%nobservable, copy%observables, copy%observables_user, &
                                        copy%observables_lanes)
-         call run(m, s, o, from, observables, observers, result, refusal)
+         call begin_at(start, from)
+         call collect_moments(m, s, o, start, result, refusal, observers, observables, from%dw, from%monitor)
       end if
       if (.not. allocated(refusal)) then
          call give_observed(result%observed, copy%observers)
@@ -100,24 +103,6 @@ contains
       if (associated(m) .and. code == 0) code = m%failure_code()
       status = end_run(refusal, code, result%report, report, error)
    end function symsde_compute_moments
-
-   !> Compute the run, with the state as one vector, path index first.
-   subroutine run(model, scheme, options, from, observables, observers, result, error)
-      class(model_type), intent(in), target :: model
-      type(scheme_type), intent(in) :: scheme
-      type(run_options), intent(in) :: options
-      type(run_input), intent(inout) :: from
-      type(callback_observables), intent(in), target :: observables
-      type(observer_request), intent(in) :: observers(:)
-      type(moments_type), intent(out) :: result
-      type(error_type), allocatable, intent(inout) :: error
-      real(wp), pointer, contiguous :: q0(:), p0(:)
-
-      q0(1:size(from%q0, kind=i8)) => from%q0
-      p0(1:size(from%p0, kind=i8)) => from%p0
-      call moments(model, scheme, options, q0, p0, result, error, observables, from%dw, from%monitor, &
-                   from%q0_low, from%p0_low, observers)
-   end subroutine run
 
    !> Read the caller's struct: check that its arrays are given, and the function of the observables if there are any.
    subroutine read_moments(given, model, options, copy, error)
@@ -138,7 +123,7 @@ contains
                     to_text(copy%observables_lanes)//' is out of range: give 0 to '//to_text(most_lanes))
       if (copy%nobservable > 0) call require_function(copy%observables, 'observables', error)
       nvalue = 2*model%traits%ndof + merge(1, 0, model%traits%has_value) + copy%nobservable
-      call check_sizes(options%nstep/options%save_every + 1, nvalue, 1_i8, 'mean', error)
+      call check_sizes(saved_count(options), nvalue, 1_i8, 'mean', error)
       call require(copy%t, 't', error)
       call require(copy%n_ok, 'n_ok', error)
       call require(copy%mean, 'mean', error)

@@ -10,7 +10,7 @@ module symsde_capi_options
    use symsde_ensemble_options, only: run_options, check_options
    implicit none
    private
-   public :: read_options, symsde_options_init
+   public :: read_options, take_options, symsde_options_init, symsde_options_check
 
    !> struct symsde_options
    type, bind(c) :: c_options
@@ -57,8 +57,30 @@ contains
       status = finish(refusal, c_null_ptr)
    end function symsde_options_init
 
+   !> Refuse options as every run does.
+   function symsde_options_check(options, error) result(status) bind(c, name='symsde_options_check')
+      type(c_ptr), intent(in), value :: options, error
+      integer(c_int) :: status
+      type(error_type), allocatable :: refusal
+      type(run_options) :: o
+
+      call read_options(options, o, refusal)
+      status = finish(refusal, error)
+   end function symsde_options_check
+
    !> Read and check the caller's options, and the function that receives the progress of a diagnosis.
    subroutine read_options(given, options, error, monitor)
+      type(c_ptr), intent(in) :: given          !! symsde_options
+      type(run_options), intent(out) :: options
+      type(error_type), allocatable, intent(inout) :: error
+      type(callback_monitor), intent(out), optional :: monitor
+
+      call take_options(given, options, error, monitor)
+      if (.not. allocated(error)) call check_options(options, error)
+   end subroutine read_options
+
+   !> The same for what checks them itself, before it reads a size in them.
+   subroutine take_options(given, options, error, monitor)
       type(c_ptr), intent(in) :: given          !! symsde_options
       type(run_options), intent(out) :: options
       type(error_type), allocatable, intent(inout) :: error
@@ -70,8 +92,7 @@ contains
       if (allocated(error)) return
       options = to_options(copy)
       if (present(monitor)) call new_callback_monitor(monitor, copy%progress, copy%progress_user)
-      call check_options(options, error)
-   end subroutine read_options
+   end subroutine take_options
 
    function from_options(o) result(c)
       type(run_options), intent(in) :: o

@@ -5,18 +5,17 @@ module symsde_capi_paths
       c_associated, c_f_pointer, c_int, c_loc, c_null_ptr, c_ptr, c_size_t, c_sizeof
    use symsde_base_kinds, only: wp, i8
    use symsde_base_memory, only: require_reserve
-   use symsde_base_status, only: error_type, raise, out_of_memory
-   use symsde_base_text, only: to_text
+   use symsde_base_status, only: error_type
    use symsde_capi_arrays, only: view
    use symsde_capi_error, only: finish, require, check_sizes, take_struct
-   use symsde_capi_input, only: run_input, read_input
+   use symsde_capi_input, only: run_input, read_input, begin_at
    use symsde_capi_model, only: use_model
    use symsde_capi_options, only: read_options
    use symsde_capi_report, only: check_report, end_run
    use symsde_capi_scheme, only: find_scheme
    use symsde_ensemble_block_initial_state, only: initial_state
    use symsde_ensemble_run_driver, only: run_ensemble
-   use symsde_ensemble_options, only: run_options, check_options
+   use symsde_ensemble_options, only: run_options, saved_count
    use symsde_ensemble_observe_recorder, only: path_recorder
    use symsde_ensemble_run_report, only: run_report
    use symsde_ensemble_run_simulate, only: fill_times
@@ -36,11 +35,6 @@ module symsde_capi_paths
       type(c_ptr) :: last_q, last_p
       type(c_ptr) :: q_low, p_low
    end type c_paths
-
-   !> Arrays that the recorder writes although the caller does not want them.
-   type :: scratch_type
-      real(wp), allocatable :: last_q(:, :), last_p(:, :), q_low(:, :), p_low(:, :)  !! (npath, ndof)
-   end type scratch_type
 
 contains
 
@@ -72,7 +66,6 @@ contains
       type(run_input) :: from
       type(initial_state) :: start
       type(path_recorder) :: recorder
-      type(scratch_type), target :: scratch
       type(run_report) :: outcome
       integer :: code
 
@@ -81,13 +74,10 @@ contains
       call read_options(options, o, refusal)
       call check_report(report, refusal)
       if (.not. allocated(refusal)) call read_input(input, m%traits%ndof, o%npath, from, refusal)
-      if (.not. allocated(refusal)) call read_paths(paths, m%traits%ndof, o, recorder, scratch, refusal)
-      start%q => from%q0
-      start%p => from%p0
-      start%q_low => from%q0_low
-      start%p_low => from%p0_low
+      if (.not. allocated(refusal)) call read_paths(paths, m%traits%ndof, o, recorder, refusal)
+      call begin_at(start, from)
       if (.not. allocated(refusal)) &
-         call run_ensemble(m, s, o, start, recorder, from%monitor, outcome, refusal, from%dw)
+         call run_ensemble(m, s, o, start, recorder, outcome, refusal, from%dw, from%monitor)
       code = 0
       if (associated(m)) code = m%failure_code()
       status = end_run(refusal, code, outcome, report, error)
@@ -102,19 +92,17 @@ contains
 
       call require_reserve('a call', 'symsde_saved_times', refusal)
       call read_options(options, o, refusal)
-      call check_options(o, refusal)
       call require(t, 't', refusal)
       if (.not. allocated(refusal)) call put_times(t, o)
       status = finish(refusal, error)
    end function symsde_saved_times
 
    !> Make a recorder on the caller's arrays, and fill in the saved times if the caller wants them.
-   subroutine read_paths(given, ndof, options, recorder, scratch, error)
+   subroutine read_paths(given, ndof, options, recorder, error)
       type(c_ptr), intent(in) :: given                       !! symsde_paths
       integer, intent(in) :: ndof
       type(run_options), intent(in) :: options
       type(path_recorder), intent(out) :: recorder
-      type(scratch_type), intent(inout), target :: scratch   !! must live as long as the recorder
       type(error_type), allocatable, intent(inout) :: error
       type(c_paths), target :: copy
       integer(i8) :: n, npath
@@ -128,10 +116,10 @@ contains
       recorder%first_path = options%first_path
       call view(copy%status, npath, recorder%status)
       call view(copy%failed_step, npath, recorder%failed_step)
-      call choose(copy%last_q, .true., npath, n, scratch%last_q, recorder%last_q, error)
-      call choose(copy%last_p, .true., npath, n, scratch%last_p, recorder%last_p, error)
-      call choose(copy%q_low, options%compensated, npath, n, scratch%q_low, recorder%q_low, error)
-      call choose(copy%p_low, options%compensated, npath, n, scratch%p_low, recorder%p_low, error)
+      call view_wanted(copy%last_q, npath, n, recorder%last_q)
+      call view_wanted(copy%last_p, npath, n, recorder%last_p)
+      call view_wanted(copy%q_low, npath, n, recorder%q_low)
+      call view_wanted(copy%p_low, npath, n, recorder%p_low)
    end subroutine read_paths
 
    !> Make a recorder for saved states only: a prepared run has its own arrays for the final state.
@@ -143,7 +131,6 @@ contains
       type(error_type), allocatable, intent(inout) :: error
       type(c_paths), target :: copy
 
-      call check_options(options, error)
       call take_paths(given, ndof, options, recorder, copy, error)
    end subroutine read_saved
 
@@ -161,7 +148,7 @@ contains
       copy = blank_paths()
       if (allocated(error)) return
       n = ndof
-      ntime = options%nstep/options%save_every + 1
+      ntime = saved_count(options)
       call take_struct(given, 'paths', c_loc(copy), c_sizeof(copy), error)
       call check_sizes(ntime, n, options%npath, 'q', error)
       call require(copy%q, 'q', error)
@@ -172,30 +159,17 @@ contains
       if (c_associated(copy%t)) call put_times(copy%t, options)
    end subroutine take_paths
 
-   !> Take the caller's array; or, if the recorder needs it and the caller gave none, scratch of the same size.
-   subroutine choose(given, needed, npath, ndof, scratch, array, error)
+   !> View an array that the caller may want, and begin with zeros; null if not.
+   subroutine view_wanted(given, npath, ndof, array)
       type(c_ptr), intent(in) :: given
-      logical, intent(in) :: needed
       integer(i8), intent(in) :: npath, ndof
-      real(wp), allocatable, intent(inout), target :: scratch(:, :)
       real(wp), pointer, contiguous, intent(out) :: array(:, :)   !! (npath, ndof)
-      type(error_type), allocatable, intent(inout) :: error
-      integer :: info
 
       nullify (array)
-      if (c_associated(given)) then
-         call view(given, npath, ndof, array)
-         array = 0
-      else if (needed) then
-         allocate (scratch(npath, ndof), stat=info)
-         if (info == 0) then
-            array => scratch
-         else
-            call raise(error, out_of_memory, 'symsde_simulate', 'no memory for the last state of '// &
-                       to_text(npath)//' paths: give fewer paths, or use symsde_compute_moments')
-         end if
-      end if
-   end subroutine choose
+      if (.not. c_associated(given)) return
+      call view(given, npath, ndof, array)
+      array = 0
+   end subroutine view_wanted
 
    subroutine put_times(given, options)
       type(c_ptr), intent(in) :: given       !! one number for each saved point
@@ -203,7 +177,7 @@ contains
       real(wp), pointer, contiguous :: t(:)
       integer(i8) :: ntime
 
-      ntime = options%nstep/options%save_every + 1
+      ntime = saved_count(options)
       call view(given, ntime, t)
       call fill_times(options, ntime, t)
    end subroutine put_times

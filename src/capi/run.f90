@@ -9,7 +9,7 @@ module symsde_capi_run
    use symsde_capi_error, only: finish, require, take_struct, give_struct
    use symsde_capi_input, only: run_input, read_input, read_drive
    use symsde_capi_model, only: copy_model, find_model
-   use symsde_capi_options, only: read_options
+   use symsde_capi_options, only: take_options
    use symsde_capi_paths, only: read_saved
    use symsde_capi_report, only: check_report, give_report, end_run
    use symsde_capi_scheme, only: find_scheme
@@ -88,7 +88,7 @@ contains
       end if
       call find_model(model, m, refusal)
       call find_scheme(scheme, s, refusal)
-      call read_options(options, o, refusal)
+      call take_options(options, o, refusal)
       if (.not. allocated(refusal)) call read_input(input, m%traits%ndof, o%npath, from, refusal)
       if (.not. allocated(refusal)) then
          allocate (holder, stat=info)
@@ -118,21 +118,12 @@ contains
       integer(c_int) :: status
       type(error_type), allocatable :: refusal
       type(run_handle), pointer :: holder
-      type(run_options) :: o
       type(run_input) :: drive
-      type(path_recorder) :: recorder
 
       call find_run(run, holder, refusal)
       call read_drive(input, drive, refusal)
-      if (c_associated(paths) .and. .not. allocated(refusal)) then
-         o = holder%run%options()
-         o%first_step = holder%run%next_step()
-         o%nstep = steps
-         o%save_every = save_every
-         call read_saved(paths, holder%model%traits%ndof, o, recorder, refusal)
-      end if
-      if (.not. allocated(refusal)) &
-         call holder%run%record(steps, save_every, recorder, refusal, drive%dw, drive%monitor)
+      if (.not. allocated(refusal)) call holder%run%begin_steps(steps, save_every, refusal)
+      call record(holder, paths, drive, refusal)
       status = end_advance(holder, refusal, error)
    end function symsde_run_advance
 
@@ -143,13 +134,11 @@ contains
       type(error_type), allocatable :: refusal
       type(run_handle), pointer :: holder
       type(run_input) :: drive
-      type(path_recorder) :: recorder
 
       call find_run(run, holder, refusal)
       call read_drive(input, drive, refusal)
-      if (c_associated(paths) .and. .not. allocated(refusal)) &
-         call read_saved(paths, holder%model%traits%ndof, holder%run%options(), recorder, refusal)
-      if (.not. allocated(refusal)) call holder%run%record_rest(recorder, refusal, drive%dw, drive%monitor)
+      if (.not. allocated(refusal)) call holder%run%begin_rest(refusal)
+      call record(holder, paths, drive, refusal)
       status = end_advance(holder, refusal, error)
    end function symsde_run_resume
 
@@ -252,6 +241,20 @@ contains
       call raise(error, null_handle, 'find_run', 'run is NULL, deleted or not a prepared run: make one with '// &
                  'symsde_run_new')
    end subroutine find_run
+
+   !> Take the steps of a call that was begun, and save where the caller gave arrays.
+   subroutine record(holder, paths, drive, error)
+      type(run_handle), pointer, intent(in) :: holder
+      type(c_ptr), intent(in) :: paths                 !! symsde_paths, may be NULL
+      type(run_input), intent(inout) :: drive
+      type(error_type), allocatable, intent(inout) :: error
+      type(path_recorder) :: recorder
+
+      if (allocated(error)) return
+      if (c_associated(paths)) &
+         call read_saved(paths, holder%model%traits%ndof, holder%run%options(), recorder, error)
+      call holder%run%record(recorder, error, drive%dw, drive%monitor)
+   end subroutine record
 
    !> The status of an advance. The caller reads the report with symsde_run_report.
    function end_advance(holder, refusal, error) result(status)

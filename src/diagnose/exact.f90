@@ -39,7 +39,7 @@ module symsde_diagnose_exact
    use symsde_diagnose_linear_flow, only: linear_flow, new_linear_flow
    use symsde_ensemble_run_driver, only: new_noise
    use symsde_ensemble_monitor, only: monitor_type, stop_if_wanted
-   use symsde_ensemble_options, only: run_options, check_options
+   use symsde_ensemble_options, only: run_options, check_options, saved_count
    use symsde_model_abstract, only: model_type
    use symsde_model_catalogue_additive_oscillator, only: additive_oscillator_model
    use symsde_model_catalogue_kubo, only: kubo_model
@@ -272,7 +272,7 @@ contains
       type(error_type), allocatable, intent(inout) :: error
       integer(i8) :: ntime
 
-      ntime = options%nstep/options%save_every + 1
+      ntime = saved_count(options)
       if (size(q, 1, i8) /= options%npath .or. size(q, 2) /= ndof .or. size(q, 3, i8) /= ntime .or. &
           any(shape(p, i8) /= shape(q, i8))) then
          call raise(error, wrong_shape, 'exact_solution', 'q and p have no room for the '// &

@@ -1,21 +1,33 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> The contracts of ensembles: of blocks (ensemble/block/runner) with their callers and observers, and of the loop over
-!> blocks.
+!> The contracts of ensembles: of ensembles with the procedures that users call, of blocks (ensemble/block/runner) with
+!> their callers and observers, and of the loop over blocks.
 !>
-!> Required: a block has 1 to nlane real paths, and padding repeats the last. Promised to observers: the state of every
-!> lane without a status is finite, and lanes with a status are counted. Promised at the end: each path has reached the
-!> last step, or has a status and a step in which it ended; all blocks were run, and paths that ended early are counted
-!> once.
+!> Required: options were checked (ensemble/options); a block has 1 to nlane real paths, and padding repeats the last.
+!> Promised to observers: the state of every lane without a status is finite, and lanes with a status are counted.
+!> Promised at the end: each path has reached the last step, or has a status and a step in which it ended; all blocks
+!> were run, and paths that ended early are counted once.
 module symsde_ensemble_contract
    use symsde_base_contracts, only: require
    use symsde_base_kinds, only: i8
+   use symsde_base_status, only: error_type
+   use symsde_ensemble_options, only: run_options, check_options
    use symsde_step_block_state, only: lane_state
    use symsde_step_contract, only: require_state
    implicit none
    private
-   public :: require_block, require_shown, require_finished, require_counts
+   public :: require_options, require_block, require_shown, require_finished, require_counts
 
 contains
+
+   !> Requirements when an ensemble is made or driven.
+   subroutine require_options(options, place)
+      type(run_options), intent(in) :: options
+      character(*), intent(in) :: place
+      type(error_type), allocatable :: refusal
+
+      call check_options(options, refusal)
+      call require(.not. allocated(refusal), place, 'options were checked where a user gave them')
+   end subroutine require_options
 
    !> Requirements when a block begins.
    pure subroutine require_block(nlane, nreal, path, step)

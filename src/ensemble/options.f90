@@ -7,15 +7,15 @@ module symsde_ensemble_options
    use symsde_base_status, only: error_type, raise, invalid_argument, incompatible, too_large
    use symsde_base_text, only: to_text
    use symsde_noise_brownian, only: max_refine
-   use symsde_scheme_scheme, only: correction_auto
    use symsde_solve_newton, only: newton_options, check_newton
    use symsde_step_factory, only: stepper_options
    implicit none
    private
-   public :: run_options, check_options, steppers_of, time_rounding, latest_time, max_nlane
+   public :: run_options, check_options, saved_count, steppers_of, time_rounding, latest_time, max_nlane
 
    integer, parameter :: max_nlane = 4096            !! most lanes of a block
    integer(i8), parameter :: max_index = 2_i8**47    !! bound of paths and of fine steps: 48-bit counters
+   type(stepper_options), parameter :: stepper = stepper_options()  !! with the defaults of steppers and solvers
 
    !> Everything is dimensionless except the step and times, which are in the model's unit of time.
    type :: run_options
@@ -28,16 +28,16 @@ module symsde_ensemble_options
       integer :: refine = 0                 !! l > 0: a step is the sum of 2^l draws; l < 0: Brownian bridge
       integer(i8) :: first_path = 0         !! global index of the first path
       integer(i8) :: first_step = 0         !! index n of the first step, at t0 + n h; chooses its noise
-      integer :: correction = correction_auto
+      integer :: correction = stepper%correction
       real(wp) :: truncation = 0            !! order l of truncated increments, 0 = none
       real(wp) :: truncation_time = 0       !! time scale tau of the truncation [time]
       integer :: areas = areas_by_path      !! how areas are drawn: a parameter of base/area_rule
       real(wp) :: area_time = 0             !! time scale of areas, 0 = derived from the model [time]
       integer, allocatable :: common_noise(:) !! noises k that all paths share: W_k of path 0 (not allocated = none)
       logical :: compensated = .false.      !! compensated summation of the state
-      logical :: general = .false.          !! use the general stepper, the oracle
-      integer :: max_iter = 100             !! most Newton iterations a step
-      integer :: fixed_point = 0            !! n > 0: n fixed-point iterations instead of Newton
+      logical :: general = stepper%general  !! use the general stepper, the oracle
+      integer :: max_iter = stepper%newton%max_iter        !! most Newton iterations a step
+      integer :: fixed_point = stepper%newton%fixed_point  !! n > 0: n fixed-point iterations instead of Newton
       integer :: nlane = 0                  !! lanes of a block, a multiple of 8; 0 = chosen; never changes a result
       integer :: nthread = 0                !! threads; 0 = SYMSDE_NUM_THREADS, else OpenMP's default
    end type run_options
@@ -55,6 +55,13 @@ contains
       choice%as_increments = options%compensated
    end function steppers_of
 
+   !> The number of saved times of a run, the beginning included.
+   pure integer(i8) function saved_count(options)
+      type(run_options), intent(in) :: options   !! checked
+
+      saved_count = options%nstep/options%save_every + 1
+   end function saved_count
+
    !> Largest rounding of t0 + n h as a fraction of a step: of n h, and of the sum.
    pure real(wp) function time_rounding(o)
       type(run_options), intent(in) :: o
@@ -70,7 +77,9 @@ contains
       if (abs(o%t0) > abs(latest_time)) latest_time = o%t0
    end function latest_time
 
-   !> Refuse options that cannot be run: the message names the value and the allowed values.
+   !> Refuse options that cannot be run: the message names the value and the allowed values. Every procedure that users
+   !> call calls this once, before it reads a size in its options. What it calls takes checked options
+   !> (ensemble/contract).
    subroutine check_options(o, error)
       type(run_options), intent(in) :: o
       type(error_type), allocatable, intent(inout) :: error

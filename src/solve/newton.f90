@@ -98,10 +98,12 @@ contains
    subroutine check_newton(options, error)
       type(newton_options), intent(in) :: options
       type(error_type), allocatable, intent(inout) :: error
+      type(newton_options) :: standard
 
       if (options%max_iter < 1 .or. options%max_iter > 1000) then
          call raise(error, invalid_argument, 'check_newton', 'max_iter = '//to_text(options%max_iter)// &
-                    ' is out of range: give 1 to 1000 Newton iterations a step (100 by default)')
+                    ' is out of range: give 1 to 1000 Newton iterations a step ('//to_text(standard%max_iter)// &
+                    ' by default)')
       else if (options%fixed_point < 0 .or. options%fixed_point > 1000) then
          call raise(error, invalid_argument, 'check_newton', 'fixed_point = '//to_text(options%fixed_point)// &
                     ' is out of range: give 1 to 1000 fixed-point iterations, or 0 for Newton')

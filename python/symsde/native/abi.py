@@ -332,6 +332,7 @@ FUNCTIONS = {
     "scheme_certificate": (_handle, *_text, _error),
     "scheme_tableau": (_handle, *_arrays(7), _error),
     "options_init": (_options,),
+    "options_check": (_options, _error),
     "input_init": (_input,),
     "report_init": (POINTER(Report),),
     "paths_init": (POINTER(Paths),),

@@ -15,13 +15,13 @@ from ..errors import InvalidArgumentError, RepeatedNoiseWarning, WrongShapeError
 from ..model.definition import Model, require_model
 from ..native import abi, checks
 from ..native import handles as _handles
-from ..native.checks import INT32, UINT64, address, addresses
+from ..native.checks import INT32, INT64, UINT64, address, addresses
 from ..native.progress import Monitor, threads_of
 from ..schemes import Scheme, as_scheme
 
 _LIBRARY_LANES = 256  # lanes of a block in the library, at most
 _PYTHON_VALUES = 2048  # numbers of an array that a Python function is given
-COUNT = 2**47  #: number of values of the counters of paths and steps
+_COUNT = 2**47  # number of values of the counter of steps
 _WHOLE = 1e-9  # relative: times that are typed, or sums of steps
 _INPUT_SIZE = _handles.new(abi.Input, "input").struct_size
 
@@ -112,7 +112,7 @@ class Setup:
         options = abi.Options.from_buffer_copy(self.options)
         options.first_step, options.steps, options.save_every = first_step, steps, save_every
         q0, p0, *low = (None if part is None else part.copy() for part in state)
-        return Setup(self.model, self.scheme, options, q0, p0, None, *low)
+        return Setup(self.model, self.scheme, _checked(options), q0, p0, None, *low)
 
     def repeated_noise(self) -> str:
         """A sentence where states of paths begin whole steps after 0 with the noise of step 0; empty elsewhere."""
@@ -120,7 +120,7 @@ class Setup:
         if not (options.t0 and self.by_path and options.steps) or options.first_step or self.increments is not None:
             return ""
         before = options.t0 / options.step
-        if not (0.5 < before < COUNT and abs(before - round(before)) < _WHOLE * before and self.model.nnoise):
+        if not (0.5 < before < _COUNT and abs(before - round(before)) < _WHOLE * before and self.model.nnoise):
             return ""
         return (
             f"t0 = {options.t0:g} is {checks.counted(round(before), 'step')} after 0, and each path has a state of its "
@@ -139,7 +139,7 @@ class Setup:
         names = [name for name, *_ in abi.Options._fields_ if name not in left_out]
         chosen = {name: getattr(self.options, name) for name in names}
         chosen["areas"] = abi.AREAS[self.options.areas]
-        chosen["common_noise"] = [k for k in range(1, 65) if self.options.common_noise >> (k - 1) & 1]
+        chosen["common_noise"] = list(_noises(self.options))
         chosen["correction"] = abi.CORRECTIONS[self.options.correction]
         return {
             "model": self.model.name,
@@ -205,27 +205,40 @@ def _common_noise(options: abi.Options, _name: str, value: object) -> None:
     options.common_noise = sum(1 << (k - 1) for k in set(numbers))
 
 
-#: option -> its default, which is the library's, and a function that checks another value and stores it
-_READ = {
-    "paths": (1, _integer((1, COUNT))),
-    "seed": (0, _integer(UINT64)),
-    "t0": (0.0, _number),
-    "save_every": (1, _integer((1, COUNT))),
-    "refine": (0, _integer(INT32)),
-    "first_path": (0, _integer((0, COUNT))),
-    "first_step": (0, _integer((0, COUNT))),
-    "correction": ("auto", _choice(abi.CORRECTIONS)),
-    "truncation": (None, _truncation),
-    "areas": ("path", _choice(abi.AREAS)),
-    "area_time": (None, _area_time),
-    "common_noise": ((), _common_noise),
-    "compensated": (False, _flag),
-    "general": (False, _flag),
-    "fixed_point": (0, _integer(INT32)),
-    "max_iter": (100, _integer(INT32)),
+#: option -> a function that checks a value other than its default, and stores it
+_READ: dict[str, Callable] = {
+    **dict.fromkeys(("paths", "save_every", "first_path", "first_step"), _integer(INT64)),
+    "seed": _integer(UINT64),
+    **dict.fromkeys(("refine", "fixed_point", "max_iter"), _integer(INT32)),
+    "t0": _number,
+    "correction": _choice(abi.CORRECTIONS),
+    "truncation": _truncation,
+    "areas": _choice(abi.AREAS),
+    "area_time": _area_time,
+    "common_noise": _common_noise,
+    **dict.fromkeys(("compensated", "general"), _flag),
 }
 
-_DEFAULTS = {name: default for name, (default, _) in _READ.items()}
+
+def _defaults() -> dict[str, Any]:
+    """Values of `_READ` where none are given: those of the library."""
+    given = _handles.new(abi.Options, "options")
+    return {name: getattr(given, name) for name in _READ} | {
+        "correction": abi.CORRECTIONS[given.correction],
+        "truncation": (given.truncation, given.truncation_time) if given.truncation else None,
+        "areas": abi.AREAS[given.areas],
+        "area_time": given.area_time or None,
+        "common_noise": _noises(given),
+        **{name: bool(getattr(given, name)) for name in ("compensated", "general")},
+    }
+
+
+def _noises(options: abi.Options) -> tuple[int, ...]:
+    """Numbers of the noises that all paths share."""
+    return tuple(k for k in range(1, 65) if options.common_noise >> (k - 1) & 1)
+
+
+_DEFAULTS = _defaults()
 
 #: names of the options of a run
 OPTIONS = ["step", "steps", *_READ, "threads", "lanes"]
@@ -237,7 +250,7 @@ def make_options(model: Model, *, in_python: bool = False, **given: object) -> a
 
 
 def _options_of(model: Model, given: dict[str, Any], in_python: bool) -> abi.Options:
-    """The same from a dictionary, which is used up; types and ranges are checked here, their meaning by the library."""
+    """The same from a dictionary, which is used up; types are checked here, and all else by the library."""
     take = given.pop
     step, steps, threads, lanes = take("step", None), take("steps", None), take("threads", None), take("lanes", None)
     changed = _changed(given)
@@ -247,25 +260,21 @@ def _options_of(model: Model, given: dict[str, Any], in_python: bool) -> abi.Opt
         raise WrongTypeError(f"{missing} is missing: give step, the size h, and steps, their number")
     options = _handles.new(abi.Options, "options")
     options.step = checks.number("step", step)
-    options.steps = checks.integer("steps", steps, (0, COUNT))
+    options.steps = checks.integer("steps", steps)
     for key in changed:
-        _READ[key][1](options, key, given[key])
+        _READ[key](options, key, given[key])
     if lanes is not None:
         options.lanes = checks.integer("lanes", lanes, INT32)
     elif model.in_python:
         options.lanes = _lanes_for(model, options.paths)
     options.threads = threads_of(threads, in_python or model.in_python)
-    require_multiple(options.steps, options.save_every)
+    return _checked(options)
+
+
+def _checked(options: abi.Options) -> abi.Options:
+    """These options, which the library has not refused: before anything is made of a size in them."""
+    _handles.call("options_check", ctypes.byref(options))
     return options
-
-
-def require_multiple(steps: int, save_every: int) -> None:
-    """Refuse steps of which the last one would not be saved."""
-    if steps % save_every:
-        raise InvalidArgumentError(
-            f"steps = {steps} is not a multiple of save_every = {save_every}: "
-            "the last saved point would be missed; change one of the two"
-        )
 
 
 def _changed(given: dict[str, Any]) -> list[str]:

@@ -22,7 +22,7 @@ from ..show import tabular
 from ..show.values import Values
 from .report import Reported, filled
 from .saved import PathTables, no_energy
-from .setup import COUNT, Setup, require_multiple, setup_of
+from .setup import Setup, setup_of
 
 _INT32, _INT64 = np.dtype(np.int32), np.dtype(np.int64)
 _PATHS_SIZE = handles.new(abi.Paths, "paths").struct_size
@@ -110,9 +110,8 @@ class Run(PathTables, Reported):
                 "this run was stopped before its end, so its paths are not at one time: call simulate with the "
                 "arguments of this run to compute it whole, then extend that"
             )
-        steps = checks.integer("steps", steps, (0, COUNT))
-        every = here.save_every if save_every is None else checks.integer("save_every", save_every, (1, COUNT))
-        require_multiple(steps, every)
+        steps = checks.integer("steps", steps)
+        every = here.save_every if save_every is None else checks.integer("save_every", save_every)
         state = self.last_q, self.last_p, self.q_low, self.p_low
         run = Run(self.setup.from_here(here.first_step + here.steps, steps, every, state))
         try:

@@ -10,7 +10,7 @@ module symsde_ensemble_observe_observers
    use symsde_ensemble_observe_histogram, only: histogram_observer, new_histogram_observer
    use symsde_ensemble_observe_passage, only: passage_observer, new_passage_observer
    use symsde_ensemble_observe_paths, only: paths_observer, new_paths_observer
-   use symsde_ensemble_options, only: run_options
+   use symsde_ensemble_options, only: run_options, saved_count
    use symsde_ensemble_statistics_path_tree, only: moment_node, moment_tree, insert_node, final_node
    use symsde_ensemble_observe_streaming, only: streaming_observer, observer_request, observed_type, observer_store, &
                                                 observed_run
@@ -72,7 +72,7 @@ contains
       run%ndof = model%traits%ndof
       run%nvalue = 2*run%ndof + merge(1, 0, model%traits%has_value) + nobservable
       run%nlane = nlane
-      run%ntime = int(options%nstep/options%save_every) + 1
+      run%ntime = int(saved_count(options))
       run%first_path = options%first_path
       run%npath = options%npath
       run%first_step = options%first_step

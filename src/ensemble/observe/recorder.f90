@@ -12,8 +12,8 @@ module symsde_ensemble_observe_recorder
 
    integer, parameter :: few = 8  !! up to so many lanes of a block are copied one by one
 
-   !> Pointers to the caller's arrays, path first. The last good state is kept for resuming and diagnosis; if q and p
-   !> are null, only this state is kept. Low parts belong to compensated runs only.
+   !> Pointers to the caller's arrays, path first; null where the caller wants none. The last good state is kept for
+   !> resuming and diagnosis. Low parts belong to compensated runs only.
    type, extends(observer_type) :: path_recorder
       integer(i8) :: first_path = 0
       real(wp), pointer, contiguous :: q(:, :, :) => null()        !! (npath, ndof, 0:nsave)
@@ -163,12 +163,11 @@ contains
       b = self%offset + self%nreal
       self%status(a:b) = int(state%status(:self%nreal), i4)
       self%failed_step(a:b) = state%failed_step(:self%nreal)
-      self%last_q(a:b, :) = state%q(:self%nreal, :)
-      self%last_p(a:b, :) = state%p(:self%nreal, :)
-      if (allocated(state%q_low)) then
-         self%q_low(a:b, :) = state%q_low(:self%nreal, :)
-         self%p_low(a:b, :) = state%p_low(:self%nreal, :)
-      end if
+      if (associated(self%last_q)) self%last_q(a:b, :) = state%q(:self%nreal, :)
+      if (associated(self%last_p)) self%last_p(a:b, :) = state%p(:self%nreal, :)
+      if (.not. allocated(state%q_low)) return
+      if (associated(self%q_low)) self%q_low(a:b, :) = state%q_low(:self%nreal, :)
+      if (associated(self%p_low)) self%p_low(a:b, :) = state%p_low(:self%nreal, :)
    end subroutine end_block
 
 end module symsde_ensemble_observe_recorder

@@ -9,6 +9,7 @@
 module symsde_ensemble_run_driver
    use symsde_base_clock, only: seconds
    use symsde_base_area_rule, only: area_rule, areas_in_law
+   use symsde_base_contracts, only: contracts_are_executed
    use symsde_base_counters, only: counters_type
    use symsde_base_functionals, only: functional_set, name_functionals, path_areas, path_dz, path_stt_area
    use symsde_base_kinds, only: wp, i8
@@ -17,6 +18,7 @@ module symsde_ensemble_run_driver
    use symsde_base_status, only: error_type, raise, status_ok, wrong_shape, invalid_argument, incompatible, stopped, &
                                  callback_failed, paths_failed, out_of_memory
    use symsde_base_text, only: to_text
+   use symsde_ensemble_contract, only: require_options
    use symsde_ensemble_run_areas, only: choose_areas, check_area_counters
    use symsde_ensemble_block_runner, only: block_runner
    use symsde_ensemble_block_single_path, only: new_single_path
@@ -24,7 +26,7 @@ module symsde_ensemble_run_driver
    use symsde_ensemble_monitor, only: monitor_type, tell_warnings
    use symsde_ensemble_observe_observer, only: observer_type
    use symsde_ensemble_run_probes, only: probe_declared, probe_whole_steps
-   use symsde_ensemble_options, only: run_options, check_options, steppers_of
+   use symsde_ensemble_options, only: run_options, steppers_of
    use symsde_ensemble_block_runner_factory, only: runner_factory
    use symsde_ensemble_run_report, only: run_report, describe_left_out
    use symsde_ensemble_run_memory, only: fit_threads
@@ -80,16 +82,16 @@ contains
    end function choose_nlane
 
    !> Run all paths and show them to (copies of) the observer: an ensemble driven once.
-   subroutine run_ensemble(model, scheme, options, from, observer, monitor, report, error, dw)
+   subroutine run_ensemble(model, scheme, options, from, observer, report, error, dw, monitor)
       class(model_type), intent(in), target :: model
       type(scheme_type), intent(in), target :: scheme
-      type(run_options), intent(in) :: options
+      type(run_options), intent(in) :: options        !! checked
       type(initial_state), intent(in) :: from
       class(observer_type), intent(in) :: observer    !! for blocks of choose_nlane(options, model) lanes
-      class(monitor_type), intent(inout) :: monitor
       type(run_report), intent(out) :: report
       type(error_type), allocatable, intent(inout) :: error
       real(wp), intent(in), target, contiguous, optional :: dw(:, :, :)  !! increments (npath or 1, nnoise, rows)
+      class(monitor_type), intent(inout), optional :: monitor
       type(ensemble_type), target :: ensemble
       real(wp), pointer, contiguous :: given(:, :, :)
 
@@ -97,9 +99,9 @@ contains
       if (present(dw)) given => dw
       call new_ensemble(ensemble, model, scheme, options, from%q, from%p, observer, error, given)
       if (allocated(error)) return
-      call tell_warnings(monitor, ensemble%report%warnings, error)
+      if (present(monitor)) call tell_warnings(monitor, ensemble%report%warnings, error)
       if (allocated(error)) return
-      call ensemble%drive(from, observer, monitor, error)
+      call ensemble%drive(from, observer, error, monitor=monitor)
       report = ensemble%report
    end subroutine run_ensemble
 
@@ -108,7 +110,7 @@ contains
       type(ensemble_type), intent(out), target :: self
       class(model_type), intent(in), target :: model          !! must live as long as the ensemble
       type(scheme_type), intent(in), target :: scheme         !! must live as long as the ensemble
-      type(run_options), intent(in) :: options
+      type(run_options), intent(in) :: options        !! checked
       real(wp), intent(in) :: q0(:, :), p0(:, :)      !! initial state (npath or 1, ndof)
       class(observer_type), intent(in) :: observer    !! of the same kind as the observers of the drives
       type(error_type), allocatable, intent(inout) :: error
@@ -118,8 +120,7 @@ contains
       real(wp) :: start
 
       start = seconds()
-      call check_options(options, error)
-      if (allocated(error)) return
+      if (contracts_are_executed) call require_options(options, 'ensemble, new')
       self%model => model
       self%options = options
       call check_state(options, model%traits%ndof, q0, p0, error)
@@ -145,22 +146,23 @@ contains
    end subroutine new_ensemble
 
    !> Take all paths through the steps of self%options. The number of steps, the first step and the saves may have
-   !> changed since the ensemble was made, so options are checked again. Given increments are for this drive alone.
-   subroutine drive(self, from, observer, monitor, error, dw)
+   !> changed since the ensemble was made. Given increments are for this drive alone.
+   subroutine drive(self, from, observer, error, dw, monitor)
       class(ensemble_type), intent(inout), target :: self
       type(initial_state), intent(in) :: from
       class(observer_type), intent(in) :: observer    !! for blocks of self%report%nlane lanes
-      class(monitor_type), intent(inout) :: monitor
       type(error_type), allocatable, intent(inout) :: error
       real(wp), intent(in), target, contiguous, optional :: dw(:, :, :)  !! increments of this drive alone
+      class(monitor_type), intent(inout), optional :: monitor
+      type(monitor_type) :: no_monitor
       class(noise_type), allocatable, target :: given
       class(noise_type), pointer :: noise
       type(shared_state) :: shared
       real(wp) :: start, lost
       integer :: nthread, i
 
-      call check_options(self%options, error)
       if (allocated(error)) return
+      if (contracts_are_executed) call require_options(self%options, 'ensemble, drive')
       if (present(dw)) then
          call new_noise(given, self%model, self%options, lost, error, dw, self%factory%task%scheme)
          noise => given
@@ -180,7 +182,11 @@ contains
       call self%model%clear_failure()
       shared%total = self%options%npath*self%options%nstep
       call blas_single_thread()
-      call run_blocks(self%runners(:nthread), self%factory, self%options, from, monitor, shared)
+      if (present(monitor)) then
+         call run_blocks(self%runners(:nthread), self%factory, self%options, from, monitor, shared)
+      else
+         call run_blocks(self%runners(:nthread), self%factory, self%options, from, no_monitor, shared)
+      end if
       call blas_restore_threads()
       self%report%seconds_run = self%report%seconds_run + (seconds() - start)
       call summarise(self, shared)
@@ -189,11 +195,10 @@ contains
    !> Use another first path, first step and seed in later drives. Another seed needs another source of noise.
    subroutine renumber(self, options, error)
       class(ensemble_type), intent(inout) :: self
-      type(run_options), intent(in) :: options     !! equal to its own except for these and the steps
+      type(run_options), intent(in) :: options     !! checked; equal to its own except for these and the steps
       type(error_type), allocatable, intent(inout) :: error
       integer(i8) :: seed
 
-      call check_options(options, error)
       if (allocated(error)) return
       seed = self%options%seed
       self%options%first_path = options%first_path

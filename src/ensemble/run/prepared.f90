@@ -8,6 +8,7 @@
 !> at different steps; `resume` takes all of them to the end of the call.
 module symsde_ensemble_run_prepared
    use, intrinsic :: iso_c_binding, only: c_associated, c_loc, c_null_ptr, c_ptr
+   use symsde_base_contracts, only: contracts_are_executed, require
    use symsde_base_kinds, only: wp, i4, i8
    use symsde_base_memory, only: require_memory, require_reserve
    use symsde_base_status, only: error_type, raise, incompatible, invalid_argument, wrong_shape, out_of_memory, stopped
@@ -15,7 +16,7 @@ module symsde_ensemble_run_prepared
    use symsde_ensemble_run_driver, only: ensemble_type, new_ensemble, check_state
    use symsde_ensemble_block_initial_state, only: initial_state
    use symsde_ensemble_monitor, only: monitor_type
-   use symsde_ensemble_options, only: run_options, check_options
+   use symsde_ensemble_options, only: run_options, check_options, saved_count
    use symsde_ensemble_observe_recorder, only: path_recorder
    use symsde_ensemble_run_report, only: run_report
    use symsde_ensemble_run_simulate, only: paths_type, new_paths
@@ -46,8 +47,9 @@ module symsde_ensemble_run_prepared
    contains
       procedure :: advance
       procedure :: resume
+      procedure :: begin_steps
+      procedure :: begin_rest
       procedure :: record
-      procedure :: record_rest
       procedure :: reset
       procedure :: next_step
       procedure :: time
@@ -55,6 +57,7 @@ module symsde_ensemble_run_prepared
       procedure :: get_report
       generic :: assignment(=) => leave_unprepared
       procedure, private :: leave_unprepared
+      procedure, private :: restart
       procedure, private :: go
       procedure, private :: enter
       procedure, private :: leave
@@ -82,12 +85,13 @@ contains
       chosen = options
       chosen%save_every = 1
       chosen%nstep = max(0_i8, min(foreseen, 2_i8**46 - options%first_step))
+      call check_options(chosen, error)
+      if (allocated(error)) return
       self%home = c_loc(self%goal)
-      self%given = chosen
       self%scheme = scheme
       call new_ensemble(self%ensemble, model, self%scheme, chosen, q0, p0, path_recorder(), error)
       if (.not. allocated(error)) call new_state(self, options%npath, model%traits%ndof, options%compensated, error)
-      if (.not. allocated(error)) call self%reset(q0, p0, error, q_low, p_low)
+      if (.not. allocated(error)) call self%restart(chosen, q0, p0, q_low, p_low, error)
    end subroutine prepare
 
    !> Copy nothing on assignment, since pointers would point into the original; calls of the left-hand side are refused.
@@ -136,24 +140,35 @@ contains
       if (present(first_step)) wanted%first_step = first_step
       if (present(seed)) wanted%seed = seed
       if (present(first_path)) wanted%first_path = first_path
-      call check_state(wanted, size(self%q, 2), q0, p0, error)
-      call check_low(self, wanted, error, q_low, p_low)
-      if (.not. allocated(error)) call self%ensemble%renumber(wanted, error)
-      if (.not. allocated(error)) then
-         self%given = wanted
-         self%goal = wanted%first_step
-         self%was_stopped = .false.
-         self%status = 0
-         self%failed_step = -1
-         call take_rows(self%q, q0)
-         call take_rows(self%p, p0)
-         if (allocated(self%q_low)) then
-            call take_rows(self%q_low, q_low)
-            call take_rows(self%p_low, p_low)
-         end if
-      end if
+      call check_options(wanted, error)
+      if (.not. allocated(error)) call check_state(wanted, size(self%q, 2), q0, p0, error)
+      call self%restart(wanted, q0, p0, q_low, p_low, error)
       call self%leave()
    end subroutine reset
+
+   !> Take over checked options and a checked state.
+   subroutine restart(self, options, q0, p0, q_low, p_low, error)
+      class(prepared_run), intent(inout) :: self
+      type(run_options), intent(in) :: options
+      real(wp), intent(in) :: q0(:, :), p0(:, :)                  !! (npath or 1, ndof)
+      real(wp), intent(in), pointer :: q_low(:, :), p_low(:, :)   !! (npath or 1, ndof), or null
+      type(error_type), allocatable, intent(inout) :: error
+
+      call check_low(self, options, error, q_low, p_low)
+      call self%ensemble%renumber(options, error)
+      if (allocated(error)) return
+      self%given = options
+      self%goal = options%first_step
+      self%was_stopped = .false.
+      self%status = 0
+      self%failed_step = -1
+      call take_rows(self%q, q0)
+      call take_rows(self%p, p0)
+      if (allocated(self%q_low)) then
+         call take_rows(self%q_low, q_low)
+         call take_rows(self%p_low, p_low)
+      end if
+   end subroutine restart
 
    !> Take nstep more steps, with the noise of the run or with the increments dw. If `saved` is present, write into it
    !> the state at the beginning and after every save_every steps.
@@ -166,7 +181,6 @@ contains
       type(paths_type), intent(out), target, optional :: saved
       integer(i8), intent(in), optional :: save_every                    !! default 1
       type(path_recorder) :: recorder
-      type(run_options) :: options
       real(wp), pointer, contiguous :: given(:, :, :)  !! dw, or null: an absent array is not passed on
       integer(i8) :: every
 
@@ -174,21 +188,16 @@ contains
       nullify (given)
       if (present(dw)) given => dw
       every = max(1_i8, nstep)
-      if (present(saved) .and. allocated(self%q)) then
-         every = 1
-         if (present(save_every)) every = save_every
-         options = self%options()
-         options%first_step = self%next_step()
-         options%nstep = nstep
-         options%save_every = every
-         call check_options(options, error)
-         if (allocated(error)) return
-         call new_paths(saved, options, size(self%q, 2), error)
-         if (allocated(error)) return
-         recorder%q => saved%q
-         recorder%p => saved%p
+      if (present(saved)) every = 1
+      if (present(saved) .and. present(save_every)) every = save_every
+      call self%begin_steps(nstep, every, error)
+      if (allocated(error)) return
+      if (present(saved)) then
+         call new_paths(saved, self%ensemble%options, size(self%q, 2), error)
+         if (.not. allocated(error)) recorder%q => saved%q
+         if (.not. allocated(error)) recorder%p => saved%p
       end if
-      call self%record(nstep, every, recorder, error, given, monitor)
+      call self%record(recorder, error, given, monitor)
       if (.not. allocated(error)) call show_state(self, saved)
    end subroutine advance
 
@@ -206,35 +215,27 @@ contains
       if (allocated(error)) return
       nullify (given)
       if (present(dw)) given => dw
+      call self%begin_rest(error)
+      if (allocated(error)) return
       if (present(saved)) then
-         associate (o => self%ensemble%options)
-            if (size(saved%q, 3, i8) /= o%nstep/o%save_every + 1) then
-               call raise(error, wrong_shape, 'resume', 'the saved paths have '//to_text(size(saved%q, 3))// &
-                          ' times, the call that was stopped '//to_text(o%nstep/o%save_every + 1)// &
-                          ': give what that call saved')
-               return
-            end if
-         end associate
+         if (size(saved%q, 3, i8) /= saved_count(self%ensemble%options)) &
+            call raise(error, wrong_shape, 'resume', 'the saved paths have '//to_text(size(saved%q, 3))// &
+                       ' times, the call that was stopped '//to_text(saved_count(self%ensemble%options))// &
+                       ': give what that call saved')
          recorder%q => saved%q
          recorder%p => saved%p
       end if
-      call self%record_rest(recorder, error, given, monitor)
+      call self%record(recorder, error, given, monitor)
       if (.not. allocated(error)) call show_state(self, saved)
    end subroutine resume
 
-   !> Like `advance`, but save into a recorder, whose q and p have shape (npath, ndof, nstep/save_every + 1) or are not
-   !> associated.
-   subroutine record(self, nstep, save_every, recorder, error, dw, monitor)
+   !> Begin a call that takes nstep more steps and saves after every save_every of them: afterwards self%options() are
+   !> checked and those of the call. Without an error, `record` has to follow, which ends the call.
+   subroutine begin_steps(self, nstep, save_every, error)
       class(prepared_run), intent(inout) :: self
       integer(i8), intent(in) :: nstep, save_every
-      type(path_recorder), intent(inout) :: recorder
       type(error_type), allocatable, intent(inout) :: error
-      real(wp), intent(in), target, contiguous, optional :: dw(:, :, :)  !! increments (npath or 1, nnoise, rows)
-      class(monitor_type), intent(inout), optional :: monitor
-      real(wp), pointer, contiguous :: given(:, :, :)  !! dw, or null: an absent array is not passed on
 
-      nullify (given)
-      if (present(dw)) given => dw
       call self%enter('advance', error)
       if (allocated(error)) return
       if (self%was_stopped) then
@@ -244,31 +245,37 @@ contains
          self%ensemble%options%first_step = self%goal
          self%ensemble%options%nstep = nstep
          self%ensemble%options%save_every = save_every
-         call self%go(recorder, error, given, monitor)
+         call check_options(self%ensemble%options, error)
       end if
-      call self%leave()
-   end subroutine record
+      if (allocated(error)) call self%leave()
+   end subroutine begin_steps
 
-   !> Like `resume`, but save into a recorder on the arrays of the call that was stopped.
-   subroutine record_rest(self, recorder, error, dw, monitor)
+   !> Begin a call that finishes the one that was stopped; `record` has to follow likewise.
+   subroutine begin_rest(self, error)
       class(prepared_run), intent(inout) :: self
-      type(path_recorder), intent(inout) :: recorder
+      type(error_type), allocatable, intent(inout) :: error
+
+      call self%enter('resume', error)
+      if (allocated(error) .or. self%was_stopped) return
+      call raise(error, incompatible, 'resume', 'the last call was not stopped: there is nothing to resume')
+      call self%leave()
+   end subroutine begin_rest
+
+   !> Take the steps of a call that was begun, and end it. An error that came in between ends it without steps.
+   subroutine record(self, recorder, error, dw, monitor)
+      class(prepared_run), intent(inout) :: self
+      type(path_recorder), intent(inout) :: recorder   !! its q and p have room (npath, ndof, saved times), or none
       type(error_type), allocatable, intent(inout) :: error
       real(wp), intent(in), target, contiguous, optional :: dw(:, :, :)  !! increments (npath or 1, nnoise, rows)
       class(monitor_type), intent(inout), optional :: monitor
       real(wp), pointer, contiguous :: given(:, :, :)  !! dw, or null: an absent array is not passed on
 
+      if (contracts_are_executed) call require(self%at_work == 1, 'ensemble, record', 'a call was begun')
       nullify (given)
       if (present(dw)) given => dw
-      call self%enter('resume', error)
-      if (allocated(error)) return
-      if (self%was_stopped) then
-         call self%go(recorder, error, given, monitor)
-      else
-         call raise(error, incompatible, 'resume', 'the last call was not stopped: there is nothing to resume')
-      end if
+      if (.not. allocated(error)) call self%go(recorder, error, given, monitor)
       call self%leave()
-   end subroutine record_rest
+   end subroutine record
 
    !> Run the ensemble from the state of the run: paths begin from self%q and self%p, and their last states are written
    !> there.
@@ -279,7 +286,6 @@ contains
       real(wp), pointer, contiguous, intent(in) :: dw(:, :, :)  !! null: the noise of the run
       class(monitor_type), intent(inout), optional :: monitor
       type(initial_state) :: from
-      type(monitor_type) :: no_monitor
 
       call check_own_state(self, error)
       call require_reserve('a call of a prepared run', 'advance', error)
@@ -300,11 +306,7 @@ contains
          recorder%p_low => self%p_low
       end if
       recorder%first_path = self%ensemble%options%first_path
-      if (present(monitor)) then
-         call self%ensemble%drive(from, recorder, monitor, error, dw)
-      else
-         call self%ensemble%drive(from, recorder, no_monitor, error, dw)
-      end if
+      call self%ensemble%drive(from, recorder, error, dw, monitor)
       if (allocated(error)) return
       self%goal = self%ensemble%options%first_step + self%ensemble%options%nstep
       self%was_stopped = self%ensemble%report%nstopped > 0

@@ -12,7 +12,7 @@ module symsde_ensemble_run_simulate
    use symsde_ensemble_monitor, only: monitor_type
    use symsde_ensemble_observe_observables, only: observables_type
    use symsde_ensemble_observe_observers, only: observer_plan, new_observer_plan, new_observed_run
-   use symsde_ensemble_options, only: run_options, check_options
+   use symsde_ensemble_options, only: run_options, check_options, saved_count
    use symsde_ensemble_observe_recorder, only: path_recorder
    use symsde_ensemble_run_report, only: run_report
    use symsde_ensemble_statistics_path_tree, only: moment_node, final_node
@@ -21,7 +21,7 @@ module symsde_ensemble_run_simulate
    use symsde_scheme_scheme, only: scheme_type
    implicit none
    private
-   public :: paths_type, moments_type, simulate, moments, new_paths, fill_times
+   public :: paths_type, moments_type, simulate, moments, collect_moments, new_paths, fill_times
 
    !> Saved paths. Values of a path after its failure are NaN; last_q and last_p hold its last good state.
    type :: paths_type
@@ -59,27 +59,23 @@ contains
       class(model_type), intent(in), target :: model
       type(scheme_type), intent(in) :: scheme
       type(run_options), intent(in) :: options
-      real(wp), intent(in) :: q0(:), p0(:) !! initial state of all paths (ndof), or (npath*ndof), path index first
+      real(wp), intent(in), target :: q0(:), p0(:)  !! initial state of all paths (ndof), or (npath*ndof) path first
       type(paths_type), intent(out), target :: run
       type(error_type), allocatable, intent(inout) :: error
       real(wp), intent(in), target, contiguous, optional :: dw(:, :, :)  !! increments (npath or 1, nnoise, rows)
       class(monitor_type), intent(inout), optional :: monitor
       real(wp), intent(in), target, optional :: q0_low(:, :), p0_low(:, :)  !! low parts, to resume (npath, ndof)
       type(path_recorder) :: recorder
-      real(wp), allocatable, target :: q_rows(:, :), p_rows(:, :)  !! (npath or 1, ndof)
       real(wp), pointer, contiguous :: given(:, :, :)  !! dw, or null: an absent array is not passed on
       type(initial_state) :: from
-      type(monitor_type) :: no_monitor
 
       if (allocated(error)) return
       nullify (given)
       if (present(dw)) given => dw
-      if (present(q0_low)) from%q_low => q0_low
-      if (present(p0_low)) from%p_low => p0_low
       call check_options(options, error)
+      if (.not. allocated(error)) call new_paths(run, options, model%traits%ndof, error)
       if (allocated(error)) return
-      call new_paths(run, options, model%traits%ndof, error)
-      if (allocated(error)) return
+      call begin_at(from, model%traits%ndof, q0, p0, q0_low, p0_low)
       recorder%first_path = options%first_path
       recorder%q => run%q
       recorder%p => run%p
@@ -89,16 +85,7 @@ contains
       recorder%last_p => run%last_p
       recorder%q_low => run%q_low
       recorder%p_low => run%p_low
-      call by_path(q0, model%traits%ndof, q_rows, error)
-      call by_path(p0, model%traits%ndof, p_rows, error)
-      if (allocated(error)) return
-      from%q => q_rows
-      from%p => p_rows
-      if (present(monitor)) then
-         call run_ensemble(model, scheme, options, from, recorder, monitor, run%report, error, given)
-      else
-         call run_ensemble(model, scheme, options, from, recorder, no_monitor, run%report, error, given)
-      end if
+      call run_ensemble(model, scheme, options, from, recorder, run%report, error, given, monitor)
    end subroutine simulate
 
    !> Integrate all paths and keep only moments and results of observers; memory grows with the number of saved times,
@@ -108,7 +95,7 @@ contains
       class(model_type), intent(in), target :: model
       type(scheme_type), intent(in) :: scheme
       type(run_options), intent(in) :: options
-      real(wp), intent(in) :: q0(:), p0(:) !! initial state of all paths (ndof), or (npath*ndof), path index first
+      real(wp), intent(in), target :: q0(:), p0(:)  !! initial state of all paths (ndof), or (npath*ndof) path first
       type(moments_type), intent(out) :: result
       type(error_type), allocatable, intent(inout) :: error
       class(observables_type), intent(in), target, optional :: observables
@@ -118,45 +105,53 @@ contains
       type(observer_request), intent(in), target, optional :: observers(:)
       type(observer_request), target :: none(0)
       type(observer_request), pointer :: wanted(:)
+      real(wp), pointer, contiguous :: given(:, :, :)  !! dw, or null: an absent array is not passed on
+      type(initial_state) :: from
+
+      if (allocated(error)) return
+      nullify (given)
+      if (present(dw)) given => dw
+      wanted => none
+      if (present(observers)) wanted => observers
+      call check_options(options, error)
+      if (allocated(error)) return
+      call begin_at(from, model%traits%ndof, q0, p0, q0_low, p0_low)
+      call collect_moments(model, scheme, options, from, result, error, wanted, observables, given, monitor)
+   end subroutine moments
+
+   !> `moments` of checked options, from an initial state.
+   subroutine collect_moments(model, scheme, options, from, result, error, observers, observables, dw, monitor)
+      class(model_type), intent(in), target :: model
+      type(scheme_type), intent(in) :: scheme
+      type(run_options), intent(in) :: options
+      type(initial_state), intent(in) :: from
+      type(moments_type), intent(out) :: result
+      type(error_type), allocatable, intent(inout) :: error
+      type(observer_request), intent(in) :: observers(:)
+      class(observables_type), intent(in), target, optional :: observables
+      real(wp), intent(in), target, contiguous, optional :: dw(:, :, :)
+      class(monitor_type), intent(inout), optional :: monitor
       type(moment_store), allocatable, target :: store
       type(observer_plan), target :: plan
       type(moment_collector) :: collector
       type(moment_node) :: root
       type(run_options) :: shown
-      real(wp), allocatable, target :: q_rows(:, :), p_rows(:, :)  !! (npath or 1, ndof)
       real(wp), pointer, contiguous :: given(:, :, :)  !! dw, or null: an absent array is not passed on
-      type(initial_state) :: from
-      type(monitor_type) :: no_monitor
 
-      if (allocated(error)) return
       nullify (given)
       if (present(dw)) given => dw
-      if (present(q0_low)) from%q_low => q0_low
-      if (present(p0_low)) from%p_low => p0_low
-      call check_options(options, error)
-      if (.not. allocated(error)) call check_shard(options, error)
+      call check_shard(options, error)
       if (.not. allocated(error)) call new_moments(result, model, options, error, observables)
       if (allocated(error)) return
       allocate (store)
-      wanted => none
-      if (present(observers)) wanted => observers
-      call plan_observers(plan, model, merge(law_gaussian, scheme%law, present(dw)), options, wanted, error, &
+      call plan_observers(plan, model, merge(law_gaussian, scheme%law, present(dw)), options, observers, error, &
                           observables)
       if (allocated(error)) return
       call new_moment_collector(collector, model, choose_nlane(options, model), size(result%t), store, observables, &
                                 plan, options%save_every)
       shown = options
       if (plan%watches_steps) shown%save_every = 1
-      call by_path(q0, model%traits%ndof, q_rows, error)
-      call by_path(p0, model%traits%ndof, p_rows, error)
-      if (allocated(error)) return
-      from%q => q_rows
-      from%p => p_rows
-      if (present(monitor)) then
-         call run_ensemble(model, scheme, shown, from, collector, monitor, result%report, error, given)
-      else
-         call run_ensemble(model, scheme, shown, from, collector, no_monitor, result%report, error, given)
-      end if
+      call run_ensemble(model, scheme, shown, from, collector, result%report, error, given, monitor)
       if (allocated(error)) return
       call plan%deliver(result%observed)
       call final_node(store%tree, root)
@@ -164,7 +159,7 @@ contains
       result%failed = store%failed(:store%nlisted)
       result%failed_status = store%status(:store%nlisted)
       result%failed_step = store%failed_step(:store%nlisted)
-   end subroutine moments
+   end subroutine collect_moments
 
    !> Plan the work of the requested observers, if there are any.
    subroutine plan_observers(plan, model, law, options, observers, error, observables)
@@ -208,7 +203,7 @@ contains
       integer(i8) :: ntime, nvalue
       integer :: info
 
-      ntime = options%nstep/options%save_every + 1
+      ntime = saved_count(options)
       result%has_energy = model%traits%has_value
       nvalue = 2*model%traits%ndof + merge(1, 0, result%has_energy)
       if (present(observables)) nvalue = nvalue + observables%nvalue
@@ -224,7 +219,7 @@ contains
                     ' bytes: save less often (save_every)')
          return
       end if
-      call saved_times(options, result%t)
+      call fill_times(options, ntime, result%t)
    end subroutine new_moments
 
    !> Compute mean, variance and standard error from counts, means and sums of squares. The sums are moved to the
@@ -254,15 +249,6 @@ contains
       call move_alloc(root%m2, result%m2)
    end subroutine to_moments
 
-   !> Compute the saved times, from the beginning of the run on; allocate the array if the caller has not.
-   subroutine saved_times(options, t)
-      type(run_options), intent(in) :: options
-      real(wp), allocatable, intent(inout) :: t(:)
-
-      if (.not. allocated(t)) allocate (t(options%nstep/options%save_every + 1))
-      call fill_times(options, size(t, kind=i8), t)
-   end subroutine saved_times
-
    !> Times t_n = t0 + n h of the saved points; the first is the time before the first step of the run.
    pure subroutine fill_times(options, ntime, t)
       type(run_options), intent(in) :: options
@@ -287,7 +273,7 @@ contains
       real(wp) :: bytes
       integer :: info
 
-      ntime = options%nstep/options%save_every + 1
+      ntime = saved_count(options)
       bytes = 16.0_wp*real(options%npath, wp)*ndof*real(ntime, wp)
       if (bytes > 2.0_wp**62) then
          call raise(error, too_large, 'simulate', to_text(options%npath)//' paths, '//to_text(ndof)// &
@@ -309,32 +295,33 @@ contains
                     'save less often (save_every), fewer paths, or use moments')
          return
       end if
-      call saved_times(options, run%t)
+      call fill_times(options, ntime, run%t)
    end subroutine new_paths
 
-   !> Give an initial state the shape (npath or 1, ndof). A size that is no multiple of ndof is passed on, and the check
-   !> of shapes refuses it.
-   subroutine by_path(x, ndof, rows, error)
-      real(wp), intent(in) :: x(:)
+   !> Let a run begin at the caller's arrays.
+   subroutine begin_at(from, ndof, q0, p0, q0_low, p0_low)
+      type(initial_state), intent(out) :: from
       integer, intent(in) :: ndof
-      real(wp), allocatable, intent(out) :: rows(:, :)
-      type(error_type), allocatable, intent(inout) :: error
-      integer(i8) :: n, i, j
-      integer :: info
+      real(wp), intent(in), target :: q0(:), p0(:)
+      real(wp), intent(in), target, optional :: q0_low(:, :), p0_low(:, :)
+
+      call view_rows(q0, ndof, from%q)
+      call view_rows(p0, ndof, from%p)
+      if (present(q0_low)) from%q_low => q0_low
+      if (present(p0_low)) from%p_low => p0_low
+   end subroutine begin_at
+
+   !> View an initial state as (npath or 1, ndof). A size that is no multiple of ndof is left for the check of shapes
+   !> to refuse.
+   subroutine view_rows(x, ndof, rows)
+      real(wp), intent(in), target :: x(:)
+      integer, intent(in) :: ndof
+      real(wp), pointer, intent(out) :: rows(:, :)
+      integer(i8) :: n
 
       n = ndof
       if (mod(size(x, kind=i8), n) /= 0 .or. size(x) == 0) n = size(x, kind=i8)
-      allocate (rows(size(x, kind=i8)/max(n, 1_i8), n), stat=info)
-      if (info /= 0) then
-         call raise(error, out_of_memory, 'simulate', 'no memory for '//to_text(8*size(x, kind=i8))// &
-                    ' bytes of initial states: give fewer paths, or one state for all')
-         return
-      end if
-      do j = 1, n
-         do i = 1, size(rows, 1, i8)
-            rows(i, j) = x((j - 1)*size(rows, 1, i8) + i)
-         end do
-      end do
-   end subroutine by_path
+      rows(1:size(x, kind=i8)/max(n, 1_i8), 1:n) => x
+   end subroutine view_rows
 
 end module symsde_ensemble_run_simulate
