@@ -427,6 +427,10 @@ int symsde_compute_moments(symsde_model model, symsde_scheme scheme, const symsd
 int symsde_merge_moments(int64_t ntime, int64_t nvalue, int64_t *n_ok, double *mean, double *m2,
                          const int64_t *n_ok_right, const double *mean_right, const double *m2_right,
                          symsde_error *error);
+/* variance and se_mean[ntime][nvalue] of merged parts, as symsde_compute_moments gives them: NaN for fewer than two
+ * paths, and so becomes a mean of no path */
+int symsde_moment_errors(int64_t ntime, int64_t nvalue, const int64_t *n_ok, double *mean, const double *m2,
+                         double *variance, double *se_mean, symsde_error *error);
 
 /* A prepared run checks, probes and allocates once. Then it takes steps in as many calls as you want. Steps in several
  * calls give the same bits as in one. The handle owns copies of model and scheme, so these may be deleted. A run serves

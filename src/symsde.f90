@@ -66,7 +66,7 @@ module symsde
    ! runs
    use symsde_base_counters, only: counters_type
    use symsde_ensemble_monitor, only: monitor_type
-   use symsde_ensemble_statistics_merge, only: merge_moments
+   use symsde_ensemble_statistics_merge, only: merge_moments, moment_errors
    use symsde_ensemble_observe_observables, only: observables_type
    use symsde_ensemble_observe_observers, only: observe_histogram, observe_quantiles, observe_covariance, &
                                                 observe_autocorrelation, observe_extremes, observe_passage, &

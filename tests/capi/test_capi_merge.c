@@ -10,7 +10,7 @@ static void test_merge_moments(void) {
    static double t[NTIME], mean[3][N], variance[N], se[N], m2[3][N];
    static int64_t n_ok[3][NTIME];
    const int64_t first[3] = {0, 256, 0}, count[3] = {256, PATHS - 256, PATHS};
-   double q0 = 0.3, p0 = -0.4;
+   double q0 = 0.3, p0 = -0.4, found[N], deviation[N];
    symsde_model model = new_kubo();
    symsde_scheme scheme = NULL;
    symsde_options options = some_options();
@@ -36,6 +36,13 @@ static void test_merge_moments(void) {
    OK(symsde_merge_moments(NTIME, NVALUE, n_ok[0], mean[0], m2[0], n_ok[1], mean[1], m2[1], &error));
    CHECK(memcmp(n_ok[0], n_ok[2], sizeof n_ok[0]) == 0);
    CHECK(memcmp(mean[0], mean[2], sizeof mean[0]) == 0 && memcmp(m2[0], m2[2], sizeof m2[0]) == 0);
+   OK(symsde_moment_errors(NTIME, NVALUE, n_ok[0], mean[0], m2[0], found, deviation, &error));
+   CHECK(memcmp(found, variance, sizeof found) == 0 && memcmp(deviation, se, sizeof se) == 0);
+   CHECK(memcmp(mean[0], mean[2], sizeof mean[0]) == 0);
+   EXPECT(SYMSDE_INVALID_ARGUMENT, "se_mean is NULL",
+          symsde_moment_errors(NTIME, NVALUE, n_ok[0], mean[0], m2[0], found, NULL, &error));
+   EXPECT(SYMSDE_WRONG_SHAPE, "negative",
+          symsde_moment_errors(NTIME, -1, n_ok[0], mean[0], m2[0], found, deviation, &error));
    EXPECT(SYMSDE_INVALID_ARGUMENT, "m2_right is NULL",
           symsde_merge_moments(NTIME, NVALUE, n_ok[0], mean[0], m2[0], n_ok[1], mean[1], NULL, &error));
    EXPECT(SYMSDE_WRONG_SHAPE, "negative",
@@ -68,8 +75,23 @@ static void test_merge_nothing(void) {
    }
 }
 
+/* no path has a mean, and one path no variance */
+static void test_errors_of_few(void) {
+   enum { NVALUE = 2 };
+   const int64_t n_ok[3] = {0, 1, 3};
+   double mean[6] = {1, 1, 1, 1, 1, 1}, variance[6], se[6];
+   const double m2[6] = {8, 8, 8, 8, 8, 8};
+
+   OK(symsde_moment_errors(3, NVALUE, n_ok, mean, m2, variance, se, &error));
+   for (int i = 0; i < 6; i++) {
+      CHECK(isnan(mean[i]) == (i < 2) && isnan(variance[i]) == (i < 4) && isnan(se[i]) == (i < 4));
+      CHECK(i < 4 || (variance[i] == 4 && se[i] == sqrt(4.0 / 3)));
+   }
+}
+
 int main(void) {
    test_merge_moments();
    test_merge_nothing();
+   test_errors_of_few();
    return close_report();
 }

@@ -341,6 +341,7 @@ FUNCTIONS = {
     "moments_init": (POINTER(Moments),),
     "compute_moments": (*_run, _input, POINTER(Moments), POINTER(Report), _error),
     "merge_moments": (c_int64, c_int64, *_arrays(6), _error),
+    "moment_errors": (c_int64, c_int64, *_arrays(5), _error),
     "observer_init": (POINTER(Observer),),
     "observer_sizes": (_handle, _options, c_int, POINTER(Observer), c_void_p, _error),
     "observer_merge": (_handle, _options, c_int, POINTER(Observer), POINTER(Observer), _error),

@@ -144,13 +144,10 @@ class Moments(MomentTables, Reported):
         return f"observable {list(self._observables)[int(match[1]) - 1]!r}"
 
     def fill_from_sums(self, n_ok: np.ndarray, mean: np.ndarray, m2: np.ndarray) -> None:
-        """The same from counts (time,), means and sums of squared deviations (time, value), as the library makes it."""
-        self.n_ok[...], self.m2[...] = n_ok, m2
-        n = n_ok[:, np.newaxis].astype(np.float64)
-        with np.errstate(divide="ignore", invalid="ignore"):
-            self._tables["mean"][...] = np.where(n > 0, mean, np.nan)
-            self._tables["var"][...] = np.where(n > 1, m2 / (n - 1), np.nan)
-            self._tables["se_mean"][...] = np.sqrt(self._tables["var"] / n)
+        """The same from counts (time,), means and sums of squared deviations (time, value)."""
+        self.n_ok[...], self.m2[...], self._tables["mean"][...] = n_ok, m2, mean
+        arrays = self.n_ok, self._tables["mean"], self.m2, self._tables["var"], self._tables["se_mean"]
+        handles.call("moment_errors", *self.m2.shape, *map(address, arrays))
 
     def _repr_html_(self) -> str:
         """For notebooks."""

@@ -15,6 +15,7 @@ module symsde_ensemble_run_simulate
    use symsde_ensemble_options, only: run_options, check_options, saved_count
    use symsde_ensemble_observe_recorder, only: path_recorder
    use symsde_ensemble_run_report, only: run_report
+   use symsde_ensemble_statistics_merge, only: moment_errors
    use symsde_ensemble_statistics_path_tree, only: moment_node, final_node
    use symsde_ensemble_observe_streaming, only: observer_request, observed_type, observed_run
    use symsde_model_abstract, only: model_type
@@ -225,28 +226,13 @@ contains
    !> Compute mean, variance and standard error from counts, means and sums of squares. The sums are moved to the
    !> result.
    subroutine to_moments(root, result)
-      use, intrinsic :: ieee_arithmetic, only: ieee_value, ieee_quiet_nan
       type(moment_node), intent(inout) :: root      !! empty afterwards
       type(moments_type), intent(inout) :: result
-      real(wp) :: nan
-      integer :: it
 
-      nan = ieee_value(nan, ieee_quiet_nan)
       result%n_ok = int(root%n, i8)
-      result%mean = root%mean
-      result%variance = root%m2
-      result%se_mean = root%m2
-      do it = 1, size(root%n)
-         if (root%n(it) < 0.5_wp) result%mean(:, it) = nan
-         if (root%n(it) < 1.5_wp) then
-            result%variance(:, it) = nan
-            result%se_mean(:, it) = nan
-         else
-            result%variance(:, it) = root%m2(:, it)/(root%n(it) - 1)
-            result%se_mean(:, it) = sqrt(result%variance(:, it)/root%n(it))
-         end if
-      end do
+      call move_alloc(root%mean, result%mean)
       call move_alloc(root%m2, result%m2)
+      call moment_errors(result%n_ok, result%mean, result%m2, result%variance, result%se_mean)
    end subroutine to_moments
 
    !> Times t_n = t0 + n h of the saved points; the first is the time before the first step of the run.

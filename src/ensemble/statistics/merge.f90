@@ -1,5 +1,5 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> Merge the moments of two parts of an ensemble, on the same dyadic tree as within one run.
+!> Merge the moments of two parts of an ensemble, on the same dyadic tree as within one run, and find their errors.
 !>
 !> A part holds the paths j 2^k .. (j+1) 2^k - 1, k >= 8; the last part may lack paths at its end. Two siblings (j even,
 !> and j + 1) merge into their parent; merging up to the root gives the bits of the whole run, however it was divided.
@@ -8,7 +8,7 @@ module symsde_ensemble_statistics_merge
    use symsde_ensemble_statistics_path_tree, only: moment_node, moment_tree, insert_node, final_node
    implicit none
    private
-   public :: merge_moments
+   public :: merge_moments, moment_errors
 
 contains
 
@@ -31,6 +31,30 @@ contains
       mean = node%mean
       m2 = node%m2
    end subroutine merge_moments
+
+   !> Find variances and standard errors of means from counts and sums of squared deviations. They are NaN for fewer
+   !> than two paths, and so become means of no path.
+   subroutine moment_errors(n_ok, mean, m2, variance, se_mean)
+      use, intrinsic :: ieee_arithmetic, only: ieee_value, ieee_quiet_nan
+      integer(i8), intent(in) :: n_ok(:)                               !! paths that count (ntime)
+      real(wp), intent(inout) :: mean(:, :)                            !! (nvalue, ntime)
+      real(wp), intent(in) :: m2(:, :)                                 !! sums of squared deviations (nvalue, ntime)
+      real(wp), intent(out) :: variance(:, :), se_mean(:, :)           !! (nvalue, ntime)
+      real(wp) :: nan
+      integer :: it
+
+      nan = ieee_value(nan, ieee_quiet_nan)
+      do it = 1, size(n_ok)
+         if (n_ok(it) < 1) mean(:, it) = nan
+         if (n_ok(it) < 2) then
+            variance(:, it) = nan
+            se_mean(:, it) = nan
+         else
+            variance(:, it) = m2(:, it)/real(n_ok(it) - 1, wp)
+            se_mean(:, it) = sqrt(variance(:, it)/real(n_ok(it), wp))
+         end if
+      end do
+   end subroutine moment_errors
 
    subroutine make_node(index, n_ok, mean, m2, node)
       integer(i8), intent(in) :: index
