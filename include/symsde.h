@@ -163,6 +163,10 @@ int symsde_model_set_derived(symsde_model model, symsde_error *error);
  * of freedom or one for each [1/time]. Rates of zero take it back. A negative rate needs allow_gain. No run may be using
  * the model. Tableaux execute it, and free drifts with kicks; other schemes are refused */
 int symsde_model_set_damping(symsde_model model, int nrate, const double *rates, int allow_gain, symsde_error *error);
+/* Friction on velocities, p' = .. - Gamma M^-1 p, by a symmetric matrix [ndof][ndof] [mass/time], where H = p.M^-1 p/2 +
+ * U(q) is declared (identity_mass or constant_mass), in the place of rates. Zeros take it back. A negative eigenvalue
+ * needs allow_gain. Schemes of one stage execute it, and free drifts with kicks; other schemes are refused */
+int symsde_model_set_friction(symsde_model model, const double *friction, int allow_gain, symsde_error *error);
 /* put a model into a heat bath: dp_i = .. - gamma_i p_i dt, and after the noises of the model one for each degree of freedom,
  * H_k = -sigma_i q_i with sigma_i^2 = 2 gamma_i m_i/beta_i; then exp(-beta H) is stationary, where the model has no other
  * noise. gamma [1/time] and beta = 1/kT [1/energy] are one number each, or one for each degree of freedom. Needs H =

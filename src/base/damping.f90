@@ -4,7 +4,11 @@
 !>    dp_i = -H_{q_i} dt - gamma_i p_i dt - sum_k H_{k,q_i} o dW_k,   dq = H_p dt + sum_k H_{k,p} o dW_k
 !>
 !> It is the force F = -gamma p in [WHSB] (9)-(17). With one rate for all degrees of freedom (scalar damping) the flow
-!> over a time h multiplies dp ^ dq by exp(-gamma h): it is conformally symplectic.
+!> over a time h multiplies dp ^ dq by exp(-gamma h): it is conformally symplectic. Friction on velocities,
+!>
+!>    dp = -H_q dt - Gamma M^-1 p dt - ..,                Gamma = Gamma^T
+!>
+!> with a matrix Gamma and H = p.M^-1 p/2 + U(q), shrinks volume alone, by exp(-h tr Gamma M^-1).
 module symsde_base_damping
    use symsde_base_kinds, only: wp
    use symsde_base_status, only: error_type, raise, incompatible, invalid_argument
@@ -14,9 +18,16 @@ module symsde_base_damping
    private
    public :: damping_type, new_damping, decay_less_one
 
-   !> The damping rates of a model; not allocated for a closed system.
+   interface new_damping
+      module procedure new_rates, new_friction
+   end interface new_damping
+
+   integer, parameter :: largest_friction = 512   !! degrees of freedom up to which a matrix is taken
+
+   !> The damping rates of a model, or its friction; neither is allocated for a closed system.
    type :: damping_type
-      real(wp), allocatable :: rate(:)   !! gamma_i [1/time] (ndof)
+      real(wp), allocatable :: rate(:)         !! gamma_i [1/time] (ndof)
+      real(wp), allocatable :: friction(:, :)  !! Gamma [mass/time] (ndof, ndof)
    contains
       procedure :: acts
       procedure :: is_scalar
@@ -28,7 +39,7 @@ contains
 
    !> The damping of these rates: one for all degrees of freedom, or one for each. With all rates zero the system is
    !> closed. A negative rate adds energy, and is refused unless allowed. Refused rates leave the damping unchanged.
-   subroutine new_damping(self, rate, ndof, error, allow_gain)
+   subroutine new_rates(self, rate, ndof, error, allow_gain)
       type(damping_type), intent(inout) :: self
       real(wp), intent(in) :: rate(:)   !! [1/time] (1 or ndof)
       integer, intent(in) :: ndof
@@ -49,14 +60,120 @@ contains
          call raise(error, invalid_argument, 'new_damping', 'a rate of damping is negative, which would make '// &
                     'momenta grow: give rates of zero or more, or allow gain')
       else
-         if (allocated(self%rate)) deallocate (self%rate)
+         call take_back(self)
          if (all(abs(rate) <= 0)) return
          allocate (self%rate(ndof))
          do i = 1, ndof
             self%rate(i) = rate(min(i, size(rate)))
          end do
       end if
-   end subroutine new_damping
+   end subroutine new_rates
+
+   !> The friction of a symmetric matrix on velocities. It must not feed energy in, x.Gamma x >= 0, unless that is
+   !> allowed. A matrix of zeros is no friction. Where a matrix is refused the damping stays as it was.
+   subroutine new_friction(self, friction, ndof, error, allow_gain)
+      type(damping_type), intent(inout) :: self
+      real(wp), intent(in) :: friction(:, :)   !! Gamma [mass/time] (ndof, ndof)
+      integer, intent(in) :: ndof
+      type(error_type), allocatable, intent(inout) :: error
+      logical, intent(in), optional :: allow_gain
+      logical :: gain
+      real(wp) :: largest
+      integer :: i, j
+
+      if (allocated(error)) return
+      gain = .false.
+      if (present(allow_gain)) gain = allow_gain
+      if (any(shape(friction) /= ndof)) then
+         call raise(error, invalid_argument, 'new_damping', 'a matrix of friction is ('//to_text(size(friction, 1))// &
+                    ','//to_text(size(friction, 2))//'): give a row and a column for each of '//to_text(ndof)// &
+                    ' degrees of freedom')
+      else if (ndof > largest_friction) then
+         call raise(error, invalid_argument, 'new_damping', 'a matrix of friction for '//to_text(ndof)// &
+                    ' degrees of freedom is too large, it may have '//to_text(largest_friction)//' rows: give rates')
+      end if
+      if (allocated(error)) return
+      largest = 0
+      do j = 1, ndof
+         do i = 1, ndof
+            if (.not. abs(friction(i, j)) <= huge(largest)) then
+               call raise(error, invalid_argument, 'new_damping', 'a matrix of friction is not finite: give '// &
+                          'numbers [mass/time]')
+               return
+            end if
+            largest = max(largest, abs(friction(i, j)))
+         end do
+      end do
+      do j = 1, ndof
+         do i = 1, j - 1
+            if (abs(friction(i, j) - friction(j, i)) <= 8*epsilon(largest)*largest) cycle
+            call raise(error, invalid_argument, 'new_damping', 'a matrix of friction is not symmetric, rows '// &
+                       to_text(i)//' and '//to_text(j)//' have '//to_text(friction(i, j))//' and '// &
+                       to_text(friction(j, i))//' for each other: give a symmetric one')
+            return
+         end do
+      end do
+      if (.not. gain .and. .not. loses(friction, largest)) then
+         call raise(error, invalid_argument, 'new_damping', 'a matrix of friction has a negative eigenvalue, which '// &
+                    'would make momenta grow: give one without, or allow gain')
+         return
+      end if
+      call take_back(self)
+      if (.not. largest > 0) return
+      allocate (self%friction(ndof, ndof))
+      do j = 1, ndof
+         do i = 1, ndof
+            self%friction(i, j) = 0.5_wp*(friction(i, j) + friction(j, i))
+         end do
+      end do
+   end subroutine new_friction
+
+   !> A closed system.
+   subroutine take_back(self)
+      type(damping_type), intent(inout) :: self
+
+      if (allocated(self%rate)) deallocate (self%rate)
+      if (allocated(self%friction)) deallocate (self%friction)
+   end subroutine take_back
+
+   !> Whether x.Gamma x >= 0 for all x, to rounding: elimination with the largest diagonal element as pivot meets no
+   !> negative one, and leaves nothing where the diagonal is zero.
+   logical function loses(friction, largest)
+      real(wp), intent(in) :: friction(:, :)
+      real(wp), intent(in) :: largest             !! of the elements
+      real(wp), dimension(size(friction, 1), size(friction, 1)) :: a
+      logical :: done(size(friction, 1))
+      real(wp) :: rounding, pivot
+      integer :: i, j, k, n, at
+
+      n = size(friction, 1)
+      a = friction
+      done = .false.
+      rounding = 16*n*epsilon(largest)*largest
+      do k = 1, n
+         at = 0
+         do i = 1, n
+            if (done(i)) cycle
+            if (at == 0) at = i
+            if (a(i, i) > a(at, at)) at = i
+         end do
+         pivot = a(at, at)
+         if (.not. pivot > rounding) exit
+         done(at) = .true.
+         do j = 1, n
+            if (done(j)) cycle
+            do i = 1, n
+               if (.not. done(i)) a(i, j) = a(i, j) - a(i, at)*(a(at, j)/pivot)
+            end do
+         end do
+      end do
+      loses = .true.
+      do j = 1, n
+         do i = 1, n
+            if (.not. (done(i) .or. done(j))) loses = loses .and. abs(a(i, j)) <= rounding
+         end do
+      end do
+   end function loses
 
    !> Describe the damping, and what it means for velocities. Without damping the text is empty.
    subroutine describe(self, traits, text)
@@ -66,7 +183,10 @@ contains
 
       text = ''
       if (.not. self%acts()) return
-      if (self%is_scalar()) then
+      if (allocated(self%friction)) then
+         text = 'dp = .. - Gamma M^-1 p dt, friction on velocities by a matrix'
+         return
+      else if (self%is_scalar()) then
          text = 'dp = .. - '//to_text(self%rate(1))//' p dt, so that dp^dq shrinks by one factor'
       else
          text = 'dp_i = .. - gamma_i p_i dt, gamma_i = '//to_text(minval(self%rate))//' to '//to_text(maxval(self%rate))
@@ -96,14 +216,14 @@ contains
    pure logical function acts(self)
       class(damping_type), intent(in) :: self
 
-      acts = allocated(self%rate)
+      acts = allocated(self%rate) .or. allocated(self%friction)
    end function acts
 
-   !> Whether all degrees of freedom have the same rate.
+   !> Whether all degrees of freedom have the same rate. A matrix is no rate.
    pure logical function is_scalar(self)
       class(damping_type), intent(in) :: self
 
-      is_scalar = .true.
+      is_scalar = .not. allocated(self%friction)
       if (allocated(self%rate)) is_scalar = all(abs(self%rate - self%rate(1)) <= 0)
    end function is_scalar
 

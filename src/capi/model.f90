@@ -24,7 +24,7 @@ module symsde_capi_model
    private
    public :: find_model, use_model, copy_model
    public :: symsde_model_names, symsde_model_parameters, symsde_model_get
-   public :: symsde_model_set_damping, symsde_model_thermostat
+   public :: symsde_model_set_damping, symsde_model_set_friction, symsde_model_thermostat
    public :: symsde_model_new, symsde_model_delete, symsde_model_traits, symsde_model_probe
 
    integer(i8), parameter :: tag_of_model = int(z'6D6F64656C', i8)  !! 'model'; cleared when the handle is deleted
@@ -209,6 +209,25 @@ contains
       end if
       status = finish(refusal, error)
    end function symsde_model_set_damping
+
+   !> Friction on the velocities of a model, p' = .. - Gamma M^-1 p, by a symmetric matrix (ndof, ndof) [mass/time].
+   function symsde_model_set_friction(model, friction, allow_gain, error) result(status) &
+      bind(c, name='symsde_model_set_friction')
+      type(c_ptr), intent(in), value :: model, friction, error
+      integer(c_int), intent(in), value :: allow_gain   !! not zero: an eigenvalue may be negative
+      integer(c_int) :: status
+      type(error_type), allocatable :: refusal
+      class(model_type), pointer :: known
+      real(wp), pointer, contiguous :: given(:, :)
+
+      call find_model(model, known, refusal)
+      call require(friction, 'friction', refusal)
+      if (.not. allocated(refusal)) then
+         call view(friction, int(known%traits%ndof, i8), int(known%traits%ndof, i8), given)
+         call new_damping(known%damping, given, known%traits%ndof, refusal, allow_gain /= 0)
+      end if
+      status = finish(refusal, error)
+   end function symsde_model_set_friction
 
    !> Put a model into a heat bath: damped momenta, and additive noises after its own, one for each degree of freedom.
    function symsde_model_thermostat(model, ngamma, gamma, nbeta, beta, error) result(status) &

@@ -26,6 +26,7 @@ module symsde_step_factory
                                    galerkin_form, splitting_form, bracket_terms, frame_none
    use symsde_solve_newton, only: newton_options, check_newton
    use symsde_step_open_damped, only: damped_stepper, damped_fits
+   use symsde_step_open_rubbed, only: rubbed_stepper
    use symsde_step_hamiltonian_brackets, only: active_brackets
    use symsde_step_midpoint_mean_path, only: mean_path_stepper
    use symsde_step_midpoint_mean_force, only: mean_force_stepper, mean_force_fits
@@ -236,12 +237,16 @@ contains
       class(stepper_type), allocatable, intent(out) :: stepper
       type(stepper_task), intent(in) :: task
       type(error_type), allocatable, intent(inout) :: error
-      type(damped_stepper), allocatable :: damped
+      class(damped_stepper), allocatable :: damped
       type(stepper_task) :: closed
 
       closed = task
       closed%damping = damping_type()
-      allocate (damped)
+      if (allocated(task%damping%friction)) then
+         allocate (rubbed_stepper :: damped)
+      else
+         allocate (damped)
+      end if
       call make_stepper(damped%inner, closed, task%model, task%nlane, error)
       if (allocated(error)) return
       call damped%make(task)
@@ -266,6 +271,14 @@ contains
          call refuse('adds brackets of H, which damping would change in time')
       else if ((active%areas .or. task%correction /= correction_none) .and. .not. task%damping%is_scalar()) then
          call refuse('adds products of gradients, which keep their form where all rates are equal')
+      else if (allocated(task%damping%friction)) then
+         if (.not. task%model%traits%has_constant_mass()) then
+            call raise(error, incompatible, 'check_damping', 'model '//task%model%name//' does not declare H = '// &
+                       'p.M^-1 p/2 + U(q) with a constant M (identity_mass, constant_mass), and a matrix of '// &
+                       'friction acts on velocities M^-1 p: give rates of the momenta')
+         else if (task%scheme%form == tableau_form .and. (task%scheme%nstage > 1 .or. task%general)) then
+            call refuse('is a tableau of several stages, or executed as one: its decays are numbers, no matrices')
+         end if
       end if
 
    contains

@@ -44,6 +44,7 @@ module symsde_step_memory
    integer, parameter :: vectors = 60            !! vectors of the length of q in a lane, at most
    integer, parameter :: small_matrix = 2048     !! numbers of one that elimination takes, whatever else is true
    integer, parameter :: krylov_vectors = 65     !! vectors of solutions by products
+   integer, parameter :: most_legs = 4           !! drifts of a step, each with three matrices of friction
    integer, parameter :: most_rescued = 512      !! unknowns up to which failed lanes are tried again
 
 contains
@@ -72,6 +73,7 @@ contains
          if (active%areas) memory%lane = memory%lane + m*(m - 1)/2
          if (t%bandwidth < 0 .and. t%has_hessian .and. .not. t%has_hessian_vector) &
             memory%lane = memory%lane + 3*n**2  ! products are made from the blocks
+         if (allocated(task%damping%friction)) memory%once = memory%once + (3*most_legs + 8)*n**2
          if (scheme%form == splitting_form) then  ! its stepper is its own oracle
             if (.not. t%additive) memory%lane = memory%lane + n*m  ! H_k,q
             if (.not. t%additive .and. scheme%kicks%samples) memory%lane = memory%lane + m*(m + 1)/2  ! D_kl

@@ -362,6 +362,39 @@ static void test_damping(void) {
    symsde_scheme_delete(&scheme);
 }
 
+/* friction on velocities by a matrix, which is a rate where there is one degree of freedom of mass one */
+static void test_friction(void) {
+   const double rate = 0.5, negative = -0.5, none = 0, lopsided[] = {1, 0.5, 0.25, 1}, one = 1, zero = 0;
+   symsde_model model = NULL, pair = NULL;
+   symsde_scheme scheme = NULL;
+   symsde_options options = some_options();
+   const symsde_input input = some_input(&zero, &one);
+   arrays a, b;
+   symsde_paths paths = paths_in(&a, 0), others = paths_in(&b, 0);
+   const int last = (NTIME - 1) * PATHS;
+
+   OK(symsde_model_get("linear_oscillator", 0, NULL, NULL, &model, &error));
+   OK(symsde_scheme_get("midpoint", &scheme, &error));
+   OK(symsde_model_set_damping(model, 1, &rate, 0, &error));
+   OK(symsde_simulate(model, scheme, &options, &input, &paths, NULL, &error));
+   OK(symsde_model_set_friction(model, &rate, 0, &error));
+   OK(symsde_simulate(model, scheme, &options, &input, &others, NULL, &error));
+   CHECK(fabs(a.p[last] - b.p[last]) < 1e-12 && fabs(a.q[last] - b.q[last]) < 1e-12);
+   EXPECT(SYMSDE_INVALID_ARGUMENT, "negative eigenvalue|allow gain",
+          symsde_model_set_friction(model, &negative, 0, &error));
+   EXPECT(SYMSDE_INVALID_ARGUMENT, "friction", symsde_model_set_friction(model, NULL, 0, &error));
+   EXPECT(SYMSDE_NULL_HANDLE, "model", symsde_model_set_friction(NULL, &rate, 0, &error));
+   OK(symsde_model_get("henon_heiles", 0, NULL, NULL, &pair, &error));
+   EXPECT(SYMSDE_INVALID_ARGUMENT, "not symmetric", symsde_model_set_friction(pair, lopsided, 0, &error));
+   OK(symsde_model_set_friction(model, &negative, 1, &error));
+   OK(symsde_model_set_friction(model, &none, 0, &error));
+   OK(symsde_simulate(model, scheme, &options, &input, &others, NULL, &error));
+   CHECK(fabs(a.p[last] - b.p[last]) > 1e-6);
+   symsde_model_delete(&model);
+   symsde_model_delete(&pair);
+   symsde_scheme_delete(&scheme);
+}
+
 /* a bath: a noise after the model's own, with sigma^2 = 2 gamma m/beta, and the friction; callbacks keep their failures */
 static void test_thermostat(void) {
    const char *keys[] = {"a", "sigma"};
@@ -407,6 +440,7 @@ int main(void) {
    test_null_is_not_handed_out();
    test_sincos();
    test_damping();
+   test_friction();
    test_thermostat();
    return close_report();
 }

@@ -53,7 +53,7 @@ def of(model: Model, scheme: Scheme | None, start: Start, functions: Mapping[str
     if (formula := getattr(model, "formula", None)) is not None:
         found["formulas"] = list(formula.hamiltonians)
     if model.damping:
-        found["damping"] = list(model.damping)
+        found["damping"] = np.array(model.damping).tolist()
     weights = np.zeros((model.nnoise + 1, _POINTS))
     weights[0] = 1.0
     found["H"] = _told(_of_model(model, weights, start))

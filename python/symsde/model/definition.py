@@ -21,6 +21,8 @@ from .named import require_names
 
 #: traits that are true or false; each names a property of the Hamiltonians
 FLAGS = ("separable", "additive", "position_noise", "quadratic", "identity_mass", "constant_mass")
+#: one rate [1/time] for each degree of freedom, or rows of a matrix of friction [mass/time]
+Damping = tuple[float, ...] | tuple[tuple[float, ...], ...]
 #: built-in model -> texts of H, H_1 .., as in the docstring of its function in `symsde.models`
 HAMILTONIANS: dict[str, Sequence[str]] = {}
 _KNOWN = ("has_value", "has_hessian", "has_hessian_vector")
@@ -110,14 +112,14 @@ class Model:
     power of two that the size of state and time reaches (flows: also that of the step). Without a Hessian, it is
     approximated by differences of gradients. An exception in a Python function stops the run and is raised again.
 
-    ``damping`` damps the momenta, dp_i = .. - gamma_i p_i dt: one rate [1/time], or one for each degree of freedom. See
-    `damped`, which does so for any model.
+    ``damping`` damps the momenta, dp_i = .. - gamma_i p_i dt: one rate [1/time], or one for each degree of freedom; or
+    it is friction on velocities, by a matrix. See `damped`, which does so for any model.
     """
 
     #: (q0, p0, t0) -> refuses an initial state of all paths, (dof, 1), from which no run can begin. Models of formulas
     #: know
     check_start: Callable[[np.ndarray, np.ndarray, float], None] | None = None
-    _damping: tuple[float, ...] = ()  #: damping rates of the momenta; empty for a closed system
+    _damping: Damping = ()  #: rates of the momenta, or rows of a matrix of friction; empty for a closed system
     _closed: Model | None = None  #: for a damped model the same model without damping
     _bath: tuple[float, ...] = ()  #: beta of a heat bath, one or one for each degree of freedom; empty without one
     _coordinates: tuple[str, ...] = ()  #: the model's own names of coordinates and momenta, if it has any
@@ -228,8 +230,9 @@ class Model:
         self.traits: Traits = self._read_traits()
 
     @property
-    def damping(self) -> tuple[float, ...]:
-        """Rates gamma_i of the momenta [1/time], one for each degree of freedom; () of a closed system."""
+    def damping(self) -> Damping:
+        """Rates gamma_i of the momenta [1/time], one for each degree of freedom, or rows of a matrix of friction on
+        velocities [mass/time]; () of a closed system."""
         return self._damping
 
     def damped(self, damping, *, allow_gain: bool = False) -> Self:
@@ -237,8 +240,13 @@ class Model:
 
         It is the force F = -gamma p of the paper, [WHSB] (9)-(17). damping: one rate gamma [1/time] for all degrees of
         freedom, or rates (dof,). They multiply p and not velocities: with H = p.M^-1 p/2 + U the friction on q' is
-        gamma_i m_i. A rate of zero damps nothing, and all zero give the closed model. A negative rate feeds energy in
-        and needs allow_gain.
+        gamma_i m_i, and where H has other terms in p, it is no friction on velocities at all. A rate of zero damps
+        nothing, and all zero give the closed model. A negative rate feeds energy in and needs allow_gain.
+
+        Friction on velocities is a symmetric matrix Gamma (dof, dof) [mass/time], dp = .. - Gamma M^-1 p dt, for models
+        with H = p.M^-1 p/2 + U and a constant M (`identity_mass` or `constant_mass`); rates g_i are diag(g_i m_i). Its
+        eigenvalues must not be negative without allow_gain. It shrinks volume by exp(-h tr Gamma M^-1), and no dp ^ dq
+        as a whole; schemes of one stage take it (midpoint, the Euler pair), and kicks.
 
         With one rate a step multiplies dp ^ dq by exp(-gamma h), to rounding, for every increment: it is conformally
         symplectic, and `diagnose.symplecticity` measures the distance from that factor. Runs take tableaux (midpoint,
@@ -250,15 +258,24 @@ class Model:
         other._damp(closed, damping, checks.flag("allow_gain", allow_gain))
         return other if other.damping else closed
 
+    @property
+    def has_friction(self) -> bool:
+        """Whether `damping` is a matrix of friction on velocities."""
+        return bool(self._damping) and isinstance(self._damping[0], tuple)
+
     def _damp(self, closed: Model, damping, allow_gain: bool) -> None:
         """Be the damped form of a closed model."""
         rates = np.array(np.atleast_1d(checks.real_array("damping", damping)))  # a copy: callers may change theirs
-        if rates.ndim != 1 or rates.size not in (1, self.ndof):
+        if rates.shape not in ((1,), (self.ndof,), (self.ndof, self.ndof)):
             raise WrongShapeError(
-                f"damping has shape {rates.shape}: give a number, or ({self.ndof},), one rate for each p"
+                f"damping has shape {rates.shape}: give a number, or ({self.ndof},), one rate for each p, or "
+                f"({self.ndof}, {self.ndof}), a symmetric matrix of friction on velocities"
             )
         self._handles = handles.Pool(functools.partial(_damped_handle, closed._handles.made, rates, allow_gain))
-        self._damping = tuple(float(x) for x in np.broadcast_to(rates, self.ndof)) if rates.any() else ()
+        if rates.ndim == 2:
+            self._damping = tuple(tuple(map(float, row)) for row in rates) if rates.any() else ()
+        else:
+            self._damping = tuple(float(x) for x in np.broadcast_to(rates, self.ndof)) if rates.any() else ()
         self._closed = closed if self._damping else None
 
     def __reduce__(self) -> tuple:
@@ -314,7 +331,9 @@ class Model:
         """Name and parameters."""
         parameters = ", ".join(f"{key}={value:g}" for key, value in self.parameters.items())
         what = parameters or f"ndof={self.ndof}, nnoise={self.nnoise}"
-        for key, numbers in (("damping", self.damping), ("bath at beta", self._bath)):
+        if self.has_friction:
+            what += f", friction ({self.ndof}, {self.ndof})"
+        for key, numbers in (("damping", () if self.has_friction else self.damping), ("bath at beta", self._bath)):
             if numbers:
                 what += f", {key}=" + (f"{numbers[0]:g}" if len(set(numbers)) == 1 else str(list(numbers)))
         return f"{self.name}({what})"
@@ -406,7 +425,7 @@ def _copied(model: Model) -> Model:
     return other
 
 
-def _damped_again(closed: Model, rates: tuple[float, ...]) -> Model:
+def _damped_again(closed: Model, rates: Damping) -> Model:
     """A damped model from what pickle kept of it."""
     return closed.damped(rates, allow_gain=True)
 
@@ -414,8 +433,11 @@ def _damped_again(closed: Model, rates: tuple[float, ...]) -> Model:
 def _damped_handle(make: Callable[[], ModelHandle], rates: np.ndarray, allow_gain: bool) -> ModelHandle:
     """A handle of a model whose momenta are damped."""
     handle = make()
-    given = (ctypes.c_double * rates.size)(*rates)
-    handles.call("model_set_damping", handle.pointer, rates.size, given, int(allow_gain))
+    given = (ctypes.c_double * rates.size)(*rates.flat)
+    if rates.ndim == 2:
+        handles.call("model_set_friction", handle.pointer, given, int(allow_gain))
+    else:
+        handles.call("model_set_damping", handle.pointer, rates.size, given, int(allow_gain))
     return handle
 
 

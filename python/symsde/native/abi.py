@@ -310,6 +310,7 @@ FUNCTIONS = {
     "model_accept_any_lanes": (_handle, _error),
     "model_set_derived": (_handle, _error),
     "model_set_damping": (_handle, c_int, POINTER(c_double), c_int, _error),
+    "model_set_friction": (_handle, POINTER(c_double), c_int, _error),
     "model_thermostat": (_handle, c_int, POINTER(c_double), c_int, POINTER(c_double), _error),
     "model_delete": (_handle_out,),
     "model_traits": (_handle, POINTER(Traits), _error),

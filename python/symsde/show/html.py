@@ -55,13 +55,15 @@ def text(shown: str) -> str:
 
 def model(shown: Any, hamiltonians: Sequence[str], traits: Sequence[str]) -> str:
     """A model: its name, its Hamiltonians as texts, parameters with their values, names of its traits."""
-    loss = " - γ p dt" if shown.damping else ""
+    loss = " - Γ M⁻¹ p dt" if shown.has_friction else " - γ p dt" if shown.damping else ""
     lines = [f"<b>{html.escape(shown.name)}</b>: dp = -H_q dt{loss} - Σ H_k,q ∘ dW_k, dq = H_p dt + Σ H_k,p ∘ dW_k"]
     lines += [f"<code>{html.escape(line)}</code>" for line in hamiltonians]
     page = "<br>".join(lines)
     if shown.parameters:
         page += table(list(shown.parameters), [[f"{value:g}" for value in shown.parameters.values()]])
-    if shown.damping:
+    if shown.has_friction:
+        page += table(["friction Γ", *[""] * (shown.ndof - 1)], [[f"{x:g}" for x in row] for row in shown.damping])
+    elif shown.damping:
         page += f"<br>damping γ = {', '.join(f'{rate:g}' for rate in dict.fromkeys(shown.damping))}"
     sizes = f"{counted(shown.ndof, 'degree of freedom')}, {counted(shown.nnoise, 'noise')}"
     return f"<div>{page}<br>{sizes}; {', '.join(traits).replace('_', ' ') or 'no traits'}</div>"

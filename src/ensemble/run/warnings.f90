@@ -123,12 +123,23 @@ contains
       real(wp), parameter :: longest = 4          ! largest number of decay times after the last kick
       real(wp) :: z, ratio, last
       real(wp), allocatable :: w(:, :)            ! weights of dW, a and K (node, 1 or 3)
+      integer :: i
 
       if (.not. (damping%acts() .and. traits%position_noise .and. traits%nnoise > 0)) return
       if (allocated(traits%silent)) then
          if (all(traits%silent)) return
       end if
-      z = maxval(damping%rate*h)
+      if (allocated(damping%rate)) then
+         z = maxval(damping%rate)*h
+      else if (traits%identity_mass) then
+         ! No eigenvalue of a matrix that is larger is known without work, nor the mass of the model.
+         z = 0
+         do i = 1, traits%ndof
+            z = max(z, damping%friction(i, i)*h)
+         end do
+      else
+         return
+      end if
       if (.not. z > short) return
       if (scheme%form /= splitting_form) then
          allocate (w(size(scheme%c), 1))

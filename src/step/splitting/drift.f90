@@ -5,7 +5,8 @@
 !>    q <- q + tau p                  q <- cos(omega tau) q + sin(omega tau)/omega p
 !>    p <- p                          p <- cos(omega tau) p - omega sin(omega tau) q
 !>
-!> Of a damped model a free flow decays, by the rate gamma_i of every degree of freedom:
+!> Of a damped model a free flow decays, by the rate gamma_i of every degree of freedom (or by a matrix of friction, see
+!> step/open/friction):
 !>
 !>    q <- q + phi p,   p <- exp(-gamma tau) p,       phi = (1 - exp(-gamma tau))/gamma
 !>
@@ -26,6 +27,7 @@ module symsde_step_splitting_drift
    use symsde_base_damping, only: damping_type
    use symsde_base_sincos, only: sine_of
    use symsde_noise_decay_law, only: decay_integral
+   use symsde_step_open_friction, only: friction_flow, new_friction_flow
    implicit none
    private
    public :: drift_flow, new_drift_flow
@@ -34,6 +36,7 @@ module symsde_step_splitting_drift
       private
       logical, public :: rotates = .false.
       logical, public :: decays = .false.
+      type(friction_flow), allocatable, public :: friction  !! decays by a matrix
       real(wp), allocatable :: rate(:)             !! gamma (ndof)
       real(wp), allocatable :: reach(:, :), loss(:, :)  !! phi, exp(-gamma tau) - 1 (ndof, nleg)
       real(wp), allocatable :: omega(:)            !! frequencies (ndof)
@@ -57,9 +60,14 @@ contains
 
       if (present(damping)) self%decays = damping%acts()
       if (self%decays) then
-         self%rate = damping%rate
-         allocate (self%duration(nleg), source=0.0_wp)
-         allocate (self%reach(size(self%rate), nleg), self%loss(size(self%rate), nleg), source=0.0_wp)
+         if (allocated(damping%friction)) then
+            allocate (self%friction)
+            call new_friction_flow(self%friction, damping, nleg)
+         else
+            self%rate = damping%rate
+            allocate (self%duration(nleg), source=0.0_wp)
+            allocate (self%reach(size(self%rate), nleg), self%loss(size(self%rate), nleg), source=0.0_wp)
+         end if
       end if
       if (.not. present(omega)) return
       self%rotates = .true.
@@ -97,6 +105,10 @@ contains
       real(wp), intent(inout) :: dq(nlane, ndof), dp(nlane, ndof)
       integer :: i
 
+      if (allocated(self%friction)) then
+         call self%friction%drift(leg, tau, nlane, ndof, v, dq, dp)
+         return
+      end if
       if (abs(tau - self%duration(leg)) > 0) then
          self%duration(leg) = tau
          self%reach(:, leg) = tau*decay_integral(1.0_wp, self%rate*tau)

@@ -144,8 +144,8 @@ def model_from_sympy(
     - ends: of sums over neighbours. "free" leaves out what would reach beyond an end, "fixed" takes q and p beyond both
       ends as zero, so that the bond before the first site counts as the one behind the last, and "periodic" closes the
       ring: a sum over q[i+1] - q[i] has n - 1, n + 1 or n terms, for n = 3 these are 2, 4 or 3
-    - damping: rates gamma_i [1/time] of dp_i = .. - gamma_i p_i dt, one number or one for each degree of freedom; see
-      `Model.damped`
+    - damping: rates gamma_i [1/time] of dp_i = .. - gamma_i p_i dt, one number or one for each degree of freedom, or a
+      symmetric matrix of friction on velocities; see `Model.damped`
 
     Texts such as `"p**2/2 - omega**2*cos(q)"` are read by a parser of arithmetic, which executes nothing. Derivatives
     and traits are derived. C code is generated, compiled by the system's compiler and kept on disk (SYMSDE_CACHE).

@@ -1,0 +1,72 @@
+! SPDX-License-Identifier: BSD-3-Clause
+!> The step of a scheme with one stage for a model with a matrix of friction: a stepper around a stepper, as step/open/
+!> damped is, whose decays are matrices (step/open/friction), A = Gamma M^-1:
+!>
+!>    p* = exp(-c h A) p_n,   (q_{n+1}, p**) = step of the closed system from (q_n, p*)
+!>    p_{n+1} = exp(-(1 - c) h A) p**
+!>
+!> As increments, with p** = p* + dp* and E(t) = exp(-t A) - 1:
+!>
+!>    dp = E(h) p_n + dp* + E((1 - c) h) dp*
+module symsde_step_open_rubbed
+   use symsde_base_damping, only: damping_type
+   use symsde_base_kinds, only: wp, i8
+   use symsde_base_record, only: step_record
+   use symsde_step_open_damped, only: damped_stepper
+   use symsde_step_open_friction, only: friction_flow, new_friction_flow
+   use symsde_step_stepper, only: stepper_task
+   implicit none
+   private
+   public :: rubbed_stepper
+
+   enum, bind(c)
+      enumerator :: before = 1, after = 2, whole = 3   ! legs: c h, (1 - c) h, h
+   end enum
+
+   type, extends(damped_stepper) :: rubbed_stepper
+      private
+      type(friction_flow) :: friction
+      real(wp) :: node = 0                       !! c
+      real(wp), allocatable :: start(:, :), moved(:, :)  !! p*, dp* (nlane, ndof)
+   contains
+      procedure :: make
+      procedure :: increment
+   end type rubbed_stepper
+
+contains
+
+   !> Take over the name and the answers of the inner stepper, which has been made.
+   subroutine make(self, task)
+      class(rubbed_stepper), intent(inout) :: self
+      type(stepper_task), intent(in) :: task
+      type(stepper_task) :: closed
+
+      closed = task
+      closed%damping = damping_type()
+      call self%damped_stepper%make(closed)
+      self%node = task%scheme%c(1)
+      call new_friction_flow(self%friction, task%damping, int(whole))
+      allocate (self%start(self%ham%nlane, self%ham%ndof), self%moved(self%ham%nlane, self%ham%ndof))
+   end subroutine make
+
+   !> The inner step between two decays.
+   subroutine increment(self, step, q, p, dq, dp, status)
+      class(rubbed_stepper), intent(inout) :: self
+      type(step_record), intent(in) :: step
+      real(wp), intent(in) :: q(self%ham%nlane, self%ham%ndof), p(self%ham%nlane, self%ham%ndof)
+      real(wp), intent(out) :: dq(self%ham%nlane, self%ham%ndof), dp(self%ham%nlane, self%ham%ndof)
+      integer(i8), intent(inout) :: status(self%ham%nlane)
+
+      associate (n => self%ham%ndof, nlane => self%ham%nlane, c => self%node, h => step%h, friction => self%friction)
+         call friction%look(self%ham, step%t, q)
+         self%start = p
+         call friction%decay(int(before), c*h, nlane, n, p, self%start)
+         self%inner%ham%nreal = self%ham%nreal
+         call self%inner%increment(step, q, self%start, dq, self%moved, status)
+         dp = self%moved
+         call friction%decay(int(after), (1 - c)*h, nlane, n, self%moved, dp)
+         call friction%decay(int(whole), h, nlane, n, p, dp)
+      end associate
+   end subroutine increment
+
+end module symsde_step_open_rubbed
