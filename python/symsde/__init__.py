@@ -55,8 +55,9 @@ _MOVED = {"scene": "symsde.batch.scene", "stability": "symsde.studies.stability"
 
 
 def __getattr__(name: str) -> ModuleType | Callable:
-    """Modules that have moved: their old names work until 0.2, with a warning that says the new ones. C and C++ call
-    moments compute_moments, since moments is a type there: that name works here too."""
+    """Resolve the old names of modules that have moved, until 0.2, with a warning that gives the new name. C and C++
+    call `moments` compute_moments, since moments is a type in their header; the C name works here too.
+    """
     if name == "compute_moments":
         return moments
     if name not in _MOVED:
@@ -66,7 +67,7 @@ def __getattr__(name: str) -> ModuleType | Callable:
 
 
 def __dir__() -> list[str]:
-    """What users call: neither modules that only this package needs, nor what it is made with."""
+    """The names that users call, without modules and helpers that only this package needs."""
     return sorted(__all__)
 
 

@@ -92,11 +92,11 @@ def stationary_path(
 ) -> StationaryPath:
     """The stochastic Hamilton principle: the path from q_start to q_end that makes the discrete action stationary.
 
-    It is the path that the scheme itself takes from (q_start, p[0]), Theorem 2.3 and [WHSB] (46)-(48). The increments
-    are those of a run with these `options` of `simulate` (step, steps, paths, seed, ...), or given ones, (step, noise)
-    or (step, noise, path). q_start, q_end: a number, (dof,) or (dof, path). guess_q, guess_p: (time, dof, path), where
-    the iteration begins, by default a straight line. The path is found if the time is below that of the first conjugate
-    point (pi for an oscillator of unit frequency).
+    The result is the path that the scheme itself takes from (q_start, p[0]), [WHSB] Theorem 2.3 and (46)-(48). The
+    increments are those of a run with these `options` of `simulate` (step, steps, paths, seed, ...), or given ones,
+    (step, noise) or (step, noise, path). q_start, q_end: a number, (dof,) or (dof, path). guess_q, guess_p: (time, dof,
+    path), where the iteration begins, by default a straight line. The path is found if the time is below that of the
+    first conjugate point (pi for an oscillator of unit frequency).
     """
     chosen = make_options(model, **options)
     shape = (chosen.steps + 1, model.ndof, chosen.paths)
@@ -114,7 +114,7 @@ def stationary_path(
 
 
 def _prescribed(increments: object, shape: tuple[int, int, int]) -> np.ndarray | None:
-    """Given increments with one column for each path."""
+    """Given increments, with one column for each path."""
     if increments is None:
         return None
     array = increments_array(increments, kept=False)
@@ -124,7 +124,7 @@ def _prescribed(increments: object, shape: tuple[int, int, int]) -> np.ndarray |
 
 
 def _guess(name: str, value: object, shape: tuple[int, ...]) -> np.ndarray | None:
-    """A path to begin with."""
+    """The initial guess of a path."""
     if value is None:
         return None
     array = np.ascontiguousarray(checks.real_array(name, value))
@@ -134,7 +134,7 @@ def _guess(name: str, value: object, shape: tuple[int, ...]) -> np.ndarray | Non
 
 
 def exact(run: Run) -> tuple[np.ndarray, np.ndarray]:
-    """Exact solution q, p on the Brownian path of a run, each (time, dof, path), for the models that have one.
+    """Exact solution q, p on the Brownian path of a run, each (time, dof, path), for models with a known solution.
 
     These are kubo, linear_oscillator, additive_oscillator, and all quadratic models whose flows commute, also your own.
     Other models raise MissingOperationError. The solution is driven by the same dW and dZ as the run. Schemes with two-
@@ -144,7 +144,7 @@ def exact(run: Run) -> tuple[np.ndarray, np.ndarray]:
 
 
 def exact_of(setup: Setup) -> tuple[np.ndarray, np.ndarray]:
-    """Exact solution on the Brownian path of a run that is set up but need not have been made."""
+    """Exact solution on the Brownian path of a run that is set up; the run need not have been made."""
     shape = (setup.ntime, setup.model.ndof, setup.paths)
     checks.room((2, *shape), "the exact solution (q and p; time, dof, path)")
     q, p = np.empty(shape), np.empty(shape)
@@ -154,13 +154,14 @@ def exact_of(setup: Setup) -> tuple[np.ndarray, np.ndarray]:
 
 
 def driving_increments(run: Run) -> np.ndarray:
-    """The increments that drove a run, (step, noise, path), with prescribed ones summed and truncated as in the run."""
+    """The increments that drove a run, (step, noise, path), with prescribed increments summed and truncated as in the
+    run."""
     setup = _setup_of(run)
     if setup.increments is None:
         return of_options(setup.model, setup.options, setup.scheme)
     dw = setup.increments
     for _ in range(setup.options.refine):
-        dw = dw[0::2] + dw[1::2]  # the balanced tree of the library
+        dw = dw[0::2] + dw[1::2]  # summed in the order of the library's balanced tree
     if setup.options.truncation != 0:
         raise IncompatibleError(
             "the run truncated increments of your own: truncate them yourself and leave truncation out"
@@ -169,14 +170,14 @@ def driving_increments(run: Run) -> np.ndarray:
 
 
 def _setup_of(run: object) -> Setup:
-    """What made a run."""
+    """The setup that a run was made from."""
     if not isinstance(run, Run):
         raise WrongTypeError(f"run = {checks.shown(run)} is not a run: give the result of symsde.simulate")
     return run.setup
 
 
 def _states(values: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:
-    """The states of a run, which its owner may have replaced."""
+    """The states of a run, checked, since its owner may have replaced them."""
     array = np.ascontiguousarray(checks.real_array("the states of the run", values))
     if array.shape != shape:
         raise WrongShapeError(f"the states of the run have shape {array.shape}: give {shape}, as simulate did")
@@ -184,7 +185,7 @@ def _states(values: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:
 
 
 def _examine(name: str, run: Run, values: np.ndarray) -> None:
-    """Call a diagnostic of every step of a run."""
+    """Call a diagnostic that needs every step of a run."""
     setup = _setup_of(run)
     if setup.options.save_every != 1:
         raise IncompatibleError(

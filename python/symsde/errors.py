@@ -5,11 +5,11 @@ from __future__ import annotations
 
 import re
 
-_LONGEST = 2000  #: most characters of a message, which may repeat an argument
+_LONGEST = 2000  #: most characters of a message that repeats an argument
 
 
 def shortened(text: str) -> str:
-    """A sentence in which long words are cut, and of what is long then the middle."""
+    """Shorten a sentence: cut long words, and the middle of a long text."""
     if len(text) > _LONGEST:
         text = re.sub(r"\S{60,}", lambda word: word[0][:57] + "...", text)
     return text if len(text) <= _LONGEST else f"{text[: _LONGEST // 2]} ... {text[-_LONGEST // 2 :]}"
@@ -21,7 +21,7 @@ class SymsdeError(Exception):
     code: int = 0
 
     def __str__(self) -> str:
-        """The sentence, in which nothing that was given takes pages."""
+        """The message, shortened if it repeats long arguments."""
         return shortened(super().__str__())
 
 
@@ -82,13 +82,13 @@ class OutOfMemoryError(SymsdeError, MemoryError):
 
 
 class MissingOperationError(SymsdeError, ValueError):
-    """The model does not offer what was asked of it."""
+    """The model lacks an operation that the call needs."""
 
     code = -9
 
 
 class NumericalError(SymsdeError, ArithmeticError):
-    """A computation that failed as a whole. Failures of single paths are in their status instead."""
+    """A computation failed as a whole. Failures of single paths are reported in their status instead."""
 
 
 class CallbackError(SymsdeError, RuntimeError):
@@ -114,23 +114,23 @@ class PathsFailedWarning(RuntimeWarning):
 
 
 class NotANumberWarning(RuntimeWarning):
-    """A value was not a finite number for a path that counts, so that its means are not finite either."""
+    """A value was not finite on a path that is ok, so its mean is not finite either."""
 
 
 class DoubtfulRunWarning(RuntimeWarning):
-    """What is known to be doubtful before a run begins, as its `report.warnings` tells it, or paths that grew
+    """A run is doubtful: for reasons known before it begins, as listed in `report.warnings`, or because paths grew
     1e6-fold."""
 
 
 class UnsaidAbsorbWarning(FutureWarning):
-    """A passage beside other results does not say whether it absorbs; from 0.2 on that is an error."""
+    """A passage observer beside other results does not say whether it absorbs; from version 0.2 on that is an error."""
 
 
 class RepeatedNoiseWarning(UserWarning):
-    """A run begins where another one may have ended, but with the noise of the first steps of its seed."""
+    """A run begins where another run may have ended, but with the noise of the first steps of its seed."""
 
 
-#: warnings of runs whose sentences also stand in reports or moments; code that puts runs together gives them once
+#: warnings about runs whose sentences are also in reports or moments; code that combines runs gives them once
 OF_RUNS = (PathsFailedWarning, NotANumberWarning, RepeatedNoiseWarning, DoubtfulRunWarning, UnsaidAbsorbWarning)
 
 
@@ -143,7 +143,7 @@ class SlowFormulaWarning(UserWarning):
 
 
 class UnusedParameterWarning(UserWarning):
-    """A parameter of formulas that none of them holds."""
+    """A parameter of formulas that no formula uses."""
 
 
 class OwnNoiseWarning(UserWarning):
@@ -151,7 +151,7 @@ class OwnNoiseWarning(UserWarning):
 
 
 class BudgetWarning(UserWarning):
-    """The time limit was too short for the interval that was asked for."""
+    """The time limit was too short for the requested interval."""
 
 
 class ReferenceWarning(UserWarning):

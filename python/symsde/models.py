@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """The built-in models. All quantities are dimensionless.
 
-Each model stands for the Stratonovich equations
+Each model represents the Stratonovich equations
 
     dp = -H_q dt - sum_k H_{k,q} o dW_k        dq = H_p dt + sum_k H_{k,p} o dW_k
 
@@ -41,7 +41,7 @@ def get(name: str, **values: float) -> Model:
 
 
 def _built_in(make: Callable[_P, Model]) -> Callable[_P, Model]:
-    """The function of a built-in model, which hints at misspelt arguments; notebooks show the H of its docstring."""
+    """Decorate the function of a built-in model: hint at misspelt arguments; notebooks show the H of its docstring."""
     HAMILTONIANS[make.__name__] = re.findall(r"\bH(?:_\w)? = .*?(?=, H_|:|\.\s)", make.__doc__ or "")
     return checks.hinted()(make)
 
@@ -50,7 +50,7 @@ def _built_in(make: Callable[_P, Model]) -> Callable[_P, Model]:
 def kubo(a: float = 1.0, sigma: float = 0.3) -> Model:
     """Kubo oscillator [WHSB] (35)-(37): H = a (p^2 + q^2)/2, H_1 = sigma (p^2 + q^2)/2.
 
-    The state turns by the angle sigma W(t) + a t, so p^2 + q^2 is invariant.
+    The state rotates by the angle sigma W(t) + a t, so p^2 + q^2 is invariant.
     """
     return Model.builtin("kubo", {"a": a, "sigma": sigma})
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The old name of `symsde.studies`; it goes in 0.2."""
+"""The old name of `symsde.studies`, until version 0.2."""
 
 import sys
 

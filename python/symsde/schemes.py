@@ -30,21 +30,21 @@ class Measured:
     #: half width of the 95 % interval of the slope; for weak orders (no sampling) the difference of the last two
     #: slopes
     half_width: float
-    floor: float  #: error of the reference over the smallest error that counts; 0 = exact
+    floor: float  #: error of the reference over the smallest error used; 0 = exact
 
 
 @dataclass(frozen=True)
 class Order:
-    """An order of convergence and what it rests on."""
+    """An order of convergence and its evidence."""
 
-    value: float  #: order; 0 = the scheme does not converge, or is not made for such noise
+    value: float  #: order; 0 = the scheme does not converge, or is not designed for such noise
     evidence: str  #: derived, from the coefficients that are executed; claimed; none
-    measured: Measured | None  #: on the problem that the certificate names; None = not measured
+    measured: Measured | None  #: on the problem named in the certificate; None = not measured
 
 
 @dataclass(frozen=True)
 class SchemeInfo:
-    """What is known about a scheme: derived from its coefficients, claimed, measured."""
+    """Properties of a scheme: derived from its coefficients, claimed, or measured."""
 
     name: str
     reference: str
@@ -71,7 +71,7 @@ class SchemeInfo:
     uses_stt_area: bool  #: whether the scheme uses K, the space-time-time Levy area
     uses_magnus: bool  #: whether the scheme uses J, the second Magnus term of the kicks
     uses_nested_bracket: bool  #: whether the scheme uses {{H, H_k}, H_k}
-    crosses_noises: bool  #: whether the scheme uses {{H_l, H_k}, H_k}, too: its weak order holds for every noise
+    crosses_noises: bool  #: whether the scheme also uses {{H_l, H_k}, H_k}: its weak order then holds for every noise
     law: str  #: law of the increments: Gaussian, three-point or two-point
     explicit_for: str  #: never, separable models, every model
     gradients_per_step: int  #: number of gradients in a step; for implicit schemes in each iteration
@@ -90,16 +90,16 @@ class Tableau:
     b: np.ndarray  #: (stage, stage), coefficients of q for the noise
     bbar: np.ndarray  #: (stage, stage), coefficients of p for the noise
     beta: np.ndarray  #: (stage,), weights of the noise
-    beside: str  #: operations of the scheme beside the tableau; if empty, from_tableau makes the same scheme
+    beside: str  #: operations of the scheme besides the tableau; if empty, from_tableau makes the same scheme
 
 
 class Certificate(str):
-    """The text of a certificate; notebooks show it line by line."""
+    """The text of a certificate; notebooks show its lines."""
 
     __slots__ = ()
 
     def _repr_html_(self) -> str:
-        """Preformatted."""
+        """The text as preformatted HTML."""
         return html.text(self)
 
 
@@ -107,7 +107,7 @@ class Scheme:
     """A scheme as data; made by `get`, `from_quadrature` or `from_tableau`."""
 
     def __init__(self, pointer: ctypes.c_void_p, made: tuple):
-        """Own the handle that `pointer` is, `made` by a function from arguments."""
+        """Own the handle `pointer`, `made` by a function from arguments."""
         self._handle = _handles.Handle("scheme", pointer)
         self._made = made
         self.info: SchemeInfo = self._read_info()
@@ -155,7 +155,7 @@ class Scheme:
         return Tableau(*arrays, self._beside())
 
     def _beside(self) -> str:
-        """What a tableau does not say of its scheme."""
+        """Operations of the scheme that its tableau does not contain."""
         info = self.info
         if info.form != "tableau":
             return ""
@@ -172,11 +172,11 @@ class Scheme:
         return "; ".join(parts)
 
     def _repr_html_(self) -> str:
-        """For notebooks: structure, tableau, orders."""
+        """Show structure, tableau and orders in notebooks."""
         return html.scheme(self)
 
     def __reduce__(self) -> tuple:
-        """For pickle: made again."""
+        """Pickle as the function and arguments that made the scheme."""
         return self._made
 
     def __copy__(self) -> Scheme:
@@ -188,7 +188,7 @@ class Scheme:
         return self
 
     def __repr__(self) -> str:
-        """One line."""
+        """The scheme in one line."""
         kind = "symplectic" if self.info.symplectic else "not symplectic"
         beside = self._beside()
         more = f"; beside the tableau: {beside}" if beside else ""
@@ -220,13 +220,13 @@ def get(name: str) -> Scheme:
 
 
 def as_scheme(scheme: str | Scheme) -> Scheme:
-    """A scheme given as such or by name."""
+    """A scheme given as an object or by name."""
     return scheme if isinstance(scheme, Scheme) else _by_name(checks.name_of("scheme", scheme))
 
 
 @functools.lru_cache(maxsize=256)
 def _by_name(name: str) -> Scheme:
-    """A scheme never changes: runs that ask for it by name share it."""
+    """A scheme by name, cached: a scheme never changes, so runs share it."""
     return get(name)
 
 
@@ -293,7 +293,7 @@ def from_tableau(  # noqa: PLR0917 - a tableau reads like its formula
 
 
 def adjoint(scheme: str | Scheme, name: str | None = None) -> Scheme:
-    """The adjoint: the inverse of a step back in time. That of symplectic_euler is symplectic_euler_adjoint."""
+    """The adjoint: the inverse of a step back in time. The adjoint of symplectic_euler is symplectic_euler_adjoint."""
     return _derived(adjoint, scheme, name)
 
 
@@ -325,7 +325,7 @@ def composition(parts: Sequence[str | Scheme], fractions, name: str = "compositi
 
 
 def _derived(maker: Callable[..., Scheme], scheme: str | Scheme, name: str | None) -> Scheme:
-    """A scheme made from another one, by the function of the library that is called as the maker is."""
+    """A scheme derived from another one by the library's function that has the name of `maker`."""
     base = as_scheme(scheme)
     pointer = ctypes.c_void_p()
     own = None if name is None else _name(name)

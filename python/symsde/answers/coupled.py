@@ -1,18 +1,19 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """One Brownian path at several steps: the change when a step is halved, and its cost.
 
-Level l has n_l = n_0 2^l steps of the size h_l = T/n_l. One path drives all: increments are sums of finer ones,
+Level l has n_l = n_0 2^l steps of the size h_l = T/n_l. One path drives all levels: increments are sums of finer
+increments,
 
     dW_n^l = dW_{2n}^{l+1} + dW_{2n+1}^{l+1},
 
-and dZ, K and areas are merged likewise, by the library (`refine` = halvings from a level to that whose path is drawn).
-Truncation, where it is asked for, is that of each level's own step. Of ends x_l of these paths, and of a function f,
+and the library merges dZ, K and areas likewise (`refine` = halvings from a level to the level that is drawn).
+If truncation is on, each level truncates by its own step. For the ends x_l of these paths and a function f,
 
     D_l^2 = E |x_l - x_{l-1}|^2                                                      strong, of whole states
     d_0 = f(x_0),   d_l = f(x_l) - f(x_{l-1}),   E f(x_L) = sum_l E d_l              weak, telescoping
     E d_l ~ h_l^a,   V_l = Var d_l,   C_l = seconds of a path,   error^2 = sum_l V_l/N_l
 
-with N_l samples of each level, from paths of its own. What a step leaves, E f(x) - E f(x_l), follows from the means of
+with N_l samples on separate paths for each level. The bias of a step, E f(x) - E f(x_l), follows from the means of
 the finest d_l (`expectation/bias.py`); N_l ~ (V_l/C_l)^(1/2) costs least (Giles 2008, Oper. Res. 56, 607).
 
 `runs_of` and `values_of` follow one path at several steps, `LevelSampler` draws samples of d_l, `Levels` holds them.
@@ -42,25 +43,27 @@ _STRIDE = 2**41  #: number of path indices of a level; there are 2^47 in all
 
 
 def halvings(fine: int, coarse: int) -> int:
-    """How often the step of `coarse` steps is halved to make `fine` ones."""
+    """Number of halvings from the step of `coarse` steps to that of `fine` steps."""
     return (fine // coarse).bit_length() - 1
 
 
 def runs_of(problem: Any, scheme: Any, counts: Sequence[int], **paths: Any) -> Iterator[Run]:
-    """Runs with so many steps each, all driven by the path that is drawn for the most of them."""
+    """Runs with these numbers of steps, all driven by the path drawn for the largest number."""
     return (problem.run(scheme, n, refine=halvings(max(counts), n), **paths) for n in counts)
 
 
 def values_of(
     problem: Problem, scheme: Scheme, steps: int, paths: dict[str, Any]
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """f at so many steps, an even number, and at half of them, on the same paths, and which are ok in both."""
+    """Values of f with this many steps, an even number, and with half as many, on the same paths; and which paths
+    are ok in both.
+    """
     (fine, ok), (coarse, also) = map(problem.values, runs_of(problem, scheme, (steps, steps // 2), **paths))
     return fine, coarse, ok & also
 
 
 def end(run: Run) -> np.ndarray:
-    """Final state (2, dof, path)."""
+    """Final state (2, dof, path) of a run."""
     return np.stack([run.q[-1], run.p[-1]])
 
 
@@ -77,7 +80,7 @@ def rms(square: np.ndarray) -> float:
 
 @dataclass(frozen=True)
 class Draw:
-    """Some samples of a level."""
+    """Samples of a level."""
 
     difference: Tally  #: tally of f fine - f coarse; at level 0 of f alone
     fine: Tally
@@ -87,14 +90,14 @@ class Draw:
 
     @property
     def units(self) -> Tally:
-        """What is wanted: the differences."""
+        """The tally that decides how many samples are needed: the differences."""
         return self.difference
 
     def error_by(self, size: float) -> float:
-        """Standard error of the mean difference, of an f whose values that differ lie so far from the rest.
+        """Standard error of the mean difference, if the values of f that differ are this far from the rest.
 
-        Where f jumps, few paths differ or none, and their scatter tells too little: then as if one more differed, by as
-        much as those do; where none does, by as much as values of f.
+        If f jumps, few paths or none differ, and their scatter is unreliable: then count one more path as different, by
+        as much as those that differ; if none differs, by as much as values of f do.
         """
         d = self.difference
         if d.n < 2 or not d.few:
@@ -103,16 +106,16 @@ class Draw:
 
     @property
     def error(self) -> float:
-        """The same by these paths alone."""
+        """Standard error of the mean difference from these paths alone."""
         return self.error_by(0.0)
 
     @property
     def variance(self) -> float:
-        """Of the difference, by that error."""
+        """Variance of the difference that corresponds to `error`."""
         return self.error**2 * self.difference.n
 
     def __add__(self, other: Draw) -> Draw:
-        """Both together."""
+        """Both sets of samples together."""
         return Draw(
             self.difference + other.difference,
             self.fine + other.fine,
@@ -140,7 +143,7 @@ class LevelSampler:
     def __init__(
         self, problem: Problem, scheme: str | Scheme, coarsest: int, *, antithetic: bool = False, first: int = 0
     ):
-        """Levels of a scheme; nothing is drawn yet. See `level_sampler`."""
+        """Store the levels of a scheme without drawing. See `level_sampler`."""
         self.problem = problem
         self.scheme = as_scheme(scheme)
         self.coarsest = checks.integer("steps", coarsest, (1, 2**40))
@@ -173,14 +176,14 @@ class LevelSampler:
         return sums, cost
 
     def draw(self, level: int, count: int) -> Draw:
-        """New samples as tallies of centred sums, which keep a small variance of large numbers."""
+        """Draw new samples as tallies of centred sums, which keep a small variance of large numbers accurate."""
         result = NOTHING
         for fine, coarse, failed, seconds in self._samples(level, count):
             result += Draw(Tally.of(fine - coarse), Tally.of(fine), Tally.of(coarse), seconds, failed)
         return result
 
     def draw_from(self, level: int, sample: int, count: int) -> Draw:
-        """The same, beginning with the sample of this number, counted from 0."""
+        """Draw samples as tallies, beginning with the sample of this number, counted from 0."""
         level = checks.integer("level", level, (0, MOST_LEVELS))
         self._used[level] = self._first + checks.integer("sample", sample, (0, _STRIDE))
         return self.draw(level, count)
@@ -190,7 +193,7 @@ class LevelSampler:
         return self.coarsest << checks.integer("level", level, (0, MOST_LEVELS))
 
     def _samples(self, level: int, count: int) -> Iterator[tuple[np.ndarray, np.ndarray, int, float]]:
-        """f fine, f coarse, failed paths and seconds of parts of new samples."""
+        """Give f on the fine and on the coarse path, failed paths and seconds, in parts of the new samples."""
         level = checks.integer("level", level, (0, MOST_LEVELS))
         count = checks.integer("count", count, (1, 2**40))
         while count:
@@ -203,11 +206,11 @@ class LevelSampler:
             count -= part
 
     def _part(self, level: int) -> int:
-        """Paths that are computed at a time."""
+        """Number of paths computed at a time."""
         return self.problem.chunk_of(self.steps(level)) if self.antithetic else self.problem.chunk
 
     def _pair(self, level: int, first: int, count: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """f fine, f coarse, and which paths are ok in both."""
+        """f on the fine path, f on the coarse path, and which paths are ok in both."""
         problem, steps = self.problem, self.steps(level)
         paths: dict[str, Any] = {"first_path": first, "paths": count}
         if level == 0:
@@ -221,9 +224,10 @@ class LevelSampler:
         return fine, coarse, ok
 
     def _swapped(self, steps: int, paths: dict[str, int]) -> np.ndarray:
-        """The fine increments, the two of each coarse step exchanged: the same coarse path, areas of the other sign.
+        """The fine increments with the two of each coarse step exchanged: the same coarse path, with areas of opposite
+        sign.
 
-        Giles and Szpruch 2014, Ann. Appl. Probab. 24: the mean of both fine paths is nearer to the coarse one where
+        Giles and Szpruch 2014, Ann. Appl. Probab. 24: the mean of both fine paths is nearer to the coarse path if
         noises do not commute.
         """
         dw = self.problem.increments(self.scheme, steps, paths["first_path"], paths["paths"])
@@ -231,21 +235,23 @@ class LevelSampler:
 
 
 class Levels:
-    """Samples of the levels of one scheme: E d_l, V_l, Var f, and what the finest level leaves of E f."""
+    """Samples of the levels of one scheme: E d_l, V_l, Var f, and the bias of the finest level."""
 
     def __init__(self, order: float, known: Tally):
-        """Nothing is drawn yet. order: the weak one; known: values of f on other paths."""
+        """Start without samples. order: weak order; known: values of f on other paths."""
         self.order, self.known = order, known
         self.draws: list[Draw] = []
 
     @property
     def begun(self) -> int:
-        """Levels that have values: all, but for the last one where it was interrupted."""
+        """Number of levels that have values; the last level may have none after an interruption."""
         return sum(draw.difference.n > 1 for draw in self.draws)
 
     @property
     def variance(self) -> float:
-        """Var f by the finest level; at least that of the known values, where few of its own differ."""
+        """Var f from the finest level; at least the variance of the known values, if few of the level's values
+        differ.
+        """
         own = self.draws[self.begun - 1].fine
         return max(own.variance, self.known.variance) if own.few and self.known.n > 1 else own.variance
 
@@ -254,24 +260,27 @@ class Levels:
         return self.draws[level].error_by(self.known.size)
 
     def variance_of(self, level: int) -> float:
-        """V_l, by that error."""
+        """V_l, the variance of d_l that corresponds to its error."""
         return self.error_of(level) ** 2 * self.draws[level].difference.n
 
     def square_of(self, level: int) -> float:
-        """E d_l^2 of a level above 0: how far paths end from each other, as f sees it."""
+        """E d_l^2 of a level above 0: the mean square change of f when the step is halved."""
         return self.variance_of(level) + self.draws[level].difference.mean ** 2
 
     def are_settled(self, means: Sequence[float], errors: Sequence[float], order: float) -> bool:
-        """Powers of h may be counted on: the two finest levels end near each other, or means of d_l fall as they do."""
+        """Whether powers of h are reliable: the two finest levels end near each other, or means of d_l fall
+        regularly.
+        """
         return bias.settled(self.square_of(self.begun - 1), self.variance, means, errors, order)
 
     def left_by(
         self, means: Sequence[float], errors: Sequence[float], order: float, *, phases: float, settled: bool,
         halved: float = 0,
     ) -> tuple[float, float]:  # fmt: skip
-        """E f - E f(x_l) and its standard error, from means of d_l up to the finest; `halved` times finer than that.
+        """E f - E f(x_l) and its standard error, from means of d_l, for a step `halved` halvings finer than the finest
+        level.
 
-        phases: the power of h by which these are off.
+        phases: the power of h in the error of phases.
         """
         last = self.begun - 1
         second = bias.second_powers(self.square_of(last), self.variance, phases, self.draws[last].difference.size)
@@ -279,7 +288,7 @@ class Levels:
 
 
 def driven_by_more(scheme: Scheme) -> bool:
-    """The scheme takes more of the Brownian path than its increments."""
+    """Whether the scheme uses more of the Brownian path than its increments."""
     info = scheme.info
     return info.uses_dz or info.uses_areas or info.uses_stt_area or info.uses_magnus
 

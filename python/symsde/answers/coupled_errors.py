@@ -3,8 +3,8 @@
 
     strong (E |x_h - x|^2)^(1/2) over (q, p) at the end,    weak E q_h - E q, E p_h - E p, E H(x_h) - E H(x)
 
-with x the exact solution on the same path, or a better scheme at a finer step, whose own error is its distance to that
-at twice this step.
+where x is the exact solution on the same path, or a better scheme at a finer step; the error of that reference is
+its distance to the same scheme at twice the step.
 """
 
 from __future__ import annotations
@@ -20,14 +20,14 @@ from .coupled import end, rms, squares
 from .error_plan import BATCHES, Plan, Reference
 from .expectation.interval import quantile
 
-CONSERVED = 1e-9  #: brackets below this, relative, count as zero
+CONSERVED = 1e-9  #: relative brackets below this count as zero
 
 
 class References:
-    """Final states of the references, computed when they are first asked for."""
+    """Final states of the references, computed on first use."""
 
     def __init__(self, plan: Plan):
-        """Nothing is computed yet."""
+        """Start without computed references."""
         self._plan = plan
         self._known: dict[Reference, tuple[np.ndarray, float]] = {}
 
@@ -44,11 +44,11 @@ class References:
         return np.stack([q[-1], p[-1]]), 0.0
 
     def _fine(self, reference: Reference) -> tuple[np.ndarray, float]:
-        """The difference to half as many steps is the error of those; at order one also that of the reference."""
+        """Compute a reference; its difference to half as many steps bounds its error, and equals it at order one."""
         fine = end(self._plan.reference_run(reference.scheme, reference.steps))
         half = end(self._plan.reference_run(reference.scheme, reference.steps // 2))
         square = squares(fine, half)
-        ok = np.isfinite(square)  # the others are not compared with
+        ok = np.isfinite(square)  # paths that are not ok are left out
         if ok.sum() < 2 * BATCHES:
             raise NumericalError(
                 f"{(~ok).sum()} of {ok.size} paths fail with the reference ({reference}): give more reference_steps, "
@@ -61,7 +61,7 @@ def measure(plan: Plan, scheme, steps: int, references: References) -> dict:
     """Strong and weak errors with 95 % intervals, and the drift of invariants, of one point."""
     reference, own_error = references.get(plan.references[scheme.name])
     run = plan.run(scheme, steps, shared=True)
-    with np.errstate(over="ignore", invalid="ignore"):  # points that diverge are marked, not computed with
+    with np.errstate(over="ignore", invalid="ignore"):  # points that diverge may overflow; they are marked below
         return _judge(plan, run, reference, own_error)
 
 
@@ -79,7 +79,9 @@ def _judge(plan: Plan, run, reference: np.ndarray, own_error: float) -> dict:
 
 
 def strong_error(square: np.ndarray, reference: np.ndarray) -> dict:
-    """Root mean square of squared errors (path,) with its interval, size of the solution, means of the groups."""
+    """Root mean square of squared errors (path,) with its interval, the size of the solution, and the means of the
+    groups.
+    """
     error = rms(square)
     spread = square.std(ddof=1) / np.sqrt(square.size)
     half = float(quantile(square.size) * spread / max(2 * error, np.finfo(float).tiny))
@@ -93,7 +95,9 @@ def strong_error(square: np.ndarray, reference: np.ndarray) -> dict:
 
 
 def weak_errors(model: Model, found: np.ndarray, reference: np.ndarray, t: float) -> dict:
-    """Differences of E q, E p (mean over degrees of freedom) and E H at t on common paths, with half widths."""
+    """Differences of E q, E p (mean over degrees of freedom) and E H at t on common paths, with half widths of their
+    intervals.
+    """
     values = {"q": (found[0] - reference[0]).mean(axis=0), "p": (found[1] - reference[1]).mean(axis=0)}
     if model.traits.has_value:
         values["H"] = model.value(*found, t=t) - model.value(*reference, t=t)
@@ -106,7 +110,9 @@ def weak_errors(model: Model, found: np.ndarray, reference: np.ndarray, t: float
 
 
 def drift(plan: Plan, found: np.ndarray, ok: np.ndarray) -> float | None:
-    """Largest over invariants of the rms change over the paths, relative where they are not 0; None without any."""
+    """Largest rms change of an invariant over the paths, relative unless the invariant is 0; None without
+    invariants.
+    """
     functions = dict(plan.invariants)
     if not functions and conserves_energy(plan.model, times_of(plan)):
         functions["H"] = plan.model.value
@@ -115,7 +121,7 @@ def drift(plan: Plan, found: np.ndarray, ok: np.ndarray) -> float | None:
         first = function(*(start(x, found.shape[1], ok) for x in (plan.q0, plan.p0)))
         last = function(found[0], found[1])
         changes.append(rms(np.square((last - first) / np.where(first == 0, 1, first))))
-    return float(np.max(changes)) if changes else None  # NaN where one of them is
+    return float(np.max(changes)) if changes else None  # NaN if one of them is NaN
 
 
 def start(state, ndof: int, ok: np.ndarray) -> np.ndarray:
@@ -126,12 +132,14 @@ def start(state, ndof: int, ok: np.ndarray) -> np.ndarray:
 
 
 def times_of(asked: Any) -> list[float]:
-    """Where a Hamiltonian is looked at: the times of a study or a problem at its beginning, between, and at its end."""
+    """Times at which Hamiltonians are examined: beginning, middle and end of a study or problem."""
     return [asked.options.get("t0", 0.0) + part * asked.horizon for part in (0.0, 0.3, 0.7, 1.0)]
 
 
 def conserves_energy(model: Model, times: list[float]) -> bool:
-    """H does not depend on time and {H, H_k} = 0 for every k, at sixteen points: an invariant of every path."""
+    """Whether H does not depend on time and {H, H_k} = 0 for every k, at sixteen points: then H is conserved on
+    every path.
+    """
     if not model.traits.has_value:
         return False
     points = _points(model)
@@ -141,13 +149,13 @@ def conserves_energy(model: Model, times: list[float]) -> bool:
 
 
 def depends_on_time(model: Model, times: list[float]) -> bool:
-    """H has another value at one of these times than at the first, at one of sixteen points."""
+    """Whether H has another value at one of these times than at the first, at one of sixteen points."""
     points = _points(model)
     return any((model.value(*points, t=t) != model.value(*points, t=times[0])).any() for t in times)
 
 
 def _points(model: Model) -> np.ndarray:
-    """Sixteen states (2, dof, point)."""
+    """Sixteen sample states (2, dof, point)."""
     return np.random.default_rng(1).uniform(-1, 1, (2, model.ndof, 16))
 
 

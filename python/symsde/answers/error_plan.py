@@ -49,13 +49,13 @@ OPTIONS = tuple(StudyOptions.__annotations__)
 
 @dataclass(frozen=True)
 class Reference:
-    """What paths are compared with: the exact solution, or a scheme with more steps."""
+    """The reference that paths are compared with: the exact solution, or a scheme with more steps."""
 
     scheme: str  #: "exact", or the name of a scheme
     steps: int  #: number of the finest steps that the study draws, or of steps of the reference scheme
 
     def __str__(self) -> str:
-        """As it is printed."""
+        """The reference in words."""
         return "exact solution" if self.scheme == "exact" else f"{self.scheme}, {checks.counted(self.steps, 'step')}"
 
 
@@ -80,7 +80,7 @@ class Plan:
     said: dict[str, str] = field(default_factory=dict)  #: facts for the head of tables, given by the caller
 
     def reference_run(self, scheme: str, steps: int):
-        """Follow the shared paths with increments not truncated and the correction that the scheme needs."""
+        """Compute a reference on the shared paths, without truncation and with the correction that the scheme needs."""
         return self.run(scheme, steps, shared=True, correction="auto", truncation=None)
 
     def run(self, scheme: str | Scheme, steps: int, *, shared: bool, paths: int | None = None, **more):
@@ -88,7 +88,7 @@ class Plan:
         refine = halvings(self.draws, steps) if shared else 0
         options = {"refine": refine, **self.options, **more}
         with warnings.catch_warnings():
-            for said in OF_RUNS:  # counted and shown instead
+            for said in OF_RUNS:  # failed paths are counted and shown instead
                 warnings.simplefilter("ignore", said)
             return simulate(
                 self.model, q0=self.q0, p0=self.p0, scheme=scheme, step=self.horizon / steps, steps=steps,
@@ -96,7 +96,7 @@ class Plan:
             )  # fmt: skip
 
     def about(self) -> dict[str, str]:
-        """What every point has in common, as text for tables."""
+        """What all points have in common, as text for tables."""
         start = {"q0": self.q0, "p0": self.p0}
         shape = self.model.ndof, self.paths
         return {
@@ -111,19 +111,21 @@ class Plan:
         }
 
     def set_up(self, scheme: str | Scheme, steps: int, paths: int) -> None:
-        """Set a run up as `run` does, but make no step."""
+        """Set a run up like `run`, but take no step."""
         options = {**self.options, "q0": self.q0, "p0": self.p0, "paths": paths, "threads": 1}
         simulate(self.model, scheme=scheme, step=self.horizon / steps, steps=0, **options)
 
 
 def default_schemes(model: Model) -> list[str]:
-    """What a study compares unless told: splittings of order four too, where the model is one of drifts and kicks."""
+    """Schemes that a study compares by default; includes splittings of order four if the model consists of drifts
+    and kicks.
+    """
     kicked = isinstance(model, Model) and model.traits.kicked
     return [*_COMPARED, *(("gauss_dkdkd", "chin4a") if kicked else ())]
 
 
 def check_options(options: Mapping[str, Any]) -> None:
-    """Refuse what is no option of the runs."""
+    """Refuse options that the runs do not have."""
     for key in options:
         if key not in OPTIONS:
             raise checks.no_option(key, OPTIONS)
@@ -147,7 +149,7 @@ def make_plan(
     about: Mapping[str, str] | None = None,
     **options: Any,
 ) -> Plan:
-    """Check everything; each refusal is a sentence, and comes before the first long run."""
+    """Check all arguments; every refusal is a sentence and comes before the first long run."""
     check_options(options)
     counts = check_steps(steps)
     horizon = checks.finite("horizon", horizon)
@@ -175,7 +177,7 @@ def make_plan(
 
 
 def _invariants(given: object) -> dict[str, Any]:
-    """Functions f(q, p) by name."""
+    """The invariants: functions f(q, p) by name."""
     if given is None:
         return {}
     if not isinstance(given, dict) or not all(callable(function) for function in given.values()):
@@ -186,7 +188,7 @@ def _invariants(given: object) -> dict[str, Any]:
 
 
 def _try_invariants(plan: Plan) -> None:
-    """Refuse invariants that are no numbers where the paths begin, and those that mix paths."""
+    """Refuse invariants that are not finite at the initial states, and invariants that mix paths."""
     start = [checks.state(name, x, plan.model.ndof, plan.paths) for name, x in (("q0", plan.q0), ("p0", plan.p0))]
     q, p = (checks.full(x, max(x.shape[1] for x in start)) for x in start)
     for name, function in plan.invariants.items():
@@ -201,7 +203,7 @@ def _try_invariants(plan: Plan) -> None:
 
 
 def check_steps(steps: Sequence[int]) -> list[int]:
-    """Numbers of steps, ascending; each is the largest divided by a power of two."""
+    """Numbers of steps, ascending; each must be the largest divided by a power of two."""
     if isinstance(steps, str) or not isinstance(steps, Sequence):
         raise InvalidArgumentError(f"steps = {checks.shown(steps)} is not a list: give numbers such as [16, 32, 64]")
     counts = sorted({checks.integer("steps", n, (1, 2**40)) for n in steps})
@@ -222,7 +224,7 @@ def check_steps(steps: Sequence[int]) -> list[int]:
 
 
 def check_paths(paths: int, interval: float | None) -> int:
-    """Enough paths for 20 groups, and for the interval asked."""
+    """Require enough paths for 20 groups, and for the requested interval."""
     count = checks.integer("paths", paths, (1, 2**47))
     if count < 2 * BATCHES:
         raise InvalidArgumentError(
@@ -233,7 +235,7 @@ def check_paths(paths: int, interval: float | None) -> int:
     width = checks.finite("interval", interval)
     if width <= 0:
         raise InvalidArgumentError(f"interval = {width:g} is not allowed: give a relative half width such as 0.1")
-    # of the root mean square of normal errors: 1.96 sqrt(kurtosis - 1)/(2 sqrt(n)), kurtosis 3
+    # relative error of the root mean square of normal errors: 1.96 sqrt(kurtosis - 1)/(2 sqrt(n)), kurtosis 3
     needed = math.ceil((1.96 / (math.sqrt(2) * width)) ** 2)
     if count < needed:
         raise InvalidArgumentError(
@@ -244,7 +246,7 @@ def check_paths(paths: int, interval: float | None) -> int:
 
 
 def uses_integrals(scheme: Scheme) -> bool:
-    """The scheme is driven by more than increments: dZ or areas."""
+    """Whether the scheme uses more than increments: dZ or areas."""
     return scheme.info.uses_dz or scheme.info.uses_areas
 
 
@@ -267,7 +269,7 @@ def _schemes(schemes: Sequence[str | Scheme]) -> list[Scheme]:
 
 
 def _try_out(plan: Plan) -> None:
-    """Set every run up without making a step: schemes that do not fit are refused here."""
+    """Set every run up without taking a step: schemes that do not fit are refused here."""
     for scheme in plan.schemes:
         for n in plan.steps:
             try:
@@ -278,7 +280,7 @@ def _try_out(plan: Plan) -> None:
 
 
 def _reference(plan: Plan, scheme: Scheme, wanted: str, steps: int | None) -> Reference:
-    """What the paths of a scheme are compared with."""
+    """The reference of a scheme."""
     finest = plan.steps[-1]
     wanted = checks.name_of("reference", wanted)
     if wanted == "exact" and not _has_exact(plan):
@@ -299,7 +301,7 @@ def _reference(plan: Plan, scheme: Scheme, wanted: str, steps: int | None) -> Re
 
 
 def _halvings_of(scheme: Scheme, reference: Scheme) -> int:
-    """Halvings from the finest step to a reference, more where its order may be that of the scheme."""
+    """Halvings from the finest step to a reference; more if its order may be equal to that of the scheme."""
     if not uses_integrals(reference):
         return PLAIN
     if not uses_integrals(scheme):
@@ -316,7 +318,7 @@ def _has_exact(plan: Plan) -> bool:
 
 
 def _better(plan: Plan, scheme: Scheme) -> str:
-    """The best affordable scheme on the Brownian paths of another."""
+    """The best affordable reference on the Brownian paths of a scheme."""
     model = plan.model
     commutative = model.nnoise < 2 or model.traits.additive or model.traits.position_noise
     if model.ndof <= SMALL and model.traits.kicked:
@@ -326,7 +328,7 @@ def _better(plan: Plan, scheme: Scheme) -> str:
             return "verlet_dz"
         return "stormer_verlet" if model.traits.separable else "midpoint"
     if not model.nnoise or commutator(model, t=plan.options.get("t0", 0.0)).flows_commute:
-        return "gauss4"  # of strong order 4 there, by increments alone
+        return "gauss4"  # strong order 4 for such models, from increments alone
     if commutative:
         return "gauss2_strong32"
     return "gauss2_strong32_areas"

@@ -1,11 +1,11 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """The largest stable step of a scheme on H = (p^2 + q^2)/2, where h is omega h.
 
-A step is z -> M z with z = (q, p). It is stable where no eigenvalue of M lies outside the unit circle,
+A step is z -> M z with z = (q, p). It is stable if no eigenvalue of M lies outside the unit circle,
 
     |det M| <= 1,   |tr M| <= 1 + det M,
 
-and of a symplectic scheme, det M = 1, where |tr M| <= 2. M comes from runs of one step.
+and for a symplectic scheme, det M = 1, if |tr M| <= 2. M is computed by runs of one step.
 """
 
 from __future__ import annotations
@@ -20,13 +20,13 @@ from ..errors import OF_RUNS
 from ..models import linear_oscillator
 from ..run.simulate import simulate
 
-#: omega h; the points are dense, since narrow windows of instability may lie between stable ones
+#: values of omega h to test; they are dense, since narrow windows of instability may lie between stable ones
 SCAN = np.append(np.geomspace(0.1, 100, 300), (1e3, 1e4))
 ROUNDING = 1e-9  #: rounding error of determinants and traces
 
 
 def step_matrix(scheme: str, omega_h: float) -> np.ndarray:
-    """M (2, 2) of a step."""
+    """The matrix M (2, 2) of a step."""
     start = {"q0": np.array([[1.0, 0.0]]), "p0": np.array([[0.0, 1.0]]), "paths": 2}
     with warnings.catch_warnings():
         for said in OF_RUNS:
@@ -36,14 +36,16 @@ def step_matrix(scheme: str, omega_h: float) -> np.ndarray:
 
 
 def is_stable(matrix: np.ndarray) -> bool:
-    """No eigenvalue outside the unit circle."""
+    """Whether no eigenvalue is outside the unit circle."""
     determinant = np.linalg.det(matrix)
     return bool(abs(determinant) <= 1 + ROUNDING and abs(np.trace(matrix)) <= 1 + determinant + ROUNDING)
 
 
 @functools.cache
 def stable_up_to(scheme: str) -> tuple[float, float]:
-    """omega h below which every step is stable, and one just above it that is not; 0 where none, infinite where all."""
+    """omega h below which every step is stable, and one just above that is not; 0 if no step is stable, infinite if
+    all are.
+    """
     low = 0.0
     for high in SCAN.tolist():
         if not is_stable(step_matrix(scheme, high)):

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Mean-square stability of a scheme on linear stochastic equations: how second moments grow in one step.
 
-A step is z -> M z with M random. Of S = E z z^T, written as a vector, a step and the equations themselves make
+A step is z -> M z with M random. Let S = E z z^T, written as a vector. A step and the exact equations map it by
 
     vec S -> (E M x M) vec S,    vec S -> exp(G) vec S
     G = h (A x 1 + 1 x A) + |h| sum_k (B_k x B_k + C_k x 1 + 1 x C_k)
@@ -40,14 +40,14 @@ _LAWS = {
 }
 _ROWS = 4
 _MIDDLES = (np.arange(_ROWS) + 0.5) / _ROWS
-#: matrix (row, 3): increments of rows that have given dW, H = dZ/h - dW/2 = int (1/2 - s) dW and K = int (s^2 - s +
-#: 1/6) dW /2
+#: matrix (row, 3): increments of rows with given dW, H = dZ/h - dW/2 = int (1/2 - s) dW and K = int (s^2 - s + 1/6) dW
+#: /2
 _OF_SHAPE = np.linalg.pinv(np.stack([np.ones(_ROWS), 0.5 - _MIDDLES, (_MIDDLES**2 - _MIDDLES + 1 / 6 + 1 / 192) / 2]))
 
 
 @dataclass(frozen=True)
 class MeanSquare:
-    """How second moments S = E z z^T change in one step: to E M S M^T, where M is the linear map of the step.
+    """The change of second moments S = E z z^T in one step, to E M S M^T, where M is the linear map of the step.
 
     Constant terms are left out.
     """
@@ -122,7 +122,7 @@ def _refuse(model: Model, scheme: Scheme) -> None:
 
 
 def _of_one_matrix(model: Model, scheme: Scheme, step: float, t: float) -> MeanSquare:
-    """Of a step that no noise makes random: squares of the eigenvalues of M, and of exp(h A)."""
+    """The result for a step without random matrix: squares of the eigenvalues of M, and of exp(h A)."""
     size = 2 * model.ndof
     matrix = _maps(model, scheme, step, t, np.zeros((_ROWS, model.nnoise, 1)))[0]
     radius = _radius(matrix) if np.isfinite(matrix).all() else math.inf
@@ -132,7 +132,9 @@ def _of_one_matrix(model: Model, scheme: Scheme, step: float, t: float) -> MeanS
 
 
 def _axes(scheme: Scheme, rule: tuple[int, tuple[int, int]]) -> list[list[tuple[float, float]]]:
-    """Nodes and weights of what one noise draws in a step: dW, H, K, each of variance one; those not drawn are zero."""
+    """Nodes and weights of the draws of one noise in a step: dW, H, K, each of variance one; draws not made are
+    zero.
+    """
     info, (nodes, shapes) = scheme.info, rule
     law = _LAWS[info.law]
     rules = [_hermite(nodes) if law is None else law]
@@ -147,7 +149,7 @@ def _hermite(nodes: int) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _moments(model: Model, scheme: Scheme, step: float, t: float, rule: tuple) -> tuple[np.ndarray, np.ndarray]:
-    """E M and E M x M over what drives a step."""
+    """E M and E M x M over the draws of a step."""
     size = 2 * model.ndof
     scale = np.sqrt(abs(step) / np.array([1, 12, 720]))
     one = list(itertools.product(*_axes(scheme, rule)))
@@ -164,9 +166,9 @@ def _moments(model: Model, scheme: Scheme, step: float, t: float, rule: tuple) -
 
 
 def _maps(model: Model, scheme: Scheme, step: float, t: float, rows: np.ndarray) -> np.ndarray:
-    """The linear maps (way, size, size) of a step that is driven by rows (row, noise, way); NaN where it fails."""
+    """The linear maps (way, size, size) of a step driven by rows (row, noise, way); NaN if the step fails."""
     size, ways = 2 * model.ndof, rows.shape[2]
-    points = np.concatenate([np.zeros((size, 1)), np.eye(size)], axis=1)  # the origin, then every direction
+    points = np.concatenate([np.zeros((size, 1)), np.eye(size)], axis=1)  # the origin, then the unit vectors
     z = np.tile(points, ways)
     given = {"increments": np.repeat(rows, size + 1, axis=2), "refine": 2} if model.nnoise else {}
     with np.errstate(all="ignore"), warnings.catch_warnings():
@@ -181,7 +183,7 @@ def _maps(model: Model, scheme: Scheme, step: float, t: float, rows: np.ndarray)
 
 
 def _flow(model: Model, j: int, t: float) -> np.ndarray:
-    """The matrix of the field of H_j."""
+    """The matrix J H_j'' of the field of H_j."""
     w = np.zeros(model.nnoise + 1)
     w[j] = 1
     qq, qp, pp = (block[:, :, 0] for block in model.hessian(np.zeros(model.ndof), np.zeros(model.ndof), w, t))
@@ -189,7 +191,8 @@ def _flow(model: Model, j: int, t: float) -> np.ndarray:
 
 
 def _generator(model: Model, step: float, t: float) -> np.ndarray:
-    """Of second moments of the Stratonovich equations over a step: h (A x 1 + 1 x A) + |h| sum_k (B_k x B_k + C_k x 1
+    """The exponent for second moments of the Stratonovich equations over a step: h (A x 1 + 1 x A) + |h| sum_k (B_k x
+    B_k + C_k x 1
     + 1 x C_k), C_k = B_k^2/2 the Ito term: increments have the variance |h| backward, too.
     """
     size = 2 * model.ndof
@@ -201,7 +204,7 @@ def _generator(model: Model, step: float, t: float) -> np.ndarray:
 
 
 def _exponential(matrix: np.ndarray) -> np.ndarray:
-    """By scaling, Taylor and squaring: the matrices are small."""
+    """Matrix exponential by scaling, Taylor and squaring; the matrices are small."""
     halvings = max(0, math.ceil(math.log2(max(np.abs(matrix).sum(axis=1).max(), 1e-300))) + 4)
     scaled, term = matrix / 2**halvings, np.eye(len(matrix))
     result = term.copy()

@@ -6,13 +6,13 @@ becomes a shard in the folder of the run; a shard is written as a whole or not a
 shards puts the results together.
 
 ensemble         moments of a large ensemble on any executor
-scene            what is to be run, as a TOML file says it
-named_functions  functions of Python that a scene names
+scene            the description of a run in a TOML file
+named_functions  Python functions that a scene names
 pieces           how a run is cut into pieces
 scene_pieces     a scene with its pieces
 share            the pieces of one task of n
 ranks            the pieces of one rank of MPI
-claims           who works on which piece
+claims           which process works on which piece
 dispatch         pieces computed by threads or an executor
 execute          one piece, computed
 stop             when to end: a signal, or the time that was given
@@ -20,8 +20,8 @@ run_progress     progress of all pieces together
 dry              steps, files, memory and time of a run before it begins
 folder           the folder of a run
 manifest         which run a folder holds
-computed         what a run was computed with, beyond its scene
-numerics         what its last bits depend on
+computed         model, scheme and functions of a run, identified by their values
+numerics         what the last bits of a run depend on
 shard_file       a shard as a file
 tree             moments merged on the dyadic tree of the library
 merged_results   results of a run from its shards

@@ -12,7 +12,7 @@ from pathlib import Path
 
 try:
     import fcntl
-except ImportError:  # not POSIX
+except ImportError:  # no POSIX system
     fcntl = None
 
 
@@ -20,25 +20,25 @@ class Claims:
     """Claims of this process on the pieces of one folder, by their numbers."""
 
     def __init__(self, path: Path):
-        """Claims through the file at `path`, which is made if it is missing."""
+        """Use the lock file at `path`, which is created if it is missing."""
         self._handle = None if fcntl is None else os.open(path, os.O_RDWR | os.O_CREAT, 0o666)
 
     def take(self, number: int) -> bool:
-        """Whether the piece is free for this process."""
+        """Take the piece if no other process has it; return whether it is taken."""
         if self._handle is None:
             return True
         try:
             fcntl.lockf(self._handle, fcntl.LOCK_EX | fcntl.LOCK_NB, 1, number)
         except BlockingIOError:
             return False
-        except PermissionError:  # the error of some systems for a lock that another process holds
+        except PermissionError:  # some systems raise this if another process holds the lock
             return False
         except OSError:  # no locks on this file system
             return True
         return True
 
     def give(self, number: int) -> None:
-        """Done with, or given up."""
+        """Release the piece, finished or not."""
         if self._handle is not None:
             try:
                 fcntl.lockf(self._handle, fcntl.LOCK_UN, 1, number)
@@ -46,7 +46,7 @@ class Claims:
                 return
 
     def close(self) -> None:
-        """Give everything back."""
+        """Release all pieces."""
         if self._handle is not None:
             os.close(self._handle)
             self._handle = None

@@ -26,7 +26,7 @@ _DIGITS = 1e8
 _LEAST = 1e-5
 _GOLDEN = 0.6180339887498949
 
-Function = Callable[[np.ndarray, np.ndarray], Any]  # of states (dof, point)
+Function = Callable[[np.ndarray, np.ndarray], Any]  # a function of states (dof, point)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -40,12 +40,12 @@ class Start:
 
     @property
     def times(self) -> tuple[float, float]:
-        """Two times of the run."""
+        """Two times within the run."""
         return self.t, self.t + self.length / 3
 
 
 def of(model: Model, scheme: Scheme | None, start: Start, functions: Mapping[str, Function]) -> dict[str, Any]:
-    """A model, a scheme and functions of states, as JSON can hold them; readable where that is short."""
+    """Model, scheme and functions of states in types of JSON, written out if short."""
     traits = dataclasses.asdict(model.traits)
     traits["rotation"] = traits["rotation"] and _hash(_rounded(np.array([traits["rotation"]])))
     traits["silent"] = list(traits["silent"])
@@ -69,7 +69,7 @@ def of(model: Model, scheme: Scheme | None, start: Start, functions: Mapping[str
 
 
 def _of_model(model: Model, weights: np.ndarray, start: Start) -> list[Any]:
-    """Gradients, and values where there are any, of a weighted sum of Hamiltonians."""
+    """Gradients, and values if the model has them, of a weighted sum of Hamiltonians."""
     kinds = (model.gradient, model.value) if model.traits.has_value else (model.gradient,)
     return [_tried(f, q, p, weights, t) for q, p in _points(start) for t in start.times for f in kinds]
 
@@ -79,7 +79,7 @@ def _of_function(function: Function, start: Start) -> list[Any]:
 
 
 def _points(start: Start) -> list[tuple[np.ndarray, np.ndarray]]:
-    """States (dof, point), the same for ever: random numbers of NumPy are not."""
+    """States (dof, point) that are the same in every version: NumPy's random numbers are not."""
     dof = len(start.q)
     return [(start.q + x * _spread(dof, 0), start.p + x * _spread(dof, dof)) for x in _SCALES]
 
@@ -100,7 +100,7 @@ def _tried(function: Callable, *arguments: Any) -> np.ndarray | str:
 
 
 def _told(parts: list[np.ndarray | str]) -> str:
-    """The first two numbers, and a hash of all."""
+    """The first two numbers, and a hash of all numbers."""
     shown = [f"{x:.5g}" for x in parts[0].flat[:2]] if isinstance(parts[0], np.ndarray) else [f"raises {parts[0]}"]
     hashed = _hash(*(part.encode() if isinstance(part, str) else _rounded(part) for part in parts))
     return f"{', '.join(shown)}, .. ({hashed})"
@@ -108,7 +108,7 @@ def _told(parts: list[np.ndarray | str]) -> str:
 
 def _rounded(values: np.ndarray) -> bytes:
     """Round values (component, point) to eight digits of the largest value of a component, or of 1e-5 of the
-    largest value of all components if this is larger: smaller values may be rounding alone."""
+    largest value of all components if this is larger: smaller values may be mere rounding."""
     sizes = np.max(np.abs(values), axis=1, where=np.isfinite(values), initial=0.0)
     sizes = np.maximum(sizes, _LEAST * np.max(sizes, initial=0.0))
     units = np.array([float(f"{x:.2e}") or 1.0 for x in sizes])[:, np.newaxis] / _DIGITS
@@ -117,7 +117,7 @@ def _rounded(values: np.ndarray) -> bytes:
 
 
 def _recipe(value: Any) -> Any:
-    """A text of how a scheme was made, and from which coefficients."""
+    """Describe how a scheme was made, and from which coefficients."""
     if isinstance(value, Scheme):
         maker, arguments = value._made
         return [maker.__name__, *map(_recipe, arguments)]
@@ -125,7 +125,7 @@ def _recipe(value: Any) -> Any:
 
 
 def _plain(value: Any) -> Any:
-    """Arrays as lists."""
+    """Convert arrays to lists."""
     if dataclasses.is_dataclass(value):
         return {key: _plain(x) for key, x in vars(value).items()}
     return value.tolist() if isinstance(value, np.ndarray | np.generic) else value

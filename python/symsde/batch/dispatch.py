@@ -31,19 +31,19 @@ class ShardStore(Protocol):
     """A store of shards: a folder, or memory."""
 
     def is_done(self, piece: Piece) -> bool:
-        """Whether its shard is there."""
+        """Whether the shard of the piece is stored."""
 
     def claim(self, piece: Piece) -> bool:
-        """Take a piece, unless somebody else has it."""
+        """Claim a piece; return false if another process has it."""
 
     def release(self, piece: Piece) -> None:
-        """Give it back."""
+        """Release the claim."""
 
     def write(self, piece: Piece, shard: Shard) -> None:
-        """Keep a shard."""
+        """Store a shard."""
 
     def set_aside(self, piece: Piece, part: Shard) -> None:
-        """Keep the unfinished moments of a piece that was stopped."""
+        """Store the unfinished moments of a piece that was stopped."""
 
     def checkpoint(self, piece: Piece) -> Checkpoint | None:
         """The checkpoint of a long piece; None if it has none."""
@@ -51,7 +51,7 @@ class ShardStore(Protocol):
 
 @dataclass(frozen=True)
 class Context:
-    """The store of the shards, the end of the work, and the receiver of progress."""
+    """What the work uses: the store of the shards, the conditions of the end, and the receiver of progress."""
 
     shards: ShardStore
     stop: Stop
@@ -80,9 +80,9 @@ def own_threads(workers: int) -> ThreadPoolExecutor:
 
 
 def division(task: Task, pieces: int) -> tuple[int, int | None]:
-    """Pieces at a time, and threads for each."""
+    """Number of pieces computed at a time, and of threads for each."""
     if task.model.in_python or are_in_python(task.observables):
-        return 1, task.options.get("threads")  # callbacks in Python: one thread, unless asked for more
+        return 1, task.options.get("threads")  # callbacks in Python: one thread, unless more are requested
     threads = _threads(task.options.get("threads"))
     if threads is None:
         return 1, None
@@ -92,7 +92,7 @@ def division(task: Task, pieces: int) -> tuple[int, int | None]:
 
 def _threads(given: int | None) -> int | None:
     """The number of threads of this process: from the option, SYMSDE_NUM_THREADS, OMP_NUM_THREADS, or its
-    processors; None leaves a wrong value of a variable to the library, which refuses it."""
+    processors; None if a variable has a wrong value, which the library refuses."""
     if given is not None:
         return int(given)
     for name in ("SYMSDE_NUM_THREADS", "OMP_NUM_THREADS"):
@@ -102,20 +102,20 @@ def _threads(given: int | None) -> int | None:
 
 
 def _workers_of(executor: Executor) -> int:
-    """How many tasks an executor runs at a time, if it tells."""
+    """How many tasks an executor runs at a time, if known."""
     return max(1, getattr(executor, "_max_workers", None) or os.cpu_count() or 1)
 
 
 class _Here:
-    """Pieces on threads of this process, which tell of their progress and can be stopped within."""
+    """Compute pieces on threads of this process; the pieces report progress and can be stopped before their end."""
 
     def __init__(self, task: Task, executor: Executor, division: tuple[int, int | None], context: Context):
         workers, self._threads = division
-        self.window = workers + 1  # one waits, so that no thread rests while a shard is written
+        self.window = workers + 1  # one piece waits, so that no thread idles while a shard is written
         self._task, self._executor, self._context = task, executor, context
 
     def submit(self, piece: Piece) -> Future:
-        """Begin."""
+        """Start a piece."""
         return self._executor.submit(self._compute, piece)
 
     def _compute(self, piece: Piece) -> Shard | None:
@@ -145,8 +145,8 @@ def _result_of(future: Future) -> Shard | None:
 
 
 class _Many:
-    """Pieces on an executor, which may use other processes or machines: each piece is done as a whole or not at
-    all."""
+    """Compute pieces on an executor, which may use other processes or machines: each piece is done completely or
+    not at all."""
 
     def __init__(self, task: Task, executor: Executor, workers: int):
         self.window = 2 * workers
@@ -154,12 +154,12 @@ class _Many:
         self._executor = executor
 
     def submit(self, piece: Piece) -> Future:
-        """Begin."""
+        """Start a piece."""
         return self._executor.submit(self._compute, piece)
 
 
 class _Loop:
-    """The pieces that are still to do, in work here, or in work elsewhere."""
+    """The pieces still to do, in work here, and in work by other processes."""
 
     def __init__(self, todo: list[Piece], context: Context, here: _Here | _Many):
         self._todo = deque(todo)
@@ -195,7 +195,7 @@ class _Loop:
             piece = self._todo.popleft()
             if not self._shards.claim(piece):
                 self._elsewhere.append(piece)
-            elif self._shards.is_done(piece):  # by another process, since we looked
+            elif self._shards.is_done(piece):  # another process has finished the piece meanwhile
                 self._shards.release(piece)
                 self._show.finish(piece.name, piece.work)
             else:
@@ -219,7 +219,7 @@ class _Loop:
             self._show.finish(piece.name, piece.work)
 
     def _look_elsewhere(self) -> None:
-        """Look at pieces of other processes: pieces with a shard are done, the others are tried again."""
+        """Check pieces of other processes: pieces with a shard are done, all others are tried again."""
         for piece in self._elsewhere:
             if self._shards.is_done(piece):
                 self._show.finish(piece.name, piece.work)
@@ -228,7 +228,7 @@ class _Loop:
         self._elsewhere = []
 
     def _leave(self) -> None:
-        """Leave no task of this call running."""
+        """Cancel or finish all tasks of this call."""
         for future in self._running:
             future.cancel()
         wait(self._running)

@@ -15,15 +15,15 @@ from .dispatch import division
 from .execute import Task
 from .pieces import Piece
 
-_PILOT = 0.3  # seconds
-_FILE, _FILES = 2500, 15000  # bytes of a shard, and of the results and the manifest, without their numbers
+_PILOT = 0.3  # seconds of the pilot run
+_FILE, _FILES = 2500, 15000  # bytes of a shard, and of results and manifest, besides their numbers
 _BASE = 6e7  # bytes of an interpreter with NumPy and the library
 _PILOT_PATHS = 2048
 
 
 @dataclass(frozen=True)
 class Need:
-    """What a run takes."""
+    """The estimated needs of a run."""
 
     path_steps: int
     shards: int
@@ -35,7 +35,7 @@ class Need:
     free: float = math.inf  #: number of free bytes in the folder of the results; infinite if it is not known
 
     def __str__(self) -> str:
-        """A line for each."""
+        """The estimate, with a line for each item."""
         lines = {
             "path-steps": f"{self.path_steps:.4g}",
             "shards": f"{self.shards}, of {counted(self.shard_paths, 'path')} at most",
@@ -54,7 +54,7 @@ class Need:
 
 
 def _free(folder: Path) -> float:
-    """Bytes that are free where a folder is or will be, as far as the system tells."""
+    """Free bytes where a folder is or will be, if the system reports them."""
     there = next((place for place in (folder, *folder.parents) if place.exists()), None)
     try:
         return math.inf if there is None else float(shutil.disk_usage(there).free)
@@ -85,13 +85,15 @@ def need(task: Task, pieces: list[Piece], shard_paths: int, saved: int, out: Pat
 
 
 def _observed(task: Task) -> int:
-    """Numbers that observers keep of a piece."""
+    """Numbers that observers keep for a piece."""
     rooms = Moments(make_setup(task.model, **task.options), task.observables, task.observers).kept.values()
     return sum(room.counts.size + room.sums.size for room in rooms)
 
 
 def _rate(task: Task, piece: Piece) -> float:
-    """Path-steps a second on one thread: more and more steps of some paths, until that takes long enough to tell."""
+    """Path-steps per second on one thread, measured with ever more steps of some paths until the time is long
+    enough.
+    """
     few = Piece(piece.name, piece.kind, piece.first // 256 * 256, min(piece.paths, _PILOT_PATHS), 0)
     options = task.of(few, 1)
     observers = {name: x for name, x in task.observers.items() if x.KIND != "autocorrelation"}  # these want all times

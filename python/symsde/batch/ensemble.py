@@ -55,25 +55,25 @@ class _Memory:
         return piece.name in self._added
 
     def claim(self, piece: Piece) -> bool:
-        """All are ours, unless another process with this folder has it."""
+        """Claim a piece; true unless another process that uses this folder has it."""
         return self.folder is None or self.folder.claim(piece)
 
     def release(self, piece: Piece) -> None:
-        """Others with this folder may have it."""
+        """Release the piece for other processes that use this folder."""
         if self.folder is not None:
             self.folder.release(piece)
 
     @staticmethod
     def set_aside(_piece: Piece, _part: Shard) -> None:
-        """Moments are those of whole shards."""
+        """Do nothing: moments contain whole shards only."""
 
     @staticmethod
     def checkpoint(_piece: Piece) -> None:
-        """None: an unfinished piece has no checkpoint here."""
+        """Return None: this store keeps no checkpoints."""
         return None
 
     def write(self, piece: Piece, shard: Shard) -> None:
-        """Keep and merge it."""
+        """Store a shard and merge it."""
         if self.folder is not None:
             self.folder.write(piece, shard)
         self._add(piece, shard)
@@ -102,7 +102,7 @@ def ensemble(
 ) -> Moments:
     """Compute the same moments as `moments`, bit for bit, in shards that an executor distributes.
 
-    - executor: one of `concurrent.futures`, or something with the same interface: a process pool,
+    - executor: an executor of `concurrent.futures`, or an object with the same interface: a process pool,
       mpi4py.futures.MPIPoolExecutor, Dask's client.get_executor(). Each shard is one task on one thread. Model and
       observables must be picklable for other processes. By default threads of this process are used. The executor is
       not shut down.
@@ -141,7 +141,7 @@ def ensemble(
     begin = time.monotonic()
     try:
         with warnings.catch_warnings(), _kept(out, task, setup, size, pieces) as folder:
-            for said in OF_RUNS:  # once, here
+            for said in OF_RUNS:  # warnings are given once, by this process
                 warnings.simplefilter("ignore", said)
             memory.folder = folder
             found = [piece for piece in pieces if memory.is_done(piece)]
@@ -163,7 +163,7 @@ def ensemble(
             PathsFailedWarning,
         )
     for doubt in found.report.warnings:
-        if doubt != setup.repeated_noise():  # said before
+        if doubt != setup.repeated_noise():  # warned before
             checks.warn(doubt, DoubtfulRunWarning)
     warn_of_growth(found.report.grown)
     for doubt in found.doubts():
@@ -175,7 +175,7 @@ def ensemble(
 def _kept(
     out: str | os.PathLike | None, task: Task, setup: Setup, size: int, pieces: list[Piece]
 ) -> Iterator[RunFolder | None]:
-    """The folder that keeps the shards, or None if no folder is given; a folder of another run is refused."""
+    """The folder for the shards, or None if no folder is given; a folder of another run is refused."""
     if out is None:
         yield None
         return
@@ -190,7 +190,7 @@ def _kept(
         "observers": {name: {"kind": x.KIND, **dataclasses.asdict(x)} for name, x in task.observers.items()},
         "computed": computed.of(task.model, setup.scheme, start, functions),
     }
-    inputs = json.loads(json.dumps(inputs))  # in the form of a manifest
+    inputs = json.loads(json.dumps(inputs))  # converted to the types of a manifest
     found = numerics.of(task.model, [setup.scheme], start, **task.options)
     record = manifest.of_inputs(inputs, setup.options.seed, size, found)
     with RunFolder.open_to_write(os.fspath(files.path_of("out", out)), record, pieces, None) as folder:
@@ -198,12 +198,12 @@ def _kept(
 
 
 def _hash(array: np.ndarray) -> str:
-    """The shape, and a hash of the numbers."""
+    """The shape of an array, and a hash of its numbers."""
     return f"{array.shape} {hashlib.sha256(np.ascontiguousarray(array, '<f8').tobytes()).hexdigest()[:16]}"
 
 
 def _found(work: MomentsInWork, missing: int, begin: float) -> Moments:
-    """Moments of the shards that were done, and how many paths are not among them."""
+    """Moments of the finished shards, with the number of missing paths."""
     found = work.result(time.monotonic() - begin)
     if missing:
         found.report = dataclasses.replace(

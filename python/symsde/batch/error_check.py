@@ -2,8 +2,8 @@
 """symsde run --error-check: compute the same Brownian paths at half the step, and compare the results.
 
 At half the step the error of a scheme of strong order r is 2^-r times as large. So the difference of the two runs is
-the error of the run times 1 - 2^-r: half of the error at order 1. Means are compared path by path, which leaves little
-noise in their differences.
+the error of the run times 1 - 2^-r: half of the error at order 1. Means are compared on the same paths, so their
+differences contain little noise.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ class ErrorCheck:
     """Differences, full step minus half the step, over the paths that are ok in both."""
 
     t: np.ndarray  #: (time,)
-    n: np.ndarray  #: (time,), paths that count
+    n: np.ndarray  #: (time,), number of paths that are ok in both runs
     rms: np.ndarray  #: (time,), root mean square of the distance of the paths in (q, p)
     #: names of the values: coordinates, momenta, energy, observables, squares of coordinates and momenta
     names: tuple[str, ...]
@@ -41,7 +41,7 @@ class ErrorCheck:
     remarks: tuple[str, ...] = ()  #: sentences about results that are not compared
 
     def __str__(self) -> str:
-        """The last time, and the largest distance."""
+        """The result in words: the last time, and the largest distance."""
         full, half = self.seconds
         most = max(self.rms[np.isfinite(self.rms)], default=np.nan)
         lines = [
@@ -53,7 +53,7 @@ class ErrorCheck:
         return "\n".join([*lines, *(f"  {remark}" for remark in self.remarks)])
 
     def save(self, path: Path) -> None:
-        """Write a table, one row a time."""
+        """Write a table with one row per time."""
         columns = {"t": self.t, "paths": self.n, "rms": self.rms}
         for kind in ("mean", "se_mean"):
             columns |= {f"{kind} {name}": x for name, x in zip(self.names, getattr(self, kind).T, strict=True)}
@@ -64,8 +64,8 @@ class ErrorCheck:
 def error_check(
     task: Task, extent: Extent, threads: int | None = None, scene: str = "", tell: Tell = never
 ) -> ErrorCheck | None:
-    """Compare the first paths of a run with the same paths at half the step; None if it was stopped. The table
-    holds the text of the scene."""
+    """Compare the first paths of a run with the same paths at half the step; None if the work was stopped. The
+    attributes hold the text of the scene."""
     paths = max(2, min(extent.paths, _PATHS, _BYTES // (16 * extent.ndof * extent.saved)))
     options = task.of(Piece("", "paths", extent.first, min(paths, extent.paths), 0), threads)
     halved = {**options, "step": options["step"] / 2, "refine": options.get("refine", 0) - 1}
@@ -81,7 +81,7 @@ def error_check(
 
 
 def _not_compared(task: Task) -> Iterator[str]:
-    """Sentences on results of a run that are not compared."""
+    """Give a sentence on each result of a run that is not compared."""
     if task.observers:
         yield f"not compared: what [[observe]] keeps ({', '.join(task.observers)})"
     if names := [name for name, x in task.observers.items() if getattr(x, "absorb", False)]:
@@ -96,7 +96,7 @@ def _timed(task: Task, options: dict, tell: Tell) -> tuple[Run, float]:
 
 def compare(full: Run, half: Run, seconds: tuple[float, float], own: Rows | None = None) -> ErrorCheck:
     """Differences of two runs of the same paths, saved at the same times. own: gives names and values of
-    observables. A value that is not finite for a path that counts has no mean, as in the run."""
+    observables. If a value is not finite on a path that is ok, its mean is NaN, as in the run."""
     ndof = full.q.shape[1]
     with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
         names, values = _values(full, own)
@@ -114,7 +114,7 @@ def compare(full: Run, half: Run, seconds: tuple[float, float], own: Rows | None
 
 
 def _values(run: Run, own: Rows | None) -> tuple[tuple[str, ...], np.ndarray]:
-    """q, p, the energy where the model has one, observables, and squares: (time, value, path)."""
+    """q, p, the energy if the model has one, observables, and squares: (time, value, path)."""
     ndof = run.q.shape[1]
     names = list(run.model.coordinates)
     parts = [run.q, run.p]

@@ -25,18 +25,18 @@ from ..run.simulate import Run, simulate
 from .pieces import Piece
 from .shard_file import Shard
 
-Tell = Callable[[int, int], bool]  # (path-steps done, of how many) -> stop now
+Tell = Callable[[int, int], bool]  # (path-steps done, total) -> whether to stop now
 
 _PER_PATH = ("q0", "p0", "q0_low", "p0_low", "increments")
-_FIRST = 2**20  # path-steps times degrees of freedom before the first look at the clock
-_SEGMENT = 1.0  # seconds between two moments at which a long piece may end
-_STEADY = ("path_steps", "normals")  # counters of the paths; other counters depend on blocks
-_PATIENCE = 5.0  # seconds that a segment may take after all, where there is a wish to stop
+_FIRST = 2**20  # path-steps times degrees of freedom before the clock is first read
+_SEGMENT = 1.0  # seconds between two points at which a long piece may end
+_STEADY = ("path_steps", "normals")  # counters that depend on the paths alone; other counters depend on blocks
+_PATIENCE = 5.0  # seconds that a segment may take before it ends at a wish to stop
 
 
 @dataclass(frozen=True)
 class Task:
-    """A run whose pieces are computed anywhere: the object can be pickled."""
+    """A run whose pieces can be computed anywhere, since the object can be pickled."""
 
     model: Model
     options: dict[str, Any]  #: options of `simulate`
@@ -44,7 +44,7 @@ class Task:
     observers: dict[str, requests.Observer] = field(default_factory=dict)
 
     def of(self, piece: Piece, threads: int | None) -> dict[str, Any]:
-        """Options of the paths of a piece."""
+        """Options of `simulate` for the paths of a piece."""
         here = {**self.options, "first_path": piece.first, "paths": piece.paths, "threads": threads}
         skip = piece.first - self.options.get("first_path", 0)
         for key in _PER_PATH:
@@ -60,27 +60,27 @@ class Task:
 class Checkpoint(Protocol):
     """The store of a long piece's state."""
 
-    seconds: float  #: seconds between two states that are written; more if writing takes long
+    seconds: float  #: seconds between two written states; more if writing takes long
 
     def read(self) -> Shard | None:
         """The last state; None if there is none."""
 
     def write(self, state: Shard) -> None:
-        """A later one."""
+        """Write a later state."""
 
 
 def never(_done: int, _total: int) -> bool:
-    """Nobody wants to stop."""
+    """Return false: never stop."""
     return False
 
 
 def compute(
     task: Task, piece: Piece, threads: int | None = None, tell: Tell = never, checkpoint: Checkpoint | None = None
 ) -> Shard | None:
-    """Compute the shard of a piece; None if it was stopped before, or its unfinished moments, with `stopped`
-    among the facts. In a process of its own it does not warn of failed paths: the shard counts them, and the
-    merging process warns."""
-    if threading.current_thread() is threading.main_thread():  # warning filters belong to the process
+    """Compute the shard of a piece. If the work is stopped, the result is None, or the unfinished moments with
+    `stopped` among the facts. There is no warning about failed paths: the shard counts them, and the merging process
+    warns."""
+    if threading.current_thread() is threading.main_thread():  # warning filters are global to the process
         with warnings.catch_warnings():
             for said in OF_RUNS:
                 warnings.simplefilter("ignore", said)
@@ -125,17 +125,17 @@ _STATE = ("last_q", "last_p", "q_low", "p_low", "status", "failed_step")
 
 
 class _Saved:
-    """Saved points of the paths of a piece until a step, and where the paths are there."""
+    """Saved points of the paths of a piece up to a step, and the state of the paths there."""
 
     def __init__(self) -> None:
-        self.step = 0  # of those of the piece, done
+        self.step = 0  # steps of the piece that are done
         self.facts: dict[str, Any] = {}
         self.state: dict[str, np.ndarray] = {}
         self._points: dict[str, list[np.ndarray]] = {"t": [], "q": [], "p": []}
 
     @classmethod
     def of(cls, shard: Shard) -> _Saved:
-        """From a checkpoint."""
+        """Continue from a checkpoint."""
         self = cls()
         self.facts = dict(shard.facts)
         self.step = self.facts.pop("step")
@@ -159,15 +159,15 @@ class _Saved:
         self.step += steps
 
     def counted(self, first_step: int) -> dict[str, Any]:
-        """Count from the paths alone: normals drawn ahead depend on where segments began."""
+        """Counters from the paths alone: normals drawn ahead would depend on where segments began."""
         failed = self.state["status"] != 0
         done = np.where(failed, self.state["failed_step"] - first_step, self.step)
         counters = {"path_steps": int(done.sum())}
         return {"failed": int(np.count_nonzero(failed)), "grown": self._grown(), "counters": counters}
 
     def _grown(self) -> int:
-        """Find paths that grew, by the points saved in the first tenth of the steps: segments depend on the
-        clock."""
+        """Number of paths that grew, compared with the points saved in the first tenth of the steps, because segments
+        depend on the clock."""
         t = np.concatenate(self._points["t"])
         early = np.arange(len(t)) * self.step <= -(-self.step // 10) * max(1, len(t) - 1)
         grew = np.ones(self.state["status"].shape, bool)
@@ -177,7 +177,7 @@ class _Saved:
         return int(np.count_nonzero(grew & (self.state["status"] == 0)))
 
     def shard(self, **facts: Any) -> Shard:
-        """All data as a checkpoint or, at the end, as the shard."""
+        """All data as a checkpoint; at the end, as the shard."""
         for name, parts in self._points.items():
             self._points[name] = [np.concatenate(parts)]
         points = {name: parts[0] for name, parts in self._points.items()}
@@ -213,7 +213,7 @@ def _paths(task: Task, piece: Piece, threads: int | None, tell: Tell, checkpoint
 
 
 def _facts_of_whole(task: Task, options: dict[str, Any]) -> dict[str, Any]:
-    """The report that one run over all steps would give before it begins."""
+    """The part of the report that is known before a run over all steps begins."""
     here = {**options, "save_every": max(1, int(options["steps"]))}
     return facts_of(simulate(task.model, progress=lambda *_: True, **here).report)
 
@@ -229,7 +229,7 @@ def _segment(step: int, steps: int, every: int, wanted: int) -> tuple[int, int, 
 
 
 def _options_from(options: dict[str, Any], saved: _Saved, length: int, save: int) -> dict[str, Any]:
-    """Options of so many steps from where the paths are."""
+    """Options of this many steps from the present state of the paths."""
     here = {**options, "steps": length, "save_every": save}
     here["first_step"] = options.get("first_step", 0) + saved.step
     if saved.state:
@@ -239,7 +239,7 @@ def _options_from(options: dict[str, Any], saved: _Saved, length: int, save: int
 
 
 class _Clock:
-    """How long segments take, and when a checkpoint is due. It never goes back, whatever is done to the time of day."""
+    """Measures how long segments take, and when a checkpoint is due. The clock never runs backwards."""
 
     def __init__(self, seconds: float) -> None:
         self._seconds = seconds
@@ -254,7 +254,7 @@ class _Clock:
         return max(1, int(length * factor))
 
     def has_waited(self) -> bool:
-        """Whether a segment takes so long that a stop should not wait for its end, where nothing is lost."""
+        """Whether a segment takes so long that a stop should end it, if nothing is lost."""
         return time.monotonic() - self._begin > _PATIENCE
 
     def is_time(self) -> bool:
@@ -262,7 +262,7 @@ class _Clock:
         return time.monotonic() - self._last > max(self._seconds, 20 * self._cost)
 
     def measure(self, write: Callable[[], None]) -> None:
-        """Write a checkpoint."""
+        """Write a checkpoint and measure its time."""
         begin = time.monotonic()
         write()
         self._last = self._begin = time.monotonic()

@@ -1,11 +1,11 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """The folder of a run: its manifest, a copy of its scene, its finished shards, and the claims on unfinished pieces.
 
-DIR/manifest.json           which run this is
-DIR/scene.toml              as it was given, with the Python files whose functions it names
+DIR/manifest.json           identifies the run
+DIR/scene.toml              copy of the scene; Python files with its functions are copied too
 DIR/shards/NAME.npz         one finished shard for each piece
-DIR/shards/NAME.checkpoint  state of a long piece in work; gone with its shard
-DIR/.claims                 locks of the processes at work
+DIR/shards/NAME.checkpoint  state of a long unfinished piece; deleted once there is a shard
+DIR/.claims                 locks of the working processes
 """
 
 from __future__ import annotations
@@ -26,13 +26,13 @@ from .pieces import Piece
 from .scene import Scene
 from .shard_file import DamagedShardError, Shard
 
-_KEPT = 2**24  # bytes of shards that are kept in memory until the results are put together
+_KEPT = 2**24  # bytes of shards kept in memory until the results are computed
 
 log = logging.getLogger("symsde")
 
 
 class RunFolder:
-    """A folder that holds the run of one manifest."""
+    """A folder with the run of one manifest."""
 
     def __init__(self, path: Path, record: dict[str, Any], pieces: Sequence[Piece]):
         """Read an existing folder; `open_to_write` makes a new one."""
@@ -42,11 +42,11 @@ class RunFolder:
         self.pieces = list(pieces)
         self._numbers = {piece.name: i for i, piece in enumerate(self.pieces)}
         self._verified: set[str] = set()
-        self._written: dict[str, Shard] = {}  # shards of this process, kept while they are small instead of read again
+        self._written: dict[str, Shard] = {}  # small shards of this process, kept so that they need not be read again
         self._kept_bytes = 0
         self._claims: Claims | None = None
         self.checkpoint_seconds = 10.0
-        self.parts: dict[str, Shard] = {}  #: shards of moments of pieces that were stopped, by name
+        self.parts: dict[str, Shard] = {}  #: unfinished moments of stopped pieces, by name
 
     @classmethod
     @contextlib.contextmanager
@@ -82,7 +82,7 @@ class RunFolder:
         return self.path / "shards" / f"{piece.name}.npz"
 
     def is_done(self, piece: Piece) -> bool:
-        """Whether the shard is there and undamaged; looked at once, a damaged one is put aside and said."""
+        """Whether there is an undamaged shard; each is checked once, and a damaged one is moved away with a message."""
         if piece.name in self._verified:
             return True
         path = self.shard_path(piece)
@@ -91,17 +91,17 @@ class RunFolder:
         try:
             self.read(piece)
         except DamagedShardError as error:
-            if self._claims is None:  # somebody else's
+            if self._claims is None:  # the folder is open for reading only
                 log.warning("%s; it is left out", error)
                 return False
             aside = path.with_suffix(".damaged")
             log.warning("%s; it is computed anew, what was there is kept as %s", error, aside.name)
-            with contextlib.suppress(FileNotFoundError):  # another process was faster
+            with contextlib.suppress(FileNotFoundError):  # another process moved it first
                 path.rename(aside)
             return False
         self._verified.add(piece.name)
         if self._claims is not None:
-            self._drop_checkpoint(piece)  # who wrote the shard was killed before it came to that
+            self._drop_checkpoint(piece)  # the process that wrote the shard may have been killed before this
         return True
 
     def missing(self) -> list[Piece]:
@@ -109,7 +109,7 @@ class RunFolder:
         return [piece for piece in self.pieces if not self.is_done(piece)]
 
     def read(self, piece: Piece) -> Shard:
-        """The shard of this run and this piece, verified."""
+        """Read the shard of a piece, and check that it belongs to this run."""
         if (own := self._written.get(piece.name)) is not None:
             return own
         path = self.shard_path(piece)
@@ -124,7 +124,7 @@ class RunFolder:
         return {"run": self._hash, "piece": piece.name, "kind": piece.kind, "first": piece.first, "paths": piece.paths}
 
     def write(self, piece: Piece, shard: Shard) -> None:
-        """Put a finished shard into its place, and its checkpoint away."""
+        """Store a finished shard, and delete the checkpoint of its piece."""
         stamped = Shard(shard.arrays, {**shard.facts, **self.stamp(piece)})
         shard_file.write(self.shard_path(piece), stamped)
         self._verified.add(piece.name)
@@ -140,7 +140,7 @@ class RunFolder:
             self.checkpoint_path(piece).unlink()
 
     def set_aside(self, piece: Piece, part: Shard) -> None:
-        """Keep the unfinished moments of a piece that was stopped."""
+        """Store the unfinished moments of a piece that was stopped."""
         self.parts[piece.name] = part
 
     def checkpoint_path(self, piece: Piece) -> Path:
@@ -152,7 +152,7 @@ class RunFolder:
         return _Checkpoint(self, piece)
 
     def write_checkpoint(self, piece: Piece, state: Shard) -> None:
-        """Replace the checkpoint by a later one: at every moment one of the two is there, whole."""
+        """Replace the checkpoint by a later one, atomically, so that a complete checkpoint always exists."""
         stamped = Shard(state.arrays, {**state.facts, **self.stamp(piece)})
         durable.write(self.checkpoint_path(piece), shard_file.to_bytes(stamped), keep=False)
 
@@ -170,15 +170,17 @@ class RunFolder:
         return state if same else None
 
     def claim(self, piece: Piece) -> bool:
-        """Whether no other process works on this piece; if so, this process holds it until `release`."""
+        """Claim the piece until `release`; return false if another process works on it."""
         return self._claims.take(self._number(piece))
 
     def release(self, piece: Piece) -> None:
-        """Others may have it."""
+        """Release the piece for other processes."""
         self._claims.give(self._number(piece))
 
     def _number(self, piece: Piece) -> int:
-        """The number of a piece's lock: its place among the pieces, or a hash of its name if it was not planned."""
+        """The number of a piece's lock: its index among the pieces, or a hash of its name if the piece was not
+        planned.
+        """
         found = self._numbers.get(piece.name)
         return (1 << 32) + zlib.crc32(piece.name.encode()) if found is None else found
 
@@ -205,5 +207,5 @@ class _Checkpoint:
         return self._folder.read_checkpoint(self._piece)
 
     def write(self, state: Shard) -> None:
-        """A later one."""
+        """Write a later state."""
         self._folder.write_checkpoint(self._piece, state)

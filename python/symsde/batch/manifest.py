@@ -23,7 +23,7 @@ FORMAT = 2
 _READABLE = (1, FORMAT)  #: formats that are read; format 1 lacks the values that identify models and functions
 NAME = "manifest.json"
 _DEFAULTS = {name: parameter.default for name, parameter in inspect.signature(simulate).parameters.items()}
-_NOT_OF_THE_RESULT = {"threads", "lanes"}  # the results have the same bits for all values of these
+_NOT_OF_THE_RESULT = {"threads", "lanes"}  # options that do not change the bits of results
 
 
 def of_scene(scene: Scene, shard_paths: int) -> dict[str, Any]:
@@ -43,7 +43,7 @@ def of_scene(scene: Scene, shard_paths: int) -> dict[str, Any]:
 
 
 def of_inputs(inputs: dict[str, Any], seed: int, shard_paths: int, found: dict[str, str]) -> dict[str, Any]:
-    """The manifest of these inputs and of the findings of `numerics`, in types that JSON has."""
+    """The manifest of these inputs and of the findings of `numerics`, in types of JSON."""
     build = build_info()
     return {
         "format": FORMAT,
@@ -64,12 +64,12 @@ def _hash(inputs: dict[str, Any]) -> str:
 
 
 def python_sources(scene: Scene) -> list[tuple[str, Path]]:
-    """Files beside the scene that hold functions named in it, with their names below its folder."""
+    """Files with functions that the scene names, each with its path relative to the scene's folder."""
     return list(named_functions.sources(Path(scene.file).parent, scene.tables))
 
 
 def _plain(value):
-    """Numbers that mean the same written in the same way: 1.0 and 1 are one input."""
+    """Write equal numbers in the same way: 1.0 and 1 are the same input."""
     if isinstance(value, dict):
         return {key: _plain(item) for key, item in value.items()}
     if isinstance(value, list | tuple):
@@ -93,7 +93,7 @@ def _ranges(paths) -> list[list[int]]:
 
 
 def to_bytes(manifest: dict[str, Any]) -> bytes:
-    """As a file."""
+    """The bytes of the file."""
     return (json.dumps(manifest, indent=1, sort_keys=True) + "\n").encode()
 
 
@@ -143,7 +143,7 @@ def _flat(manifest: dict[str, Any], before: str = "") -> Iterator[tuple[str, Any
 
 
 def require_run(there: dict[str, Any], folder: Path) -> None:
-    """Refuse the folder of an expectation or of an ensemble where a run's folder is needed."""
+    """Refuse the folder of an expectation or of an ensemble if a run's folder is needed."""
     if "ensemble" in there["inputs"]:
         raise SceneError(
             f"{folder} holds the shards of an ensemble: the call of `symsde.ensemble` that made it resumes it; give a "
@@ -157,7 +157,7 @@ def require_run(there: dict[str, Any], folder: Path) -> None:
 
 
 def require_same(there: dict[str, Any], here: dict[str, Any], folder: Path) -> None:
-    """Refuse another run by name."""
+    """Refuse the folder of another run, and name the differences."""
     if there["format"] != FORMAT:
         raise SceneError(
             f"{folder} was begun by a version of symsde that did not record how a run is computed, so its "
@@ -172,7 +172,7 @@ def require_same(there: dict[str, Any], here: dict[str, Any], folder: Path) -> N
 
 
 def require_scene(there: dict[str, Any], scene: Scene, folder: Path) -> None:
-    """Refuse to read shards by a scene that is not theirs; inputs that an older version did not know are let be."""
+    """Refuse to read shards with another scene; inputs that an older version did not record are ignored."""
     here = dict(_flat(of_scene(scene, there["shard_paths"])["inputs"]))
     for key, value in _flat(there["inputs"]):
         if here.get(key) != value:

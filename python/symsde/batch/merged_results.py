@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Results of a run from the shards of its pieces: moments merged on the tree, saved paths side by side."""
+"""Results of a run from the shards of its pieces: moments are merged on the tree, saved paths are concatenated."""
 
 from __future__ import annotations
 
@@ -25,10 +25,10 @@ Read = Callable[[Piece], Shard]
 
 
 class MomentsInWork:
-    """Moments of the pieces that have arrived, in any order; they need memory for a few pieces."""
+    """Moments of the pieces received so far, in any order; memory for a few pieces suffices."""
 
     def __init__(self, task: Task, size: int):
-        """Begin without pieces; size: paths of a piece."""
+        """Start without pieces; size: paths of a piece."""
         self._task, self._size = task, size
         self._found = Moments(make_setup(task.model, **task.options), task.observables, task.observers)
         self._tree = Tree(self._merge_kept)
@@ -37,7 +37,7 @@ class MomentsInWork:
         self._reports: list[tuple[int, dict[str, Any]]] = []
 
     def add(self, piece: Piece, shard: Shard) -> None:
-        """One piece more."""
+        """Merge the moments of a piece."""
         arrays = shard.arrays
         node = Node(*(np.array(arrays[name]) for name in ("n_ok", "mean", "m2")), self._kept_of(arrays))
         self._tree.insert(self._size.bit_length() - 1, piece.first // self._size, node)
@@ -57,7 +57,7 @@ class MomentsInWork:
         merge(self._found.scope, self._task.observers[name], left, right)
 
     def result(self, seconds: float = 0.0, threads: int = 1) -> Moments:
-        """Moments of all paths that came, with the bits of one run over them."""
+        """Moments of all paths received so far, with the same bits as one run over these paths."""
         found = self._found
         root = self._tree.root()
         found.t[...] = self._t

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Python functions that scenes name as module:function; they run only if the user allows it."""
+"""Python functions that scenes name as module:function; they are called only if the user allows it."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ def function_of(folder: Path, text: object) -> Callable:
         found = getattr(_imported(folder.resolve(), module), function, None)
     except InvalidArgumentError:
         raise
-    except (Exception, SystemExit) as error:  # whatever the file does
+    except (Exception, SystemExit) as error:  # the file may raise anything
         raise InvalidArgumentError(f"python = {text!r} cannot be loaded: {told(error)}") from error
     if not callable(found):
         what = f"{module} has no function of this name" if found is None else f"this is {checks.shown(found)}"
@@ -47,14 +47,14 @@ def function_of(folder: Path, text: object) -> Callable:
 
 
 def _imported(folder: Path, module: str) -> Any:
-    """Import the module; a module of the same name from elsewhere does not replace the file beside the scene."""
+    """Import the module; the file beside the scene has priority over a module of the same name elsewhere."""
     beside = files_of(folder, module)
     sys.path.insert(0, str(folder))
     try:
         importlib.invalidate_caches()
         found = importlib.import_module(module)
     finally:
-        with contextlib.suppress(ValueError):  # the module may have changed sys.path, too
+        with contextlib.suppress(ValueError):  # the module may have changed sys.path
             sys.path.remove(str(folder))
     for name, path in beside.items():
         if (here := sys.modules.get(name)) is None:
@@ -81,7 +81,7 @@ def files_of(folder: Path, module: str) -> dict[str, Path]:
 
 
 def sources(folder: Path, tables: Mapping[str, Any]) -> Iterator[tuple[str, Path]]:
-    """Files beside a scene that hold functions named in it, and their imports, with their names below its
+    """Files beside a scene with functions named in it, and the files they import, with paths relative to the scene's
     folder."""
     observables = tables.get("observables", {})
     named = [tables["model"].get("python"), *(x.get("python") for x in observables.values() if isinstance(x, dict))]
@@ -92,28 +92,28 @@ def sources(folder: Path, tables: Mapping[str, Any]) -> Iterator[tuple[str, Path
 
 
 class NamedObservable:
-    """An observable that a scene names; where it raises, a sentence says so."""
+    """An observable that a scene names; if it raises, the message is a sentence."""
 
     def __init__(self, folder: str, text: str):
-        """Load it."""
+        """Load the function."""
         self._given = (folder, text)
         self._function = function_of(Path(folder), text)
         self.__module__, self.__qualname__ = text.split(":")
 
     def __call__(self, q: np.ndarray, p: np.ndarray) -> np.ndarray:
-        """Values of (dof, lane) states."""
+        """Evaluate the function on states (dof, lane)."""
         try:
             return self._function(q, p)
         except Exception as error:
             raise SceneError(f"python = {self._given[1]!r} failed: {told(error)}") from error
 
     def __reduce__(self):
-        """To another process, which loads it again: who could make this one was allowed to."""
+        """Pickle as folder and text: the other process loads the function again, with the permission given here."""
         return _again, self._given
 
 
 def _again(folder: str, text: str) -> NamedObservable:
-    """In another process."""
+    """Load the function again in another process."""
     allowed = ALLOWED.set(True)
     try:
         return NamedObservable(folder, text)
@@ -122,7 +122,7 @@ def _again(folder: str, text: str) -> NamedObservable:
 
 
 def told(error: BaseException) -> str:
-    """An exception of somebody else's code, with the line that raised it."""
+    """Describe an exception of a user's code, with the line that raised it."""
     ours = (str(library.package()), os.path.dirname(importlib.__file__), "<frozen")
     frames = traceback.extract_tb(error.__traceback__)
     own = [x for x in frames if not x.filename.startswith(ours)]

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Find what the last bits of a run depend on beyond its inputs: rounding of products and sums, and the LAPACK."""
+"""Find what the last bits of a run depend on beyond its inputs: the rounding of products and sums, and LAPACK."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ _OF_A_STEP = {"step", "correction", "general", "compensated", "fixed_point"}  # 
 
 def of(model: Model, schemes: Iterable[Scheme], start: Start, **options: Any) -> dict[str, str]:
     """`arithmetic`, and `lapack` if LAPACK solves the systems of a step of the model by one of the schemes.
-    options: options of the run; only those that choose steppers count.
+    options: options of the run; only those that determine the stepper matter.
     """
     options = {key: options[key] for key in _OF_A_STEP & options.keys()}
     named = (_lapack_of(model, scheme, start, options) for scheme in schemes)

@@ -33,7 +33,7 @@ class OpenRun:
         if found is None:
             raise SceneError(f"{self.path} holds no run (no {manifest.NAME}): give a folder of `symsde run`")
         manifest.require_run(found, self.path)
-        #: the inputs with their hash, seed, counter map, version, compiler, build
+        #: inputs with their hash, seed, counter map, version, compiler, build
         self.manifest: dict[str, Any] = found
         self._batch = Batch.of(str(self.path / "scene.toml"), str(self.path), str(found["shard_paths"]))
         manifest.require_scene(found, self._batch.scene, self.path)
@@ -46,7 +46,7 @@ class OpenRun:
 
     @property
     def missing(self) -> list[str]:
-        """Names of shards that are not there yet. The list is empty if the run is complete."""
+        """Names of shards that do not exist yet. The list is empty if the run is complete."""
         return [piece.name for piece in self._folder.missing()]
 
     def _there(self, kind: str) -> list[Piece]:
@@ -54,7 +54,7 @@ class OpenRun:
 
     @functools.cached_property
     def moments(self) -> Moments | None:
-        """Moments of the paths whose shards are there; None if there are none. `report.stopped` counts the other
+        """Moments of the paths whose shards exist; None without shards. `report.stopped` counts the other
         paths."""
         there = self._there("moments")
         if not there:
@@ -70,7 +70,7 @@ class OpenRun:
 
     @functools.cached_property
     def run(self) -> Run | None:
-        """The saved paths whose shards are there; None if there are none."""
+        """The saved paths whose shards exist; None if there are none."""
         there = self._there("paths")
         if not there:
             return None
@@ -79,7 +79,7 @@ class OpenRun:
         return found
 
     def __repr__(self) -> str:
-        """One line."""
+        """The folder in one line."""
         total = len(self._batch.pieces)
         return (
             f"<run of {self._batch.task.model!r} in {self.path}: {total - len(self.missing)} of "
@@ -104,8 +104,8 @@ def open_run(path: str | os.PathLike) -> OpenRun:
     """Open a folder of `symsde run SCENE.toml --out DIR`, also while the run is in progress.
 
         found = ss.open_run(DIR)
-        found.manifest["seed"], found.missing      # which run it is, and which shards are not there yet
-        found.moments.mean_q, found.run.q          # over the shards that are there
+        found.manifest["seed"], found.missing      # which run it is, and which shards do not exist yet
+        found.moments.mean_q, found.run.q          # over the shards that exist
 
     Damaged shards are left out, with a line in the log.
     """

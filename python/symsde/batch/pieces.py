@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Cut a run into pieces. The pieces depend only on the size of the run, so all processes find the same ones."""
+"""Cut a run into pieces. The pieces depend only on the size of the run, so all processes compute the same pieces."""
 
 from __future__ import annotations
 
@@ -11,14 +11,14 @@ from ..native.checks import integer
 
 UNIT = 256  #: number of paths of a unit: a piece of moments has 2^k units and begins at a multiple of its size
 _LEAST, _MOST = 2**27, 2**29  # path-steps times degrees of freedom of a piece: seconds, which its file adds little to
-_PIECES = 32  # that many pieces if each is worth a file, so that a few processes are busy until the end
+_PIECES = 32  # this many pieces if each is worth a file, so that a few processes are busy until the end
 FILES = 2**14  #: most files that a folder should hold
-_SAVED = 2**26  # bytes of paths in a piece
+_SAVED = 2**26  # most bytes of paths in a piece
 
 
 @dataclass(frozen=True)
 class Piece:
-    """Consecutive paths, and what is wanted of them."""
+    """Consecutive paths, with the kind of results wanted."""
 
     name: str  #: name of the shard, without ending
     kind: str  #: "moments" or "paths"
@@ -29,7 +29,7 @@ class Piece:
 
 @dataclass(frozen=True)
 class Extent:
-    """The size of a run, as far as cutting it goes."""
+    """The size of a run, as needed for cutting it."""
 
     first: int  #: global index of the first path
     paths: int
@@ -39,7 +39,7 @@ class Extent:
 
 
 def shard_paths(extent: Extent, wanted: object = None) -> int:
-    """Paths of a shard: the wanted number, or enough units for a piece worth a file; a power of two of units."""
+    """Paths of a shard: the wanted number, or enough for a piece worth a file; a power of two of units."""
     if wanted is not None:
         return _checked(wanted)
     cost = max(1, extent.steps * extent.ndof)
@@ -52,7 +52,7 @@ def shard_paths(extent: Extent, wanted: object = None) -> int:
 
 
 def is_size(size: object) -> bool:
-    """Whether a shard may have so many paths: a unit times a power of two."""
+    """Whether a shard may have this many paths: a unit times a power of two."""
     return isinstance(size, int) and size >= UNIT and size & (size - 1) == 0
 
 
@@ -67,7 +67,7 @@ def _checked(wanted: object) -> int:
 
 
 def plan(extent: Extent, size: int, *, moments: bool, saved: Sequence[int]) -> list[Piece]:
-    """The pieces of a run: moments of all its paths, and the paths to save, ascending."""
+    """The pieces of a run: moments of all its paths, and the paths to save, in ascending order."""
     pieces = []
     if moments:
         cuts = _stretches(range(extent.first, extent.first + extent.paths), size)
@@ -83,8 +83,8 @@ def plan(extent: Extent, size: int, *, moments: bool, saved: Sequence[int]) -> l
 
 
 def _stretches(indices: Sequence[int], size: int, most: int = 2**62) -> Iterator[tuple[int, int]]:
-    """(first, count) of consecutive indices that share their part of `size`, at most `most` together."""
-    if isinstance(indices, range) and most >= size:  # without a look at every index
+    """Give (first, count) of consecutive indices within the same interval of `size`, at most `most` at a time."""
+    if isinstance(indices, range) and most >= size:  # without a loop over every index
         first, end = indices.start, indices.stop
         while first < end:
             stop = min(end, (first // size + 1) * size)

@@ -21,7 +21,7 @@ _SIZES = ("OMPI_COMM_WORLD_SIZE", "PMI_SIZE", "MPI_LOCALNRANKS", "PALS_SIZE")  #
 
 
 class Ranks:
-    """The ranks; one that is alone where nobody launched more."""
+    """The ranks of a launch; a single rank if there was no launcher."""
 
     def __init__(self, comm: Any = None):
         """The ranks of a communicator of mpi4py; None is a single process."""

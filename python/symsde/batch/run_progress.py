@@ -12,25 +12,25 @@ from ..native.progress import _Bar
 
 log = logging.getLogger("symsde")
 
-_SOON, _LATE = 5.0, 60.0  # seconds between lines: at least, and at most
+_SOON, _LATE = 5.0, 60.0  # least and most seconds between lines
 
 
 class Show:
-    """Path-steps done, of all pieces together."""
+    """Sums the path-steps done over all pieces."""
 
     def __init__(self, total: int, done: int, tell: Callable[[int, int], object] | None):
-        """total, done: path-steps of all pieces; tell: called with both."""
+        """Store the receiver. total, done: path-steps of all pieces; tell: called with both."""
         self._total = max(1, total)
         self._finished = done
         self._in_work: dict[str, int] = {}
         self._tell = tell
 
     def piece(self, name: str, done: int) -> None:
-        """Note the path-steps done of a piece in work."""
+        """Note the path-steps done of an unfinished piece."""
         self._in_work[name] = done
 
     def finish(self, name: str, work: int) -> None:
-        """A piece is done, here or elsewhere."""
+        """Note that a piece is done, here or in another process."""
         self._in_work.pop(name, None)
         self._finished += work
 
@@ -41,15 +41,15 @@ class Show:
 
 
 class Lines:
-    """A line in the log each 10 % or minute, none for what is over soon."""
+    """Writes a line to the log each 10 % or minute; none for work that is over soon."""
 
     def __init__(self, found: int = 0) -> None:
-        """The clock begins; so many path-steps were found done, and took none of its seconds."""
+        """Start the clock; found: path-steps done before, which took none of its seconds."""
         self._last = self._begin = time.monotonic()
         self._tenths, self._found = 0, found
 
     def __call__(self, done: int, total: int) -> None:
-        """Print the line, if it is time."""
+        """Write the line if it is due."""
         now = time.monotonic()
         tenths = 10 * done // total
         waited = now - self._last
@@ -60,7 +60,7 @@ class Lines:
         log.info("%d %% of %.3g path-steps, about %.0f s left", 100 * done // total, total, left)
 
     def close(self) -> None:
-        """Nothing to end."""
+        """Do nothing: a log has no end."""
 
 
 def display(quiet: bool, found: int) -> _Bar | Lines | None:

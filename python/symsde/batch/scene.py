@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Scenes: TOML files that describe a run. A scene is read, checked and shown here; `execute` computes it."""
+"""Scenes: TOML files that describe a run. A scene is read, checked and described here; `execute` computes it."""
 
 from __future__ import annotations
 
@@ -42,11 +42,11 @@ class Scene:
     file: str
     model: Model
     run: dict[str, Any]  #: options of `simulate`
-    moments: bool  #: whether moments are asked for
+    moments: bool  #: whether moments are wanted
     paths: list[int] | range  #: global indices of the paths to save, ascending
     study: dict[str, Any] = field(default_factory=dict)  #: options of `work_precision`
     expect: dict[str, Any] = field(default_factory=dict)  #: options of `expect`
-    tables: dict[str, Any] = field(default_factory=dict)  #: tables of the file as read
+    tables: dict[str, Any] = field(default_factory=dict)  #: tables of the file as they were read
     text: str = ""  #: text of the file
     #: observables that the user defined, by name
     observables: dict[str, observables.Observable] = field(default_factory=dict)
@@ -54,11 +54,11 @@ class Scene:
 
     @property
     def unsaid(self) -> str:
-        """What is to be said of passages that do not say whether they absorb, beside other results; else nothing."""
+        """The warning about passages without `absorb` beside other results; empty if there is none."""
         return requests.unsaid(self.observers, beside=bool(self.observables) or len(self.paths) > 0)
 
     def try_out(self) -> Run:
-        """Set everything up as for the run, but make no step; misuse raises SceneError."""
+        """Set everything up as for the run, but take no step; misuse raises SceneError."""
         try:
             return simulate(self.model, **self.start())
         except SymsdeError as error:
@@ -111,7 +111,7 @@ def load(path: str | os.PathLike) -> Scene:
 
 
 def _observables(file: str, scene: Scene) -> dict[str, observables.Observable]:
-    """The table [observables], tried out: formulas need sympy, which scenes without them do not."""
+    """Try out the table [observables]: formulas need sympy, which scenes without formulas do not."""
     if "observables" not in scene.tables:
         return {}
     folder = Path(file).parent
@@ -140,7 +140,7 @@ def _observables(file: str, scene: Scene) -> dict[str, observables.Observable]:
 
 
 def _observers(file: str, scene: Scene) -> dict[str, requests.Observer]:
-    """The tables [[observe]], tried on the run."""
+    """Try out the tables [[observe]] on the run."""
     if "observe" not in scene.tables:
         return {}
     try:
@@ -153,7 +153,7 @@ def _observers(file: str, scene: Scene) -> dict[str, requests.Observer]:
     return found
 
 
-NESTED = re.compile(r"(?:[\[{][\s\w.,=]*){50}")  #: text with more brackets open in a row than any scene has
+NESTED = re.compile(r"(?:[\[{][\s\w.,=]*){50}")  #: text with more open brackets in sequence than any scene has
 
 
 def _read(file: str) -> tuple[str, dict[str, Any]]:
@@ -161,7 +161,7 @@ def _read(file: str) -> tuple[str, dict[str, Any]]:
     tomllib = importlib.import_module("tomllib" if sys.version_info >= (3, 11) else "tomli")
     try:
         files.require_file(file)
-        text = Path(file).read_text(encoding="utf-8-sig")  # some editors begin a file by a mark of its encoding
+        text = Path(file).read_text(encoding="utf-8-sig")  # some editors begin a file with a byte order mark
         if NESTED.search(text):  # deeper nesting would exhaust Python's stack
             raise RecursionError
         return text, tomllib.loads(text)
@@ -169,7 +169,7 @@ def _read(file: str) -> tuple[str, dict[str, Any]]:
         raise SceneError(f"{file} cannot be read: {error.strerror}") from error
     except RecursionError as error:
         raise SceneError(f"{file} is not a scene: its brackets are nested too deeply") from error
-    except ValueError as error:  # not TOML, not UTF-8, or an integer of thousands of digits
+    except ValueError as error:  # invalid TOML, invalid UTF-8, or an integer of thousands of digits
         raise SceneError(f"{file} is not TOML: {error}") from error
 
 
@@ -219,7 +219,7 @@ def _built_in(file: str, table: dict[str, Any]) -> Model:
 
 
 def _own_model(file: str, table: dict[str, Any]) -> Model:
-    """A model of the user's own: from formulas, or from a Python function, where that is allowed."""
+    """A model that the scene defines: by formulas, or by a Python function if that is allowed."""
     try:
         return formulas.from_table(table) if "H" in table else _from_python(Path(file).parent, table)
     except SymsdeError as error:
@@ -227,7 +227,7 @@ def _own_model(file: str, table: dict[str, Any]) -> Model:
 
 
 def _from_python(folder: Path, table: dict[str, Any]) -> Model:
-    """What module:function returns, found as from the folder of the scene; other keys are its arguments."""
+    """The return value of module:function, found relative to the folder of the scene; other keys are its arguments."""
     given = {key: value for key, value in table.items() if key != "python"}
     make = named_functions.function_of(folder, table["python"])
     try:
@@ -255,7 +255,7 @@ def _paths(file: str, given: object, run: dict[str, Any]) -> list[int] | range:
 
 
 def require_schemes_alone(file: str | os.PathLike, table: str, run: dict[str, Any], has_horizon: bool) -> None:
-    """Refuse keys of [run] that a table which runs several schemes, forward, would leave out without a word."""
+    """Refuse keys of [run] that a table with several schemes, forward in time, would silently ignore."""
     if run["step"] < 0 and not has_horizon:
         raise SceneError(
             f"{file}: [{table}]: [run] goes backward in time, errors and means are taken forward: give horizon in "
@@ -270,7 +270,7 @@ def require_schemes_alone(file: str | os.PathLike, table: str, run: dict[str, An
 
 
 def template(name: str) -> str:
-    """A commented scene of a built-in model, or of a formula, with the keys that it needs."""
+    """A commented scene of a built-in model, or of a formula, with all necessary keys."""
     if checks.name_of("template", name) == "formula":
         return formulas.TEMPLATE
     defaults = models.parameters(name)

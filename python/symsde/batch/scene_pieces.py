@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""A scene and the pieces that it is cut into."""
+"""A scene with the pieces that it is cut into."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from .scene import Scene
 
 @dataclass
 class Batch:
-    """A scene that is run in a folder."""
+    """A scene to run in a folder."""
 
     scene: Scene
     task: Task
@@ -25,7 +25,9 @@ class Batch:
 
     @classmethod
     def of(cls, file: str, out: str, wanted: str | None = None) -> Batch:
-        """A scene, its folder, and the paths of a shard that are wanted; a folder that is there has chosen them."""
+        """Make it from a scene, its folder, and the wanted paths of a shard; an existing folder determines the paths
+        itself.
+        """
         chosen = scene.load(file)
         extent = extent_of(chosen)
         there = manifest.read(files.path_of("the folder of the results", out))
@@ -37,12 +39,12 @@ class Batch:
         return cls(chosen, Task(chosen.model, chosen.run, chosen.observables, chosen.observers), size, pieces, out)
 
     def of_kind(self, kind: str) -> list[Piece]:
-        """Its pieces of moments, or of paths."""
+        """The pieces of a kind, moments or paths."""
         return [piece for piece in self.pieces if piece.kind == kind]
 
     def finer(self, wanted: int) -> tuple[int, int] | None:
-        """The paths of smaller shards, and the number of these: the largest ones that are as many as wanted, else the
-        smallest; None where smaller ones are not more, or too many for a folder."""
+        """The paths per shard and the number of shards for at least the wanted number, else for the smallest shards;
+        None if smaller shards do not give more, or too many for a folder."""
         size, found = self.size // 2, None
         while size >= UNIT and self.scene.run.get("paths", 1) <= FILES * size:
             if (count := len(_plan(self.scene, size))) > (found[1] if found else len(self.pieces)):
@@ -58,7 +60,7 @@ def _plan(chosen: Scene, size: int) -> list[Piece]:
 
 
 def extent_of(chosen: Scene) -> Extent:
-    """The size of the run of a scene."""
+    """The size of the run that a scene describes."""
     run = chosen.run
     steps, every = int(run["steps"]), int(run.get("save_every", 1))
     first, paths = int(run.get("first_path", 0)), int(run.get("paths", 1))

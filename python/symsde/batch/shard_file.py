@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""A shard as a file: a .npz that NumPy opens, with the SHA-256 of all its other bytes as the comment at its end."""
+"""A shard as a file: an .npz that NumPy opens, whose comment at the end is the SHA-256 of all bytes before."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ import numpy as np
 from ..errors import NotWrittenError, SymsdeError
 from ..native import durable, files
 
-_DIGITS = 64  # of a SHA-256
+_DIGITS = 64  # digits of a SHA-256
 
 
 class DamagedShardError(SymsdeError, ValueError):
@@ -26,14 +26,14 @@ class DamagedShardError(SymsdeError, ValueError):
 
 @dataclass(frozen=True)
 class Shard:
-    """The results of a piece: arrays, and facts that JSON can hold."""
+    """The results of a piece: arrays, and facts in types of JSON."""
 
     arrays: Mapping[str, np.ndarray]
     facts: Mapping[str, Any]
 
 
 def to_bytes(shard: Shard) -> bytes:
-    """Encode a shard; the same shard gives the same bytes at any time and place."""
+    """Encode a shard; the same shard always gives the same bytes."""
     buffer = io.BytesIO()
     facts = np.array(json.dumps(dict(shard.facts), sort_keys=True))
     np.savez(buffer, **{name: shard.arrays[name] for name in sorted(shard.arrays)}, facts=facts)
@@ -44,7 +44,7 @@ def to_bytes(shard: Shard) -> bytes:
 
 
 def from_bytes(content: bytes, name: str) -> Shard:
-    """The shard; DamagedShardError where a byte has changed."""
+    """Decode a shard; DamagedShardError if a byte has changed."""
     if hashlib.sha256(content[:-_DIGITS]).hexdigest().encode() != content[-_DIGITS:]:
         raise DamagedShardError(f"{name} is damaged: its checksum is not that of its {len(content)} bytes")
     with np.load(io.BytesIO(content)) as data:
@@ -53,12 +53,12 @@ def from_bytes(content: bytes, name: str) -> Shard:
 
 
 def write(target: Path, shard: Shard) -> bool:
-    """Put a shard into its place; False where another process was first, whose shard stays."""
+    """Write a shard; false if another process has written it first, whose shard remains."""
     return durable.write(target, to_bytes(shard))
 
 
 def read(path: Path) -> Shard:
-    """Read and verify."""
+    """Read and verify a shard."""
     try:
         content = files.content(path)
     except FileNotFoundError:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Divide pieces: --shard i/n, or a rank of MPI, takes every n-th piece from the i-th on."""
+"""Divide pieces: --shard i/n, or an MPI rank, takes every n-th piece from the i-th on."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ class Share:
     n: int = 1
 
     def of(self, pieces: Sequence[Piece]) -> list[Piece]:
-        """Its pieces."""
+        """The pieces of this part."""
         return list(pieces[self.i - 1 :: self.n])
 
     def __str__(self) -> str:
@@ -28,7 +28,7 @@ class Share:
 
 
 def parse(text: str) -> Share:
-    """A share from i/n."""
+    """Read a share from the text i/n."""
     match = re.fullmatch(r"\s*(\d{1,9})\s*/\s*(\d{1,9})\s*", text)
     if not match:
         raise InvalidArgumentError(f"shard = {text!r} is no part of a run: give i/n, as 1/8 for the first of eight")

@@ -15,13 +15,13 @@ _SIGNALS = [getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGUSR1") i
 _SECONDS = {"": 1.0, "s": 1.0, "min": 60.0, "h": 3600.0, "d": 86400.0}
 _WITH_UNIT = re.compile(r"(\d+(?:\.\d+)?) ?(s|min|h|d|)", re.ASCII)
 _OF_SLURM = re.compile(r"(\d+)-(\d+)(?::(\d+))?(?::(\d+))?|(?:(\d+):)?(\d+):(\d+)", re.ASCII)
-_UNITS = (86400.0, 3600.0, 60.0, 1.0, 3600.0, 60.0, 1.0)  # of its groups [s]
+_UNITS = (86400.0, 3600.0, 60.0, 1.0, 3600.0, 60.0, 1.0)  # seconds of the units, in the order of the groups
 
 
 def seconds(name: str, text: str) -> float:
     """Seconds of a wall time: 90s, 30min, 23.5h, 1d, or as Slurm writes it, minutes:seconds, hours:minutes:seconds,
-    days-hours, days-hours:minutes or days-hours:minutes:seconds. A number alone is seconds, which Slurm takes for
-    minutes: it is so in scripts that are there."""
+    days-hours, days-hours:minutes or days-hours:minutes:seconds. A number alone is seconds, although Slurm reads
+    minutes, because existing scripts rely on it."""
     if match := _WITH_UNIT.fullmatch(text.strip()):
         return float(match[1]) * _SECONDS[match[2]]
     if match := _OF_SLURM.fullmatch(text.strip()):
@@ -30,10 +30,10 @@ def seconds(name: str, text: str) -> float:
 
 
 class Stop:
-    """Context in which signals are wishes to stop: the first one politely, the second at once."""
+    """Context in which signals are wishes to stop: the first lets pieces finish, the second stops at once."""
 
     def __init__(self, max_walltime: float | None = None):
-        """Seconds that the work may take."""
+        """Set the seconds that the work may take."""
         self._since: float | None = None
         self._hurry = False
         self._reason = ""
@@ -41,14 +41,14 @@ class Stop:
         self._previous: dict = {}
 
     def __enter__(self) -> Stop:
-        """Signals are ours."""
+        """Handle the signals here."""
         if threading.current_thread() is threading.main_thread():
             for number in _SIGNALS:
                 self._previous[number] = signal.signal(number, self._on_signal)
         return self
 
     def __exit__(self, *_) -> None:
-        """Restore the handlers of signals."""
+        """Restore the previous handlers of signals."""
         for number, previous in self._previous.items():
             signal.signal(number, previous)
         self._previous = {}
@@ -68,20 +68,20 @@ class Stop:
 
     @property
     def reason(self) -> str:
-        """Why to stop; empty as long as there is no wish to."""
+        """The reason to stop; empty while there is none."""
         if self._end is not None and time.monotonic() > self._end:
             self._wish("--max-walltime")
         return self._reason
 
     def leaves_time_for(self, took: float) -> bool:
-        """Whether something that takes so many seconds can still be begun."""
+        """Whether there is time for something that takes this many seconds."""
         if not self.reason and self._end is not None and time.monotonic() + took > self._end:
             self._wish("--max-walltime")
         return not self.reason
 
     def gives_up(self, done: int, total: int, begun: float) -> bool:
-        """Whether to give up a piece: a stop is wanted, and the piece, begun at the given time and done to the
-        given part, is not nearly done."""
+        """Whether to give up a piece: a stop is wanted, and the piece, which began at the given time and has made the
+        given progress, is not nearly done."""
         if not self.reason:
             return False
         now = time.monotonic()

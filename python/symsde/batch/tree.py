@@ -27,15 +27,15 @@ MergeKept = Callable[[str, PartialStatistics, PartialStatistics], None]
 
 
 class Tree:
-    """Parts that have not found their siblings yet: as many as the levels of the tree, if they come in order."""
+    """Parts whose siblings have not arrived yet: as many as the levels of the tree, if parts arrive in order."""
 
     def __init__(self, merge_kept: MergeKept | None = None) -> None:
-        """Begin without parts. Results of observers are merged by a function of the name and two parts."""
+        """Start without parts. merge_kept: a function of the name and two parts that merges results of observers."""
         self._waiting: dict[tuple[int, int], Node] = {}
         self._merge_kept = merge_kept
 
     def insert(self, level: int, index: int, node: Node) -> None:
-        """Put in the part of the paths index*2^level .. (index + 1)*2^level - 1; its arrays are used up."""
+        """Insert the part of the paths index*2^level .. (index + 1)*2^level - 1; its arrays are overwritten."""
         while (sibling := self._waiting.pop((level, index ^ 1), None)) is not None:
             left, right = (node, sibling) if index % 2 == 0 else (sibling, node)
             _merge(left, right)
@@ -45,7 +45,7 @@ class Tree:
         self._waiting[level, index] = node
 
     def root(self) -> Node:
-        """All parts merged; a part without a sibling takes its parent's place alone. The tree is empty
+        """Merge all parts; a part without a sibling becomes its parent unchanged. The tree is empty
         afterwards."""
         while len(self._waiting) > 1:
             level, index = min(self._waiting)
@@ -54,7 +54,7 @@ class Tree:
 
 
 def _merge(left: Node, right: Node) -> None:
-    """The left part becomes both."""
+    """Merge two siblings into the left one."""
     ntime, nvalue = left.mean.shape
     arrays = (address(getattr(part, name)) for part in (left, right) for name in ("n_ok", "mean", "m2"))
     handles.call("merge_moments", ntime, nvalue, *arrays)

@@ -26,7 +26,7 @@ def arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
-    """Do it; the exit code."""
+    """Execute the verb and return the exit code."""
     chosen = scene.load(options.scene)
     asked = question(chosen, "advise", options.horizon)
     progress = sys.stderr.isatty() and not options.quiet
@@ -38,7 +38,7 @@ def run(options: argparse.Namespace) -> int:
 
 
 def question(chosen: scene.Scene, verb: str, horizon: float | None = None) -> dict:
-    """Initial state, horizon, seed and options of a scene, as arguments of `advise` and its like."""
+    """Initial state, horizon, seed and options of a scene, as arguments of `advise` and similar functions."""
     run_of = chosen.run
     scene.require_schemes_alone(chosen.file, verb, run_of, horizon is not None)
     wanted = abs(run_of["step"]) * run_of["steps"] if horizon is None else horizon
@@ -46,7 +46,7 @@ def question(chosen: scene.Scene, verb: str, horizon: float | None = None) -> di
 
 
 def problem_of(chosen: scene.Scene, verb: str) -> Problem:
-    """The scene as a checked problem without requests."""
+    """The scene as a checked problem without requested results."""
     try:
         return make_problem(chosen.model, lambda q, _p: 0.0 * q[0], **question(chosen, verb))
     except SymsdeError as error:

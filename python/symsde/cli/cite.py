@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""`symsde cite`: BibTeX of this project, of the paper that it follows, and of the sources of schemes."""
+"""`symsde cite`: BibTeX of this project, of the paper it implements, and of the sources of schemes."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from .. import schemes
 from ..native.build import build_info
 
 HELP = "Print BibTeX of this project, of the paper that it follows, and of where a scheme comes from."
-#: References that are printed, in the library's own words. Fields that could not be confirmed are left out.
+#: The references, in the wording of the library. Fields that could not be confirmed are left out.
 _SOURCES = {
     "[WHSB]": """@article{WHSB,
   author = {Wang, Lijin and Hong, Jialin and Scherer, Rudolf and Bai, Fengshan},
@@ -92,8 +92,8 @@ def cite(scheme: str | None = None) -> str:
 
 
 def sources(reference: str) -> Iterable[str]:
-    """The keys of the works in a reference of the library, such as '[WHSB] (71)-(72); Milstein, Repin, Tretyakov
-    2002'."""
+    """The keys of the works that a reference of the library names, such as '[WHSB] (71)-(72); Milstein, Repin,
+    Tretyakov 2002'."""
     return [key for key in _SOURCES if key in reference]
 
 
@@ -107,7 +107,7 @@ def _project() -> str:
 
 
 def arguments(parser: argparse.ArgumentParser) -> None:
-    """Options of `symsde cite`."""
+    """Declare the options of `symsde cite`."""
     parser.add_argument("--scheme", metavar="NAME", help="also print the sources of this scheme")
 
 

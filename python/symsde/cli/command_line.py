@@ -40,10 +40,10 @@ _EPILOG = (
 
 
 def main(arguments: list[str] | None = None) -> int:
-    """Run the command line; the exit code."""
+    """Run the command line and return the exit code."""
     try:
         with warnings.catch_warnings(), _terminated_as_interrupted(), patient_output():
-            for said in OF_RUNS:  # by the exit code and a line
+            for said in OF_RUNS:  # failures show in the exit code and in a line
                 warnings.simplefilter("ignore", said)
             parser = _parser()
             options = parser.parse_args(arguments)
@@ -63,7 +63,7 @@ def main(arguments: list[str] | None = None) -> int:
 
 @contextmanager
 def _terminated_as_interrupted() -> Iterator[None]:
-    """SIGTERM, unless somebody else handles it, is treated as Ctrl-C: what was begun is tidied up."""
+    """Treat SIGTERM as Ctrl-C, unless somebody else handles it, so that unfinished work is cleaned up."""
     mine = threading.current_thread() is threading.main_thread()
     if not mine or signal.getsignal(signal.SIGTERM) is not signal.SIG_DFL:
         yield
@@ -76,10 +76,10 @@ def _terminated_as_interrupted() -> Iterator[None]:
 
 
 class _Parser(argparse.ArgumentParser):
-    """Whose messages are of bearable length."""
+    """A parser whose messages have bearable length."""
 
     def error(self, message: str) -> NoReturn:
-        """End with a sentence."""
+        """Exit with a sentence."""
         super().error(shortened(message))
 
 
@@ -186,7 +186,7 @@ def _schemes() -> str:
 
 def _info(_options: argparse.Namespace) -> int:
     for key, value in build_info().items():
-        kept = ("-march", "-mtune", "-mcpu")  # which stand for the hundred features that the compiler makes of them
+        kept = ("-march", "-mtune", "-mcpu")  # these options imply the hundred features that the compiler lists
         told = [word for word in value.split() if not word.startswith("-m") or word.startswith(kept)]
         print(f"{key}: {' '.join(told)}")
     print(f"library: {library.found()}")

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""`symsde expect`: the means that the table [expect] of a scene asks for."""
+"""`symsde expect`: the means requested by the table [expect] of a scene."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from ..model.definition import Model
 from .run_command import logged
 
 HELP = "Compute the mean of a function of the final state to a tolerance, in the cheapest way."
-STOPPED = 4  #: exit code if an interval is wider than asked
+STOPPED = 4  #: exit code if an interval is wider than requested
 
 
 def arguments(parser: argparse.ArgumentParser) -> None:
@@ -32,7 +32,7 @@ def arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
-    """Do it; the exit code."""
+    """Execute the verb and return the exit code."""
     given: dict[str, Any] = {"max_time": options.max_time, "progress": sys.stderr.isatty() and not options.quiet}
     if options.abs is not None or options.rel is not None:
         given |= {"abs": options.abs, "rel": options.rel}
@@ -57,7 +57,7 @@ def run(options: argparse.Namespace) -> int:
 
 
 def _say_how_to_go_on(options: argparse.Namespace) -> None:
-    """The folder that keeps the work."""
+    """Print how to continue from the folder that keeps the work."""
     if options.out is not None:
         again = ["symsde", "expect", options.scene, "--out", options.out]
         for name in ("abs", "rel"):
@@ -81,8 +81,8 @@ def _answer(file: str, model: Model, f: str, arguments: dict[str, Any]) -> Answe
 
 
 def _asked(file: str, given: dict[str, Any]) -> tuple[Model, list[str], dict[str, Any]]:
-    """The model of a scene, the formulas of [expect], and arguments of `expect`; arguments given replace the
-    scene's."""
+    """The model of a scene, the formulas of [expect], and arguments of `expect`; `given` replaces those of the
+    scene."""
     chosen = scene.load(file)
     if "f" not in chosen.expect:
         raise SceneError(f'{file}: [expect] lacks f, a formula such as "q**2", or a list of formulas')

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The verb export."""
+"""`symsde export`: a scene as a program in Fortran or C."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ ENDING = {"fortran": ".f90", "c": ".c"}
 
 
 def arguments(parser: argparse.ArgumentParser) -> None:
-    """Options of `symsde export`."""
+    """Declare the options of `symsde export`."""
     parser.add_argument("scene", metavar="SCENE.toml")
     parser.add_argument("--to", choices=tuple(ENDING), required=True, help="the language")
     parser.add_argument("--out", metavar="FILE", help="file to write (default: named after the scene, in this folder)")
@@ -34,7 +34,7 @@ def run(options: argparse.Namespace) -> int:
     target = Path(options.out or f"{plain}{ENDING[options.to]}")
     if target.suffix != ENDING[options.to]:
         raise InvalidArgumentError(f"--out {target}: a program in {options.to} ends in {ENDING[options.to]}")
-    if not re.fullmatch(r"[A-Za-z]\w*", target.stem, flags=re.ASCII):  # part of a command line
+    if not re.fullmatch(r"[A-Za-z]\w*", target.stem, flags=re.ASCII):  # the name becomes part of a command line
         raise InvalidArgumentError(f"--out {target.name!r}: name programs by a letter, then letters, digits and _")
     line = compile_line(options.to, target)
     _refuse_python(options.scene)
@@ -58,13 +58,15 @@ def _refuse_python(file: str) -> None:
 
 
 def left_out(chosen: scene.Scene) -> list[str]:
-    """Tables and keys of a scene that ask for results beside moments."""
+    """Tables and keys of a scene that request results besides moments."""
     wanted = {"[observables]": chosen.observables, "[[observe]]": chosen.observers, "paths of [output]": chosen.paths}
     return [name for name, given in wanted.items() if given]
 
 
 def compile_line(language: str, target: Path) -> str:
-    """The command that compiles: with pkg-config if it knows the library, else with the library of this package."""
+    """The command that compiles the program: with pkg-config if it knows the library, else with this package's
+    library.
+    """
     compiler = "gfortran -O2 -frecursive" if language == "fortran" else "cc -O2"
     out = f"{compiler} {target.name} -o {target.stem}"
     if shutil.which("pkg-config") and not subprocess.run(["pkg-config", "--exists", "symsde"], check=False).returncode:

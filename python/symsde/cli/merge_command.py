@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""symsde merge DIR... --out DIR: the shards of several folders in one, and the results of the whole."""
+"""symsde merge DIR... --out DIR: the shards of several folders in one folder, and the results of all."""
 
 from __future__ import annotations
 
@@ -20,14 +20,14 @@ HELP = "Merge folders that hold parts of one run (`symsde run --shard I/N`). The
 
 
 def arguments(parser: argparse.ArgumentParser) -> None:
-    """Options of `symsde merge`."""
+    """Declare the options of `symsde merge`."""
     parser.add_argument("folders", metavar="DIR", nargs="+", help="folders with shards of the same run")
     parser.add_argument("--out", metavar="DIR", required=True, help="folder of the whole run")
     parser.add_argument("--quiet", action="store_true", help="no table")
 
 
 def run(options: argparse.Namespace) -> int:
-    """The verb."""
+    """Execute the verb and return the exit code."""
     begin = time.monotonic()
     with logged(options.quiet):
         folders = [Path(name) for name in options.folders]
@@ -42,7 +42,7 @@ def run(options: argparse.Namespace) -> int:
 
 
 def _common(folders: Sequence[Path]) -> dict:
-    """The manifest that all folders have."""
+    """The manifest that all folders have in common."""
     records = []
     for folder in folders:
         if (record := manifest.read(folder)) is None:
@@ -59,7 +59,7 @@ def _common(folders: Sequence[Path]) -> dict:
 
 
 def _gather(sources: Sequence[RunFolder], whole: RunFolder) -> None:
-    """Shards that are anywhere, in the folder of the whole."""
+    """Copy shards of any folder into the folder of the whole."""
     for piece in whole.missing():
         for source in sources:
             if source.is_done(piece):
@@ -68,7 +68,7 @@ def _gather(sources: Sequence[RunFolder], whole: RunFolder) -> None:
 
 
 def _require_all(whole: RunFolder, allow_python: bool) -> None:
-    """Refuse to merge a part as the whole: name the missing shards, and the commands that compute them."""
+    """Refuse to merge an incomplete run: name the missing shards, and the commands that compute them."""
     if missing := whole.missing():
         trusted = ["--allow-python"] if allow_python else []
         again = shlex.join(["symsde", "run", str(whole.path / "scene.toml"), "--out", str(whole.path), *trusted])

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Output of the command line to readers who leave, as in `symsde run SCENE.toml | head -1`."""
+"""Output of the command line to readers that stop reading, as in `symsde run SCENE.toml | head -1`."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from typing import TextIO
 
 
 class _Patient:
-    """A stream that goes on quietly where nobody reads any more: the work has results in files, too."""
+    """A stream that ignores the end of its reader: the work also has results in files."""
 
     def __init__(self, stream: TextIO):
         self._stream = stream
@@ -20,7 +20,7 @@ class _Patient:
         return getattr(self._stream, name)
 
     def write(self, text: str) -> int:
-        """Write, if anybody reads."""
+        """Write, unless the reader has gone."""
         with self._while_read():
             return self._stream.write(text)
         return len(text)
@@ -46,8 +46,8 @@ class _Patient:
 
 @contextlib.contextmanager
 def patient_output() -> Iterator[None]:
-    """Print as always, but do not stop where the reader of standard output has gone."""
-    if sys.stdout is None:  # closed
+    """Print as usual, but do not stop if the reader of standard output has gone."""
+    if sys.stdout is None:  # standard output is closed
         yield
         return
     stream = _Patient(sys.stdout)
@@ -57,7 +57,7 @@ def patient_output() -> Iterator[None]:
         finally:
             try:
                 stream.flush()
-            except OSError:  # no room, say
+            except OSError:  # for example a full disk
                 with contextlib.suppress(OSError, ValueError):
                     stream.forget()
                 raise

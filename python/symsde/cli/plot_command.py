@@ -21,7 +21,7 @@ HELP = "Draw a run: paths, phase plane, energy, moments with bands, results of o
 
 
 def arguments(parser: argparse.ArgumentParser) -> None:
-    """Options of `symsde plot`."""
+    """Declare the options of `symsde plot`."""
     parser.add_argument("source", metavar="DIR_OR_FILE", help="folder of a run, or its .nc, .npz or .csv file")
     parser.add_argument("--what", metavar="NAME", help="draw only this figure (default: all)")
     parser.add_argument(
@@ -33,7 +33,7 @@ def arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
-    """The verb."""
+    """Execute the verb and return the exit code."""
     source = Path(options.source)
     if not os.path.exists(source):
         raise SceneError(f"{source} does not exist: give the folder of a run, or a file of one")
@@ -54,7 +54,7 @@ def run(options: argparse.Namespace) -> int:
 
 @dataclass(frozen=True)
 class Figure:
-    """A figure that can be drawn."""
+    """A figure that can be drawn from the results."""
 
     make: Callable[[], tuple]  #: makes the panels and the title
     shows: tuple[str, ...]  #: names of the values that the figure can show
@@ -92,7 +92,7 @@ def _chosen(known: Figures, options: argparse.Namespace) -> Figures:
 
 
 def _of_folder(folder: Path, options: argparse.Namespace) -> Figures:
-    """Figures that the shards there give."""
+    """Figures of the shards that exist in a folder."""
     found = open_run(folder)
     figures: Figures = {}
     if (saved := found.run) is not None:
@@ -112,7 +112,7 @@ def _of_moments(found: MomentTables, options: argparse.Namespace) -> Figures:
     figures = {"moments": Figure(lambda: draw.of_moments(means, "moments", options.of), values.names, values.called)}
     if values.ndof >= draw.CHAIN:
         figures["moments-map"] = Figure(lambda: draw.of_moments(means, "map", options.of), ("q", "p"))
-    for name, result in getattr(found, "observed", {}).items():  # which a table cannot hold
+    for name, result in getattr(found, "observed", {}).items():  # results that tables cannot hold
         make = functools.partial(draw.of_observed, result, options.at)
         figures[f"observed-{name}"] = Figure(make, result.looked_at, values.called)
     return figures

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""symsde run SCENE.toml --out DIR: compute the shards that are not there, and put the results together."""
+"""symsde run SCENE.toml --out DIR: compute the missing shards, and the results from all shards."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ log = logging.getLogger("symsde")
 
 
 def arguments(parser: argparse.ArgumentParser) -> None:
-    """Options of `symsde run`."""
+    """Declare the options of `symsde run`."""
     parser.add_argument("scene", metavar="SCENE.toml")
     parser.add_argument("--out", metavar="DIR", help="folder of the run, new or to resume (default: the scene's name)")
     parser.add_argument("--shard", metavar="I/N", type=str, help="compute only part I of N parts, counted from 1")
@@ -57,7 +57,7 @@ def arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
-    """The verb."""
+    """Execute the verb and return the exit code."""
     part = Share() if options.shard is None else share.parse(options.shard)
     limit = None if options.max_walltime is None else seconds("max-walltime", options.max_walltime)
     between = 10.0 if options.checkpoint is None else seconds("checkpoint", options.checkpoint)
@@ -86,7 +86,7 @@ def run(options: argparse.Namespace) -> int:
         folder.checkpoint_seconds = between
         fine = compute(batch.task, ranks.of(part.of(batch.pieces)), folder, Conditions(stop, ranks, options.quiet))
         if ranks.rank > 0 or not fine:
-            return OK if fine else INTERNAL  # the rank that failed says why, rank 0 the rest
+            return OK if fine else INTERNAL  # the rank that failed reports its error, rank 0 everything else
         missing = folder.missing()
         if missing and (stop.reason or part.n == 1):
             partial = save_partial(batch, folder)
@@ -113,7 +113,7 @@ def _checked(batch: Batch, folder: RunFolder, stop: Stop, quiet: bool) -> bool:
 
 @dataclass(frozen=True)
 class Conditions:
-    """Who computes, until when, and how loud."""
+    """Conditions of the work: ranks, time limit, and verbosity."""
 
     stop: Stop
     ranks: Ranks
@@ -121,7 +121,7 @@ class Conditions:
 
 
 def compute(task: Task, mine: list[Piece], folder: RunFolder, conditions: Conditions) -> bool:
-    """The shards of some pieces that are not there; whether all went well, here and with the other ranks."""
+    """Compute the missing shards of some pieces; return whether all went well, here and on the other ranks."""
     done = sum(piece.work for piece in mine if folder.is_done(piece))
     shown = display(conditions.quiet, done)
     failure: Exception | None = None
@@ -137,8 +137,8 @@ def compute(task: Task, mine: list[Piece], folder: RunFolder, conditions: Condit
 
 
 def save_partial(batch: Batch, folder: RunFolder) -> Path | None:
-    """Moments of a run that was stopped before any of its shards was done: at each time over the paths so far.
-    None if there are shards: a user can open them, and merging thousands would take too long now."""
+    """Save moments of a run that was stopped before any shard was done, at each time over the paths that got there.
+    None if there are shards: a user can open them, and merging thousands would take too long at a stop."""
     pieces = batch.of_kind("moments")
     stopped = [piece for piece in pieces if piece.name in folder.parts]
     if not stopped or any(folder.is_done(piece) for piece in pieces):
@@ -152,7 +152,7 @@ def save_partial(batch: Batch, folder: RunFolder) -> Path | None:
 
 
 def finish(batch: Batch, folder: RunFolder, quiet: bool, took: float) -> int:
-    """Put the results together, write and show them."""
+    """Compute, write and show the results."""
     report, failed, doubts, remarks = None, 0, [], []
     if pieces := batch.of_kind("moments"):
         moments = merged_results.moments_of(batch.task, batch.size, pieces, folder.read, seconds=took)
@@ -197,7 +197,7 @@ def _stopped(stop: Stop, options: argparse.Namespace, folder: RunFolder, missing
 
 
 def _nothing(batch: Batch, part: Share, ranks: Ranks) -> int:
-    """A part of more than there are shards: no error, since the others do the work, but said. No folder is made."""
+    """Report a part without shards; this is no error, since other parts do the work. No folder is made."""
     finer = ""
     if cut := batch.finer(part.n):
         most = "" if cut[1] >= part.n else f" and {counted(cut[1], 'part')} at most"
@@ -212,7 +212,7 @@ def _nothing(batch: Batch, part: Share, ranks: Ranks) -> int:
 
 
 def _partly(options, batch: Batch, folder: RunFolder, missing: list[Piece], part: Share) -> int:
-    """Part i of n is done and others are not: say what to do when they are."""
+    """Part i of n is done and other parts are not: print what to do when they are."""
     if not options.quiet:
         print(
             f"part {part} is done: {len(folder.pieces) - len(missing)} of {len(folder.pieces)} shards are in "
@@ -248,7 +248,7 @@ def has_netcdf() -> bool:
 
 
 def print_moments(moments: Moments, rows: int = 11, columns: int = 4) -> None:
-    """At most eleven times; q_1, p_1 and the energy first."""
+    """Print a table of at most eleven times; q_1, p_1 and the energy come first."""
     names, (means, errors) = moments.columns(), moments.to_arrays()
     wanted = tabular.first_values(moments, columns)
     print(f"{'t':>10s} {'paths':>9s}" + "".join(f" {'mean ' + names[j]:>24s}" for j in wanted))

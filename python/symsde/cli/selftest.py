@@ -21,7 +21,7 @@ from ..run.step import increments, step
 from ..studies.convergence import convergence
 
 HELP = "Check in a few seconds that the installed library computes what it should."
-#: dW of two steps of h = 1/4 for three paths, seed 20260101: all machines agree up to the last digits.
+#: dW of two steps of h = 1/4 for three paths with seed 20260101; all machines agree except for the last digits.
 _KNOWN = [
     [-0.26431786546106306, 0.6331749988461696, -0.14230216470286533],
     [0.0744672069475869, -0.2072674808496655, 0.763549124834455],
@@ -39,14 +39,14 @@ class Check:
 
 
 def noise() -> Check:
-    """The generator and its map of counters: numbers that were written down."""
+    """Compare the random generator and its map of counters with recorded numbers."""
     dw = increments(_kubo(), step=0.25, steps=2, paths=3, seed=20260101)
     worst = np.abs(dw[:, 0, :] - _KNOWN).max()
     return Check("noise", f"six increments agree with known numbers to {worst:.0e}", bool(worst < 1e-14))
 
 
 def one_step() -> Check:
-    """A step of midpoint on the Kubo oscillator turns by 2 atan((h + sigma dW)/2)."""
+    """A step of midpoint rotates the Kubo oscillator by 2 atan((h + sigma dW)/2)."""
     dw = np.linspace(-0.5, 0.5, 64)
     q, p = step(_kubo(), "midpoint", 1.0, 0.0, 0.1, dw=dw[np.newaxis])
     angle = 2 * np.arctan((0.1 + 0.3 * dw) / 2)
@@ -55,7 +55,7 @@ def one_step() -> Check:
 
 
 def structure() -> Check:
-    """A step of a symplectic scheme is symplectic, one of Heun's is not."""
+    """A step of a symplectic scheme is symplectic, a step of heun is not."""
     model = models.get("pendulum")
     worst = max(diagnose.symplecticity(model, name)[0] for name in ("midpoint", "stormer_verlet", "gauss2"))
     heun = diagnose.symplecticity(model, "heun")[0]
@@ -67,13 +67,13 @@ def structure() -> Check:
 
 
 def order() -> Check:
-    """Strong order 1 of midpoint, against the exact solution on the same Brownian paths."""
+    """Midpoint has strong order 1, compared with the exact solution on the same Brownian paths."""
     found = convergence(_kubo(), "midpoint", **_START, paths=200, steps=(16, 32, 64, 128))
     return Check("order", f"midpoint converges with order {found.order:.2f}", bool(abs(found.order - 1) < 0.2))
 
 
 def mean() -> Check:
-    """E q(t) = exp(-sigma^2 t/2) cos t of the Kubo oscillator, from 20,000 paths: six standard errors."""
+    """E q(t) = exp(-sigma^2 t/2) cos t of the Kubo oscillator, from 20,000 paths, within six standard errors."""
     found = moments(_kubo(), **_START, step=0.02, steps=100, paths=20_000, seed=1, save_every=100)
     away = (found.mean_q[1, 0] - np.exp(-0.045 * 2) * np.cos(2.0)) / found.se_mean_q[1, 0]
     good = abs(away) < 6 and abs(found.se_mean_q[1, 0] * np.sqrt(20_000) - 0.37) < 0.1
@@ -81,7 +81,7 @@ def mean() -> Check:
 
 
 def resume() -> Check:
-    """A run in two parts has the bits of one."""
+    """A run in two parts has the same bits as one run."""
     options = {"step": 0.02, "paths": 33, "seed": 3}
     whole = simulate(_kubo(), **_START, steps=200, save_every=100, **options)
     half = simulate(_kubo(), q0=whole.q[1], p0=whole.p[1], steps=100, save_every=100, first_step=100, **options)
@@ -94,7 +94,7 @@ def resume() -> Check:
 
 
 def threads() -> Check:
-    """Threads and blocks change no bit."""
+    """Threads and block sizes change no bit."""
     options = {**_START, "step": 0.02, "steps": 100, "paths": 3000, "seed": 4, "save_every": 100}
     one, several = (simulate(_kubo(), threads=n, lanes=lanes, **options) for n, lanes in ((1, 64), (4, 24)))
     same = np.array_equal(one.q, several.q) and np.array_equal(one.p, several.p)
@@ -104,7 +104,7 @@ def threads() -> Check:
 
 
 def variant() -> Check:
-    """The library is the one that was chosen: by SYMSDE_LIBRARY, else the best that the processor runs."""
+    """The loaded library is the chosen one: by SYMSDE_LIBRARY, else the best that the processor can run."""
     found, first = library.found(), library.candidates()[0]
     known = {"midpoint", "stormer_verlet"} <= set(schemes.names())
     levels = [name for name in cpu.LEVELS if f"x86-64-{name}" in str(found)]
@@ -122,7 +122,7 @@ CHECKS: tuple[Callable[[], Check], ...] = (noise, one_step, structure, order, me
 
 
 def checks() -> Iterator[Check]:
-    """Every check, one after the other; one that cannot be made has failed."""
+    """Give the results of all checks; a check that raises an error has failed."""
     for check in CHECKS:
         try:
             yield check()
@@ -131,7 +131,7 @@ def checks() -> Iterator[Check]:
 
 
 def selftest() -> bool:
-    """Print one line for each check of the installed library, and return whether all are well."""
+    """Print one line for each check of the installed library, and return whether all passed."""
     start, wrong = time.monotonic(), []
     for check in checks():
         print(f"{'ok' if check.good else 'FAILED':8s}{check.name:11s}{check.found}", flush=True)
@@ -142,7 +142,7 @@ def selftest() -> bool:
 
 
 def run(_options: argparse.Namespace) -> int:
-    """The verb: 0, or 1 where a check failed."""
+    """Execute the verb; return 0, or 1 if a check failed."""
     return int(not selftest())
 
 

@@ -1,5 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""`symsde slurm`: the job array of a scene, the job that merges its parts, and their environment, as scripts."""
+"""`symsde slurm`: scripts for the job array of a scene, for the job that merges its parts, and for their
+environment.
+"""
 
 from __future__ import annotations
 
@@ -33,7 +35,7 @@ def arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
-    """Do it; the exit code."""
+    """Execute the verb and return the exit code."""
     out = options.out or f"slurm-{Path(options.scene).stem}"
     place, parts, size = _plan(options, out)
     cpus = checks.integer("--cpus", options.cpus, (1, 1024))
@@ -84,7 +86,7 @@ def _plan(options: argparse.Namespace, out: str) -> tuple[Path, int, int]:
 
 
 def _head(place: Path, limit: float):
-    """The first lines of a script: shell, Slurm's options, folder, environment."""
+    """The first lines of a script: shell, Slurm options, folder, environment."""
     minutes = max(1, -int(-limit // 60))
     day, rest = divmod(minutes, 1440)
     time = f"{day}-{rest // 60:02d}:{rest % 60:02d}:00"
@@ -99,8 +101,8 @@ def _head(place: Path, limit: float):
 
 
 def _environment() -> str:
-    """The lines that set the present Python, its package folders if they are not its own, and threads by Slurm's
-    count."""
+    """The lines that select the present Python, package folders outside of it, and as many threads as Slurm
+    grants."""
     lines = ["# Read by all jobs: modules to load, variables to set."]
     lines.append(f"PYTHON={shlex.quote(sys.executable)}")
     for name in ("PYTHONPATH", "SYMSDE_LIBRARY", "SYMSDE_CPU"):
@@ -111,7 +113,7 @@ def _environment() -> str:
 
 
 def _write(path: Path, text: str) -> None:
-    """Replace one script by another."""
+    """Write one script, replacing an older one."""
 
     def write(part: Path) -> None:
         part.write_text(text, encoding="utf-8")

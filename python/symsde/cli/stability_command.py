@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""`symsde stability`: how long a step of a scene may be; without one every scenario, its table and its figure."""
+"""`symsde stability`: how long a step of a scene may be; without a scene all scenarios, with tables and figures."""
 
 from __future__ import annotations
 
@@ -20,9 +20,9 @@ from ..studies import expectations, pages
 from .advise_command import problem_of
 
 HELP = "How long a step of a scene may be; without a scene, run stiff and extreme cases and compare with expectations."
-_LEFT = ("quick", "out", "markdown")  #: options that belong to the cases and not to a scene
+_LEFT = ("quick", "out", "markdown")  #: options for the scenarios, not for a scene
 FAILED = 1
-_PATHS = 64  #: number of paths of a scene on which the fastest frequency is looked for
+_PATHS = 64  #: number of paths of a scene on which the fastest frequency is measured
 
 
 def arguments(parser: argparse.ArgumentParser) -> None:
@@ -34,7 +34,7 @@ def arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
-    """Do it; 0, or 1 if a criterion failed."""
+    """Execute the verb; return 0, or 1 if a criterion failed."""
     if options.scene is not None:
         if given := [f"--{name}" for name in _LEFT if getattr(options, name)]:
             raise InvalidArgumentError(f"{', '.join(given)} is for the cases of symsde: leave it out beside a scene")
@@ -70,7 +70,7 @@ def of_scene(file: str) -> str:
 
 
 def _scenarios(stability, page, directory: Path, options: argparse.Namespace) -> int:
-    """Every scenario, into a folder that is there."""
+    """Write every scenario into an existing folder."""
     print(f"{pages.made_by()}: stiff and extreme cases{' (quick)' if options.quick else ''}")
     cases = (functools.partial(function, options.quick) for function in stability.SCENARIOS)
     found = expectations.carry_out(cases, "case")

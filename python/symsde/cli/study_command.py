@@ -28,7 +28,7 @@ def arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
-    """Do it; the exit code."""
+    """Execute the verb and return the exit code."""
     if (options.scene is None) == (options.all is None):
         raise InvalidArgumentError("give one scene, or --all with a folder of scenes")
     if options.markdown and not options.all:
@@ -43,7 +43,7 @@ def run(options: argparse.Namespace) -> int:
         "progress": sys.stderr.isatty() and not options.quiet,
     }
     for file in files:
-        scenes.check(file, **given)  # check all of them before the first long run
+        scenes.check(file, **given)  # check all scenes before the first long run
     studies = []
     for file in files:
         base = Path(options.out or "out/study")
@@ -56,7 +56,7 @@ def run(options: argparse.Namespace) -> int:
 
 
 def _one(scenes, file: Path, directory: Path, given: dict, quiet: bool):
-    """Study a scene; after Ctrl-C say how to go on."""
+    """Study a scene; after Ctrl-C print how to continue."""
     try:
         study = scenes.study(file, out=directory, **given)
     except KeyboardInterrupt:
@@ -70,7 +70,7 @@ def _one(scenes, file: Path, directory: Path, given: dict, quiet: bool):
 
 
 def _folder(name: str) -> list[Path]:
-    """Scenes of a folder that are to be studied."""
+    """Scenes of a folder that can be studied."""
     found = sorted(Path(name).glob("*.toml"))
     chosen = [file for file in found if b"\n[study]" in _files.content(file)]
     if not chosen:

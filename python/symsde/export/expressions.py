@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Nodes of a graph as expressions of Fortran that can be read: what is used once stands where it is used.
+"""Nodes of a graph as expressions of Fortran that can be read: a node that is used once is inlined.
 
 Operations keep the order that the graph gives them, by parentheses, so that numbers agree with those of the compiled
-formulas to the rounding of sine and the like.
+formulas up to the rounding of sine and similar functions.
 """
 
 from __future__ import annotations
@@ -19,10 +19,10 @@ MAX_CHARACTERS = 90  #: most characters of one expression; parts of longer expre
 
 
 class Expressions:
-    """Some outputs as statements: `parts` with names, then `results`."""
+    """Some outputs as statements: `parts` are the named intermediate results, `results` the outputs."""
 
     def __init__(self, graph: Graph, roots: Iterable[int], leaf: Callable[[str], str], number: Callable[[str], str]):
-        """`leaf`: how something given is written; `number`: how a number is."""
+        """Write the outputs. `leaf` writes an input, `number` a number."""
         self.graph, self.leaf, self.number = graph, leaf, number
         roots = list(roots)
         uses = Counter(a for x in reachable(graph, roots) for a in graph.nodes[x].arguments)
@@ -58,26 +58,26 @@ class Expressions:
         return self.called(node.what, arguments), ATOM
 
     def called(self, function: str, arguments: list[str]) -> str:
-        """A function of its arguments; a power is an operation."""
+        """Write a function of its arguments; a power is an operator."""
         if function == "pow":
             return f"(({arguments[0]})**({arguments[1]}))"
         return f"{'abs' if function == 'fabs' else function}({', '.join(arguments)})"
 
     def held(self, x: int, strength: int) -> str:
-        """A node in an operation that holds so strongly."""
+        """Write a node as an operand, with parentheses if its operation has lower precedence."""
         text, own = self._text[x]
         return text if own >= strength else f"({text})"
 
 
 def called(given: Given, functions: Iterable[str]) -> list[str]:
-    """Which of these functions the formulas of a model call."""
+    """The functions among these that the formulas of a model call."""
     made = [d.derivatives for d in given.model._chain.densities] if given.is_chain else [given.model._derivatives]
     found = {node.what for derivatives in made for node in derivatives.graph.nodes}
     return [name for name in functions if name in found]
 
 
 def wrapped(text: str, width: int, indent: str, mark: str = "") -> list[str]:
-    """A statement on several lines, broken at blanks, after commas where there are some."""
+    """Break a statement into lines at blanks, after commas if possible."""
     lines, rest = [], text
     while len(rest) > width:
         last = width - len(mark)

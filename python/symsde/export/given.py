@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""What a program needs of a scene, checked."""
+"""The parts of a scene that a program needs, checked."""
 
 from __future__ import annotations
 
@@ -36,13 +36,13 @@ _TAKEN = frozenset(
         *("hessian_vector", "gradient_hessian", "hessian_banded", "force_stiffness", "third_derivative"),
     )
 )
-#: options of a run that programs do not set: the number of threads, for instance, belongs to the machine
+#: options of a run that programs do not set: for example the number of threads, which depends on the machine
 _LEFT_OUT = {"struct_size", "progress", "progress_user", "threads", "lanes"}
 
 
 @dataclass(frozen=True)
 class Given:
-    """A scene as a program sees it."""
+    """A scene as needed by a program."""
 
     stem: str  #: name of the program and of its file
     title: tuple[str, ...]  #: lines of the comment at the top
@@ -65,7 +65,7 @@ class Given:
 
 
 def given_of(scene: Scene, stem: str) -> Given:
-    """Read a scene; what a program cannot say is refused."""
+    """Read a scene; features that a program cannot express are refused."""
     setup = make_setup(scene.model, **scene.run)
     model = scene.model
     require_closed(model, "programs are written")
@@ -109,7 +109,7 @@ def _title(scene: Scene, model) -> tuple[str, ...]:
 
 
 def harmless(text: str) -> str:
-    """A text for comments and names: one line, and no character that could end a comment or a literal."""
+    """A text for comments and names: one line, without characters that could end a comment or a literal."""
     lines = (part.partition("#")[0] for part in str(text).splitlines())
     line = re.sub(r"[^A-Za-z0-9_ +\-*/().,\[\]=]", " ", " ".join(lines))
     while "*/" in line or "/*" in line:
@@ -118,7 +118,7 @@ def harmless(text: str) -> str:
 
 
 def identifiers(names: Iterable[str]) -> dict[str, str]:
-    """Names of components in Fortran, which does not tell A from a: the user's where they will do."""
+    """Identifiers for Fortran, which ignores case: the user's names if possible."""
     result: dict[str, str] = {}
     used = set(_TAKEN)
     for k, name in enumerate(names):
@@ -128,15 +128,15 @@ def identifiers(names: Iterable[str]) -> dict[str, str]:
     return result
 
 
-_FEW = 8  #: most degrees of freedom that are written one by one
+_FEW = 8  #: most degrees of freedom that are written out
 
 
 def columns(ndof: int, has_energy: bool) -> str:
-    """What a line of the output holds."""
+    """Describe the columns of the output."""
     names = [f"{x}{i + 1}" if ndof > 1 else x for x in "qp" for i in range(ndof)] if ndof <= _FEW else ["all q, all p"]
     return " ".join([*names, *(["H"] if has_energy else [])])
 
 
 def equal(values: tuple[float, ...]) -> bool:
-    """Whether these are many equal numbers."""
+    """Whether these are many numbers, all equal."""
     return len(values) > _FEW and len(set(values)) == 1

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The program in C: the code that the emitters of formulas write, which runs in Python too, and a main program."""
+"""The program in C: the code of the formula emitters, which Python compiles too, and a main program."""
 
 from __future__ import annotations
 
@@ -10,13 +10,13 @@ from .given import Given, columns, equal, harmless
 
 WIDTH = 110
 ARGUMENTS = ("gradient", "value", "hessian", "hessian_vector")  #: function arguments of symsde_model_new, in this order
-SETTERS = ("gradient_hessian", "third_derivative", "chain_rows")  #: functions that are set one by one
-#: products that become part of one operation of a sum are variables, too, which nothing uses
+SETTERS = ("gradient_hessian", "third_derivative", "chain_rows")  #: functions that have their own setter
+#: products that are fused into sums are declared as variables too, and are then unused
 MODEL = ("#pragma GCC diagnostic push", '#pragma GCC diagnostic ignored "-Wunused-variable"')
 
 
 def source(given: Given, compile_line: str) -> str:
-    """The whole file."""
+    """The text of the whole file."""
     head = ["/*", *(f" * {line}".rstrip() for line in given.title), " *", f" *    {compile_line}", " */"]
     head += ["#include <math.h>", "#include <stdio.h>", "#include <stdlib.h>", "#include <symsde.h>", ""]
     model = [] if given.model is None else [*MODEL, given.model.formula.source, "#pragma GCC diagnostic pop", ""]
@@ -97,7 +97,7 @@ def _model(given: Given) -> list[str]:
 
 
 def _checked(call: str) -> str:
-    """A call about the model, whose status is looked at."""
+    """A call about the model with a check of its status."""
     return f"   check(symsde_model_{call}, &error), &error);"
 
 
@@ -114,7 +114,7 @@ def _array(values) -> str:
 
 
 def _state(name: str, values: tuple[float, ...]) -> list[str]:
-    """One state; of many equal numbers by a loop."""
+    """Set an initial state; many equal numbers by a loop."""
     if not equal(values):
         return [f"   static const double {name}[NDOF] = {_array(values)};"]
     loop = ["   for (int i = 0; i < NDOF; i++)", f"      {name}[i] = {_number(values[0])};"]

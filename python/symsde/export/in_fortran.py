@@ -20,7 +20,7 @@ ABOUT = {
     "hessian": "S_qq, S_qp and S_pp; hqp(:, i, j) = d2 S/(dq_i dp_j)",
     "third_derivative": "The gradient of a^T (the Hessian) b",
 }
-#: functions of x that Fortran does not have
+#: functions of x that Fortran lacks
 FUNCTIONS = {
     "sech": ["y = 2/(exp(x) + exp(-x))"],
     "csch": ["y = 1/sinh(x)"],
@@ -36,7 +36,7 @@ _LOGICAL = ("compensated", "general")
 
 
 def source(given: Given, compile_line: str) -> str:
-    """The whole file."""
+    """The text of the whole file."""
     if given.is_chain and given.model._chain.outer is not None:
         raise InvalidArgumentError("functions of sums over sites are exported to C only: say --to c")
     lines = [*(f"!> {line}".rstrip() for line in given.title), "!>", f"!>    {compile_line}"]
@@ -97,7 +97,7 @@ def _procedure(given: Given, kind: str) -> list[str]:
 
 
 def _block(given: Given, kind: str, block: str, n: int) -> tuple[int, list[str]]:
-    """One output: how many parts have names, and its loop over the lanes."""
+    """Write one output: the number of named parts, and its loop over the lanes."""
     made = given.model._derivatives
     names = list(given.identifiers.values())
 
@@ -171,7 +171,7 @@ def _option(name: str, value: float) -> str:
     if name in _LOGICAL:
         return ".true." if value else ".false."
     if name in _LONG:
-        signed = value - 2**64 if value >= 2**63 else value  # all 64 bits of a seed
+        signed = value - 2**64 if value >= 2**63 else value  # the same 64 bits as a signed number
         return f"{signed}_i8" if signed > -(2**63) else "-huge(1_i8) - 1_i8"
     return str(value) if isinstance(value, int) else _number(value)
 
@@ -185,5 +185,5 @@ def _array(values) -> str:
 
 
 def _state(values: tuple[float, ...]) -> str:
-    """One state; of many equal numbers as such."""
+    """Write an initial state; many equal numbers as a scalar."""
     return f"spread({_number(values[0])}, 1, {len(values)})" if equal(values) else _array(values)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Sums over sites in Fortran: procedures of the model that go from site to site, however many there are."""
+"""Sums over sites in Fortran: procedures of the model that loop over sites, whatever their number."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ PROCEDURES = {
 
 
 def procedure(given: Given, kind: str, width: int, number: Callable[[str], str]) -> list[str]:
-    """A procedure of the model; number: how numbers are written."""
+    """Write a procedure of the model; number: how numbers are written."""
     about, vectors, results = PROCEDURES[kind]
     chain = given.model._chain
     pieces = [_Piece(given, d, x, number) for x in results for d in chain.densities]
@@ -46,10 +46,10 @@ def procedure(given: Given, kind: str, width: int, number: Callable[[str], str])
 
 
 class _Piece:
-    """What a density adds to one output."""
+    """The contribution of a density to one output."""
 
     def __init__(self, given: Given, density: Density, output: str, number: Callable[[str], str]):
-        """Write its formulas."""
+        """Write the formulas of the density."""
         self.density, self.output = density, output
         self.chain: Chain = given.model._chain
         self.names = list(given.identifiers.values())
@@ -65,7 +65,7 @@ class _Piece:
         self.about = _about(density, given)
 
     def _row(self, offset: int) -> str:
-        """The site at an offset."""
+        """The name of the site at an offset."""
         if offset and self.chain.ends == "periodic":
             name = f"{'next' if offset > 0 else 'last'}_{abs(offset)}"
             self.rows[name] = offset
@@ -84,7 +84,7 @@ class _Piece:
         return f"{letter}(i, {self._row(self.density.offsets[number])})"
 
     def _weight(self) -> str:
-        """The Hamiltonian's number, by that of the sites where it follows noises of each site."""
+        """The weight of the Hamiltonian; for noises of each site the weight depends on the site."""
         number = self.density.weight
         alone = number.alone - int(self.density.family)
         terms = ["site"] if self.density.family else []
@@ -92,7 +92,7 @@ class _Piece:
         return " + ".join([*terms, *([str(alone)] if alone or not terms else [])])
 
     def lines(self) -> list[str]:
-        """From site to site, and in each the loop over lanes."""
+        """The loop over sites, and inside it the loop over lanes."""
         if not self.adds:
             return []
         first, last = _site(self.density.first), _site(self.density.last)
@@ -108,7 +108,7 @@ class _Piece:
 
 
 def _site(place: Place) -> str:
-    """A site, counted from 1."""
+    """The index of a site, counted from 1."""
     if place.from_last:
         return f"ndof {'+' if place.shift > 0 else '-'} {abs(place.shift)}" if place.shift else "ndof"
     return str(place.shift + 1)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Do the noises of a model commute, and which order is to be expected then?"""
+"""Test whether the noises of a model commute, and which order to expect then."""
 
 from __future__ import annotations
 
@@ -18,7 +18,8 @@ from .definition import Model, require_model
 
 @dataclass(frozen=True)
 class Commutator:
-    """Poisson brackets of a model's Hamiltonians at sample points, which can refute that they vanish, not prove it."""
+    """Poisson brackets of a model's Hamiltonians at sample points. Points can refute that brackets vanish, not prove
+    it."""
 
     commutative: bool  #: every {H_k,H_l} is constant: increments alone reach strong order 1, dZ 3/2
     flows_commute: bool  #: every {H,H_k} is constant too, no noise changes in time and nothing is damped
@@ -27,7 +28,7 @@ class Commutator:
     text: str  #: which strong order to expect, from which scheme
 
     def __str__(self) -> str:
-        """The sentence."""
+        """The sentence about orders."""
         return self.text
 
 

@@ -52,7 +52,7 @@ class Traits:
 
     @property
     def kicked(self) -> bool:
-        """Noise in position and a constant mass: what schemes of drifts and kicks need."""
+        """Whether the noise depends on position and the mass is constant, as schemes of drifts and kicks need."""
         return self.position_noise and (self.identity_mass or self.constant_mass)
 
 
@@ -60,7 +60,7 @@ class ModelHandle(handles.Handle):
     """A handle of a model, and the exceptions of the callbacks of its calls."""
 
     def __init__(self, pointer: ctypes.c_void_p, keep_alive: object, failures: _callbacks.Failures):
-        """Own the handle that `pointer` is."""
+        """Own the handle `pointer`."""
         super().__init__("model", pointer, keep_alive)
         self.failures = failures
 
@@ -116,8 +116,8 @@ class Model:
     it is friction on velocities, by a matrix. See `damped`, which does so for any model.
     """
 
-    #: (q0, p0, t0) -> refuses an initial state of all paths, (dof, 1), from which no run can begin. Models of formulas
-    #: know
+    #: (q0, p0, t0) -> refuses an initial state of all paths, (dof, 1), from which no run can begin. Set by models of
+    #: formulas
     check_start: Callable[[np.ndarray, np.ndarray, float], None] | None = None
     _damping: Damping = ()  #: rates of the momenta, or rows of a matrix of friction; empty for a closed system
     _closed: Model | None = None  #: for a damped model the same model without damping
@@ -156,7 +156,7 @@ class Model:
         damping: Any = None,
         name: str = "user",
     ):
-        """Make the model; see the class."""
+        """Make the model; see the class for the arguments."""
         declared = {
             "separable": separable,
             "additive": additive,
@@ -171,7 +171,7 @@ class Model:
         traits.bandwidth = -1 if bandwidth is None else checks.integer("bandwidth", bandwidth, checks.INT32)
         traits.max_frequency = checks.number("max_frequency", max_frequency)
         traits.noise_lipschitz = checks.number("noise_lipschitz", noise_lipschitz)
-        frequencies = _frequencies(rotation, traits.ndof)  # kept alive until the library has copied them
+        frequencies = _frequencies(rotation, traits.ndof)  # referenced until the library has copied them
         traits.rotation = frequencies
         flags = _silent(silent, traits.nnoise)
         traits.silent = flags
@@ -223,7 +223,7 @@ class Model:
         return cls(**given)
 
     def _adopt(self, make: Callable[[], handles.Handle], name: str, parameters: dict[str, float]) -> None:
-        """Make the model's own handles when they are needed."""
+        """Create the model's handles by `make` when they are needed."""
         self._handles = handles.Pool(make)
         self.name: str = name
         self._parameters: dict[str, float] = parameters
@@ -232,7 +232,7 @@ class Model:
     @property
     def damping(self) -> Damping:
         """Rates gamma_i of the momenta [1/time], one for each degree of freedom, or rows of a matrix of friction on
-        velocities [mass/time]; () of a closed system."""
+        velocities [mass/time]; () for a closed system."""
         return self._damping
 
     def damped(self, damping, *, allow_gain: bool = False) -> Self:
@@ -264,8 +264,8 @@ class Model:
         return bool(self._damping) and isinstance(self._damping[0], tuple)
 
     def _damp(self, closed: Model, damping, allow_gain: bool) -> None:
-        """Be the damped form of a closed model."""
-        rates = np.array(np.atleast_1d(checks.real_array("damping", damping)))  # a copy: callers may change theirs
+        """Turn this model into the damped form of a closed model."""
+        rates = np.array(np.atleast_1d(checks.real_array("damping", damping)))  # a copy: callers may change it
         if rates.shape not in ((1,), (self.ndof,), (self.ndof, self.ndof)):
             raise WrongShapeError(
                 f"damping has shape {rates.shape}: give a number, or ({self.ndof},), one rate for each p, or "
@@ -279,7 +279,7 @@ class Model:
         self._closed = closed if self._damping else None
 
     def __reduce__(self) -> tuple:
-        """For pickle: made again, in another process too, where its functions can be found by name there."""
+        """Pickle as the arguments: another process makes the model again, if it finds the functions by name."""
         if self._closed is not None:
             return _damped_again, (self._closed, self._damping)
         if self._remade is None:
@@ -328,7 +328,7 @@ class Model:
     nnoise = property(lambda self: self.traits.nnoise, doc="Noises.")
 
     def __repr__(self) -> str:
-        """Name and parameters."""
+        """Name and parameters of the model."""
         parameters = ", ".join(f"{key}={value:g}" for key, value in self.parameters.items())
         what = parameters or f"ndof={self.ndof}, nnoise={self.nnoise}"
         if self.has_friction:
@@ -339,7 +339,7 @@ class Model:
         return f"{self.name}({what})"
 
     def _repr_html_(self) -> str:
-        """For notebooks: Hamiltonians, parameters, traits."""
+        """Hamiltonians, parameters and traits for notebooks."""
         return html.model(self, self._hamiltonians, [flag for flag in FLAGS if getattr(self.traits, flag)])
 
     def call(self, name: str, *arguments, allow: tuple[int, ...] = ()) -> int:
@@ -426,12 +426,12 @@ def _copied(model: Model) -> Model:
 
 
 def _damped_again(closed: Model, rates: Damping) -> Model:
-    """A damped model from what pickle kept of it."""
+    """Make a damped model again from its pickle."""
     return closed.damped(rates, allow_gain=True)
 
 
 def _damped_handle(make: Callable[[], ModelHandle], rates: np.ndarray, allow_gain: bool) -> ModelHandle:
-    """A handle of a model whose momenta are damped."""
+    """Make a handle of a model with damped momenta."""
     handle = make()
     given = (ctypes.c_double * rates.size)(*rates.flat)
     if rates.ndim == 2:
@@ -442,12 +442,12 @@ def _damped_handle(make: Callable[[], ModelHandle], rates: np.ndarray, allow_gai
 
 
 def fits_files(name: str) -> bool:
-    """Whether columns and variables of files can have a name."""
+    """Whether a name is valid for columns and variables of files."""
     return bool(name) and name.isprintable() and not set("/#") & set(name) and name == name.strip()
 
 
 def require_closed(model: Model, what: str) -> None:
-    """Refuse a damped model where only closed systems are known."""
+    """Refuse a damped model for results that only closed systems have."""
     if model.damping:
         raise IncompatibleError(
             f"model {model.name} is damped, and {what} of closed systems alone: use the model without damping"
@@ -523,7 +523,7 @@ def _user_handle(name: str, traits: abi.Traits, functions: dict[str, Any], accep
 
 
 def _checked_flows(flows: Mapping[str, Any] | None) -> dict[str, Any]:
-    """Whole steps by scheme; refuses what is not compiled."""
+    """Check whole steps by scheme; functions that are not compiled are refused."""
     given = checks.table("flows", {} if flows is None else flows)
     for scheme, function in given.items():
         if _callbacks.compiled("flow", function) is None:
@@ -537,7 +537,7 @@ def _checked_flows(flows: Mapping[str, Any] | None) -> dict[str, Any]:
 def _with_flows(make: Callable[[], ModelHandle], flows: dict[str, Any], any_lanes: bool) -> ModelHandle:
     """A handle of a user's model that defines whole steps, or whose functions take any number of lanes."""
     handle = make()
-    handle.flows = []  # lives as long as the handle
+    handle.flows = []  # must live as long as the handle
     for scheme, function in flows.items():
         callback, _ = _callbacks.compiled("flow", function)
         handle.flows.append((callback, function))
@@ -555,7 +555,7 @@ def _derived(make: Callable[[], ModelHandle]) -> ModelHandle:
 
 
 def _kinds(functions: dict[str, Any]) -> set[str]:
-    """Which kinds of functions there are, Python or compiled; refuses what is neither."""
+    """The kinds of functions, Python or compiled; refuses anything else."""
     if functions["gradient"] is None:
         raise WrongTypeError("gradient is None: give the gradient of the weighted sum of the Hamiltonians")
     kinds = set()

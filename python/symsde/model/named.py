@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Functions of a model that pickle cannot find by name, as lambdas: refused where nobody else writes their code."""
+"""Functions of a model that pickle cannot find by name, such as lambdas: refused unless a pickler writes their code."""
 
 from __future__ import annotations
 
@@ -16,8 +16,8 @@ _BY_NAME = ("_pickle", "pickle", "multiprocessing.reduction")  #: modules of Pyt
 
 
 def require_names(model: str, functions: Iterable[Any]) -> None:
-    """Refuse, with a sentence, what the plain pickle would; cloudpickle and its like, which are classes of picklers of
-    their own that call themselves, take what they can."""
+    """Refuse, with a sentence, functions that plain pickle would refuse; cloudpickle and similar classes of picklers
+    may accept more."""
     nameless = [f for f in functions if isinstance(f, FunctionType) and not _is_found(f)]
     if nameless and not _is_by_value():
         raise WrongTypeError(
@@ -36,7 +36,7 @@ def _is_found(function: FunctionType) -> bool:
 
 
 def _is_by_value() -> bool:
-    """Whether a pickler of another class than Python's own is at work."""
+    """Whether a pickler other than Python's is active."""
     frame = sys._getframe()
     while frame is not None:
         at_work = frame.f_locals.get("self")

@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The library as ctypes sees it: loading, handles, callbacks, checks, files and progress."""
+"""The library seen from ctypes: loading, handles, callbacks, checks, files and progress."""

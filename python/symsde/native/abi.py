@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """include/symsde.h in ctypes: structs, callback types and one table of functions.
 
-Arrays are passed as addresses (c_void_p), so that NULL is None.
+Arrays are passed as addresses (c_void_p), and None is NULL.
 """
 
 from __future__ import annotations
@@ -32,13 +32,13 @@ AREAS = ("path", "law")
 
 
 class Error(Structure):
-    """symsde_error."""
+    """struct symsde_error."""
 
     _fields_ = (("code", c_int32), ("message", c_char * MESSAGE_SIZE))
 
 
 class Traits(Structure):
-    """symsde_traits."""
+    """struct symsde_traits."""
 
     _fields_ = (
         ("struct_size", c_size_t),
@@ -57,7 +57,7 @@ ORDERS = 5  # SYMSDE_ORDERS
 
 
 class SchemeInfo(Structure):
-    """symsde_scheme_info."""
+    """struct symsde_scheme_info."""
 
     _fields_ = (
         ("struct_size", c_size_t),
@@ -85,7 +85,7 @@ Warn = CFUNCTYPE(c_int, c_char_p, c_void_p)
 
 
 class Options(Structure):
-    """symsde_options."""
+    """struct symsde_options."""
 
     _fields_ = (
         ("struct_size", c_size_t),
@@ -121,7 +121,7 @@ def _made(struct: type[Structure], members: dict) -> Structure:
 
 
 class Input(Structure):
-    """symsde_input."""
+    """struct symsde_input."""
 
     _fields_ = (
         ("struct_size", c_size_t),
@@ -157,7 +157,7 @@ COUNTERS = (
 
 
 class Report(Structure):
-    """symsde_report."""
+    """struct symsde_report."""
 
     _fields_ = (
         ("struct_size", c_size_t),
@@ -181,7 +181,7 @@ class Report(Structure):
 
 
 class Paths(Structure):
-    """symsde_paths."""
+    """struct symsde_paths."""
 
     _fields_ = (
         ("struct_size", c_size_t),
@@ -191,7 +191,7 @@ class Paths(Structure):
 
 
 class State(Structure):
-    """symsde_state."""
+    """struct symsde_state."""
 
     _fields_ = (
         ("struct_size", c_size_t),
@@ -204,7 +204,7 @@ class State(Structure):
     )
 
 
-# The callbacks; each ends with `void *user`. All arrays are double.
+# The callbacks; the last argument of each is `void *user`. All arrays are double.
 _block = (c_int, c_int, c_int, c_int, c_double, c_void_p, c_void_p, c_void_p)
 CALLBACKS = {
     "gradient": CFUNCTYPE(*_block, c_void_p, c_void_p, c_void_p),
@@ -222,7 +222,7 @@ Observables = CFUNCTYPE(c_int, c_int, c_int, c_double, c_void_p, c_void_p, c_voi
 
 
 class Moments(Structure):
-    """symsde_moments."""
+    """struct symsde_moments."""
 
     _fields_ = (
         ("struct_size", c_size_t),
@@ -246,7 +246,7 @@ OBSERVERS = ("histogram", "quantiles", "covariance", "autocorrelation", "extreme
 
 
 class Observer(Structure):
-    """symsde_observer."""
+    """struct symsde_observer."""
 
     _fields_ = (
         ("struct_size", c_size_t),
@@ -280,7 +280,7 @@ _residual = (*_run, c_void_p, c_void_p, c_void_p, c_void_p, _error)
 
 
 def _arrays(count: int) -> tuple:
-    """Types of so many arrays, each of which may be NULL."""
+    """Types of this many array arguments, each of which may be NULL."""
     return (c_void_p,) * count
 
 
@@ -366,7 +366,7 @@ FUNCTIONS = {
 
 
 def declare(library: ctypes.CDLL) -> None:
-    """Give every function of the table its types; AttributeError where the library lacks one."""
+    """Set the types of every function of the table; AttributeError if the library lacks one."""
     for name, argtypes in FUNCTIONS.items():
         function = getattr(library, f"symsde_{name}")
         function.restype = c_int

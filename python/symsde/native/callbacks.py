@@ -39,7 +39,7 @@ VECTORS |= {"hessian_vector": ("q", "p", "vq", "vp"), "third_derivative": ("q", 
 
 
 class WithData(NamedTuple):
-    """A compiled function, the address passed to it as its user pointer, and an object that must live as long."""
+    """A compiled function, the address passed to it as user pointer, and an object that must live as long."""
 
     function: Any
     user_data: Any
@@ -53,11 +53,11 @@ class Failures:
     """The first exception of the callbacks of a model or a run."""
 
     def __init__(self) -> None:
-        """None yet."""
+        """Start without an exception."""
         self.first: BaseException | None = None
 
     def store(self, error: BaseException) -> int:
-        """Keep the first one; the status for the library."""
+        """Keep the first exception; return the status for the library."""
         if self.first is None:
             self.first = error
         return 1
@@ -71,8 +71,8 @@ class Failures:
 
 @functools.lru_cache(maxsize=1024)
 def view(address: int, shape: tuple[int, ...]) -> np.ndarray:
-    """The array of float64 at an address, which it does not own. Results are cached, since a block calls with
-    the same few addresses in every step.
+    """A float64 array at an address, without ownership. Results are cached, since a block uses the same few
+    addresses in every step.
     """
     count = 1
     for extent in shape:
@@ -103,7 +103,7 @@ def _shape(name: str, nlane: int, ndof: int) -> tuple[int, ...]:
 
 
 def from_python(kind: str, function: Callable, failures: Failures) -> ctypes._CFuncPtr:
-    """A Python function f(t, w, q, p, ...) as callback of this kind."""
+    """Make a callback of this kind from a Python function f(t, w, q, p, ...)."""
     names, nvector = RETURNS[kind], len(VECTORS[kind])
 
     def callback(nlane, ndof, nham, t, w, *addresses):
@@ -113,7 +113,7 @@ def from_python(kind: str, function: Callable, failures: Failures) -> ctypes._CF
             results = (result,) if len(names) == 1 else _unpacked(kind, names, result)
             for name, value, target in zip(names, results, addresses[nvector:-1], strict=True):
                 store_result(f"{name} of {kind}()", value, target, _shape(name, nlane, ndof))
-        except BaseException as error:  # raised again by raise_stored
+        except BaseException as error:  # raise_stored raises the exception later
             return failures.store(error)
         return 0
 
@@ -148,7 +148,7 @@ def compiled(kind: str, function: object) -> tuple[ctypes._CFuncPtr, int | None]
 
 
 def _check_numba(kind: str, function: object) -> None:
-    """A numba cfunc tells its signature: a wrong one would compute nonsense, or end the process."""
+    """Check the signature of a numba cfunc: a wrong one would compute nonsense, or end the process."""
     given = getattr(function, "_sig", None)
     if given is None:
         return
@@ -160,12 +160,12 @@ def _check_numba(kind: str, function: object) -> None:
     if given.return_type != wanted.return_type:
         raise WrongTypeError(f"the compiled {kind} returns {given.return_type} and not {wanted.return_type}: {doing}")
     for i, (mine, theirs) in enumerate(zip(given.args[:-1], wanted.args[:-1], strict=True)):
-        if mine != theirs:  # the last one, user data, is any pointer
+        if mine != theirs:  # the last argument, user data, may be any pointer
             raise WrongTypeError(f"argument {i + 1} of the compiled {kind} is {mine} and not {theirs}: {doing}")
 
 
 def _check_ctypes(kind: str, function: object) -> None:
-    """A ctypes function pointer tells its types too: integers, numbers and pointers must be where they belong."""
+    """Check the types of a ctypes function pointer: integers, numbers and pointers must be in the right places."""
     wanted = abi.CALLBACKS[kind]
     given = function.argtypes or ()
     if given and [_sort(x) for x in given] != [_sort(x) for x in wanted._argtypes_]:
@@ -180,13 +180,13 @@ def _check_ctypes(kind: str, function: object) -> None:
 
 
 def _sort(kind: type) -> object:
-    """A number's type of ctypes; all pointers are alike."""
+    """The ctypes type of a number; all pointers count as the same type."""
     texts = (ctypes.c_void_p, ctypes.c_char_p, ctypes.c_wchar_p)
     return kind if issubclass(kind, ctypes._SimpleCData) and kind not in texts else ctypes.c_void_p
 
 
 def _address_of(value: object, what: str) -> int | None:
-    """Address that a pointer of any kind holds."""
+    """The address in a pointer of any kind."""
     if value is None:
         return None
     if type(value).__name__ == "PyCapsule":
@@ -209,9 +209,9 @@ def _capsule_pointer(capsule: object) -> int | None:
 def takes_any_lanes(functions: Iterable[object]) -> bool:
     """Whether compiled functions are known to give a lane the same bits whatever the number of lanes.
 
-    LLVM keeps to IEEE arithmetic in vectors as in what is left over, unless instructions are marked as fast, or sine
-    and the like are those of a vector library, or a function is called by its address: of these only the library's
-    sine and cosine are known. Only numba functions can be asked.
+    LLVM uses IEEE arithmetic both in vectors and in remainder loops, unless instructions are marked as fast, a vector
+    library computes sine and similar functions, or a function is called by its address; of the latter only the
+    library's sine and cosine are known to be safe. Only numba functions can be examined.
     """
     texts = [getattr(function, "inspect_llvm", None) for function in functions if function is not None]
     own = f"inttoptr (i64 {ctypes.cast(library.symsde_sincos, ctypes.c_void_p).value} to"
@@ -254,19 +254,19 @@ def numba_sincos():
 
 
 def observables(rows: Callable, failures: Failures) -> ctypes._CFuncPtr:
-    """A function of (t, q, p) that yields names and values, (lane,) each, as a callback."""
+    """A callback from a function of (t, q, p) that yields names and values, (lane,) each."""
 
     def callback(nlane, ndof, t, *addresses):
         q, p, values, _user = addresses
         try:
             for i, (name, result) in enumerate(rows(t, view(q, (ndof, nlane)), view(p, (ndof, nlane)))):
-                if np.ndim(result) == 0:  # a sum or a mean over a block of paths is easily meant for one of coordinates
+                if np.ndim(result) == 0:  # a sum over the paths of a block is often meant as one over coordinates
                     raise WrongShapeError(
                         f"observable {name!r} is one number for all paths: return one for each, shape ({nlane},), the "
                         "paths last, as q[0]**2 or np.sum(q**2, axis=0)"
                     )
                 store_result(f"observable {name!r}", result, values + 8 * nlane * i, (nlane,))
-        except BaseException as error:  # raised again by raise_stored
+        except BaseException as error:  # raise_stored raises the exception later
             return failures.store(error)
         return 0
 

@@ -26,12 +26,12 @@ _R = TypeVar("_R")
 _address_of, _byte_at = ctypes.addressof, ctypes.c_char.from_buffer
 
 INT32 = (-(2**31), 2**31 - 1)
-_LITTLE = 2**24  #: number of bytes that every machine has
+_LITTLE = 2**24  #: bytes that every machine has
 INT64 = (-(2**63), 2**63 - 1)
 UINT64 = (0, 2**64 - 1)
 _LESS = "save less often (save_every), fewer paths, or use moments"
 _FLOAT64 = np.dtype(np.float64)
-_LARGE = 2**28  #: number of bytes from which on the free memory is looked at
+_LARGE = 2**28  #: bytes above which free memory is checked
 _NAME = 1000  #: most characters of a name; the library takes 4096 bytes
 
 
@@ -41,13 +41,13 @@ def shown(value: object) -> str:
         return f"an array of shape {value.shape}"
     try:
         text = repr(value)
-    except Exception:  # whatever an object of somebody else's does, or an integer of thousands of digits
+    except Exception:  # a foreign object may raise anything; so does an integer of thousands of digits
         return f"an object of type {type(value).__name__}"
     return text if len(text) <= 60 else text[:57] + "..."
 
 
 def number(name: str, value: object) -> float:
-    """A real number; finite or not is for the library to judge."""
+    """A real number; the library decides whether it must be finite."""
     if type(value) is float:
         return value
     if isinstance(value, np.ndarray) and value.ndim == 0:
@@ -69,7 +69,7 @@ def finite(name: str, value: object) -> float:
 
 
 def integer(name: str, value: object, bounds: tuple[int, int] = INT64) -> int:
-    """A whole number within the bounds; floats that are whole (1e6) are accepted."""
+    """An integer within the bounds; floats with an integer value (1e6) are accepted."""
     whole = value if type(value) is int else _whole(name, value)
     low, high = bounds
     if not low <= whole <= high:
@@ -145,7 +145,7 @@ _ELSEWHERE = {
 
 
 def warn(text: str, kind: type[Warning]) -> None:
-    """Warn at the line outside of the package that called it."""
+    """Warn with the line outside of the package that made the call."""
     frame, level = sys._getframe(), 1
     while frame.f_back is not None and frame.f_globals.get("__name__", "").partition(".")[0] == "symsde":
         frame, level = frame.f_back, level + 1
@@ -153,7 +153,7 @@ def warn(text: str, kind: type[Warning]) -> None:
 
 
 def _like(given: str, known: Sequence[str], share: float = 0.5) -> list[str]:
-    """The known names that are similar to a given one, the intended or nearest first."""
+    """The known names that are similar to a given one: the intended or nearest first."""
     close = difflib.get_close_matches(given, known, n=len(known) or 1, cutoff=share)
     meant = _ELSEWHERE.get(given.lower())
     return [meant, *(name for name in close if name != meant)] if meant in known else close
@@ -167,16 +167,16 @@ def nearest(given: str, known: Iterable[str]) -> str:
 
 
 def none_such(what: str, given: str, known: Sequence[str]) -> UnknownNameError:
-    """The error of a name that is not in the catalogue: it says which is the nearest, and how to see all."""
+    """The error for a name that is not in the catalogue: it gives the nearest name, and how to see all."""
     close = _like(given, known)
     hint = f"the nearest is {close[0]}; " if close else ""
     return UnknownNameError(f"there is no {what} {shown(given)}: {hint}`symsde list {what}s` shows all")
 
 
 def no_option(key: str, known: Iterable[str], told: str = "") -> WrongTypeError:
-    """The error for an unknown option; told: a sentence added to it."""
+    """The error for an unknown option; told: a sentence to add."""
     known = list(known)
-    meant, close = _ELSEWHERE.get(key.lower()), _like(key, known, 0.7)  # no name is similar: all are listed
+    meant, close = _ELSEWHERE.get(key.lower()), _like(key, known, 0.7)  # if no name is similar, all are listed
     if meant in known:
         hint = f"it is called {meant} here"
     elif "horizon" in (key, meant) and "steps" in known and "horizon" not in known:
@@ -201,7 +201,7 @@ def hinted(*more: str, told: str = "") -> Callable[[Callable[_P, _R]], Callable[
             try:
                 return function(*args, **given)
             except TypeError as error:
-                # at the call, or by a function that was handed the options and knows fewer
+                # raised at the call, or by a function that got the options and knows fewer of them
                 if error.__traceback__.tb_next is None or getattr(error, "option", None) in given:
                     known = dict.fromkeys([*inspect.signature(function).parameters, *more])
                     for name in ("options", "self"):
@@ -217,10 +217,10 @@ def hinted(*more: str, told: str = "") -> Callable[[Callable[_P, _R]], Callable[
 
 
 def takes(what: str, function: Callable, *arguments: str) -> None:
-    """Refuse a Python function that cannot be called with so many arguments in their order."""
+    """Refuse a Python function that cannot be called with this number of positional arguments."""
     try:
         signature = inspect.signature(function)
-    except (TypeError, ValueError):  # for functions without a signature
+    except (TypeError, ValueError):  # the function has no signature
         return
     try:
         signature.bind(*arguments)
@@ -248,7 +248,7 @@ def choice(name: str, value: object, known: Sequence[str]) -> int:
 
 def real_array(name: str, value: object) -> np.ndarray:
     """Values as an array of float64; copied only if they are not such an array."""
-    if type(value) is np.ndarray and value.dtype is _FLOAT64:  # as most are
+    if type(value) is np.ndarray and value.dtype is _FLOAT64:  # the usual case
         return _fits(value, name)
     if np.ma.is_masked(value):
         raise WrongTypeError(
@@ -266,7 +266,7 @@ def real_array(name: str, value: object) -> np.ndarray:
 
 
 def _fits(array: Any, name: str) -> Any:
-    """The array; a view that repeats numbers is refused if a copy would not fit into memory."""
+    """The array; a view with repeated numbers is refused if a copy would not fit into memory."""
     if array.nbytes > _LARGE:
         room(array.shape, f"the numbers of {name}", now=False, do="give fewer")
     return array
@@ -282,7 +282,7 @@ def own(value: Any) -> Any:
 
 
 def fixed(given: Any) -> Any:
-    """The same as tuples and numbers."""
+    """The value with lists as tuples and arrays as numbers."""
     if isinstance(given, np.ndarray | np.generic):
         given = _fits(given, "an array").tolist()
     return tuple(map(fixed, given)) if isinstance(given, list | tuple | set) else given
@@ -292,7 +292,7 @@ def state(name: str, value: object, ndof: int, paths: int, *, kept: bool = True)
     """A state as C-contiguous (dof, 1) or (dof, path) from a scalar, (dof,) or (dof, path); copied if it is
     kept."""
     shaped = np.array if kept else np.asarray
-    if type(value) is float:  # as most do
+    if type(value) is float:  # the usual case
         array = np.empty((ndof, 1))
         array.fill(value)
         return array
@@ -314,17 +314,17 @@ def state(name: str, value: object, ndof: int, paths: int, *, kept: bool = True)
 
 
 def is_one(value: object) -> bool:
-    """Whether one state is given for all paths: where there are columns, each path has a status of its own."""
+    """Whether one state is given for all paths: with a column for each path, each has its own status."""
     return type(value) is float or np.ndim(value) < 2
 
 
 def points(name: str, value: object, ndof: int, npath: int) -> np.ndarray:
-    """A state with one column for each point, which nobody keeps."""
+    """A state with one column for each point, which is not kept."""
     return full(state(name, value, ndof, npath, kept=False), npath)
 
 
 def columns(**given: object) -> int:
-    """Number of points that arguments, each a number, (row,) or (row, path), are given at."""
+    """The number of points of arguments that are each a number, (row,) or (row, path)."""
     arrays = [real_array(name, x) for name, x in given.items()]
     return max([1, *(x.shape[1] for x in arrays if x.ndim == 2)])
 
@@ -335,8 +335,8 @@ def full(array: np.ndarray, npath: int) -> np.ndarray:
 
 
 def room(shape: tuple[int, ...], what: str, *, now: bool = True, do: str = _LESS) -> int:
-    """Bytes of arrays of float64. Refused before anything is allocated are those that the machine cannot hold or, where
-    they are made now, the control groups of this process leave no room for."""
+    """Bytes of float64 arrays. Arrays are refused before allocation if they exceed the memory of the machine or, if
+    they are made now, the memory that the control groups of this process leave."""
     size = 8 * math.prod(shape)
     if size <= _LITTLE:
         return size
@@ -350,7 +350,7 @@ def room(shape: tuple[int, ...], what: str, *, now: bool = True, do: str = _LESS
 
 
 def _left_by_groups() -> float:
-    """Bytes that the control groups of this process leave it: who goes beyond is killed."""
+    """Bytes that the control groups of this process leave: a process that uses more is killed."""
     left = ctypes.c_double()
     library.symsde_memory_left(ctypes.byref(left), None)
     return left.value
@@ -371,10 +371,10 @@ def address(array: np.ndarray | None) -> int | None:
         return None
     try:
         return _address_of(_byte_at(array))  # array.ctypes.data takes three times as long
-    except (TypeError, ValueError):  # read-only, or empty
+    except (TypeError, ValueError):  # the array is read-only, or empty
         return array.ctypes.data
 
 
 def addresses(arrays: Iterable[np.ndarray]) -> Iterable[int]:
-    """Addresses of arrays that can be written and are not empty, without a call of Python for each."""
+    """Addresses of writable arrays that are not empty, without a Python call for each."""
     return map(_address_of, map(_byte_at, arrays))

@@ -9,7 +9,7 @@ from pathlib import Path
 
 from ..errors import InvalidArgumentError, LibraryNotFoundError
 
-BASELINE = "baseline"  #: level of the package's own library; in wheels it is v2, which NumPy's wheels need, too
+BASELINE = "baseline"  #: level of the package's own library; wheels have v2, which NumPy's wheels need too
 _V2 = {"cx16", "lahf_lm", "popcnt", "sse4_1", "sse4_2", "ssse3"}
 #: flags of /proc/cpuinfo that each level needs beyond the level before (x86-64 psABI, table 3.1)
 LEVELS = {
@@ -62,7 +62,7 @@ def levels() -> list[str]:
 
 
 def flags_are_known() -> bool:
-    """Whether this machine tells the features of its processor."""
+    """Whether this machine reports the features of its processor."""
     return bool(_flags_here())
 
 
@@ -72,7 +72,7 @@ def folders(package: Path) -> list[Path]:
         return [package]
     have = _flags_here()
     chosen = wanted(os.environ.get("SYMSDE_CPU"), have)
-    if have and not have >= _V2 and (package / "glibc-hwcaps").is_dir():  # a wheel: its lowest variant needs these
+    if have and not have >= _V2 and (package / "glibc-hwcaps").is_dir():  # every variant of a wheel needs these
         raise LibraryNotFoundError(
             f"this processor lacks {', '.join(sorted(_V2 - have))}, which this package's library needs (x86-64-v2): "
             "build one for it from the sources with ./bootstrap build, and set SYMSDE_LIBRARY to its libsymsde.so"
@@ -81,7 +81,7 @@ def folders(package: Path) -> list[Path]:
 
 
 def alone(package: Path) -> list[str]:
-    """The levels that a package was compiled for, if not for all: by default pip compiles for one processor."""
+    """The levels that a package was compiled for, unless for all: pip compiles for one processor by default."""
     return [] if not levels() else sorted(folder.name for folder in (package / "glibc-hwcaps").glob("x86-64-v*"))
 
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Files that are there whole, and still there after a crash of the machine, or not at all."""
+"""Files that exist completely, even after a crash of the machine, or not at all."""
 
 from __future__ import annotations
 
@@ -12,10 +12,10 @@ from . import parts
 
 
 def write(target: Path, content: bytes, *, keep: bool = True, mode: int | None = None) -> bool:
-    """Write beside the target, fsync, put it in its place, fsync the folder; False where another was there first.
+    """Write a file beside the target, fsync, rename, and fsync the folder; False if another file was there first.
 
-    keep: what is there already stays, so that of two writers none overwrites the other. mode: who may do what with the
-    file, else as the process has it.
+    keep: an existing file is not replaced, so that two writers do not overwrite each other. mode: permissions of the
+    file, by default those of the process.
     """
     try:
         with parts.beside(target) as part:
@@ -38,7 +38,7 @@ def _link(part: Path, target: Path) -> bool:
         os.link(part, target)
     except FileExistsError:
         return False
-    except OSError:  # no hard links here: the two would write the same bytes
+    except OSError:  # there are no hard links here; both writers would write the same bytes
         if target.exists():
             return False
         os.replace(part, target)
@@ -51,7 +51,7 @@ def _replace(part: Path, target: Path) -> bool:
 
 
 def _sync_folder(folder: Path) -> None:
-    """Make names durable; file systems that cannot sync folders are left alone."""
+    """Make names durable; ignored on file systems that cannot sync folders."""
     with contextlib.suppress(OSError):
         handle = os.open(folder, os.O_RDONLY)
         try:

@@ -1,5 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Results as xarray datasets and as files; a file appears whole or not at all, a folder is tried before any work."""
+"""Results as xarray datasets and as files; files appear completely or not at all, folders are tested before any
+work.
+"""
 
 from __future__ import annotations
 
@@ -25,7 +27,7 @@ NETCDF = threading.RLock()  #: the library of HDF5 crashes if two threads use it
 
 
 def optional(package: str, extra: str) -> ModuleType:
-    """An optional package, or a sentence that says how to install it."""
+    """Import an optional package, or raise an error that says how to install it."""
     try:
         return importlib.import_module(package)
     except ImportError:
@@ -34,7 +36,7 @@ def optional(package: str, extra: str) -> ModuleType:
 
 
 def _how_to_get(extra: str) -> str:
-    """The command that installs an extra: in a source tree from the tree, since no package index has it then."""
+    """The command that installs an extra; in a source tree from the tree, since package indexes do not have it."""
     tree = Path(__file__).parents[3]
     if (tree / "pyproject.toml").exists():
         return f"pip install '.[{extra}]' in {tree}"
@@ -42,7 +44,7 @@ def _how_to_get(extra: str) -> str:
 
 
 def axes(t: np.ndarray, ndof: int) -> dict[str, tuple[tuple[str, ...], np.ndarray]]:
-    """Coordinates of results: the dimension time, its values as t too, as everywhere else, and dof from 1 on."""
+    """Coordinates of results: the dimension time, the same values as t (the name used elsewhere), and dof from 1 on."""
     return {"time": (("time",), t), "t": (("time",), t), "dof": (("dof",), np.arange(1, ndof + 1))}
 
 
@@ -83,7 +85,7 @@ _KINDS = {
 
 
 def long_name(name: str) -> str:
-    """The description of a variable of a file."""
+    """The description of a variable for a file."""
     for kind in sorted(_KINDS, key=len, reverse=True):
         if name.startswith(f"{kind}_"):
             rest = name.removeprefix(f"{kind}_")
@@ -110,14 +112,14 @@ _NO_FILES = {stat.S_IFIFO: "a pipe", stat.S_IFCHR: "a device", stat.S_IFBLK: "a 
 
 
 def require_file(path: str | os.PathLike) -> None:
-    """Refuse, as an OSError, a path that is no regular file, before opening it: reading might never end."""
+    """Refuse, with an OSError, a path that is no regular file before opening it: reading might never end."""
     kind = _NO_FILES.get(stat.S_IFMT(os.stat(path).st_mode))
     if kind is not None:
         raise OSError(errno.EINVAL, f"it is {kind}, give a file", str(path))
 
 
 def content(path: Path) -> bytes:
-    """The bytes of a regular file."""
+    """The content of a regular file in bytes."""
     require_file(path)
     return path.read_bytes()
 
@@ -144,21 +146,21 @@ def replace(target: Path, write_to: Callable[[Path], object]) -> None:
         with parts.beside(target) as part:
             write_to(part)
             os.replace(part, target)
-    except (OSError, RuntimeError) as error:  # netCDF4 raises a RuntimeError where the disk is full
+    except (OSError, RuntimeError) as error:  # netCDF4 raises a RuntimeError if the disk is full
         raise NotWrittenError(f"{target} cannot be written: {_reason(error)}") from error
 
 
 def replace_text(target: Path, text: str) -> None:
-    """Write a text file, whole or not at all."""
+    """Write a text file, completely or not at all."""
     replace(target, lambda part: part.write_text(text, encoding="utf-8"))
 
 
 @contextlib.contextmanager
 def folder(path: str | os.PathLike) -> Iterator[Path]:
-    """A folder for results, made if missing and tested for writing before the work; an empty one is removed
-    again."""
+    """A folder for results, created if missing and tested for writing before the work; a new folder that stays empty
+    is removed."""
     target = path_of("the folder of the results", path)
-    made = [part for part in (target, *target.parents) if not os.path.exists(part)]  # impossible paths have no file
+    made = [part for part in (target, *target.parents) if not os.path.exists(part)]  # impossible paths are no files
     try:
         try:
             target.mkdir(parents=True, exist_ok=True)
@@ -172,7 +174,7 @@ def folder(path: str | os.PathLike) -> Iterator[Path]:
         yield target
     finally:
         for part in made:
-            with contextlib.suppress(OSError):  # not empty
+            with contextlib.suppress(OSError):  # the folder is not empty
                 part.rmdir()
 
 
@@ -182,7 +184,7 @@ def _reason(error: Exception) -> str:
 
 
 def json_text(data: object, digits: int | None = 7, indent: int | None = None) -> str:
-    """Data as JSON: arrays as lists, numbers with seven digits or all (None), infinite ones and NaN as null."""
+    """Data as JSON: arrays as lists, numbers with seven digits or all (None), infinity and NaN as null."""
     separators = (", ", ": ") if indent is None else None
     return json.dumps(_plain(data, digits), indent=indent, allow_nan=False, separators=separators) + "\n"
 

@@ -1,5 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Calls into the library: a fresh error for every call, handles that delete themselves, one for each call at work."""
+"""Calls into the library: a new error for every call, handles that delete themselves, and a handle for each active
+call.
+"""
 
 from __future__ import annotations
 
@@ -61,7 +63,7 @@ def _text_of(code: int) -> str:
 
 
 def encode(value: str) -> bytes:
-    """A name as C text; a name that C cannot hold becomes one that is refused as unknown."""
+    """A name as C text; a name that C cannot represent becomes one that is refused as unknown."""
     return value.encode("utf-8", "replace").replace(b"\0", b"?")
 
 
@@ -74,36 +76,36 @@ class Handle:
     handle."""
 
     def __init__(self, noun: str, pointer: ctypes.c_void_p, keep_alive: object = None):
-        """Own it."""
+        """Own the handle."""
         self.pointer = pointer
         finalizer = weakref.finalize(self, _delete, noun, pointer.value, keep_alive)
         finalizer.atexit = False
 
 
 class Pool:
-    """Handles of one model, one for each call at work: a handle keeps the exceptions of its call's callbacks.
+    """Handles of one model, one for each active call: a handle keeps the exceptions of its call's callbacks.
 
-    A lock would not do: a callback may ask its own model from another thread of the run, and would wait for the call
-    that waits for it.
+    A single handle with a lock could deadlock: a callback may call its own model from another thread of the run, and
+    would wait for the call that waits for the callback.
     """
 
     def __init__(self, make: Callable[[], Handle]):
-        """One is made at once."""
+        """Make one handle immediately."""
         self._make = make
         self._idle = [make()]
 
     @property
     def made(self) -> Callable[[], Handle]:
-        """Makes one more handle of the model, for a pool of another kind."""
+        """The function that makes another handle of the model, for a pool of another kind."""
         return self._make
 
     def take(self) -> Handle:
-        """Take a handle, to be given back after use."""
+        """Take a handle, to be returned after use."""
         try:
             return self._idle.pop()
         except IndexError:
             return self._make()
 
     def give(self, handle: Handle) -> None:
-        """Give a handle back."""
+        """Return a handle."""
         self._idle.append(handle)

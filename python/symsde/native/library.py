@@ -31,7 +31,7 @@ def candidates() -> list[Path]:
 
 
 def found() -> Path | None:
-    """The first of the candidates that is there."""
+    """The first of the candidates that exists."""
     return next((path for path in candidates() if path.is_file()), None)
 
 
@@ -71,24 +71,24 @@ def load() -> ctypes.CDLL:
 
 
 def _asked() -> str:
-    """Which level was wanted, and who said so."""
+    """Describe which level was wanted, and by which setting."""
     chosen = os.environ.get("SYMSDE_CPU")
     return f"SYMSDE_CPU asks for {chosen}" if chosen else f"this one has the level {cpu.levels()[0]} at most"
 
 
 def _is_command() -> bool:
-    """Whether this package is imported for its command: `symsde VERB`, or python -m symsde, for which argv[0] is -m."""
+    """Whether this package is imported for its command: `symsde VERB`, or python -m symsde (argv[0] is then -m)."""
     return bool(sys.argv) and (sys.argv[0] == "-m" or Path(sys.argv[0]).name == "symsde")
 
 
 def _affinity() -> set[int]:
-    """Numbers of the processors that the operating system lets this thread use."""
+    """Numbers of the processors that the operating system allows this thread."""
     return os.sched_getaffinity(0) if hasattr(os, "sched_getaffinity") else set(range(os.cpu_count() or 1))
 
 
 def processors() -> set[int]:
     """Numbers of the processors that this process may use. With OMP_PROC_BIND or OMP_PLACES OpenMP binds the
-    thread that loads it to one processor, and threads of Python that it starts later would share this one."""
+    thread that loads it to one processor, which threads of Python started later would share."""
     now = _affinity()
     return _before if now == _bound else now
 
@@ -105,6 +105,6 @@ try:
 except SymsdeError as error:
     if not _is_command():
         raise
-    print(f"symsde: {error}", file=sys.stderr)  # the command exits as for any other bad input
+    print(f"symsde: {error}", file=sys.stderr)  # the command exits as for other bad input
     sys.exit(2)
 _bound = _affinity()

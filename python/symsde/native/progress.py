@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Progress of a run, and its end by a progress function or by the handler of a signal."""
+"""Progress of a run, and its stop by a progress function or by the handler of a signal."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ if hasattr(os, "register_at_fork"):
 
 
 def threads_of(threads: int | None, in_python: bool) -> int:
-    """Threads of a run: as asked; one for Python callbacks and after a fork, where OpenMP would hang."""
+    """Threads of a run: as requested; one for Python callbacks, and after a fork, where OpenMP would hang."""
     chosen = 0 if threads is None else checks.integer("threads", threads, (1, 1024))
     if _after_fork.is_set() or (threads is None and in_python):
         return 1
@@ -29,7 +29,7 @@ def threads_of(threads: int | None, in_python: bool) -> int:
 
 
 class _AtWork(threading.local):
-    """The monitors of the runs that this thread is in, the innermost last: a callback may run the library itself."""
+    """The monitors of the runs that are active in this thread, the innermost last: a callback may start another run."""
 
     def __init__(self) -> None:
         self.monitors: list[Monitor] = []
@@ -47,27 +47,27 @@ def _warn_innermost(text: bytes, _user) -> int:
 
 
 class Monitor:
-    """Context of one run; the library calls `callback` between chunks, in its thread."""
+    """Context of one run; the library calls `callback` between chunks, in the thread of the run."""
 
-    #: one C function for all runs: making one takes a noticeable part of a short run
+    #: one C function for all runs: making one takes a considerable part of a short run
     callback = abi.Progress(_ask_innermost)
-    warning = abi.Warn(_warn_innermost)  #: called before the first step if there is something to warn of
+    warning = abi.Warn(_warn_innermost)  #: called before the first step if there are warnings
 
     def __init__(self, progress: Progress, *, in_python: bool = True):
-        """Check the progress function. If a run calls Python functions, these may set handlers of signals."""
+        """Check the progress function. Python functions called by a run may set handlers of signals."""
         self._bar, self._tell = told_by(progress)
         self._in_python = in_python or self._tell is not None
         self._signals = signals.held()
         self._error: BaseException | None = None
 
     def __enter__(self) -> Monitor:
-        """Take over signals and progress."""
+        """Take over signals and open the progress bar."""
         self._signals.__enter__()
         _at_work.monitors.append(self)
         return self
 
     def __exit__(self, kind, error, traceback) -> None:
-        """Give them back."""
+        """Restore signals and close the progress bar."""
         _at_work.monitors.pop()
         try:
             if self._bar is not None:
@@ -78,23 +78,23 @@ class Monitor:
             self._signals.__exit__()
 
     def ask(self, done: int, total: int) -> int:
-        """Tell of progress, and call the handlers of signals that came; nonzero stops."""
+        """Report progress, and call the handlers of signals that arrived; a nonzero result stops the run."""
         if self._error is not None:
             return 1
         try:
             wants_stop = self._tell is not None and bool(self._tell(done, total))
             self._signals.handle(are_new=self._in_python)
-        except BaseException as error:  # raised again at the end of the run
+        except BaseException as error:  # raised at the end of the run
             self._error = error
             return 1
         return int(wants_stop)
 
     def warn(self, text: str) -> int:
-        """Warn of doubtful choices before the run begins; nonzero refuses the run, if warnings are errors."""
+        """Warn of doubtful choices before the run begins; a nonzero result refuses the run, if warnings are errors."""
         try:
             for sentence in text.splitlines():
                 checks.warn(sentence, DoubtfulRunWarning)
-        except BaseException as error:  # raised again where the run ends
+        except BaseException as error:  # raised at the end of the run
             self._error = error
             return 1
         return 0
@@ -114,15 +114,15 @@ def told_by(progress: Progress) -> tuple[_Bar | None, Callable[[int, int], objec
 
 
 def say(text: str) -> None:
-    """Write on stderr, if it can be written: no run fails because its progress cannot be shown."""
+    """Write to stderr if possible: no run fails because its progress cannot be shown."""
     if sys.stderr is not None:
-        with contextlib.suppress(OSError, ValueError):  # a pipe that nobody reads, a file that was closed
+        with contextlib.suppress(OSError, ValueError):  # a pipe without a reader, or a closed file
             sys.stderr.write(text)
             sys.stderr.flush()
 
 
 class _Bar:
-    """A bar by tqdm if it is installed, else one line on stderr."""
+    """A bar by tqdm if it is installed, else a line on stderr."""
 
     def __init__(self, found: int = 0) -> None:
         self._bar = None
@@ -147,7 +147,7 @@ class _Bar:
         return tqdm.tqdm(total=total, initial=self._found, unit="step", unit_scale=True, leave=False)
 
     def close(self) -> None:
-        """End the line."""
+        """End the line of the bar."""
         if self._bar:
             self._bar.close()
         elif self._shown >= 0:

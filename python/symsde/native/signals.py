@@ -1,16 +1,16 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Handlers of signals while the library may call Python.
 
-An exception of a handler could be raised where a callback of the library begins: it would be lost, and the
-results of the callback not set. So during such calls each handler of Python is replaced by one that only notes
-the signal. The handlers of noted signals are called when the library asks how to go on, and at the end of the
-call. If they return, the work goes on; an exception of theirs is raised by the call. If a signal comes again
-while its note still waits, as in a user's function that hangs, it is handled at once.
+A handler's exception could be raised at the beginning of a callback of the library: it would be lost, and the
+results of the callback not set. So during such calls each handler of Python is replaced by one that only notes the
+signal. The handlers of noted signals are called when the library calls its monitor, and at the end of the call. If
+they return, the work continues; if they raise an exception, the call raises it. If a signal arrives a second time
+before its note was handled, as in a user's function that hangs, it is handled immediately.
 """
 
 from __future__ import annotations
 
-import _signal as signal  # the module signal wraps it in enums, which would take half as long as a short run
+import _signal as signal  # the module signal wraps it in enums, which would take half the time of a short run
 import contextlib
 import itertools
 import os
@@ -24,26 +24,26 @@ _OURS = os.path.join(os.path.dirname(os.path.dirname(__file__)), "")
 
 
 class Held:
-    """Context in which signals wait; a nested one is the outer one. For the main thread alone, where handlers
+    """Context in which signals wait; nested contexts are one. Used in the main thread only, where handlers
     run."""
 
     def __init__(self, numbers: Sequence[int]) -> None:
-        """Begin without signals."""
+        """Start without noted signals."""
         self._numbers = numbers
         self._depth = 0
         self._handlers: dict[int, Callable] = {}
         self._notes: list[tuple[Callable, int, FrameType | None]] = []
-        self._leave = self._leave_note  # one object, to be known again
-        self._seen = ([], [])  # handlers at the last look, and which of them are Python functions
+        self._leave = self._leave_note  # kept as one object, so that it can be recognised
+        self._seen = ([], [])  # handlers at the last check, and those of them that are Python functions
 
     def __enter__(self) -> Held:
-        """Take over the handlers."""
+        """Take over the handlers of signals."""
         self._take()
         self._depth += 1
         return self
 
     def __exit__(self, *_) -> None:
-        """Give them back."""
+        """Restore the handlers of signals."""
         if self._depth == 1:
             try:
                 self._give_back()
@@ -54,7 +54,9 @@ class Held:
             self._depth -= 1
 
     def handle(self, *, are_new: bool) -> None:
-        """Call the handlers of all signals that came; take over handlers that these, or other code, have set."""
+        """Call the handlers of all signals that arrived; take over handlers that these handlers, or other code, have
+        set.
+        """
         if are_new or self._notes:
             try:
                 self._call()
@@ -68,7 +70,7 @@ class Held:
         try:
             handler(number, frame)
         finally:
-            del self._notes[0]  # not before: until then a second signal is handled at once
+            del self._notes[0]  # only now: until then a second signal is handled immediately
             self._call()
 
     def _leave_note(self, number: int, frame: FrameType | None) -> None:
@@ -80,9 +82,9 @@ class Held:
             self._notes.append((handler, number, frame))
 
     def _take(self) -> None:
-        """Take over the handlers that are not ours."""
+        """Take over handlers that are not replaced yet."""
         found = list(map(signal.getsignal, self._numbers))
-        if found != self._seen[0]:  # seldom: looking at all handlers takes a share of a short run
+        if found != self._seen[0]:  # done rarely: checking all handlers takes part of the time of a short run
             self._seen = found, list(itertools.compress(self._numbers, map(callable, found)))
         try:
             for number in self._seen[1]:
@@ -90,25 +92,25 @@ class Held:
                 if handler is not self._leave:
                     self._handlers[number] = handler
                     signal.signal(number, self._leave)
-        except BaseException:  # from a handler that is not taken over yet
+        except BaseException:  # an exception of a handler that is not taken over yet
             if not self._depth:
                 self._give_back()
             raise
 
     def _give_back(self) -> None:
-        """Restore handlers that nobody has replaced."""
+        """Restore the handlers that nobody has replaced meanwhile."""
         try:
             while self._handlers:
                 number, handler = next(iter(self._handlers.items()))
                 if signal.getsignal(number) is self._leave:
                     signal.signal(number, handler)
                 del self._handlers[number]
-        except BaseException:  # from a handler that is already restored
+        except BaseException:  # an exception of a handler that is already restored
             self._give_back()
             raise
 
 
-#: for the main thread; for other threads, in which Python calls no handler
+#: the context of the main thread, and that of other threads, in which Python calls no handler
 _held, _not_ours = Held(range(1, signal.NSIG)), Held(())
 
 
@@ -118,11 +120,11 @@ def held() -> Held:
 
 
 def carry(stop: BaseException, partial: Callable[[], object]) -> None:
-    """Attach `partial`, the result so far, to the exception that ends a call; None if there is none. A refusal
-    carries no result: its sentence says what to change.
+    """Attach `partial`, the result so far or None, to the exception that ends a call. A refusal
+    has no result: its sentence says what to change.
     """
     if isinstance(stop, SymsdeError):
         return
-    with contextlib.suppress(Exception):  # classes with slots
+    with contextlib.suppress(Exception):  # classes with slots have no such attribute
         stop.partial = None
         stop.partial = partial()

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Tables as files of comma-separated values, in the form that every reader takes for the same numbers.
+"""Tables as files of comma-separated values, in a form that all readers understand alike.
 
-Lines end in LF, comments too. Numbers have all their digits; what is none is NaN, what is infinite inf or -inf, and a
-cell is empty where a row has no value. Only a text with a comma, a quote or a line end stands in quotes.
+Lines end in LF, comments too. Numbers have all their digits; NaN is NaN, infinity is inf or -inf, and a cell
+is empty if a row has no value. Only texts with a comma, a quote or a line end are quoted.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from . import provenance
 
 
 def write(target: Path, columns: Mapping[str, Iterable], about: Mapping[str, str]) -> None:
-    """Write columns with their names in the first row, below lines that begin with # and tell the origin of the
+    """Write columns with their names in the first row, below lines that begin with # and describe the origin of the
     data."""
     cells = [[_cell(x) for x in (x.tolist() if isinstance(x, np.ndarray) else x)] for x in columns.values()]
 
@@ -35,6 +35,6 @@ def write(target: Path, columns: Mapping[str, Iterable], about: Mapping[str, str
 def _cell(value: Any) -> Any:
     if isinstance(value, bool | np.bool_):
         return int(value)
-    if isinstance(value, float | np.floating):  # also of NumPy, whose repr has more than the number
+    if isinstance(value, float | np.floating):  # NumPy's numbers too, whose repr contains more than the number
         return "NaN" if math.isnan(value) else repr(float(value))
     return "" if value is None else value

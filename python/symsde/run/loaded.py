@@ -24,11 +24,11 @@ KINDS = ("mean", "var", "se_mean")
 
 
 class _Loaded:
-    """Contents of a file beside its tables."""
+    """The content of a file besides its tables."""
 
     _file: Path
     _attributes: dict[str, str]
-    _OLD: tuple[str, ...] = ()  #: attributes that older versions did not write
+    _OLD: tuple[str, ...] = ()  #: attributes that files of older versions lack
     _NOT_IN_TABLES: tuple[str, ...] = ()  #: attributes that a .csv file cannot hold
 
     def _begin(self, file: Path, attributes: dict[str, str]) -> None:
@@ -41,7 +41,7 @@ class _Loaded:
         return dict(self._attributes)
 
     def __getattr__(self, name: str) -> Any:
-        """What the file does not hold."""
+        """Raise an error for an attribute that the file does not contain."""
         if name in self._NOT_IN_TABLES and self._file.suffix == ".csv":
             raise AttributeError(
                 f"{self._file} is a table of times, which cannot hold {name}: save the moments as .nc or .npz, too"
@@ -64,7 +64,7 @@ class LoadedRun(_Loaded, PathTables):
     failed_step: np.ndarray  #: (path,), absolute step that failed; -1 = none
 
     def __init__(self, file: Path, variables: Mapping[str, np.ndarray], attributes: dict[str, str]):
-        """The arrays of a file."""
+        """Take the arrays of a file."""
         self._begin(file, attributes)
         self.values = Values.of(_coordinates(attributes, variables["q"].shape[1]), "energy" in variables)
         self.t, self.q, self.p, self.path = (variables[name] for name in ("t", "q", "p", "path"))
@@ -75,7 +75,7 @@ class LoadedRun(_Loaded, PathTables):
 
     @property
     def energy(self) -> np.ndarray:
-        """H, (time, path); a MissingOperationError where it was not looked at before the run was saved."""
+        """H, (time, path); MissingOperationError if the energy was not computed before the run was saved."""
         if self._energy is None:
             raise MissingOperationError(
                 f"the file of {self.title} holds q and p, and no energies: look at run.energy before run.save, or "
@@ -84,7 +84,7 @@ class LoadedRun(_Loaded, PathTables):
         return self._energy
 
     def __repr__(self) -> str:
-        """One line."""
+        """The run in one line."""
         ntime, ndof, paths = self.q.shape
         return (
             f"<saved run of {self.title}: {counted(ntime, 'time')}, {counted(ndof, 'degree of freedom')}, "
@@ -101,10 +101,10 @@ class LoadedMoments(_Loaded, MomentTables):
     observed: dict[str, observer_results.Observed]  #: results of the observers, by their names
     m2: np.ndarray  #: (time, value), sums of squared deviations
     failed: np.ndarray  #: global indices of the first 1000 failed paths; likewise failed_status, failed_step
-    variables: dict[str, np.ndarray]  #: all arrays of the file by their names, those of observers too
+    variables: dict[str, np.ndarray]  #: all arrays of the file by name, including those of observers
 
     def __init__(self, file: Path, tables: dict[str, dict], variables: Mapping, attributes: dict[str, str]):
-        """Kind -> name -> (time,), the arrays of the file and its texts."""
+        """Take the arrays of the file as kind -> name -> (time,), and its texts."""
         self._begin(file, attributes)
         self.variables = dict(variables)
         self.t, self.n_ok = variables["t"], variables["n_ok"]
@@ -122,16 +122,16 @@ class LoadedMoments(_Loaded, MomentTables):
             self.observed = {}
 
     def remarks(self) -> list[str]:
-        """Sentences on what the results of observers leave out."""
+        """Sentences about values that the results of observers leave out."""
         return json.loads(self._attributes.get("remarks", "[]"))
 
     def __repr__(self) -> str:
-        """One line."""
+        """The moments in one line."""
         return f"<saved moments of {self.title}: {', '.join(self.columns()[:8])} at {counted(len(self.t), 'time')}>"
 
 
 def load_file(path: Path) -> LoadedRun | LoadedMoments:
-    """From a .nc, .npz or .csv file that a run has written."""
+    """Load a .nc, .npz or .csv file that a run has written."""
     files.require_file(path)
     try:
         if path.suffix == ".csv":
@@ -150,7 +150,7 @@ def _arrays(path: Path) -> tuple[dict[str, np.ndarray], dict[str, str]]:
     if path.suffix == ".nc":
         with files.NETCDF, files.optional("xarray", "xarray").open_dataset(path) as data:
             found = {str(name): data[name].to_numpy() for name in data.variables}
-            found.setdefault("t", found.get("time"))  # of files of 0.1.0
+            found.setdefault("t", found.get("time"))  # for files of version 0.1.0
             return found, dict(data.attrs)
     if path.suffix != ".npz":
         raise InvalidArgumentError(f"{str(path)!r} is no file of a run: give a folder, or a .nc, .npz or .csv file")
@@ -165,14 +165,14 @@ def _coordinates(attributes: Mapping[str, str], ndof: int) -> list[str]:
 
 
 def _columns(variables: Mapping[str, np.ndarray], attributes: Mapping[str, str]) -> dict[str, dict[str, np.ndarray]]:
-    """Variables of a file of moments by kind and name: mean_q as those of the coordinates, mean_energy as energy."""
+    """Variables of a file of moments by kind and name: mean_q under the names of coordinates, mean_energy as energy."""
     tables: dict[str, dict[str, np.ndarray]] = {kind: {} for kind in KINDS}
     coordinates = _coordinates(attributes, variables["mean_q"].shape[1])
     for kind, table in tables.items():
         rows = np.concatenate([variables[f"{kind}_{x}"] for x in "qp"], axis=1).T
         table |= dict(zip(coordinates, rows, strict=True))
     names = [name.removeprefix("var_") for name in variables if re.match("var_(?!q$|p$)", name)]
-    names = [name for name in names if all(f"{kind}_{name}" in variables for kind in tables)]  # not of an observer
+    names = [name for name in names if all(f"{kind}_{name}" in variables for kind in tables)]  # no observers
     for name in names:
         for kind, table in tables.items():
             table[name] = variables[f"{kind}_{name}"]
@@ -186,7 +186,7 @@ def _from_table(path: Path) -> LoadedMoments:
         if line.startswith("# ") and line[2:3] != " ":
             key, _, text = line[2:].partition(":")
             attributes[key] = text.strip()
-        elif line.startswith("#") and key:  # of a text of several lines
+        elif line.startswith("#") and key:  # a further line of a text
             attributes[key] += line[4:] + "\n"
     names, *rows = csv.reader(line for line in lines if not line.startswith("#"))
     columns = dict(zip(names, np.array(rows, float).T, strict=True))

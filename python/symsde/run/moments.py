@@ -33,14 +33,14 @@ from .setup import RunOptions, Setup, make_setup
 
 
 class Moments(MomentTables, Reported):
-    """Means, unbiased variances and standard errors of means, at each time over the paths that are ok until then."""
+    """Means, unbiased variances and standard errors of means, at each time over the paths that are ok up to then."""
 
     mean_q: np.ndarray  #: (time, dof); likewise var_q, se_mean_q
     mean_p: np.ndarray  #: (time, dof); likewise var_p, se_mean_p
-    mean: dict[str, np.ndarray]  #: (time,) of each observable; likewise var, se_mean
-    m2: np.ndarray  #: (time, value), sums of squared deviations, from which parts of an ensemble are merged exactly
+    mean: dict[str, np.ndarray]  #: (time,) for each observable; likewise var, se_mean
+    m2: np.ndarray  #: (time, value), sums of squared deviations, needed to merge parts of an ensemble exactly
     failed: np.ndarray  #: global indices of the first 1000 failed paths; likewise failed_status, failed_step
-    #: sums and counts of each observer, from which parts of an ensemble are merged exactly
+    #: sums and counts of each observer, needed to merge parts of an ensemble exactly
     kept: dict[str, PartialStatistics]
 
     def __init__(
@@ -49,7 +49,7 @@ class Moments(MomentTables, Reported):
         observables: Mapping[str, Observable] | Iterable[str],
         observers: Kinds | None = None,
     ):
-        """Room for the moments, of these observables too, and for these observers; `fill` computes them."""
+        """Allocate the moments, also of these observables, and the results of these observers; `fill` computes them."""
         self.setup = setup
         self.observers = dict(observers or {})
         self._observables = described(observables)
@@ -68,7 +68,7 @@ class Moments(MomentTables, Reported):
             self._check_names()
 
     def _check_names(self) -> None:
-        """Refuse names of observers and observables by which files would hold two variables of one name."""
+        """Refuse names of observers and observables that would give two variables of a file the same name."""
         taken = dict.fromkeys(("n_ok", "failed", "failed_status", "failed_step"), "what every file holds")
         taken |= {f"{kind}_{name}": f"the observable {name!r}" for kind in self._tables for name in self._observables}
         for name, result in observer_results.observed(
@@ -83,13 +83,13 @@ class Moments(MomentTables, Reported):
                 taken[variable] = f"the observer {name!r}"
 
     def __setstate__(self, state: dict[str, Any]) -> None:
-        """From a copy or a pickle: the columns show its own tables."""
+        """Restore a copy or a pickle: its columns are views of its own tables."""
         self.__dict__.update(state)
         self._show_columns(self.values)
 
     @property
     def scope(self) -> Scope:
-        """What observers look at."""
+        """The setup and the names of values for observers."""
         return Scope(self.setup, self.values)
 
     @functools.cached_property
@@ -109,7 +109,7 @@ class Moments(MomentTables, Reported):
             addresses, _made = structs(self.scope, self.observers, self.kept)
             moments.nobserver, moments.observers = len(self.observers), ctypes.addressof(addresses)
         report = handles.new(abi.Report, "report")
-        report.threads = 0  # unless the run begins
+        report.threads = 0  # stays 0 if the run does not begin
         with Monitor(progress) as monitor:
             try:
                 self._integrate(moments, report, monitor, failures)
@@ -140,17 +140,17 @@ class Moments(MomentTables, Reported):
             raise refusal
 
     def _named(self, match: re.Match) -> str:
-        """An observable by its name, where the library tells its number."""
+        """The observable's name for a message in which the library gives its number."""
         return f"observable {list(self._observables)[int(match[1]) - 1]!r}"
 
     def fill_from_sums(self, n_ok: np.ndarray, mean: np.ndarray, m2: np.ndarray) -> None:
-        """The same from counts (time,), means and sums of squared deviations (time, value)."""
+        """Fill the moments from counts (time,), means and sums of squared deviations (time, value)."""
         self.n_ok[...], self.m2[...], self._tables["mean"][...] = n_ok, m2, mean
         arrays = self.n_ok, self._tables["mean"], self.m2, self._tables["var"], self._tables["se_mean"]
         handles.call("moment_errors", *self.m2.shape, *map(address, arrays))
 
     def _repr_html_(self) -> str:
-        """For notebooks."""
+        """Show the moments in notebooks."""
         return tabular.html_of_moments(self)
 
     def _variables(self) -> files.Variables:
@@ -175,7 +175,7 @@ class Moments(MomentTables, Reported):
         return {**super().attributes(), **{key: json.dumps(x) for key, x in told.items() if x}}
 
     def remarks(self) -> list[str]:
-        """Sentences on what the results of observers leave out."""
+        """Sentences about values that the results of observers leave out."""
         return [f"{name}: {text}" for name, result in self.observed.items() for text in result.remarks()]
 
     def to_xarray(self):
@@ -183,10 +183,11 @@ class Moments(MomentTables, Reported):
         return files.dataset(self._variables(), files.axes(self.t, self.mean_q.shape[1]), self.attributes())
 
     def save(self, path: str | os.PathLike) -> None:
-        """Write a .nc (needs xarray and netCDF4) or .npz file, of which `symsde.load` makes the same again, or a table.
+        """Write a .nc (needs xarray and netCDF4) or .npz file, from which `symsde.load` restores the moments, or a
+        table.
 
-        A .csv table has a row for each time, and lines that begin with # say what made it. It cannot hold what
-        observers have seen: a NotSavedWarning says so.
+        A .csv table has a row for each time, and lines that begin with # describe its origin. It cannot hold the
+        results of observers: a NotSavedWarning says so.
         """
         target = files.path_of("path", path)
         if target.suffix == ".csv":
@@ -198,7 +199,7 @@ class Moments(MomentTables, Reported):
             files.write(target, self.to_xarray, variables, self.attributes(), also=".csv, ")
 
     def save_table(self, target: Path) -> None:
-        """Write a .csv table of what has one value for each time."""
+        """Write a .csv table of all results with one value for each time."""
         columns = {"t": self.t, "n_ok": self.n_ok}
         for kind, table in self._tables.items():
             columns |= {f"{kind} {name}": x for name, x in zip(self.columns(), table.T, strict=True)}
@@ -212,13 +213,13 @@ class Moments(MomentTables, Reported):
         )
 
     def _absorbed(self) -> str:
-        """How many paths left through absorbing passages, if there are any."""
+        """How many paths left through absorbing passages; empty if there are none."""
         lost = {name: x.n for name, x in self.observed.items() if getattr(x.observer, "absorb", False)}
         told = "".join(f", {n} absorbed by {name}" for name, n in lost.items())
         return f"{told}, {self.n_ok[-1]} left" if lost else ""
 
     def __repr__(self) -> str:
-        """One line."""
+        """The moments in one line."""
         return (
             f"<moments of {self.setup.model!r} by {self.setup.scheme.name}: {', '.join(self.columns()[:8])} at "
             f"{counted(len(self.t), 'time')} from {self.t[0]:g} to {self.t[-1]:g}, "
@@ -249,7 +250,7 @@ def moments(
       bits
 
     Bad input raises a ValueError (`symsde.errors`). An exception of an observable stops the run and is raised again. If
-    a value is not a finite number for a path that counts, a NotANumberWarning says so; its means are not finite either.
+    a value is not finite on a path that is ok, a NotANumberWarning says so; its means are not finite either.
     """
     result = None
     try:
@@ -269,7 +270,7 @@ def moments(
 
 
 def try_out(model: Model, observables: dict[str, Observable], **options: Any) -> None:
-    """Refuse observables that give a path near the initial state no number of its own; no step is made."""
+    """Refuse observables that return no number for each path near the initial state; no step is taken."""
     with np.errstate(all="ignore"):
         setup = make_setup(model, **{**options, "steps": 0, "save_every": 1}, in_python=are_in_python(observables))
         Moments(setup, observables).fill(observables, False)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""A prepared run: checks, probes and allocations once, then steps as often as wanted."""
+"""A prepared run: checks, probes and allocations once, then any number of steps."""
 
 from __future__ import annotations
 
@@ -26,8 +26,8 @@ _OK = (abi.OK, abi.STOPPED, abi.PATHS_FAILED)
 
 
 class _Owner:
-    """Holds the handle of a run, as long as the run or one of its arrays is alive; and a handle of its model,
-    whose callbacks store their exceptions for this run alone."""
+    """Owns the handle of a run as long as the run or one of its arrays is alive; and a handle of its model,
+    whose callbacks store their exceptions for this run only."""
 
     def __init__(self, model: Model, setup: Setup):
         self.model_handle = model._handles.take()
@@ -47,7 +47,7 @@ class _Owner:
                 self.model_handle.failures.raise_stored()
 
     def array(self, where: int | None, kind: type, shape: tuple[int, ...]) -> np.ndarray | None:
-        """The library's array at an address, which keeps this owner."""
+        """The library's array at an address; the array keeps this owner alive."""
         if where is None:
             return None
         count = 1
@@ -64,11 +64,11 @@ def _release(pointer: ctypes.c_void_p, pool: handles.Pool, model_handle: handles
 
 
 class PreparedRun:
-    """Paths that advance whenever you ask; made by `prepare`. It serves one thread at a time.
+    """Paths that advance on request; made by `prepare`. Only one thread at a time may use a run.
 
-    q, p (and q_low, p_low of a compensated run) are the state itself, not copies: what you write there is the state
-    from which the next step begins. Steps in several calls give the same bits as in one call. A path that fails keeps
-    its status, step and last good state until `reset`.
+    q, p (and q_low, p_low of a compensated run) are the state itself, not copies: values that you write there are the
+    state from which the next step begins. Steps in several calls give the same bits as in one call. A path that fails
+    keeps its status, step and last good state until `reset`.
     """
 
     def __init__(self, setup: Setup):
@@ -116,13 +116,15 @@ class PreparedRun:
 
     @property
     def report(self) -> Report:
-        """Counters and seconds of all calls, outcome of the last one, and the warnings for a run of a million steps."""
+        """Counters and seconds of all calls, the outcome of the last call, and warnings computed for a million
+        steps.
+        """
         report = handles.new(abi.Report, "report")
         handles.call("run_report", self._pointer, ctypes.byref(report))
         return make_report(report)
 
     def step(self, dw: Any = None) -> None:
-        """One step with the run's own noise, or with increments dw: a number, (noise,) or (noise, path)."""
+        """Take one step with the run's own noise, or with increments dw: a number, (noise,) or (noise, path)."""
         given = None if dw is None else self._one_step(dw)
         advance = self._advance_by_python if self._in_python else library.symsde_run_advance
         status = advance(self._pointer, 1, 1, given, None, self._error_address)
@@ -157,7 +159,9 @@ class PreparedRun:
         first_path: int | None = None,
         first_step: int | None = None,
     ) -> None:
-        """Start again, with all paths ok. What you do not give is kept from the last reset, or else from `prepare`."""
+        """Start again, with all paths ok. Arguments that are not given keep their values of the last reset, or of
+        `prepare`.
+        """
         old = self._setup
         given = {"q0": q0, "p0": p0, "q0_low": q0_low, "p0_low": p0_low}
         chosen = {name: getattr(old, name) for name in given}
@@ -184,14 +188,14 @@ class PreparedRun:
         self._setup, self._stopped, self._failed = setup, None, 0
 
     def __reduce__(self) -> tuple:
-        """Neither pickles nor copies."""
+        """Refuse pickling and copying."""
         raise WrongTypeError(
             "a prepared run holds memory of the library, which can be neither pickled nor copied: prepare another one "
             "from the model, or pickle what its method run returns"
         )
 
     def __repr__(self) -> str:
-        """One line."""
+        """The run in one line."""
         return (
             f"<prepared run of {self.model!r} by {self.scheme.name}: {checks.counted(self._setup.paths, 'path')}, step "
             f"{self.next_step} "
@@ -212,7 +216,7 @@ class PreparedRun:
         return self._drive_address
 
     def _setup_of(self, steps: int, save_every: int) -> Setup:
-        """The setup of so many steps from here, for a Run that can be re-examined."""
+        """The setup of this many steps from here, for a Run that can be analysed later."""
         state = self._q, self._p, self._q_low, self._p_low
         return self._setup.from_here(self.next_step, steps, save_every, state)
 
@@ -248,7 +252,7 @@ class PreparedRun:
         run.report = self.report
 
     def _advance_by_python(self, *arguments) -> int:
-        """For a model with Python functions: handlers of signals wait for the end of the step."""
+        """Advance a model with Python functions: handlers of signals wait for the end of the step."""
         with held():
             status = library.symsde_run_advance(*arguments)
             if status:
@@ -256,7 +260,7 @@ class PreparedRun:
         return abi.OK
 
     def _judge(self, status: int) -> None:
-        """Raise the exception of a callback, or the library's refusal; warn of paths that have failed since."""
+        """Raise the exception of a callback, or the library's refusal; warn of paths that have failed in the call."""
         self._owner.model_handle.failures.raise_stored()
         if status not in _OK:
             raise from_code(status, self._error.message.decode("utf-8", "replace"))
@@ -271,7 +275,7 @@ class PreparedRun:
 
 
 def _put_increments(given: abi.Input, increments: np.ndarray) -> None:
-    """Put increments (row, noise, path) into an input; they must live as long as the input."""
+    """Store increments (row, noise, path) in an input; they must live as long as the input."""
     given.increments = address(increments)
     given.increment_rows, given.increment_noises, given.increment_paths = increments.shape
 
@@ -285,15 +289,15 @@ def prepare(
         run = ss.prepare(model, "midpoint", step=0.01, q0=1.0, p0=0.0, paths=100, seed=1)
         for _ in range(1000):
             run.step()                        # or run.step(dw), with increments of your own
-            run.p[...] *= 0.999               # the state is yours between steps
-        saved = run.run(500, save_every=10)   # like simulate, from where the paths are
+            run.p[...] *= 0.999               # between steps you may change the state
+        saved = run.run(500, save_every=10)   # like simulate, from the present state
         run.reset()
 
     q0, p0, step and the options are those of `simulate`. steps, save_every, increments and progress are given to the
-    methods instead. Each call of run or step goes on with the noise of the next step: first_step is only for a start in
-    the middle of another run. There it is the index of that run's next step, and t0 is that run's t0; without it the
-    noise of the first steps comes again. The run keeps model and scheme alive. With `threads` above 1, waking the
-    threads takes longer than one step of a few paths.
+    methods instead. Each call of run or step continues with the noise of the next step. first_step is needed only to
+    start in the middle of another run: it is then the index of that run's next step, and t0 is that run's t0; without
+    it the noise of the first steps is used again. The run keeps model and scheme alive. With `threads` above 1, waking
+    the threads takes longer than one step of a few paths.
     """
     checks.not_given("prepare", options, _DECIDED)
     return PreparedRun(make_setup(model, q0=q0, p0=p0, step=step, scheme=scheme, steps=0, **options))

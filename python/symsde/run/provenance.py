@@ -16,11 +16,11 @@ import numpy as np
 from ..native.build import build_info
 from .setup import Setup
 
-_MOST = 64  # numbers of an initial state that are written out
+_MOST = 64  # most numbers of an initial state that are written out
 
 
 def made() -> dict[str, str]:
-    """Time, command and versions; if SOURCE_DATE_EPOCH is set, it gives the time."""
+    """Time, command and versions; SOURCE_DATE_EPOCH replaces the time if it is set."""
     epoch = os.environ.get("SOURCE_DATE_EPOCH", "")
     now = datetime.datetime.now(datetime.UTC)
     if epoch.isdecimal() and len(epoch) < 12:
@@ -33,7 +33,7 @@ def made() -> dict[str, str]:
 
 
 def seconds(timings: Mapping[str, float]) -> dict[str, float]:
-    """Seconds that a run took; zeros if SOURCE_DATE_EPOCH asks for reproducible files."""
+    """Seconds that a run took; zeros if SOURCE_DATE_EPOCH requests reproducible files."""
     return {name: 0.0 if os.environ.get("SOURCE_DATE_EPOCH") else x for name, x in timings.items()}
 
 
@@ -43,7 +43,7 @@ def start_of(setup: Setup) -> dict[str, str]:
 
 
 def numbers_of(values: np.ndarray) -> str:
-    """States (dof, path) as text; one state if all paths begin alike."""
+    """States (dof, path) as text; one state if all paths have the same."""
     if values.size <= _MOST:
         return json.dumps((values[:, 0] if values.shape[1] == 1 else values).tolist())
     digest = hashlib.sha256(np.ascontiguousarray(values, np.float64).tobytes()).hexdigest()
@@ -51,7 +51,7 @@ def numbers_of(values: np.ndarray) -> str:
 
 
 def comments(attributes: Mapping[str, str]) -> Iterator[str]:
-    """The same as lines of a table that begin with #; a text of several lines stands below its name."""
+    """The attributes as lines of a table that begin with #; a text of several lines follows below its name."""
     for key, value in attributes.items():
         first, *others = value.splitlines() or [""]
         if not others:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""What a run did."""
+"""Reports of runs."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ class Report:
     damping: str  #: what damps the momenta, and what that is for velocities; "" of a closed system
     left_out: tuple[str, ...]  #: computations that were skipped because they were not needed
     warnings: tuple[str, ...]  #: problems found before the run, with numbers
-    #: functionals of the path beside dW: dZ, areas, K, J; for refine < 0 they determine the path
+    #: functionals of the path besides dW: dZ, areas, K, J; for refine < 0 they determine the path
     functionals: tuple[str, ...]
     counters: dict[str, int]  #: path_steps, normals, gradients, hessians, iterations, solves, ...
     failed: int  #: number of paths that failed
@@ -36,13 +36,13 @@ class Report:
     lanes: int  #: lanes of a block; 1 where few paths are taken one by one
     lost_variance: float  #: variance that truncation takes from a normal number
     timings: dict[str, float]  #: seconds of setup and run
-    lapack: str  #: name of the LAPACK that solved systems, on which last bits depend; "" if none did
+    lapack: str  #: name of the LAPACK that solved systems, which affects last bits; "" if none did
     versions: dict[str, str]  #: versions of the library, its compiler and options
 
     def __str__(self) -> str:
-        """Table, one line for each."""
+        """The report as a table, one line for each entry."""
         counted = ", ".join(f"{name.replace('_', ' ')} {n}" for name, n in self.counters.items() if n)
-        times = {"set up": self.timings["setup"], "run": self.timings["run"]}  # a prepared run is set up once, before
+        times = {"set up": self.timings["setup"], "run": self.timings["run"]}  # a prepared run is set up earlier
         lines = {
             "outcome": self.outcome,
             "stepper": self.stepper,
@@ -63,19 +63,19 @@ class Report:
 
 
 class Reported:
-    """A result with a report. The report is made at first use, since this takes as long as some runs."""
+    """A result with a report. The report is made on first use, since making it takes as long as some runs."""
 
     setup: Setup
-    scene: str = ""  #: text of the scene that asked for the run, if there is one
+    scene: str = ""  #: text of the scene of the run, if there is one
     _reported: abi.Report | None = None
 
     def _keep_report(self, given: abi.Report) -> None:
-        """Keep the report of the C interface, unless the library refused before it began."""
+        """Keep the report of the C interface, unless the library refused the run."""
         if given.threads:
             self._reported = given
 
     def _warn_of_failures(self) -> None:
-        """Warn where paths failed."""
+        """Warn if paths failed."""
         if self._reported.failed:
             checks.warn(
                 f"{checks.counted(self._reported.failed, 'path')} failed: they are NaN from there on and left out of "
@@ -116,7 +116,7 @@ class Reported:
 
 
 def of_growth(grown: int) -> str:
-    """A warning of paths that grew beyond all bounds; empty if none did."""
+    """A warning about paths that grew beyond all bounds; empty if none did."""
     if not grown:
         return ""
     return (
@@ -127,26 +127,26 @@ def of_growth(grown: int) -> str:
 
 
 def warn_of_growth(grown: int) -> None:
-    """Warn where paths grew."""
+    """Warn if paths grew beyond all bounds."""
     if text := of_growth(grown):
         checks.warn(text, DoubtfulRunWarning)
 
 
 def filled(result: Reported | None) -> Reported | None:
-    """The result, where the library has filled its arrays, whatever ended it then."""
+    """The result if the library has filled its arrays, however the run ended; else None."""
     has_report = result is not None and (result._reported is not None or "report" in result.__dict__)
     return result if has_report else None
 
 
 def read_report(text: str) -> Report:
-    """A report in the form of files; entries that an older version did not write are None."""
+    """Read a report from its form in files; entries that an older version did not write are None."""
     given = json.loads(text)
     fields = {field.name: given.get(field.name) for field in dataclasses.fields(Report)}
     return Report(**{name: tuple(x) if isinstance(x, list) else x for name, x in fields.items()})
 
 
 def make_report(given: abi.Report) -> Report:
-    """Report of the C interface in Python."""
+    """Convert a report of the C interface."""
     left_out = given.left_out.decode("utf-8", "replace")
     return Report(
         outcome=handles.status_text(given.status),

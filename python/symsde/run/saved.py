@@ -14,7 +14,7 @@ from ..show.values import Values
 
 
 def no_energy(title: str) -> MissingOperationError:
-    """The error of energies that are not known."""
+    """The error for energies of a model without a value function."""
     return MissingOperationError(
         f"there are no energies of {title}: its model has no function value(t, w, q, p), which gives H; give it one, "
         "as symsde.Model(value=..), and run again, or compute H from q and p"
@@ -22,7 +22,7 @@ def no_energy(title: str) -> MissingOperationError:
 
 
 class PathTables:
-    """Saved paths."""
+    """Saved paths, from memory or a file."""
 
     title: str  #: model and scheme
     values: Values  #: names of coordinates, momenta and the energy
@@ -49,7 +49,7 @@ class PathTables:
     def animate(self, path=None, *, ax=None, of: Sequence[str] | None = None, most: int = 1000, rate: float = 20.0):
         """Make a matplotlib FuncAnimation of the paths as points in a plane, with a frame for each saved time.
 
-        - path: a .gif file, written by pillow; or draw into `ax`, one axes. In a notebook, show what is returned by its
+        - path: a .gif file, written by pillow; or draw into `ax`, one axes. In a notebook, show the result of its
           `to_jshtml`
         - of: the two values of the plane, as in `columns`; by default the first coordinate and its momentum
         - most: the largest number of paths that are drawn; rate: frames a second
@@ -57,7 +57,7 @@ class PathTables:
         return plot.animation(self, (path, ax), of, most, rate)
 
     def columns(self) -> list[str]:
-        """Names of the values, in their order: coordinates, momenta, and the energy where it is known.
+        """Names of the values, in their order: coordinates, momenta, and the energy if it is known.
 
         Coordinates have the model's own names, such as x and px, or else q_1 .. q_n and p_1 .. p_n.
         """
@@ -78,11 +78,11 @@ class MomentTables:
     title: str  #: model and scheme
     t: np.ndarray  #: (time,)
     values: Values  #: names of the values
-    n_ok: np.ndarray  #: (time,), number of paths that count
+    n_ok: np.ndarray  #: (time,), number of paths that are ok up to each time
     _tables: dict[str, np.ndarray]  #: mean, var, se_mean -> (time, value)
 
     def _show_columns(self, values: Values) -> None:
-        """Attributes that show the columns of the tables: q, p, the energy, observables."""
+        """Set attributes that are columns of the tables: q, p, the energy, observables."""
         self.values, ndof = values, values.ndof
         first = 2 * ndof + values.has_energy
         self._energies = {kind: table[:, 2 * ndof] for kind, table in self._tables.items() if values.has_energy}
@@ -92,7 +92,7 @@ class MomentTables:
             setattr(self, kind, {name: table[:, first + i] for i, name in enumerate(values.observables)})
 
     def _energy(self, kind: str) -> np.ndarray:
-        """Its column of a table."""
+        """The column of the energy in a table."""
         if not self._energies:
             raise no_energy(self.title)
         return self._energies[kind]
@@ -117,7 +117,7 @@ class MomentTables:
         return self._tables["mean"], self._tables["se_mean"]
 
     def doubts(self) -> list[str]:
-        """Sentences about values that were not finite for a path that counts; their means are not finite either."""
+        """Sentences about values that were not finite on a path that is ok; their means are not finite either."""
         found, finite = [], np.isfinite(self._tables["mean"])
         if finite.all():
             return found

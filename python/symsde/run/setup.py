@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Everything that goes into a run, checked and in the form of the C interface."""
+"""All inputs of a run, checked and in the form of the C interface."""
 
 from __future__ import annotations
 
@@ -19,10 +19,10 @@ from ..native.checks import INT32, INT64, UINT64, address, addresses
 from ..native.progress import Monitor, threads_of
 from ..schemes import Scheme, as_scheme
 
-_LIBRARY_LANES = 256  # lanes of a block in the library, at most
-_PYTHON_VALUES = 2048  # numbers of an array that a Python function is given
-_COUNT = 2**47  # number of values of the counter of steps
-_WHOLE = 1e-9  # relative: times that are typed, or sums of steps
+_LIBRARY_LANES = 256  # most lanes of a block in the library
+_PYTHON_VALUES = 2048  # numbers of an array that a Python function gets
+_COUNT = 2**47  # number of values of the random generator's counter of steps
+_WHOLE = 1e-9  # relative error of times that are typed, or sums of steps
 _INPUT_SIZE = _handles.new(abi.Input, "input").struct_size
 
 
@@ -39,7 +39,7 @@ class EndOptions(TypedDict, total=False):
 
 
 class PathOptions(EndOptions, total=False):
-    """Those of every step."""
+    """Options of `simulate` that functions of whole paths share."""
 
     paths: int
     seed: int
@@ -56,7 +56,7 @@ class PathOptions(EndOptions, total=False):
 
 
 class RunOptions(PathOptions, total=False):
-    """Options of a run, beside model, initial state and steps."""
+    """Options of a run, besides model, initial state and steps."""
 
     scheme: str | Scheme
     save_every: int
@@ -65,7 +65,7 @@ class RunOptions(PathOptions, total=False):
 
 @dataclass
 class Setup:
-    """Model, scheme, options and arrays of one run; kept by its result, so that it can be re-examined."""
+    """Model, scheme, options and arrays of one run; the result keeps it, so that the run can be analysed later."""
 
     model: Model
     scheme: Scheme
@@ -75,7 +75,7 @@ class Setup:
     increments: np.ndarray | None = None  #: (row, noise, 1 or path)
     q0_low: np.ndarray | None = None  #: (dof, path)
     p0_low: np.ndarray | None = None
-    by_path: bool = False  #: whether the start has a column for each path, as states of a run have
+    by_path: bool = False  #: whether the start has a column for each path, as final states have
 
     @property
     def ntime(self) -> int:
@@ -88,9 +88,9 @@ class Setup:
         return self.options.paths
 
     def input(self, monitor: Monitor | None = None) -> abi.Input:
-        """Arrays and callback as the C interface takes them; they live as long as this setup."""
+        """Arrays and callback in the form of the C interface; they live as long as this setup."""
         q0, p0 = self.q0, self.p0
-        given = abi.Input(_INPUT_SIZE, *addresses((q0, p0)), q0.shape[1], p0.shape[1])  # other members are zero: none
+        given = abi.Input(_INPUT_SIZE, *addresses((q0, p0)), q0.shape[1], p0.shape[1])  # zero members: none
         if self.increments is not None:
             given.increments = address(self.increments)
             rows, noises, paths = self.increments.shape
@@ -108,14 +108,16 @@ class Setup:
         return self.scheme._handle.pointer, ctypes.byref(self.options)
 
     def from_here(self, first_step: int, steps: int, save_every: int, state: Sequence[np.ndarray | None]) -> Setup:
-        """The same from a later state, (q, p, q_low, p_low), which is copied, over so many steps with their noise."""
+        """The same setup from a later state, (q, p, q_low, p_low), which is copied, over this many steps with their
+        noise.
+        """
         options = abi.Options.from_buffer_copy(self.options)
         options.first_step, options.steps, options.save_every = first_step, steps, save_every
         q0, p0, *low = (None if part is None else part.copy() for part in state)
         return Setup(self.model, self.scheme, _checked(options), q0, p0, None, *low)
 
     def repeated_noise(self) -> str:
-        """A sentence where states of paths begin whole steps after 0 with the noise of step 0; empty elsewhere."""
+        """A warning if states of paths begin whole steps after time 0 but with the noise of step 0; else empty."""
         options = self.options
         if not (options.t0 and self.by_path and options.steps) or options.first_step or self.increments is not None:
             return ""
@@ -129,7 +131,7 @@ class Setup:
         )
 
     def warn_of_repeated_noise(self) -> None:
-        """Say so."""
+        """Issue this warning."""
         if text := self.repeated_noise():
             checks.warn(text, RepeatedNoiseWarning)
 
@@ -194,7 +196,7 @@ def _area_time(options: abi.Options, name: str, value: object) -> None:
 
 
 def _common_noise(options: abi.Options, _name: str, value: object) -> None:
-    """Numbers of noises as bits."""
+    """Set bits for the numbers of common noises."""
     several = checks.items(value)
     numbers = [checks.integer("common_noise", k, INT32) for k in ([value] if several is None else several)]
     for k in numbers:
@@ -250,7 +252,7 @@ def make_options(model: Model, *, in_python: bool = False, **given: object) -> a
 
 
 def _options_of(model: Model, given: dict[str, Any], in_python: bool) -> abi.Options:
-    """The same from a dictionary, which is used up; types are checked here, and all else by the library."""
+    """Make the options from a dictionary, which is consumed; types are checked here, and all else by the library."""
     take = given.pop
     step, steps, threads, lanes = take("step", None), take("steps", None), take("threads", None), take("lanes", None)
     changed = _changed(given)
@@ -278,7 +280,9 @@ def _checked(options: abi.Options) -> abi.Options:
 
 
 def _changed(given: dict[str, Any]) -> list[str]:
-    """Options that are not their default, as most are: to look at each any further takes a share of a short run."""
+    """Options that differ from their defaults; only few do, and checking all would take part of the time of a short
+    run.
+    """
     try:
         return [key for key, value in given.items() if value is not _DEFAULTS[key]]
     except KeyError as unknown:
@@ -287,18 +291,18 @@ def _changed(given: dict[str, Any]) -> list[str]:
 
 
 def _lanes_for(model: Model, paths: int) -> int:
-    """Lanes of a block for Python functions, whose calls cost microseconds: more than the library's choice (0)."""
+    """Lanes of a block for Python functions, whose calls take microseconds: more than the library's choice (0)."""
     lanes = min(_PYTHON_VALUES // model.ndof, paths + 7) // 8 * 8
     return lanes if lanes > _LIBRARY_LANES else 0
 
 
 def make_setup(model: Model, *, q0: object, p0: object, **given: Any) -> Setup:
-    """Check everything that goes into a run: arguments of `simulate`, and in_python for functions beside the model."""
+    """Check all inputs of a run: arguments of `simulate`, and in_python for Python functions besides the model's."""
     return setup_of({"model": model, "q0": q0, "p0": p0, **given})
 
 
 def setup_of(given: dict[str, Any]) -> Setup:
-    """The same from a dictionary, which is used up."""
+    """Make a setup from a dictionary, which is consumed."""
     take = given.pop
     model, q0, p0, scheme = take("model"), take("q0"), take("p0"), take("scheme", "midpoint")
     increments, q0_low, p0_low = take("increments", None), take("q0_low", None), take("p0_low", None)
@@ -323,7 +327,7 @@ def setup_of(given: dict[str, Any]) -> Setup:
 
 
 class Lent(np.ndarray):
-    """Increments that the library has made for one run and never writes again: they need no copy."""
+    """Increments that the library has made for one run and never writes again: they need not be copied."""
 
 
 def increments_array(value: object, *, kept: bool = True) -> np.ndarray:
@@ -340,5 +344,5 @@ def increments_array(value: object, *, kept: bool = True) -> np.ndarray:
 
 
 def _low(name: str, value: object, ndof: int, paths: int) -> np.ndarray:
-    """Low parts of a compensated state, for every path."""
+    """Low parts of a compensated state, with a column for every path."""
     return checks.full(checks.state(name, value, ndof, paths), paths)

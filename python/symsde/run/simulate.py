@@ -29,12 +29,12 @@ _PATHS_SIZE = handles.new(abi.Paths, "paths").struct_size
 _REPORT_SIZE = handles.new(abi.Report, "report").struct_size
 
 
-_HELD, _KEPT = 2**14, 2**25  # bytes of a piece that glibc's allocator always has, and that it keeps for the next run
+_HELD, _KEPT = 2**14, 2**25  # bytes that glibc's allocator always has in one piece, and that it keeps for the next run
 
 
 def _two_of(shape: tuple[int, ...]) -> tuple[np.ndarray, np.ndarray]:
-    """Room for q and p: up to a size in one piece, since of two the allocator gives one back to the system, and its
-    fresh pages would take longer than the steps of the next run."""
+    """Allocate q and p, up to a size as one piece: of two pieces the allocator would return one to the system, and new
+    pages would take longer than the steps of the next run."""
     size = checks.room((2, *shape), "the saved paths (q and p; time, dof, path)")
     if not _HELD < size <= _KEPT:
         return np.empty(shape), np.empty(shape)
@@ -47,7 +47,7 @@ class Run(PathTables, Reported):
 
     q: np.ndarray  #: (time, dof, path)
     p: np.ndarray  #: (time, dof, path)
-    status: np.ndarray  #: (path,), 0 = ok; `symsde.status_text` explains the others
+    status: np.ndarray  #: (path,), 0 = ok; `symsde.status_text` explains other values
     failed_step: np.ndarray  #: (path,), absolute step that failed; -1 = none
     last_q: np.ndarray  #: (dof, path), last good state
     last_p: np.ndarray
@@ -55,7 +55,7 @@ class Run(PathTables, Reported):
     p_low: np.ndarray | None
 
     def __init__(self, setup: Setup):
-        """Room for the paths; `fill` computes them."""
+        """Allocate the paths; `fill` computes them."""
         self.setup = setup
         ntime, ndof, paths = setup.ntime, setup.model.traits.ndof, setup.options.paths
         saved, last = (ntime, ndof, paths), (ndof, paths)
@@ -71,7 +71,7 @@ class Run(PathTables, Reported):
         """Let the library integrate; before: the run that is extended."""
         arrays = (self.q, self.p, self.status, self.failed_step, self.last_q, self.last_p)
         low = () if self.q_low is None else (self.q_low, self.p_low)
-        paths = abi.Paths(_PATHS_SIZE, None, *addresses(arrays + low))  # the rest is NULL, as t is
+        paths = abi.Paths(_PATHS_SIZE, None, *addresses(arrays + low))  # the remaining pointers are NULL, as is t
         report = abi.Report(_REPORT_SIZE)
         setup = self.setup
         with Monitor(progress, in_python=setup.model.in_python) as monitor:
@@ -93,7 +93,7 @@ class Run(PathTables, Reported):
 
     @checks.hinted()
     def extend(self, steps: int, *, save_every: int | None = None, progress: Progress = False) -> Run:
-        """Go on for `steps` more steps: a Run from the last state, whose end has the bits of one long run.
+        """Take `steps` more steps: a Run from the last state, whose end has the same bits as one long run.
 
         Model, scheme, step, seed and options are those of this run; save_every too, unless given. The first saved state
         is the last one of this run. Paths that failed stay failed. A run with prescribed increments, or one that was
@@ -122,7 +122,7 @@ class Run(PathTables, Reported):
         return run
 
     def _keep_failures(self, before: Run, report: abi.Report) -> None:
-        """Paths that failed before keep their status."""
+        """Keep the status of paths that failed before."""
         gone = before.status != 0
         self.q[:, :, gone] = self.p[:, :, gone] = np.nan
         for name in ("status", "failed_step", "last_q", "last_p", "q_low", "p_low"):
@@ -136,12 +136,12 @@ class Run(PathTables, Reported):
     @functools.cached_property
     def t(self) -> np.ndarray:
         """(time,), t0 included."""
-        t = np.empty(self.setup.ntime)  # made at first use: it takes a third of the time of one path with q and p
+        t = np.empty(self.setup.ntime)  # made on first use: it takes a third of the time of one path with q and p
         handles.call("saved_times", ctypes.byref(self.setup.options), address(t))
         return t
 
     def __getstate__(self) -> dict[str, Any]:
-        """For pickle and copies: with the times, which another library may round otherwise."""
+        """The state for pickle and copies: includes the times, which another library may round differently."""
         return {**self.__dict__, "t": self.t}
 
     @property
@@ -194,7 +194,7 @@ class Run(PathTables, Reported):
         return {**super().attributes(), **counted}
 
     def _repr_html_(self) -> str:
-        """For notebooks."""
+        """Show the run in notebooks."""
         return tabular.html_of_run(self)
 
     def to_xarray(self):
@@ -203,15 +203,15 @@ class Run(PathTables, Reported):
         return files.dataset(self._variables(), coordinates, self.attributes())
 
     def save(self, path: str | os.PathLike) -> None:
-        """Write a .nc (needs xarray and netCDF4) or .npz file, of which `symsde.load` makes the same again.
+        """Write a .nc (needs xarray and netCDF4) or .npz file, from which `symsde.load` restores the run.
 
-        The energy is in it if `run.energy` was looked at before.
+        It contains the energy if `run.energy` was read before.
         """
         variables = {"t": (("time",), self.t), "path": (("path",), self.path), **self._variables()}
         files.write(files.path_of("path", path), self.to_xarray, variables, self.attributes())
 
     def __repr__(self) -> str:
-        """One line."""
+        """The run in one line."""
         ntime, ndof, paths = self.q.shape
         return (
             f"<run of {self.model!r} by {self.scheme.name}: {counted(ntime, 'time')} from {self.t[0]:g} to "
@@ -262,19 +262,19 @@ def simulate(
     - paths, first_path: global indices first_path .. first_path + paths - 1
     - seed: 0 .. 2^64 - 1
     - increments: your own dW, (steps*2^refine, noise, path), or (steps*2^refine, noise) for all paths; for schemes that
-      take them, dZ of all noises as further columns, and then K
+      use them, dZ of all noises as further columns, and then K
     - refine: l > 0 drives a step by the sum of 2^l draws; l < 0 halves increments -l times by the Brownian bridge. With
-      l < 0 schemes share a path only if they take the same of it (`report.functionals`); with l >= 0 all share it
+      l < 0 schemes share a path only if they use the same functionals of it (`report.functionals`); with l >= 0 all do
     - first_step: absolute index n of the first step, which chooses its noise; its time is t0 + n*step. With q0, p0 =
-      last_q, last_p and t0 of an earlier run of n steps, it goes on with that run, as `run.extend(steps)` does
+      last_q, last_p and t0 of an earlier run of n steps, it continues that run, as `run.extend(steps)` does
     - correction: of one-sided schemes, "auto", "none", "mean" or "increments"
     - truncation: (order, time scale) of truncated increments
     - areas: how Levy areas are drawn: "path", from the Brownian path, or "law", which has the right law at bounded cost
     - area_time: time scale of areas from the path, area_time/(12 step) sub-increments a step; by default derived from
       the model
-    - common_noise: numbers k, 1 to 64, of noises that all paths share: every path gets the W_k of path 0 and what
-      belongs to it. The other noises are each path's own. Standard errors of moments are then those given the common
-      noises
+    - common_noise: numbers k, 1 to 64, of noises that all paths share: every path gets the W_k of path 0, with
+      its functionals. All other noises are independent between paths. Standard errors of moments are then those given
+      the common noises
     - compensated: compensated summation of the state; q0_low, p0_low, (dof, path), resume such a run
     - threads: by default SYMSDE_NUM_THREADS, else the choice of OpenMP; one for Python functions and in forked
       processes
@@ -287,7 +287,7 @@ def simulate(
     reached, or None before the run began. An exception raised by the handler of another signal has `partial` too. Paths
     that fail are NaN from then on, and a PathsFailedWarning says how many failed.
     """
-    given = locals()  # all of the above, by name
+    given = locals()  # all arguments, by name
     del given["progress"]
     run = None
     try:

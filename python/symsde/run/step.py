@@ -38,7 +38,7 @@ def step(  # noqa: PLR0917 - the step reads like its formula
     are those of `simulate` (correction, general, fixed_point, ...). A point whose step fails is NaN.
     """
     checks.not_given("step", options, _DECIDED)
-    alone = type(q) is type(p) is type(dw) is float  # as in a loop that a user writes
+    alone = type(q) is type(p) is type(dw) is float  # the usual case of a loop in user code
     points = 1 if alone else checks.columns(q=q, p=p, dw=dw)
     setup = make_setup(model, scheme=scheme, q0=q, p0=p, step=step, steps=1, t0=t, paths=points, **options)
     setup.increments = checks.state("dw", dw, model.nnoise, points, kept=False)[np.newaxis]
@@ -50,7 +50,7 @@ def step(  # noqa: PLR0917 - the step reads like its formula
 def increments_at(model: Model, dw: Any, points: int) -> np.ndarray:
     """Increments as C-contiguous (noise, point) from a number, (noise,) or (noise, point)."""
     if not isinstance(model, Model):
-        return np.zeros((0, points))  # refused by name where options are made
+        return np.zeros((0, points))  # refused by name when options are made
     return checks.points("dw", dw, model.nnoise, points)
 
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""How objects are named, shown and drawn: values by name, tables, pages of notebooks, figures.
+"""Names, tables, notebook views and figures of objects.
 
 html      models, schemes and certificates in notebooks
 look      colours, markers and style of all figures

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Models, schemes and certificates as notebooks show them: HTML without scripts."""
+"""Models, schemes and certificates in notebooks: HTML without scripts."""
 
 from __future__ import annotations
 
@@ -17,11 +17,11 @@ from .tabular import html_table as table
 _ROOTS = (2, 3, 5, 6, 15, 30)
 _WHOLES = sorted({Fraction(k, n) for n in (4, 9, 36) for k in range(-n, n + 1)}, key=lambda x: (x.denominator, abs(x)))
 _ROUNDING = 4e-15
-_MOST_STAGES = 6  #: most stages of a tableau that is shown with all its numbers
+_MOST_STAGES = 6  #: most stages of a tableau that is shown with all coefficients
 
 
 def number(x: float) -> str:
-    """A coefficient as a person would write it, if exact to rounding: 1/2, -1/6, 5/36 + √15/24."""
+    """A coefficient as a person would write it, if it is exact to rounding: 1/2, -1/6, 5/36 + √15/24."""
     exact = _fraction(x, 360)
     if exact is not None:
         return str(exact)
@@ -34,7 +34,7 @@ def number(x: float) -> str:
 
 
 def _fraction(x: float, largest: int) -> Fraction | None:
-    """The fraction with a small denominator that equals a number to rounding, if there is one."""
+    """The fraction with a small denominator that equals a number to rounding; None if there is none."""
     found = Fraction(float(x)).limit_denominator(largest)
     return found if abs(float(found) - x) < _ROUNDING else None
 
@@ -49,7 +49,7 @@ def _sum(whole: Fraction, part: Fraction, root: int) -> str:
 
 
 def text(shown: str) -> str:
-    """A text with its lines and spaces."""
+    """A text with its lines and spaces preserved."""
     return f"<pre>{html.escape(shown)}</pre>"
 
 
@@ -81,7 +81,7 @@ def scheme(shown: Any) -> str:
 
 
 def _tableaux(shown: Any) -> str:
-    """The coefficients of q and p side by side; those of the noise if they differ."""
+    """The coefficients of q and p side by side; also those of the noise if they differ."""
     found = shown.tableau()
     if found is None or shown.info.nstage > _MOST_STAGES:
         return ""

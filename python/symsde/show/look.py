@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The common look of all figures: one colour and marker a scheme, axes that can be read, files."""
+"""The common style of all figures: one colour and marker per scheme, readable axes, files."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ import numpy as np
 
 from ..native import files
 
-# Okabe and Ito, https://jfly.uni-koeln.de/color/, then Tol's muted ones, https://personal.sron.nl/~pault/
+# Okabe and Ito, https://jfly.uni-koeln.de/color/, then Tol's muted colours, https://personal.sron.nl/~pault/
 BLUE, VERMILION, GREEN, PURPLE = "#0072B2", "#D55E00", "#009E73", "#CC79A7"
 ORANGE, SKY, BLACK, GREY = "#E69F00", "#56B4E9", "#000000", "#888888"
 WINE, INDIGO, OLIVE, TEAL, FOREST, BROWN = "#882255", "#332288", "#999933", "#44AA99", "#117733", "#661100"
@@ -72,17 +72,17 @@ STYLE = {
 
 
 def of_scheme(name: str) -> dict[str, str]:
-    """Colour and marker of a scheme as arguments of matplotlib; schemes that are not listed get theirs by their
-    names."""
+    """Colour and marker of a scheme as arguments of matplotlib; for unlisted schemes the name determines
+    them."""
     colour, marker = SCHEMES.get(name) or _OTHERS[zlib.crc32(name.encode()) % len(_OTHERS)]
     return {"color": colour, "marker": marker}
 
 
 @contextmanager
 def drawing(path: Path | None, width: float, height: float, dpi: int, *, pdf: bool = False):
-    """Give a matplotlib figure [in]; write it where there is a path, and on request as a PDF beside it, at the end.
+    """Give a matplotlib figure, sizes in inches; at the end write it if there is a path, on request also as a PDF.
 
-    MissingPackageError where matplotlib is missing.
+    MissingPackageError if matplotlib is missing.
     """
     matplotlib = files.optional("matplotlib", "plot")
     figures = importlib.import_module("matplotlib.figure")
@@ -100,7 +100,7 @@ def drawing(path: Path | None, width: float, height: float, dpi: int, *, pdf: bo
 
 @contextmanager
 def panels(path: Path, mosaic: list, width: float, height: float, dpi: int, *, pdf: bool = False, **options):
-    """Give the axes of a mosaic by name; at the end each has its letter, where there are several."""
+    """Give the axes of a mosaic by name; at the end each gets a letter, if there are several."""
     with drawing(path, width, height, dpi, pdf=pdf) as page:
         axes = page.subplot_mosaic(mosaic, **options)
         yield axes
@@ -110,7 +110,7 @@ def panels(path: Path, mosaic: list, width: float, height: float, dpi: int, *, p
 
 
 def colour(scheme: str) -> str:
-    """That of a scheme."""
+    """The colour of a scheme."""
     return of_scheme(scheme)["color"]
 
 
@@ -121,7 +121,7 @@ def slope_guide(axis, steps, level: float, order: float, label: str) -> None:
 
 
 def readable(panels) -> None:
-    """Labels on logarithmic axes: every decade or every few, and 1, 2, 5 where fewer than two would be seen."""
+    """Label logarithmic axes: every decade or every few, and 1, 2, 5 if fewer than two labels would be visible."""
     ticker = importlib.import_module("matplotlib.ticker")
     for axes in panels:
         for axis, limits, most in ((axes.xaxis, axes.get_xlim(), 5), (axes.yaxis, axes.get_ylim(), 9)):

@@ -15,7 +15,7 @@ _ROWS, _COLUMNS = 11, 6
 
 
 def of_run(run: Any, long: bool = False):
-    """A data frame of saved paths; a long one has a row for each degree of freedom."""
+    """A data frame of saved paths; the long form has a row for each degree of freedom."""
     pandas = files.optional("pandas", "xarray")
     ntime, ndof, npath = run.q.shape
     if checks.flag("long", long):
@@ -38,13 +38,13 @@ def of_moments(moments: Any):
 
 
 def first_values(moments: Any, most: int) -> list[int]:
-    """Numbers of the values that are shown first: a coordinate, its momentum, the energy, observables."""
+    """Indices of the values that are shown first: a coordinate, its momentum, the energy, observables."""
     ndof = moments.values.ndof
     return [0, ndof, *range(2 * ndof, len(moments.columns()))][:most]
 
 
 def some_times(ntime: int, most: int = _ROWS) -> list[int]:
-    """At most so many saved times, the first and the last among them."""
+    """At most this many saved times, including the first and the last."""
     every = max(1, -(-(ntime - 1) // (most - 1)))
     return sorted({*range(0, ntime, every), ntime - 1})
 

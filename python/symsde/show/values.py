@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Names of the values of a run: coordinates and momenta as the model calls them, the energy, observables."""
+"""Names of the values of a run: coordinates and momenta as named by the model, the energy, observables."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ class Values:
 
     @classmethod
     def of(cls, coordinates: Sequence[str], has_energy: bool, observables: Iterable[str] = ()) -> Values:
-        """Of coordinates and momenta, 2*ndof names, and what a run has beside them."""
+        """Make them from coordinates and momenta, 2*ndof names, and the further values of a run."""
         return cls((*coordinates, *(["energy"] if has_energy else []), *observables), len(coordinates) // 2)
 
     @property
@@ -37,7 +37,7 @@ class Values:
 
     @property
     def has_energy(self) -> bool:
-        """Whether the energy is among them."""
+        """Whether the energy is one of the values."""
         return self.names[2 * self.ndof : 2 * self.ndof + 1] == ("energy",)
 
     @property
@@ -46,7 +46,7 @@ class Values:
         return self.names[2 * self.ndof + self.has_energy :]
 
     def called(self, name: str) -> str:
-        """The name that a value has here: q_1 and q1 are the first coordinate, and so is q where there is but one."""
+        """The name of a value in results: q_1 and q1 mean the first coordinate, and so does q if there is only one."""
         if name in self.names or not (found := _NUMBERED.fullmatch(name)):
             return name
         letter, number = found.groups()
@@ -56,12 +56,12 @@ class Values:
         return (self.q if letter == "q" else self.p)[place - 1] if 1 <= place <= self.ndof else f"{letter}_{number}"
 
     def chosen(self, what: str, given: object) -> list[str] | None:
-        """Some of the values, given by one name or by a list of names; None where none is given."""
+        """Some of the values, given by one name or by a list of names; None if no name is given."""
         return chosen(what, given, self.names, self.called)
 
 
 def chosen(what: str, given: object, known: Sequence[str], called: Callable[[str], str] = str) -> list[str] | None:
-    """Some of the known names, given as one name or as a list of names; None where none is given."""
+    """Some of the known names, given as one name or as a list of names; None if no name is given."""
     if given is None:
         return None
     several = [given] if isinstance(given, str) else checks.items(given)

@@ -1,11 +1,11 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""What schemes do, measured: convergence, error against run time, stiff and extreme cases, the paper's experiments.
+"""Measurements of schemes: convergence, error against run time, stiff and extreme cases, the paper's experiments.
 
 convergence   strong errors over the step
 study         error against run time of schemes
 stability     stiff and extreme cases
 paper         the experiments of the paper
-expectations  what is expected of numbers, and whether it holds
+expectations  expected values of numbers, and whether results meet them
 pages         tables, and the parts of pages that programs write
 catalogue     tables of the built-in models and schemes
 """

@@ -10,7 +10,7 @@ from .. import models, schemes
 from ..model.definition import FLAGS
 from .pages import markdown
 
-# One member of each family whose names take a number.
+# One member of each family whose names contain a number.
 FAMILIES = {
     "dirk:0.25": "`dirk:C`, 0 < C < 1: a midpoint step of length C h, then one of length (1 - C) h",
     "lambda:0.3": "`lambda:X`, 0 <= X <= 1: P = X p_n + (1 - X) p_{n+1}, Q = (1 - X) q_n + X q_{n+1}",
@@ -55,7 +55,7 @@ def schemes_parts() -> dict[str, str]:
 
 
 def certified(scheme: schemes.Scheme) -> dict[str, str]:
-    """The certificate of a scheme by its labels."""
+    """The lines of a scheme's certificate by their labels."""
     lines = (line for line in scheme.certificate().splitlines() if line.strip())
     return {line[:24].strip(): line[24:].strip() for line in lines}
 
@@ -71,7 +71,9 @@ def _orders(facts: dict[str, schemes.SchemeInfo]) -> str:
 
 
 def _order(order: schemes.Order) -> str:
-    """As '1.5* (1.52 ± 0.02)': a star where it is claimed and not derived; the measured one with its interval."""
+    """The order as text, such as '1.5* (1.52 ± 0.02)': a star marks a claimed order; the measured one has its
+    interval.
+    """
     if not order.value:
         return "-"
     star = "*" if order.evidence == "claimed" else ""
@@ -106,7 +108,7 @@ def _structure(found: list[tuple[str, schemes.Scheme]]) -> str:
 
 
 def _extras(info: schemes.SchemeInfo) -> str:
-    """What a step needs beside Gaussian increments."""
+    """Operations and draws that a step needs besides Gaussian increments."""
     integrals = {"dZ": info.uses_dz, "areas": info.uses_areas, "K": info.uses_stt_area, "J": info.uses_magnus}
     found = [word for word, used in integrals.items() if used]
     found += ["nested bracket"] * (info.uses_nested_bracket and not info.crosses_noises)
@@ -116,7 +118,9 @@ def _extras(info: schemes.SchemeInfo) -> str:
 
 
 def _cost(info: schemes.SchemeInfo) -> str:
-    """As '2; 4 (3)': gradients an iteration; unknowns a degree of freedom, and where separable."""
+    """The cost as text, such as '2; 4 (3)': gradients per iteration; unknowns per degree of freedom (separable
+    models).
+    """
     if info.explicit_for == "every model":
         return f"{info.gradients_per_step}"
     separable = f" ({info.unknowns_if_separable})" if info.unknowns_if_separable != info.unknowns else ""

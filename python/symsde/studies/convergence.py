@@ -37,13 +37,13 @@ class Convergence:
     low: np.ndarray  #: (level,), lower ends of the intervals; likewise high
     high: np.ndarray
     status: tuple[str, ...]  #: (level,), ok; reference: at the floor; rounding, saturated, diverged: not counted
-    order: float  #: fitted slope of log error over log h of the points that count; NaN if there are fewer than two
+    order: float  #: fitted slope of log error over log h of the points that are ok; NaN if there are fewer than two
     order_low: float
     order_high: float
-    paths: int  #: paths that count
+    paths: int  #: number of paths that are ok at every step
 
     def __str__(self) -> str:
-        """Table of the errors."""
+        """The errors as a table."""
         floor = f", whose own error is {self.reference_error:.1e}" if self.reference_error else ""
         rows = zip(self.steps, self.step, self.error, self.low, self.high, self.status, strict=True)
         counted = self.status.count("ok")
@@ -65,8 +65,8 @@ class Convergence:
     def plot(self, path=None, *, ax=None, axes=None):
         """Draw errors over h with their intervals: a matplotlib figure, written if a path is given, or drawn into `ax`.
 
-        Hollow markers do not count for the order. Until 0.2 axes may be given in place of path: a warning says what to
-        write instead, and the axes are returned.
+        Points with hollow markers do not enter the order. Until 0.2 axes may be given in place of path: a warning says
+        what to write instead, and the axes are returned.
         """
         axes = path if hasattr(path, "errorbar") else axes
         if axes is None:
@@ -103,14 +103,14 @@ def convergence(
 ) -> Convergence:
     """Strong errors at time `horizon` (> 0) for several numbers of steps, all on the same Brownian paths.
 
-    Scheme and reference follow sums of the same finest draws (refine >= 0), whatever they take of the path beside dW.
+    Scheme and reference use sums of the same finest draws (refine >= 0), whichever functionals besides dW they need.
 
     - steps: numbers of steps, each the largest one divided by a power of two
     - reference: "exact", the name of a scheme, or "auto": the exact solution if the model has one, else a better scheme
       with `reference_steps` steps (a power of two times the largest). Its own error is estimated and shown
     - options: t0, seed, correction, truncation, compensated and threads of `simulate`
 
-    Steps whose error is less than four times that of the reference are marked and do not count for the order; a
+    Steps whose error is less than four times that of the reference are marked and do not enter the order; a
     ReferenceWarning names them. Paths that fail at any step are left out.
     """
     check_options(options)
@@ -138,7 +138,7 @@ def convergence(
 
 
 def _rows(plan: Plan) -> list[dict]:
-    """Errors of the one scheme at every step, over the paths that are ok at all of them."""
+    """Errors of the scheme at every step, over the paths that are ok at all steps."""
     scheme = plan.schemes[0]
     fine, own_error = References(plan).get(plan.references[scheme.name])
     runs = [plan.run(scheme, steps, shared=True) for steps in plan.steps]

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Expected numbers, and whether results meet them: the lines of the reports of `symsde paper` and `symsde stability`.
 
-Means of random numbers are expected within 4.9 of their standard errors: of a normal mean one such check in a million
+Means of random numbers are expected within 4.9 of their standard errors: for a normal mean one such check in a million
 is a false alarm. A number that is not finite meets no expectation.
 """
 
@@ -22,7 +22,7 @@ VERDICTS = {True: "ok", False: "FAILED", None: "-"}
 
 @dataclass(frozen=True)
 class Check:
-    """One line of a report; `passed` is None where a number is reported and nothing is expected of it."""
+    """One line of a report; `passed` is None if a number is reported without an expectation."""
 
     about: str  #: equations of the paper, or a description of the case
     quantity: str
@@ -31,13 +31,13 @@ class Check:
     passed: bool | None
 
     def cells(self) -> tuple[str, ...]:
-        """As they stand in a table, the verdict last."""
+        """The cells of the table's row, the verdict last."""
         return self.about, self.quantity, self.measured, self.expected, VERDICTS[self.passed]
 
 
 @dataclass
 class Expectations:
-    """One experiment or scenario: what was expected in it. `curves` go into figures only."""
+    """The checks of one experiment or scenario. `curves` are used in figures only."""
 
     name: str
     title: str
@@ -46,11 +46,11 @@ class Expectations:
     if_failed: str = ""  #: known cause, printed if an expectation is not met
 
     def expect(self, about: str, quantity: str, measured: object, expected: object, holds: object) -> None:
-        """Expect something that the caller has judged."""
+        """Add a check that the caller has judged."""
         self.checks.append(Check(about, quantity, str(measured), str(expected), bool(holds)))
 
     def report(self, about: str, quantity: str, measured: object, expected: str = "") -> None:
-        """Show a number of which nothing is required."""
+        """Add a number without an expectation."""
         self.checks.append(Check(about, quantity, str(measured), expected, None))
 
     def at_most(self, about: str, quantity: str, value: float, bound: float) -> None:
@@ -71,7 +71,7 @@ class Expectations:
         self.expect(about, quantity, f"{value:.6g}", text, abs(value - expected) <= tolerance)
 
     def within(self, about: str, quantity: str, estimate: tuple[float, float], expected: float) -> None:
-        """Expect a mean (value, standard error) within STANDARD_ERRORS of what is expected."""
+        """Expect a mean (value, standard error) within STANDARD_ERRORS of the expected value."""
         text = f"{expected:.6g} within {STANDARD_ERRORS:g} s.e."
         self.expect(about, quantity, _shown(estimate), text, -math.inf < _beyond(estimate, expected) <= 0)
 
@@ -81,18 +81,18 @@ class Expectations:
         self.expect(about, quantity, _shown(estimate), text, 0 < _beyond(estimate, excluded) < math.inf)
 
     def fraction(self, about: str, quantity: str, count: int, total: int, probability: float) -> None:
-        """Expect a share of draws within STANDARD_ERRORS of its probability; where that is 0 or 1, exactly."""
+        """Expect a share of draws within STANDARD_ERRORS of its probability; if the probability is 0 or 1, exactly."""
         error = math.sqrt(probability * (1 - probability) / total)
         self.within(about, quantity, (count / total, error), probability)
 
     def same(self, about: str, quantity: str, measured: object, expected: object, why: str = "") -> None:
-        """Expect what is measured to equal what is expected; `why` says where that comes from."""
+        """Expect the measured and the expected value to be equal; `why` names the source of the expected value."""
         text = f"{_word(expected)} ({why})" if why else _word(expected)
         self.expect(about, quantity, _word(measured), text, measured == expected)
 
 
 def carry_out(cases: Iterable[Callable[[], Expectations]], head: str) -> list[Expectations]:
-    """Experiments or scenarios, one after the other, each on the terminal as soon as it is there."""
+    """Carry out experiments or scenarios, and print each on the terminal as soon as it is finished."""
     found = []
     for case in cases:
         begin = perf_counter()
@@ -102,25 +102,25 @@ def carry_out(cases: Iterable[Callable[[], Expectations]], head: str) -> list[Ex
 
 
 def count(found: list[Expectations], verdict: bool | None) -> int:
-    """How many checks have a verdict."""
+    """The number of checks with this verdict."""
     return sum(check.passed is verdict for part in found for check in part.checks)
 
 
 def block(found: Expectations, head: str, seconds: float) -> str:
-    """One experiment or scenario on the terminal; `head` is that of the first column."""
+    """One experiment or scenario for the terminal; `head` is the title of the first column."""
     rows = [check.cells() for check in found.checks]
     return f"\n{found.title}   [{seconds:.1f} s]\n{pages.terminal(_head(head), rows)}"
 
 
 def section(found: Expectations, head: str) -> str:
-    """The same as a Markdown table, with what is known of a failure."""
+    """One experiment or scenario as a Markdown table, with the known cause of a failure."""
     rows = [[*check.cells()[:-1], check.cells()[-1].replace("FAILED", "**FAILED**")] for check in found.checks]
     failed = any(check.passed is False for check in found.checks)
     return pages.markdown(_head(head), rows) + (f"\n{found.if_failed}\n" if found.if_failed and failed else "")
 
 
 def summary(found: list[Expectations]) -> str:
-    """What failed, again, and the counts."""
+    """The failed checks again, and the counts."""
     lines = [
         f"FAILED {part.title}: {check.about} {check.quantity.strip()}: {check.measured}, expected {check.expected}"
         for part in found
@@ -135,7 +135,7 @@ def _head(first: str) -> tuple[str, ...]:
 
 
 def _beyond(estimate: tuple[float, float], value: float) -> float:
-    """From a mean to a value, less the standard errors allowed; infinite or NaN where one of them is."""
+    """Distance of a mean from a value, minus the allowed standard errors; infinite or NaN if one of the numbers is."""
     mean, error = estimate
     return abs(mean - value) - STANDARD_ERRORS * error
 

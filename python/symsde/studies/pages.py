@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Tables and pages: one table in Markdown, one on the terminal, and parts of pages that programs write."""
+"""Tables and pages: Markdown tables, terminal tables, and the parts of pages that programs write."""
 
 from __future__ import annotations
 
@@ -16,15 +16,15 @@ WIDTH = 120
 
 
 def markdown(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
-    """A Markdown table, each line ended; bars in cells are quoted."""
+    """A Markdown table, each line with its line end; vertical bars in cells are escaped."""
     lines = [head, ["---"] * len(head), *rows]
     return "".join("| " + " | ".join(cell.replace("|", r"\|") for cell in line) + " |\n" for line in lines)
 
 
 def terminal(head: Sequence[str], rows: Iterable[Sequence[str] | str], numbers: Sequence[int] = ()) -> str:
-    """A table whose columns are as wide as they must be; the columns `numbers` end in line, the others begin so.
+    """A table whose columns have the least width; the columns `numbers` are aligned right, all others left.
 
-    A row that is one text stands as it is, between the others.
+    A row that is a single text is printed unchanged.
     """
     rows = list(rows)
     cells = [head, *(row for row in rows if not isinstance(row, str))]
@@ -48,7 +48,7 @@ def made_by() -> str:
 
 
 def machine() -> str:
-    """Kind of processor."""
+    """The kind of processor."""
     try:
         lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
     except OSError:
@@ -58,29 +58,31 @@ def machine() -> str:
 
 
 def wrapped(text: str, indent: str = "") -> str:
-    """A paragraph in lines as long as they may be, the later ones indented. None begins with %: that is a comment."""
+    """A paragraph broken into lines, the later ones indented. No line begins with %, which would make it a comment."""
     kept = text.replace(" %", "\u00a0%")
     lines = textwrap.fill(kept, WIDTH, subsequent_indent=indent, break_long_words=False, break_on_hyphens=False)
     return lines.replace("\u00a0%", " %")
 
 
 class Page:
-    """A page whose words are written by hand, and parts of it by a program: between two comments with their name.
+    """A page written by hand, except for parts that a program writes between two comments with the part's name.
 
-    Parts that a page does not have yet are put behind what is there, in the order in which they are given.
+    Parts that the page does not have yet are appended, in the order in which they are given.
     """
 
     def __init__(self, target: str | os.PathLike, command: str):
-        """Where it is, and the command that writes its parts."""
+        """Store the place of the page, and the command that writes its parts."""
         self.target, self.command = Path(target), command
         self._parts: dict[str, str] = {}
 
     def put(self, name: str, *parts: str) -> None:
-        """A part of the page, made of paragraphs, tables and figures with a blank line between two of them."""
+        """Set a part of the page: paragraphs, tables and figures, separated by blank lines."""
         self._parts[name] = "\n\n".join(part.strip("\n") for part in parts)
 
     def figure(self, stem: str, data: object, draw: Callable[[Path, object], object], words: str) -> str:
-        """Write the data of a figure and the figure into figures/ beside the page; how the page shows it."""
+        """Write the data of a figure and the figure into figures/ beside the page; return the page's link to the
+        figure.
+        """
         folder = self.target.parent / "figures"
         folder.mkdir(parents=True, exist_ok=True)
         files.replace_text(folder / f"{stem}.json", files.json_text(data))
@@ -88,7 +90,7 @@ class Page:
         return f"![{words}](figures/{stem}.png)"
 
     def text(self) -> str:
-        """The whole page."""
+        """The text of the whole page."""
         page = self.target.read_text(encoding="utf-8") if self.target.is_file() else ""
         for name, text in self._parts.items():
             part = f"<!-- begin {name}: written by `{self.command}` -->\n\n{text}\n\n<!-- end {name} -->\n"
@@ -97,5 +99,5 @@ class Page:
         return page
 
     def write(self) -> None:
-        """Write the page, whole or not at all."""
+        """Write the page, completely or not at all."""
         files.replace_text(self.target, self.text())

@@ -22,11 +22,11 @@ from ..linear_stability import stable_up_to
 from .ladder import Ladder
 from .wants import KINDS
 
-#: longest step over the limit of stability. Where a spring hardens, orbits are lost below the limit: orbits of
+#: longest step as a fraction of the stability limit. If a spring hardens, orbits are lost below the limit: orbits of
 #: symplectic_euler from 0.67 of it on, of verlet_dz from 0.72, of stormer_verlet from 0.82 (stability/bifurcation).
 _ROOM = 0.65
-_LONGEST = 6.4  #: omega h of the longest step, for schemes without a limit of stability
-_PATHS = 64  #: number of paths on which the fastest frequency is looked for
+_LONGEST = 6.4  #: omega h of the longest step, for schemes without a stability limit
+_PATHS = 64  #: paths on which the fastest frequency is measured
 _SHORTEST = 1e-13  #: smallest relative tolerance: below it rounding decides
 
 
@@ -40,7 +40,7 @@ class Option:
     seconds: float  #: seconds of processor time for one path
 
     def __str__(self) -> str:
-        """One line."""
+        """The option in one line."""
         return f"{self.scheme:24s} h = {self.step:<10.4g} {1e6 * self.seconds:10.3g} us a path"
 
 
@@ -56,7 +56,7 @@ class Advice:
     alternatives: tuple[Option, ...]  #: further schemes, the cheapest first
 
     def __str__(self) -> str:
-        """Advice, reasons, alternatives."""
+        """The advice with its reasons and alternatives."""
         steps = checks.counted(self.steps, "step")
         lines = [f"{self.scheme}, h = {self.step:.4g} ({steps}), {1e6 * self.seconds:.3g} us a path"]
         lines += [f"- {reason}" for reason in self.reasons]
@@ -130,18 +130,18 @@ def advise(
 
 
 def _fewest_steps(problem: Problem, scheme: Scheme, fastest: float) -> int:
-    """To the horizon, with which the fastest motion is stable."""
+    """Fewest steps to the horizon with which the fastest motion is stable."""
     longest = min(_ROOM * stable_up_to(scheme.name)[0], _LONGEST)
     return max(1, math.ceil(problem.horizon * fastest / longest))
 
 
 def candidates(problem: Problem) -> list[Scheme]:
-    """Symplectic schemes that the traits of a model let in, each set up once."""
+    """Symplectic schemes that the traits of a model allow; each is set up once."""
     return fitting(problem, scheme_names(problem.model, problem.options.get("t0", 0.0)))
 
 
 def scheme_names(model: Model, t0: float = 0.0) -> list[str]:
-    """Names of the schemes that are tried, by the traits of a model and its brackets at t0."""
+    """Names of the schemes to try, by the traits of a model and its brackets at t0."""
     traits = model.traits
     names = ["midpoint"]
     if traits.separable:
@@ -165,14 +165,14 @@ def scheme_names(model: Model, t0: float = 0.0) -> list[str]:
 
 
 def _nothing(q: np.ndarray, p: np.ndarray) -> np.ndarray:
-    """No function is asked for."""
+    """A placeholder for f: advice needs no function of the final state."""
     return np.zeros(q.shape[1])
 
 
 def _reasons(
     problem: Problem, ladder: Ladder, fastest: float, best: Option, others: tuple[Option, ...]
 ) -> tuple[str, ...]:  # fmt: skip
-    """Sentences: pilot, stability, brackets, cost."""
+    """The reasons as sentences: pilot, stability, brackets, cost."""
     limit = stable_up_to(ladder.scheme.name)[0]
     until = "is stable at every step" if limit == math.inf else f"is stable up to {limit:.3g}"
     made = "explicit here" if "solver: the step is explicit" in problem.try_out(ladder.scheme).left_out else "implicit"

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Kinds of errors: of paths, moments, invariants. Each kind measures its error at one step, coupled to half the
+"""Three kinds of errors: paths, moments, invariants. Each kind measures its error at one step, coupled to half the
 step."""
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ _MOST_SAVED = 2**20  #: most numbers that are saved to look at invariants; a run
 
 @dataclass(frozen=True)
 class Seen:
-    """What steps h, h/2 and h/4 on the same paths show."""
+    """Differences between the results of steps h, h/2 and h/4 on the same paths."""
 
     first: float  #: size of the difference between steps h and h/2; for invariants the size of the change itself
     second: float  #: size of the difference between steps h/2 and h/4
@@ -29,7 +29,7 @@ class Seen:
     noise: float = 0.0  #: size of the sampling noise in any of the three differences
 
     def error(self, order: float) -> float:
-        """Of the step h: what is left beyond h/4 falls by 2^-order a halving, and points as the first two do."""
+        """Error of step h: differences beyond h/4 fall by 2^-order per halving, with the sign of the first two."""
         fall = 2.0**-order
         aligned = 0.0
         if self.first * self.second > 0:
@@ -47,28 +47,28 @@ class Paths:
     count = 192
 
     def __init__(self, problem: Problem):
-        """Nothing to prepare."""
+        """Do nothing: paths need no preparation."""
         self.problem = problem
 
     def see(self, scheme, steps: int) -> Seen:
-        """These steps, twice and four times as many."""
+        """Compare runs with this many steps, twice and four times as many."""
         ends = [end(run) for run in self._runs(scheme, steps)]
         return Seen(*(rms(squares(a, b)) for a, b in _differences(ends)))
 
     def _runs(self, scheme, steps: int) -> Iterator[Run]:
-        """The steps, twice and four times as many, on one Brownian path each."""
+        """Give runs with this many steps, twice and four times as many, on the same Brownian paths."""
         return runs_of(self.problem, scheme, (steps, 2 * steps, 4 * steps), paths=self.count)
 
 
 class Moments(Paths):
-    """The largest error of the means of q, p, and H where the model has a value."""
+    """The largest error of the means of q, p, and of H if the model has a value."""
 
     name = "moments"
     words = "largest error of the means of q, p and H at the horizon"
     count = 4096
 
     def see(self, scheme, steps: int) -> Seen:
-        """The means of the differences, which share their noise."""
+        """Compare means on the same paths, whose noise mostly cancels in the differences."""
         ends = [self._observed(run) for run in self._runs(scheme, steps)]
         apart = [a - b for a, b in _differences(ends)]
         noise = max(x.std(axis=1, ddof=1).max() for x in apart) / math.sqrt(self.count)
@@ -82,16 +82,16 @@ class Moments(Paths):
 
 
 class Invariants:
-    """The largest change of H on the way: with noise where that keeps H, else of the path whose increments are zero.
+    """The largest change of H along a path: with noise if the noise conserves H, else with zero increments.
 
-    Where a scheme has brackets of its noises, that path has their means still, which no path without noise has.
+    If a scheme uses brackets of its noises, a path with zero increments still contains their means.
     """
 
     name = "invariants"
     count = 64
 
     def __init__(self, problem: Problem):
-        """See whether there is an H to keep, and whether the noises keep it."""
+        """Find out whether H is conserved, without noise and with it."""
         self.problem = problem
         times = times_of(problem)
         if depends_on_time(problem.model, times):
@@ -107,7 +107,7 @@ class Invariants:
         self.words = f"largest change of {where}, over its size"
 
     def see(self, scheme, steps: int) -> Seen:
-        """The change itself, which falls as a difference does."""
+        """The change of H itself, which decreases with the step like a difference."""
         problem, model = self.problem, self.problem.model
         saved = max(64, _MOST_SAVED // (model.ndof * (self.count if self.kept else 1)))
         every = next(n for n in range(max(1, -(-steps // saved)), steps + 1) if steps % n == 0)
@@ -125,7 +125,7 @@ class Invariants:
 
 
 def _differences(ends: list[np.ndarray]) -> list[tuple[np.ndarray, np.ndarray]]:
-    """Pairs in the order of `Seen`."""
+    """Pairs of end states in the order of `Seen`."""
     return [(ends[0], ends[1]), (ends[1], ends[2]), (ends[0], ends[2])]
 
 

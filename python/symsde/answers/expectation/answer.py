@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Answers: a number with its interval, its origin, and the alternatives; for multilevel methods, every level.
+"""An answer: a number with its interval, method and alternatives; for multilevel methods also all levels.
 
 |E d_l| ~ 2^(-alpha l),   Var d_l ~ 2^(-beta l),   seconds of a path ~ 2^(gamma l)
 """
@@ -25,7 +25,7 @@ class Alternative:
     cost: float  #: estimated seconds of processor time for the same interval
 
     def __str__(self) -> str:
-        """One line."""
+        """The alternative in one line."""
         return f"{self.method:18s} {self.scheme:20s} h = {self.step:<10.4g} {self.cost:10.3g} s"
 
 
@@ -54,7 +54,7 @@ class Answer:
         return (self.interval[1] - self.interval[0]) / 2
 
     def __str__(self) -> str:
-        """Value, choice and alternatives."""
+        """The answer as text: value, choice and alternatives."""
         lines = [
             f"{self.value:.10g} +- {self.half_width:.2g}, 95 %: standard error {self.error:.2g}, bias {self.bias:.1g}",
             f"{self.method} by {self.scheme}, h = {self.step:.4g}, {self.paths} paths, {self.cost:.3g} s of the "
@@ -72,7 +72,7 @@ class Answer:
 class Rate:
     """A slope over the levels, in powers of two."""
 
-    value: float  #: NaN where fewer than two levels show it
+    value: float  #: NaN if fewer than two levels are significant
     half: float  #: half width of the 95 % interval of the value, from the noise of the levels alone
 
     def __str__(self) -> str:
@@ -141,7 +141,7 @@ class Multilevel:
         return (self.interval[1] - self.interval[0]) / 2
 
     def __str__(self) -> str:
-        """Table of the levels."""
+        """The levels as a table."""
         lines = [
             f"{self.value:.10g} +- {self.half_width:.2g} (95 %: standard error {self.error:.2g}, bias {self.bias:.1g})"
             f", multilevel {self.scheme}, {self.cost:.3g} s",

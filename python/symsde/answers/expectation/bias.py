@@ -1,24 +1,25 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The remaining error of a step, from differences of means on the same paths at h and h/2.
+"""The bias of a step, estimated from differences of means on the same paths at h and h/2.
 
-E f(x_h) - E f(x_{h/2}) falls as h^a, a the weak order: so the finer of the two is off by that over 2^a - 1, and every
-coarser difference tells the same of it after another factor 2^-a. What coarser steps tell is trusted less: the powers
-of h beyond the first may change it by a half for every halving in between, of the largest that any difference tells,
-so that differences which cancel leave their doubt. Where they contradict each other, as such that change their sign,
-their mean may be small by chance: its error is then as large as they are apart.
+E f(x_h) - E f(x_{h/2}) falls as h^a, where a is the weak order. So the bias at h/2 is that difference over 2^a - 1, and
+each coarser difference predicts the same bias after another factor 2^-a. Predictions of coarser steps have less weight:
+higher powers of h may change them by a half of the largest prediction for every halving in between, even if
+differences cancel. If predictions contradict each other, for example by their signs, their mean may be small by
+chance; its error is then as large as their scatter.
 
-When may a power of h be counted on? A phase that a step h turns by x = c h^a T too far, a here the order without
-noise, changes a mean by A (cos(phi + x) - cos(phi)): as h^a where x is small, else by anything up to 2 A, at one step
-more, at the next less, and differences of either sign cancel. The means alone do not tell the one from the other where
-noise hides them. The paths do: |E f(x_h) - E f(x_2h)| <= D = (E (f(x_h) - f(x_2h))^2)^(1/2), a mean of squares, in
-which nothing cancels. Paths that are turned by (2^a - 1) x have D^2 = 2 (1 - cos((2^a - 1) x)) Var f, about: up to 1/8
-of the variance x is small, a tenth where a is two, and each halving leaves 2^-a of it. Levels are then settled. What
-x^2 adds to the means may still hide what x does: d/(2^a - 1) is off by 2^(a-1) x^2 A, by D^2/sqrt(Var f) 2^(a-1)/(2^a
-- 1)^2 for A^2 = Var f, which is a doubt of its own where the differences are not seen well enough to tell two powers
-of h from three.
-Without noise, too, levels are settled where three differences in turn are seen and fall with one sign as the order
-says, which those of numbers of any size and sign seldom do. Where they are not settled, no power of h is counted on:
-a step is off by as much as the last halving changed, or half of what the one before did, and finer ones by no less.
+When is a power of h reliable? Suppose a step h makes a phase wrong by x = c h^a T, where a is now the order without
+noise. A mean then changes by A (cos(phi + x) - cos(phi)): as h^a if x is small, else by anything up to 2 A, which
+varies irregularly from step to step, so that differences cancel. Noisy means alone do not show which case holds. The
+paths do: |E f(x_h) - E f(x_2h)| <= D = (E (f(x_h) - f(x_2h))^2)^(1/2), a mean of squares, in which nothing cancels.
+Paths with a phase difference of (2^a - 1) x have about D^2 = 2 (1 - cos((2^a - 1) x)) Var f. If D^2 is at most 1/8 of
+the variance, x is small (a tenth for a = 2), and each halving multiplies x by 2^-a. Levels are then settled. The effect
+of x^2 on the means may still hide the effect of x: d/(2^a - 1), where d = E f(x_h) - E f(x_2h), has the error
+2^(a-1) x^2 A, which for A^2 = Var f is D^2/sqrt(Var f) 2^(a-1)/(2^a - 1)^2. This error is added if the differences are
+too noisy to separate two powers of h from three.
+
+Levels are also settled if three successive differences are significant, have one sign and fall as the order predicts,
+which arbitrary differences seldom do. If levels are not settled, no power of h is used: the bias of a step is taken as
+the change of the last halving, or half of the change before it, and the bias of finer steps is not taken smaller.
 """
 
 from __future__ import annotations
@@ -30,7 +31,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-_DOUBT = 0.5  #: relative change that is assumed for each halving between a difference and the step it is used for
+_DOUBT = 0.5  #: relative change assumed for each halving between a difference and the step it is used for
 _EXACT = 1e300  #: weight of a difference without noise
 CLOSE = 1 / 8  #: the mean square change of f at the last halving is small up to this share of the variance of f
 _JUMP = 1.75  #: a jump of f changes f by so many standard deviations: two if f is 0 or 1 with even chances
@@ -44,8 +45,8 @@ _APART = 4.0
 def estimate(means: Sequence[float], errors: Sequence[float], order: float, extra: float = 0.0) -> tuple[float, float]:
     """E f - E f(x_h) of the finest step, and the standard error of this estimate.
 
-    means, errors: of the differences fine minus coarse, from the coarsest on; extra: halvings from the finest of them
-    to the step that is asked for.
+    means, errors: of the differences fine minus coarse, from the coarsest on; extra: halvings from the finest level
+    to the step whose bias is wanted.
     """
     scale = [2.0 ** (-order * (len(means) - 1 - i + extra)) / (2**order - 1) for i in range(len(means))]
     told = [m * s for m, s in zip(means, scale, strict=True)]
@@ -56,7 +57,7 @@ def estimate(means: Sequence[float], errors: Sequence[float], order: float, extr
     total = sum(weights)
     best = sum(w * x for w, x in zip(weights, told, strict=True)) / total
     apart = sum(w * (x - best) ** 2 for w, x in zip(weights, told, strict=True)) / max(len(told) - 1, 1)
-    wider = apart if apart > _APART else 1.0  # (Birge 1932)
+    wider = apart if apart > _APART else 1.0  # factor of Birge (1932)
     return best, math.sqrt(wider / total) if total < _EXACT else 0.0
 
 
@@ -85,7 +86,7 @@ def left(
 
 
 def settled(square: float, variance: float, means: Sequence[float], errors: Sequence[float], order: float) -> bool:
-    """Whether powers of h may be counted on: the mean square of the finest change is small beside the variance of f; or
+    """Whether powers of h are reliable: the mean square of the finest change is small beside the variance of f; or
     the last three differences are seen, have one sign, and fall as the order says."""
     if square <= CLOSE * variance:
         return True
@@ -109,15 +110,15 @@ def second_powers(square: float, variance: float, order: float, size: float) -> 
 def _weights(order: float, extra: float, terms: int) -> tuple[float, ...]:
     """Weights of the last three differences in E f - E f(x_h), a sum of `terms` powers of h from `order` on."""
     powers = order + np.arange(terms)
-    rows = 2.0 ** np.outer(np.arange(TERMS)[::-1][-terms:], powers)  # of what each power adds to the finest difference
+    rows = 2.0 ** np.outer(np.arange(TERMS)[::-1][-terms:], powers)  # each power relative to the finest difference
     rest = 2.0 ** (-extra * powers) / (2.0**powers - 1)
     return (0.0,) * (TERMS - terms) + tuple(np.linalg.solve(rows.T, rest))
 
 
 def order_of(means: Sequence[float], errors: Sequence[float], known: float) -> float:
-    """The weak order that the two finest differences show, where both are seen; else the one that is known.
+    """The weak order that the two finest differences show, if both are significant; else the known order.
 
-    It is kept between the known order and one above it: a difference that passes through zero shows any.
+    It is clipped to between the known order and one above it, since a difference near zero could show any order.
     """
     seen = [abs(m) > _SURE * e for m, e in zip(means, errors, strict=True)]
     if len(means) < 2 or not (seen[-1] and seen[-2]):

@@ -1,12 +1,12 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Candidates for the computation of an expectation: schemes, their reliable weak order, and the longest step.
 
-The longest step follows from the fastest frequency of the Hessian along the way that a path takes without noise:
+The longest step follows from the largest frequency of the Hessian along the path without noise:
 
     omega = max_t max |eigenvalues of J H''(z(t))|,    steps >= T omega/SHARPEST
 
-where z' = J H'(z), and small changes follow z' = J H'' z. Paths with noise may come to where the motion is faster; with
-`paths`, the ways of so many of these are looked at, too.
+where z' = J H'(z), and small changes follow z' = J H'' z. Paths with noise may reach states where the motion is faster;
+with `paths`, this many paths with noise are examined too.
 """
 
 from __future__ import annotations
@@ -23,12 +23,12 @@ from ...schemes import Scheme, as_scheme
 from .problem import Problem
 
 SHARPEST = 1.6  #: omega h of the longest step that is tried: explicit schemes are unstable from 2 on
-#: number of points of a path at which frequencies are looked at: eight equal parts follow all but wild changes
+#: number of points of a path at which frequencies are computed: eight equal parts follow all but very rapid changes
 _POINTS = 9
 
 
 def suitable(problem: Problem) -> list[Scheme]:
-    """The schemes that are worth trying for this model."""
+    """The schemes that are worth trying for the model."""
     return fitting(problem, _names(problem.model.traits))
 
 
@@ -44,7 +44,7 @@ def best_coupled(problem: Problem) -> Scheme:
 
 
 def weak_order(problem: Problem, scheme: Scheme) -> float:
-    """The weak order of the certificate; no more than 1 is counted on where noises do not commute."""
+    """The weak order of the certificate, but at most 1 if noises do not commute."""
     order = scheme.info.orders["weak"].value or 1.0
     if _splits_evenly(problem.model.traits, scheme.name):
         return 2.0
@@ -98,7 +98,7 @@ def _fits(problem: Problem, scheme: Scheme) -> bool:
 def frequency(problem: Problem, paths: int = 0) -> float:
     """The largest frequency omega of the header, at a few times along the way; at least 1/horizon.
 
-    paths: number of paths with noise that are looked at, too.
+    paths: number of paths with noise that are examined too.
     """
     declared = problem.model.traits.max_frequency
     ways = [*_way(problem), *(_ways(problem, paths) if paths and problem.model.nnoise else ())]
@@ -106,10 +106,10 @@ def frequency(problem: Problem, paths: int = 0) -> float:
 
 
 def mild_steps(problem: Problem) -> int:
-    """Steps to the horizon in which noise that multiplies the state leaves an implicit step regular.
+    """Number of steps to the horizon with which multiplicative noise keeps an implicit step regular.
 
-    I - dW J H''/2 is singular where dW times a frequency of the noise is 2, and values near that have no variance:
-    increments of six standard deviations come to no more than that where 3 omega sqrt(h) <= 1.
+    I - dW J H''/2 is singular if dW times a frequency of the noise is 2, and near that the variance is infinite.
+    Increments of six standard deviations stay below it if 3 omega sqrt(h) <= 1.
     """
     noises = problem.model.nnoise
     omega = _fastest(problem, [*_way(problem)], np.minimum(np.arange(noises + 1.0), 1.0)) if noises else 0.0
@@ -117,9 +117,9 @@ def mild_steps(problem: Problem) -> int:
 
 
 def _fastest(problem: Problem, ways: Iterable, w: np.ndarray | None = None) -> float:
-    """The largest frequency of sum_j w_j H_j along ways that give (t, q, p), with q and p (dof, path).
+    """The largest frequency of sum_j w_j H_j along paths that give (t, q, p), with q and p (dof, path).
 
-    w (noise + 1,) are the weights; None stands for H alone.
+    w (noise + 1,) are the weights; None means H alone.
     """
     blocks = zip(*(problem.model.hessian(q, p, w, t) for t, q, p in ways), strict=True)
     qq, qp, pp = (np.moveaxis(np.concatenate(block, axis=2), 2, 0) for block in blocks)
@@ -150,7 +150,7 @@ def _ways(problem: Problem, paths: int):
 
 
 def _way(problem: Problem):
-    """Give (t, q, p) along the path without noise, by 64 steps of midpoint; the initial state alone if these fail."""
+    """Give (t, q, p) along the path without noise, from 64 steps of midpoint; only the initial state if these fail."""
     yield problem.options.get("t0", 0.0), problem.q0, problem.p0
     rows = 8 * (_POINTS - 1)
     try:

@@ -1,14 +1,13 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The work that a plan asks for, and the interval that it gives.
+"""Carry out a plan: draw its units, and compute the interval.
 
 Units of the levels of the plan are drawn until the variance of the value is small enough,
 
     sum_l V_l/N_l <= (1 - s) (half/t)^2,
 
-with V_l by the units so far, half the half width that is wanted, s the share of the bias, and t of Student's law by as
-many units of one sample as tell that sum as well (Satterthwaite 1946). The next units, or twice the
-points, go to the level with the largest V_l/N_l over its seconds. Multilevel by paths is `mlmc.py`, which adds levels,
-too.
+with V_l from the units so far, `half` the wanted half width, s the share of the bias, and t the quantile of Student's
+law for the effective number of units (Satterthwaite 1946). The level with the largest V_l/N_l over its seconds gets the
+next units, or twice the points. Multilevel by paths is in `mlmc.py`, which also adds levels.
 """
 
 from __future__ import annotations
@@ -33,26 +32,26 @@ from .tails import Doubt, widened
 from .trial import USUAL
 from .watch import told
 
-FIRST = 2**46  #: index of the first path of answers; of multilevel methods an index within a level
+FIRST = 2**46  #: index of the first path of answers; for multilevel methods, an index within a level
 FIRST_OF_LEVEL = 2**40
-AT_ONCE = 4096  #: most units that work begins with: they take a moment
+AT_ONCE = 4096  #: most units of the first part of the work: they take a moment
 #: work begins with this many times the units that the pilot's variance asks for, so that few answers need more
 _ENOUGH = 1.2
-_LONG = 600.0  #: a plan of more seconds is announced
-_LEAST_POINTS = 6  #: log2 of the points of a scrambling that the time cuts short: fewer are no better than paths
+_LONG = 600.0  #: plans of more seconds are announced
+_LEAST_POINTS = 6  #: log2 of the least points of a scrambling cut by the time: fewer are no better than paths
 #: if noise over bias is smaller, the interval is a bound: 1.96 biases are then at least 1.96 times five standard
 #: errors
 _SILENT = 0.2
 _FEWER = 2  #: work begins with this many halvings of the planned points, and doubles them if they are too few
-_LOWEST = 8  #: log2 of the number of points that is not halved further: a call by itself takes as long as these points
-_TOP_UP = 3  #: least number of units of points that are added to a level: each look at the variance may end too early
+_LOWEST = 8  #: log2 of the number of points that is not halved further: a call alone takes as long as these points
+_TOP_UP = 3  #: least number of units of points added to a level: frequent checks of the variance would end too early
 #: more units are drawn than the variance asks for, by this factor, so that a second round is seldom needed
 _SPARE = 1.02
 
 
 @dataclass
 class _Outcome:
-    """The result of a plan."""
+    """The result of carrying out a plan."""
 
     value: float
     half: float
@@ -67,7 +66,7 @@ class Execution:
     """Carries out a plan: units are drawn until the interval is narrow enough, or the time is over."""
 
     def __init__(self, pilot: Pilot | StoredPilot, plans: Sequence[Plan], store: Nowhere | InFolder | None = None):
-        """Take the first of the plans, and warn if it will take long; its draws are kept in the store."""
+        """Take the first of the plans, and warn if it will take long; the store keeps its draws."""
         self.pilot, self.plan, self.others = pilot, plans[0], plans[1:]
         self.store = Nowhere(pilot.watch) if store is None else store
         self.tolerance, self.watch = pilot.tolerance, pilot.watch
@@ -83,13 +82,13 @@ class Execution:
                 f"the processor: {what}",
                 BudgetWarning,
             )
-        if self._is_even and self.plan.seconds > left and store is None:  # so that enough scramblings fit
+        if self._is_even and self.plan.seconds > left and store is None:  # so that enough scramblings fit into the time
             halvings = math.ceil(math.log2(self.plan.seconds / max(left, 1e-3)))
             shorter = [max(points - halvings, min(points, _LEAST_POINTS)) for points in self.plan.points]
             self.plan = dataclasses.replace(self.plan, points=shorter)
 
     def answer(self) -> Answer:
-        """Carry the plan out. Ctrl-C carries the answer so far, or None if there is none."""
+        """Carry the plan out. After Ctrl-C the exception has the answer so far, or None if there is none."""
         plan, step = self.plan, self.pilot.problem.horizon / self.plan.steps
         done = f"{self.pilot.seconds:.2g} s for the pilot"
         self.watch.announce(
@@ -98,7 +97,7 @@ class Execution:
         return self._multilevel() if plan.method == MULTILEVEL else self._by_units()
 
     def _by_units(self) -> Answer:
-        """The answer by units of the estimators of the plan: of one, or of one a level."""
+        """The answer from units of the plan's estimators: of one estimator, or of one per level."""
         problem, tails = self.pilot.problem, Doubt(self.pilot.problem)
         levels = [self._begun(x) for x in self.plan.estimators(FIRST, problem)]
         drawn = [NOTHING] * len(levels)
@@ -124,25 +123,25 @@ class Execution:
                     break
                 tails.look(drawn[i].units, self.plan.scheme, self.plan.steps)
                 share = self._share(drawn)
-                self.watch.tell(share ** (1 / USUAL) if doubled else share)  # of the points, by which variance falls
+                self.watch.tell(share ** (1 / USUAL) if doubled else share)  # share of points or units
         except BaseException as stop:
             carry(stop, lambda: self._answer(drawn) if all(x.units.n > 1 for x in drawn) else None)
             raise
         return self._answer(drawn)
 
     def _begun(self, estimator: Estimator) -> Estimator:
-        """The estimator with which the work begins: a quarter of the planned points, if points can be added later."""
+        """The estimator to start with: with a quarter of the planned points, if points can be added later."""
         if isinstance(estimator, Quasi) and isinstance(self.store, Nowhere):
             planned = estimator.log2_points
             estimator.log2_points = max(planned - _FEWER, min(planned, _LOWEST))
         return estimator
 
     def _planned(self, level: Estimator) -> int:
-        """Number of units to begin with: by the variance that the pilot knows, no more than a moment takes.
+        """Number of units to begin with, from the variance that the pilot measured, and at most what a moment allows.
 
         The mean and the variance of skew units are correlated. If the variance of the units themselves decides how many
-        are drawn, their mean has a bias of skewness times standard deviation over their number. Beside the error of few
-        units this counts; so their number follows from other units, those of the pilot.
+        are drawn, their mean has a bias of skewness times standard deviation over their number. With few units this
+        bias matters; so their number follows from other units, those of the pilot.
         """
         least = level.least_units if self.pilot.problem.model.nnoise else 2
         if self._is_even:
@@ -159,15 +158,15 @@ class Execution:
         return part is not None
 
     def _rounded(self, missing: float, held: int) -> int:
-        """Number of units that are added: the missing ones and a few more, of points at least 3 and at most 17."""
+        """Number of units to add: the missing ones and a few more; for units of points at least 3 and at most 17."""
         if self._is_even:
             return max(_TOP_UP, math.ceil(_SPARE * min(missing, Quasi.least_units)))
         return min(2**40, math.ceil(_SPARE * missing + (_SPARE - 1) * held))
 
     def _is_doubled(self, estimator: Estimator, drawn: Drawn, missing: float) -> bool:
-        """Whether the points of all units are doubled, instead of drawing so many more units.
+        """Whether to double the points of all units, instead of drawing more units.
 
-        They are not if a folder keeps the draws: units that are kept do not change.
+        Points are not doubled if a folder keeps the draws, since kept units must not change.
         """
         return (
             isinstance(estimator, Quasi)
@@ -179,21 +178,21 @@ class Execution:
         )
 
     def _excess(self, drawn: list[Drawn]) -> float:
-        """Variance of the value minus the variance that noise may have."""
+        """Variance of the value minus the variance that the plan allows for noise."""
         noise = self._noises(drawn)
         error = self.tolerance.half_width(_value(drawn)) / quantile(_units_of(drawn, noise))
         return sum(noise) - (1 - BIAS_SHARE) * error**2
 
     def _share(self, drawn: list[Drawn]) -> float:
-        """Share of the units that are drawn: the variance that noise may have over the variance so far."""
+        """Share of the needed units that are drawn: the allowed variance over the variance so far."""
         total = sum(self._noises(drawn))
         return min(1.0, 1 - self._excess(drawn) / total) if total > 0 else 1.0
 
     def _noises(self, drawn: list[Drawn]) -> list[float]:
         """Variance of the mean of every level (level,).
 
-        If few paths of the first one differ, or none of its scramblings, f may jump seldom, which the pilot saw: it is
-        then at least that of as many independent units, or paths, of the pilot.
+        If few paths of the first level differ, or none of its scramblings, f may jump seldom, and the pilot has seen
+        it: the variance is then at least that of as many independent units, or paths, of the pilot.
         """
         noise, first = [x.units.variance / x.units.n if x.units.n > 1 else math.inf for x in drawn], drawn[0]
         if first.units.n > 1 and (first.units.m2 == 0 if self._is_even else first.units.few):
@@ -212,7 +211,7 @@ class Execution:
     def _seen(self, drawn: list[Drawn]) -> Tally:
         """The values of f that were seen, as a tally. A unit of one path counts as a value.
 
-        Means over many points do not show how few points carry them; then the pilot's values stand for all paths.
+        Means over many points do not show how few points contribute; then the pilot's values represent all paths.
         """
         known, first = self.pilot.looked_at.units, drawn[0]
         if not self._is_even or known.m2 == 0:
@@ -238,13 +237,13 @@ class Execution:
     def _of_levels(self, found: Multilevel) -> Answer:
         """The answer from a multilevel estimate."""
         first, *finer = (x.paths + x.failed for x in found.levels)
-        paths = first + 2 * sum(finer)  # a fine and a coarse one
+        paths = first + 2 * sum(finer)  # each pair has a fine and a coarse path
         outcome = _Outcome(found.value, found.half_width, found.error, found.bias, paths, list(found.notes))
         outcome.steps = found.levels[-1].steps
         return self._finished(outcome)
 
     def _finished(self, found: _Outcome) -> Answer:
-        """The answer from an outcome, with notes on what was not reached, and why."""
+        """The answer from an outcome, with notes if the interval is wider than asked, and why."""
         horizon = self.pilot.problem.horizon
         wanted = self.tolerance.half_width(found.value)
         reached, unknown = self.tolerance.is_reached(found.half, found.value), NORMAL * found.bias > wanted
@@ -303,7 +302,8 @@ def _value(drawn: list[Drawn]) -> float:
 
 
 def _units_of(drawn: list[Drawn], shares: list[float]) -> int:
-    """Number of units of one sample that tell the variance of the sum of levels as well (Satterthwaite 1946).
+    """Number of units of a single sample whose variance would be as well known as that of the sum of levels /
+    (Satterthwaite 1946).
 
     shares: variance of the mean of each level (level,).
     """

@@ -1,19 +1,20 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The estimated cost of every way to the interval.
+"""The estimated cost of every method and scheme for an interval.
 
 The error e that the tolerance allows is shared, e^2 = Var/N + bias^2 with bias^2 <= s e^2, s = BIAS_SHARE. The step is
-the longest whose bias, its own noise included, keeps that. What is left, A = (1 - s) e^2, is for noise. Each method is
-a sum over levels l of N_l independent units, whose variances V_l and seconds C_l a pilot measures, and costs least with
+the longest with such a bias, including the noise of the bias. The rest, A = (1 - s) e^2, is for noise. Each method is
+a sum over levels l of N_l independent units, whose variances V_l and seconds C_l a pilot measures; its cost is least
+for
 
     N_l = (V_l/C_l)^(1/2) sum_k (V_k C_k)^(1/2)/A,    sum_l N_l C_l = (sum_l (V_l C_l)^(1/2))^2/A    (Giles 2008)
 
     plain, antithetic             one level: f on a path, or on a pair of paths driven by dW and -dW
     multilevel                    from the best coarsest level to the finest, f and its changes d_l on paths
-    multilevel quasi-Monte Carlo  the same on scramblings of 2^k_l points: N_l = 16, and V_l falls as 2^(-s_l k_l)
+    multilevel quasi-Monte Carlo  f and d_l on scramblings of 2^k_l points: N_l = 16, and V_l falls as 2^(-s_l k_l)
 
 The points of the level with the largest V_l over its seconds are doubled until sum_l V_l/16 <= A (Giles, Waterhouse
-2009). On levels finer than those that were measured V_l falls from level to level as that of paths does, and s_l - 1,
-the gain of points over paths, halves with every level: ever more dimensions carry a change.
+2009). On levels finer than the measured ones V_l is assumed to fall from level to level like the variance of paths, and
+s_l - 1, the gain of points over paths, to halve with every level, since ever more dimensions contribute to a change.
 """
 
 from __future__ import annotations
@@ -35,15 +36,15 @@ PLAIN, ANTITHETIC, MULTILEVEL, EVEN_LEVELS = METHODS = (
     "multilevel",
     "multilevel quasi-Monte Carlo",
 )
-FIRST_PATHS = 256  #: paths of a new level of multilevel: enough to know a variance to a tenth
-_A_LEVEL = 1.5e-3  #: seconds that a level of multilevel takes beside its paths, roughly: calls, tallies, allocation
-_BISECTIONS = 6  #: bisections of a halving of the step: they find the number of steps to a percent
-_FEWEST = 5  #: log2 of the fewest points of a level: a call by itself takes as long as 2^5 paths
+FIRST_PATHS = 256  #: paths of a new level of multilevel: enough to know a variance to a tenth of its value
+_A_LEVEL = 1.5e-3  #: rough seconds of a level of multilevel besides its paths: calls, tallies, allocation
+_BISECTIONS = 6  #: bisections of a halving of the step: enough to find the number of steps to a percent
+_FEWEST = 5  #: log2 of the fewest points of a level: a call alone takes as long as 2^5 paths
 
 
 @dataclass
 class Plan:
-    """A way to the interval: a method, a scheme, steps, and its estimated cost."""
+    """A plan for the interval: a method, a scheme, steps, and the estimated cost."""
 
     method: str
     scheme: Scheme
@@ -54,11 +55,11 @@ class Plan:
     bias: tuple[float, float]  #: E f - E f(x_h), and the standard error of this estimate
     #: log2 of the number of points on each level of multilevel quasi-Monte Carlo
     points: list[int] = field(default_factory=list)
-    level: float = 0.0  #: level of the ladder that has so many steps
+    level: float = 0.0  #: level of the ladder that has this many steps
     trial: Trial | None = field(default=None, compare=False, repr=False)
 
     def estimators(self, first: int, problem: Problem) -> list[Estimator]:
-        """Estimators of the levels, from the path of index `first` on; multilevel has a sampler of its own."""
+        """Estimators of the levels, from the path of index `first` on; multilevel has its own sampler."""
         if self.method == EVEN_LEVELS:
             return [
                 Quasi(problem, self.scheme, self.coarsest_steps << i, first + i, log2_points=points, differences=i > 0)
@@ -69,7 +70,7 @@ class Plan:
 
 
 def plans(trial: Trial, error: float) -> list[Plan]:
-    """The plans of this trial that keep the root mean square error `error`, by all that was measured."""
+    """The plans of this trial that keep the root mean square error `error`, by all measurements so far."""
     finest, level = coarse_enough(trial.bias, error), longest(trial.bias, error)
     if finest is None:
         return []
@@ -88,17 +89,21 @@ def _plan(method: str, trial: Trial, level: float, seconds: float, variance: flo
 
 
 def allowed(error: float) -> float:
-    """Variance (1 - s) e^2 that noise may give the value, if its error may be e."""
+    """Variance (1 - s) e^2 that noise may add to the value, if the total error may be e."""
     return max((1 - BIAS_SHARE) * error**2, 1e-300)
 
 
 def coarse_enough(left: Callable[[int], tuple[float, float]], error: float) -> int | None:
-    """The first level of the ladder whose bias `left(level)` is small beside this error; None if there is none."""
+    """The first level of the ladder whose bias `left(level)` is small compared with this error; None if there is
+    none.
+    """
     return next((level for level in range(LEVELS + MOST_HALVINGS) if _small(left(level), error)), None)
 
 
 def longest(left: Callable[[float], tuple[float, float]], error: float) -> float | None:
-    """The longest such step, also between the steps of the ladder: a real level, to a sixty-fourth of a halving."""
+    """The real level of the longest step with a small bias, also between steps of the ladder, to a sixty-fourth of a
+    halving.
+    """
     level = coarse_enough(left, error)
     if not level:
         return level
@@ -142,7 +147,7 @@ def multilevel(trial: Trial, error: float, finest: int) -> Plan | None:
     units = [trial.seconds(level) for level in range(finest + 1)]
     units[1:] = [fine + coarse for coarse, fine in itertools.pairwise(units)]
     best, work, begun = None, 0.0, 0.0
-    for level in range(finest, 0, -1):  # as the coarsest level is moved down, a level of changes is added
+    for level in range(finest, 0, -1):  # moving the coarsest level down adds a level of changes
         work += math.sqrt(trial.spread(level) * units[level])
         begun += FIRST_PATHS * units[level] + _A_LEVEL
         whole = work + math.sqrt(trial.variance * trial.seconds(level - 1))
@@ -167,16 +172,16 @@ def even_levels(trial: Trial, error: float, finest: int) -> Plan | None:
 
 
 def _points(trial: Trial, coarsest: int, finest: int, error: float) -> tuple[float, int, list[int]] | None:
-    """Seconds, the coarsest level and log2 of the points of each level from there on; None if too little is known."""
+    """Seconds, coarsest level, and log2 of the points of each level from there on; None if too little is known."""
     if not trial.even.get(coarsest):
         return None
     variance, slope, path, once = [], [], [], 0.0
     for level in range(coarsest, finest + 1):
         near = max((x for x in trial.even.values() if x and x.level <= level), key=lambda x: x.level)
-        if level > coarsest and near.level == 0:  # nothing is known of changes
+        if level > coarsest and near.level == 0:  # changes were not measured
             return None
         units, smaller = near.fine if level == coarsest else near.change, 1.0
-        if level > near.level and trial.spread(near.level) > 0:  # as that of paths does
+        if level > near.level and trial.spread(near.level) > 0:  # extrapolate like the variance of paths
             smaller = trial.spread(level) / trial.spread(near.level)
         fall, begin = near.fall(units), near.most
         if level > near.level and level > coarsest:

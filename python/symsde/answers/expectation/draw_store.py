@@ -1,9 +1,10 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Where the draws of an answer are kept: nowhere, or as shards in a folder, from which the work can be resumed.
+"""Stores for the draws of an answer: none, or a folder of shards, from which the work can be resumed.
 
 A folder holds the choice of the pilot, and parts of the draws by the indices of their units. The size of a part follows
-from earlier parts alone, their seconds included. So every process that reads the folder asks for the same parts in the
-same order, be it later or at the same time; and processes that share the folder can draw ahead for each other.
+from earlier parts alone, including their seconds. So every process that reads the folder needs the same parts in the
+same order, whether it runs later or at the same time; and processes that share the folder can draw ahead for each
+other.
 """
 
 from __future__ import annotations
@@ -33,11 +34,11 @@ from .interval import Tally, Tolerance
 from .problem import Problem
 from .watch import Watch
 
-_ELSEWHERE = 0.2  #: seconds between looks at the work of other processes
+_ELSEWHERE = 0.2  #: seconds between checks for the work of other processes
 _AHEAD = 64  #: parts that may be drawn ahead of need while other processes draw the parts needed now
-_PARTS = 64  #: the work is divided into about so many parts
+_PARTS = 64  #: the work is divided into about this many parts
 LEAST = 2  #: units that an interval needs; they are drawn even if the time is over
-_SHORTEST, _LONGEST = 0.5, 10.0  #: seconds of a part
+_SHORTEST, _LONGEST = 0.5, 10.0  #: seconds of the shortest and of the longest part
 CHOICE = Piece("choice", "choice", 0, 0, 0)
 
 Part = Drawn | Draw
@@ -45,7 +46,7 @@ Part = Drawn | Draw
 
 @dataclass
 class StoredPilot:
-    """Those parts of a pilot that the work needs."""
+    """The parts of a pilot that the work needs."""
 
     problem: Problem
     tolerance: Tolerance
@@ -57,19 +58,20 @@ class StoredPilot:
 class Nowhere:
     """A store that keeps nothing: units are drawn when they are wanted, as far as the time allows."""
 
-    seconds = 0.0  #: of the processor, of parts that other processes drew
+    seconds = 0.0  #: processor time of parts that other processes drew
 
     def __init__(self, watch: Watch):
-        """Take the watch that tells how many units fit into the time that is left."""
+        """Store the watch that computes how many units fit into the remaining time."""
         self._watch = watch
 
     def more(
         self, _name: str, drawn: Part, missing: int, usual: int, draw: Callable[[int, int], Part], *,
         exactly: bool = True,
     ) -> Part | None:  # fmt: skip
-        """Draw the next of the missing units, `usual` at a time; None if no more fit into the time.
+        """Draw the next missing units, `usual` at a time; None if no more fit into the time.
 
-        The seconds of the units drawn so far tell how many fit. The two units that an interval needs are always drawn.
+        The seconds of the units drawn so far predict how many fit. The two units that an interval needs are always
+        drawn.
         """
         first, count, least = drawn.units.n + drawn.failed, min(usual, missing), LEAST - drawn.units.n
         if least <= 0:
@@ -83,26 +85,26 @@ class Nowhere:
 
 
 class InFolder:
-    """A store that keeps draws in a folder, and shares them with other processes that use it."""
+    """A store that keeps draws in a folder, and shares them with other processes that use the folder."""
 
     def __init__(self, folder: RunFolder, watch: Watch):
-        """Take the folder, and the watch that tells when the time is over."""
+        """Store the folder, and the watch that ends the work in time."""
         self.folder, self._watch, self.seconds = folder, watch, 0.0
-        self._name = uuid.uuid4().hex  # of this work: its own parts are in its own seconds
+        self._name = uuid.uuid4().hex  # name of this work, since its own parts are already in its seconds
 
     def more(
         self, name: str, drawn: Part, missing: int, usual: int, draw: Callable[[int, int], Part], *,
         exactly: bool = False,
     ) -> Part | None:  # fmt: skip
-        """The next part of the missing units, read or drawn; it may hold more than these, unless `exactly` is true."""
+        """The next part of the missing units, read or drawn; the part may hold more units, unless `exactly` is true."""
         first = drawn.units.n + drawn.failed
         count = self.grain(usual, missing, drawn.seconds / first if first else -1.0)
         return self.part(name, first, min(count, missing) if exactly else count, missing, draw)
 
     def grain(self, usual: int, count: int, seconds: float) -> int:
-        """Number of units of a part, given their number in all and the seconds of one (negative: not known).
+        """Number of units of a part, given the number of all units and the seconds of one (negative: not known).
 
-        A part takes long enough to be worth a file, and not so long that a kill would cost much.
+        A part takes long enough to be worth a file, but not so long that killing the process would lose much.
         """
         if seconds < 0:
             return usual
@@ -125,7 +127,7 @@ class InFolder:
                 time.sleep(_ELSEWHERE)
 
     def _draw(self, piece: Piece, draw: Callable[[int, int], Part]) -> bool:
-        """Draw and write this part, unless another process works at it; whether it is there now."""
+        """Draw and write this part, unless another process works on it; return whether the part exists now."""
         if not self.folder.claim(piece):
             return False
         try:
@@ -136,7 +138,7 @@ class InFolder:
         return True
 
     def choice(self, pilot: Callable[[], tuple[Any, list[Plan]]]) -> None:
-        """Wait until the folder has a choice; the first process that comes makes it."""
+        """Wait until the folder has a choice; the first process to arrive makes it."""
         while not self.folder.is_done(CHOICE):
             if not self.folder.claim(CHOICE):
                 time.sleep(_ELSEWHERE)
@@ -182,7 +184,7 @@ def open_folder(
 
 
 def inputs_of(problem: Problem, tolerance: Tolerance, scheme: Scheme | None, method: str | None) -> dict[str, Any]:
-    """All that an answer depends on; functions count by their values at a few points."""
+    """All inputs that an answer depends on; functions are identified by their values at a few points."""
     model, target = problem.model, problem.target
     asked = {
         "f": target.name,
@@ -224,7 +226,7 @@ def _shard_of_choice(pilot: Any, plans: list[Plan], by: str) -> Shard:
 
 
 def _plan_of(facts: dict[str, Any], schemes: dict[str, Scheme]) -> Plan:
-    """A plan as a folder keeps it; a SceneError if another version of symsde made it, by what this one has not."""
+    """The plan that a folder keeps; SceneError if another version of symsde made it, naming what this version lacks."""
     if facts["method"] not in METHODS or set(facts) != set(_PLANNED):
         raise SceneError(
             f"the folder holds work by {facts['method']}, planned by an earlier version of symsde: give an empty folder"

@@ -7,10 +7,10 @@ Each estimator draws independent units, whose mean is the value, and measures th
     antithetic    (f(x) + f(x'))/2                   x' driven by -dW
     quasi         2^-k sum_i f(x_i), or of d_l       x_i from the i-th of 2^k Sobol points, d_l as in `coupled.py`
 
-The first points of a Sobol sequence are its most even ones: they go to W(T) of every noise, the next to W(T/2), and so
-on, each the larger share of what is left of the path; what a step takes beside its increment (dZ, K) comes last. All
-units of an estimator share one random matrix scrambling, and each has a digital shift of its own: given the matrices
-they are unbiased and independent, so that their scatter gives the interval.
+The first coordinates of Sobol points are the most even ones: they determine W(T) of every noise, the next ones W(T/2),
+and so on, in order of their share of the path; dZ and K of the steps come last. All units of an estimator share one
+random matrix scrambling, and each has its own digital shift: given the matrices they are unbiased and independent, so
+that their scatter gives the interval.
 """
 
 from __future__ import annotations
@@ -30,16 +30,16 @@ from ..coupled import values_of
 from .interval import Tally
 from .problem import Problem
 
-MOST_DIMENSIONS = 21201  #: most dimensions of SciPy's Sobol points
+MOST_DIMENSIONS = 21201  #: largest dimension of SciPy's Sobol points
 MOST_POINTS = 30  #: log2 of the number of points of one scrambling; coordinates are multiples of 2^-30
 _TO_LOAD = 0.5  #: seconds to load scipy.stats
 _HALF = 0.5  #: points are shifted by half of their spacing: no coordinate is 0 or 1, and the mean is 1/2
-_HELD = 2**20  #: most numbers of a sequence that are kept for the next units
+_HELD = 2**20  #: most numbers of a sequence that are kept for later units
 
 
 @dataclass(frozen=True)
 class Drawn:
-    """Some units of an estimator."""
+    """Drawn units of an estimator."""
 
     units: Tally
     seconds: float  #: seconds of processor time
@@ -47,7 +47,7 @@ class Drawn:
     paths: int  #: number of computed paths, those of failed units included
 
     def __add__(self, other: Drawn) -> Drawn:
-        """The units of both together."""
+        """The units of both draws together."""
         return Drawn(
             self.units + other.units,
             self.seconds + other.seconds,
@@ -68,7 +68,7 @@ class Estimator:
     def __init__(self, problem: Problem, scheme: Scheme, steps: int, first: int):
         """Take a scheme with `steps` steps to the horizon; nothing is drawn yet. first: index of the first path."""
         self.problem, self.scheme, self.steps = problem, scheme, steps
-        self._next = self._begin = first  # a subclass that uses up some paths moves both
+        self._next = self._begin = first  # a subclass that uses some paths first changes both
 
     @property
     def begin(self) -> int:
@@ -121,7 +121,9 @@ class Plain(Estimator):
 
 
 class Antithetic(Estimator):
-    """The mean of f over pairs of paths; the increments of the second are those of the first with the other sign."""
+    """The mean of f over pairs of paths; the increments of the second path are those of the first with the opposite
+    sign.
+    """
 
     paths_a_unit = 2
 
@@ -139,7 +141,7 @@ class Antithetic(Estimator):
 
     def _driven(self, dw: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Values (path,) of f on the paths that dw (step, noise, path) drives, and which paths are ok (path,)."""
-        more = {"increments": dw, "truncation": None}  # they are truncated already
+        more = {"increments": dw, "truncation": None}  # dw is truncated already
         return self.problem.values(self.problem.run(self.scheme, self.steps, paths=dw.shape[2], **more))
 
 
@@ -151,17 +153,17 @@ class Quasi(Estimator):
     def __init__(
         self, problem: Problem, scheme: Scheme, steps: int, first: int, *, log2_points: int, differences: bool = False
     ):
-        """A unit has 2^log2_points paths; `differences` asks for the change of f."""
+        """A unit has 2^log2_points paths; `differences` selects the change of f."""
         super().__init__(problem, scheme, steps, first)
         self.log2_points, self._differences = log2_points, differences
         self._columns = columns(problem, scheme)
-        self._means, self._good = np.zeros(0), np.ones(0, bool)  # of the units drawn in turn from the first one on
+        self._means, self._good = np.zeros(0), np.ones(0, bool)  # of the units from the first one on
         self._bridge = Bridge(steps, problem.horizon)
         self._points = Points(self.dimension, [problem.seed, first])
 
     @property
     def paths_a_unit(self) -> int:
-        """Number of paths of a unit: one a point, or two, if it takes a fine and a coarse one."""
+        """Number of paths of a unit: one per point, or two if a point needs a fine and a coarse path."""
         return (2 if self._differences else 1) << self.log2_points
 
     @property
@@ -186,7 +188,7 @@ class Quasi(Estimator):
 
     @property
     def dimension(self) -> int:
-        """Dimension of the points: step*noise*column."""
+        """Dimension of the points: steps times noises times numbers per step."""
         return self.steps * self.problem.model.nnoise * self._columns
 
     @property
@@ -196,7 +198,7 @@ class Quasi(Estimator):
         return 1 << (most.bit_length() - 1)
 
     def _units(self, first: int, count: int) -> tuple[np.ndarray, np.ndarray]:
-        """Means (unit,) and which units are ok (unit,). They are kept for `doubled` if they come in turn."""
+        """Means (unit,) and which units are ok (unit,). They are kept for `doubled` if units are drawn in sequence."""
         both, ok = self.fine_and_difference(first, count)
         means = both[int(self._differences)]
         if first - self._begin == len(self._means):
@@ -224,7 +226,7 @@ class Quasi(Estimator):
         return total / len(points), ok
 
     def _values(self, dw: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:
-        """Pairs of values (path,) and ok (path,): of f, and of its change if that is wanted."""
+        """Give pairs of values (path,) and ok (path,): of f, and of its change if wanted."""
         driven = {"increments": dw, "paths": dw.shape[2]}
         if not self._differences:
             return [self.problem.values(self.problem.run(self.scheme, self.steps, **driven))]
@@ -276,12 +278,12 @@ class Points:
 
 
 class Bridge:
-    """The Brownian bridge: increments of a path from normals, of which the first determine its coarsest features."""
+    """The Brownian bridge: increments of a path from normals, the first of which determine its coarsest features."""
 
     def __init__(self, steps: int, horizon: float):
-        """Prepare the halvings of the interval from 0 to the horizon with so many steps."""
+        """Prepare the halvings of the interval from 0 to the horizon with this many steps."""
         self.steps, self.step = steps, horizon / steps
-        #: of each halving: rows of normals; left, middle and right of the points that it adds; weights
+        #: for each halving: rows of normals; left, middle and right of the points that it adds; weights
         self._halvings = []
         row, waiting = 1, [(0, steps)]
         while waiting := [(a, b) for a, b in waiting if b - a > 1]:
@@ -331,12 +333,12 @@ def load() -> ModuleType:
 
 
 def seconds_to_load() -> float:
-    """Seconds that loading SciPy takes once a process, about; 0 if it is loaded."""
+    """Approximate seconds to load SciPy, once per process; 0 if it is loaded."""
     return 0.0 if "scipy.stats.qmc" in sys.modules else _TO_LOAD
 
 
 def quasi_applies(problem: Problem, scheme: Scheme, steps: int) -> bool:
-    """Whether quasi-Monte Carlo applies: noise without truncation, a dimension that Sobol points have, and SciPy."""
+    """Whether quasi-Monte Carlo applies: noise without truncation, a dimension within Sobol points, and SciPy."""
     rows = steps * problem.model.nnoise * columns(problem, scheme)
     if not 0 < rows <= MOST_DIMENSIONS or problem.options.get("truncation") is not None:
         return False
@@ -345,5 +347,5 @@ def quasi_applies(problem: Problem, scheme: Scheme, steps: int) -> bool:
 
 @functools.cache
 def _is_there(package: str) -> bool:
-    """Whether the package can be loaded; it is looked for once, because that takes 50 us."""
+    """Whether the package can be loaded; looked up once, because this takes 50 us."""
     return importlib.util.find_spec(package) is not None

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""An expectation to a tolerance: pilot, choice, work, interval."""
+"""An expectation to a tolerance: pilot, choice of a plan, work, interval."""
 
 from __future__ import annotations
 
@@ -88,7 +88,7 @@ def expect(
 
 
 def _methods(name: str) -> tuple[str, ...]:
-    """The methods that carry this one out; those that are no more warn, and are carried out by the nearest."""
+    """The methods that carry out `name`; old names warn and use the nearest method."""
     if (nearest := _GONE.get(checks.name_of("method", name))) is None:
         return (METHODS[checks.choice("method", name, METHODS)],)
     what = " or ".join(map(repr, nearest))

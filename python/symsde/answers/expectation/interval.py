@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Intervals: the half width asked for, the information in a sample, and the shares of noise and bias in the half width.
+"""Intervals: the requested half width, the information in a sample, and the shares of noise and bias in the half width.
 
     half^2 = (t error)^2 + (1.96 bias)^2,    bias^2 <= s (half/1.96)^2,    s = BIAS_SHARE
 
-with t of Student's law by the number of units, error the standard error of the value.
+where t is the quantile of Student's law for the number of units, and error the standard error of the value.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ class Tolerance:
         return self.half_width(value) / NORMAL
 
     def is_reached(self, half: float, value: float) -> bool:
-        """Whether this half width is at most 1.05 times the one that was asked for."""
+        """Whether this half width is at most 1.05 times the requested half width."""
         return half <= _NEARLY * self.half_width(value)
 
     def check(self, value: float, size: float) -> None:
@@ -54,7 +54,7 @@ class Tolerance:
             )
 
     def __str__(self) -> str:
-        """The tolerance as it was given, such as abs = 0.01."""
+        """The tolerance as text, such as abs = 0.01."""
         return f"abs = {self.absolute:g}" if self.absolute is not None else f"rel = {self.relative:g}"
 
 
@@ -100,14 +100,14 @@ def half_width(error: float, bias: float, units: int) -> float:
     """Half width of a 95 % interval, given the standard error of so many units and a bias of unknown sign.
 
     It is ((t error)^2 + (1.96 bias)^2)^(1/2). If BIAS_SHARE is kept, the bias is at most a third of the error; the
-    interval then holds with 94.9 to 95.9 %, whatever part of that bias is really there. Student's t stands beside the
+    interval then holds with 94.9 to 95.9 %, whatever part of that bias is really there. Student's t multiplies the
     error alone, because the bias is not known from these units.
     """
     return math.hypot(quantile(units) * error, NORMAL * bias)
 
 
 def half_width_when_stopped(error: float, bias: float, units: int, wanted: float) -> float:
-    """The same half width for work that ended because its error had become small enough.
+    """Half width of a 95 % interval for work that ended because its error had become small enough.
 
     Such work ends when its error looks small, so that error is more often too small than too large. It is therefore
     taken larger, by 0.75 of its own standard error, as far as the half width stays below `wanted`. Without this, 92.8 %
@@ -122,7 +122,7 @@ _FEW = 20  #: a variance is trusted if at least about so many values differ from
 
 @dataclass(frozen=True)
 class Tally:
-    """A sample as far as it is kept: its size, mean, and sums of powers of deviations from the mean."""
+    """A summary of a sample: its size, its mean, and sums of powers of deviations from the mean."""
 
     n: int = 0
     mean: float = 0.0
@@ -135,7 +135,7 @@ class Tally:
         """The tally of values (n,), which are all finite."""
         if not values.size:
             return cls()
-        with np.errstate(over="ignore", invalid="ignore"):  # of values that blow up, whose variance then says so
+        with np.errstate(over="ignore", invalid="ignore"):  # overflow gives an infinite variance or NaN
             mean = float(values.mean())
             deviations = values - mean
             squares = deviations * deviations
@@ -148,7 +148,7 @@ class Tally:
             return self if self.n else other
         n, a, b = self.n + other.n, self.n, other.n
         d = other.mean - self.mean
-        d2 = d * d  # a power of floats that overflows raises, a product does not
+        d2 = d * d  # a power of floats raises an error on overflow, a product does not
         return Tally(
             n,
             self.mean + d * b / n,
@@ -191,5 +191,5 @@ class Tally:
         return self.m4 == 0 or self.few_of(self.n)
 
     def few_of(self, count: int) -> bool:
-        """The same for `count` values, if values differ from the rest as often as they do here."""
+        """The same for `count` values, if values differ from the rest as often as in this sample."""
         return self.kurtosis * _FEW > count

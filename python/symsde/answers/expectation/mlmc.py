@@ -4,7 +4,7 @@
     E f ~ sum_l mean d_l,    N_l = (V_l/C_l)^(1/2) sum_k (V_k C_k)^(1/2)/((1 - s) e^2)
 
 with d_l, V_l, C_l as in `coupled.py`, e the error that the tolerance allows and s the share of its bias. A level is
-added while what the finest one leaves is more than s^(1/2) e.
+added while the bias of the finest level is more than s^(1/2) e.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ from .tails import Doubt, look, widened
 from .watch import Watch
 
 FIRST_LEVELS = 3  #: number of levels that are drawn before anything is judged, if so many are allowed
-_LOOKED_AT_FROM = 2**46 + 2**45  #: index of the first path whose values of f are looked at
+_LOOKED_AT_FROM = 2**46 + 2**45  #: index of the first path on which f is examined
 _HEAVY = 100.0  #: kurtosis above which the variance of a level is doubtful
 _INCONSISTENT = 1.5  #: consistency above which a warning is given: 4.5 standard errors
 _TIMING = 0.1  #: relative error of seconds that the interval of gamma assumes
@@ -145,7 +145,8 @@ class Estimate(Levels):
         wanted = self._wanted()
         missing = [max(0, n - draw.difference.n) for n, draw in zip(wanted, self.draws, strict=True)]
         if any(missing):
-            # the estimates of variance improve as paths come: a part at a time, the level most behind first
+            # estimates of variance improve with more paths: draw a part at a time, first on the level that needs it
+            # most
             level = max(range(len(missing)), key=lambda i: missing[i] * self._seconds(i))
             held = self.draws[level].difference.n
             self._draw(level, min(missing[level], max(held, self.first)))
@@ -155,7 +156,7 @@ class Estimate(Levels):
         seen, noise = self._left()
         if math.hypot(seen, noise) <= allowed:
             return False
-        more = self.draws[-1].difference.few or self._finest_is_cheap()  # of few that differ, a finer level tells less
+        more = self.draws[-1].difference.few or self._finest_is_cheap()  # a finer level would tell less
         if noise > _NOISE_SHARE * allowed and math.fabs(seen) < 2 * noise and more:
             self._draw(len(self.draws) - 1, self.draws[-1].difference.n)
             return True
@@ -181,7 +182,7 @@ class Estimate(Levels):
             )
 
     def _draw(self, level: int, count: int) -> None:
-        """Draw `count` more samples of a level, in parts; between these the clock is looked at."""
+        """Draw `count` more samples of a level in parts, and check the clock between them."""
         usual, name = max(256, self.sampler.problem.chunk), f"level-{level:02d}"
         draw = partial(self.sampler.draw_from, level)
         while count > 0 and not (self.watch.over and self.draws[level].difference.n > 1):
@@ -204,7 +205,9 @@ class Estimate(Levels):
             raise may_be_zero(value, error)
 
     def _told(self) -> tuple[float, float]:
-        """The value and its error; the mean of the values looked at, if these tell it from 0 and the levels do not."""
+        """The value and its error; the mean of the first values of f, if these separate it from 0 and the levels do
+        not.
+        """
         known, levels = self.known, (self.value, self.error)
         seen = math.fabs(known.mean) > SEEN * known.error
         return (known.mean, known.error) if seen and math.fabs(self.value) < self.error else levels
@@ -225,7 +228,7 @@ class Estimate(Levels):
         return self.tolerance.half_width(self._told()[0]) / quantile(fewest)
 
     def _variance(self, level: int) -> float:
-        """V_l. For level 0 it is at least the variance of the values looked at, if few of its own values differ."""
+        """V_l. For level 0 it is at least the variance of the first values of f, if few values of the level differ."""
         few = level == 0 and self.draws[level].difference.few and self.known.n > 1
         return max(self.variance_of(level), self.known.variance if few else 0.0)
 
@@ -240,7 +243,7 @@ class Estimate(Levels):
         return max(draw.seconds, 1e-9) / max(1, draw.difference.n)
 
     def _tell(self, wanted: list[int]) -> None:
-        """Tell the share of the work that is done, if so many paths of each level (level,) are wanted."""
+        """Report the share of the work that is done, if this many paths of each level (level,) are wanted."""
         done = sum(draw.seconds for draw in self.draws)
         missing = sum(
             max(0, n - draw.difference.n) * self._seconds(i)
@@ -249,7 +252,7 @@ class Estimate(Levels):
         self.watch.tell(done / max(done + missing, 1e-300))
 
     def _allowed(self) -> float:
-        """Largest bias s^(1/2) e that may be left."""
+        """Largest allowed bias s^(1/2) e."""
         return math.sqrt(BIAS_SHARE) * self._error_wanted()
 
     def _left(self) -> tuple[float, float]:

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The pilot: short runs of schemes that fit, and the cheapest plan that these runs suggest.
+"""The pilot: short runs of suitable schemes, and the cheapest plan that follows from them.
 
 The ladder of one scheme is always measured. A further measurement is made if its price, together with earlier ones, is
-at most a fifth of the seconds of the best plan so far, which is the most that it can save. So the pilot is short where
-the work is, and costs in all at most 1.2 times the work, beside the first ladder.
+at most a fifth of the seconds of the best plan so far, which is the most that it can save. So the pilot is short if
+the work is, and pilot and work together cost at most 1.2 times the work, besides the first ladder.
 """
 
 from __future__ import annotations
@@ -26,17 +26,17 @@ from .watch import Watch
 
 Task = tuple[float, Callable[[], None]]
 
-_PATHS = 256  #: paths of each level of a trial at first: enough to know a variance to a tenth
+_PATHS = 256  #: initial paths of each level of a trial: enough to know a variance to a tenth of its value
 _MOST_LOOKED_AT = 2**17  #: most values of f that are drawn to tell the mean from 0
 _SHARE = 0.2  #: measurements beyond the first scheme may take this share of the seconds of the best plan so far
 _FURTHER = 3  #: a plan may extrapolate from the measured points to 2^3 times as many; measuring more costs a sixteenth
-_AT_A_TIME = 2  #: the points of one measurement are doubled at most so often, since fewer points are often enough
+_AT_A_TIME = 2  #: one measurement doubles the points at most this many times, since fewer points are often enough
 _DOUBLINGS = 12  #: most doublings of the paths of a ladder if no plan reaches the tolerance: up to a million paths
-_WIDER = 20  #: most doublings of the error that is asked for: a factor of a million
+_WIDER = 20  #: most doublings of the requested error: a factor of a million
 _LONG = 600.0  #: the pilot does not take longer for a plan of more seconds
-_FIRST = 2**45 + 2**44  #: index of the first path whose values of f are looked at
+_FIRST = 2**45 + 2**44  #: index of the first path on which f is examined
 _DRIVEN = "; {} needs noise, no truncation, {}"
-#: conditions of a method beside noise
+#: conditions of a method besides noise
 _NEEDS = {
     EVEN_LEVELS: _DRIVEN.format(EVEN_LEVELS, "SciPy, and a scheme that takes no areas"),
     MULTILEVEL: f"; {MULTILEVEL} needs an f that varies",
@@ -45,7 +45,7 @@ _NEEDS = {
 
 
 class Pilot:
-    """The trials of the schemes, the values of f that were looked at, and the plans that follow from them."""
+    """The trials of the schemes, the first values of f, and the plans that follow from them."""
 
     def __init__(
         self,
@@ -55,14 +55,14 @@ class Pilot:
         schemes: Sequence[Scheme],
         methods: Sequence[str] = METHODS,
     ):
-        """Try schemes until one works, and look at f; refuse what no work could answer."""
+        """Try schemes until one works, and examine f; refuse questions that no work could answer."""
         self.problem, self.tolerance, self.watch, self.methods = problem, tolerance, watch, methods
         if not schemes:
             raise InvalidArgumentError(
                 "none of the schemes that are tried automatically fits these options: give a scheme"
             )
         self._coarsest, self._untried = fewest_steps(problem), list(schemes)
-        self.seconds = 0.0  #: seconds of processor time until there is a choice
+        self.seconds = 0.0  #: seconds of processor time until a plan is chosen
         self.trials: list[Trial] = []
         while self._untried and not self.trials:
             self._try_next()
@@ -74,15 +74,15 @@ class Pilot:
                 "E f may not exist because paths escape; look at them with `simulate`"
             )
         self._look_at_f()
-        self._least = watch.seconds  #: seconds of processor time without which nothing could be known
+        self._least = watch.seconds  #: seconds of processor time that every pilot needs
 
     def try_all(self) -> None:
-        """Try every scheme that is left."""
+        """Try all remaining schemes."""
         while self._untried:
             self._try_next()
 
     def _highest(self) -> float:
-        """The highest weak order of the schemes that were not tried. A higher order may need far fewer steps."""
+        """The highest weak order among the schemes not yet tried. A higher order may need far fewer steps."""
         return max(map(_order, self._untried), default=0.0)
 
     def _try_highest(self) -> None:
@@ -102,7 +102,7 @@ class Pilot:
                 trial.known = self.looked_at.units
 
     def _look_at_f(self) -> None:
-        """Draw values of f at the step whose levels differ least: they tell its variance, its mean and its tails."""
+        """Draw values of f at the step whose levels differ least: they show its variance, its mean and its tails."""
         trial = min(self.trials, key=lambda x: x.spread(LEVELS - 1) + x.seconds(LEVELS - 1) * 1e-12)
         plain = Plain(trial.problem, trial.scheme, trial.steps(LEVELS - 1), _FIRST)
         self.looked_at = look(plain, self.tolerance, self.watch)
@@ -122,7 +122,7 @@ class Pilot:
 
     @property
     def value(self) -> float:
-        """The mean of the values of f that were looked at."""
+        """The mean of the first values of f."""
         return self.looked_at.units.mean
 
     @property
@@ -131,7 +131,9 @@ class Pilot:
         return self.tolerance.error(self.value)
 
     def choose(self) -> list[Plan]:
-        """All plans, the cheapest first; if none keeps the tolerance, those for the smallest error that some do."""
+        """All plans, the cheapest first; if none keeps the tolerance, plans for the smallest error that some plan
+        keeps.
+        """
         plans = self.plans()
         while not self.watch.over and (task := self._next(plans)) is not None:
             task()
@@ -156,16 +158,16 @@ class Pilot:
         )
 
     def plans(self, error: float | None = None) -> list[Plan]:
-        """Plans of every trial by all that was measured, for the methods that may be taken; the cheapest first.
+        """Plans of every trial by all measurements so far, for the allowed methods; the cheapest first.
 
-        error: root mean square error that they keep; by default the one that the tolerance allows.
+        error: root mean square error that the plans keep; by default the error that the tolerance allows.
         """
         found = [plan for trial in self.trials for plan in choice.plans(trial, error or self.error)]
         return sorted((plan for plan in found if plan.method in self.methods), key=lambda plan: plan.seconds)
 
     def _next(self, plans: list[Plan]) -> Callable[[], None] | None:
-        """The measurement that is made next; None if none is worth its time."""
-        if not plans:  # whatever it takes, the way to one at least
+        """The next measurement; None if no measurement is worth its time."""
+        if not plans:  # measure at any cost until there is a plan
             tasks = sorted(self._tasks(), key=lambda task: task[0]) + self._last_tasks()
             return tasks[0][1] if tasks else None
         worth = _SHARE * min(plans[0].seconds, _LONG, self.watch.max_time - self.watch.elapsed)
@@ -173,13 +175,12 @@ class Pilot:
         return next((task for seconds, task in self._tasks(plans[0]) if seconds <= left), None)
 
     def _tasks(self, best: Plan | None = None) -> Iterator[Task]:
-        """Give (seconds, measurement), with estimated seconds; the most promising comes first.
+        """Give possible measurements as (seconds, measurement), with estimated seconds; the most promising comes first.
 
-        These are more points, where the best plan has far more than were tried; a scheme of higher order, where steps
-        must be finer than all that were tried; antithetic pairs, and Sobol points (first where they show f and its
-        change), of the scheme whose paths cost least and of that of the best plan; and the next scheme. Where noise in
-        the bias decides the step of the best plan, finer levels by Sobol points and more paths come before the next
-        scheme.
+        They are: more points, if the best plan uses far more than were tried; a scheme of higher order, if steps must
+        be finer than all tried steps; antithetic pairs and Sobol points (first at levels that show f and its change)
+        for the scheme with the cheapest paths and for that of the best plan; and the next scheme. If noise in the bias
+        determines the step of the best plan, finer levels by Sobol points and more paths come before the next scheme.
         """
         levels = [(choice.longest(trial.bias, self.error), trial) for trial in self.trials]
         known = [(choice.plain(trial, self.error, level), trial) for level, trial in levels if level is not None]
@@ -201,7 +202,7 @@ class Pilot:
             yield best.trial.seconds_to_double, best.trial.double
         if known and self._untried:
             yield self._seconds_to_try, self._try_next
-        if best is not None and not known:  # no scheme is known well enough by itself: what there is may take for ever
+        if best is not None and not known:  # no scheme is well measured: these plans may take for ever
             yield from self._last_tasks()
 
     @property
@@ -220,13 +221,13 @@ class Pilot:
                 yield trial.price_of_points(even.level, most), partial(trial.look_at_points, even.level, most)
 
     def _points(self, trial: Trial, levels: Iterable[int]) -> Iterator[Task]:
-        """Sobol points on those of these levels that were not measured yet."""
+        """Sobol points on those of these levels that have not been measured."""
         for level in levels if EVEN_LEVELS in self.methods else ():
             if level not in trial.even and math.isfinite(seconds := trial.price_of_points(level)):
                 yield seconds, partial(trial.look_at_points, level)
 
     def _last_tasks(self) -> list[Task]:
-        """Measurements while no plan reaches the tolerance: other schemes; then finer steps or more paths."""
+        """Measurements as long as no plan reaches the tolerance: other schemes; then finer steps or more paths."""
         if self._untried:
             higher = self._highest() > max(_order(x.scheme) for x in self.trials)
             return [(0.0, self._try_highest if higher else self._try_next)]

@@ -26,11 +26,11 @@ from ...schemes import Scheme
 
 Function = Callable[[np.ndarray, np.ndarray], np.ndarray]
 _READ_ONLY = "read-only"  #: words of NumPy's message about arrays that must not be changed
-_TRIED = 5  #: number of points at which f is tried before any work; no other size of a run is likely to be the same
+_TRIED = 5  #: number of points at which f is tried before any work; no run is likely to have the same size
 OPTIONS = tuple(EndOptions.__annotations__)  #: names of the options that are passed on to `simulate`
 _DECIDED = dict.fromkeys(("step", "steps", "paths", "save_every"), "it is found for the tolerance")
-_GONE = 1e100  #: a path beyond this size counts as failed, whatever f makes of it
-#: a call of fewer seconds runs on one thread: threads that wait for each other would cost more than they give
+_GONE = 1e100  #: paths beyond this size count as failed, whatever value f has there
+#: shorter calls (in seconds) run on one thread: waiting for threads would cost more than they gain
 _WORTH = 3e-3
 _NUMBERS = 2**17  #: numbers of the saved states of one call of `simulate` that fit into a cache
 _DRAWN = 2**20  #: most numbers of increments that are held at a time
@@ -38,7 +38,7 @@ _DRAWN = 2**20  #: most numbers of increments that are held at a time
 
 @dataclass(frozen=True)
 class Problem:
-    """A checked question; paths of it are computed by `run`, and f on them by `values`."""
+    """A checked question: `run` computes its paths, and `values` evaluates f on them."""
 
     model: Model
     target: Target
@@ -47,7 +47,7 @@ class Problem:
     horizon: float
     seed: int
     options: dict[str, Any] = field(default_factory=dict)  #: options of `simulate`
-    #: numbers of the motion that do not depend on seed or threads, found once
+    #: facts about the motion that do not depend on seed or threads, computed once
     known: dict[str, float] = field(default_factory=dict)
 
     @property
@@ -56,7 +56,7 @@ class Problem:
         return max(256, _NUMBERS // (4 * self.model.ndof) // 256 * 256)
 
     def chunk_of(self, steps: int) -> int:
-        """The same if the increments of all steps of these paths are held in memory."""
+        """Number of paths of a call of `simulate`, if the increments of all their steps are held in memory too."""
         return max(8, min(self.chunk, _DRAWN // (steps * max(1, self.model.nnoise))))
 
     def increments(self, scheme: Scheme, steps: int, first: int, count: int) -> np.ndarray:
@@ -82,27 +82,31 @@ class Problem:
         return found
 
     def on_one_thread(self) -> Problem:
-        """The same question on one thread: for short runs it does not pay to wake threads, and times are steadier."""
+        """The same question on one thread: short runs do not gain from threads, and their times are steadier."""
         return dataclasses.replace(self, options={**self.options, "threads": 1})
 
     def try_out(self, scheme: str | Scheme) -> Report:
-        """Set up a run of no step and return its report; a scheme or option that does not fit raises a SymsdeError."""
+        """Set up a run without steps and return its report; a scheme or option that does not fit raises a
+        SymsdeError.
+        """
         options = {key: value for key, value in self.options.items() if key != "threads"}
         return self._simulate(scheme, step=self.horizon, steps=0, **options).report
 
     def _simulate(self, scheme: str | Scheme, **options: Any) -> Run:
-        """A run of these options, whose warnings are not shown: they are counted, and judged by who asked."""
+        """Run `simulate` with these options and without warnings: callers count and judge the failures."""
         with warnings.catch_warnings():
             for said in OF_RUNS:
                 warnings.simplefilter("ignore", said)
             return simulate(self.model, q0=self.q0, p0=self.p0, scheme=scheme, **options)
 
     def values(self, run: Run) -> tuple[np.ndarray, np.ndarray]:
-        """f at the end of every path (path,), and which paths are ok (path,): did not fail, nor leave beyond 1e100."""
+        """f at the end of every path (path,), and which paths are ok (path,): paths that did not fail nor go beyond
+        1e100.
+        """
         ok = run.status == 0
         for state in (run.q[-1], run.p[-1]):
             ok &= (np.abs(state) < _GONE).all(axis=0)
-        with np.errstate(all="ignore"):  # of paths that failed; the others are looked at
+        with np.errstate(all="ignore"):  # paths that failed may overflow in f; other values are checked below
             values = self.target(run.q[-1], run.p[-1])
         require_numbers(self.target, values, ok, run)
         return values, ok
@@ -111,7 +115,7 @@ class Problem:
 def make_problem(
     model: Model, f: Function | str, *, q0: Any, p0: Any, horizon: float, seed: int = 0, **options: Any
 ) -> Problem:
-    """The problem of these arguments, after all of them were checked; a refusal says in a sentence what to give."""
+    """Check all arguments and make their problem; a refusal is a sentence that says what to give."""
     require_model(model)
     checks.not_given("a question with a horizon", options, _DECIDED)
     for key in options:
@@ -134,10 +138,10 @@ def make_problem(
 
 
 class Target:
-    """f as it is called: with q, p of shape (dof, path), it returns (path,) real numbers."""
+    """f in the form that is called: with q, p of shape (dof, path), it returns (path,) real numbers."""
 
     def __init__(self, f: Function | str, model: Model, t: float):
-        """Take a callable f(q, p), or a formula in the names that observables have, at the time t."""
+        """Take a callable f(q, p), or a formula in the names of observables, at the time t."""
         self._made = f, model, t
         self.is_truth = False  #: whether f returns truth values
         self.name = f if isinstance(f, str) else getattr(f, "__name__", "f")
@@ -149,7 +153,7 @@ class Target:
             )
 
     def __reduce__(self) -> tuple:
-        """How pickle makes the target again: from its arguments."""
+        """Let pickle make the target again from its arguments."""
         return Target, self._made
 
     def __call__(self, q: np.ndarray, p: np.ndarray) -> np.ndarray:
@@ -172,7 +176,7 @@ class Target:
         self(checks.full(q0, _TRIED), checks.full(p0, _TRIED))
 
     def _of_states(self, q: np.ndarray, p: np.ndarray) -> Any:
-        """What the function returns, of whatever type. The function may not write to q and p (dof, path)."""
+        """The return value of the function, of whatever type. The function may not write to q and p (dof, path)."""
         try:
             return self._function(_not_to_write(q), _not_to_write(p))
         except ValueError as refused:
@@ -185,7 +189,7 @@ class Target:
 
 
 def _not_to_write(state: np.ndarray) -> np.ndarray:
-    """A view of the state (dof, path) that cannot be written to: an f that tries to raises an error."""
+    """A read-only view of the state (dof, path): an f that writes to it raises an error."""
     view = state.view()
     view.flags.writeable = False
     return view
@@ -205,6 +209,6 @@ def require_numbers(target: Target, values: np.ndarray, ok: np.ndarray, run) -> 
 
 
 def _of_formula(text: str, model: Model, t: float) -> Function:
-    """The formula at time t as a function f(q, p) of NumPy arrays; its names are those of observables."""
+    """The formula at time t as a function f(q, p) of NumPy arrays, in the names of observables."""
     read = FormulaObservables(model, {"f": text}, compiles=False)
     return lambda q, p: read(t, q, p)[0]

@@ -1,18 +1,19 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Properties of f that few paths may not show: whether it has a variance, and rare events.
+"""Properties of f that few paths may not show: whether f has a finite variance, and rare events.
 
-Without a variance no interval holds, however many paths there are.
+Without a finite variance no interval holds, however many paths there are.
 
-P(|f| > x) ~ x^-a has one where a > 2. Hill's estimate by the k largest of the values, y_1 >= y_2 >= ..,
+P(|f| > x) ~ x^-a has a finite variance if a > 2. Hill's estimate from the k largest values, y_1 >= y_2 >= ..,
 
     1/a = (1/k) sum_{i=1}^{k} log(y_i/y_{k+1}),    standard error a/k^(1/2)
 
-takes them for a power law, whose logarithms log(y_i/y_{k+1}) are exponential: the mean of their squares over the square
-of their mean is 2, with a standard error of 2/k^(1/2). Where it is less, the law falls off faster than any power, as
-below an end that few values come near: on the flanks of a peak exp(-c (1 - q)^2), which is at most 1, it is 6/5.
+assumes a power law, for which the logarithms log(y_i/y_{k+1}) are exponential: the mean of their squares over the
+square of their mean is 2, with a standard error of 2/k^(1/2). If the ratio is smaller, the law falls off faster than
+any power, for example because f is bounded: on the flanks of a peak exp(-c (1 - q)^2), at most 1, the ratio is 6/5.
 
-If f differs on j of n paths, by about a size s, its mean may be wrong by s (z^2/2 + z sqrt(j + z^2/4))/n, at 97.5 % on
-this side, with z = 1.96 (Wilson 1927, for small j/n). This is z^2 s/n = 3.84 s/n if j = 0, and 10.9 s/n if j = 20.
+If f differs on j of n paths, by about a size s, its mean may be wrong by s (z^2/2 + z sqrt(j + z^2/4))/n, with
+97.5 % confidence on this side, z = 1.96 (Wilson 1927, for small j/n). This is z^2 s/n = 3.84 s/n if j = 0, and 10.9 s/n
+if j = 20.
 """
 
 from __future__ import annotations
@@ -28,14 +29,14 @@ from .interval import NORMAL, Tally, Tolerance
 from .problem import Problem
 from .watch import Watch
 
-_LOOKED_AT = 4096  #: number of values of f whose tails are looked at first
-#: if these first values seem to have no variance, so many more are drawn, and so many outermost decide
+_LOOKED_AT = 4096  #: number of values of f whose tails are examined first
+#: if these first values seem to have no variance: number of further values, and of the outermost among them that decide
 _AGAIN, _OF_THESE = 2**16, 256
-_MANY = 2**15  #: number of values from which f is looked at again if few values differ
+_MANY = 2**15  #: number of values from which f is examined again if few values differ
 _OUTERMOST = 32  #: number of outermost values that decide in this second look
 _FIRST_AGAIN = 2**45 + 2**42  #: index of the first path of this second look
 _SMALLEST = 1e-135  #: smallest allowed largest value: the square of a millionth of it does not underflow
-_MOST, _LONG = 2**24, 60.0  #: most values and most seconds for a look at f where few values differ
+_MOST, _LONG = 2**24, 60.0  #: most values, and most seconds, spent on an f of which few values differ
 _PATHS = 256  #: number of paths; f is tried at points around the ends of these paths
 _FIRST = 2**45 + 2**43  #: index of the first of these paths
 _MOVED = 1e-3  #: shift of an end, in widths of the box around all ends
@@ -63,7 +64,9 @@ def tail_index(values: np.ndarray, count: int = 0) -> tuple[float, float]:
 
 
 def _ends(values: np.ndarray, count: int) -> bool:
-    """Whether the largest values fall off faster than any power: the ratio of the header is below 2 by two errors."""
+    """Whether the largest values fall off faster than any power: the ratio of the module docstring is below 2 by two
+    errors.
+    """
     logarithms = _logarithms(values, count)
     return (logarithms**2).mean() / logarithms.mean() ** 2 < 2 - _DOUBT * 2 / math.sqrt(logarithms.size)
 
@@ -94,7 +97,7 @@ def first_values(plain: Plain) -> Drawn:
     """Draw some values of f, and refuse f if they have no variance.
 
     A small sample of a lognormal law looks like one of a power law; further out the index of its tail grows. So if the
-    first values seem to have no variance, the outermost 256 of 65536 more values decide.
+    first values seem to have no variance, the outermost 256 of 65536 further values decide.
     """
     values, ok = plain.sample(_LOOKED_AT if plain.problem.model.nnoise else 2)
     drawn, count, good = Drawn(Tally.of(values[ok]), 0.0, int((~ok).sum()), values.size), 0, values[ok]
@@ -106,10 +109,10 @@ def first_values(plain: Plain) -> Drawn:
 
 
 class Doubt:
-    """Looks at f again, once, if few of many values carry all of its variation: one path in thousands may escape."""
+    """Examines f again, once, if few of many values cause all of its variation: one path in thousands may escape."""
 
     def __init__(self, problem: Problem):
-        """Nothing was looked at yet."""
+        """Start without an examination."""
         self._problem, self._looked = problem, False
 
     def look(self, seen: Tally, scheme: Scheme, steps: int) -> None:
@@ -134,7 +137,7 @@ class Doubt:
 def look(plain: Plain, tolerance: Tolerance, watch: Watch) -> Drawn:
     """Draw values of f until enough of them differ, or until the unseen part is within the half width asked for.
 
-    Fewer values of a rare event tell neither its mean nor its bias. Values without a variance are refused.
+    Fewer values of a rare event determine neither its mean nor its bias. Values without a variance are refused.
     """
     drawn = first_values(plain)
     while drawn.units.n and drawn.paths <= _MOST and not watch.over and watch.seconds <= _LONG:
@@ -146,7 +149,7 @@ def look(plain: Plain, tolerance: Tolerance, watch: Watch) -> Drawn:
 
 
 def unseen(problem: Problem, scheme: Scheme, steps: int, seen: Tally) -> float:
-    """Half width that an interval must have because of what these values of f did not show; it is mostly 0.
+    """Half width that an interval must have because of events that these values of f may have missed; usually 0.
 
     It is above 0 if fewer than about 20 values differ from the rest. Its scale s is that of those values. If f is flat
     around the ends of most paths, it may jump elsewhere: then s is the range of f between and beside these ends, 1 for
@@ -162,7 +165,7 @@ def unseen(problem: Problem, scheme: Scheme, steps: int, seen: Tally) -> float:
 def widened(  # noqa: PLR0917
     half: float, problem: Problem, scheme: Scheme, steps: int, seen: Tally, notes: list[str]
 ) -> float:
-    """The half width `half`, or a larger one that includes what was not seen; a note is added if that decides."""
+    """The half width `half`, or a larger one that covers missed events; then a note is added."""
     hidden = unseen(problem, scheme, steps, seen)
     if hidden > half or (seen.m2 == 0 and problem.model.nnoise):
         notes.append(doubt(seen, hidden))
@@ -176,7 +179,7 @@ def _share(seen: Tally) -> float:
 
 
 def doubt(seen: Tally, hidden: float) -> str:
-    """The note on what was not seen, which may change the mean by `hidden`."""
+    """The note on missed events, which may change the mean by `hidden`."""
     below = f"what happens with a probability below {_share(seen):.1g} was not seen"
     if seen.m2 == 0:
         text = f"f was {seen.mean:g} on all of {seen.n} paths: {below}"
@@ -188,12 +191,13 @@ def doubt(seen: Tally, hidden: float) -> str:
 def _scale(problem: Problem, scheme: Scheme, steps: int, mean: float, *, beside: bool) -> float:
     """The largest distance of f from its mean in the box of the initial state and of the ends of paths.
 
-    beside: the box is three times as wide, with these in the middle. The result is 0 if f changes around most ends.
+    The box is three times as wide as the range of these states, and centred on it. The result is 0 if f changes around
+    most ends.
     """
     run = problem.run(scheme, steps, first_path=_FIRST, paths=_PATHS)
     ends = np.concatenate([run.q[-1], run.p[-1]])[:, run.status == 0]
     if not ends.size or not np.ptp(ends, axis=1).any():
-        return 0.0  # the noise moves nothing
+        return 0.0  # no path moved
     begin = np.concatenate([problem.q0, problem.p0])
     low, high = (side(np.concatenate([begin, ends], axis=1), axis=1, keepdims=True) for side in (np.min, np.max))
     width, more = high - low, float(beside)
@@ -213,5 +217,5 @@ def _values(problem: Problem, states: np.ndarray) -> np.ndarray:
     with np.errstate(all="ignore"):
         try:
             return problem.target(states[:dof], states[dof:])
-        except Exception:  # of a function that is not ours, outside of what it was made for
+        except Exception:  # a user's function may raise anything outside its domain
             return np.full(states.shape[1], np.nan)

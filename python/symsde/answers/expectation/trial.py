@@ -1,17 +1,17 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Measurements of one scheme by a pilot: bias, variance and seconds by the step, from coupled paths of few levels.
+"""A pilot's measurements of one scheme: bias, variance and seconds as functions of the step, from coupled paths.
 
     E f - E f(x_l) = sum_{k=l+1}^{L} E d_k + (what is left at the finest level L),    C(n) = a + b n seconds of a path
 
-with d_k as in `coupled.py`; between two levels the bias is taken for a multiple of h^a and a number, and a level beyond
-the finest one for what bias.py makes of the differences.
+with d_k as in `coupled.py`. Between two levels the bias is interpolated as a constant plus a multiple of h^a; beyond
+the finest level bias.py extrapolates the differences.
 
-Where they are asked for, pairs of antithetic paths are measured at a level, and scramblings of few and of more Sobol
-points: the variance of a unit of N = 2^k points is taken to fall as N^-s between and beyond these,
+On request the pilot also measures antithetic pairs at a level, and scramblings with few and with more Sobol points:
+the variance of a unit of N = 2^k points is assumed to fall as N^-s, with
 
     s = (w s_seen + u s_usual)/(w + u),    w = (log2(N_2/N_1)/1.06)^2,    u = (1/0.3)^2,
 
-the mean of the fall that is seen and of the usual one, weighted by how well each is known.
+the mean of the measured and the usual exponent, weighted by their accuracy.
 """
 
 from __future__ import annotations
@@ -28,24 +28,24 @@ from .interval import Tally
 from .problem import Problem
 
 LEVELS = 4  #: number of levels of a pilot: three differences determine a power of h and its doubt
-MOST_HALVINGS = 10  #: most halvings of the finest step: beyond a factor of a thousand no extrapolation is believed
+MOST_HALVINGS = 10  #: most halvings of the finest step: no extrapolation is trusted beyond a factor of a thousand
 UNSTABLE = 4  #: number of coarsest steps that are tried if paths fail, each half of the one before
-UNITS = 256  #: number of antithetic pairs that are measured: enough to know their variance to a tenth
-#: log2 of few and of more points, and scramblings: eight times the points show a fall
+UNITS = 256  #: number of antithetic pairs to measure: enough to know their variance to a tenth of its value
+#: log2 of few and of more points, and number of scramblings: a factor of eight in points shows the fall of the variance
 SHORT, LONG, SCRAMBLINGS = 5, 8, 8
 FIRST = 2**45  #: index of the first path of measurements, far from the paths of levels and of answers
-USUAL, OF_JUMPS = 1.5, 1.1  #: falls s of smooth f (most lie within 1.2 and 1.8) and of truth values (0.9 and 1.3)
-_USUALLY = 0.3  #: scatter of these falls
+USUAL, OF_JUMPS = 1.5, 1.1  #: exponents s of smooth f (mostly 1.2 to 1.8) and of truth values (0.9 to 1.3)
+_USUALLY = 0.3  #: scatter of these exponents
 _DOUBT = 1.06  #: standard error of log2 of the ratio of two variances, each of eight units
-_FEW = 1.2  #: a standard error of eight units is enlarged by this factor: Student's law over the normal law
-_TIMED = 1024  #: paths of a timed call: they take many times as long as the call by itself
+_FEW = 1.2  #: factor on the standard error of eight units: Student's law over the normal law
+_TIMED = 1024  #: paths of a timed call: they take many times as long as the call alone
 _LONG_ENOUGH = 5e-4  #: if a timed call takes more seconds, a quarter of the paths is enough
-_TURNED = 2.0  #: below this omega T (omega h)^a no phase is wrong by more than a tenth of a radian
-_NEARER = 0.75  #: paths come nearer to each other if a halving leaves less than this part of the mean square
+_TURNED = 2.0  #: below this omega T (omega h)^a no phase has an error above a tenth of a radian
+_NEARER = 0.75  #: paths approach each other if a halving leaves less than this part of the mean square
 _NEARLY = 1 - 1e-12  #: without this factor, rounding of powers of two could add a step
 #: rough seconds of a call, of scrambling a dimension, and of a bridged normal
 _CALL, _MATRIX, _NUMBER = 1e-4, 2.2e-5, 2e-8
-_SLOWER = 1.5  #: a path of given increments takes about so many times as long as other paths
+_SLOWER = 1.5  #: a path of given increments takes about this many times as long as other paths
 
 
 @dataclass(frozen=True)
@@ -59,7 +59,9 @@ class Pairs:
 
 @dataclass(frozen=True)
 class Even:
-    """Scramblings of few and of more Sobol points at a level: means of f, and of its change from the level before."""
+    """Scramblings with few and with more Sobol points at a level: means of f, and of its change from the level
+    before.
+    """
 
     level: int
     fine: dict[int, Tally]  #: log2 of the number of points -> tally of f
@@ -79,7 +81,7 @@ class Even:
         return max(self.fine)
 
     def fall(self, units: dict[int, Tally]) -> float:
-        """The fall s of the header, within 1 and 3, of `fine` or `change`."""
+        """The exponent s of the module docstring, clipped to 1 .. 3, of `fine` or `change`."""
         short, most = min(units), max(units)
         few, more = (max(units[points].variance, 1e-300) for points in (short, most))
         weight, usual = ((most - short) / _DOUBT) ** 2, _USUALLY**-2
@@ -91,15 +93,16 @@ class Trial(Levels):
     """A scheme on a ladder of LEVELS steps, each half of the one before."""
 
     def __init__(self, problem: Problem, scheme: Scheme, coarsest: int, paths: int):
-        """Try the ladder from so many coarsest steps on, with so many paths of a level.
+        """Try a ladder that begins with this many steps and has this many paths per level.
 
-        If paths fail, a ladder with steps half as long is tried, four in all; `usable` says whether one of them held.
+        If paths fail, a ladder with steps half as long is tried, up to four in all; `usable` is true if one of them
+        worked.
         """
         super().__init__(weak_order(problem, scheme), Tally())
         self.problem, self.scheme = problem, scheme
         self.loading = 0.0  #: seconds of loading packages, spent once in a process
         self.usable = False
-        self.doubled = 0  #: number of doublings of the paths so far
+        self.doubled = 0  #: number of doublings so far
         self._changed()
         self.pairs: Pairs | None = None
         self.even: dict[int, Even | None] = {}  #: level -> measurement; None if none was possible
@@ -130,7 +133,7 @@ class Trial(Levels):
             self._draw(level, self.draws[level].difference.n)
 
     def go_finer(self) -> None:
-        """Move the ladder on by a halving: its coarsest level is dropped, and one beyond the finest is drawn."""
+        """Move the ladder by a halving: drop its coarsest level, and draw one beyond the finest."""
         self._first += 1
         self.draws = [*self.draws[1:], NOTHING]
         self.even, self.pairs = {}, None
@@ -140,9 +143,9 @@ class Trial(Levels):
     def may_go_finer(self) -> bool:
         """Whether the levels are not settled, but finer steps may settle them.
 
-        They may if paths come nearer to each other at each halving, or if phases are still wrong. The error of a phase
-        is at most (omega h)^a/20 a radian. If that is small up to the horizon, and paths end apart all the same, they
-        part because the motion is unstable.
+        They may if paths approach each other at each halving, or if phases are still wrong. The error of a phase is at
+        most (omega h)^a/20 per radian. If that is small up to the horizon, and paths end apart nevertheless, they
+        separate because the motion is unstable.
         """
         fewest = fewest_steps(self.problem)
         turned = fewest * SHARPEST * (SHARPEST * fewest / self.steps(LEVELS - 1)) ** of_phases(self.scheme, self.order)
@@ -161,7 +164,7 @@ class Trial(Levels):
         return sum(draw.seconds for draw in self.draws[1:])
 
     def _changed(self) -> None:
-        """Forget what followed from the draws so far."""
+        """Forget results that follow from the draws so far."""
         self._biases: dict[float, tuple[float, float]] = {}  #: level -> bias and its standard error
         self._is_settled: bool | None = None
 
@@ -175,7 +178,7 @@ class Trial(Levels):
         drawn = self.draws[-1]
         short_enough = _LONG_ENOUGH * drawn.difference.n / max(drawn.seconds, 1e-9) > _TIMED
         paths = _TIMED if short_enough else _TIMED // 4
-        long = self._plain(many, paths)  # the first call, which takes longer than later ones, is the longest
+        long = self._plain(many, paths)  # the longest call is first, since a first call takes longer than later ones
         little, short = self._plain(few, paths // 8), self._plain(few, paths)
         path = max((short - little) / (paths - paths // 8), 0.1 * short / paths)
         call = short - path * paths
@@ -184,7 +187,7 @@ class Trial(Levels):
         self._once = max(path - self._slope * few, 0.0)
 
     def _plain(self, steps: int, count: int) -> float:
-        """Seconds of a call for so many paths."""
+        """Seconds of a call for this many paths."""
         return Plain(self.problem, self.scheme, steps, 0).draw(count).seconds
 
     def price_of_pairs(self, level: float) -> float:
@@ -227,7 +230,7 @@ class Trial(Levels):
             self.problem, self.scheme, self.steps(level), FIRST + level, log2_points=most, differences=level > 0
         )
         once = time.process_time() - begin
-        for points in (most, SHORT):  # the second are the first of these
+        for points in (most, SHORT):  # the smaller sets are the first points of the larger ones
             estimator.log2_points = points
             begin = time.process_time()
             both, ok = estimator.fine_and_difference(estimator.begin, SCRAMBLINGS)
@@ -250,7 +253,7 @@ class Trial(Levels):
 
     @property
     def settled(self) -> bool:
-        """Whether powers of h may be counted on."""
+        """Whether powers of h are reliable."""
         if self._is_settled is None:
             self._is_settled = self.are_settled(*self._differences(), self.order)
         return self._is_settled
@@ -265,7 +268,7 @@ class Trial(Levels):
         return self._biases[level]
 
     def _bias(self, level: float) -> tuple[float, float]:
-        """The same, computed anew."""
+        """Compute the bias, without the cache."""
         if level != int(level):
             begin = math.floor(level)
             coarse, fine = self.bias(begin), self.bias(begin + 1)
@@ -279,7 +282,7 @@ class Trial(Levels):
         return (tail + sum(means[-finer:]), math.hypot(noise, *errors[-finer:])) if finer > 0 else (tail, noise)
 
     def _differences(self) -> tuple[list[float], list[float]]:
-        """Means of f(x_h) - f(x_2h) at levels above 0, and their errors; each is the best known by any method."""
+        """Means of f(x_h) - f(x_2h) at levels above 0, and their errors; each is the most accurate of all methods."""
         means = [draw.difference.mean for draw in self.draws[1:]]
         errors = [self.error_of(level) for level in range(1, LEVELS)]
         for level, x in self.even.items():
@@ -297,7 +300,7 @@ class Trial(Levels):
 
 
 def _as_if_one_differed(units: Tally, points: int, variance: float) -> Tally:
-    """The tally of these units of 2^points points. If all are equal, f may jump where no point came.
+    """The tally of these units of 2^points points. If all are equal, f may jump where there was no point.
 
     The tally then gets the variance of units in which one point of all differs.
     """

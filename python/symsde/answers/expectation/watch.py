@@ -16,22 +16,22 @@ from ...native.signals import carry
 
 log = logging.getLogger("symsde")
 
-_TICKS = 1000  #: ticks of the whole work that a progress function is told
-_LONGER, _MOMENT = 1.5, 0.5  #: nobody is warned before the time told is exceeded by this factor and by so many seconds
-_UNTOLD = 0.1  #: fewer seconds are not told as a number: calls that no pilot made take as long
-_KNOWN = 0.1  #: from this share of the work on, its seconds predict the seconds of the whole
+_TICKS = 1000  #: ticks that a progress function gets for the whole work
+_LONGER, _MOMENT = 1.5, 0.5  #: no warning before the announced time is exceeded by this factor and by this many seconds
+_UNTOLD = 0.1  #: fewer seconds are not announced as a number: set-up calls alone take as long
+_KNOWN = 0.1  #: above this share of the work its seconds predict the total
 
 
 def told(seconds: float) -> str:
-    """Estimated seconds, as people read them."""
+    """Estimated seconds in words."""
     return f"estimated at {seconds:.2g} s" if seconds >= _UNTOLD else f"estimated under {_UNTOLD:g} s"
 
 
 class Watch:
-    """Holds the time of the clock against max_time, and counts the processor's seconds since it was made."""
+    """Compares the clock with max_time, and counts the processor's seconds since the watch was made."""
 
     def __init__(self, max_time: float | None, progress: Progress):
-        """Both clocks begin here; `max_time` is in seconds of the clock, None for no limit."""
+        """Start both clocks; `max_time` is in seconds of the clock, None for no limit."""
         self._bar, self._tell = told_by(progress)
         self.max_time = math.inf if max_time is None else checks.finite("max_time", max_time)
         if self.max_time <= 0:
@@ -53,20 +53,21 @@ class Watch:
 
     @property
     def over(self) -> bool:
-        """Whether no more work is to be begun: the time is over, or the progress function asked to stop."""
+        """Whether to begin no more work: the time is over, or the progress function asked to stop."""
         return self._stopped or self._ended or self.elapsed >= self.max_time
 
     def room(self, seconds: float) -> float:
-        """Number of units that fit into the time that is left, if each takes so many seconds of the processor.
+        """Number of units that fit into the remaining time, if each takes this many seconds of the processor.
 
-        Other processes may use the processor, too; the clock then runs faster than its seconds, by the factor so far.
+        If other processes use the processor too, clock time is longer than processor time, by the ratio measured so
+        far.
         """
         elapsed = self.elapsed
         slower = max(elapsed / max(self.seconds, 1e-9), 1.0)
         return max(self.max_time - elapsed, 0.0) / max(slower * seconds, 1e-12)
 
     def end(self) -> None:
-        """Note that the next unit would take longer than the time that is left, so that no more is begun."""
+        """Note that the next unit would take longer than the remaining time, so that no more work begins."""
         self._ended = True
 
     @property
@@ -78,7 +79,7 @@ class Watch:
         return f"max_time = {self.max_time:g} s {end}"
 
     def announce(self, plan: str, seconds: float) -> None:
-        """Tell the plan of the work that begins now, estimated to take so many seconds of the processor."""
+        """Announce the plan of the work that begins now, with its estimated seconds of the processor."""
         self._reckoned, self._announced = seconds, self.seconds
         self._last_told = max(seconds, _UNTOLD)
         self._say(plan)
@@ -89,7 +90,7 @@ class Watch:
             say(f"symsde: {sentence}\n")
 
     def _tell_anew(self, spent: float, share: float) -> None:
-        """Tell a new estimate if the work has grown by levels, points or units that the pilot did not foresee."""
+        """Announce a new estimate if the work has grown by levels, points or units that the pilot did not foresee."""
         if share >= _KNOWN and spent > _LONGER * self._last_told * share:
             self._last_told = spent / share
             self._say(f"the plan has grown: {told(self._last_told)} in all")
@@ -106,7 +107,9 @@ class Watch:
             self._reckoned = math.inf
 
     def tell(self, share: float) -> None:
-        """Tell that this share of the work is done. It is above one if a part held more units than were wanted."""
+        """Report the share of the work that is done. The share exceeds one if a part held more units than were
+        wanted.
+        """
         share = min(1.0, share)
         spent = self.seconds - self._announced
         self._tell_anew(spent, share)
@@ -118,7 +121,7 @@ class Watch:
     def carrying(self, kind: type) -> Iterator[None]:
         """Let every exception of the work within have an attribute `partial`: a result of this kind, or None.
 
-        A run within the work sets the attribute to a run of its own; this one is replaced by None.
+        A simulation inside sets the attribute to its own run, which is replaced by None.
         """
         try:
             yield

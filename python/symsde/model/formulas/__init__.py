@@ -2,26 +2,26 @@
 """Formulas in, compiled models out.
 
 formula_model        `model_from_sympy`
-formula_scenes       the same in scenes
-formula_observables  values of the state, of any model
-parse                formulas as text, of which nothing is executed
-named_formulas       formulas as they are given, checked, in names of their own
+formula_scenes       models from formulas in scenes
+formula_observables  observables from formulas, for any model
+parse                reads formulas from text without executing it
+named_formulas       the given formulas, checked and renamed to internal names
 derivatives          gradients and Hessians of weighted sums, as nodes of one graph
 graph                expressions in which equal parts are one node
-scaled               exponentials that do not overflow inside of quotients and logarithms
-tails                derivatives that keep their digits near the limit of a function
-structure            traits and invariants, derived
+scaled               exponentials that do not overflow inside quotients and logarithms
+tails                derivatives that stay accurate where a function is near its limit
+structure            traits and invariants, derived from formulas
 emit_c               C for the callbacks of the library
-emit_flow            C for whole steps of a scheme; the steps themselves are the headers flow_*.h
+emit_flow            C for whole steps of a scheme; the steps are in the headers flow_*.h
 sites                chains: sums over sites
 site_loops           C for one site of a density
 emit_sites           C for the callbacks of a chain
-emit_rows            C for the rows of a chain that ties neighbours only
+emit_rows            C for the rows of a chain that couples neighbours only
 collective           Hamiltonians that are functions of sums over sites
-emit_collective      C for such functions
+emit_collective      C for these functions
 sums                 observables that are functions of sums over sites
 compiler             the system's compiler
-cache                the folder of compiled formulas, and whether they may be loaded from there
+cache                the folder of compiled formulas, with checks that loading from it is safe
 in_numpy             the callbacks without a compiler
 """
 

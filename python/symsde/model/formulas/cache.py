@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Where compiled formulas are kept, and that what is loaded from there was written by this user, whole.
+"""The cache of compiled formulas, with checks that a loaded file was written by this user, completely.
 
-To load a library is to execute it. So every folder and link on the way to it belongs to this user or to root, and
-nobody else can write there; and the file is opened once, never through a link, and read. What was read, if it has its
-checksum, is what is loaded: from memory, from a file without a name that is sealed. So nothing that is done to the
-file meanwhile changes what runs, and nothing that is done later takes it away from under a process.
+To load a library is to execute it. So every folder and link on the path must belong to this user or to root, and
+nobody else may have write permission; the file is opened once, never through a link, and read. If the checksum is
+right, the bytes read are loaded from memory, through a sealed file without a name. So changes of the file in the
+meantime do not change what runs, and later changes do not affect a process that has loaded it.
 """
 
 from __future__ import annotations
@@ -23,19 +23,19 @@ from ...native import checks, durable
 
 try:
     import fcntl
-except ImportError:  # not POSIX
+except ImportError:  # no POSIX system
     fcntl = None
 
 _OTHERS_WRITE = stat.S_IWGRP | stat.S_IWOTH
 _OTHERS_ENTER = stat.S_IXGRP | stat.S_IXOTH
-_LINKS = 40  #: most links on the way to a folder, as in the system
+_LINKS = 40  #: most links followed on the path to a folder, as in the system
 
-_loaded: dict[Path, ctypes.CDLL] = {}  # a process gives no library back
+_loaded: dict[Path, ctypes.CDLL] = {}  # libraries stay loaded until the process ends
 _loads = itertools.count()
 
 
 def folder() -> Path:
-    """SYMSDE_CACHE, or symsde below the user's folder for caches; one of this process where that is not to be had."""
+    """SYMSDE_CACHE, or symsde below the user's cache folder; a folder for this process if neither can be used."""
     chosen = os.environ.get("SYMSDE_CACHE")
     place = Path(chosen or Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "symsde").absolute()
     try:
@@ -69,9 +69,10 @@ def _own_folder() -> Path:
 
 
 def open_to_others(path: Path) -> Path | None:
-    """The first folder or link on the way to a folder, or that itself, that others own or can change; None for none.
+    """The first folder or link on a path, including its end, that others own or can change; None if there is none.
 
-    Of folders like /tmp others cannot move what is not theirs; below one that nobody else can enter modes do not count.
+    In folders like /tmp others cannot move files they do not own; below a folder that nobody else can enter, modes are
+    irrelevant.
     """
     here, rest, links, is_closed = Path(path.anchor), list(path.parts[1:]), 0, False
     while True:
@@ -96,21 +97,21 @@ def open_to_others(path: Path) -> Path | None:
 
 
 def keep(target: Path, content: bytes, source: str) -> None:
-    """A library with its checksum and its text, each whole or not at all."""
+    """Write a library with its checksum, and its source, each completely or not at all."""
     told = f"{hashlib.sha256(content).hexdigest()}  {target.name}\n"
     for suffix, what in ((".c", source.encode()), (".sha256", told.encode()), (".so", content)):
         durable.write(target.with_suffix(suffix), what, keep=False, mode=0o600)
 
 
 def load(target: Path) -> ctypes.CDLL | None:
-    """Load a library once in a process; None if no complete one of this user and this machine exists."""
+    """Load a library once per process; None unless there is a complete one, written by this user on this machine."""
     if target not in _loaded:
         content, told = _read(target), _read(target.with_suffix(".sha256"))
         if content is None or told is None or told[:64] != hashlib.sha256(content).hexdigest().encode():
             return None
         try:
             _loaded[target] = _from_memory(content)
-        except (AttributeError, OSError):  # no such files here; nobody else can have put anything else in its place
+        except (AttributeError, OSError):  # this system has no nameless files; the folder's permissions must suffice
             try:
                 _loaded[target] = ctypes.CDLL(str(target))
             except OSError:
@@ -119,7 +120,7 @@ def load(target: Path) -> ctypes.CDLL | None:
 
 
 def _read(path: Path) -> bytes | None:
-    """The content of a file that this user wrote."""
+    """The content of a file, if this user wrote it."""
     try:
         handle = os.open(path, os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK | os.O_CLOEXEC)
         with open(handle, "rb") as file:
@@ -131,8 +132,8 @@ def _read(path: Path) -> bytes | None:
 
 
 def _from_memory(content: bytes) -> ctypes.CDLL:
-    """Load these bytes. The loader knows what it has by the text of its path, and numbers of files come again: so each
-    time the same folder is called otherwise, or it would give the library that had the number before."""
+    """Load these bytes. The loader identifies libraries by the text of the path, and file numbers are reused. So every
+    path spells the folder differently; otherwise the loader could return the library that had the number before."""
     handle = os.memfd_create("formula", os.MFD_CLOEXEC | os.MFD_ALLOW_SEALING)
     with open(handle, "wb") as file:
         file.write(content)

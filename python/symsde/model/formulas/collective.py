@@ -7,7 +7,7 @@ F_a = dF/dS_a and F_ab its second derivatives,
     gradient                    sum_a F_a grad S_a
     Hessian times a vector v    sum_a F_a Hess S_a v + sum_ab F_ab (grad S_b . v) grad S_a
 
-so that the work is that of some loops over the sites, whatever the number of pairs that are tied.
+so that the work is a few loops over the sites, whatever the number of coupled pairs.
 """
 
 from __future__ import annotations
@@ -22,24 +22,24 @@ from .parse import FormulaTextError
 from .structure import count_terms
 
 MAX_SUMS = 16  #: most collective variables of a model: the number of their second derivatives is the square
-MAX_TERMS = 2_000  #: most terms of a formula that is multiplied out to see whether a sum is one of its terms
+MAX_TERMS = 2_000  #: most terms of a formula that is multiplied out to find out whether a sum is one of its terms
 
 
 @dataclass(frozen=True)
 class Outer:
-    """Functions F_j of sums over sites, of the Hamiltonians that have one."""
+    """Functions F_j of sums over sites, for the Hamiltonians that contain such a function."""
 
     numbers: tuple[Any, ...]  #: the Hamiltonians, `sites.Number`
-    derivatives: Derivatives  #: derivatives by the sums: coordinate k is sum k
+    derivatives: Derivatives  #: derivatives with respect to the sums: coordinate k is sum k
 
     @property
     def pairs(self) -> list[tuple[int, int]]:
-        """Sums a <= b that some second derivative ties."""
+        """Pairs of sums a <= b with a nonzero second derivative."""
         count, of = self.derivatives.problem.ndof, self.derivatives.of
         return [(a, b) for a in range(count) for b in range(a, count) if any(x != 0 for x in of(f"q{a}", f"q{b}"))]
 
     def used(self, drift: bool) -> set[int]:
-        """The sums in H, or in noises."""
+        """The sums that occur in H, or in noises."""
         own = [k for k, number in enumerate(self.numbers) if number.is_drift == drift]
         return {a for a in range(self.derivatives.problem.ndof) for k in own if self.derivatives.of(f"q{a}")[k] != 0}
 
@@ -51,7 +51,7 @@ class Outer:
 
 
 def split(total: Any, sums: list[Any]) -> tuple[dict[Any, Any], Any]:
-    """The factors of those sums that stand in a formula as terms, and the rest of it."""
+    """The factors of the sums that are terms of a formula, and the remaining formula."""
     known, factors = set(sums), {}
     for x in sums:
         slope = total.diff(x)
@@ -63,7 +63,7 @@ def split(total: Any, sums: list[Any]) -> tuple[dict[Any, Any], Any]:
 
 
 def make_outer(functions: list[tuple[Any, Any, str]], count: int, parameters: dict[str, float]) -> Outer:
-    """From (number of the Hamiltonian, function of q0, q1, .. for sums, text) of `count` sums."""
+    """Make it from (number of the Hamiltonian, function of q0, q1, .. for the sums, text) and the number of sums."""
     if count > MAX_SUMS:
         raise FormulaTextError(f"the formulas hold {count} different sums in products: allowed are {MAX_SUMS}")
     numbers, expressions, texts = zip(*functions, strict=True)

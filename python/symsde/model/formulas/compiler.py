@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Generated C compiled by the system's compiler, kept on disk for every process that wants the same again.
+"""Compile generated C with the system's compiler, and keep it on disk for all processes that need the same code.
 
-A file is known by a hash of its text (which holds the formulas, the sets of outputs and all that the generator does,
-but no values of parameters), of the compiler with its version, the flags, and what the processor can. Any number of
-processes may want it at once.
+A file is identified by a hash of its text (which contains the formulas and all generated code, but no values of
+parameters), the compiler with its version, the flags, and the features of the processor. Any number of processes may
+need the file at once.
 """
 
 from __future__ import annotations
@@ -27,18 +27,18 @@ from ...native import parts as _parts
 from ...native.build import build_info
 from . import cache
 
-# Compilers contract nothing by themselves: an output has the same bits in every function. CONTRACTS lets FMA of
-# lane_functions.h be one operation, where the library contracts, too; else bits do not depend on the processor.
+# Compilers contract nothing by themselves, so an output has the same bits in every function. CONTRACTS lets FMA of
+# lane_functions.h be one operation, if the library contracts too; otherwise bits do not depend on the processor.
 FLAGS = ("-std=c11", "-O3", "-march=native", "-fPIC", "-shared", "-fno-math-errno", "-fno-trapping-math")
 FLAGS += ("-ffp-contract=off", "-fno-semantic-interposition", "-w")
 if platform.machine() in ("x86_64", "AMD64"):
-    FLAGS += ("-mprefer-vector-width=512",)  # where the processor has them: 1.0 instead of 1.12 of the built-in's time
+    FLAGS += ("-mprefer-vector-width=512",)  # if the processor has them: 1.0 instead of 1.12 of the built-in's time
 if build_info().get("arithmetic") == "fused":
     FLAGS += ("-DCONTRACTS",)
 LONG = (
-    300_000  #: characters of a text, of which 60000 are functions, beyond which it is compiled for less time: bits stay
+    300_000  #: characters (60000 of them functions) above which there is less optimisation: bits do not change
 )
-#: most seconds of processor time of one compilation: a busy machine is no reason to refuse a formula
+#: most seconds of processor time of one compilation; processor time, since a busy machine is no reason to refuse
 TIME_LIMIT = 120.0
 PATIENCE = 3600.0  #: most seconds of one compilation by the clock
 
@@ -62,12 +62,12 @@ def command() -> list[str] | None:
 
 
 def flags(source: str) -> tuple[str, ...]:
-    """Of the compiler for a text: what is long would take it several times as long at the highest level."""
+    """Flags of the compiler for a text: at the highest level long texts would take several times as long."""
     return tuple("-O1" if flag == "-O3" and len(source) > LONG else flag for flag in FLAGS)
 
 
 def build(source: str) -> Compiled | None:
-    """The library of a C text, compiled unless the cache has it; None without a compiler."""
+    """The library of a C text, compiled unless it is in the cache; None without a compiler."""
     compiler = command()
     if compiler is None:
         return None
@@ -106,7 +106,7 @@ def _compile(compiler: list[str], source: str, target: Path) -> None:
 
 
 def _bounded(words: list[str]) -> subprocess.CompletedProcess[str] | None:
-    """Run a compiler for so many seconds of its processor time; None where a machine has none for it, for long."""
+    """Run a compiler with a limit on its processor time; None if it exceeds the limit."""
     if os.name == "posix":
         words = ["/bin/sh", "-c", f'ulimit -t {TIME_LIMIT:.0f} && exec "$0" "$@"', *words]
     told = {**os.environ, "LC_ALL": "C"}
@@ -130,7 +130,7 @@ def _version(compiler: tuple[str, ...]) -> str:
 
 @functools.cache
 def _processor() -> str:
-    """What the processor can do: a folder of caches may be shared by several machines."""
+    """The features of the processor, since several machines may share a cache folder."""
     try:
         lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
     except OSError:

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Values, gradients and Hessians of weighted sums S = sum_j w_j H_j as nodes of one graph.
 
-Derivatives are taken of every H_j by symengine (sympy where it is not installed, which takes tens of times as
-long). S stays a sum of products weight x coefficient x function: where several Hamiltonians share a function of the
-state, as (omega^2 w_0 + sigma w_2) sin q, it is multiplied once.
+symengine differentiates every H_j (sympy does if symengine is missing, which takes tens of times as long).
+S stays a sum of products weight x coefficient x function: if several Hamiltonians share a function of the state, as
+in (omega^2 w_0 + sigma w_2) sin q, there is one product with it.
 """
 
 from __future__ import annotations
@@ -20,12 +20,12 @@ from .named_formulas import Problem, quoted
 from .tails import Tails
 
 MAX_GRADIENT = 3_000  #: most operations of a gradient
-MAX_THIRD = 600  #: most third derivatives that do not vanish, of all degrees of freedom together
+MAX_THIRD = 600  #: most nonzero third derivatives, over all degrees of freedom
 BLOCKS = {"hq": "q", "hp": "p", "hqq": "qq", "hqp": "qp", "hpp": "pp"}
 
 
 def engine():
-    """symengine, or sympy."""
+    """The module symengine, or sympy."""
     try:
         return importlib.import_module("symengine")
     except ImportError:
@@ -36,7 +36,9 @@ class Derivatives:
     """All derivatives of a problem; zero where a derivative vanishes."""
 
     def __init__(self, problem: Problem, vanishing: Container[tuple] = ()):
-        """Differentiate. vanishing: (j, variables) of derivatives that are zero, however they are written."""
+        """Store the problem. vanishing: (j, variables) of derivatives that are zero, in whatever form they are
+        written.
+        """
         self.problem = problem
         self._vanishing = vanishing
         self.graph = Graph()
@@ -51,7 +53,7 @@ class Derivatives:
         self._formed = [self._tails.formed(h) for h in self.hamiltonians]
         self._entries: dict[tuple, list[Any]] = {}
         self.outputs = {"value": [self._weighted(self.hamiltonians, "")]}
-        for block, variables in BLOCKS.items():  # gradients first: what is too large is seen before it is squared
+        for block, variables in BLOCKS.items():  # gradients first, to find large formulas before Hessians
             self.outputs[block] = self._block(variables)
             if len(variables) == 1 and len(self.graph.nodes) > MAX_GRADIENT:
                 raise InvalidArgumentError(
@@ -68,7 +70,7 @@ class Derivatives:
         return self._node(self._of(*variables)[j] if variables else self.hamiltonians[j])
 
     def _of(self, *variables: str) -> list[Any]:
-        """The same with symbols for functions that have limits (tails.py)."""
+        """Derivatives of every H_j in stand-in symbols for functions that have limits (tails.py)."""
         if not variables:
             return self._formed
         key = tuple(sorted(variables))
@@ -81,8 +83,9 @@ class Derivatives:
         return self.graph.add(written, self._lanes)
 
     def _derivative(self, j: int, before: Any, key: tuple[str, ...]) -> Any:
-        """The last derivative of several. What hangs on a variable by its writing alone, as p + q - p, is written
-        without it: rounding would bring it back, and steps of separable Hamiltonians rely on it."""
+        """The last derivative of several. An expression that contains a variable but does not depend on it, as p + q -
+        p, is written without the variable: rounding would depend on it, which steps of separable Hamiltonians must
+        not."""
         last = self.symbol[key[-1]]
         result = self._tails.diff(before, last) if last in self._tails.plain(before).free_symbols else 0 * last
         if (j, *key) in self._vanishing and result.expand() == 0:
@@ -93,17 +96,17 @@ class Derivatives:
         return result
 
     def _without(self, e: Any, x: Any) -> Any:
-        """The same function without a variable that it does not depend on; as it stands where that is not certain."""
+        """The function written without a variable that it does not depend on; unchanged if that is not certain."""
         if self._tails.plain(e) != e or e.diff(x).expand() != 0:
             return e
         others = sorted((s for s in e.free_symbols if s != x), key=str)
         for value in (0, 1):
             found = e.subs({x: value})
             try:
-                self.graph.add(found, self.problem.lanes)  # refuses what is singular there
+                self.graph.add(found, self.problem.lanes)  # raises an error if the expression is singular there
                 places = [dict(zip(others, itertools.cycle(p), strict=False)) for p in ((0.83, 1.17), (-0.61, 0.47))]
                 same = (
-                    abs(complex(e.subs({**at, x: y})) - complex(found.subs(at))) < 1e-9  # no branch, as of atan(1/p)
+                    abs(complex(e.subs({**at, x: y})) - complex(found.subs(at))) < 1e-9  # no branch, as in atan(1/p)
                     for at in places
                     for y in (0.73, -1.31)
                 )
@@ -116,7 +119,7 @@ class Derivatives:
     def third(self) -> dict[str, list[int]] | None:
         """Nodes of the gradient of a^T S'' b, outputs tq and tp, in leaves aq0 .., ap0 .., bq0 .., bp0 ..
 
-        None where they vanish, or are too many.
+        None if the gradient vanishes or has too many terms.
         """
         names = [*self.problem.coordinates("q"), *self.problem.coordinates("p")]
         terms: dict[str, list[int]] = {x: [] for x in names}
@@ -136,25 +139,27 @@ class Derivatives:
                     along = self.graph.sum((along, self.graph.multiply(a[1], b[0])))
                 try:
                     terms[z].append(self.graph.multiply(self._weighted(self._of(x, y, z), x + y + z), along))
-                except InvalidArgumentError:  # more operations than a graph holds
+                except InvalidArgumentError:  # a graph cannot hold this many operations
                     return None
         n = self.problem.ndof
         nodes = [self.graph.sum(terms[x]) for x in names]
         return {"tq": nodes[:n], "tp": nodes[n:]} if count else None
 
     def has_brackets(self) -> bool:
-        """Whether nested brackets take third derivatives: they are squares for H = p.p/2 + U(q), noise in position."""
+        """Whether nested brackets need third derivatives; for H = p.p/2 + U(q) with noise in position they are
+        squares.
+        """
         slopes = {x: self.of(x) for x in self.problem.coordinates("p")}
         simple = all(e[0] == self.symbol[x] and all(h == 0 for h in e[1:]) for x, e in slopes.items())
         return len(self.hamiltonians) > 1 and not simple
 
     def noise_block(self, variables: str) -> list[int]:
-        """The same block of sum_k w_k H_k, the noises alone."""
+        """A block of derivatives of sum_k w_k H_k, the noises alone."""
         return self._block(variables, first=1)
 
     def _block(self, variables: str, first: int = 0) -> list[int]:
-        """Nodes of a block of derivatives: [i] or, by rows, [j][i] with i of the first letter, j of the second.
-        Hamiltonians before the first are left out."""
+        """Nodes of a block of derivatives: [i], or by rows [j][i] with i for the first letter and j for the second.
+        Hamiltonians with a number below `first` are left out."""
         names = [self.problem.coordinates(letter) for letter in variables]
         keys = [(x,) for x in names[0]] if len(names) == 1 else [(x, y) for y in names[1] for x in names[0]]
         zeros = [self._engine.Integer(0)] * first
@@ -192,7 +197,7 @@ class Derivatives:
         return graph.sum(terms)
 
     def _terms(self, e: Any) -> list[tuple[Any, Any]]:
-        """An expression as terms (what is the same for all lanes) x (a function of the state)."""
+        """Split an expression into terms (factor that is the same for all lanes) x (function of the state)."""
         one = self._engine.Integer(1)
         result = []
         for term in e.args if type(e).__name__ == "Add" else (e,):
@@ -208,6 +213,6 @@ class Derivatives:
 
 
 def free(expression: Any) -> Any:
-    """The expression with symbols that assume nothing, as symengine's do."""
+    """The expression with symbols without assumptions, as in symengine."""
     sympy = optional("sympy", "sympy")
     return expression.xreplace({x: sympy.Symbol(x.name) for x in expression.free_symbols})

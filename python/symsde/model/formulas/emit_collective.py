@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """C for functions of sums over sites (`collective.py`): sums, then their weights, then loops over the sites again.
 
-What a callback needs beside its outputs is room for a few numbers of each lane; a dense Hessian, which steppers want
-for few sites alone, takes the gradients of the sums as well.
+Besides its outputs a callback needs memory for a few numbers per lane; a dense Hessian, which steppers need for few
+sites only, also needs the gradients of the sums.
 """
 
 from __future__ import annotations
@@ -12,8 +12,8 @@ from .emit_c import Loops
 from .site_loops import additions, one_or_many, over_sites, site_loop
 from .sites import Chain
 
-#: arrays that outputs take beside the weights w: g, the derivatives of the functions by the sums; r, the product of
-#: the second derivatives and a vector
+#: arrays of outputs besides the weights w: g, the derivatives of the functions with respect to the sums; r, the product
+#: of the second derivatives and a vector
 WEIGHTS = dict.fromkeys(("hq", "hp", "hqq", "hqp", "hpp"), ("g",)) | dict.fromkeys(("uq", "up"), ("g", "r"))
 HEAD = """
 /* ---- functions of sums over sites: S_0 .. are in sums[..][n] ---- */
@@ -162,7 +162,7 @@ def source(chain: Chain) -> str:
 
 
 def _added_up(chain: Chain, name: str, rows: str, *vectors: str) -> str:
-    """All densities of sums, for sums or their gradients; once more where lanes are far."""
+    """Add up all densities of sums, or their gradients, over the sites, with a second pass for far lanes."""
     given = "".join(f", const double *restrict {x}" for x in vectors)
     parameters = f"IN, const ptrdiff_t sites{given}, OUT {name}"
     names = ", ".join(["t, w, q, p, c, sites", *vectors, name])
@@ -171,7 +171,7 @@ def _added_up(chain: Chain, name: str, rows: str, *vectors: str) -> str:
         if not d.inner:
             continue
         slope = name.removeprefix("inner_")
-        if name != slope:  # with weights, as in the gradient
+        if name != slope:  # weighted, as in the gradient
             there, function = site_loop(d, additions(d, slope)), f"{slope}_{k}"
         else:
             node = _value if name == "sums" else _along
@@ -193,7 +193,7 @@ def _value(made: Derivatives, j: int) -> int:
 
 
 def _along(made: Derivatives, j: int) -> int:
-    """The node of its gradient times v."""
+    """The node of the gradient of a sum's density times v."""
     graph = made.graph
     terms = []
     for letter in "qp":
@@ -220,7 +220,7 @@ def _functions(made: Derivatives, pairs: list[tuple[int, int]]) -> str:
 
 
 def _prepare(numbers) -> str:
-    """Weights of the Hamiltonians that hold a function, one after the other, and the sums."""
+    """Code for the weights of Hamiltonians that contain a function, one after the other, and for the sums."""
     copies = "".join(
         f"   memcpy(x + {k} * (ptrdiff_t)n, w + {number} * (ptrdiff_t)n, (size_t)n * sizeof(double));\n"
         for k, number in enumerate(numbers)

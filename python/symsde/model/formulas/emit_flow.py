@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""C for whole steps of a scheme (symsde_flow in symsde.h), where they pay: few degrees of freedom, no time.
+"""C for whole steps of a scheme (symsde_flow in symsde.h), if they pay: few degrees of freedom, no dependence on time.
 
-What depends on the formulas, gradients and Hessian of one lane, is generated; the steps are the texts flow_*.h.
+The gradient and Hessian of one lane are generated from the formulas; the steps are the texts flow_*.h.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from .emit_c import NEAR, Writer, reachable
 from .graph import Graph
 
 MAX_DOF = 4
-MAX_OPERATIONS = 400  #: most operations of gradient and Hessian: above, the callbacks take a small part of the time
+MAX_OPERATIONS = 400  #: most operations of gradient and Hessian: above, calls take a small part of the time
 OF_FUNCTION = 20  #: operations that an elementary function counts as, since it is inlined in every place
 STRIP = 128  #: number of lanes whose states stay in the nearest cache
 EXPLICIT = ("symplectic_euler", "symplectic_euler_adjoint", "stormer_verlet")
@@ -62,7 +62,7 @@ def flows(made: Derivatives) -> list[str]:
 
 
 def named(scheme: str) -> str:
-    """The name by which the library is given the steps of a scheme."""
+    """The name under which the library gets the steps of a scheme."""
     return scheme.replace(CORRECTED, ", corrected")
 
 
@@ -132,7 +132,7 @@ def source(made: Derivatives) -> str:
 
 
 def _elimination(name: str, n: int) -> str:
-    """A function that solves n equations, without loops, which compilers would leave as they are inside of those over
+    """A function that solves n equations, without loops, since compilers would not unroll loops inside the loop over
     lanes."""
     lines = [
         f"/* m^{{-1}} r in place of r, {n} unknowns, without pivots: near the identity none are needed; elsewhere what",
@@ -165,19 +165,19 @@ def _leaves(made: Derivatives, blocks: Iterable[str]) -> set[str]:
 
 
 def _of_nodes(made: Derivatives, roots: Iterable[int]) -> set[str]:
-    """The leaves that nodes take."""
+    """The leaves that nodes depend on."""
     nodes = (made.graph.nodes[x] for x in reachable(made.graph, roots))
     return {node.value for node in nodes if node.what == "leaf"}
 
 
 def _is_quadratic(made: Derivatives) -> bool:
-    """Whether no second derivative depends on the state, whatever the parameters are."""
+    """Whether no second derivative depends on the state, for any values of the parameters."""
     return not any(x[0] in "qp" for x in _leaves(made, ("hqq", "hqp", "hpp")))
 
 
 def _corrected(made: Derivatives) -> list[str]:
-    """Of the corrected Euler pair those whose steps are closed: they are solved for an end in which the slope of the
-    noises is linear. None where F_p.F_q has no gradient, as for noise in q or p alone, and for additive noise."""
+    """The schemes of the corrected Euler pair with closed steps: those in whose implicit end point the slope of the
+    noises is linear. Empty if F_p.F_q has no gradient, as for noise in q or p alone, and for additive noise."""
     n, noise = made.problem.ndof, {block: made.noise_block(variables) for block, variables in BLOCKS.items()}
     there = {block: [not made.graph.is_number(x, 0.0) for x in nodes] for block, nodes in noise.items()}
     products = (("hqq", "hp"), ("hpp", "hq"))
@@ -188,7 +188,7 @@ def _corrected(made: Derivatives) -> list[str]:
 
 
 def _correction(made: Derivatives) -> list[str]:
-    """Steps of the corrected pair, and the terms of the noises that they use."""
+    """Steps of the corrected Euler pair, and the terms of the noises that they use."""
     noise = {block: made.noise_block(variables) for block, variables in BLOCKS.items()}
     slopes = (("noise_force", ("hq", "hqq")), ("noise_velocity", ("hp", "hpp")))
     parts = []
@@ -201,12 +201,12 @@ def _correction(made: Derivatives) -> list[str]:
 
 
 def _moves_at_zero(made: Derivatives) -> bool:
-    """Whether the gradient is not known to vanish at zero: it is asked of quadratic Hamiltonians."""
+    """Whether the gradient may be nonzero at the origin; used for quadratic Hamiltonians."""
     return _at_zero(made, [x for block in ("hq", "hp") for x in made.outputs[block]])
 
 
 def _at_zero(made: Derivatives, nodes: Iterable[int]) -> bool:
-    """Whether some of these nodes are not known to vanish at zero."""
+    """Whether some of these nodes may be nonzero at the origin."""
     graph = made.graph
     rules = {"+": all, "-": all, "negative": all, "*": any, "/": operator.itemgetter(0)}
     zero: set[int] = set()
@@ -218,14 +218,14 @@ def _at_zero(made: Derivatives, nodes: Iterable[int]) -> bool:
 
 
 def _eliminates(made: Derivatives) -> bool:
-    """Whether midpoint has the momenta eliminated: separable, velocities linear in p, and Newton's iteration."""
+    """Whether midpoint eliminates the momenta: separable, velocities linear in p, and not quadratic."""
     separable = all(made.graph.is_number(x, 0.0) for x in made.outputs["hqp"])
     return separable and not _is_quadratic(made) and not any(x[0] in "qp" for x in _leaves(made, ["hpp"]))
 
 
 def _sweeps(made: Derivatives) -> bool:
-    """Whether two stages are found by sweeps where steps are mild: of one degree of freedom Newton's iteration, which
-    takes fewer forces and two unknowns, is faster."""
+    """Whether two stages are solved by sweeps if steps are mild: for one degree of freedom Newton's iteration, which
+    evaluates fewer forces and has two unknowns, is faster."""
     return made.problem.ndof > 1 and _eliminates(made)
 
 
@@ -244,13 +244,13 @@ def _kept(made: Derivatives) -> list[int]:
 
 
 def _places(made: Derivatives, kept: list[int]) -> str:
-    """What is kept of the force, of one lane."""
+    """Code that stores the kept parts of the force of one lane."""
     return _lines(made, "places", "double *restrict e", [(f"e[{k}]", x) for k, x in enumerate(kept)])
 
 
 def _moves(made: Derivatives, name: str, block: str, kept: Iterable[int] = ()) -> str:
-    """p - part S_q or q + part S_p in place, term after term: first those that do not wait for the state, last those
-    that wait for what is kept, so that one step waits for the other as little as may be."""
+    """p - part S_q or q + part S_p in place, term by term: first terms that do not depend on the state, last terms that
+    depend on kept parts, so that a step waits as little as possible for the step before."""
     graph, target, sign = made.graph, *(("p", "-") if block == "hq" else ("q", ""))
     given = {x: f"s->e[{k}]" for k, x in enumerate(kept)}
     found = [_signed(graph, x) for x in made.outputs[block]]
@@ -271,7 +271,7 @@ def _moves(made: Derivatives, name: str, block: str, kept: Iterable[int] = ()) -
 
 
 def _signed(graph: Graph, x: int, minus: bool = False) -> list[tuple[bool, int]]:
-    """The terms of a sum, each with a flag: is it subtracted."""
+    """The terms of a sum, each with a flag that is true if the term is subtracted."""
     node = graph.nodes[x]
     if node.what in ("+", "-"):
         a, b = node.arguments
@@ -282,7 +282,7 @@ def _signed(graph: Graph, x: int, minus: bool = False) -> list[tuple[bool, int]]
 
 
 def _factors(graph: Graph, x: int, state: set[int], given: Container[int]) -> tuple[int, int]:
-    """A product as what waits less for the state, and the rest; -1 where a term is no product."""
+    """Split a product into the factor that depends less on the state, and the rest; -1 if the term is no product."""
     node = graph.nodes[x]
     if node.what != "*" or x in given:
         return -1, x
@@ -306,7 +306,7 @@ def _function(made: Derivatives, name: str, blocks: list[str]) -> str:
 
 
 def _load(leaf: str) -> str:
-    """Where a leaf of a lane is found; the weight of H is that of every lane and step."""
+    """The C code of a leaf of a lane; the weight of H is the same for every lane and step."""
     if leaf == "w0":
         return "h"
     return f"w[{leaf[1:]} * n]" if leaf[0] == "w" else f"s->{leaf[0]}[{leaf[1:]}]"

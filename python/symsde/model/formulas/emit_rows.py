@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""C for the rows of a chain H = p.p/2 + U(q) that ties neighbours only: its gradient, and where the Hessian is
-tridiagonal, which that of a ring is not, force and stiffness of a row (symsde_chain_rows in symsde.h).
+"""C for the rows of a chain H = p.p/2 + U(q) that couples neighbours only: the gradient; and if the Hessian is
+tridiagonal, as it is without periodic ends, force and stiffness of a row (symsde_chain_rows in symsde.h).
 
-All densities together are one function of a row q0 and the next one q1: its derivatives by q0 are the row's, those by
-q1 are handed on to the next row, so that what ties two sites is evaluated once.
+All densities together are one function of a row q0 and the next row q1: its derivatives with respect to q0 belong to
+the row, its derivatives with respect to q1 are passed on to the next row, so that each bond is evaluated once.
 """
 
 from __future__ import annotations
@@ -17,10 +17,10 @@ from .emit_c import Writer
 from .named_formulas import Problem
 from .sites import Chain, Density, Number
 
-#: number of lanes that the library asks for at once (strip_lanes): the results for the next row stay in registers
+#: number of lanes that the library passes at once (strip_lanes): the results for the next row stay in registers
 LANES = 16
 TILE = (
-    256  #: rows of one lane side by side, what they hand on in the nearest cache, where it has arrived when it is read
+    256  #: rows of one lane computed together; the values passed on between them fit into the nearest cache
 )
 WIDE = 64  #: number of lanes of a gradient that advance together: blocks of long chains have as many
 #: output of a row -> block and place in `Derivatives`
@@ -160,15 +160,15 @@ ALONE = """   if (last == sites - 1) {{ /* beyond the last row there is nothing 
 
 @dataclass(frozen=True)
 class _Term:
-    """Hamiltonians that stand in a row: one, or one for each site."""
+    """Hamiltonians with terms in a row: one, or one for each site."""
 
     weight: Number
     family: bool
 
 
 def source(chain: Chain) -> str:
-    """The functions."""
-    closed = chain.ends != "free"  # densities that reach beyond the ends count
+    """The C functions for rows."""
+    closed = chain.ends != "free"  # densities that reach beyond the ends count too
     terms, whole = _together(chain, chain.densities)
     parts = {
         "handed": _handed_from_above(whole, terms, closed),
@@ -196,7 +196,7 @@ def source(chain: Chain) -> str:
 
 
 def has_rows(chain: Chain) -> bool:
-    """Whether each row of the force ties neighbours only, by densities that stand in every row alike."""
+    """Whether each row of the force couples neighbours only, by densities that are the same in every row."""
     traits = chain.traits
     if chain.outer or not (traits["identity_mass"] and (traits["position_noise"] or traits["additive"])):
         return False
@@ -214,7 +214,7 @@ def _is_plain(d: Density, ends: str) -> bool:
 
 
 def _together(chain: Chain, densities: Any) -> tuple[list[_Term], Derivatives]:
-    """All densities of a row in one problem of two coordinates; what is left of some at the ends follows from zeros."""
+    """All densities of a row as one problem of two coordinates; incomplete densities at the ends follow from zeros."""
     zero = optional("sympy", "sympy").Integer(0)
     sums: dict[_Term, Any] = {}
     for d in densities:
@@ -232,8 +232,8 @@ def _loop(
     stores: tuple[str, ...],
     weights: tuple[str, str] = ("w[{0} * n + i]", "w[({0} + row) * n + i]"),
 ) -> tuple[str, str]:
-    """What is the same for all lanes, and the loop over lanes with these stores; weights of one Hamiltonian, and of one
-    for each site."""
+    """Code that is equal for all lanes, and the loop over lanes with these stores; with weights of single Hamiltonians
+    and of one Hamiltonian for each site."""
 
     def load(name: str) -> str:
         if name[0] == "w":
@@ -250,7 +250,7 @@ def _loop(
 
 
 def _stores(made: Derivatives, outputs: dict[str, Any], stores: tuple[str, ...]) -> str:
-    """Stores of outputs by their names: of a force, and where it is wanted of stiffness."""
+    """Stores of outputs by their names: of the force, and of the stiffness if it is wanted."""
     writer = Writer(made.graph, str)
     values = {name: writer.operand(made.outputs[block][at]) for name, (block, at) in outputs.items()}
     force, *stiffness = (f"{store.format(**values)}\n" for store in stores)
@@ -259,6 +259,6 @@ def _stores(made: Derivatives, outputs: dict[str, Any], stores: tuple[str, ...])
 
 
 def _handed_from_above(made: Derivatives, terms: list[_Term], closed: bool) -> str:
-    """The contribution of the row above the first row of a call to it."""
+    """The contribution to the first row of a call from the row above it."""
     before, inside = _loop(made, terms, HANDED, ("force[i] = {force};", "diagonal[i] = {diagonal};"))
     return HANDED_FROM_ABOVE.format(there="1" if closed else "first > 0", before=before, inside=inside)

@@ -1,5 +1,5 @@
 
-/* ---- STEP, which needs no iterations: a group of steps keeps the state of a lane in registers ---- */
+/* ---- STEP without iterations: a group of steps keeps the state of a lane in registers ---- */
 
 #if STEP_KEPT
 INLINE STEP_places(const int lanes, LANE_IN, double *restrict x, const int far) {
@@ -13,7 +13,7 @@ INLINE STEP_places(const int lanes, LANE_IN, double *restrict x, const int far) 
    return beyond;
 }
 
-/* What is kept, before the first step. */
+/* Compute the kept parts before the first step. */
 static void STEP_begin(const int lanes, LANE_IN, double *restrict x) {
    if (STEP_places(lanes, LANE_OF, x, 0) < 0)
       STEP_places(lanes, LANE_OF, x, 1);
@@ -40,7 +40,7 @@ SELDOM STEP_far(const int lanes, const int steps, const ptrdiff_t stride, LANE_I
       STEP_in_lanes(lanes, 1, stride, w + j * stride, n, c, h, x, y, 1);
 }
 
-/* The steps of a path that is alone. */
+/* The steps of a single path. */
 #if STEP_LINEAR
 INLINE STEP_alone(const int steps, const ptrdiff_t stride, LANE_IN, const double *x, double *y) {
    enum { CHUNK = 64 };
@@ -49,7 +49,7 @@ INLINE STEP_alone(const int steps, const ptrdiff_t stride, LANE_IN, const double
    for (int first = 0; first < steps; first += CHUNK) {
       const int some = steps - first < CHUNK ? steps - first : CHUNK;
 #pragma GCC ivdep
-      for (int j = 0; j < some; j++) { /* side by side */
+      for (int j = 0; j < some; j++) { /* stored together */
          double own[COEFFICIENTS];
          STEP_coefficients(w + (first + j) * stride, n, c, h, own, 0);
          for (int k = 0; k < COEFFICIENTS; k++)
@@ -77,7 +77,7 @@ INLINE STEP_alone(const int steps, const ptrdiff_t stride, LANE_IN, const double
 }
 #endif
 
-/* From x to y; where lanes may be far these are two, so that steps can be taken once more. */
+/* From x to y; if lanes may be far, x and y are different arrays, so that steps can be repeated. */
 static void STEP_several(const int lanes, const int steps, const ptrdiff_t stride, LANE_IN, const double *x, double *y) {
    const int64_t beyond = lanes == 1 && n == 1 ? STEP_alone(steps, NHAM, w, 1, c, h, x, y)
                           : lanes == 1     ? STEP_alone(steps, stride, LANE_OF, x, y)

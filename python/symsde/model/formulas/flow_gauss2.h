@@ -24,7 +24,7 @@ INLINE gauss2_evaluate(LANE_IN, const state *s, const double *z, double *e, cons
    return beyond;
 }
 
-/* I + S_qq a S_pp a, of which stages i and j. */
+/* Block (i, j) of I + S_qq a S_pp a for stages i and j. */
 LANE void gauss2_block(const double *hqq, const double *pp, const double *pp2, const int i, const int j, double *matrix) {
 #pragma GCC unroll 4
    for (int l = 0; l < DOF; l++) {
@@ -44,7 +44,7 @@ LANE void gauss2_block(const double *hqq, const double *pp, const double *pp2, c
    }
 }
 
-/* matrix^{-1} g in place of g. */
+/* Replace g by matrix^{-1} g. */
 LANE void gauss2_solve(double *matrix, double *g) {
 #if DOF == 1
    const double inverse = 1 / FMA(matrix[0], matrix[3], -(matrix[1] * matrix[2])), first = g[0];
@@ -96,7 +96,7 @@ LANE void gauss2_correction(LANE_IN, const state *s, const double *z, const doub
    d[4 * DOF] = 0;
 }
 
-/* one correction of zero, with both stages at the beginning of the step */
+/* one correction from zero, with both stages at the beginning of the step */
 INLINE gauss2_guess(LANE_IN, const state *s, double *z, const int far) {
    double zero[4 * DOF], e[gauss2_DERIVATIVES], d[4 * DOF + 1];
    const int64_t beyond = gauss2_at(LANE_OF, s, e, far);
@@ -119,4 +119,4 @@ LANE void gauss2_increment(LANE_IN, state *s, const double *z) {
    }
 }
 
-#define gauss2_steep_increment gauss2_increment /* both unknowns are there */
+#define gauss2_steep_increment gauss2_increment /* both unknowns are known */

@@ -74,7 +74,7 @@ LANE void midpoint_increment(LANE_IN, state *s, const double *z) {
 
 #if DOF == 1
 #else
-/* of quadratic Hamiltonians: one correction is the solution */
+/* for quadratic Hamiltonians one correction is the solution */
 INLINE midpoint(LANE_IN, state *s, const int far) {
    double e[midpoint_DERIVATIVES], d[2 * DOF], g[DOF];
    const int64_t beyond = slopes(LANE_OF, s, e, e + AT_P, e + AT_QQ, e + AT_QP, e + AT_PP, far);
@@ -89,4 +89,4 @@ INLINE midpoint(LANE_IN, state *s, const int far) {
 }
 #endif
 
-#define midpoint_steep_increment midpoint_increment /* both unknowns are there */
+#define midpoint_steep_increment midpoint_increment /* both unknowns are known */

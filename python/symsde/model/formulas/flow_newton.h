@@ -1,8 +1,8 @@
 
 /* ---- STEP by Newton's iteration, each lane until its own corrections stagnate ---- */
 
-/* What a lane is in between iterations: its unknowns, the size of its last correction, or done (-1), or failed (-2), and
- * how steep the equations were there. */
+/* The state of a lane between iterations: its unknowns, the size of its last correction, or done (-1), or failed (-2),
+ * and the steepness of the equations. */
 typedef struct {
    double z[STEP_UNKNOWNS], last, steep;
 } STEP_lane;
@@ -23,16 +23,18 @@ LANE void STEP_put(const STEP_lane lane, const int i, double *restrict u) {
    u[(STEP_UNKNOWNS + 1) * STRIP + i] = lane.steep;
 }
 
-/* Before the first iteration; a lane with a status rests. */
+/* Before the first iteration; a lane with a nonzero status does no work. */
 INLINE STEP_begin(LANE_IN, const state *s, const int64_t status, STEP_lane *lane, const int far) {
    lane->last = status == 0 ? 0 : -1;
    lane->steep = 0;
    return STEP_guess(LANE_OF, s, lane->z, far);
 }
 
-/* One correction from the derivatives e, and the verdict on it; `first`: none came before. A lane that rests stays. */
+/* One correction from the derivatives e, and the verdict on it; `first`: the first correction. A lane that is done keeps
+ * its values. */
 LANE void STEP_correct(LANE_IN, const state *s, const double *e, STEP_lane *lane, const int first) {
-   const int64_t rests = bits_of(lane->last) >> 63; /* by bits: compilers make branches of conditions, and no vectors */
+   /* by bits: conditions would become branches, which prevent vectors */
+   const int64_t rests = bits_of(lane->last) >> 63;
    double d[STEP_UNKNOWNS + 1], largest = 0, size = 0, sum = 0;
    STEP_correction(LANE_OF, s, lane->z, e, d);
    for (int k = 0; k < STEP_UNKNOWNS; k++) {
@@ -42,13 +44,13 @@ LANE void STEP_correct(LANE_IN, const state *s, const double *e, STEP_lane *lane
       sum += d[k] + next;
       lane->z[k] = next;
    }
-   const double correction = largest + 0 * sum; /* no number where anything is not finite */
+   const double correction = largest + 0 * sum; /* NaN if anything is not finite */
    const double next = first ? first_verdict(correction, size) : verdict(correction, size, lane->last);
    lane->steep = either(rests, lane->steep, d[STEP_UNKNOWNS]); /* of the lane, not of its neighbours */
    lane->last = either(rests, lane->last, next);
 }
 
-/* The loops over lanes are short ones, whose lanes a processor overlaps: one for the derivatives, one for the rest. */
+/* Two short loops over lanes, which a processor overlaps: one for the derivatives, one for the corrections. */
 INLINE STEP_derivatives(const int lanes, LANE_IN, const double *restrict x, const int64_t *restrict status,
                         double *restrict u, double *restrict v, const int first, const int far) {
    int64_t beyond = 0;
@@ -79,12 +81,12 @@ SELDOM STEP_far(const int lanes, LANE_IN, const double *restrict x, const int64_
       STEP_derivatives(lanes, LANE_OF, x, status, u, v, 0, 1);
 }
 
-/* What is left to do in some lane. */
+/* Work that remains in some lane. */
 typedef struct {
-   int64_t going, undone, gentle; /* negative: iterations; not 0: anything; negative: a steep lane */
+   int64_t going, undone, gentle; /* negative: iterations; not 0: any work; negative: a steep lane */
 } STEP_rest;
 
-/* Corrections of all lanes and, but for the first, the state y as if they were the last. */
+/* Corrections of all lanes; except for the first correction also the state y, as if they were the last. */
 LANE STEP_rest STEP_corrections(const int lanes, LANE_IN, const double *restrict x, const double *restrict v,
                                 double *restrict u, double *restrict y, const int first) {
    int64_t going = 0, undone = 0, gentle = 0;
@@ -109,7 +111,7 @@ LANE STEP_rest STEP_corrections(const int lanes, LANE_IN, const double *restrict
    return (STEP_rest){going, undone, gentle};
 }
 
-/* Steep lanes get their state by another formula; lanes that found no solution a status, and a negative outcome. */
+/* Steep lanes compute their state by another formula; lanes without a solution get a status, and a negative outcome. */
 SELDOM STEP_sort_out(const int lanes, LANE_IN, const double *restrict x, const double *restrict u,
                      int64_t *restrict status, double *restrict y, int64_t *outcome) {
    for (int i = 0; i < lanes; i++) {
@@ -144,14 +146,14 @@ INLINE STEP_one(const int lanes, const int max_iter, LANE_IN, const double *rest
    return outcome;
 }
 
-/* Derivatives for a path that is alone. */
+/* Derivatives for a single path. */
 INLINE STEP_look(LANE_IN, const state *s, const double *z, double *e) {
    if (STEP_evaluate(LANE_OF, s, z, e, ALONE) < 0)
       STEP_evaluate(LANE_OF, s, z, e, 1);
    return 0;
 }
 
-/* A step of a path that is alone, which stays in registers. */
+/* A step of a single path, whose data stay in registers. */
 INLINE STEP_alone(const int max_iter, LANE_IN, state *s, int64_t *restrict status) {
    double e[STEP_DERIVATIVES];
    STEP_lane lane;

@@ -1,5 +1,5 @@
 
-/* Steps of a strip in place. A lane that fails ends the steps: the library takes them again, one by one. */
+/* Steps of a strip in place. If a lane fails, the function ends, and the library repeats the steps one by one. */
 static void STEP_strip(const int lanes, const int nstep, const int max_iter, const ptrdiff_t stride, LANE_IN,
                        double *restrict x, int64_t *restrict status) {
    double other[2 * DOF * STRIP], *from = x, *to = other;

@@ -1,7 +1,7 @@
 
-/* ---- STEP by sweeps, as src/step/stages/fixed_point.f90 has them; lanes where they do not do are left to Newton ---- */
+/* ---- STEP by sweeps, as in src/step/stages/fixed_point.f90; lanes in which sweeps fail are left to Newton ---- */
 
-enum { STEP_AT_ONCE = 3, STEP_MOST = 24 }; /* sweeps that all lanes take, and those that a lane may take */
+enum { STEP_AT_ONCE = 3, STEP_MOST = 24 }; /* sweeps that all lanes do, and the most of a lane */
 
 /* A further sweep, and the verdict on it. */
 INLINE STEP_again(LANE_IN, const state *s, double *g, double *f, double *change, double *size) {
@@ -14,11 +14,11 @@ INLINE STEP_again(LANE_IN, const state *s, double *g, double *f, double *change,
       *size = fabs(f[k]) > *size ? fabs(f[k]) : *size;
       sum += d;
    }
-   *change = largest + 0 * sum; /* no number where anything is not finite */
+   *change = largest + 0 * sum; /* NaN if anything is not finite */
    return beyond;
 }
 
-/* The sweeps that every lane takes: slopes, and the verdict. */
+/* The sweeps that every lane does: slopes, and the verdict. */
 LANE double STEP_at_once(LANE_IN, const state *s, double *g) {
    double f[STEP_SLOPES], last, change, size;
    int64_t beyond = STEP_sweep(LANE_OF, s, g, g, 1);
@@ -36,7 +36,7 @@ LANE double STEP_once_more(LANE_IN, const state *s, double *g, const double last
    return either(rests, last, either(beyond >> 63, -2, sweep_verdict(change, size, last)));
 }
 
-/* Sweeps of all lanes, and the state y as if they were the last; negative where a lane goes on. */
+/* Sweeps of all lanes, and the state y as if they were the last; negative if a lane needs more sweeps. */
 LANE int64_t STEP_sweeps(const int lanes, LANE_IN, const double *restrict x, double *restrict u, double *restrict y,
                          const int first) {
    int64_t going = 0;
@@ -65,7 +65,7 @@ SELDOM STEP_alone_by_newton(const int max_iter, LANE_IN, state *s, int64_t *rest
    *outcome |= STEP_alone(max_iter, LANE_OF, s, status);
 }
 
-/* Lanes that sweeps did not solve: one by one where matrices are large, which vectors of all lanes take long to compile. */
+/* Newton for lanes that sweeps did not solve; one by one if matrices are large, since vector code would compile slowly. */
 #if DOF > 2
 SELDOM STEP_by_newton(const int lanes, const int max_iter, LANE_IN, const double *restrict x,
                       const double *restrict last, double *restrict y, int64_t *restrict status, int64_t *outcome) {
@@ -84,7 +84,7 @@ static __attribute__((noinline)) void STEP_by_newton(const int lanes, const int 
    double other[2 * DOF * STRIP];
    int64_t own[STRIP];
    for (int i = 0; i < lanes; i++)
-      own[i] = last[i] == -1 ? 1 : status[i]; /* what is solved rests */
+      own[i] = last[i] == -1 ? 1 : status[i]; /* solved lanes do no work */
    *outcome = STEP_one(lanes, max_iter, LANE_OF, x, other, own);
    for (int i = 0; i < lanes; i++) {
       if (last[i] == -1)
@@ -111,7 +111,7 @@ INLINE STEP_swept_one(const int lanes, const int max_iter, LANE_IN, const double
    return outcome;
 }
 
-/* A step of a path that is alone: what comes next does not wait for verdicts. */
+/* A step of a single path: the next operations do not wait for verdicts. */
 INLINE STEP_swept_alone(const int max_iter, LANE_IN, state *s, int64_t *restrict status) {
    double g[STEP_SLOPES], f[STEP_SLOPES], last = STEP_at_once(LANE_OF, s, g), change, size;
    int64_t outcome = 0;

@@ -1,12 +1,12 @@
 
-/* What was where `rests` is -1, what comes next where it is 0. */
+/* `was` if `rests` is -1, `next` if `rests` is 0. */
 LANE double either(const int64_t rests, const double was, const double next) {
    return double_of(((uint64_t)bits_of(was) & (uint64_t)rests) | ((uint64_t)bits_of(next) & ~(uint64_t)rests));
 }
 
-/* The library's test for matrices that are derivatives of their residuals (src/solve/stagnation.f90): the size of the
- * correction, or done (-1), or failed (-2), as where d is no number. Corrections that do not shrink may lead to another
- * solution than the library's: such lanes fail here, and are rescued by the library. */
+/* The library's test for matrices that are derivatives of their residuals (src/solve/stagnation.f90): the size of
+ * the correction, or done (-1), or failed (-2), for example if d is NaN. Corrections that do not shrink may lead to
+ * another solution than the library's: such lanes fail here, and are rescued by the library. */
 LANE double verdict(const double d, const double size, const double last) {
    const double near = 0x1p-33 * size, eighth = 0x1p-3 * last, less = near < eighth ? near : eighth;
    double bound = d < last ? less : near;
@@ -16,7 +16,7 @@ LANE double verdict(const double d, const double size, const double last) {
    return d <= bound ? -1 : next;
 }
 
-/* The same of a first correction. */
+/* The verdict on a first correction. */
 LANE double first_verdict(const double d, const double size) {
    const double next = d <= 0x1.fffffffffffffp1023 ? d : -2;
    return d <= 0x1p-33 * size ? -1 : next;

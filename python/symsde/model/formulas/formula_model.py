@@ -33,7 +33,7 @@ KINDS = ("gradient", "value", "hessian", "hessian_vector", "gradient_hessian", "
 
 @dataclass(frozen=True)
 class Formula:
-    """How the formulas of a model were derived and compiled."""
+    """A description of how the formulas of a model were derived and compiled."""
 
     hamiltonians: tuple[str, ...]  #: H, H_1 .. H_m as given
     structure: Structure | None  #: facts derived from the Hamiltonians; for sums over sites see the traits
@@ -50,22 +50,24 @@ class FormulaModel(Model):
     formula: Formula
     _derivatives: Derivatives | None  #: nodes of all derivatives; None for sums over sites
     _chain: Chain | None  #: sums over sites
-    _direct: tuple | None  #: compiled gradient and value, each with its parameters, and weights 1 of all Hamiltonians
+    _direct: tuple | None  #: compiled gradient and value, each with its parameters, and weights of 1
 
     def call(self, name: str, *arguments, allow: tuple[int, ...] = ()) -> int:
-        """As of every model; what does not fit the model is told with its formulas."""
+        """Call the library as for every model; errors about the model name its formulas."""
         try:
             return super().call(name, *arguments, allow=allow)
         except IncompatibleError as error:
             raise type(error)(f"{error} ({self._quoted()})") from None
 
     def check_start(self, q0: np.ndarray, p0: np.ndarray, t0: float) -> None:
-        """Refuse one state for all paths where a Hamiltonian or its derivative is singular: no scheme is right."""
+        """Refuse an initial state of all paths at which a Hamiltonian or its derivative is singular: every scheme
+        would fail.
+        """
         if self._is_finite_at(q0, p0, t0):
             return
         if not (math.isfinite(t0) and np.isfinite(q0).all() and np.isfinite(p0).all()):
-            return  # the library says which of them is not
-        found = np.empty(2 * self.ndof + 1)  # one state: by model.gradient and .value a call took twice as long
+            return  # the library reports which state is not finite
+        found = np.empty(2 * self.ndof + 1)  # one state: calling model.gradient and .value took twice as long
         hq, hp, value = found[: self.ndof], found[self.ndof : -1], found[-1:]
         w, x, y = (np.ascontiguousarray(a, dtype=float) for a in (np.ones(self.nnoise + 1), q0, p0))
         self._evaluate("gradient", 1, t0, w, x, y, hq, hp)
@@ -79,7 +81,9 @@ class FormulaModel(Model):
             )
 
     def _is_finite_at(self, q0: np.ndarray, p0: np.ndarray, t0: float) -> bool:
-        """Whether the compiled functions say so. They are asked themselves: by the library it took half of a call."""
+        """Whether the compiled functions are finite at the state. They are called directly: through the library it
+        took longer.
+        """
         if self._direct is None:
             return False
         (gradient, user), (value, _), w = self._direct
@@ -102,7 +106,7 @@ class FormulaModel(Model):
         return _made({**given, "params": {**self.parameters, **chosen}, "damping": self.damping or None})
 
     def _parameter(self, name: str) -> str:
-        """The name of a parameter, as formulas have it."""
+        """The internal name of a parameter."""
         known = list(self.parameters)
         if not known:
             raise UnknownNameError(
@@ -171,7 +175,7 @@ def model_from_sympy(
 
 
 def _warn_of_unused(params: Mapping[str, float] | None, formulas: list[Any]) -> None:
-    """A value that changes nothing is a slip of a name, or a noise that was forgotten."""
+    """Warn of parameters that occur in no formula: a misspelt name, or a forgotten noise."""
     if names := unused(params, formulas):
         one = len(names) == 1
         told = (
@@ -233,13 +237,13 @@ def _made(given: dict[str, Any]) -> FormulaModel:
 
 
 def _shown(state: np.ndarray) -> str:
-    """The first numbers of a state."""
+    """The first numbers of a state as text."""
     numbers = ", ".join(f"{x:g}" for x in state[:4, 0])
     return numbers if len(state) == 1 else f"[{numbers}{', ..' if len(state) > 4 else ''}]"
 
 
 def _compiled(source: str, is_chain: bool) -> compiler.Compiled | None:
-    """The compiled code; None if nothing compiles, with a warning of the cost."""
+    """The compiled code; None if nothing can be compiled, with a warning about the cost."""
     compiled = compiler.build(source)
     if compiled is not None:
         return compiled
@@ -250,7 +254,7 @@ def _compiled(source: str, is_chain: bool) -> compiler.Compiled | None:
 
 
 def _chain(*, H, noise, q, p, params, t, invariants, n, ends) -> Chain:
-    """Sums over n sites."""
+    """Read sums over n sites."""
     if q is not None or p is not None or invariants:
         raise InvalidArgumentError("sums over n sites are in q[i] and p[i]: leave out q, p and invariants")
     return make_chain(H=H, noise=noise, params=params, t=t, n=n, ends=ends)
@@ -264,7 +268,7 @@ def _functions(compiled: compiler.Compiled, parameters: Mapping[str, float]) -> 
 
 
 def _flows(compiled: compiler.Compiled, schemes: list[str], parameters: Mapping[str, float]) -> dict[str, Any]:
-    """The compiled whole steps by scheme; the values of the parameters are those of the callbacks."""
+    """The compiled whole steps by scheme; they use the values of the parameters of the callbacks."""
     values = np.array(list(parameters.values()) or [0.0])
     return {emit_flow.named(x): _with_values(compiled, f"formula_flow_{x}", values) for x in schemes}
 

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Observables from formulas: values of the state of any model, compiled as the model's own formulas are.
+"""Observables from formulas: values of the state of any model, compiled like the formulas of models.
 
-Names are those of the model where it has some: its coordinates, its parameters, its time. Beside these q1, q_1, ..,
-p1, p_1, .., with one degree of freedom q and p, and t. Nothing that a user writes reaches generated code.
+Formulas may use the model's own names of coordinates, parameters and time, if it has any. Also known are q1, q_1, ..,
+p1, p_1, .., t, and with one degree of freedom q and p. Nothing that a user writes reaches generated code.
 Sums over degrees of freedom, Sum(q[i]**2, i), stay loops (`sums.py`).
 """
 
@@ -51,12 +51,12 @@ WITH_SUMS = """   double *sums = malloc(COUNT * (size_t)n * sizeof(double));
 
 
 def is_formula(given: object) -> bool:
-    """Whether an observable is a formula: a text, or an expression of sympy, which can be called, too."""
+    """Whether an observable is a formula: a text, or an expression of sympy (which may be callable too)."""
     return isinstance(given, str) or hasattr(given, "free_symbols")
 
 
 class FormulaObservables:
-    """Some observables of a model, in order; callable as f(t, q, p) -> (observable, lane)."""
+    """Observables of a model, in order; callable as f(t, q, p) -> (observable, lane)."""
 
     def __init__(self, model: Model, formulas: Mapping[str, Any], *, compiles: bool = True):
         """Read and, by default, compile the formulas; errors name the observable."""
@@ -75,12 +75,12 @@ class FormulaObservables:
         return self._read.compiled is not None
 
     def callback(self) -> tuple[Callable, ctypes.c_void_p]:
-        """The function of C and its user pointer, which live as long as this."""
+        """The C function and its user pointer; both live as long as this object."""
         function = ctypes.cast(self._read.compiled.library.formula_observables, abi.Observables)
         return function, ctypes.c_void_p(self._values.ctypes.data)
 
     def __call__(self, t: float, q: np.ndarray, p: np.ndarray) -> np.ndarray:
-        """Values of (dof, lane) states."""
+        """Evaluate the observables on states (dof, lane)."""
         lanes = q.shape[-1]
         if self._read.compiled is None:
             given = {"t": t} | {f"c{k}": x for k, x in enumerate(self._values.tolist())}
@@ -95,7 +95,7 @@ class FormulaObservables:
 
 
 def _own(given: object) -> tuple | None:
-    """Coordinates as a model names them, if it does."""
+    """The model's own names of coordinates, if it has any."""
     if given is None:
         return None
     return (given,) if isinstance(given, str) or not hasattr(given, "__iter__") else tuple(given)
@@ -115,7 +115,7 @@ class _Read:
 def _read(
     formulas: tuple, names: tuple, parameters: tuple[str, ...], time: object, ends: str, *, compiles: bool
 ) -> _Read:
-    """The same formulas are read once, however many shards want them."""
+    """Read formulas; the result is cached, since many shards need the same formulas."""
     known = _known(formulas, names, parameters, time)
     count, read, made = names[0][2], engine(), _Read(Graph(), [], [], None)
     leaves = {symbol.name: symbol.name[0] in "qp" for symbol in known.known.values()}
@@ -153,7 +153,7 @@ def _read(
 
 
 def _known(formulas: tuple, names: tuple, parameters: tuple[str, ...], time: object) -> Names:
-    """Names with their symbols; of many coordinates those that the formulas hold."""
+    """Names with their symbols; of many coordinates only those that the formulas contain."""
     sympy = optional("sympy", "sympy")
     used = set().union(*(_used(formula) for _, formula in formulas))
     own = {}
@@ -163,7 +163,7 @@ def _known(formulas: tuple, names: tuple, parameters: tuple[str, ...], time: obj
     for letter, _, ndof in names:
         few = range(ndof) if ndof <= MAX_DOF else sorted(_numbers(letter, used, ndof))
         for i in few:
-            moving = str(own[letter][i]).partition("(")[0] if own[letter] else f"{letter}_{i + 1}"  # x of x(t)
+            moving = str(own[letter][i]).partition("(")[0] if own[letter] else f"{letter}_{i + 1}"  # the x in x(t)
             for alias in (moving, f"{letter}_{i + 1}", f"{letter}{i + 1}", *([letter] if ndof == 1 else [])):
                 known.known.setdefault(alias, sympy.Symbol(f"{letter}{i}", real=True))
     return known
@@ -174,6 +174,6 @@ def _used(formula: Any) -> set[str]:
 
 
 def _numbers(letter: str, used: set[str], ndof: int) -> set[int]:
-    """Coordinates that some names stand for, counted from 0."""
+    """Numbers of the coordinates that occur among some names, counted from 0."""
     found = (re.fullmatch(rf"{letter}_?(\d{{1,9}})", name) for name in used)
     return {int(match[1]) - 1 for match in found if match and 1 <= int(match[1]) <= ndof}

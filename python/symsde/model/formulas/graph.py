@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Expressions as one graph in which equal parts are one node: what all outputs share is computed once.
+"""Expressions as one graph in which equal parts are one node, so that parts shared by outputs are computed once.
 
-A node is a number in a list. Every node but a leaf has exactly one operation of a computer, so that the order of
-the operations, and with it every bit of a result, is fixed here and not by what else is computed.
+A node is a number in a list. Every node but a leaf is exactly one floating-point operation, so that the order of
+operations, and with it every bit of a result, is fixed here, whatever else is computed.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ FUNCTIONS = (
     *("sin", "cos", "tan", "exp", "log", "sqrt", "sinh", "cosh", "tanh"),
     *("asin", "acos", "atan", "asinh", "acosh", "atanh", "sech", "csch", "coth", "erf", "erfc"),
 )
-INNER = ("log1p", "gauss", "logcosh")  #: functions that formulas are rewritten to: log(1 + x), exp(-x^2), log(cosh(x))
+INNER = ("log1p", "gauss", "logcosh")  #: functions that formulas are rewritten in: log(1 + x), exp(-x^2), log(cosh(x))
 MAX_OPERATIONS = 12_000
 
 
@@ -37,16 +37,16 @@ class Node:
 
 @dataclass
 class Graph:
-    """Nodes, each after its arguments."""
+    """A list of nodes, each after its arguments."""
 
     nodes: list[Node] = field(default_factory=list)
     _known: dict[tuple, int] = field(default_factory=dict)
     _made: dict[Any, int] = field(default_factory=dict)  #: whole expressions -> their nodes
-    #: symbol that is a node -> the expression that it stands for
+    #: stand-in symbol of a node -> the expression that it replaces
     stand_ins: dict[Any, Any] = field(default_factory=dict)
 
     def node(self, what: str, *arguments: int, value: Any = None, lane: bool = False) -> int:
-        """A node, the one that exists where there is an equal one."""
+        """Make a node, or return an equal one that exists."""
         key = (what, arguments, value)
         if key not in self._known:
             if len(self.nodes) >= MAX_OPERATIONS:
@@ -60,11 +60,11 @@ class Graph:
         return self._known[key]
 
     def number(self, value: float) -> int:
-        """A number."""
+        """The node of a number."""
         return self.node("number", value=repr(float(value)))
 
     def leaf(self, name: str, lane: bool) -> int:
-        """Something given: a coordinate, a weight, a parameter, the time."""
+        """The node of an input: a coordinate, a weight, a parameter, the time."""
         return self.node("leaf", value=name, lane=lane)
 
     def is_number(self, x: int, value: float) -> bool:
@@ -73,14 +73,16 @@ class Graph:
         return node.what == "number" and float(node.value) == value
 
     def multiply(self, a: int, b: int) -> int:
-        """A product of two; a factor of one is none, and signs, which rounding does not see, stand before it."""
+        """A product of two nodes. A factor of one is dropped, and signs, which do not affect rounding, are moved to
+        the front.
+        """
         minus = (self._sign(a) < 0) != (self._sign(b) < 0)
         a, b = sorted((self._size(a), self._size(b)))
         result = self.node("*", a, b) if self._trivial(a, b) is None else self._trivial(a, b)
         return self.negative(result) if minus else result
 
     def _trivial(self, a: int, b: int) -> int | None:
-        """A product with one or zero."""
+        """The value of a product with one or zero; else None."""
         for x, y in ((a, b), (b, a)):
             if self.is_number(x, 1.0):
                 return y
@@ -96,7 +98,9 @@ class Graph:
         return node.arguments[0] if node.what == "negative" else self.node("negative", x)
 
     def product(self, factors: Iterable[int]) -> int:
-        """A product from the left; what is the same for all lanes first, so that it leaves the loop."""
+        """A product from left to right; factors that are equal for all lanes come first, so that their product
+        leaves the loop.
+        """
         ordered = sorted(factors, key=lambda x: (self.nodes[x].lane, x))
         result = self.number(1.0)
         for x in ordered:
@@ -104,7 +108,7 @@ class Graph:
         return result
 
     def sum(self, terms: Iterable[int]) -> int:
-        """A sum from the left; terms with a sign are subtracted, and where all have one it stands before the sum."""
+        """A sum from left to right; negative terms are subtracted, and if all are negative the sum gets the sign."""
         ordered = [x for x in terms if not self.is_number(x, 0.0)]
         if not ordered:
             return self.number(0.0)
@@ -128,7 +132,7 @@ class Graph:
         return self.negative(x) if self._sign(x) < 0 else x
 
     def power(self, x: int, exponent: int) -> int:
-        """A whole power by multiplication."""
+        """An integer power by multiplication."""
         if exponent < 0:
             return self.node("/", self.number(1.0), self.power(x, -exponent))
         if exponent == 0:
@@ -146,7 +150,7 @@ class Graph:
     # ---- from expressions of sympy or symengine ------------------------------------------------------------
 
     def stand_in(self, symbol: Any, node: int, plain: Any) -> None:
-        """Let a symbol of expressions be a node, which is `plain`."""
+        """Let a symbol in expressions stand for a node, whose expression is `plain`."""
         self._made[symbol], self.stand_ins[symbol] = node, plain
 
     def add(self, expression: Any, leaves: dict[str, bool]) -> int:
@@ -172,8 +176,8 @@ class Graph:
             return self._power_of(*e.args, leaves)
         if kind in FUNCTIONS:
             return self.node(kind, self.add(e.args[0], leaves))
-        name = str(e).partition("(")[0] if kind == "PyFunction" else kind  # of sympy, unknown to symengine
-        if name == "Abs":  # which sympy makes of powers of squares
+        name = str(e).partition("(")[0] if kind == "PyFunction" else kind  # a sympy function unknown to symengine
+        if name == "Abs":  # sympy makes Abs from powers of squares
             name = "the size of something, as sqrt(q**2) and (q**2)**1.5 have that of q,"
         raise InvalidArgumentError(
             f"{name} in a formula has no derivative everywhere, or no code here: use + - * / ** and "
@@ -181,7 +185,7 @@ class Graph:
         )
 
     def _product_of(self, factors, leaves) -> int:
-        """Numerators over denominators: one division for each kind of factor below the line."""
+        """Numerators over denominators, with one division for each kind of factor in the denominator."""
         above, below = [], []
         for factor in factors:
             base, exponent = factor.args if type(factor).__name__ == "Pow" else (factor, None)
@@ -200,7 +204,7 @@ class Graph:
         return self.node("pow", x, self.add(exponent, leaves))
 
     def raised(self, x: int, exponent: float) -> int:
-        """A power by a number: by multiplication, and a root, where that is possible."""
+        """A power with a constant exponent: by multiplication and a root if possible."""
         twice = 2 * exponent
         if not twice.is_integer() or abs(twice) > 128:
             return self.node("pow", x, self.number(exponent))
@@ -213,7 +217,7 @@ class Graph:
 
 def constant(e: Any) -> float:
     """A constant as a floating-point number; a constant that is not real and finite is refused."""
-    try:  # of whole numbers of any length exactly: symengine's own way leaves floating point on the way
+    try:  # integers of any length exactly: symengine's own conversion loses digits
         value = float(Fraction(str(e))) if getattr(e, "is_Rational", False) else float(e)
     except (TypeError, ValueError, RuntimeError, OverflowError, ZeroDivisionError):
         value = float("nan")

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Formulas without a compiler: the graph is gone through node by node, each an operation of NumPy on all lanes."""
+"""Formulas without a compiler: each node of the graph is one NumPy operation on all lanes."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ LOG_2 = math.log(2)
 
 
 def gauss(x: Any) -> Any:
-    """exp(-x^2), with what the square loses by rounding."""
+    """exp(-x^2), corrected for the rounding error of the square."""
     x = np.clip(x, -40, 40)
     near = np.float64(np.float32(x))
     found = np.exp(-near * near)
@@ -57,17 +57,17 @@ _OPERATIONS: dict[str, Callable] = {
 
 
 class InNumpy:
-    """The functions of a `Model`."""
+    """The functions of a `Model`, evaluated by NumPy."""
 
     def __init__(self, derivatives: Derivatives, parameters: dict[str, float]):
-        """Formulas with values of their parameters."""
+        """Store formulas with the values of their parameters."""
         self.graph = derivatives.graph
         self.outputs = derivatives.outputs | ((derivatives.has_brackets() and derivatives.third()) or {})
         self.ndof = derivatives.problem.ndof
         self.parameters = {f"c{k}": value for k, value in enumerate(parameters.values())}
 
     def functions(self) -> dict[str, Any]:
-        """By the names that `Model` gives them."""
+        """The functions by the names of `Model`'s arguments."""
         names = (
             "gradient",
             "value",
@@ -101,7 +101,7 @@ class InNumpy:
         return tuple(self._block(x, (t, w, q, p), (self.ndof,), **vectors) for x in ("tq", "tp"))
 
     def _block(self, name: str, at: tuple, shape: tuple[int, ...], **vectors: np.ndarray) -> np.ndarray:
-        """One block of outputs, the lanes last."""
+        """One block of outputs, with lanes as the last axis."""
         t, w, q, p = at
         given = {"t": t, **self.parameters}
         given |= {
@@ -112,7 +112,7 @@ class InNumpy:
 
 
 def values_of(graph: Graph, roots: Sequence[int], given: Mapping[str, Any], lanes: int) -> np.ndarray:
-    """Nodes of a graph as (node, lane), from its leaves by their names."""
+    """Values (node, lane) of nodes of a graph, from values of its leaves by name."""
     found: dict[int, Any] = {}
     with np.errstate(all="ignore"):
         for x in reachable(graph, roots):

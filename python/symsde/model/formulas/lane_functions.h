@@ -43,7 +43,7 @@
 
 /* c0 + x (c1 + x (.. + x c5)) */
 #define HORNER6(x, c0, c1, c2, c3, c4, c5) FMA(x, FMA(x, FMA(x, FMA(x, FMA(x, c5, c4), c3), c2), c1), c0)
-/* the same by pairs, y = x x: what waits for x is shorter */
+/* the same polynomial by pairs, y = x x, with a shorter chain of operations that depend on x */
 #define PAIRS6(x, y, c0, c1, c2, c3, c4, c5) FMA(y, FMA(y, FMA(x, c5, c4), FMA(x, c3, c2)), FMA(x, c1, c0))
 
 LANE int64_t bits_of(double x) {
@@ -58,14 +58,14 @@ LANE double double_of(uint64_t bits) {
    return x;
 }
 
-/* negative where |x| > bound, and for NaN: as integers the bits of |x| are ordered as |x| */
+/* negative if |x| > bound, and for NaN: bits of |x| as integers have the order of |x| */
 LANE int64_t outside(double x, double bound) {
    return bits_of(bound) - (bits_of(x) & INT64_MAX);
 }
 
 static const double to_integer = 0x1.8p52; /* x + this - this rounds x to an integer */
 
-/* `far` of a path that is alone, which may branch */
+/* value of `far` for a single path, whose code may branch */
 enum { ALONE = 2 };
 
 /* Sine and cosine of r + low, |r| <= pi/4. */
@@ -88,7 +88,7 @@ LANE void lane_sincos(double x, double *sine, double *cosine, const int far, int
       *cosine = cos(x);
       return;
    }
-   if (far == ALONE && fabs(x) <= 0.785) { /* no turns: what follows would leave x as it is, and low zero */
+   if (far == ALONE && fabs(x) <= 0.785) { /* no reduction: the code below would leave x unchanged, and low zero */
       on_quarter(x, 0, sine, cosine);
       return;
    }
@@ -107,7 +107,7 @@ LANE void lane_sincos(double x, double *sine, double *cosine, const int far, int
    *beyond |= outside(x, 1e5);
 }
 
-/* 2^k exp(r), k the integer that was added to 2^52 * 1.5 for `shifted`: the series to the power 13, |r| < 0.35. */
+/* 2^k exp(r), where `shifted` is k + 2^52 * 1.5: the series up to the power 13, |r| < 0.35. */
 LANE double exp_of(double shifted, double r) {
    const double high = HORNER6(r, 2.4801587301587302e-5, 2.7557319223985893e-6, 2.7557319223985888e-7,
                                2.505210838544172e-8, 2.08767569878681e-9, 1.6059043836821613e-10);
@@ -129,7 +129,7 @@ LANE double upper(double x) {
    return double_of((uint64_t)bits_of(x) & UINT64_C(0xffffffff00000000));
 }
 
-/* exp(-x^2) for |x| < 26.6, with what the square loses by rounding */
+/* exp(-x^2) for |x| < 26.6, corrected for the rounding error of the square */
 LANE double near_gauss(double x) {
    const double high = upper(x), low = (high - x) * (x + high), square = -high * high;
    const double shifted = FMA(square, 1.4426950408889634, to_integer);
@@ -143,7 +143,7 @@ static inline double plain_gauss(double x) {
    return x != x ? x : exp(-high * high) * exp((high - size) * (size + high));
 }
 
-/* negative where |x| lies between two bounds, and for NaN: from the second one on a function is zero in lanes, too */
+/* negative if |x| lies between two bounds, and for NaN; beyond the second bound lanes compute zero themselves */
 LANE int64_t between(double x, double bound, double zero) {
    const double size = fabs(x);
    return outside(size > zero ? 0 : size, bound);
@@ -201,7 +201,7 @@ LANE double lane_log(double x, const int far, int64_t *beyond) {
    return log_of(k, f, k * log_low);
 }
 
-/* log(1 + x) for x > -1, with what 1 + x loses by rounding */
+/* log(1 + x) for x > -1, corrected for the rounding error of 1 + x */
 LANE double near_log1p(double x) {
    double k;
    const double u = 1 + x, lost = x - (u - 1);

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Formulas as they are given: checked, and with names of their own for coordinates, parameters and time.
+"""The given formulas, checked, with internal names for coordinates, parameters and time.
 
-Users call their variables A0, E, pi or double: from here on they are q0 .. , p0 .. , c0 .. and t, and nothing that a
-user writes reaches generated code.
+Users may call variables A0, E, pi or double; here they are renamed to q0 .. , p0 .. , c0 .. and t, so that no text of a
+user reaches generated code.
 """
 
 from __future__ import annotations
@@ -36,16 +36,16 @@ class Problem:
 
     @property
     def nnoise(self) -> int:
-        """Noises m."""
+        """Number m of noises."""
         return len(self.hamiltonians) - 1
 
     def coordinates(self, letter: str) -> list[str]:
-        """Names q0 .. or p0 .. ."""
+        """Names q0 .. or p0 .."""
         return [f"{letter}{i}" for i in range(self.ndof)]
 
     @property
     def lanes(self) -> dict[str, bool]:
-        """Every name -> whether it differs from lane to lane."""
+        """Name -> whether its value differs from lane to lane, for every name."""
         names = dict.fromkeys(["t", *(f"c{k}" for k in range(len(self.parameters)))], False)
         return names | dict.fromkeys([*self.coordinates("q"), *self.coordinates("p")], True)
 
@@ -56,7 +56,7 @@ def quoted(text: str) -> str:
 
 
 def unused(params: Mapping | None, formulas: Sequence[Any]) -> list[str]:
-    """Parameters that no formula holds."""
+    """Parameters that no formula contains."""
     used: set[str] = set()
     for x in formulas:
         names = (
@@ -72,13 +72,13 @@ def written(formula: Any) -> str:
     """A formula as text."""
     try:
         return str(formula)
-    except Exception as error:  # whatever an object of somebody else's does; integers of thousands of digits
+    except Exception as error:  # a foreign object may raise anything; so do integers of thousands of digits
         kind = type(formula).__name__
         raise InvalidArgumentError(f"a formula of type {kind} cannot be written as text: {error}") from None
 
 
 def make_problem(*, H, noise, q, p, params, t, invariants=()) -> Problem:
-    """Check everything that is given; errors quote the formula."""
+    """Check all arguments; errors quote the formula."""
     sympy = optional("sympy", "sympy")
     given = [H, *several("noise", noise)]
     if len(given) - 1 > MAX_NOISES:
@@ -112,7 +112,7 @@ def make_problem(*, H, noise, q, p, params, t, invariants=()) -> Problem:
 
 
 def _found(letter: str, texts: Sequence[str], count: int = 0) -> str | list[str]:
-    """Names of coordinates that were not given: q1, q2, .. where the texts hold such, else q."""
+    """Default names of coordinates: q1, q2, .. if the texts contain such names, else q."""
     numbers = {x[1:] for text in texts for x in names_in(text) if x[0] == letter and x[1:].isdecimal()}
     last = max([count if count > 1 else 0, *(int(x) for x in numbers if len(x) <= 6)])
     return [f"{letter}{i}" for i in range(1, last + 1)] if last and "0" not in numbers else letter
@@ -132,7 +132,7 @@ def named(what: str, given: Any) -> list[Any]:
 
 
 def _columns(coordinates: Mapping[str, Sequence]) -> tuple[str, ...]:
-    """What results call coordinates and momenta: by the user's names, unless columns have these for something else."""
+    """Names of coordinates and momenta in results: the user's names, unless columns use them for something else."""
     found, own = [], False
     for letter, given in coordinates.items():
         for i, name in enumerate(folded(x).partition("(")[0] for x in given):
@@ -144,14 +144,14 @@ def _columns(coordinates: Mapping[str, Sequence]) -> tuple[str, ...]:
 
 
 class Names:
-    """The user's symbols, and what they are called from here on."""
+    """The user's symbols, and their internal names."""
 
     def __init__(self, sympy, coordinates: dict[str, Sequence], params: Mapping | None, t: Any, ndof: int):
-        """Know coordinates, parameters with their values, and the time; of so many degrees of freedom."""
+        """Store coordinates, parameters with their values, and the time, for this many degrees of freedom."""
         self.sympy = sympy
         self.values: dict[str, float] = {}
-        self.known: dict[str, Any] = {}  # the user's name -> symbol from here on
-        self.moving: dict[Any, Any] = {}  # functions q(t) -> symbol
+        self.known: dict[str, Any] = {}  # the user's name -> internal symbol
+        self.moving: dict[Any, Any] = {}  # functions q(t) -> internal symbol
         self._ndof = ndof
         for letter, given in coordinates.items():
             for i, x in enumerate(given):
@@ -161,7 +161,7 @@ class Names:
 
     def _coordinate(self, letter: str, i: int, given: Any) -> None:
         symbol = self.sympy.Symbol(f"{letter}{i}", real=True)
-        if isinstance(given, self.sympy.core.function.AppliedUndef):  # dynamicsymbols
+        if isinstance(given, self.sympy.core.function.AppliedUndef):  # a symbol made by dynamicsymbols
             self.moving[given] = symbol
             given = str(given)
         self._name(given, symbol)
@@ -206,7 +206,7 @@ class Names:
         self.known[name] = symbol
 
     def canonical(self, given: Any, reader: Reader | None = None) -> Any:
-        """A formula in the names from here on; reader: of texts, of more than plain formulas."""
+        """A formula in internal names; reader: reads texts that may contain more than plain formulas."""
         sympy = self.sympy
         if isinstance(given, str):
             return self._read(given, reader)
@@ -226,7 +226,7 @@ class Names:
         return expression
 
     def _read(self, text: str, reader: Reader | None) -> Any:
-        """A formula that is given as text."""
+        """Read a formula given as text."""
         for name in self.known:
             check_name(name.split("(")[0])
         try:

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Formulas as text: arithmetic, names that are known, functions of one argument, and nothing else.
+"""Formulas as text: arithmetic, known names, functions of one argument, and nothing else.
 
-Text may come from a file of somebody else's, so that nothing of it is ever executed: Python's own parser makes a
-tree, and only nodes of the kinds below are read. Sizes are bounded before anything is computed, and constants are
-folded in floating point where exact ones would grow.
+Text may come from a stranger's file, so none of it is ever executed: Python's parser makes a tree, and only nodes of
+the kinds below are read. Sizes are bounded before anything is computed, and constants are folded in floating point if
+exact constants would become long.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ _RESERVED = frozenset({*FUNCTIONS, "pi"})
 
 
 class FormulaTextError(InvalidArgumentError):
-    """A text that is no formula; the message says which part is wrong."""
+    """The text is no formula; the message says which part is wrong."""
 
 
 def parse(text: str, names: Mapping[str, Any], reader: Reader | None = None) -> Any:
@@ -60,8 +60,8 @@ def parse(text: str, names: Mapping[str, Any], reader: Reader | None = None) -> 
 
 
 def _tree(text: str, names: Iterable[str]) -> ast.Expression:
-    """Python's tree of a text. Words of Python's own, as lambda, are names like others where they are known as such, or
-    where the text is none of Python's otherwise."""
+    """Python's tree of a text. Keywords of Python, such as lambda, are treated as names if they are known names, or if
+    Python cannot parse the text otherwise."""
     known = set(keyword.kwlist).intersection(names)
     try:
         tree = ast.parse(_WORD.sub(lambda word: _HIDDEN * (word[0] in known) + word[0], text.strip()), mode="eval")
@@ -87,7 +87,7 @@ def names_in(text: str) -> set[str]:
 
 
 def _bounded(tree: ast.AST):
-    """Nodes of a tree, up to a number beyond MAX_NODES, so that a caller sees whether there are too many."""
+    """Nodes of a tree, up to one more than MAX_NODES, so that a caller sees if there are too many."""
     waiting, count = [tree], 0
     while waiting and count <= 2 * MAX_NODES:
         node = waiting.pop()
@@ -98,7 +98,7 @@ def _bounded(tree: ast.AST):
 
 
 class Reader:
-    """From Python's tree to an expression."""
+    """Converts Python's tree to an expression."""
 
     def __init__(self, names: Mapping[str, Any]):
         """`names`: the meaning of the names in the text."""
@@ -132,7 +132,7 @@ class Reader:
         return self.sympy.Integer(value) if isinstance(value, int) else self._float(value)
 
     def _float(self, value: float) -> Any:
-        """A number of floating point, exactly; those that are whole as such."""
+        """A floating-point number, exactly; integer values become integers."""
         return (
             self.sympy.Integer(int(value))
             if value == int(value) and abs(value) < MAX_INTEGER
@@ -152,7 +152,7 @@ class Reader:
         )
 
     def _operation(self, node: ast.BinOp, depth: int) -> Any:
-        """Sums and products of any length are one level deep, as they are written."""
+        """Read a sum or product; a chain of any length is one level deep, as it is written."""
         if isinstance(node.op, ast.Pow):
             return self._power(self.read(node.left, depth + 1), self.read(node.right, depth + 1))
         kinds = next((k for k in (_ADDITIVE, _MULTIPLICATIVE) if isinstance(node.op, k)), None)
@@ -181,14 +181,14 @@ class Reader:
         return (self.sympy.Add if kinds is _ADDITIVE else self.sympy.Mul)(constant, *others)
 
     def _folded(self, numbers: list[Any], additive: bool) -> Any:
-        """A sum or product of constants; exact ones stay so while they are small."""
+        """Fold a sum or product of constants; exact constants stay exact while they are short."""
         result = self.sympy.Integer(0 if additive else 1)
         for x in numbers:
             result = self._small(result + x if additive else result * x)
         return result
 
     def _small(self, x: Any) -> Any:
-        """A constant; as floating point where its digits grow."""
+        """A constant, converted to floating point if it has many digits."""
         if x.is_Rational and max(abs(x.p), x.q) <= MAX_INTEGER:
             return x
         value = self._real(x)
@@ -243,17 +243,17 @@ class Reader:
 
 
 def folded(name: Any) -> str:
-    """A name as Python's parser reads it in a text: letters that look alike, as both signs of micro, are one."""
+    """A name as Python's parser normalises it: look-alike letters, such as both micro signs, become one."""
     return unicodedata.normalize("NFKC", str(name))
 
 
 def is_name(name: str) -> bool:
-    """Whether a text can hold a name."""
+    """Whether a name can occur in a text."""
     return name.isidentifier() and name not in _RESERVED
 
 
 def check_name(name: str) -> None:
-    """Refuse a name that a text could not mean."""
+    """Refuse a name that cannot occur in a text."""
     if "[" in name:
         raise InvalidArgumentError(
             f"{checks.shown(name)} has an index, which names have not: call a few coordinates q1, q2, .. and momenta "
@@ -266,7 +266,7 @@ def check_name(name: str) -> None:
 
 
 def _what(node: ast.AST) -> str:
-    """A kind of node in words."""
+    """Describe a kind of node."""
     words = {
         ast.Attribute: "a dot between names",
         ast.Subscript: "an index in brackets (chains are written with n, the number of sites)",

@@ -1,10 +1,11 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""What grows as an exponential, written as exp(exponent) x mantissa, so that quotients of such do not overflow inside.
+"""Exponentially growing expressions, written as exp(exponent) x mantissa, so that their quotients do not overflow.
 
-exp(u)/(1 + exp(u))^2 is a number of order one, or small, wherever u is; computed as it stands it is infinite over
-infinite from u = 710 on. The exponents of its factors are added before exp is taken of them: with M = max(0, u) it is
-exp(u - 2 M)/(exp(-M) + exp(u - M))^2. So with cosh, sinh (tanh x cosh) and c**u, their sums, products and powers; the
-logarithm is the exponent and that of the mantissa. Where nothing can overflow inside the expression stays as it is.
+exp(u)/(1 + exp(u))^2 is at most of order one for every u, but computed directly it is infinity over infinity from
+u = 710 on. Here the exponents of factors are added before exp is applied: with M = max(0, u) the quotient is
+exp(u - 2 M)/(exp(-M) + exp(u - M))^2. The same holds for cosh, sinh (tanh x cosh) and c**u, their sums, products and
+powers; the logarithm is the exponent plus the logarithm of the mantissa. Expressions that cannot overflow internally
+stay unchanged.
 """
 
 from __future__ import annotations
@@ -15,14 +16,14 @@ Powers = dict[int, float]  #: node of a graph -> its coefficient in a sum, or it
 
 
 class Scaled:
-    """Expressions as exponents and mantissas, in nodes of a graph."""
+    """Converts expressions to exponents and mantissas, in nodes of a graph."""
 
     def __init__(self, graph: Any, leaves: dict[str, bool]):
         """`leaves`: name -> whether it differs from lane to lane."""
         self.graph, self.leaves = graph, leaves
 
     def node(self, e: Any) -> int | None:
-        """The node of an expression; None where it is computed as it stands."""
+        """The node of an expression; None if the expression is computed without scaling."""
         kind = type(e).__name__
         if kind == "Add" and (u := self._falls(e)) is not None:
             return self.graph.power(self.graph.node("sech", self.graph.add(u, self.leaves)), 2)
@@ -37,13 +38,13 @@ class Scaled:
         return None
 
     def whole(self, e: Any) -> int:
-        """The node of what grows: no part of it overflows, and none underflows before it does itself."""
+        """The node of a growing expression: no part overflows, nor underflows before the whole does."""
         exponent, mantissa = self._parts(e)
         return self.graph.multiply(self._exp(exponent), self._product(mantissa))
 
     def grows(self, e: Any, weights: bool = True) -> bool:
-        """Whether an expression holds an exponential of the state, as a term, a factor or a power of such, or a weight
-        (tails.py), which is bounded mostly."""
+        """Whether an expression contains an exponential of the state as a term, factor or power, or a weight
+        (tails.py), which is usually bounded."""
         kind = type(e).__name__
         if e in self.graph.stand_ins:
             return weights and self.grows(self.graph.stand_ins[e])
@@ -58,7 +59,7 @@ class Scaled:
         return kind in ("exp", "cosh", "sinh", "sech", "csch") and self._moves(e.args[0])
 
     def _falls(self, e: Any) -> Any:
-        """The u of 1 - tanh(u)**2, which is cosh(u)**(-2), as derivatives of tanh are written; else None."""
+        """The u of 1 - tanh(u)**2 = cosh(u)**(-2), the form of derivatives of tanh; else None."""
         if type(e).__name__ == "Add" and len(e.args) == 2:
             for one, other in (e.args, e.args[::-1]):
                 square = -other
@@ -70,13 +71,13 @@ class Scaled:
         return any(self.leaves[x.name] for x in e.free_symbols)
 
     def _may_overflow(self, factors: Any) -> bool:
-        """Whether one of several factors that grow, or fall, stands above the line; not of weights alone."""
+        """Whether a growing or decaying factor is in the numerator; weights alone do not count."""
         grown = [x for x in factors if self.grows(x)]
         alone = [x for x in grown if self.grows(x, weights=False)]
         return bool(alone) and len(grown) > 1 and any(self._rises(x) for x in alone)
 
     def _rises(self, e: Any, sign: int = 1) -> bool:
-        """Whether something that grows stands above the line in a factor; sech and csch are themselves below it."""
+        """Whether a factor has a growing part in the numerator; sech and csch count as denominators."""
         kind = type(e).__name__
         if not self.grows(e, weights=False) or self._falls(e) is not None:
             return False
@@ -87,7 +88,7 @@ class Scaled:
         return sign < 0 if kind in ("sech", "csch") else sign > 0
 
     def _parts(self, e: Any) -> tuple[Powers, Powers]:
-        """Exponent, and factors of the mantissa."""
+        """The exponent, and the factors of the mantissa."""
         graph, kind = self.graph, type(e).__name__
         if not self.grows(e):
             return {}, {graph.add(e, self.leaves): 1.0}
@@ -107,7 +108,7 @@ class Scaled:
         return self._hyperbolic(e, e.args[0]) if is_hyperbolic else self._power(e)
 
     def _log(self, e: Any) -> int:
-        """The logarithm of what grows."""
+        """The logarithm of a growing expression."""
         if type(e).__name__ == "cosh":
             return self.graph.node("logcosh", self.graph.add(e.args[0], self.leaves))
         rest = e - 1
@@ -117,7 +118,7 @@ class Scaled:
         return self.graph.sum((self._total(exponent), self.graph.node("log", self._product(mantissa))))
 
     def _log1p(self, exponent: Powers, mantissa: Powers) -> int:
-        """log(1 + m exp(E)), with F = max(0, E - 300), so that nothing is lost before exp(E) grows beyond all bounds:
+        """log(1 + m exp(E)), with F = max(0, E - 300), so that no digits are lost before exp(E) overflows:
         F + log1p(m exp(E - F) + (exp(-F) - 1))."""
         graph = self.graph
         beyond = graph.sum((self._total(exponent), graph.number(-300.0)))
@@ -127,8 +128,8 @@ class Scaled:
         return graph.sum((graph.multiply(graph.number(0.5), twice), graph.node("log1p", graph.sum((grown, less)))))
 
     def _asinh(self, exponent: Powers, mantissa: Powers) -> int:
-        """Of m exp(E), with F = max(0, E) and y = m exp(E - F), which is moderate: asinh y and, with its sign,
-        F + log((|y| + sqrt(y^2 + exp(-2 F)))/(|y| + sqrt(y^2 + 1)))."""
+        """asinh(m exp(E)), with F = max(0, E) and y = m exp(E - F), which is moderate: asinh y plus, with the sign of
+        y, F + log((|y| + sqrt(y^2 + exp(-2 F)))/(|y| + sqrt(y^2 + 1)))."""
         graph, number, sqrt = self.graph, self.graph.number, lambda x: self.graph.node("sqrt", x)
         total = self._total(exponent)
         size, half = graph.node("fabs", total), number(0.5)
@@ -154,7 +155,7 @@ class Scaled:
         return {size: times * abs(n)}, {x: times * k for x, k in ({half: 1.0} | odd).items()}
 
     def _power(self, e: Any) -> tuple[Powers, Powers]:
-        """exp u, c**u, and powers of what grows."""
+        """Split exp u, c**u, and powers of growing expressions."""
         graph = self.graph
         if type(e).__name__ == "exp" or type(e.args[0]).__name__ == "Exp1":
             return self._exponent(e.args[-1]), {}
@@ -169,13 +170,13 @@ class Scaled:
         return {graph.multiply(self._total(exponent), n): 1.0}, {graph.node("pow", self._product(mantissa), n): 1.0}
 
     def _exponent(self, u: Any) -> Powers:
-        """A multiple of an expression that u and its multiples share: so they cancel to the last bit."""
+        """Write u as a multiple of a node that all multiples of u share, so that they cancel exactly."""
         n = _multiple(u)
         terms = u.args if type(u).__name__ == "Add" else (u,)
         return {self.graph.sum(self.graph.add(x / n, self.leaves) for x in terms): float(n)}
 
     def _sum(self, terms: Any) -> tuple[Powers, Powers]:
-        """The largest exponent before the rest; any number near it would do."""
+        """A sum: the largest exponent is factored out; a nearby number would do too."""
         graph, still = self.graph, [x for x in terms if not self.grows(x)]
         found = [self._parts(x) for x in terms if self.grows(x)]
         if still:
@@ -194,7 +195,7 @@ class Scaled:
         return largest, {graph.sum(scaled): 1.0}
 
     def _total(self, exponent: Powers) -> int:
-        """A sum of multiples, those with one factor together: d - |d| is exact."""
+        """Add multiples, combining those with the same factor, since then d - |d| is exact."""
         graph, groups = self.graph, {}
         for x, n in exponent.items():
             groups.setdefault(abs(n), []).append(x if n > 0 else graph.negative(x))
@@ -222,7 +223,7 @@ def _join(found: tuple[Powers, Powers], into: tuple[Powers, Powers]) -> None:
 
 
 def _multiple(u: Any) -> Any:
-    """The number before an expression; of a sum, that before its first term."""
+    """The numerical factor of an expression; of a sum, the factor of its first term."""
     terms = [x for x in u.args if x.free_symbols] if type(u).__name__ == "Add" else [u]
     first = min(terms, key=lambda x: sorted(s.name for s in x.free_symbols))
     result = first / first
@@ -238,7 +239,7 @@ def _has_number(e: Any) -> bool:
 
 
 def _sign(power: Any) -> int:
-    """Of an exponent; 0 where it hangs on parameters."""
+    """The sign of an exponent; 0 if it depends on parameters."""
     return (-1 if float(power) < 0 else 1) if getattr(power, "is_Number", False) else 0
 
 

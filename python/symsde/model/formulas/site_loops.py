@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""C for one site of a density: a loop over lanes, which adds to the rows of its neighbours."""
+"""C for one site of a density: a loop over lanes that adds to the rows of the neighbouring sites."""
 
 from __future__ import annotations
 
@@ -7,26 +7,28 @@ from .derivatives import BLOCKS
 from .emit_c import Writer
 from .sites import Density
 
-#: vectors that outputs take beside the state: products with the Hessian, and third derivatives
+#: vectors that outputs depend on besides the state: for products with the Hessian, and for third derivatives
 VECTORS = dict.fromkeys(("uq", "up"), ("vq", "vp")) | dict.fromkeys(("tq", "tp"), ("aq", "ap", "bq", "bp"))
 GRADIENT = {"uq": "hq", "up": "hp"}  #: rows of a product -> the same rows of the gradient
 
 
 def over_sites(d: Density, call: str, own: bool = False) -> str:
-    """A call for every site of a density; own: each writes to a row of its own, so that rows may go side by side."""
+    """A call for every site of a density; own: each site writes only to its own row, so that sites are independent."""
     apart = "#pragma GCC ivdep\n" if own else ""
     return f"{apart}   for (ptrdiff_t site = {d.first}; site <= {d.last}; site++)\n      beyond |= {call};\n"
 
 
 def one_or_many(name: str, parameters: str, names: str) -> str:
-    """A function of all sites: loops over the lanes, or over the sites of one lane; once more where lanes are far."""
+    """A function for all sites: it loops over lanes, or over the sites of one lane, with a second pass for far
+    lanes.
+    """
     text = f"static __attribute__((noinline)) void of_{name}({parameters}) {{\n"
     text += f"   if (n == 1 && all_{name}(1, {names}, 0) < 0)\n      all_{name}(1, {names}, 1);\n"
     return text + f"   if (n > 1 && all_{name}(n, {names}, 0) < 0)\n      all_{name}(n, {names}, 1);\n}}\n"
 
 
 def site_loop(d: Density, adds: list[tuple[str, int]], how: str = "+=") -> str:
-    """One site: a loop over lanes that adds to the rows of the neighbours; empty where there is nothing to add."""
+    """One site: a loop over lanes that adds to the rows of neighbours; empty if there is nothing to add."""
     graph = d.derivatives.graph
     adds = [(target, node) for target, node in adds if not graph.is_number(node, 0.0)]
     if not adds:
@@ -47,7 +49,7 @@ def site_loop(d: Density, adds: list[tuple[str, int]], how: str = "+=") -> str:
 
 
 def additions(d: Density, output: str) -> list[tuple[str, int]]:
-    """Where what is added, in C."""
+    """Places and values of the additions, in C."""
     rows = [f"ROW({o})" for o in d.offsets]
     places = {0: "i", 1: "{0} * n + i", 2: "({1} * sites + {0}) * n + i"}
     return [(f"{output}[{places[len(at)].format(*(rows[k] for k in at))}]", node) for at, node in entries(d, output)]

@@ -1,16 +1,16 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Chains: sums over sites, Sum((q[i+1] - q[i])**2/2, i), which stay loops however many sites there are.
+"""Chains: sums over sites, Sum((q[i+1] - q[i])**2/2, i), which stay loops for any number of sites.
 
-A sum is a density in the coordinates of a few neighbouring sites. It is differentiated once, whatever the number of
-sites; code goes from site to site and adds to the rows of the neighbours. At the ends
+A sum is a density in the coordinates of a few neighbouring sites. The density is differentiated once, whatever the
+number of sites; generated code loops over sites and adds to the rows of the neighbours. At the ends
 
-    free       the sum goes over the sites whose neighbours all exist
-    fixed      what lies beyond the ends is zero: a density in which some site exists counts, and so does the bond
-               before the first site as the one behind the last
-    periodic   the site after the last is the first
+    free       the sum is over the sites whose neighbours all exist
+    fixed      q and p beyond the ends are zero: a density counts if one of its sites exists, so that the bonds before
+               the first site and after the last one count
+    periodic   the first site follows the last
 
-A noise that holds an index outside of a sum, "-sigma*q[k]", is one noise for each site. Sums that stand in anything
-but a sum of terms number * Sum(.., i) are collective variables (`collective.py`).
+A noise with an index outside of a sum, "-sigma*q[k]", is one noise for each site. Formulas other than sums of terms
+number * Sum(.., i) make their sums collective variables (`collective.py`).
 """
 
 from __future__ import annotations
@@ -41,32 +41,32 @@ class Place:
     from_last: bool = False
 
     def __str__(self) -> str:
-        """In C, by the number of sites."""
+        """The number in C, given the number of sites."""
         return f"sites - 1 + ({self.shift})" if self.from_last else str(self.shift)
 
     def of(self, sites: int) -> int:
-        """Its number, of so many."""
+        """The number of the site, given the number of sites."""
         return self.shift + (sites - 1 if self.from_last else 0)
 
 
 @dataclass(frozen=True)
 class Number:
-    """The number of a Hamiltonian as a function of the number of sites: `alone` single Hamiltonians come before
+    """Index of a Hamiltonian as a function of the number of sites: `alone` single Hamiltonians come before
     it, and `families` families with one Hamiltonian for each site."""
 
     alone: int = 0
     families: int = 0
 
     def __str__(self) -> str:
-        """In C, by the number of sites."""
+        """The index in C, given the number of sites."""
         return f"({self.alone} + {self.families} * sites)" if self.families else str(self.alone)
 
     def after(self, family: bool) -> Number:
-        """The number of the next Hamiltonian, after one or a family."""
+        """The index of the next Hamiltonian, after a single one or a family."""
         return Number(self.alone + (not family), self.families + family)
 
     def of(self, sites: int) -> int:
-        """Its value, of so many."""
+        """The index, given the number of sites."""
         return self.alone + self.families * sites
 
     @property
@@ -77,22 +77,22 @@ class Number:
 
 @dataclass(frozen=True)
 class Density:
-    """What a sum adds up, site after site."""
+    """The summand of a sum over sites."""
 
     weight: Number  #: the Hamiltonian that the sum belongs to; for a family the first of its Hamiltonians
-    family: bool  #: whether each site has a Hamiltonian of its own
+    family: bool  #: whether each site has its own Hamiltonian
     first: Place
     last: Place
     offsets: tuple[int, ...]  #: coordinate k of `derivatives` belongs to site + offsets[k]
     derivatives: Derivatives
-    is_rest: bool = False  #: whether this is the part of another density that reaches beyond the ends
-    #: numbers of the sums inside functions that the density adds to, one for each of its Hamiltonians; else empty
+    is_rest: bool = False  #: whether this is the part of another density beyond the ends
+    #: indices of the sums inside functions that the density adds to, one for each of its Hamiltonians; else empty
     inner: tuple[int, ...] = ()
 
 
 @dataclass(frozen=True)
 class Chain:
-    """Sums over sites, and what is derived from them."""
+    """Sums over sites, and the results derived from them."""
 
     n: int
     nnoise: int
@@ -115,10 +115,12 @@ class _Whose:
 
 
 class SiteReader(Reader):
-    """A parser that knows q[i + 1], p[i] and Sum(.., i)."""
+    """A parser that also reads q[i + 1], p[i] and Sum(.., i)."""
 
     def __init__(self, names: Mapping[str, Any], index: str | None = None):
-        """`index`: what stands in the brackets; "" where the first one met does, None in sums alone."""
+        """`index`: the index in the brackets; "" means the first one found, None means that indices occur in sums
+        only.
+        """
         super().__init__(names)
         self.index = index
         self.sums: dict[Any, Any] = {}
@@ -167,7 +169,7 @@ class SiteReader(Reader):
         if self.index is None:
             raise FormulaTextError(f"it holds {letter}[{name.id}] outside of a sum: write Sum(.., {name.id})")
         if self.index == "":
-            self.index = name.id  # of a family of noises: the first one met
+            self.index = name.id  # the first index found in a family of noises
         if name.id != self.index:
             raise FormulaTextError(f"it holds the index {name.id}, where there is {self.index}")
         return self.sympy.Symbol(f"{letter}{offset:+d}", real=True)
@@ -220,7 +222,7 @@ def make_chain(*, H: Any, noise: list[Any], params: Any, t: Any, n: Any, ends: A
             for body in bodies:
                 densities += _at_ends(body, _Whose(text, weight, family, names.values), ends, count)
             for stand_in in [x for x in sums if x in rest.free_symbols]:
-                at_ends(sums[stand_in], ends, count)  # what is refused is told of the formula that holds it
+                at_ends(sums[stand_in], ends, count)  # errors must name the formula of the sum
                 symbol = sympy.Symbol(f"q{len(inner)}", real=True)
                 rest = rest.xreplace({stand_in: inner.setdefault(sums[stand_in], symbol)})
             if rest != 0:
@@ -244,7 +246,7 @@ def make_chain(*, H: Any, noise: list[Any], params: Any, t: Any, n: Any, ends: A
 
 
 def _inner(bodies: list[Any], whose: _Whose, ends: str, count: int) -> list[Density]:
-    """Densities of sums that stand in functions; those that go over the same sites are computed together."""
+    """Densities of sums inside functions; sums over the same sites are computed together."""
     together: dict[tuple, list[tuple[int, Any]]] = {}
     for number, body in enumerate(bodies):
         for piece, first, last in at_ends(body, ends, count):
@@ -258,7 +260,9 @@ def _inner(bodies: list[Any], whose: _Whose, ends: str, count: int) -> list[Dens
 
 
 def _bodies(text: str, names: Mapping[str, Any], is_noise: bool) -> tuple[bool, list[Any], Any, dict[Any, Any]]:
-    """Whether a formula is a family of one for each site; its densities; the rest, in symbols, and their sums."""
+    """Split a formula: whether it is a family with one member per site; its densities; the rest in symbols, and
+    their sums.
+    """
     for family in (False, True) if is_noise else (False,):
         reader = SiteReader(names, "" if family else None)
         try:
@@ -277,7 +281,7 @@ def _bodies(text: str, names: Mapping[str, Any], is_noise: bool) -> tuple[bool, 
 
 
 def _at_ends(body: Any, whose: _Whose, ends: str, count: int) -> list[Density]:
-    """A density, and what is left of it where the chain ends."""
+    """A density, and its remaining parts at the ends of the chain."""
     if ends == "free" and whose.family and set(offsets_of(body).values()) - {0}:
         raise FormulaTextError("one noise for each site reaches beyond free ends: say ends = fixed or periodic")
     whole, *rest = at_ends(body, ends, count, every_site=not whose.family)
@@ -287,8 +291,8 @@ def _at_ends(body: Any, whose: _Whose, ends: str, count: int) -> list[Density]:
 
 
 def at_ends(body: Any, ends: str, count: int, every_site: bool = True) -> list[tuple[Any, Place, Place]]:
-    """What a sum adds up, with the first and the last site of it: the whole, then what is left of it at fixed ends.
-    every_site: sites beyond the ends count, too, whose neighbours are sites."""
+    """The summand with its first and last site: the complete one, then its remaining parts at fixed ends.
+    every_site: also count sites beyond the ends that have neighbours in the chain."""
     symbols = offsets_of(body)
     if not symbols:
         raise FormulaTextError("it holds a sum without q[i] or p[i]: write the number of sites times the term instead")
@@ -311,7 +315,7 @@ def at_ends(body: Any, ends: str, count: int, every_site: bool = True) -> list[t
 
 
 def row_macro(ends: str) -> str:
-    """C for the row of a neighbour. Around the ends of a ring by a choice: neighbours are less than a round away
+    """C for the row of a neighbour. In a ring a comparison wraps the index: neighbours are less than one turn away
     (at_ends), and a division for each of them would take longer than most forces."""
     if ends != "periodic":
         return "#define ROW(offset) (site + (offset))\n"
@@ -321,7 +325,7 @@ def row_macro(ends: str) -> str:
 
 
 def offsets_of(body: Any) -> dict[Any, int]:
-    """The q and p of neighbouring sites that a body holds, each with its offset."""
+    """The q and p of neighbouring sites that a body contains, each with its offset."""
     return {x: int(x.name[1:]) for x in body.free_symbols if _is_local(x)}
 
 
@@ -339,7 +343,7 @@ def _density(expression: Any, whose: _Whose, first: Place, last: Place, is_rest:
 
 
 def _differentiated(expressions: tuple[Any, ...], whose: _Whose) -> Derivatives:
-    """Derivatives in the names q0 .. and p0 .. of a density's own."""
+    """Differentiate with respect to the density's own names q0 .. and p0 .."""
     sympy = optional("sympy", "sympy")
     local = {x: o for e in expressions for x, o in offsets_of(e).items()}
     offsets = sorted({*local.values()})
@@ -349,14 +353,14 @@ def _differentiated(expressions: tuple[Any, ...], whose: _Whose) -> Derivatives:
 
 
 def _block(d: Density, name: str, j: int = 0) -> list[Any]:
-    """Second derivatives of a density, of its j-th Hamiltonian."""
+    """Second derivatives of the j-th Hamiltonian of a density."""
     q, p = d.derivatives.problem.coordinates("q"), d.derivatives.problem.coordinates("p")
     rows, columns = {"qq": (q, q), "qp": (q, p), "pp": (p, p)}[name]
     return [d.derivatives.of(x, y)[j] for x in rows for y in columns]
 
 
 def _slopes(d: Density, letter: str, j: int = 0) -> list[Any]:
-    """First derivatives of a density, of its j-th Hamiltonian."""
+    """First derivatives of the j-th Hamiltonian of a density."""
     return [d.derivatives.of(x)[j] for x in d.derivatives.problem.coordinates(letter)]
 
 
@@ -369,7 +373,7 @@ def _state_free(e: Any, d: Density) -> bool:
 
 
 def _traits(densities: list[Density], outer: Outer | None, count: int, periodic: bool) -> dict[str, Any]:
-    """Traits of the whole, from derivatives that vanish as formulas."""
+    """Traits of the whole model, from derivatives that vanish identically."""
     plain = [d for d in densities if not d.inner]
     drift = [d for d in plain if d.weight.is_drift]
     noises = [d for d in plain if not d.weight.is_drift]
@@ -402,7 +406,7 @@ def _traits(densities: list[Density], outer: Outer | None, count: int, periodic:
 
 
 def _with_functions(densities: list[Density], outer: Outer) -> dict[str, Any]:
-    """What functions of sums leave of the traits."""
+    """The traits that remain valid in the presence of functions of sums."""
     places = [(d, j, number) for d in densities for j, number in enumerate(d.inner)]
     of_q, of_p = ({a for d, j, a in places if any(x != 0 for x in _slopes(d, letter, j))} for letter in "qp")
     bent = {a for d, j, a in places if any(e != 0 for name in ("qq", "qp", "pp") for e in _block(d, name, j))}

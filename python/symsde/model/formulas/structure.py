@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""What is proved of formulas: traits, invariants, commuting flows.
+"""Properties proved from formulas: traits, invariants, commuting flows.
 
-A trait is declared where a derivative vanishes as a formula. What cannot be shown within bounds counts as not so,
-which costs time in a run and never truth. Parameters that are 0, 1 or -1 count by their values, as a noise of
-strength zero is none; all others stay letters.
+A trait is declared if a derivative vanishes identically. A property that cannot be proved within bounds is not
+declared, which may cost time in a run but never correctness. Parameters equal to 0, 1 or -1 are replaced by their
+values, since a noise of strength zero is no noise; all others stay symbols.
 """
 
 from __future__ import annotations
@@ -19,16 +19,16 @@ from ...native.files import optional
 from ..definition import FLAGS
 from .named_formulas import Problem
 
-MAX_SIMPLIFY = 400  #: most operations of an expression that is simplified to find out whether it vanishes
+MAX_SIMPLIFY = 400  #: most operations of an expression that is simplified to test whether it vanishes
 MAX_TERMS = 2_000  #: most terms of an expression that is multiplied out
 _POINTS = (0.61, 0.83, 1.17, 0.47, 1.31, 0.73, 0.94, 1.09, 0.55)  #: coordinates at which expressions are evaluated
 _INVERSE = {"sech": "cosh", "csch": "sinh", "coth": "tanh"}
-_SMALLEST_BANDED = 8  #: fewest degrees of freedom for which bands pay
+_SMALLEST_BANDED = 8  #: fewest degrees of freedom for which banded matrices pay
 
 
 @dataclass(frozen=True)
 class Structure:
-    """What was derived from formulas."""
+    """Properties derived from formulas."""
 
     ndof: int  #: degrees of freedom
     separable: bool  #: every H_j = T_j(p) + U_j(q)
@@ -47,10 +47,10 @@ class Structure:
     invariants: dict[str, bool] = field(default_factory=dict)  #: candidate I -> dI = 0 along every path is proved
 
     def traits(self) -> dict[str, Any]:
-        """What a `Model` is told."""
+        """The traits as arguments of `Model`."""
         banded = self.ndof >= _SMALLEST_BANDED and 4 * self.bandwidth <= self.ndof
         told = {key: asdict(self)[key] for key in (*FLAGS, "rotation", "silent")}
-        told["constant_mass"] &= not self.identity_mass  # which says more
+        told["constant_mass"] &= not self.identity_mass  # identity_mass implies constant_mass
         return told | {"bandwidth": self.bandwidth if banded else None}
 
 
@@ -60,7 +60,7 @@ def _place(symbol: Any) -> int:
 
 
 def count_terms(e: Any) -> float:
-    """A bound of the number of terms of an expression when it is multiplied out."""
+    """An upper bound of the number of terms of an expression when it is multiplied out."""
     if e.is_Add:
         return sum(count_terms(x) for x in e.args)
     if e.is_Mul:
@@ -71,7 +71,7 @@ def count_terms(e: Any) -> float:
 
 
 def _value(e: Any, at: Mapping[Any, float]) -> complex:
-    """An expression of sympy in floating point, which ends where numbers grow beyond it."""
+    """The value of an expression of sympy in floating point; an error on overflow."""
     if e.is_Symbol:
         return complex(at[e])
     if not e.args:
@@ -91,7 +91,7 @@ class Prover:
     """Hamiltonians with their derivatives, in sympy."""
 
     def __init__(self, problem: Problem):
-        """Nothing is derived yet."""
+        """Start without derivatives."""
         self.sympy = optional("sympy", "sympy")
         self.problem = problem
         real = [self.sympy.Symbol(f"c{k}", real=True) for k in range(len(problem.parameters))]
@@ -115,24 +115,24 @@ class Prover:
         return self.sympy.expand(e) == 0 or bool(self.sympy.simplify(e).is_zero)
 
     def _refuted(self, e: Any) -> bool:
-        """Whether some point shows that an expression is not zero: far sooner than it is simplified. One that leaves
-        floating point there, as exp(exp(exp(exp(2)))), is not shown to vanish, either."""
+        """Whether some point shows that an expression is not zero, which is much faster than simplifying. True also if
+        the expression overflows there, as exp(exp(exp(exp(2)))), because it could not be shown to vanish."""
         overflows = False
         for shift in (0, 1):
             try:
                 if abs(_value(e, {x: _POINTS[(_place(x) + shift) % len(_POINTS)] for x in e.free_symbols})) > 1e-6:
-                    return True  # rounding stays below, where it is near one
+                    return True  # the value is well above rounding errors of numbers near one
             except OverflowError:
                 overflows = True
             except (AttributeError, KeyError, TypeError, ValueError, ZeroDivisionError, RecursionError):
-                continue  # a function without a number, or a variable that is bound within: nothing is shown
+                continue  # the function has no number, or a variable is bound inside: nothing is shown
         return overflows
 
     def diff(self, j: int, *variables: Any) -> Any:
         """A derivative of H_j; zero where it is shown to vanish."""
         if not variables:
             return self.hams[j]
-        if not self.symbols[j].issuperset(variables):  # of most noises: one for each degree of freedom is usual
+        if not self.symbols[j].issuperset(variables):  # true for most noises: usually one per degree of freedom
             return self.sympy.Integer(0)
         *others, last = sorted(variables, key=str)
         key = (j, *others, last)
@@ -143,7 +143,7 @@ class Prover:
         return self._derived[key]
 
     def vanishing(self) -> set[tuple]:
-        """(j, variables) of the derivatives by coordinates, first and second, that have been shown to vanish."""
+        """(j, variables) of first and second derivatives that are known to vanish."""
         return {(j, *sorted(x.name for x in variables)) for (j, *variables), e in self._derived.items() if e == 0}
 
     def bracket(self, f: Any, g: Any) -> Any:
@@ -157,7 +157,7 @@ class Prover:
         return sum((f.diff(q) * g.diff(p) for q, p in pairs), self.sympy.Integer(0))
 
     def structure(self) -> Structure:
-        """All of it."""
+        """All properties of the formulas."""
         count, n = len(self.hams), self.problem.ndof
         every, noises = range(count), range(1, count)
         blocks = {"qq": (self.q, self.q), "qp": (self.q, self.p), "pp": (self.p, self.p)}
@@ -199,12 +199,12 @@ class Prover:
         )
 
     def _rotation(self) -> tuple[float, ...] | None:
-        """Roots of the diagonal of the Hessian at q = 0."""
+        """Square roots of the diagonal of H's Hessian at q = 0."""
         squares = []
         for x in self.q:
             at = {**dict.fromkeys([*self.q, *self.p, self.t], 0), **self.values}
             try:
-                _value(self.diff(0, x, x), {s: at[s] for s in self.diff(0, x, x).free_symbols})  # sympy knows no bound
+                _value(self.diff(0, x, x), {s: at[s] for s in self.diff(0, x, x).free_symbols})  # sympy has no bound
                 square = float(self.diff(0, x, x).subs(at))
             except (ArithmeticError, AttributeError, TypeError, ValueError):
                 return None
@@ -214,7 +214,7 @@ class Prover:
         return tuple(squares) if any(squares) else None
 
     def _constant(self, pairs) -> bool:
-        """Whether the brackets of these pairs of Hamiltonians are shown not to depend on the state."""
+        """Whether the brackets of these pairs of Hamiltonians are proved not to depend on the state."""
         return all(
             self.vanishes(bracket.diff(x))
             for i, j in pairs
@@ -223,7 +223,7 @@ class Prover:
         )
 
     def _invariants(self) -> dict[str, bool]:
-        """Which candidates are shown to be invariants: I_t + {I, H} = 0 and {I, H_k} = 0."""
+        """Which candidates are proved to be invariants: I_t + {I, H} = 0 and {I, H_k} = 0."""
         texts = self.problem.texts[len(self.hams) :]
         proved = {}
         for text, given in zip(texts, self.problem.invariants, strict=True):

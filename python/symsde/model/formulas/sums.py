@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Sums over sites in observables, Sum(q[i]**2, i): loops in C whatever their number, added up site after site.
+"""Sums over sites in observables, Sum(q[i]**2, i): loops in C for any number of sites, added in the order of sites.
 
-An observable may be any formula of such sums. What stands in a sum is read as in chains (`sites.py`), with the same
-rule at the ends; the sums of all lanes are computed first, and are leaves w0, w1, .. of what is made of them.
+An observable may be any formula of such sums. Summands are read as in chains (`sites.py`), with the same
+rule at the ends; the sums of all lanes are computed first, and are leaves w0, w1, .. of the observable's graph.
 """
 
 from __future__ import annotations
@@ -18,13 +18,13 @@ from .graph import Graph
 from .in_numpy import values_of
 from .sites import Place, at_ends, offsets_of, row_macro
 
-#: letters of the coordinates of a site in graphs: u0, v0 at the first offset, u1, v1 .. at the next ones
+#: letters of a site's coordinates in graphs: u0, v0 at the first offset, u1, v1 .. at the next ones
 LOCAL = {"q": "u", "p": "v"}
 
 
 @dataclass(frozen=True)
 class Piece:
-    """What a sum adds up over some of the sites."""
+    """The summand of a sum over some of the sites."""
 
     graph: Graph
     root: int
@@ -52,7 +52,7 @@ def make_sum(body: Any, ends: str, count: int, node_of: Any) -> Sum:
 
 
 def source(sums: Sequence[Sum], ends: str) -> str:
-    """Functions of C that fill w[k * n + lane] with sum k, and one that calls them all."""
+    """C functions that fill w[k * n + lane] with sum k, and one that calls them all."""
     text, calls = row_macro(ends), ""
     given, names = "IN, const ptrdiff_t sites, OUT sum", "n, t, w, q, p, c, sites, sum"
     for k, pieces in enumerate(sums):

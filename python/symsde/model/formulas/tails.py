@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Derivatives that keep their digits where a function has nearly reached its limit.
+"""Derivatives that stay accurate where a function is close to its limit.
 
-The derivative of tanh(u) is 1 - tanh(u)^2 by the book, and the second one of log(1 + exp(u)) a difference of two
-quotients: both are the small rest of numbers near one, of which rounding leaves nothing. Here such functions are
-symbols while formulas are differentiated, with rules that hold no such difference:
+The usual derivative of tanh(u) is 1 - tanh(u)^2, and the second derivative of log(1 + exp(u)) is a difference of two
+quotients: both are small differences of numbers near one, which rounding destroys. Here such functions are symbols
+while formulas are differentiated, with rules that contain no such difference:
 
     tanh' = sech^2, sech' = -sech tanh, coth' = -csch^2, csch' = -csch coth, erf' and erfc' by gauss(u) = exp(-u^2)
     cosh^-n sinh^m          tanh^m sech^(n - m)
@@ -12,8 +12,8 @@ symbols while formulas are differentiated, with rules that hold no such differen
     (log D)'                sum_i W_i l_i
     (E D^r)'                E D^r sum_i W_i (l + r l_i), with E' = l E: of W_i itself W_i sum_j W_j (l_i - l_j)
 
-Where the largest term of D has l + r l_i = 0 the others are left, without a difference. What holds no such function is
-not touched.
+If the largest term of D has l + r l_i = 0, the other terms remain, without a difference. Expressions without such
+functions are not changed.
 """
 
 from __future__ import annotations
@@ -24,24 +24,26 @@ from typing import Any
 
 from .scaled import Scaled
 
-MAX_TERMS = 6  #: most terms of a sum of exponentials: each derivative multiplies their number by as much
+MAX_TERMS = 6  #: most terms of a sum of exponentials: each derivative multiplies the number of terms by this number
 
 
 @dataclass(frozen=True)
 class StandIn:
-    """What a symbol stands for."""
+    """The expression that a symbol replaces."""
 
     plain: Any  #: the expression, without stand-in symbols
     slope: Callable[[Any], Any]  #: variable -> derivative, in stand-in symbols
     gauss_of: Any = None  #: u, if the expression is exp(-u^2)
-    is_weight: bool = False  #: whether the expression is E D^r, computed as one whole
+    is_weight: bool = False  #: whether the expression is E D^r, computed as a whole
 
 
 class Tails:
-    """The symbols of some formulas. `engine`: symengine or sympy; `moves`: whether an expression hangs on the state."""
+    """The symbols of some formulas. `engine`: symengine or sympy; `moves`: whether an expression depends on the
+    state.
+    """
 
     def __init__(self, engine: Any, moves: Callable[[Any], bool]):
-        """None yet."""
+        """Start without symbols."""
         self.engine, self.moves = engine, moves
         self.known: dict[Any, StandIn] = {}
         self._symbols: dict[tuple, Any] = {}
@@ -50,13 +52,13 @@ class Tails:
     # ---- there and back ----------------------------------------------------------------------------------
 
     def formed(self, e: Any) -> Any:
-        """An expression with its symbols; the same object where there are none."""
+        """An expression with stand-in symbols; the same object if there are none."""
         if e not in self._formed:
             self._formed[e] = self._form(e) if e.args and self.moves(e) else e
         return self._formed[e]
 
     def diff(self, e: Any, x: Any) -> Any:
-        """The derivative of a formed expression by x."""
+        """The derivative of a formed expression with respect to x."""
         result = e.diff(x)
         for symbol in sorted((s for s in e.free_symbols if s in self.known), key=str):
             if x in self.known[symbol].plain.free_symbols:
@@ -64,11 +66,11 @@ class Tails:
         return result
 
     def plain(self, e: Any) -> Any:
-        """The expression without symbols."""
+        """The expression without stand-in symbols."""
         return e.subs({s: self.known[s].plain for s in e.free_symbols if s in self.known}) if self.known else e
 
     def written(self, e: Any, graph: Any, leaves: dict[str, bool]) -> Any:
-        """The expression as it is computed: with functions for symbols, but for weights and gauss, which are nodes."""
+        """The expression for evaluation: functions replace symbols, except for weights and gauss, which are nodes."""
         put = {}
         for symbol in (s for s in e.free_symbols if s in self.known):
             known = self.known[symbol]
@@ -103,7 +105,7 @@ class Tails:
         return e if all(a is b or a == b for a, b in zip(args, e.args, strict=True)) else e.func(*args)
 
     def _function(self, kind: str, u: Any) -> Any:
-        """tanh(u) and its like."""
+        """Form tanh(u) and similar functions."""
         e = self.engine
         root = 2 / e.sqrt(e.pi)
         rules = {
@@ -126,7 +128,7 @@ class Tails:
         return self._symbols[key]
 
     def _product(self, e: Any) -> Any:
-        """A product, or a power."""
+        """Form a product or a power."""
         factors = e.args if type(e).__name__ == "Mul" else (e,)
         exps, sums, rest = [], [], []
         hyperbolic: dict[tuple[str, Any], Any] = {}
@@ -155,13 +157,13 @@ class Tails:
         return self._factors(self._inside(x) for x in factors)
 
     def _inside(self, x: Any) -> Any:
-        """A factor, with symbols inside."""
+        """Form a factor, with symbols inside."""
         is_power = type(x).__name__ == "Pow"
         return self._with(x, [self.formed(a) for a in x.args]) if is_power else self.formed(x)
 
     def _hyperbolic(self, name: str, u: Any, n: Any, every: dict[tuple[str, Any], Any]) -> Any:
-        """A power of cosh or sinh. Of sinh^m cosh^-n the quotients go to sinh, tanh^k with k = min(m, n), and the rest
-        of them is sech^(n - k) sinh^(m - k); likewise coth and csch."""
+        """A power of cosh or sinh. sinh^m cosh^-n becomes tanh^k with k = min(m, n), times sech^(n - k) sinh^(m - k);
+        likewise with coth and csch."""
         other = every.get(("sinh" if name == "cosh" else "cosh", u), 0)
         shared = 0
         for above, below in ((n, other), (other, n)):
@@ -174,7 +176,7 @@ class Tails:
         return self._function(quotient, formed) ** shared * getattr(self.engine, name)(formed) ** (n - shared)
 
     def _over_sums(self, exps: list, sums: list, hyperbolic: dict, rest: list) -> Any:
-        """Exponentials over powers of sums of such; what stands above and grows is multiplied out."""
+        """Exponentials over powers of sums of exponentials; growing sums in the numerator are multiplied out."""
         engine = self.engine
         below, *others = [x.args for x in sums]
         mine = below[0].free_symbols
@@ -207,7 +209,7 @@ class Tails:
     # ---- sums of exponentials ----------------------------------------------------------------------------
 
     def _weight(self, growing: Any, base: Any, power: Any) -> Any:
-        """E D^r."""
+        """The weight E D^r."""
         terms = self._terms(base)
 
         def slope(x: Any) -> Any:
@@ -218,7 +220,7 @@ class Tails:
         return symbol
 
     def _mean(self, base: Any, terms: list, of: Callable[[int], Any]) -> Any:
-        """sum_i W_i of(i)."""
+        """The mean sum_i W_i of(i)."""
         result = 0
         for i, ((still, growing), _) in enumerate(terms):
             value = self.engine.expand(of(i))
@@ -227,7 +229,7 @@ class Tails:
         return result
 
     def _terms(self, e: Any) -> list:
-        """The terms of a sum of exponentials, ((c, E), rate of E) each; none of what is no such sum."""
+        """The terms of a sum of exponentials, each as ((c, E), rate of E); empty for other expressions."""
         if type(e).__name__ != "Add" or len(e.args) > MAX_TERMS:
             return []
         parts = [self._split(x) for x in e.args]
@@ -238,7 +240,7 @@ class Tails:
         return list(zip(parts, rates, strict=True))
 
     def _split(self, term: Any) -> tuple[Any, Any]:
-        """A term as (what does not move) x (what does)."""
+        """Split a term into (constant factor) x (factor that depends on the state)."""
         still, growing = self.engine.Integer(1), self.engine.Integer(1)
         for x in term.args if type(term).__name__ == "Mul" else (term,):
             if self._moving(x):
@@ -248,7 +250,7 @@ class Tails:
         return still, growing
 
     def _rate(self, growing: Any) -> Callable[[Any], Any] | None:
-        """x -> E_x/E; None of what is no product of exponentials and powers of cosh."""
+        """x -> E_x/E for a product of exponentials and powers of cosh; None for other expressions."""
         found = []
         for x in _factors(growing):
             base, power = x.args if type(x).__name__ == "Pow" else (x, 1)
@@ -274,7 +276,7 @@ class Tails:
         return (bool(getattr(e, "args", ())) and self.moves(e)) or (hasattr(e, "free_symbols") and self.moves(e))
 
     def _ratio(self, exponential: Any, u: Any) -> Any:
-        """The exponent over u, where that is a number."""
+        """The ratio of an exponential's exponent and u, if it is a number."""
         ratio = self.engine.expand(exponential.args[-1] / u)
         return None if ratio.free_symbols else ratio
 

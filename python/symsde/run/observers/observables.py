@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Observables of a run, formulas and functions of Python side by side, as one callback of the library."""
+"""Observables of a run, formulas and Python functions together, as one callback of the library."""
 
 from __future__ import annotations
 
@@ -15,10 +15,10 @@ from ...model.formulas import compiler
 from ...model.formulas.formula_observables import FormulaObservables, is_formula
 from ...native import callbacks, checks
 
-Observable = str | Callable[[np.ndarray, np.ndarray], np.ndarray]  # a formula, or a function
-Rows = Callable[[float, np.ndarray, np.ndarray], Iterator[tuple[str, np.ndarray]]]  # of (t, q, p)
+Observable = str | Callable[[np.ndarray, np.ndarray], np.ndarray]  # a formula, or a function of q and p
+Rows = Callable[[float, np.ndarray, np.ndarray], Iterator[tuple[str, np.ndarray]]]  # a function of (t, q, p)
 
-_PYTHON_NUMBERS = 8192  # numbers of q in one call of an observable, at most: a call costs microseconds
+_PYTHON_NUMBERS = 8192  # most numbers of q in one call of an observable: a call costs microseconds
 _TAKEN = re.compile(r"energy|[qp](_\d+)?")
 
 
@@ -43,7 +43,7 @@ def check_observables(given: object) -> dict[str, Observable]:
 
 
 def _check_name(name: object) -> None:
-    """Names of observables become names of variables and columns in files, beside those of q, p and the energy."""
+    """Check a name: in files it becomes the name of variables and columns, next to those of q, p and the energy."""
     if _TAKEN.fullmatch(checks.name_of("name of an observable", name)):
         raise InvalidArgumentError(
             f"observable {name!r}: this name is taken, files would hold two of it (q, p, energy, q_1, p_1, ...): "
@@ -57,7 +57,7 @@ def _check_name(name: object) -> None:
 
 
 def refuse_coordinates(names: Iterable[str], model: Model) -> None:
-    """Refuse names of observables that formulas or results have for a coordinate."""
+    """Refuse names of observables that already denote a coordinate in formulas or results."""
     for name in names:
         numbered = re.fullmatch(r"[qp]([0-9]{1,9})", name)
         if name in model.coordinates or (numbered and 1 <= int(numbered[1]) <= model.ndof):
@@ -68,7 +68,7 @@ def refuse_coordinates(names: Iterable[str], model: Model) -> None:
 
 
 def are_in_python(observables: Mapping[str, Observable]) -> bool:
-    """Whether the library calls Python for them, which only one thread at a time can be in."""
+    """Whether some observable is a Python function, which only one thread at a time can call."""
     if not observables:
         return False
     return compiler.command() is None or not all(is_formula(x) for x in observables.values())
@@ -87,7 +87,7 @@ def _name_of(function: Any) -> str:
 
 
 def bind(observables: Mapping[str, Observable], model: Model, struct: Any, failures: callbacks.Failures) -> Any:
-    """Put the callback into the struct of the C interface; the caller keeps the result alive while it may be
+    """Store the callback in the struct of the C interface; the caller keeps the returned object alive while it may be
     called."""
     if not observables:
         return None

@@ -21,7 +21,7 @@ NOT_FILED = ("counts", "edges", "below", "above", "not_a_number", "kept")
 
 
 def _as_they_are(dims: tuple[str, ...], *names: str) -> dict[str, tuple[str, tuple[str, ...]]]:
-    """Attributes that files call by the same name."""
+    """Attributes that have the same names in files."""
     return {name: (name, dims) for name in names}
 
 
@@ -34,22 +34,22 @@ class Observed:
     kept: PartialStatistics  #: integers and sums as in symsde.h, from which parts of an ensemble are merged
 
     def __init__(self, scope: Scope, t: np.ndarray, observer: Observer, kept: PartialStatistics):
-        """The library's answer from kept results."""
+        """Compute the library's answer from kept results."""
         self.observer, self.t, self.kept = observer, t, kept
         self._names = observer.names(scope.values)
         self._take(scope, *read(scope, observer, kept))
 
     @property
     def looked_at(self) -> tuple[str, ...]:
-        """Names of the values that the observer looked at."""
+        """Names of the observed values."""
         return self._names
 
     def _take(self, scope: Scope, values: np.ndarray, errors: np.ndarray) -> None:
-        """Shapes for the answer."""
+        """Give the arrays of the answer their shapes."""
         raise NotImplementedError
 
     def variables(self, name: str) -> Variables:
-        """Arrays with the names of their dimensions, for files that hold the observer under this name."""
+        """Arrays with the names of their dimensions, for files that store the observer under this name."""
         found: dict[str, Any] = {}
         for attribute, (key, dims) in self.FILED.items():
             if (value := getattr(self, attribute)) is not None:
@@ -59,7 +59,7 @@ class Observed:
 
     @classmethod
     def filed(cls, observer: Observer, values: Values, t: np.ndarray, variables: Mapping, name: str) -> Observed:
-        """The result again, from the variables of a file that holds the observer under this name."""
+        """Restore the result from the variables of a file that stores the observer under this name."""
         self = cls.__new__(cls)
         self.observer, self.t, self._names = observer, t, observer.names(values)
         for attribute, (key, _) in cls.FILED.items():
@@ -70,11 +70,11 @@ class Observed:
         return self
 
     def _of_file(self, _attribute: str, value: Any) -> Any:
-        """An attribute in its form before it was written."""
+        """Restore an attribute from its form in a file."""
         return value
 
     def __getattr__(self, name: str) -> Any:
-        """What a file does not hold."""
+        """Raise an error for an attribute that the file does not contain."""
         if name in self.FILED:
             raise AttributeError(f"the file does not hold {name}: an older version has written it")
         if name in NOT_FILED:
@@ -85,20 +85,22 @@ class Observed:
         raise AttributeError(f"{type(self).__name__!r} object has no attribute {name!r}")
 
     def remarks(self) -> list[str]:
-        """Sentences on what the result leaves out."""
+        """Sentences about values that the result leaves out."""
         return []
 
     def plot(self, path=None, *, ax=None, at: int = -1):
-        """Draw a matplotlib figure, written if a path is given, or draw into `ax`; at: saved time of a histogram."""
+        """Draw a matplotlib figure, written if a path is given, or draw into `ax`; at: index of the saved time of a
+        histogram.
+        """
         return plot.observed(self, (path, ax), at)
 
     def __repr__(self) -> str:
-        """One line."""
+        """The result in one line."""
         return f"<{self.observer.KIND} of {', '.join(self._names)} at {counted(len(self.t), 'time')}>"
 
 
 class Slots(Observed):
-    """Counts in bins."""
+    """Counts of values in bins."""
 
     edges: np.ndarray  #: (bin + 1,), ascending
     counts: np.ndarray  #: (time, bin)
@@ -131,12 +133,12 @@ class HistogramResult(Slots):
 
 
 class QuantilesResult(Slots):
-    """Quantiles at every saved time; their counts are many and stay in the shards."""
+    """Quantiles at every saved time; their many counts are kept in shards, not in files of results."""
 
     FILED = {"shares": ("share", ("share",))} | _as_they_are(("time", "share"), "quantile", "se_quantile")
     shares: np.ndarray  #: (share,), shares of the paths that lie below the quantiles
     quantile: np.ndarray  #: (time, share)
-    se_quantile: np.ndarray  #: (time, share), from chance (by the ranks) and half a bin together
+    se_quantile: np.ndarray  #: (time, share), chance error (from the ranks) and half a bin combined
 
     def _take(self, scope: Scope, values: np.ndarray, errors: np.ndarray) -> None:
         self.shares = self.observer.fields()["shares"]
@@ -145,7 +147,7 @@ class QuantilesResult(Slots):
 
 
 def _relative_edges(low: float, high: float, bins: int, **_others: object) -> np.ndarray:
-    """The bins of the library: each power of two in `bins` equal parts, on both sides of zero."""
+    """The edges of the library's bins: each power of two in `bins` equal parts, on both sides of zero."""
     first, last = np.floor(np.log2(low)), np.ceil(np.log2(high))
     powers = 2.0 ** np.arange(first, last)
     one_side = (powers[:, np.newaxis] * (1 + np.arange(bins) / bins)).ravel()
@@ -164,8 +166,8 @@ class CovarianceResult(Observed):
     names: tuple[str, ...]  #: names of the values
     covariance: np.ndarray  #: (time, value, value), unbiased
     se_covariance: np.ndarray  #: (time, value, value)
-    correlation: np.ndarray  #: (time, value, value), without an error of its own
-    n: np.ndarray  #: (time,), paths that count
+    correlation: np.ndarray  #: (time, value, value), without standard errors
+    n: np.ndarray  #: (time,), paths that are ok up to each time
     mean: np.ndarray  #: (time, value)
 
     def _take(self, scope: Scope, values: np.ndarray, errors: np.ndarray) -> None:
@@ -180,7 +182,7 @@ class CovarianceResult(Observed):
 
 
 def _square(pairs: np.ndarray, k: int) -> np.ndarray:
-    """(time, pair) as (time, value, value)."""
+    """Turn (time, pair) into (time, value, value)."""
     rows, columns = np.triu_indices(k)
     order = np.lexsort((rows, columns))  # (1,1), (1,2), (2,2), (1,3) ..
     found = np.empty((len(pairs), k, k))
@@ -189,7 +191,7 @@ def _square(pairs: np.ndarray, k: int) -> np.ndarray:
 
 
 class AutocorrelationResult(Observed):
-    """Autocorrelation along time."""
+    """Autocorrelation of a value over time."""
 
     FILED = _as_they_are(
         ("lag",), "lag", "covariance", "se_covariance", "correlation", "se_correlation"
@@ -212,14 +214,14 @@ class AutocorrelationResult(Observed):
 
 
 class ExtremesResult(Observed):
-    """How far a value has come."""
+    """Lowest and highest values."""
 
     FILED = _as_they_are(("time",), "mean_lowest", "se_mean_lowest", "mean_highest", "se_mean_highest") | _as_they_are(
         ("value_path_time",), "lowest", "highest"
     )
-    mean_lowest: np.ndarray  #: (time,), mean over paths of the lowest value until then; likewise se_mean_lowest
+    mean_lowest: np.ndarray  #: (time,), mean over paths of the lowest value so far; likewise se_mean_lowest
     mean_highest: np.ndarray  #: (time,); likewise se_mean_highest
-    lowest: tuple[float, int, float]  #: value, path and time of the lowest of all; likewise highest
+    lowest: tuple[float, int, float]  #: value, path and time of the lowest value of all; likewise highest
 
     def _take(self, scope: Scope, values: np.ndarray, errors: np.ndarray) -> None:
         (self.mean_lowest, self.mean_highest), (self.se_mean_lowest, self.se_mean_highest) = (
@@ -237,7 +239,7 @@ class ExtremesResult(Observed):
 
 
 class PassageResult(Observed):
-    """Paths that left."""
+    """Paths that left an interval."""
 
     FILED = (
         _as_they_are(
@@ -250,15 +252,15 @@ class PassageResult(Observed):
         | _as_they_are(("coordinate",), "mean", "se_mean")
         | _as_they_are((), "n", "bridged")
     )
-    lost: np.ndarray  #: (time,), share of all paths that have left until then; likewise se_lost, binomial
+    lost: np.ndarray  #: (time,), share of all paths that have left so far; likewise se_lost, binomial
     lost_below: np.ndarray  #: (time,), through the lower end; likewise lost_above, se_lost_below, se_lost_above
-    count: np.ndarray  #: (time, 2), paths that left below and above since the saved time before
-    there: np.ndarray  #: (time,), paths that are still there
+    count: np.ndarray  #: (time, 2), paths that left below and above since the last saved time
+    there: np.ndarray  #: (time,), paths that have not left yet
     bridged: int | None = None  #: paths that left between two steps; None if this is not checked, see `remarks`
     n: int  #: number of paths that have left
     mean: dict[
         str, float
-    ]  #: of t and of the coordinates and momenta when they left, over these paths; likewise se_mean
+    ]  #: means of t, coordinates and momenta of these paths when they left; likewise se_mean
     path: np.ndarray  #: (listed,), global indices of the first paths that left; at most 1000
     step: np.ndarray  #: (listed,), absolute step after which each was outside
     state: np.ndarray  #: (listed, 1 + 2 dof), t, q and p after this step
@@ -292,7 +294,7 @@ class PassageResult(Observed):
         return dict(zip(self.names, value.tolist(), strict=True)) if attribute in ("mean", "se_mean") else value
 
     def remarks(self) -> list[str]:
-        """Paths that were absorbed; where noise may act on a value that has no Brownian bridge."""
+        """Sentences about absorbed paths, and about noise on a value that has no Brownian bridge."""
         wanted, found = self.observer, []
         if wanted.absorb:
             found.append(
@@ -310,7 +312,7 @@ class PassageResult(Observed):
 
 
 class PathsResult(Observed):
-    """Chosen paths."""
+    """Values of chosen paths."""
 
     FILED: ClassVar = {
         "path": ("path", ("path",)),
@@ -347,7 +349,7 @@ def observed(
 def filed(
     values: Values, t: np.ndarray, variables: Mapping[str, np.ndarray], wanted: str, remarks: Sequence[str]
 ) -> dict[str, Observed]:
-    """The same from the variables of a file of moments, and what it tells: the observers as JSON, their remarks."""
+    """The results from the variables of a file of moments and its texts: the observers as JSON, and their remarks."""
     found = {}
     for name, fields in json.loads(wanted).items():
         kind = fields.pop("kind")

@@ -18,44 +18,44 @@ Kinds = Mapping[str, Observer]
 
 @dataclass
 class PartialStatistics:
-    """Integers and sums of one observer, as of symsde_observer in symsde.h."""
+    """Integers and sums of one observer, as in symsde_observer of symsde.h."""
 
     counts: np.ndarray
     sums: np.ndarray
     answers: int  #: count of numbers in the observer's answer
 
     def copy(self) -> PartialStatistics:
-        """With arrays of its own."""
+        """A copy with its own arrays."""
         return PartialStatistics(self.counts.copy(), self.sums.copy(), self.answers)
 
 
 @dataclass(frozen=True)
 class Scope:
-    """The run that observers look at: its setup, and the names of its values."""
+    """The run that is observed: its setup, and the names of its values."""
 
     setup: Setup
     values: Values
 
     def call(self, name: str, *arguments) -> None:
-        """A function of the C interface that begins with model, options and observables."""
+        """Call a function of the C interface that begins with model, options and observables."""
         self.setup.model.call(name, ctypes.byref(self.setup.options), len(self.values.observables), *arguments)
 
     def room(self, observer: Observer) -> PartialStatistics:
-        """Arrays for the results of an observer; a request that cannot be observed is refused."""
+        """Allocate arrays for the results of an observer; a request that cannot be observed is refused."""
         sizes = np.zeros(3, np.int64)
         self.call("observer_sizes", ctypes.byref(observer.struct(self.values)), sizes.ctypes.data)
         return PartialStatistics(np.zeros(sizes[0], np.int64), np.zeros(sizes[1]), int(sizes[2]))
 
 
 def structs(scope: Scope, observers: Kinds, kept: Mapping[str, PartialStatistics]):
-    """The observers as symsde_moments takes them: an array of addresses, and objects that must live as long."""
+    """The observers in the form of symsde_moments: an array of addresses, and objects that must live as long."""
     made = [observer.struct(scope.values, kept[name].counts, kept[name].sums) for name, observer in observers.items()]
     addresses = (ctypes.c_void_p * len(made))(*(ctypes.addressof(struct) for struct in made))
     return addresses, made
 
 
 def merge(scope: Scope, observer: Observer, left: PartialStatistics, right: PartialStatistics) -> None:
-    """The left part becomes both."""
+    """Merge two siblings into the left one."""
     both = [observer.struct(scope.values, part.counts, part.sums) for part in (left, right)]
     scope.call("observer_merge", *(ctypes.byref(struct) for struct in both))
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Requests for observers: one class for each kind, whose fields the caller chooses."""
+"""Requests for observers: one class for each kind; its fields are chosen by the caller."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from ...show.values import Values
 
 @dataclass(frozen=True)
 class Observer:
-    """An observer that is wanted."""
+    """A requested observer."""
 
     KIND: ClassVar[str] = ""
 
@@ -33,7 +33,7 @@ class Observer:
         return (values.called(checks.name_of(f"the value of {type(self).__name__}", self.of)),)
 
     def fields(self) -> dict[str, Any]:
-        """Members of the C struct beside kind and values."""
+        """Members of the C struct besides kind and values."""
         return {}
 
     def struct(self, values: Values, counts: np.ndarray | None = None, sums: np.ndarray | None = None):
@@ -73,7 +73,7 @@ class Histogram(Observer):
     bins: int = 50
 
     def fields(self) -> dict[str, Any]:
-        """Range and bins."""
+        """Range and bins for the C struct."""
         return {**_range(self), "bins": checks.integer("bins", self.bins, checks.INT32)}
 
 
@@ -95,7 +95,7 @@ class Quantiles(Observer):
     parts: int = 64
 
     def fields(self) -> dict[str, Any]:
-        """Shares, magnitudes, bins."""
+        """Shares, magnitudes and bins for the C struct."""
         shares = np.atleast_1d(checks.real_array("shares", self.shares)).astype(float)
         return {**_range(self), "bins": checks.integer("parts", self.parts, checks.INT32), "shares": shares}
 
@@ -108,7 +108,7 @@ class Covariance(Observer):
     of: tuple[str, ...]
 
     def names(self, values: Values) -> tuple[str, ...]:
-        """The values."""
+        """The values to observe."""
         return _names("Covariance", self.of, values)
 
 
@@ -126,13 +126,15 @@ class Autocorrelation(Observer):
     about: float = 0.0
 
     def fields(self) -> dict[str, Any]:
-        """Lags and centre."""
+        """Lags and centre for the C struct."""
         return {"bins": checks.integer("lags", self.lags, checks.INT32), "low": checks.number("about", self.about)}
 
 
 @dataclass(frozen=True)
 class Extremes(Observer):
-    """Lowest and highest value of each path at the saved times so far: their means, and those over all paths."""
+    """Lowest and highest value of each path at the saved times so far: their means over paths, and the extremes of
+    all paths.
+    """
 
     KIND: ClassVar[str] = "extremes"
     of: str
@@ -140,15 +142,15 @@ class Extremes(Observer):
 
 @dataclass(frozen=True)
 class Passage(Observer):
-    """Paths whose value leaves an interval: how many by which time, through which end, when and in what state.
+    """Paths whose value leaves an interval: how many have left by each time, through which end, when and in what state.
 
     The value is checked after every step, not only at saved times. If it is not a number, the path fails. within=a
     stands for low=-a, high=a; one end may be infinite. absorb: a path that leaves ends there and does not count from
-    then on, in no moment and no other observer. Left out it is True; beside other observers, observables or saved
-    paths an UnsaidAbsorbWarning asks for it, and from 0.2 on it must be said there. bridge: if noise acts on a
-    coordinate or momentum, paths may also leave between two steps, by the law of a Brownian bridge; the result says
-    whether this was used (`bridged`). Two-point and three-point increments have no such law, so schemes that draw them
-    are refused unless bridge=False.
+    then on in any moment or other observer. The default is True; beside other observers, observables or saved paths an
+    UnsaidAbsorbWarning asks for an explicit value, which is required there from version 0.2 on. bridge: if noise acts
+    on a coordinate or momentum, paths may also leave between two steps, by the law of a Brownian bridge; the result
+    says whether this was used (`bridged`). Two-point and three-point increments have no such law, so schemes that draw
+    them are refused unless bridge=False.
     """
 
     KIND: ClassVar[str] = "passage"
@@ -168,7 +170,7 @@ class Passage(Observer):
             object.__setattr__(self, "absorb", True)
 
     def fields(self) -> dict[str, Any]:
-        """The interval and the two flags."""
+        """The interval and the two flags for the C struct."""
         found = _range(self)
         if self.within is not None:
             a = checks.number("within", self.within)
@@ -189,11 +191,11 @@ class Paths(Observer):
     of: tuple[str, ...] = ()
 
     def names(self, values: Values) -> tuple[str, ...]:
-        """The values given; without any, all of q and p."""
+        """The given values; by default all of q and p."""
         return _names("Paths", self.of, values) or (*values.q, *values.p)
 
     def fields(self) -> dict[str, Any]:
-        """The indices, ascending."""
+        """The indices for the C struct, ascending."""
         given = checks.items(self.paths)
         indices = sorted({checks.integer("paths", i, (0, 2**47)) for i in ([self.paths] if given is None else given)})
         return {"paths": np.array(indices, np.int64)}
@@ -233,7 +235,7 @@ def check_observers(given: object) -> dict[str, Observer]:
 
 
 def unsaid(observers: Mapping[str, Observer], beside: bool) -> str:
-    """A warning for passages that absorb by default while other results are kept; else nothing."""
+    """A warning about passages that absorb by default while other results are kept; else empty."""
     names = [name for name, observer in observers.items() if getattr(observer, "is_unsaid", False)]
     if not names or not (beside or len(observers) > 1):
         return ""
@@ -245,7 +247,7 @@ def unsaid(observers: Mapping[str, Observer], beside: bool) -> str:
 
 
 def warn_of_unsaid(observers: Mapping[str, Observer], beside: bool) -> None:
-    """The same as a warning."""
+    """Issue this warning."""
     if text := unsaid(observers, beside):
         checks.warn(text, UnsaidAbsorbWarning)
 

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Figures of results: paths, phase plane, energy, moments with bands, and what observers kept.
+"""Figures of results: paths, phase plane, energy, moments with bands, and results of observers.
 
-data      what is drawn, from objects or files
-draw      figures of it
-animate   an ensemble in motion
+data      the data of figures, from objects or files
+draw      figures
+animate   animations of an ensemble
 """
 
 from . import animate, draw

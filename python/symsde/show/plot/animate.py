@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""An ensemble in motion: the points of many paths in a plane of two values, from saved time to saved time."""
+"""Animations of an ensemble: the points of many paths in a plane of two values, frame by frame over saved times."""
 
 from __future__ import annotations
 
@@ -16,12 +16,12 @@ from .. import look
 from .data import Paths
 from .draw import axes_of, pair_of, take_names_as_they_are, which_paths, whole
 
-_SIZE, _MARGIN = (5.0, 4.2), 0.05  # inches; share of the extent that stays empty on each side
+_SIZE, _MARGIN = (5.0, 4.2), 0.05  # size in inches; share of the extent that stays empty on each side
 
 
 def animation(data: Paths, where: tuple[object, object], of: object, most: int, rate: float) -> Any:
-    """A FuncAnimation with a frame for each saved time, written as a .gif where a path is given, or drawn into an axes
-    of the caller's."""
+    """A FuncAnimation with a frame for each saved time, written as a .gif if a path is given, or drawn into axes of
+    the caller."""
     path, ax = where
     target = None if path is None else _file(path)
     matplotlib = files.optional("matplotlib", "plot")
@@ -55,7 +55,7 @@ def animation(data: Paths, where: tuple[object, object], of: object, most: int, 
 
 
 def _file(path: object) -> Path:
-    """The file of an animation."""
+    """Check the file of an animation."""
     target = files.path_of("path", path)
     if target.suffix != ".gif":
         raise InvalidArgumentError(
@@ -66,7 +66,7 @@ def _file(path: object) -> Path:
 
 
 def _extent(values: np.ndarray) -> tuple[float, float]:
-    """Limits that hold all points of all times."""
+    """Limits that contain all points of all times."""
     low, high = np.nanmin(values), np.nanmax(values)
     margin = _MARGIN * (high - low) or _MARGIN * abs(low) or 1.0
     return low - margin, high + margin

@@ -11,7 +11,7 @@ import numpy as np
 
 from ..values import Values
 
-MOST = 1e300  #: largest size of a number that is drawn: ends and ticks of an axis overflow beyond it
+MOST = 1e300  #: largest absolute value that is drawn: limits and ticks of an axis overflow beyond it
 
 
 @dataclass(frozen=True)
@@ -52,14 +52,14 @@ def within(values: np.ndarray) -> np.ndarray:
 
 
 def paths_of(found: Any) -> Paths:
-    """Of saved paths: a `PathTables`."""
+    """The data of a `PathTables`."""
     q, p = within(found.q), within(found.p)
     title = found.title if q is found.q and p is found.p else f"{found.title}, without values above {MOST:g}"
     return Paths(title, found.t, q, p, found.path, found.values, lambda: within(found.energy))
 
 
 def means_of(found: Any) -> Means:
-    """Of moments: a `MomentTables`."""
+    """The data of a `MomentTables`."""
     names, kinds = found.values.names, ("mean", "var", "se_mean")
     tables = {kind: dict(zip(names, within(found.table(kind)).T, strict=True)) for kind in kinds}
     whole = all(within(found.table(kind)) is found.table(kind) for kind in kinds)

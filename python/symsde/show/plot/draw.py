@@ -23,17 +23,17 @@ from .data import Means, Paths, within
 
 ENDINGS = (".png", ".pdf", ".svg")
 MOST_PATHS = 50
-_WIDTH, _HEIGHT, _ALONE = 6.0, 2.4, 3.4  # inches; heights of one panel among several, and of one alone
-_ONE_COLUMN = 4  # panels, up to which they stand below each other; more stand in two columns
-_TITLE = 11  # characters of a title an inch
-_FEW = 200  # saved times, up to which each is marked
-_JUMP = 0.1  # of the extent of a phase plot: what lies farther apart is not joined
-CHAIN = 8  # degrees of freedom, from which on a map shows more than curves
+_WIDTH, _HEIGHT, _ALONE = 6.0, 2.4, 3.4  # inches; heights of one panel among several, and of a single panel
+_ONE_COLUMN = 4  # most panels in one column; more panels are in two columns
+_TITLE = 11  # characters of a title per inch
+_FEW = 200  # most saved times that are all marked
+_JUMP = 0.1  # as a share of a phase plot's extent: points farther apart are not joined
+CHAIN = 8  # degrees of freedom from which a map shows more than curves
 
 
 @dataclass(frozen=True)
 class Curve:
-    """One line with its bands: two standard errors, and the standard deviation."""
+    """One line with two bands: two standard errors, and the standard deviation."""
 
     label: str
     x: np.ndarray
@@ -43,8 +43,8 @@ class Curve:
 
 
 def finish(panels: Sequence[Callable], title: str, path: object = None, ax: object = None):
-    """A figure of panels, each a function of axes; written where a path is given. With `ax`, one axes or one for each
-    panel, they are drawn there, and the figure is that of these axes."""
+    """A figure of panels, each a function of axes; written if a path is given. With `ax`, one axes or one for each
+    panel, the panels are drawn there, and the result is the figure of these axes."""
     target = None if path is None else figure_file(path)
     matplotlib = files.optional("matplotlib", "plot")
     given = None if ax is None else axes_of(ax, len(panels), path)
@@ -74,7 +74,7 @@ def finish(panels: Sequence[Callable], title: str, path: object = None, ax: obje
 
 
 def whole(title: str, inches: float) -> str:
-    """A title on as many lines as it needs."""
+    """A title on as many lines as needed."""
     return textwrap.fill(title, max(20, round(_TITLE * inches)))
 
 
@@ -87,7 +87,7 @@ def figure_file(path: object) -> Path:
 
 
 def axes_of(ax: object, number: int, path: object = None) -> list[Any]:
-    """The axes that are given for so many panels."""
+    """The caller's axes, checked against the number of panels."""
     if path is not None:
         raise InvalidArgumentError("path and ax are both given: give one, and save a figure of your own by its savefig")
     found = ax.ravel().tolist() if isinstance(ax, np.ndarray) else checks.items(ax) or [ax]
@@ -101,7 +101,7 @@ def axes_of(ax: object, number: int, path: object = None) -> list[Any]:
 
 
 def take_names_as_they_are(texts: list[Any], given: Sequence[Any]) -> None:
-    """No mathematics in labels: names are the user's, and may hold a $."""
+    """Switch off mathematics in labels: users' names may contain a $."""
     for axes in given:
         texts += [axes.xaxis.label, axes.yaxis.label, axes.title]
         texts += axes.get_legend().get_texts() if axes.get_legend() else []
@@ -110,7 +110,7 @@ def take_names_as_they_are(texts: list[Any], given: Sequence[Any]) -> None:
 
 
 def write(page: Any, target: Path) -> None:
-    """A figure as a file."""
+    """Write a figure as a file."""
     files.replace(target, lambda part: page.savefig(part, dpi=150))
 
 
@@ -139,12 +139,12 @@ def of_run(data: Paths, what: str, of: object, most: int) -> tuple[list[Callable
 
 
 def _few(ndof: int) -> range:
-    """The degrees of freedom that are drawn where no names are given: all, and of a chain the first."""
+    """The degrees of freedom that are drawn if no names are given: all, but only the first of a chain."""
     return range(ndof if ndof < CHAIN else 1)
 
 
 def _energy_of(values: Values, of: object, why_not: str) -> list[str]:
-    """The energy in a figure of its own."""
+    """The panel of the energy."""
     if not values.has_energy:
         raise InvalidArgumentError(f"the energy {why_not}")
     if (values.chosen("of", of) or ["energy"]) != ["energy"]:
@@ -155,7 +155,7 @@ def _energy_of(values: Values, of: object, why_not: str) -> list[str]:
 
 
 def _planes(values: Values, names: Sequence[str] | None) -> list[tuple[str, str]]:
-    """Each coordinate with its momentum."""
+    """Each coordinate with its momentum, as planes."""
     if names is None:
         return [(values.q[i], values.p[i]) for i in _few(values.ndof)]
     degrees = [values.names.index(name) % values.ndof if name != "energy" else None for name in names]
@@ -167,7 +167,7 @@ def _planes(values: Values, names: Sequence[str] | None) -> list[tuple[str, str]
 
 
 def pair_of(values: Values, names: Sequence[str] | None) -> tuple[str, str]:
-    """Two values that span a plane; by default the first two coordinates, or one with its momentum."""
+    """Two values for a plane; by default the first two coordinates, or the coordinate with its momentum."""
     pair = names or ((values.q if values.ndof > 1 else values.names)[:2])
     if len(pair) != 2:
         raise InvalidArgumentError(
@@ -196,7 +196,7 @@ def _maps(data: Paths | Means, tables: dict[str, np.ndarray], of: object, kind: 
     def panel(axes: Any, name: str) -> None:
         table = tables[name]
         end = np.nanmax(np.abs(table), initial=0.0) or 1.0
-        times = t if len(t) > 1 else np.array([t[0], t[0] + 1])  # a mesh has an extent
+        times = t if len(t) > 1 else np.array([t[0], t[0] + 1])  # a mesh needs a nonzero extent
         mesh = axes.pcolormesh(
             times, 1 + np.arange(table.shape[1]), np.broadcast_to(table, (len(times), table.shape[1])).T,
             shading="nearest", cmap="RdBu_r", vmin=-end, vmax=end, rasterized=True,
@@ -210,7 +210,7 @@ def _maps(data: Paths | Means, tables: dict[str, np.ndarray], of: object, kind: 
 
 
 def _mark(places: int) -> dict[str, str]:
-    """A point where there is only one time, points on the line where there are few, which it joins by guess."""
+    """A point if there is only one time; points on the line if there are few, which the line joins by guess."""
     if places == 1:
         return {"marker": "o", "linestyle": ""}
     return {"marker": "."} if places <= _FEW else {}
@@ -224,7 +224,7 @@ def _is_sparse(x: np.ndarray, y: np.ndarray) -> bool:
 
 
 def _lines(axes: Any, x: np.ndarray, y: np.ndarray, path: np.ndarray, mark: dict[str, str], *, named: bool) -> None:
-    """A line for each path, with these marks; named in the first panel, and a path has its colour in all."""
+    """A line for each path, with these marks; labels are in the first panel, and a path has the same colour in all."""
     faint = {"alpha": 1.0 if len(path) <= len(look.COLOURS) else 0.5}
     for i, index in enumerate(path):
         along = x if x.ndim == 1 else x[:, i]
@@ -285,13 +285,13 @@ def of_moments(data: Means, what: str, of: object) -> tuple[list[Callable], str]
 
 
 def _all_of(values: Values) -> list[str]:
-    """Coordinates, each beside its momentum, the energy and observables."""
+    """Each coordinate followed by its momentum, then the energy and observables."""
     pairs = [name for i in _few(values.ndof) for name in (values.q[i], values.p[i])]
     return [*pairs, *values.names[2 * values.ndof :]]
 
 
 def _paths_of(data: Means) -> str:
-    """How many paths count, at first and at last."""
+    """The number of paths in the moments, at the beginning and at the end."""
     first, last = data.n_ok[0], data.n_ok[-1]
     return counted(first, "path") + ("" if first == last else f", {last} at the end")
 

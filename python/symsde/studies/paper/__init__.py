@@ -21,7 +21,9 @@ equations. "within 4.9 s.e." allows 4.9 standard errors of a mean; with the verd
 
 
 def run(out, quick=False):
-    """Run all experiments, write into the directory `out`, print the table; 0, or 1 if an expectation failed."""
+    """Run all experiments, write into the directory `out`, and print the table; return 0, or 1 if an expectation
+    failed.
+    """
     with files.folder(out) as directory:
         return _run(directory, quick)
 
@@ -39,14 +41,14 @@ def _run(directory, quick):
 
 
 def _one(module, quick, directory):
-    """One experiment, with its figure."""
+    """Run one experiment, and draw its figure."""
     experiment = module.run(quick)
     module.draw(experiment, directory)
     return experiment
 
 
 def _record(experiment, quick):
-    """What results.json holds of an experiment."""
+    """The entry of an experiment in results.json."""
     keys = ("equations", "quantity", "measured", "expected", "passed")
     return {
         "seed": experiment.seed,

@@ -2,10 +2,10 @@
 """Theorems 2.3 and 3.2 in their discrete form: computed paths make the discrete action stationary.
 
 Along a path of the scheme the discrete Euler-Lagrange equations (47)-(48) and both Legendre transforms (53)-(54),
-(57)-(58) hold to round-off. That this says something shows when the path is perturbed by eps: the residuals grow like
-eps, the action (46) changes like eps^2 where the ends stay fixed, and like p_N dq_N - p_0 dq_0, (60), where they move.
-The discrete Lagrangians of the paper are also written down here, (61)-(62), (77)-(78), (88) and its adjoint; into the
-equations that it gets from them, in printed.py, the library's step is put.
+(57)-(58) hold to round-off. As a control the path is perturbed by eps: the residuals grow like
+eps, and the action (46) changes like eps^2 if the ends are fixed, and like p_N dq_N - p_0 dq_0, (60), if they move.
+The discrete Lagrangians of the paper are also written down here, (61)-(62), (77)-(78), (88) and its adjoint. The
+library's step is inserted into the equations that the paper derives from them, in printed.py.
 """
 
 from copy import copy
@@ -23,30 +23,30 @@ STEP, STEPS, PATHS, SEED = 0.02, 500, 4, 47
 A, SIGMA = 1.0, 0.5
 OMEGA, SIGMA1, SIGMA2 = 2.0, 0.2, 0.1
 NOISE1, NOISE2 = 1.0, 1.0  # sigma and gamma of (84)-(85)
-LONG_STEP, POINTS, ROUNDING = 0.1, 64, 1e-13  # of single steps from given states, up to three
+LONG_STEP, POINTS, ROUNDING = 0.1, 64, 1e-13  # for tests of single steps from given states with coordinates up to three
 EPSILONS = 10.0 ** -np.arange(1, 11)
 
 
 def kubo(h, dw, start, end):
-    """(61)-(62); start, end = (q, p) at t_n and t_{n+1}."""
+    """The discrete Lagrangian (61)-(62); start, end = (q, p) at t_n and t_{n+1}."""
     q, p = (start + end) / 2
     return h * (p * (end - start)[0] / h - A / 2 * (p**2 + q**2)) - SIGMA / 2 * dw[0] * (p**2 + q**2)
 
 
 def synchrotron(h, dw, start, end):
-    """(77)-(78)."""
+    """The discrete Lagrangian (77)-(78)."""
     q, p = (start + end) / 2
     drift = h * (p * (end - start)[0] / h + OMEGA**2 * np.cos(q) - p**2 / 2)
     return drift - SIGMA1 * dw[0] * np.sin(q) + SIGMA2 * dw[1] * np.cos(q)
 
 
 def two_noises(h, dw, start, end):
-    """(88)."""
+    """The discrete Lagrangian (88)."""
     return _one_sided(h, dw, start[0], end[1], (end - start)[0])
 
 
 def two_noises_adjoint(h, dw, start, end):
-    """(88) with p at t_n and q at t_{n+1}, which leads to (91)-(92)."""
+    """The discrete Lagrangian (88) with p at t_n and q at t_{n+1}, which leads to (91)-(92)."""
     return _one_sided(h, dw, end[0], start[1], (end - start)[0])
 
 
@@ -56,9 +56,10 @@ def _one_sided(h, dw, q, p, difference):
 
 @dataclass
 class Case:
-    """A model with a scheme, the discrete Lagrangian as the paper prints it or from one that it prints, and where.
+    """A model with a scheme, and the discrete Lagrangian that the paper prints, or one derived from it.
 
-    `printed` are the equations that the paper gets from it, `equations` are those of the Lagrangian.
+    `printed` computes the equations that the paper derives from the Lagrangian; `equations` are the paper's numbers of
+    the Lagrangian.
     """
 
     label: str
@@ -91,7 +92,7 @@ def _cases():
 
 
 def run(quick):
-    """Residuals along the paths, and how they grow away from them."""
+    """Residuals along the paths, and their growth away from the paths."""
     steps = 100 if quick else STEPS
     parameters = {
         "step": STEP, "steps": steps, "paths": PATHS, "single_step": LONG_STEP, "points": POINTS,
@@ -127,7 +128,7 @@ def _residuals(experiment, case, computed):
 
 
 def _action(experiment, case, computed):
-    """The library's discrete action against the printed formula, on the path and away from it."""
+    """Compare the library's discrete action with the printed formula, on the path and away from it."""
     dw = ss.increments(case.model, step=STEP, steps=computed.t.size - 1, paths=PATHS, seed=SEED)
     rng = np.random.default_rng(SEED)
     moved = _move(computed, *rng.uniform(-1, 1, (2, *computed.q.shape)))
@@ -141,11 +142,11 @@ def _action(experiment, case, computed):
 
 
 def printed_equations(experiment, case):
-    """The library's step put into the printed equations, from given states with given increments."""
+    """Insert the library's step into the printed equations, from given states with given increments."""
     rng = np.random.default_rng(SEED)
     start, other = rng.uniform(-3, 3, (2, 2, POINTS))
     dw = rng.uniform(-1, 1, (case.model.nnoise, POINTS))
-    dw[0, 0] = -A * LONG_STEP / SIGMA  # where the paper's division by a h + sigma dW is one by zero
+    dw[0, 0] = -A * LONG_STEP / SIGMA  # here a h + sigma dW = 0, by which the paper divides
     end = np.concatenate(ss.step(case.model, case.scheme, *start[:, None], LONG_STEP, dw=dw))
     residuals = case.printed(LONG_STEP, dw, start, end, **case.model.parameters)
     largest = {equation: np.abs(residual).max() for equation, residual in residuals.items()}
@@ -200,7 +201,7 @@ def _move(computed, dq, dp):
 
 
 def draw(experiment, directory):
-    """Growth of residual and action away from the computed paths; midpoint's second case is the filled one."""
+    """Draw the growth of residual and action away from computed paths; filled markers are midpoint's second case."""
     curves = [(case.label, *experiment.curves[case.label], look.of_scheme(case.scheme)) for case in _cases()]
     mosaic = [["residual", "action"]]
     with panels(directory / "euler_lagrange.png", mosaic, height=3.0) as axes:

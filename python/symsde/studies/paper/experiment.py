@@ -19,11 +19,11 @@ class Experiment(Expectations):
     numbers: dict = field(default_factory=dict)
 
 
-panels = partial(look.panels, width=5.5, dpi=200, pdf=True)  # [in], [1/in]
+panels = partial(look.panels, width=5.5, dpi=200, pdf=True)  # width in inches, dots per inch
 
 
 def strong_order(experiment, about, case, model, scheme, *, paths, levels, time, seed, **start):
-    """Errors at 2^level steps on the same paths against the exact solution, as numbers; expect order one."""
+    """Measure errors at 2^level steps on the same paths against the exact solution, and expect order one."""
     steps = [2**level for level in levels]
     found = ss.convergence(model, scheme, horizon=time, steps=steps, paths=paths, seed=seed, reference="exact", **start)
     text = f"strong order, 95 % interval +- {found.order_high - found.order:.3f}, {len(steps)} steps{case}"

@@ -2,9 +2,9 @@
 """Figure 4.1: synchrotron oscillations (73)-(74), three computations on one Brownian path.
 
 The midpoint rule (82)-(83); the formula that the paper prints after (83) as "a highly accurate simulation of the true
-solution", at the same step; and the midpoint rule at a step 64 times finer. That reference formula takes
+solution", at the same step; and the midpoint rule at a step 64 times finer. The paper's formula computes
 q_{n+1} = q_n + h p_n first and evaluates the forces of p_{n+1} at q_{n+1}: it is the adjoint symplectic Euler scheme
-(lambda = 1), of the same strong order 1 as the midpoint rule, so only the fine path can judge either.
+(lambda = 1), which has the same strong order 1 as the midpoint rule, so only the fine path can judge the two.
 """
 
 import numpy as np
@@ -18,11 +18,11 @@ OMEGA, SIGMA1, SIGMA2 = 2.0, 0.2, 0.1
 STEP, TIME, LEVELS = 0.02, 100.0, 6
 STEPS = round(TIME / STEP)
 START = {"q0": 0.0, "p0": 0.0}
-SHOWN = 0.2  # of q: below it two curves of Figure 4.1 can pass for one
+SHOWN = 0.2  # difference in q below which two curves of Figure 4.1 look equal
 
 
 def run(quick):
-    """Ten seeds, what the reference formula is, and what 100 fixed-point iterations are worth."""
+    """Test ten seeds, the nature of the reference formula, and the accuracy of 100 fixed-point iterations."""
     seeds = list(range(1, 4 if quick else 11))
     parameters = {
         "omega": OMEGA, "sigma1": SIGMA1, "sigma2": SIGMA2, **START, "step": STEP, "time": TIME,
@@ -50,7 +50,7 @@ def simulate(model, seed, scheme="midpoint", finer=0, **options):
 
 
 def reference(dw, q=0.0, p=0.0):
-    """Run the formula after (83) as it is printed: q, p (step + 1,) for increments (step, noise)."""
+    """Run the formula printed after (83): q, p (step + 1,) for increments (step, noise)."""
     path = [(q, p)]
     for dw1, dw2 in dw:
         q = q + STEP * p
@@ -102,7 +102,9 @@ def _judge(experiment, rows):
 
 
 def _many_paths(experiment, model, paths):
-    """How often two computations of one path part; those that do are of large amplitude, where phases drift."""
+    """Measure how often two computations of a path separate; the paths that do have large amplitude, where phases
+    drift.
+    """
     every = 5
     coarse, smaller, fine = (
         ss.simulate(
@@ -119,7 +121,7 @@ def _many_paths(experiment, model, paths):
     text = ", ".join(f"{100 * share:.1f} %" for share in apart.values())
     experiment.report("Figure 4.1", f"paths with max|dq| > 0.1, {SHOWN}, 1", text, "not all are small")
     experiment.between("Figure 4.1", f"share of paths with max|dq| <= {SHOWN}", 1 - apart[f"above_{SHOWN}"], 0.5, 1)
-    # order 1 of the noise makes it 8; over seeds the median of 64 paths is 8.0 +- 0.9
+    # order 1 of the noise predicts 8; over seeds the median of 64 paths is 8.0 +- 0.9
     gain = np.median(differences / np.abs(smaller - fine).max(axis=0))
     experiment.between("(82)-(83)", "gain of a step 8 times smaller, in the median", gain, 4, 16)
     experiment.curves["differences"] = np.sort(differences)
@@ -132,7 +134,7 @@ def _many_paths(experiment, model, paths):
 
 
 def _reference_formula(experiment, model):
-    """The printed formula and symplectic_euler_adjoint, state by state: round-off is not given time to grow."""
+    """Compare the printed formula with symplectic_euler_adjoint from each state anew, so that round-off cannot grow."""
     adjoint = simulate(model, 1, "symplectic_euler_adjoint")
     q, p = adjoint.q[:, 0, 0], adjoint.p[:, 0, 0]
     dw = ss.increments(model, step=STEP, steps=STEPS, paths=1, seed=1, refine=LEVELS)[:, :, 0]
@@ -146,7 +148,7 @@ def _reference_formula(experiment, model):
 
 
 def _iterations(experiment, model):
-    """Newton against the paper's 100 fixed-point iterations: the same path, the work, the time."""
+    """Compare Newton with the paper's 100 fixed-point iterations: the path, the work, the time."""
     newton, fixed = simulate(model, 1), simulate(model, 1, fixed_point=100)
     gap = np.abs(newton.q - fixed.q).max()
     experiment.at_most("(82)-(83)", "max|dq|, Newton - 100 fixed-point iterations", gap, 1e-8)
@@ -177,7 +179,7 @@ def _work(model, fixed_point):
 
 
 def _fixed_point_convergence(model):
-    """One step from scattered states: difference of k iterations from 100, and the first k at round-off."""
+    """One step from scattered states: difference of k iterations from 100 iterations, and the first k at round-off."""
     rng = np.random.default_rng(1)
     q0, p0 = rng.uniform(-3, 3, (1, 256)), rng.uniform(-4, 4, (1, 256))
     options = {"q0": q0, "p0": p0, "step": STEP, "steps": 1, "scheme": "midpoint", "paths": 256, "seed": 1}
@@ -188,7 +190,7 @@ def _fixed_point_convergence(model):
 
 
 def draw(experiment, directory):
-    """q(t) of the first seed; the differences of ten seeds, and of many paths."""
+    """Draw q(t) of the first seed, the differences of ten seeds, and those of many paths."""
     mosaic = [["path", "path"], ["seeds", "many"]]
     with panels(directory / "figure_4_1.png", mosaic, height=4.2, width_ratios=[1.4, 1]) as axes:
         _draw_path(axes["path"], experiment.curves)

@@ -60,7 +60,7 @@ def _errors(experiment, model, case, scheme):
 
 
 def _growth(experiment, model, case, paths):
-    """E(p^2+q^2) = (gamma^2 + sigma^2) t of the exact solution itself."""
+    """Test E(p^2+q^2) = (gamma^2 + sigma^2) t for the exact solution itself."""
     gamma, sigma = CASES[case]
     steps = 200
     computed = ss.simulate(
@@ -76,7 +76,7 @@ def _growth(experiment, model, case, paths):
 
 
 def draw(experiment, directory):
-    """The two cases, path 0; the error below each."""
+    """Draw path 0 in both cases, and its error below."""
     with panels(
         directory / "figure_4_2.png", [["one_noise", "two_noises"], ["one_error", "two_error"]], height=4.0,
         height_ratios=[1.5, 1], sharex=True,

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Kubo oscillator (35)-(36): the midpoint rule (71)-(72) against the exact rotation on the same Brownian path.
 
-The exact solution turns (q, p) by the angle a t + sigma W(t), so p^2 + q^2 is constant on every path.
+The exact solution rotates (q, p) by the angle a t + sigma W(t), so p^2 + q^2 is constant on every path.
 """
 
 import numpy as np
@@ -16,7 +16,7 @@ START = {"q0": 1.0, "p0": 0.0}
 
 
 def run(quick):
-    """Path, invariant and order."""
+    """Test path, invariant and order."""
     long_steps = 10**5 if quick else 10**6
     parameters = {
         "a": A, "sigma": SIGMA, **START, "path_step": 0.02, "path_steps": 1000, "invariant_step": 0.02,
@@ -32,7 +32,9 @@ def run(quick):
 
 
 def _path(experiment, model):
-    """One figure's worth of time: against the exact rotation, and against the rotation (71)-(72) makes exactly."""
+    """Compare the path, over the time of one figure, with the exact rotation and with the exact solution of
+    (71)-(72).
+    """
     step, steps = experiment.parameters["path_step"], experiment.parameters["path_steps"]
     options = {**START, "step": step, "steps": steps, "paths": 8, "seed": SEED}
     computed = ss.simulate(model, scheme="midpoint", **options)
@@ -54,7 +56,7 @@ def _path(experiment, model):
 
 
 def _invariant(experiment, model, steps):
-    """p^2 + q^2 over very many steps."""
+    """Test p^2 + q^2 over very many steps."""
     every = steps // 1000
     computed = ss.simulate(
         model, **START, step=experiment.parameters["invariant_step"], steps=steps, save_every=every,
@@ -85,7 +87,7 @@ def _order(experiment, model):
 
 
 def _rotation(angle):
-    """(q, p) from (1, 0) turned by angles (step, path), the initial state first."""
+    """(q, p) from (1, 0) rotated by angles (step, path); the initial state comes first."""
     angle = np.concatenate([np.zeros((1, angle.shape[1])), angle])
     return np.cos(angle), -np.sin(angle)
 
@@ -95,7 +97,7 @@ def _gap(q, p, other_q, other_p):
 
 
 def draw(experiment, directory):
-    """Path, invariant and order in one figure."""
+    """Draw path, invariant and order in one figure."""
     numbers, curves = experiment.numbers, experiment.curves
     with panels(directory / "kubo.png", [["path", "path"], ["invariant", "order"]], height=4.0) as axes:
         axis = axes["path"]

@@ -9,7 +9,8 @@ import numpy as np
 
 _ROOT = np.sqrt(3.0) / 6
 
-# Stages: a of the positions; the momenta have the symplectic conjugate abar_ij = alpha_j - alpha_j a_ji / alpha_i.
+# Tableaux by name: a of the positions; the momenta have the symplectic conjugate abar_ij = alpha_j - alpha_j a_ji /
+# alpha_i.
 TABLEAUX = {
     "midpoint": ([[0.5]], [1.0]),
     "gauss2": ([[0.25, 0.25 - _ROOT], [0.25 + _ROOT, 0.25]], [0.5, 0.5]),
@@ -33,7 +34,7 @@ def tableau(name, x):
 
 
 def symplectic_euler(x, c):
-    """(89)-(90) for x (p^2+q^2)/2 + c p q, c the correction: p' = p - x q - c p', q' = q + x p' + c q."""
+    """(89)-(90) for x (p^2+q^2)/2 + c p q with the correction c: p' = p - x q - c p', q' = q + x p' + c q."""
     p_from_q, p_from_p = -x / (1 + c), 1 / (1 + c)
     return _matrix(1 + c + x * p_from_q, x * p_from_p, p_from_q, p_from_p)
 
@@ -45,17 +46,17 @@ def symplectic_euler_adjoint(x, c):
 
 
 def heun(x):
-    """1 + i x + (i x)^2 / 2 as a matrix, with q + i p turning by -i."""
+    """1 + i x + (i x)^2 / 2 as a matrix, where q + i p is multiplied by -i per unit of angle."""
     return _complex(1 - x**2 / 2, x)
 
 
 def euler_maruyama(x, drift):
-    """Ito form: the drift (sigma^2/2) h is taken from both components."""
+    """Ito form: the drift (sigma^2/2) h is subtracted from both components."""
     return _complex(1 - drift, x)
 
 
 def fixed_point_midpoint(x, iterations):
-    """The midpoint's z' = z + x J (z + z')/2 iterated from z' = z a fixed number of times."""
+    """The midpoint rule z' = z + x J (z + z')/2, iterated a fixed number of times from z' = z."""
     step = np.ones_like(x, dtype=complex)
     for _ in range(iterations):
         step = 1 + 0.5j * x * (1 + step)
@@ -63,7 +64,7 @@ def fixed_point_midpoint(x, iterations):
 
 
 def determinant_defect(matrices):
-    """det M - 1: the change of area by one step; the map of one degree of freedom is symplectic where it is 0."""
+    """det M - 1, the change of area by one step; with one degree of freedom a map is symplectic if it is 0."""
     return np.linalg.det(matrices) - 1
 
 

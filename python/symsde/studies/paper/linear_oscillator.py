@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Linear stochastic oscillator (20)-(21): E(p^2+q^2) = 1 + sigma^2 t (24), with p0 = 0, q0 = 1.
 
-One step of the midpoint rule turns (q, p) and adds a kick of squared length sigma^2 dW^2 / (1 + h^2/4), independent of
-the state: its mean grows linearly too, at exactly sigma^2 / (1 + h^2/4). Euler-Maruyama multiplies the mean by 1 + h^2
-every step.
+One step of the midpoint rule rotates (q, p) and adds a kick of squared length sigma^2 dW^2 / (1 + h^2/4), independent
+of the state: its mean grows linearly too, at exactly sigma^2 / (1 + h^2/4). Euler-Maruyama multiplies the mean by 1 +
+h^2 every step.
 """
 
 import numpy as np
@@ -19,7 +19,7 @@ START = {"q0": 1.0, "p0": 0.0}
 
 
 def run(quick):
-    """Growth of the second moment, its slope against the step, and the blow-up of Euler-Maruyama."""
+    """Test the growth of the second moment, its slope against the step, and the divergence of Euler-Maruyama."""
     paths, slope_paths = (10_000, 20_000) if quick else (200_000, 1_000_000)
     parameters = {
         "sigma": SIGMA, **START, "time": TIME, "paths": paths, "slope_paths": slope_paths,
@@ -57,7 +57,7 @@ def _growth(experiment, model, paths):
         text = f"E(p^2+q^2), midpoint, h = {step:g}, t = {t[i]:g}"
         experiment.within("(24)", text, _at(found, i), 1 + SIGMA**2 * t[i])
     experiment.numbers["growth"] = {**found, "expected": 1 + SIGMA**2 * t}
-    # for the figure at the step of Euler-Maruyama's blow-up
+    # for the figure, at the step of Euler-Maruyama's divergence
     found = second_moment(model, "midpoint", LONG_STEP, paths, 50)
     expected = 1 + SIGMA**2 / (1 + LONG_STEP**2 / 4) * found["t"]
     text = f"E(p^2+q^2), midpoint, h = {LONG_STEP:g}, t = {TIME:g}: 1 + sigma^2 t/(1+h^2/4)"
@@ -66,7 +66,7 @@ def _growth(experiment, model, paths):
 
 
 def _slopes(experiment, model, paths, resolved):
-    """Slopes at several steps; from the step `resolved` on, the number of paths tells them from sigma^2."""
+    """Slopes at several steps; from the step `resolved` on there are enough paths to distinguish them from sigma^2."""
     rows = []
     for step in (0.1, 0.25, 0.5, 1.0, 2.0):
         mean, error = _at(second_moment(model, "midpoint", step, paths, round(TIME / step)), -1)
@@ -91,7 +91,7 @@ def _blow_up(experiment, model, paths):
 
 
 def draw(experiment, directory):
-    """Growth beside the blow-up; slope against the step."""
+    """Draw the growth next to the divergence, and the slope against the step."""
     growth, blow_up = experiment.numbers["growth_at_long_step"], experiment.numbers["euler_maruyama"]
     with panels(directory / "linear_oscillator.png", [["growth", "slope"]], height=2.9, width_ratios=[1.2, 1]) as axes:
         axis = axes["growth"]

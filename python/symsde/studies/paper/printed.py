@@ -10,7 +10,7 @@ WRONG = "(80), second print"
 
 
 def kubo(h, dw, start, end, *, a, sigma):
-    """(66)-(68), and (69)-(70), which the paper gets from them by a division that the scheme does without."""
+    """(66)-(68), and (69)-(70), which the paper derives from them by a division that the scheme does not need."""
     (q, p), (q1, p1) = start, end
     x = a * h + sigma * dw[0]
     return {
@@ -23,7 +23,7 @@ def kubo(h, dw, start, end, *, a, sigma):
 
 
 def synchrotron(h, dw, start, end, *, omega, sigma1, sigma2):
-    """(79)-(81); (80) is printed twice, the second time with a cosine that is wrong."""
+    """(79)-(81); (80) is printed twice, the second time with a wrong cosine."""
     (q, p), (q1, p1) = start, end
     mean = (p1 + p) / 2
     sine = (h * omega**2 + sigma2 * dw[1]) / 2 * np.sin((q1 + q) / 2)
@@ -43,7 +43,7 @@ def two_noises(h, dw, start, end, *, sigma, gamma):
 
 
 def two_noises_adjoint(h, dw, start, end, *, sigma, gamma):
-    """(91)-(92), and the adjoint of (89)-(90): ends exchanged, time and noise backwards."""
+    """(91)-(92), the adjoint of (89)-(90): end points exchanged, time and noise reversed."""
     (q, p), (q1, p1) = start, end
     backwards = two_noises(-h, -dw, end, start, sigma=sigma, gamma=gamma)
     return {

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Change of area by one step, and p^2+q^2 in the long run, of every scheme and of the contrasts; Kubo oscillator.
+"""Change of area by one step, and p^2+q^2 in the long run, for every scheme and for non-symplectic ones; Kubo
+oscillator.
 
 The Kubo oscillator is linear, so a step is a 2 x 2 matrix. It is measured three times: as det M - 1 of the images of
 two unit vectors, by the library's own diagnostic, and path by path against matrices written down in kubo_maps.py.
@@ -23,7 +24,7 @@ DEFECT_STEP, POINTS = 0.1, 10_000
 
 @dataclass
 class Case:
-    """One line of the table: how to run it, its matrix (h, dW) -> M, and what is expected of it."""
+    """One line of the table: how to run the scheme, its matrix (h, dW) -> M, and the expectations."""
 
     label: str
     scheme: str
@@ -47,8 +48,8 @@ def _one_sided(matrix, correction):
 
 
 def _cases():
-    """Every scheme and contrast: their defects in one table."""
-    exact = 1e-10  # round-off of 2000 steps, with room
+    """All schemes, symplectic and not, with their expected defects."""
+    exact = 1e-10  # round-off of 2000 steps, with a margin
     cases = [
         Case("midpoint", "midpoint", _tableau("midpoint"), keeps=exact),
         Case("Gauss 2", "gauss2", _tableau("gauss2"), keeps=exact),
@@ -82,7 +83,7 @@ def _fixed_point(count, h, dw):
 
 
 def run(quick):
-    """The table, line by line."""
+    """Compute the table, line by line."""
     points = 1000 if quick else POINTS
     parameters = {
         "a": A, "sigma": SIGMA, "step": STEP, "steps": STEPS, "paths": PATHS, "defect_step": DEFECT_STEP,
@@ -138,7 +139,7 @@ def _long_run(experiment, model, case, dw, options):
 
 
 def _expect(experiment, case, row):
-    """Two lines: the area, and p^2+q^2 against the matrices on the same path."""
+    """Add two checks: the area, and p^2+q^2 against the matrices on the same path."""
     text = f"{case.label}: rms |det M - 1|"
     if case.symplectic:
         experiment.at_most("(6), Theorem 3.2", text, row["det_defect"], 1e-14)
@@ -159,7 +160,7 @@ def _expect(experiment, case, row):
 
 
 def _expect_agreement(experiment, table):
-    """The three measurements agree."""
+    """Expect the three measurements to agree."""
     rows = table.values()
     steps = max(row["step_difference"] for row in rows)
     states = max(row["path_difference"] for row in rows)
@@ -180,7 +181,7 @@ SHOWN = {  # the curves of the first figure: label, scheme, line, width
 
 
 def draw(experiment, directory):
-    """Area and invariant of all; the means over time alone, as the project's first figure."""
+    """Draw area and invariant of all schemes; and the means over time separately, as the project's first figure."""
     table = experiment.numbers["table"]
     with panels(directory / "symplecticity.png", [["defect", "invariant"]], height=3.6, sharey=True) as axes:
         labels = list(table)[::-1]
@@ -204,7 +205,7 @@ def invariant_curves():
 
 
 def draw_invariant(curves, path, pdf=False):
-    """The mean of the invariant over time under six schemes; curves as {label of SHOWN: (t, mean)}."""
+    """Draw the mean of the invariant over time under six schemes; curves: {label of SHOWN: (t, mean)}."""
     with panels(path, [["invariant"]], width=4.6, height=3.0, pdf=pdf) as axes:
         axis = axes["invariant"]
         for key, (label, scheme, line, width) in SHOWN.items():

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Stiff and extreme cases: what was expected, what was measured, and whether the expectation is met.
+"""Stiff and extreme cases: expected values, measured values, and whether they agree.
 
-One function a scenario, through the public interface of symsde only.
+Each scenario is a function that uses the public interface of symsde only.
 """
 
 from __future__ import annotations

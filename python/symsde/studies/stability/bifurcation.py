@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Points that the map of a step has and the equation has not, and the largest step at which orbits of some size stay.
+"""Spurious fixed points of the map of a step, and the largest step at which orbits of given sizes stay bounded.
 
-In a potential that is even, kicks and drifts have the cycle q, -q where (omega h)^2 U'(q) = 4 omega^2 q: they leave
-q_{n+1} - 2 q_n + q_{n-1} = -h^2 U'(q_n). Its multipliers are those of the matrix of one step at U''(q), squared.
+In an even potential, schemes of kicks and drifts have the cycle q, -q if (omega h)^2 U'(q) = 4 omega^2 q, because they
+satisfy q_{n+1} - 2 q_n + q_{n-1} = -h^2 U'(q_n). Its multipliers are the squares of those of one step at U''(q).
 """
 
 from __future__ import annotations
@@ -27,13 +27,13 @@ from .systems import double_well
 SCHEMES = ("midpoint", "gauss2", "gauss3", "stormer_verlet", "symplectic_euler", "gauss_dkdkd", "chin4a", "heun")
 DRAWN = ("stormer_verlet", "midpoint", "gauss2", "heun")
 SCAN = np.round(np.linspace(0.4, 3.4, 31), 10)  #: values of omega h
-SIZES = (0.1, 1.0, 3.0)  #: q of the points, at rest, at which orbits begin
+SIZES = (0.1, 1.0, 3.0)  #: values of q, at rest, at which orbits begin
 ORBIT = 10**4  #: number of steps of an orbit
-FAR = 10.0  #: |q| of an orbit that is lost
+FAR = 10.0  #: |q| beyond which an orbit counts as lost
 ROOM = 0.65  #: longest step of `advise` over the linear limit, both with the fastest frequency of an orbit
 #: explicit schemes that `advise` tries
 KICKED = ("stormer_verlet", "symplectic_euler", "verlet_dz", "gauss_dkdkd", "chin4a")
-ORBITS = (0.1, 0.5, 1.0, 2.0, 3.0, 10.0)  #: q of the points, at rest, at which orbits begin
+ORBITS = (0.1, 0.5, 1.0, 2.0, 3.0, 10.0)  #: values of q, at rest, at which orbits begin
 NOISE = 0.1  #: sigma sqrt(h), in units of omega
 HEAD = (
     *("scheme", "linear theory"),
@@ -56,7 +56,7 @@ MODELS = {"hardening spring": hardening, "pendulum": pendulum}
 
 
 def cycle_of_kicks(name: str, omega_h: float) -> float:
-    """q > 0 of the cycle q, -q of Verlet; NaN where there is none."""
+    """q > 0 of the cycle q, -q of Verlet; NaN if there is none."""
     if name == "hardening spring":
         return math.sqrt(4 / omega_h**2 - 1) if omega_h < 2 else math.nan
     if omega_h <= 2:
@@ -69,21 +69,21 @@ def cycle_of_kicks(name: str, omega_h: float) -> float:
 
 
 def trace_of_cycle(name: str, omega_h: float) -> float:
-    """Of the matrix of that cycle, the square of ((0, 1), (-1, s)), s = 2 - h^2 U''(q): stable where |s| < 2."""
+    """Trace of the matrix of the cycle, the square of ((0, 1), (-1, s)), s = 2 - h^2 U''(q): stable if |s| < 2."""
     q = cycle_of_kicks(name, omega_h)
     curvature = 1 + 3 * q**2 if name == "hardening spring" else math.cos(q)
     return (2 - omega_h**2 * curvature) ** 2 - 2
 
 
 def others(name: str, scheme: str, omega_h: float) -> list[FixedPoint]:
-    """Fixed points that are spurious, and cycles of two."""
+    """Spurious fixed points, and cycles of two."""
     model, omega = MODELS[name]()
     found = [fixed_points(model, scheme, step=omega_h / omega, period=period) for period in (1, 2)]
     return [point for points in found for point in points if point.spurious]
 
 
 def appears(name: str, scheme: str, scan: dict[float, list[FixedPoint]]) -> float:
-    """The least omega h of the scan with such points, to a hundredth; infinite where none has."""
+    """The least omega h of the scan with such points, to a hundredth; infinite if there is none."""
     high = next((x for x, points in scan.items() if points), math.inf)
     low = max((x for x in scan if x < high), default=0.0)
     while high < math.inf and high - low > 0.01 and low > 0:
@@ -93,7 +93,7 @@ def appears(name: str, scheme: str, scan: dict[float, list[FixedPoint]]) -> floa
 
 
 def stays_up_to(scheme: str, size: float) -> float:
-    """Largest omega h of a scan up to which orbits of the hardening spring from (size, 0) stay, and at shorter ones."""
+    """Largest omega h of a scan up to which orbits of the hardening spring from (size, 0) stay bounded at all steps."""
     model, omega = hardening()
     kept = 0.0
     for omega_h in np.round(np.arange(0.05, 3.4, 0.05), 10):
@@ -105,7 +105,7 @@ def stays_up_to(scheme: str, size: float) -> float:
 
 
 def lost(scheme: str, part: float) -> list[float]:
-    """Sizes whose orbits do not stay at `part` of the linear limit over their fastest frequency."""
+    """Sizes whose orbits are lost at `part` of the linear limit for their fastest frequency."""
     model, omega = hardening()
     gone = []
     for size in ORBITS:
@@ -117,8 +117,8 @@ def lost(scheme: str, part: float) -> list[float]:
 
 
 def moments_up_to(scheme: str) -> float | None:
-    """Largest omega h up to which a step adds less than 1 % to second moments near the pendulum at rest, whose noise
-    sigma (p^2 + q^2)/2 keeps it there: Kubo's oscillator. None where the scheme is for other noise."""
+    """Largest omega h up to which a step adds less than 1 % to second moments near the pendulum at rest, linearised to
+    Kubo's oscillator with noise sigma (p^2 + q^2)/2. None if the scheme does not suit this noise."""
     kept = 0.0
     for omega_h in np.round(np.arange(0.05, 3.4, 0.05), 10):
         try:
@@ -132,7 +132,7 @@ def moments_up_to(scheme: str) -> float | None:
 
 
 def bifurcations(quick: bool) -> Expectations:
-    """Cycles of two where they are known, none of midpoint; a table, and a figure."""
+    """Test cycles of two for schemes with known cycles, and that midpoint has none; makes a table and a figure."""
     result = Expectations("bifurcations", "Fixed points and cycles of the step")
     for name, sizes in {"hardening spring": (1.2, 1.6, 1.9), "pendulum": (2.1, 2.4, 2.6)}.items():
         for omega_h in sizes:
@@ -175,7 +175,7 @@ def bifurcations(quick: bool) -> Expectations:
 
 
 def _cycle(result: Expectations, name: str, omega_h: float) -> None:
-    """The cycle q, -q of Verlet, and its multipliers."""
+    """Test the cycle q, -q of Verlet, and its multipliers."""
     q = cycle_of_kicks(name, omega_h)
     points = [x for x in others(name, "stormer_verlet", omega_h) if x.period == 2]
     nearest = min(points, key=lambda x: abs(x.q - q), default=None)
@@ -188,7 +188,7 @@ def _cycle(result: Expectations, name: str, omega_h: float) -> None:
 
 
 def _scan() -> dict:
-    """Points, least omega h, sizes: the numbers of table and figure; null where there is none."""
+    """The numbers of table and figure: points, least omega h, sizes; null if there is none."""
     points, first = {}, {name: {} for name in MODELS}
     for name in MODELS:
         points[name] = {}
@@ -205,7 +205,7 @@ def _scan() -> dict:
 
 
 def table(curves: dict) -> list[list[str]]:
-    """Rows of the page: numbers that linear theory gives, and those that were found."""
+    """Rows of the page: numbers from linear theory, and numbers found."""
     last = f"{SCAN[-1]:g}"
     rows = []
     for scheme in SCHEMES:
@@ -226,7 +226,7 @@ def table(curves: dict) -> list[list[str]]:
 
 
 def save(path: Path, curves: dict) -> None:
-    """Draw q of the points against omega h: full where they are stable; lines are the cycles of kicks."""
+    """Draw q of the points against omega h: filled if they are stable; lines are cycles of schemes of kicks."""
     with look.drawing(path, 4.8, 7.4, 160) as page:
         axes = page.subplots(len(DRAWN), len(MODELS), sharex=True, sharey=True)
         for column, (name, schemes) in enumerate(curves["points"].items()):

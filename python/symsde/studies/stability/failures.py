@@ -19,7 +19,7 @@ BAD = 137  #: index of the bad path
 
 
 def overflow(quick: bool) -> Expectations:
-    """One path from 1e100 .. 1e308 among 10^4 in a quartic potential."""
+    """One path at 1e100 .. 1e308 among 10^4 in a quartic potential."""
     result = Expectations("overflow", "One overflowing path among 10^4, midpoint and stormer_verlet")
     paths, steps = 10**4, 5
     start = np.linspace(-1, 1, paths)
@@ -41,7 +41,7 @@ def overflow(quick: bool) -> Expectations:
 
 
 def _ill(result: Expectations, name: str, run, size: float, common: dict) -> None:
-    """The ill path fails at its first step; should it not, its step must be the solution."""
+    """Expect the bad path to fail at its first step, or its step to be the solution."""
     status, step = int(run.status[BAD]), int(run.failed_step[BAD])
     text, passed = f"{ss.status_text(status)} at step {step}", status == NONFINITE and step == 0
     if status == 0 and common["scheme"] == "midpoint":
@@ -51,7 +51,7 @@ def _ill(result: Expectations, name: str, run, size: float, common: dict) -> Non
 
 
 def _means(result: Expectations, start: np.ndarray, size: float, common: dict) -> None:
-    """Moments are over the paths that are ok, and say so."""
+    """Expect moments over the paths that are ok, and the right number of them."""
     ill = start.copy()
     ill[BAD] = size
     found = moments(quartic(), q0=ill[None], save_every=common["steps"], **common)
@@ -63,7 +63,7 @@ def _means(result: Expectations, start: np.ndarray, size: float, common: dict) -
 
 
 def labelled(fault, first: float):
-    """Pendulum in dof 1; dof 2 never moves, and where it is 1 the callback fails from the time `first` on."""
+    """Pendulum in dof 1; dof 2 is constant, and where it is 1 the callback fails from the time `first` on."""
 
     def gradient(t, w, q, p):
         hq, hp = np.stack([w[0] * np.sin(q[0]), 0 * q[1]]), np.stack([w[0] * p[0], 0 * p[1]])
@@ -86,7 +86,7 @@ def _raise(hq, lanes):
 
 
 def callbacks(quick: bool) -> Expectations:
-    """A callback that returns NaN or Inf for one lane at step 1, 2 or 1000, a code, or raises."""
+    """Test callbacks that return NaN or Inf for one lane at step 1, 2 or 1000, return a code, or raise."""
     result = Expectations("callbacks", "Callbacks that fail")
     h, paths, bad = 0.01, 64, 17
     label = np.zeros((2, paths))
@@ -113,7 +113,7 @@ def callbacks(quick: bool) -> Expectations:
 
 
 def _untouched(run, healthy, bad: int) -> bool:
-    """dof 1 of all other paths has the bits of the run without a fault."""
+    """Whether dof 1 of all other paths has the bits of a run without a fault."""
     others = np.arange(run.q.shape[2]) != bad
     return np.array_equal(run.q[:, 0, others], healthy.q[:, 0, others])
 
@@ -127,7 +127,7 @@ def _outcome(action) -> str:
 
 
 def _coded(code: int) -> ss.Model:
-    """A compiled gradient that returns a code; once, so that the model is accepted, it returns 0."""
+    """A model whose compiled gradient returns a code; its first call returns 0, so that the model is accepted."""
     array = ctypes.POINTER(ctypes.c_double)
     integers = [ctypes.c_int] * 3
     kind = ctypes.CFUNCTYPE(ctypes.c_int, *integers, ctypes.c_double, *[array] * 5, ctypes.c_void_p)
@@ -135,7 +135,7 @@ def _coded(code: int) -> ss.Model:
 
 
 def singular_matrices(quick: bool) -> Expectations:
-    """Singular matrices must be told from those that hold NaN."""
+    """Singular matrices must be distinguished from matrices with NaN."""
     result = Expectations("singular_matrices", "Singular and NaN matrices of 20 degrees of freedom")
     for scheme in ("midpoint", "gauss2"):
         run = simulate(chain_of(20, nan_after=0.45), q0=0.1, p0=0.1, step=0.1, steps=9, scheme=scheme, paths=8,
@@ -163,7 +163,7 @@ def _texts(found: set[int]) -> str:
 
 
 def chain_of(n: int, nan_after: float = np.inf) -> ss.Model:
-    """n pendulums coupled by springs to a common mean; its Hessian turns NaN at a time."""
+    """n pendulums coupled to their mean by springs; the Hessian is NaN after a given time."""
 
     def gradient(t, w, q, p):
         return w[0] * (np.sin(q) + q - q.mean(axis=0)), w[0] * p

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The largest stable step of a scheme, from the matrix of its step on H = (p^2 + q^2)/2, where h is omega h."""
+"""The largest stable step of a scheme, from the matrix of its step on H = (p^2 + q^2)/2 with omega = 1."""
 
 from __future__ import annotations
 
@@ -18,9 +18,9 @@ from ...show import look
 from ..expectations import Expectations
 from .scenario import simulate
 
-NEXT = np.linspace(1.0, 1.1, 201)[1:]  #: multiples of a limit at which growth beyond the limit is looked for
-LONG = 3.0  #: omega h at which the text tells how far a step turns
-SHORT = 0.1  #: omega h at which growth is told if no step is stable
+NEXT = np.linspace(1.0, 1.1, 201)[1:]  #: multiples of a limit at which growth beyond it is searched
+LONG = 3.0  #: omega h at which the text gives the rotation angle of a step
+SHORT = 0.1  #: omega h at which growth is given if no step is stable
 KNOWN = {"midpoint": math.inf, "lobatto3": math.sqrt(8), "symplectic_euler": 2.0, "stormer_verlet": 2.0, "heun": 0.0}
 FIRST = ("midpoint", "gauss2", "chin4a", "stormer_verlet", "heun")  #: schemes that the page begins with
 DRAWN = np.linspace(0.05, 5.0, 100)  #: values of omega h at which the growth of these schemes is drawn
@@ -29,16 +29,16 @@ HEAD = ("schemes", "symplectic", "stable up to omega h", "what happens beyond")
 
 @dataclass(frozen=True)
 class Limit:
-    """Of one scheme: the step from which on it is unstable, 0 = every step, infinite = none that was tried."""
+    """The limit of one scheme: the least unstable omega h; 0 = every step is unstable, infinite = no tested step is."""
 
     scheme: str
     omega_h: float
-    beyond: float  #: omega h at which growth is told
+    beyond: float  #: omega h at which growth is given
     rate: float  #: log of the growth of |z| in one step at this omega h
     again: float = math.inf  #: omega h from which on steps are stable again, within 10 % of the limit
 
     def words(self) -> str:
-        """What happens beyond."""
+        """The behaviour beyond the limit in words."""
         if self.omega_h == math.inf:
             turn = math.acos(np.trace(step_matrix(self.scheme, LONG)) / 2)
             return f"nothing blows up; at omega h = {LONG:g} a step turns by {turn:.2f} in place of {LONG:.2f}"
@@ -47,7 +47,7 @@ class Limit:
 
 
 def limit(scheme: str) -> Limit:
-    """The first step of the scan that is unstable, refined, and how fast runs grow next to it."""
+    """Find the first unstable step of the scan, refine it, and measure the growth next to it."""
     low, high = stable_up_to(scheme)
     if low == math.inf:
         return Limit(scheme, math.inf, math.inf, 0.0)
@@ -61,18 +61,18 @@ def limit(scheme: str) -> Limit:
 
 
 def rate(scheme: str, omega_h: float) -> float:
-    """Log of the growth of |z| by a step, in the long run."""
+    """Log of the growth of |z| per step, in the long run."""
     return math.log(np.abs(np.linalg.eigvals(step_matrix(scheme, omega_h))).max())
 
 
 def limits(names: Iterable[str]) -> list[Limit]:
-    """Of those schemes that take an oscillator, the most stable first."""
+    """Limits of the schemes that suit an oscillator, the most stable first."""
     found = []
     for name in names:
         try:
             found.append(limit(name))
         except SymsdeError:
-            continue  # it is made for other models
+            continue  # the scheme is for other models
     return sorted(found, key=lambda one: -one.omega_h)
 
 
@@ -87,13 +87,13 @@ def table(found: list[Limit]) -> list[list[str]]:
 
 
 def growth() -> dict:
-    """Log of the growth of |z| by a step at every omega_h that is drawn, by scheme."""
+    """Log of the growth of |z| per step at every drawn omega_h, by scheme."""
     found = {name: [round(rate(name, x), 6) + 0.0 for x in DRAWN] for name in FIRST}
     return {"omega_h": DRAWN.tolist(), "growth": found}
 
 
 def save(path: Path, data: dict) -> None:
-    """Draw what `growth` computed."""
+    """Draw the data of `growth`."""
     with look.drawing(path, 5.2, 2.9, 160) as page:
         axes = page.subplots()
         for name, rates in data["growth"].items():
@@ -103,7 +103,7 @@ def save(path: Path, data: dict) -> None:
 
 
 def stability_limits(quick: bool) -> Expectations:
-    """Runs on both sides of every limit do what the matrix of a step says."""
+    """Runs on both sides of every limit agree with the matrix of a step."""
     result = Expectations("stability_limits", "Stability limits of all schemes, on both sides")
     result.curves = {"limits": limits(KNOWN if quick else ss.schemes.names())}
     for one in result.curves["limits"]:

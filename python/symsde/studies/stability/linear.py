@@ -17,12 +17,12 @@ DOUBLINGS = 40  #: number of doublings: after 2^40 steps the mean growth of the 
 
 
 def midpoint_factor(x: float) -> float:
-    """Energy input of the midpoint rule by that of the equation, x = omega h."""
+    """Energy input of the midpoint rule over that of the exact equation, x = omega h."""
     return 1 / (1 + x**2 / 4)
 
 
 def euler_factor(x: float) -> float:
-    """The same of the Euler pair, on average over long times; x < 2."""
+    """Energy input of the Euler pair over that of the exact equation, averaged over long times; x < 2."""
     return 1 / (1 - x**2 / 4)
 
 
@@ -48,7 +48,7 @@ def fast_mode(quick: bool) -> Expectations:
 
 
 def energy_input(quick: bool) -> Expectations:
-    """Noise feeds a mode; the midpoint rule takes 1/(1 + (omega h)^2/4) of it in."""
+    """Noise feeds energy into a mode; the midpoint rule takes in 1/(1 + (omega h)^2/4) of it."""
     result = Expectations("energy_input", "Energy input of additive noise, midpoint")
     model = ss.models.linear_oscillator(sigma=1.0)
     paths, steps = (2**16, 64) if quick else (2**19, 256)
@@ -87,7 +87,7 @@ def mean_growth(matrix: np.ndarray, vector: np.ndarray, h: float) -> float:
 
 
 def euler_limit(quick: bool) -> Expectations:
-    """The Euler pair is bounded below omega h = 2, and nothing above."""
+    """The Euler pair is bounded below omega h = 2, and unbounded above."""
     result = Expectations("euler_limit", "Stability limit of explicit steps")
     model = ss.models.linear_oscillator(sigma=1.0)
     grown = []
@@ -104,7 +104,7 @@ def euler_limit(quick: bool) -> Expectations:
 
 
 def _beyond(result: Expectations, model, h: float, steps: int) -> None:
-    """Run into overflow, and compare with the same steps in extended precision; above 1.8 the user was warned."""
+    """Run into overflow, and compare with the same steps in extended precision; above 1.8 a warning is expected."""
     run = simulate(model, q0=1.0, p0=0.0, scheme="symplectic_euler", step=h, steps=steps, seed=9, save_every=steps)
     expected = overflow_step(h, ss.increments(model, step=h, steps=steps, seed=9)[:, 0, 0])
     steps = (str(n) if n >= 0 else "none" for n in (int(run.failed_step[0]), expected))

@@ -43,7 +43,7 @@ def long_time(quick: bool) -> Expectations:
 
 
 def _kubo(result: Expectations, scheme: str, change: np.ndarray) -> None:
-    """Kept, wandering as the square root of time, or growing exponentially."""
+    """Judge the change: conserved, wandering like the square root of time, or growing exponentially."""
     name = f"Kubo, {scheme}"
     if scheme in CONTRASTS:
         early, late = change[[SAVED // 10, -1]]
@@ -56,12 +56,12 @@ def _kubo(result: Expectations, scheme: str, change: np.ndarray) -> None:
 
 
 def first(t: np.ndarray, where: np.ndarray) -> float:
-    """Time of the first of these positions, infinite without any."""
+    """Time of the first of these positions, infinite if there is none."""
     return float(t[where[0]]) if where.size else np.inf
 
 
 def energy_change(scheme: str, steps: int) -> np.ndarray:
-    """|H/H_0 - 1| at the saved times, NaN where the path has failed."""
+    """|H/H_0 - 1| at the saved times, NaN if the path has failed."""
     model = ss.models.henon_heiles(sigma1=0.0, sigma2=0.0)
     run = simulate(
         model, q0=[0.1, 0.2], p0=[0.3, 0.1], scheme=scheme, step=STEP, steps=steps, save_every=steps // SAVED
@@ -80,16 +80,16 @@ def kubo_change(scheme: str, steps: int) -> np.ndarray:
 
 
 def save(path: Path, curves: dict) -> None:
-    """Draw both; points beyond the edge are left out, and a cross ends a curve that goes there.
+    """Draw both; points beyond the edge are left out, and a cross marks the end of a curve that leaves the axes.
 
-    One panel stands above the other, so that the labels can be read where the figure is as wide as a phone.
+    One panel is above the other, so that labels are readable at the width of a phone.
     """
     with look.panels(path, [["energy"], ["kubo"]], 4.6, 5.6, 160) as axes:
         for scheme in SCHEMES:
             for axis, time, key in ((axes["energy"], "t", scheme), (axes["kubo"], "kubo_t", f"kubo_{scheme}")):
                 t, change = np.array(curves[time], dtype=float), np.array(curves[key], dtype=float)
                 seen = change < 1e3
-                dashed = "--" if scheme == "gauss2" else "-"  # which lies on midpoint in (b)
+                dashed = "--" if scheme == "gauss2" else "-"  # it covers midpoint in (b)
                 t, change = t[seen], np.maximum(change[seen], 1e-17)
                 axis.plot(t, change, ls=dashed, color=look.colour(scheme), label=scheme)
                 if 0 < seen.sum() < len(seen):

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Noise up to and beyond what an implicit step can be solved for, truncated, and vanishing."""
+"""Noise up to and beyond the limit of solvable implicit steps; truncated and vanishing noise."""
 
 from __future__ import annotations
 
@@ -20,12 +20,12 @@ TINY = (1e-300, 1e-160, 1e-17)
 
 
 def clip_probability(cut: float) -> float:
-    """P(|xi| > c)."""
+    """The probability P(|xi| > c)."""
     return math.erfc(cut / math.sqrt(2))
 
 
 def lost_variance(cut: float) -> float:
-    """1 - E clip(xi)^2."""
+    """The lost variance 1 - E clip(xi)^2."""
     density = math.sqrt(2 / math.pi) * math.exp(-(cut**2) / 2)
     return clip_probability(cut) * (1 - cut**2) + cut * density
 
@@ -43,7 +43,7 @@ def stiff_multiplicative(quick: bool) -> Expectations:
         name = f"sigma = {sigma:.0e}, h = {h:g}"
         result.fraction(name, "draws beyond solvability", int((pivot <= 0).sum()), paths, probability)
         rate = h * stiffness + sigma * dw
-        exact = (0.5 - rate * (1 + h * 0.5 / 4)) / pivot  # p' of the linear equations, by hand
+        exact = (0.5 - rate * (1 + h * 0.5 / 4)) / pivot  # p' of the linear equations, solved by hand
         error = np.abs(run.p[-1, 0] - exact) / (np.abs(exact) + rate.std() / np.abs(pivot) + 1)
         good = run.status == 0
         result.at_most(name, "distance to the root of the equations", error[good].max(), 1e-9)
@@ -83,7 +83,7 @@ def sign_probability(sigma: float, h: float, steps: int) -> float:
 
 
 def truncation(quick: bool) -> Expectations:
-    """Truncated increments lose variance; near h = tau they would lose the noise."""
+    """Truncated increments lose variance; near h = tau they would lose all noise."""
     result = Expectations("truncation", "Truncated increments, l = 2, tau = 1")
     model = ss.models.kubo(sigma=0.01)
     steps, paths = (1000, 1000) if quick else (1000, 10000)
@@ -118,7 +118,7 @@ def no_noise(quick: bool) -> Expectations:
     for name in ss.schemes.names():
         info = ss.schemes.get(name).info
         if info.form == "Euler-Maruyama" or info.orders["additive"].value != 1:
-            continue  # their Ito drift, brackets or laws need more than an increment
+            continue  # Ito drift, brackets or laws of these schemes need more than an increment
         for model in (ss.models.kubo, ss.models.pendulum):
             try:
                 silent = simulate(model(sigma=0.0), scheme=name, **options)
@@ -127,7 +127,7 @@ def no_noise(quick: bool) -> Expectations:
             except ss.errors.IncompatibleError:
                 continue
             tried += 1
-            # noise of strength zero may let the traits choose a cheaper stepper, with rounding of its own
+            # noise of strength zero may lead to a cheaper stepper, which rounds differently
             same = [driven, *([still] if still.report.stepper == silent.report.stepper else [])]
             if not all(np.array_equal(run.q, silent.q) and np.array_equal(run.p, silent.p) for run in same):
                 different.append(f"{name} on {model.__name__}")
@@ -141,7 +141,7 @@ def no_noise(quick: bool) -> Expectations:
 
 
 def vanishing_noise(quick: bool) -> Expectations:
-    """Noise below rounding changes nothing and takes no more work."""
+    """Noise below rounding changes nothing and needs no additional work."""
     result = Expectations("vanishing_noise", "sigma = 1e-300 .. 1e-17")
     steps, paths = 1000, 4096 if quick else 16384
     for name, model in (("kubo", ss.models.kubo), ("pendulum", ss.models.pendulum)):
@@ -157,5 +157,5 @@ def vanishing_noise(quick: bool) -> Expectations:
 
 
 def _work(run: ss.Run) -> int:
-    """Evaluations, iterations and solves."""
+    """Counts of evaluations, iterations and solves."""
     return sum(run.report.counters[name] for name in ("gradients", "hessians", "iterations", "solves", "damped"))

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Huge steps in nonlinear potentials: does Newton converge, and is the root the only one."""
+"""Huge steps in nonlinear potentials: whether Newton converges, and whether the root is unique."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from ..expectations import Expectations
 from .scenario import EPS, says, simulate
 from .systems import double_well, quartic
 
-MOST = 60  #: most iterations
+MOST = 60  #: most Newton iterations
 
 
 def quartic_steps(quick: bool) -> Expectations:
@@ -34,20 +34,20 @@ def quartic_steps(quick: bool) -> Expectations:
 
 
 def residual(q0: float, h: float, q: float, p: float, p0: float = 0.0) -> float:
-    """Of q - q0 = h (p0 + p)/2 and p - p0 = -h ((q0 + q)/2)^3, relative to the largest term of each."""
+    """Residual of q - q0 = h (p0 + p)/2 and p - p0 = -h ((q0 + q)/2)^3, relative to the largest term of each."""
     force, drift = h * ((q0 + q) / 2) ** 3, h * (p0 + p) / 2
     first = abs(q - q0 - drift) / max(abs(q), abs(q0), abs(drift))
-    # a rounding error of q alone moves the force by 3 h ((q0 + q)/2)^2 eps (|q0| + |q|)/2
+    # a rounding error of q alone changes the force by 3 h ((q0 + q)/2)^2 eps (|q0| + |q|)/2
     scale = max(abs(p), abs(p0), abs(force), 1.5 * h * ((q0 + q) / 2) ** 2 * (abs(q0) + abs(q)))
     return max(first, abs(p - p0 + force) / scale)
 
 
 def several_roots(quick: bool) -> Expectations:
-    """Pendulum and double well with h = 1.9 .. 30; above 2 the root need not be the only one."""
+    """Pendulum and double well with h = 1.9 .. 30; above 2 the root may not be unique."""
     result = Expectations("several_roots", "Uniqueness of the implicit step")
     count = 64 if quick else 512
     grid = np.linspace(-3, 3, count)
-    grid[0] = 0.0  # warnings look at the first path: at the top, or where the pendulum is stiffest
+    grid[0] = 0.0  # warnings use the first path: it starts at the top, or where the pendulum is stiffest
     for name, model in (("pendulum", ss.models.pendulum(sigma=0.0)), ("double well", double_well())):
         for h in (1.9, 2.1, 5.0, 30.0):
             options = {"q0": grid[None], "p0": 0.5, "step": h, "steps": 20, "paths": count}

@@ -15,8 +15,8 @@ from ...native import checks
 from ...schemes import Scheme, as_scheme
 from .scenario import quiet
 
-CLOSED = 1e-9  #: a cycle is closed if its ends are nearer than this, over the size of the box
-SAME = 1e-5  #: two points count as one if they are nearer than this, over the size of the box
+CLOSED = 1e-9  #: largest distance of a closed cycle's ends, over the size of the box
+SAME = 1e-5  #: largest distance of two points that count as one, over the size of the box
 MARGIN = 1e-4  #: margin of |multiplier|: at parabolic points it is 1 up to the root of rounding
 _SHIFT = 1e-5  #: shift of the difference quotients, over the size of the box
 _NEWTON = 30  #: most iterations
@@ -26,7 +26,7 @@ _LONGEST = 16
 
 @dataclass(frozen=True)
 class FixedPoint:
-    """A point that returns after `period` steps, and not before."""
+    """A point that returns after `period` steps, and not earlier."""
 
     q: float
     p: float
@@ -36,7 +36,7 @@ class FixedPoint:
 
     @property
     def stable(self) -> bool:
-        """No multiplier outside the unit circle."""
+        """Whether no multiplier is outside the unit circle."""
         return max(abs(m) for m in self.multipliers) <= 1 + MARGIN
 
 
@@ -81,7 +81,7 @@ class _Map:
         self.model, self.scheme, self.step, self.period, self.size = model, scheme, step, period, size
 
     def __call__(self, z: np.ndarray, steps: int) -> np.ndarray:
-        """Points whose steps fail are not a number from there on."""
+        """Take steps; points whose steps fail are NaN from there on."""
         for _ in range(steps):
             going = np.isfinite(z).all(axis=0)
             with np.errstate(all="ignore"):
@@ -90,14 +90,14 @@ class _Map:
         return z
 
     def jacobian(self, z: np.ndarray) -> np.ndarray:
-        """(2, 2, n)"""
+        """The Jacobian matrices (2, 2, n) at the points."""
         shift = _SHIFT * self.size
         sides = [np.array([[a], [b]]) * shift for a, b in ((1, 0), (-1, 0), (0, 1), (0, -1))]
         ends = self(np.concatenate([z + side for side in sides], axis=1), self.period).reshape(2, 4, -1)
         return np.stack([ends[:, 0] - ends[:, 1], ends[:, 2] - ends[:, 3]], axis=1) / (2 * shift)
 
     def closed(self, z: np.ndarray, box: tuple[float, float]) -> list[np.ndarray]:
-        """Points of the box that Newton's iteration ends at, each once."""
+        """The distinct points in the box at which Newton's iteration ends."""
         for _ in range(_NEWTON):
             gap = self(z, self.period) - z
             matrix = self.jacobian(z) - np.eye(2)[:, :, None]
@@ -120,14 +120,14 @@ class _Map:
 
 
 def _starts(box: tuple[float, float]) -> np.ndarray:
-    """Not symmetric, so that no start is a point of symmetry."""
+    """Starting points, arranged without symmetry, so that no start is a point of symmetry."""
     line = np.stack([np.linspace(-box[0], 1.01 * box[0], _LINE), np.full(_LINE, 1e-3 * box[1])])
     q, p = np.meshgrid(np.linspace(-0.98 * box[0], box[0], _GRID[0]), np.linspace(-0.97 * box[1], box[1], _GRID[1]))
     return np.concatenate([line, [q.ravel(), p.ravel()]], axis=1)
 
 
 def _returns_sooner(turn: _Map, z: np.ndarray) -> bool:
-    """After fewer steps, of which the period is a multiple."""
+    """Which points return after fewer steps, by a divisor of the period."""
     near = 10 * SAME * turn.size
     return any(
         np.abs(turn(z[:, None], steps)[:, 0] - z).max() <= near

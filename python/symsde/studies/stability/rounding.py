@@ -25,19 +25,19 @@ BOUNDS = {"Newton, plain": 1e-12, "Newton, compensated": 1e-13, "fixed_point = 1
 
 
 def drifts(run) -> np.ndarray:
-    """rms over the paths of the relative change of p^2 + q^2 at the saved times, without the first."""
+    """Rms over the paths of the relative change of p^2 + q^2 at the saved times, without the first."""
     square = run.q[:, 0] ** 2 + run.p[:, 0] ** 2
     return np.sqrt(np.mean(np.square(square[1:] / square[0] - 1), axis=1))
 
 
 def slope(steps: np.ndarray, values: np.ndarray) -> float:
-    """Of log values over log steps, at steps that are evenly spread on that scale."""
+    """Slope of log values over log steps, at steps that are evenly spaced on the logarithmic scale."""
     chosen = np.unique(np.geomspace(1, len(steps), 40).astype(int)) - 1
     return float(np.polyfit(np.log(steps[chosen]), np.log(np.maximum(values[chosen], 1e-17)), 1)[0])
 
 
 def invariant_drift(quick: bool) -> Expectations:
-    """p^2 + q^2 of Kubo's oscillator over 10^7 steps: a random walk, not a line."""
+    """p^2 + q^2 of Kubo's oscillator over 10^7 steps: its error grows like a random walk, not linearly."""
     result = Expectations("invariant_drift", "Drift of an invariant, midpoint on kubo, h = 0.01, sigma = 0.5")
     total = 10**5 if quick else 10**7
     every = total // 1000
@@ -58,7 +58,7 @@ def invariant_drift(quick: bool) -> Expectations:
 
 
 def _walk(result: Expectations, rule: str, exponent: float, last: float, total: int) -> None:
-    """Bounds at 10^7 steps, less by the root of the number of steps."""
+    """Expect the bounds at 10^7 steps, scaled by the square root of the number of steps."""
     result.at_most(rule, "growth as steps^k, a random walk: k", exponent, WALK)
     result.at_most(rule, f"drift after {total:.0e} steps", last, BOUNDS[rule] * np.sqrt(total / 1e7))
 
@@ -78,10 +78,10 @@ def nonlinear_drift(quick: bool) -> Expectations:
 
 
 def round_trip(quick: bool) -> Expectations:
-    """Forward, then back with -h and the increments reversed in sign and order."""
+    """Steps forward, then back with -h and the increments in reversed order with opposite signs."""
     result = Expectations("round_trip", "Round trips of symmetric schemes")
     steps, paths = 1000 if quick else 10**4, 16
-    # noise so small that no path nears the unstable point, where rounding grows as exp(omega t)
+    # the noise is so small that no path nears the unstable point, where rounding errors grow like exp(omega t)
     calm = ss.models.synchrotron(sigma1=0.05, sigma2=0.05)
     for name, model in (("kubo", ss.models.kubo()), ("synchrotron", calm)):
         drive = ss.increments(model, step=0.01, steps=steps, paths=paths, seed=22)
@@ -95,7 +95,7 @@ def round_trip(quick: bool) -> Expectations:
 
 
 def tiny_steps(quick: bool) -> Expectations:
-    """h = 1e-16 from q = p = 1, where every increment is below the rounding of the state."""
+    """h = 1e-16 from q = p = 1, where every increment is below the rounding error of the state."""
     result = Expectations("tiny_steps", "Increments below rounding, h = 1e-16")
     steps = 10**6
     model = ss.models.kubo(a=1.0, sigma=0.0)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Helpers that the scenarios share: runs whose failures are looked at, and words of warnings."""
+"""Helpers of the scenarios: runs without warnings about failures, and the words of warnings."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ EPS = float(np.finfo(float).eps)
 
 
 def quiet(function):
-    """Failed paths are what is looked at here, not warned of."""
+    """Decorate a scenario: suppress warnings about failed paths, which the scenario examines."""
 
     @functools.wraps(function)
     def called(*arguments, **options):
@@ -30,5 +30,5 @@ simulate, moments = quiet(ss.simulate), quiet(ss.moments)
 
 
 def says(report, words: str) -> bool:
-    """Whether a run was warned of something before it began."""
+    """Whether the warnings before a run contain these words."""
     return any(words in warning for warning in report.warnings)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The figure of the page: expected as lines, observed as points."""
+"""The figure of the page: expected values as lines, measured values as points."""
 
 from __future__ import annotations
 

@@ -18,7 +18,7 @@ MET = (
 
 
 def write(target: Path, found: list[Expectations], quick: bool) -> None:
-    """Write the parts of the page, and those of the page of all checks beside it, and their figures."""
+    """Write the parts of the page, and of the page of all checks beside it, with their figures."""
     page, appendix = Page(target, COMMAND), Page(target.with_stem(f"{target.stem}-tables"), COMMAND)
     curves = {part.name: part.curves for part in found if part.curves}
     figure = page.figure("step-limits", limits.growth(), limits.save, "Growth of an oscillator in a step")

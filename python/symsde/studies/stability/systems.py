@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The systems of the scenarios that are not built in, as NumPy functions.
+"""Models of the scenarios that are not built in, as NumPy functions.
 
 With `clocked` the Hamiltonian is H_1 and H_0 = 0: prescribed increments are then the steps in time, and each path of
-one run has a step of its own.
+a run has its own step.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ import symsde as ss
 
 
 def _quiet(function):
-    """Overflow is what is looked at, not warned of."""
+    """Suppress warnings about overflow, which the scenarios examine."""
 
     def quiet(*arguments):
         with np.errstate(over="ignore", invalid="ignore"):
@@ -76,7 +76,9 @@ def bilinear(rates, ndof: int = 1, nnoise: int = 1, **traits) -> ss.Model:
 
 
 def squeeze(sigma: float) -> ss.Model:
-    """H = 0, H_1 = sigma q p: q grows by (1 + a)/(1 - a) a step, a = sigma dW/2, and never changes sign."""
+    """H = 0, H_1 = sigma q p: a step multiplies q by (1 + a)/(1 - a), a = sigma dW/2, while the exact q never
+    changes sign.
+    """
     return bilinear(lambda w: (0, sigma * w[1], 0), noise_lipschitz=sigma)
 
 
@@ -92,7 +94,7 @@ def soft(sigma: float) -> ss.Model:
 
 
 def inverted(n: int, h: float) -> ss.Model:
-    """n equal hills, U'' = -4/h^2: the midpoint's matrix is zero."""
+    """n equal hills, U'' = -4/h^2: the matrix of the midpoint rule is zero."""
     return bilinear(lambda w: (-4 / h**2 * w[0], 0, w[0]), n, 0, separable=True, identity_mass=True)
 
 

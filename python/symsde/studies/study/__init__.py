@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Error against run time: every scheme at every step on the same Brownian paths, and the cost of each point.
 
-Errors and run times come from separate runs: users do not pay for increments that are sums of finer ones.
+Errors and run times come from separate runs, since users do not need increments that are sums of finer ones.
 """
 
 from __future__ import annotations
@@ -35,16 +35,16 @@ class WorkPrecision:
     horizon: float
     schemes: list[str]
     rows: list[dict]
-    orders: dict[str, orders.Order]  #: scheme -> its order, plateaus left out
-    resumed: int  #: number of points that an earlier run had finished
+    orders: dict[str, orders.Order]  #: scheme -> its order, without plateaus
+    resumed: int  #: number of points that an earlier run has computed
     about: dict[str, str] = field(default_factory=dict)  #: facts that all points share, for the head of the table
 
     def words(self) -> str:
-        """Text that says which scheme and step to use for which error."""
+        """A text that recommends scheme and step for given errors."""
         return words.paragraph(self.rows)
 
     def __str__(self) -> str:
-        """Table, one line a point."""
+        """The table, with one line per point."""
         head = f"{self.name}: {self.model} to t = {self.horizon:g}, {self.rows[0]['paths'] if self.rows else 0} paths"
         names = dict.fromkeys(row["reference"] for row in self.rows)
         references = " and, for schemes of nearly its order, ".join(names)
@@ -101,7 +101,7 @@ def work_precision(
     - interval: relative half width wanted of the strong errors; too few paths for it are refused
     - invariants: {name: f(q, p)}; by default H if every noise Hamiltonian commutes with it
     - out: directory for the table, the figure and the finished points; the same call resumes an interrupted study
-    - about: names and texts that the head of the table repeats, beside model, initial states and options
+    - about: names and texts for the head of the table, besides model, initial states and options
     - options: t0, seed, correction, truncation, compensated and threads (of the error runs) of `simulate`
 
     Bad input raises a ValueError before the first long run. Points whose paths fail are marked.
@@ -114,13 +114,13 @@ def work_precision(
     )  # fmt: skip
     if out is None:
         return _measured(plan, None, progress)
-    files.optional("matplotlib", "plot")  # better refused now than after an hour
+    files.optional("matplotlib", "plot")  # refused now rather than after an hour
     with files.folder(out) as directory:
         return _measured(plan, directory, progress)
 
 
 def _measured(plan: Plan, directory: Path | None, progress: bool) -> WorkPrecision:
-    """Every point; what is finished is saved, however this ends."""
+    """Compute every point; finished points are saved, however this ends."""
     rows: list[dict] = []
     resumed = 0
     try:
@@ -135,7 +135,7 @@ def _measured(plan: Plan, directory: Path | None, progress: bool) -> WorkPrecisi
 
 
 def points(plan: Plan, state: State, progress: bool):
-    """Each point as a row, as soon as it is known."""
+    """Give each point as a row, as soon as it is known."""
     references = References(plan)
     total = len(plan.schemes) * len(plan.steps)
     done = 0
@@ -155,7 +155,7 @@ def points(plan: Plan, state: State, progress: bool):
 
 
 def finish(plan: Plan, rows: list[dict], resumed: int) -> WorkPrecision:
-    """Judge the points together."""
+    """Judge all points together."""
     for row in rows:
         row["status"] = orders.judge(row)
     front = orders.pareto(rows)
@@ -167,7 +167,7 @@ def finish(plan: Plan, rows: list[dict], resumed: int) -> WorkPrecision:
 
 
 def of_data(data: dict, resumed: int = 0, about: Mapping[str, str] | None = None) -> WorkPrecision:
-    """A study from the dict that `WorkPrecision.data()` returned, with the orders that its rows show."""
+    """A study from the dict of `WorkPrecision.data()`, with orders computed from its rows."""
     rows, names = data["rows"], data["schemes"]
     fitted = {name: orders.fitted([row for row in rows if row["scheme"] == name]) for name in names}
     known = data["name"], data["model"], data["horizon"], names, rows
@@ -186,6 +186,6 @@ def _head(plan: Plan, scheme: Scheme, steps: int) -> dict:
 
 
 def _tell(progress: bool, text: str) -> None:
-    """One line on stderr, written over."""
+    """Write one line on stderr, over the line before."""
     if progress:
         say(f"\r\033[K{text}")

@@ -14,27 +14,29 @@ import numpy as np
 from ...answers.error_plan import BATCHES
 from ...answers.expectation.interval import quantile
 
-ABOVE_REFERENCE = 4.0  #: an error counts if it is at least so many times the error of the reference
+ABOVE_REFERENCE = 4.0  #: an error counts if it is at least this many times the error of the reference
 SATURATED = 0.5  #: error over the size of the solution beyond which it grows no further
-DIVERGED = 100.0  #: error over the size of the solution beyond which a finite solution means nothing
+DIVERGED = 100.0  #: error over the size of the solution beyond which a finite solution is meaningless
 ROUNDING = 1e-11  #: error over the size of the solution below which rounding dominates
 
 
 @dataclass(frozen=True)
 class Order:
-    """Slope of log error over log h with its 95 % interval; NaN where fewer than two points show one."""
+    """Slope of log error over log h with its 95 % interval; NaN if fewer than two points show a slope."""
 
     value: float
     half: float
     points: int
 
     def __str__(self) -> str:
-        """Slope and half width."""
+        """The slope and its half width."""
         return f"{self.value:.2f} +- {self.half:.2f}" if self.points > 1 else "-"
 
 
 def judge(row: dict) -> str:
-    """What a point is worth: ok, failed, diverged, saturated, rounding, or reference (not above its error)."""
+    """The status of a point: ok, failed, diverged, saturated, rounding, or reference (not above the reference's
+    error).
+    """
     if row["failed"] or "err_strong" not in row:
         return "failed"
     if not row["err_strong"] < DIVERGED * row["size"]:
@@ -61,7 +63,7 @@ def fitted(rows: list[dict]) -> Order:
 
 
 def pareto(rows: list[dict]) -> set[int]:
-    """Positions of the points than which no other is both faster and at least as accurate."""
+    """Indices of the points for which no other point is both faster and at least as accurate."""
     usable = [i for i, row in enumerate(rows) if row["status"] in ("ok", "rounding")]
     front, best = set(), np.inf
     for i in sorted(usable, key=lambda i: (rows[i]["seconds"], rows[i]["err_strong"])):

@@ -18,10 +18,10 @@ NAME = "state.json"
 
 
 class State:
-    """Finished points of any study, by a key of everything that they depend on; None keeps them in memory."""
+    """Finished points of any study, by a key of all their inputs; without a folder they are kept in memory."""
 
     def __init__(self, directory: Path | None):
-        """Read what is there."""
+        """Read the points that are stored."""
         self._file = None if directory is None else directory / NAME
         self._points: dict[str, dict] = {}
         if self._file is not None and self._file.is_file():
@@ -29,22 +29,22 @@ class State:
                 known = json.loads(self._file.read_text(encoding="utf-8"))
             except (ValueError, OSError):
                 known = None
-            known = known if isinstance(known, dict) else {}  # a file that cannot be read costs time, not a result
+            known = known if isinstance(known, dict) else {}  # an unreadable file costs time, not a result
             self._points = {key: row for key, row in known.items() if isinstance(row, dict)}
 
     def get(self, key: str) -> dict | None:
-        """A finished point."""
+        """The stored point of a key."""
         return self._points.get(key)
 
     def put(self, key: str, row: dict) -> None:
-        """Keep a point."""
+        """Store a point."""
         self._points[key] = row
         if self._file is not None:
             files.replace_text(self._file, json.dumps(self._points, indent=0))
 
 
 def point_key(plan: Plan, scheme, steps: int) -> str:
-    """Everything that a point depends on, as a short text."""
+    """A short text that identifies all inputs of a point."""
     q, p = (checks.state("state", x, plan.model.ndof, plan.paths)[:, :1] for x in (plan.q0, plan.p0))
     start = computed.Start(q, p, plan.options.get("t0", 0.0), plan.horizon)
     parts = {

@@ -14,7 +14,7 @@ LOST = ("failed", "diverged")  #: status of points that are drawn as crosses at 
 
 
 def plot(study, path: object = None, ax: object = None, *, pdf: bool = False):
-    """The figure; written where a path is given, or the strong errors drawn into two axes."""
+    """Draw the figure, written if a path is given; or the strong errors into two axes."""
     if ax is not None:
         left, right = axes_of(ax, 2, path)
         draw(study, left, right)
@@ -25,7 +25,7 @@ def plot(study, path: object = None, ax: object = None, *, pdf: bool = False):
 
 
 def _draw_all(path: Path | None, study, *, pdf: bool):
-    """Strong errors, and weak ones below where there are any."""
+    """Draw strong errors, and weak errors below if there are any."""
     rows = 2 if any(weak_error(row) for row in study.rows) else 1
     with look.drawing(path, 7.2, 1.0 + 3.2 * rows, 120, pdf=pdf) as page:
         axes = page.subplots(rows, 2, squeeze=False, sharex="col", sharey="row")
@@ -52,7 +52,7 @@ def draw(study, left, right) -> None:
 
 
 def draw_weak(study, left, right) -> None:
-    """Weak error over run time in `left`, over the step in `right`; hollow where 0 is within its error."""
+    """Weak error over run time in `left`, over the step in `right`; hollow markers if 0 is within its interval."""
     for _, rows, style in _schemes(study):
         known = [(row, *found) for row in rows if row["status"] not in LOST and (found := weak_error(row))]
         for axis, x in ((left, "seconds"), (right, "h")):
@@ -75,14 +75,16 @@ def _label(left, right, error: str, ylabel: str) -> None:
 
 
 def weak_error(row: dict) -> tuple[float, float] | None:
-    """The largest error of E q, E p and E H with its half width; None where there is none that can be drawn."""
+    """The largest error of E q, E p and E H with its half width; None if no such error can be drawn."""
     found = [(abs(row[f"weak_{name}"]), row[f"weak_{name}_ci"]) for name in "qpH" if f"weak_{name}" in row]
     error, half = max(found, default=(0.0, 0.0))
     return (error, half) if 0 < error < np.inf else None
 
 
 def _schemes(study):
-    """Name, rows and style of each: the first are drawn largest, so that curves on top of each other all show."""
+    """Name, rows and style of each scheme: the first markers are largest, so that curves on top of each other are
+    visible.
+    """
     for i, name in enumerate(study.schemes):
         size = 7.5 - 4 * i / len(study.schemes)
         rows = [row for row in study.rows if row["scheme"] == name]
@@ -90,7 +92,7 @@ def _schemes(study):
 
 
 def _curve(axis, rows, x, style, label) -> None:
-    """A scheme: filled points count, hollow ones lie on a plateau, crosses failed."""
+    """Draw a scheme: filled markers count, hollow ones are on a plateau, crosses failed."""
     shown = [row for row in rows if row["status"] not in LOST and x in row]
     if shown:
         xs, errors = np.array([row[x] for row in shown]), np.array([row["err_strong"] for row in shown])
@@ -114,14 +116,14 @@ def _curve(axis, rows, x, style, label) -> None:
 
 
 def _front(axis, rows) -> None:
-    """The staircase of the best points."""
+    """Draw the staircase of the best points."""
     best = sorted((row["seconds"], row["err_strong"]) for row in rows if row.get("pareto"))
     if best:
         axis.step(*zip(*best, strict=True), where="post", color="#BBBBBB", lw=5, alpha=0.5, zorder=0, label="best")
 
 
 def _floor(left, right, rows) -> None:
-    """The errors of the references themselves; what is not well above them counts for nothing."""
+    """Draw the errors of the references themselves; errors not well above them are meaningless."""
     floors = {row["ref_error"]: row["reference"] for row in rows if row["ref_error"]}
     for floor, reference in floors.items():
         for axis in (left, right):

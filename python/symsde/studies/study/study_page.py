@@ -13,8 +13,8 @@ from . import WorkPrecision, of_data, study_figure, study_words
 from .study_scenes import about
 
 COMMAND = "symsde study --all examples/scenes --markdown docs/work-precision.md"
-DRAWN = "synchrotron"  #: scene of the first picture
-SHOWN = ("kubo", "synchrotron", "henon_heiles", "fpu_chain", "noncommutative_oscillator")  #: scenes that stand first
+DRAWN = "synchrotron"  #: scene of the first figure
+SHOWN = ("kubo", "synchrotron", "henon_heiles", "fpu_chain", "noncommutative_oscillator")  #: scenes that come first
 ERRORS = (0.1, 0.001)  #: errors of the first table
 MEASURED = (
     "Run times are medians of {repeats} repeats, measured with {made_by}, {machine}. Run times depend on the machine; "
@@ -42,7 +42,7 @@ def write(file: str | os.PathLike, scenes: list[Path], studies: list[WorkPrecisi
 
 
 def results(study: WorkPrecision) -> tuple[str, str]:
-    """Table and summary of a scene."""
+    """Table and summary of a study."""
     return _table(study), wrapped(study.words())
 
 
@@ -81,12 +81,12 @@ def save_first(path: Path, data: dict) -> None:
 
 
 def _best(study: WorkPrecision, error: float) -> dict | None:
-    """The fastest point that keeps an error."""
+    """The fastest point with at most this error."""
     return next(iter(study_words.cheapest([row for row in study.rows if row["status"] == "ok"], error)), None)
 
 
 def _most(studies: list[WorkPrecision], error: float) -> str:
-    """Which schemes win at an error, and on how many scenes."""
+    """Which schemes are fastest at an error, and on how many scenes."""
     found = Counter(best["scheme"] for study in studies if (best := _best(study, error)))
     if not found:
         return f"No scheme reaches an error of {error:g}."
@@ -108,7 +108,7 @@ def _draw(path: Path, data: dict) -> None:
 
 
 def _table(study: WorkPrecision) -> str:
-    """One line a scheme: slope, cost of a step, and the cheapest way to a few errors [microseconds a path]."""
+    """One line per scheme: slope, cost of a step, and the cheapest points for a few errors [microseconds per path]."""
     usable = [row for row in study.rows if row["status"] == "ok"]
     goals = study_words.targets(usable) if usable else []
     heads = ["scheme", "slope", "ns a step", "gradients", "Hessians", "iterations", "normals", "worst drift"]
@@ -138,7 +138,7 @@ def _energy(rows: list[dict]) -> str:
 
 
 def _cheapest(found: dict[str, dict], name: str) -> str:
-    """Microseconds a path and the step; the fastest in bold."""
+    """Microseconds per path and the step; the fastest in bold."""
     if name not in found:
         return "-"
     row = found[name]

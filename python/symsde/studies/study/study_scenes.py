@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Studies of scenes: the table [study] beside [model] and [run]."""
+"""Studies of scenes: the table [study] next to [model] and [run]."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ def study(file: str | os.PathLike, **given: Any) -> WorkPrecision:
 
 
 def check(file: str | os.PathLike, **given: Any) -> None:
-    """Refuse what `study` would refuse, without a long run."""
+    """Refuse whatever `study` would refuse, without a long run."""
     _named(file, make_plan, {key: value for key, value in given.items() if key not in ("out", "progress")})
 
 
@@ -44,7 +44,7 @@ def _named(file, function, given: dict):
 
 
 def about(file: str | os.PathLike) -> str:
-    """The comment that a scene begins with; indented lines stay as they are."""
+    """The comment at the beginning of a scene; indented lines keep their line breaks."""
     lines = []
     for line in Path(file).read_text(encoding="utf-8").splitlines():
         if not line.startswith("#"):

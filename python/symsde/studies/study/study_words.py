@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The result of a study in words: for this error use this scheme at this step."""
+"""The result of a study in words: a recommended scheme and step for each error."""
 
 from __future__ import annotations
 
@@ -7,12 +7,12 @@ import math
 
 import numpy as np
 
-DECADES = 3  #: most decades of errors that the text speaks of
+DECADES = 3  #: most decades of errors in the text
 CLOSE = 1.15  #: run times within this factor count as equal
 
 
 def paragraph(rows: list[dict]) -> str:
-    """A recommendation for a few errors, where schemes fail, and which keep the invariant."""
+    """A recommendation for a few errors, schemes that fail, and schemes that keep the invariant."""
     usable = [row for row in rows if row["status"] == "ok"]
     if usable:
         sentences = [recommend(usable, target) for target in targets(usable)]
@@ -31,7 +31,7 @@ def targets(usable: list[dict]) -> list[float]:
 
 
 def cheapest(usable: list[dict], target: float) -> list[dict]:
-    """For each scheme that reaches the error its fastest point, the fastest first."""
+    """For each scheme that reaches the error, its fastest point; the fastest scheme first."""
     best: dict[str, dict] = {}
     for row in usable:
         if row["err_strong_high"] <= target:
@@ -42,7 +42,7 @@ def cheapest(usable: list[dict], target: float) -> list[dict]:
 
 
 def recommend(usable: list[dict], target: float) -> str:
-    """For this error use this scheme at this step."""
+    """The sentence that recommends scheme and step for an error."""
     found = cheapest(usable, target)
     if not found:
         return ""
@@ -70,7 +70,7 @@ def _failures(rows: list[dict]) -> str:
 
 
 def _drift(usable: list[dict]) -> str:
-    """Which schemes keep the invariant to rounding, and the largest change by each of the others."""
+    """Which schemes keep the invariant to rounding, and the largest change by each other scheme."""
     worst: dict[str, float] = {}
     for row in usable:
         if row.get("drift") is not None:

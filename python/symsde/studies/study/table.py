@@ -50,7 +50,7 @@ COLUMNS = {
 
 
 def write_csv(path: Path, rows: list[dict], about: Mapping[str, str]) -> None:
-    """Write one line a point; what made them and what the columns are stands before, in lines that begin with #."""
+    """Write one line per point; lines before the header that begin with # describe the origin and the columns."""
 
     columns = {name: [row.get(name) for row in rows] for name in COLUMNS}
     csv_files.write(path, columns, {**about, **provenance.made(), **COLUMNS})
@@ -61,7 +61,7 @@ HEAD = ("scheme", "h", "strong error", "95 %", "E q error", "+-", "E H error", "
 
 
 def terminal(rows: list[dict], orders: dict) -> str:
-    """All points; * marks those that no other beats."""
+    """A table of all points; * marks points that no other point beats."""
     lines: list[list[str] | str] = []
     for row, after in zip(rows, [*rows[1:], {"scheme": None}], strict=True):
         lines.append(cells(row))
@@ -71,7 +71,7 @@ def terminal(rows: list[dict], orders: dict) -> str:
 
 
 def cells(row: dict) -> list[str]:
-    """One point, a dash for what it does not have."""
+    """The cells of one point; a dash for a missing value."""
     text = [
         f"{'*' if row.get('pareto') else ' '} {row['scheme']}",
         f"{row['h']:.3g}",
@@ -91,7 +91,7 @@ def _number(row: dict, name: str, form: str) -> str:
 
 
 def _spread(row: dict, name: str) -> str:
-    """Half the distance of the ends, in per cent of the value."""
+    """Half the distance between the ends, in per cent of the value."""
     if not row.get(name):
         return "-"
     return f"{100 * (row[f'{name}_high'] - row[f'{name}_low']) / 2 / row[name]:.0f}%"

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Cost of one scheme at one step, as a user pays it: with increments of its own step."""
+"""Cost of one scheme at one step for a user: with increments of its own step."""
 
 from __future__ import annotations
 
@@ -17,16 +17,16 @@ COUNTERS = ("normals", "gradients", "hessians", "iterations", "solves")
 def cost(plan: Plan, scheme, steps: int) -> dict:
     """Median seconds of a path with quartiles over warm repeats on one thread, and counters of a path-step.
 
-    Seconds are those of the processor: on an idle machine the elapsed ones, on a busy one not its other users'.
-    What a run without steps takes, once whatever the number of paths, is subtracted.
+    Seconds are processor time: equal to elapsed time on an idle machine, and without the time of other users on a busy
+    one. The seconds of a run without steps, the same for any number of paths, are subtracted.
     """
     block = 256 if plan.model.ndof <= SMALL else 64
-    paths = plan.paths  # of those that begin at states of their own all are needed
+    paths = plan.paths  # if each path has its own initial state, all paths are needed
     if not has_columns(plan.q0, plan.p0):
         paths = block
         first = _seconds(plan, scheme, steps, block)[1] - _set_up(plan, scheme, steps, block)
         paths *= int(np.clip(round(TARGET / max(first, 1e-6)), 1, MOST))
-    _seconds(plan, scheme, steps, paths)  # warm
+    _seconds(plan, scheme, steps, paths)  # warm up
     set_up = _set_up(plan, scheme, steps, paths)
     seconds, elapsed = np.empty(plan.repeats), np.empty(plan.repeats)
     for i in range(plan.repeats):
@@ -49,7 +49,7 @@ def cost(plan: Plan, scheme, steps: int) -> dict:
 
 
 def has_columns(*states) -> bool:
-    """Some state has one column for each path."""
+    """Whether some state has one column for each path."""
     return any(np.ndim(x) == 2 and np.shape(x)[1] > 1 for x in states)
 
 
