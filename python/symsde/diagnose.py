@@ -14,10 +14,24 @@ from .model.definition import Model
 from .native import abi, checks
 from .native.checks import address
 from .native.progress import Monitor
+from .run.bath_law import BathLaw, bath_law
 from .run.setup import Setup, increments_array, make_options
 from .run.simulate import Run
 from .run.step import increments_at, of_options
 from .schemes import Scheme, as_scheme
+
+__all__ = [
+    "BathLaw",
+    "StationaryPath",
+    "action",
+    "bath_law",
+    "driving_increments",
+    "euler_lagrange_residual",
+    "exact",
+    "exact_of",
+    "stationary_path",
+    "symplecticity",
+]
 
 
 def symplecticity(

@@ -8,6 +8,8 @@
 
 Values are named as in `Moments.columns`: q_1, p_1, .., energy, and the observables of the run. Results of shards merge
 exactly: any threads, blocks and shards give the same bits (docs/observers.md).
+
+`temperature` gives observables, and `temperatures` makes the kinetic and the configurational temperature of them.
 """
 
 from .run.observers.observer_results import Observed
@@ -21,6 +23,7 @@ from .run.observers.requests import (
     Paths,
     Quantiles,
 )
+from .run.temperature import temperature, temperatures
 
 __all__ = [
     "Autocorrelation",
@@ -32,4 +35,6 @@ __all__ = [
     "Passage",
     "Paths",
     "Quantiles",
+    "temperature",
+    "temperatures",
 ]

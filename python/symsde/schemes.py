@@ -203,7 +203,7 @@ def _order(given: abi.SchemeInfo, i: int) -> Order:
 
 
 def names() -> list[str]:
-    """Names of the catalogue. `get` also knows families with a parameter, such as 'dirk:0.25' and 'lambda:0.3'."""
+    """Names of the catalogue. `get` also knows families with a parameter: 'dirk:0.25', 'lambda:0.3', 'word:BAOAB'."""
     return _handles.text("scheme_names").split()
 
 
@@ -217,6 +217,19 @@ def get(name: str) -> Scheme:
             raise
         raise checks.none_such("scheme", name, names()) from None
     return Scheme(pointer, (get, (name,)))
+
+
+def from_word(word: str) -> Scheme:
+    """A splitting for damped models, written as a word that is read from left to right: "BAOAB", "OBABO", "ABOBA", ..
+
+    A is the drift q <- q + tau M^-1 p, B the kick p <- p - tau U_q, O damping with noise, p <- exp(-gamma tau) p +
+    noise of its exact law; tau is h divided by the number of that letter. There are one or two O, whose noise is made
+    of the increments of the path (of two O with dZ), so that paths converge with strong order one, and no further
+    normal numbers are drawn. Words that read the same from behind have weak order two. The name in scenes, C and
+    Fortran is "word:BAOAB". Needs noise in position and a constant mass, and one rate of damping. InvalidArgumentError
+    says what is no word.
+    """
+    return get(f"word:{checks.name_of('word', word)}")
 
 
 def as_scheme(scheme: str | Scheme) -> Scheme:

@@ -6,12 +6,12 @@
 !>
 !>    midpoint, gauss2, gauss3, gauss4         s nodes of Gauss
 !>    symplectic_euler and its adjoint         s = 1, the left and the right rectangle
-!>    stormer_verlet = lobatto2, lobatto3, ..  s nodes of Lobatto: IIIA for q, IIIB for p; `swapped`: IIIB for q, IIIA
-!>    for p PsNrQu                                   degree s, r >= s nodes, quadrature of order u lambda:x
-!>    s = 1, one node x
+!>    stormer_verlet = lobatto2, lobatto3, ..  s nodes of Lobatto: IIIA for q, IIIB for p; `swapped` the other way
+!>    PsNrQu                                   degree s, r >= s nodes, quadrature of order u
+!>    lambda:x                                 s = 1, one node x
 !>
-!> The others are tableaux (heun, dirk:c), kicks and drifts (scheme/splitting), a tableau with a modified Hamiltonian
-!> (scheme/expansion) or with a frame around its step (scheme/additive), and Euler-Maruyama.
+!> The others are tableaux (heun, dirk:c), kicks and drifts (scheme/splitting, scheme/words), a tableau with a modified
+!> Hamiltonian (scheme/expansion) or with a step around it (scheme/additive), and Euler-Maruyama.
 module symsde_scheme_catalogue
    use symsde_base_contracts, only: contracts_are_executed
    use symsde_base_kinds, only: wp
@@ -28,13 +28,14 @@ module symsde_scheme_catalogue
    use symsde_scheme_splitting, only: splitting_scheme
    use symsde_scheme_discrete_lagrangian, only: scheme_from_quadrature
    use symsde_scheme_tableau, only: scheme_from_tableau
+   use symsde_scheme_words, only: word_scheme
    implicit none
    private
    public :: get_scheme, scheme_names, scheme_families
 
    ! The names that get_scheme knows, and compares unknown names with. A family with a parameter ends in a colon.
    integer, parameter :: nplain = 44  !! names without a parameter; the families follow
-   character(len=name_length), parameter :: all_names(nplain + 2) = [character(len=name_length) :: & !&
+   character(len=name_length), parameter :: all_names(nplain + 3) = [character(len=name_length) :: & !&
       'midpoint', 'symplectic_euler', 'symplectic_euler_adjoint', 'stormer_verlet', & !&
       'gauss2', 'gauss3', 'gauss4', 'lobatto2', 'lobatto2_swapped', 'lobatto3', & !&
       'lobatto3_swapped', 'lobatto4', 'lobatto4_swapped', 'P1N2Q2Lob', 'P1N2Q2Otr', 'P1N2Q4Gau', & !&
@@ -44,7 +45,7 @@ module symsde_scheme_catalogue
       'exact_rotation', & !&
       'gauss_dkdkd', 'verlet_kdk', 'chin4a', 'gauss_dkdkd_strong2', 'verlet_kdk_strong2', 'chin4a_strong2', & !&
       'gauss_dkdkd_rotation', 'gauss_dkdkd_midpoint', 'verlet_kdk_midpoint', 'verlet_dkd_weak2', & !&
-      'heun', 'euler_maruyama', 'dirk:', 'lambda:'] !&
+      'heun', 'euler_maruyama', 'dirk:', 'lambda:', 'word:'] !&
 
 contains
 
@@ -57,7 +58,7 @@ contains
 
    !> Names that take a parameter after the colon: dirk:c with 0 < c < 1 is a midpoint step of
    !> length c h followed by one of length (1-c) h; lambda:x with 0 <= x <= 1 is the one-sided
-   !> family.
+   !> family; word:BAOAB is a splitting written in letters (scheme/words).
    pure function scheme_families() result(names)
       character(len=name_length) :: names(size(all_names) - nplain)
 
@@ -65,7 +66,7 @@ contains
    end function scheme_families
 
    !> The scheme of a name: one of scheme_names(), a family with its parameter ('dirk:0.25',
-   !> 'lambda:0.3'), or PsNrQu with Gau, Lob or Otr: degree s, r nodes, quadrature of order u
+   !> 'lambda:0.3', 'word:BAOAB'), or PsNrQu with Gau, Lob or Otr: degree s, r nodes, quadrature of order u
    !> (Gauss, Lobatto, open trapezoid; Holm and Tyranowski 2018).
    !> Errors: unknown_name, with the nearest name; invalid_argument for a parameter that is not
    !> allowed.
@@ -106,6 +107,7 @@ contains
       case default
          ! Try names of kicks first and names with a parameter last: the latter give the message of unknown names.
          call splitting_scheme(scheme, name, known, error)
+         if (.not. known) call word_scheme(scheme, name, known, error)
          if (.not. known) call parametrised(scheme, name, error)
       end select
       if (allocated(error)) return

@@ -25,6 +25,9 @@
 !> Between kicks p is constant (flow_free), or a declared linear part rotates q and p (flow_rotation), or all of H acts
 !> by the implicit midpoint rule (flow_midpoint), and the kicks are those of the noises alone, b = 0. The conditions are
 !> the same for all three. With c = 0 only noises are kicked, and H may be any.
+!>
+!> In a word of flows (scheme/words) kicks may stand at one place, drifts are free of damping, and kick i comes after
+!> p <- exp(-decay_i gamma h) p.
 module symsde_scheme_kicks
    use symsde_base_kinds, only: wp
    implicit none
@@ -49,22 +52,26 @@ module symsde_scheme_kicks
       real(wp) :: zeta = 0                 !! factor of K in V
       logical :: samples = .false.         !! whether J is sampled; else its mean is used
       integer :: flow = flow_free          !! flow between kicks: one of the enumerators
+      real(wp), allocatable :: decay(:)    !! of a word: part of the step's decay before each kick (nkick)
    contains
       procedure :: uses_dz
       procedure :: uses_k
+      procedure :: is_word
       procedure :: ndrift
    end type kicks_type
 
 contains
 
-   !> Make kicks from the given coefficients, others being zero; share is b by default.
-   pure subroutine new_kicks(kicks, c, b, gamma, eta, kappa, zeta, share, flow)
+   !> Make kicks from the coefficients given, others being zero; share is b by default. Noise is kicked by the parts of
+   !> the potential, or, in a word, by those of the decay.
+   pure subroutine new_kicks(kicks, c, b, gamma, eta, kappa, zeta, share, flow, decay)
       type(kicks_type), intent(out) :: kicks
       real(wp), intent(in) :: c(:), b(:)           !! (nkick)
       real(wp), intent(in), optional :: gamma(:)   !! (nkick)
       real(wp), intent(in), optional :: eta(:), kappa(:), share(:) !! (nkick)
       real(wp), intent(in), optional :: zeta
       integer, intent(in), optional :: flow        !! with flow_midpoint b is the weight of noises alone
+      real(wp), intent(in), optional :: decay(:)   !! of a word (nkick)
 
       kicks%c = c
       kicks%b = b
@@ -78,6 +85,10 @@ contains
       if (present(kappa)) kicks%kappa = kappa
       if (present(share)) kicks%share = share
       if (present(zeta)) kicks%zeta = zeta
+      if (present(decay)) then
+         kicks%decay = decay
+         kicks%beta = decay
+      end if
    end subroutine new_kicks
 
    !> Whether kicks use dZ, so that the scheme approximates paths. With kicks by dW alone it approximates means.
@@ -86,6 +97,13 @@ contains
 
       uses_dz = any(abs(self%gamma) > 0)
    end function uses_dz
+
+   !> Whether the kicks are those of a word, whose drifts do not decay.
+   pure logical function is_word(self)
+      class(kicks_type), intent(in) :: self
+
+      is_word = allocated(self%decay)
+   end function is_word
 
    pure logical function uses_k(self)
       class(kicks_type), intent(in) :: self

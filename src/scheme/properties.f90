@@ -112,6 +112,7 @@ contains
       associate (r => size(kicks%c))
          residual = maxval(abs([kicks%gamma + kicks%gamma(r:1:-1), kicks%eta - kicks%eta(r:1:-1), &
                                 kicks%kappa - kicks%kappa(r:1:-1), kicks%share - kicks%share(r:1:-1)]))
+         if (kicks%is_word()) residual = max(residual, maxval(abs(kicks%decay - kicks%decay(r:1:-1))))
       end associate
    end function unlike_reversed
 

@@ -25,7 +25,7 @@ module symsde_scheme_splitting
    use symsde_scheme_scheme, only: scheme_type, model_needs, splitting_form
    implicit none
    private
-   public :: splitting_scheme
+   public :: splitting_scheme, complete
 
    real(wp), parameter :: tolerance = 1e-13_wp  !! of the moment conditions
 
@@ -76,23 +76,22 @@ contains
          return
       end select
       kicks%samples = index(name, '_strong2') > 0
-      call complete(scheme, name, kicks, error)
-      if (.not. allocated(error)) call set_orders(scheme, kicks)
-   end subroutine splitting_scheme
-
-   !> Set the properties that follow from the coefficients.
-   subroutine complete(scheme, name, kicks, error)
-      type(scheme_type), intent(inout) :: scheme
-      character(*), intent(in) :: name
-      type(kicks_type), intent(in) :: kicks
-      type(error_type), allocatable, intent(inout) :: error
-
       ! This check finds a misprint among the coefficients above when the scheme is requested.
       if (moment_residual(kicks, 1) > tolerance) then
          call raise(error, invalid_argument, 'splitting_scheme', 'the kicks of '//name//' miss the moments of '// &
                     'the noise: their weights must sum to 1 and have the mean 1/2, those of a sum to 0 with mean -1')
          return
       end if
+      call complete(scheme, name, kicks)
+      call set_orders(scheme, kicks)
+   end subroutine splitting_scheme
+
+   !> Set the properties that follow from the coefficients.
+   subroutine complete(scheme, name, kicks)
+      type(scheme_type), intent(inout) :: scheme
+      character(*), intent(in) :: name
+      type(kicks_type), intent(in) :: kicks
+
       scheme%name = name
       scheme%form = splitting_form
       scheme%nstage = size(kicks%c)
@@ -155,6 +154,8 @@ contains
                                   kicks%beta - kicks%beta(n:1:-1), kicks%gamma + kicks%gamma(n:1:-1), &
                                   kicks%eta - kicks%eta(n:1:-1), kicks%kappa - kicks%kappa(n:1:-1), &
                                   kicks%share - kicks%share(n:1:-1)])) < tolerance
+      if (is_palindrome .and. kicks%is_word()) &
+         is_palindrome = maxval(abs(kicks%decay - kicks%decay(n:1:-1))) < tolerance
    end function is_palindrome
 
 end module symsde_scheme_splitting

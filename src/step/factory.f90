@@ -269,6 +269,8 @@ contains
          call refuse('is neither a tableau, whose coefficients decay, nor made of free drifts and kicks')
       else if (active%single .or. active%nested) then
          call refuse('adds brackets of H, which damping would change in time')
+      else if (task%scheme%kicks%is_word() .and. .not. task%damping%is_scalar()) then
+         call refuse('is a word, whose noise has one law for all momenta, that of one rate')
       else if ((active%areas .or. task%correction /= correction_none) .and. .not. task%damping%is_scalar()) then
          call refuse('adds products of gradients, which keep their form where all rates are equal')
       else if (allocated(task%damping%friction)) then

@@ -81,6 +81,9 @@ VALUES = {
     "rel": OMITTED,
     "code": 0,
 }
+HEAT = ss.moments(
+    KUBO, q0=STATE, p0=0.1 * STATE, step=0.05, steps=STEPS, paths=PATHS, observables=ss.observe.temperature(KUBO)
+)
 RUN = ss.simulate(KUBO, q0=STATE, p0=0.1 * STATE, step=0.05, steps=STEPS, paths=PATHS, scheme="gauss2")
 ONE_STATE = {"q0": np.array([1.0]), "p0": np.array([0.2])}
 LOW = {"q0_low": 1e-17 * STATE, "p0_low": 1e-17 * STATE}
@@ -127,6 +130,8 @@ OWN = {
         {"common_noise": (1,), "truncation": (8, 4.0), "paths": PATHS},
         {"compensated": True, **LOW, "paths": 3},
     ],
+    "diagnose.bath_law": [{"gamma": 0.5, "omega": 2.0}],
+    "schemes.from_word": [{"word": "BAOAB"}],
     "thermostat": [{"model": ss.models.kubo(sigma=0.0), "beta": np.array([2.0]), "gamma": np.array([0.5])}],
     "level_sampler": [{**ONE_STATE, "steps": 4, "antithetic": True, "truncation": (8, 4.0)}],
     "expect": [{**ONE_STATE, "abs": 0.3, "method": "plain", "truncation": (8, 4.0)}],
@@ -181,6 +186,7 @@ OWN = {
         {"of": "q_1", "within": OMITTED, "low": -2.0, "high": 2.0, "absorb": False},
         {"of": "q_1", "within": 2.0, "absorb": True},
     ],
+    "observe.temperatures": [{"found": HEAT}],
     "observe.Paths": [{"paths": [0, 2], "of": ["q_1"]}, {"paths": np.array([0, 2]), "of": ["q_1"]}],
     "Model.builtin": [{"name": "kubo", "parameters": {"a": 1.0, "sigma": 0.3}}],
     "FormulaModel.with_parameters": [{"k": 3.0}],

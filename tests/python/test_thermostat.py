@@ -167,6 +167,40 @@ def test_two_temperatures():
         assert abs(run.mean[name][-1] - expected) < 4.9 * run.se_mean[name][-1] + 1e-4 * expected
 
 
+def test_temperatures():
+    """Kinetic and configurational temperature of a chain within 4.9 standard errors, and each of a known ensemble:
+    states of another spread have other temperatures. With h = .6 Verlet has p too cold by h^2 omega^2/6."""
+    model = ss.thermostat(ss.models.fpu_chain(n=8, sigma=0.0), beta=2.0, gamma=1.0)
+    found = ss.moments(model, q0=0.0, p0=0.0, step=0.1, steps=200, save_every=100, paths=8000, seed=4, scheme="chin4a",
+                       observables=ss.observe.temperature(model))  # fmt: skip
+    seen = ss.observe.temperatures(found)
+    for value, error in (
+        (seen.kinetic[-1], seen.se_kinetic[-1]),
+        (seen.configurational[-1], seen.se_configurational[-1]),
+    ):
+        assert abs(value - 0.5) < 4.9 * error + 1e-3
+        assert error < 8e-3
+    assert str(seen).splitlines()[-1] == "positions and momenta stand at the same times, the ends of whole steps"
+    rng = np.random.default_rng(1)
+    mass, stiffness, paths = 3.0, 2.0, 50_000
+    body = ss.model_from_sympy("p**2/(2*m) + k*q**2/2", params={"m": mass, "k": stiffness})
+    q, p = rng.normal(size=(2, 1, paths)) * np.sqrt(np.array([0.7 / stiffness, 0.4 * mass]))[:, None, None]
+    told = ss.moments(body, q0=q, p0=p, step=0.1, steps=0, paths=paths, observables=ss.observe.temperature(body))
+    seen = ss.observe.temperatures(told)
+    assert abs(seen.kinetic[0] - (p**2).mean() / mass) < 1e-12
+    assert abs(seen.configurational[0] - stiffness * (q**2).mean()) < 1e-12
+    assert abs(seen.se_configurational[0] - stiffness * (q**2).std(ddof=1) / np.sqrt(paths)) < 1e-12
+    cold = ss.moments(ss.thermostat(OSCILLATOR, beta=1.0, gamma=1.0), q0=0.0, p0=0.0, step=0.6, steps=60, save_every=60,
+                      paths=80_000, seed=4, scheme="verlet_kdk",
+                      observables=ss.observe.temperature(OSCILLATOR))  # fmt: skip
+    seen = ss.observe.temperatures(cold)
+    assert abs(seen.kinetic[-1] - (1 - 0.06)) < 0.03
+    assert seen.kinetic[-1] < 0.97
+    assert seen.configurational[-1] > 1.0
+    with pytest.raises(InvalidArgumentError, match="temperatures are made of the moments of obs"):
+        ss.observe.temperatures(ss.moments(OSCILLATOR, q0=0.0, p0=0.0, step=0.1, steps=1))
+
+
 def test_models_remember_their_bath():
     """Text, rates, names; other friction leaves the noise; files say what the bath was."""
     chain = ss.thermostat(ss.models.fpu_chain(n=4, sigma=0.0), beta=2.0, gamma=0.5)

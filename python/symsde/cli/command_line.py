@@ -180,7 +180,7 @@ def _schemes() -> str:
     lines.append(
         "  (strong orders: additive / commutative / general noise; schemes without one draw two- or three-point"
     )
-    lines.append("  point increments, which follow no Brownian path; also dirk:C and lambda:X, as lambda:0.3)")
+    lines.append("  point increments, which follow no Brownian path; also dirk:C, lambda:X, word:W, as word:BAOAB)")
     return "\n".join(lines)
 
 

@@ -13,6 +13,8 @@ from .pages import markdown
 # One member of each family whose names contain a number.
 FAMILIES = {
     "dirk:0.25": "`dirk:C`, 0 < C < 1: a midpoint step of length C h, then one of length (1 - C) h",
+    "word:BAOAB": "`word:W`, W of the letters A (drift), B (kick) and O (damping with noise): a splitting of damped "
+    "systems, [as a word](heat-baths.md#words)",
     "lambda:0.3": "`lambda:X`, 0 <= X <= 1: P = X p_n + (1 - X) p_{n+1}, Q = (1 - X) q_n + X q_{n+1}",
 }
 

@@ -125,7 +125,8 @@ contains
       real(wp), allocatable :: w(:, :)            ! weights of dW, a and K (node, 1 or 3)
       integer :: i
 
-      if (.not. (damping%acts() .and. traits%position_noise .and. traits%nnoise > 0)) return
+      ! Noise and decay of a word have the law of the bath for every gamma h.
+      if (.not. (damping%acts() .and. traits%position_noise .and. traits%nnoise > 0) .or. scheme%kicks%is_word()) return
       if (allocated(traits%silent)) then
          if (all(traits%silent)) return
       end if

@@ -33,6 +33,7 @@ module symsde_step_splitting_coefficients
    use symsde_base_vectors, only: add_times, scale
    use symsde_noise_decay_law, only: decay_law2, decay_law3, decay_integral
    use symsde_scheme_kicks, only: kicks_type, mean_coefficient
+   use symsde_scheme_words, only: give_word_law
    implicit none
    private
    public :: kick_weights, new_kick_weights, add_product
@@ -85,7 +86,8 @@ contains
       self%uses_dz = kicks%uses_dz()
       self%closed = kicks
       self%damping = damping
-      if (damping%acts() .and. damping%is_scalar() .and. self%uses_dz) self%rate = damping%rate(1)
+      if (damping%acts() .and. damping%is_scalar() .and. (self%uses_dz .or. kicks%is_word())) &
+         self%rate = damping%rate(1)
       ! D multiplies products in kicks with a share of them; in the mean form it vanishes if c does.
       self%multiplies = self%products .and. abs(kicks%share) > 0 .and. (kicks%samples .or. abs(self%c) > 0)
       self%has_products = abs(kicks%kappa) > 0 .or. self%multiplies
@@ -111,7 +113,11 @@ contains
          if (abs(step%h - self%h) > 0) then
             ! The weight of H is h in all lanes, since steps that are weighed together have the same h.
             self%h = step%h
-            if (abs(self%rate) > 0) call give_law(self%kicks, self%closed, self%rate*step%h)
+            if (abs(self%rate) > 0 .and. kicks%is_word()) then
+               call give_word_law(self%kicks, self%closed, self%rate*step%h)
+            else if (abs(self%rate) > 0) then
+               call give_law(self%kicks, self%closed, self%rate*step%h)
+            end if
             self%v(:, 0) = step%h
             do i = 1, size(kicks%c)
                self%w(:, 0, i) = kicks%b(i)*step%h

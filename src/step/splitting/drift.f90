@@ -20,11 +20,13 @@
 !> every omega h, which does not limit the step; the kicks are then those of U without its linear part
 !> (remove_linear). A decay finds its coefficients alike, dp <- dp + (exp(-gamma tau) - 1) y.
 !>
+!> In a word of flows (scheme/words) drifts are free, and momenta decay at kicks.
+!>
 !> Private to its family.
 module symsde_step_splitting_drift
    use symsde_base_kinds, only: wp
    use symsde_base_vectors, only: add_times
-   use symsde_base_damping, only: damping_type
+   use symsde_base_damping, only: damping_type, decay_less_one
    use symsde_base_sincos, only: sine_of
    use symsde_noise_decay_law, only: decay_integral
    use symsde_step_open_friction, only: friction_flow, new_friction_flow
@@ -37,6 +39,8 @@ module symsde_step_splitting_drift
       logical, public :: rotates = .false.
       logical, public :: decays = .false.
       type(friction_flow), allocatable, public :: friction  !! decays by a matrix
+      logical, public :: decays_at_kicks = .false.
+      real(wp), allocatable :: part(:)             !! of a word: part of the decay before each kick (nkick)
       real(wp), allocatable :: rate(:)             !! gamma (ndof)
       real(wp), allocatable :: reach(:, :), loss(:, :)  !! phi, exp(-gamma tau) - 1 (ndof, nleg)
       real(wp), allocatable :: omega(:)            !! frequencies (ndof)
@@ -46,17 +50,20 @@ module symsde_step_splitting_drift
    contains
       procedure :: move
       procedure :: decay
+      procedure :: decay_at
       procedure :: remove_linear
    end type drift_flow
 
 contains
 
-   !> Drifts of nleg different durations in a step; rotations where omega is given, decays where momenta are damped.
-   pure subroutine new_drift_flow(self, nleg, omega, damping)
+   !> Drifts of nleg different durations in a step; rotations where omega is given, decays where momenta are damped, at
+   !> kicks where parts of them are given.
+   pure subroutine new_drift_flow(self, nleg, omega, damping, part)
       type(drift_flow), intent(out) :: self
       integer, intent(in) :: nleg
       real(wp), intent(in), optional :: omega(:)  !! frequencies (ndof)
       type(damping_type), intent(in), optional :: damping
+      real(wp), allocatable, intent(in), optional :: part(:)   !! not allocated: not at kicks (nleg - 1)
 
       if (present(damping)) self%decays = damping%acts()
       if (self%decays) then
@@ -68,6 +75,11 @@ contains
             allocate (self%duration(nleg), source=0.0_wp)
             allocate (self%reach(size(self%rate), nleg), self%loss(size(self%rate), nleg), source=0.0_wp)
          end if
+      end if
+      if (self%decays .and. present(part)) then
+         self%decays_at_kicks = allocated(part)
+         self%decays = .not. allocated(part)
+         if (allocated(part)) self%part = part
       end if
       if (.not. present(omega)) return
       self%rotates = .true.
@@ -119,6 +131,25 @@ contains
          call lose(nlane, self%loss(i, leg), p(:, i), dp(:, i))
       end do
    end subroutine decay
+
+   !> The decay before kick i of a step of length h: dp <- dp + (exp(-part_i gamma h) - 1) (p + dp).
+   subroutine decay_at(self, i, h, nlane, ndof, p, dp)
+      class(drift_flow), intent(inout) :: self
+      integer, intent(in) :: i, nlane, ndof
+      real(wp), intent(in) :: h                                     !! with its sign [time]
+      real(wp), intent(in) :: p(nlane, ndof)
+      real(wp), intent(inout) :: dp(nlane, ndof)
+      integer :: j
+
+      if (.not. self%part(i) > 0) return
+      if (abs(h - self%duration(i)) > 0) then
+         self%duration(i) = h
+         self%loss(:, i) = decay_less_one(self%part(i)*self%rate*h)
+      end if
+      do j = 1, ndof
+         call lose(nlane, self%loss(j, i), p(:, j), dp(:, j))
+      end do
+   end subroutine decay_at
 
    !> Take the linear part out of the gradient of weight*U, f <- f - weight omega_i^2 x_i: the rotation has it.
    pure subroutine remove_linear(self, weight, nlane, ndof, x, f)

@@ -1,0 +1,163 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""What a scheme makes of a heat bath: its contraction, the exact stationary law of an oscillator, free particles.
+
+A step of a linear model is x <- M x + N xi, with numbers xi of variance one for dW, dZ and K. M and N are read off
+steps of the library itself, from unit states and unit functionals, so that the law S = M S M^T + N N^T, three equations
+for <q^2>, <q p> and <p^2>, is that of the code, exact in h.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..errors import IncompatibleError, InvalidArgumentError
+from ..model.definition import Model
+from ..native import checks
+from ..schemes import Scheme, as_scheme
+from .simulate import simulate
+
+_STATES = np.array([[0.3, -0.4], [1.7, 0.8], [-2.4, 1.1], [0.9, -1.6]]).T  #: (q or p, point): where M is looked at
+_NOISE = np.array([0.4, -0.3, 0.7, 0.1])  #: normal numbers of dW there
+_SHIFT = 1e-5  #: of central differences, which find M to some 1e-10
+_SEEN = 1e-8  #: a larger difference is one
+
+
+@dataclass(frozen=True)
+class BathLaw:
+    """The law of a scheme in a heat bath; every ratio is one for the exact flow."""
+
+    scheme: str  #: its name
+    step: float  #: h
+    gamma: float  #: rate of the momenta
+    omega: float  #: frequency of the oscillator
+    contraction: str  #: what a step multiplies dp ^ dq by
+    defect: float  #: largest distance of that factor from exp(-gamma h) at four states of a pendulum
+    q_squared: float  #: beta omega^2 <q^2>
+    q_p: float  #: beta omega <q p>, which is zero for the exact flow
+    p_squared: float  #: beta <p^2>
+    free_temperature: float  #: beta <p^2> of a free particle
+    free_diffusion: float  #: diffusion of a free particle over 1/(beta gamma)
+
+    def __str__(self) -> str:
+        """A line for each, with its evidence."""
+        lines = {
+            "scheme": f"{self.scheme}, h = {self.step:g}, gamma = {self.gamma:g}, omega = {self.omega:g}",
+            "dp ^ dq": f"{self.contraction}",
+            "omega^2 <q^2>": f"{self.q_squared:.12g}/beta",
+            "omega <q p>": f"{self.q_p:.12g}/beta",
+            "<p^2>": f"{self.p_squared:.12g}/beta",
+            "free <p^2>": f"{self.free_temperature:.12g}/beta",
+            "free diffusion": f"{self.free_diffusion:.12g}/(beta gamma)",
+            "evidence": "dp ^ dq by differences of steps at four states of a pendulum; laws by S = M S M^T + Q, with M",
+            "": "and Q of the library's own steps",
+        }
+        return "\n".join(f"{key:16s}{value}" for key, value in lines.items())
+
+
+def bath_law(scheme: str | Scheme, *, step: float, gamma: float, omega: float = 1.0) -> BathLaw:
+    """What a scheme makes of a heat bath, exact in h: see `BathLaw`.
+
+    - step, gamma: h [time] and the rate of the momenta [1/time], above zero
+    - omega: the frequency of the oscillator H = p^2/2 + omega^2 q^2/2 [1/time], above zero
+
+    IncompatibleError: the scheme does not run damped models, or its steps have no stationary law at this h omega.
+    """
+    chosen = as_scheme(scheme)
+    h, rate, frequency = (checks.number(key, x) for key, x in (("step", step), ("gamma", gamma), ("omega", omega)))
+    for key, value in (("step", h), ("gamma", rate), ("omega", frequency)):
+        if not value > 0:
+            raise InvalidArgumentError(f"{key} = {value:g}: give a number above zero")
+    sigma = math.sqrt(2 * rate)
+    m, noise = _linear_step(_bound(frequency**2, sigma).damped(rate), chosen, h)
+    if not np.abs(np.linalg.eigvals(m)).max() < 1:
+        raise IncompatibleError(
+            f"steps of {chosen.name} grow at omega h = {frequency * h:g}, gamma h = {rate * h:g}: there is no "
+            "stationary law; give a smaller step"
+        )
+    s = np.linalg.solve(np.eye(4) - np.kron(m, m), (noise @ noise.T).ravel())
+    free, kicks = _linear_step(_bound(0.0, sigma).damped(rate), chosen, h)
+    temperature = (kicks[1] ** 2).sum() / (1 - free[1, 1] ** 2)
+    # q + m_qp/(1 - m_pp) p moves by its noise alone.
+    moved = kicks[0] + free[0, 1] / (1 - free[1, 1]) * kicks[1]
+    contraction, defect = _contraction(chosen, h, rate)
+    return BathLaw(
+        scheme=chosen.name,
+        step=h,
+        gamma=rate,
+        omega=frequency,
+        contraction=contraction,
+        defect=defect,
+        q_squared=float(s[0] * frequency**2),
+        q_p=float(s[1] * frequency),
+        p_squared=float(s[3]),
+        free_temperature=float(temperature),
+        free_diffusion=float((moved**2).sum() * rate / (2 * h)),
+    )
+
+
+def _bound(square: float, sigma: float) -> Model:
+    """H = p^2/2 + square q^2/2, H_1 = -sigma q."""
+
+    def gradient(t, w, q, p):
+        return square * w[0] * q - sigma * w[1], w[0] * p
+
+    def hessian(t, w, q, p):
+        one = np.ones((1, 1, 1)) * w[0]
+        return square * one, 0 * one, one
+
+    traits = dict.fromkeys(("separable", "additive", "position_noise", "quadratic", "identity_mass"), True)
+    return Model(ndof=1, nnoise=1, gradient=gradient, hessian=hessian, name="oscillator", **traits)
+
+
+def _pendulum() -> Model:
+    """H = p^2/2 - cos q, H_1 = -q: its steps depend on the state."""
+
+    def gradient(t, w, q, p):
+        return w[0] * np.sin(q) - w[1], w[0] * p
+
+    def hessian(t, w, q, p):
+        one = np.ones((1, 1, 1)) * w[0]
+        return one * np.cos(q)[0], 0 * one, one
+
+    traits = dict.fromkeys(("separable", "additive", "position_noise", "identity_mass"), True)
+    return Model(ndof=1, nnoise=1, gradient=gradient, hessian=hessian, name="pendulum", **traits)
+
+
+def _step(model: Model, scheme: Scheme, h: float, states: np.ndarray, normals: np.ndarray) -> np.ndarray:
+    """One step from states (2, point), driven by normal numbers (3, point) of dW, a = dZ/h - dW/2 and K."""
+    dw, a, stt = normals * np.sqrt(h / np.array([[1.0], [12.0], [720.0]]))
+    columns = [dw, *([h * (a + dw / 2)] if scheme.info.uses_dz else []), *([stt] if scheme.info.uses_stt_area else [])]
+    run = simulate(model, q0=states[:1], p0=states[1:], paths=states.shape[1], step=h, steps=1, scheme=scheme,
+                   increments=np.array(columns)[np.newaxis])  # fmt: skip
+    return np.array([run.q[1, 0], run.p[1, 0]])
+
+
+def _linear_step(model: Model, scheme: Scheme, h: float) -> tuple[np.ndarray, np.ndarray]:
+    """M (2, 2) and N (2, 3) of x <- M x + N xi."""
+    found = _step(model, scheme, h, np.eye(2, 5), np.eye(3, 5, 2))
+    return found[:, :2], found[:, 2:]
+
+
+def _contraction(scheme: Scheme, h: float, gamma: float) -> tuple[str, float]:
+    """What a step multiplies dp ^ dq by at four states, and the largest distance from exp(-gamma h)."""
+    noise = np.vstack([_NOISE, np.zeros((2, _NOISE.size))])
+
+    def derivative(axis: int) -> np.ndarray:
+        shift = _SHIFT * np.eye(2)[:, [axis]]
+        ahead, behind = (_step(_pendulum().damped(gamma), scheme, h, _STATES + x, noise) for x in (shift, -shift))
+        return (ahead - behind) / (2 * _SHIFT)
+
+    by_q, by_p = derivative(0), derivative(1)
+    factors = by_q[0] * by_p[1] - by_q[1] * by_p[0]
+    z, spread = gamma * h, float(np.ptp(factors))
+    defect = float(np.abs(factors - math.exp(-z)).max())
+    if defect < _SEEN:
+        return f"times exp(-gamma h) = {math.exp(-z):.12g}, exactly", defect
+    if spread > _SEEN:
+        return f"times {factors.min():.6g} to {factors.max():.6g}: it depends on the state", defect
+    if abs(factors[0] - (1 - z / 2) / (1 + z / 2)) < _SEEN:
+        return f"times (1 - z/2)/(1 + z/2) = {factors[0]:.10g} with z = gamma h, at all of them", defect
+    return f"times {factors[0]:.10g}, at all of them", defect

@@ -1,0 +1,86 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Kinetic and configurational temperature of paths, from observables that a run collects."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..errors import InvalidArgumentError
+from ..model.definition import Model, require_model
+from .moments import Moments
+
+NAMES = ("kinetic_temperature", "force_squared", "stiffness")
+
+
+@dataclass(frozen=True)
+class Temperatures:
+    """Two temperatures kT at each saved time; a difference between them beyond their errors is of the step, or says
+    that paths are not at rest yet."""
+
+    t: np.ndarray  #: (time,)
+    kinetic: np.ndarray  #: (time,), mean of p . H_p / dof
+    se_kinetic: np.ndarray  #: (time,), its standard error
+    configurational: np.ndarray  #: (time,), mean of |H_q|^2 over that of the trace of H_qq: no momentum is in it
+    se_configurational: np.ndarray  #: (time,), at most so large
+    momenta: str  #: where the momenta stand in time
+
+    def __str__(self) -> str:
+        """A line for each time, the last one last."""
+        rows = [f"{'t':>12s}{'kinetic':>12s}{'+-':>10s}{'configurational':>17s}{'+-':>10s}"]
+        for values in zip(
+            self.t, self.kinetic, self.se_kinetic, self.configurational, self.se_configurational, strict=True
+        ):
+            t, kinetic, first, configurational, second = values
+            rows.append(f"{t:12.6g}{kinetic:12.6g}{first:10.2g}{configurational:17.6g}{second:10.2g}")
+        return "\n".join([*rows, self.momenta])
+
+
+def temperature(model: Model) -> dict[str, Callable[[np.ndarray, np.ndarray], np.ndarray]]:
+    """Observables of `symsde.moments` from which `temperatures` finds both temperatures of a model.
+
+    They are kinetic_temperature, p . H_p / dof, force_squared, |H_q|^2 / dof, and stiffness, the trace of H_qq / dof,
+    of the Hamiltonian H at t = 0. Each takes (q, p), (dof, path), and returns (path,). Put further observables beside
+    them: {**ss.observe.temperature(model), "mine": "q_1**2"}.
+    """
+    require_model(model)
+
+    def kinetic(q: np.ndarray, p: np.ndarray) -> np.ndarray:
+        return (p * model.gradient(q, p)[1]).mean(axis=0)
+
+    def force_squared(q: np.ndarray, p: np.ndarray) -> np.ndarray:
+        return (model.gradient(q, p)[0] ** 2).mean(axis=0)
+
+    def stiffness(q: np.ndarray, p: np.ndarray) -> np.ndarray:
+        return np.einsum("iil->l", model.hessian(q, p)[0]) / model.ndof
+
+    return dict(zip(NAMES, (kinetic, force_squared, stiffness), strict=True))
+
+
+def temperatures(found: Moments) -> Temperatures:
+    """Both temperatures at each saved time, of moments that were collected with the observables of `temperature`.
+
+    The configurational temperature is a ratio of two means. Its standard error is bounded by the sum of theirs,
+    whatever their correlation. InvalidArgumentError: the observables are missing.
+    """
+    mean = getattr(found, "mean", None)
+    if not isinstance(mean, dict) or any(name not in mean for name in NAMES):
+        raise InvalidArgumentError(
+            "temperatures are made of the moments of observables=ss.observe.temperature(model), and these have not "
+            f"{', '.join(NAMES)}"
+        )
+    kinetic, force, stiffness = (np.array(mean[name]) for name in NAMES)
+    se_kinetic, se_force, se_stiffness = (np.array(found.se_mean[name]) for name in NAMES)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        ratio = force / stiffness
+        error = (se_force + np.abs(ratio) * se_stiffness) / np.abs(stiffness)
+    return Temperatures(
+        t=np.array(found.t),
+        kinetic=kinetic,
+        se_kinetic=se_kinetic,
+        configurational=ratio,
+        se_configurational=error,
+        momenta="positions and momenta stand at the same times, the ends of whole steps",
+    )
