@@ -1,11 +1,11 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """
-Damping, by a Hamiltonian that depends on time
-==============================================
+Damping in a heat bath
+======================
 
-The Langevin equation :math:`\\ddot q = -\\gamma\\dot q - \\omega^2 q + \\sigma\\dot W` has
-friction, which is not Hamiltonian. But the Hamiltonians of Caldirola and Kanai, which depend on
-time, give the same motion of q. Its variance tends to :math:`\\sigma^2/(2\\gamma\\omega^2)`.
+The Langevin equation :math:`\\ddot q = -\\gamma\\dot q - \\omega^2 q + \\sigma\\dot W` is an
+oscillator with ``damping=gamma``. (The Hamiltonians of Caldirola and Kanai, which depend on time,
+give the same motion of q.) Its variance tends to :math:`\\sigma^2/(2\\gamma\\omega^2)`.
 """
 
 import matplotlib.pyplot as plt
@@ -14,11 +14,22 @@ import symsde as ss
 
 gamma, omega, sigma = 0.5, 1.5, 0.4
 model = ss.model_from_sympy(
-    "exp(-gamma*t)*p**2/2 + exp(gamma*t)*omega**2*q**2/2",
-    noise=["-sigma*exp(gamma*t)*q"],
-    params={"gamma": gamma, "omega": omega, "sigma": sigma},
+    "p**2/2 + omega**2*q**2/2",
+    noise=["-sigma*q"],
+    params={"omega": omega, "sigma": sigma},
+    damping=gamma,
 )
-mom = ss.moments(model, q0=1.0, p0=0.0, step=0.02, steps=1000, save_every=10, paths=20_000, seed=1)
+mom = ss.moments(
+    model,
+    scheme="gauss_dkdkd",
+    q0=1.0,
+    p0=0.0,
+    step=0.02,
+    steps=1000,
+    save_every=10,
+    paths=20_000,
+    seed=1,
+)
 limit = sigma**2 / (2 * gamma * omega**2)
 plt.fill_between(
     mom.t, *(mom.mean_q[:, 0] + s * np.sqrt(mom.var_q[:, 0]) for s in (-1, 1)), alpha=0.3
