@@ -261,8 +261,6 @@ def test_refusals():
     for refused in (ss.diagnose.exact, ss.diagnose.action, ss.diagnose.euler_lagrange_residual):
         with pytest.raises(IncompatibleError, match="is damped"):
             refused(run)
-    with pytest.raises(IncompatibleError, match="of closed systems alone"):
-        ss.mean_square(linear, step=0.1)
     for bad, error, told in (
         (-1.0, InvalidArgumentError, "is negative, which would make momenta grow: give rates of zero or more"),
         (np.inf, InvalidArgumentError, "is not finite"),

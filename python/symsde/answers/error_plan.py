@@ -13,7 +13,7 @@ from typing import Any, TypedDict
 import numpy as np
 
 from .. import diagnose
-from ..errors import OF_RUNS, InvalidArgumentError, MissingOperationError, SymsdeError
+from ..errors import OF_RUNS, IncompatibleError, InvalidArgumentError, MissingOperationError, SymsdeError
 from ..model.commutator import commutator
 from ..model.definition import Model
 from ..native import checks
@@ -312,7 +312,7 @@ def _halvings_of(scheme: Scheme, reference: Scheme) -> int:
 def _has_exact(plan: Plan) -> bool:
     try:
         diagnose.exact(plan.run("midpoint", 1, shared=False, correction="auto", truncation=None))
-    except MissingOperationError:
+    except (MissingOperationError, IncompatibleError):  # the latter of damped models
         return False
     return True
 
@@ -323,12 +323,24 @@ def _better(plan: Plan, scheme: Scheme) -> str:
     commutative = model.nnoise < 2 or model.traits.additive or model.traits.position_noise
     if model.ndof <= SMALL and model.traits.kicked:
         return "gauss_dkdkd_strong2" if scheme.name == "chin4a_strong2" else "chin4a_strong2"
+    if model.damping:
+        return _better_damped(model, commutative)
     if model.ndof > SMALL:
-        if model.traits.additive and model.traits.position_noise and model.traits.identity_mass:
-            return "verlet_dz"
-        return "stormer_verlet" if model.traits.separable else "midpoint"
+        shifts = model.traits.additive and model.traits.position_noise and model.traits.identity_mass
+        return "verlet_dz" if shifts else "stormer_verlet" if model.traits.separable else "midpoint"
     if not model.nnoise or commutator(model, t=plan.options.get("t0", 0.0)).flows_commute:
         return "gauss4"  # strong order 4 for such models, from increments alone
     if commutative:
         return "gauss2_strong32"
     return "gauss2_strong32_areas"
+
+
+def _better_damped(model: Model, commutative: bool) -> str:
+    """The same of damped momenta, which schemes with brackets of H and with shifts do not know."""
+    if model.traits.kicked:
+        return "gauss_dkdkd"
+    if model.has_friction or model.ndof > SMALL:
+        return "midpoint"
+    if commutative or len(set(model.damping)) > 1 or commutator(model).commutative:
+        return "gauss2"
+    return "midpoint_areas"

@@ -7,7 +7,7 @@ A step is z -> M z with M random. Let S = E z z^T, written as a vector. A step a
     G = h (A x 1 + 1 x A) + |h| sum_k (B_k x B_k + C_k x 1 + 1 x C_k)
 
 with x Kronecker's product, A = J H'', B_k = J H_k'' and C_k = B_k^2/2 of Stratonovich's equations. Growth is the
-spectral radius of either matrix.
+spectral radius of either matrix. Damping is a part of A: -gamma_i in the rows of p_i, or -Gamma M^-1.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..errors import OF_RUNS, IncompatibleError, TooLargeError
-from ..model.definition import Model, require_closed, require_model
+from ..model.definition import Model, require_model
 from ..native import checks
 from ..run.simulate import simulate
 from ..schemes import Scheme, as_scheme
@@ -75,6 +75,8 @@ def mean_square(model: Model, scheme: str | Scheme = "midpoint", *, step: float,
     second moments of M are then infinite. `growth` is infinite if such increments are so likely that two quadrature
     rules disagree; then truncate the increments. All quantities are dimensionless.
 
+    Damping is known, by rates and by a matrix of friction, where the scheme takes it.
+
     IncompatibleError is raised for other models, for schemes that take J or areas, and for more than two noises that
     are not additive. TooLargeError is raised for such noises with more than 32 degrees of freedom.
     """
@@ -95,7 +97,6 @@ def mean_square(model: Model, scheme: str | Scheme = "midpoint", *, step: float,
 
 
 def _refuse(model: Model, scheme: Scheme) -> None:
-    require_closed(model, "growth of second moments is computed")
     if not model.traits.quadratic:
         raise IncompatibleError(f"model {model.name} is not quadratic: only linear equations have such a matrix")
     if model.traits.additive or model.nnoise == 0:
@@ -183,11 +184,15 @@ def _maps(model: Model, scheme: Scheme, step: float, t: float, rows: np.ndarray)
 
 
 def _flow(model: Model, j: int, t: float) -> np.ndarray:
-    """The matrix J H_j'' of the field of H_j."""
+    """The matrix J H_j'' of the field of H_j; for H with the damping."""
     w = np.zeros(model.nnoise + 1)
     w[j] = 1
     qq, qp, pp = (block[:, :, 0] for block in model.hessian(np.zeros(model.ndof), np.zeros(model.ndof), w, t))
-    return np.block([[qp, pp], [-qq, -qp.T]])
+    loss = np.zeros_like(pp)
+    if j == 0 and model.damping:
+        damping = np.array(model.damping)
+        loss = damping @ pp if model.has_friction else np.diag(damping)
+    return np.block([[qp, pp], [-qq, -qp.T - loss]])
 
 
 def _generator(model: Model, step: float, t: float) -> np.ndarray:
