@@ -1,19 +1,16 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> The abstract model: a stochastic Hamiltonian system seen through weighted sums of its
-!> Hamiltonians.
+!> The abstract model: a stochastic Hamiltonian system, evaluated as weighted sums of its Hamiltonians.
 !>
-!> A model knows H_0 = H, H_1 .. H_m and its traits, and nothing of schemes, noise or solvers. All
-!> that a scheme needs is value, gradient, Hessian and third derivatives of S(q,p) = sum_j w_j H_j(q,p),
-!> with weights of its own for every lane: with w = (h, dW_1, .., dW_m), S is the random Hamiltonian of
-!> one step of
+!> A model contains H_0 = H, H_1 .. H_m and its traits, and nothing about schemes, noise or solvers. A scheme needs only
+!> value, gradient, Hessian and third derivatives of S(q,p) = sum_j w_j H_j(q,p), with different weights in every lane:
+!> with w = (h, dW_1, .., dW_m), S is the random Hamiltonian of one step of
 !>
 !>    dp = -H_q dt - sum_k H_{k,q} o dW_k,   dq = H_p dt + sum_k H_{k,p} o dW_k     [WHSB] (3)-(4)
 !>
-!> (Stratonovich, everything dimensionless). What a model may offer beyond this, for the inner loops of
-!> single steppers, is in model/kernels. Each lane must be computed from its own numbers alone, and, in a
-!> model that is different from path to path, from the path that the lane is (for_paths).
-!> Procedures are called from several threads at once: compile models of your own with -fopenmp or
-!> -frecursive, or gfortran may make their large local arrays static.
+!> (Stratonovich, everything dimensionless). Optional fast operations, for the inner loops of single steppers, are in
+!> model/kernels. Each lane must be computed from its own numbers alone; and, if the model differs from path to path,
+!> from the path of the lane (for_paths). Procedures are called from several threads at once: compile your own models
+!> with -fopenmp or -frecursive, or gfortran may make their large local arrays static.
 module symsde_model_abstract
    use symsde_base_damping, only: damping_type
    use symsde_base_kinds, only: wp
@@ -23,7 +20,7 @@ module symsde_model_abstract
    implicit none
    private
    public :: model_type, difference_along, difference_default, default_step
-   ! the defaults, for models that offer an operation only sometimes
+   ! the defaults, for models that offer an operation only under some conditions
    public :: value_missing, hessian_by_differences, hessian_vector_composed, force_stiffness_composed
 
    !> Step of a central difference, relative to the larger of the state and one.
@@ -32,10 +29,10 @@ module symsde_model_abstract
    !> A model is immutable once constructed: shared by all threads, intent(in) wherever it is used.
    type, abstract :: model_type
       type(model_traits) :: traits
-      character(:), allocatable :: name  !! for messages and reports
-      type(damping_type) :: damping      !! of momenta, beside the Hamiltonians; none by default
-      type(probe_record) :: passed       !! probes that need not be made again
-      type(lane_paths), pointer :: paths => null()  !! of what for_paths gives: which paths its lanes are
+      character(:), allocatable :: name  !! name for messages and reports
+      type(damping_type) :: damping      !! damping of the momenta; none by default
+      type(probe_record) :: passed       !! probes that need not be repeated
+      type(lane_paths), pointer :: paths => null()  !! paths of the lanes, in a view made by for_paths
    contains
       procedure(gradient_interface), deferred :: gradient
       procedure :: value => value_missing
@@ -66,7 +63,7 @@ module symsde_model_abstract
 
 contains
 
-   !> Value of sum_j w_j H_j. This default serves models without it: traits%has_value is false.
+   !> Value of sum_j w_j H_j. This default is for models without values: traits%has_value is false.
    subroutine value_missing(self, nlane, ndof, nnoise, t, w, q, p, value)
       use, intrinsic :: ieee_arithmetic, only: ieee_value, ieee_quiet_nan
       class(model_type), intent(in) :: self
@@ -77,8 +74,8 @@ contains
       value = ieee_value(1.0_wp, ieee_quiet_nan)
    end subroutine value_missing
 
-   !> Blocks of the Hessian of sum_j w_j H_j; hqp(:,i,j) = d2/(dq_i dp_j). Default: products with
-   !> the unit vectors where the model has them, else central differences of gradients.
+   !> Blocks of the Hessian of sum_j w_j H_j; hqp(:,i,j) = d2/(dq_i dp_j). Default: products with the unit vectors if
+   !> the model has products, else central differences of gradients.
    subroutine hessian_by_differences(self, nlane, ndof, nnoise, t, w, q, p, hqq, hqp, hpp)
       class(model_type), intent(in) :: self
       integer, intent(in) :: nlane, ndof, nnoise
@@ -111,8 +108,8 @@ contains
       if (present(hpp)) call symmetrise(nlane, ndof, hpp)
    end subroutine hessian_by_differences
 
-   !> Product of the Hessian of sum_j w_j H_j with (vq, vp). Default: from an analytic Hessian where
-   !> the model has one, else the central difference of gradients along the vector.
+   !> Product of the Hessian of sum_j w_j H_j with (vq, vp). Default: from an analytic Hessian if the model has one,
+   !> else the central difference of gradients along the vector.
    subroutine hessian_vector_composed(self, nlane, ndof, nnoise, t, w, q, p, vq, vp, uq, up)
       class(model_type), intent(in) :: self
       integer, intent(in) :: nlane, ndof, nnoise
@@ -138,8 +135,8 @@ contains
       end do
    end subroutine hessian_vector_composed
 
-   !> Gradient and Hessian at one point, as each Newton iteration wants them. Default: one after the
-   !> other; a model in which the two share work (sin and cos of one argument) overrides it.
+   !> Gradient and Hessian at one point, as Newton iterations need them. Default: one after the other; models in which
+   !> the two share work (sin and cos of one argument) override it.
    subroutine gradient_hessian_composed(self, nlane, ndof, nnoise, t, w, q, p, hq, hp, &
                                         hqq, hqp, hpp)
       class(model_type), intent(in) :: self
@@ -153,9 +150,9 @@ contains
       call self%hessian(nlane, ndof, nnoise, t, w, q, p, hqq, hqp, hpp)
    end subroutine gradient_hessian_composed
 
-   !> Bands of the Hessian blocks: hqq(:,d,i) = d2/(dq_i dq_{i+d}), hqp(:,d,i) = d2/(dq_i dp_{i+d}).
-   !> Entries outside the matrix are zero. Default: one product for every (2b+1)-th
-   !> unit vector at once, analytic where the model has products, else a central difference.
+   !> Bands of the Hessian blocks: hqq(:,d,i) = d2/(dq_i dq_{i+d}), hqp(:,d,i) = d2/(dq_i dp_{i+d}). Entries outside the
+   !> matrix are zero. Default: a single product gives every (2b+1)-th column at once, analytically if the model has
+   !> products, else by a central difference.
    subroutine hessian_banded_by_differences(self, nlane, ndof, nnoise, b, t, w, q, p, hqq, hqp, hpp)
       class(model_type), intent(in) :: self
       integer, intent(in) :: nlane, ndof, nnoise
@@ -187,8 +184,8 @@ contains
       end do
    end subroutine hessian_banded_by_differences
 
-   !> Gradient in q and upper bands of the qq block: hqq(:,d,i) = d2/(dq_i dq_{i+d}), 0 <= d <= b; entries
-   !> outside the matrix are not defined. Default: one after the other; chains override it by one pass.
+   !> Gradient in q and upper bands of the qq block: hqq(:,d,i) = d2/(dq_i dq_{i+d}), 0 <= d <= b; entries outside the
+   !> matrix are not defined. Default: one after the other; chains override it with a single pass.
    subroutine force_stiffness_composed(self, nlane, ndof, nnoise, b, t, w, q, p, hq, hqq)
       class(model_type), intent(in) :: self
       integer, intent(in) :: nlane, ndof, nnoise
@@ -203,8 +200,9 @@ contains
       hqq = bands(:, 0:b, :)
    end subroutine force_stiffness_composed
 
-   !> The gradient of a^T S'' b, S = sum_j w_j H_j, for vectors a = (aq, ap) and b: third derivatives along both, with
-   !> which nested brackets are exact. This default serves models without it: traits%has_third_derivative is false.
+   !> The gradient of a^T S'' b, S = sum_j w_j H_j, for vectors a = (aq, ap) and b: third derivatives along both
+   !> vectors, which make nested brackets exact. This default is for models without third derivatives:
+   !> traits%has_third_derivative is false.
    subroutine third_derivative_missing(self, nlane, ndof, nnoise, t, w, q, p, aq, ap, bq, bp, uq, up)
       use, intrinsic :: ieee_arithmetic, only: ieee_value, ieee_quiet_nan
       class(model_type), intent(in) :: self
@@ -217,10 +215,10 @@ contains
       up = ieee_value(1.0_wp, ieee_quiet_nan)
    end subroutine third_derivative_missing
 
-   !> The model for one runner, by one thread at a time: a view that asks `paths`, before it answers, which paths the
-   !> lanes are. It belongs to the caller, and both outlive it; a view around such a model makes one around its view.
-   !> Before a run, in probes, the model itself is asked, and answers as for some path. This default serves models that
-   !> are the same for all paths: there is no view.
+   !> The model for one runner, used by one thread at a time: a view that reads from `paths`, at every call, which paths
+   !> the lanes are. The view belongs to the caller; model and `paths` must outlive it. A view of such a model makes a
+   !> view of the inner model's view. Probes before a run call the model itself, which answers as for some path. This
+   !> default is for models that are the same for all paths: there is no view.
    subroutine same_for_all(self, paths, view)
       class(model_type), intent(in), target :: self
       type(lane_paths), pointer, intent(in) :: paths
@@ -229,19 +227,19 @@ contains
       nullify (view)
    end subroutine same_for_all
 
-   !> Nonzero after a user callback has refused: its own return code. Built-in models never refuse.
+   !> The first nonzero return code of a user callback since clear_failure; 0 = none. Built-in models never fail.
    integer function never_failed(self) result(code)
       class(model_type), intent(in) :: self
 
       code = 0
    end function never_failed
 
-   !> Forget a failure, before a run. Built-in models have none to forget.
+   !> Forget a failure before a run. Built-in models have no failures.
    subroutine nothing_to_clear(self)
       class(model_type), intent(in) :: self
    end subroutine nothing_to_clear
 
-   !> The Hessian times a vector, for the defaults above: analytic where the model has it.
+   !> The Hessian times a vector, for the defaults above: analytic if the model has products.
    subroutine product_along(self, nlane, ndof, nnoise, t, w, q, p, vq, vp, uq, up)
       class(model_type), intent(in) :: self
       integer, intent(in) :: nlane, ndof, nnoise
@@ -261,7 +259,7 @@ contains
    subroutine difference_along(self, nlane, ndof, nnoise, step, t, w, q, p, vq, vp, uq, up)
       class(model_type), intent(in) :: self
       integer, intent(in) :: nlane, ndof, nnoise
-      real(wp), intent(in) :: step(nlane)  !! how far the component moves that moves most
+      real(wp), intent(in) :: step(nlane)  !! displacement of the component that moves most
       real(wp), intent(in) :: t, w(nlane, 0:nnoise), q(nlane, ndof), p(nlane, ndof)
       real(wp), intent(in) :: vq(nlane, ndof), vp(nlane, ndof)
       real(wp), intent(out) :: uq(nlane, ndof), up(nlane, ndof)
@@ -272,13 +270,13 @@ contains
       do i = 1, ndof
          largest = max(largest, abs(vq(:, i)), abs(vp(:, i)))
       end do
-      largest = step/(largest + merge(0.0_wp, 1.0_wp, largest > 0))  ! a sum: of two divisors the compiler may try both
+      largest = step/(largest + merge(0.0_wp, 1.0_wp, largest > 0)) ! a sum: compilers may evaluate both of two divisors
       call difference_by(self, nlane, ndof, nnoise, largest, t, w, q, p, vq, vp, uq, up)
    end subroutine difference_along
 
-   !> The same with a step that suits a smooth model: eps^(1/3) times the larger of a component and one balances
-   !> truncation and rounding. No component moves further than it may, so that degrees of freedom of unlike size have
-   !> their own derivatives.
+   !> Central difference along (vq, vp) with a step for smooth models: eps^(1/3) times the larger of a component and one
+   !> balances truncation and rounding. No component moves further than its own step, so that degrees of freedom of
+   !> different size have accurate derivatives.
    subroutine difference_default(self, nlane, ndof, nnoise, t, w, q, p, vq, vp, uq, up)
       class(model_type), intent(in) :: self
       integer, intent(in) :: nlane, ndof, nnoise
@@ -296,7 +294,7 @@ contains
       call difference_by(self, nlane, ndof, nnoise, largest, t, w, q, p, vq, vp, uq, up)
    end subroutine difference_default
 
-   !> The difference between e times the vector behind and e times the vector ahead.
+   !> The gradient at x + e v minus the gradient at x - e v.
    subroutine difference_by(self, nlane, ndof, nnoise, e, t, w, q, p, vq, vp, uq, up)
       class(model_type), intent(in) :: self
       integer, intent(in) :: nlane, ndof, nnoise
@@ -337,8 +335,7 @@ contains
       end do
    end subroutine symmetrise
 
-   !> Put the product with a coloured sum of unit vectors where each row's entry of that colour
-   !> belongs.
+   !> Distribute the product with a coloured sum of unit vectors: each row's entry belongs to its column of that colour.
    pure subroutine scatter(nlane, ndof, b, colour, u, bands)
       integer, intent(in) :: nlane, ndof, b, colour
       real(wp), intent(in) :: u(nlane, ndof)

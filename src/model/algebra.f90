@@ -5,8 +5,8 @@
 !>    {F,G} = F_q.G_p - F_p.G_q            grad {F,G} = Hess F (G_p, -G_q) - Hess G (F_p, -F_q)
 !>    F_p.F_q                              grad (F_p.F_q) = Hess F (F_p, F_q)
 !>
-!> (arguments of a Hessian: q-part first; docs/method/beyond-order-one.md). The gradients are exact where the model's
-!> products are, so a map that uses them stays symplectic to rounding.
+!> (arguments of a Hessian: q-part first; docs/method/beyond-order-one.md). The gradients are exact if the model's
+!> products are, so a map that uses them is symplectic to rounding.
 module symsde_model_algebra
    use symsde_base_kinds, only: wp
    use symsde_model_abstract, only: model_type
@@ -14,7 +14,8 @@ module symsde_model_algebra
    private
    public :: algebra_work, new_algebra_work, bracket_gradient, correction_gradient
 
-   !> Sizes of the model, and room for the gradients of two sums and one product: loops over time do not allocate.
+   !> Sizes of the model, and work arrays for the gradients of two sums and one product, so that loops over time do not
+   !> allocate.
    type :: algebra_work
       private
       integer :: nlane = 0, ndof = 0, nnoise = 0
@@ -23,7 +24,7 @@ module symsde_model_algebra
 
 contains
 
-   !> Room for blocks of nlane lanes of a model.
+   !> Allocate work arrays for blocks of nlane lanes of a model.
    subroutine new_algebra_work(work, nlane, ndof, nnoise)
       type(algebra_work), intent(out) :: work
       integer, intent(in) :: nlane, ndof, nnoise
@@ -48,8 +49,8 @@ contains
       associate (nlane => work%nlane, ndof => work%ndof, nnoise => work%nnoise)
          call model%gradient(nlane, ndof, nnoise, t, wf, q, p, work%fq, work%fp)
          call model%gradient(nlane, ndof, nnoise, t, wg, q, p, work%gq, work%gp)
-         ! (G_p, -G_q) and (F_p, -F_q) are the fields of G and F: the Hessian of each sum is multiplied by the field
-         ! of the other.
+         ! (G_p, -G_q) and (F_p, -F_q) are the fields of G and F: multiply the Hessian of each sum by the field of the
+         ! other sum.
          work%gq = -work%gq
          work%fq = -work%fq
          call model%hessian_vector(nlane, ndof, nnoise, t, wf, q, p, work%gp, work%gq, bq, bp)
@@ -70,7 +71,7 @@ contains
 
       associate (nlane => work%nlane, ndof => work%ndof, nnoise => work%nnoise)
          call model%gradient(nlane, ndof, nnoise, t, w, q, p, work%fq, work%fp)
-         ! F_q and F_p change their places: d/dq (F_p.F_q) = F_qq F_p + F_qp F_q.
+         ! F_q and F_p are exchanged in the call: d/dq (F_p.F_q) = F_qq F_p + F_qp F_q.
          call model%hessian_vector(nlane, ndof, nnoise, t, w, q, p, work%fp, work%fq, cq, cp)
       end associate
    end subroutine correction_gradient

@@ -2,10 +2,10 @@
 !>    S = sum_j w_j H_j = w_0 p.p/2 + sum_i u_i(q_i, q_{i+1})
 !>    row i:  hq(i) = dS/dq_i,   hqq(0,i) = d2S/dq_i^2,   hqq(1,i) = d2S/(dq_i dq_{i+1})
 !>
-!> The rows of a chain: as a user's function, which models may have one, and force and stiffness of a whole block. Row
-!> i depends on q_{i-1}, q_i and q_{i+1} alone, and comes with its stiffness: a solver then eliminates mass after mass
-!> without a matrix in memory. Positions stand before the first and behind the last row, which are zero at the ends of
-!> a chain.
+!> The rows of a chain: the interface of a user's function, a check of models that may have one, and force and stiffness
+!> of a whole block. Row i depends on q_{i-1}, q_i and q_{i+1} alone, and includes its stiffness: so a solver can
+!> eliminate mass after mass without storing a matrix. Positions before the first and after the last row are given too;
+!> they are zero at the ends of a chain.
 module symsde_model_chain_rows
    use, intrinsic :: iso_c_binding, only: c_double, c_int, c_ptr
    use symsde_base_kinds, only: wp
@@ -42,17 +42,17 @@ contains
                  'need: declare bandwidth 1, identity_mass, and position_noise or additive, or give no rows')
    end subroutine check_chain
 
-   !> force_stiffness with b = 1 for a model that offers chain_rows, for at most a strip of lanes. The last lane is
+   !> force_stiffness with b = 1 for a model that offers chain_rows, for at most one strip of lanes. The last lane is
    !> repeated to fill the strip.
    subroutine block_from_rows(model, nlane, ndof, nnoise, t, w, q, hq, hqq)
       class(kernel_model), intent(in) :: model
       integer, intent(in) :: nlane, ndof, nnoise
       real(wp), intent(in) :: t, w(nlane, 0:nnoise), q(nlane, ndof)
       real(wp), intent(out) :: hq(nlane, ndof), hqq(nlane, 0:1, ndof)
-      real(wp), allocatable :: ws(:, :), qs(:, :), f(:, :), k(:, :, :)  !! of a strip
+      real(wp), allocatable :: ws(:, :), qs(:, :), f(:, :), k(:, :, :)  !! arrays of a strip
       integer :: lane
 
-      ! A strip has strip_lanes lanes, whatever nlane is: the length of its loops is known to the compiler.
+      ! A strip has strip_lanes lanes for any nlane, so that the compiler knows the length of the loops.
       allocate (ws(strip_lanes, 0:nnoise), qs(strip_lanes, 0:ndof + 1), f(strip_lanes, ndof), &
                 k(strip_lanes, 0:1, ndof))
       qs(:, 0) = 0

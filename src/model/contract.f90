@@ -1,10 +1,10 @@
 ! SPDX-License-Identifier: BSD-3-Clause
 !> The contract of models (model/abstract).
 !>
-!> Promised, once a model is constructed: sizes of its traits agree. Asked with every question: lanes, degrees of
-!> freedom and noises are those of the traits, time and weights are finite. States need not be finite: lanes that have
-!> failed, or whose iteration runs away, are computed along, and a model takes whatever they hold. A view of real lanes
-!> (model/views/real_lanes) is told how many are real, and its answers repeat the last.
+!> Promised after construction: the sizes in the traits are consistent. Required at every call: lanes, degrees of
+!> freedom and noises are those of the traits; time and weights are finite. States need not be finite: lanes that have
+!> failed, or whose iteration diverges, are computed too, and a model must accept any numbers in them. A view of real
+!> lanes (model/views/real_lanes) gets the number of real lanes, and repeats the last real lane in its outputs.
 module symsde_model_contract
    use symsde_base_contracts, only: require, require_finite
    use symsde_base_kinds, only: wp
@@ -15,7 +15,7 @@ module symsde_model_contract
 
 contains
 
-   !> What callers may count on.
+   !> Check the promises about traits.
    pure subroutine require_traits(traits)
       type(model_traits), intent(in) :: traits
       character(*), parameter :: place = 'model, traits'
@@ -31,7 +31,7 @@ contains
                    'declared bounds are not negative')
    end subroutine require_traits
 
-   !> What a model may count on.
+   !> Check the requirements of a call.
    pure subroutine require_question(traits, nlane, ndof, nnoise, t, w)
       type(model_traits), intent(in) :: traits
       integer, intent(in) :: nlane, ndof, nnoise
@@ -44,7 +44,7 @@ contains
       call require_finite(size(w), w, place, 'weights')
    end subroutine require_question
 
-   !> What a view of real lanes may count on, where there is padding.
+   !> Check the number of real lanes in a view, if there is padding.
    pure subroutine require_real_lanes(nlane, nreal)
       integer, intent(in) :: nlane, nreal
 

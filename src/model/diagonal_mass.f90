@@ -1,9 +1,9 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> The numbers 1/m_i of a diagonal mass, H = p.M^-1 p/2 + U(q).
+!> Find the numbers 1/m_i of a diagonal mass, H = p.M^-1 p/2 + U(q).
 !>
-!> A model declares that its mass is constant, but not that it is diagonal: this is found by trying eight momenta. The
-!> first is e = (1, .., 1), for which the velocity v_i is the i-th number if M is diagonal. Then p_i differs from row to
-!> row, and M is diagonal if v_i is p_i times that number to 4 eps, seven times.
+!> A model declares that its mass is constant, but not that it is diagonal; eight momenta decide this. With the first, e
+!> = (1, .., 1), the velocity v_i is the candidate for 1/m_i. With seven other momenta, whose components all differ, M
+!> is diagonal if v_i is p_i times the candidate to 4 eps.
 module symsde_model_diagonal_mass
    use symsde_base_kinds, only: wp
    use symsde_model_abstract, only: model_type
@@ -15,9 +15,9 @@ module symsde_model_diagonal_mass
 
 contains
 
-   !> Look whether every velocity is a number times its momentum, at the time t and the position x, which do not matter
-   !> to velocities. One momentum after the other: a view of the real lanes of a block (model/views/real_lanes) does not
-   !> look at more than there are paths.
+   !> Test whether every velocity is a number times its momentum, at time t and position x, which do not affect
+   !> velocities. The momenta are tried one after the other, since a view of real lanes (model/views/real_lanes) has no
+   !> more lanes than there are paths.
    subroutine find_diagonal_mass(model, t, x, inverse, diagonal)
       class(model_type), intent(in) :: model
       real(wp), intent(in) :: t, x(1, model%traits%ndof)
@@ -27,7 +27,7 @@ contains
       integer :: i, j
 
       unit = 0
-      unit(1, 0) = 1  ! the weight of H alone
+      unit(1, 0) = 1  ! weight one for H alone
       diagonal = .true.
       p = 1
       do j = 1, nmomentum
@@ -36,7 +36,7 @@ contains
          do i = 1, size(inverse)
             diagonal = diagonal .and. abs(inverse(i)) <= huge(t) .and. &
                        abs(v(1, i) - inverse(i)*p(1, i)) <= 4*epsilon(t)*abs(v(1, i))
-            p(1, i) = 1.5_wp + sin(1.7_wp*i*(j + 1) + (j + 1))  ! different for all masses
+            p(1, i) = 1.5_wp + sin(1.7_wp*i*(j + 1) + (j + 1))  ! different for every mass
          end do
       end do
    end subroutine find_diagonal_mass

@@ -1,9 +1,9 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> Kernels: fast ways of a model, each for the inner loop of one kind of stepper.
+!> Kernels: fast operations of a model, each for the inner loop of one kind of stepper.
 !>
-!> No model needs any. A model that extends kernel_model says in `offers` which it has. A stepper looks for them once,
-!> when it is made (kernels_of, offers_of), and does without where there are none. A kernel gives the bits that the
-!> general operations of the model give for a lane; whole steps agree to rounding.
+!> Kernels are optional. A model that extends kernel_model declares in `offers` which kernels it has. A stepper looks
+!> for them once, when it is made (kernels_of, offers_of), and works without missing ones. A kernel has the same bits as
+!> the general operations of the model have for a lane; whole steps agree to rounding.
 module symsde_model_kernels
    use, intrinsic :: ieee_arithmetic, only: ieee_value, ieee_quiet_nan
    use symsde_base_counters, only: counters_type
@@ -17,14 +17,14 @@ module symsde_model_kernels
    public :: kernel_model, kernel_offers, angle_terms
    public :: kernels_of, offers_of, differences_alone, has_exact_stiffness
 
-   !> One degree of freedom that feels the sine and the cosine of its angle:
+   !> One degree of freedom whose force contains the sine and the cosine of its angle:
    !>
    !>    sum_j w_j H_j = e p^2/2 + f p - a cos q + b sin q + c q^2/2 + d q        f = 0 of an angle
    type :: angle_terms
       real(wp) :: a = 0, b = 0, c = 0, d = 0, e = 0, f = 0
    end type angle_terms
 
-   !> Which kernels there are. Whole steps are asked for map by map (has_flow).
+   !> The kernels of a model. Whole steps are declared for each map (has_flow).
    type :: kernel_offers
       logical :: rows = .false.         !! chain_rows: force and stiffness of a strip of lanes, row by row
       logical :: rows_of_one = .false.  !! force_stiffness with b = 1 has the bits of chain_rows for one lane
@@ -47,7 +47,7 @@ module symsde_model_kernels
 
 contains
 
-   !> The model as one with kernels; null where it has none.
+   !> The model as a model with kernels; null if it has none.
    function kernels_of(model) result(kernels)
       class(model_type), intent(in), target :: model
       class(kernel_model), pointer :: kernels
@@ -59,7 +59,7 @@ contains
       end select
    end function kernels_of
 
-   !> Which kernels a model has.
+   !> The kernels that a model has.
    pure function offers_of(model) result(offers)
       class(model_type), intent(in) :: model
       type(kernel_offers) :: offers
@@ -70,7 +70,7 @@ contains
       end select
    end function offers_of
 
-   !> Whether all second derivatives are differences of gradients, so that a matrix costs many of these.
+   !> Whether all second derivatives are differences of gradients, so that a matrix takes many gradients.
    pure logical function differences_alone(model)
       class(model_type), intent(in) :: model
       type(kernel_offers) :: offers
@@ -79,7 +79,7 @@ contains
       differences_alone = .not. (model%traits%has_hessian .or. model%traits%has_hessian_vector .or. offers%rows)
    end function differences_alone
 
-   !> Whether products with the stiffness, or its rows, are the model's own, so that matrices hold to rounding.
+   !> Whether the model itself has products with the stiffness, or its rows, so that matrices are exact to rounding.
    pure logical function has_exact_stiffness(model)
       class(model_type), intent(in) :: model
       type(kernel_offers) :: offers
@@ -88,7 +88,7 @@ contains
       has_exact_stiffness = offers%rows .or. model%traits%has_hessian_vector
    end function has_exact_stiffness
 
-   !> Rows first..last of what force_stiffness gives with b = 1, in a strip of lanes, for Hamiltonians p.p/2 + U(q)
+   !> Rows first..last of the result of force_stiffness with b = 1, in a strip of lanes, for Hamiltonians p.p/2 + U(q)
    !> with noise in position or additive; the stiffness is the derivative of the force to rounding.
    subroutine chain_rows_missing(self, ndof, nnoise, first, last, t, w, q, hq, hqq)
       class(kernel_model), intent(in) :: self
@@ -105,14 +105,15 @@ contains
    !>
    !>    base_i + sum_j b_ji f_j      from j = i on and around, with b of the first sweep, or of the others,
    !>
-   !> and each new f_i = Hhat_q is used at once. There are up to four stages. Sweeps cost so little that some may be in
-   !> vain.
+   !> and each new f_i = Hhat_q is used immediately. There are up to four stages. Sweeps are so cheap that some may be
+   !> wasted.
    subroutine sweeps_missing(self, nnoise, nstage, i1, i2, first, last, t, w, p, base, b, most, f, change, extent)
       class(kernel_model), intent(in) :: self
       integer, intent(in) :: nnoise, nstage, i1, i2, first, last, most
       real(wp), intent(in) :: t(nstage), w(0:nnoise), p(self%traits%ndof), base(4, 2), b(4, 4, 2)
-      real(wp), intent(inout) :: f(4, 2, 0:most)  !! of all stages, after sweeps; those before are given
-      !> Of each sweep. The change is NaN where a force is; it need not where a force at NaN is NaN, and shows later.
+      real(wp), intent(inout) :: f(4, 2, 0:most)  !! forces of all stages after each sweep; before `first` given
+      !> For each sweep. The change is NaN if a force is NaN; if the force at a NaN is NaN, one sweep may miss it and a
+      !> later one shows it.
       real(wp), intent(inout), dimension(most) :: change, extent
 
       f(:, :, first:last) = ieee_value(1.0_wp, ieee_quiet_nan)
@@ -120,8 +121,8 @@ contains
       extent(first:last) = ieee_value(1.0_wp, ieee_quiet_nan)
    end subroutine sweeps_missing
 
-   !> Hhat_q and Hhat_qq of one path of two degrees of freedom, where noise is in position or additive: numbers without
-   !> arrays, whose bits are those of gradient_hessian.
+   !> Hhat_q and Hhat_qq of one path of two degrees of freedom, with noise in position or additive: scalars without
+   !> arrays, with the same bits as gradient_hessian.
    subroutine pair_missing(self, nnoise, t, w, q1, q2, f1, f2, k11, k21, k12, k22)
       class(kernel_model), intent(in) :: self
       integer, intent(in) :: nnoise
@@ -137,13 +138,13 @@ contains
       k22 = f1
    end subroutine pair_missing
 
-   !> The terms of sum_j w_j H_j where it is one of an angle, or quadratic, for a path by itself: asked for once a time,
-   !> and force and slope at many angles follow without the model. Noises that move positions do not depend on time. The
-   !> bits are those of gradient_hessian,
+   !> The terms of sum_j w_j H_j if it is of an angle, or quadratic, for a single path: requested once for each time;
+   !> force and slope at many angles then follow without calling the model. Noises that move positions do not depend on
+   !> time. The bits are those of gradient_hessian,
    !>
    !>    Hhat_q = a sin q + (b cos q + (c q + d)),  Hhat_qq = a cos q + (c - b sin q),  Hhat_p = e p + f,
    !>
-   !> where terms that vanish change none, and of no sum two products could be contracted.
+   !> where vanishing terms do not change the sum, and no sum has two products that could be contracted.
    subroutine angle_missing(self, nnoise, t, w, terms)
       class(kernel_model), intent(in) :: self
       integer, intent(in) :: nnoise
@@ -153,7 +154,7 @@ contains
       terms%a = ieee_value(1.0_wp, ieee_quiet_nan)
    end subroutine angle_missing
 
-   !> Whether flow takes steps by this map.
+   !> Whether `flow` can take steps by this map.
    pure logical function has_no_flow(self, map) result(has_flow)
       class(kernel_model), intent(in) :: self
       type(step_map), intent(in) :: map
@@ -161,11 +162,11 @@ contains
       has_flow = .false.
    end function has_no_flow
 
-   !> Steps by a map that has_flow knows, taken by the model as a whole: from (q, p) to the states after every
-   !> steps%every-th step. The result of a lane must depend on its own numbers alone, and be the same, bit for bit,
-   !> whether steps are asked for one by one or many at once. A lane that fails gets a code of base/status, or a
-   !> state that is not finite and stays so; then steps are asked for one by one, and the library finds out which
-   !> one failed and tries to solve it. A lane with a status is not looked at any more.
+   !> Steps by a map for which has_flow is true, taken by the model as a whole: from (q, p) to the states after every
+   !> steps%every-th step. The result of a lane must depend on its own numbers alone, and have the same bits whether
+   !> steps are requested one by one or many at once. A lane that fails gets a code of base/status, or a state that is
+   !> not finite and stays so; the library then requests the steps one by one, finds the one that failed, and tries to
+   !> solve it. Lanes with a status are not used any more.
    subroutine no_flow(self, map, steps, ndof, q, p, qn, pn, status, counters)
       class(kernel_model), intent(in) :: self
       type(step_map), intent(in) :: map
@@ -175,7 +176,7 @@ contains
       real(wp), intent(out) :: qn(steps%nlane, ndof, steps%nstep/steps%every)
       real(wp), intent(out) :: pn(steps%nlane, ndof, steps%nstep/steps%every)
       integer(i8), intent(inout) :: status(steps%nlane)
-      type(counters_type), intent(inout) :: counters  !! of the real lanes, where the model counts
+      type(counters_type), intent(inout) :: counters  !! counts of the real lanes, if the model counts
 
       qn = ieee_value(1.0_wp, ieee_quiet_nan)
       pn = ieee_value(1.0_wp, ieee_quiet_nan)

@@ -1,5 +1,5 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> Checks of parameters and of declared traits that the constructors of models share.
+!> Checks of parameters and declared traits, shared by the constructors of models.
 module symsde_model_parameters
    use symsde_base_kinds, only: wp
    use symsde_base_lanes, only: is_finite_lane
@@ -10,15 +10,15 @@ module symsde_model_parameters
    private
    public :: require_finite, is_zero, check_traits, largest_system
 
-   integer, parameter :: largest_system = 2**20  !! the generator can number so many noises
+   integer, parameter :: largest_system = 2**20  !! most noises that the generator can number
 
 contains
 
    !> Refuse a parameter that is NaN or infinite (invalid_argument).
    subroutine require_finite(place, name, x, error)
-      character(*), intent(in) :: place  !! the constructor that asks
+      character(*), intent(in) :: place  !! name of the calling constructor
       character(*), intent(in) :: name   !! name of the parameter
-      real(wp), intent(in) :: x          !! its value
+      real(wp), intent(in) :: x          !! value of the parameter
       type(error_type), allocatable, intent(inout) :: error
 
       if (is_finite_lane(x)) return
@@ -26,7 +26,7 @@ contains
                  '; give a finite number of moderate size')
    end subroutine require_finite
 
-   !> Whether a parameter switches its term off: exactly zero, of either sign.
+   !> Whether a parameter is exactly zero, of either sign, so that its term vanishes.
    elemental logical function is_zero(x)
       real(wp), intent(in) :: x
 
@@ -37,9 +37,9 @@ contains
    !> noises or of frequencies of the wrong length (wrong_shape), bounds and frequencies below zero or not
    !> finite (invalid_argument).
    subroutine check_traits(place, name, traits, error)
-      character(*), intent(in) :: place            !! the procedure that asks
+      character(*), intent(in) :: place            !! name of the calling procedure
       character(*), intent(in) :: name             !! name of the model
-      type(model_traits), intent(in) :: traits     !! as declared
+      type(model_traits), intent(in) :: traits     !! traits as declared
       type(error_type), allocatable, intent(inout) :: error
       character(:), allocatable :: model
 

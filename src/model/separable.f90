@@ -2,11 +2,11 @@
 !>    H_j(t,q,p) = T_j(t,p) + U_j(t,q),        S = sum_j w_j H_j
 !>    grad S = (sum_j w_j U_j', sum_j w_j T_j'),     Hess S = (sum_j w_j U_j'', 0; 0, sum_j w_j T_j'')
 !>
-!> Models whose Hamiltonians are sums of a function of q and a function of p, written as one kernel.
+!> Models whose Hamiltonians are sums of a function of q and a function of p, implemented as one kernel.
 !>
-!> An extension gives `evaluate`, which computes whichever of gradient and diagonal Hessian blocks
-!> are wanted; everything else follows from it here, so that a gradient has the same bits whether it
-!> comes alone or with the Hessian. For few degrees of freedom: the blocks are dense.
+!> An extension defines `evaluate`, which computes any of gradient and diagonal Hessian blocks; all other operations are
+!> derived from it here, so that a gradient has the same bits alone and together with the Hessian. For few degrees of
+!> freedom, since the blocks are dense.
 module symsde_model_separable
    use symsde_base_kinds, only: wp
    use symsde_model_kernels, only: kernel_model
@@ -39,9 +39,8 @@ module symsde_model_separable
 
 contains
 
-   !> Gradient of sum_j w_j H_j.
-   !> Both halves come from one call, so that a kernel that needs the sine and the cosine of q for S_q finds them
-   !> once.
+   !> Gradient of sum_j w_j H_j. Both halves come from one call, so that a kernel that needs sine and cosine of q for
+   !> S_q computes them once.
    subroutine gradient(self, nlane, ndof, nnoise, t, w, q, p, hq, hp)
       class(separable_model), intent(in) :: self
       integer, intent(in) :: nlane, ndof, nnoise
@@ -63,8 +62,7 @@ contains
       if (present(hqp)) hqp = 0
    end subroutine hessian
 
-   !> Gradient and Hessian at one point.
-   !> Newton's iteration asks for both at one point.
+   !> Gradient and Hessian at one point, as Newton's iteration needs them.
    subroutine gradient_hessian(self, nlane, ndof, nnoise, t, w, q, p, hq, hp, hqq, hqp, hpp)
       class(separable_model), intent(in) :: self
       integer, intent(in) :: nlane, ndof, nnoise
@@ -77,8 +75,8 @@ contains
       if (present(hqp)) hqp = 0
    end subroutine gradient_hessian
 
-   !> Hessian of sum_j w_j H_j times (vq, vp). Room for the blocks of a path with two degrees of freedom is at hand:
-   !> to allocate it would take as long as the rest.
+   !> Hessian of sum_j w_j H_j times (vq, vp). Blocks of a path with two degrees of freedom are local arrays: allocating
+   !> them would take as long as the rest.
    subroutine hessian_vector(self, nlane, ndof, nnoise, t, w, q, p, vq, vp, uq, up)
       class(separable_model), intent(in) :: self
       integer, intent(in) :: nlane, ndof, nnoise
@@ -88,7 +86,7 @@ contains
       real(wp) :: hqq(2, 2), hpp(2, 2)
       real(wp), allocatable :: blocks(:, :, :, :)  !! hqq and hpp, each (nlane, ndof, ndof)
 
-      ! A path by itself asks for this case most: its blocks are arrays of a length that the compiler knows.
+      ! A single path mostly has this case: its blocks are arrays whose length the compiler knows.
       if (nlane == 1 .and. ndof == 2) then
          call self%evaluate(nlane, ndof, nnoise, t, w, q, p, hqq=hqq, hpp=hpp)
          call multiply(1, 2, hqq, hpp, vq, vp, uq, up)
@@ -99,8 +97,8 @@ contains
       end if
    end subroutine hessian_vector
 
-   !> (uq, up) = (hqq vq, hpp vp). Literals of the caller are seen by the compiler, which takes loops apart for them;
-   !> parentheses keep the first product of a sum from being contracted with the next.
+   !> (uq, up) = (hqq vq, hpp vp). The caller passes literals, for which the compiler unrolls loops; parentheses keep
+   !> the first product of a sum from being contracted with the next.
    pure subroutine multiply(nlane, ndof, hqq, hpp, vq, vp, uq, up)
       integer, value :: nlane, ndof
       real(wp), intent(in) :: hqq(nlane, ndof, ndof), hpp(nlane, ndof, ndof), vq(nlane, ndof), vp(nlane, ndof)

@@ -3,11 +3,11 @@
 !>    dp = -q dt + gamma dW_2,   dq = p dt + sigma dW_1
 !>
 !> The oscillator with two additive noises [WHSB] (84)-(86). E(p^2 + q^2) = p_0^2 + q_0^2 + (sigma^2 + gamma^2) t.
-!> {H_1,H_2} = sigma gamma is a constant, whose field vanishes: the noises commute. By default sigma = 0, gamma = 1,
-!> the data of figure 4.2 of [WHSB], which leave one noise. Time is in units of 1/(angular frequency).
+!> {H_1,H_2} = sigma gamma is a constant, whose field vanishes: the noises commute. By default sigma = 0, gamma = 1, the
+!> data of figure 4.2 of [WHSB], with a single noise. Time is in units of 1/(angular frequency).
 !>
-!> The paper finds the Euler pair (89)-(92) for it from the discrete Lagrangian (88). sigma and gamma have the unit
-!> of q over sqrt(time).
+!> The paper derives the Euler pair (89)-(92) for this model from the discrete Lagrangian (88). sigma and gamma have the
+!> unit of q over sqrt(time).
 module symsde_model_catalogue_additive_oscillator
    use symsde_base_kinds, only: wp
    use symsde_base_status, only: error_type
@@ -35,7 +35,7 @@ module symsde_model_catalogue_additive_oscillator
 
 contains
 
-   !> An oscillator with additive noises. Refuses parameters that are not finite (invalid_argument).
+   !> Make an oscillator with additive noises. Refuses parameters that are not finite (invalid_argument).
    subroutine new_additive_oscillator(self, sigma, gamma, error)
       type(additive_oscillator_model), intent(out) :: self
       real(wp), intent(in) :: sigma  !! noise of the position [1/sqrt(time)]
@@ -51,16 +51,16 @@ contains
       self%name = 'additive_oscillator'
       ! b = -gamma dW_2 and e = sigma dW_1 in model/flows/oscillator.
       self%terms = oscillator_terms(b=-gamma, noise_b=2, e=sigma, noise_e=1)
-      ! Noise that moves positions (sigma is not zero) is additive but not in position: schemes of kicks refuse it.
+      ! Noise that moves positions (sigma is not zero) is additive but no noise in position: schemes of kicks refuse it.
       self%traits = model_traits( &
                     ndof=1, nnoise=2, separable=.true., quadratic=.true., additive=.true., &
                     position_noise=is_zero(sigma), identity_mass=.true., max_frequency=1.0_wp, &
                     has_value=.true., has_hessian=.true., has_hessian_vector=.true., &
                     autonomous=.true.)
       self%offers%linear = .true.
-      ! An exact rotation of the linear part serves schemes with noise in position alone.
+      ! An exact rotation of the linear part is only for schemes with noise in position.
       if (is_zero(sigma)) self%traits%rotation = [1.0_wp]
-      ! A noise of strength zero is not drawn, and the paths of the other stay the same.
+      ! A noise of strength zero is not drawn; the increments of the other noise do not change.
       allocate (self%traits%silent(2))
       self%traits%silent(1) = is_zero(sigma)
       self%traits%silent(2) = is_zero(gamma)

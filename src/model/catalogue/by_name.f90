@@ -10,12 +10,11 @@
 !>    fpu_chain                  H = sum p_i^2/2 + sum (r_i^2/2 + beta r_i^4/4),    H_k = -sigma q_k
 !>
 !> The built-in models by name, with their parameters by key. kubo, linear_oscillator, synchrotron and
-!> additive_oscillator are the examples of [WHSB]; the others show what these cannot: noise that does not commute or
-!> that multiplies a nonlinear system, dependence on time, several and many degrees of freedom. Each has as many
-!> noises as it has H_k.
+!> additive_oscillator are the examples of [WHSB]; the remaining models add noise that does not commute, multiplicative
+!> noise in a nonlinear system, dependence on time, and several or many degrees of freedom.
 !>
-!> Names and defaults of parameters stand in each model's own file. A new model has a place among the
-!> imports and in each of all_names, is_built_in, tabulate, allocate_model and construct.
+!> Names and defaults of parameters are in the file of each model. A new model must be added to the imports and to
+!> all_names, is_built_in, tabulate, allocate_model and construct.
 module symsde_model_catalogue_by_name
    use symsde_base_kinds, only: wp
    use symsde_base_status, only: error_type, raise, invalid_argument, unknown_name, wrong_shape
@@ -59,14 +58,13 @@ contains
       names = all_names
    end function model_names
 
-   !> Whether a model is a built-in type and no extension of one: tests, not runs, probe what built-in models
-   !> declare.
-   !> A bath around one adds what the library derives.
+   !> Whether a model is of a built-in type and not of an extension: what built-in models declare is probed by tests
+   !> instead of runs. A bath around a built-in model only adds derived declarations.
    pure recursive function is_built_in(model) result(built_in)
       class(model_type), intent(in) :: model
       logical :: built_in
 
-      ! `type is` holds for the very type alone: an extension of a model may give other functions, and is probed.
+      ! `type is` holds for exactly this type: an extension of a model may have other functions, and is probed.
       built_in = .true.
       select type (model)
       type is (kubo_model)
@@ -87,7 +85,7 @@ contains
 
    !> Names of a model's parameters; empty for an unknown model.
    pure function parameter_names(name) result(names)
-      character(*), intent(in) :: name  !! of the model
+      character(*), intent(in) :: name  !! name of the model
       character(len=name_length), allocatable :: names(:)
       real(wp), allocatable :: defaults(:)
 
@@ -96,16 +94,16 @@ contains
 
    !> Defaults of a model's parameters, in the order of their names; empty for an unknown model.
    pure function parameter_defaults(name) result(defaults)
-      character(*), intent(in) :: name  !! of the model
+      character(*), intent(in) :: name  !! name of the model
       character(len=name_length), allocatable :: names(:)
       real(wp), allocatable :: defaults(:)
 
       call tabulate(name, names, defaults)
    end function parameter_defaults
 
-   !> A built-in model. Parameters that are not given keep their defaults. Refuses an unknown model
-   !> or key with the nearest name or names (unknown_name), a key given twice, a value the model refuses
-   !> (invalid_argument), keys and values of different number (wrong_shape).
+   !> Make a built-in model. Parameters that are not given keep their defaults. Refuses an unknown model or key with the
+   !> nearest name or names (unknown_name), a key given twice, a value that the model refuses (invalid_argument),
+   !> different numbers of keys and values (wrong_shape).
    subroutine get_model(model, name, keys, values, error)
       class(model_type), allocatable, intent(out) :: model
       character(*), intent(in) :: name      !! one of model_names()
@@ -118,13 +116,13 @@ contains
       if (allocated(error)) return
       ! The table of defaults becomes the list of parameters, in which given values replace some.
       call tabulate(name, names, parameters)
-      ! A name that is not known has no parameters, while every model has one at least.
+      ! An unknown name has no parameters, while every model has at least one.
       if (size(names) == 0) then
          known = model_names()
          call raise(error, unknown_name, 'get_model', 'there is no model '''//trim(name)// &
                     '''; the nearest is '//trim(nearest_name(name, known))//'; model_names() lists all')
       end if
-      ! Collect errors: each of these procedures does nothing if one is raised already.
+      ! Each of these procedures does nothing if an error is raised already.
       call set_parameters(name, names, keys, values, parameters, error)
       if (allocated(error)) return
       ! Allocate the type first: a constructor needs a variable of its own type.
@@ -142,7 +140,7 @@ contains
 
       select case (name)
       case ('kubo')
-         ! Each model's file lists its parameters, in the order of its constructor's arguments.
+         ! The file of each model lists its parameters in the order of the constructor's arguments.
          names = kubo_names
          defaults = kubo_defaults
       case ('linear_oscillator')
@@ -170,12 +168,12 @@ contains
          names = fpu_chain_names
          defaults = fpu_chain_defaults
       case default
-         ! Without names there is no such model.
+         ! Unknown names give empty lists.
          allocate (names(0), defaults(0))
       end select
    end subroutine tabulate
 
-   !> Put the given values in the place of the defaults.
+   !> Replace defaults by the given values.
    subroutine set_parameters(name, names, keys, values, parameters, error)
       character(*), intent(in) :: name, names(:), keys(:)
       real(wp), intent(in) :: values(:)
@@ -208,12 +206,12 @@ contains
             return
          end if
          given(k) = .true.
-         ! Range and finiteness are judged by the model's constructor.
+         ! The model's constructor checks range and finiteness.
          parameters(k) = values(i)
       end do
    end subroutine set_parameters
 
-   !> An empty model of the type that the name stands for.
+   !> Allocate an empty model of the type for this name.
    subroutine allocate_model(model, name)
       class(model_type), allocatable, intent(out) :: model
       character(*), intent(in) :: name
@@ -232,9 +230,8 @@ contains
       end select
    end subroutine allocate_model
 
-   !> Construct the model from all its parameters, in the order of its table of names.
-   !> x(i) is the i-th parameter of the table of the model: of kubo x = (a, sigma), of synchrotron (omega, sigma1,
-   !> sigma2).
+   !> Construct the model from all its parameters, in the order of its table of names: for kubo x = (a, sigma), for
+   !> synchrotron x = (omega, sigma1, sigma2).
    subroutine construct(model, x, error)
       class(model_type), intent(inout) :: model
       real(wp), intent(in) :: x(:)  !! parameters
@@ -259,7 +256,7 @@ contains
       type is (henon_heiles_model)
          call new_henon_heiles(model, x(1), x(2), x(3), error)
       type is (fpu_chain_model)
-         ! The number of masses comes through an interface of real numbers; a part of a mass is refused.
+         ! The number of masses is given as a real number; a fraction of a mass is refused.
          call whole_number('n', x(1), n, error)
          call new_fpu_chain(model, n, x(2), x(3), error)
       end select
@@ -273,7 +270,7 @@ contains
       type(error_type), allocatable, intent(inout) :: error
 
       n = 0
-      ! For NaN, infinities and numbers beyond integers n stays zero, and the next line refuses them.
+      ! For NaN, infinities and numbers beyond the integers n stays zero, and the next line refuses them.
       if (abs(x) <= huge(n)) n = nint(x)
       if (.not. abs(x - n) <= 0) &
          call raise(error, invalid_argument, 'get_model', 'parameter '//key//' is '//to_text(x)// &

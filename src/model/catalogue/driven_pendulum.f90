@@ -3,11 +3,11 @@
 !>    H_1 = -sigma1 s(t) q,   H_2 = -sigma2 s(t) cos q,   s(t) = 1 + alpha sin nu t
 !>    dp = -omega^2 (1 + epsilon cos nu t) sin q dt + s(t) (sigma1 dW_1 - sigma2 sin q dW_2),   dq = p dt
 !>
-!> A pendulum with a driven point of suspension, shaken by noises whose strength swings, too: everything but p^2/2
-!> depends on time. Modulated traps and synchrotrons with a modulated voltage have this form. H_1 is a torque by
-!> itself (additive), H_2 moves the point of suspension. Small oscillations follow Mathieu's equation; nu = 2 omega is
-!> its main resonance. Noises in position commute at all times. Schemes differ here by the times at which they take
-!> forces, those of their stages or one time of the step.
+!> A pendulum with a driven point of suspension and noises whose strength oscillates: everything but p^2/2 depends on
+!> time. Modulated traps and synchrotrons with a modulated voltage have this form. H_1 is a random torque (additive),
+!> H_2 moves the point of suspension. Small oscillations follow Mathieu's equation; nu = 2 omega is its main resonance.
+!> Noises in position commute at all times. Schemes differ here in the times at which they evaluate forces: at the times
+!> of their stages, or at one time of the step.
 !>
 !> Units: q has none, p, omega and nu are [1/time], H is [1/time^2], and sigma1 and sigma2 are [1/time^(3/2)];
 !> epsilon and alpha have none.
@@ -24,7 +24,7 @@ module symsde_model_catalogue_driven_pendulum
    private
    public :: driven_pendulum_model, new_driven_pendulum, driven_pendulum_names, driven_pendulum_defaults
 
-   ! By default nu = 2 omega, the main resonance: small oscillations grow until they are no longer small.
+   ! By default nu = 2 omega, the main resonance: oscillations grow until they are large.
    character(*), parameter :: driven_pendulum_names(6) = &
                               [character(len=name_length) :: 'omega', 'epsilon', 'nu', 'sigma1', 'sigma2', 'alpha']
    real(wp), parameter :: driven_pendulum_defaults(6) = [1.0_wp, 0.3_wp, 2.0_wp, 0.2_wp, 0.1_wp, 0.5_wp]
@@ -36,7 +36,7 @@ module symsde_model_catalogue_driven_pendulum
       real(wp) :: nu = 0        !! angular frequency of the drive and of the noises' strength [1/time]
       real(wp) :: sigma1 = 0    !! noise of the torque [1/time^(3/2)]
       real(wp) :: sigma2 = 0    !! noise of the point of suspension [1/time^(3/2)]
-      real(wp) :: alpha = 0     !! depth of the swing of the noises' strength [1]
+      real(wp) :: alpha = 0     !! depth of the oscillation of the noises' strength [1]
    contains
       procedure :: value => weighted_value
       procedure :: evaluate
@@ -46,7 +46,7 @@ module symsde_model_catalogue_driven_pendulum
 
 contains
 
-   !> A driven pendulum. Refuses parameters that are not finite, or an omega whose square overflows
+   !> Make a driven pendulum. Refuses parameters that are not finite, or an omega whose square overflows
    !> (invalid_argument).
    subroutine new_driven_pendulum(self, omega, epsilon, nu, sigma1, sigma2, alpha, error)
       type(driven_pendulum_model), intent(out) :: self
@@ -55,7 +55,7 @@ contains
       real(wp), intent(in) :: nu       !! angular frequency of the drive and of the noises' strength [1/time]
       real(wp), intent(in) :: sigma1   !! noise of the torque [1/time^(3/2)]
       real(wp), intent(in) :: sigma2   !! noise of the point of suspension [1/time^(3/2)]
-      real(wp), intent(in) :: alpha    !! depth of the swing of the noises' strength [1]
+      real(wp), intent(in) :: alpha    !! depth of the oscillation of the noises' strength [1]
       type(error_type), allocatable, intent(inout) :: error
       real(wp) :: strength
 
@@ -86,7 +86,7 @@ contains
       allocate (self%traits%silent(2))
       self%traits%silent(1) = is_zero(sigma1)
       self%traits%silent(2) = is_zero(sigma2)
-      ! Rotations take the linear part without drive; kicks take the drive.
+      ! Rotations use the linear part without drive; kicks contain the drive.
       allocate (self%traits%rotation(1), source=abs(omega))
    end subroutine new_driven_pendulum
 
@@ -116,7 +116,7 @@ contains
 
       !   S_q = pull sin q - torque,   S_qq = pull cos q,   S_p = w_0 p,   S_pp = w_0
       if (present(hq) .or. present(hqq)) then
-         ! Torque and pull of a tile stay in cache with its sines.
+         ! A tile's torque and pull stay in the cache together with its sines.
          do first = 1, nlane, sincos_tile
             n = min(sincos_tile, nlane - first + 1)
             last = first + n - 1
@@ -154,8 +154,8 @@ contains
       real(wp), intent(out) :: torque(nlane), pull(nlane)
       real(wp) :: sine, cosine, frequency2, strength
 
-      ! Time is one number for all lanes: what depends on it is found once, and not lane by lane.
-      !   pull = omega^2 (1 + epsilon cos nu t) w_0 + sigma2 s(t) w_2,   torque = sigma1 s(t) w_1
+      ! Time is the same for all lanes: factors that depend on it are computed once.
+      ! pull = omega^2 (1 + epsilon cos nu t) w_0 + sigma2 s(t) w_2,   torque = sigma1 s(t) w_1
       sine = sincos_one(self%nu*t, cosine)
       frequency2 = self%omega2*(1 + self%epsilon*cosine)
       strength = 1 + self%alpha*sine

@@ -4,10 +4,10 @@
 !>    dp_i = (f(r_i) - f(r_{i-1})) dt + sigma dW_i,   dq_i = p_i dt,   f(r) = r + beta r^3
 !>
 !> The Fermi-Pasta-Ulam chain (beta model) between fixed ends, with an additive noise on every momentum. E H = H_0 + n
-!> sigma^2 t/2: every noise adds sigma^2/2 a unit of time. Without beta H is quadratic, with the frequencies 2 sin(pi
+!> sigma^2 t/2: every noise adds sigma^2/2 per unit of time. Without beta H is quadratic, with the frequencies 2 sin(pi
 !> k/(2 n + 2)), all below 2. The units are the mass and the stiffness of a spring.
 !>
-!> The cost of everything but the dense Hessian is proportional to n.
+!> The cost of every operation except the dense Hessian is proportional to n.
 module symsde_model_catalogue_fpu_chain
    use symsde_base_kinds, only: wp
    use symsde_base_status, only: error_type, raise, invalid_argument
@@ -23,7 +23,7 @@ module symsde_model_catalogue_fpu_chain
                               [character(len=name_length) :: 'n', 'beta', 'sigma']
    real(wp), parameter :: fpu_chain_defaults(3) = [32.0_wp, 1.0_wp, 0.1_wp]
 
-   integer, parameter :: few_sites = 12  !! sites of a single chain that is computed spring by spring
+   integer, parameter :: few_sites = 12  !! most sites of a single path that is computed spring by spring
 
    type, extends(kernel_model) :: fpu_chain_model
       private
@@ -42,8 +42,7 @@ module symsde_model_catalogue_fpu_chain
 
 contains
 
-   !> A chain of n masses. Refuses parameters that are not finite and n outside 1 .. 2^20
-   !> (invalid_argument).
+   !> Make a chain of n masses. Refuses parameters that are not finite and n outside 1 .. 2^20 (invalid_argument).
    subroutine new_fpu_chain(self, n, beta, sigma, error)
       type(fpu_chain_model), intent(out) :: self
       integer, intent(in) :: n       !! number of masses
@@ -61,15 +60,14 @@ contains
       self%beta = beta
       self%sigma = sigma
       self%name = 'fpu_chain'
-      ! The Hessian is tridiagonal, and one number wide where there is one mass. A frequency is bounded without beta
-      ! alone.
+      ! The Hessian is tridiagonal; with one mass its bandwidth is zero. The frequencies are bounded only if beta = 0.
       self%traits = model_traits( &
                     ndof=n, nnoise=n, separable=.true., additive=.true., position_noise=.true., autonomous=.true., &
                     quadratic=is_zero(beta), identity_mass=.true., bandwidth=min(1, n - 1), &
                     has_value=.true., has_hessian=.true., has_hessian_vector=.true., &
                     max_frequency=merge(2.0_wp, 0.0_wp, is_zero(beta)))
       self%offers = kernel_offers(rows=.true., rows_of_one=.true., pair=n == 2)
-      ! All noises have one strength: all are silent, or none is.
+      ! All noises have the same strength, so either all are silent or none is.
       allocate (self%traits%silent(n), source=is_zero(sigma))
    end subroutine new_fpu_chain
 
@@ -107,9 +105,9 @@ contains
       real(wp), intent(out), optional :: hq(nlane, ndof), hp(nlane, ndof)
       integer :: i
 
-      !   S_qi = w_0 (f(r_{i-1}) - f(r_i)) - sigma w_i,   f(r) = r + beta r^3,   S_p = w_0 p
-      ! Three loops for it have the same bits: by masses for few of a path, by springs for many of a path, by lanes
-      ! for blocks.
+      ! S_qi = w_0 (f(r_{i-1}) - f(r_i)) - sigma w_i,   f(r) = r + beta r^3,   S_p = w_0 p
+      ! Three loops compute S_q with the same bits: by masses for a short single path, by springs for a long single
+      ! path, by lanes for blocks.
       if (present(hq) .and. nlane == 1 .and. ndof <= few_sites) then
          call gradient_few(ndof, self%beta, self%sigma, w, q, hq)
       else if (present(hq) .and. nlane == 1) then
@@ -117,7 +115,7 @@ contains
       else if (present(hq)) then
          call gradient_lanes(nlane, ndof, self%beta, self%sigma, w, q, hq)
       end if
-      ! A single path has neighbouring masses side by side, a block neighbouring lanes.
+      ! In a single path neighbouring masses are adjacent in memory, in a block neighbouring lanes.
       if (present(hp) .and. nlane == 1) then
          call velocity_alone(ndof, w(1, 0), p, hp)
       else if (present(hp)) then
@@ -127,8 +125,8 @@ contains
       end if
    end subroutine gradient
 
-   !> All rows of a block, one after the other: hq_i = w_0 (f(r_{i-1}) - f(r_i)) - sigma w_i in every lane, with each
-   !> f found once and handed on.
+   !> All rows of a block, one after the other: hq_i = w_0 (f(r_{i-1}) - f(r_i)) - sigma w_i in every lane; each f is
+   !> computed once and passed on.
    subroutine gradient_lanes(nlane, n, beta, sigma, w, q, hq)
       integer, intent(in) :: nlane, n
       real(wp), intent(in) :: beta, sigma, w(nlane, 0:n), q(nlane, n)
@@ -137,7 +135,7 @@ contains
       integer :: i
 
       wall = 0
-      ! The first spring is that at the left end, r_0 = q_1; the wall is a mass at rest behind the last one.
+      ! The first spring is at the left end, r_0 = q_1; the wall is a mass at rest after the last one.
       force = q(:, 1)*(1 + beta*q(:, 1)**2)
       do i = 1, n - 1
          call gradient_row(nlane, beta, sigma, w, w(1, i), q(1, i), q(1, i + 1), force, hq(1, i))
@@ -145,7 +143,7 @@ contains
       call gradient_row(nlane, beta, sigma, w, w(1, n), q(1, n), wall, force, hq(1, n))
    end subroutine gradient_lanes
 
-   !> VEC hp = w_0 p of one lane, masses side by side.
+   !> VEC hp = w_0 p of one lane; masses are adjacent in memory.
    pure subroutine velocity_alone(n, weight, p, hp)
       integer, intent(in) :: n
       real(wp), intent(in) :: weight, p(n)
@@ -157,7 +155,7 @@ contains
       end do
    end subroutine velocity_alone
 
-   !> A short single chain, spring after spring: vectors would wait for parts of each other in memory.
+   !> A short single chain, spring by spring: vectors would wait for parts of each other in memory.
    pure subroutine gradient_few(n, beta, sigma, w, q, hq)
       integer, intent(in) :: n
       real(wp), intent(in) :: beta, sigma, w(0:n), q(n)
@@ -168,7 +166,7 @@ contains
       force = q(1)*(1 + beta*q(1)**2)
       !GCC$ novector
       do i = 1, n - 1
-         ! The force of the spring behind mass i acts on mass i and, with the other sign, on mass i + 1.
+         ! The force of the spring after mass i acts on mass i and, with the opposite sign, on mass i + 1.
          r = q(i + 1) - q(i)
          next_force = (r*(1 + beta*r**2))
          hq(i) = w(0)*(force - next_force) - (sigma*w(i))
@@ -179,8 +177,8 @@ contains
       hq(n) = w(0)*(force - next_force) - (sigma*w(n))
    end subroutine gradient_few
 
-   !> VEC All rows of one lane, springs side by side. Two loops, over springs and then over masses, have no chain
-   !> from one number to the next; tiles keep the forces in cache.
+   !> VEC All rows of one lane; springs are adjacent in memory. Two loops, over springs and then over masses, avoid a
+   !> chain of dependent operations; tiles keep the forces in cache.
    pure subroutine gradient_alone(n, beta, sigma, w, q, hq)
       integer, intent(in) :: n
       real(wp), intent(in) :: beta, sigma, w(0:n), q(n)
@@ -190,7 +188,7 @@ contains
       integer :: first, last, i
 
       weight = w(0)
-      ! force(i) belongs to the spring after mass first + i; force(0) is carried from tile to tile.
+      ! force(i) belongs to the spring after mass first + i; force(0) is passed from tile to tile.
       force(0) = q(1)*(1 + beta*q(1)**2)
       do first = 0, n - 1, tile
          last = min(tile, n - first)
@@ -222,7 +220,7 @@ contains
 
       do lane = 1, nlane
          r = next_q(lane) - q(lane)
-         next_force = (r*(1 + beta*r**2))  ! parentheses keep it from being contracted with the difference
+         next_force = (r*(1 + beta*r**2))  ! parentheses prevent contraction with the difference
          hq(lane) = weight(lane)*(force(lane) - next_force) - (sigma*dw(lane))
          force(lane) = next_force
       end do
@@ -239,11 +237,11 @@ contains
       real(wp) :: r, force(3), k(3)
       integer :: i
 
-      ! The three springs are stretched by q_1, q_2 - q_1 and -q_2, and have k = w_0 (1 + 3 beta r^2).
+      ! The three springs are stretched by q_1, q_2 - q_1 and -q_2, and have stiffness k = w_0 (1 + 3 beta r^2).
       !GCC$ unroll 3
       !GCC$ novector
       do i = 1, 3
-         ! The index of the spring is a constant in each of three passes: no choice is left at run time.
+         ! The index of the spring is a constant in each unrolled pass, so that merge costs nothing at run time.
          r = merge(q1, merge(q2 - q1, 0 - q2, i == 2), i == 1)
          force(i) = (r*(1 + self%beta*r**2))
          k(i) = (w(0)*(1 + 3*self%beta*r**2))
@@ -257,8 +255,8 @@ contains
       k22 = k(2) + k(3)
    end subroutine pair
 
-   !> Dense Hessian blocks of sum_j w_j H_j, for callers without bands. The noises are linear and have none; S_qp =
-   !> 0 and S_pp = w_0 I.
+   !> Dense Hessian blocks of sum_j w_j H_j, for callers without bands. The noises are linear and do not contribute;
+   !> S_qp = 0 and S_pp = w_0 I.
    subroutine hessian(self, nlane, ndof, nnoise, t, w, q, p, hqq, hqp, hpp)
       class(fpu_chain_model), intent(in) :: self
       integer, intent(in) :: nlane, ndof, nnoise
@@ -323,22 +321,21 @@ contains
       end if
    end subroutine hessian_banded
 
-   !> VEC Rows of gradient and bands for a strip of lanes; every spring is evaluated once.
-   !> The loop over rows is the outer one: a row needs the spring before it alone, which stays in registers of the
-   !> strip.
+   !> VEC Rows of gradient and bands for a strip of lanes; every spring is evaluated once. The outer loop is over rows:
+   !> a row needs only the spring before it, which stays in registers of the strip.
    subroutine chain_rows(self, ndof, nnoise, first, last, t, w, q, hq, hqq)
       class(fpu_chain_model), intent(in) :: self
       integer, intent(in) :: ndof, nnoise, first, last
       real(wp), intent(in) :: t, w(strip_lanes, 0:nnoise), q(strip_lanes, first - 1:last + 1)
       real(wp), intent(out) :: hq(strip_lanes, first:last), hqq(strip_lanes, 0:1, first:last)
-      real(wp), dimension(strip_lanes) :: weight, force, k  !! of H_0; of the spring before the row
+      real(wp), dimension(strip_lanes) :: weight, force, k  !! weight of H_0; values of the spring before the row
       real(wp) :: beta, sigma, next_force, next_k
       integer :: i, lane
 
       beta = self%beta
       sigma = self%sigma
       do lane = 1, strip_lanes
-         ! The strip begins with the spring before its first row: positions first - 1 and last + 1 are given, too.
+         ! Evaluate the spring before the first row; positions first - 1 and last + 1 are given too.
          weight(lane) = w(lane, 0)
          call spring(beta, weight(lane), q(lane, first) - q(lane, first - 1), force(lane), k(lane))
       end do
@@ -355,7 +352,7 @@ contains
       end do
    end subroutine chain_rows
 
-   !> Force and upper bands: of one lane by the operations of chain_rows, springs side by side.
+   !> Force and upper bands; for one lane by the operations of chain_rows, with springs adjacent in memory.
    subroutine force_stiffness(self, nlane, ndof, nnoise, b, t, w, q, p, hq, hqq)
       class(fpu_chain_model), intent(in) :: self
       integer, intent(in) :: nlane, ndof, nnoise
@@ -371,8 +368,8 @@ contains
       end if
    end subroutine force_stiffness
 
-   !> The stiffness of all rows of many lanes: row i with its diagonal entry and the entry that couples it to row i
-   !> + 1. Bands below the diagonal mirror these, and are not set.
+   !> The stiffness of all rows of many lanes: the diagonal entry of row i and the entry that couples it to row i + 1.
+   !> Bands below the diagonal are equal to these, and are not set.
    pure subroutine upper_bands(nlane, ndof, b, beta, w, q, hqq)
       integer, intent(in) :: nlane, ndof, b
       real(wp), intent(in) :: beta
@@ -392,8 +389,8 @@ contains
       end do
    end subroutine upper_bands
 
-   !> VEC Force and stiffness of all masses of one lane, springs side by side. hq and hqq have the bits that
-   !> chain_rows gives a lane of a strip: a path does not change by being alone.
+   !> VEC Force and stiffness of all masses of one lane; springs are adjacent in memory. hq and hqq have the bits that
+   !> chain_rows gives a lane of a strip, so that a path has the same bits alone and in a strip.
    pure subroutine rows_alone(n, beta, sigma, w, q, hq, hqq)
       integer, intent(in) :: n
       real(wp), intent(in) :: beta, sigma, w(0:n), q(n)
@@ -403,8 +400,8 @@ contains
       integer :: first, last, i
 
       weight = w(0)
-      ! The loops are those of gradient_alone, with the stiffness beside the force; tiles of 64 springs stay in the
-      ! first cache.
+      ! The loops are those of gradient_alone, with the stiffness in addition; tiles of 64 springs stay in the first
+      ! cache.
       call spring(beta, weight, q(1), force(0), k(0))
       do first = 0, n - 1, tile
          last = min(tile, n - first)
@@ -422,8 +419,8 @@ contains
       end do
    end subroutine rows_alone
 
-   !> Force and weighted stiffness of a spring that is stretched by r. The force is not weighted: the difference of
-   !> two is, which takes one product instead of two.
+   !> Force and weighted stiffness of a spring that is stretched by r. The force is unweighted: the caller weights the
+   !> difference of two forces, with one product instead of two.
    pure subroutine spring(beta, weight, r, force, k)
       real(wp), intent(in) :: beta, weight, r
       real(wp), intent(out) :: force, k
@@ -449,7 +446,7 @@ contains
          call stiffness(nlane, ndof, i, self%beta, w(:, 0), q, k)
          ! For the displacements vq, spring i pulls at both of its ends by k_i (vq_{i+1} - vq_i).
          call stretch(nlane, ndof, i, vq, r)
-         ! uq of mass i + 1 is begun by spring i, and completed by spring i + 1.
+         ! Spring i begins uq of mass i + 1, and spring i + 1 completes it.
          if (i > 0) uq(:, i) = uq(:, i) - k*r
          if (i < ndof) uq(:, i + 1) = k*r
       end do
@@ -458,8 +455,8 @@ contains
       end do
    end subroutine hessian_vector
 
-   !> r_i = x_{i+1} - x_i with x_0 = x_{n+1} = 0, for i = 0 .. n.
-   !> x is q, of which the stretches of the springs are made, or a displacement vq, of which their changes are.
+   !> r_i = x_{i+1} - x_i with x_0 = x_{n+1} = 0, for i = 0 .. n. With x = q this is the stretch of spring i, with x =
+   !> vq its change.
    pure subroutine stretch(nlane, ndof, i, x, r)
       integer, intent(in) :: nlane, ndof, i
       real(wp), intent(in) :: x(nlane, ndof)
@@ -483,7 +480,7 @@ contains
       real(wp), intent(out) :: k(nlane)
 
       call stretch(nlane, ndof, i, q, k)
-      ! k holds r_i until here.
+      ! Up to here k holds r_i.
       k = w*(1 + 3*beta*k**2)
    end subroutine stiffness
 

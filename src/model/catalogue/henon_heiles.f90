@@ -4,11 +4,10 @@
 !>    dp_2 = -(q_2 + alpha (q_1^2 - q_2^2)) dt - sigma2 dW_2,       dq_2 = p_2 dt
 !>
 !> The Henon-Heiles system with an additive noise on each momentum; two degrees of freedom. The potential is unbounded
-!> below: beyond three saddles, at the distance 1/alpha and of the energy 1/(6 alpha^2), paths escape, and overflow
-!> then. As long as none does, E H = H_0 + (sigma1^2 + sigma2^2) t/2. The unit of time is 1/(frequency of small
-!> oscillations).
+!> below: beyond three saddles, at distance 1/alpha with energy 1/(6 alpha^2), paths escape and then overflow. As long
+!> as no path does, E H = H_0 + (sigma1^2 + sigma2^2) t/2. The unit of time is 1/(frequency of small oscillations).
 !>
-!> Units: alpha is [1/length], and sigma1 and sigma2 are [1/sqrt(time)] in those of length and frequency.
+!> Units: alpha is [1/length], and sigma1 and sigma2 are [1/sqrt(time)] in units of length and of the frequency.
 module symsde_model_catalogue_henon_heiles
    use symsde_base_counters, only: counters_type
    use symsde_base_kinds, only: wp, i8
@@ -24,7 +23,7 @@ module symsde_model_catalogue_henon_heiles
    private
    public :: henon_heiles_model, new_henon_heiles, henon_heiles_names, henon_heiles_defaults
 
-   ! The saddles have the energy 1/6 with alpha = 1, and the noises move the energy by 1/100 a unit of time.
+   ! The saddles have the energy 1/6 with alpha = 1, and the noises add 1/100 to the mean energy per unit of time.
    character(*), parameter :: henon_heiles_names(3) = &
                               [character(len=name_length) :: 'alpha', 'sigma1', 'sigma2']
    real(wp), parameter :: henon_heiles_defaults(3) = [1.0_wp, 0.1_wp, 0.1_wp]
@@ -46,7 +45,7 @@ module symsde_model_catalogue_henon_heiles
 
 contains
 
-   !> A Henon-Heiles system. Refuses parameters that are not finite (invalid_argument).
+   !> Make a Henon-Heiles system. Refuses parameters that are not finite (invalid_argument).
    subroutine new_henon_heiles(self, alpha, sigma1, sigma2, error)
       type(henon_heiles_model), intent(out) :: self
       real(wp), intent(in) :: alpha   !! strength of the cubic term [1/length]
@@ -63,7 +62,7 @@ contains
       self%sigma1 = sigma1
       self%sigma2 = sigma2
       self%name = 'henon_heiles'
-      ! Both frequencies of the linear part are one, for schemes that rotate; H has no bound of its frequencies.
+      ! Both frequencies of the linear part are one, for schemes that rotate; the frequencies of H itself are unbounded.
       self%traits = model_traits( &
                     ndof=2, nnoise=2, separable=.true., additive=.true., position_noise=.true., autonomous=.true., &
                     quadratic=is_zero(alpha), identity_mass=.true., rotation=[1.0_wp, 1.0_wp], &
@@ -89,7 +88,7 @@ contains
               + self%sigma1*w(:, 1)*q(:, 1) + self%sigma2*w(:, 2)*q(:, 2)
    end subroutine weighted_value
 
-   !> Gradient of sum_j w_j H_j, without calling `evaluate`: single paths mostly need the gradient alone.
+   !> Gradient of sum_j w_j H_j, without calling `evaluate`: single paths mostly need only the gradient.
    subroutine gradient(self, nlane, ndof, nnoise, t, w, q, p, hq, hp)
       class(henon_heiles_model), intent(in) :: self
       integer, intent(in) :: nlane, ndof, nnoise
@@ -143,7 +142,7 @@ contains
       end do
    end subroutine force
 
-   !> VEC Hessian in q. Noise is linear in q and has none; the matrix is symmetric, and stored whole.
+   !> VEC Hessian in q. Noise is linear in q and does not contribute; the matrix is symmetric and stored in full.
    pure subroutine stiffness(nlane, alpha, w, q, hqq)
       integer, intent(in) :: nlane
       real(wp), intent(in) :: alpha, w(nlane), q(nlane, 2)
@@ -157,8 +156,8 @@ contains
       end do
    end subroutine stiffness
 
-   !> The same of one lane.
-   !>   S_qq = w_0 (1 + 2 alpha q_2, 2 alpha q_1; 2 alpha q_1, 1 - 2 alpha q_2), as k11, k21 = k12 and k22
+   !> The Hessian in q of one lane.
+   !> S_qq = w_0 (1 + 2 alpha q_2, 2 alpha q_1; 2 alpha q_1, 1 - 2 alpha q_2), as k11, k21 = k12 and k22
    pure subroutine stiffness_of_one(alpha, w, q1, q2, k11, k21, k22)
       real(wp), intent(in) :: alpha, w, q1, q2
       real(wp), intent(out) :: k11, k21, k22
@@ -169,20 +168,20 @@ contains
       k22 = w*(1 - 2*alpha*q2)
    end subroutine stiffness_of_one
 
-   !> The gradient in q of one lane. A path by itself waits for three operations in a row; what is contracted is the
-   !> same wherever this is inlined, because the products stand here, those with q first.
+   !> The gradient in q of one lane. For a single path the chain is three operations long. The same products are
+   !> contracted wherever this is inlined, because products with q come first in each sum.
    pure subroutine force_of_one(alpha, sigma1, sigma2, w, w1, w2, q1, q2, hq1, hq2)
       real(wp), intent(in) :: alpha, sigma1, sigma2, w, w1, w2, q1, q2
       real(wp), intent(out) :: hq1, hq2
 
-      ! The sum with the noise and the product of positions are found side by side, and added last.
+      ! The sum with the noise and the product of positions are independent, and are added last.
       hq1 = (w*q1 + sigma1*w1) + (2*alpha*w)*q1*q2
       hq2 = (w*q2 + sigma2*w2) + (alpha*w)*(q1**2 - q2**2)
    end subroutine force_of_one
 
-   !> Sweeps over stages of one path, see model_type: base(i, :) is what Q_i has without forces, b(j, i, :) the share
-   !> of the force of stage j in Q_i, f(:, :, k) the forces after sweep k, of which f(:, :, first - 1) is given. Every
-   !> number of stages has loops of its own length.
+   !> Sweeps over stages of one path, see model_type: base(i, :) is Q_i without forces, b(j, i, :) the coefficient of
+   !> the force of stage j in Q_i, f(:, :, k) the forces after sweep k; f(:, :, first - 1) is given. For every number of
+   !> stages there are loops of constant length.
    subroutine sweeps(self, nnoise, nstage, i1, i2, first, last, t, w, p, base, b, most, f, change, extent)
       class(henon_heiles_model), intent(in) :: self
       integer, intent(in) :: nnoise, nstage, i1, i2, first, last, most
@@ -191,7 +190,7 @@ contains
       real(wp), intent(inout), dimension(most) :: change, extent
 
       associate (alpha => self%alpha, s1 => self%sigma1, s2 => self%sigma2)
-         ! With constants the compiler knows the length of the loops, and unrolls them.
+         ! With constants the compiler knows the length of the loops and unrolls them.
          select case (nstage)
          case (2)
             call sweep_stages(2, alpha, s1, s2, w(0), w(1), w(2), i1, i2, first, last, base, b, most, f, change, extent)
@@ -203,8 +202,8 @@ contains
       end associate
    end subroutine sweeps
 
-   !> The same. The numbers of a stage do not lie side by side in memory: gcc would put them into vectors, and take
-   !> these apart again.
+   !> The sweeps for s stages. The numbers of a stage are not adjacent in memory, because gcc would put them into
+   !> vectors and take these apart again.
    pure subroutine sweep_stages(s, alpha, sigma1, sigma2, h, w1, w2, i1, i2, first, last, base, b, most, f, change, &
                                 extent)
       integer, value :: s, i1, i2, first, last
@@ -222,24 +221,25 @@ contains
          f2(i) = f(i, 2, first - 1)
       end do
       do k = first, last
-         ! Q_i = base_i + sum_j b_ji f_j;   f_i = S_q(Q_i),   i = i1 .. i2, each with the newest forces of the others
-         ! The first sweep has coefficients of its own, b(:, :, 1); all later ones share b(:, :, 2).
+         ! Q_i = base_i + sum_j b_ji f_j;   f_i = S_q(Q_i),   i = i1 .. i2, each with the newest forces of all other
+         ! stages
+         ! The first sweep has coefficients b(:, :, 1); all later sweeps share b(:, :, 2).
          at = min(k, 2)
          moved = 0
          size = 0
          !GCC$ unroll 4
          !GCC$ novector
          do i = 1, s
-            ! Stages outside i1 .. i2 keep their forces: these are known, or have no effect.
+            ! Stages outside i1 .. i2 keep their forces, which are known or have no effect.
             if (i >= i1 .and. i <= i2) then
                x1 = base(i, 1)
                x2 = base(i, 2)
-               ! The sum begins with the stage itself: the force that was found last, of the stage before, is added
-               ! last, so that the chain from force to force is short.
+               ! The sum begins with the stage itself and ends with the newest force, that of the stage before, so that
+               ! the chain from force to force is short.
                !GCC$ unroll 4
                !GCC$ novector
                do m = i, i + s - 1
-                  ! Stages are taken in a circle, i, i + 1, .., i - 1.
+                  ! The order of stages is cyclic: i, i + 1, .., i - 1.
                   j = merge(m - s, m, m > s)
                   x1 = x1 + b(j, i, at)*f1(j)
                   x2 = x2 + b(j, i, at)*f2(j)
@@ -273,7 +273,7 @@ contains
       k12 = k21
    end subroutine pair
 
-   !> Whether flow takes steps by this map.
+   !> Whether `flow` can take steps by this map.
    pure logical function has_flow(self, map)
       class(henon_heiles_model), intent(in) :: self
       type(step_map), intent(in) :: map
@@ -293,8 +293,7 @@ contains
       integer(i8), intent(inout) :: status(steps%nlane)
       type(counters_type), intent(inout) :: counters
 
-      ! Paths that escape overflow to states that are not finite: status is not touched here, and the library finds
-      ! them.
+      ! Escaping paths overflow to states that are not finite: status is not set here, and the library detects them.
       call henon_heiles_flow(map, henon_heiles_terms(self%alpha, self%sigma1, self%sigma2), steps, q, p, qn, pn, &
                              counters)
    end subroutine flow

@@ -7,13 +7,13 @@
 !>
 !>    q = q_0 cos theta + p_0 sin theta,   p = p_0 cos theta - q_0 sin theta
 !>
-!> so that p^2 + q^2 is constant on every path; means turn by a t and shrink by exp(-sigma^2 t/2). The flows commute,
+!> so that p^2 + q^2 is constant on every path; means rotate by a t and shrink by exp(-sigma^2 t/2). The flows commute,
 !> {H,H_1} = 0: a scheme of even order r without noise has strong order r/2 here (scheme/properties). One-sided
-!> schemes need their correction, since H_1,p H_1,q = sigma^2 p q. q and p have one unit, the square root of an
+!> schemes need their correction, since H_1,p H_1,q = sigma^2 p q. q and p have the same unit, the square root of an
 !> action.
 !>
-!> The paper finds the midpoint rule (71)-(72) for it from the discrete Lagrangian (61)-(62). Units: a is [1/time]
-!> and sigma [1/sqrt(time)], so that a h and sigma dW are angles.
+!> The paper derives the midpoint rule (71)-(72) for this model from the discrete Lagrangian (61)-(62). Units: a is
+!> [1/time] and sigma [1/sqrt(time)], so that a h and sigma dW are angles.
 module symsde_model_catalogue_kubo
    use symsde_base_counters, only: counters_type
    use symsde_base_kinds, only: wp, i8
@@ -36,7 +36,7 @@ module symsde_model_catalogue_kubo
 
    type, extends(oscillator_model) :: kubo_model
       real(wp) :: a = 0        !! angular velocity [1/time]
-      real(wp) :: sigma = 0    !! its noise [1/sqrt(time)]
+      real(wp) :: sigma = 0    !! noise of the angular velocity [1/sqrt(time)]
    contains
       procedure :: value => weighted_value
       procedure :: evaluate
@@ -46,11 +46,11 @@ module symsde_model_catalogue_kubo
 
 contains
 
-   !> A Kubo oscillator. Refuses parameters that are not finite (invalid_argument).
+   !> Make a Kubo oscillator. Refuses parameters that are not finite (invalid_argument).
    subroutine new_kubo(self, a, sigma, error)
       type(kubo_model), intent(out) :: self
       real(wp), intent(in) :: a      !! angular velocity [1/time]
-      real(wp), intent(in) :: sigma  !! intensity of its noise [1/sqrt(time)]
+      real(wp), intent(in) :: sigma  !! intensity of the noise [1/sqrt(time)]
       type(error_type), allocatable, intent(inout) :: error
 
       if (allocated(error)) return
@@ -105,8 +105,8 @@ contains
       if (present(hpp)) hpp(:, 1, 1) = a*w(:, 0) + sigma*w(:, 1)
    end subroutine evaluate
 
-   !> The terms for one path, see model_type.
-   !> The angular velocity a multiplies w_0 here, which oscillator_model takes with the rate one.
+   !> The terms for one path, see model_type. The angular velocity multiplies w_0 here, while oscillator_model assumes
+   !> the rate one.
    subroutine angle(self, nnoise, t, w, terms)
       class(kubo_model), intent(in) :: self
       integer, intent(in) :: nnoise
@@ -130,8 +130,8 @@ contains
       integer(i8), intent(inout) :: status(steps%nlane)
       type(counters_type), intent(inout) :: counters
 
-      ! The midpoint rule has its own flow, without division in the chain from step to step; other maps use the
-      ! flows of oscillators.
+      ! The midpoint rule has its own flow, without a division between dependent steps; other maps use the flows of
+      ! oscillators.
       if (map%equation == midpoint_map) then
          call kubo_flow(self%a, self%sigma, steps, q, p, qn, pn, counters)
       else

@@ -2,9 +2,9 @@
 !>    H = (p^2 + q^2)/2,   H_1 = -sigma q
 !>    dp = -q dt + sigma dW,   dq = p dt
 !>
-!> The linear stochastic oscillator [WHSB] (20)-(21). E(p^2 + q^2) = p_0^2 + q_0^2 + sigma^2 t grows linearly, as (24)
-!> of [WHSB] says for p_0 = 0, q_0 = 1; the energy H is half of it. The noise is additive and in position: every
-!> scheme has its order for additive noise, and none needs a correction. Time is in units of 1/(angular frequency).
+!> The linear stochastic oscillator [WHSB] (20)-(21). E(p^2 + q^2) = p_0^2 + q_0^2 + sigma^2 t grows linearly, which is
+!> (24) of [WHSB] for p_0 = 0, q_0 = 1; the energy H is half of p^2 + q^2. The noise is additive and in position: every
+!> scheme has its order for additive noise, and no scheme needs a correction. Time is in units of 1/(angular frequency).
 module symsde_model_catalogue_linear_oscillator
    use symsde_base_kinds, only: wp
    use symsde_base_status, only: error_type
@@ -30,7 +30,7 @@ module symsde_model_catalogue_linear_oscillator
 
 contains
 
-   !> A linear oscillator. Refuses a parameter that is not finite (invalid_argument).
+   !> Make a linear oscillator. Refuses a parameter that is not finite (invalid_argument).
    subroutine new_linear_oscillator(self, sigma, error)
       type(linear_oscillator_model), intent(out) :: self
       real(wp), intent(in) :: sigma  !! intensity of the random force [1/sqrt(time)]
@@ -43,7 +43,7 @@ contains
       self%name = 'linear_oscillator'
       ! b = -sigma dW is the constant force of the flows of model/flows/oscillator.
       self%terms = oscillator_terms(b=-sigma, noise_b=1)
-      ! H is quadratic, with frequency one: if a scheme rotates exactly, kicks hold the noise alone.
+      ! H is quadratic, with frequency one: if a scheme rotates exactly, its kicks contain only the noise.
       self%traits = model_traits( &
                     ndof=1, nnoise=1, separable=.true., quadratic=.true., additive=.true., &
                     position_noise=.true., identity_mass=.true., &

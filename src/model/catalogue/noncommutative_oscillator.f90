@@ -2,13 +2,12 @@
 !>    H = (p^2 + q^2)/2,   H_1 = s1 p^2/2,   H_2 = s2 q^2/2,        {H_1,H_2} = -s1 s2 p q
 !>    dp = -q dt - s2 q o dW_2,   dq = p dt + s1 p o dW_1
 !>
-!> An oscillator with two noises that do not commute, random kinetic and random potential energy.
+!> An oscillator with two noises that do not commute: random kinetic energy and random potential energy.
 !>
 !> With increments alone no scheme has a strong order above 1/2 here (docs/method/setting.md).
 !>
 !> The one-sided schemes are consistent here without correction, since H_k,p.H_k,q = 0 for both noises, and the
-!> midpoint rule with areas has strong order 1. s1 and s2 are [1/sqrt(time)], in units of time of 1/(angular
-!> frequency).
+!> midpoint rule with areas has strong order 1. s1 and s2 are [1/sqrt(time)]; the unit of time is 1/(angular frequency).
 module symsde_model_catalogue_noncommutative_oscillator
    use symsde_base_kinds, only: wp
    use symsde_base_status, only: error_type
@@ -37,7 +36,7 @@ module symsde_model_catalogue_noncommutative_oscillator
 
 contains
 
-   !> A non-commutative oscillator. Refuses parameters that are not finite (invalid_argument).
+   !> Make a non-commutative oscillator. Refuses parameters that are not finite (invalid_argument).
    subroutine new_noncommutative_oscillator(self, s1, s2, error)
       type(noncommutative_oscillator_model), intent(out) :: self
       real(wp), intent(in) :: s1  !! noise of the kinetic energy [1/sqrt(time)]
@@ -63,7 +62,7 @@ contains
                     autonomous=.true., &
                     max_frequency=1.0_wp, noise_lipschitz=abs(s1) + abs(s2))
       self%offers%linear = .true.
-      ! With s1 = 0 the noise left is in position, with s2 = 0 in momentum; either one alone commutes with itself.
+      ! With s1 = 0 the remaining noise is in position, with s2 = 0 in momentum; a single noise commutes with itself.
       allocate (self%traits%silent(2))
       self%traits%silent(1) = is_zero(s1)
       self%traits%silent(2) = is_zero(s2)
@@ -76,7 +75,8 @@ contains
       real(wp), intent(in) :: t, w(nlane, 0:nnoise), q(nlane, ndof), p(nlane, ndof)
       real(wp), intent(out) :: value(nlane)
 
-      !   S = (w_0 + s1 w_1) p^2/2 + (w_0 + s2 w_2) q^2/2:  linear, so that moments are known by an exponential
+      ! S = (w_0 + s1 w_1) p^2/2 + (w_0 + s2 w_2) q^2/2:  the equations are linear, so that moments are matrix
+      ! exponentials
       value = (w(:, 0) + self%s1*w(:, 1))*p(:, 1)**2/2 + (w(:, 0) + self%s2*w(:, 2))*q(:, 1)**2/2
    end subroutine weighted_value
 

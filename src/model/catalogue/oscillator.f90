@@ -2,9 +2,9 @@
 !>    S = sum_j w_j H_j = (a q^2 + c p^2)/2 + b q + e p
 !>    a = r w_0 + A w_i,   b = B w_j,   c = r w_0 + C w_k,   e = E w_l
 !>
-!> Oscillators that say what their noises do to a quadratic Hamiltonian and have their whole steps from it: r, A .. E
-!> and the numbers i .. l of the noises are the terms of model/flows/oscillator, which a model sets when it is made.
-!> An extension adds value and evaluate.
+!> Oscillators described by the terms of their noises in a quadratic Hamiltonian; whole steps follow from these terms:
+!> r, A .. E and the numbers i .. l of the noises are the terms of model/flows/oscillator, which a model sets when it is
+!> made. An extension adds value and evaluate.
 module symsde_model_catalogue_oscillator
    use symsde_base_counters, only: counters_type
    use symsde_base_kinds, only: wp, i8
@@ -27,8 +27,8 @@ module symsde_model_catalogue_oscillator
 
 contains
 
-   !> Whether flow takes steps by this map.
-   !> It depends on the noises, too: oscillator_has_flow knows which steps a noise in a .. e rules out.
+   !> Whether `flow` can take steps by this map. The answer depends on the noises too: oscillator_has_flow excludes
+   !> steps for which a noise in a .. e is not implemented.
    pure logical function has_flow(self, map)
       class(oscillator_model), intent(in) :: self
       type(step_map), intent(in) :: map
@@ -59,8 +59,8 @@ contains
       type(angle_terms), intent(out) :: terms
 
       associate (s => self%terms)
-         ! angle_terms call them by other letters: c q^2/2 + d q + e p^2/2 + f p. Noise 0, of a strength that is zero,
-         ! is w_0. A model with another rate than one, as kubo, has an angle of its own.
+         ! angle_terms uses other letters: c q^2/2 + d q + e p^2/2 + f p. A noise with number 0 has strength zero and
+         ! reads w_0. A model with a rate other than one, such as kubo, overrides this.
          terms%c = w(0) + s%a*w(s%noise_a)
          terms%d = s%b*w(s%noise_b)
          terms%e = w(0) + s%c*w(s%noise_c)

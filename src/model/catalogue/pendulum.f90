@@ -3,9 +3,9 @@
 !>    dp = -sin q dt - sigma q o dW,   dq = p dt + sigma p o dW
 !>
 !> A pendulum with one multiplicative noise: H_{1,p} H_{1,q} = sigma^2 p q does not vanish, so one-sided schemes need
-!> their correction here. {H_1,H} = sigma p (q - sin q) does not vanish either: nothing of the scheme's error is
-!> hidden, as it would be on Kubo's oscillator, and schemes of any kind can be compared on it. Time is in units of
-!> 1/(frequency of small oscillations). q is not taken modulo 2 pi, since H_1 is no periodic function.
+!> their correction here. {H_1,H} = sigma p (q - sin q) does not vanish either, so that no part of a scheme's error is
+!> hidden, as it is on Kubo's oscillator. Time is in units of 1/(frequency of small oscillations). q is not reduced
+!> modulo 2 pi, since H_1 is not periodic.
 module symsde_model_catalogue_pendulum
    use symsde_base_counters, only: counters_type
    use symsde_base_kinds, only: wp, i8
@@ -31,7 +31,7 @@ module symsde_model_catalogue_pendulum
    type, extends(separable_model) :: pendulum_model
       private
       real(wp) :: sigma = 0    !! intensity of the noise [1/sqrt(time)]
-      integer(i8) :: none = 0  !! bits that are added to a product, see rounded
+      integer(i8) :: none = 0  !! zero bits to combine with a product, see rounded
    contains
       procedure :: value => weighted_value
       procedure :: evaluate
@@ -43,7 +43,7 @@ module symsde_model_catalogue_pendulum
 
 contains
 
-   !> A pendulum. Refuses a parameter that is not finite (invalid_argument).
+   !> Make a pendulum. Refuses a parameter that is not finite (invalid_argument).
    subroutine new_pendulum(self, sigma, error)
       type(pendulum_model), intent(out) :: self
       real(wp), intent(in) :: sigma  !! intensity of the noise [1/sqrt(time)]
@@ -62,7 +62,7 @@ contains
                     has_third_derivative=.true., autonomous=.true., &
                     max_frequency=1.0_wp, noise_lipschitz=abs(sigma))
       self%offers%angle = .true.
-      ! Without noise the model is additive and has noise in position by default: every scheme is allowed.
+      ! Without noise the model counts as additive with noise in position, so that every scheme is allowed.
       allocate (self%traits%silent(1), source=is_zero(sigma))
    end subroutine new_pendulum
 
@@ -93,7 +93,7 @@ contains
       !   S_q = w_0 sin q + sigma w_1 q,       S_p  = (w_0 + sigma w_1) p
       !   S_qq = w_0 cos q + sigma w_1,        S_pp = w_0 + sigma w_1
       sigma = self%sigma
-      ! The compiler cannot know that the component `none` is zero: it keeps the operation on bits below.
+      ! The compiler cannot know that the component `none` is zero, and so keeps the operation on bits below.
       none = self%none
       if (present(hq) .or. present(hqq)) then
          do first = 1, nlane, sincos_tile
@@ -106,13 +106,13 @@ contains
                                                       + rounded(sigma*w(first:last, 1), none)
          end do
       end if
-      ! T = (w_0 + sigma w_1) p^2/2 needs no sine, and is not taken by tiles.
+      ! T = (w_0 + sigma w_1) p^2/2 needs no sine and is not computed by tiles.
       if (present(hp)) hp(:, 1) = (w(:, 0) + rounded(sigma*w(:, 1), none))*p(:, 1)
       if (present(hpp)) hpp(:, 1, 1) = w(:, 0) + rounded(sigma*w(:, 1), none)
    end subroutine evaluate
 
-   !> Round a product before it is added. The compiler may contract a sum of two products with either one, and would
-   !> choose differently in lanes and in the terms of a single path; it drops parentheses where it makes vectors. A
+   !> Round a product before it is added. The compiler may contract a sum of two products with either product, and would
+   !> choose differently in lanes and in the terms of a single path; it ignores parentheses when it makes vectors. A
    !> product that passes through an integer operation is never contracted.
    elemental real(wp) function rounded(product, none)
       real(wp), intent(in) :: product
@@ -131,7 +131,7 @@ contains
 
       !   S = e p^2/2 - a cos q + c q^2/2,   a = w_0,  c = sigma w_1,  e = w_0 + sigma w_1
       terms%a = w(0)
-      terms%b = -0.0_wp  ! the two that vanish leave a zero its sign
+      terms%b = -0.0_wp  ! negative zeros, so that adding them preserves signs
       terms%c = rounded(self%sigma*w(1), self%none)
       terms%d = -0.0_wp
       terms%e = w(0) + terms%c
@@ -158,7 +158,7 @@ contains
       up = 0
    end subroutine third_derivative
 
-   !> Whether flow takes steps by this map.
+   !> Whether `flow` can take steps by this map.
    pure logical function has_flow(self, map)
       class(pendulum_model), intent(in) :: self
       type(step_map), intent(in) :: map

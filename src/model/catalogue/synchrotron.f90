@@ -4,12 +4,12 @@
 !>
 !> Synchrotron oscillations of particles in storage rings [WHSB] (73)-(75): q is the phase of a particle, sigma1 noise
 !> of the phase and sigma2 of the amplitude of the field. Noises in position commute, {H_1,H_2} = 0, the Ito and
-!> Stratonovich equations are one, and no scheme needs a correction. dE H/dt = E(sigma1^2 cos^2 q + sigma2^2 sin^2
-!> q)/2, so that E H = H_0 + sigma^2 t/2 exactly where both strengths are sigma. Defaults are the data of figure 4.1
-!> of [WHSB].
+!> Stratonovich equations are the same, and no scheme needs a correction. dE H/dt = E(sigma1^2 cos^2 q + sigma2^2 sin^2
+!> q)/2, so that E H = H_0 + sigma^2 t/2 exactly if both strengths are sigma. Defaults are the data of figure 4.1 of
+!> [WHSB].
 !>
-!> The paper takes the midpoint rule for it, (82)-(83). Units: q has none, p and omega are [1/time], H is [1/time^2],
-!> and sigma1 and sigma2 are [1/time^(3/2)], so that sigma dW is [1/time] as p is.
+!> The paper derives the midpoint rule (82)-(83) for this model. Units: q has none, p and omega are [1/time], H is
+!> [1/time^2], and sigma1 and sigma2 are [1/time^(3/2)], so that sigma dW is [1/time] like p.
 module symsde_model_catalogue_synchrotron
    use symsde_base_counters, only: counters_type
    use symsde_base_kinds, only: wp, i8
@@ -47,8 +47,7 @@ module symsde_model_catalogue_synchrotron
 
 contains
 
-   !> A synchrotron. Refuses parameters that are not finite, or an omega whose square overflows
-   !> (invalid_argument).
+   !> Make a synchrotron. Refuses parameters that are not finite, or an omega whose square overflows (invalid_argument).
    subroutine new_synchrotron(self, omega, sigma1, sigma2, error)
       type(synchrotron_model), intent(out) :: self
       real(wp), intent(in) :: omega   !! frequency of small oscillations [1/time]
@@ -62,12 +61,12 @@ contains
       call require_finite('new_synchrotron', 'sigma2', sigma2, error)
       call require_finite('new_synchrotron', 'omega**2', omega**2, error)
       if (allocated(error)) return
-      ! omega enters H by its square alone; that it does not overflow was asked above.
+      ! H depends on omega only by its square, which was checked above for overflow.
       self%omega2 = omega**2
       self%sigma1 = sigma1
       self%sigma2 = sigma2
       self%name = 'synchrotron'
-      ! h p alone moves positions, and sin q and cos q have slopes of at most one: hence the bounds below.
+      ! Positions change by h p alone, and sin q and cos q have slopes of at most one: hence these bounds.
       self%traits = model_traits( &
                     ndof=1, nnoise=2, separable=.true., position_noise=.true., &
                     additive=is_zero(sigma1) .and. is_zero(sigma2), identity_mass=.true., &
@@ -78,7 +77,7 @@ contains
       allocate (self%traits%silent(2))
       ! The linear part of H is omega^2 q^2/2: small oscillations have the frequency omega.
       allocate (self%traits%rotation(1), source=abs(omega))
-      ! With one strength zero the model has one noise, and its draws are as if the other were there: paths do not
+      ! With one strength zero the model has one noise; its draws do not depend on the other noise, so paths do not
       ! change.
       self%traits%silent(1) = is_zero(sigma1)
       self%traits%silent(2) = is_zero(sigma2)
@@ -133,7 +132,7 @@ contains
       terms%e = w(0)
    end subroutine angle
 
-   !> Gradient in q without Hessian, for explicit schemes: the cosine is kept for one tile, never for a block.
+   !> Gradient in q without Hessian, for explicit schemes: cosines are stored for one tile, never for a block.
    subroutine force_alone(self, nlane, w, q, hq)
       class(synchrotron_model), intent(in) :: self
       integer, intent(in) :: nlane
@@ -142,7 +141,7 @@ contains
       real(wp) :: cosine(sincos_tile)
       integer :: first, n
 
-      ! Sine and cosine are found a tile at a time, the sine in the place of the force.
+      ! Sine and cosine are computed one tile at a time; the sine is stored in hq.
       do first = 1, nlane, sincos_tile
          n = min(sincos_tile, nlane - first + 1)
          ! hq holds the sine until `force` replaces it by the force.
@@ -152,8 +151,8 @@ contains
       end do
    end subroutine force_alone
 
-   !> Hessian in q without gradient. Few callers need it, such as Hessian-vector products: the force is computed and
-   !> dropped.
+   !> Hessian in q without gradient. Few callers need it, such as Hessian-vector products; the force is computed and
+   !> discarded.
    subroutine slope_alone(self, nlane, w, q, hqq)
       class(synchrotron_model), intent(in) :: self
       integer, intent(in) :: nlane
@@ -166,8 +165,8 @@ contains
       call force_and_slope(nlane, self%omega2, self%sigma1, self%sigma2, w, sine, hqq)
    end subroutine slope_alone
 
-   !> Whether flow takes steps by this map.
-   !> Of the maps that models take by themselves, Stormer-Verlet alone needs no solver here.
+   !> Whether `flow` can take steps by this map. Among the maps with whole steps only Stormer-Verlet needs no solver
+   !> here.
    pure logical function has_flow(self, map)
       class(synchrotron_model), intent(in) :: self
       type(step_map), intent(in) :: map
@@ -211,8 +210,8 @@ contains
       end do
    end subroutine force
 
-   !> The same and hqq = (omega^2 w_0 + sigma2 w_2) cos q - sigma1 w_1 sin q in one pass, for Newton's
-   !> iteration; hq is sin q and hqq is cos q on entry.
+   !> hq as in `force`, and hqq = (omega^2 w_0 + sigma2 w_2) cos q - sigma1 w_1 sin q, in one pass, for Newton's
+   !> iteration; on entry hq is sin q and hqq is cos q.
    pure subroutine force_and_slope(nlane, omega2, sigma1, sigma2, w, hq, hqq)
       integer, intent(in) :: nlane
       real(wp), intent(in) :: omega2, sigma1, sigma2, w(nlane, 0:2)

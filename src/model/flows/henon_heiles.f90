@@ -1,23 +1,22 @@
 ! SPDX-License-Identifier: BSD-3-Clause
 !>    H = (p.p + q.q)/2 + alpha (q_1^2 q_2 - q_2^3/3),   H_k = sigma_k q_k   (k = 1, 2)
 !>
-!> Whole steps on this system: drifts, and kicks at nodes c_i of the step, each by a part b_i of the potential and of
-!> the noises. The schemes are Stormer-Verlet, the Euler pair, the other Lobatto pair of two stages, and the kicks of
-!> scheme/splitting, which for additive noise have no other parts: the force-gradient potential c h^2/2 sum_k
-!> H_k,q.H_k,q of scheme/kicks is constant where H_k,q is. Kick i and the drifts are
+!> Whole steps of this system: drifts, and kicks at nodes c_i of the step, each with a part b_i of the potential and of
+!> the noises. The schemes are Stormer-Verlet, the Euler pair, the other Lobatto pair of two stages, and schemes of
+!> kicks from scheme/splitting, which for additive noise have no further parts: the force-gradient potential c h^2/2
+!> sum_k H_k,q.H_k,q of scheme/kicks is constant because H_k,q is. Kick i and the drifts are
 !>
 !> dp_1 = -b_i (h (q_1 + 2 alpha q_1 q_2) + sigma1 W_1),  dp_2 = -b_i (h (q_2 + alpha (q_1^2 - q_2^2)) + sigma2 W_2),
 !>    W_k = dW_k + (gamma_i/b_i) a_k,  a_k = dZ_k/h - dW_k/2,   dq = tau p
 !>
-!> or, where a scheme rotates, the exact flow of (p.p + q.q)/2 in place of a drift, and kicks without their linear
-!> part. Every step is drift, kick, drift, kick, drift, of which a scheme leaves out what it has not: its duration or
-!> part is zero.
+!> or, if a scheme rotates, the exact flow of (p.p + q.q)/2 instead of a drift, and kicks without their linear part.
+!> Every step is drift, kick, drift, kick, drift; parts that a scheme lacks have duration zero or part zero.
 !>
-!> The gamma_i obey gamma_1 + gamma_2 = 0 and gamma_1 c_1 + gamma_2 c_2 = -1 (scheme/kicks): a kick at the node c_i is
-!> then given its share of dZ. With Verlet's nodes 0 and 1 that is gamma = (1, -1), with Gauss's (1 -+ 1/sqrt 3)/2 it
-!> is gamma = (sqrt 3, -sqrt 3). Kicks by dW alone have gamma = 0.
+!> The gamma_i obey gamma_1 + gamma_2 = 0 and gamma_1 c_1 + gamma_2 c_2 = -1 (scheme/kicks): so the kicks at the nodes
+!> c_i together reproduce dZ. With Verlet's nodes 0 and 1 that is gamma = (1, -1), with Gauss's (1 -+ 1/sqrt 3)/2 it is
+!> gamma = (sqrt 3, -sqrt 3). Kicks by dW alone have gamma = 0.
 !>
-!> Few lanes at a time go through all of their steps; a path that is alone does so in registers.
+!> A few lanes at a time take all of their steps; a single path does so in registers.
 module symsde_model_flows_henon_heiles
    use symsde_base_counters, only: counters_type
    use symsde_base_functionals, only: path_dz
@@ -30,34 +29,34 @@ module symsde_model_flows_henon_heiles
    private
    public :: henon_heiles_terms, henon_heiles_flow, henon_heiles_has_flow
 
-   integer, parameter :: tile = 64  !! lanes that go through all of their steps together
-   integer, parameter :: group = 4  !! steps in registers
+   integer, parameter :: tile = 64  !! lanes that take all of their steps together
+   integer, parameter :: group = 4  !! steps of a group that stays in registers
 
    !> The strengths of the cubic force and of both noises.
    type :: henon_heiles_terms
       real(wp) :: alpha = 0, sigma1 = 0, sigma2 = 0
    end type henon_heiles_terms
 
-   !> The two kicks and three drifts of a scheme. A kick or a drift that the scheme has not is zero.
+   !> The two kicks and three drifts of a scheme. A kick or drift that the scheme lacks is zero.
    type :: kick_plan
-      real(wp) :: drift(3) = 0    !! part of h before, between and after the kicks
-      integer :: nvelocity = 0    !! drifts that count as gradients: those of tableaux
+      real(wp) :: drift(3) = 0    !! durations before, between and after the kicks, as parts of h
+      integer :: nvelocity = 0    !! number of drifts that count as gradients, as in tableaux
       real(wp) :: part(2) = 0     !! b_i, part of potential and noises in each kick
       real(wp) :: shape(2) = 0    !! gamma_i/b_i, part of dZ/h - dW/2 in each kick
       real(wp) :: linear = 1      !! factor of the linear force in the kicks
-      logical :: rotates = .false.  !! drifts are rotations, which take the linear force over
-      ! The rest is what follows from the size of a step, and the system that is moved: henon_heiles_flow fills it,
-      ! once for all the steps that it is asked for.
+      logical :: rotates = .false.  !! whether drifts are rotations, which include the linear force
+      ! henon_heiles_flow fills the remaining components once for all steps of a call: they depend on h and on the
+      ! system.
       real(wp) :: h = 0
       type(henon_heiles_terms) :: of = henon_heiles_terms()
       real(wp) :: tau(3) = 0      !! times of the drifts
-      ! A rotation by the angle tau_i is kept as cos tau_i - 1 and sin tau_i.
+      ! A rotation by the angle tau_i is stored as cos tau_i - 1 and sin tau_i.
       real(wp) :: cosine_less_one(3) = 0, sine(3) = 0
    end type kick_plan
 
 contains
 
-   !> Whether this file has steps by a map.
+   !> Whether this file implements steps by a map.
    pure logical function henon_heiles_has_flow(map) result(has_flow)
       type(step_map), intent(in) :: map
       type(kick_plan) :: plan
@@ -66,7 +65,7 @@ contains
       has_flow = any(plan%part > 0) .and. .not. map%corrected
    end function henon_heiles_has_flow
 
-   !> Find the drifts and kicks of a map; those of maps that are not known are all zero.
+   !> Find the drifts and kicks of a map; for an unknown map all are zero.
    pure subroutine find_plan(equation, plan)
       integer, intent(in) :: equation
       type(kick_plan), intent(out) :: plan
@@ -83,7 +82,7 @@ contains
          plan = kick_plan(drift=[0, 1, 0], part=[0.5_wp, 0.5_wp], nvelocity=1)
       case (verlet_swapped_map, drift_kick_drift_map)
          plan = kick_plan(drift=[0.5_wp, 0.5_wp, 0.0_wp], part=[1, 0])
-         ! The two are one here, but are counted as the general steppers count them: velocities of a tableau are
+         ! The two maps are equal here, but are counted as the general steppers count them: velocities of a tableau are
          ! gradients, and drifts of a splitting are not.
          if (equation == verlet_swapped_map) plan%nvelocity = 2
       case (kick_drift_kick_map)
@@ -92,15 +91,15 @@ contains
          plan = kick_plan(drift=[gauss, 1 - 2*gauss, gauss], part=[0.5_wp, 0.5_wp], &
                           shape=sqrt(12.0_wp)*[1, -1], &
                           rotates=equation == two_kicks_rotation_map)
-         ! The rotation is the flow of the quadratic part of H: a kick has the cubic force and the noise alone.
+         ! The rotation is the flow of the quadratic part of H: a kick consists of the cubic force and the noise.
          if (plan%rotates) plan%linear = 0
       case default
          plan = kick_plan()
       end select
    end subroutine find_plan
 
-   !> Take steps by the contract of model_type%flow, for two degrees of freedom. Where no dZ is drawn its weight
-   !> gamma_i/b_i is zero, or all noises are silent: then any numbers may stand in its place.
+   !> Take steps by the contract of model_type%flow, for two degrees of freedom. If no dZ is drawn, its weight
+   !> gamma_i/b_i is zero or all noises are silent, so that any numbers may be used for dZ.
    subroutine henon_heiles_flow(map, terms, steps, q, p, qn, pn, counters)
       type(step_map), intent(in) :: map
       type(henon_heiles_terms), intent(in) :: terms
@@ -113,15 +112,15 @@ contains
       integer :: first
 
       call find_plan(map%equation, plan)
-      ! The plan is completed by all that depends on h alone, so that no step computes it again.
+      ! Complete the plan with all numbers that depend on h alone, so that no step computes them again.
       plan%h = steps%h
       plan%of = terms
       plan%tau = plan%drift*steps%h
       ! cos - 1 without cancellation.
       plan%cosine_less_one = -2*sine_of(0.5_wp*plan%tau)**2
       plan%sine = sine_of(plan%tau)
-      w => steps%w  ! contiguous, as gfortran 12 does not see of a component
-      dz => w  ! stands in where dZ has no weight, or all noises are silent
+      w => steps%w  ! contiguous, which gfortran 12 does not recognise for a component
+      dz => w  ! a placeholder if dZ has no weight, or all noises are silent
       if (any(abs(plan%shape) > 0) .and. associated(steps%of(path_dz)%x)) dz => steps%of(path_dz)%x
       if (steps%nreal == 1) then
          call pass_alone(plan, steps, w, dz, q, p, qn, pn)
@@ -134,8 +133,8 @@ contains
       counters%gradients = counters%gradients + (plan%nvelocity + count(plan%part > 0))*steps%nstep*steps%nreal
    end subroutine henon_heiles_flow
 
-   !> Take the steps of lane 1 alone: each waits for the one before it, and all numbers stay in registers. w is h,
-   !> dW_1, dW_2 and dz is dZ_1, dZ_2 of each step; qn and pn are the states that are asked for.
+   !> Take the steps of lane 1 alone: each waits for the step before it, and all numbers stay in registers. w is h,
+   !> dW_1, dW_2 and dz is dZ_1, dZ_2 of each step; qn and pn are the requested states.
    pure subroutine pass_alone(plan, steps, w, dz, q, p, qn, pn)
       type(kick_plan), intent(in) :: plan
       type(steps_record), intent(in) :: steps
@@ -178,8 +177,8 @@ contains
       end do
    end subroutine pass_alone
 
-   !> Take all steps of a tile of lanes from `first` on. Steps of two kicks by dW around one drift go several at a
-   !> time; others go drift by drift and kick by kick through the tile.
+   !> Take all steps of a tile of lanes from `first` on. Steps with two kicks by dW around one drift are taken several
+   !> at a time; all other steps drift by drift and kick by kick through the tile.
    pure subroutine pass(plan, steps, first, w, dz, q, p, qn, pn)
       type(kick_plan), intent(in) :: plan
       type(steps_record), intent(in) :: steps
@@ -189,10 +188,9 @@ contains
       real(wp), intent(inout), dimension(steps%nlane, 2, steps%nstep/steps%every) :: qn, pn
       real(wp), dimension(tile, 2) :: x, y
       integer :: i, n, step, out, several
-      logical :: plain  ! two kicks by dW, and a drift between them
+      logical :: plain  ! two kicks by dW, and one drift between them
 
-      ! Of all plans, the one of Stormer-Verlet alone is plain: it needs no dZ, hence no more than dW of several steps
-      ! at once.
+      ! Only the plan of Stormer-Verlet is plain: it needs no dZ, and so only dW of several steps at once.
       plain = all(plan%part > 0) .and. .not. (any(plan%drift([1, 3]) > 0) .or. any(abs(plan%shape) > 0))
       n = min(tile, steps%nlane - first + 1)
       associate (last => first + n - 1, every => steps%every)
@@ -200,14 +198,13 @@ contains
          y(:n, :) = p(first:last, :)
          do out = 1, steps%nstep/every
             step = (out - 1)*every
-            ! While a group of steps fits before the next state that is shown, the lanes take the group; then they go
-            ! step by step.
+            ! While a group of steps fits before the next requested state, the lanes take a group; then single steps.
             do while (plain .and. step < out*every)
                several = merge(group, 1, out*every - step >= group)
                call kick_drift_kick_lanes(several, plan, first - 1, n, w(:, :, step + 1:step + several), x, y)
                step = step + several
             end do
-            ! Where the plan is plain no step is left for this loop, and otherwise it takes all of them.
+            ! If the plan is plain no step is left for this loop; otherwise the loop takes all steps.
             do step = step + 1, out*every
                do i = 1, 3
                   if (plan%drift(i) > 0) call drift_lanes(i, plan, n, x, y)
@@ -224,16 +221,15 @@ contains
 
    ! ---- kernels ----------------------------------------------------------------------------------
 
-   !> VEC Kick, drift and kick of n lanes: one step, or a group of them that goes on in registers.
+   !> VEC Kick, drift and kick of n lanes: one step, or a group of steps in registers.
    pure subroutine kick_drift_kick_lanes(nstep, plan, before_first, n, w, x, y)
-      integer, intent(in) :: nstep, before_first, n    !! lanes before these
+      integer, intent(in) :: nstep, before_first, n    !! lanes before the first of these
       type(kick_plan), intent(in) :: plan
       real(wp), intent(in), contiguous :: w(:, 0:, :)  !! (nlane, 0:2, nstep)
       real(wp), intent(inout), dimension(tile, 2) :: x, y
       integer :: lane, step
 
-      ! The group has a length that the compiler knows: it unrolls the inner loop, and x and y stay in registers
-      ! across it.
+      ! The compiler knows the length of a group: it unrolls the inner loop, and x and y stay in registers.
       if (nstep == group) then
          do lane = 1, n
             !GCC$ unroll 4
@@ -270,7 +266,7 @@ contains
       end do
    end subroutine drift_lanes
 
-   !> VEC The i-th kick of n lanes, whose weights stand among those of nlane: one noise, then the other.
+   !> VEC The i-th kick of n lanes, whose weights are part of an array of nlane lanes: first one noise, then the other.
    pure subroutine kick_lanes(i, plan, nlane, n, w, dz, x, y)
       integer, intent(in) :: i, nlane, n
       type(kick_plan), intent(in) :: plan
@@ -279,7 +275,7 @@ contains
       real(wp) :: shape, rate
       integer :: lane
 
-      ! Of a step, w holds dW_1 of all nlane lanes, then dW_2; this tile begins at its first element, and dz likewise.
+      ! w holds dW_1 of all nlane lanes, then dW_2; this tile begins at its first element. The same holds for dz.
       shape = plan%shape(i)
       rate = 1/plan%h
       do lane = 1, n
@@ -289,19 +285,19 @@ contains
       end do
    end subroutine kick_lanes
 
-   !> The weight W_k of a kick over its part, dW + (gamma/b) (dZ/h - dW/2). In a sum of two products the
-   !> compiler may contract either one; parentheses around the second product let it contract the first only, here and
-   !> below, so that a path by itself has the same bits as in a block.
+   !> The weight W_k of a kick divided by its part: dW + (gamma/b) (dZ/h - dW/2). In a sum of two products the compiler
+   !> may contract either one; parentheses around the second product allow only the first to be contracted, here and
+   !> below, so that a single path has the same bits as in a block.
    pure real(wp) function weight(shape, rate, w, dz)
       real(wp), intent(in) :: shape, rate, w, dz
 
       weight = w + shape*(rate*dz - (0.5_wp*w))
    end function weight
 
-   !> One step of two kicks with a drift between them, of one lane: Stormer-Verlet, whose kicks have half of h and of
-   !> both dW each, and weigh no dZ.
+   !> One step of two kicks with a drift between them, of one lane: Stormer-Verlet, whose kicks each have half of h and
+   !> of both dW, and use no dZ.
    pure subroutine kick_drift_kick(plan, w1, w2, x1, x2, y1, y2)
-      type(kick_plan), intent(in) :: plan   !! whose linear force is all of it
+      type(kick_plan), intent(in) :: plan   !! a plan with the full linear force
       real(wp), intent(in) :: w1, w2
       real(wp), intent(inout) :: x1, x2, y1, y2
 
@@ -311,29 +307,27 @@ contains
       call kick(plan, plan%part(2), w1, w2, x1, x2, y1, y2)
    end subroutine kick_drift_kick
 
-   !> The exact flow of (p^2 + q^2)/2 of one degree of freedom, as increments: x + (cos - 1) x + sin y, and alike for
-   !> y.
+   !> The exact flow of (p^2 + q^2)/2 for one degree of freedom, as increments: x + (cos - 1) x + sin y, and
+   !> correspondingly for y.
    pure subroutine rotate(cosine_less_one, sine, x, y)
       real(wp), intent(in) :: cosine_less_one, sine
       real(wp), intent(inout) :: x, y
       real(wp) :: moved
 
-      ! Increments are added, rather than the state multiplied by cos tau and sin tau: what is rounded is then small
+      ! Increments are added, rather than the state multiplied by cos tau and sin tau, so that rounding errors are small
       ! with tau.
       moved = x + (cosine_less_one*x + (sine*y))
       y = y + (cosine_less_one*y - (sine*x))
       x = moved
    end subroutine rotate
 
-   !> The kick of one lane, by the equations at the head; u1 and u2 are W_1 and W_2. Without the linear part x2 is
-   !> left out.
+   !> The kick of one lane, by the equations in the header; u1 and u2 are W_1 and W_2.
    pure subroutine kick(plan, part, u1, u2, x1, x2, y1, y2)
       type(kick_plan), intent(in) :: plan
       real(wp), intent(in) :: part, u1, u2, x1, x2
       real(wp), intent(inout) :: y1, y2
 
-      ! linear is 1, or 0 where a rotation carries the linear force; x2 stands by itself in the second force, and is
-      ! left out by merge.
+      ! linear is 1, or 0 if a rotation includes the linear force; merge leaves out x2 in the second force.
       associate (h => plan%h, linear => plan%linear, alpha => plan%of%alpha)
          y1 = y1 - part*(h*(x1*(linear + 2*alpha*x2)) + (plan%of%sigma1*u1))
          y2 = y2 - part*(h*(merge(x2, 0.0_wp, linear > 0) + alpha*(x1*x1 - (x2*x2))) + (plan%of%sigma2*u2))

@@ -9,10 +9,10 @@
 !>
 !>    dq = theta (p - theta q/2)/(1 + theta^2/4),  dp = -theta (q + theta p/2)/(1 + theta^2/4)
 !>
-!> which is [WHSB] (71)-(72) solved for the new state. It is a rotation by 2 arctan(theta/2): q^2 + p^2 is kept but
-!> for what is rounded, and no theta makes the equations singular. A block goes through a group of steps in one pass
-!> over its lanes. A single path has theta/2 and theta/(1 + theta^2/4) found for many steps before the first of them:
-!> what a step waits for is then the rotation of the step before alone, and no division.
+!> which is [WHSB] (71)-(72) solved for the new state. It is a rotation by 2 arctan(theta/2): q^2 + p^2 is conserved up
+!> to rounding, and no theta makes the equations singular. A block takes a group of steps in one pass over its lanes.
+!> For a single path theta/2 and theta/(1 + theta^2/4) are computed for many steps in advance: a step then waits only
+!> for the rotation of the step before, and for no division.
 module symsde_model_flows_kubo
    use symsde_base_counters, only: counters_type
    use symsde_base_kinds, only: wp
@@ -34,8 +34,8 @@ contains
       type(counters_type), intent(inout) :: counters
       real(wp), contiguous, pointer :: w(:, :, :)
 
-      w => steps%w  ! contiguous, as gfortran 12 does not see of a component
-      ! w(:, 0, :) holds h and is not read: a h is the same in all steps and is formed once.
+      w => steps%w  ! contiguous, which gfortran 12 does not recognise for a component
+      ! w(:, 0, :) holds h and is not read: a h is the same in all steps and is computed once.
       associate (s => steps, n => steps%nstep*steps%nreal)
          if (s%nreal == 1) then
             call turn_one_lane(s, a*s%h, sigma, w, q(1), p(1), qn, pn)
@@ -48,8 +48,8 @@ contains
       end associate
    end subroutine kubo_flow
 
-   !> Take the steps of a block, in groups as long as there are enough up to the next state that is asked for. The
-   !> state is moved where it will be shown.
+   !> Take the steps of a block, in groups as long as enough steps remain before the next requested state. The state is
+   !> advanced in the place of that result.
    pure subroutine turn_lanes(steps, turn, sigma, w, q, p, qn, pn)
       type(steps_record), intent(in) :: steps
       real(wp), intent(in) :: turn, sigma, w(steps%nlane, 0:1, steps%nstep), q(steps%nlane), p(steps%nlane)
@@ -58,8 +58,7 @@ contains
 
       associate (every => steps%every)
          do out = 1, steps%nstep/every
-            ! The state is copied to the place of the next result and moved there: from q, or from the result before
-            ! it.
+            ! Copy the state, q or the result before, to the place of the next result, and advance it there.
             qn(:, out) = q
             pn(:, out) = p
             if (out > 1) qn(:, out) = qn(:, out - 1)
@@ -69,7 +68,7 @@ contains
             do step = first, last - group + 1, group
                call turn_group(steps%nlane, turn, sigma, w(1, 0, step), qn(1, out), pn(1, out))
             end do
-            ! Fewer steps than a group are left, and are taken one by one.
+            ! The remaining steps are fewer than a group, and are taken one by one.
             do step = last - mod(every, group) + 1, last
                call turn_once(steps%nlane, turn, sigma, w(1, 1, step), qn(1, out), pn(1, out))
             end do
@@ -96,7 +95,7 @@ contains
       end do
    end subroutine turn_once
 
-   !> VEC A group of steps of every lane, whose state stays in registers.
+   !> VEC A group of steps of every lane; its state stays in registers.
    pure subroutine turn_group(nlane, turn, sigma, w, q, p)
       integer, intent(in) :: nlane
       real(wp), intent(in) :: turn, sigma, w(nlane, 0:1, group)
@@ -107,8 +106,8 @@ contains
       do lane = 1, nlane
          x = q(lane)
          y = p(lane)
-         ! The steps of a lane wait for each other, while those of neighbouring lanes are computed side by side. What
-         ! is gained over turn_once is that (q, p) is read and written once in eight steps.
+         ! The steps of a lane wait for each other, while neighbouring lanes are computed in parallel. Compared with
+         ! turn_once, (q, p) is read and written once in eight steps.
          !GCC$ unroll 8
          do step = 1, group
             call find_factor(turn + sigma*w(lane, 1, step), half, factor)
@@ -119,8 +118,8 @@ contains
       end do
    end subroutine turn_group
 
-   !> Take the steps of the one path of a block: factors of up to `chunk` steps first, then the rotations, up to each
-   !> state that is asked for.
+   !> Take the steps of a single path: first factors of up to `chunk` steps, then the rotations, up to each requested
+   !> state.
    pure subroutine turn_one_lane(steps, turn, sigma, w, q, p, qn, pn)
       type(steps_record), intent(in) :: steps
       real(wp), intent(in) :: turn, sigma, w(steps%nlane, 0:1, steps%nstep), q, p
@@ -139,8 +138,8 @@ contains
          do step = 1, n
             call find_factor(turn + sigma*w(1, 1, first + step), half(step), factor(step))
          end do
-         ! A chunk may end between two states that are asked for: `left` counts the steps that are still missing up to
-         ! the next one, across chunks.
+         ! A chunk may end between two requested states: `left` counts the steps that remain up to the next one, across
+         ! chunks.
          i = 0
          do while (i < n)
             do step = i + 1, min(n, i + left)
@@ -158,12 +157,12 @@ contains
       end do
    end subroutine turn_one_lane
 
-   !> Find theta/2 and theta/(1 + theta^2/4), of which dq and dp are made.
+   !> Compute theta/2 and theta/(1 + theta^2/4), the factors of dq and dp.
    pure subroutine find_factor(theta, half, factor)
       real(wp), intent(in) :: theta
       real(wp), intent(out) :: half, factor
 
-      ! This is the only division of a step, and it does not depend on the state.
+      ! The only division of a step, which does not depend on the state.
       half = 0.5_wp*theta
       factor = theta/(1 + half*half)
    end subroutine find_factor
@@ -174,7 +173,7 @@ contains
       real(wp), intent(inout) :: q, p
       real(wp) :: dq, dp
 
-      ! Both increments are formed from the old state before either is added.
+      ! Both increments are computed from the old state before either is added.
       dq = factor*(p - half*q)
       dp = -factor*(q + half*p)
       q = q + dq

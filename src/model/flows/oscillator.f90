@@ -12,17 +12,17 @@
 !>    Gauss              dq = 2 o (u v - o c f)/(u^2 + o^2 a c), dp = -2 o (u f + o a v)/(u^2 + o^2 a c)
 !>    Lobatto            dq = (A v - B c f)/D,                   dp = -(C f + B a v)/D, of three and four stages
 !>
-!> ([WHSB] (71)-(72) solved.) Where Z is the matrix of the linear equations, a scheme of Gauss adds (N/D - 1) (q, p)
-!> of Pade's quotient for exp(Z), with D = u - o Z, N = u + o Z, and Z^2 = -a c: whatever is rounded in u and o leaves
-!> a rotation one. Of Lobatto's schemes, with M = I + x a abar of the tableau, x = a c, and 1 a column of ones,
-!> D = det M, C = D alpha M^-1 1, B = D alpha M^-1 a 1, and A is C with a and abar exchanged, which leaves B as it is
-!> where a scheme is symplectic.
+!> ([WHSB] (71)-(72) solved.) With Z the matrix of the linear equations, a Gauss scheme adds (N/D - 1) (q, p), where N/D
+!> is Pade's quotient for exp(Z), D = u - o Z, N = u + o Z, and Z^2 = -a c: rounding of u and o does not make a rotation
+!> less orthogonal. For Lobatto schemes let M = I + x a abar with the matrices a, abar of the tableau, x = a c, and 1 a
+!> column of ones: then D = det M, C = D alpha M^-1 1, B = D alpha M^-1 a 1, and A is C with a and abar exchanged, which
+!> does not change B for a symplectic scheme.
 !>
-!> The exact step is dz = (exp(Z) - 1) Z^-1 (v, -f), and a scheme puts N/D for exp(Z): (N/D - 1) Z^-1 = 2 o/D needs no
-!> inverse of Z, and b and e enter through f and v alone. Since det (N/D) = (u^2 + o^2 a c)/(u^2 + o^2 a c), each step
-!> is symplectic as it is computed.
+!> The exact step is dz = (exp(Z) - 1) Z^-1 (v, -f), and a scheme replaces exp(Z) by N/D: (N/D - 1) Z^-1 = 2 o/D needs
+!> no inverse of Z, and b and e occur only in f and v. Since det (N/D) = (u^2 + o^2 a c)/(u^2 + o^2 a c), each step is
+!> symplectic even with rounded coefficients.
 !>
-!> Each scheme brings one step of one lane, `take`, to the loops over steps and lanes of oscillator_steps.inc.
+!> Each scheme defines one step of one lane, `take`, for the loops over steps and lanes in oscillator_steps.inc.
 module symsde_model_flows_oscillator
    use symsde_base_counters, only: counters_type
    use symsde_base_kinds, only: wp
@@ -34,9 +34,9 @@ module symsde_model_flows_oscillator
    private
    public :: oscillator_terms, oscillator_flow, oscillator_has_flow
 
-   !> An oscillator: its angular velocity r, the strengths A, B, C, E of its noises, and which noise each of them is:
-   !> 0 where the strength is zero. With H = r (p^2 + q^2)/2, the noises are A q^2/2, B q, C p^2/2 and E p; one noise
-   !> may be two of them, as that of Kubo's oscillator is (A q^2 + C p^2)/2.
+   !> An oscillator: its angular velocity r, the strengths A, B, C, E of its noises, and the number of the noise for
+   !> each strength: 0 if the strength is zero. With H = r (p^2 + q^2)/2, the noises are A q^2/2, B q, C p^2/2 and E p;
+   !> one noise may have two terms, as on Kubo's oscillator, (A q^2 + C p^2)/2.
    type :: oscillator_terms
       real(wp) :: rate = 1
       real(wp) :: a = 0, b = 0, c = 0, e = 0
@@ -58,8 +58,8 @@ module symsde_model_flows_oscillator
                                        pade_terms(u=[-1/10.0_wp, 0.0_wp], o=-1/120.0_wp), &
                                        pade_terms(u=[-3/28.0_wp, 1/1680.0_wp], o=-1/84.0_wp)]
 
-   !> The coefficients of A, B, C and D of Lobatto's schemes, from x on: their constants are 1, and 1/2 of B. Those of
-   !> the swapped pair have A and C exchanged.
+   !> The coefficients of A, B, C and D of Lobatto's schemes, from x on: their constants are 1, and 1/2 for B. The
+   !> swapped pair has A and C exchanged.
    type :: step_quotients
       real(wp) :: a(3) = 0, b(2) = 0, c(3) = 0, d(2) = 0
    end type step_quotients
@@ -79,14 +79,15 @@ module symsde_model_flows_oscillator
 
 contains
 
-   !> Whether this file has steps by a map for these noises: corrected ones where noise is in a and c alone, those with
-   !> brackets where all brackets vanish.
+   !> Whether this file implements steps by a map for these noises: corrected steps if all noise is in a and c, steps
+   !> with brackets if all brackets vanish.
    pure logical function oscillator_has_flow(terms, map) result(has_flow)
       type(oscillator_terms), intent(in) :: terms
       type(step_map), intent(in) :: map
 
       if (map%corrected) then
-         ! With noise in b or e, F_p.F_q/2 has more terms than d q p, which the corrected steps of this file lack.
+         ! With noise in b or e, F_p.F_q/2 has more terms than d q p, which the corrected steps of this file do not
+         ! contain.
          has_flow = any(map%equation == [euler_map, euler_adjoint_map]) .and. &
                     terms%noise_b == 0 .and. terms%noise_e == 0
       else if (map%equation == gauss2_brackets_map) then
@@ -104,8 +105,8 @@ contains
                        terms%noise_b == 0 .and. terms%noise_e == 0
    end function is_of_one_form
 
-   !> Take steps by the contract of model_type%flow, for one degree of freedom. Adjoint schemes are their partners on
-   !> the oscillator that is turned, and are asked so.
+   !> Take steps by the contract of model_type%flow, for one degree of freedom. An adjoint scheme is computed as its
+   !> partner on the rotated oscillator.
    subroutine oscillator_flow(terms, map, steps, q, p, qn, pn, counters)
       type(oscillator_terms), intent(in) :: terms
       type(step_map), intent(in) :: map
@@ -117,14 +118,13 @@ contains
       logical :: additive
       integer :: which, n
 
-      w => steps%w  ! contiguous, as gfortran 12 does not see of a component
-      ! Where brackets vanish, so does their part in the equation.
+      w => steps%w  ! contiguous, which gfortran 12 does not recognise for a component
+      ! If brackets vanish, so does their part in the equation.
       which = merge(gauss2_map, map%equation, map%equation == gauss2_brackets_map)
-      ! Noise of number 0 reads the column w(:, 0, :), which holds h, and has strength zero: what is read does not
-      ! matter.
+      ! Noise number 0 reads the column w(:, 0, :), which holds h, with strength zero: the value does not matter.
       additive = terms%noise_a == 0 .and. terms%noise_c == 0
-      ! An adjoint goes as its partner on the turned oscillator, with the step -h and with q and p exchanged in the
-      ! call.
+      ! An adjoint is computed as its partner on the rotated oscillator, with the step -h and with q and p exchanged in
+      ! the call.
       associate (t => terms, back => turned(terms), h => terms%rate*steps%h)
          select case (which)
          case (euler_map)
@@ -149,13 +149,13 @@ contains
             call verlet_steps(back, steps, -h, w, p, q, pn, qn)
          case (midpoint_map:gauss4_map)
             call gauss_steps(pade(which), t, steps, h, w, q, p, qn, pn)
-         case default  ! lobatto3_map to lobatto4_swapped_map: oscillator_has_flow knows no others
+         case default  ! lobatto3_map to lobatto4_swapped_map: oscillator_has_flow excludes all others
             call lobatto_steps(quotients(which), t, steps, h, w, q, p, qn, pn)
          end select
       end associate
       n = steps%nstep*steps%nreal
-      ! Implicit maps are counted as the implicit steppers count, one solve in one iteration, the others by the
-      ! gradients of a step: a force and a velocity, and of Stormer-Verlet two forces.
+      ! Implicit maps are counted like implicit steppers, one solve in one iteration; all others by the gradients of a
+      ! step: a force and a velocity, and for Stormer-Verlet two forces.
       if (which >= midpoint_map .or. map%corrected) then
          counters%iterations = counters%iterations + n
          counters%solves = counters%solves + n
@@ -164,21 +164,19 @@ contains
       end if
    end subroutine oscillator_flow
 
-   !> The oscillator with (q, p) -> (p, -q), on which a scheme is the adjoint of what it is here; its steps have the
-   !> other sign.
+   !> The oscillator with (q, p) -> (p, -q), on which the adjoint's partner takes its steps, with opposite sign of h.
    pure type(oscillator_terms) function turned(t)
       type(oscillator_terms), intent(in) :: t
 
-      ! To exchange q and p alone is anti-canonical, and changes the sign of Hhat: that of its strengths here, that of
-      ! h in the call.
+      ! Exchanging q and p alone is anti-canonical, and changes the sign of Hhat: the sign of the strengths here, the
+      ! sign of h in the call.
       turned = oscillator_terms(rate=t%rate, a=-t%c, b=-t%e, c=-t%a, e=-t%b, noise_a=t%noise_c, noise_b=t%noise_e, &
                                 noise_c=t%noise_a, noise_e=t%noise_b)
    end function turned
 
    ! ---- the schemes: one step of one lane each --------------------------
    !
-   ! Products of noise stand behind those with x and y, which are then the ones that are contracted, wherever a step
-   ! is inlined.
+   ! Products with noise follow the products with x and y; the latter are then contracted, wherever a step is inlined.
 
    !> VEC Symplectic Euler: the force at x, then the velocity at the new y.
    pure subroutine euler_steps(t, steps, h, w, q, p, qn, pn)
@@ -196,14 +194,14 @@ contains
 
    end subroutine euler_steps
 
-   !> VEC Symplectic Euler where a = c = h: noise is in b and e alone.
+   !> VEC Symplectic Euler for a = c = h: all noise is in b and e.
    pure subroutine additive_euler(t, steps, h, w, q, p, qn, pn)
       include 'oscillator_steps.inc'
 
    contains
 
       pure subroutine take(wa, wb, wc, we, x, y)
-         real(wp), value :: wa, wb, wc, we  !! the first and the third have strength zero
+         real(wp), value :: wa, wb, wc, we  !! A and C are zero: wa and wc are not used
          real(wp), intent(inout) :: x, y
 
          y = y - (h*x + t%b*wb)
@@ -212,20 +210,20 @@ contains
 
    end subroutine additive_euler
 
-   !> VEC The corrected step, where noises are in a and c alone, with d = a c/2 of these.
+   !> VEC The corrected step if all noise is in a and c, with d = a c/2 of the noises.
    pure subroutine corrected_steps(t, steps, h, w, q, p, qn, pn)
       include 'oscillator_steps.inc'
 
    contains
 
       pure subroutine take(wa, wb, wc, we, x, y)
-         real(wp), value :: wa, wb, wc, we  !! the second and the last have strength zero
+         real(wp), value :: wa, wb, wc, we  !! B and E are zero: wb and we are not used
          real(wp), intent(inout) :: x, y
          real(wp) :: a, c, d
 
          a = t%a*wa
          c = t%c*wc
-         ! F_p.F_q/2 = (A dW_i q) (C dW_k p)/2 = d q p is a correction of the noises alone: a and c are here without
+         ! F_p.F_q/2 = (A dW_i q) (C dW_k p)/2 = d q p is a correction from the noises alone: here a and c are without
          ! h.
          d = 0.5_wp*(a*c)
          y = (y - (h + a)*x)*(1/(1 + d))
@@ -253,7 +251,7 @@ contains
 
    end subroutine verlet_steps
 
-   !> VEC The midpoint rule and schemes of Gauss by u and o, from force and velocity where a step begins.
+   !> VEC The midpoint rule and Gauss schemes by u and o, from force and velocity at the beginning of a step.
    pure subroutine gauss_steps(numbers, t, steps, h, w, q, p, qn, pn)
       type(pade_terms), intent(in) :: numbers
       include 'oscillator_steps.inc'
@@ -280,7 +278,7 @@ contains
 
    end subroutine gauss_steps
 
-   !> VEC Schemes of Lobatto by A, B, C and D, from force and velocity where a step begins. One division serves all.
+   !> VEC Lobatto schemes by A, B, C and D, from force and velocity at the beginning of a step, with a single division.
    pure subroutine lobatto_steps(numbers, t, steps, h, w, q, p, qn, pn)
       type(step_quotients), intent(in) :: numbers
       include 'oscillator_steps.inc'

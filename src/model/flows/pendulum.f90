@@ -7,10 +7,10 @@
 !>    its adjoint        q' = (q + (h + g) p)/(1 + d),  p' = p - (h sin q' + g q') + d p    [WHSB] (91)-(92)
 !>
 !> The first has +d q p = F_p.F_q/2 with F = dW H_1 = g (p^2 + q^2)/2, the second has -d q p: without this correction
-!> either scheme converges to another equation than that of Stratonovich.
+!> both schemes converge to solutions of a different equation than Stratonovich's.
 !>
-!> The implicit end, p' of the first and q' of the second, is linear in what it asks for: no iteration is needed. A
-!> path that is alone is lane 1, the others go through their steps a tile at a time.
+!> The implicit unknown, p' of the first and q' of the second, occurs linearly: no iteration is needed. A single path is
+!> lane 1; in blocks a tile of lanes at a time takes its steps.
 module symsde_model_flows_pendulum
    use symsde_base_counters, only: counters_type
    use symsde_base_kinds, only: wp
@@ -34,9 +34,9 @@ contains
       real(wp), contiguous, pointer :: w(:, :, :)
       integer :: first
 
-      w => steps%w  ! contiguous, as gfortran 12 does not see of a component
+      w => steps%w  ! contiguous, which gfortran 12 does not recognise for a component
       associate (s => steps, n => steps%nstep*steps%nreal)
-         ! As a lane has the same operations by itself and among others, results do not depend on which way is taken.
+         ! A lane has the same operations alone and in a block, so results do not depend on the branch.
          if (s%nreal == 1) then
             call step_alone(adjoint, sigma, s, w, q(1), p(1), qn, pn)
          else
@@ -44,14 +44,14 @@ contains
                call step_lanes(adjoint, sigma, s, first, w, q(first), p(first), qn, pn)
             end do
          end if
-         ! Padding lanes are moved, too, but not counted.
+         ! Padding lanes take steps too, but are not counted.
          counters%iterations = counters%iterations + n
          counters%solves = counters%solves + n
       end associate
    end subroutine pendulum_euler_flow
 
-   !> Take all steps of a tile of lanes from `first` on: sine and cosine of all its angles, then the rest of the step.
-   !> The cosine comes with the sine and is not used: no equation is iterated that would ask for a slope.
+   !> Take all steps of a tile of lanes from `first` on: first sine and cosine of all its angles, then the rest of the
+   !> step. The cosine comes with the sine and is not used, since there is no iteration that needs a slope.
    subroutine step_lanes(adjoint, sigma, steps, first, w, q, p, qn, pn)
       logical, intent(in) :: adjoint
       type(steps_record), intent(in) :: steps
@@ -63,14 +63,14 @@ contains
       integer :: step, out, n
 
       n = size(q)
-      ! The state of the tile stays in (x, y) through all steps; what is asked for is copied out.
+      ! The state of the tile stays in (x, y) through all steps; requested states are copied.
       x(:n) = q
       y(:n) = p
       do out = 1, steps%nstep/steps%every
          do step = (out - 1)*steps%every + 1, out*steps%every
             if (adjoint) then
-               ! Symplectic Euler takes the sine at the old angle, its adjoint at the new one: hence the order of the
-               ! calls.
+               ! Symplectic Euler uses the sine at the old angle, its adjoint the sine at the new one; this determines
+               ! the order of the calls.
                call solve_for_angles(n, sigma, steps%h, w(first, 1, step), y, x)
                call sincos_lanes(n, x, sine, cosine)
                call move_momenta(n, sigma, steps%h, w(first, 1, step), x, sine, y)
@@ -84,7 +84,7 @@ contains
       end do
    end subroutine step_lanes
 
-   !> Take all steps of lane 1, by numbers in registers: the same operations as those of a lane of a tile.
+   !> Take all steps of lane 1, with numbers in registers and the same operations as for a lane of a tile.
    subroutine step_alone(adjoint, sigma, steps, w, q, p, qn, pn)
       logical, intent(in) :: adjoint
       type(steps_record), intent(in) :: steps
@@ -112,7 +112,7 @@ contains
 
    ! ---- kernels ----------------------------------------------------------------------------------
 
-   !> VEC One step of symplectic Euler for n lanes, whose sines at the old angles are known: p' first, then q' by p'.
+   !> VEC One step of symplectic Euler for n lanes, given the sines of the old angles: p' first, then q' from p'.
    pure subroutine solve_and_drift(n, sigma, h, dw, sine, x, y)
       integer, intent(in) :: n
       real(wp), intent(in) :: sigma, h, dw(n), sine(n)
@@ -124,8 +124,8 @@ contains
       end do
    end subroutine solve_and_drift
 
-   !> VEC The first half of a step of the adjoint for n lanes: x is q, then q', and y is the old p. The sine of q' is
-   !> found between the halves.
+   !> VEC The first half of a step of the adjoint for n lanes: x is q, then q', and y is the old p. The caller computes
+   !> the sine of q' between the halves.
    pure subroutine solve_for_angles(n, sigma, h, dw, y, x)
       integer, intent(in) :: n
       real(wp), intent(in) :: sigma, h, dw(n), y(n)
@@ -150,14 +150,14 @@ contains
       end do
    end subroutine move_momenta
 
-   !> One step of symplectic Euler by the equations at the head, with g = sigma dW: y is p, then p', and x is q, then
-   !> q'. One division serves the step.
+   !> One step of symplectic Euler by the equations in the header, with g = sigma dW: y is p, then p', and x is q, then
+   !> q'. There is one division per step.
    pure subroutine euler(h, g, sine, x, y)
       real(wp), intent(in) :: h, g, sine
       real(wp), intent(inout) :: x, y
       real(wp) :: d
 
-      ! d q p has the derivative d p' in q, which the division by 1 + d solves for; its derivative in p is d q.
+      ! d q p has the derivative d p' in q, hence the division by 1 + d; its derivative in p is d q.
       d = 0.5_wp*(g*g)
       y = ((y - g*x) - h*sine)*(1/(1 + d))
       x = x + ((h + g)*y + d*x)
@@ -168,7 +168,7 @@ contains
       real(wp), intent(in) :: h, g, y
       real(wp), intent(inout) :: x
 
-      ! -d q p gives q' a term -d q', which the division by 1 + d solves for.
+      ! -d q p adds -d q' to q', hence the division by 1 + d.
       x = (x + (h + g)*y)*(1/(1 + 0.5_wp*(g*g)))
    end subroutine solve_for_angle
 
@@ -177,7 +177,7 @@ contains
       real(wp), intent(in) :: h, g, x, sine
       real(wp), intent(inout) :: y
 
-      ! -d q p gives p' the term +d p, at the old p.
+      ! -d q p adds +d p, at the old p, to p'.
       y = ((y + 0.5_wp*(g*g)*y) - g*x) - h*sine
    end subroutine move_momentum
 

@@ -1,17 +1,17 @@
 ! SPDX-License-Identifier: BSD-3-Clause
 !>    p_1/2 = p - Hhat_q(q)/2,   q' = q + Hhat_p(p_1/2),   p' = p_1/2 - Hhat_q(q')/2
 !>
-!> Whole steps of Stormer-Verlet where one degree of freedom feels the sine and the cosine of its angle:
+!> Whole steps of Stormer-Verlet for one degree of freedom whose force contains the sine and the cosine of its angle:
 !>
 !>    Hhat_q = a sin q + b cos q + c q,  Hhat_p = e p
 !>    a = r h + A dW_i,  b = B dW_j,  c = C dW_k,  e = h + E dW_l
 !>
-!> The synchrotron is of this kind, with r = omega^2, H_1 = B sin q, H_2 = -A cos q, and so is the pendulum, with
-!> r = 1 and one noise H_1 = C q^2/2 + E p^2/2, C = E.
+!> The synchrotron is of this kind, with r = omega^2, H_1 = B sin q, H_2 = -A cos q; so is the pendulum, with r = 1 and
+!> one noise H_1 = C q^2/2 + E p^2/2, C = E.
 !>
-!> A step is half a kick, a drift and half a kick. The angle after a step is that before the next one: sine and
-!> cosine, most of the work, are found once a step. A path that is alone is lane 1, the others go through their steps
-!> a tile at a time.
+!> A step is half a kick, a drift and half a kick. The angle after a step is the angle before the next one: sine and
+!> cosine, most of the work, are computed once per step. A single path is lane 1; in blocks a tile of lanes at a time
+!> takes its steps.
 module symsde_model_flows_sine
    use symsde_base_counters, only: counters_type
    use symsde_base_kinds, only: wp
@@ -21,8 +21,8 @@ module symsde_model_flows_sine
    private
    public :: sine_terms, sine_flow
 
-   !> The rate r, the strengths A, B, C, E of the noises, and which noise each of them is: 0 where the strength is
-   !> zero.
+   !> The rate r, the strengths A, B, C, E of the noises, and the number of the noise for each strength: 0 if the
+   !> strength is zero.
    type :: sine_terms
       real(wp) :: rate = 1
       real(wp) :: a = 0, b = 0, c = 0, e = 0
@@ -36,8 +36,8 @@ module symsde_model_flows_sine
 
 contains
 
-   !> Take steps by the contract of model_type%flow, for one degree of freedom. A step counts as three gradients, as
-   !> that of the explicit stepper does.
+   !> Take steps by the contract of model_type%flow, for one degree of freedom. A step counts as three gradients, as in
+   !> the explicit stepper.
    subroutine sine_flow(terms, steps, q, p, qn, pn, counters)
       type(sine_terms), intent(in) :: terms
       type(steps_record), intent(in) :: steps
@@ -47,7 +47,7 @@ contains
       real(wp), contiguous, pointer :: w(:, :, :)
       integer :: first
 
-      w => steps%w  ! contiguous, as gfortran 12 does not see of a component
+      w => steps%w  ! contiguous, which gfortran 12 does not recognise for a component
       if (steps%nreal == 1) then
          call verlet_alone(terms, steps, w, q(1), p(1), qn, pn)
       else
@@ -55,13 +55,13 @@ contains
             call verlet(terms, steps, first, min(sincos_tile, steps%nlane - first + 1), w, q(first), p(first), qn, pn)
          end do
       end if
-      ! Counted are two forces and a velocity, although the sine of the second force serves the first one of the next
-      ! step, too.
+      ! Count two forces and a velocity, although the sine of the second force is used again for the first force of the
+      ! next step.
       counters%gradients = counters%gradients + 3*steps%nstep*steps%nreal
    end subroutine sine_flow
 
-   !> Take all steps of n lanes from `first` on, each in three passes: up to the new angle, its sine and cosine, and
-   !> the second kick. The passes are apart because sine and cosine are found for many angles at once.
+   !> Take all steps of n lanes from `first` on, each in three passes: up to the new angle, its sine and cosine, and the
+   !> second kick. The passes are separate because sine and cosine are computed for many angles at once.
    subroutine verlet(terms, steps, first, n, w, q, p, qn, pn)
       type(sine_terms), intent(in) :: terms
       type(steps_record), intent(in) :: steps
@@ -73,8 +73,7 @@ contains
       integer :: step, out
 
       rate = terms%rate*steps%h
-      ! The sine and the cosine of the first angle are found before the steps: each step leaves those of its last one
-      ! behind.
+      ! Compute the sine and the cosine of the first angle before the steps: each step leaves those of its last angle.
       s%x(:n) = q
       s%y(:n) = p
       call sincos_lanes(n, s%x, s%sine, s%cosine)
@@ -90,7 +89,7 @@ contains
       end do
    end subroutine verlet
 
-   !> Take all steps of lane 1, by numbers in registers: a, b and c are halves here, as they are in a tile.
+   !> Take all steps of lane 1, with numbers in registers: a, b and c are halves here, as in a tile.
    subroutine verlet_alone(terms, steps, w, q, p, qn, pn)
       type(sine_terms), intent(in) :: terms
       type(steps_record), intent(in) :: steps
@@ -109,7 +108,7 @@ contains
             call find_weights(terms, rate, w(1, terms%noise_a, step), w(1, terms%noise_b, step), &
                               w(1, terms%noise_c, step), a, b, c)
             call kick(a, b, c, sine, cosine, x, y)
-            ! The drift's weight e is h, which no rate multiplies, and noise.
+            ! The drift's weight e is h, without the rate, plus the noise.
             x = x + (h + terms%e*w(1, terms%noise_e, step))*y
             sine = sincos_one(x, cosine)
             call kick(a, b, c, sine, cosine, x, y)
@@ -125,7 +124,7 @@ contains
    pure subroutine to_the_angle(n, terms, rate, h, wa, wb, wc, we, s)
       integer, intent(in) :: n
       type(sine_terms), intent(in) :: terms
-      real(wp), intent(in) :: rate, h  !! the first is that of the terms for a step, rounded once for all lanes
+      real(wp), intent(in) :: rate, h  !! the rate of the terms times the step, rounded once for all lanes
       real(wp), intent(in), dimension(n) :: wa, wb, wc, we
       type(tile_state), intent(inout) :: s
       integer :: i
@@ -148,25 +147,25 @@ contains
       end do
    end subroutine from_the_angle
 
-   !> Find the halves of the weights a, b, c that each of the two kicks has.
+   !> Compute the halves of the weights a, b, c for each of the two kicks.
    pure subroutine find_weights(terms, rate, wa, wb, wc, a, b, c)
       type(sine_terms), intent(in) :: terms
       real(wp), intent(in) :: rate, wa, wb, wc
       real(wp), intent(out) :: a, b, c
 
-      ! Halving is exact: each of the two kicks subtracts these times sin q, cos q and q.
+      ! Halving is exact: each kick subtracts these halves times sin q, cos q and q.
       a = 0.5_wp*(rate + terms%a*wa)
       b = 0.5_wp*(terms%b*wb)
       c = 0.5_wp*(terms%c*wc)
    end subroutine find_weights
 
-   !> Half a kick. The sums of two kicks at one angle do not wait for each other.
+   !> Half a kick. The sums of two kicks at the same angle are independent.
    pure subroutine kick(a, b, c, sine, cosine, x, y)
       real(wp), intent(in) :: a, b, c, sine, cosine, x
       real(wp), intent(inout) :: y
 
-      ! At one angle a step ends and the next begins, with the same sine and cosine: the sum of the second kick is
-      ! found while that of the first is still being added to y.
+      ! A step ends and the next begins at the same angle, with the same sine and cosine: the sum of the second kick is
+      ! computed while that of the first is still being added to y.
       y = y - (c*x + b*cosine + a*sine)
    end subroutine kick
 

@@ -2,18 +2,18 @@
 !>    X_k = (H_k,p, -H_k,q),    X_kl = [X_k,X_l],    X_jkl = [X_j,X_kl] = DX_kl X_j - DX_j X_kl
 !>    rho = sum |X_jkl|^2/sum |X_kl|^2  [1/time],    tau = 6/rho,    n = tau/(12 |h|) leaves a step
 !>
-!> The time scale of a model's areas. It tells how finely a step must be halved, so that the error of an area does
+!> The time scale of a model's areas. It determines how finely a step must be halved, so that the error of an area does
 !> not exceed the terms that the scheme leaves out anyway.
 !>
 !> X_k is the Hamiltonian vector field of noise k, X_kl = [X_k,X_l] a bracket of two, and X_jkl = [X_j,X_kl]. A step
-!> of midpoint_areas leaves out terms of size h^(3/2) |X_jkl|, and an area that is put together from n leaves is wrong
-!> by about h |X_kl|/sqrt(12 n). The two are balanced by
+!> of midpoint_areas leaves out terms of size h^(3/2) |X_jkl|, and an area assembled from n leaves has an error of about
+!> h |X_kl|/sqrt(12 n). The two errors are balanced by
 !>
 !>    n = tau/(12 |h|),   tau = 6/rho,   rho = sum |X_jkl|^2/sum |X_kl|^2  [1/time]
 !>
-!> The sums are over noises, and over eight fixed points of order one: not over the states of a run, whose paths must
-!> not depend on where it begins. rho scales with the unit of time as it must. Where all X_jkl vanish the drift takes
-!> the place of X_j, with rho = |X_0kl|/|X_kl|.
+!> The sums are over noises and over eight fixed points of order one, not over states of a run, whose increments must
+!> not depend on its initial state. rho has the right unit of 1/time. If all X_jkl vanish, the drift replaces X_j, with
+!> rho = |X_0kl|/|X_kl|.
 module symsde_model_probe_area_time
    use symsde_base_kinds, only: wp
    use symsde_base_lanes, only: lane_unit
@@ -25,10 +25,10 @@ module symsde_model_probe_area_time
    private
    public :: derive_area_time
 
-   real(wp), parameter :: reach = 1e-4_wp      !! length of the differences
-   real(wp), parameter :: vanishing = 1e-5_wp  !! relative size below which a nested field is rounding
+   real(wp), parameter :: reach = 1e-4_wp      !! displacement in a difference
+   real(wp), parameter :: vanishing = 1e-5_wp  !! relative size below which a nested field counts as rounding
 
-   !> The eight fixed points at which fields are compared, one a lane, and arrays for the fields.
+   !> The eight fixed points at which fields are compared, one per lane, and arrays for the fields.
    type :: point_set
       class(model_type), pointer :: model => null()
       real(wp) :: t = 0
@@ -39,9 +39,9 @@ module symsde_model_probe_area_time
 
 contains
 
-   !> Find tau from the fields at the fixed points. It is zero if the noises commute at all of them: areas then have
-   !> no effect, and no step is halved for them. Errors: incompatible if fields are not finite, or if no nested
-   !> bracket exceeds rounding.
+   !> Compute tau from the fields at the fixed points. It is zero if the noises commute at all of them: areas then have
+   !> no effect, and no step is halved for them. Errors: incompatible if fields are not finite, or if no nested bracket
+   !> exceeds rounding.
    subroutine derive_area_time(model, t, tau, error)
       class(model_type), intent(in), target :: model
       real(wp), intent(in) :: t                         !! start of the run [time]
@@ -65,8 +65,8 @@ contains
       by_drift = 0
       noise_scale = 0
       drift_scale = 0
-      ! X_kl = -X_lk, so pairs k < l suffice. The drift's field, j = 0, is summed separately, since it has another
-      ! power of rho.
+      ! X_kl = -X_lk, so pairs k < l suffice. The drift's field, j = 0, is summed separately, since rho depends on it
+      ! with another power.
       do l = 2, points%m
          do k = 1, l - 1
             !   single = sum |X_kl|^2,   by_noise = sum |X_jkl|^2,   by_drift = sum |X_0kl|^2
@@ -78,9 +78,9 @@ contains
          end do
       end do
       tau = 0
-      ! A sum that is not finite passes here, and is refused below.
+      ! A sum that is not finite passes this test, and is refused below.
       if (.not. single > 0 .and. single <= huge(single)) return
-      ! Squares are compared, so that the relative size enters by its square, too.
+      ! Squares are compared, so the relative size is squared too.
       if (by_noise > vanishing**2*noise_scale .and. by_noise <= huge(tau)) then
          tau = 6*single/by_noise
       else if (by_drift > vanishing**2*drift_scale .and. by_drift <= huge(tau)) then
@@ -105,9 +105,9 @@ contains
    !> The sum over the points of |X_jkl|^2, with X_jkl = DX_kl X_j - DX_j X_kl by central differences along X_j and
    !> X_kl.
    !>
-   !> `scale` grows by the squares that the sum is compared with: those of the two terms, and of |X_kl| |X_j|, the
-   !> size of the terms at points of order one. Without the latter, two terms that are both rounding would be
-   !> compared with rounding.
+   !> `scale` increases by the squares that the sum is compared with: those of the two terms, and of |X_kl| |X_j|, the
+   !> size of the terms at points of order one. Without |X_kl| |X_j|, two terms that are both rounding would be compared
+   !> with rounding.
    real(wp) function square_of_nested(points, j, k, l, scale)
       type(point_set), intent(inout) :: points
       integer, intent(in) :: j, k, l
@@ -145,8 +145,8 @@ contains
       square_of_nested = sum((a - b)**2)
    end function square_of_nested
 
-   !> The length e of a difference along v, in each lane: |e v| = reach. For v = 0 every e gives the same, and e is
-   !> one.
+   !> The length e of a difference along v, in each lane: |e v| = reach. For v = 0 the result does not depend on e, and
+   !> e is one.
    pure function step_along(n, v) result(e)
       integer, intent(in) :: n
       real(wp), intent(in) :: v(lane_unit, 2*n)
@@ -160,8 +160,8 @@ contains
       end where
    end function step_along
 
-   !> The field X_j = (H_j,p, -H_j,q) at x. The gradient is written straight into the two halves of v, H_j,q into the
-   !> second, whose sign is changed then.
+   !> The field X_j = (H_j,p, -H_j,q) at x. The gradient is written directly into the two halves of v; the sign of H_j,q
+   !> in the second half is then changed.
    subroutine field_of_one(points, x, j, v)
       type(point_set), intent(in) :: points
       integer, intent(in) :: j
@@ -177,7 +177,7 @@ contains
       end associate
    end subroutine field_of_one
 
-   !> The field of the bracket {H_k,H_l}, which is X_kl up to a sign that squares do not see.
+   !> The field of the bracket {H_k,H_l}, which is X_kl up to a sign that squares ignore.
    subroutine field_of_bracket(points, x, k, l, v)
       type(point_set), intent(inout) :: points
       integer, intent(in) :: k, l

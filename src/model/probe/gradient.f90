@@ -1,14 +1,14 @@
 ! SPDX-License-Identifier: BSD-3-Clause
 !>    S = sum_j w_j H_j,    g = grad S = (S_q, S_p),    Dg = Hess S = (Hess S)^T
 !>
-!> The probe of properties that every gradient must have, whatever is declared: it is the gradient of a weighted sum
-!> of Hamiltonians, in each lane by itself.
+!> The probe of properties that every gradient must have, whatever is declared: it is the gradient of a weighted sum of
+!> Hamiltonians, computed in each lane independently.
 !>
 !>    lane by lane       a lane alone among others has the gradient that it has among its likes
 !>    linear in w        g(0) = 0 and g(w + 2 v) = g(w) + 2 g(v)
 !>    of a Hamiltonian   u.(Dg v) = v.(Dg u): the derivative Dg of a gradient is symmetric
 !>
-!> A model that lacks one of these properties runs all the same, but its results obey no Hamiltonian equations. The
+!> A model without one of these properties would run, but its results would not obey Hamiltonian equations. The
 !> probe takes fourteen gradients in all, whatever the numbers of degrees of freedom and noises: five for lanes and
 !> weights, and nine for the symmetry.
 !> The five have the weights w, w in all lanes alike, 0, v and w + 2 v; the nine are that of the sum, for its size,
@@ -24,24 +24,24 @@ module symsde_model_probe_gradient
 
    character(*), parameter :: here = 'probe_model'
    ! Gradients are compared to six digits, second derivatives by differences to four.
-   real(wp), parameter :: vanishing = 1.0e-6_wp  !! differences below this part of the gradient are rounding
+   real(wp), parameter :: vanishing = 1.0e-6_wp  !! differences below this part of the gradient count as rounding
    real(wp), parameter :: matching = 1.0e-4_wp   !! relative mismatch of second derivatives
-   integer, parameter :: largest_search = 64     !! ndof up to which the entry to blame is looked for
+   integer, parameter :: largest_search = 64     !! ndof up to which the wrong entry is searched
 
 contains
 
-   !> Test the gradient of a model at the points. One that fails is refused (false_trait) with the numbers that refute
-   !> it.
+   !> Test the gradient of a model at the points. A gradient that fails is refused (false_trait) with the numbers that
+   !> refute it.
    subroutine probe_gradient(points, error)
       type(probe_points), intent(inout) :: points
       type(error_type), allocatable, intent(inout) :: error
-      real(wp), allocatable :: w(:, :), v(:, :)             !! weights, of their own in every lane (nlane, 0:nnoise)
+      real(wp), allocatable :: w(:, :), v(:, :)             !! weights, different in every lane (nlane, 0:nnoise)
       real(wp), allocatable :: gq(:, :), gp(:, :)           !! gradient at the points with weights w (nlane, ndof)
       real(wp) :: scale(nlane)
       integer :: k, lane
 
       if (allocated(error)) return
-      ! No weight is zero, and the weights of all lanes differ: a term with the weight of another lane shows.
+      ! No weight is zero, and the weights of all lanes differ, so that a term with the weight of another lane shows.
       allocate (w, v, mold=points%w)
       do k = 0, points%nnoise
          do lane = 1, nlane
@@ -49,12 +49,13 @@ contains
             v(lane, k) = generic(k + 1, 40 + lane)
          end do
       end do
-      ! The outputs hold 0 before this call and 0.7 before all others: one that the model does not write shows.
+      ! The outputs hold 0 before this call and 0.7 before all others, so that an output that the model does not write
+      ! shows.
       call ask(points, points%q, points%p, w, 0.0_wp, gq, gp, error)
       call largest_component(points%ndof, gq, gp, scale)
       call probe_lanes(points, w, gq, gp, scale, error)
       call probe_weights(points, w, v, gq, gp, scale, error)
-      ! Symmetry is asked of one sum of all Hamiltonians at first: one test, however many noises there are.
+      ! Test the symmetry of a single sum of all Hamiltonians first: one test, however many noises there are.
       call points%take_all()
       call probe_symmetry(points, error)
    end subroutine probe_gradient
@@ -78,7 +79,7 @@ contains
       gq = before
       gp = before
       call points%model%gradient(nlane, points%ndof, points%nnoise, points%t, own_w, own_q, own_p, gq, gp)
-      ! Both comparisons are false for NaN: states at which a model is not finite are passed over.
+      ! Both comparisons are false for NaN: states at which a model is not finite are skipped.
       if (any(own_q < q .or. own_q > q) .or. any(own_p < p .or. own_p > p) .or. any(own_w < w .or. own_w > w)) &
          call raise(error, false_trait, here, "the gradient of model '"//points%model%name//"' writes into q, p or "// &
                     'w, which are its inputs: work on copies of them')
@@ -93,7 +94,7 @@ contains
       type(finding) :: bad
       integer :: i, lane
 
-      if (points%model%failure_code() /= 0) return  ! the callback has refused; its own error is reported
+      if (points%model%failure_code() /= 0) return  ! the callback has failed; its own error is reported
       do i = 1, points%ndof
          do lane = 1, nlane
             if (allocated(error)) return
@@ -113,7 +114,7 @@ contains
       real(wp), intent(in) :: w(nlane, 0:points%nnoise), scale(nlane)
       real(wp), intent(in) :: gq(nlane, points%ndof), gp(nlane, points%ndof)
       type(error_type), allocatable, intent(inout) :: error
-      integer, parameter :: one = 2  !! neither the first lane nor the last
+      integer, parameter :: one = 2  !! a lane that is neither the first nor the last
       real(wp), allocatable :: aq(:, :), ap(:, :), sq(:, :), sp(:, :)
       type(finding) :: bad
       integer :: lane
@@ -130,7 +131,7 @@ contains
          sq(one, :) = aq(lane, :) - gq(one, :)
          sp(one, :) = ap(lane, :) - gp(one, :)
          call worst(sq, sp, scale, vanishing, bad)
-         ! The difference of each lane is judged in the place of lane `one`, whose scale it has.
+         ! The difference of each lane is judged with the scale of lane `one`.
          if (bad%lane > 0) exit
       end do
       if (bad%lane == 0) return
@@ -143,12 +144,12 @@ contains
       end associate
    end subroutine probe_lanes
 
-   !> Test that S = sum_j w_j H_j is linear in its weights: without weights there is no gradient, and gradients add up
-   !> as weights do.
+   !> Test that S = sum_j w_j H_j is linear in its weights: the gradient is zero for zero weights, and additive in the
+   !> weights.
    subroutine probe_weights(points, w, v, gq, gp, scale, error)
       type(probe_points), intent(in) :: points
       real(wp), intent(in) :: w(nlane, 0:points%nnoise), v(nlane, 0:points%nnoise), scale(nlane)
-      real(wp), intent(in) :: gq(nlane, points%ndof), gp(nlane, points%ndof)  !! with weights w
+      real(wp), intent(in) :: gq(nlane, points%ndof), gp(nlane, points%ndof)  !! gradient with weights w
       type(error_type), allocatable, intent(inout) :: error
       character(*), parameter :: remedy = 'give every term of H_j the weight w[j], in its own lane'
       real(wp), allocatable :: aq(:, :), ap(:, :), bq(:, :), bp(:, :)
@@ -181,8 +182,8 @@ contains
                   ' as that with w and twice that with v', bad%lane, bad%i, remedy, error)
    end subroutine probe_weights
 
-   !> Test that the derivative of the gradient of the sum is symmetric. Two directions without zeros tell whether it
-   !> is; only where it is not, the pair of entries to blame is looked for.
+   !> Test that the derivative of the gradient of the sum is symmetric. Two directions without zeros decide; only if
+   !> they refute symmetry, search the wrong pair of entries.
    subroutine probe_symmetry(points, error)
       type(probe_points), intent(inout) :: points
       type(error_type), allocatable, intent(inout) :: error
@@ -191,7 +192,8 @@ contains
       integer :: i, lane
 
       if (allocated(error)) return
-      ! v is one direction, that of the points is another; both have no zeros, so that no entry of Dg escapes.
+      ! v is one direction, the direction of the points is another; neither has zeros, so that every entry of Dg
+      ! contributes.
       allocate (vq, vp, mold=points%zero)
       do i = 1, points%ndof
          vq(:, i) = generic(i, 11)
@@ -203,20 +205,20 @@ contains
       !   v.(Dg u) and u.(Dg v)
       one_way = sum(vq*uq, dim=2) + sum(vp*up, dim=2)
       other_way = sum(points%vq*xq, dim=2) + sum(points%vp*xp, dim=2)
-      ! size_of is the sum of the sizes of the terms; it is not finite where one of the scales is not.
+      ! size_of is the sum of the sizes of the terms; it is not finite if one of the scales is not.
       size_of = sum(abs(vq*uq), dim=2) + sum(abs(vp*up), dim=2) + 0*(scale + other)
       do lane = 1, npoint
-         if (min(scale(lane), other(lane)) < 0) cycle  ! no verdict: a difference is not to be trusted
-         ! Points where a number is NaN are passed over, too.
+         if (min(scale(lane), other(lane)) < 0) cycle  ! no verdict: a difference is unreliable
+         ! Points where a number is NaN are skipped too.
          if (.not. abs(one_way(lane) - other_way(lane)) > matching*size_of(lane)) cycle
          call blame(points, lane, one_way(lane), other_way(lane), error)
          return
       end do
    end subroutine probe_symmetry
 
-   !> Refuse the gradient, and name the Hamiltonian and the pair of derivatives that differ most at a point. In
-   !> systems too large for this search, the message gives the result of the two directions. If no pair differs
-   !> beyond doubt, there is no verdict.
+   !> Refuse the gradient, and name the Hamiltonian and the pair of derivatives that differ most at a point. In systems
+   !> too large for this search, the message gives the result of the two directions. If no pair clearly differs, there
+   !> is no verdict.
    subroutine blame(points, lane, one_way, other_way, error)
       type(probe_points), intent(inout) :: points
       integer, intent(in) :: lane
@@ -235,7 +237,7 @@ contains
                      'is '//to_text(one_way)//' and '//to_text(other_way), lane, 1, remedy, error)
          return
       end if
-      ! Each Hamiltonian is looked at by itself, to name the one that is not symmetric.
+      ! Test each Hamiltonian separately, to name the one that is not symmetric.
       do k = 0, points%last_sum()
          call points%take_sum(k)
          call worst_pair(points, lane, row, column, there, back)
@@ -249,8 +251,8 @@ contains
       end do
    end subroutine blame
 
-   !> Find the second derivative of the sum that differs most from the one with the two variables exchanged, if it
-   !> does so beyond doubt.
+   !> Find the second derivative of the sum that differs most from the one with exchanged variables, if the difference
+   !> is clear.
    subroutine worst_pair(points, lane, row, column, there, back)
       type(probe_points), intent(in) :: points
       integer, intent(in) :: lane
@@ -260,9 +262,9 @@ contains
       integer :: n, at(2)
 
       n = points%ndof
-      !   d(i,j) - d(j,i) = 0 of a Hamiltonian
+      ! d(i,j) - d(j,i) = 0 for a Hamiltonian
       call derivative(points, lane, d)
-      ! The pair of variables with the largest asymmetry is told.
+      ! Report the pair of variables with the largest asymmetry.
       at = maxloc(abs(d - transpose(d)))
       there = d(at(1), at(2))
       back = d(at(2), at(1))
@@ -284,7 +286,7 @@ contains
          do half = 1, 2
             do i = 1, n
                call points%row_of_hessian(finding(lane, half, i), uq, up)
-               ! The product with a unit vector is a column of d, also where the matrix is not symmetric.
+               ! The product with a unit vector is a column of d, even if the matrix is not symmetric.
                d(:n, (half - 1)*n + i) = uq(lane, :)
                d(n + 1:, (half - 1)*n + i) = up(lane, :)
             end do
@@ -292,7 +294,7 @@ contains
       end associate
    end subroutine derivative
 
-   !> The component to which a finding belongs, in words such as q_1.
+   !> The name of the component of a finding, such as q_1.
    pure character(len=16) function component(found) result(text)
       type(finding), intent(in) :: found
 
@@ -303,7 +305,7 @@ contains
    subroutine refuse(points, what, lane, i, remedy, error)
       type(probe_points), intent(in) :: points
       character(*), intent(in) :: what, remedy  !! what is wrong, what to do
-      integer, intent(in) :: lane, i            !! the point, and the degree of freedom to tell it in
+      integer, intent(in) :: lane, i            !! the point, and the degree of freedom for the message
       type(error_type), allocatable, intent(inout) :: error
 
       call raise(error, false_trait, here, "the gradient of model '"//points%model%name//"' "//what//', at '// &

@@ -12,20 +12,19 @@ module symsde_model_probe_mass
    private
    public :: compare_mass
 
-   real(wp), parameter :: later = 0.37_wp  !! another time, at which a constant mass is the same
+   real(wp), parameter :: later = 0.37_wp  !! a second time, at which a constant mass must be the same
 
 contains
 
-   !> Look for a point and a component where H_p of H_0 differs from the declaration; H_0 must be the sum that is
-   !> probed. bad%lane = 0 if there is none; else `what` names in words the quantity that should vanish, and x is
-   !> its value.
+   !> Find a point and a component where H_p of H_0 differs from the declaration; H_0 must be the probed sum. bad%lane =
+   !> 0 if there is none; else `what` names the quantity that should vanish, and x is its value.
    !>
    !> identity_mass is compared with p itself. For constant_mass no matrix is known, but M^-1 p is a function of p
-   !> alone, and additive: H_p(q_a, p_a + p_b) = H_p(q_a, p_a) + H_p(q_b, p_b) at any two points and times. This is
-   !> compared with the first point as b and each of the others as a.
+   !> alone, and additive: H_p(q_a, p_a + p_b) = H_p(q_a, p_a) + H_p(q_b, p_b) at any two points and times. Compared
+   !> here with the first point as b and every other point as a.
    subroutine compare_mass(points, tolerance, trait, bad, what, x)
       type(probe_points), intent(in) :: points
-      real(wp), intent(in) :: tolerance               !! part of the gradient that is rounding
+      real(wp), intent(in) :: tolerance               !! part of the gradient that counts as rounding
       character(:), allocatable, intent(out) :: trait !! the judged trait
       type(finding), intent(out) :: bad
       character(:), allocatable, intent(out) :: what
@@ -52,8 +51,7 @@ contains
 
    !> Replace hp, the H_p at the points, by H_p(q_a, p_a + p_1) - H_p(q_a, p_a) - H_p(q_1, p_1), which vanishes for
    !> a constant mass. The first point and the lanes that repeat the last point are not compared: their scale is
-   !> no_verdict. In other lanes the scale is the largest of the three that are subtracted, and not finite if one of
-   !> them is not.
+   !> no_verdict. In all other lanes the scale is the largest of the three terms, and not finite if one of them is not.
    subroutine subtract_sum(points, hp, scale)
       type(probe_points), intent(in) :: points
       real(wp), intent(inout) :: hp(nlane, points%ndof), scale(nlane)

@@ -2,15 +2,15 @@
 !>    Hess S v ~ (g(x + e v) - g(x - e v))/(2 e),     g = grad S,   S = sum_j w_j H_j,   x = (q, p)
 !>    e = eps^(1/3) max(1, |x|)  and  e = eps^(1/3)/4:  trusted where both agree
 !>
-!> The points, sums and directions of a probe, and differences that know when not to be trusted.
+!> The points, sums and directions of a probe, and differences with a test of their reliability.
 !>
 !> Every model has gradients, and second differences of values would lose more digits. A central difference has the
-!> error e^2 and the rounding eps/e; e = eps^(1/3) makes their sum least. Two steps are needed since e is measured
-!> in an unknown length: where they disagree, neither is believed.
+!> truncation error e^2 and the rounding error eps/e; e = eps^(1/3) makes their sum smallest. Two steps are needed since
+!> the model's unit of length is unknown: if they disagree, neither is trusted.
 !>
-!> Three points are probed at once, one a lane: the initial state and two displaced from it by fixed
-!> pseudo-random amounts of order one. The other lanes repeat the last point. Nothing here is
-!> random: the same model is always probed in the same way.
+!> Three points are probed at once, one per lane: the initial state and two displaced from it by fixed pseudo-random
+!> amounts of order one. All further lanes repeat the last point. Nothing here is random: the same model is always
+!> probed in the same way.
 !>
 !> Private to its family.
 module symsde_model_probe_points
@@ -25,23 +25,23 @@ module symsde_model_probe_points
 
    ! Three points distinguish a constant from a function that takes the same value twice by accident.
    integer, parameter :: npoint = 3          !! lanes 1 .. npoint are different points
-   integer, parameter :: probed_alone = 16   !! noises probed one by one, the rest in one sum
-   ! This part of the state is large enough for terms of higher degree to show, and small enough for a user's
-   ! functions to be defined there, as far as one can know.
+   integer, parameter :: probed_alone = 16   !! noises probed one by one; all further ones in one sum
+   ! This displacement, relative to the state, is large enough for terms of higher degree to show, and small enough that
+   ! a user's functions are probably defined there.
    real(wp), parameter :: displacement = 0.3_wp
    real(wp), parameter :: no_verdict = -1     !! scale of lanes that are not judged
-   real(wp), parameter :: too_far = 1.0e6_wp  !! state that leaves a step of 1e-6 no digits
+   real(wp), parameter :: too_far = 1.0e6_wp  !! state at which a step of 1e-6 has no digits left
 
    type :: probe_points
       class(model_type), pointer :: model => null()
       integer :: ndof = 0, nnoise = 0
       real(wp) :: t = 0
       real(wp), allocatable :: q(:, :), p(:, :)    !! the points (nlane, ndof)
-      real(wp), allocatable :: w(:, :)             !! weights of the sum probed (nlane, 0:nnoise)
+      real(wp), allocatable :: w(:, :)             !! weights of the probed sum (nlane, 0:nnoise)
       real(wp), allocatable :: vq(:, :), vp(:, :)  !! a direction without zeros (nlane, ndof)
-      real(wp), allocatable :: zero(:, :)          !! the direction zero
+      real(wp), allocatable :: zero(:, :)          !! the zero direction
       real(wp) :: slope(nlane) = 0                 !! largest component of the gradient of the sum
-      character(:), allocatable :: sum_name        !! the sum that is probed, for messages
+      character(:), allocatable :: sum_name        !! name of the probed sum, for messages
    contains
       procedure :: last_sum
       procedure :: take_sum
@@ -54,7 +54,7 @@ module symsde_model_probe_points
       procedure :: place
    end type probe_points
 
-   !> Where a quantity that should vanish does not: at a point, in one component of q (half 1) or p.
+   !> A quantity that should vanish but does not: at a point, in one component of q (half 1) or p (half 2).
    type :: finding
       integer :: lane = 0  !! 0 = nothing found
       integer :: half = 1
@@ -63,7 +63,7 @@ module symsde_model_probe_points
 
 contains
 
-   !> The points around an initial state.
+   !> Make the points around an initial state.
    subroutine new_probe_points(self, model, t, q0, p0)
       type(probe_points), intent(out) :: self
       class(model_type), intent(in), target :: model
@@ -89,14 +89,14 @@ contains
             self%q(lane, i) = displaced(q0(i), i, lane)
             self%p(lane, i) = displaced(p0(i), i, lane + 5)
          end do
-         ! Models are called with nlane lanes; those past the points repeat the last of them.
+         ! Models are called with nlane lanes; lanes past the points repeat the last point.
          self%q(npoint + 1:, i) = self%q(npoint, i)
          self%p(npoint + 1:, i) = self%p(npoint, i)
       end do
    end subroutine new_probe_points
 
-   !> The coordinate x, displaced by a pseudo-random part of its size, or of one where it is smaller.
-   !> The numbers are no random ones: a refusal can be repeated.
+   !> The coordinate x, displaced by a pseudo-random part of its size, or of one if it is smaller. The numbers are
+   !> fixed, so that a refusal can be repeated.
    pure real(wp) function displaced(x, i, salt)
       real(wp), intent(in) :: x
       integer, intent(in) :: i, salt
@@ -104,8 +104,8 @@ contains
       displaced = x + displacement*max(1.0_wp, abs(x))*generic(i, salt)
    end function displaced
 
-   !> A number of size 1/2 to 1 and of either sign, equidistributed over i: no accident makes sums
-   !> of such multiples vanish.
+   !> A number of size 1/2 to 1 and of either sign, equidistributed over i, so that sums of such multiples do not vanish
+   !> by accident.
    pure real(wp) function generic(i, salt)
       integer, intent(in) :: i, salt
       real(wp), parameter :: golden = 0.618033988749894848_wp, silver = 0.414213562373095049_wp
@@ -130,7 +130,7 @@ contains
       last_sum = min(self%nnoise, probed_alone + 1)
    end function last_sum
 
-   !> Probe sum k from now on: H_k by itself, or all noises past the first sixteen together.
+   !> Probe sum k from now on: H_k alone, or all noises past the first sixteen together.
    subroutine take_sum(self, k)
       class(probe_points), intent(inout) :: self
       integer, intent(in) :: k  !! number of the sum, 0 .. last_sum()
@@ -154,7 +154,7 @@ contains
       call find_slope(self)
    end subroutine take_all
 
-   !> Size of the gradient of the sum, which every product is compared with.
+   !> Size of the gradient of the sum, the scale for every product.
    subroutine find_slope(self)
       type(probe_points), intent(inout) :: self
       real(wp), allocatable :: hq(:, :), hp(:, :)
@@ -162,24 +162,24 @@ contains
       call self%gradient(hq, hp, self%slope)
    end subroutine find_slope
 
-   !> Give all Hamiltonians from H_first on weights without zeros, and call the sum of them so in messages.
+   !> Give all Hamiltonians from H_first on nonzero weights, and name their sum for messages.
    subroutine mix(self, first)
       type(probe_points), intent(inout) :: self
       integer, intent(in) :: first
       integer :: k
 
       do k = first, self%nnoise
-         ! The weights are of size 1/2 to 1 without a pattern: no Hamiltonian compensates the violation of another.
+         ! The weights are of size 1/2 to 1 and irregular, so that no Hamiltonian compensates the violation of another.
          self%w(:, k) = generic(k + 1, 1)
       end do
       self%sum_name = '(a sum of H_'//to_text(first)//' .. H_'//to_text(self%nnoise)//')'
    end subroutine mix
 
-   !> The gradient of the sum at the points, and how large it is there.
+   !> The gradient of the sum at the points, and its size there.
    subroutine gradient(self, hq, hp, scale)
       class(probe_points), intent(in) :: self
       real(wp), allocatable, intent(out) :: hq(:, :), hp(:, :)  !! (nlane, ndof)
-      real(wp), intent(out) :: scale(nlane)                     !! its largest component
+      real(wp), intent(out) :: scale(nlane)                     !! largest component of the gradient
 
       allocate (hq(nlane, self%ndof), hp(nlane, self%ndof))
       call self%model%gradient(nlane, self%ndof, self%nnoise, self%t, self%w, self%q, self%p, &
@@ -187,39 +187,37 @@ contains
       call largest_component(self%ndof, hq, hp, scale)
    end subroutine gradient
 
-   !> The Hessian of the sum times (vq, vp), by differences of gradients with two steps, one in proportion to the
-   !> state and one not. A difference is trusted only where both agree: lanes in which they do not, or whose state is
-   !> too large for the second, get the scale no_verdict.
+   !> The Hessian of the sum times (vq, vp), by differences of gradients with two steps, one in proportion to the state
+   !> and one not. A difference is trusted only if both agree: lanes in which they disagree, or whose state is too large
+   !> for the second step, get the scale no_verdict.
    !>
-   !> The first difference alone costs half, and most products refute nothing. So callers may first ask with sure =
-   !> .false., and ask for both differences only if the first one refutes something: both refute no more than the
-   !> first.
+   !> The first difference alone costs half, and most products refute nothing. So callers may first pass sure = .false.,
+   !> and compute both differences only if the first one refutes a trait: both refute no more than the first.
    subroutine product(self, vq, vp, uq, up, scale, sure)
       class(probe_points), intent(in) :: self
       real(wp), intent(in) :: vq(nlane, self%ndof), vp(nlane, self%ndof)
       real(wp), allocatable, intent(out) :: uq(:, :), up(:, :)  !! (nlane, ndof)
-      real(wp), intent(out) :: scale(nlane)  !! what an entry of the product is to be compared with
-      logical, intent(in), optional :: sure  !! .false.: by the first difference alone
+      real(wp), intent(out) :: scale(nlane)  !! size that an entry of the product is compared with
+      logical, intent(in), optional :: sure  !! .false.: first difference only
       real(wp), parameter :: agreement = 1.0e-5_wp
       real(wp), allocatable :: xq(:, :), xp(:, :)
       real(wp), dimension(nlane) :: apart, state, step
 
       call largest_component(self%ndof, self%q, self%p, state)
       step = default_step*max(1.0_wp, state)
-      ! The step suits functions that vary over the length of the state.
+      ! This step suits functions that vary over the length of the state.
       call difference(self, step, vq, vp, uq, up)
       call largest_component(self%ndof, uq, up, scale)
-      ! An entry is compared with the largest entry of the product, or with the gradient over the length of the
-      ! state where that is larger. For a linear sum all entries are rounding, and the gradient alone gives a
-      ! scale.
+      ! An entry is compared with the largest entry of the product, or with the gradient over the length of the state if
+      ! that is larger. For a linear sum all entries are rounding, and the gradient alone gives a scale.
       scale = max(scale, self%slope/max(1.0_wp, state)) + 0*(scale + self%slope)
       if (present(sure)) then
          if (.not. sure) return
       end if
       step = default_step/4
-      ! This one suits functions that vary over lengths of one, such as sines far from the origin.
+      ! This step suits functions that vary over lengths of one, such as sines far from the origin.
       call difference(self, step, vq, vp, xq, xp)
-      ! See how far the two differences are apart.
+      ! Compute how far the two differences are apart.
       xq = uq - xq
       xp = up - xp
       call largest_component(self%ndof, xq, xp, apart)
@@ -227,7 +225,7 @@ contains
       where (.not. (apart <= agreement*scale .and. state <= too_far)) scale = no_verdict
    end subroutine product
 
-   !> The Hessian of the sum times (vq, vp), by one difference with a step of its own in every lane.
+   !> The Hessian of the sum times (vq, vp), by one difference with a separate step in every lane.
    subroutine difference(self, step, vq, vp, uq, up)
       type(probe_points), intent(in) :: self
       real(wp), intent(in) :: step(nlane), vq(nlane, self%ndof), vp(nlane, self%ndof)
@@ -238,7 +236,7 @@ contains
                             self%q, self%p, vq, vp, uq, up)
    end subroutine difference
 
-   !> The largest component of a pair of vectors, lane by lane. It is not finite where any component is not.
+   !> The largest component of a pair of vectors, lane by lane; not finite if any component is not.
    pure subroutine largest_component(ndof, xq, xp, size)
       integer, intent(in) :: ndof
       real(wp), intent(in) :: xq(nlane, ndof), xp(nlane, ndof)
@@ -250,14 +248,14 @@ contains
       poison = 0
       do i = 1, ndof
          size = max(size, abs(xq(:, i)), abs(xp(:, i)))
-         poison = poison + 0*xq(:, i) + 0*xp(:, i)  ! max may pass over NaN
+         poison = poison + 0*xq(:, i) + 0*xp(:, i)  ! max may ignore NaN
       end do
       size = size + poison
    end subroutine largest_component
 
-   !> The component of (uq, up) that is largest against the scale of its lane, if it exceeds the tolerance; found%lane
-   !> = 0 where none does. Components that are not finite are passed over, and so are lanes whose scale is not finite
-   !> or is no_verdict. A scale of zero is not divided by, and zero does not exceed it.
+   !> The component of (uq, up) that is largest relative to the scale of its lane, if it exceeds the tolerance;
+   !> found%lane = 0 if none does. Components that are not finite are skipped, and so are lanes whose scale is not
+   !> finite or is no_verdict. For a scale of zero any nonzero component exceeds the tolerance.
    pure subroutine worst(uq, up, scale, tolerance, found)
       real(wp), intent(in) :: uq(:, :), up(:, :)  !! (nlane, ndof)
       real(wp), intent(in) :: scale(nlane), tolerance
@@ -265,14 +263,14 @@ contains
       real(wp) :: excess
       integer :: i, lane
 
-      ! excess is the largest ratio so far, and what the next component must exceed.
+      ! excess is the largest ratio so far, which the next component must exceed.
       excess = tolerance
       do i = 1, size(uq, 2)
          do lane = 1, npoint
-            ! This passes over no_verdict, which is negative, and over NaN.
+            ! This skips no_verdict, which is negative, and NaN.
             if (.not. scale(lane) >= 0) cycle
             if (abs(uq(lane, i)) > excess*scale(lane)) then
-               ! tiny stands for a scale of zero, against which any number but zero is too large.
+               ! tiny replaces a scale of zero, for which any nonzero number is too large.
                found = finding(lane, 1, i)
                excess = abs(uq(lane, i))/max(scale(lane), tiny(excess))
             end if
@@ -297,8 +295,8 @@ contains
       if (abs(up(lane, ip)) > abs(uq(lane, iq))) column = finding(lane, 2, ip)
    end function largest_entry
 
-   !> The row of the Hessian of the sum to which a component belongs, by its product with a unit vector. Strictly
-   !> this product is the column, which equals the row where the Hessian is symmetric, as it must be.
+   !> The row of the Hessian of the sum to which a component belongs, by its product with a unit vector. Strictly this
+   !> product is the column, which equals the row if the Hessian is symmetric, as it must be.
    subroutine row_of_hessian(self, row, uq, up)
       class(probe_points), intent(in) :: self
       type(finding), intent(in) :: row
@@ -313,13 +311,12 @@ contains
       if (row%half == 2) call self%product(self%zero, unit, uq, up, scale)
    end subroutine row_of_hessian
 
-   !> The rate at which the values of the sum change along the direction (vq, vp), by central differences with two
-   !> steps as in `product`, and the size of the values. `apart` is huge where the state is too large for the second
-   !> step.
+   !> The rate at which the values of the sum change along the direction (vq, vp), by central differences with two steps
+   !> as in `product`, and the size of the values. `apart` is huge if the state is too large for the second step.
    subroutine slope_of_values(self, slope, apart, values)
       class(probe_points), intent(in) :: self
       real(wp), intent(out) :: slope(nlane)   !! the rate by the first step
-      real(wp), intent(out) :: apart(nlane)   !! its distance from the rate by the second
+      real(wp), intent(out) :: apart(nlane)   !! difference from the rate by the second step
       real(wp), intent(out) :: values(nlane)  !! size of the values
       real(wp), dimension(nlane) :: state, step, other
 
@@ -328,12 +325,12 @@ contains
       call slope_with(self, step, slope, values)
       step = default_step/4
       call slope_with(self, step, other, values)
-      ! Where the two steps disagree the caller gives no verdict.
+      ! The caller gives no verdict if the two steps disagree.
       apart = abs(slope - other)
       where (.not. state <= too_far) apart = huge(apart)
    end subroutine slope_of_values
 
-   !> This rate by one central difference, and the larger size of the two values that it subtracts.
+   !> The rate by one central difference, and the larger size of the two subtracted values.
    subroutine slope_with(self, step, slope, values)
       type(probe_points), intent(in) :: self
       real(wp), intent(in) :: step(nlane)
@@ -350,7 +347,7 @@ contains
             y(:, i) = self%p(:, i) + sign*step*self%vp(:, i)
          end do
          call self%model%value(nlane, self%ndof, self%nnoise, self%t, self%w, x, y, values)
-         ! The lower end is kept while `values` is filled with the upper one.
+         ! Keep the lower end while `values` is filled with the upper end.
          if (sign < 0) lower = values
       end do
       slope = (values - lower)/(2*step)
@@ -365,7 +362,7 @@ contains
       text = 'q_'//to_text(i)//' = '//to_text(q)//', p_'//to_text(i)//' = '//to_text(p)
    end function coordinates
 
-   !> What `place` returns, followed by blanks: its length is found from this text.
+   !> The result of `place`, padded with blanks: `place` takes its length from this text.
    pure character(len=192) function padded_place(self, lane, i, j) result(text)
       class(probe_points), intent(in) :: self
       integer, intent(in) :: lane, i, j
@@ -374,7 +371,7 @@ contains
       if (j /= i) text = trim(text)//', '//coordinates(j, self%q(lane, j), self%p(lane, j))
    end function padded_place
 
-   !> What `entry_name` returns, followed by blanks: its length is found from this text.
+   !> The result of `entry_name`, padded with blanks: `entry_name` takes its length from this text.
    pure character(len=128) function padded_entry(sum_name, row, column) result(text)
       character(*), intent(in) :: sum_name
       type(finding), intent(in) :: row, column
@@ -383,7 +380,7 @@ contains
       if (column%i > 0) text = trim(text)//'_'//to_text(column%i)
    end function padded_entry
 
-   !> A second derivative of the sum, such as d2H_1/dq_1dp_2; column 0 stands for the whole row.
+   !> The name of a second derivative of the sum, such as d2H_1/dq_1dp_2; column 0 means the whole row.
    pure function entry_name(self, row, column) result(text)
       class(probe_points), intent(in) :: self
       type(finding), intent(in) :: row, column
@@ -392,8 +389,7 @@ contains
       text = padded_entry(self%sum_name, row, column)
    end function entry_name
 
-   !> Where a point lies, in words: its coordinates in the degrees of freedom i and j, which are told once where i =
-   !> j.
+   !> The position of a point in words: its coordinates in the degrees of freedom i and j, given once if i = j.
    pure function place(self, lane, i, j) result(text)
       class(probe_points), intent(in) :: self
       integer, intent(in) :: lane, i, j
@@ -402,7 +398,7 @@ contains
       text = padded_place(self, lane, i, j)
    end function place
 
-   !> The letter of one half of the phase space.
+   !> The letter of one half of the phase space, q or p.
    pure character(len=1) function variable(half)
       integer, intent(in) :: half
 

@@ -1,7 +1,7 @@
 ! SPDX-License-Identifier: BSD-3-Clause
 !>    hq(i) = S_q(i),    hqq(0,i) = S_qq(i,i),    hqq(1,i) = S_qq(i,i+1)
 !>
-!> The probe of the rows of a chain, which give force and stiffness mass by mass: the force must be the gradient, and
+!> The probe of the rows of a chain, which contain force and stiffness mass by mass: the force must be the gradient, and
 !> the stiffness its derivative.
 module symsde_model_probe_rows
    use symsde_base_kinds, only: wp
@@ -14,13 +14,13 @@ module symsde_model_probe_rows
    private
    public :: probe_rows
 
-   real(wp), parameter :: vanishing = 1.0e-6_wp  !! differences below this part of the gradient are rounding
+   real(wp), parameter :: vanishing = 1.0e-6_wp  !! differences below this part of the gradient count as rounding
    real(wp), parameter :: matching = 1.0e-4_wp   !! relative mismatch of second derivatives
 
 contains
 
-   !> Compare the force and the stiffness of all rows with the gradient and with the bands, which the model gives by
-   !> other functions. Points where these are not finite are passed over.
+   !> Compare the force and the stiffness of all rows with the gradient and with the bands, which the model computes by
+   !> other functions. Points where these are not finite are skipped.
    subroutine probe_rows(points, rows, error)
       type(probe_points), intent(in) :: points
       class(kernel_model), intent(in) :: rows  !! the model of the points
@@ -36,7 +36,7 @@ contains
       call points%gradient(gq, gp, scale)
       call points%model%hessian_banded(nlane, n, points%nnoise, 1, points%t, points%w, points%q, points%p, hqq=bands)
       call block_from_rows(rows, nlane, n, points%nnoise, points%t, points%w, points%q, hq, hqq)
-      ! The last mass has no neighbour beyond it, so that this entry means nothing in rows or bands.
+      ! The last mass has no neighbour beyond it, so that this entry has no meaning in rows or bands.
       hqq(:, 1, n) = 0
       bands(:, 1, n) = 0
       ! Forces are compared to six digits, and the stiffness to four, since bands may be differences.
@@ -46,7 +46,7 @@ contains
 
    contains
 
-      !> Refuse (false_trait) the first entry that is off by more than a part of the largest one of its lane.
+      !> Refuse (false_trait) the first entry whose error exceeds a part of the largest entry of its lane.
       subroutine compare(what, wanted, found, tolerance)
          character(*), intent(in) :: what
          real(wp), intent(in) :: wanted(:, :), found(:, :), tolerance  !! (nlane, ndof)
@@ -54,9 +54,9 @@ contains
          integer :: lane, i
 
          do lane = 1, nlane
-            ! Entries are compared with the largest of their lane: small ones may be rounding of larger terms.
+            ! Entries are compared with the largest entry of their lane: small ones may be rounding of larger terms.
             largest = maxval(abs(wanted(lane, :)))
-            ! The comparison is false for NaN, too.
+            ! The comparison is also false for NaN.
             if (.not. all(abs(wanted(lane, :)) <= huge(largest))) cycle
             do i = 1, n
                ! A row that is not finite is refused here, since the gradient at this point is finite.

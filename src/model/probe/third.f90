@@ -1,9 +1,9 @@
 ! SPDX-License-Identifier: BSD-3-Clause
 !>    S'''[a,b] ~ [g(x+e(a+b)) + g(x-e(a+b)) - g(x+e(a-b)) - g(x-e(a-b))]/(4 e^2),     g = grad S,   x = (q, p)
 !>
-!> The probe of third derivatives: they must agree with second differences of the gradient. A second difference
-!> takes four gradients. One is tried first, and two more if it disagrees: at most twelve gradients beside the one
-!> call of third_derivative.
+!> The probe of third derivatives: they must agree with second differences of the gradient. A second difference takes
+!> four gradients. One difference is tried first, and two more if it disagrees: at most twelve gradients in addition to
+!> one call of third_derivative.
 module symsde_model_probe_third
    use symsde_base_kinds, only: wp
    use symsde_base_status, only: error_type, raise, false_trait
@@ -14,16 +14,16 @@ module symsde_model_probe_third
    public :: probe_third
 
    real(wp), parameter :: matching = 1.0e-3_wp   !! relative mismatch
-   real(wp), parameter :: vanishing = 1.0e-5_wp  !! mismatch that belongs to rounding, relative to the gradients
+   real(wp), parameter :: vanishing = 1.0e-5_wp  !! mismatch that counts as rounding, relative to the gradients
    real(wp), parameter :: step = epsilon(1.0_wp)**0.25_wp  !! step of a second difference at a state of size one
    integer, parameter :: nstep = 3  !! differences: one with a step in proportion to the state, two with short ones
 
 contains
 
-   !> Compare S'''[a,b] with the second difference of the gradient g of the sum S that is probed, a the direction of
-   !> the probe. A step in proportion to the state suits powers. Far from the origin it passes over whole periods of
-   !> a sine: if it refutes a component, two steps of (eps |x|)^(1/4), which suit lengths of one, are tried, too.
-   !> Points where a gradient is not finite are passed over.
+   !> Compare S'''[a,b] with the second difference of the gradient g of the probed sum S, where a is the direction of
+   !> the probe. A step in proportion to the state suits powers. Far from the origin such a step spans whole periods of
+   !> a sine: if it refutes a component, two steps of (eps |x|)^(1/4), which suit lengths of one, are tried too. Points
+   !> where a gradient is not finite are skipped.
    subroutine probe_third(points, error)
       type(probe_points), intent(in) :: points
       type(error_type), allocatable, intent(inout) :: error
@@ -41,7 +41,7 @@ contains
          bp(:, i) = generic(i, 8)
       end do
       do i = 1, nlane
-         ! eps^(1/4) balances the error of a second difference, e^2, with that of rounding, eps/e^2.
+         ! eps^(1/4) balances the truncation error of a second difference, e^2, with the rounding error, eps/e^2.
          state = max(1.0_wp, maxval(abs(points%q(i, :))), maxval(abs(points%p(i, :))))
          !   e = eps^(1/4) |x|,   (eps |x|)^(1/4),   and half of the second
          far(i) = step*state
@@ -56,13 +56,13 @@ contains
       if (fits(uq, dq, largest, 1) .and. fits(up, dp, largest, 1)) return
       call second_difference(points, short, bq, bp, dq(:, :, 2), dp(:, :, 2), largest(:, 2))
       call second_difference(points, shorter, bq, bp, dq(:, :, 3), dp(:, :, 3), largest(:, 3))
-      ! A component is refused only where all three refute it and the two short ones agree with each other.
+      ! A component is refused only if all three differences refute it and the two short steps agree with each other.
       call judge(points, largest, 'q', uq, dq, error)
       call judge(points, largest, 'p', up, dp, error)
    end subroutine probe_third
 
-   !> The second difference of the gradient along two directions, that of the probe and (bq, bp), with a step e of its
-   !> own in every lane. `largest` sums the sizes of all gradients in it: rounding is in proportion to these.
+   !> The second difference of the gradient along two directions, that of the probe and (bq, bp), with a separate step e
+   !> in every lane. `largest` sums the sizes of all gradients in it, since rounding is proportional to these.
    subroutine second_difference(points, e, bq, bp, dq, dp, largest)
       type(probe_points), intent(in) :: points
       real(wp), intent(in) :: e(nlane), bq(nlane, points%ndof), bp(nlane, points%ndof)
@@ -83,17 +83,17 @@ contains
             end do
             call points%model%gradient(nlane, points%ndof, points%nnoise, points%t, points%w, xq, xp, gq, gp)
             do i = 1, points%ndof
-               ! s = 1 takes a + b, s = -1 takes a - b, which enters with the other sign; r is the sign of e.
+               ! s = 1 is a + b, s = -1 is a - b, which has the opposite sign; r is the sign of e.
                dq(:, i) = dq(:, i) + s*gq(:, i)/(4*e**2)
                dp(:, i) = dp(:, i) + s*gp(:, i)/(4*e**2)
-               ! The sum is over components, too: it bounds what rounding of any of them can do.
+               ! The sum is over components too: it bounds the rounding of any of them.
                largest = largest + (abs(gq(:, i)) + abs(gp(:, i)))
             end do
          end do
       end do
    end subroutine second_difference
 
-   !> Refuse a component that all differences refute, if those with the short steps agree.
+   !> Refuse a component that all differences refute, if those with short steps agree.
    subroutine judge(points, largest, letter, found, wanted, error)
       type(probe_points), intent(in) :: points
       real(wp), intent(in) :: largest(nlane, nstep)
@@ -106,7 +106,7 @@ contains
       call find_allowed(wanted, largest, nstep, allowed)
       do i = 1, points%ndof
          if (allocated(error)) return
-         ! All three differences must refute it.
+         ! A component is refused only if all three differences refute it.
          lane = refuted(found(:, i), wanted(:, i, :), allowed, nstep)
          if (lane == 0) cycle
          call raise(error, false_trait, 'probe_model', "model '"//points%model%name//"' offers "// &
@@ -120,7 +120,7 @@ contains
    !> Whether no component is refuted by the first m differences.
    logical function fits(found, wanted, largest, m)
       real(wp), intent(in) :: found(:, :), wanted(:, :, :), largest(:, :)
-      integer, intent(in) :: m  !! how many of the differences there are so far
+      integer, intent(in) :: m  !! number of differences computed so far
       real(wp) :: allowed(npoint, m)
       integer :: i
 
@@ -141,15 +141,15 @@ contains
 
       do s = 1, m
          do lane = 1, npoint
-            !   1e-3 of the largest component + 1e-5 of the gradients that were subtracted
-            ! Rounding leaves about eps/e^2 = 1e-8 of the gradients at a state of size one.
+            ! 1e-3 of the largest component + 1e-5 of the gradients that were subtracted
+            ! Rounding is about eps/e^2 = 1e-8 of the gradients at a state of size one.
             allowed(lane, s) = matching*maxval(abs(wanted(lane, :, s))) + vanishing*largest(lane, s)
          end do
       end do
    end subroutine find_allowed
 
    !> The first point where each of the first m differences refutes a component, 0 = none. With all three differences,
-   !> the two short steps must agree there; points where something is not finite are passed over.
+   !> the two short steps must agree there; points where a number is not finite are skipped.
    pure integer function refuted(found, wanted, allowed, m) result(lane)
       integer, intent(in) :: m
       real(wp), intent(in) :: found(:), wanted(:, :), allowed(npoint, m)

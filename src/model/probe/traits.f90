@@ -1,10 +1,10 @@
 ! SPDX-License-Identifier: BSD-3-Clause
 !>    Hess S v ~ (g(x + e v) - g(x - e v))/(2 e),   g = grad S,   S = H, H_k or a sum: zero where a trait says so
 !>
-!> The probe tests declarations of a model by differences of its gradients at three points, and refuses a false one
-!> by name with the numbers that refute it. Directions without zeros decide, which takes some tens of gradients for
-!> any number of degrees of freedom; then the entry is looked for. A declaration that is false only far from the
-!> initial state passes.
+!> The probe tests declarations of a model by differences of its gradients at three points, and refuses a false one by
+!> name with the numbers that refute it. Directions without zeros decide, which takes some tens of gradients for any
+!> number of degrees of freedom; only then the wrong entry is searched. A declaration that is false only far from the
+!> initial state is not detected.
 module symsde_model_probe_traits
    use symsde_base_kinds, only: wp
    use symsde_base_memory, only: require_memory
@@ -25,19 +25,20 @@ module symsde_model_probe_traits
    public :: probe_model
 
    character(*), parameter :: here = 'probe_model'
-   real(wp), parameter :: vanishing = 1.0e-6_wp  !! entries below this part of the rest are zero
+   real(wp), parameter :: vanishing = 1.0e-6_wp  !! entries below this part of the largest count as zero
    real(wp), parameter :: matching = 1.0e-4_wp   !! relative mismatch of derivatives
    integer, parameter :: largest_dense = 64      !! ndof up to which dense blocks are probed
-   integer, parameter :: dense_alone = 16        !! .. for every sum; above it for H and one sum of all
+   integer, parameter :: dense_alone = 16        !! .. for each sum; above this only for H and one sum of all
 
-   !> Which of the model's second derivatives is compared with differences.
+   !> Kinds of the model's second derivatives that are compared with differences.
    integer, parameter :: by_product = 1, by_blocks = 2, by_bands = 3, by_joint = 4
 
 contains
 
    !> Test gradient, declared traits and offered derivatives of a model around an initial state. Refuses impossible
-   !> traits (check_traits), a state of the wrong shape (wrong_shape), a gradient of no sum of Hamiltonians and what
-   !> gradients refute (false_trait). Passes over points where the model is not finite; decided: at the state it is.
+   !> traits (check_traits), a state of the wrong shape (wrong_shape), a gradient that belongs to no sum of
+   !> Hamiltonians, and traits or derivatives that gradients refute (false_trait). Skips points where the model is not
+   !> finite; decided: whether it is finite at the state.
    subroutine probe_model(model, t, q0, p0, error, decided)
       class(model_type), intent(in) :: model
       real(wp), intent(in) :: t, q0(:), p0(:)  !! initial time, and state of one path (ndof)
@@ -76,10 +77,10 @@ contains
          if (rows%offers%rows) call probe_rows(points, rows, error)
       end if
       if (present(decided)) decided = points%slope(1) <= huge(1.0_wp)
-      call model%clear_failure()  ! a user's function may refuse a displaced point
+      call model%clear_failure()  ! a user's function may fail at a displaced point
    end subroutine probe_model
 
-   !> Most numbers of eight bytes that a probe holds: vectors, and Hessians if they are probed.
+   !> Most numbers of eight bytes that a probe holds: vectors, and Hessians if these are probed.
    pure real(wp) function probe_numbers(traits)
       type(model_traits), intent(in) :: traits
       real(wp) :: n, b
@@ -107,7 +108,7 @@ contains
       if (k > 0 .and. allocated(traits%silent)) call probe_silent(points, k, error)  ! last: it changes the sum
    end subroutine probe_traits
 
-   !> Test the derivatives offered beside the gradient. By now the bands are known to hold all entries.
+   !> Test the derivatives offered besides the gradient. At this point the bands are known to contain all entries.
    subroutine probe_derivatives(points, traits, k, error)
       type(probe_points), intent(in) :: points
       type(model_traits), intent(in) :: traits
@@ -124,7 +125,7 @@ contains
 
    ! ---- traits -----------------------------------------------------------------------------------
 
-   !> Of identity_mass the probe tests H_p = p, of constant_mass H_p = M^-1 p with some constant M.
+   !> For identity_mass the probe tests H_p = p, for constant_mass H_p = M^-1 p with some constant M.
    subroutine probe_mass(points, error)
       type(probe_points), intent(in) :: points
       type(error_type), allocatable, intent(inout) :: error
@@ -136,7 +137,8 @@ contains
       if (bad%lane > 0) call refuse(points, trait, what, x, bad%lane, bad%i, bad%i, error)
    end subroutine probe_mass
 
-   !> Noises that are declared silent must have no gradient: H_k = 0; of several, the sum of those declared so is 0.
+   !> Noises declared silent must have zero gradient, H_k = 0; if a sum has several noises, the sum of the silent ones
+   !> is tested.
    subroutine probe_silent(points, k, error)
       type(probe_points), intent(inout) :: points
       integer, intent(in) :: k
@@ -146,7 +148,7 @@ contains
       type(finding) :: bad
       integer :: last, j
 
-      last = merge(points%nnoise, k, k == points%last_sum())  ! the last sum may be of several noises
+      last = merge(points%nnoise, k, k == points%last_sum())  ! the last sum may contain several noises
       if (.not. any(points%model%traits%silent(k:last))) return
       do j = k, last
          if (.not. points%model%traits%silent(j)) points%w(:, j) = 0
@@ -159,7 +161,7 @@ contains
                   to_text(bad%i), hq(bad%lane, bad%i), bad%lane, bad%i, bad%i, error)
    end subroutine probe_silent
 
-   !> With position_noise declared, a noise must not depend on p: H_{k,p} = 0.
+   !> If position_noise is declared, a noise must not depend on p: H_{k,p} = 0.
    subroutine probe_position_noise(points, error)
       type(probe_points), intent(in) :: points
       type(error_type), allocatable, intent(inout) :: error
@@ -175,7 +177,7 @@ contains
                   hp(bad%lane, bad%i), bad%lane, bad%i, bad%i, error)
    end subroutine probe_position_noise
 
-   !> With additive declared, H_k must be linear, so that its Hessian vanishes.
+   !> If additive is declared, H_k must be linear, so that its Hessian vanishes.
    subroutine probe_additive(points, error)
       type(probe_points), intent(in) :: points
       type(error_type), allocatable, intent(inout) :: error
@@ -184,7 +186,7 @@ contains
       type(finding) :: row
       integer :: pass
 
-      do pass = 1, 2  ! the trait is refused if one difference refutes it, and then both do
+      do pass = 1, 2  ! refuse only if the first difference refutes the trait, and then both do
          call points%product(points%vq, points%vp, uq, up, scale, pass == 2)
          call worst(uq, up, scale, vanishing, row)
          if (row%lane == 0) return
@@ -193,7 +195,7 @@ contains
       call refuse_entry(points, 'additive', row, uq, up, error)
    end subroutine probe_additive
 
-   !> With separable declared, the mixed derivatives d2/(dq dp) must vanish.
+   !> If separable is declared, the mixed derivatives d2/(dq dp) must vanish.
    subroutine probe_separable(points, error)
       type(probe_points), intent(in) :: points
       type(error_type), allocatable, intent(inout) :: error
@@ -213,7 +215,7 @@ contains
       call refuse_entry(points, 'separable', row, uq, up, error)
    end subroutine probe_separable
 
-   !> With quadratic declared, the Hessian must be the same at all points: all are compared with the first two.
+   !> If quadratic is declared, the Hessian must be the same at all points: all are compared with the first two.
    subroutine probe_quadratic(points, error)
       type(probe_points), intent(in) :: points
       type(error_type), allocatable, intent(inout) :: error
@@ -240,7 +242,7 @@ contains
                   dq(row%lane, column%i), row%lane, row%i, column%i, error)
    end subroutine probe_quadratic
 
-   !> Differences of a product, at all points, from its value at the point `from`.
+   !> The product at all points minus its value at the point `from`.
    subroutine subtract_point(ndof, from, uq, up, dq, dp)
       integer, intent(in) :: ndof, from
       real(wp), intent(in) :: uq(nlane, ndof), up(nlane, ndof)
@@ -254,9 +256,9 @@ contains
       end do
    end subroutine subtract_point
 
-   !> With a bandwidth b declared, entries with |i-j| > b must vanish. Columns that lie a stride apart are probed
-   !> together: what rows farther than b from all of them get must vanish. Three strides are tried, with at most 32
-   !> sets of columns each, so that the cost does not grow with the system.
+   !> If a bandwidth b is declared, entries with |i-j| > b must vanish. Columns a stride apart are probed together: in
+   !> rows farther than b from all of them the product must vanish. Three strides are tried, with at most 32 sets of
+   !> columns each, so that the cost does not grow with the system.
    subroutine probe_bandwidth(points, error)
       type(probe_points), intent(in) :: points
       type(error_type), allocatable, intent(inout) :: error
@@ -267,7 +269,7 @@ contains
       b = points%model%traits%bandwidth
       if (b >= points%ndof - 1) return
       do k = 1, size(factor)
-         stride = factor(k)*(b + 1) + k - 1  ! an entry that one stride passes over is mostly seen by another
+         stride = factor(k)*(b + 1) + k - 1  ! an entry missed by one stride is usually found by another
          nset = min(stride, points%ndof, most)
          do set = 0, nset - 1
             if (allocated(error)) return
@@ -277,7 +279,8 @@ contains
       end do
    end subroutine probe_bandwidth
 
-   !> Probe the columns first, first + stride, .. of the four blocks: rows far from all of them must vanish.
+   !> Probe the columns first, first + stride, .. of the four blocks: the product must vanish in rows far from all of
+   !> them.
    subroutine probe_columns(points, b, first, stride, error)
       type(probe_points), intent(in) :: points
       integer, intent(in) :: b, first, stride
@@ -320,7 +323,8 @@ contains
 
    ! ---- derivatives that the model offers --------------------------------------------------------
 
-   !> With has_value, the rate at which values change along a direction must be the gradient times the direction.
+   !> If has_value is declared, the rate at which values change along a direction must be the gradient times the
+   !> direction.
    subroutine probe_value(points, error)
       type(probe_points), intent(in) :: points
       type(error_type), allocatable, intent(inout) :: error
@@ -333,7 +337,7 @@ contains
       scale = sum(abs(hq*points%vq), dim=2) + sum(abs(hp*points%vp), dim=2)
       call points%slope_of_values(slope, apart, values)
       scale = scale + vanishing*values  ! error of a difference from rounding of large values
-      where (.not. apart <= 1.0e-5_wp*scale) slope = exact  ! no verdict: the two steps disagree
+      where (.not. apart <= 1.0e-5_wp*scale) slope = exact  ! no verdict if the two steps disagree
       do lane = 1, npoint
          if (.not. abs(slope(lane) - exact(lane)) > matching*scale(lane)) cycle
          call raise(error, false_trait, here, 'model '''//points%model%name// &
@@ -344,7 +348,7 @@ contains
       end do
    end subroutine probe_value
 
-   !> Test the Hessian in dense blocks, by itself and with the gradient, up to the largest ndof given.
+   !> Test the Hessian in dense blocks, alone and together with the gradient, up to the given largest ndof.
    subroutine probe_dense(points, largest, error)
       type(probe_points), intent(in) :: points
       integer, intent(in) :: largest
@@ -355,7 +359,8 @@ contains
       if (.not. allocated(error)) call probe_joint(points, error)
    end subroutine probe_dense
 
-   !> Of gradient_hessian the gradient must be that of `gradient`, and the Hessian must fit differences of gradients.
+   !> In gradient_hessian the gradient must be that of `gradient`, and the Hessian must agree with differences of
+   !> gradients.
    subroutine probe_joint(points, error)
       type(probe_points), intent(in) :: points
       type(error_type), allocatable, intent(inout) :: error
@@ -385,7 +390,7 @@ contains
                  '; correct one of them, or do not offer it')
    end subroutine probe_joint
 
-   !> All second derivatives that are offered (hessian_vector, hessian, hessian_banded, gradient_hessian) must fit
+   !> All offered second derivatives (hessian_vector, hessian, hessian_banded, gradient_hessian) must agree with
    !> differences of the gradient: products with a direction in q and with one in p are compared.
    subroutine probe_second(points, which, error)
       type(probe_points), intent(in) :: points
@@ -421,7 +426,7 @@ contains
       end do
    end subroutine probe_second
 
-   !> The Hessian times (vq, vp) by one of the operations that the model offers.
+   !> The Hessian times (vq, vp) by one of the model's operations.
    subroutine offered_product(points, which, vq, vp, uq, up)
       type(probe_points), intent(in) :: points
       integer, intent(in) :: which
@@ -443,7 +448,7 @@ contains
          else
             allocate (hqq(nlane, n, n), hqp(nlane, n, n), hpp(nlane, n, n))
             if (which == by_blocks) call x%model%hessian(nlane, n, m, x%t, x%w, x%q, x%p, hqq, hqp, hpp)
-            if (which == by_joint) &  ! uq and up take the gradient for the moment
+            if (which == by_joint) &  ! uq and up receive the gradient first
                call x%model%gradient_hessian(nlane, n, m, x%t, x%w, x%q, x%p, uq, up, hqq, hqp, hpp)
          end if
          uq = 0
@@ -488,8 +493,8 @@ contains
    subroutine refuse(points, trait, what, x, lane, i, j, error)
       type(probe_points), intent(in) :: points
       character(*), intent(in) :: trait, what  !! name of the trait, name of the quantity
-      real(wp), intent(in) :: x                !! its value
-      integer, intent(in) :: lane, i, j        !! the point, and where to tell it
+      real(wp), intent(in) :: x                !! value of the quantity
+      integer, intent(in) :: lane, i, j        !! the point, and the degrees of freedom for the message
       type(error_type), allocatable, intent(inout) :: error
       character(:), allocatable :: declared, remedy
 

@@ -1,16 +1,16 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> A model whose gradient, and what else it offers, are C functions that work on whole blocks.
+!> A model whose gradient, and optional further operations, are C functions for whole blocks.
 !>
-!> Arrays have the lane fastest: Fortran q(nlane, ndof) is C q[ndof][nlane], w(nlane, 0:nnoise) is
-!> w[nham][nlane] with nham = nnoise + 1, and hqp(nlane, i, j) = d2/(dq_i dp_j) is hqp[j][i][nlane].
-!> An output that is not wanted is room that is thrown away, or NULL for functions that accept it: to write to NULL ends
-!> the process. The functions are called from several threads at once, must compute every lane by itself, and mark a
-!> lane that fails by NaN. Outputs are NaN before every call, so lanes that are left unwritten fail, too: numba returns
-!> 0 in the middle of a block where a lane divides by zero. A nonzero return aborts the run: the outputs of that call
-!> become NaN and failure_code() tells the first such code.
+!> In arrays the lane index is fastest: Fortran q(nlane, ndof) is C q[ndof][nlane], w(nlane, 0:nnoise) is w[nham][nlane]
+!> with nham = nnoise + 1, and hqp(nlane, i, j) = d2/(dq_i dp_j) is hqp[j][i][nlane]. An unwanted output is a work array
+!> whose content is discarded, or NULL for functions that accept NULL: writing to NULL ends the process. The functions
+!> are called from several threads at once, must compute every lane independently, and mark a lane that fails by NaN.
+!> Outputs are NaN before every call, so unwritten lanes fail too: numba returns 0 in the middle of a block if a lane
+!> divides by zero. A nonzero return aborts the run: the outputs of that call become NaN and failure_code() returns the
+!> first such code.
 !>
-!> Each function is given a whole block, padded to full vectors; where any_lanes says so, the real lanes alone.
-!> Do not copy with allocate(source=): two models would own one record. Assignment is safe.
+!> Each function gets a whole block, padded to full vectors; if any_lanes is true, the real lanes alone. Do not copy
+!> with allocate(source=): two models would own one record. Assignment is safe.
 module symsde_model_user_callback
    use, intrinsic :: iso_c_binding, only: c_associated, c_f_procpointer, c_funptr, c_null_ptr, c_ptr
    use symsde_base_counters, only: counters_type
@@ -43,9 +43,9 @@ module symsde_model_user_callback
       procedure(gradient_hessian_callback), pointer, nopass :: on_gradient_hessian => null()
       procedure(chain_rows_callback), pointer, nopass :: on_chain_rows => null()
       procedure(third_derivative_callback), pointer, nopass :: on_third_derivative => null()
-      logical :: null_accepted = .false.         !! outputs that are not wanted are NULL
+      logical :: null_accepted = .false.         !! unwanted outputs are NULL
       type(c_ptr) :: user = c_null_ptr           !! passed to every function unchanged
-      integer(i4), pointer :: failure => null()  !! first nonzero return; a model is intent(in)
+      integer(i4), pointer :: failure => null()  !! first nonzero return; a pointer, as a model is intent(in)
    contains
       procedure :: gradient
       procedure :: value => weighted_value
@@ -76,8 +76,8 @@ contains
    subroutine new_callback_model(self, name, traits, gradient, value, hessian, hessian_vector, &
                                  user, error)
       type(callback_model), intent(out) :: self
-      character(*), intent(in) :: name                !! for messages and reports
-      type(model_traits), intent(in) :: traits        !! as declared by the user
+      character(*), intent(in) :: name                !! name for messages and reports
+      type(model_traits), intent(in) :: traits        !! traits as declared by the user
       type(c_funptr), intent(in) :: gradient          !! a gradient_callback
       type(c_funptr), intent(in) :: value             !! a value_callback, or c_null_funptr
       type(c_funptr), intent(in) :: hessian           !! a hessian_callback, or c_null_funptr
@@ -116,7 +116,7 @@ contains
       self%traits%has_hessian = associated(self%on_hessian) .or. associated(self%on_gradient_hessian)
    end subroutine set_gradient_hessian
 
-   !> Whole steps by a map, before the model is used; c_null_funptr takes them back.
+   !> Add whole steps by a map, before the model is used; c_null_funptr removes them.
    subroutine set_flow(self, map, take)
       class(callback_model), intent(inout) :: self
       type(step_map), intent(in) :: map
@@ -134,7 +134,7 @@ contains
       has_flow = self%flows%place_of(map) > 0
    end function has_flow
 
-   !> Whole steps, of the real lanes alone where the user's functions take any number of lanes.
+   !> Whole steps; only of the real lanes if the user's functions accept any number of lanes.
    subroutine flow(self, map, steps, ndof, q, p, qn, pn, status, counters)
       class(callback_model), intent(in) :: self
       type(step_map), intent(in) :: map
@@ -171,7 +171,7 @@ contains
       if (allocated(error)) return
       call c_f_procpointer(chain_rows, self%on_chain_rows)
       self%offers%rows = .true.
-      self%offers%rows_of_one = .true.  ! asked for where any_lanes says that the bits are the same
+      self%offers%rows_of_one = .true.  ! used only if any_lanes guarantees the same bits
    end subroutine set_chain_rows
 
    !> Add a function before the model is used: third derivatives, for nested brackets; c_null_funptr removes it.
@@ -185,7 +185,7 @@ contains
       if (self%traits%has_third_derivative) call c_f_procpointer(third_derivative, self%on_third_derivative)
    end subroutine set_third_derivative
 
-   !> The functions look whether an output is NULL, before the model is used.
+   !> Declare, before the model is used, that its functions accept NULL for outputs.
    subroutine accept_null(self)
       class(callback_model), intent(inout) :: self
 
@@ -288,7 +288,7 @@ contains
       call spoil(nlane*ndof, uq, up)
    end subroutine hessian_vector
 
-   !> Gradient and Hessian at one point; one after the other where the user offers no joint function.
+   !> Gradient and Hessian at one point; one after the other if the user offers no joint function.
    subroutine gradient_hessian(self, nlane, ndof, nnoise, t, w, q, p, hq, hp, hqq, hqp, hpp)
       class(callback_model), intent(in) :: self
       integer, intent(in) :: nlane, ndof, nnoise
@@ -343,7 +343,7 @@ contains
       real(wp), intent(out) :: hq(nlane, ndof), hqq(nlane, 0:b, ndof)
       real(wp), target :: few(little)
       real(wp), allocatable, target :: more(:)
-      real(wp), pointer, contiguous :: padded(:)  !! q with the rows before the first and behind the last
+      real(wp), pointer, contiguous :: padded(:)  !! q with the rows before the first and after the last
       integer(i4) :: code
 
       if (nlane > 1 .or. b /= 1 .or. .not. associated(self%on_chain_rows)) then
@@ -406,7 +406,7 @@ contains
       end associate
    end subroutine whole_hessian
 
-   !> The same of the joint function.
+   !> Compute gradient and Hessian by a function that does not accept NULL, and keep the outputs that are present.
    subroutine whole_gradient_hessian(self, nlane, ndof, nnoise, t, w, q, p, code, hq, hp, hqq, hqp, hpp)
       type(callback_model), intent(in) :: self
       integer, intent(in) :: nlane, ndof, nnoise
@@ -444,7 +444,7 @@ contains
       code = self%failure
    end function failure_code
 
-   !> Forget a failure, before a run.
+   !> Forget a failure before a run.
    subroutine clear_failure(self)
       class(callback_model), intent(in) :: self
 
@@ -453,7 +453,7 @@ contains
       self%failure = 0
    end subroutine clear_failure
 
-   !> Keep the first nonzero code. Of two threads that fail at the same moment either may win.
+   !> Keep the first nonzero code. If two threads fail at the same moment, either code may be kept.
    subroutine note(self, code)
       type(callback_model), intent(in) :: self
       integer(i4), intent(in) :: code
@@ -463,7 +463,7 @@ contains
       self%failure = code
    end subroutine note
 
-   !> Assignment: the same functions and record of probes, a record of failure of its own.
+   !> Assignment: the copy has the same functions and record of probes, but a separate record of failure.
    subroutine copy(left, right)
       class(callback_model), intent(inout) :: left
       class(callback_model), intent(in) :: right
@@ -487,7 +487,7 @@ contains
       call left%clear_failure()
    end subroutine copy
 
-   !> Give back the records.
+   !> Deallocate the records.
    subroutine release(self)
       type(callback_model), intent(inout) :: self
 

@@ -1,5 +1,5 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> Flows of a user's model: C functions, one for each map (model_type%flow says what they promise).
+!> Whole steps of a user's model: C functions, one for each map (model_type%flow states their contract).
 !>
 !> Private to its family.
 module symsde_model_user_callback_flow
@@ -19,7 +19,7 @@ module symsde_model_user_callback_flow
       procedure(flow_callback), pointer, nopass :: take => null()
    end type flow_slot
 
-   !> The functions of a model.
+   !> The functions of a model for whole steps.
    type :: user_flows
       private
       type(flow_slot), allocatable :: slots(:)
@@ -40,8 +40,8 @@ module symsde_model_user_callback_flow
          import :: c_int, c_int64_t, c_double, c_ptr, nfunctional
          integer(c_int), value :: nlane, ndof, nham
          integer(c_int), value :: nstep, every             !! steps, and steps between states to return
-         integer(c_int), value :: max_iter                 !! bound of a solver's iterations in a step
-         real(c_double), value :: t, h                     !! when the first step begins; the step with its sign
+         integer(c_int), value :: max_iter                 !! bound on iterations of a solver in a step
+         real(c_double), value :: t, h !! time at which the first step begins; the step with its sign
          real(c_double), intent(in) :: w(nlane, nham, nstep)
          type(c_ptr), intent(in) :: functionals(nfunctional) !! each (nlane, columns, nstep), or NULL
          real(c_double), intent(in) :: q(nlane, ndof), p(nlane, ndof)
@@ -92,7 +92,7 @@ contains
       end do
    end function place_of
 
-   !> Take the steps of a map that has a function, in the first n lanes; further lanes repeat the last of them.
+   !> Take the steps of a map that has a function, in the first n lanes; further lanes repeat the last of these.
    subroutine take(self, map, steps, ndof, n, user, q, p, qn, pn, status, code)
       class(user_flows), intent(in) :: self
       type(step_map), intent(in) :: map
@@ -124,7 +124,7 @@ contains
       end do
    end subroutine take
 
-   !> One call of the user's function.
+   !> Call the user's function once.
    subroutine take_lanes(slot, n, ndof, steps, user, q, p, qn, pn, status, code)
       type(flow_slot), intent(in) :: slot
       integer, intent(in) :: n, ndof
@@ -149,7 +149,7 @@ contains
       end do
       associate (s => steps)
          if (n == s%nlane) then
-            w => s%w  ! contiguous, as gfortran 12 does not see of a component
+            w => s%w  ! contiguous, which gfortran 12 does not recognise for a component
             code = slot%take(n, ndof, s%nnoise + 1, s%nstep, s%every, s%max_iter, s%t, s%h, w, functionals, q, p, &
                              qn, pn, status, user)
          else

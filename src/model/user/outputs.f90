@@ -1,6 +1,5 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> Outputs of a user's functions: room for outputs that are not wanted, and NaN in outputs that a function leaves
-!> unwritten.
+!> Outputs of a user's functions: memory for unwanted outputs, and NaN in outputs that a function does not write.
 !>
 !> Private to its family.
 module symsde_model_user_outputs
@@ -10,12 +9,12 @@ module symsde_model_user_outputs
    private
    public :: little, find_room, keep, spoil
 
-   integer, parameter :: line = 8              !! numbers of a line of the cache, where columns begin
-   integer, parameter :: little = 512 + line   !! numbers on the stack, with what is left out before the first line
+   integer, parameter :: line = 8              !! numbers of a cache line, where columns begin
+   integer, parameter :: little = 512 + line   !! numbers on the stack, including those skipped before the first line
 
 contains
 
-   !> Room for n numbers that are dropped: on the caller's stack if they are few; null if memory does not suffice.
+   !> Memory for n numbers that are discarded: on the caller's stack if they are few; null if memory does not suffice.
    subroutine find_room(n, few, more, room)
       integer, intent(in) :: n
       real(wp), intent(in), target :: few(little)
@@ -34,7 +33,7 @@ contains
       if (info == 0) room => more
    end subroutine find_room
 
-   !> An output where it is wanted.
+   !> Copy an output if it is wanted.
    pure subroutine keep(n, x, y)
       integer, intent(in) :: n
       real(wp), intent(in) :: x(n)
@@ -43,8 +42,8 @@ contains
       if (present(y)) y = x
    end subroutine keep
 
-   !> Fill outputs of n numbers each with NaN; absent outputs stay absent. Done before a call, so that unwritten
-   !> outputs show, and after a failed call.
+   !> Fill outputs of n numbers each with NaN; absent outputs stay absent. Done before a call, so that unwritten outputs
+   !> show, and after a failed call.
    pure subroutine spoil(n, x, y, z)
       integer, intent(in) :: n
       real(wp), intent(out), dimension(n), optional :: x, y, z
@@ -54,7 +53,8 @@ contains
       if (present(z)) call fill(n, unwritten_bits, z)
    end subroutine spoil
 
-   !> These bits in n numbers. Few numbers are written one by one: vectors take longer, and they are read one by one.
+   !> Write these bits into n numbers. Few numbers are written one by one, since they are read one by one, for which
+   !> vectors would be slower.
    pure subroutine fill(n, bits, x)
       integer, intent(in) :: n
       integer(i8), intent(in) :: bits

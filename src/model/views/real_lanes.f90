@@ -1,9 +1,10 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> A model seen through its real lanes alone: what a block pads to full vectors is not asked of the model.
+!> A view of a model that evaluates the real lanes only: lanes that pad a block to full vectors are not passed to the
+!> model.
 !>
-!> For models whose lanes have the same bits whatever their number (traits%any_lanes): a function that goes
-!> from lane to lane takes as long for one path as for one lane, and not for eight. Inputs of the real lanes are
-!> gathered, outputs spread; padding gets those of the last real lane, as if it had been computed.
+!> For models whose lanes have the same bits for any number of lanes (traits%any_lanes): a function that loops over
+!> lanes then takes the time of one lane for one path, and not of eight. Inputs of the real lanes are gathered, outputs
+!> distributed; padding gets the outputs of the last real lane, as if it had been computed.
 module symsde_model_views_real_lanes
    use symsde_base_contracts, only: contracts_are_executed, require_padded
    use symsde_base_counters, only: counters_type
@@ -23,13 +24,14 @@ module symsde_model_views_real_lanes
       real(wp), allocatable :: x(:)
    end type buffer_type
 
-   !> One for each thread: its buffers are used by one call at a time. It has no value, which is no part of a step.
+   !> One view for each thread: its buffers are used by one call at a time. It has no value function, since steps need
+   !> none.
    type, extends(kernel_model) :: real_lanes_model
       private
       class(model_type), pointer :: model => null()
-      class(kernel_model), pointer :: kernels => null()       !! its whole steps, if it has any
-      integer, public :: nreal = 0                            !! lanes past it are padding
-      type(buffer_type), pointer :: buffer(:) => null()       !! (narray); behind a pointer, for a model is intent(in)
+      class(kernel_model), pointer :: kernels => null()       !! whole steps of the model, if it has any
+      integer, public :: nreal = 0                            !! number of real lanes; lanes past it are padding
+      type(buffer_type), pointer :: buffer(:) => null()       !! (narray); a pointer, since a model is intent(in)
    contains
       procedure :: gradient
       procedure :: hessian
@@ -46,7 +48,7 @@ module symsde_model_views_real_lanes
 
 contains
 
-   !> A view of a model, which must outlive it.
+   !> Make a view of a model, which must outlive it.
    subroutine new_real_lanes(self, model)
       type(real_lanes_model), intent(inout) :: self
       class(model_type), intent(in), target :: model
@@ -56,7 +58,7 @@ contains
       self%paths => model%paths
       self%model => model
       self%kernels => kernels_of(model)
-      self%nreal = huge(0)  ! until a block says how many: what is asked at set-up has no padding
+      self%nreal = huge(0)  ! until a block sets it: calls at set-up have no padding
       allocate (self%buffer(narray))
    end subroutine new_real_lanes
 
@@ -65,7 +67,7 @@ contains
       integer :: i
 
       if (.not. associated(self%buffer)) return
-      do i = 1, size(self%buffer)  ! gfortran 12 frees the array of buffers without what they hold
+      do i = 1, size(self%buffer)  ! gfortran 12 frees the array of buffers without their components
          if (allocated(self%buffer(i)%x)) deallocate (self%buffer(i)%x)
       end do
       deallocate (self%buffer)
@@ -238,7 +240,7 @@ contains
       if (associated(self%kernels)) has_flow = self%kernels%has_flow(map)
    end function has_flow
 
-   !> Whole steps are told the number of real lanes.
+   !> Whole steps get the number of real lanes.
    subroutine flow(self, map, steps, ndof, q, p, qn, pn, status, counters)
       class(real_lanes_model), intent(in) :: self
       type(step_map), intent(in) :: map
@@ -265,7 +267,7 @@ contains
       call self%model%clear_failure()
    end subroutine clear_failure
 
-   !> Weights and state of the real lanes.
+   !> Gather weights and state of the real lanes.
    subroutine take_inputs(self, nlane, ndof, nnoise, w, q, p)
       class(real_lanes_model), intent(in) :: self
       integer, intent(in) :: nlane, ndof, nnoise
@@ -277,7 +279,7 @@ contains
       call gather(nlane, self%nreal, ndof, p, self%buffer(3)%x)
    end subroutine take_inputs
 
-   !> Room for an output of so many columns; null where it is not wanted, which a call takes for absent.
+   !> A buffer for an output of ncol columns; null if it is not wanted, so that it counts as absent in a call.
    subroutine take_buffer(self, i, ncol, wanted, x)
       class(real_lanes_model), intent(in), target :: self
       integer, intent(in) :: i, ncol
@@ -290,7 +292,7 @@ contains
       x => self%buffer(i)%x
    end subroutine take_buffer
 
-   !> Room for n numbers at least.
+   !> Allocate at least n numbers.
    pure subroutine fit(x, n)
       real(wp), allocatable, intent(inout) :: x(:)
       integer, intent(in) :: n

@@ -1,15 +1,14 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> A model in a heat bath: friction on every momentum, and an additive noise that makes good what friction takes,
+!> A model in a heat bath: friction on every momentum, and an additive noise that compensates the friction,
 !>
 !>    dp_i = .. - gamma_i p_i dt + sigma_i dW_{m+i},     H_{m+i} = -sigma_i q_i,     sigma_i^2 = 2 gamma_i m_i/beta_i
 !>
 !> after the m noises of the model. For H = p.M^-1 p/2 + U(q) with a diagonal constant mass and one beta the density
-!> exp(-beta H) is stationary, where the model has no other noise: friction and noise of each momentum leave its
-!> Gaussian law as it is, and H moves along the density. Several beta are baths of several temperatures, which have no
-!> such law.
+!> exp(-beta H) is stationary if the model has no other noise: friction and noise of each momentum preserve its Gaussian
+!> law, and H moves along the density. Several beta describe baths of several temperatures, which have no such law.
 !>
-!> The noises take one multiplication for each degree of freedom, in the gradient by q and in the rows of chains; second
-!> derivatives are those of the model. Degrees of freedom without friction have silent noises.
+!> The noises take one multiplication for each degree of freedom, in the gradient with respect to q and in the rows of
+!> chains; second derivatives are those of the model. Degrees of freedom without friction have silent noises.
 module symsde_model_views_thermostat
    use symsde_base_damping, only: damping_type, new_damping
    use symsde_base_kinds, only: wp
@@ -26,7 +25,7 @@ module symsde_model_views_thermostat
 
    type, extends(kernel_model) :: thermostat_model
       class(model_type), allocatable :: inner              !! the model without the bath
-      class(model_type), pointer, private :: told => null() !! its view for a runner, in the place of inner
+      class(model_type), pointer, private :: told => null() !! view of inner for a runner, used instead of it
       real(wp), allocatable :: sigma(:)                    !! sigma_i (ndof)
    contains
       procedure :: gradient
@@ -47,9 +46,9 @@ module symsde_model_views_thermostat
 
 contains
 
-   !> Put a model into a bath. It is taken over, and left as it was where something is refused: sizes and numbers, a
-   !> model that is damped already, one whose mass is not a diagonal of constants, since friction on p would not know
-   !> its temperature there.
+   !> Put a model into a bath. The model is moved into the bath, and stays unchanged if something is refused: sizes and
+   !> numbers, a model that is damped already, or a mass that is not diagonal and constant, for which the noise
+   !> strengths are not defined.
    subroutine new_thermostat(self, inner, gamma, beta, error)
       type(thermostat_model), intent(out) :: self
       class(model_type), allocatable, intent(inout) :: inner
@@ -93,7 +92,7 @@ contains
 
    end subroutine new_thermostat
 
-   !> The masses of a model, at a place where few functions are singular.
+   !> Find the masses of a model, at a place where few functions are singular.
    subroutine find_mass(model, mass, error)
       class(model_type), intent(in) :: model
       real(wp), intent(out) :: mass(model%traits%ndof)
@@ -105,7 +104,7 @@ contains
       mass = 1
       if (allocated(error) .or. model%traits%identity_mass) return
       diagonal = .false.
-      ! A quadratic T(p) that does not change in time has a constant mass, too; linear terms are found below.
+      ! A quadratic T(p) that does not change in time also has a constant mass; linear terms are found below.
       if (model%traits%constant_mass .or. (model%traits%separable .and. model%traits%quadratic .and. &
                                            model%traits%autonomous)) then
          do i = 1, size(mass)
@@ -124,7 +123,7 @@ contains
       mass = 1/inverse
    end subroutine find_mass
 
-   !> Traits and kernels of a model with its bath.
+   !> Set traits and kernels of a model with its bath.
    subroutine dress(self, inner)
       class(thermostat_model), intent(inout) :: self
       class(model_type), intent(in) :: inner
@@ -135,7 +134,7 @@ contains
       self%name = inner%name
       self%traits = inner%traits
       associate (n => inner%traits%ndof, m => inner%traits%nnoise)
-         ! H_k = 0 is linear, and depends on q alone, too.
+         ! H_k = 0 is linear too, and depends on q alone.
          quiet = m == 0
          if (allocated(inner%traits%silent)) quiet = all(inner%traits%silent)
          self%traits%nnoise = m + n
@@ -152,7 +151,8 @@ contains
       self%offers%pair = offers%pair
    end subroutine dress
 
-   !> Everything but the inner model, for who copies a model: it may own records that no copy shares.
+   !> Copy everything but the inner model, for callers that copy the model themselves: it may own records that copies
+   !> must not share.
    subroutine copy_bath(self, from)
       class(thermostat_model), intent(inout) :: self
       type(thermostat_model), intent(in) :: from
@@ -164,7 +164,7 @@ contains
       self%sigma = from%sigma
    end subroutine copy_bath
 
-   !> A view whose inner model is told which paths its lanes are, where that model wants to know.
+   !> A view with a view of the inner model that depends on the paths of its lanes, if the inner model does.
    subroutine for_paths(self, paths, view)
       class(thermostat_model), intent(in), target :: self
       type(lane_paths), pointer, intent(in) :: paths
@@ -193,7 +193,7 @@ contains
       if (.not. associated(model)) model => self%inner
    end function model_of
 
-   !> Gradient of sum_j w_j H_j: by q that of the model, less sigma_i w_{m+i}.
+   !> Gradient of sum_j w_j H_j: with respect to q that of the model minus sigma_i w_{m+i}.
    subroutine gradient(self, nlane, ndof, nnoise, t, w, q, p, hq, hp)
       class(thermostat_model), intent(in) :: self
       integer, intent(in) :: nlane, ndof, nnoise
@@ -343,8 +343,8 @@ contains
       call model%clear_failure()
    end subroutine clear_failure
 
-   !> VEC f_i <- f_i - sigma_i w_i, the gradient of the noises, for n degrees of freedom. The caller hands over w from
-   !> the column of the first one on.
+   !> VEC f_i <- f_i - sigma_i w_i, the gradient of the noises, for n degrees of freedom. The caller passes w from the
+   !> column of the first noise on.
    pure subroutine subtract_noise(nlane, n, sigma, w, f)
       integer, intent(in) :: nlane, n
       real(wp), intent(in) :: sigma(n), w(nlane, n)
