@@ -2,7 +2,7 @@
 !> The certificate of a scheme as a C struct and as text. The C function symsde_scheme_certificate must not be
 !> compiled where a Fortran module of the same name is in use, so it has a module of its own.
 module symsde_capi_certificate
-   use, intrinsic :: iso_c_binding, only: c_char, c_double, c_int32_t, c_null_char, c_size_t, c_sizeof
+   use, intrinsic :: iso_c_binding, only: c_char, c_double, c_int32_t, c_null_char, c_size_t
    use, intrinsic :: ieee_arithmetic, only: ieee_value, ieee_quiet_nan
    use symsde_base_functionals, only: path_dz, path_areas, path_stt_area, path_magnus
    use symsde_base_kinds, only: wp
@@ -11,25 +11,26 @@ module symsde_capi_certificate
    use symsde_scheme_scheme, only: scheme_type
    implicit none
    private
-   public :: describe_scheme, c_scheme_info, blank_info, fill_info
+   public :: describe_scheme, c_scheme_info, fill_info
 
    !> struct symsde_scheme_info
    type, bind(c) :: c_scheme_info
-      integer(c_size_t) :: struct_size
-      integer(c_int32_t) :: form, nstage, degree
-      integer(c_int32_t) :: symplectic, symmetric, keeps_quadratic, keeps_bilinear
-      integer(c_int32_t) :: structure_evidence
-      real(c_double) :: symplecticity_residual, symmetry_residual, quadratic_residual
-      real(c_double) :: stratonovich_sum, correction_coefficient
-      integer(c_int32_t) :: correction_needed, correction_exists
-      real(c_double) :: order(5)
-      integer(c_int32_t) :: order_evidence(5)
-      integer(c_int32_t) :: order_noise_free
-      real(c_double) :: measured_order(5), measured_half_width(5), measured_floor(5)
-      integer(c_int32_t) :: uses_dz, uses_areas, uses_stt_area, uses_magnus, uses_nested_bracket, law
-      integer(c_int32_t) :: explicit_for, gradients_per_step, unknowns, unknowns_if_separable
-      character(kind=c_char) :: name(64)
-      character(kind=c_char) :: reference(256)
+      integer(c_size_t) :: struct_size = 0
+      integer(c_int32_t) :: form = 0, nstage = 0, degree = 0
+      integer(c_int32_t) :: symplectic = 0, symmetric = 0, keeps_quadratic = 0, keeps_bilinear = 0
+      integer(c_int32_t) :: structure_evidence = 0
+      real(c_double) :: symplecticity_residual = 0, symmetry_residual = 0, quadratic_residual = 0
+      real(c_double) :: stratonovich_sum = 0, correction_coefficient = 0
+      integer(c_int32_t) :: correction_needed = 0, correction_exists = 0
+      real(c_double) :: order(5) = 0
+      integer(c_int32_t) :: order_evidence(5) = 0
+      integer(c_int32_t) :: order_noise_free = 0
+      real(c_double) :: measured_order(5) = 0, measured_half_width(5) = 0, measured_floor(5) = 0
+      integer(c_int32_t) :: uses_dz = 0, uses_areas = 0, uses_stt_area = 0, uses_magnus = 0, uses_nested_bracket = 0
+      integer(c_int32_t) :: law = 0
+      integer(c_int32_t) :: explicit_for = 0, gradients_per_step = 0, unknowns = 0, unknowns_if_separable = 0
+      character(kind=c_char) :: name(64) = c_null_char
+      character(kind=c_char) :: reference(256) = c_null_char
    end type c_scheme_info
 
 contains
@@ -41,20 +42,6 @@ contains
 
       text = certificate_text(certificate(scheme))
    end subroutine describe_scheme
-
-   !> Information about no scheme.
-   function blank_info() result(info)
-      type(c_scheme_info) :: info
-
-      info = c_scheme_info(struct_size=c_sizeof(info), form=0, nstage=0, degree=0, symplectic=0, symmetric=0, &
-                           keeps_quadratic=0, keeps_bilinear=0, structure_evidence=0, symplecticity_residual=0, &
-                           symmetry_residual=0, quadratic_residual=0, stratonovich_sum=0, correction_coefficient=0, &
-                           correction_needed=0, correction_exists=0, order=0, order_evidence=0, order_noise_free=0, &
-                           measured_order=0, measured_half_width=0, measured_floor=0, uses_dz=0, uses_areas=0, &
-                           uses_stt_area=0, uses_magnus=0, &
-                           uses_nested_bracket=0, law=0, explicit_for=0, gradients_per_step=0, unknowns=0, &
-                           unknowns_if_separable=0, name=c_null_char, reference=c_null_char)
-   end function blank_info
 
    !> Fill all members but struct_size from the certificate.
    subroutine fill_info(scheme, info)

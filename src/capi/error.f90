@@ -9,7 +9,7 @@ module symsde_capi_error
    use symsde_capi_text, only: put_chars
    implicit none
    private
-   public :: finish, require, require_function, check_sizes, take_struct, give_struct
+   public :: finish, require, require_function, check_sizes, init_struct, take_struct, give_struct
 
    integer, parameter :: message_size = 1024
 
@@ -94,6 +94,26 @@ contains
                     ' numbers, more than can be addressed: give fewer paths, or save less often')
       end if
    end subroutine check_sizes
+
+   !> Fill the caller's struct with the defaults and its size; the status to return.
+   function init_struct(given, what, blank, room) result(status)
+      type(c_ptr), intent(in) :: given           !! the caller's struct; its first member is struct_size
+      character(*), intent(in) :: what           !! name of the argument
+      type(c_ptr), intent(in) :: blank           !! this library's struct with the defaults
+      integer(c_size_t), intent(in) :: room      !! size of this library's struct
+      integer(c_int) :: status
+      type(error_type), allocatable :: refusal
+      integer(c_size_t), pointer :: struct_size
+      type(c_ptr) :: ignored
+
+      call require(given, what, refusal)
+      if (.not. allocated(refusal)) then
+         ignored = memcpy(given, blank, room)
+         call c_f_pointer(given, struct_size)
+         struct_size = room
+      end if
+      status = finish(refusal, c_null_ptr)
+   end function init_struct
 
    !> Copy the caller's struct over a copy that holds the defaults: members beyond the caller's struct_size keep the
    !> defaults. Refuses NULL, a struct_size that was never set, and one larger than this library's.

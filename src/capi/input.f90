@@ -2,12 +2,12 @@
 !> struct symsde_input: state, increments and callbacks of a run.
 module symsde_capi_input
    use, intrinsic :: iso_c_binding, only: &
-      c_associated, c_f_pointer, c_funptr, c_int, c_int64_t, c_loc, &
+      c_associated, c_funptr, c_int, c_int64_t, c_loc, &
       c_null_funptr, c_null_ptr, c_ptr, c_size_t, c_sizeof
    use symsde_base_kinds, only: wp, i8
    use symsde_base_status, only: error_type
    use symsde_capi_arrays, only: view
-   use symsde_capi_error, only: finish, require, check_sizes, take_struct
+   use symsde_capi_error, only: require, init_struct, check_sizes, take_struct
    use symsde_capi_monitor, only: callback_monitor, new_callback_monitor
    use symsde_ensemble_block_initial_state, only: initial_state
    implicit none
@@ -16,16 +16,16 @@ module symsde_capi_input
 
    !> struct symsde_input
    type, bind(c) :: c_input
-      integer(c_size_t) :: struct_size
-      type(c_ptr) :: q0, p0
-      integer(c_int64_t) :: q0_paths, p0_paths
-      type(c_ptr) :: increments
-      integer(c_int64_t) :: increment_rows, increment_noises, increment_paths
-      type(c_ptr) :: q0_low, p0_low
-      type(c_funptr) :: progress
-      type(c_ptr) :: progress_user
-      type(c_funptr) :: warn
-      type(c_ptr) :: warn_user
+      integer(c_size_t) :: struct_size = 0
+      type(c_ptr) :: q0 = c_null_ptr, p0 = c_null_ptr
+      integer(c_int64_t) :: q0_paths = 1, p0_paths = 1
+      type(c_ptr) :: increments = c_null_ptr
+      integer(c_int64_t) :: increment_rows = 0, increment_noises = 0, increment_paths = 1
+      type(c_ptr) :: q0_low = c_null_ptr, p0_low = c_null_ptr
+      type(c_funptr) :: progress = c_null_funptr
+      type(c_ptr) :: progress_user = c_null_ptr
+      type(c_funptr) :: warn = c_null_funptr
+      type(c_ptr) :: warn_user = c_null_ptr
    end type c_input
 
    !> The caller's arrays, path index first. An array that the caller left out is not associated, so that it counts as
@@ -43,15 +43,9 @@ contains
    function symsde_input_init(input) result(status) bind(c, name='symsde_input_init')
       type(c_ptr), intent(in), value :: input
       integer(c_int) :: status
-      type(error_type), allocatable :: refusal
-      type(c_input), pointer :: filled
+      type(c_input), target :: blank
 
-      call require(input, 'input', refusal)
-      if (.not. allocated(refusal)) then
-         call c_f_pointer(input, filled)
-         filled = blank_input()
-      end if
-      status = finish(refusal, c_null_ptr)
+      status = init_struct(input, 'input', c_loc(blank), c_sizeof(blank))
    end function symsde_input_init
 
    !> View the arrays of the caller as Fortran arrays; the run itself checks their shapes.
@@ -66,7 +60,6 @@ contains
 
       if (allocated(error)) return
       n = ndof
-      copy = blank_input()
       call take_struct(given, 'input', c_loc(copy), c_sizeof(copy), error)
       call require(copy%q0, 'q0', error)
       call require(copy%p0, 'p0', error)
@@ -98,7 +91,6 @@ contains
       type(error_type), allocatable, intent(inout) :: error
       type(c_input), target :: copy
 
-      copy = blank_input()
       if (c_associated(given)) call take_struct(given, 'input', c_loc(copy), c_sizeof(copy), error)
       if (.not. allocated(error)) call view_drive(copy, input, error)
    end subroutine read_drive
@@ -115,25 +107,5 @@ contains
       if (allocated(error)) return
       call view(copy%increments, copy%increment_paths, copy%increment_noises, copy%increment_rows, input%dw)
    end subroutine view_drive
-
-   function blank_input() result(input)
-      type(c_input) :: input
-
-      input%struct_size = c_sizeof(input)
-      input%q0 = c_null_ptr
-      input%p0 = c_null_ptr
-      input%q0_paths = 1
-      input%p0_paths = 1
-      input%increments = c_null_ptr
-      input%increment_rows = 0
-      input%increment_noises = 0
-      input%increment_paths = 1
-      input%q0_low = c_null_ptr
-      input%p0_low = c_null_ptr
-      input%progress = c_null_funptr
-      input%progress_user = c_null_ptr
-      input%warn = c_null_funptr
-      input%warn_user = c_null_ptr
-   end function blank_input
 
 end module symsde_capi_input

@@ -2,13 +2,13 @@
 !> symsde_compute_moments: the run that keeps statistics only.
 module symsde_capi_moments
    use, intrinsic :: iso_c_binding, only: &
-      c_associated, c_f_pointer, c_funptr, c_int, c_int32_t, c_int64_t, c_loc, c_null_funptr, c_null_ptr, &
+      c_associated, c_funptr, c_int, c_int32_t, c_int64_t, c_loc, c_null_funptr, c_null_ptr, &
       c_ptr, c_size_t, c_sizeof
    use symsde_base_kinds, only: wp, i8
    use symsde_base_status, only: error_type, raise, invalid_argument
    use symsde_base_text, only: to_text
    use symsde_capi_arrays, only: view
-   use symsde_capi_error, only: finish, require, require_function, check_sizes, take_struct, give_struct
+   use symsde_capi_error, only: require, init_struct, require_function, check_sizes, take_struct, give_struct
    use symsde_capi_input, only: run_input, read_input, begin_at
    use symsde_capi_model, only: use_model
    use symsde_capi_observer, only: read_observers, give_observed
@@ -31,20 +31,20 @@ module symsde_capi_moments
 
    !> struct symsde_moments
    type, bind(c) :: c_moments
-      integer(c_size_t) :: struct_size
-      type(c_ptr) :: t
-      type(c_ptr) :: n_ok
-      type(c_ptr) :: mean, variance, se_mean
-      integer(c_int32_t) :: nobservable
-      type(c_funptr) :: observables
-      type(c_ptr) :: observables_user
-      integer(c_int64_t) :: nfailed_listed
-      integer(c_int64_t) :: failed(max_failed_listed)
-      integer(c_int32_t) :: failed_status(max_failed_listed)
-      integer(c_int64_t) :: failed_step(max_failed_listed)
-      type(c_ptr) :: m2
-      integer(c_int32_t) :: observables_lanes, nobserver
-      type(c_ptr) :: observers
+      integer(c_size_t) :: struct_size = 0
+      type(c_ptr) :: t = c_null_ptr
+      type(c_ptr) :: n_ok = c_null_ptr
+      type(c_ptr) :: mean = c_null_ptr, variance = c_null_ptr, se_mean = c_null_ptr
+      integer(c_int32_t) :: nobservable = 0
+      type(c_funptr) :: observables = c_null_funptr
+      type(c_ptr) :: observables_user = c_null_ptr
+      integer(c_int64_t) :: nfailed_listed = 0
+      integer(c_int64_t) :: failed(max_failed_listed) = -1
+      integer(c_int32_t) :: failed_status(max_failed_listed) = 0
+      integer(c_int64_t) :: failed_step(max_failed_listed) = -1
+      type(c_ptr) :: m2 = c_null_ptr
+      integer(c_int32_t) :: observables_lanes = 0, nobserver = 0
+      type(c_ptr) :: observers = c_null_ptr
    end type c_moments
 
 contains
@@ -53,15 +53,9 @@ contains
    function symsde_moments_init(moments) result(status) bind(c, name='symsde_moments_init')
       type(c_ptr), intent(in), value :: moments
       integer(c_int) :: status
-      type(error_type), allocatable :: refusal
-      type(c_moments), pointer :: filled
+      type(c_moments), target :: blank
 
-      call require(moments, 'moments', refusal)
-      if (.not. allocated(refusal)) then
-         call c_f_pointer(moments, filled)
-         call clear(filled)
-      end if
-      status = finish(refusal, c_null_ptr)
+      status = init_struct(moments, 'moments', c_loc(blank), c_sizeof(blank))
    end function symsde_moments_init
 
    !> Integrate all paths and keep their moments at every saved time.
@@ -113,7 +107,6 @@ contains
       type(error_type), allocatable, intent(inout) :: error
       integer(i8) :: nvalue
 
-      call clear(copy)
       call take_struct(given, 'moments', c_loc(copy), c_sizeof(copy), error)
       if (copy%nobservable < 0 .or. copy%nobservable > most_observables) &
          call raise(error, invalid_argument, 'symsde_compute_moments', 'nobservable = '// &
@@ -166,27 +159,5 @@ contains
       call view(given, size(x, 1, i8), size(x, 2, i8), to)
       to = x
    end subroutine put_rows
-
-   subroutine clear(moments)
-      type(c_moments), intent(out) :: moments
-
-      moments%struct_size = c_sizeof(moments)
-      moments%t = c_null_ptr
-      moments%n_ok = c_null_ptr
-      moments%mean = c_null_ptr
-      moments%variance = c_null_ptr
-      moments%se_mean = c_null_ptr
-      moments%nobservable = 0
-      moments%observables = c_null_funptr
-      moments%observables_user = c_null_ptr
-      moments%nfailed_listed = 0
-      moments%failed = -1
-      moments%failed_status = 0
-      moments%observables_lanes = 0
-      moments%nobserver = 0
-      moments%observers = c_null_ptr
-      moments%failed_step = -1
-      moments%m2 = c_null_ptr
-   end subroutine clear
 
 end module symsde_capi_moments

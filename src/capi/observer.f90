@@ -7,7 +7,7 @@ module symsde_capi_observer
    use symsde_base_status, only: error_type, raise, invalid_argument
    use symsde_base_text, only: to_text
    use symsde_capi_arrays, only: view
-   use symsde_capi_error, only: finish, require, check_sizes, take_struct
+   use symsde_capi_error, only: finish, require, init_struct, check_sizes, take_struct
    use symsde_capi_model, only: use_model
    use symsde_capi_options, only: read_options
    use symsde_ensemble_observe_observers, only: new_observed, merge_observed, observed_answer, new_observed_run
@@ -23,17 +23,17 @@ module symsde_capi_observer
 
    !> struct symsde_observer
    type, bind(c) :: c_observer
-      integer(c_size_t) :: struct_size
-      integer(c_int32_t) :: kind, nvalue
-      type(c_ptr) :: values
-      real(c_double) :: low, high
-      integer(c_int32_t) :: bins, nshare
-      type(c_ptr) :: shares
-      integer(c_int64_t) :: npath
-      type(c_ptr) :: paths
-      integer(c_int32_t) :: absorbs, bridges
-      type(c_ptr) :: counts
-      type(c_ptr) :: sums
+      integer(c_size_t) :: struct_size = 0
+      integer(c_int32_t) :: kind = 0, nvalue = 0
+      type(c_ptr) :: values = c_null_ptr
+      real(c_double) :: low = 0, high = 0
+      integer(c_int32_t) :: bins = 0, nshare = 0
+      type(c_ptr) :: shares = c_null_ptr
+      integer(c_int64_t) :: npath = 0
+      type(c_ptr) :: paths = c_null_ptr
+      integer(c_int32_t) :: absorbs = 0, bridges = 1
+      type(c_ptr) :: counts = c_null_ptr
+      type(c_ptr) :: sums = c_null_ptr
    end type c_observer
 
 contains
@@ -42,15 +42,9 @@ contains
    function symsde_observer_init(observer) result(status) bind(c, name='symsde_observer_init')
       type(c_ptr), intent(in), value :: observer
       integer(c_int) :: status
-      type(error_type), allocatable :: refusal
-      type(c_observer), pointer :: filled
+      type(c_observer), target :: blank
 
-      call require(observer, 'observer', refusal)
-      if (.not. allocated(refusal)) then
-         call c_f_pointer(observer, filled)
-         filled = blank_observer()
-      end if
-      status = finish(refusal, c_null_ptr)
+      status = init_struct(observer, 'observer', c_loc(blank), c_sizeof(blank))
    end function symsde_observer_init
 
    !> How many integers and numbers an observer keeps in a run, and how many numbers its answer has.
@@ -156,7 +150,6 @@ contains
       real(wp), pointer, contiguous :: sums(:)
 
       if (allocated(error)) return
-      copy = blank_observer()
       call take_struct(given, 'observer', c_loc(copy), c_sizeof(copy), error)
       if (size(kept%counts) > 0) call require(copy%counts, 'counts', error)
       if (size(kept%sums) > 0) call require(copy%sums, 'sums', error)
@@ -176,7 +169,6 @@ contains
       integer(i8), pointer, contiguous :: counts(:)
       real(wp), pointer, contiguous :: sums(:)
 
-      copy = blank_observer()
       call take_struct(given, 'observer', c_loc(copy), c_sizeof(copy), ignored)
       if (c_associated(copy%counts)) then
          call view(copy%counts, size(kept%counts, kind=i8), counts)
@@ -234,7 +226,6 @@ contains
       real(wp), pointer, contiguous :: shares(:)
       integer(i8), pointer, contiguous :: paths(:)
 
-      copy = blank_observer()
       call take_struct(given, 'observer', c_loc(copy), c_sizeof(copy), error)
       call check_sizes(int(copy%nvalue, i8), int(copy%nshare, i8), copy%npath, 'an observer', error)
       if (copy%nvalue > most_values .or. copy%nshare > most_values) &
@@ -261,25 +252,5 @@ contains
          request%paths = paths
       end if
    end subroutine read_observer
-
-   function blank_observer() result(observer)
-      type(c_observer) :: observer
-
-      observer%struct_size = c_sizeof(observer)
-      observer%kind = 0
-      observer%nvalue = 0
-      observer%values = c_null_ptr
-      observer%low = 0
-      observer%high = 0
-      observer%bins = 0
-      observer%nshare = 0
-      observer%shares = c_null_ptr
-      observer%npath = 0
-      observer%paths = c_null_ptr
-      observer%absorbs = 0
-      observer%bridges = 1
-      observer%counts = c_null_ptr
-      observer%sums = c_null_ptr
-   end function blank_observer
 
 end module symsde_capi_observer

@@ -2,10 +2,10 @@
 !> struct symsde_options and its conversion; run_options alone defines the defaults.
 module symsde_capi_options
    use, intrinsic :: iso_c_binding, only: &
-      c_double, c_f_pointer, c_funptr, c_int, c_int32_t, c_int64_t, c_loc, c_null_funptr, c_null_ptr, c_ptr, &
+      c_double, c_funptr, c_int, c_int32_t, c_int64_t, c_loc, c_null_funptr, c_null_ptr, c_ptr, &
       c_size_t, c_sizeof
    use symsde_base_status, only: error_type
-   use symsde_capi_error, only: finish, require, take_struct
+   use symsde_capi_error, only: init_struct, finish, take_struct
    use symsde_capi_monitor, only: callback_monitor, new_callback_monitor
    use symsde_ensemble_options, only: run_options, check_options
    implicit none
@@ -46,15 +46,10 @@ contains
    function symsde_options_init(options) result(status) bind(c, name='symsde_options_init')
       type(c_ptr), intent(in), value :: options
       integer(c_int) :: status
-      type(error_type), allocatable :: refusal
-      type(c_options), pointer :: filled
+      type(c_options), target :: blank
 
-      call require(options, 'options', refusal)
-      if (.not. allocated(refusal)) then
-         call c_f_pointer(options, filled)
-         filled = from_options(run_options())
-      end if
-      status = finish(refusal, c_null_ptr)
+      blank = from_options(run_options())
+      status = init_struct(options, 'options', c_loc(blank), c_sizeof(blank))
    end function symsde_options_init
 
    !> Refuse options as every run does.

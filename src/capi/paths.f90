@@ -2,12 +2,12 @@
 !> symsde_simulate: the run that saves paths directly into the caller's arrays.
 module symsde_capi_paths
    use, intrinsic :: iso_c_binding, only: &
-      c_associated, c_f_pointer, c_int, c_loc, c_null_ptr, c_ptr, c_size_t, c_sizeof
+      c_associated, c_int, c_loc, c_null_ptr, c_ptr, c_size_t, c_sizeof
    use symsde_base_kinds, only: wp, i8
    use symsde_base_memory, only: require_reserve
    use symsde_base_status, only: error_type
    use symsde_capi_arrays, only: view
-   use symsde_capi_error, only: finish, require, check_sizes, take_struct
+   use symsde_capi_error, only: finish, require, init_struct, check_sizes, take_struct
    use symsde_capi_input, only: run_input, read_input, begin_at
    use symsde_capi_model, only: use_model
    use symsde_capi_options, only: read_options
@@ -27,13 +27,13 @@ module symsde_capi_paths
 
    !> struct symsde_paths
    type, bind(c) :: c_paths
-      integer(c_size_t) :: struct_size
-      type(c_ptr) :: t
-      type(c_ptr) :: q, p
-      type(c_ptr) :: status
-      type(c_ptr) :: failed_step
-      type(c_ptr) :: last_q, last_p
-      type(c_ptr) :: q_low, p_low
+      integer(c_size_t) :: struct_size = 0
+      type(c_ptr) :: t = c_null_ptr
+      type(c_ptr) :: q = c_null_ptr, p = c_null_ptr
+      type(c_ptr) :: status = c_null_ptr
+      type(c_ptr) :: failed_step = c_null_ptr
+      type(c_ptr) :: last_q = c_null_ptr, last_p = c_null_ptr
+      type(c_ptr) :: q_low = c_null_ptr, p_low = c_null_ptr
    end type c_paths
 
 contains
@@ -42,15 +42,9 @@ contains
    function symsde_paths_init(paths) result(status) bind(c, name='symsde_paths_init')
       type(c_ptr), intent(in), value :: paths
       integer(c_int) :: status
-      type(error_type), allocatable :: refusal
-      type(c_paths), pointer :: filled
+      type(c_paths), target :: blank
 
-      call require(paths, 'paths', refusal)
-      if (.not. allocated(refusal)) then
-         call c_f_pointer(paths, filled)
-         filled = blank_paths()
-      end if
-      status = finish(refusal, c_null_ptr)
+      status = init_struct(paths, 'paths', c_loc(blank), c_sizeof(blank))
    end function symsde_paths_init
 
    !> Integrate all paths and save them every save_every steps.
@@ -145,7 +139,6 @@ contains
       type(error_type), allocatable, intent(inout) :: error
       integer(i8) :: n, ntime
 
-      copy = blank_paths()
       if (allocated(error)) return
       n = ndof
       ntime = saved_count(options)
@@ -181,20 +174,5 @@ contains
       call view(given, ntime, t)
       call fill_times(options, ntime, t)
    end subroutine put_times
-
-   function blank_paths() result(paths)
-      type(c_paths) :: paths
-
-      paths%struct_size = c_sizeof(paths)
-      paths%t = c_null_ptr
-      paths%q = c_null_ptr
-      paths%p = c_null_ptr
-      paths%status = c_null_ptr
-      paths%failed_step = c_null_ptr
-      paths%last_q = c_null_ptr
-      paths%last_p = c_null_ptr
-      paths%q_low = c_null_ptr
-      paths%p_low = c_null_ptr
-   end function blank_paths
 
 end module symsde_capi_paths

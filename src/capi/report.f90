@@ -3,10 +3,10 @@
 module symsde_capi_report
    use, intrinsic :: iso_c_binding, only: &
       c_associated, c_char, c_double, c_f_pointer, c_int, c_int32_t, c_int64_t, c_loc, &
-      c_null_ptr, c_ptr, c_size_t, c_sizeof
+      c_ptr, c_size_t, c_sizeof
    use symsde_base_status, only: error_type, status_ok, status_text, callback_failed, stopped, paths_failed
    use symsde_base_text, only: counted, to_text
-   use symsde_capi_error, only: finish, require, take_struct, give_struct
+   use symsde_capi_error, only: finish, init_struct, take_struct, give_struct
    use symsde_capi_text, only: put_chars
    use symsde_ensemble_run_report, only: run_report
    implicit none
@@ -40,17 +40,11 @@ contains
    function symsde_report_init(report) result(status) bind(c, name='symsde_report_init')
       type(c_ptr), intent(in), value :: report
       integer(c_int) :: status
-      type(error_type), allocatable :: refusal
-      type(c_report), pointer :: filled
+      type(c_report), target :: blank
       type(run_report) :: none
 
-      call require(report, 'report', refusal)
-      if (.not. allocated(refusal)) then
-         call c_f_pointer(report, filled)
-         filled%struct_size = c_sizeof(filled)
-         call fill_report(none, filled)
-      end if
-      status = finish(refusal, c_null_ptr)
+      call fill_report(none, blank)
+      status = init_struct(report, 'report', c_loc(blank), c_sizeof(blank))
    end function symsde_report_init
 
    !> Refuse, before the run, a struct that cannot be filled; NULL means that no report is wanted.

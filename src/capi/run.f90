@@ -6,7 +6,7 @@ module symsde_capi_run
    use symsde_base_kinds, only: i8
    use symsde_base_memory, only: require_reserve
    use symsde_base_status, only: error_type, raise, null_handle, out_of_memory
-   use symsde_capi_error, only: finish, require, take_struct, give_struct
+   use symsde_capi_error, only: finish, require, init_struct, take_struct, give_struct
    use symsde_capi_input, only: run_input, read_input, read_drive
    use symsde_capi_model, only: copy_model, find_model
    use symsde_capi_options, only: take_options
@@ -36,15 +36,15 @@ module symsde_capi_run
 
    !> struct symsde_state
    type, bind(c) :: c_state
-      integer(c_size_t) :: struct_size
-      type(c_ptr) :: q, p
-      type(c_ptr) :: q_low, p_low
-      type(c_ptr) :: status
-      type(c_ptr) :: failed_step
-      integer(c_int64_t) :: paths
-      integer(c_int32_t) :: ndof, nnoise
-      integer(c_int64_t) :: next_step
-      real(c_double) :: t
+      integer(c_size_t) :: struct_size = 0
+      type(c_ptr) :: q = c_null_ptr, p = c_null_ptr
+      type(c_ptr) :: q_low = c_null_ptr, p_low = c_null_ptr
+      type(c_ptr) :: status = c_null_ptr
+      type(c_ptr) :: failed_step = c_null_ptr
+      integer(c_int64_t) :: paths = 0
+      integer(c_int32_t) :: ndof = 0, nnoise = 0
+      integer(c_int64_t) :: next_step = 0
+      real(c_double) :: t = 0
    end type c_state
 
 contains
@@ -53,15 +53,9 @@ contains
    function symsde_state_init(state) result(status) bind(c, name='symsde_state_init')
       type(c_ptr), intent(in), value :: state
       integer(c_int) :: status
-      type(error_type), allocatable :: refusal
-      type(c_state), pointer :: filled
+      type(c_state), target :: blank
 
-      call require(state, 'state', refusal)
-      if (.not. allocated(refusal)) then
-         call c_f_pointer(state, filled)
-         filled = blank_state()
-      end if
-      status = finish(refusal, c_null_ptr)
+      status = init_struct(state, 'state', c_loc(blank), c_sizeof(blank))
    end function symsde_state_init
 
    !> Prepare a run. It owns copies of model and scheme, which may be deleted afterwards.
@@ -174,7 +168,6 @@ contains
       integer(c_size_t) :: struct_size
 
       call find_run(run, holder, refusal)
-      copy = blank_state()
       call take_struct(state, 'state', c_loc(copy), c_sizeof(copy), refusal)
       if (.not. allocated(refusal)) then
          struct_size = copy%struct_size
@@ -293,22 +286,5 @@ contains
       state%next_step = run%next_step()
       state%t = run%time()
    end subroutine show_state
-
-   function blank_state() result(state)
-      type(c_state) :: state
-
-      state%struct_size = c_sizeof(state)
-      state%q = c_null_ptr
-      state%p = c_null_ptr
-      state%q_low = c_null_ptr
-      state%p_low = c_null_ptr
-      state%status = c_null_ptr
-      state%failed_step = c_null_ptr
-      state%paths = 0
-      state%ndof = 0
-      state%nnoise = 0
-      state%next_step = 0
-      state%t = 0
-   end function blank_state
 
 end module symsde_capi_run

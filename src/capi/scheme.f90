@@ -2,15 +2,15 @@
 !> The handle of a scheme: create from the catalogue, a quadrature or a tableau; describe, delete.
 module symsde_capi_scheme
    use, intrinsic :: iso_c_binding, only: &
-      c_associated, c_char, c_double, c_f_pointer, c_int, c_int32_t, c_loc, c_null_ptr, c_ptr, &
+      c_associated, c_f_pointer, c_int, c_loc, c_null_ptr, c_ptr, &
       c_size_t, c_sizeof
    use symsde_base_kinds, only: wp, i8
    use symsde_base_memory, only: require_reserve
    use symsde_base_status, only: error_type, raise, status_ok, null_handle, out_of_memory, wrong_shape
    use symsde_base_text, only: name_length, to_text
    use symsde_capi_arrays, only: view
-   use symsde_capi_certificate, only: describe_scheme, c_scheme_info, blank_info, fill_info
-   use symsde_capi_error, only: finish, require, take_struct, give_struct
+   use symsde_capi_certificate, only: describe_scheme, c_scheme_info, fill_info
+   use symsde_capi_error, only: finish, require, init_struct, take_struct, give_struct
    use symsde_capi_text, only: read_text, put_text, lines
    use symsde_scheme_catalogue, only: get_scheme, scheme_names
    use symsde_scheme_discrete_lagrangian, only: scheme_from_quadrature
@@ -58,15 +58,9 @@ contains
    function symsde_scheme_info_init(info) result(status) bind(c, name='symsde_scheme_info_init')
       type(c_ptr), intent(in), value :: info
       integer(c_int) :: status
-      type(error_type), allocatable :: refusal
-      type(c_scheme_info), pointer :: filled
+      type(c_scheme_info), target :: blank
 
-      call require(info, 'info', refusal)
-      if (.not. allocated(refusal)) then
-         call c_f_pointer(info, filled)
-         filled = blank_info()
-      end if
-      status = finish(refusal, c_null_ptr)
+      status = init_struct(info, 'info', c_loc(blank), c_sizeof(blank))
    end function symsde_scheme_info_init
 
    !> Names of the catalogue, one a line.
@@ -205,7 +199,6 @@ contains
       type(scheme_type), pointer :: known
       type(c_scheme_info), target :: given
 
-      given = blank_info()
       call find_scheme(scheme, known, refusal)
       call take_struct(info, 'scheme_info', c_loc(given), c_sizeof(given), refusal)
       if (.not. allocated(refusal)) then

@@ -4,10 +4,9 @@ module symsde_capi_traits
    use, intrinsic :: iso_c_binding, only: &
       c_associated, c_double, c_f_pointer, c_int, c_int32_t, c_loc, c_null_ptr, c_ptr, c_size_t, c_sizeof
    use symsde_base_kinds, only: wp, i8
-   use symsde_base_status, only: error_type
    use symsde_base_traits, only: model_traits
    use symsde_capi_arrays, only: view
-   use symsde_capi_error, only: finish, require
+   use symsde_capi_error, only: init_struct
    use symsde_model_parameters, only: largest_system
    implicit none
    private
@@ -33,15 +32,10 @@ contains
    function symsde_traits_init(traits) result(status) bind(c, name='symsde_traits_init')
       type(c_ptr), intent(in), value :: traits
       integer(c_int) :: status
-      type(error_type), allocatable :: refusal
-      type(c_traits), pointer :: filled
+      type(c_traits), target :: blank
 
-      call require(traits, 'traits', refusal)
-      if (.not. allocated(refusal)) then
-         call c_f_pointer(traits, filled)
-         filled = from_traits(model_traits())
-      end if
-      status = finish(refusal, c_null_ptr)
+      blank = from_traits(model_traits())
+      status = init_struct(traits, 'traits', c_loc(blank), c_sizeof(blank))
    end function symsde_traits_init
 
    !> Convert traits to the C struct, with all members filled; its rotation and silent point into the traits.

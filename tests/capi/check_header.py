@@ -127,7 +127,7 @@ def read_structs(text, sizes):
         members = []
         for kind, declared in re.findall(r"^ *(\w+\([^)]*\)) :: ([^\n]*)$", body, re.M):
             for item in re.split(r",\s*", declared.strip()):
-                match = re.match(r"(\w+)(?:\((\w+)\))?$", item)
+                match = re.match(r"(\w+)(?:\((\w+)\))?(?: = \S+)?$", item)
                 extent = f"({sizes.get(match[2], match[2])})" if match[2] else ""
                 members.append((match[1], kind + extent))
         structs[name] = members
