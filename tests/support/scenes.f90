@@ -18,7 +18,7 @@ module scenes
    implicit none
    private
    public :: model_of, make_model, scheme_of, stepper_of, single_path_of, require, draw_weights, hermite_nodes, slope_of
-   public :: hash_of
+   public :: make_both, hash_of
 
 contains
 
@@ -44,6 +44,20 @@ contains
       call get_model(model, name, parameter_names(name), values, error)
       call require(error)
    end subroutine make_model
+
+   !> A model with its default parameters, and a scheme.
+   subroutine make_both(name, model, scheme_name, scheme)
+      character(*), intent(in) :: name, scheme_name
+      class(model_type), allocatable, intent(out) :: model
+      type(scheme_type), intent(out) :: scheme
+      type(error_type), allocatable :: error
+      character(len=8) :: no_keys(0)
+      real(wp) :: no_values(0)
+
+      call get_model(model, trim(name), no_keys, no_values, error)
+      call require(error)
+      scheme = scheme_of(trim(scheme_name))
+   end subroutine make_both
 
    function scheme_of(name) result(scheme)
       character(*), intent(in) :: name
