@@ -126,6 +126,12 @@ typedef int (*symsde_chain_rows)(int nlane, int ndof, int nham, int first, int l
 typedef int (*symsde_third_derivative)(int nlane, int ndof, int nham, double t, const double *w, const double *q,
                                        const double *p, const double *aq, const double *ap, const double *bq,
                                        const double *bp, double *uq, double *up, void *user);
+/* f[ndof][nlane]: w[0] F of a force, or sum_k w[k] f_k, k >= 1, of forces on noises */
+typedef int (*symsde_force)(int nlane, int ndof, int nham, double t, const double *w, const double *q, const double *p,
+                            double *f, void *user);
+/* its derivatives, fq and fp [ndof][ndof][nlane]; fq[j][i] is that of component i by q_j */
+typedef int (*symsde_force_derivative)(int nlane, int ndof, int nham, double t, const double *w, const double *q,
+                                       const double *p, double *fq, double *fp, void *user);
 
 int symsde_traits_init(symsde_traits *traits);
 /* names of the built-in models, one a line */
@@ -173,6 +179,13 @@ int symsde_model_set_friction(symsde_model model, const double *friction, int al
  * sum_i p_i^2/(2 m_i) + U(q), declared as identity_mass or constant_mass. Functions of the model are set before */
 int symsde_model_thermostat(symsde_model model, int ngamma, const double *gamma, int nbeta, const double *beta,
                             symsde_error *error);
+/* let a force F(q,p,t) act on any model, dp = (-H_q + F) dt + .., or forces f_k on its noises, dp = .. + (-H_k,q + f_k) o
+ * dW_k. derivative may be NULL (differences then); in_position says that nothing depends on p. user is passed to both.
+ * force = NULL takes it back. No run may be using the model. Tableaux execute forces; other schemes are refused */
+int symsde_model_set_force(symsde_model model, symsde_force force, symsde_force_derivative derivative, int in_position,
+                           void *user, symsde_error *error);
+int symsde_model_set_noise_force(symsde_model model, symsde_force force, symsde_force_derivative derivative,
+                                 int in_position, void *user, symsde_error *error);
 int symsde_model_delete(symsde_model *model);
 /* the traits of a model; rotation and silent point into the model and are valid as long as it exists */
 int symsde_model_traits(symsde_model model, symsde_traits *traits, symsde_error *error);

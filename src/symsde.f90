@@ -33,6 +33,8 @@ module symsde
    ! models: the type to extend, the built-in ones, one by name, one from C functions
    use symsde_model_abstract, only: model_type
    use symsde_base_damping, only: damping_type, new_damping
+   use symsde_base_traits, only: force_traits
+   use symsde_model_forces, only: force_type
    use symsde_model_catalogue_additive_oscillator, only: additive_oscillator_model, new_additive_oscillator
    use symsde_model_catalogue_driven_pendulum, only: driven_pendulum_model, new_driven_pendulum
    use symsde_model_catalogue_fpu_chain, only: fpu_chain_model, new_fpu_chain

@@ -155,6 +155,11 @@ contains
       call take_flag(traits%has_hessian)
       call take_flag(traits%has_hessian_vector)
       call take_flag(traits%has_third_derivative)
+      call take_flag(traits%forces%drift)
+      call take_flag(traits%forces%noise)
+      call take_flag(traits%forces%drift_in_position)
+      call take_flag(traits%forces%noise_in_position)
+      call take_flag(traits%forces%has_derivative)
       if (allocated(traits%silent)) then
          do i = 1, size(traits%silent)
             call take_flag(traits%silent(i))

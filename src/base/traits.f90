@@ -5,7 +5,7 @@ module symsde_base_traits
    use symsde_base_kinds, only: wp
    implicit none
    private
-   public :: model_traits, dense, strip_lanes
+   public :: model_traits, force_traits, dense, strip_lanes
 
    integer, parameter :: dense = -1  !! bandwidth of a Hessian without declared bands
 
@@ -13,6 +13,19 @@ module symsde_base_traits
    !> from row to row stay in registers: two AVX-512 vectors, one of which divides while the other waits.
    integer, parameter :: strip_lanes = 16
 
+   !> Which forces act beside the Hamiltonians (model/forces). By default none does.
+   type :: force_traits
+      logical :: drift = .false.                !! F acts
+      logical :: noise = .false.                !! some f_k does
+      logical :: drift_in_position = .true.     !! F depends on (q, t) alone
+      logical :: noise_in_position = .true.     !! every f_k does
+      logical :: has_derivative = .false.       !! derivatives by q and p are analytic
+   contains
+      procedure :: act
+      procedure :: in_position
+   end type force_traits
+
+   !> The traits speak of Hamiltonians alone, but for `forces`.
    !> H_0 = H is the drift Hamiltonian, H_1 .. H_m are the Hamiltonians of the noises.
    type :: model_traits
       integer :: ndof = 1                  !! degrees of freedom: q and p have ndof components each
@@ -36,6 +49,7 @@ module symsde_base_traits
       !> omega_i of the stiff linear part, H = p.p/2 + sum_i omega_i^2 q_i^2/2 + V(q) (ndof). A choice, not a claim: V
       !> is the remainder, so it is not probed. Not allocated = not declared.
       real(wp), allocatable :: rotation(:)
+      type(force_traits) :: forces
    contains
       procedure :: correction_vanishes
       procedure :: has_constant_mass
@@ -43,6 +57,7 @@ module symsde_base_traits
       procedure :: divides_by_mass
       procedure :: one_solve
       procedure :: is_slow
+      procedure :: splits
    end type model_traits
 
 contains
@@ -55,12 +70,35 @@ contains
       is_slow = abs(h)*self%max_frequency <= 1
    end function is_slow
 
-   !> Whether H_{k,p} . H_{k,q} is constant for every noise, so that one-sided schemes need no correction.
+   !> Whether any force acts.
+   pure logical function act(self)
+      class(force_traits), intent(in) :: self
+
+      act = self%drift .or. self%noise
+   end function act
+
+   !> Whether all forces depend on (q, t) alone.
+   pure logical function in_position(self)
+      class(force_traits), intent(in) :: self
+
+      in_position = (self%drift_in_position .or. .not. self%drift) .and. (self%noise_in_position .or. .not. self%noise)
+   end function in_position
+
+   !> Whether velocities depend on p alone and forces on q alone.
+   pure logical function splits(self)
+      class(model_traits), intent(in) :: self
+
+      splits = self%separable .and. self%forces%in_position()
+   end function splits
+
+   !> Whether H_{k,p} . H_{k,q} is constant for every noise, so that one-sided schemes need no correction. With forces
+   !> f_k the products of derivatives vanish where no noise moves positions or depends on p.
    pure function correction_vanishes(self) result(vanishes)
       class(model_traits), intent(in) :: self
       logical :: vanishes
 
       vanishes = self%nnoise == 0 .or. self%additive .or. self%position_noise
+      if (self%forces%noise) vanishes = self%position_noise .and. self%forces%noise_in_position
    end function correction_vanishes
 
    !> Whether H = p.M^-1 p/2 + U(q) with a constant M is declared, by constant_mass or identity_mass.
@@ -70,11 +108,12 @@ contains
       has_constant_mass = self%identity_mass .or. self%constant_mass
    end function has_constant_mass
 
-   !> Whether H = p.p/2 + U(q) with noise in position or additive: momenta can be eliminated from implicit equations.
+   !> Whether H = p.p/2 + U(q) with noise in position or additive: momenta can be eliminated from implicit equations,
+   !> whose matrices are symmetric then. Forces are not among them.
    pure logical function eliminates_momenta(self)
       class(model_traits), intent(in) :: self
 
-      eliminates_momenta = self%identity_mass .and. self%correction_vanishes()
+      eliminates_momenta = self%identity_mass .and. self%correction_vanishes() .and. .not. self%forces%act()
    end function eliminates_momenta
 
    !> Whether Hhat_p = h M^-1 p with a constant M that is not declared the identity: no noise acts on positions.
@@ -92,7 +131,8 @@ contains
       logical, intent(in) :: banded  !! the Hessian is computed by its bands
       logical :: one_solve
 
-      one_solve = self%quadratic .and. (self%has_hessian_vector .or. (self%has_hessian .and. .not. banded))
+      one_solve = self%quadratic .and. .not. self%forces%act() .and. &
+                  (self%has_hessian_vector .or. (self%has_hessian .and. .not. banded))
    end function one_solve
 
 end module symsde_base_traits

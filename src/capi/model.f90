@@ -17,7 +17,9 @@ module symsde_capi_model
    use symsde_capi_traits, only: c_traits, from_traits, to_traits
    use symsde_capi_text, only: read_text, put_text, lines
    use symsde_model_abstract, only: model_type
+   use symsde_model_forces, only: force_type
    use symsde_model_user_callback, only: callback_model, new_callback_model
+   use symsde_model_user_callback_force, only: callback_force
    use symsde_model_views_thermostat, only: thermostat_model, new_thermostat
    use symsde_model_catalogue_by_name, only: get_model, model_names, tabulate
    implicit none
@@ -25,6 +27,7 @@ module symsde_capi_model
    public :: find_model, use_model, copy_model
    public :: symsde_model_names, symsde_model_parameters, symsde_model_get
    public :: symsde_model_set_damping, symsde_model_set_friction, symsde_model_thermostat
+   public :: symsde_model_set_force, symsde_model_set_noise_force
    public :: symsde_model_new, symsde_model_delete, symsde_model_traits, symsde_model_probe
 
    integer(i8), parameter :: tag_of_model = int(z'6D6F64656C', i8)  !! 'model'; cleared when the handle is deleted
@@ -33,6 +36,7 @@ module symsde_capi_model
    type :: model_handle
       integer(i8) :: tag = tag_of_model
       class(model_type), allocatable :: model
+      type(callback_force), pointer :: forces => null()   !! of the model; owned
    end type model_handle
 
 contains
@@ -258,6 +262,59 @@ contains
       status = finish(refusal, error)
    end function symsde_model_thermostat
 
+   !> Let a force F act on a model, dp = (-H_q + F) dt + ..; NULL takes it back.
+   function symsde_model_set_force(model, force, derivative, in_position, user, error) result(status) &
+      bind(c, name='symsde_model_set_force')
+      type(c_ptr), intent(in), value :: model, user, error
+      type(c_funptr), intent(in), value :: force, derivative
+      integer(c_int), intent(in), value :: in_position   !! not zero: it depends on q and t alone
+      integer(c_int) :: status
+
+      status = set_force(model, 1, force, derivative, in_position, user, error)
+   end function symsde_model_set_force
+
+   !> Let forces f_k multiply the noises of a model, dp = .. + sum_k (-H_k,q + f_k) o dW_k; NULL takes them back.
+   function symsde_model_set_noise_force(model, force, derivative, in_position, user, error) result(status) &
+      bind(c, name='symsde_model_set_noise_force')
+      type(c_ptr), intent(in), value :: model, user, error
+      type(c_funptr), intent(in), value :: force, derivative
+      integer(c_int), intent(in), value :: in_position   !! not zero: all of them depend on q and t alone
+      integer(c_int) :: status
+
+      status = set_force(model, 2, force, derivative, in_position, user, error)
+   end function symsde_model_set_noise_force
+
+   !> Set one part of the forces of a handle: F, or the noises'.
+   integer(c_int) function set_force(model, part, force, derivative, in_position, user, error) result(status)
+      type(c_ptr), intent(in) :: model, user, error
+      integer, intent(in) :: part
+      type(c_funptr), intent(in) :: force, derivative
+      integer(c_int), intent(in) :: in_position
+      type(error_type), allocatable :: refusal
+      class(model_type), pointer :: known
+      class(force_type), pointer :: acting
+      type(model_handle), pointer :: holder
+
+      call find_model(model, known, refusal)
+      if (.not. allocated(refusal)) then
+         if (part == 2 .and. known%traits%nnoise == 0 .and. c_associated(force)) &
+            call raise(refusal, invalid_argument, 'symsde_model_set_noise_force', 'model '//known%name//' has no '// &
+                       'noise that a force could multiply: give it noises, H_k = 0 where only the force acts')
+         if (c_associated(derivative) .and. .not. c_associated(force)) &
+            call raise(refusal, invalid_argument, 'set_force', 'there is a derivative without a force: give both, '// &
+                       'the force alone, or NULL for both')
+      end if
+      if (.not. allocated(refusal)) then
+         call c_f_pointer(model, holder)
+         if (.not. associated(holder%forces)) allocate (holder%forces)
+         call holder%forces%set(part, force, derivative, in_position /= 0, user)
+         nullify (acting)
+         if (holder%forces%traits%act()) acting => holder%forces
+         call known%set_forces(acting)
+      end if
+      status = finish(refusal, error)
+   end function set_force
+
    !> Delete a model and set its handle to NULL; NULL is accepted.
    function symsde_model_delete(model) result(status) bind(c, name='symsde_model_delete')
       type(c_ptr), intent(in), value :: model
@@ -273,6 +330,7 @@ contains
          if (c_associated(handle) .and. .not. allocated(refusal)) then
             call c_f_pointer(handle, holder)
             holder%tag = 0
+            if (associated(holder%forces)) deallocate (holder%forces)
             deallocate (holder)
             handle = c_null_ptr
          end if

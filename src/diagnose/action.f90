@@ -23,7 +23,7 @@ module symsde_diagnose_action
    use symsde_ensemble_monitor, only: monitor_type, stop_if_wanted
    use symsde_ensemble_options, only: run_options, check_options
    use symsde_model_abstract, only: model_type
-   use symsde_scheme_scheme, only: scheme_type
+   use symsde_scheme_scheme, only: scheme_type, correction_none
    use symsde_solve_lapack, only: blas_single_thread, blas_restore_threads
    implicit none
    private
@@ -67,6 +67,8 @@ contains
          return
       end if
       call prepare(lagrangian, work, model, scheme, options, q, p, dw, error)
+      if (lagrangian%ham%correction /= correction_none) &
+         call model%refuse_forces('discrete_action', 'the action of a corrected scheme', error)
       if (.not. fits2(action, size(q, 1), size(dw, 3))) call refuse_shape('action', error)
       if (allocated(error)) return
       call blas_single_thread()

@@ -97,6 +97,7 @@ contains
       if (present(guess_q)) given_q => guess_q
       if (present(guess_p)) given_p => guess_p
       ! Pointers replace the optional arrays: null means absent in the procedures below.
+      call model%refuse_forces(place, 'a path that makes the action stationary', error)
       call check(model, options, q_start, q_end, q, p, status, error, given_q, given_p)
       if (present(rcond)) then
          if (size(rcond) /= size(status)) call refuse_shape('rcond', error)

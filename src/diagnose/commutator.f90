@@ -17,6 +17,9 @@
 !> sign, which do not all cancel at once. Numbers below 1e-6 are rounding, or the error of differences if the model has
 !> no analytic Hessian. Noise that changes in time, H_k = sigma(t) I, does not commute with the drift: in the phase
 !> space with time the bracket is {H,H_k} - H_{k,t}. Points can refute commutation, not prove it.
+!>
+!> Forces (model/forces) are added to the fields, and their derivatives to the products: then it is the Lie bracket of
+!> two fields that vanishes or does not.
 module symsde_diagnose_commutator
    use, intrinsic :: ieee_arithmetic, only: ieee_value, ieee_positive_inf
    use symsde_base_kinds, only: wp, i8
@@ -107,7 +110,7 @@ contains
       result%commutative = result%noise <= vanishing
       ! Damping does not commute with any noise but those that move nothing.
       result%flows_commute = result%commutative .and. result%drift <= vanishing .and. .not. model%damping%acts()
-      call expect_orders(model%traits%nnoise, model%damping%acts(), result)
+      call expect_orders(model%traits%nnoise, model%damping%acts(), associated(model%forces), result)
    end subroutine commutator
 
    !> Largest |Hess F V_G - Hess G V_F| over the points for F = H_j, G = H_k, relative to the largest
@@ -141,31 +144,35 @@ contains
       if (.not. difference + scale <= huge(scale)) relative = huge(relative)
    end function relative_gradient
 
-   !> The field V = (H_p, -H_q) of H_j at the time t.
+   !> The field V = (H_p, -H_q) of H_j at the time t, to which a force is added.
    subroutine field(model, points, j, t, vq, vp)
       class(model_type), intent(in) :: model
       type(sample_points), intent(in) :: points
       integer, intent(in) :: j
       real(wp), intent(in) :: t
       real(wp), intent(out), dimension(points%n, model%traits%ndof) :: vq, vp
-      real(wp) :: w(points%n, 0:model%traits%nnoise)
+      real(wp) :: w(points%n, 0:model%traits%nnoise), f(points%n, model%traits%ndof)
 
       w = 0
       w(:, j) = 1
       call model%gradient(points%n, model%traits%ndof, model%traits%nnoise, t, w, points%q, points%p, vp, vq)
       ! gradient has put H_p into vq and H_q into vp.
       vp = -vp
+      if (.not. associated(model%forces)) return
+      call model%force(points%n, model%traits%ndof, model%traits%nnoise, t, w, points%q, points%p, f)
+      vp = vp + f
    end subroutine field
 
-   !> The Hessian of H_j times (vq, vp), whose components change sign by a pattern: the first pattern changes none, the
-   !> second the momenta.
+   !> The Hessian of H_j times (vq, vp), less the derivative of a force along it in the q part. The components of the
+   !> vector change sign by a pattern: the first pattern changes none, the second the momenta.
    subroutine product_with(model, points, j, vq, vp, pattern, uq, up)
       class(model_type), intent(in) :: model
       type(sample_points), intent(in) :: points
       integer, intent(in) :: j, pattern
       real(wp), intent(in), dimension(points%n, model%traits%ndof) :: vq, vp
       real(wp), intent(out), dimension(points%n, model%traits%ndof) :: uq, up
-      real(wp) :: w(points%n, 0:model%traits%nnoise), sq(points%n, model%traits%ndof), sp(points%n, model%traits%ndof)
+      real(wp) :: w(points%n, 0:model%traits%nnoise)
+      real(wp), dimension(points%n, model%traits%ndof) :: sq, sp, f
       integer :: i
 
       w = 0
@@ -182,6 +189,9 @@ contains
       end if
       associate (s => points)
          call model%hessian_vector(s%n, model%traits%ndof, model%traits%nnoise, s%t, w, s%q, s%p, sq, sp, uq, up)
+         if (.not. associated(model%forces)) return
+         call model%force_along(s%n, model%traits%ndof, model%traits%nnoise, s%t, w, s%q, s%p, sq, sp, f)
+         uq = uq - f
       end associate
    end subroutine product_with
 
@@ -193,7 +203,8 @@ contains
       real(wp), dimension(:, :), intent(in) :: fq, fp   !! (npoint, ndof)
 
       size_at_least = 0
-      if (model%traits%has_hessian .or. model%traits%has_hessian_vector) return
+      if ((model%traits%has_hessian .or. model%traits%has_hessian_vector) .and. &
+          (model%traits%forces%has_derivative .or. .not. model%traits%forces%act())) return
       ! A difference of gradients of size |f|, over the step default_step times the state, has the error eps |f|/step.
       size_at_least = epsilon(1.0_wp)*largest(fq, fp)/(default_step*max(1.0_wp, largest(points%q, points%p))*vanishing)
    end function floor_of_differences
@@ -230,9 +241,10 @@ contains
    end function largest
 
    !> Write which orders to expect.
-   pure subroutine expect_orders(nnoise, damped, c)
+   pure subroutine expect_orders(nnoise, damped, forced, c)
       integer, intent(in) :: nnoise
       logical, intent(in) :: damped   !! then schemes with brackets of H, or for means alone, do not run
+      logical, intent(in) :: forced   !! then no scheme runs whose order is above one
       type(commutator_type), intent(inout) :: c
 
       ! Report the strongest result that holds; each case implies the cases before it.
@@ -240,6 +252,12 @@ contains
          c%text = 'no noise: the order without noise of the scheme'
       else if (c%flows_commute) then
          c%text = 'all flows commute: strong order 1 from midpoint, 2 from gauss2, 3 from gauss3, with increments alone'
+      else if (c%commutative .and. forced) then
+         c%text = 'the noises commute, with their forces: strong order 1 from every consistent tableau with '// &
+                  'increments alone'
+      else if (forced) then
+         c%text = 'the noises '//to_text(c%k)//' and '//to_text(c%l)//' do not commute, with their forces: strong '// &
+                  'order 1/2 with increments alone, 1 from midpoint_areas where no force goes with a noise'
       else if (c%commutative .and. damped) then
          c%text = 'the noises commute: strong order 1 from midpoint with increments alone; where H = p.M^-1 p/2 + '// &
                   'U(q) and noise is in position, 3/2 from gauss_dkdkd with dZ, 2 from gauss_dkdkd_strong2'

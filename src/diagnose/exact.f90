@@ -197,7 +197,7 @@ contains
       character(:), allocatable :: reason
       integer :: k
 
-      call model%damping%refuse(model%name, 'exact_solution', 'the exact solution', error)
+      call model%refuse_open('exact_solution', 'the exact solution', error)
       if (allocated(error)) return
       select type (model)
       type is (kubo_model)

@@ -30,6 +30,10 @@
 !>    P_i = p_n - sum_j abar_ij Hhat_q(P_j,Q_j),      abar_ij = alpha_j - alpha_j a_ji/alpha_i
 !>
 !> so that the symplectic conjugate of a is a result and no input, and (53) fails for a scheme with another abar.
+!>
+!> Where forces act (model/forces) the derivatives are those of Lbar_h and the work of Fhat, by the discrete
+!> Lagrange-d'Alembert principle: Hhat_q - Fhat stands in the place of Hhat_q, at the same points. Then (47)-(48) and
+!> the Legendre transforms hold along the solutions. The value is that of Lbar_h alone.
 module symsde_diagnose_lagrangian
    use symsde_base_kinds, only: wp, i8
    use symsde_base_lanes, only: lanes_for
@@ -137,7 +141,7 @@ contains
       ! A quadratic Hhat makes the equations linear; one iteration then solves them.
       newton%max_iter = options%max_iter
       call new_newton(self%newton, nlane, 2*n*self%nstage, newton, &
-                      model%traits%quadratic .and. correction == correction_none, -1, -1)
+                      model%traits%quadratic .and. correction == correction_none .and. .not. self%ham%forced, -1, -1)
       allocate (self%x(nlane, 2*n*self%nstage))
       allocate (self%hqq(nlane, n, n), self%hqp(nlane, n, n), self%hpp(nlane, n, n))
    end subroutine new_discrete_lagrangian
@@ -386,6 +390,8 @@ contains
                   m(:, at + k, to + n + l) = -self%back(i, j)*self%hpp(:, k, l)
                   m(:, at + n + k, to + l) = -self%a(i, j)*self%hqq(:, k, l)
                   m(:, at + n + k, to + n + l) = -self%back(i, j)*self%hqp(:, k, l)
+                  if (self%ham%forced) m(:, at + n + k, to + n + l) = m(:, at + n + k, to + n + l) &
+                                                                      + self%back(i, j)*self%ham%drag(:, k, l)
                end do
             end do
          end do

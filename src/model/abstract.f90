@@ -7,7 +7,8 @@
 !>
 !>    dp = -H_q dt - sum_k H_{k,q} o dW_k,   dq = H_p dt + sum_k H_{k,p} o dW_k     [WHSB] (3)-(4)
 !>
-!> (Stratonovich, everything dimensionless). Optional fast operations, for the inner loops of single steppers, are in
+!> (Stratonovich, everything dimensionless). Damping of the momenta and forces (model/forces) may stand beside these.
+!> Optional fast operations, for the inner loops of single steppers, are in
 !> model/kernels. Each lane must be computed from its own numbers alone; and, if the model differs from path to path,
 !> from the path of the lane (for_paths). Procedures are called from several threads at once: compile your own models
 !> with -fopenmp or -frecursive, or gfortran may make their large local arrays static.
@@ -16,7 +17,9 @@ module symsde_model_abstract
    use symsde_base_kinds, only: wp
    use symsde_base_lane_paths, only: lane_paths
    use symsde_base_probe_record, only: probe_record
-   use symsde_base_traits, only: model_traits
+   use symsde_base_status, only: error_type, raise, incompatible
+   use symsde_base_traits, only: model_traits, force_traits
+   use symsde_model_forces, only: force_type
    implicit none
    private
    public :: model_type, difference_along, difference_default, default_step
@@ -31,6 +34,7 @@ module symsde_model_abstract
       type(model_traits) :: traits
       character(:), allocatable :: name  !! name for messages and reports
       type(damping_type) :: damping      !! damping of the momenta; none by default
+      class(force_type), pointer :: forces => null()  !! beside the Hamiltonians; they outlive the model
       type(probe_record) :: passed       !! probes that need not be repeated
       type(lane_paths), pointer :: paths => null()  !! paths of the lanes, in a view made by for_paths
    contains
@@ -45,6 +49,13 @@ module symsde_model_abstract
       procedure :: for_paths => same_for_all
       procedure :: failure_code => never_failed
       procedure :: clear_failure => nothing_to_clear
+      procedure :: note_failure => nothing_to_note
+      procedure :: set_forces
+      procedure :: refuse_open
+      procedure :: refuse_forces
+      procedure :: force
+      procedure :: force_derivative
+      procedure :: force_along
    end type model_type
 
    abstract interface
@@ -227,6 +238,80 @@ contains
       nullify (view)
    end subroutine same_for_all
 
+   !> Let forces act beside the Hamiltonians, in place of those that did.
+   subroutine set_forces(self, forces)
+      class(model_type), intent(inout) :: self
+      class(force_type), intent(in), pointer :: forces   !! or null
+
+      self%forces => forces
+      self%traits%forces = force_traits()
+      if (associated(forces)) self%traits%forces = forces%traits
+      ! a noise whose H_k vanishes is drawn where a force goes with it
+      if (self%traits%forces%noise .and. allocated(self%traits%silent)) deallocate (self%traits%silent)
+      call self%passed%forget()
+   end subroutine set_forces
+
+   !> Refuse a model that is damped, or on which forces act, where only closed systems are known.
+   subroutine refuse_open(self, place, what, error)
+      class(model_type), intent(in) :: self
+      character(*), intent(in) :: place   !! the procedure
+      character(*), intent(in) :: what    !! the result that only closed systems have
+      type(error_type), allocatable, intent(inout) :: error
+
+      call self%damping%refuse(self%name, place, what, error)
+      call self%refuse_forces(place, what, error)
+   end subroutine refuse_open
+
+   !> Refuse a model on which forces act.
+   subroutine refuse_forces(self, place, what, error)
+      class(model_type), intent(in) :: self
+      character(*), intent(in) :: place, what   !! as in refuse_open
+      type(error_type), allocatable, intent(inout) :: error
+
+      if (associated(self%forces) .and. .not. allocated(error)) &
+         call raise(error, incompatible, place, 'forces act on model '//self%name//', and '//what//' is that of a '// &
+                    'system without them: use the model without forces')
+   end subroutine refuse_forces
+
+   !> Fhat = sum_j w_j F_j; zero without forces. A refusal is noted as that of the model's own functions.
+   subroutine force(self, nlane, ndof, nnoise, t, w, q, p, f)
+      class(model_type), intent(in) :: self
+      integer, intent(in) :: nlane, ndof, nnoise
+      real(wp), intent(in) :: t, w(nlane, 0:nnoise), q(nlane, ndof), p(nlane, ndof)
+      real(wp), intent(out) :: f(nlane, ndof)
+      integer :: code
+
+      f = 0
+      if (.not. associated(self%forces)) return
+      call self%forces%find(nlane, ndof, nnoise, t, w, q, p, f, code)
+      if (code /= 0) call self%note_failure(code)
+   end subroutine force
+
+   !> fq(:, i, j) = dFhat_i/dq_j and fp(:, i, j) = dFhat_i/dp_j, where forces act.
+   subroutine force_derivative(self, nlane, ndof, nnoise, t, w, q, p, fq, fp)
+      class(model_type), intent(in) :: self
+      integer, intent(in) :: nlane, ndof, nnoise
+      real(wp), intent(in) :: t, w(nlane, 0:nnoise), q(nlane, ndof), p(nlane, ndof)
+      real(wp), intent(out) :: fq(nlane, ndof, ndof), fp(nlane, ndof, ndof)
+      integer :: code
+
+      call self%forces%derivative(nlane, ndof, nnoise, t, w, q, p, fq, fp, code)
+      if (code /= 0) call self%note_failure(code)
+   end subroutine force_derivative
+
+   !> The derivative of Fhat along (vq, vp), where forces act.
+   subroutine force_along(self, nlane, ndof, nnoise, t, w, q, p, vq, vp, u)
+      class(model_type), intent(in) :: self
+      integer, intent(in) :: nlane, ndof, nnoise
+      real(wp), intent(in) :: t, w(nlane, 0:nnoise), q(nlane, ndof), p(nlane, ndof)
+      real(wp), intent(in) :: vq(nlane, ndof), vp(nlane, ndof)
+      real(wp), intent(out) :: u(nlane, ndof)
+      integer :: code
+
+      call self%forces%along(nlane, ndof, nnoise, t, w, q, p, vq, vp, u, code)
+      if (code /= 0) call self%note_failure(code)
+   end subroutine force_along
+
    !> The first nonzero return code of a user callback since clear_failure; 0 = none. Built-in models never fail.
    integer function never_failed(self) result(code)
       class(model_type), intent(in) :: self
@@ -238,6 +323,12 @@ contains
    subroutine nothing_to_clear(self)
       class(model_type), intent(in) :: self
    end subroutine nothing_to_clear
+
+   !> Keep the first code of a force that refused. Built-in models keep none: paths fail where forces are NaN.
+   subroutine nothing_to_note(self, code)
+      class(model_type), intent(in) :: self
+      integer, intent(in) :: code
+   end subroutine nothing_to_note
 
    !> The Hessian times a vector, for the defaults above: analytic if the model has products.
    subroutine product_along(self, nlane, ndof, nnoise, t, w, q, p, vq, vp, uq, up)

@@ -5,6 +5,10 @@
 !>    {F,G} = F_q.G_p - F_p.G_q            grad {F,G} = Hess F (G_p, -G_q) - Hess G (F_p, -F_q)
 !>    F_p.F_q                              grad (F_p.F_q) = Hess F (F_p, F_q)
 !>
+!> With forces f the second becomes what takes the place of its gradient in the correction of one-sided schemes,
+!>
+!>    (-(B_q A - B_p B), A_q A - A_p B) = Hess F (A, -B) - (f_q A - f_p B, 0),   A = F_p,  B = -F_q + f
+!>
 !> (arguments of a Hessian: q-part first; docs/method/beyond-order-one.md). The gradients are exact if the model's
 !> products are, so a map that uses them is symplectic to rounding.
 module symsde_model_algebra
@@ -61,7 +65,8 @@ contains
       bp = bp - work%up
    end subroutine bracket_gradient
 
-   !> Gradient (cq, cp) of F_p.F_q for F = sum_j w_j H_j: one gradient, one Hessian-vector product.
+   !> Gradient (cq, cp) of F_p.F_q for F = sum_j w_j H_j, or what forces make of it: one gradient, one Hessian-vector
+   !> product.
    subroutine correction_gradient(work, model, t, w, q, p, cq, cp)
       type(algebra_work), intent(inout) :: work
       class(model_type), intent(in) :: model
@@ -71,8 +76,15 @@ contains
 
       associate (nlane => work%nlane, ndof => work%ndof, nnoise => work%nnoise)
          call model%gradient(nlane, ndof, nnoise, t, w, q, p, work%fq, work%fp)
+         if (associated(model%forces)) then
+            call model%force(nlane, ndof, nnoise, t, w, q, p, work%gq)
+            work%fq = work%fq - work%gq
+         end if
          ! F_q and F_p are exchanged in the call: d/dq (F_p.F_q) = F_qq F_p + F_qp F_q.
          call model%hessian_vector(nlane, ndof, nnoise, t, w, q, p, work%fp, work%fq, cq, cp)
+         if (.not. associated(model%forces)) return
+         call model%force_along(nlane, ndof, nnoise, t, w, q, p, work%fp, work%fq, work%gq)
+         cq = cq - work%gq
       end associate
    end subroutine correction_gradient
 

@@ -64,6 +64,7 @@ contains
       class(model_type), intent(in) :: model
       type(kernel_offers) :: offers
 
+      if (associated(model%forces)) return  ! kernels know Hamiltonians alone
       select type (model)
       class is (kernel_model)
          offers = model%offers

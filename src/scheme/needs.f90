@@ -32,6 +32,8 @@ contains
             missing = 'noise in p alone (trait position_noise)'
             if (needs%additive_will_do) &
                missing = missing//', or additive noise where drift and noise share their weights'
+         else if (needs%position_noise .and. .not. traits%forces%noise_in_position) then
+            missing = 'forces f_k of noises that depend on q and t alone'
             ! The needs below are of H itself, and hold without noise, too.
          else if (needs%identity_mass .and. .not. traits%identity_mass) then
             missing = 'H = p.p/2 + U(q) (trait identity_mass)'

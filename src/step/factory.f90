@@ -75,6 +75,10 @@ module symsde_step_factory
       enumerator :: first_oracle, general = first_oracle, euler_maruyama, galerkin, splitting, last_stepper = splitting
    end enum
 
+   !> Steppers that ask the one-step Hamiltonian for what they need, and no symmetry of its derivatives: forces stand
+   !> there. Others know Hamiltonians alone.
+   integer, parameter :: with_forces(*) = [explicit, midpoint_full, euler_pair, general, euler_maruyama, galerkin]
+
 contains
 
    !> Offer stepper number i of the list for a task: the first one that fits is taken. An oracle executes its schemes
@@ -180,15 +184,16 @@ contains
       task%damping = model%damping
       task%scheme => scheme
       ! a Galerkin scheme that is a tableau for this model is executed as one, but by its own oracle as it stands
-      call find_tableau(scheme, model%traits, task%tableau)
+      if (.not. associated(model%forces)) call find_tableau(scheme, model%traits, task%tableau)
       if (allocated(task%tableau) .and. .not. options%general) task%scheme => task%tableau
       if (task%scheme%form == tableau_form) &
-         task%follows = task%scheme%noise_coefficients_equal() .and. is_explicit(task%scheme, model%traits%separable)
+         task%follows = task%scheme%noise_coefficients_equal() .and. is_explicit(task%scheme, model%traits%splits())
       ! The wishes that steppers ask for themselves.
       task%newton = options%newton
       task%as_increments = options%as_increments
       task%general = options%general
       call check_damping(task, error)
+      call check_forces(task, error)
       call find_flow(task)
    end subroutine resolve_task
 
@@ -222,6 +227,7 @@ contains
       first = merge(first_oracle, model_flow, task%general)
       if (task%damping%acts() .and. .not. task%general) first = stages
       do i = first, last_stepper
+         if (associated(model%forces) .and. all(i /= with_forces)) cycle
          call offer(i, task, stepper)
          if (.not. allocated(stepper)) cycle
          call stepper%make(task)
@@ -293,6 +299,36 @@ contains
       end subroutine refuse
 
    end subroutine check_damping
+
+   !> Refuse schemes that do not execute forces. Brackets are those of Hamiltonians, and a force is none: with forces
+   !> f_k not even the fields of noises have Hamiltonian brackets.
+   subroutine check_forces(task, error)
+      type(stepper_task), intent(in) :: task
+      type(error_type), allocatable, intent(inout) :: error
+      type(bracket_terms) :: active
+
+      if (allocated(error) .or. .not. associated(task%model%forces)) return
+      active = active_brackets(task%scheme%brackets, task%model%traits)
+      if (task%scheme%law /= law_gaussian) then
+         call refuse('draws increments for means alone, whose order nobody has found for forces')
+      else if (active%single .or. active%nested) then
+         call refuse('adds brackets of Hamiltonians, and a force has none')
+      else if (task%model%traits%forces%noise .and. task%scheme%brackets%areas) then
+         call refuse('adds brackets of noises by their areas, and those of noise forces are no Hamiltonians')
+      else if (task%scheme%frame /= frame_none .or. task%scheme%form == splitting_form) then
+         call refuse('is made of flows of Hamiltonians, of which a force is none')
+      end if
+
+   contains
+
+      subroutine refuse(why)
+         character(*), intent(in) :: why
+
+         call raise(error, incompatible, 'check_forces', 'forces act on model '//task%model%name//', and scheme '// &
+                    task%scheme%name//' '//why//': use midpoint, gauss2 or stormer_verlet, or a model without forces')
+      end subroutine refuse
+
+   end subroutine check_forces
 
    !> Refuse a model that lacks what the scheme needs, and name a scheme that needs less.
    subroutine check_needs(model, scheme, error)

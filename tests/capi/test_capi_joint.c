@@ -433,6 +433,79 @@ static void test_thermostat(void) {
    symsde_scheme_delete(&scheme);
 }
 
+static int count_of_derivatives = 0;
+
+/* F = -2 p, with the weight of H; f_1 = q, with that of the noise */
+static int drag(int nlane, int ndof, int nham, double t, const double *w, const double *q, const double *p, double *f,
+                void *user) {
+   (void)t, (void)q, (void)nham;
+   for (int i = 0; i < ndof * nlane; i++)
+      f[i] = -2 * w[i % nlane] * p[i];
+   return *(int *)user;
+}
+
+static int drag_derivative(int nlane, int ndof, int nham, double t, const double *w, const double *q, const double *p,
+                           double *fq, double *fp, void *user) {
+   (void)t, (void)q, (void)p, (void)nham, (void)user;
+   count_of_derivatives++;
+   for (int j = 0; j < ndof; j++)
+      for (int i = 0; i < ndof; i++)
+         for (int lane = 0; lane < nlane; lane++) {
+            fq[(j * ndof + i) * nlane + lane] = 0;
+            fp[(j * ndof + i) * nlane + lane] = i == j ? -2 * w[lane] : 0;
+         }
+   return 0;
+}
+
+static int noise_pull(int nlane, int ndof, int nham, double t, const double *w, const double *q, const double *p,
+                      double *f, void *user) {
+   (void)t, (void)p, (void)nham, (void)user;
+   for (int i = 0; i < ndof * nlane; i++)
+      f[i] = w[nlane + i % nlane] * q[i];
+   return 0;
+}
+
+/* forces on H = a (p^2 + q^2)/2 with a small: p falls by (1 - h)/(1 + h) in every step of the midpoint rule */
+static void test_forces(void) {
+   const char *keys[] = {"a", "sigma"};
+   const double values[] = {1e-9, 0}, one = 1, zero = 0;
+   int fine = 0, refuses = 7;
+   symsde_model model = NULL;
+   symsde_scheme scheme = NULL;
+   symsde_options options = some_options();
+   const symsde_input input = some_input(&zero, &one);
+   arrays a;
+   symsde_paths paths = paths_in(&a, 0);
+   const double h = options.step;
+
+   OK(symsde_model_get("kubo", 2, keys, values, &model, &error));
+   OK(symsde_scheme_get("midpoint", &scheme, &error));
+   OK(symsde_model_set_force(model, drag, drag_derivative, 0, &fine, &error));
+   OK(symsde_simulate(model, scheme, &options, &input, &paths, NULL, &error));
+   CHECK(fabs(a.p[(NTIME - 1) * PATHS] - pow((1 - h) / (1 + h), (double)options.steps)) < 1e-6);
+   CHECK(count_of_derivatives > 0);
+   OK(symsde_model_set_force(model, drag, NULL, 0, &fine, &error)); /* by differences */
+   OK(symsde_simulate(model, scheme, &options, &input, &paths, NULL, &error));
+   CHECK(fabs(a.p[(NTIME - 1) * PATHS] - pow((1 - h) / (1 + h), (double)options.steps)) < 1e-6);
+   OK(symsde_model_set_noise_force(model, noise_pull, NULL, 1, NULL, &error));
+   OK(symsde_simulate(model, scheme, &options, &input, &paths, NULL, &error));
+   OK(symsde_model_set_force(model, drag, NULL, 1, &fine, &error));
+   EXPECT(SYMSDE_FALSE_TRAIT, "F depends on q and t alone|say that it does",
+          symsde_simulate(model, scheme, &options, &input, &paths, NULL, &error));
+   EXPECT(SYMSDE_INVALID_ARGUMENT, "derivative without a force",
+          symsde_model_set_force(model, NULL, drag_derivative, 0, &fine, &error));
+   EXPECT(SYMSDE_NULL_HANDLE, "model", symsde_model_set_force(NULL, drag, NULL, 0, &fine, &error));
+   EXPECT(SYMSDE_NULL_HANDLE, "model", symsde_model_set_noise_force(NULL, drag, NULL, 0, &fine, &error));
+   OK(symsde_model_set_force(model, drag, NULL, 0, &refuses, &error)); /* a built-in model keeps no code: paths fail */
+   CHECK(symsde_simulate(model, scheme, &options, &input, &paths, NULL, &error) != SYMSDE_OK);
+   OK(symsde_model_set_force(model, NULL, NULL, 0, NULL, &error));
+   OK(symsde_model_set_noise_force(model, NULL, NULL, 0, NULL, &error));
+   OK(symsde_simulate(model, scheme, &options, &input, &paths, NULL, &error));
+   CHECK(fabs(a.p[(NTIME - 1) * PATHS] - 1) < 1e-6);
+   symsde_model_delete(&model);
+   symsde_scheme_delete(&scheme);
+}
+
 int main(void) {
    test_joint_is_called();
    test_joint_fails();
@@ -442,5 +515,6 @@ int main(void) {
    test_damping();
    test_friction();
    test_thermostat();
+   test_forces();
    return close_report();
 }

@@ -224,7 +224,8 @@ def in_numpy_of(model):
     from symsde.model.formulas import derivatives, in_numpy, named_formulas
 
     _, (given,) = model._remade
-    chosen = {key: value for key, value in given.items() if key not in ("name", "n", "ends", "damping")}
+    own = ("name", "n", "ends", "damping", "force", "noise_force")
+    chosen = {key: value for key, value in given.items() if key not in own}
     return in_numpy.InNumpy(derivatives.Derivatives(named_formulas.make_problem(**chosen)), model.parameters)
 
 

@@ -72,6 +72,12 @@ VALUES = {
     "observers": {"h": ss.observe.Histogram("q_1", -3, 3, 6), "c": ss.observe.Covariance(["q_1", "p_1"])},
     "progress": OMITTED,
     "damping": np.array([0.5]),
+    "force": lambda q, p, t: -p,
+    "force_derivative": lambda q, p, t: (0 * q[None], 0 * q[None] - 1),
+    "noise_force": lambda q, p, t: np.array([q**2]),
+    "noise_force_derivative": lambda q, p, t: (2 * q[None, None], 0 * q[None, None]),
+    "position_force": False,
+    "position_noise_force": True,
     "name": "own",
     "out": OMITTED,
     "max_time": OMITTED,
@@ -113,11 +119,15 @@ MADE = {
     "position_noise": True,
     "max_frequency": 2.0,
     "noise_lipschitz": 0.0,
+    "noise_force": lambda q, p, t: np.array([q, q**2]),
+    "noise_force_derivative": OMITTED,
     **dict.fromkeys(("value", "hessian", "hessian_vector", "gradient_hessian", "third_derivative"), OMITTED),
     **dict.fromkeys(("chain_rows", "flows", "any_lanes"), OMITTED),
 }
 CHAIN = {"H": "Sum(p[i]**2/2 + k*q[i]**2/2, i)", "noise": ["s*q[i]"], "n": 3, "params": {"k": 2.0, "s": 0.1}}
+CHAIN |= {"force": OMITTED, "noise_force": OMITTED}
 TOLD = {"H": "x**2/2*k + y**2/2", "noise": ["s*x", "s*y"], "q": ["x"], "p": ["y"], "params": {"k": 2.0, "s": 0.1}}
+TOLD |= {"force": ["-s*y**3"], "noise_force": [["s*y"], ["0"]]}
 VALUES["run"] = RUN
 #: by function, cases that differ from these tables; further entries are options
 OWN = {

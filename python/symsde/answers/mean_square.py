@@ -20,7 +20,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..errors import OF_RUNS, IncompatibleError, TooLargeError
-from ..model.definition import Model, require_model
+from ..model.definition import Model, require_model, require_unforced
 from ..native import checks
 from ..run.simulate import simulate
 from ..schemes import Scheme, as_scheme
@@ -97,6 +97,7 @@ def mean_square(model: Model, scheme: str | Scheme = "midpoint", *, step: float,
 
 
 def _refuse(model: Model, scheme: Scheme) -> None:
+    require_unforced(model, "growth of second moments is computed")
     if not model.traits.quadratic:
         raise IncompatibleError(f"model {model.name} is not quadratic: only linear equations have such a matrix")
     if model.traits.additive or model.nnoise == 0:

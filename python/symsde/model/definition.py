@@ -17,6 +17,7 @@ from ..native import abi, checks, handles
 from ..native import callbacks as _callbacks
 from ..native.signals import held
 from ..show import html
+from .forces import Forces, handle_with
 from .named import require_names
 
 #: traits that are true or false; each names a property of the Hamiltonians
@@ -112,6 +113,9 @@ class Model:
     power of two that the size of state and time reaches (flows: also that of the step). Without a Hessian, it is
     approximated by differences of gradients. An exception in a Python function stops the run and is raised again.
 
+    ``force`` and ``noise_force`` are forces that act beside the Hamiltonians, functions of (q, p, t). See `forced`,
+    which does so for any model.
+
     ``damping`` damps the momenta, dp_i = .. - gamma_i p_i dt: one rate [1/time], or one for each degree of freedom; or
     it is friction on velocities, by a matrix. See `damped`, which does so for any model.
     """
@@ -120,6 +124,8 @@ class Model:
     #: formulas
     check_start: Callable[[np.ndarray, np.ndarray, float], None] | None = None
     _damping: Damping = ()  #: rates of the momenta, or rows of a matrix of friction; empty for a closed system
+    _forces: Forces = Forces()  #: what acts beside the Hamiltonians
+    _unforced: Model | None = None  #: for a model with forces the same model without them
     _closed: Model | None = None  #: for a damped model the same model without damping
     _bath: tuple[float, ...] = ()  #: beta of a heat bath, one or one for each degree of freedom; empty without one
     _coordinates: tuple[str, ...] = ()  #: the model's own names of coordinates and momenta, if it has any
@@ -154,6 +160,12 @@ class Model:
         any_lanes: bool | None = None,
         derived: bool = False,
         damping: Any = None,
+        force: Any = None,
+        force_derivative: Any = None,
+        noise_force: Any = None,
+        noise_force_derivative: Any = None,
+        position_force: bool = False,
+        position_noise_force: bool = False,
         name: str = "user",
     ):
         """Make the model; see the class for the arguments."""
@@ -203,6 +215,11 @@ class Model:
         if derived:
             make = functools.partial(_derived, make)
         self._adopt(make, name, {})
+        forces = _forces(
+            force, force_derivative, noise_force, noise_force_derivative, position_force, position_noise_force
+        )
+        if forces:
+            self._force(_copied(self), forces)
         if damping is not None:
             self._damp(_copied(self), damping, allow_gain=False)
 
@@ -278,10 +295,65 @@ class Model:
             self._damping = tuple(float(x) for x in np.broadcast_to(rates, self.ndof)) if rates.any() else ()
         self._closed = closed if self._damping else None
 
+    @checks.hinted()
+    def forced(
+        self,
+        force: Any = None,
+        *,
+        force_derivative: Any = None,
+        noise_force: Any = None,
+        noise_force_derivative: Any = None,
+        position_force: bool = False,
+        position_noise_force: bool = False,
+    ) -> Self:
+        """The same model with forces beside its Hamiltonians, in place of those that it has:
+
+            dq = H_p dt + sum_k H_{k,p} o dW_k,    dp = (-H_q + F) dt + sum_k (-H_{k,q} + f_k) o dW_k
+
+        - force: F(q, p, t), momentum/time (dof, lane) from q and p (dof, lane). Its work is F.dq, [WHSB] (9)-(17)
+        - noise_force: f(q, p, t), (noise, dof, lane), whose row k goes with dW_k. Noises may have H_k = 0
+        - force_derivative, noise_force_derivative: two arrays, derivatives by q and by p, (dof, dof, lane) or (noise,
+          dof, dof, lane); [.., j, i, :] is that of component i by q_j or p_j. Without them Newton's iteration takes
+          differences
+        - position_force, position_noise_force: whether F, and every f_k, depend on q and t alone; then separable models
+          keep their explicit schemes
+
+        Compiled functions (``numba_signature('force')``, symsde.h) write w[0] F, or the sum of w[k] f_k, instead. Steps
+        obey the discrete Lagrange-d'Alembert principle: they are the scheme's own with -Hhat_q + h F + sum_k dW_k f_k
+        in place of -Hhat_q. Tableaux execute them (midpoint, gauss2, symplectic_euler, stormer_verlet ..), with strong
+        order 1 where the noises' fields commute. Schemes of kicks, brackets, areas under forces f_k, and exact
+        solutions are refused (IncompatibleError). For F = -gamma p take `damped`, whose steps keep the exact factor.
+        """
+        forces = _forces(
+            force, force_derivative, noise_force, noise_force_derivative, position_force, position_noise_force
+        )
+        undamped = self._closed or self
+        free = undamped._unforced or undamped
+        other = free
+        if forces:
+            other = _copied(free)
+            other._force(free, forces)
+        return other.damped(self._asked, allow_gain=True) if self.damping else other
+
+    @property
+    def _asked(self) -> np.ndarray:
+        """Rates of damping that were asked for."""
+        return np.array(self.damping or (0.0,))
+
+    def _force(self, free: Model, forces: Forces) -> None:
+        """Be the form of a model on which forces act."""
+        self._handles = handles.Pool(functools.partial(handle_with, free._handles.made, forces, free.nnoise))
+        self._forces, self._unforced = forces, free
+        self.in_python = self.in_python or forces.in_python
+        self.traits = self._read_traits()
+
     def __reduce__(self) -> tuple:
         """Pickle as the arguments: another process makes the model again, if it finds the functions by name."""
         if self._closed is not None:
             return _damped_again, (self._closed, self._damping)
+        if self._unforced is not None and self._remade is self._unforced._remade:  # not those of formulas
+            require_names(self.name, self._forces.functions().values())
+            return _forced_again, (self._unforced, self._forces)
         if self._remade is None:
             raise WrongTypeError(
                 f"model {self.name!r} holds compiled functions, whose addresses mean nothing in another process: "
@@ -336,7 +408,7 @@ class Model:
         for key, numbers in (("damping", () if self.has_friction else self.damping), ("bath at beta", self._bath)):
             if numbers:
                 what += f", {key}=" + (f"{numbers[0]:g}" if len(set(numbers)) == 1 else str(list(numbers)))
-        return f"{self.name}({what})"
+        return f"{self.name}({what}{', forced' if self._forces else ''})"
 
     def _repr_html_(self) -> str:
         """Hamiltonians, parameters and traits for notebooks."""
@@ -425,6 +497,19 @@ def _copied(model: Model) -> Model:
     return other
 
 
+def _forces(force, derivative, noise_force, noise_derivative, *in_position) -> Forces:
+    """Forces from the arguments of `Model.forced`."""
+    flags = (checks.flag(x, y) for x, y in zip(("position_force", "position_noise_force"), in_position, strict=True))
+    return Forces(force, derivative, noise_force, noise_derivative, *flags)
+
+
+def _forced_again(free: Model, forces: Forces) -> Model:
+    """A model with forces from what pickle kept of it."""
+    other = _copied(free)
+    other._force(free, forces)
+    return other
+
+
 def _damped_again(closed: Model, rates: Damping) -> Model:
     """Make a damped model again from its pickle."""
     return closed.damped(rates, allow_gain=True)
@@ -446,8 +531,17 @@ def fits_files(name: str) -> bool:
     return bool(name) and name.isprintable() and not set("/#") & set(name) and name == name.strip()
 
 
+def require_unforced(model: Model, what: str) -> None:
+    """Refuse a model with forces for results that only systems without them have."""
+    if model._forces:
+        raise IncompatibleError(
+            f"forces act on model {model.name}, and {what} of systems without them alone: use the model without forces"
+        )
+
+
 def require_closed(model: Model, what: str) -> None:
-    """Refuse a damped model for results that only closed systems have."""
+    """Refuse a damped model, and one with forces, for results that only closed systems have."""
+    require_unforced(model, what)
     if model.damping:
         raise IncompatibleError(
             f"model {model.name} is damped, and {what} of closed systems alone: use the model without damping"

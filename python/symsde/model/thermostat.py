@@ -53,7 +53,7 @@ def _noisy(model: Model, gamma: tuple[float, ...], beta: tuple[float, ...]) -> M
     noisy._coordinates = model._coordinates
     which = f"H_{model.nnoise + 1}" + (f" .. H_{noisy.nnoise}" if model.ndof > 1 else "")
     noisy._hamiltonians = [*model._hamiltonians, f"{which} = -sqrt(2 gamma_i m_i/beta) q_i"]
-    noisy._bath = beta
+    noisy._bath, noisy._forces = beta, model._forces
     return noisy
 
 

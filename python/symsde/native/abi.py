@@ -213,6 +213,8 @@ CALLBACKS = {
     "hessian_vector": CFUNCTYPE(*_block, c_void_p, c_void_p, c_void_p, c_void_p, c_void_p),
     "gradient_hessian": CFUNCTYPE(*_block, c_void_p, c_void_p, c_void_p, c_void_p, c_void_p, c_void_p),
     "third_derivative": CFUNCTYPE(*_block, *(c_void_p,) * 7),
+    "force": CFUNCTYPE(*_block, c_void_p, c_void_p),
+    "force_derivative": CFUNCTYPE(*_block, c_void_p, c_void_p, c_void_p),
     "flow": CFUNCTYPE(c_int, *(c_int,) * 6, c_double, c_double, *(c_void_p,) * 8),
 }
 CALLBACKS["chain_rows"] = CFUNCTYPE(
@@ -312,6 +314,8 @@ FUNCTIONS = {
     "model_set_damping": (_handle, c_int, POINTER(c_double), c_int, _error),
     "model_set_friction": (_handle, POINTER(c_double), c_int, _error),
     "model_thermostat": (_handle, c_int, POINTER(c_double), c_int, POINTER(c_double), _error),
+    "model_set_force": (_handle, CALLBACKS["force"], CALLBACKS["force_derivative"], c_int, c_void_p, _error),
+    "model_set_noise_force": (_handle, CALLBACKS["force"], CALLBACKS["force_derivative"], c_int, c_void_p, _error),
     "model_delete": (_handle_out,),
     "model_traits": (_handle, POINTER(Traits), _error),
     "model_probe": (_handle, c_double, c_void_p, c_void_p, _error),

@@ -32,6 +32,8 @@ RETURNS = {
     "hessian_vector": ("uq", "up"),
     "gradient_hessian": ("hq", "hp", "hqq", "hqp", "hpp"),
     "third_derivative": ("uq", "up"),
+    "force": ("f",),
+    "force_derivative": ("fq", "fp"),
 }
 # kind -> vectors (dof, lane) among the inputs of a Python function, after t and w
 VECTORS = dict.fromkeys(RETURNS, ("q", "p"))
@@ -97,7 +99,7 @@ def store_result(where: str, value: object, target: int | None, shape: tuple[int
 
 def _shape(name: str, nlane: int, ndof: int) -> tuple[int, ...]:
     """Shape of a result of a callback."""
-    if name in RETURNS["hessian"]:
+    if name in (*RETURNS["hessian"], *RETURNS["force_derivative"]):
         return (ndof, ndof, nlane)
     return (nlane,) if name == "value" else (ndof, nlane)
 

@@ -1,7 +1,8 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> Decide which probes a run makes. Models of the catalogue are not probed, since the tests probe them. Every run probes
-!> a user's model; but a model derived from formulas is not probed again after it has passed. A probe that decides
-!> nothing, because the model is not finite at the state or fails there, does not count as passed.
+!> Decide which probes a run makes. Models of the catalogue are not probed, since the tests probe them, unless forces of
+!> a user act on them. Every run probes a user's model; but a model derived from formulas is not probed again after it
+!> has passed. A probe that decides nothing, because the model is not finite at the state or fails there, does not count
+!> as passed.
 !>
 !> Private to its family.
 module symsde_ensemble_run_probes
@@ -30,7 +31,7 @@ contains
       integer(i8) :: number
       logical :: decided
 
-      if (allocated(error) .or. is_built_in(model)) return
+      if (allocated(error) .or. (is_built_in(model) .and. .not. associated(model%forces))) return
       number = probe_number('declared', model%traits, t, q0, p0, 0.0_wp)
       if (model%passed%knows(number)) return
       call probe_model(model, t, q0, p0, error, decided)

@@ -64,6 +64,7 @@ module symsde_model_user_callback
       procedure :: accept_null
       procedure :: failure_code
       procedure :: clear_failure
+      procedure :: note_failure => note
       procedure, private :: copy
       generic :: assignment(=) => copy
       final :: release
@@ -455,8 +456,8 @@ contains
 
    !> Keep the first nonzero code. If two threads fail at the same moment, either code may be kept.
    subroutine note(self, code)
-      type(callback_model), intent(in) :: self
-      integer(i4), intent(in) :: code
+      class(callback_model), intent(in) :: self
+      integer, intent(in) :: code
 
       if (self%failure_code() /= 0) return
       !$omp atomic write
@@ -471,6 +472,7 @@ contains
       left%name = right%name
       left%traits = right%traits
       left%damping = right%damping
+      left%forces => right%forces
       left%on_gradient => right%on_gradient
       left%on_value => right%on_value
       left%on_hessian => right%on_hessian

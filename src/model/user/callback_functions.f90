@@ -7,7 +7,7 @@ module symsde_model_user_callback_functions
    implicit none
    private
    public :: gradient_callback, value_callback, hessian_callback, hessian_vector_callback, gradient_hessian_callback
-   public :: third_derivative_callback
+   public :: third_derivative_callback, force_callback, force_derivative_callback
 
    abstract interface
       !> Gradient of sum_j w_j H_j.
@@ -84,6 +84,28 @@ module symsde_model_user_callback_functions
          type(c_ptr), value :: user
          integer(c_int) :: code
       end function third_derivative_callback
+
+      !> w_0 F of the force, or sum_k w_k f_k of noise forces.
+      function force_callback(nlane, ndof, nham, t, w, q, p, f, user) bind(c) result(code)
+         import :: c_int, c_double, c_ptr
+         integer(c_int), value :: nlane, ndof, nham
+         real(c_double), value :: t
+         real(c_double), intent(in) :: w(nlane, nham), q(nlane, ndof), p(nlane, ndof)
+         real(c_double), intent(out) :: f(nlane, ndof)
+         type(c_ptr), value :: user
+         integer(c_int) :: code
+      end function force_callback
+
+      !> Its derivatives, fq(:, i, j) of component i by q_j and fp by p_j.
+      function force_derivative_callback(nlane, ndof, nham, t, w, q, p, fq, fp, user) bind(c) result(code)
+         import :: c_int, c_double, c_ptr
+         integer(c_int), value :: nlane, ndof, nham
+         real(c_double), value :: t
+         real(c_double), intent(in) :: w(nlane, nham), q(nlane, ndof), p(nlane, ndof)
+         real(c_double), intent(out) :: fq(nlane, ndof, ndof), fp(nlane, ndof, ndof)
+         type(c_ptr), value :: user
+         integer(c_int) :: code
+      end function force_derivative_callback
    end interface
 
 end module symsde_model_user_callback_functions

@@ -43,6 +43,7 @@ module symsde_model_views_real_lanes
       procedure :: flow
       procedure :: failure_code
       procedure :: clear_failure
+      procedure :: note_failure
       final :: release
    end type real_lanes_model
 
@@ -56,6 +57,7 @@ contains
       self%traits = model%traits
       self%name = model%name
       self%paths => model%paths
+      self%forces => model%forces
       self%model => model
       self%kernels => kernels_of(model)
       self%nreal = huge(0)  ! until a block sets it: calls at set-up have no padding
@@ -266,6 +268,13 @@ contains
 
       call self%model%clear_failure()
    end subroutine clear_failure
+
+   subroutine note_failure(self, code)
+      class(real_lanes_model), intent(in) :: self
+      integer, intent(in) :: code
+
+      call self%model%note_failure(code)
+   end subroutine note_failure
 
    !> Gather weights and state of the real lanes.
    subroutine take_inputs(self, nlane, ndof, nnoise, w, q, p)

@@ -41,6 +41,7 @@ module symsde_model_views_thermostat
       procedure :: for_paths
       procedure :: failure_code
       procedure :: clear_failure
+      procedure :: note_failure
       procedure :: copy_bath
    end type thermostat_model
 
@@ -133,6 +134,7 @@ contains
 
       self%name = inner%name
       self%traits = inner%traits
+      self%forces => inner%forces
       associate (n => inner%traits%ndof, m => inner%traits%nnoise)
          ! H_k = 0 is linear too, and depends on q alone.
          quiet = m == 0
@@ -159,6 +161,7 @@ contains
 
       self%name = from%name
       self%traits = from%traits
+      self%forces => from%forces
       self%offers = from%offers
       self%damping = from%damping
       self%sigma = from%sigma
@@ -176,9 +179,11 @@ contains
       call self%inner%for_paths(paths, told)
       if (.not. associated(told)) return
       allocate (around)
-      around%sigma = self%sigma
+      allocate (around%sigma, source=self%sigma)
       around%damping = self%damping
       call dress(around, told)
+      around%traits = self%traits
+      around%forces => self%forces
       around%told => told
       around%paths => paths
       view => around
@@ -342,6 +347,15 @@ contains
       model => model_of(self)
       call model%clear_failure()
    end subroutine clear_failure
+
+   subroutine note_failure(self, code)
+      class(thermostat_model), intent(in) :: self
+      integer, intent(in) :: code
+      class(model_type), pointer :: model
+
+      model => model_of(self)
+      call model%note_failure(code)
+   end subroutine note_failure
 
    !> VEC f_i <- f_i - sigma_i w_i, the gradient of the noises, for n degrees of freedom. The caller passes w from the
    !> column of the first noise on.

@@ -43,7 +43,7 @@ contains
       self%explicit = .true.
       associate (scheme => task%scheme, n => task%model%traits%ndof, nlane => task%nlane)
          call new_one_step_hamiltonian(self%ham, task%model, nlane, correction_none, 0.0_wp)
-         call new_explicit_plan(self%plan, scheme, task%model%traits%separable, .false., .false.)
+         call new_explicit_plan(self%plan, scheme, task%model%traits%splits(), .false., .false.)
          call new_decays(self%decays, task%damping, scheme%c, n)
          self%most_single = few_of(n, merge(3, 2, n > 1), 6)
          allocate (self%f(nlane, n, scheme%nstage), self%v(nlane, n, scheme%nstage))

@@ -64,7 +64,7 @@ contains
       logical :: found, corrected
 
       fast => kernels_of(task%model)
-      if (.not. associated(fast)) return
+      if (.not. associated(fast) .or. associated(task%model%forces)) return
       if (task%newton%fixed_point /= 0 .or. task%as_increments .or. task%general) return
       corrected = task%correction /= correction_none
       if (corrected) then

@@ -18,6 +18,13 @@
 !> the correction would lose paths: on the Kubo oscillator such an iteration diverges where
 !> |sigma dW| > sqrt 2.
 !>
+!> Forces F and f_k beside the Hamiltonians (model/forces) stand in Hhat_q, of which they are taken away: whatever a
+!> scheme does with -Hhat_q it does with -Hhat_q + Fhat, Fhat = h F + sum_k dW_k f_k, as the discrete
+!> Lagrange-d'Alembert principle asks for. With A = F_p and B = -F_q + f of the noise alone, the correction of forced
+!> systems is (1/2-lambda) (A_q A - A_p B) in q and (1/2-lambda) (B_q A - B_p B) in p (docs/method/forces.md). The
+!> Hessian is that of the Hamiltonians, but for Hhat_qq - Fhat_q; drag holds Fhat_p, which Newton's matrices take away
+!> from Hhat_qp in the rows of momenta alone.
+!>
 !> Schemes beyond strong order one add the brackets of step/hamiltonian/brackets. Every evaluation goes in this order:
 !> the model sums over its Hamiltonians in one call, the correction is added to what it gave, then the brackets.
 !>
@@ -52,6 +59,8 @@ module symsde_step_hamiltonian_one_step
       integer :: correction = correction_none
       real(wp) :: coefficient = 0             !! 1/2 - lambda
       logical :: mass_alone = .false.         !! H = p.p/2 + U(q), noise in position: Hhat_p = h p, correction apart
+      logical :: forced = .false.             !! forces act beside the Hamiltonians
+      real(wp), allocatable :: drag(:, :, :)  !! Fhat_p of the last gradient_hessian, if forced (nlane, ndof, ndof)
       type(constant_mass), allocatable :: mass  !! H = p.M^-1 p/2 + U(q), noise in position: Hhat_p = h M^-1 p
       type(counters_type) :: counters
       type(modified_hamiltonian), allocatable :: modified  !! brackets of schemes beyond order one
@@ -98,6 +107,7 @@ contains
       self%nreal = nlane
       self%correction = correction
       self%coefficient = coefficient
+      self%forced = associated(model%forces)
       associate (t => model%traits)
          ! Whether Hhat_p needs no call of the model: h p for the identity, and h M^-1 p once a diagonal M is known.
          self%mass_alone = t%identity_mass .and. (t%position_noise .or. t%nnoise == 0)
@@ -179,7 +189,21 @@ contains
 
       if (contracts_are_executed) call require_question(self%model%traits, n, self%ndof, self%nnoise, t, w)
       call self%model%gradient(n, self%ndof, self%nnoise, t, w, q, p, hq, hp)
+      if (self%forced .and. present(hq)) call take_force(self, n, t, w, q, p, hq)
    end subroutine bare_gradient
+
+   !> Hhat_q - Fhat in place of Hhat_q.
+   subroutine take_force(self, n, t, w, q, p, hq)
+      type(one_step_hamiltonian), intent(in) :: self
+      integer, intent(in) :: n
+      real(wp), intent(in) :: t, w(n, 0:self%nnoise), q(n, self%ndof), p(n, self%ndof)
+      real(wp), intent(inout) :: hq(n, self%ndof)
+      real(wp), allocatable :: f(:, :)
+
+      allocate (f(n, self%ndof))
+      call self%model%force(n, self%ndof, self%nnoise, t, w, q, p, f)
+      hq = hq - f
+   end subroutine take_force
 
    !> Gradient and Hessian at one point.
    subroutine bare_gradient_hessian(self, n, t, w, q, p, hq, hp, hqq, hqp, hpp)
@@ -192,9 +216,10 @@ contains
 
       if (contracts_are_executed) call require_question(self%model%traits, n, self%ndof, self%nnoise, t, w)
       call self%model%gradient_hessian(n, self%ndof, self%nnoise, t, w, q, p, hq, hp, hqq, hqp, hpp)
+      if (self%forced .and. present(hq)) call take_force(self, n, t, w, q, p, hq)
    end subroutine bare_gradient_hessian
 
-   !> Bands -b .. b of its Hessian.
+   !> Bands -b .. b of the Hessian of its Hamiltonians.
    subroutine bare_bands(self, n, b, t, w, q, p, hqq, hqp, hpp)
       class(one_step_hamiltonian), intent(in) :: self
       integer, intent(in) :: n, b
@@ -249,6 +274,7 @@ contains
       real(wp), intent(in) :: t, w(n, 0:self%nnoise), q(n, self%ndof), p(n, self%ndof)
       real(wp), intent(in) :: vq(n, self%ndof), vp(n, self%ndof)
       real(wp), intent(out) :: uq(n, self%ndof), up(n, self%ndof)
+      real(wp), allocatable :: u(:, :)
 
       if (contracts_are_executed) call require_question(self%model%traits, n, self%ndof, self%nnoise, t, w)
       if (self%model%traits%has_hessian_vector) then
@@ -258,6 +284,10 @@ contains
          call difference_default(self%model, n, self%ndof, self%nnoise, t, w, q, p, vq, vp, uq, up)
          self%counters%gradients = self%counters%gradients + 2*wanted
       end if
+      if (.not. self%forced) return
+      allocate (u(n, self%ndof))
+      call self%model%force_along(n, self%ndof, self%nnoise, t, w, q, p, vq, vp, u)
+      uq = uq - u
    end subroutine bare_product
 
    !> Hhat_p of separable Hamiltonians, where it depends on p alone; without correction and brackets. Iterations begin
@@ -304,6 +334,7 @@ contains
       type(step_record), intent(in), optional :: step
 
       call self%bare_gradient_hessian(self%nlane, t, w, q, p, hq, hp, hqq, hqp, hpp)
+      if (self%forced .and. (present(hqq) .or. present(hqp))) call differentiate_force(self, t, w, q, p, hqq)
       ! A call that gives gradient and Hessian counts as one of each.
       self%counters%gradients = self%counters%gradients + self%nreal
       self%counters%hessians = self%counters%hessians + self%nreal
@@ -314,6 +345,22 @@ contains
       if (allocated(self%modified)) &
          call self%modified%add_gradient(t, step, q, p, hq, hp, self%counters, self%nreal)
    end subroutine gradient_hessian
+
+   !> Hhat_qq - Fhat_q in place of Hhat_qq, and Fhat_p in drag.
+   subroutine differentiate_force(self, t, w, q, p, hqq)
+      type(one_step_hamiltonian), intent(inout) :: self
+      real(wp), intent(in) :: t, w(self%nlane, 0:self%nnoise)
+      real(wp), intent(in) :: q(self%nlane, self%ndof), p(self%nlane, self%ndof)
+      real(wp), intent(inout), optional :: hqq(self%nlane, self%ndof, self%ndof)
+      real(wp), allocatable :: fq(:, :, :)
+
+      associate (nlane => self%nlane, n => self%ndof)
+         if (.not. allocated(self%drag)) allocate (self%drag(nlane, n, n))
+         allocate (fq(nlane, n, n))
+         call self%model%force_derivative(nlane, n, self%nnoise, t, w, q, p, fq, self%drag)
+         if (present(hqq)) hqq = hqq - fq
+      end associate
+   end subroutine differentiate_force
 
    !> Add the gradient of the correction to the wanted outputs: factor grad(F_p.F_q) for every term of it, one in the
    !> increments form, and as many as there are noises in the mean form. A term takes one gradient and one

@@ -9,7 +9,7 @@ module symsde_step_midpoint_full
    use symsde_base_kinds, only: wp, i8
    use symsde_base_lanes, only: lane_unit, lanes_together
    use symsde_base_record, only: step_record
-   use symsde_base_traits, only: dense
+   use symsde_base_traits, only: model_traits, dense
    use symsde_model_abstract, only: model_type
    use symsde_scheme_scheme, only: bracket_terms, correction_none
    use symsde_solve_fixed_point, only: take, judge_sweep, most_sweeps, stiff_rate, done
@@ -36,7 +36,8 @@ module symsde_step_midpoint_full
          ! Without damping and given numbers of iterations, a model whose momenta can be eliminated has faster
          ! steppers.
          if (task%newton%is_free()) &
-            fits = fits .and. .not. (t%eliminates_momenta() .or. (t%ndof > 1 .and. t%divides_by_mass()))
+            fits = fits .and. .not. (t%eliminates_momenta() .or. (t%ndof > 1 .and. t%divides_by_mass() .and. &
+                                                                  .not. t%forces%act()))
       end associate
    end function midpoint_full_fits
 

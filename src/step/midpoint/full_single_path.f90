@@ -9,7 +9,7 @@ module symsde_step_midpoint_full_single_path
    use symsde_base_kinds, only: wp, i8
    use symsde_base_lanes, only: lane_unit, lanes_together
    use symsde_base_record, only: step_record
-   use symsde_base_traits, only: dense
+   use symsde_base_traits, only: model_traits, dense
    use symsde_model_abstract, only: model_type
    use symsde_scheme_scheme, only: bracket_terms, correction_none
    use symsde_solve_fixed_point_single_path, only: take, judge_sweep, most_sweeps, stiff_rate, done

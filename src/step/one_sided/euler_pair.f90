@@ -11,7 +11,8 @@
 !>    lambda = 1  d - Hhat_p(p_n,q_n+d) = 0,   matrix I - Hhat_pq,   then  dp = -Hhat_q(p_n,q_n+d)
 !>
 !> from d = 0, in half as many unknowns as the general stepper has. (Hhat_qp)_ij is the derivative by q_i and p_j,
-!> Hhat_pq its transpose. The time of the step is that of its q node: t_n for lambda = 0, t_{n+1} for lambda = 1.
+!> Hhat_pq its transpose; forces take Fhat_p from Hhat_qp. The time of the step is that of its q node: t_n for
+!> lambda = 0, t_{n+1} for lambda = 1.
 !>
 !> A corrected Hhat has a term with products of derivatives of H_k (step/hamiltonian/one_step), so that in general it
 !> is not separable even where H is. The part of its Hessian with third derivatives is left out of the matrix: the
@@ -137,6 +138,7 @@ contains
             return
          else if (.not. self%adjoint) then
             call ham%gradient_hessian(t, w, q, p, hq=newton%r, hqp=newton%a)
+            if (ham%forced) newton%a = newton%a - ham%drag
          else if (n == 1) then
             call ham%gradient_hessian(t, w, q, p, hp=newton%r, hqp=newton%a)
          else

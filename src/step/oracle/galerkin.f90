@@ -226,6 +226,7 @@ contains
                   end do
                   col = column(self, self%s + i) + l - 1
                   m(:, row, col) = one*self%slope(i, mu) - self%basis(i, mu)*self%sqp(:, k, l)
+                  if (self%ham%forced) m(:, row, col) = m(:, row, col) + self%basis(i, mu)*self%ham%drag(:, k, l)
                end do
                do nu = 1, self%s
                   col = column(self, nu) + l - 1

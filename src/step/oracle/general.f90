@@ -23,7 +23,8 @@
 !>    delta_ij I + ( -a_ij Hhat_pq   -abar_ij Hhat_pp )      rows F_i
 !>                 (  a_ij Hhat_qq    abar_ij Hhat_qp )      rows G_i       Hessian at (Q_i, P_i)
 !>
-!> with (Hhat_qp)_kl the derivative by q_k and p_l, and Hhat_pq its transpose. It is dense and knows no structure of
+!> with (Hhat_qp)_kl the derivative by q_k and p_l, and Hhat_pq its transpose; forces take Fhat_q from Hhat_qq and
+!> Fhat_p from Hhat_qp in the rows G_i. The matrix is dense and knows no structure of
 !> the model or the tableau: the special steppers are held to its increments, and step/implicit/rescue solves by it
 !> what they cannot.
 module symsde_step_oracle_general
@@ -340,6 +341,8 @@ contains
                      m(:, at + k, to + n + l) = -abar(l + 1)*self%hpp(:, k + 1, l + 1)
                      m(:, at + n + k, to + l) = self%a(i, j, part)*self%hqq(:, k + 1, l + 1)
                      m(:, at + n + k, to + n + l) = abar(l + 1)*self%hqp(:, k + 1, l + 1)
+                     if (self%ham%forced) m(:, at + n + k, to + n + l) = m(:, at + n + k, to + n + l) &
+                                                                         - abar(l + 1)*self%ham%drag(:, k + 1, l + 1)
                   end do
                end do
             end do

@@ -20,6 +20,7 @@ emit_rows            C for the rows of a chain that couples neighbours only
 collective           Hamiltonians that are functions of sums over sites
 emit_collective      C for these functions
 sums                 observables that are functions of sums over sites
+forces               forces beside the Hamiltonians
 compiler             the system's compiler
 cache                the folder of compiled formulas, with checks that loading from it is safe
 in_numpy             the callbacks without a compiler

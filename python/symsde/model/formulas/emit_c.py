@@ -167,34 +167,32 @@ class _File(Loops):
         parts += [self.far(family) for family in (("value",), ("uq", "up"), *third, tuple(BLOCKS))]
         for outputs in (("value",), ("uq", "up"), *third, *self.sets):
             parts.append(self.function(outputs))
-        parts += [self._callback("value", ("value",), [("value",)])]
-        parts += [self._callback("hessian_vector", ("uq", "up"), [("uq", "up")])]
-        parts += [self._callback("third_derivative", x, [x]) for x in third]
+        parts += [callback("value", ("value",))]
+        parts += [callback("hessian_vector", ("uq", "up"))]
+        parts += [callback("third_derivative", x) for x in third]
         for name, blocks in (
             ("gradient", ("hq", "hp")),
             ("hessian", ("hqq", "hqp", "hpp")),
             ("gradient_hessian", tuple(BLOCKS)),
         ):
-            parts.append(self._callback(name, blocks, [s for s in self.sets if set(s) <= set(blocks)]))
+            parts.append(callback(name, blocks, [s for s in self.sets if set(s) <= set(blocks)]))
         return "\n".join(parts)
 
-    def _callback(self, kind: str, outputs: tuple[str, ...], sets: list[tuple[str, ...]]) -> str:
-        """A function of symsde.h for any set of wanted outputs; it calls the functions of the largest sets first."""
-        vectors = VECTORS.get(outputs, ())
-        given = "".join(f", const double *{x}" for x in vectors) + "".join(f", double *{x}" for x in outputs)
-        name = f"formula_{kind}"
-        lines = [f"int {name}(CALLBACK_IN{given}, void *user);", f"int {name}(CALLBACK_IN{given}, void *user) {{"]
-        lines += ["   (void)ndof, (void)nham;", f"   unsigned wanted = {self._wanted(outputs)};"]
-        for chosen in sets:
-            bits = sum(1 << outputs.index(x) for x in chosen)
-            arguments = ", ".join(["nlane", "t", "w", "q", "p", "user", *vectors, *chosen])
-            lines += [f"   if ((wanted & {bits}) == {bits}) {{", f"      {_function_name(chosen)}({arguments});"]
-            lines += [f"      wanted &= ~{bits}u;", "   }"]
-        return "\n".join([*lines, "   return 0;", "}", ""])
 
-    @staticmethod
-    def _wanted(outputs: tuple[str, ...]) -> str:
-        return " | ".join(f"(({x} != NULL) << {k})" for k, x in enumerate(outputs))
+def callback(kind: str, outputs: tuple[str, ...], sets: Iterable[tuple[str, ...]] = ()) -> str:
+    """A function of symsde.h that serves every set of wanted outputs, the largest functions first."""
+    vectors = VECTORS.get(outputs, ())
+    given = "".join(f", const double *{x}" for x in vectors) + "".join(f", double *{x}" for x in outputs)
+    name = f"formula_{kind}"
+    wanted = " | ".join(f"(({x} != NULL) << {k})" for k, x in enumerate(outputs))
+    lines = [f"int {name}(CALLBACK_IN{given}, void *user);", f"int {name}(CALLBACK_IN{given}, void *user) {{"]
+    lines += ["   (void)ndof, (void)nham;", f"   unsigned wanted = {wanted};"]
+    for chosen in sets or (outputs,):
+        bits = sum(1 << outputs.index(x) for x in chosen)
+        arguments = ", ".join(["nlane", "t", "w", "q", "p", "user", *vectors, *chosen])
+        lines += [f"   if ((wanted & {bits}) == {bits}) {{", f"      {_function_name(chosen)}({arguments});"]
+        lines += [f"      wanted &= ~{bits}u;", "   }"]
+    return "\n".join([*lines, "   return 0;", "}", ""])
 
 
 class Writer:

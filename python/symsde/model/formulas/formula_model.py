@@ -22,6 +22,7 @@ from ...errors import (
 from ...native import callbacks, checks
 from ..definition import Model
 from . import compiler, emit_c, emit_flow, emit_sites, in_numpy
+from . import forces as _forces
 from .derivatives import Derivatives
 from .named_formulas import make_problem, named, quoted, several, unused
 from .parse import folded
@@ -29,6 +30,7 @@ from .sites import Chain, make_chain
 from .structure import Prover, Structure
 
 KINDS = ("gradient", "value", "hessian", "hessian_vector", "gradient_hessian", "third_derivative", "chain_rows")
+KINDS += tuple(_forces.FUNCTIONS)
 
 
 @dataclass(frozen=True)
@@ -51,6 +53,7 @@ class FormulaModel(Model):
     _derivatives: Derivatives | None  #: nodes of all derivatives; None for sums over sites
     _chain: Chain | None  #: sums over sites
     _direct: tuple | None  #: compiled gradient and value, each with its parameters, and weights of 1
+    _friction: tuple[float, ...] = ()  #: rates of a force that is proved to be linear friction, part of damping
 
     def call(self, name: str, *arguments, allow: tuple[int, ...] = ()) -> int:
         """Call the library as for every model; errors about the model name its formulas."""
@@ -103,7 +106,35 @@ class FormulaModel(Model):
         chosen = {self._parameter(key): value for key, value in values.items()}
         if len(chosen) < len(values):
             raise InvalidArgumentError(f"of {', '.join(values)} some are the same name: give each value once")
-        return _made({**given, "params": {**self.parameters, **chosen}, "damping": self.damping or None})
+        rates = self._asked if self.damping and self._asked.any() else None
+        return _made({**given, "params": {**self.parameters, **chosen}, "damping": rates})
+
+    def damped(self, damping, *, allow_gain: bool = False) -> FormulaModel:
+        """As of every model; beside friction that its formulas hold."""
+        if self._friction and np.ndim(damping) == 2:  # a matrix of velocities: the force stays one
+            make, (given,) = self._remade
+            return make({**given, "damping": damping})
+        other = super().damped(damping, allow_gain=allow_gain)
+        return other._with_friction(self._friction, self._remade) if self._friction else other
+
+    def _with_friction(self, friction: tuple[float, ...], remade: tuple) -> FormulaModel:
+        """The model with friction that its formulas hold, beside damping."""
+        other = Model.damped(self, np.add(self.damping or 0.0, friction), allow_gain=True)
+        if other.damping:
+            other._friction, other._remade = friction, remade
+        return other
+
+    def __reduce__(self) -> tuple:
+        """For pickle."""
+        if not self._friction:
+            return super().__reduce__()
+        make, (given,) = self._remade
+        return make, ({**given, "damping": self._asked if self._asked.any() else None},)
+
+    @property
+    def _asked(self) -> np.ndarray:
+        """Rates of damping that were asked for, beside friction in formulas."""
+        return np.subtract(self.damping or 0.0, self._friction or 0.0)
 
     def _parameter(self, name: str) -> str:
         """The internal name of a parameter."""
@@ -130,6 +161,8 @@ def model_from_sympy(
     n: int | None = None,
     ends: str = "free",
     damping: Any = None,
+    force: Any = None,
+    noise_force: Any = None,
     name: str = "formula",
 ) -> FormulaModel:
     """A model from its Hamiltonians H(q, p, t) and H_1 .. H_m (noise), given as expressions of sympy or as texts.
@@ -150,6 +183,9 @@ def model_from_sympy(
       ring: a sum over q[i+1] - q[i] has n - 1, n + 1 or n terms, for n = 3 these are 2, 4 or 3
     - damping: rates gamma_i [1/time] of dp_i = .. - gamma_i p_i dt, one number or one for each degree of freedom, or a
       symmetric matrix of friction on velocities; see `Model.damped`
+    - force: F(q, p, t), one formula for each degree of freedom, which act as dp = .. + F dt; noise_force: for each
+      noise a list f_k(q, p, t) of as many, dp = .. + f_k o dW_k. See `Model.forced`. An F that is proved to be
+      -gamma_i p_i with constants becomes damping
 
     Texts such as `"p**2/2 - omega**2*cos(q)"` are read by a parser of arithmetic, which executes nothing. Derivatives
     and traits are derived. C code is generated, compiled by the system's compiler and kept on disk (SYMSDE_CACHE).
@@ -167,10 +203,13 @@ def model_from_sympy(
         "n": n,
         "ends": ends,
         "damping": damping,
+        "force": force,
+        "noise_force": noise_force,
         "name": name,
     }
     model = _made(given)
-    _warn_of_unused(params, [H, *several("noise", noise), *several("invariants", invariants)])
+    acting = [x for row in _forces.rows_of(force, noise_force) for x in row]
+    _warn_of_unused(params, [H, *several("noise", noise), *several("invariants", invariants), *acting])
     return model
 
 
@@ -193,18 +232,26 @@ def _made(given: dict[str, Any]) -> FormulaModel:
     start = time.perf_counter()
     given = {**given, **{key: several(key, given[key]) for key in ("noise", "invariants")}}
     given |= {key: named(key, given[key]) for key in "qp" if given[key] is not None}
-    chosen = {key: value for key, value in given.items() if key not in ("name", "n", "ends", "damping")}
+    rows = _forces.rows_of(given["force"], given["noise_force"])  # copies
+    given |= {"force": rows[0] or None, "noise_force": rows[1:] or None}
+    chosen = {key: given[key] for key in ("H", "noise", "q", "p", "params", "t", "invariants")}
     chain, own = None, ()
     if given["n"] is None:
-        problem = make_problem(**chosen)
+        chosen["invariants"] = [*chosen["invariants"], *(x for row in rows for x in row)]
+        problem, acting = _forces.split(make_problem(**chosen), rows)
         prover = Prover(problem)
+        pulls = _forces.Found()
+        if acting:
+            pulls = _forces.derive(problem, prover, acting, rates=np.ndim(given["damping"]) < 2)
         structure = prover.structure()
         ndof, nnoise, parameters, traits = problem.ndof, problem.nnoise, problem.parameters, structure.traits()
         own = problem.columns
         texts = problem.texts[: nnoise + 1]
         derivatives = Derivatives(problem, prover.vanishing())
-        source = emit_c.source(derivatives) + emit_flow.source(derivatives)
+        source = emit_c.source(derivatives) + emit_flow.source(derivatives) + _forces.source(pulls)
     else:
+        _forces.refuse_sites(given["force"], given["noise_force"])
+        pulls = _forces.Found()
         chain = _chain(**chosen, n=given["n"], ends=given["ends"])
         structure, texts, source, derivatives = None, chain.texts, emit_sites.source(chain), None
         ndof, nnoise, parameters, traits = chain.n, chain.nnoise, chain.parameters, chain.traits
@@ -212,6 +259,7 @@ def _made(given: dict[str, Any]) -> FormulaModel:
     compiled = _compiled(source, derivatives is None)
     if compiled is None:
         functions = in_numpy.InNumpy(derivatives, parameters).functions()
+        functions |= _forces.in_python(pulls, parameters)
     else:
         functions = {**_functions(compiled, parameters), "accepts_null": True, "any_lanes": True}
         functions["flows"] = _flows(compiled, emit_flow.flows(derivatives) if derivatives else [], parameters)
@@ -224,6 +272,7 @@ def _made(given: dict[str, Any]) -> FormulaModel:
         seconds_compilation=compiled.seconds if compiled else 0.0,
         file=str(compiled.path) if compiled else "",
     )
+    pulled = {kind: functions.pop(kind) for kind in _forces.FUNCTIONS if kind in functions}
     model = FormulaModel(ndof=ndof, nnoise=nnoise, name=given["name"], derived=True, **traits, **functions)
     model.formula, model._derivatives, model._chain = formula, derivatives, chain
     model._coordinates, model._direct = own, None
@@ -232,8 +281,22 @@ def _made(given: dict[str, Any]) -> FormulaModel:
         model._direct = (*(callbacks.compiled(x, functions[x]) for x in ("gradient", "value")), np.ones(nnoise + 1))
     model._parameters = dict(parameters)
     sites = chain and chain.n  # numbers, where arrays may have been given
-    model._remade = (_made, ({**given, "params": model._parameters, "n": sites, "damping": None},))
-    return model if given["damping"] is None else model.damped(given["damping"], allow_gain=True)
+    made = {**given, "params": model._parameters, "n": sites, "damping": None}
+    model._remade = (_made, ({**made, "force": None, "noise_force": None},))
+    return _acted_upon(model, pulls, pulled, given["damping"], (_made, (made,)))
+
+
+def _acted_upon(
+    model: FormulaModel, pulls: _forces.Found, pulled: dict[str, Any], damping: Any, remade: tuple
+) -> FormulaModel:
+    """The model with its forces and damping; the arguments that make it again hold both."""
+    if pulled:
+        model = model.forced(**pulled, **pulls.proved)
+    if not pulls.friction:
+        model._remade = remade
+    if damping is not None:
+        model = model.damped(damping, allow_gain=True)
+    return model._with_friction(pulls.friction, remade) if pulls.friction else model
 
 
 def _shown(state: np.ndarray) -> str:

@@ -7,6 +7,8 @@ noise = ["sigma*sin(q)"]
 [model.params]
 omega = 2.0
 sigma = 0.2
+
+Beside H there may be force, F_1 .. F_n, and noise_force, a list of as many for each noise.
 """
 
 from __future__ import annotations
@@ -18,8 +20,8 @@ from ...native import checks
 from ..definition import Model
 from .formula_model import model_from_sympy
 
-KEYS = ["H", "noise", "q", "p", "t", "params", "invariants", "n", "ends", "name"]
-_LISTS = ("noise", "q", "p", "invariants")
+KEYS = ["H", "noise", "q", "p", "t", "params", "invariants", "n", "ends", "name", "force", "noise_force"]
+_LISTS = ("noise", "q", "p", "invariants", "force", "noise_force")
 
 TEMPLATE = """\
 # A model from formulas: + - * / ** and sin, cos, tan, exp, log, sqrt, sinh, cosh, tanh, their inverses, erf.
@@ -59,6 +61,8 @@ def from_table(table: dict[str, Any]) -> Model:
         if key in _LISTS and not isinstance(value, str | list):
             raise InvalidArgumentError(f"{key} = {checks.shown(value)}: give a text, or a list of texts")
         texts = value if isinstance(value, list) else [value]
+        if key == "noise_force":  # a list for each noise
+            texts = [x for row in texts for x in (row if isinstance(row, list) else [row])]
         if key not in ("params", "n") and not all(isinstance(x, str) for x in texts):
             raise InvalidArgumentError(f"{key} = {checks.shown(value)}: write formulas and names as text, in quotes")
     return model_from_sympy(**table)
