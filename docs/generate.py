@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Write the tables of docs/models.md and schemes.md, which-scheme.md and its tables from the library and docs/figures,
-and a notebook; typeset the formulas of the parts that other programs have written.
+"""Write the tables of docs/models.md, schemes.md and damping.md, which-scheme.md and its tables from the library and
+docs/figures, and a notebook; typeset the formulas of the parts that other programs have written.
 
     .venv/bin/python docs/generate.py
 
@@ -12,6 +12,7 @@ import re
 import sys
 from pathlib import Path
 
+import damping_orders
 import measured_module
 import notebook
 import typeset
@@ -20,7 +21,11 @@ from symsde.studies import catalogue
 from symsde.studies.pages import Page
 
 COMMAND = "docs/generate.py"
-CATALOGUES = {"models.md": catalogue.models_parts, "schemes.md": catalogue.schemes_parts}
+CATALOGUES = {
+    "models.md": catalogue.models_parts,
+    "schemes.md": catalogue.schemes_parts,
+    "damping.md": damping_orders.parts,
+}
 CHAPTERS = {
     "beyond-order-one": "[Beyond order one](method/beyond-order-one.md)",
     "explicit": "[Explicit family](method/explicit.md)",

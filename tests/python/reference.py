@@ -340,14 +340,20 @@ KICKS = {
 }
 
 
-def kicks_step(model, name, t, drive, x, *, rotation=None):
-    """A step of kicks with drifts, rotations or midpoint steps between them."""
+def kicks_step(model, name, t, drive, x, *, rotation=None, rates=None):
+    """A step of kicks with drifts, rotations, midpoint steps or drifts that decay by rates between them."""
     kicks = KICKS[next(key for key in KICKS if name.startswith(key))]
     n, h, m = model.ndof, drive.h, model.nnoise
     beta, share = kicks.beta or kicks.b, kicks.share or kicks.b
     midpoint, sampled = name.endswith("_midpoint"), name.endswith("_strong2")
     a = drive.z / h - drive.w / 2
     w = [beta[i] * drive.w + kicks.gamma[i] * a + kicks.eta[i] * drive.k for i in range(len(beta))]
+    if rates is not None and len(set(rates)) == 1:  # the noise of free motion has its law
+        nodes = 1 - np.array(kicks.c)
+        phi = [_reach(rates[0] * h, u) for u in nodes]
+        rest = _law(rates[0] * h, drive.w, a, drive.k, name.startswith("chin"))
+        rest = (rest - sum(f * y for f, y in zip(phi, w, strict=True))) / (phi[0] - phi[-1])
+        w[0], w[-1] = w[0] + rest, w[-1] - rest
     pairs = list(itertools.combinations(range(len(beta)), 2))
     mean = sum((kicks.c[j] - kicks.c[i]) * (beta[i] * beta[j] + kicks.gamma[i] * kicks.gamma[j] / 12
                + kicks.eta[i] * kicks.eta[j] / 720) for i, j in pairs)  # fmt: skip
@@ -362,6 +368,8 @@ def kicks_step(model, name, t, drive, x, *, rotation=None):
         d = d - 2 * sum(kicks.kappa) * h * outer(v, v) - drive.magnus
     omega = np.zeros(n) if rotation is None else np.array(rotation)
     flow = partial(_midpoint_flow if midpoint else _turn_flow, model, omega)
+    if rates is not None:
+        flow = partial(_decay_flow, model, np.array(rates)[:, None])
 
     place = 0.0
     for i, ci in enumerate(kicks.c):
@@ -379,6 +387,61 @@ def kicks_step(model, name, t, drive, x, *, rotation=None):
         force = force + share[i] * np.einsum("kabl,bcl,kml,mcl->al", hess[1:], mass, d + 0 * v, g[1:])
         x = np.concatenate([x[:n], x[n:] - force])
     return flow(t + place * h, (1 - place) * h, x)
+
+
+def _reach(z, u):
+    """(1 - exp(-z u))/z."""
+    return -np.expm1(-z * u) / z
+
+
+def _law(z, w, a, k, third):
+    """D/h = int phi(1 - s) dW/h from dW, a and K, with its variance: by projections, integrals by Gauss' rule."""
+    s, weight = rule("gauss9")
+    phi = _reach(z, 1 - s)
+    on_w, on_a = weight @ phi, 12 * weight @ (phi * (0.5 - s))
+    if not third:
+        return on_w * w + np.sqrt(12 * (weight @ phi**2 - on_w**2)) * a
+    left = weight @ phi**2 - on_w**2 - on_a**2 / 12
+    return on_w * w + on_a * a - np.sign(z) * np.sqrt(720 * left) * k
+
+
+def _decay_flow(model, rates, t, h, x):
+    """Free motion with damped momenta; the mass is constant."""
+    n = model.ndof
+    mass = model.derivative(2, t, x)[0, n:, n:]
+    tau = -np.expm1(-rates * h) / rates
+    return np.concatenate([x[:n] + np.einsum("bcl,cl->bl", mass, tau * x[n:]), np.exp(-rates * h) * x[n:]])
+
+
+class Clocked:
+    """The Hamiltonians of P = exp(gamma (t - t_n)) p, whose steps from t_n are those of damped momenta.
+
+    Of unequal rates only the field is there, which is no Hamiltonian's.
+    """
+
+    def __init__(self, model, t, rates):
+        """t: time t_n at the begin of the step; rates (ndof,)."""
+        self.model, self.t, self.rates = model, t, np.array(rates)[:, None]
+        self.ndof, self.nnoise, self.turn = model.ndof, model.nnoise, model.turn
+
+    def derivative(self, order, t, x):
+        """Derivatives by q and P."""
+        n, grow = self.ndof, np.exp(self.rates * (t - self.t))
+        found = self.model.derivative(order, t, np.concatenate([x[:n], x[n:] / grow]))
+        if order == 1:
+            return found * np.concatenate([grow, np.ones_like(grow)])
+        shape = np.concatenate([np.ones(n), 1 / grow[:, 0]])
+        for i in range(order):
+            found = found * shape.reshape([-1 if i == j else 1 for j in range(order)] + [1])
+        return grow[0, 0] * found
+
+
+def damped_step(name, model, t, drive, x, *, rates, **how):
+    """The same with damped momenta, by kicks or by a clock."""
+    if "kdk" in name or "dkd" in name or "chin" in name:
+        return kicks_step(model, name, t, drive, x, rates=rates)
+    x = step(name, Clocked(model, t, rates), t, drive, x, **how)
+    return x * np.exp(-np.concatenate([np.zeros(model.ndof), rates]) * drive.h)[:, None]
 
 
 def _turn_flow(model, omega, t, h, x):
