@@ -1,10 +1,11 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> The contract of steppers, both ends of `advance` (step/stepper).
+!> The contract of steppers, checked at the beginning and the end of `advance` (step/stepper).
 !>
-!> Asked: the state of a block has codes of base/status, all of them counted, and is finite in lanes without; steps
-!> have the lanes of that block, finite weights that padding repeats, and come in as many groups as states are wanted.
-!> Padding has a status, so its state stays where the block began. Promised: the same, but that lanes which failed in
-!> the last step have a status that is not counted yet; without such lanes all steps are taken.
+!> Required: the statuses of a block are codes of base/status and all are counted; the state is finite in lanes without
+!> a status; steps have the lanes of the block and finite weights, padding repeats the weights of the last path, and
+!> there are as many groups of steps as requested states. Padding has a status, so its state does not change. Promised:
+!> the same, except that lanes which failed in the last step have a status that is not counted yet; if there are no such
+!> lanes, all steps have been taken.
 module symsde_step_contract
    use symsde_base_contracts, only: require, require_finite, require_finite_lanes, require_padded, require_statuses
    use symsde_base_record, only: steps_record
@@ -15,7 +16,7 @@ module symsde_step_contract
 
 contains
 
-   !> What a stepper may count on.
+   !> Check the requirements of `advance`.
    subroutine require_steps(steps, state)
       type(steps_record), intent(in) :: steps
       type(lane_state), intent(in) :: state
@@ -33,7 +34,7 @@ contains
       call require_padded(steps%nlane, steps%nreal, size(steps%w, 2)*size(steps%w, 3), steps%w, place, 'weights')
    end subroutine require_steps
 
-   !> What callers may count on.
+   !> Check the promises of `advance`.
    subroutine require_taken(steps, state, passed, ntaken, failed)
       type(steps_record), intent(in) :: steps
       type(lane_state), intent(in) :: state
@@ -51,10 +52,10 @@ contains
                    'states on the way are those that were reached')
    end subroutine require_taken
 
-   !> What holds for a block between any two steps.
+   !> Check the conditions on a block between steps.
    subroutine require_state(state, place)
       type(lane_state), intent(in) :: state
-      character(*), intent(in) :: place   !! area and procedure
+      character(*), intent(in) :: place   !! source area and procedure
 
       call require_statuses(state%nlane, state%status, place)
       call require(all(state%status /= 0 .or. state%failed_step < 0), place, &

@@ -1,14 +1,14 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> The one place where a stepper is chosen: an ordered list of steppers that describe themselves.
+!> The choice of a stepper: an ordered list of steppers that decide themselves whether they fit.
 !>
-!> A run resolves its task once (`resolve_task`): it decides on the correction of one-sided schemes, checks what the
-!> scheme needs of the model, and takes a tableau in place of a Galerkin scheme where these are the same for the model.
-!> Then blocks of every width are made from the task (`make_stepper`): steppers are asked one after the other whether
-!> they fit, and the first one that does is taken. A stepper that fits leaves out what the traits of the model prove to
-!> be unnecessary; the oracles at the end of the list leave out nothing, and a task that wants them begins there.
+!> A run resolves its task once (`resolve_task`): this decides on the correction of one-sided schemes, checks what the
+!> scheme needs from the model, and replaces a Galerkin scheme by a tableau if both are the same for the model. Then
+!> blocks of every width are made from the task (`make_stepper`): the first stepper of the list that fits is taken. A
+!> stepper that fits omits work that the traits of the model prove to be unnecessary; the general steppers at the end of
+!> the list, called oracles, omit nothing, and a task may demand one of them.
 !>
-!> What decides are the traits of the model and the form, frame and coefficients of the scheme. For one lane the
-!> instance of a body for a single path is allocated, where there is one.
+!> The choice depends on the traits of the model and on the form, frame and coefficients of the scheme. For one lane the
+!> instance of a body for a single path is allocated, if there is one.
 module symsde_step_factory
    use symsde_base_contracts, only: contracts_are_executed
    use symsde_base_damping, only: damping_type
@@ -57,18 +57,18 @@ module symsde_step_factory
    private
    public :: stepper_options, new_stepper, resolve_task, make_stepper, resolve_correction
 
-   !> Wishes of a caller, beside scheme and model. `general` starts the list at the oracles, `as_increments` leaves
-   !> out steppers that compute states alone.
+   !> Wishes of a caller, besides scheme and model. `general` starts the list at the oracles, `as_increments` excludes
+   !> steppers that compute only states.
    type :: stepper_options
       integer :: correction = correction_auto
       logical :: general = .false.   !! use the oracle of the scheme, whatever the traits allow
       type(newton_options) :: newton = newton_options()
-      logical :: as_increments = .false.  !! for compensated sums: no states, whose last place is coarser
+      logical :: as_increments = .false.  !! for compensated sums: exclude states, whose last digit is coarser
    end type stepper_options
 
-   !> The order in which steppers are tried: special ones first, oracles last. Several may fit a task. The midpoint
-   !> rule with eliminated momenta comes before the one of one degree of freedom, then the one of all unknowns, then
-   !> the general tableau.
+   !> The order in which steppers are tried: special ones first, oracles last. Several may fit a task. The midpoint rule
+   !> with eliminated momenta comes before that of one degree of freedom, then that of all unknowns, then the general
+   !> tableau.
    enum, bind(c)
       enumerator :: model_flow = 1, verlet_dz, mean_path, explicit, mean_force, midpoint, midpoint_one_dof
       enumerator :: midpoint_full, euler_pair, one_dof, stages
@@ -82,24 +82,24 @@ module symsde_step_factory
 contains
 
    !> Offer stepper number i of the list for a task: the first one that fits is taken. An oracle executes its schemes
-   !> for every model that they allow, by their equations as they stand: what the others are tested against. Only one
-   !> that fits is allocated, since a run of few steps would notice the time of allocating all.
+   !> for every model that they allow, by their unmodified equations; all other steppers are tested against it. Only a
+   !> stepper that fits is allocated, since allocating all would take noticeable time in short runs.
    !>
-   !> For one lane the instance for a single path is allocated, where the body has one. What decides in each case:
+   !> For one lane the instance for a single path is allocated, if the body has one. The condition in each case:
    !>
-   !>    model_flow           the model has steps of this scheme of its own
-   !>    verlet_dz, mean_path the frame of the scheme: nothing else executes it
-   !>    explicit             every stage needs only stages before it, for the traits of the model
-   !>    mean_force           the tableau of averaged forces, and noise in the momenta
-   !>    midpoint ..          the midpoint rule, without momenta, of one degree of freedom, of all unknowns
-   !>    euler_pair           the pair where it is implicit
-   !>    one_dof, stages      several implicit stages: of one degree of freedom, or whose momenta are eliminated
+   !> model_flow           the model has its own steps of this scheme
+   !> verlet_dz, mean_path the frame of the scheme: nothing else executes it
+   !> explicit             for the traits of the model every stage needs only earlier stages
+   !> mean_force           the tableau of averaged forces, and noise in the momenta
+   !> midpoint ..          the midpoint rule, without momenta, of one degree of freedom, of all unknowns
+   !> euler_pair           the Euler pair if it is implicit
+   !> one_dof, stages      several implicit stages: of one degree of freedom, or with eliminated momenta
    subroutine offer(i, task, stepper)
       integer, intent(in) :: i   !! model_flow .. last_stepper
       type(stepper_task), intent(in) :: task
       class(stepper_type), allocatable, intent(inout) :: stepper  !! not allocated; still so if it does not fit
 
-      ! The number of a stepper; it is negative for a single path.
+      ! The number of a stepper; negative for a single path.
       select case (merge(-i, i, task%nlane == 1))
       case (model_flow, -model_flow); if (allocated(task%flow)) allocate (model_flow_stepper :: stepper)
       case (verlet_dz, -verlet_dz); if (task%scheme%frame == frame_shift) allocate (verlet_dz_stepper :: stepper)
@@ -131,7 +131,7 @@ contains
    end subroutine offer
 
    !> Explicit steps: of a single path with the sine and cosine terms of an angle, of any other single path, or of a
-   !> block. The first of these asks for one lane itself.
+   !> block. angle_steps_fit tests for one lane itself.
    subroutine offer_explicit(task, stepper)
       type(stepper_task), intent(in) :: task
       class(stepper_type), allocatable, intent(inout) :: stepper
@@ -145,8 +145,7 @@ contains
       end if
    end subroutine offer_explicit
 
-   !> Make a stepper for blocks of nlane lanes, with its task resolved on the way: for callers that make one stepper
-   !> alone.
+   !> Make a stepper for blocks of nlane lanes and resolve its task: for callers that make only one stepper.
    subroutine new_stepper(stepper, model, scheme, options, nlane, error)
       class(stepper_type), allocatable, intent(out) :: stepper
       class(model_type), intent(in), target :: model
@@ -156,17 +155,17 @@ contains
       type(error_type), allocatable, intent(inout) :: error
       type(stepper_task), target :: task
 
-      ! The task lives as long as this call; the stepper copies what it needs.
+      ! The task lives only during this call; the stepper copies what it needs.
       call resolve_task(task, model, scheme, options, error)
       if (.not. allocated(error)) call make_stepper(stepper, task, model, nlane, error)
    end subroutine new_stepper
 
    !> Resolve the task of steppers for a model, once for blocks of every width. Refuses wrong numbers of iterations,
-   !> corrections that the scheme does not take, and models that lack what the scheme needs; the message gives the
-   !> reason. `follows` says whether a stage needs earlier stages alone, by the zeros of a and abar and the traits.
+   !> corrections that the scheme does not allow, and models that lack what the scheme needs; the message gives the
+   !> reason. `follows` is true if a stage needs only earlier stages, by the zeros of a and abar and the traits.
    subroutine resolve_task(task, model, scheme, options, error)
       type(stepper_task), intent(out), target :: task
-      class(model_type), intent(in), target :: model    !! must live as long as the task, as the scheme must
+      class(model_type), intent(in), target :: model    !! must live as long as the task, like the scheme
       type(scheme_type), intent(in), target :: scheme
       type(stepper_options), intent(in) :: options
       type(error_type), allocatable, intent(inout) :: error
@@ -197,8 +196,8 @@ contains
       call find_flow(task)
    end subroutine resolve_task
 
-   !> Choose and make a stepper for blocks of nlane lanes: the first of the list that fits the task. The model is an
-   !> argument beside the task, since blocks may see it through a view that hides their padding.
+   !> Choose and make a stepper for blocks of nlane lanes: the first of the list that fits the task. The model is a
+   !> separate argument, since blocks may use a view of it that hides their padding.
    recursive subroutine make_stepper(stepper, wanted, model, nlane, error)
       class(stepper_type), allocatable, intent(out) :: stepper
       type(stepper_task), intent(in) :: wanted
@@ -208,7 +207,7 @@ contains
       type(stepper_task) :: task
       integer :: i, first
 
-      ! A copy: threads make steppers from the same task at the same time, each for lanes and a view of its own.
+      ! A copy: threads make steppers from the same task at the same time, each with its own lanes and view.
       task = wanted
       task%model => model
       task%nlane = nlane
@@ -222,8 +221,8 @@ contains
             return
          end if
       end if
-      ! the first that fits is made ready; an oracle that is wanted has the list from the oracles on. Of the others
-      ! `stages` knows decays.
+      ! The first stepper that fits is made; if an oracle is demanded, the list begins with the oracles. For damped
+      ! models only `stages` among the special steppers implements decays.
       first = merge(first_oracle, model_flow, task%general)
       if (task%damping%acts() .and. .not. task%general) first = stages
       do i = first, last_stepper
@@ -238,7 +237,7 @@ contains
                  'compare with; leave the option out')
    end subroutine make_stepper
 
-   !> A stepper of the closed system between decays of the momenta.
+   !> Make a stepper of the closed system between decays of the momenta.
    recursive subroutine make_damped(stepper, task, error)
       class(stepper_type), allocatable, intent(out) :: stepper
       type(stepper_task), intent(in) :: task
@@ -259,8 +258,8 @@ contains
       call move_alloc(damped, stepper)
    end subroutine make_damped
 
-   !> Refuse schemes that do not execute damping. Brackets with H or between drift and noise would have to know that
-   !> exp(gamma s) H_k changes in time; with unequal rates nothing that multiplies two gradients keeps its form.
+   !> Refuse schemes that do not implement damping. Brackets with H, or between drift and noise, would have to include
+   !> the change of exp(gamma s) H_k in time; with unequal rates no product of two gradients keeps its form.
    subroutine check_damping(task, error)
       type(stepper_task), intent(in) :: task
       type(error_type), allocatable, intent(inout) :: error
@@ -337,20 +336,20 @@ contains
       type(error_type), allocatable, intent(inout) :: error
       character(:), allocatable :: missing
 
-      ! `missing` names the missing traits in the words of the message.
+      ! `missing` lists the missing traits in the words of the message.
       call find_missing(scheme, model%traits, missing)
       if (.not. allocated(missing)) return
       call raise(error, incompatible, 'new_stepper', 'scheme '//scheme%name//' needs '//missing//'; model '// &
                  model%name//' does not declare it: use '//scheme%needs%instead)
    end subroutine check_needs
 
-   !> Find which correction is active: auto means the increments form, or none where it vanishes. A scheme takes one
-   !> where its coefficient 1/2 - lambda is not zero. A correction that vanishes is never computed, even where it is
-   !> wanted.
+   !> Decide which correction is active: auto means the increments form, or none if it vanishes. A scheme needs a
+   !> correction if its coefficient 1/2 - lambda is not zero. A vanishing correction is never computed, even if
+   !> requested.
    !>
-   !> Without correction such a scheme solves another equation, that of H + (lambda - 1/2) sum_k H_{k,p}.H_{k,q}. To
-   !> ask for none is allowed all the same, and the run says so; to ask for one of a scheme that needs none is a
-   !> mistake.
+   !> Without correction such a scheme solves a different equation, that of H + (lambda - 1/2) sum_k H_{k,p}.H_{k,q}.
+   !> Requesting no correction is allowed, and the run reports it; requesting one for a scheme that needs none is
+   !> refused.
    subroutine resolve_correction(correction, model, scheme, wanted, error)
       integer, intent(out) :: correction
       class(model_type), intent(in) :: model
@@ -360,13 +359,13 @@ contains
       logical :: one_sided
 
       correction = correction_none
-      ! +-1/2 of the Euler pair; a coefficient that is zero to rounding has been made zero.
+      ! +-1/2 for the Euler pair; a coefficient that is zero to rounding has been made zero.
       one_sided = abs(scheme%correction_coefficient()) > 0
       select case (wanted)
       case (correction_none)
       case (correction_auto)
          if (.not. one_sided .or. model%traits%correction_vanishes()) return
-         if (scheme%symplectic) then  ! the increments form has the higher strong order where noises commute
+         if (scheme%symplectic) then  ! the increments form has the higher strong order if noises commute
             correction = correction_increments
          else
             call raise(error, incompatible, 'resolve_correction', 'scheme '//scheme%name//' is not consistent '// &

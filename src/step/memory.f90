@@ -1,5 +1,5 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> How much memory a step takes at most, judged from scheme and traits before anything is allocated.
+!> An upper bound of the memory of a step, computed from scheme and traits before anything is allocated.
 !>
 !> With n degrees of freedom, m noises, s stages and 2 n s unknowns a block of nlane lanes holds, in numbers of eight
 !> bytes, at most
@@ -10,11 +10,11 @@
 !>             banded        12 ((b + 1) s + 1) unknowns + 6 (2 b + 1) n   with b diagonals beside the main one
 !>             by products   66 unknowns + 65^2
 !>
-!> Stages count twice where noise has coefficients of its own. These are upper bounds: vectors of the system's size, and
-!> for each lane of an implicit scheme the matrix of its unknowns, dense or by bands, with the blocks of the Hessian.
-!> They are taken from what the modules of each family allocate: a new array there may ask for a larger number here.
-!> tests/python/test_memory.py runs models and schemes under a limit of memory and finds a bound that is too low; one
-!> that is too high refuses large systems for nothing.
+!> Stages count twice if noise has its own coefficients. These are upper bounds: vectors of the system's size, and for
+!> each lane of an implicit scheme the matrix of its unknowns, dense or by bands, with the blocks of the Hessian. They
+!> are derived from the allocations of the modules of each family: a new array there may require a larger number here.
+!> tests/python/test_memory.py runs models and schemes under a limit of memory and detects a bound that is too low; a
+!> bound that is too high refuses large systems unnecessarily.
 module symsde_step_memory
    use symsde_base_kinds, only: wp
    use symsde_base_lanes, only: lane_unit
@@ -32,18 +32,18 @@ module symsde_step_memory
    private
    public :: step_memory, find_step_memory
 
-   !> Numbers of eight bytes that a stepper holds at most, as reals: their squares outgrow integers.
+   !> Numbers of eight bytes that a stepper holds at most, as reals, since their squares exceed integers.
    type :: step_memory
-      real(wp) :: lane = 0     !! for each lane
-      real(wp) :: once = 0     !! for the one lane solved alone
-      real(wp) :: rescue = 0   !! to try failed lanes again
+      real(wp) :: lane = 0     !! numbers for each lane
+      real(wp) :: once = 0     !! numbers for the one lane solved alone
+      real(wp) :: rescue = 0   !! numbers to try failed lanes again
    contains
       procedure :: numbers
    end type step_memory
 
-   integer, parameter :: vectors = 60            !! vectors of the length of q in a lane, at most
-   integer, parameter :: small_matrix = 2048     !! numbers of one that elimination takes, whatever else is true
-   integer, parameter :: krylov_vectors = 65     !! vectors of solutions by products
+   integer, parameter :: vectors = 60            !! most vectors of the length of q in a lane
+   integer, parameter :: small_matrix = 2048     !! most numbers of a small matrix in elimination
+   integer, parameter :: krylov_vectors = 65     !! vectors of GMRES
    integer, parameter :: most_legs = 4           !! drifts of a step, each with three matrices of friction
    integer, parameter :: most_rescued = 512      !! unknowns up to which failed lanes are tried again
 
@@ -72,16 +72,16 @@ contains
          ! One area for every pair of noises.
          if (active%areas) memory%lane = memory%lane + m*(m - 1)/2
          if (t%bandwidth < 0 .and. t%has_hessian .and. .not. t%has_hessian_vector) &
-            memory%lane = memory%lane + 3*n**2  ! products are made from the blocks
+            memory%lane = memory%lane + 3*n**2  ! products are computed from the blocks
          if (allocated(task%damping%friction)) memory%once = memory%once + (3*most_legs + 8)*n**2
-         if (scheme%form == splitting_form) then  ! its stepper is its own oracle
+         if (scheme%form == splitting_form) then  ! it has no separate oracle
             if (.not. t%additive) memory%lane = memory%lane + n*m  ! H_k,q
             if (.not. t%additive .and. scheme%kicks%samples) memory%lane = memory%lane + m*(m + 1)/2  ! D_kl
          else if (task%general .or. active%are_added() .or. .not. (scheme%form == ito_form .or. task%follows)) then
             call add_matrices(task, active%are_added(), stages, memory)
          end if
          unknowns = 2*n*stages
-         if (scheme%form == splitting_form .and. scheme%kicks%flow == flow_midpoint) then  ! with a stepper of its own
+         if (scheme%form == splitting_form .and. scheme%kicks%flow == flow_midpoint) then  ! which has its own stepper
             call get_scheme(midpoint, 'midpoint', error)
             flow = task
             flow%scheme => midpoint
@@ -102,12 +102,12 @@ contains
       numbers = nlane*self%lane + self%once + self%rescue
    end function numbers
 
-   !> Add the matrices of an implicit step: of every lane, and of the one lane that is solved alone. With by_parts a
-   !> special stepper takes the step, which may keep bands or form products; the oracle keeps a dense matrix. The
-   !> cases follow the head of this file: fewer unknowns of a Galerkin scheme, bands, products, else dense matrices.
+   !> Add the matrices of an implicit step: of every lane, and of the one lane that is solved alone. If by_parts, a
+   !> special stepper takes the step, which may keep bands or use products; the oracle has a dense matrix. The cases are
+   !> those of the header: fewer unknowns of a Galerkin scheme, bands, products, else dense matrices.
    subroutine add_matrices(task, brackets, stages, memory)
       type(stepper_task), intent(in) :: task
-      logical, intent(in) :: brackets    !! brackets are added to the Hamiltonian
+      logical, intent(in) :: brackets    !! whether brackets are added to the Hamiltonian
       real(wp), intent(in) :: stages     !! stages of drift and noise together
       type(step_memory), intent(inout) :: memory
       real(wp) :: n, b, unknowns

@@ -1,24 +1,24 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> The abstract stepper: it finds the increment of q and p over one step, for a block of paths.
+!> The abstract stepper: it computes the increment of q and p over one step, for a block of paths.
 !>
 !>    (dq, dp) from (q_n, p_n) and Hhat = h H + sum_k dW_k H_k + ..,     q_{n+1} = q_n + dq,   p_{n+1} = p_n + dp
 !>
-!> A run asks for one thing, "these steps of this state" (`advance`): by default a loop over increments, which are
-!> added, with or without compensation, checked, and refused for failed paths in step/block/state. Increments and not
-!> states are what a stepper finds, since compensated sums need all digits of dq, which q_{n+1} would round away.
+!> A run needs only "these steps of this state" (`advance`): by default a loop over increments, which are added, with or
+!> without compensation, checked, and rejected for failed paths in step/block/state. A stepper computes increments
+!> instead of states, since compensated sums need all digits of dq, which rounding of q_{n+1} would lose.
 !>
-!> Three kinds of steppers do more. One that takes lanes in small groups may add their increments itself while these
-!> are in cache (`moves`); one may find what many steps need before the first of them (`prefetch`); a model that takes
-!> whole steps has an `advance` of its own. A run asks in the same way for the steps of a block of a thousand paths and
-!> for those of a path by itself, which is a block of one lane. A stepper owns its workspace: every thread has its own.
+!> Three kinds of steppers do more. A stepper that takes lanes in small groups may add their increments itself while
+!> these are in cache (`moves`); another may compute data for many steps before the first of them (`prefetch`); a model
+!> with whole steps has its own `advance`. A run calls the steps of a block of a thousand paths and those of a single
+!> path, which is a block of one lane, in the same way. A stepper owns its work arrays: every thread has its own
+!> stepper.
 !>
-!> A block is padded to whole vectors of eight lanes, and its passes tell lanes that are done from others. A run of few
-!> paths pays for both and uses little of either: every path of such a run is a block of one lane. A stepper says up to
-!> how many paths that is faster, at most most_single.
+!> A block is padded to whole vectors of eight lanes, and its passes distinguish lanes that are done from others. For a
+!> run of few paths both are costs with little gain, so every path of such a run is a block of one lane. Each stepper
+!> sets the number of paths up to which that is faster, at most most_single.
 !>
-!> A stepper describes itself: which tasks it fits (a function beside its type, asked before there is one, where a form
-!> or frame of its own does not say it), how it is made for one, and what it leaves out. The factory keeps them in
-!> order.
+!> A stepper describes itself: which tasks it fits (a function beside its type, called before it exists, unless a form
+!> or frame decides it), how it is made for a task, and what it omits. The factory has the list of steppers.
 module symsde_step_stepper
    use symsde_base_contracts, only: contracts_are_executed
    use symsde_base_damping, only: damping_type
@@ -37,42 +37,43 @@ module symsde_step_stepper
    private
    public :: stepper_type, stepper_task, most_single, few_of
 
-   integer, parameter :: most_single = 12         !! paths of a run that any stepper takes one by one
-   integer, parameter :: wide = 32                !! degrees of freedom of a wide system
+   integer, parameter :: most_single = 12         !! paths of a run up to which any stepper may take them one by one
+   integer, parameter :: wide = 32                !! degrees of freedom above which a system is wide
 
-   !> What a stepper is wanted for. All but the lanes is found once for a run (`resolve_task` of step/factory). `scheme`
-   !> is executed: it points to the scheme that was asked for, or to `tableau` where that scheme is one for this model.
+   !> The task of a stepper. All but the number of lanes is determined once for a run (`resolve_task` of step/factory).
+   !> `scheme` is executed: it points to the caller's scheme, or to `tableau` if that scheme is a tableau for this
+   !> model.
    type :: stepper_task
       class(model_type), pointer :: model => null()
       type(scheme_type), pointer :: scheme => null()
       type(scheme_type), allocatable :: tableau
-      logical :: follows = .false.             !! for this model a stage needs stages before it alone
-      type(damping_type) :: damping            !! of momenta: none for a stepper inside of a damped one
+      logical :: follows = .false.             !! whether a stage needs only earlier stages for this model
+      type(damping_type) :: damping            !! damping of momenta: none inside of a damped stepper
       integer :: correction = correction_none  !! resolved: never correction_auto
-      type(step_map), allocatable :: flow      !! whole steps of the model; not allocated: it has none
-      integer :: nlane = 0                     !! lanes of a block
-      logical :: general = .false.             !! the oracle is wanted, of all parts of the step
+      type(step_map), allocatable :: flow      !! whole steps of the model; not allocated if there are none
+      integer :: nlane = 0                     !! number of lanes of a block
+      logical :: general = .false.             !! whether the oracle is demanded, for all parts of the step
       type(newton_options) :: newton
-      logical :: as_increments = .false.       !! increments are wanted to their own last place, not states
+      logical :: as_increments = .false.       !! whether increments are needed to their own last digit, not states
    contains
       procedure :: is_tableau
       procedure :: has_brackets
       procedure :: is_plain
    end type stepper_task
 
-   !> The first components are set by `make` and read by runs and their reports; `record` and the last increments let a
-   !> rescue try the failed lanes of the last step again.
+   !> `make` sets the first components, which runs and their reports read; with `record` and the last increments a
+   !> rescue tries the failed lanes of the last step again.
    type, abstract :: stepper_type
-      character(:), allocatable :: name      !! which stepper this is, for the run report
-      logical :: explicit = .false.          !! no solver is called
-      logical :: one_solve = .false.         !! its equations are linear for this model: no iteration
-      logical :: moves = .false.             !! it has a `move` of its own
+      character(:), allocatable :: name      !! name of the stepper, for the run report
+      logical :: explicit = .false.          !! whether no solver is called
+      logical :: one_solve = .false.         !! whether the equations are linear for this model: no iteration
+      logical :: moves = .false.             !! whether it overrides `move`
       integer :: most_single = 0             !! paths that go faster one by one, by a stepper of one lane with the bits
-                                             !! of a lane of many; 0: there is none
-      character(:), allocatable :: left_out    !! what else it leaves out of a step, for the run report
+                                             !! of a lane of a block; 0: there is no such stepper
+      character(:), allocatable :: left_out    !! further work omitted from a step, for the run report
       type(one_step_hamiltonian) :: ham
-      type(step_record) :: record                      !! the last step of a run that was tried
-      real(wp), allocatable :: last_dq(:, :), last_dp(:, :)  !! its increments, made for the first one (nlane, ndof)
+      type(step_record) :: record                      !! the last attempted step of a run
+      real(wp), allocatable :: last_dq(:, :), last_dp(:, :) !! its increments, allocated in the first step (nlane, ndof)
    contains
       procedure(make_interface), deferred :: make
       procedure(increment_interface), deferred :: increment
@@ -84,7 +85,8 @@ module symsde_step_stepper
    end type stepper_type
 
    abstract interface
-      !> Make it ready for a task that it fits: its name, its Hamiltonian for the lanes of the task, and its room.
+      !> Prepare the stepper for a task that it fits: its name, its Hamiltonian for the lanes of the task, and its
+      !> arrays.
       subroutine make_interface(self, task)
          import :: stepper_type, stepper_task
          class(stepper_type), intent(inout) :: self
@@ -95,7 +97,7 @@ module symsde_step_stepper
       subroutine increment_interface(self, step, q, p, dq, dp, status)
          import :: stepper_type, step_record, wp, i8
          class(stepper_type), intent(inout) :: self
-         type(step_record), intent(in) :: step                           !! what drives it
+         type(step_record), intent(in) :: step                           !! increments and functionals of the step
          real(wp), intent(in) :: q(self%ham%nlane, self%ham%ndof)
          real(wp), intent(in) :: p(self%ham%nlane, self%ham%ndof)
          real(wp), intent(out) :: dq(self%ham%nlane, self%ham%ndof)      !! q_{n+1} - q_n
@@ -106,17 +108,17 @@ module symsde_step_stepper
 
 contains
 
-   !> Steps that follow each other, from the state of a block, which is moved. Where several states are wanted, one
-   !> after every steps%every steps, they are put down in passed, the last one, too. The step in which a lane fails is
-   !> the last one that is taken: then the lane is where it was, with a status, and others have gone on. Who asked sees
-   !> to it that the lane is rescued, or its failure recorded.
+   !> Take successive steps from the state of a block, which is advanced. If several states are requested, one after
+   !> every steps%every steps, they are stored in passed, including the last one. The step in which a lane fails is the
+   !> last one taken: then the lane has its old state, and a status, while all other lanes have advanced. The caller has
+   !> the lane rescued, or its failure recorded.
    subroutine advance(self, steps, state, passed, ntaken, failed)
       class(stepper_type), intent(inout) :: self
       type(steps_record), intent(inout) :: steps
       type(lane_state), intent(inout) :: state
       type(passed_states), intent(inout) :: passed
-      integer, intent(out) :: ntaken    !! steps, with that in which a lane failed
-      logical, intent(out) :: failed    !! one has
+      integer, intent(out) :: ntaken    !! number of steps, including one in which a lane failed
+      logical, intent(out) :: failed    !! whether a lane failed
       integer :: left
 
       if (contracts_are_executed) call require_steps(steps, state)
@@ -144,16 +146,16 @@ contains
       if (contracts_are_executed) call require_taken(steps, state, passed, ntaken, failed)
    end subroutine advance
 
-   !> Find what these steps need before the first of them, for all at once; by default nothing. `advance` then asks for
-   !> the increments of these steps alone, in order. Steppers inside of others, rescues and diagnoses ask for increments
-   !> only, and nothing is found ahead for them.
+   !> Compute data that these steps need before the first of them, for all at once; by default nothing. `advance` then
+   !> takes exactly these steps, in order. Steppers inside of others, rescues and diagnoses only compute increments,
+   !> without prefetching.
    subroutine prefetch(self, steps)
       class(stepper_type), intent(inout), target :: self
       type(steps_record), intent(in) :: steps
    end subroutine prefetch
 
-   !> Room for the increments of a step, made by the first one: a stepper that moves states itself, or is never used,
-   !> has none before.
+   !> Allocate the increments of a step, in the first step: a stepper that moves states itself, or is never used, does
+   !> not need them.
    subroutine make_room(self)
       class(stepper_type), intent(inout) :: self
 
@@ -161,8 +163,8 @@ contains
       allocate (self%last_dq(self%ham%nlane, self%ham%ndof), self%last_dp(self%ham%nlane, self%ham%ndof))
    end subroutine make_room
 
-   !> One step of the states themselves, with the bits of the sums of q, p and the increments. Lanes that fail, by a
-   !> state that is not finite, too, get a status; what has one stays where it is.
+   !> One step of the states themselves, with the bits of the sums of q, p and the increments. Lanes that fail, also by
+   !> a state that is not finite, get a status; lanes with a status keep their state.
    subroutine move(self, step, q, p, status)
       class(stepper_type), intent(inout) :: self
       type(step_record), intent(in) :: step
@@ -170,16 +172,16 @@ contains
       integer(i8), intent(inout) :: status(self%ham%nlane)
    end subroutine move
 
-   !> Paths up to which those of a block are faster one by one: as many as were measured for narrow systems, and more
-   !> of wide ones, where a block takes its passes through memory.
+   !> Number of paths up to which the paths of a block are faster one by one: the number measured for narrow systems,
+   !> and a larger one for wide systems, where passes of a block go through memory.
    pure integer function few_of(n, narrow, broad)
       integer, intent(in) :: n              !! degrees of freedom
-      integer, intent(in) :: narrow, broad  !! paths of a narrow system, of a wide one
+      integer, intent(in) :: narrow, broad  !! such numbers for narrow and for wide systems
 
       few_of = merge(broad, narrow, n >= wide)
    end function few_of
 
-   !> Whether the scheme's tableau makes the step, with nothing around it.
+   !> Whether the scheme's tableau alone makes the step, without a frame.
    pure logical function is_tableau(self)
       class(stepper_task), intent(in) :: self
 
@@ -195,14 +197,14 @@ contains
       has_brackets = active%are_added()
    end function has_brackets
 
-   !> Whether the tableau makes the step of h H + sum_k dW_k H_k as it stands: neither brackets nor correction.
+   !> Whether the tableau makes the step of h H + sum_k dW_k H_k alone, with neither brackets nor correction.
    pure logical function is_plain(self)
       class(stepper_task), intent(in) :: self
 
       is_plain = self%is_tableau() .and. self%correction == correction_none .and. .not. self%has_brackets()
    end function is_plain
 
-   !> Add what was counted to the report of a run. Steppers that hold others add theirs; nothing is decided by counters.
+   !> Add the counts to the report of a run. Steppers that contain others add theirs; counters affect no decision.
    subroutine tally(self, total)
       class(stepper_type), intent(in) :: self
       type(counters_type), intent(inout) :: total

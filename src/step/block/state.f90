@@ -1,26 +1,26 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> The state of a block: where increments are added, checked and, for a failed path, refused.
+!> The state of a block: increments are added and checked here, and failed paths are marked.
 !>
 !>    q_{n+1} = q_n + dq,   p_{n+1} = p_n + dp                 in every lane that is ok and whose sums are finite
 !>
-!> With compensation (Kahan) the sum takes d + low in place of d, and low becomes what the rounding of that sum took:
+!> With compensation (Kahan) the sum uses d + low instead of d, and low becomes the rounding error of that sum:
 !>
 !>    y = d + low,   s = x + y,   low = y - (s - x),   x = s
 !>
-!> So the sum of many small increments is wrong by one rounding and not by as many as there are steps.
+!> So the error of a sum of many small increments is one rounding, whatever the number of steps.
 !>
-!> A lane fails in three steps, which are apart so that someone can rescue it in between: the stepper or `advance`
-!> gives it a status and leaves its state as it was; the rescue may find increments after all, which `take_rescued`
-!> adds; `record` notes for the others in which step they failed and counts them. From then on nothing moves them,
-!> though their lanes are still computed along.
+!> A lane fails in three stages, so that it can be rescued in between: the stepper or `advance` gives the lane a status
+!> and does not change its state; the rescue may still find increments, which `take_rescued` adds; for all other failed
+!> lanes `record` notes the step of the failure and counts them. From then on their state does not change, though their
+!> lanes are still computed along with the others.
 !>
-!> States that a model computed by itself are judged instead: several of them at once by `judge`, which takes all or
-!> none, and those of a single step lane by lane by `take_sound`.
+!> States that a model computed as a whole are checked instead: several states at once by `judge`, which accepts all or
+!> none; those of a single step lane by lane by `take_sound`.
 !>
-!> A block has several lanes, or one: a path by itself, whose numbers lie side by side.
+!> A block has several lanes, or one: a single path, whose numbers are adjacent in memory.
 !>
-!> Kernels of blocks do not branch on a lane: they compute the new number in all lanes, and `merge` takes it or the old
-!> one. A branch would stop the compiler from using vectors, and lanes that failed are few.
+!> Kernels of blocks do not branch on a lane: they compute the new number in all lanes, and `merge` selects the new or
+!> the old one. A branch would prevent vectors, and failed lanes are few.
 module symsde_step_block_state
    use symsde_base_kinds, only: wp, i8
    use symsde_base_status, only: nonfinite
@@ -28,11 +28,11 @@ module symsde_step_block_state
    private
    public :: lane_state, new_lane_state, passed_states
 
-   integer, parameter :: narrow = 4  !! up to so many degrees of freedom, numbers of a single path are added one by one
+   integer, parameter :: narrow = 4  !! degrees of freedom up to which a single path is added number by number
 
-   !> A failed path keeps its last good state, its status and the step in which it failed. Between its failure and
-   !> `record` its status is set, failed_step is still -1 and nfailed does not count it. Lanes of padding have a status
-   !> from the start.
+   !> A failed path keeps its last good state, its status and the step in which it failed. Between the failure and
+   !> `record` its status is set, failed_step is still -1 and nfailed does not count the path. Lanes of padding have a
+   !> status from the start.
    type :: lane_state
       integer :: nlane = 0, ndof = 0
       integer :: nfailed = 0                   !! lanes with a status, padding included
@@ -40,7 +40,7 @@ module symsde_step_block_state
       real(wp), allocatable :: q_low(:, :), p_low(:, :)      !! rounding errors, if compensated (nlane, ndof)
       integer(i8), allocatable :: status(:)        !! 0 = ok, else a code of base/status (nlane)
       integer(i8), allocatable :: failed_step(:)   !! absolute step that failed, -1 = none (nlane)
-      real(wp), allocatable, private :: bad(:)     !! 1 in lanes whose increments were refused, 0 in others (nlane)
+      real(wp), allocatable, private :: bad(:)     !! 1 in lanes with rejected increments, else 0 (nlane)
    contains
       procedure :: advance
       procedure, private :: advance_block
@@ -53,18 +53,18 @@ module symsde_step_block_state
       procedure :: take_first
    end type lane_state
 
-   !> States between steps that are taken at once, kept until observers are shown them: an advance begins at n = 0.
-   !> Low parts are not kept, since an observer sees q and p alone.
+   !> States between steps that are taken at once, kept until observers have seen them: an advance begins with n = 0.
+   !> Low parts are not kept, since observers use only q and p.
    type :: passed_states
-      integer :: n = 0                                   !! how many are there
-      real(wp), allocatable :: q(:, :, :), p(:, :, :)    !! (nlane, ndof, as many as fit)
+      integer :: n = 0                                   !! number of states
+      real(wp), allocatable :: q(:, :, :), p(:, :, :)    !! (nlane, ndof, capacity)
    contains
       procedure :: put
    end type passed_states
 
 contains
 
-   !> Room for a block; every lane is ok. The state itself is loaded by who has it, low parts included.
+   !> Allocate a block; every lane is ok. The caller loads the state, including low parts.
    subroutine new_lane_state(self, nlane, ndof, compensated)
       type(lane_state), intent(out) :: self
       integer, intent(in) :: nlane, ndof
@@ -81,8 +81,8 @@ contains
 
    !> Add the increments of one step in lanes that are ok and whose result is finite; the stepper's `advance` calls
    !> this after every step. `failed` is true if a lane fails in this step: the lane then has a status, may be
-   !> rescued, and `record` notes the step of its failure. A step without a failure needs no extra pass over the
-   !> statuses: the pass that adds also counts bad lanes.
+   !> rescued, and `record` notes the step of its failure. The pass that adds also counts bad lanes, so a step without a
+   !> failure needs no extra pass over statuses.
    subroutine advance(self, dq, dp, failed)
       class(lane_state), intent(inout) :: self
       real(wp), intent(in) :: dq(self%nlane, self%ndof), dp(self%nlane, self%ndof)
@@ -92,15 +92,15 @@ contains
          call self%advance_block(dq, dp, failed)
          return
       end if
-      ! A single path has its numbers side by side. `failed` means that it failed in this step, not before.
+      ! The numbers of a single path are adjacent. `failed` means that it failed in this step, not before.
       call advance_path(self%ndof, dq, dp, self%q, self%p, self%status(1), failed, self%q_low, self%p_low)
       failed = failed .and. self%nfailed == 0
       if (failed .and. self%status(1) == 0) self%status = nonfinite
    end subroutine advance
 
    !> `advance` of several lanes. Plain sums of one degree of freedom are judged and added in one pass; otherwise
-   !> lanes are judged first. It is bound to the type to keep it a separate procedure: inlined, its vectors would
-   !> make a single path align the stack.
+   !> lanes are judged first. This procedure is type-bound so that it is not inlined: its vectors would make a single
+   !> path align the stack.
    subroutine advance_block(self, dq, dp, failed)
       class(lane_state), intent(inout) :: self
       real(wp), intent(in) :: dq(self%nlane, self%ndof), dp(self%nlane, self%ndof)
@@ -114,14 +114,14 @@ contains
          call add(self%nlane, self%ndof, dq, self%bad, self%q, self%q_low)
          call add(self%nlane, self%ndof, dp, self%bad, self%p, self%p_low)
       end if
-      ! Padding and lanes that failed before are bad, too; nfailed counts them.
+      ! Padding and lanes that failed before are bad too; nfailed counts them.
       failed = nbad > self%nfailed
       if (.not. failed) return
       where (self%status == 0 .and. self%bad > 0) self%status = nonfinite
    end subroutine advance_block
 
-   !> Add the increments in rescued lanes, which had a status in this step and have none now. Other lanes have moved
-   !> before, and count as bad here, so that no lane is moved twice.
+   !> Add the increments in rescued lanes, which had a status in this step and have none now. All other lanes have been
+   !> advanced already, and count as bad here, so that no lane is advanced twice.
    subroutine take_rescued(self, status, dq, dp)
       class(lane_state), intent(inout) :: self
       integer(i8), intent(in) :: status(self%nlane)          !! status after the step, before the rescue
@@ -129,27 +129,27 @@ contains
       integer :: nbad
 
       call find_bad(self%nlane, self%ndof, dq, dp, self%q, self%p, self%status, self%bad, nbad)
-      ! `status` has the lanes in which the step failed, self%status the lanes that the rescue could not help. A
-      ! rescued lane that is not finite has failed after all.
+      ! `status` is nonzero in the lanes in which the step failed, self%status in the lanes that the rescue could not
+      ! solve. A rescued lane whose sums are not finite has failed after all.
       where (status /= 0 .and. self%status == 0 .and. self%bad > 0) self%status = nonfinite
       self%bad = merge(self%bad, 1.0_wp, status /= 0)
       call add(self%nlane, self%ndof, dq, self%bad, self%q, self%q_low)
       call add(self%nlane, self%ndof, dp, self%bad, self%p, self%p_low)
    end subroutine take_rescued
 
-   !> Whether lanes have got a status since failures were last counted: asked after every step, so that lanes are only
-   !> counted where some have one.
+   !> Whether lanes have got a status since failures were last counted. Tested after every step, so that `record` is
+   !> called only if needed.
    pure logical function has_new_failures(self)
       class(lane_state), intent(in) :: self
 
-      ! Padding has a status, too, and is counted in nfailed.
+      ! Padding has a status too, and is counted in nfailed.
       has_new_failures = count(self%status /= 0) > self%nfailed
    end function has_new_failures
 
    !> Judge states after whole steps of a model before they are shown: `taken` means that no further lane has
    !> failed. Lanes that failed before keep their last good state. If `taken` is false, the steps are repeated one
-   !> by one, to find the step in which a lane failed. Padding is not judged, since a model need not compute it; of
-   !> the real lanes nfailed - (nlane - nreal) had failed before.
+   !> by one, to find the step in which a lane failed. Padding is not judged, since a model need not compute it; nfailed
+   !> - (nlane - nreal) real lanes had failed before.
    subroutine judge(self, nreal, nout, status, q, p, taken)
       class(lane_state), intent(inout) :: self
       integer, intent(in) :: nreal, nout
@@ -158,29 +158,29 @@ contains
       logical, intent(out) :: taken
       integer :: nbad
 
-      ! A single path has no padding, and how many of its numbers are finite decides.
+      ! A single path has no padding; its numbers are counted if finite.
       if (self%nlane == 1) then
          nbad = merge(0, 1, count(abs(q) <= huge(q)) + count(abs(p) <= huge(p)) == 2*size(q) .and. status(1) == 0)
       else
          call find_bad_states(self%nlane, self%ndof*nout, nreal, status, q, p, self%bad, nbad)
       end if
       taken = nbad == self%nfailed - (self%nlane - nreal)
-      ! The model has continued lanes that had failed; replace what it computed for them.
+      ! The model has advanced lanes that had failed before: restore their last good state in the results.
       if (taken .and. nbad > 0) call keep(self%nlane, self%ndof, nout, self%q, self%p, self%status, q, p)
    end subroutine judge
 
-   !> Take the states after one whole step of a model in lanes that are ok and finite. Other lanes get a status:
-   !> they may be rescued, and `record` notes the step of their failure.
+   !> Accept the state after one whole step of a model in lanes that are ok and finite. Other lanes get a status: they
+   !> may be rescued, and `record` notes the step of their failure.
    subroutine take_sound(self, status, q, p)
       class(lane_state), intent(inout) :: self
       integer(i8), intent(in) :: status(self%nlane)         !! status set by the model
       real(wp), intent(in) :: q(self%nlane, self%ndof), p(self%nlane, self%ndof)
       integer :: lane
 
-      ! lane by lane, and no kernel: this serves the one step in which a lane fails
+      ! lane by lane, without a kernel: this runs only for a step in which a lane fails
       do lane = 1, self%nlane
          if (self%status(lane) /= 0) cycle
-         ! The model's code; or nonfinite, if the model gave none but the state is not finite.
+         ! The model's code; or nonfinite, if the model set none but the state is not finite.
          self%status(lane) = status(lane)
          if (status(lane) /= 0) cycle
          if (all(abs(q(lane, :)) <= huge(q)) .and. all(abs(p(lane, :)) <= huge(p))) then
@@ -192,8 +192,8 @@ contains
       end do
    end subroutine take_sound
 
-   !> Retire lanes that are ok, when an observer is done with them: they then count like failed lanes, with their
-   !> own status. Their state stays as the observer saw it, such as the end of a first passage.
+   !> Retire lanes that are ok when an observer is done with them: they then count like failed lanes, with a separate
+   !> status. Their state remains the one that the observer saw, such as the end of a first passage.
    subroutine retire(self, leaves, status, step)
       class(lane_state), intent(inout) :: self
       logical, intent(in) :: leaves(self%nlane)
@@ -206,7 +206,7 @@ contains
       self%nfailed = count(self%status /= 0)
    end subroutine retire
 
-   !> Load the states of the first nlane lanes from arrays that hold these alone: a state in passing becomes the state
+   !> Load the states of the first nlane lanes from arrays of nlane lanes: one of the passed states becomes the state
    !> that an observer sees.
    pure subroutine take_first(self, nlane, q, p)
       class(lane_state), intent(inout) :: self
@@ -220,16 +220,16 @@ contains
       end do
    end subroutine take_first
 
-   !> Note this step for lanes that have got a status since the last call, and count all that have one.
+   !> Note this step for lanes that have got a status since the last call, and count all lanes with a status.
    subroutine record(self, step)
       class(lane_state), intent(inout) :: self
-      integer(i8), intent(in) :: step   !! absolute
+      integer(i8), intent(in) :: step   !! absolute number of the step
 
       where (self%status /= 0 .and. self%failed_step < 0) self%failed_step = step
       self%nfailed = count(self%status /= 0)
    end subroutine record
 
-   !> Append a state; the caller makes sure that there is room.
+   !> Append a state; the caller makes sure that there is capacity.
    subroutine put(self, state)
       class(passed_states), intent(inout) :: self
       type(lane_state), intent(in) :: state
@@ -249,8 +249,8 @@ contains
 
    ! ---- kernels ----------------------------------------------------------------------------------
 
-   !> VEC One degree of freedom: check and add in one pass. With several the verdict on a lane needs all its sums before
-   !> any is taken, hence two passes (find_bad, add).
+   !> VEC One degree of freedom: check and add in one pass. With several degrees of freedom the verdict on a lane needs
+   !> all its sums before any is stored, hence two passes (find_bad, add).
    pure subroutine advance_one(nlane, dq, dp, q, p, status, bad, nbad)
       integer, intent(in) :: nlane
       real(wp), intent(in) :: dq(nlane), dp(nlane)
@@ -264,7 +264,7 @@ contains
       integer :: lane
 
       count = 0
-      ! A comparison with huge is false for a NaN, too.
+      ! A comparison with huge is also false for NaN.
       do lane = 1, nlane
          qn = q(lane) + dq(lane)
          pn = p(lane) + dp(lane)
@@ -277,9 +277,9 @@ contains
       nbad = int(count)
    end subroutine advance_one
 
-   !> Advance a single path: add n numbers if their sums are finite and the path is ok, by Kahan's summation if
-   !> there are low parts; else nothing changes. All numbers are tested before the first is written. The test uses
-   !> plain sums, from which low differs by a rounding only.
+   !> Advance a single path: add n numbers if their sums are finite and the path is ok, by Kahan's summation if there
+   !> are low parts; otherwise nothing changes. All numbers are tested before the first is stored. The test uses plain
+   !> sums, which differ from compensated ones by one rounding.
    pure subroutine advance_path(n, dq, dp, q, p, status, bad, q_low, p_low)
       integer, intent(in) :: n
       real(wp), intent(in) :: dq(n), dp(n)
@@ -296,7 +296,7 @@ contains
             call add_low(dq(i), q(i), q_low(i))
             call add_low(dp(i), p(i), p_low(i))
          end do
-      else if (n <= narrow) then  ! few numbers have just been stored one by one, and are added so
+      else if (n <= narrow) then  ! few numbers have just been stored one by one: add them so
          !GCC$ novector
          do i = 1, n
             q(i) = q(i) + dq(i)
@@ -331,22 +331,22 @@ contains
       has_finite_sums = count == 0
    end function has_finite_sums
 
-   !> x = x + d by Kahan's summation: low, the rounding error of the last sum, is added to this one. The compiler
+   !> x = x + d by Kahan's summation: low, the rounding error of the last sum, is added to this sum. The compiler
    !> must not simplify these lines: in exact arithmetic low is zero.
    pure subroutine add_low(d, x, low)
       real(wp), intent(in) :: d
       real(wp), intent(inout) :: x, low
       real(wp) :: y, s
 
-      ! y is the number to add, s - x the number added; low keeps their difference.
+      ! y is the number to add, s - x the number that was added; low is their difference.
       y = d + low
       s = x + y
       low = y - (s - x)
       x = s
    end subroutine add_low
 
-   !> VEC nbad = how many of the real lanes have a status, or a number among the n that is not finite; bad = 1 in these.
-   !> Here n counts the numbers of all states, one after the other.
+   !> VEC nbad = number of real lanes that have a status, or a number among the n that is not finite; bad = 1 in these
+   !> lanes. Here n counts the numbers of all states, one after the other.
    pure subroutine find_bad_states(nlane, n, nreal, status, q, p, bad, nbad)
       integer, intent(in) :: nlane, n, nreal
       integer(i8), intent(in) :: status(nlane)
@@ -359,11 +359,11 @@ contains
       bad = 0
       do i = 1, n
          do lane = 1, nlane
-            bad(lane) = bad(lane) + (0*q(lane, i) + 0*p(lane, i))  ! NaN where one is not finite
+            bad(lane) = bad(lane) + (0*q(lane, i) + 0*p(lane, i))  ! NaN if one is not finite
          end do
       end do
       count = 0
-      ! Padding is not judged: bad is zero or NaN there, and nobody reads it.
+      ! Padding is not judged: bad is zero or NaN there, and is not read.
       do lane = 1, nreal
          bad(lane) = merge(0.0_wp, 1.0_wp, abs(bad(lane)) <= 0 .and. status(lane) == 0)
          count = count + merge(0_i8, 1_i8, bad(lane) <= 0)
@@ -371,8 +371,8 @@ contains
       nbad = int(count)
    end subroutine find_bad_states
 
-   !> VEC Put the last good state (q, p) in place of all nout states (qn, pn) in lanes with a status, so that
-   !> observers see failed paths where they ended.
+   !> VEC Copy the last good state (q, p) to all nout states (qn, pn) in lanes with a status, so that observers see
+   !> failed paths where they ended.
    pure subroutine keep(nlane, ndof, nout, q, p, status, qn, pn)
       integer, intent(in) :: nlane, ndof, nout
       real(wp), intent(in) :: q(nlane, ndof), p(nlane, ndof)
@@ -390,8 +390,8 @@ contains
       end do
    end subroutine keep
 
-   !> VEC bad = 1 in lanes that have failed or would not stay finite, else 0; nbad = number of bad lanes. `bad` is
-   !> real, so that it is as wide as the numbers it judges and fits the same vectors.
+   !> VEC bad = 1 in lanes that have failed or whose sums are not finite, else 0; nbad = number of bad lanes. `bad` is
+   !> real, so that it has the width of the numbers and fits the same vectors.
    pure subroutine find_bad(nlane, ndof, dq, dp, q, p, status, bad, nbad)
       integer, intent(in) :: nlane, ndof
       real(wp), intent(in) :: dq(nlane, ndof), dp(nlane, ndof), q(nlane, ndof), p(nlane, ndof)
@@ -400,14 +400,14 @@ contains
       integer, intent(out) :: nbad
       integer :: lane, i
 
-      ! 0*x is 0 for finite x and NaN otherwise, and NaN stays: no comparison for each value
+      ! 0*x is 0 for finite x and NaN otherwise, and NaN stays NaN: no comparison for each value
       bad = 0
       do i = 1, ndof
          do lane = 1, nlane
             bad(lane) = bad(lane) + (0*(q(lane, i) + dq(lane, i)) + 0*(p(lane, i) + dp(lane, i)))
          end do
       end do
-      ! The verdict: one where some sum is not finite, or where the lane had a status.
+      ! The verdict: one if some sum is not finite, or if the lane had a status.
       do lane = 1, nlane
          bad(lane) = merge(0.0_wp, 1.0_wp, abs(bad(lane)) <= 0 .and. status(lane) == 0)
       end do

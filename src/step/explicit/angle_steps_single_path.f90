@@ -1,18 +1,18 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> Explicit steps of a single path with one degree of freedom whose model has terms: tableau.inc with one lane and one
-!> number. Nothing but its terms is asked of the model, once a step, or once a stage where it depends on time:
+!> Explicit steps of a single path with one degree of freedom whose model gives terms: tableau.inc with one lane and one
+!> number. The model is called for its terms only, once per step, or once per stage if it depends on time:
 !>
 !>    Hhat_q = a sin q + (b cos q + (c q + d)),   Hhat_p = e p + f
 !>
-!> with a .. f of the sum h H + sum_k dW_k H_k at the time of the stage (model_type%angle). Where the model is quadratic
-!> a = b = 0, and no sine is found.
+!> with a .. f of the sum h H + sum_k dW_k H_k at the time of the stage (model_type%angle). If the model is quadratic, a
+!> = b = 0 and no sine is computed.
 !>
-!> Scalars written out by hand, which stood here before, took as long but for Heun's step of an oscillator: 22 ns there,
-!> 29 here, where the slopes of its stages go through memory.
+!> Earlier code with scalars written out by hand took as long, except for Heun's step of an oscillator: 22 ns instead of
+!> 29 ns, since here the slopes of the stages go through memory.
 !>
-!> Its arrays have constant bounds, so that the compiler keeps their numbers in registers: a step takes half the time of
-!> that by gradients and arrays that are allocated. The order of additions is that of the model's own gradients, so that
-!> a path has the bits of a lane of a block.
+!> The arrays have constant bounds, so that the compiler keeps their numbers in registers: a step takes half the time of
+!> one with gradients and allocated arrays. The order of additions is that of the model's own gradients, so that a path
+!> has the bits of a lane of a block.
 module symsde_step_explicit_angle_steps_single_path
    use symsde_base_sincos, only: sincos_one
    use symsde_base_kinds, only: wp, i8
@@ -28,20 +28,20 @@ module symsde_step_explicit_angle_steps_single_path
    private
    public :: explicit_stepper, angle_steps_fit
 
-   !> The slopes f and v of a stage, a place (x, y), and the terms of the model, all of constant bounds: (nlane,
-   !> ndof) is (1, 1).
+   !> The slopes f and v of a stage, a point (x, y), and the terms of the model, all with constant bounds: (nlane, ndof)
+   !> is (1, 1).
    type :: room_type
       real(wp), dimension(1, 1) :: f, v, x, y
-      type(angle_terms) :: terms                   !! a .. f of Hhat in the stage begun last
+      type(angle_terms) :: terms                   !! a .. f of Hhat in the current stage
       type(angle_terms), allocatable :: noises(:)  !! terms of each H_k (nnoise)
-      real(wp) :: sine = 0, cosine = 0             !! of the angle at which the last force was computed
+      real(wp) :: sine = 0, cosine = 0             !! of the angle of the last force
    contains
       procedure :: make => make_room
    end type room_type
 
    include 'tableau.inc'
 
-   !> Whether these steps execute the task: a single path, whose model is given by terms completely.
+   !> Whether this stepper executes the task: a single path whose model is completely given by terms.
    logical function angle_steps_fit(task) result(fits)
       type(stepper_task), intent(in) :: task
       type(kernel_offers) :: offers
@@ -50,14 +50,14 @@ module symsde_step_explicit_angle_steps_single_path
       fits = task%nlane == 1 .and. (offers%angle .or. offers%linear)
    end function angle_steps_fit
 
-   !> One path with one degree of freedom: both are known to the compiler.
+   !> One path, which the compiler knows.
    pure integer function lanes(self)
       type(explicit_stepper), intent(in) :: self
 
       lanes = 1
    end function lanes
 
-   !> One degree of freedom, known to the compiler.
+   !> One degree of freedom, which the compiler knows.
    pure integer function degrees(self)
       type(explicit_stepper), intent(in) :: self
 
@@ -82,14 +82,14 @@ module symsde_step_explicit_angle_steps_single_path
       call self%ham%fast%angle(self%ham%nnoise, t, w, self%room%terms)
    end subroutine begin_stage
 
-   !> Hhat_q(q). Sine and cosine stay in the room: the Ito drift reads them again at the same place.
+   !> Hhat_q(q). Sine and cosine are kept: the Ito drift reads them again at the same point.
    subroutine find_force(self, t, w, q, p, hq)
       type(explicit_stepper), intent(inout) :: self
       real(wp), intent(in) :: t, w(0:self%ham%nnoise), q(1, 1), p(1, 1)
       real(wp), intent(out) :: hq(1, 1)
 
       associate (terms => self%room%terms, sine => self%room%sine, cosine => self%room%cosine)
-         ! Add as the gradient of such a model does; without an angle a = b = 0.
+         ! Add in the order of such a model's gradient; without an angle a = b = 0.
          if (self%ham%offers%angle) then
             sine = sincos_one(q(1, 1), cosine)
             hq = terms%a*sine + (terms%b*cosine + (terms%c*q + terms%d))
@@ -100,7 +100,7 @@ module symsde_step_explicit_angle_steps_single_path
       self%ham%counters%gradients = self%ham%counters%gradients + 1
    end subroutine find_force
 
-   !> Hhat_p(p), from the terms of the stage that was begun last.
+   !> Hhat_p(p), from the terms of the current stage.
    subroutine find_velocity(self, t, w, q, p, hp)
       type(explicit_stepper), intent(inout) :: self
       real(wp), intent(in) :: t, w(0:self%ham%nnoise), q(1, 1), p(1, 1)
@@ -110,7 +110,7 @@ module symsde_step_explicit_angle_steps_single_path
       self%ham%counters%gradients = self%ham%counters%gradients + 1
    end subroutine find_velocity
 
-   !> Both slopes at (q, p), f = Hhat_q and v = Hhat_p, which count as one gradient, as a call of the model would.
+   !> Both slopes at (q, p), f = Hhat_q and v = Hhat_p, counted as one gradient like a call of the model.
    subroutine find_both(self, t, w, q, p, hq, hp)
       type(explicit_stepper), intent(inout) :: self
       real(wp), intent(in) :: t, w(0:self%ham%nnoise), q(1, 1), p(1, 1)
@@ -121,9 +121,9 @@ module symsde_step_explicit_angle_steps_single_path
       hp = self%room%terms%e*p + self%room%terms%f
    end subroutine find_both
 
-   !> u = Hess H_k (H_k,p, -H_k,q) = (H_k,qq H_k,p, -H_k,pp H_k,q), from the terms of each H_k. They are found once:
-   !> of noises only those in position may depend on time, and these have no Ito drift. Sine and cosine are taken
-   !> from the last force, at the same place.
+   !> u = Hess H_k (H_k,p, -H_k,q) = (H_k,qq H_k,p, -H_k,pp H_k,q), from the terms of each H_k. The terms are computed
+   !> once: only noises in position may depend on time, and these have no Ito drift. Sine and cosine are taken from the
+   !> last force, at the same place.
    subroutine find_noise_product(self, k, t, q, p)
       type(explicit_stepper), intent(inout) :: self
       integer, intent(in) :: k

@@ -1,13 +1,13 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> An explicit tableau of several stages for a damped model, by its coefficients with decays (scheme/decays):
+!> Explicit steps by a tableau of several stages for a damped model: coefficients with decays (scheme/decays):
 !>
 !>    Q_i     = q_n + sum_j a_ij v_j                                      q_{n+1} = q_n + sum_j alpha_j v_j
 !>    P_i     = exp(-c_i z) p_n - sum_j abar_ij exp(-(c_i - c_j) z) f_j
 !>    p_{n+1} = exp(-z) p_n - sum_j alpha_j exp(-(1 - c_j) z) f_j
 !>
 !> with v_j = Hhat_p and f_j = Hhat_q at (Q_j, P_j), in the order of evaluation of the closed tableau. Stages with the
-!> same momentum in the closed system have momenta of their own here, which have decayed for different times. Blocks and
-!> single paths take the same steps: a single path is a block of one lane.
+!> same momentum in the closed system have different momenta here, since these have decayed for different times. Blocks
+!> and single paths take the same steps: a single path is a block of one lane.
 module symsde_step_explicit_damped
    use symsde_base_kinds, only: wp, i8
    use symsde_base_record, only: step_record
@@ -26,7 +26,7 @@ module symsde_step_explicit_damped
       type(evaluation_order) :: plan
       type(tableau_decays) :: decays
       real(wp), allocatable :: f(:, :, :), v(:, :, :)  !! of each stage (nlane, ndof, nstage)
-      real(wp), allocatable :: qs(:, :), ps(:, :)      !! one stage (nlane, ndof)
+      real(wp), allocatable :: qs(:, :), ps(:, :)      !! point of one stage (nlane, ndof)
    contains
       procedure :: make
       procedure :: increment
@@ -34,7 +34,7 @@ module symsde_step_explicit_damped
 
 contains
 
-   !> The plan of the closed tableau, without stages that share a slope, and the factors of its nodes.
+   !> Use the plan of the closed tableau, without shared slopes, and the decay factors of its nodes.
    subroutine make(self, task)
       class(damped_explicit_stepper), intent(inout) :: self
       type(stepper_task), intent(in) :: task
@@ -51,7 +51,7 @@ contains
       end associate
    end subroutine make
 
-   !> One step of every lane. The status stays as it is, because no equation is solved that could fail.
+   !> One step of every lane. The status does not change, because no equation is solved that could fail.
    subroutine increment(self, step, q, p, dq, dp, status)
       class(damped_explicit_stepper), intent(inout) :: self
       type(step_record), intent(in) :: step
@@ -79,7 +79,7 @@ contains
       end associate
    end subroutine increment
 
-   !> The slopes of stage i that are wanted.
+   !> The wanted slopes of stage i.
    subroutine evaluate(self, step, i, force, velocity)
       class(damped_explicit_stepper), intent(inout) :: self
       type(step_record), intent(in) :: step
@@ -97,7 +97,8 @@ contains
       end associate
    end subroutine evaluate
 
-   !> Add sum i of the plan, of degree of freedom d, to x and y: those of Hhat_q with the factors of their stages.
+   !> Add sum i of the plan for degree of freedom d to x and y: terms with Hhat_q are multiplied by the factors of their
+   !> stages.
    subroutine add_slopes_of(self, i, d, factors, x, y)
       class(damped_explicit_stepper), intent(in) :: self
       integer, intent(in) :: i, d

@@ -1,14 +1,14 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> In which order an explicit tableau evaluates its stages, and the sums of slopes that it makes.
+!> The order in which an explicit tableau evaluates its stages, and its sums of slopes.
 !>
 !>    Q_i = q_n + sum_j a_ij v_j,   P_i = p_n - sum_j abar_ij f_j,   v_j = Hhat_p(Q_j, P_j),   f_j = Hhat_q(Q_j, P_j)
 !>    dq  = sum_j alpha_j v_j,      dp = -sum_j alpha_j f_j
 !>
-!> Q_i waits for the v_j with a_ij /= 0, P_i for the f_j with abar_ij /= 0; v_i itself waits for P_i, and for Q_i unless
-!> Hamiltonians are separable, and f_i the other way round. So an evaluation may come when those it waits for are there.
-!> First, stages that ask for the same slope at the same place and time are joined (new_explicit_plan): the first of
-!> them gets the sum of their coefficients. Then each slope that some sum reads is put into the order as soon as it can
-!> be evaluated (find_order), and each sum is written down as a list of stages and coefficients (find_sums).
+!> Q_i needs the v_j with a_ij /= 0, P_i the f_j with abar_ij /= 0; v_i needs P_i, and Q_i unless Hamiltonians are
+!> separable, and f_i correspondingly. So an evaluation is possible once the slopes it needs are known. First, stages
+!> that need the same slope at the same point and time are joined (new_explicit_plan): the first of them gets the sum of
+!> their coefficients. Then each slope that some sum reads is put into the order as soon as it can be evaluated
+!> (find_order), and each sum is stored as a list of stages and coefficients (find_sums).
 !>
 !> Private to its family.
 module symsde_step_explicit_evaluation_order
@@ -21,22 +21,22 @@ module symsde_step_explicit_evaluation_order
    !> One evaluation: of Hhat_q, of Hhat_p, or of both, at one stage.
    type :: evaluation
       integer :: stage = 0
-      logical :: force = .false.     !! Hhat_q is wanted
-      logical :: velocity = .false.  !! Hhat_p is wanted
-      logical :: q_moves = .false.   !! Q_i is read, and is not q_n; p_moves says the same of P_i and p_n
+      logical :: force = .false.     !! whether Hhat_q is evaluated
+      logical :: velocity = .false.  !! whether Hhat_p is evaluated
+      logical :: q_moves = .false.   !! whether Q_i is read and is not q_n; p_moves likewise for P_i and p_n
       logical :: p_moves = .false.
    end type evaluation
 
-   !> Which of the two kinds of sums is meant: sums of Hhat_p lead from q to Q_i, sums of Hhat_q from p to P_i.
+   !> The two kinds of sums: sums of Hhat_p lead from q to Q_i, sums of Hhat_q from p to P_i.
    integer, parameter :: to_q = 1, to_p = 2
 
-   !> The plan of a scheme. Sums are of slopes times coefficients that are not zero; the slopes of others are never
-   !> read. Sum i leads to stage i, sum 0 is the increment of the step. Both kinds stand in one array: a type for
-   !> each, as two components, was not freed as a whole by gfortran 12.
+   !> The plan of a scheme. Sums contain slopes with nonzero coefficients; other slopes are never read. Sum i leads to
+   !> stage i, sum 0 is the increment of the step. Both kinds are in one array: with a component for each kind, gfortran
+   !> 12 did not free everything.
    type :: evaluation_order
       integer :: nstage = 0
       real(wp), allocatable :: c(:)               !! nodes (nstage)
-      integer, allocatable :: many(:, :)          !! how many slopes each sum has (0:nstage, 2)
+      integer, allocatable :: many(:, :)          !! number of slopes in each sum (0:nstage, 2)
       integer, allocatable :: stage(:, :, :)      !! the stages of these slopes (nstage, 0:nstage, 2)
       real(wp), allocatable :: weight(:, :, :)    !! their coefficients (nstage, 0:nstage, 2)
       type(evaluation), allocatable :: order(:)
@@ -44,18 +44,18 @@ module symsde_step_explicit_evaluation_order
 
 contains
 
-   !> Find the order of evaluation of a tableau whose drift and noise share coefficients. If stages wait for each
-   !> other, there is none, and self%order is not allocated.
+   !> Find the order of evaluation of a tableau whose drift and noise share coefficients. If stages depend on each other
+   !> cyclically, there is none, and self%order is not allocated.
    subroutine new_explicit_plan(self, scheme, separable, still_force, still_velocity)
       type(evaluation_order), intent(out) :: self
       type(scheme_type), intent(in) :: scheme
       logical, intent(in) :: separable                    !! H_j = T_j(p) + U_j(q)
-      logical, intent(in) :: still_force, still_velocity  !! known not to depend on time
+      logical, intent(in) :: still_force, still_velocity  !! Hhat_q, Hhat_p do not depend on time
       real(wp), dimension(scheme%nstage, scheme%nstage) :: a, abar  ! a_ij, -abar_ij, with stages joined
       real(wp), dimension(scheme%nstage) :: alpha, minus_alpha
       integer :: i, j
 
-      ! Signs go into the coefficients: both kinds of sums are added then.
+      ! Signs are part of the coefficients, so that both kinds of sums are added.
       self%nstage = scheme%nstage
       self%c = scheme%c
       a = scheme%a
@@ -81,12 +81,12 @@ contains
          call find_sums(s, a, alpha, self%many(:, to_q), self%stage(:, :, to_q), self%weight(:, :, to_q))
          call find_sums(s, abar, minus_alpha, self%many(:, to_p), self%stage(:, :, to_p), self%weight(:, :, to_p))
       end associate
-      ! Joined stages have columns of zeros, so their slopes are read by no sum and are not evaluated.
+      ! Joined stages have zero columns, so no sum reads their slopes, and they are not evaluated.
       call find_order(scheme%nstage, a, abar, alpha, minus_alpha, separable, self%order)
    end subroutine new_explicit_plan
 
-   !> Let the slope of stage j serve stage i, too: column i of the coefficients is added to column j and becomes zero,
-   !> so that slope i is never read.
+   !> Use the slope of stage j for stage i too: column i of the coefficients is added to column j and becomes zero, so
+   !> that slope i is never read.
    pure subroutine join(j, i, a, alpha)
       integer, intent(in) :: j, i
       real(wp), intent(inout) :: a(:, :), alpha(:)
@@ -123,9 +123,9 @@ contains
       end do
    end subroutine find_sums
 
-   !> Find the order of all evaluations whose slopes are read; not allocated if there is none. Each pass over the
-   !> stages takes the stages that are ready, until a pass finds none. Force and velocity of a stage that are ready
-   !> together are one evaluation, since models share work between them.
+   !> Find the order of all evaluations whose slopes are read; not allocated if there is none. Each pass over the stages
+   !> takes those that are ready, until a pass finds none. Force and velocity of a stage that are ready at the same time
+   !> are one evaluation, since models share work between them.
    pure subroutine find_order(nstage, a, abar, alpha, minus_alpha, separable, found)
       integer, intent(in) :: nstage
       real(wp), dimension(nstage, nstage), intent(in) :: a, abar
@@ -143,15 +143,15 @@ contains
       do
          moved = .false.
          do i = 1, nstage
-            ! Every slope in the sum of Q_i, or of P_i, is there already.
+            ! Whether every slope in the sum of Q_i, or of P_i, is known.
             q_ready = all(has_velocity .or. abs(a(i, :)) <= 0)
             p_ready = all(has_force .or. abs(abar(i, :)) <= 0)
-            ! Evaluate at this stage what has its arguments and is not evaluated yet.
+            ! Evaluate at this stage whatever has its arguments and is not evaluated yet.
             next%stage = i
             next%force = q_ready .and. (separable .or. p_ready) .and. .not. has_force(i)
             next%velocity = p_ready .and. (separable .or. q_ready) .and. .not. has_velocity(i)
             if (.not. (next%force .or. next%velocity)) cycle
-            ! Separable models read Q for the force and P for the velocity alone: the other one need not be placed.
+            ! For the force separable models read only Q, for the velocity only P: the other argument is not computed.
             next%q_moves = (next%force .or. .not. separable) .and. any(abs(a(i, :)) > 0)
             next%p_moves = (next%velocity .or. .not. separable) .and. any(abs(abar(i, :)) > 0)
             has_force(i) = has_force(i) .or. next%force
@@ -160,15 +160,16 @@ contains
             order(n) = next
             moved = .true.
          end do
-         ! A pass without an evaluation: all are there, or the rest wait for each other.
+         ! A pass without an evaluation: all slopes are known, or the remaining ones depend on each other.
          if (.not. moved) exit
       end do
-      ! Slopes still missing wait for each other: the scheme is not explicit for such a model.
+      ! Slopes still missing depend on each other: the scheme is not explicit for such a model.
       if (all(has_force) .and. all(has_velocity)) found = order(:n)
    end subroutine find_order
 
-   !> VEC total = start + sum k of a kind (to_q or to_p), without start sum k alone, of at least one slope. Slopes are
-   !> (n, nstage), n being all numbers of a block or of a path. Products are added in the order of the stages.
+   !> VEC total = start + sum k of a kind (to_q or to_p), or sum k alone if there is no start; the sum has at least one
+   !> slope. Slopes are (n, nstage), where n is all numbers of a block or of a path. Products are added in the order of
+   !> the stages.
    pure subroutine add_slopes(n, plan, kind, k, slope, total, start)
       integer, intent(in) :: n, kind, k
       type(evaluation_order), intent(in) :: plan
@@ -178,7 +179,7 @@ contains
       integer :: i, j
 
       associate (stage => plan%stage(:, k, kind), c => plan%weight(:, k, kind))
-         ! With a start, add the first product to it; without, the first product begins the sum.
+         ! If there is a start, add the first product to it; otherwise the first product begins the sum.
          if (present(start)) then
             do i = 1, n
                total(i) = start(i) + c(1)*slope(i, stage(1))

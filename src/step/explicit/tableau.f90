@@ -3,8 +3,8 @@
 !>
 !>    Q_i = q_n + sum_j a_ij Hhat_p(Q_j, P_j),   P_i = p_n - sum_j abar_ij Hhat_q(Q_j, P_j),   stage after stage:
 !>
-!> the equations are in tableau.inc, and the model is asked as tableau_gradients.inc says. Arrays are (nlane, ndof),
-!> so that a kernel over all their numbers is one loop, vectorised whatever ndof is.
+!> the equations are in tableau.inc, and the calls of the model in tableau_gradients.inc. Arrays are (nlane, ndof), so
+!> that a kernel over all their numbers is one loop, vectorised for any ndof.
 module symsde_step_explicit_tableau
    use symsde_base_kinds, only: wp, i8
    use symsde_base_record, only: step_record
@@ -18,7 +18,7 @@ module symsde_step_explicit_tableau
    private
    public :: explicit_stepper, explicit_fits, room_type
 
-   !> The slopes f and v of a stage, and a place (x, y) = (Q_i, P_i).
+   !> The slopes f and v of a stage, and a point (x, y) = (Q_i, P_i).
    type :: room_type
       real(wp), allocatable, dimension(:, :) :: f, v, x, y  !! (nlane, ndof)
    contains
@@ -28,7 +28,7 @@ module symsde_step_explicit_tableau
    include 'tableau.inc'
    include 'tableau_gradients.inc'
 
-   !> Make room for the slopes of a stage and for one place, of blocks of nlane lanes.
+   !> Allocate the slopes of a stage and one point, for blocks of nlane lanes.
    subroutine make_room(self, nlane, ndof)
       class(room_type), intent(inout) :: self
       integer, intent(in) :: nlane, ndof
@@ -36,8 +36,8 @@ module symsde_step_explicit_tableau
       allocate (self%f(nlane, ndof), self%v(nlane, ndof), self%x(nlane, ndof), self%y(nlane, ndof))
    end subroutine make_room
 
-   !> Whether an explicit stepper executes the task: for this model a stage needs earlier stages alone, and Hhat has
-   !> neither brackets nor a correction, which may tie q to p even if the model is separable.
+   !> Whether an explicit stepper executes the task: for this model a stage needs only earlier stages, and Hhat has no
+   !> brackets or correction, which may couple q and p even if the model is separable.
    logical function explicit_fits(task) result(fits)
       type(stepper_task), intent(in) :: task
 
@@ -45,7 +45,7 @@ module symsde_step_explicit_tableau
       if (fits) fits = task%is_plain()
    end function explicit_fits
 
-   !> Paths of the block; the bounds of the body's arrays.
+   !> Number of paths of the block, for the bounds of arrays.
    pure integer function lanes(self)
       type(explicit_stepper), intent(in) :: self
 

@@ -16,11 +16,11 @@ module symsde_step_explicit_tableau_single_path
    private
    public :: explicit_stepper
 
-   ! The body, and how its slopes are found by gradients of the model.
+   ! The body, and its calls of the model by gradients.
    include 'tableau.inc'
    include 'tableau_gradients.inc'
 
-   !> Paths: one, known to the compiler.
+   !> One path, which the compiler knows.
    pure integer function lanes(self)
       type(explicit_stepper), intent(in) :: self
 

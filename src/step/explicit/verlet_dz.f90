@@ -3,15 +3,15 @@
 !>
 !>    Q = q_n + h p_n/2,   p_{n+1} = p_n - h U'(Q) + g dW,   q_{n+1} = Q + h p_{n+1}/2 + g (dZ - h dW/2)
 !>
-!> summed over the noises, g_k = -H_{k,q} constant. It is Verlet's step under h H + sum_k dW_k H_k, then a
-!> constant shift of q: symplectic for every h, dW, dZ. Where g changes in time it is taken at the middle of the
-!> step, and g dW becomes g dW - (g_{n+1} - g_n) (dZ/h - dW/2), which is int g dW up to its curvature.
+!> summed over the noises, with constant g_k = -H_{k,q}. This is Verlet's step under h H + sum_k dW_k H_k followed by a
+!> constant shift of q: symplectic for every h, dW, dZ. If g changes in time, it is evaluated at the middle of the step,
+!> and g dW becomes g dW - (g_{n+1} - g_n) (dZ/h - dW/2), which is int g dW up to the curvature of g.
 !>
-!> Why dZ: over a step the noise moves q by g int_0^h W(s) ds = g dZ, where Verlet's drift gives g h dW/2. The shift
-!> makes good the difference, and with it the strong order of additive noise is 2 instead of 1.
+!> Why dZ: over a step the noise moves q by g int_0^h W(s) ds = g dZ, while Verlet's drift gives g h dW/2. The shift
+!> adds the difference, and so raises the strong order for additive noise from 1 to 2.
 !>
-!> One gradient at Q under all weights gives dp. The shift is a gradient, too, under the weights v_0 = 0 and
-!> v_k = dZ_k - h dW_k/2: it is sum_k v_k H_{k,q} = -sum_k v_k g_k, which does not depend on where it is read.
+!> One gradient at Q with all weights gives dp. The shift is a gradient too, with the weights v_0 = 0 and v_k = dZ_k - h
+!> dW_k/2: it is sum_k v_k H_{k,q} = -sum_k v_k g_k, which does not depend on the point.
 module symsde_step_explicit_verlet_dz
    use symsde_base_functionals, only: path_dz
    use symsde_base_kinds, only: wp, i8
@@ -26,7 +26,7 @@ module symsde_step_explicit_verlet_dz
 
    type, extends(stepper_type) :: verlet_dz_stepper
       private
-      logical :: time_dependent = .false.                     !! g changes in time
+      logical :: time_dependent = .false.                     !! whether g changes in time
       real(wp), allocatable :: v(:, :)                !! weights 0, dZ_k - h dW_k/2 (nlane, 0:nnoise)
       real(wp), allocatable :: qs(:, :), shift(:, :)  !! (nlane, ndof)
    contains
@@ -36,7 +36,7 @@ module symsde_step_explicit_verlet_dz
 
 contains
 
-   !> Make room, and find out whether some g depends on time: then three gradients a step are added instead of one.
+   !> Allocate, and find out whether some g depends on time: then a step needs three more gradients instead of one.
    subroutine make(self, task)
       class(verlet_dz_stepper), intent(inout) :: self
       type(stepper_task), intent(in) :: task
@@ -50,7 +50,8 @@ contains
       allocate (self%qs(task%nlane, task%model%traits%ndof), self%shift(task%nlane, task%model%traits%ndof))
    end subroutine make
 
-   !> dq and dp of one step. dq = Q - q_n + h p_{n+1}/2 is written as h (p_n + dp/2), so that it rounds as an increment.
+   !> dq and dp of one step. dq = Q - q_n + h p_{n+1}/2 is computed as h (p_n + dp/2), so that it rounds like an
+   !> increment.
    subroutine increment(self, step, q, p, dq, dp, status)
       class(verlet_dz_stepper), intent(inout) :: self
       type(step_record), intent(in) :: step
@@ -62,11 +63,11 @@ contains
 
       h = step%h
       tm = step%t + 0.5_wp*h
-      ! Half a drift to Q, and the kick there: h U'(Q) - g dW in one gradient under the weights (h, dW_1, .., dW_m).
+      ! Half a drift to Q, and the kick there: h U'(Q) - g dW by one gradient with the weights (h, dW_1, .., dW_m).
       self%qs = q + 0.5_wp*h*p
       call self%ham%gradient(tm, step%w, self%qs, p, hq=dp)
       dp = -dp
-      if (.not. associated(step%of(path_dz)%x)) then  ! no noise, or none that moves
+      if (.not. associated(step%of(path_dz)%x)) then  ! no noise, or none with an effect
          dq = h*(p + 0.5_wp*dp)
          return
       end if

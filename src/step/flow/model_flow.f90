@@ -4,16 +4,15 @@
 !>    (q_{n+1}, p_{n+1}) = Phi(q_n, p_n; t_n, h, dW_1 .. dW_m),      nstep times in one call
 !>
 !> Phi is the map of the scheme for the one-step Hamiltonian h H + sum_k dW_k H_k, with the correction of one-sided
-!> schemes where the map is `corrected`. The model solves the equations of a step, in closed form or by an iteration of
-!> its own. This stepper finds the map that serves a task, sorts out failures, and makes increments for callers that
-!> want these. A flow agrees with the general stepper to rounding, and gives the
-!> bits of single steps (tests/verification/test_whole.pf).
+!> schemes if the map is `corrected`. The model solves the equations of a step, in closed form or by an iteration of its
+!> own. This stepper finds the map for a task, handles failures, and makes increments for callers that need them. A flow
+!> agrees with the general stepper to rounding, and gives the bits of single steps (tests/verification/test_whole.pf).
 !>
-!> A flow is looked for in this order:
+!> A flow is searched in this order:
 !>
-!>    1. by the map of the scheme, which for four of them is found from their coefficients (known_map);
-!>    2. among the maps of the catalogue, where users have given one of its schemes another name;
-!>    3. for quadratic models once more among the four, where the scheme's brackets vanish for the model.
+!> 1. by the map of the scheme, which for four schemes is found from the coefficients (known_map);
+!> 2. among the maps of the catalogue, since users may have renamed one of its schemes;
+!> 3. for quadratic models again among the four, if the scheme's brackets vanish for the model.
 module symsde_step_flow_model_flow
    use symsde_base_contracts, only: contracts_are_executed
    use symsde_base_kinds, only: wp, i8
@@ -34,14 +33,14 @@ module symsde_step_flow_model_flow
    private
    public :: model_flow_stepper, find_flow
 
-   integer, parameter :: four(4) = [euler_map, euler_adjoint_map, verlet_map, midpoint_map]  !! known by coefficients
+   integer, parameter :: four(4) = [euler_map, euler_adjoint_map, verlet_map, midpoint_map]  !! by coefficients
 
    type, extends(stepper_type) :: model_flow_stepper
       private
       type(step_map) :: map
       integer, public :: max_iter = 0
       integer, public :: correction = correction_none
-      integer(i8), allocatable :: status(:)   !! of the lanes, as the model leaves it (nlane)
+      integer(i8), allocatable :: status(:)   !! status of the lanes as set by the model (nlane)
    contains
       procedure :: make
       procedure :: advance
@@ -51,12 +50,12 @@ module symsde_step_flow_model_flow
 
 contains
 
-   !> Find the flow that serves a task, if there is one, once for all of its steppers: to look for it costs as much as
-   !> to make one. A given number of fixed-point iterations is not what a model's own solution makes, and increments to
-   !> their own last place cannot be had from its states: such tasks are left to other steppers. Of the corrections the
-   !> increments form alone has flows. A flow that is meant for the scheme comes first. Where equations are linear, so
-   !> that a step has one root, the steps of one of the four also serve discrete increments, and schemes whose brackets
-   !> vanish for the model.
+   !> Find the flow that serves a task, if there is one, once for all of its steppers: the search costs as much as
+   !> making a stepper. A model's own solution does not have a given number of fixed-point iterations, and its states do
+   !> not give increments to their last digit: other steppers execute such tasks. Flows exist only for the increments
+   !> form of the correction. A flow defined for the scheme comes first. If equations are linear, so that a step has one
+   !> root, the steps of one of the four also serve discrete increments, and schemes whose brackets vanish for the
+   !> model.
    subroutine find_flow(task)
       type(stepper_task), intent(inout) :: task
       type(step_map) :: map
@@ -73,18 +72,17 @@ contains
       call map_of(task%scheme, map)
       map%corrected = corrected
       found = fast%has_flow(map)
-      ! A name alone proves nothing: where the scheme is none of the four, its coefficients, law and brackets must be
-      ! those of the catalogue's scheme of this name. Failing that, its tableau may stand in the catalogue under
-      ! another name.
+      ! A name alone proves nothing: unless the scheme is one of the four, its coefficients, law and brackets must be
+      ! those of the catalogue's scheme of this name. Otherwise its tableau may be in the catalogue under another name.
       if (is_one_of_four(known_map(task%scheme, task%scheme%brackets%are_added()))) then
-         ! Its flow is meant for Gaussian increments. Others take it where equations are linear and have one root.
+         ! Flows are defined for Gaussian increments. Other laws may use them if equations are linear and have one root.
          found = found .and. (task%scheme%law == law_gaussian .or. task%model%traits%quadratic)
       else
          if (found) found = is_of_catalogue(task%scheme, trim(map%label))
          if (.not. found .and. task%scheme%has_tableau()) call find_by_coefficients(task, map, found)
       end if
       if (.not. found .and. task%model%traits%quadratic) then
-         ! The third attempt: brackets count as none where the model's traits make them vanish.
+         ! The third attempt: ignore brackets that vanish by the model's traits.
          map = known_map(task%scheme, task%has_brackets())
          map%corrected = corrected
          found = is_one_of_four(map) .and. fast%has_flow(map)
@@ -99,9 +97,9 @@ contains
       is_one_of_four = map%equation /= other_map
    end function is_one_of_four
 
-   !> The map of the flow, the bound of its solver's iterations, and what the report says of it. A plain flow is
-   !> explicit where the stages of its scheme are, and where it is a splitting. A path by itself is taken as a block
-   !> of one lane.
+   !> Set the map of the flow, the bound of its solver's iterations, and the description for the report. A plain flow is
+   !> explicit if the stages of its scheme are, or if it is a splitting. A single path is executed as a block of one
+   !> lane.
    subroutine make(self, task)
       class(model_flow_stepper), intent(inout) :: self
       type(stepper_task), intent(in) :: task
@@ -116,10 +114,11 @@ contains
       self%most_single = 1
       self%explicit = plain .and. (task%follows .or. task%scheme%form == splitting_form)
       self%one_solve = task%model%traits%one_solve(.false.) .and. .not. self%explicit
-      call new_one_step_hamiltonian(self%ham, task%model, task%nlane, correction_none, 0.0_wp)  ! corrected by the flow
+      call new_one_step_hamiltonian(self%ham, task%model, task%nlane, correction_none, 0.0_wp)  ! added by the flow
    end subroutine make
 
-   !> Of the model's flows, that of the catalogue's scheme with this tableau: nothing depends on what users call it.
+   !> Among the model's flows find that of the catalogue's scheme with this tableau; the user's name of the scheme does
+   !> not matter.
    subroutine find_by_coefficients(task, map, found)
       type(stepper_task), intent(in) :: task
       type(step_map), intent(inout) :: map
@@ -133,8 +132,8 @@ contains
       fast => kernels_of(task%model)
       known = scheme_names()
       do i = 1, size(known)
-         ! The coefficients of the four have been compared. Whether the model has such a flow is asked first: it costs
-         ! less than to make the scheme.
+         ! The coefficients of the four have been compared already. First test whether the model has such a flow, which
+         ! costs less than making the scheme.
          other = named_map(known(i))
          if (any(other%equation == four) .or. .not. fast%has_flow(other)) cycle
          found = is_of_catalogue(task%scheme, trim(other%label))
@@ -144,8 +143,8 @@ contains
       end do
    end subroutine find_by_coefficients
 
-   !> Several steps from (q, p), nlane x ndof, to the states (qn, pn) after every steps%every-th of them, side by side
-   !> in the last index. The counters of the Hamiltonian are the model's to fill.
+   !> Take several steps from (q, p), nlane x ndof, to the states (qn, pn) after every steps%every-th step, consecutive
+   !> in the last index. The model fills the counters of the Hamiltonian.
    subroutine flow(self, steps, q, p, qn, pn, status)
       class(model_flow_stepper), intent(inout) :: self
       type(steps_record), intent(in) :: steps
@@ -159,9 +158,9 @@ contains
       end associate
    end subroutine flow
 
-   !> Several steps of the model at once, as far as no lane fails. Of several steps it is not known in which one a
-   !> lane failed, so they are taken again one by one until it does. Then the lane is where it was before that step,
-   !> others have taken it, and ntaken is its number.
+   !> Take several steps of the model at once, unless a lane fails. It is not known in which of the steps a lane failed,
+   !> so the steps are repeated one by one until it does. Then the lane is at the beginning of that step, all other
+   !> lanes are at its end, and ntaken is its number.
    recursive subroutine advance(self, steps, state, passed, ntaken, failed)
       class(model_flow_stepper), intent(inout) :: self
       type(steps_record), intent(inout) :: steps
@@ -179,8 +178,8 @@ contains
       before = self%ham%counters
       nout = steps%nstep/steps%every
       steps%max_iter = self%max_iter
-      ! The model writes its states where observers will be shown them (passed), and statuses apart from those of the
-      ! block, so that the block keeps its own until the states have been judged.
+      ! The model writes its states where observers will see them (passed), and separate statuses, so that the block
+      ! keeps its own until the states have been judged.
       self%status = state%status
       call self%flow(steps, state%q, state%p, passed%q, passed%p, self%status)
       call state%judge(steps%nreal, nout, self%status, passed%q, passed%p, sound)
@@ -188,19 +187,18 @@ contains
       ntaken = steps%nstep
       passed%n = nout
       if (sound) then
-         ! All went well: the last of the states becomes that of the block.
+         ! No lane failed: the last of the states becomes that of the block.
          call state%take_first(state%nlane, passed%q(1, 1, nout), passed%p(1, 1, nout))
       else if (steps%nstep == 1) then
-         ! In a single step a lane has failed. The others take their states; the step is put into `record` with room
-         ! for increments, by which a rescue may try the lane again (step/implicit/rescue).
+         ! A lane has failed in a single step. All other lanes accept their states; arrays for increments are allocated,
+         ! by which a rescue may try the lane again (step/implicit/rescue).
          passed%n = 0
          call self%make_room()
          call steps%show(1, self%record)
          call state%take_sound(self%status, passed%q, passed%p)
       else
-         ! In one of several steps a lane has failed. This procedure calls itself for each step alone, with room for
-         ! one state.
-         self%ham%counters = before  ! no step counts twice, however many went together
+         ! A lane has failed in one of several steps. Call this procedure for each step alone, with one state.
+         self%ham%counters = before  ! no step is counted twice
          passed%n = 0
          allocate (one%q(state%nlane, state%ndof, 1), one%p(state%nlane, state%ndof, 1))
          do ntaken = 1, steps%nstep
@@ -214,7 +212,7 @@ contains
       if (contracts_are_executed) call require_taken(steps, state, passed, ntaken, failed)
    end subroutine advance
 
-   !> One step as an increment, for those who ask for one: the last place is that of the states.
+   !> One step as an increment, for callers that need one: its precision is that of states.
    subroutine increment(self, step, q, p, dq, dp, status)
       class(model_flow_stepper), intent(inout) :: self
       type(step_record), intent(in) :: step
@@ -230,7 +228,7 @@ contains
       do f = 1, size(step%of)
          if (associated(step%of(f)%x)) steps%of(f)%x(1:steps%nlane, 1:size(step%of(f)%x, 2), 1:1) => step%of(f)%x
       end do
-      ! The model writes the new states where the increments are to stand, and the old ones are taken off.
+      ! The model writes the new states into the increments, and the old states are subtracted.
       call self%flow(steps, q, p, dq, dp, status)
       dq = dq - q
       dp = dp - p

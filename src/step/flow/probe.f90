@@ -1,13 +1,14 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> The probe of the whole steps that a user's model defines: near the initial state they must be those of the library.
+!> The probe of the whole steps that a user's model defines: near the initial state they must agree with the library's
+!> steps.
 !>
-!> Four steps of eight paths are compared with those of the oracle, to about the root of rounding, and with
-!> themselves, bit for bit, asked for one by one, two by two and all at once. Where the model gives up on a lane,
-!> which a run would then rescue, nothing is compared.
+!> Four steps of eight paths are compared with those of the oracle, to about the square root of rounding, and with
+!> themselves, bit for bit, requested one by one, two by two and all at once. If the model fails in a lane, which a run
+!> would then rescue, nothing is compared.
 !>
-!> Equations of a stiff step may have several roots, and each side may have found another one. So where the two are
-!> far apart, shorter steps decide, which leave less choice, and in which a fault would still show. As every probe
-!> this one refutes; it proves nothing.
+!> Equations of a stiff step may have several roots, and the two sides may have found different ones. So if the results
+!> are far apart, the comparison is repeated with shorter steps, which have fewer roots, and in which a fault would
+!> still show. Like every probe this one can refute, not prove.
 module symsde_step_flow_probe
    use symsde_base_functionals, only: nfunctional
    use symsde_base_kinds, only: wp, i8
@@ -25,16 +26,16 @@ module symsde_step_flow_probe
    public :: probe_flow, probe_lanes
 
    integer, parameter :: probe_lanes = lane_unit, nlane = probe_lanes, nstep = 4
-   real(wp), parameter :: tolerance = 1e-8_wp  !! of the size of a state: iterations may stop early
-   real(wp), parameter :: apart = 1e-3_wp      !! of the same: two roots, or a fault that shows at an eighth of the step
-   integer, parameter :: most_shorter = 2      !! how often an eighth is taken
+   real(wp), parameter :: tolerance = 1e-8_wp  !! relative to the size of a state: iterations may stop early
+   real(wp), parameter :: apart = 1e-3_wp      !! relative gap of two roots, or of a fault that shows at an eighth of it
+   integer, parameter :: most_shorter = 2      !! how many times the step is divided by eight
 
 contains
 
-   !> Refuse whole steps that are not the scheme's (false_trait). `decided` tells whether anything was compared.
+   !> Refuse whole steps that are not the scheme's (false_trait). `decided` is true if something was compared.
    subroutine probe_flow(whole, oracle, model, scheme, t, h, q0, p0, error, decided)
       type(model_flow_stepper), intent(inout) :: whole
-      class(stepper_type), allocatable, intent(inout) :: oracle  !! of probe_lanes, as `whole`; may not be allocated
+      class(stepper_type), allocatable, intent(inout) :: oracle  !! like `whole`; may be unallocated
       class(model_type), intent(in), target :: model
       type(scheme_type), intent(in) :: scheme
       real(wp), intent(in) :: t, h, q0(:), p0(:)
@@ -63,7 +64,7 @@ contains
          if (.not. gap > apart) exit
          shorter = shorter/8
          call compare_shorter(shorter)
-         if (.not. (comparable .and. gap > tolerance)) return  ! two roots were compared, or nothing could be
+         if (.not. (comparable .and. gap > tolerance)) return  ! the roots differ, or comparison was impossible
       end do
       decided = .true.
       if (gap <= tolerance) return
@@ -72,7 +73,7 @@ contains
 
    contains
 
-      !> Refuse steps whose bits depend on how many are asked for at a time.
+      !> Refuse steps whose bits depend on how many are requested at a time.
       subroutine refuse(how)
          character(*), intent(in) :: how
 
@@ -82,7 +83,7 @@ contains
                     'state before it and on its own increments alone')
       end subroutine refuse
 
-      !> Find the gap at a shorter step, in arrays of its own: the message tells the states of the run's step.
+      !> Find the gap at a shorter step, in separate arrays: the message gives the states of the run's step.
       subroutine compare_shorter(h)
          real(wp), intent(in) :: h
          real(wp), dimension(nlane, size(q0), nstep) :: x, y, x1, y1
@@ -93,8 +94,8 @@ contains
          if (comparable) gap = gap_of(x1, x) + gap_of(y1, y)
       end subroutine compare_shorter
 
-      !> Refuse the component that is furthest from the library's, if one is beyond the tolerance; one that is not a
-      !> number is beyond it, too.
+      !> Refuse the component that differs most from the library's, if one is beyond the tolerance; NaN counts as beyond
+      !> it.
       subroutine tell(right, given, what)
          real(wp), intent(in) :: right(:, :, :), given(:, :, :)
          character(*), intent(in) :: what
@@ -112,8 +113,8 @@ contains
 
    end subroutine probe_flow
 
-   !> Fill the store with increments of the size that a run has, and with functionals of some size. They need not be
-   !> of any law, since both sides are given the same.
+   !> Fill the store with increments of the size in a run, and with functionals of similar size. They need not have any
+   !> law, since both sides get the same numbers.
    subroutine draw(store, model, scheme, h)
       type(step_store), intent(out) :: store
       class(model_type), intent(in) :: model
@@ -135,8 +136,8 @@ contains
       end do
    end subroutine draw
 
-   !> Find the states after each step by the model's flow, asked for n steps at a time. They are not comparable where
-   !> it gives up on a lane.
+   !> Compute the states after each step by the model's flow, n steps per call. They are not comparable if it fails in a
+   !> lane.
    subroutine take(stepper, store, t, q0, p0, n, q, p, comparable)
       type(model_flow_stepper), intent(inout) :: stepper
       type(step_store), intent(in), target :: store
@@ -166,7 +167,7 @@ contains
       comparable = all(status == 0)
    end subroutine take
 
-   !> Find the same by the oracle. They are not comparable where it finds no solution.
+   !> Compute the same states by the oracle. They are not comparable if it finds no solution.
    subroutine take_plain(stepper, store, t, q0, p0, q, p, comparable)
       class(stepper_type), intent(inout) :: stepper
       type(step_store), intent(in), target :: store
@@ -191,7 +192,7 @@ contains
       comparable = all(status == 0) .and. all(abs(q) <= huge(q)) .and. all(abs(p) <= huge(p))
    end subroutine take_plain
 
-   !> Eight states near the initial one.
+   !> Eight states near the initial state.
    pure subroutine begin(q0, p0, x, y)
       real(wp), intent(in) :: q0(:), p0(:)
       real(wp), intent(out) :: x(:, :), y(:, :)
@@ -205,8 +206,8 @@ contains
       end do
    end subroutine begin
 
-   !> The largest distance between two sets of states, relative to the largest number of the right ones plus one. It
-   !> is not a number where one of the states holds such, which maxval passes over with some compilers.
+   !> The largest distance between two sets of states, relative to the largest number of the right ones plus one; NaN if
+   !> one of the states holds NaN, which maxval ignores with some compilers.
    pure real(wp) function gap_of(right, given)
       real(wp), intent(in) :: right(:, :, :), given(:, :, :)
 

@@ -1,9 +1,9 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> Schemes as maps that models know (base/maps). The Euler pair, Verlet and midpoint are known by their coefficients,
-!> since users reach them in many ways: from a quadrature, as a tableau, or under a name of their own. Others go by the
-!> name of the catalogue, whose coefficients a caller compares (is_of_catalogue).
+!> Schemes as maps that models know (base/maps). The Euler pair, Verlet and midpoint are identified by their
+!> coefficients, since users can make them in many ways: from a quadrature, as a tableau, or under another name. Other
+!> schemes are identified by the name of the catalogue, and the caller compares their coefficients (is_of_catalogue).
 !>
-!> Private to its family, but for map_of.
+!> Private to its family, except map_of.
 module symsde_step_flow_scheme_map
    use symsde_base_kinds, only: wp
    use symsde_base_maps, only: step_map, other_map, euler_map, euler_adjoint_map, verlet_map, verlet_swapped_map, &
@@ -28,8 +28,8 @@ contains
       if (map%equation == other_map) map = named_map(scheme%name)
    end subroutine map_of
 
-   !> The map of one of the four: the Euler pair, Verlet, midpoint. It has no equation for others, and where brackets
-   !> are added to the Hamiltonian, or a frame stands around the tableau.
+   !> The map of one of the four: the Euler pair, Verlet, midpoint. No equation for other schemes, nor if brackets are
+   !> added to the Hamiltonian or a frame surrounds the tableau.
    pure type(step_map) function known_map(scheme, has_brackets) result(map)
       type(scheme_type), intent(in) :: scheme
       logical, intent(in) :: has_brackets
@@ -47,7 +47,7 @@ contains
    end function known_map
 
    !> The map of a scheme of the catalogue. Schemes that differ in brackets, or in squares of gradients of the H_k, have
-   !> one map: models take it where these vanish.
+   !> the same map: it applies to models where these vanish.
    pure type(step_map) function named_map(name) result(map)
       character(*), intent(in) :: name
 
@@ -75,8 +75,8 @@ contains
       end select
    end function named_map
 
-   !> Whether a scheme is the one that the catalogue has under this name: users may name theirs as they like.
-   !> Coefficients are equal in every bit, the nodes c up to the rounding of the sums of a that users' nodes are.
+   !> Whether a scheme is the catalogue's scheme of this name, since users may give any name. Coefficients must be equal
+   !> in every bit, nodes c up to rounding, because users' nodes are sums of a.
    logical function is_of_catalogue(scheme, name)
       type(scheme_type), intent(in) :: scheme
       character(*), intent(in) :: name
@@ -96,7 +96,7 @@ contains
       is_of_catalogue = all(abs(known%a - scheme%a) <= 0) .and. all(abs(known%abar - scheme%abar) <= 0) .and. &
                         all(abs(known%b - scheme%b) <= 0) .and. all(abs(known%bbar - scheme%bbar) <= 0) .and. &
                         all(abs(known%alpha - scheme%alpha) <= 0) .and. all(abs(known%beta - scheme%beta) <= 0) .and. &
-                        all(abs(known%c - scheme%c) <= 8*epsilon(1.0_wp))  ! of a user's, sums of a
+                        all(abs(known%c - scheme%c) <= 8*epsilon(1.0_wp))  ! users' nodes are sums of a
    end function is_of_catalogue
 
    !> Whether the scheme is half a kick, a drift, and half a kick: a = (0, 0; 1/2, 1/2), abar = (1/2, 0; 1/2, 0),

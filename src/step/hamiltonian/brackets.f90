@@ -1,36 +1,36 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> What is added to the random Hamiltonian of one step for orders beyond one (docs/method/beyond-order-one.md):
+!> Terms added to the random Hamiltonian of one step for orders beyond one (docs/method/beyond-order-one.md):
 !>
 !>    sum_k (h dW_k/2 - dZ_k) {H_k,H}  +  sum_{k<l} A_kl {H_l,H_k}  +  (|h|/12) sum_k {{F,H_k},H_k}
 !>
-!> with {F,G} = F_q.G_p - F_p.G_q, and with F = h H, or F = h H + sum_l dW_l H_l where the brackets are crossed. They
-!> are terms of the logarithm of the flow over the step, which is a Hamiltonian. The first and the last give strong
-!> order 3/2 where noises commute, the middle one strong order 1 where they do not, and the last alone weak order 2 with
-!> three-point increments. Each part is added only where the scheme asks for it and the model's traits do not prove it
-!> without effect. Every part is a Hamiltonian of which the exact gradient is taken, so a symplectic scheme stays one.
+!> with {F,G} = F_q.G_p - F_p.G_q, and with F = h H, or F = h H + sum_l dW_l H_l if the brackets are crossed. They are
+!> terms of the logarithm of the flow over the step, which is a Hamiltonian. The first and the last term give strong
+!> order 3/2 if noises commute, the middle term strong order 1 if they do not, and the last term alone weak order 2 with
+!> three-point increments. A part is added only if the scheme needs it and the model's traits do not prove it without
+!> effect. Every part is a Hamiltonian whose exact gradient is used, so a symplectic scheme remains symplectic.
 !>
 !> Single brackets need gradients and Hessian-vector products, grad {F,G} = Hess F (G_p,-G_q) - Hess G (F_p,-F_q).
-!> The nested one would need third derivatives; with u, v the fields of H and H_k, (H_p, -H_q) and (H_k,p, -H_k,q), it
-!> is replaced by
+!> The nested bracket would need third derivatives; with u, v the fields of H and H_k, (H_p, -H_q) and (H_k,p, -H_k,q),
+!> it is replaced by
 !>
 !>    [H(x+bv) + H(x-bv) - 2H(x)]/b^2
 !>    - [H_k(x+au+bv) + H_k(x-au-bv) - H_k(x+au-bv) - H_k(x-au+bv)]/(4ab),   a = r |h|, b = r sqrt|h|
 !>
-!> where H stands for F/h: differences over r times the step's own moves by drift and by noise. This differs from the
-!> bracket by O(h), below the orders in question, and rounding is divided by b^2 but multiplied by h^2. Noise that
-!> depends on position alone with H = p.p/2 + U(q) needs no difference: the bracket is H_k,q . H_k,q. Nor do models
-!> that offer third derivatives, or have none (step/hamiltonian/brackets_exact).
+!> where H means F/h: differences over r times the step's own displacements by drift and by noise. This expression
+!> differs from the bracket by O(h), below the orders in question, and rounding is divided by b^2 but multiplied by h^2.
+!> No difference is needed for noise that depends on position alone with H = p.p/2 + U(q), where the bracket is H_k,q .
+!> H_k,q; nor for models that offer third derivatives, or have none (step/hamiltonian/brackets_exact).
 !>
-!> H may depend on time. Noises that do join with what the brackets are in the phase space with time,
-!> {H_k,H} + H_{k,t}: with the ends t_0 and t_1 of the step
+!> H may depend on time. If noises do, the brackets become those of the phase space with time, {H_k,H} + H_{k,t}: with
+!> the ends t_0 and t_1 of the step
 !>
 !>    sum_k (dW_k/2 - dZ_k/h) [H_k(t_1) - H_k(t_0)]  -  (|h|/12) sum_k {H_k(t_1),H_k(t_0)}
 !>
-!> of which the first belongs to the single bracket. The second belongs to the nested one; it vanishes for noise in
+!> where the first sum belongs to the single bracket. The second belongs to the nested one; it vanishes for noise in
 !> position and has no gradient for additive noise.
 !>
 !> An evaluation adds up the gradients of all parts in (sq, sp), single brackets first, then areas, nested brackets and
-!> noises that change, and adds the sum to the caller's arrays at its end, since either of these may be absent.
+!> noises that change, and adds the sum to the caller's arrays at the end, since either of these may be absent.
 module symsde_step_hamiltonian_brackets
    use symsde_base_counters, only: counters_type
    use symsde_base_functionals, only: functionals, functional_set, area_index, path_dz, path_areas
@@ -46,10 +46,10 @@ module symsde_step_hamiltonian_brackets
    private
    public :: modified_hamiltonian, new_modified_hamiltonian, active_brackets, reach
 
-   real(wp), parameter :: reach = 0.5_wp  !! r: the differences reach over this part of the step's own moves
+   real(wp), parameter :: reach = 0.5_wp  !! r: differences reach over this part of the step's displacements
 
-   !> The added parts, with room for one evaluation. The fields u, v, the products and the counters come from
-   !> exact_bracket; here (xq, xp) is a moved point, (bq, bp) the gradient of one bracket, (sq, sp) the sum of all.
+   !> The added parts, with work arrays for one evaluation. The fields u, v, the products and the counters come from
+   !> exact_bracket; here (xq, xp) is a displaced point, (bq, bp) the gradient of one bracket, (sq, sp) the sum of all.
    type, extends(exact_bracket) :: modified_hamiltonian
       type(bracket_terms) :: active               !! parts that have an effect on this model
       logical :: simple = .false.        !! position noise, H = p.p/2 + U(q)
@@ -66,8 +66,8 @@ module symsde_step_hamiltonian_brackets
 
 contains
 
-   !> The brackets that have an effect on a model with these traits: their functionals must have one. The nested
-   !> bracket of a noise that is linear in q is constant if H = p.p/2 + U(q).
+   !> The brackets that have an effect on a model with these traits; brackets without an effect of their functionals are
+   !> dropped. The nested bracket of a noise that is linear in q is constant if H = p.p/2 + U(q).
    pure type(bracket_terms) function active_brackets(brackets, traits) result(active)
       type(bracket_terms), intent(in) :: brackets   !! of scheme_type
       type(model_traits), intent(in) :: traits
@@ -81,13 +81,12 @@ contains
       active%areas = brackets%areas .and. needed%has(path_areas)
       active%nested = brackets%nested .and. traits%nnoise > 0 .and. &
                       .not. (traits%additive .and. traits%position_noise .and. traits%identity_mass)
-      ! Crossed brackets differ from {{H,H_k},H_k} by brackets of noises alone, which vanish where areas have no
-      ! effect.
+      ! Crossed brackets differ from {{H,H_k},H_k} by brackets of noises alone, which vanish if areas have no effect.
       active%crossed = brackets%crossed .and. active%areas
    end function active_brackets
 
-   !> The parts that have an effect on this model, for blocks of nlane lanes. Whether noises change in time is found
-   !> here, by asking the model at many times: only where a part would feel it.
+   !> The parts that have an effect on this model, for blocks of nlane lanes. If a part depends on it, the model is
+   !> called at many times to find out whether noises change in time.
    subroutine new_modified_hamiltonian(self, model, brackets, nlane)
       type(modified_hamiltonian), intent(out) :: self
       class(model_type), intent(in), target :: model
@@ -109,25 +108,25 @@ contains
       end associate
    end subroutine new_modified_hamiltonian
 
-   !> Add the gradient of all active parts to hq and hp; or the `rest` alone, which derivatives at one point do not
-   !> give: nested brackets by differences, and noises that change in time. step/one_dof/brackets then computes the
-   !> other parts from all derivatives at the point.
+   !> Add the gradient of all active parts to hq and hp; or, with `rest`, only parts that derivatives at one point do
+   !> not give: nested brackets by differences, and noises that change in time. step/one_dof/brackets then computes all
+   !> other parts from the derivatives at the point.
    subroutine add_gradient(self, t, step, q, p, hq, hp, counters, nreal, rest)
       class(modified_hamiltonian), intent(inout) :: self
       real(wp), intent(in) :: t                                 !! time of H and H_k [time]
-      type(step_record), intent(in) :: step                     !! with the functionals of active brackets
+      type(step_record), intent(in) :: step                     !! includes the functionals of active brackets
       real(wp), intent(in) :: q(self%nlane, self%ndof), p(self%nlane, self%ndof)
       real(wp), intent(inout), optional :: hq(self%nlane, self%ndof), hp(self%nlane, self%ndof)
       type(counters_type), intent(inout) :: counters
       integer, intent(in) :: nreal                              !! real paths of the block
-      logical, intent(in), optional :: rest                     !! the rest alone
+      logical, intent(in), optional :: rest                     !! only the rest
       logical :: whole
 
       whole = .true.
       if (present(rest)) whole = .not. rest
       self%sq = 0
       self%sp = 0
-      ! The weights c_k of single brackets come first: add_motion makes its own from them.
+      ! The weights c_k of single brackets come first: add_motion computes its weights from them.
       call find_single_weights(self, step)
       if (whole .and. self%active%single) call add_single(self, t, q, p)
       if (whole .and. self%active%areas) call add_areas(self, t, step, q, p)
@@ -139,7 +138,7 @@ contains
       call count_up(self, counters, nreal)
    end subroutine add_gradient
 
-   !> Count the calls of the model since the last count, for nreal paths: padding does not count.
+   !> Count the calls of the model since the last count, for nreal paths; padding does not count.
    subroutine count_up(self, counters, nreal)
       type(modified_hamiltonian), intent(inout) :: self
       type(counters_type), intent(inout) :: counters
@@ -152,7 +151,7 @@ contains
    end subroutine count_up
 
    !> Add the nested brackets, in the cheapest form that the traits allow: squares of H_k,q, third derivatives, second
-   !> differences along constant fields, or the general differences. Crossed, F/h = H + sum_l (dW_l/h) H_l.
+   !> differences along constant fields, or the general differences. If crossed, F/h = H + sum_l (dW_l/h) H_l.
    subroutine add_nested(self, t, step, q, p)
       type(modified_hamiltonian), intent(inout) :: self
       real(wp), intent(in) :: t
@@ -171,9 +170,9 @@ contains
       end if
    end subroutine add_nested
 
-   !> The weights c_k = h dW_k/2 - dZ_k of the single brackets (nlane, 1:nnoise), zero if these are not active. dZ_k
-   !> is the integral of W_k - W_k(t_n) over the step, so c_k/h is the mean of a straight line to dW_k less the mean
-   !> of the path.
+   !> The weights c_k = h dW_k/2 - dZ_k of the single brackets (nlane, 1:nnoise), zero if these are not active. dZ_k is
+   !> the integral of W_k - W_k(t_n) over the step, so c_k/h is the mean of a straight line to dW_k minus the mean of
+   !> the path.
    subroutine find_single_weights(self, step)
       type(modified_hamiltonian), intent(inout) :: self
       type(step_record), intent(in) :: step
@@ -200,7 +199,7 @@ contains
             self%vp = 0
             call self%add_product(t, self%c, 1.0_wp, p, self%vp, q, p, self%sq, self%sp)
          else
-            ! G = H: the weight of the drift alone, without h, which c_k holds.
+            ! G = H: weight one for the drift, without h, which c_k contains.
             self%g = 0
             self%g(:, 0) = 1
             call add_bracket(self, t, self%c, q, p)
@@ -217,10 +216,10 @@ contains
       real(wp) :: t1, c
       integer :: k
 
-      ! Both ends of the step, and not derivatives in time, which models do not offer.
+      ! Both ends of the step instead of derivatives in time, which models do not offer.
       t1 = step%t + step%h
       if (self%active%single) then
-         ! The difference of two gradients at the same point: add_sum adds the first and takes the second away.
+         ! The difference of two gradients at the same point: add_sum adds the first and subtracts the second.
          self%g = self%c/step%h
          call add_sum(self, t1, q, p, 0.0_wp, 0.0_wp, 1.0_wp)
          call add_sum(self, step%t, q, p, 0.0_wp, 0.0_wp, -1.0_wp)
@@ -238,7 +237,7 @@ contains
    end subroutine add_motion
 
    !> Add the gradient of sum_{k<l} A_kl {H_l,H_k} as sum_l {H_l, sum_{k<l} A_kl H_k}: m - 1 brackets of weighted sums
-   !> instead of m (m-1)/2 brackets, since a model sums over its Hamiltonians within one call.
+   !> instead of m (m-1)/2 brackets, since one call of a model sums over its Hamiltonians.
    subroutine add_areas(self, t, step, q, p)
       type(modified_hamiltonian), intent(inout) :: self
       type(step_record), intent(in) :: step
@@ -271,7 +270,7 @@ contains
    end subroutine add_bracket
 
    !> Position noise, identity mass: add the gradient of (h|h|/12) sum_k H_k,q . H_k,q, which is (h|h|/6) H_k,qq H_k,q.
-   !> Crossed brackets are the same: noises in position commute.
+   !> Crossed brackets have the same gradient, since noises in position commute.
    subroutine add_squares(self, t, h, q, p)
       type(modified_hamiltonian), intent(inout) :: self
       real(wp), intent(in) :: t, h
@@ -304,12 +303,12 @@ contains
       real(wp) :: b, c
       integer :: k
 
-      ! A move b v is about r times the move of the noise in a step: v is as large as the field, and dW as sqrt|h|.
+      ! A displacement b v is about r times that of the noise in a step: v is as large as the field, and dW as sqrt|h|.
       b = reach*sqrt(abs(h))
       c = h/(12*reach**2)
       self%g = 0
       self%g(:, 0) = 1
-      call add_sum(self, t, q, p, 0.0_wp, 0.0_wp, -2*c*count(self%noisy))  ! the middle of all differences at once
+      call add_sum(self, t, q, p, 0.0_wp, 0.0_wp, -2*c*count(self%noisy)) ! the middle terms of all differences together
       do k = 1, self%nnoise
          if (.not. self%noisy(k)) cycle
          call self%field_of(t, k, q, p)
@@ -318,15 +317,16 @@ contains
       end do
    end subroutine add_shifts
 
-   !> The general case, H and u of F/h. With G(e,f) = grad H_k at x + e u + f v, and alike g(f) of H at x + f v,
+   !> The general case, with H and u of F/h. With G(e,f) = grad H_k at x + e u + f v, and correspondingly g(f) of H at x
+   !> + f v, the sum is
    !>
    !>    c [g(b) + g(-b) - 2 g(0)] + (Dv)^T c b [g(b) - g(-b)]                     c = (h|h|/12)/b^2
    !>    - c' sum_{s,r=+-1} s r [1 + s a (Du)^T + r b (Dv)^T] G(s a, r b)          c' = (h|h|/12)/(4ab)
    !>
-   !> and (Dv)^T y = Hess H_k (-y_p, y_q). The terms with Du and Dv stand there since the points move with q and p: with
-   !> them this is the gradient of a function, without them it would be none, and the step not symplectic. What Dv is
-   !> transposed to is gathered in (rq, rp), for Du in (yq, yp): one Hessian-vector product for every noise, and one
-   !> for H at the end.
+   !> where (Dv)^T y = Hess H_k (-y_p, y_q). The terms with Du and Dv occur since the points depend on q and p: with
+   !> them the sum is the gradient of a function; without them it would be none, and the step not symplectic. The
+   !> arguments of (Dv)^T are collected in (rq, rp), those of (Du)^T in (yq, yp): one Hessian-vector product for every
+   !> noise, and one for H at the end.
    subroutine add_differences(self, t, h, q, p)
       type(modified_hamiltonian), intent(inout) :: self
       real(wp), intent(in) :: t, h
@@ -334,7 +334,7 @@ contains
       real(wp) :: a, b, c, c2
       integer :: k
 
-      ! Steps a along u are r times the move by drift, steps b along v r times that by noise.
+      ! Displacements a along u are r times that by drift, displacements b along v r times that by noise.
       a = reach*abs(h)
       b = reach*sqrt(abs(h))
       c = h/(12*reach**2)
@@ -349,7 +349,7 @@ contains
          self%rp = 0
          call second_difference(self, t, b, c, q, p)
          call mixed_difference(self, t, k, a, b, c2, q, p)
-         ! (Dv)^T is linear, so the sums that it acts on in both differences are gathered first.
+         ! (Dv)^T is linear, so its arguments from both differences are collected first.
          call self%add_transposed(t, self%f, self%rq, self%rp, q, p, self%sq, self%sp)
       end do
       call self%add_transposed(t, self%nested, self%yq, self%yp, q, p, self%sq, self%sp)
@@ -358,14 +358,14 @@ contains
       self%sp = self%sp - (2*c*count(self%noisy))*self%uq
    end subroutine add_differences
 
-   !> Add c [g(b) + g(-b)], and write c b [g(b) - g(-b)], for the field of H_k, to (rq, rp).
+   !> Add c [g(b) + g(-b)] to (sq, sp), and store c b [g(b) - g(-b)], for the field of H_k, in (rq, rp).
    subroutine second_difference(self, t, b, c, q, p)
       type(modified_hamiltonian), intent(inout) :: self
       real(wp), intent(in) :: t, b, c
       real(wp), intent(in) :: q(self%nlane, self%ndof), p(self%nlane, self%ndof)
       integer :: sign
 
-      ! g is the gradient of F/h, with its own weights.
+      ! g is the gradient of F/h, with separate weights.
       self%g = self%nested
       do sign = -1, 1, 2
          call add_sum(self, t, q, p, 0.0_wp, sign*b, c)
@@ -398,13 +398,13 @@ contains
    end subroutine mixed_difference
 
    !> (gq, gp) = gradient of the sum with weights g at x + e u + f v; c times it is added to (sq, sp). If e or f is
-   !> zero, its field is not read: it may be undefined.
+   !> zero, the field is not read, since it may be undefined.
    subroutine add_sum(self, t, q, p, e, f, c)
       type(modified_hamiltonian), intent(inout) :: self
       real(wp), intent(in) :: t, e, f, c
       real(wp), intent(in) :: q(self%nlane, self%ndof), p(self%nlane, self%ndof)
 
-      ! The points are formed in copies, since the caller goes on to others from the same x.
+      ! The points are formed in copies, since the caller needs the same x for further points.
       self%xq = q
       self%xp = p
       if (abs(e) > 0) then

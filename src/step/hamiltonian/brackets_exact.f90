@@ -1,19 +1,18 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> The nested brackets of step/hamiltonian/brackets as they are, for models that offer third derivatives, or whose
-!> third derivatives vanish; and the fields and products that brackets are made of. With u, v the fields of H (or F/h)
-!> and H_k
+!> The exact nested brackets of step/hamiltonian/brackets, for models that offer third derivatives, or whose third
+!> derivatives vanish; and the fields and products that brackets consist of. With u, v the fields of H (or F/h) and H_k
 !>
 !>    {{H,H_k},H_k} = H''[v,v] - H_k''[u,v]
 !>    gradient      = H'''[v,v] - H_k'''[u,v] + (Dv)^T (2 H''v - H_k''u) - (Du)^T H_k''v
 !>
-!> with (Dv)^T r = H_k'' (-r_p, r_q). Where noise is additive v is constant, and H'''[v,v] is all.
+!> with (Dv)^T r = H_k'' (-r_p, r_q). If noise is additive, v is constant, and only H'''[v,v] remains.
 !>
-!> The first line follows since a bracket with H_k is the derivative along v: {H,H_k} = H'[v], and along v again
+!> The first line holds because a bracket with H_k is the derivative along v: {H,H_k} = H'[v], and along v again
 !> H''[v,v] + H'[Dv v]. With v = J H_k' the last term is H' J H_k'' v = -(J H') H_k'' v = -H_k''[u,v].
 !>
-!> The gradient is found noise by noise: first the third derivatives along the fields, then r = 2 H''v - H_k''u, to
-!> which (Dv)^T is applied at once. What (Du)^T is applied to is the sum over all noises, y = -sum_k H_k''v: one product
-!> at the end.
+!> The gradient is computed noise by noise: first the third derivatives along the fields, then r = 2 H''v - H_k''u, to
+!> which (Dv)^T is applied immediately. (Du)^T is applied to the sum over all noises, y = -sum_k H_k''v: one product at
+!> the end.
 module symsde_step_hamiltonian_brackets_exact
    use symsde_base_kinds, only: wp
    use symsde_base_traits, only: model_traits
@@ -22,13 +21,13 @@ module symsde_step_hamiltonian_brackets_exact
    private
    public :: exact_bracket, new_exact_bracket, has_exact_bracket
 
-   !> The model, and room for fields and products: (uq, up) = u, (vq, vp) = v, r and y as above, (gq, gp) the last
-   !> result of the model, xq one half of an argument with its sign changed.
+   !> The model, and work arrays for fields and products: (uq, up) = u, (vq, vp) = v, r and y as above, (gq, gp) the
+   !> last result of the model, xq one half of an argument with the opposite sign.
    type :: exact_bracket
       class(model_type), pointer :: model => null()
       integer :: nlane = 0, ndof = 0, nnoise = 0
       logical, allocatable :: noisy(:)    !! noises that are not silent (nnoise)
-      integer :: ngradient = 0, nproduct = 0  !! asked of the model for every path, since they were counted
+      integer :: ngradient = 0, nproduct = 0  !! calls of the model per path since the last count
       real(wp), allocatable :: f(:, :)    !! weights of one Hamiltonian (nlane, 0:nnoise)
       real(wp), allocatable, dimension(:, :) :: uq, up, vq, vp, rq, rp, yq, yp, gq, gp, xq  !! (nlane, ndof)
    contains
@@ -41,14 +40,14 @@ module symsde_step_hamiltonian_brackets_exact
 
 contains
 
-   !> Whether a model with these traits needs no difference quotients: it gives third derivatives, or they vanish.
+   !> Whether a model with these traits needs no difference quotients: it has third derivatives, or they vanish.
    pure logical function has_exact_bracket(traits) result(has)
       type(model_traits), intent(in) :: traits
 
       has = traits%has_third_derivative .or. traits%quadratic
    end function has_exact_bracket
 
-   !> Room for blocks of nlane lanes.
+   !> Allocate for blocks of nlane lanes.
    subroutine new_exact_bracket(self, model, nlane)
       class(exact_bracket), intent(inout) :: self
       class(model_type), intent(in), target :: model
@@ -68,8 +67,8 @@ contains
       end associate
    end subroutine new_exact_bracket
 
-   !> Add the gradient of (h|h|/12) sum_k {{S,H_k},H_k} to (hq, hp), where S = sum_j weights_j H_j stands for H: the
-   !> drift alone, or the whole step over h where brackets are crossed.
+   !> Add the gradient of (h|h|/12) sum_k {{S,H_k},H_k} to (hq, hp), where S = sum_j weights_j H_j replaces H: the drift
+   !> alone, or the whole step over h if brackets are crossed.
    subroutine add_exact(self, weights, t, h, q, p, hq, hp)
       class(exact_bracket), intent(inout) :: self
       real(wp), intent(in) :: weights(self%nlane, 0:self%nnoise)
@@ -80,7 +79,7 @@ contains
       logical :: additive
       integer :: k
 
-      ! The sum over noises of the gradient at the head, times c: add third derivatives at once, collect the
+      ! The sum over noises of the gradient in the header, times c: add third derivatives immediately, collect the
       ! arguments of (Dv)^T in r, and the arguments of (Du)^T for all noises in y.
       c = h*abs(h)/12
       additive = self%model%traits%additive
@@ -92,7 +91,7 @@ contains
          call self%field_of(t, k, q, p)
          call add_third(self, t, weights, c, self%vq, self%vp, q, p, hq, hp)
          if (additive) cycle
-         ! from here on the terms with H_k'' and H_k''', which additive noise has not
+         ! the following terms have H_k'' and H_k''', which are zero for additive noise
          call add_third(self, t, self%f, -c, self%uq, self%up, q, p, hq, hp)
          ! r = 2 c S''v - c H_k''u, and y = y - c H_k''v, each by one Hessian-vector product.
          self%rq = 0
@@ -105,14 +104,15 @@ contains
       if (.not. additive) call self%add_transposed(t, weights, self%yq, self%yp, q, p, hq, hp)
    end subroutine add_exact
 
-   !> Add c S'''[a,v]: S is the sum with weights w, a a field of the caller, v the field of the present noise.
+   !> Add c S'''[a,v], where S is the sum with weights w, a is a field of the caller, and v the field of the current
+   !> noise.
    subroutine add_third(self, t, w, c, aq, ap, q, p, hq, hp)
       type(exact_bracket), intent(inout) :: self
       real(wp), intent(in) :: t, c, w(self%nlane, 0:self%nnoise)
       real(wp), intent(in), dimension(self%nlane, self%ndof) :: aq, ap, q, p
       real(wp), intent(inout), dimension(self%nlane, self%ndof) :: hq, hp
 
-      ! Third derivatives of a quadratic sum vanish, and its model need not offer them.
+      ! Third derivatives of a quadratic sum vanish, and the model need not offer them.
       if (self%model%traits%quadratic) return
       call self%model%third_derivative(self%nlane, self%ndof, self%nnoise, t, w, q, p, aq, ap, self%vq, self%vp, &
                                        self%gq, self%gp)
@@ -120,8 +120,8 @@ contains
       hp = hp + c*self%gp
    end subroutine add_third
 
-   !> Add c S'' a, one Hessian-vector product of the sum S with weights w. The caller's counters get nproduct and
-   !> ngradient by count_up.
+   !> Add c S'' a, one Hessian-vector product of the sum S with weights w. count_up adds nproduct and ngradient to the
+   !> caller's counters.
    subroutine add_product(self, t, w, c, aq, ap, q, p, hq, hp)
       class(exact_bracket), intent(inout) :: self
       real(wp), intent(in) :: t, c, w(self%nlane, 0:self%nnoise)

@@ -3,14 +3,14 @@
 !>
 !>    x + sum_k v_k B_k,   v_k = a dW_k + b dZ_k/h,   B_k = (H_k,p, -H_k,q)
 !>
-!> Additive noise moves every path by sum_k B_k dW_k, wherever it is. Schemes that take the noise out of the equation
-!> shift by this, by half of it, by its mean over the step, sum_k B_k dZ_k/h, or by a difference of such, and step
-!> without noise in between.
+!> Additive noise moves every path by sum_k B_k dW_k, at any position. Schemes that remove the noise from the equation
+!> shift by this, by half of it, by its mean over the step, sum_k B_k dZ_k/h, or by a difference of such shifts, and
+!> step without noise in between.
 !>
-!> Two calls make a shift: `weigh` forms the weights v_k, `add` asks the model for sum_k v_k H_k, of which the gradient
-!> is sum_k v_k (H_k,q, H_k,p), and adds it with q and p exchanged and one sign. B does not depend on where it is read,
-!> so the place does not matter, but on the time. The coefficients a and b are zero, one and one half, either sign,
-!> which multiply without rounding: all ways to carry this out have the same bits.
+!> Two calls make a shift: `weigh` forms the weights v_k, `add` evaluates the gradient of sum_k v_k H_k, which is sum_k
+!> v_k (H_k,q, H_k,p), and adds it with q and p exchanged and one sign changed. B may depend on time but not on the
+!> point, so any point serves. The coefficients a and b are zero, one or one half, of either sign, which multiply
+!> without rounding, so that all implementations have the same bits.
 module symsde_step_hamiltonian_noise_shift
    use symsde_base_functionals, only: path_dz
    use symsde_base_kinds, only: wp
@@ -34,7 +34,8 @@ module symsde_step_hamiltonian_noise_shift
 
 contains
 
-   !> For blocks of nlane lanes of a model. The weight of H stays zero: drift takes no part in a shift.
+   !> Make shifts for blocks of nlane lanes of a model. The weight of H stays zero, since the drift does not enter a
+   !> shift.
    pure subroutine new_noise_shift(self, model, nlane)
       type(noise_shift), intent(out) :: self
       class(model_type), intent(in) :: model
@@ -43,12 +44,12 @@ contains
       self%nlane = nlane
       self%n = model%traits%ndof
       self%m = model%traits%nnoise
-      ! v_0 = 0 is set once, here: weigh writes the columns 1 .. m alone.
+      ! v_0 = 0 is set once: weigh writes only the columns 1 .. m.
       allocate (self%v(nlane, 0:self%m), source=0.0_wp)
       allocate (self%hq(nlane, self%n), self%hp(nlane, self%n))
    end subroutine new_noise_shift
 
-   !> Form the weights v_k = a dW_k + b dZ_k/h of the shifts to come. Where no noise has an effect there is no dZ.
+   !> Compute the weights v_k = a dW_k + b dZ_k/h of the following shifts. If no noise has an effect there is no dZ.
    subroutine weigh(self, a, b, step)
       class(noise_shift), intent(inout) :: self
       real(wp), intent(in) :: a, b
@@ -66,8 +67,8 @@ contains
       end if
    end subroutine weigh
 
-   !> Add the shift to (q, p), with B at time t, or take it away where sign = -1: sign sum_k v_k H_k,p is added to q,
-   !> and sign sum_k v_k H_k,q is taken from p. Noise in position does not move q. One call of the model gives both.
+   !> Add the shift to (q, p), with B at time t, or subtract it if sign = -1: sign sum_k v_k H_k,p is added to q, and
+   !> sign sum_k v_k H_k,q is subtracted from p. Noise in position does not move q. One call of the model gives both.
    subroutine add(self, ham, t, sign, q, p)
       class(noise_shift), intent(inout) :: self
       type(one_step_hamiltonian), intent(inout) :: ham   !! model and counters

@@ -1,22 +1,21 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> The random Hamiltonian of one step: model, increments and correction joined.
+!> The random Hamiltonian of one step, composed of model, increments and correction.
 !>
 !>    Hhat(q,p) = h H + sum_k dW_k H_k  (+ correction),   weights w = (h, dW_1, .., dW_m)
 !>
 !> In the step the increments are frozen, so Hhat is a Hamiltonian like any other, and any symplectic scheme applied to
-!> it is symplectic path by path. The weights hold h and dW already: to a tableau the step has length one,
-!> Q_i = q_n + sum_j a_ij Hhat_p(P_j,Q_j), and drift and noise are taken at one time t of the stage.
+!> it is symplectic path by path. The weights contain h and dW: for a tableau the step has length one,
+!> Q_i = q_n + sum_j a_ij Hhat_p(P_j,Q_j), and drift and noise are evaluated at the time t of the stage.
 !>
 !> One-sided schemes (lambda /= 1/2) need a correction to solve the Stratonovich equation (docs/method/noise.md):
 !>
-!>    mean         (1/2-lambda) |h| sum_k H_{k,p}.H_{k,q}, |h| because it stands for dW_k^2
-!>    increments   (1/2-lambda) F_p.F_q,  F = sum_k dW_k H_k
+!> mean         (1/2-lambda) |h| sum_k H_{k,p}.H_{k,q}, where |h| replaces dW_k^2
+!> increments   (1/2-lambda) F_p.F_q,  F = sum_k dW_k H_k
 !>
 !> Its gradient needs Hessian-vector products only: grad(F_p.F_q) = Hess F (F_p; F_q), q-part first. Its
-!> Hessian is (D F_p)^T D F_q + (D F_q)^T D F_p and a part with third derivatives. That part is left out:
-!> it vanishes for quadratic F, and Newton's iteration finds the same root without it. Leaving out all of
-!> the correction would lose paths: on the Kubo oscillator such an iteration diverges where
-!> |sigma dW| > sqrt 2.
+!> Hessian is (D F_p)^T D F_q + (D F_q)^T D F_p and a part with third derivatives. The part with third derivatives is
+!> left out: it vanishes for quadratic F, and Newton's iteration finds the same root without it. Leaving out the whole
+!> Hessian of the correction would lose paths: on the Kubo oscillator such an iteration diverges if |sigma dW| > sqrt 2.
 !>
 !> Forces F and f_k beside the Hamiltonians (model/forces) stand in Hhat_q, of which they are taken away: whatever a
 !> scheme does with -Hhat_q it does with -Hhat_q + Fhat, Fhat = h F + sum_k dW_k f_k, as the discrete
@@ -28,9 +27,9 @@
 !> Schemes beyond strong order one add the brackets of step/hamiltonian/brackets. Every evaluation goes in this order:
 !> the model sums over its Hamiltonians in one call, the correction is added to what it gave, then the brackets.
 !>
-!> Steppers whose equations have neither correction nor brackets ask for bare Hhat = sum_j w_j H_j: for as many lanes as
-!> they show at once, by as many of its derivatives as they need. So all that is asked of Hhat is asked here, and what
-!> is added to it is added here: who asks the model itself asks for single H_j (tests/house/check_rooms.py says who).
+!> Steppers whose equations have neither correction nor brackets use the bare Hhat = sum_j w_j H_j: for any number of
+!> lanes at once, and any of its derivatives. So all evaluations of Hhat are in this module, and so are the terms added
+!> to it; only code that needs single H_j calls the model directly (tests/house/check_rooms.py has a list).
 module symsde_step_hamiltonian_one_step
    use symsde_base_contracts, only: contracts_are_executed
    use symsde_base_kinds, only: wp
@@ -48,14 +47,14 @@ module symsde_step_hamiltonian_one_step
    private
    public :: one_step_hamiltonian, new_one_step_hamiltonian
 
-   !> The model, what a step adds to its Hamiltonians, and room for one evaluation. It is one per stepper, since it
-   !> counts what is asked of the model and keeps work arrays; the model itself is shared by all threads.
+   !> The model, terms added to its Hamiltonians, and work arrays for one evaluation. There is one object per stepper,
+   !> since it counts the calls of the model and has work arrays; all threads share the model itself.
    type :: one_step_hamiltonian
       class(model_type), pointer :: model => null()
-      class(kernel_model), pointer :: fast => null()  !! the same, where it has kernels
-      type(kernel_offers) :: offers                   !! which these are
+      class(kernel_model), pointer :: fast => null()  !! the model as a kernel_model, if it has kernels
+      type(kernel_offers) :: offers                   !! which kernels the model has
       integer :: nlane = 0, ndof = 0, nnoise = 0
-      integer :: nreal = 0                    !! real paths of the block, what the counters count
+      integer :: nreal = 0                    !! real paths of the block, for the counters
       integer :: correction = correction_none
       real(wp) :: coefficient = 0             !! 1/2 - lambda
       logical :: mass_alone = .false.         !! H = p.p/2 + U(q), noise in position: Hhat_p = h p, correction apart
@@ -65,7 +64,7 @@ module symsde_step_hamiltonian_one_step
       type(counters_type) :: counters
       type(modified_hamiltonian), allocatable :: modified  !! brackets of schemes beyond order one
       real(wp), allocatable, private :: v(:, :)       !! weights of the noise alone (nlane, 0:nnoise)
-      real(wp), allocatable, private :: factor(:)     !! of the product of gradients (nlane)
+      real(wp), allocatable, private :: factor(:)     !! factor of the product of gradients (nlane)
       type(algebra_work), private :: work
       real(wp), allocatable, private :: uq(:, :), up(:, :)  !! gradient of the product (nlane, ndof)
       real(wp), allocatable, private :: fqq(:, :, :), fqp(:, :, :), fpp(:, :, :)  !! (nlane, ndof, ndof)
@@ -86,7 +85,7 @@ module symsde_step_hamiltonian_one_step
 
 contains
 
-   !> Hhat of a model for blocks of nlane lanes. Room is made for what the scheme asks for and no more; brackets that
+   !> Make Hhat of a model for blocks of nlane lanes. Only arrays that the scheme needs are allocated; brackets that
    !> have no effect on this model are dropped here, once.
    subroutine new_one_step_hamiltonian(self, model, nlane, correction, coefficient, brackets)
       type(one_step_hamiltonian), intent(out) :: self
@@ -94,7 +93,7 @@ contains
       integer, intent(in) :: nlane
       integer, intent(in) :: correction      !! correction_none, correction_mean or correction_increments
       real(wp), intent(in) :: coefficient    !! 1/2 - lambda
-      type(bracket_terms), intent(in), optional :: brackets  !! to add, of scheme_type; none if absent
+      type(bracket_terms), intent(in), optional :: brackets  !! brackets of scheme_type to add; none if absent
       type(bracket_terms) :: active
 
       if (contracts_are_executed) call require_traits(model%traits)
@@ -109,7 +108,8 @@ contains
       self%coefficient = coefficient
       self%forced = associated(model%forces)
       associate (t => model%traits)
-         ! Whether Hhat_p needs no call of the model: h p for the identity, and h M^-1 p once a diagonal M is known.
+         ! Find out whether Hhat_p needs no call of the model: h p for the identity, and h M^-1 p once a diagonal M is
+         ! known.
          self%mass_alone = t%identity_mass .and. (t%position_noise .or. t%nnoise == 0)
          if (t%divides_by_mass() .and. .not. self%offers%angle) then
             allocate (self%mass)
@@ -121,15 +121,15 @@ contains
          allocate (self%modified)
          call new_modified_hamiltonian(self%modified, model, active, nlane)
       end if
-      ! From here on room for the correction, which most steps do not have.
+      ! The following arrays are for the correction, which most steps do not have.
       if (correction == correction_none) return
       allocate (self%v(nlane, 0:self%nnoise), self%factor(nlane))
       call new_algebra_work(self%work, nlane, self%ndof, self%nnoise)
       allocate (self%uq(nlane, self%ndof), self%up(nlane, self%ndof))
    end subroutine new_one_step_hamiltonian
 
-   !> From here on the model is asked for n lanes of those before, from lane `first` on; lanes behind the last repeat
-   !> it. Who shows it a part of a block says so, here or by narrow_to_lanes, for models that go by path.
+   !> From here on calls have n of the previous lanes, from lane `first` on; lanes beyond the last repeat it. Code that
+   !> evaluates a part of a block must call this or narrow_to_lanes, since models may differ from path to path.
    subroutine narrow_to_part(self, first, n)
       class(one_step_hamiltonian), intent(in) :: self
       integer, intent(in) :: first, n
@@ -137,7 +137,7 @@ contains
       call narrow_lanes(self%model%paths, first, n)
    end subroutine narrow_to_part
 
-   !> From here on the model is asked for these lanes, of those before.
+   !> From here on calls have these of the previous lanes.
    subroutine narrow_to_lanes(self, lanes)
       class(one_step_hamiltonian), intent(in) :: self
       integer, intent(in) :: lanes(:)
@@ -145,7 +145,7 @@ contains
       call narrow_lanes(self%model%paths, lanes)
    end subroutine narrow_to_lanes
 
-   !> The lanes of the last `narrow` are over.
+   !> End the last `narrow`.
    subroutine widen(self)
       class(one_step_hamiltonian), intent(in) :: self
 
@@ -153,8 +153,7 @@ contains
    end subroutine widen
 
    !> Gradient of Hhat at (q, p), each (nlane, ndof), with the weights w of every lane; an absent output is not
-   !> computed. Where brackets are added the step that they belong to must be given: its functionals are their
-   !> coefficients.
+   !> computed. If brackets are added, the step must be given: its functionals are their coefficients.
    subroutine gradient(self, t, w, q, p, hq, hp, step)
       class(one_step_hamiltonian), intent(inout) :: self
       real(wp), intent(in) :: t, w(self%nlane, 0:self%nnoise)
@@ -162,7 +161,7 @@ contains
       real(wp), intent(out), optional :: hq(self%nlane, self%ndof), hp(self%nlane, self%ndof)
       type(step_record), intent(in), optional :: step
 
-      ! a user's function computes the force beside H_p: where the mass is known H_p alone is found without it
+      ! a user's function computes the force along with H_p: if the mass is known, H_p is computed without it
       if (allocated(self%mass) .and. present(hp) .and. .not. present(hq)) then
          call self%mass%drift(self%model, self%nlane, t, w, q, p, hp)
       else if (self%mass_alone .and. present(hp) .and. .not. present(hq)) then
@@ -170,17 +169,17 @@ contains
       else
          call self%bare_gradient(self%nlane, t, w, q, p, hq, hp)
       end if
-      ! One gradient is counted for every real path, however Hhat_p was found: reports do not depend on such short
+      ! One gradient is counted for every real path, however Hhat_p was computed, so that reports do not depend on short
       ! cuts.
       self%counters%gradients = self%counters%gradients + self%nreal
       if (self%correction /= correction_none) call add_correction(self, t, w, q, p, hq, hp)
-      ! Brackets come last, ask the model by themselves, and count that.
+      ! Brackets come last; they call the model themselves, and count their calls.
       if (allocated(self%modified)) call self%modified%add_gradient(t, step, q, p, hq, hp, self%counters, self%nreal)
    end subroutine gradient
 
    ! ---- Hhat without correction and brackets, for n lanes; what these are asked is counted by who asks, if not said
 
-   !> Its gradient, each (n, ndof); an absent output is not computed.
+   !> The gradient of bare Hhat, each (n, ndof); an absent output is not computed.
    subroutine bare_gradient(self, n, t, w, q, p, hq, hp)
       class(one_step_hamiltonian), intent(in) :: self
       integer, intent(in) :: n
@@ -241,7 +240,7 @@ contains
       call self%model%force_stiffness(n, self%ndof, self%nnoise, b, t, w, q, p, hq, hqq)
    end subroutine bare_force_stiffness
 
-   !> Hhat_q and Hhat_qq of one path of two degrees of freedom, in numbers: by the kernel of the model, or by arrays.
+   !> Hhat_q and Hhat_qq of one path of two degrees of freedom, as scalars: by the kernel of the model, or by arrays.
    subroutine bare_pair(self, t, w, q1, q2, f1, f2, k11, k21, k12, k22)
       class(one_step_hamiltonian), intent(in) :: self
       real(wp), intent(in) :: t, w(0:self%nnoise)
@@ -266,8 +265,8 @@ contains
       k22 = k(2, 2)
    end subroutine bare_pair
 
-   !> Its Hessian times (vq, vp), counted for `wanted` lanes. A model that has a Hessian but no product would form the
-   !> one for the other: then too a difference of gradients is cheaper.
+   !> The Hessian of bare Hhat times (vq, vp), counted for `wanted` lanes. A model with a Hessian but no product would
+   !> compute the whole Hessian: then a difference of gradients is cheaper.
    subroutine bare_product(self, n, wanted, t, w, q, p, vq, vp, uq, up)
       class(one_step_hamiltonian), intent(inout) :: self
       integer, intent(in) :: n, wanted
@@ -290,8 +289,8 @@ contains
       uq = uq - u
    end subroutine bare_product
 
-   !> Hhat_p of separable Hamiltonians, where it depends on p alone; without correction and brackets. Iterations begin
-   !> with it, F = Hhat_p(p_n).
+   !> Hhat_p of separable Hamiltonians, where it depends on p alone; without correction and brackets. Iterations start
+   !> with F = Hhat_p(p_n).
    subroutine velocity(self, t, w, q, p, hp)
       class(one_step_hamiltonian), intent(inout) :: self
       real(wp), intent(in) :: t, w(self%nlane, 0:self%nnoise)
@@ -306,7 +305,7 @@ contains
       self%counters%gradients = self%counters%gradients + self%nreal
    end subroutine velocity
 
-   !> VEC Hhat_p = h p where H = p.p/2 + U(q) and noise is in position alone. The first column of the weights is h.
+   !> VEC Hhat_p = h p for H = p.p/2 + U(q) with noise in position. The first column of the weights is h.
    pure subroutine find_velocity(nlane, ndof, w, p, hp)
       integer, intent(in) :: nlane, ndof
       real(wp), intent(in) :: w(nlane), p(nlane, ndof)
@@ -320,9 +319,9 @@ contains
       end do
    end subroutine find_velocity
 
-   !> Gradient of Hhat with correction and brackets; Hessian without brackets and third derivatives. The gradient makes
-   !> the residual and must be exact, the Hessian makes Newton's matrix alone: Newton converges to the same root,
-   !> linearly where the missing parts matter. An absent output is not computed; hqp(:, i, j) is H_{q_i p_j}.
+   !> Gradient of Hhat with correction and brackets; Hessian without brackets and third derivatives. The gradient
+   !> determines the residual and must be exact, the Hessian only determines Newton's matrix: Newton converges to the
+   !> same root, linearly if the missing parts matter. An absent output is not computed; hqp(:, i, j) is H_{q_i p_j}.
    subroutine gradient_hessian(self, t, w, q, p, hq, hp, hqq, hqp, hpp, step)
       class(one_step_hamiltonian), intent(inout) :: self
       real(wp), intent(in) :: t, w(self%nlane, 0:self%nnoise)
@@ -372,12 +371,12 @@ contains
       real(wp), intent(inout), optional :: hq(self%nlane, self%ndof), hp(self%nlane, self%ndof)
       integer :: i, k
 
-      do k = 1, nterm(self)  ! each term is a product F_p.F_q with an F of its own
+      do k = 1, nterm(self)  ! each term is a product F_p.F_q with its own F
          call choose_term(self, k, w)
          call correction_gradient(self%work, self%model, t, self%v, q, p, self%uq, self%up)
          self%counters%gradients = self%counters%gradients + self%nreal
          self%counters%hessian_vectors = self%counters%hessian_vectors + self%nreal
-         ! The factor is a number of each lane, since h is one of its weights.
+         ! The factor differs between lanes, since h is one of the weights.
          do i = 1, self%ndof
             if (present(hq)) hq(:, i) = hq(:, i) + self%factor*self%uq(:, i)
             if (present(hp)) hp(:, i) = hp(:, i) + self%factor*self%up(:, i)
@@ -385,8 +384,8 @@ contains
       end do
    end subroutine add_correction
 
-   !> Add the Hessian of the correction, without third derivatives, to the wanted blocks. It takes all blocks of the
-   !> Hessian of F, whichever are wanted: each block of the result is made of several of them.
+   !> Add the Hessian of the correction, without third derivatives, to the wanted blocks. All blocks of the Hessian of F
+   !> are evaluated, since each block of the result depends on several of them.
    subroutine add_correction_hessian(self, t, w, q, p, hqq, hqp, hpp)
       type(one_step_hamiltonian), intent(inout) :: self
       real(wp), intent(in) :: t, w(self%nlane, 0:self%nnoise)
@@ -397,7 +396,7 @@ contains
       integer :: k
 
       associate (nlane => self%nlane, n => self%ndof)
-         ! n^2 numbers a lane: steppers that never ask for a matrix do without this room
+         ! n^2 numbers per lane: not allocated for steppers that need no matrix
          if (.not. allocated(self%fqq)) &
             allocate (self%fqq(nlane, n, n), self%fqp(nlane, n, n), self%fpp(nlane, n, n))
          do k = 1, nterm(self)
@@ -409,7 +408,7 @@ contains
       end associate
    end subroutine add_correction_hessian
 
-   !> The correction is a sum of so many terms factor*F_p.F_q.
+   !> Number of terms factor*F_p.F_q in the correction.
    pure integer function nterm(self)
       type(one_step_hamiltonian), intent(in) :: self
 
@@ -423,7 +422,7 @@ contains
       integer, intent(in) :: k
       real(wp), intent(in) :: w(self%nlane, 0:self%nnoise)
 
-      ! The weight of H stays zero: the correction is one of the noises.
+      ! The weight of H stays zero: the correction depends on the noises only.
       self%v = 0
       if (self%correction == correction_mean) then
          self%v(:, k) = 1
@@ -438,7 +437,7 @@ contains
    !>
    !>    qq  F_qp F_qq + F_qq F_pq       qp  F_qp F_qp + F_qq F_pp       pp  F_pp F_qp + F_pq F_pp
    !>
-   !> where F_qp(i,l) is the derivative by q_i and p_l and F_pq its transpose.
+   !> where F_qp(i,l) is the derivative with respect to q_i and p_l, and F_pq its transpose.
    pure subroutine add_blocks(nlane, ndof, factor, fqq, fqp, fpp, hqq, hqp, hpp)
       integer, intent(in) :: nlane, ndof
       real(wp), intent(in) :: factor(nlane), fqq(nlane, ndof, ndof), fqp(nlane, ndof, ndof)

@@ -1,34 +1,34 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> Newton's corrections for many degrees of freedom and dense Hessians: no matrix is ever formed.
+!> Newton's corrections for many degrees of freedom and dense Hessians, without forming a matrix.
 !>
-!> The caller multiplies, as it alone knows its matrices, and they are as many as the stages of its scheme:
+!> The caller multiplies by the matrix, which depends on the scheme:
 !>
-!>    call products%begin(newton, r)      A x = r in the running lanes
-!>    do while (products%wanted > 0)      in so many of them
-!>       ... krylov%v(:, :, krylov%k + 1) = A krylov%v(:, :, krylov%k) ...
-!>       call products%take()
-!>    end do
-!>    call products%finish(newton, x, status, counters)
+!> call products%begin(newton, r)      A x = r in the running lanes
+!> do while (products%wanted > 0)      number of lanes that need a product
+!>    ... krylov%v(:, :, krylov%k + 1) = A krylov%v(:, :, krylov%k) ...
+!>    call products%take()
+!> end do
+!> call products%finish(newton, x, status, counters)
 !>
-!> A d = r is solved up to |r - A d| <= eta_k |r_k|, r_k the residual of Newton's iteration k, sizes Euclidean and
-!> |x| the largest unknown:
+!> A d = r is solved up to |r - A d| <= eta_k |r_k|, where r_k is the residual of Newton's iteration k, norms are
+!> Euclidean, and |x| is the largest unknown:
 !>
 !>    eta_0 = 10^-4,   eta_k = min(10^-4, (|r_k|/|r_{k-1}|)^2),   and for k > 0 never below eps |x|/4
 !>
-!> (Eisenstat & Walker, SIAM J. Sci. Comput. 17 (1996) 16): the first solve is a loose one, and the later ones go as
-!> far as Newton's convergence does.
+!> (Eisenstat & Walker, SIAM J. Sci. Comput. 17 (1996) 16): the first solve is loose, and later ones follow the
+!> convergence of Newton's iteration.
 !>
-!> Corrections come from GMRES (solve/krylov) with Hessian-vector products, of the model or, where it has none,
-!> differences of two gradients. The matrices are close to I unless h is large against the frequencies, so that a
-!> handful of products does. The iteration ends as everywhere, by solve/stagnation.
+!> Corrections come from GMRES (solve/krylov) with Hessian-vector products of the model or, if it has none, differences
+!> of two gradients. The matrices are close to I unless h is large compared with the inverse frequencies, so that a few
+!> products suffice. The iteration ends like all others, by solve/stagnation.
 !>
-!> GMRES and not conjugate gradients, since A is symmetric only where the momenta are eliminated, and the vectors are
-!> too few to save.
+!> GMRES and not conjugate gradients, since A is symmetric only if the momenta are eliminated, and the vectors are too
+!> few for savings to matter.
 !>
-!> Lanes that GMRES cannot solve with its bound of products get their matrices after all, by products with the unit
-!> vectors, and are eliminated with exchanges of rows: counted as such. They are rare, and forming a matrix takes longer
-!> than solving it, so that LAPACK is not asked however large they are. The protocol above does not change for that: the
-!> caller is asked for products as before.
+!> For lanes that GMRES cannot solve within its bound of products the matrices are formed after all, by products with
+!> the unit vectors, and eliminated with exchanges of rows; these are counted. Such lanes are rare, and forming a matrix
+!> takes longer than solving it, so that LAPACK is never used, however large the matrices. The protocol above is the
+!> same: the caller computes products as before.
 module symsde_step_implicit_newton_krylov
    use symsde_base_counters, only: counters_type
    use symsde_base_kinds, only: wp, i4, i8
@@ -46,29 +46,29 @@ module symsde_step_implicit_newton_krylov
    public :: newton_krylov, new_newton_krylov, pays_by_products, does_without_matrices
    public :: iterates_first
 
-   !> Unknowns of a lane from which no matrix is the faster way. With analytic second derivatives: where
+   !> Unknowns of a lane from which iterating without matrices is faster. With analytic second derivatives: where
    !> elimination across lanes ends. Without them a matrix costs two gradients for each unknown.
    integer, parameter :: least_analytic = max_lane_unknowns + 1, least_differenced = 8
 
-   !> Unknowns q and p of a lane up to which Newton's iteration is as fast as a dozen of sweeps.
+   !> Unknowns q and p of a lane up to which Newton's iteration is as fast as a dozen sweeps.
    integer, parameter :: small = 4
 
    real(wp), parameter :: loose = 1.0e-4_wp                      !! first solve, relative to its right-hand side
-   real(wp), parameter :: rounding = 0.25_wp*epsilon(1.0_wp)     !! no solve goes further, relative to the unknowns
+   real(wp), parameter :: rounding = 0.25_wp*epsilon(1.0_wp)     !! smallest goal of a solve, relative to the unknowns
 
-   integer(i8), parameter :: most_numbers = 2_i8**18  !! of matrices formed at once, if more than one
+   integer(i8), parameter :: most_numbers = 2_i8**18  !! most numbers of matrices formed at once, if more than one
 
-   !> Data of a Newton iteration by products, beside newton_type. Matrices are allocated only while they are used.
+   !> Data of a Newton iteration by products, besides newton_type. Matrices are allocated only while they are used.
    type :: newton_krylov
       type(krylov_type) :: krylov
-      integer :: wanted = 0                             !! lanes for which a product is asked for
-      real(wp), allocatable :: uq(:, :), up(:, :)       !! room for one of the Hessian (nlane, ndof)
-      real(wp), allocatable, private :: before(:), goal(:)  !! sizes of the last residual, and to be reached (nlane)
+      integer :: wanted = 0                             !! lanes that need a product
+      real(wp), allocatable :: uq(:, :), up(:, :)       !! work array for a product of the Hessian (nlane, ndof)
+      real(wp), allocatable, private :: before(:), goal(:)  !! norms of the last residual, and to be reached (nlane)
       real(wp), allocatable, private :: right(:, :)     !! right-hand side r of A d = r (nlane, unknowns)
       integer(i4), allocatable, private :: outcome(:)   !! outcome of lanes that need their matrix (nlane)
       integer, allocatable, private :: lanes(:)         !! lanes whose matrices are being formed, a few at once
       real(wp), allocatable, private :: matrices(:, :, :)  !! (unknowns, unknowns, few)
-      integer, private :: column = 0                    !! of these
+      integer, private :: column = 0                    !! current column of these matrices
       integer, private :: nsolved = 0                   !! systems solved by their matrices
    contains
       procedure :: begin
@@ -78,11 +78,11 @@ module symsde_step_implicit_newton_krylov
 
 contains
 
-   !> Whether to solve without matrices: they would be dense, and large or made of differences. A matrix with as
-   !> many bands, 2 b + 1, as columns counts as dense.
+   !> Whether to solve without matrices: if they would be dense, and large or made of differences. A matrix whose 2 b +
+   !> 1 bands are at least as many as its columns counts as dense.
    pure logical function pays_by_products(traits, unknowns)
       type(model_traits), intent(in) :: traits
-      integer, intent(in) :: unknowns  !! of a lane
+      integer, intent(in) :: unknowns  !! unknowns of a lane
       logical :: full
 
       full = traits%bandwidth == dense .or. 2*traits%bandwidth + 1 >= traits%ndof
@@ -90,8 +90,8 @@ contains
                                                       traits%has_hessian .or. traits%has_hessian_vector)
    end function pays_by_products
 
-   !> Whether Newton's iteration of a midpoint solves without matrices; damping and a given number of iterations
-   !> need them.
+   !> Whether Newton's iteration of a midpoint is solved without matrices; damping and a given number of iterations need
+   !> matrices.
    pure logical function does_without_matrices(traits, unknowns, options)
       type(model_traits), intent(in) :: traits
       integer, intent(in) :: unknowns
@@ -100,8 +100,8 @@ contains
       does_without_matrices = pays_by_products(traits, unknowns) .and. options%is_free()
    end function does_without_matrices
 
-   !> Whether a midpoint of unknown q and p is iterated before Newton's matrices or products are asked for: they are
-   !> many, or made of differences, and more than one solve.
+   !> Whether a midpoint with unknown q and p is iterated before Newton's method uses matrices or products: if these are
+   !> large, or made of differences, and more than one solve is needed.
    pure logical function iterates_first(model, options)
       class(model_type), intent(in) :: model
       type(newton_options), intent(in) :: options
@@ -113,8 +113,8 @@ contains
       end associate
    end function iterates_first
 
-   !> Allocate room for nlane lanes of so many unknowns: ndof where the momenta are eliminated, else twice as many,
-   !> or as many as the stages of a scheme have.
+   !> Allocate for nlane lanes of this many unknowns: ndof if the momenta are eliminated, else twice as many, or the
+   !> number of the stages' unknowns.
    subroutine new_newton_krylov(self, nlane, ndof, unknowns)
       type(newton_krylov), intent(out) :: self
       integer, intent(in) :: nlane, ndof, unknowns
@@ -124,8 +124,8 @@ contains
       allocate (self%right(nlane, unknowns), self%outcome(nlane))
    end subroutine new_newton_krylov
 
-   !> Seek corrections d, A d = r, of the running lanes for the residual r, which is kept for lanes that need their
-   !> matrix. Afterwards `wanted` says for how many lanes a product is asked for.
+   !> Begin to solve A d = r in the running lanes for the residual r, which is kept for lanes that need their matrix.
+   !> Afterwards `wanted` is the number of lanes that need a product.
    subroutine begin(self, newton, r)
       class(newton_krylov), intent(inout) :: self
       type(newton_type), intent(in) :: newton
@@ -141,8 +141,8 @@ contains
       end associate
    end subroutine begin
 
-   !> Take in the product A v_k that the caller has put into v_{k+1}: the next vector of GMRES, or a column of the
-   !> matrices. Once GMRES is done, matrices of lanes that it left are begun.
+   !> Use the product A v_k that the caller has written to v_{k+1}: as the next vector of GMRES, or a column of the
+   !> matrices. Once GMRES is done, begin the matrices of the lanes it has not solved.
    subroutine take(self)
       class(newton_krylov), intent(inout) :: self
 
@@ -155,8 +155,8 @@ contains
       if (.not. self%krylov%running) call begin_matrices(self)
    end subroutine take
 
-   !> Correct x <- x - d in the running lanes, and judge them. Lanes that could not be solved by their matrices
-   !> either fail before.
+   !> Correct x <- x - d in the running lanes, and judge them. Before that, lanes that could not be solved by their
+   !> matrices either fail.
    subroutine finish(self, newton, x, status, counters)
       class(newton_krylov), intent(inout) :: self
       type(newton_type), intent(inout) :: newton
@@ -184,9 +184,9 @@ contains
       end associate
    end subroutine begin_matrices
 
-   !> Ask for the columns of the matrices of some unsolved lanes, from `lane` on: as many lanes as fit into
-   !> most_numbers, at least one. Matrices of all lanes together would take too much memory for many degrees of
-   !> freedom. If no memory is left, the lanes keep the outcome not_converged.
+   !> Request the columns of the matrices of some unsolved lanes, from `lane` on: as many lanes as fit into
+   !> most_numbers, at least one. Matrices of all lanes together would take too much memory for many degrees of freedom.
+   !> If no memory is left, the lanes keep the outcome not_converged.
    subroutine form_more(self, lane)
       type(newton_krylov), intent(inout) :: self
       integer, intent(in) :: lane
@@ -203,13 +203,13 @@ contains
          if (allocated(self%matrices)) deallocate (self%matrices)
          if (self%wanted > 0) allocate (self%matrices(krylov%n, krylov%n, self%wanted), stat=memory)
       end associate
-      ! Without memory no column is asked for, and settle_unsolved fails the lanes.
+      ! Without memory no column is requested, and settle_unsolved makes the lanes fail.
       if (memory /= 0) self%wanted = 0
       self%column = 0
       if (self%wanted > 0) call ask_column(self)
    end subroutine form_more
 
-   !> Ask for the next column: the product with a unit vector, in all lanes at once.
+   !> Request the next column: the product with a unit vector, in all lanes at once.
    subroutine ask_column(self)
       type(newton_krylov), intent(inout) :: self
 
@@ -219,7 +219,7 @@ contains
       self%krylov%v(:, self%column, 1) = 1
    end subroutine ask_column
 
-   !> Take the product as a column of the matrices. After the last column solve them, and go on to the next lanes.
+   !> Use the product as a column of the matrices. After the last column solve them, and continue with the next lanes.
    subroutine take_column(self)
       type(newton_krylov), intent(inout) :: self
       integer :: i
@@ -251,8 +251,8 @@ contains
       self%nsolved = self%nsolved + size(self%lanes)
    end subroutine solve_lanes
 
-   !> Fail the lanes whose matrices are singular or find no memory, or whose residual is not finite, and count the
-   !> systems that were solved by their matrices.
+   !> Mark lanes as failed whose matrices are singular or found no memory, or whose residual is not finite, and count
+   !> the systems solved by their matrices.
    subroutine settle_unsolved(self, newton, status, counters)
       type(newton_krylov), intent(inout) :: self
       type(newton_type), intent(inout) :: newton
@@ -269,10 +269,10 @@ contains
 
    ! ---- kernels ----------------------------------------------------------------------------------
 
-   !> goal = eta_k |r_k|, the residual that GMRES must reach in every lane, by the rule at the head of this file.
-   !> `norm` is |r_k|, `before` |r_{k-1}|, which is replaced, and `size` the size of the unknowns.
+   !> goal = eta_k |r_k|, the residual that GMRES must reach in every lane, by the rule in the header. `norm` is |r_k|,
+   !> `before` is |r_{k-1}| and is replaced, and `size` is the size of the unknowns.
    pure subroutine set_goals(nlane, iteration, norm, size, before, goal)
-      integer, intent(in) :: nlane, iteration  !! lanes, iterations done
+      integer, intent(in) :: nlane, iteration  !! number of lanes, iterations done
       real(wp), intent(in) :: norm(nlane), size(nlane)
       real(wp), intent(inout) :: before(nlane)
       real(wp), intent(out) :: goal(nlane)

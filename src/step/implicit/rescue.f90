@@ -1,24 +1,24 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> What happens to a path whose implicit equations Newton could not solve from zero increments.
+!> The rescue of a path whose implicit equations Newton's iteration could not solve from zero increments.
 !>
-!> The ladder, the same for every scheme in tableau form, bounded and counted:
+!> The attempts, the same for every scheme in tableau form, bounded and counted:
 !>
 !>    1. Newton from zero increments        the stepper itself
 !>    2. damped Newton                      here, on the general stepper's equations
 !>    3. continuation in the increments     (h, dW) scaled by k/16, k = 1..16, each from the last solution
 !>    4. the path fails, with the status of rung 1
 !>
-!> The step is never divided: that would be another scheme and another noise. The general stepper solves the same
-!> equations as every special one, so a root that it finds is one of the scheme.
+!> The step is never divided, since that would be another scheme and another noise. The general stepper solves the same
+!> equations as every special stepper, so a root that it finds is one of the scheme.
 !>
 !> Damped Newton shortens a correction until it lowers the residual (solve/damping). Continuation solves the
 !> equations of the weights (k/16) (h, dW), at the nodes of the whole step. Newton begins from zero for k = 1, where
-!> the slopes are small; each solution times k/(k-1) is where the next one begins, since slopes grow about as the
-!> weights do. Only the equations of k = 16 are those of the step, and no others leave a trace in its result.
+!> the slopes are small; each solution times k/(k-1) is the next starting point, since slopes are roughly proportional
+!> to the weights. Only the equations of k = 16 are those of the step and determine its result.
 !>
-!> Failed lanes are gathered into small blocks of eight, since they are few and the general stepper has a dense
-!> matrix for each lane. For the same reason systems of more than max_unknowns are left alone. Schemes that add
-!> brackets are, too: their brackets take increments of their own, which no fraction of (h, dW) scales.
+!> Failed lanes are gathered into small blocks of eight, since they are few and the general stepper has a dense matrix
+!> for each lane. For the same reason systems of more than max_unknowns are not rescued. Nor are schemes that add
+!> brackets, whose increments of brackets are not scaled by a fraction of (h, dW).
 module symsde_step_implicit_rescue
    use symsde_base_counters, only: counters_type, add_counters
    use symsde_base_damping, only: damping_type
@@ -36,23 +36,23 @@ module symsde_step_implicit_rescue
    private
    public :: rescue_type, new_rescue
 
-   integer, parameter :: parts = 16           !! of the continuation
-   integer, parameter :: max_unknowns = 512   !! unknowns of a lane: matrices are dense here
+   integer, parameter :: parts = 16           !! parts of the continuation
+   integer, parameter :: max_unknowns = 512   !! most unknowns of a lane, since matrices are dense here
 
    !> The rescue of one stepper, with the model and the scheme (or its tableau) of the task. Its own stepper and
    !> arrays are made when the first lane needs them.
    type :: rescue_type
       private
-      logical, public :: available = .false.  !! the scheme and the size of the system allow it
+      logical, public :: available = .false.  !! whether scheme and size of the system allow a rescue
       class(model_type), pointer :: model => null()
       type(scheme_type), pointer :: scheme => null()
       integer :: correction = 0
       integer :: max_iter = 0
       type(damping_type) :: damping
       type(general_stepper), allocatable :: stepper  !! made when the first path needs it
-      real(wp), allocatable :: w(:, :), q(:, :), p(:, :), dq(:, :), dp(:, :)  !! of eight lanes
-      real(wp), allocatable :: part(:, :)     !! a fraction of w
-      type(counters_type) :: counters         !! path-steps saved
+      real(wp), allocatable :: w(:, :), q(:, :), p(:, :), dq(:, :), dp(:, :)  !! data of eight lanes
+      real(wp), allocatable :: part(:, :)     !! a fraction of the weights w
+      type(counters_type) :: counters         !! counts of the work, and of saved path-steps
    contains
       procedure :: settle
       procedure :: attempt
@@ -65,36 +65,36 @@ contains
    !> equations, given numbers of iterations, brackets, and large systems.
    subroutine new_rescue(self, task, stepper)
       type(rescue_type), intent(out) :: self
-      type(stepper_task), intent(in), target :: task   !! must live as long as the rescue
-      class(stepper_type), intent(in) :: stepper       !! rung 1
+      type(stepper_task), intent(in), target :: task   !! must live as long as the rescue object
+      class(stepper_type), intent(in) :: stepper       !! the stepper of rung 1
 
       self%scheme => task%scheme
-      ! A Galerkin scheme that is a tableau for this model is rescued by the tableau.
+      ! A Galerkin scheme that is a tableau for this model is rescued as that tableau.
       if (allocated(task%tableau)) self%scheme => task%tableau
       if (self%scheme%form /= tableau_form .or. task%newton%fixed_point > 0) return
-      if (stepper%explicit) return              ! no equations
-      if (allocated(stepper%ham%modified)) return  ! its brackets have increments of their own
-      ! Two slopes of n numbers for each stage, and twice as many where noise has coefficients of its own.
+      if (stepper%explicit) return              ! no equations to solve
+      if (allocated(stepper%ham%modified)) return  ! brackets have additional increments
+      ! Two slopes of n numbers for each stage, and twice as many if noise has its own coefficients.
       if (4*task%model%traits%ndof*self%scheme%nstage > max_unknowns) return
       self%available = .true.
-      self%model => stepper%ham%model  ! as the stepper sees it
+      self%model => stepper%ham%model  ! the model, or its view, that the stepper uses
       self%correction = stepper%ham%correction
       self%max_iter = task%newton%max_iter
       self%damping = task%damping
    end subroutine new_rescue
 
-   !> Settle a step in which a lane failed, of a state that the other lanes have already taken: the lane is rescued
-   !> from its old (q, p) where that is possible, and else is recorded as failed in this step.
+   !> Complete a step in which a lane failed, after all other lanes have been advanced: the lane is rescued from its old
+   !> (q, p) if possible, and otherwise recorded as failed in this step.
    subroutine settle(self, n, step, state, dq, dp)
       class(rescue_type), intent(inout) :: self
       integer(i8), intent(in) :: n                   !! absolute step
       type(step_record), intent(in) :: step
       type(lane_state), intent(inout) :: state
-      real(wp), intent(inout) :: dq(:, :), dp(:, :)  !! room for increments (nlane, ndof)
+      real(wp), intent(inout) :: dq(:, :), dp(:, :)  !! work arrays for increments (nlane, ndof)
       integer(i8) :: status(state%nlane)
 
       if (self%available) then
-         ! The statuses of rung 1 tell take_rescued which lanes have come back.
+         ! From the statuses of rung 1 take_rescued knows which lanes were rescued.
          status = state%status
          call self%attempt(state%nlane, step, state%q, state%p, state%failed_step, dq, dp, state%status)
          call state%take_rescued(status, dq, dp)
@@ -117,7 +117,7 @@ contains
 
       if (.not. self%available) return
       if (.not. allocated(self%stepper)) call make_stepper(self)
-      ! Padding and paths that failed before have their step; other statuses are no matter of a solver.
+      ! Padding and paths that failed before have a failed step; all other statuses do not come from a solver.
       lanes = pack([(lane, lane=1, nlane)], failed_step < 0 .and. &
                    (status == not_converged .or. status == singular .or. status == nonfinite))
       do first = 1, size(lanes), lane_unit
@@ -126,7 +126,7 @@ contains
       end do
    end subroutine attempt
 
-   !> Make the general stepper of the scheme for eight lanes, with damping, and room for their states and increments.
+   !> Make the general stepper of the scheme for eight lanes, with damping, and allocate their states and increments.
    subroutine make_stepper(self)
       type(rescue_type), intent(inout) :: self
       integer :: n, m
@@ -141,8 +141,8 @@ contains
       allocate (self%dq(lane_unit, n), self%dp(lane_unit, n))
    end subroutine make_stepper
 
-   !> Rungs 2 and 3 for up to eight lanes, gathered from the block. The last one fills up the eight, in copies that
-   !> have a status from the beginning and so rest.
+   !> Rungs 2 and 3 for up to eight lanes, gathered from the block. Copies of the last lane fill up the eight; they have
+   !> a status from the beginning, so that they are not solved.
    subroutine rescue_lanes(self, n, lanes, step, q, p, dq, dp, status)
       type(rescue_type), intent(inout), target :: self
       integer, intent(in) :: n, lanes(n)
@@ -159,16 +159,16 @@ contains
          self%q(i, :) = q(lanes(min(i, n)), :)
          self%p(i, :) = p(lanes(min(i, n)), :)
       end do
-      ! The step of the gathered lanes, as one of a block of eight.
+      ! The step for the gathered lanes, as a block of eight.
       few%t = step%t
       few%h = step%h
       few%w(1:, 0:) => self%w
       self%stepper%ham%nreal = n
       call self%stepper%ham%narrow([(lanes(min(i, n)), i=1, lane_unit)])
-      ! Copies rest by a status; the lanes to be saved have none.
+      ! Copies get a status; the lanes to be rescued have none.
       lane_status = nonfinite
       lane_status(:n) = 0
-      ! Rung 2, from slopes of zero, with damping.
+      ! Rung 2: start from zero slopes, with damping.
       call self%stepper%increment(few, self%q, self%p, self%dq, self%dp, lane_status)
       call keep(self, n, lanes, lane_status, dq, dp, status, saved)
       self%counters%damped = self%counters%damped + saved
@@ -181,17 +181,17 @@ contains
       call self%stepper%ham%widen()
    end subroutine rescue_lanes
 
-   !> Rung 3: scale (h, dW) by k/16, k = 1..16, starting from the slopes found for k-1. Lanes that rung 2 solved
-   !> rest, and so does a lane from the first k on that fails. dq and dp are sums of the slopes of k = 16.
+   !> Rung 3: scale (h, dW) by k/16, k = 1..16, starting from the slopes found for k-1. Lanes that rung 2 solved are
+   !> skipped, and so is a lane after the first k at which it fails. dq and dp are sums of the slopes of k = 16.
    subroutine continue_increments(self, n, step, lane_status)
       type(rescue_type), intent(inout), target :: self
-      integer, intent(in) :: n    !! lanes in use
+      integer, intent(in) :: n    !! number of lanes used
       type(step_record), intent(in) :: step
       integer(i8), intent(inout) :: lane_status(lane_unit)
       type(step_record) :: fraction
       integer :: k
 
-      ! Times and nodes of the whole step, with other weights.
+      ! Times and nodes of the whole step, with scaled weights.
       fraction = step
       fraction%w(1:, 0:) => self%part
       lane_status(:n) = merge(0_i8, int(nonfinite, i8), lane_status(:n) /= 0)  ! try only lanes left by rung 2
@@ -205,7 +205,7 @@ contains
       call self%stepper%add_up(self%p, self%dq, self%dp)
    end subroutine continue_increments
 
-   !> Add the counters. Lanes that fail here failed before, and count as one failure.
+   !> Add the counters. Lanes that fail here have failed in the step before, and count as one failure.
    subroutine tally(self, total)
       class(rescue_type), intent(in) :: self
       type(counters_type), intent(inout) :: total
@@ -214,13 +214,13 @@ contains
       call add_counters(total, self%counters)
       if (.not. allocated(self%stepper)) return
       own = self%stepper%ham%counters
-      ! Everything else that the general stepper has counted was work for this run.
+      ! All other counts of the general stepper are work of this run.
       own%failures = 0
       call add_counters(total, own)
    end subroutine tally
 
-   !> Hand back the increments of lanes whose lane_status is ok, with status 0; `saved` is their number. Other lanes
-   !> keep the status of rung 1: a run reports the outcome of the scheme's own solver.
+   !> Copy the increments of lanes whose lane_status is ok to the block, with status 0; `saved` is their number. Other
+   !> lanes keep the status of rung 1: a run reports the outcome of the scheme's own solver.
    subroutine keep(self, n, lanes, lane_status, dq, dp, status, saved)
       type(rescue_type), intent(in) :: self
       integer, intent(in) :: n, lanes(n)

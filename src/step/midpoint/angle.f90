@@ -3,11 +3,11 @@
 !>
 !>    Hhat_q = a sin q + (b cos q + (c q + d)),   Hhat_qq = a cos q + (c - b sin q),   Hhat_p = e p,   Hhat_pp = e
 !>
-!> with `terms` = (a, b, c, d, e), which depend on h, t and dW but not on (q, p): a step asks for them once, and
-!> every iteration takes one sine and one cosine.
+!> with `terms` = (a, b, c, d, e), which depend on h, t and dW but not on (q, p): a step evaluates them once, and every
+!> iteration takes one sine and one cosine.
 !>
-!> This is a module of its own, since where callers saw its products the compiler would contract them with their
-!> sums, and a path by itself would have other bits than one of a block, whose numbers come from memory.
+!> This is a separate module because the compiler would otherwise contract these products with sums of the callers, and
+!> a single path would have other bits than a path of a block, whose numbers come from memory.
 module symsde_step_midpoint_angle
    use symsde_base_kinds, only: wp
    use symsde_base_sincos, only: sincos_one
@@ -40,7 +40,7 @@ contains
       hpp = terms%e
    end subroutine find_angle_velocity
 
-   !> All four at the point (q, p), by one call.
+   !> All four functions at the point (q, p), by one call.
    subroutine find_angle_point(terms, q, p, hq, hp, hqq, hpp)
       type(angle_terms), intent(in) :: terms
       real(wp), intent(in) :: q, p

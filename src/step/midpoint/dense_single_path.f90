@@ -1,7 +1,7 @@
 ! SPDX-License-Identifier: BSD-3-Clause
 !> The eliminated midpoint of a single path by matrices or by fixed-point iterations: dense.inc with one lane. The
-!> kernels and the Newton iteration come by `include`, not by `use`: the compiler inlines procedures of the same
-!> module in its loops, and an iteration of two unknowns takes as long as a handful of calls. Private to its family.
+!> kernels and the Newton iteration come by `include`, not by `use`, since the compiler inlines procedures of the same
+!> module in its loops, and an iteration of two unknowns takes only as long as a few calls. Private to its family.
 module symsde_step_midpoint_dense_single_path
    use symsde_base_counters, only: counters_type
    use symsde_base_kinds, only: wp, i8

@@ -3,17 +3,17 @@
 !>
 !>    V + Hhat_q(base + (h/4) V) = 0,   base = q_n + (h p_n + g)/2,   dp = V,   dq = h (p_n + V/2) + g
 !>
-!> The derivation stands in the body, eliminated.inc. Here is what solves the equation of V, and which lanes of a
-!> block go together.
+!> The derivation is in the body, eliminated.inc. This file chooses the part that solves the equation of V, and the
+!> lanes of a block that are taken together.
 !>
-!> Matrices and products take all lanes of a block at once. A chain whose model gives its rows is taken strip by
-!> strip, strip_lanes lanes through the whole step, since a strip of a long chain fits in the cache and a block does
-!> not. Where rows are eliminated, states are moved at once (`move`) instead of by increments, while (q, p) of these
-!> lanes are in cache.
+!> Matrices and products take all lanes of a block at once. A chain whose model gives its rows is taken strip by strip,
+!> strip_lanes lanes through the whole step, since a strip of a long chain fits in the cache and a block does not. If
+!> rows are eliminated, states are advanced directly (`move`) instead of by increments, while (q, p) of these lanes are
+!> in cache.
 !>
-!> A strip goes through a step in this order: its weights are copied (slice_lanes), V is found (solve_for_v), and then
-!> either its increments (finish_increments) or its new states (move_together). What remains of a block that is no
-!> whole number of strips is filled up with copies (fill_up).
+!> Order of a strip's step: its weights are copied (slice_lanes), V is found (solve_for_v), and then either its
+!> increments (finish_increments) or its new states (move_together). Remaining lanes of a block that do not fill a strip
+!> are filled up with copies (fill_up).
 module symsde_step_midpoint_eliminated
    use symsde_base_kinds, only: wp, i8
    use symsde_base_record, only: step_record
@@ -37,18 +37,18 @@ module symsde_step_midpoint_eliminated
    public :: midpoint_stepper, midpoint_fits, new_midpoint_stepper, midpoint_serves, choose_way
    public :: by_matrix, by_rows, by_products
 
-   integer, parameter :: by_matrix = 1, by_rows = 2, by_products = 3  !! what solves
+   integer, parameter :: by_matrix = 1, by_rows = 2, by_products = 3  !! ways of solving
    integer, parameter :: unit = lane_unit    !! lanes of a vector
-   integer(i8), parameter :: copy_rests = 1  !! status of the copies that fill up lanes: any but 0
+   integer(i8), parameter :: copy_rests = 1  !! status of copies that fill up lanes: any code but 0
 
-   !> The stepper: the equation of the lanes that go together, the part that solves it, and room for a strip where a
-   !> block is taken strip by strip.
+   !> The stepper: the equation of the lanes that are taken together, the part that solves it, and arrays for a strip if
+   !> a block is taken strip by strip.
    type, extends(stepper_type) :: midpoint_stepper
       private
       class(midpoint_part), allocatable :: part
       type(midpoint_equation) :: eq            !! equation of the lanes that step together
-      logical :: has_shift = .false.           !! additive noise moves the positions: g /= 0
-      real(wp), allocatable :: extent(:)       !! the largest of q and p in a lane, where states are moved (eq%nlane)
+      logical :: has_shift = .false.           !! whether additive noise moves the positions: g /= 0
+      real(wp), allocatable :: extent(:)       !! the largest |q| and |p| in a lane, if states are moved (eq%nlane)
       real(wp), allocatable :: shift(:, :)     !! g (eq%nlane, ndof)
       real(wp), allocatable :: w(:, :)         !! w of these lanes, if not all step together (eq%nlane, 0:nnoise)
       real(wp), allocatable, dimension(:, :) :: q, p, dq, dp  !! copies of some lanes (eq%nlane, ndof)
@@ -63,16 +63,16 @@ contains
    include 'eliminated.inc'
    include '../../solve/all_lanes.inc'
 
-   !> Whether this stepper executes the task: the plain midpoint rule, with neither brackets nor correction, for H =
-   !> p.p/2 + U(q) with noise in position or additive.
+   !> Whether this stepper executes the task: the plain midpoint rule without brackets or correction, for H = p.p/2 +
+   !> U(q) with noise in position or additive.
    logical function midpoint_fits(task) result(fits)
       type(stepper_task), intent(in) :: task
 
       fits = task%is_plain() .and. task%scheme%is_midpoint() .and. midpoint_serves(task%model, task%newton)
    end function midpoint_fits
 
-   !> Whether momenta are eliminated and the rest is solved by matrices or rows. Models solved by products are left
-   !> to step/stages/stepper, which iterates first.
+   !> Whether momenta are eliminated and the remaining equations are solved by matrices or rows. Models solved by
+   !> products are left to step/stages/stepper, which iterates first.
    pure logical function midpoint_serves(model, options)
       class(model_type), intent(in) :: model
       type(newton_options), intent(in) :: options
@@ -80,10 +80,9 @@ contains
       midpoint_serves = model%traits%eliminates_momenta() .and. choose_way(model, options) /= by_products
    end function midpoint_serves
 
-   !> How to solve the systems (I + (h/4) K) d = r of a model: by rows if K is tridiagonal, by products if it is
-   !> dense and large, else by matrices. Rows need second derivatives from the model: if these are differences of
-   !> gradients, step/midpoint/dense sweeps before it forms any. Damping and a given number of iterations need
-   !> matrices.
+   !> How to solve the systems (I + (h/4) K) d = r of a model: by rows if K is tridiagonal, by products if it is dense
+   !> and large, else by matrices. Rows need second derivatives of the model: if these are differences of gradients,
+   !> step/midpoint/dense sweeps before it forms any. Damping and a given number of iterations need matrices.
    pure integer function choose_way(model, options) result(way)
       class(model_type), intent(in) :: model
       type(newton_options), intent(in) :: options
@@ -91,7 +90,7 @@ contains
       way = by_matrix
       if (.not. options%is_free()) return
       associate (t => model%traits)
-         ! Two unknowns are a matrix of closed form: rows pay from three on.
+         ! Two unknowns have a matrix in closed form, so rows pay from three unknowns on.
          if (t%bandwidth == 1 .and. t%ndof > 2 .and. .not. differences_alone(model)) then
             way = by_rows
          else if (does_without_matrices(t, t%ndof, options)) then
@@ -100,8 +99,8 @@ contains
       end associate
    end function choose_way
 
-   !> Allocate copies of the states and weights of a strip, where states are moved or the last strip of a block is not
-   !> full. This waits for the first step, as the arrays of the equation do.
+   !> Allocate copies of the states and weights of a strip, if states are moved or the last strip of a block is not
+   !> full. Done in the first step, as for the arrays of the equation.
    subroutine make_room_of_strips(self)
       type(midpoint_stepper), intent(inout) :: self
 
@@ -113,8 +112,8 @@ contains
       end associate
    end subroutine make_room_of_strips
 
-   !> Increments of all lanes, strip by strip if strips step together. eq%nreal is the number of real paths in a
-   !> strip, which counters count.
+   !> Increments of all lanes, strip by strip if strips are taken together. eq%nreal is the number of real paths in a
+   !> strip, for the counters.
    subroutine increment(self, step, q, p, dq, dp, status)
       class(midpoint_stepper), intent(inout) :: self
       type(step_record), intent(in) :: step
@@ -127,13 +126,13 @@ contains
       call begin(self, step)
       associate (nlane => self%ham%nlane, together => self%eq%nlane)
          if (together == nlane) then
-            ! Matrices and products: one group of lanes, which is the block itself.
+            ! Matrices and products: one group of lanes, the block itself.
             self%eq%nreal = self%ham%nreal
             call step_together(self, nlane, 0, step%w, q, p, dq, dp, status)
             return
          end if
-         ! Whole strips first. Weights of a strip are copied, since the model reads them as one array; states are
-         ! read in place.
+         ! Whole strips first. Weights of a strip are copied, since the model reads them as one array; states are read
+         ! in place.
          do before = 0, nlane - together, together
             self%eq%nreal = max(0, min(together, self%ham%nreal - before))
             call slice_lanes(nlane, self%ham%nnoise + 1, before, together, step%w, self%w)
@@ -141,13 +140,13 @@ contains
             call step_together(self, nlane, before, self%w, q, p, dq, dp, status(before + 1))
             call self%ham%widen()
          end do
-         ! The loop has left `before` behind the last whole strip.
+         ! After the loop `before` is the number of lanes in whole strips.
          if (before < nlane) call fill_up(self, before, step%w, q, p, dq, dp, status)
       end associate
    end subroutine increment
 
-   !> Update (q, p) strip by strip, in cache: the sums that the caller would form from increments are formed here,
-   !> with the same bits (step/midpoint/update). There is no remainder where states are moved.
+   !> Update (q, p) strip by strip, in cache: the sums that the caller would form from increments are formed here, with
+   !> the same bits (step/midpoint/update). If states are moved, strips fill the block.
    subroutine move(self, step, q, p, status)
       class(midpoint_stepper), intent(inout) :: self
       type(step_record), intent(in) :: step
@@ -173,11 +172,11 @@ contains
       end associate
    end subroutine move
 
-   !> Take the last lanes of a block, too few for a strip. The strip is filled up with copies of the very last lane,
-   !> which are given a status and so rest in every iteration.
+   !> Take the last lanes of a block, too few for a strip. The strip is filled up with copies of the last lane, which
+   !> get a status so that every iteration skips them.
    subroutine fill_up(self, before, w, q, p, dq, dp, status)
       class(midpoint_stepper), intent(inout) :: self
-      integer, intent(in) :: before   !! lanes that are done
+      integer, intent(in) :: before   !! number of lanes done before
       real(wp), intent(in) :: w(self%ham%nlane, 0:self%ham%nnoise)
       real(wp), intent(in) :: q(self%ham%nlane, self%ham%ndof), p(self%ham%nlane, self%ham%ndof)
       real(wp), intent(inout) :: dq(self%ham%nlane, self%ham%ndof), dp(self%ham%nlane, self%ham%ndof)
@@ -192,8 +191,8 @@ contains
             self%q(lane, :) = q(last, :)
             self%p(lane, :) = p(last, :)
          end do
-         ! Lanes of the block keep their status; the copies have the status copy_rests, so that they are neither
-         ! solved nor counted.
+         ! Lanes of the block keep their status; the copies have the status copy_rests, so that they are neither solved
+         ! nor counted.
          lane_status = copy_rests
          lane_status(:left) = status(before + 1:)
          self%eq%nreal = max(0, min(left, self%ham%nreal - before))
@@ -220,12 +219,12 @@ contains
       associate (eq => self%eq, n => self%eq%n, together => self%eq%nlane, first => before + 1, &
                  last => before + self%eq%nlane)
          ! |q + h (p + V/2)| and |p + V| are at most (extent + |V|) (1 + |h|), with extent the largest of |q| and |p|.
-         ! Where that is not far from overflow, or where a lane needs dq as its unknown, increments of the whole strip
-         ! are formed in copies, and their sums looked at. The negation lets a NaN through to this closer look. base
-         ! and x are free afterwards and take the new states.
+         ! If this bound is near overflow, or a lane needs dq as its unknown, increments of the whole strip are formed
+         ! in copies, and their sums tested. Because of the negation NaN leads to this test too. base and x are free
+         ! afterwards and receive the new states.
          if (eq%noncontracting .or. &
              .not. maxval(self%extent + self%part%newton%size)*(1 + abs(eq%h)) <= 0.1_wp*huge(eq%h)) then
-            ! Copy the old states: (q, p) of the block are written below, lane by lane.
+            ! Copy the old states, since (q, p) of the block are overwritten below, lane by lane.
             self%q = q(first:last, :)
             self%p = p(first:last, :)
             call finish_increments(self, together, 0, w, self%q, self%p, self%dq, self%dp, status)

@@ -3,12 +3,11 @@
 !>
 !>    V + Hhat_q(q_n + (h p_n + g)/2 + h V/4) = 0,   dp = V,   dq = h (p_n + V/2) + g
 !>
-!> A path has the bits that it has in a block. Where (h omega)^2/4 > 1 it goes on with dq as its unknown, as a lane
-!> does.
+!> A path has the bits that it has in a block. If (h omega)^2/4 > 1 it continues with dq as its unknown, like a lane.
 !>
-!> Scalars written out by hand, which stood here before, took less time: one or two unknowns take 1.1 to 1.2 times as
-!> long as by them (henon_heiles 82 ns a step instead of 69), eight and more 1.0 to 1.1 times. An iteration calls three
-!> procedures that are found at run time or are not inlined, and its numbers go through memory.
+!> Earlier code with scalars written out by hand was faster: one or two unknowns now take 1.1 to 1.2 times as long
+!> (henon_heiles 82 ns a step instead of 69), eight and more 1.0 to 1.1 times. An iteration calls three procedures that
+!> are dispatched at run time or not inlined, and its numbers go through memory.
 module symsde_step_midpoint_eliminated_single_path
    use symsde_base_kinds, only: wp, i8
    use symsde_base_record, only: step_record
@@ -33,9 +32,9 @@ module symsde_step_midpoint_eliminated_single_path
    type, extends(stepper_type) :: midpoint_stepper
       private
       class(midpoint_part), allocatable :: part
-      type(midpoint_equation) :: eq            !! of the one lane
-      logical :: has_shift = .false.           !! additive noise moves the positions: g /= 0
-      real(wp), allocatable :: extent(:)       !! not allocated: states of a block are moved
+      type(midpoint_equation) :: eq            !! equation of the one lane
+      logical :: has_shift = .false.           !! whether additive noise moves the positions: g /= 0
+      real(wp), allocatable :: extent(:)       !! not allocated: only states of a block are moved
       real(wp), allocatable :: shift(:, :)     !! g (eq%nlane, ndof)
    contains
       procedure :: make
@@ -47,15 +46,15 @@ contains
    include 'eliminated.inc'
    include '../../solve/one_lane.inc'
 
-   !> dq and dp of the path (1, ndof): the equation is set for this step, and the part solves it. There are no strips
-   !> to go through and no copies to make; the only lane is a real path, so that everything is counted.
+   !> dq and dp of the path (1, ndof): set up the equation for this step, and let the part solve it. There are no strips
+   !> and no copies; the only lane is a real path, so that everything is counted.
    subroutine increment(self, step, q, p, dq, dp, status)
       class(midpoint_stepper), intent(inout) :: self
       type(step_record), intent(in) :: step
       real(wp), intent(in) :: q(self%ham%nlane, self%ham%ndof), p(self%ham%nlane, self%ham%ndof)
       real(wp), intent(out) :: dq(self%ham%nlane, self%ham%ndof), dp(self%ham%nlane, self%ham%ndof)
       integer(i8), intent(inout) :: status(self%ham%nlane)
-      real(wp), pointer, contiguous :: w(:, :)  ! a name that gfortran 12 knows to be contiguous
+      real(wp), pointer, contiguous :: w(:, :)  ! a name that gfortran 12 recognises as contiguous
 
       call begin(self, step)
       w => step%w

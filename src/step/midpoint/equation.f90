@@ -1,5 +1,5 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> The equation of the midpoint rule whose momenta are eliminated, and what solves it.
+!> The equation of the midpoint rule with eliminated momenta, and the interface of the parts that solve it.
 !>
 !> Both unknowns of step/midpoint/eliminated, V = dp and dq, obey
 !>
@@ -8,19 +8,19 @@
 !>    x = V     base = q_n + (h p_n + g)/2   c = h/4    f = Hhat_q
 !>    x = dq    base = q_n                   c = 1/2    f = (h/2) Hhat_q - (h p_n + g)
 !>
-!> where g is the part of Hhat_p that additive noise makes. The derivative by x is the same in both cases, for V
-!> since c = h/4, for dq since c = 1/2 stands beside the factor h/2 of f. So one residual, one matrix and one way to
-!> solve serve both.
+!> where g is the part of Hhat_p from additive noise. The derivative with respect to x is the same in both cases, for V
+!> since c = h/4, for dq since c = 1/2 is multiplied by the factor h/2 of f. So one residual, one matrix and one way to
+!> solve serve both unknowns.
 !>
-!> A part takes the equation of some lanes and finds x by Newton's iteration
+!> A part gets the equation of some lanes and finds x by Newton's iteration
 !>
 !>    x <- x - (I + (h/4) K(Q))^{-1} (x + f(Q)),   Q = base + c x,   K = Hhat_qq,
 !>
-!> and how it solves these linear systems is all that the parts differ in: step/midpoint/dense eliminates matrices,
-!> step/midpoint/tridiagonal the rows of a chain, and step/midpoint/krylov multiplies by K alone.
+!> and the parts differ only in how they solve these linear systems: step/midpoint/dense eliminates matrices,
+!> step/midpoint/tridiagonal the rows of a chain, and step/midpoint/krylov uses only products with K.
 !>
-!> The equation is a type of its own, apart from the parts, because the stepper sets it up (base, c, drift) and the
-!> part only reads it, but for x and the rate.
+!> The equation is a separate type, because the stepper sets it up (base, c, drift) and the part only reads it, except
+!> for x and the rate.
 !>
 !> Private to its family.
 module symsde_step_midpoint_equation
@@ -33,28 +33,28 @@ module symsde_step_midpoint_equation
    public :: midpoint_equation, midpoint_part
    public :: position, correct_pair, weigh_force
 
-   !> The equations of the lanes that are taken through a step together.
-   !> Its arrays hold lanes in the first index, so that a kernel runs over them in vectors. The stepper sets h, t, c,
-   !> base and drift, and the part finds x and the rate.
+   !> The equations of the lanes that are taken through a step together. Arrays have the lane as the first index, so
+   !> that kernels run over lanes in vectors. The stepper sets h, t, c, base and drift, and the part finds x and the
+   !> rate.
    type :: midpoint_equation
-      integer :: nlane = 0, n = 0, m = 0         !! lanes, degrees of freedom, noises
+      integer :: nlane = 0, n = 0, m = 0         !! numbers of lanes, degrees of freedom, noises
       integer :: nreal = 0                       !! real paths among the lanes, for the counters
-      logical :: for_dq = .false.                !! the unknown is dq, else V
-      real(wp) :: h = 0, t = 0                   !! step, and time of the middle
+      logical :: for_dq = .false.                !! whether the unknown is dq, else V
+      real(wp) :: h = 0, t = 0                   !! step, and time of its middle
       real(wp) :: c = 0
       real(wp), allocatable :: base(:, :)        !! rows 0 and n+1 are zero (nlane, 0:n+1)
       real(wp), allocatable :: x(:, :)           !! the unknown (nlane, n)
       real(wp), allocatable :: drift(:, :)       !! h p_n + g, set for dq (nlane, n)
-      real(wp), allocatable :: still(:, :)       !! zero: the momentum for which the force is asked (nlane, n)
-      logical :: noncontracting = .false.        !! in the equation of V: the rate is above one in some lane
-      real(wp), allocatable :: rate(:)           !! then (h omega)^2/4 of each lane, about (nlane)
+      real(wp), allocatable :: still(:, :)       !! zero momenta for calls of the model (nlane, n)
+      logical :: noncontracting = .false.        !! for V: whether the rate is above one in some lane
+      real(wp), allocatable :: rate(:)           !! then about (h omega)^2/4 of each lane (nlane)
    contains
       procedure :: make_room
       procedure :: starts
       procedure :: weigh
    end type midpoint_equation
 
-   !> A way to solve the equation. Its Newton iteration has the counts, stopping test and options of all steppers.
+   !> A way to solve the equation. Its Newton iteration has the counters, stopping test and options of all steppers.
    type, abstract :: midpoint_part
       type(newton_type) :: newton
    contains
@@ -63,7 +63,7 @@ module symsde_step_midpoint_equation
    end type midpoint_part
 
    abstract interface
-      !> Make it ready for nlane lanes of a model: its Newton iteration, and room.
+      !> Prepare the part for nlane lanes of a model: its Newton iteration and arrays.
       subroutine make_interface(self, model, nlane, options)
          import :: midpoint_part, model_type, newton_options
          class(midpoint_part), intent(inout) :: self
@@ -72,21 +72,21 @@ module symsde_step_midpoint_equation
          type(newton_options), intent(in) :: options
       end subroutine make_interface
 
-      !> x by Newton's iteration, from V = 0 or from the dq that V gave; the first one for V notes the rate.
+      !> Find x by Newton's iteration, from V = 0 or from the dq of V; the first iteration for V sets the rate.
       subroutine solve_interface(self, ham, eq, w, status)
          import :: midpoint_part, midpoint_equation, one_step_hamiltonian, wp, i8
          class(midpoint_part), intent(inout) :: self
          type(one_step_hamiltonian), intent(inout) :: ham    !! model and counters
          type(midpoint_equation), intent(inout) :: eq
          real(wp), intent(in) :: w(eq%nlane, 0:eq%m)
-         integer(i8), intent(inout) :: status(eq%nlane)      !! 0, or a code that freezes the lane
+         integer(i8), intent(inout) :: status(eq%nlane)      !! 0, or a code: the lane is skipped
       end subroutine solve_interface
    end interface
 
 contains
 
-   !> Make room for the lanes. Rows 0 and n+1 of base stay zero: a chain reads neighbours there, which its ends
-   !> lack.
+   !> Allocate the arrays of the lanes. Rows 0 and n+1 of base stay zero, where a chain reads the missing neighbours of
+   !> its ends.
    subroutine make_room(self)
       class(midpoint_equation), intent(inout) :: self
 
@@ -96,8 +96,8 @@ contains
       end associate
    end subroutine make_room
 
-   !> Whether this is the first iteration for V. There x = 0, so Q = base needs no pass, and the Hessian at this
-   !> point gives the rate. The iteration for dq begins with the dq of V instead.
+   !> Whether this is the first iteration for V. There x = 0, so Q = base needs no pass, and the Hessian at this point
+   !> gives the rate. The iteration for dq starts from the dq of V instead.
    pure logical function starts(self, newton)
       class(midpoint_equation), intent(in) :: self
       type(newton_type), intent(in) :: newton
@@ -105,7 +105,7 @@ contains
       starts = newton%iteration == 0 .and. .not. self%for_dq
    end function starts
 
-   !> Make f of the present unknown from Hhat_q, in rows first .. last of all lanes; for V it is Hhat_q itself.
+   !> Turn Hhat_q into f of the current unknown, in rows first .. last of all lanes; for V it is Hhat_q itself.
    subroutine weigh(self, first, last, f)
       class(midpoint_equation), intent(in) :: self
       integer, intent(in) :: first, last

@@ -3,8 +3,8 @@
 !>
 !>    F = Hhat_p(Q, P),   G = -Hhat_q(Q, P),   Q = q_n + F/2,   P = p_n + G/2,   dq = F,   dp = G
 !>
-!> A path has the bits that it has in a block. Its sweeps read weights and state where they are: a block copies those
-!> of the few lanes that it takes together, so that they stay in cache, and a path by itself is no more than that.
+!> A path has the bits that it has in a block. Its sweeps read weights and state in place: a block copies those of the
+!> few lanes taken together, so that they stay in cache, but a single path needs no copies.
 module symsde_step_midpoint_full_single_path
    use symsde_base_kinds, only: wp, i8
    use symsde_base_lanes, only: lane_unit, lanes_together

@@ -1,15 +1,15 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> The eliminated midpoint without matrices, for many degrees of freedom and dense Hessians. In the letters of
+!> The eliminated midpoint without matrices, for many degrees of freedom and dense Hessians. In the notation of
 !> step/midpoint/equation an iteration is
 !>
 !>    r = x + f(Q),  Q = base + c x;   A d = r  with  A v = v + (h/4) Hhat_qq(Q) v;   x <- x - d
 !>
-!> GMRES (step/implicit/newton_krylov) finds d from a few products A v, as many as the goal of the iteration takes.
-!> Each is a product with the Hessian, or the difference of two gradients; a matrix would take ndof of them, and
+!> GMRES (step/implicit/newton_krylov) finds d from a few products A v, as many as the goal of the iteration requires.
+!> Each is a product with the Hessian, or the difference of two gradients; a matrix would take ndof products, and
 !> ndof^3/3 operations to eliminate.
 !>
-!> A is close to I where (h omega)^2/4 is small, so that few products do. The iteration ends by the test of all
-!> others: the root is that of the parts with matrices.
+!> A is close to I if (h omega)^2/4 is small, so that few products suffice. The iteration ends by the same test as all
+!> others, so its root is that of the parts with matrices.
 !>
 !> Private to its family.
 module symsde_step_midpoint_krylov
@@ -37,7 +37,7 @@ module symsde_step_midpoint_krylov
 
 contains
 
-   !> Room for nlane lanes and two degrees of freedom or more, without matrices: of Newton's iteration its test alone
+   !> Allocate for nlane lanes and two degrees of freedom or more, without matrices; only the test of Newton's iteration
    !> is used.
    subroutine make(self, model, nlane, options)
       class(krylov_midpoint), intent(inout) :: self
@@ -52,8 +52,8 @@ contains
       end associate
    end subroutine make
 
-   !> Find x in lanes without a status, from V = 0 or from the dq of V. step/implicit/newton_krylov has matrix, goal
-   !> and judgement of every iteration; here are the residual x + f and the products.
+   !> Find x in lanes without a status, from V = 0 or from the dq of V. step/implicit/newton_krylov has matrix, goal and
+   !> judgement of every iteration; this procedure computes the residual x + f and the products.
    subroutine solve(self, ham, eq, w, status)
       class(krylov_midpoint), intent(inout) :: self
       type(one_step_hamiltonian), intent(inout) :: ham
@@ -68,7 +68,7 @@ contains
          call newton%start(status)
          do while (newton%running)
             first = eq%starts(newton)
-            ! Residual r = x + f(Q): the force at Q, made the f of this unknown, and x added.
+            ! Residual r = x + f(Q): the force at Q, turned into f of this unknown, plus x.
             call position(nlane*n, eq%c, eq%base(1, 1), eq%x, self%q)
             call ham%bare_gradient(nlane, eq%t, w, self%q, eq%still, hq=self%r)
             ham%counters%gradients = ham%counters%gradients + eq%nreal
@@ -76,7 +76,7 @@ contains
             call add_times(nlane*n, 1.0_wp, eq%x, self%r)
             call products%begin(newton, self%r)
             do while (products%wanted > 0)  ! A = I + (h/4) Hhat_qq
-               ! v_{k+1} = v_k + (h/4) Hhat_qq v_k: the p part of the vector is zero (eq%still), and that of the
+               ! v_{k+1} = v_k + (h/4) Hhat_qq v_k: the p part of the vector is zero (eq%still), and the p part of the
                ! product is not read.
                call ham%bare_product(nlane, products%wanted, eq%t, w, self%q, eq%still, v(:, :, k), eq%still, &
                                      products%uq, products%up)
@@ -84,9 +84,8 @@ contains
                call products%take()
             end do
             call products%finish(newton, eq%x, status, ham%counters)
-            ! |A v| - 1 is at most |(h/4) K v|, so a lane that counts as noncontracting has a rate above one. A
-            ! lane is judged by its own vectors alone: its bits must not depend on how many vectors its neighbours
-            ! need.
+            ! |A v| - 1 is at most |(h/4) K v|, so a lane that counts as noncontracting has a rate above one. A lane is
+            ! judged by its own vectors alone: its bits must not depend on the number of vectors of its neighbours.
             if (first) eq%rate = products%krylov%largest - 1  ! the largest |A v| of vectors of size one
             if (first) eq%noncontracting = any(eq%rate > 1)
          end do

@@ -1,10 +1,10 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> The energy-drift-preserving scheme, whose step has a mean of forces, for blocks of paths:
+!> The energy-drift-preserving scheme, whose step uses a mean of forces, for blocks of paths:
 !>
 !>    F = int_0^1 V'(q_n + s h Psi) ds,   Psi = p_n + g - (h/2) F,   q_{n+1} = q_n + h Psi,   p_{n+1} = p_n + g - h F
 !>
-!> The derivation and the equation of X = Psi - p_n stand in the body, mean_force.inc; matrices and sweeps are those
-!> of step/midpoint/dense. Here is how the scheme is recognised, from the coefficients of its tableau.
+!> The derivation and the equation of X = Psi - p_n are in the body, mean_force.inc; matrices and sweeps are those of
+!> step/midpoint/dense. This file recognises the scheme by the coefficients of its tableau.
 module symsde_step_midpoint_mean_force
    use symsde_base_kinds, only: wp, i8
    use symsde_base_record, only: step_record
@@ -23,7 +23,7 @@ module symsde_step_midpoint_mean_force
    include 'mean_force.inc'
    include '../../solve/all_lanes.inc'
 
-   !> Whether this stepper executes the task: a tableau of averaged forces, H = p.p/2 + V(q), and no noise but
+   !> Whether this stepper executes the task: a tableau of averaged forces, H = p.p/2 + V(q), and either no noise or
    !> additive noise in p.
    logical function mean_force_fits(task) result(fits)
       type(stepper_task), intent(in) :: task

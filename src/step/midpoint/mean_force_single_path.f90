@@ -2,9 +2,9 @@
 !> The energy-drift-preserving scheme for a single path: mean_force.inc with one lane. Its unknown is X = Psi - p_n of
 !> Psi = p_n + g - (h/2) int_0^1 V'(q_n + s h Psi) ds, as in a block, and its bits are those of a block.
 !>
-!> Two degrees of freedom take 1.15 to 1.2 times as long as scalars written out by hand did, chains of eight and more
-!> 1.0 to 1.1 times: the force of each node is found behind two calls, and added up in memory. Sweeps and matrices are
-!> those of step/midpoint/dense_single_path.
+!> Two degrees of freedom take 1.15 to 1.2 times as long as earlier code with scalars written out by hand, chains of
+!> eight and more 1.0 to 1.1 times: the force of each node takes two calls, and is added up in memory. Sweeps and
+!> matrices are those of step/midpoint/dense_single_path.
 module symsde_step_midpoint_mean_force_single_path
    use symsde_base_kinds, only: wp, i8
    use symsde_base_record, only: step_record

@@ -1,24 +1,24 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> Midpoint around the mean of the path, for any H with additive noise: strong order 3/2.
+!> The midpoint rule around the mean of the path, for any H with additive noise: strong order 3/2.
 !>
-!> With x = z + B (W - W_n), B_k the constant field of H_k, z has no noise but a Hamiltonian that depends on time. A
-!> midpoint step of z needs the mean of its gradient over the step. So the path is replaced by its mean, the shift B
-!> dZ/h, and its spread around that by a second difference of H:
+!> With x = z + B (W - W_n), where B_k is the constant field of H_k, z has no noise but a Hamiltonian that depends on
+!> time. A midpoint step of z needs the mean of its gradient over the step. So the path is replaced by its mean, the
+!> shift B dZ/h, and its spread around the mean by a second difference of H:
 !>
 !>    z' = z + h J^{-1} grad H*((z + z')/2 + B dZ/h),   H* = H + (|h|/12) sum_k B_k^T Hess H B_k,
 !>    x_{n+1} = z' + B dW
 !>
-!> with |h|/12 half of the mean square of W - W_n - dZ/h. That is the midpoint rule for H* between two constant
-!> shifts: symplectic for every h, dW, dZ. It is computed in this order: x + B dZ/h, the step of H* from there, which
-!> gives its increments, and B dW added to these.
+!> with |h|/12 half of the mean square of W - W_n - dZ/h. This is the midpoint rule for H* between two constant shifts:
+!> symplectic for every h, dW, dZ. Order of computation: x + B dZ/h, the step of H* from there, which gives its
+!> increments, and B dW added to these.
 !>
-!> Where B changes in time it is taken at the middle of the step, B dW becomes B dW + c, c = -(B_{n+1} - B_n)
-!> (dZ/h - dW/2), and B dZ/h, the mean of the shift, B dZ/h + c/2: as much of c before the middle as after it, so the
-!> step is symmetric.
+!> If B changes in time it is evaluated at the middle of the step, B dW becomes B dW + c, c = -(B_{n+1} - B_n) (dZ/h -
+!> dW/2), and B dZ/h, the mean of the shift, becomes B dZ/h + c/2: equal parts of c before and after the middle make the
+!> step symmetric.
 !>
-!> The second difference of H that stands for B^T Hess H B is a Hamiltonian itself (step/hamiltonian/brackets). For
-!> noise in position and H = p.p/2 + U(q) it is constant: the step is then that of step/midpoint/eliminated, which
-!> eliminates momenta. Else the step is that of step/midpoint/full, with the bracket in its Hamiltonian.
+!> The second difference of H that replaces B^T Hess H B is a Hamiltonian itself (step/hamiltonian/brackets). For noise
+!> in position and H = p.p/2 + U(q) it is constant: the step is then that of step/midpoint/eliminated, which eliminates
+!> momenta. Otherwise the step is that of step/midpoint/full, with the bracket in its Hamiltonian.
 module symsde_step_midpoint_mean_path
    use symsde_base_counters, only: counters_type, add_counters
    use symsde_base_functionals, only: path_dz
@@ -43,11 +43,11 @@ module symsde_step_midpoint_mean_path
    !> The stepper: shifts along the fields of the noise, and an inner midpoint stepper of H*.
    type, extends(stepper_type) :: mean_path_stepper
       private
-      type(noise_shift) :: shift                     !! B dW and B dZ
-      logical :: time_dependent = .false.            !! B changes in time
+      type(noise_shift) :: shift                     !! shifts B dW and B dZ
+      logical :: time_dependent = .false.            !! whether B changes in time
       real(wp), allocatable :: drift(:, :)           !! weights h, 0 (nlane, 0:nnoise)
-      class(stepper_type), allocatable :: inner      !! under h H*, without noise
-      type(rescue_type) :: rescue                    !! of its failed lanes
+      class(stepper_type), allocatable :: inner      !! stepper of h H*, without noise
+      type(rescue_type) :: rescue                    !! rescue of the inner stepper's failed lanes
       real(wp), allocatable :: qs(:, :), ps(:, :)    !! x + B dZ/h + c/2, the mean of the path (nlane, ndof)
    contains
       procedure :: make
@@ -57,7 +57,7 @@ module symsde_step_midpoint_mean_path
 
 contains
 
-   !> Make the inner stepper of H* and the shifts around it. A single path has inner steppers of one lane. The
+   !> Make the inner stepper of H* and the shifts around it. For a single path the inner stepper has one lane. The
    !> rescue solves the inner equations: the tableau without dZ would be another scheme.
    subroutine make(self, task)
       class(mean_path_stepper), intent(inout) :: self
@@ -67,7 +67,7 @@ contains
       type(bracket_terms) :: brackets
 
       self%name = 'midpoint, averaged shift'
-      ! The second difference of H is left out if the traits of the model make it constant.
+      ! The second difference of H is omitted if the traits of the model make it constant.
       brackets = active_brackets(bracket_terms(nested=.true.), task%model%traits)
       if (midpoint_serves(task%model, task%newton) .and. .not. brackets%are_added()) then
          self%left_out = 'half of the unknowns: identity mass'
@@ -83,9 +83,9 @@ contains
          call new_midpoint_full_stepper(full, task%model, task%nlane, task%newton, brackets=brackets)
          call move_alloc(full, self%inner)
       end if
-      ! Paths go one by one up to the limit of the inner steppers, and up to the number measured as faster with the
-      ! shifts.
-      self%most_single = min(self%inner%most_single, few_of(task%model%traits%ndof, 3, 6))  ! four take 1.1 of a block
+      ! Paths are taken one by one up to the limit of the inner stepper, and up to the number measured as faster with
+      ! the shifts.
+      self%most_single = min(self%inner%most_single, few_of(task%model%traits%ndof, 3, 6)) ! four: 1.1 of a block's time
       call new_rescue(self%rescue, task, self%inner)
       call new_one_step_hamiltonian(self%ham, task%model, task%nlane, correction_none, 0.0_wp)
       call new_noise_shift(self%shift, task%model, task%nlane)
@@ -97,7 +97,7 @@ contains
    end subroutine make
 
    !> dq and dp: shift the state to the mean of the path, take the step of H*, add the shift of the whole step to the
-   !> increments. B is read at the middle of the step; weigh(a, b) makes weights a dW + b dZ/h.
+   !> increments. B is evaluated at the middle of the step; weigh(a, b) makes weights a dW + b dZ/h.
    subroutine increment(self, step, q, p, dq, dp, status)
       class(mean_path_stepper), intent(inout) :: self
       type(step_record), intent(in) :: step
@@ -112,7 +112,7 @@ contains
       call self%shift%add(self%ham, step%t + 0.5_wp*step%h, 1.0_wp, self%qs, self%ps)
       call add_change(self, step, 0.5_wp, self%qs, self%ps)
       call drift_midpoint(self, step, dq, dp, status)
-      ! The shift of the whole step, B dW + c, goes to the increments of z.
+      ! Add the shift of the whole step, B dW + c, to the increments of z.
       call self%shift%weigh(1.0_wp, 0.0_wp, step)
       call self%shift%add(self%ham, step%t + 0.5_wp*step%h, 1.0_wp, dq, dp)
       call add_change(self, step, 1.0_wp, dq, dp)
@@ -129,7 +129,7 @@ contains
       integer(i8) :: failed(self%ham%nlane)
 
       drift = step
-      ! The rescue tries lanes with failed < 0 alone, which have no status yet.
+      ! The rescue tries only lanes with failed < 0, which have no status yet.
       failed = merge(-1_i8, 1_i8, status == 0)
       self%drift(:, 0) = step%h
       drift%w(1:, 0:) => self%drift
@@ -139,8 +139,8 @@ contains
          call self%rescue%attempt(self%ham%nlane, drift, self%qs, self%ps, failed, dq, dp, status)
    end subroutine drift_midpoint
 
-   !> Add a share of c = -(B_{n+1} - B_n) (dZ/h - dW/2) to (q, p), where B changes in time: the shift with weights
-   !> dW/2 - dZ/h and B at the end of the step, less the one with B at its beginning.
+   !> Add a part of c = -(B_{n+1} - B_n) (dZ/h - dW/2) to (q, p), if B changes in time: the shift with weights dW/2 -
+   !> dZ/h and B at the end of the step, minus the shift with B at its beginning.
    subroutine add_change(self, step, share, q, p)
       type(mean_path_stepper), intent(inout) :: self
       type(step_record), intent(in) :: step

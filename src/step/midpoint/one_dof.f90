@@ -3,7 +3,7 @@
 !>
 !>    F = Hhat_p(Q,P),   G = -Hhat_q(Q,P),   Q = q_n + F/2,   P = p_n + G/2,   dq = F,   dp = G
 !>
-!> A model is asked by one call for all lanes, and lanes that are done are asked for along with the others.
+!> One call of the model evaluates all lanes, including lanes that are done.
 module symsde_step_midpoint_one_dof
    use symsde_base_kinds, only: wp, i8
    use symsde_base_record, only: step_record

@@ -3,9 +3,9 @@
 !>
 !>    F = Hhat_p(Q,P),   G = -Hhat_q(Q,P),   Q = q_n + F/2,   P = p_n + G/2,   dq = F,   dp = G
 !>
-!> The Hamiltonian of one angle is asked for its terms once a step (step/midpoint/angle), with the weights h, dW and
-!> the time of the middle. An iteration then takes one sine and one cosine and calls no model. Any other model is
-!> asked as for a block, by calls for one lane.
+!> For the Hamiltonian of an angle the terms are evaluated once per step (step/midpoint/angle), with the weights h, dW
+!> and the time of the middle. An iteration then takes one sine and one cosine and no call of the model. Any other model
+!> is called as for a block, for one lane.
 module symsde_step_midpoint_one_dof_single_path
    use symsde_base_counters, only: counters_type
    use symsde_base_kinds, only: wp, i8

@@ -1,26 +1,26 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> The eliminated midpoint for chains, where K = Hhat_qq is symmetric and tridiagonal. In the letters of
+!> The eliminated midpoint for chains, for which K = Hhat_qq is symmetric and tridiagonal. In the notation of
 !> step/midpoint/equation an iteration is
 !>
 !>    (I + (h/4) K(Q)) d = x + f(Q),   Q = base + c x;   x <- x - d
 !>
-!> Rows are eliminated from both ends, downwards in an upper front and upwards in a lower one, until the two meet;
-!> from there d is found outwards and x is corrected at once (solve/tridiagonal). Without exchanges of rows: K is
-!> symmetric, and where I + (h/4) K is positive definite elimination is stable. Lanes whose pivots are not trusted are
+!> Rows are eliminated from both ends, downwards in an upper front and upwards in a lower one, until the two meet; from
+!> there d is computed outwards and x is corrected at the same time (solve/tridiagonal). There are no exchanges of rows:
+!> K is symmetric, and elimination is stable if I + (h/4) K is positive definite. Lanes whose pivots are not trusted are
 !> solved with exchanges of rows (solve/one_system).
 !>
-!> Lanes are eliminated in strips whose number of lanes the compiler knows, so that what a row hands to the next one
-!> stays in registers. Where the model gives its rows (chain_rows), a strip takes the whole step alone, in arrays
-!> that stay in the nearest caches, 640 bytes a row, and the rows are eliminated a panel at a time, as they come,
-!> from both ends: neither force nor matrix is ever stored as a whole. Other models are asked for the bands of all
-!> lanes of a block at once, which their calls are better shared by, and are then eliminated in the same strips.
+!> Lanes are eliminated in strips whose number of lanes the compiler knows, so that data passed from row to row stay in
+!> registers. If the model gives its rows (chain_rows), a strip takes the whole step alone, in arrays that stay in the
+!> nearest caches, 640 bytes a row, and the rows are eliminated a panel at a time, as they are computed, from both ends:
+!> neither force nor matrix is ever stored as a whole. For other models the bands of all lanes of a block are evaluated
+!> in one call, since large calls are efficient, and are then eliminated in the same strips.
 !>
 !> An iteration is
 !>
-!>    linearise    f and K in rows first .. last, at Q
-!>    eliminate    these rows, after those before them in their front
-!>    correct      d where the fronts meet, then x <- x - d outwards, with the sizes of d and x
-!>    judge        the stopping test of all lanes
+!> linearise    f and K in rows first .. last, at Q
+!> eliminate    these rows, after those before them in their front
+!> correct      d where the fronts meet, then x <- x - d outwards, with the sizes of d and x
+!> judge        the stopping test of all lanes
 !>
 !> Private to its family.
 module symsde_step_midpoint_tridiagonal
@@ -40,20 +40,20 @@ module symsde_step_midpoint_tridiagonal
    private
    public :: tridiagonal_midpoint
 
-   integer, parameter :: panel = 32  !! rows asked of the model at once
+   integer, parameter :: panel = 32  !! rows evaluated in one call of the model
 
-   !> The part by rows. Arrays of a panel have nlane lanes, one strip if the model gives its rows; elimination
-   !> always works on one strip.
+   !> The part for rows. Arrays of a panel have nlane lanes, one strip if the model gives its rows; elimination always
+   !> works on one strip.
    type, extends(midpoint_part) :: tridiagonal_midpoint
       private
       logical :: gives_rows = .false.
       integer :: nrow = 0                             !! rows evaluated at once: a panel, or all
-      real(wp), allocatable :: q(:, :)                !! Q of these and of three around them (nlane, nrow+3)
+      real(wp), allocatable :: q(:, :)                !! Q of these rows and of three around them (nlane, nrow+3)
       real(wp), allocatable :: hq(:, :), hqq(:, :, :) !! force and stiffness (nlane, 0:nrow), (nlane, 0:1, 0:nrow)
       real(wp), allocatable :: factor(:, :), rhs(:, :)  !! eliminated rows of a strip (strip_lanes, ndof)
       real(wp), allocatable :: x(:, :), f(:, :), k(:, :, :)  !! a strip of a block (strip_lanes, [0:1,] 0:ndof)
-      real(wp) :: fronts(strip_lanes, nfront, 2) = 0  !! rows before, in the upper and lower front
-      real(wp) :: meeting(strip_lanes, 2) = 0         !! corrections where these meet
+      real(wp) :: fronts(strip_lanes, nfront, 2) = 0  !! data of the last rows, in the upper and lower front
+      real(wp) :: meeting(strip_lanes, 2) = 0         !! corrections where the fronts meet
       real(wp) :: trusted(strip_lanes) = 0
    contains
       procedure :: make
@@ -63,7 +63,7 @@ module symsde_step_midpoint_tridiagonal
 contains
 
    !> Make the part for nlane lanes, a multiple of strip_lanes, and equal to strip_lanes if the model gives its
-   !> rows: then one panel of rows is evaluated at a time, else all rows. Room is made at the first step. The
+   !> rows: then one panel of rows is evaluated at a time, else all rows. Arrays are allocated at the first step. The
    !> quadratic stopping test needs rows or Hessian-vector products from the model; other bands do not count as
    !> exact derivatives.
    subroutine make(self, model, nlane, options)
@@ -95,7 +95,7 @@ contains
       allocate (self%x(strip_lanes, n), self%f(strip_lanes, n), self%k(strip_lanes, 0:1, 0:n))
    end subroutine make_room
 
-   !> x of the lanes without a status, by Newton's iteration from V = 0 or from the dq that V gave.
+   !> Find x of the lanes without a status, by Newton's iteration from V = 0 or from the dq of V.
    subroutine solve(self, ham, eq, w, status)
       class(tridiagonal_midpoint), intent(inout) :: self
       type(one_step_hamiltonian), intent(inout) :: ham
@@ -111,9 +111,9 @@ contains
       end do
    end subroutine solve
 
-   !> One Newton iteration of all lanes. There are three ways through the rows: a model with rows whose chain fits in
-   !> a panel is evaluated once and eliminated; a longer one is evaluated and eliminated panel by panel; and for
-   !> bands of a block the strips are copied and eliminated one after the other.
+   !> One Newton iteration of all lanes. There are three cases: a model with rows whose chain fits in a panel is
+   !> evaluated once and eliminated; a longer chain is evaluated and eliminated panel by panel; and for bands of a block
+   !> the strips are copied and eliminated one after the other.
    subroutine iterate(self, ham, eq, w, status)
       type(tridiagonal_midpoint), intent(inout) :: self
       type(one_step_hamiltonian), intent(inout) :: ham
@@ -129,16 +129,16 @@ contains
          call eliminate_all(self, eq, eq%x, self%hq(1, 1), self%hqq)
          call correct(self, ham, eq, w, 0, eq%x, status)
       else if (self%gives_rows) then
-         ! No row stands before the first one of either front.
+         ! No row comes before the first row of either front.
          self%fronts = spread(before_first_row, 3, 2)
-         ! The upper front goes through rows 1 .. h, a panel at a time.
+         ! The upper front runs through rows 1 .. h, a panel at a time.
          do first = 1, h, self%nrow
             last = min(first + self%nrow - 1, h)
             call linearise(self, ham, eq, w, first, last, self%hq(1, 1), self%hqq(1, 0, 1))
             call eliminate(self, eq, first, last, eq%x, self%hq(1, 1), self%hqq)
          end do
-         ! The lower front goes up through the panels of rows h+1 .. n from the last. Each panel needs the row
-         ! above it, too: this row holds the entry that couples the two.
+         ! The lower front runs up through the panels of rows h+1 .. n from the last. Each panel also needs the row
+         ! above it, which holds the entry that couples the two.
          do first = h + 1 + self%nrow*((eq%n - h + self%nrow - 1)/self%nrow - 1), h + 1, -self%nrow
             last = min(first + self%nrow - 1, eq%n)
             call linearise(self, ham, eq, w, first - 1, last, self%hq, self%hqq)
@@ -176,9 +176,8 @@ contains
       end associate
    end subroutine eliminate_all
 
-   !> Eliminate rows first .. last of a strip, after those before them in their front: rows 1 .. upper_rows(n) belong
-   !> to the upper front, the others to the lower one. factor and rhs of these rows are what remains to be solved
-   !> outwards.
+   !> Eliminate rows first .. last of a strip, after those before them in their front: rows 1 .. upper_rows(n) belong to
+   !> the upper front, all others to the lower one. factor and rhs of these rows remain to be solved outwards.
    subroutine eliminate(self, eq, first, last, x, f, k)
       type(tridiagonal_midpoint), intent(inout) :: self
       type(midpoint_equation), intent(in) :: eq
@@ -214,19 +213,18 @@ contains
       call eq%weigh(first, last, hq)
    end subroutine linearise
 
-   !> Correct the unknowns of a strip, x <- x - d, from where its fronts meet, and in the first iteration note the
-   !> rate of its lanes: the largest diagonal entry of I + (h/4) K, less one, which the fronts have found on their
-   !> way.
+   !> Correct the unknowns of a strip, x <- x - d, from where its fronts meet, and in the first iteration set the rate
+   !> of its lanes: the largest diagonal entry of I + (h/4) K minus one, which the fronts have computed.
    subroutine correct(self, ham, eq, w, before, x, status)
       type(tridiagonal_midpoint), intent(inout) :: self
       type(one_step_hamiltonian), intent(inout) :: ham
       type(midpoint_equation), intent(inout) :: eq
       real(wp), intent(in) :: w(eq%nlane, 0:eq%m)
-      integer, intent(in) :: before  !! lanes before the strip
+      integer, intent(in) :: before  !! number of lanes before the strip
       real(wp), intent(inout) :: x(strip_lanes, eq%n)
       integer(i8), intent(inout) :: status(eq%nlane)
 
-      ! d of the two rows where the fronts meet, and the lanes whose pivots are trusted in all rows.
+      ! Solve for d of the two rows where the fronts meet, and find the lanes whose pivots are trusted in all rows.
       call meet_strip(self%fronts(1, 1, 1), self%fronts(1, 1, 2), self%meeting, self%trusted)
       associate (newton => self%newton, first => before + 1, last => before + strip_lanes)
          if (eq%starts(newton)) then
@@ -248,7 +246,7 @@ contains
       real(wp), intent(inout) :: q(eq%nlane, first - 1:last + 1)
       integer :: low, high
 
-      ! Rows that exist are computed, the others are set to zero.
+      ! Compute rows that exist, and set all others to zero.
       low = max(first - 1, 1)
       high = min(last + 1, eq%n)
       call position((high - low + 1)*eq%nlane, eq%c, eq%base(1, low), eq%x(1, low), q(1, low))
@@ -256,8 +254,8 @@ contains
       if (last == eq%n) q(:, eq%n + 1) = 0
    end subroutine place
 
-   !> Hhat_q and the two upper bands of Hhat_qq in rows first .. last: hqq(:, 0, i) is the diagonal and hqq(:, 1, i)
-   !> the entry right of it. Models without rows compute all rows at once.
+   !> Hhat_q and the two upper bands of Hhat_qq in rows first .. last: hqq(:, 0, i) is the diagonal and hqq(:, 1, i) the
+   !> entry to its right. Models without rows compute all rows at once.
    subroutine evaluate(ham, gives_rows, eq, w, first, last, q, hq, hqq)
       type(one_step_hamiltonian), intent(in) :: ham
       logical, intent(in) :: gives_rows
@@ -274,10 +272,10 @@ contains
       end if
    end subroutine evaluate
 
-   !> Solve running lanes of a strip whose pivots are not trusted one by one, with exchanges of rows, from their
-   !> matrix I + c K, c = h/4, which is computed once more, as panels were not kept. Right-hand sides become the
-   !> solution d and factors zero, those of the identity: then the pass outwards, which follows for all lanes, takes
-   !> d as it is. A singular matrix fails the lane.
+   !> Solve running lanes of a strip whose pivots are not trusted one by one, with exchanges of rows. Their matrix I + c
+   !> K, c = h/4, is computed again, as panels were not kept. Right-hand sides become the solution d and factors zero,
+   !> those of the identity, so that the following outward pass for all lanes leaves d unchanged. A lane with a singular
+   !> matrix fails.
    subroutine solve_suspects(self, ham, eq, w, before, status)
       type(tridiagonal_midpoint), intent(inout) :: self
       type(one_step_hamiltonian), intent(inout) :: ham
@@ -299,8 +297,8 @@ contains
          call evaluate(ham, self%gives_rows, eq, w, 1, n, q, r, hqq)
          call eq%weigh(1, n, r)
          if (.not. eq%starts(newton)) call add_times(nlane*n, 1.0_wp, eq%x, r)
-         ! bands(lane, d, i) is entry (i, i+d) of I + c K; K is symmetric, so the lower band is the upper one, a row
-         ! further.
+         ! bands(lane, d, i) is entry (i, i+d) of I + c K; K is symmetric, so the lower band is the upper one, shifted
+         ! by a row.
          bands(:, 0, :) = 1 + c*hqq(:, 0, :)
          bands(:, 1, :) = c*hqq(:, 1, :)
          bands(:, -1, 2:) = bands(:, 1, :n - 1)

@@ -1,12 +1,12 @@
 ! SPDX-License-Identifier: BSD-3-Clause
 !> The eliminated midpoint of a chain for a single path: (I + (h/4) K) d = x + f, x <- x - d, as in
-!> step/midpoint/tridiagonal. K = Hhat_qq is tridiagonal and symmetric: a diagonal and one band beside it are kept.
+!> step/midpoint/tridiagonal. K = Hhat_qq is tridiagonal and symmetric: the diagonal and one band are stored.
 !>
-!> There, for strips of lanes, each row waits for the one before it; here the rows of both ends are eliminated in
-!> turn (solve_lane), in half the time: while the upper front waits for its pivot the lower one goes on.
+!> In strips of lanes each row waits for the row before; here the rows of both ends are eliminated in turn (solve_lane),
+!> in half the time, because one front continues while the other waits for its pivot.
 !>
-!> Force and stiffness of all rows are asked for at once and kept, as one path has room for them. So the few systems
-!> whose pivots are not trusted are solved with exchanges of rows without a second evaluation.
+!> Force and stiffness of all rows are evaluated at once and kept, which takes little memory for one path. So the few
+!> systems whose pivots are not trusted are solved with exchanges of rows without a second evaluation.
 !>
 !> Private to its family.
 module symsde_step_midpoint_tridiagonal_single_path
@@ -27,7 +27,7 @@ module symsde_step_midpoint_tridiagonal_single_path
 
    type, extends(midpoint_part) :: tridiagonal_midpoint
       private
-      real(wp), allocatable, dimension(:) :: q, f, before, factor, rhs  !! Q, f, x before its correction, room (n)
+      real(wp), allocatable, dimension(:) :: q, f, before, factor, rhs  !! Q, f, x before its correction, work (n)
       real(wp), allocatable :: k(:, :)                                  !! Hhat_qq, row 0 is not read (0:1, 0:n)
    contains
       procedure :: make
@@ -61,19 +61,19 @@ contains
       real(wp) :: trusted, largest
 
       associate (n => eq%n, c => 0.25_wp*eq%h, newton => self%newton)
-         ! The iteration for V begins from zero. That for dq goes on from the dq which V gave, with base = q_n and c =
+         ! The iteration for V starts from zero. The iteration for dq starts from the dq of V, with base = q_n and c =
          ! 1/2.
          if (.not. eq%for_dq) eq%x = 0
          call start(newton, status)
          do while (newton%running)
-            ! In the first iteration for V the factor of x is zero: the point is base.
+            ! In the first iteration for V the factor of x is zero, so that the point is base.
             call position(n, merge(0.0_wp, eq%c, eq%starts(newton)), eq%base(1, 1), eq%x, self%q)
             call ham%bare_force_stiffness(1, 1, eq%t, w, self%q, eq%still, self%f, self%k(0, 1))
             call eq%weigh(1, n, self%f)
             self%before = eq%x(1, :)
             call solve_lane(n, c, self%f, self%k, self%factor, self%rhs, eq%x, trusted, largest, newton%step(1), &
                             newton%size(1))
-            ! `largest` is the largest diagonal entry of I + (h/4) K, as in strips.
+            ! `largest` is the largest diagonal entry of I + (h/4) K, as for strips.
             if (eq%starts(newton)) then
                eq%rate = largest - 1
                eq%noncontracting = largest - 1 > 1
@@ -87,8 +87,8 @@ contains
       end associate
    end subroutine solve
 
-   !> Solve (I + c K) d = x + f with exchanges of rows, where pivots are not trusted: x before its
-   !> correction was kept, and the correction of solve_lane is replaced.
+   !> Solve (I + c K) d = x + f with exchanges of rows, if pivots are not trusted: x before its correction was kept, and
+   !> the correction of solve_lane is replaced.
    subroutine solve_suspect(self, ham, eq, status)
       type(tridiagonal_midpoint), intent(inout) :: self
       type(one_step_hamiltonian), intent(inout) :: ham
@@ -100,8 +100,8 @@ contains
       associate (n => eq%n, c => 0.25_wp*eq%h, newton => self%newton)
          r(1, :) = self%f
          call add_times(n, 1.0_wp, self%before, r)
-         ! bands(1, d, i) is entry (i, i+d) of I + c K; K is symmetric, so the lower band is the upper one, a row
-         ! further.
+         ! bands(1, d, i) is entry (i, i+d) of I + c K; K is symmetric, so the lower band is the upper one, shifted by a
+         ! row.
          bands(1, 0, :) = 1 + c*self%k(0, 1:)
          bands(1, 1, :) = c*self%k(1, 1:)
          bands(1, -1, 2:) = bands(1, 1, :n - 1)
@@ -109,12 +109,12 @@ contains
          call solve_banded_lane(1, n, 1, 1, 1, bands, r, info)
          ham%counters%pivoted_solves = ham%counters%pivoted_solves + 1
          if (info /= status_ok) then
-            ! The path has failed, and keeps its x.
+            ! The path has failed and keeps its x.
             r = 0
             call newton%fail(1, int(info, i8), status, ham%counters)
          end if
          eq%x(1, :) = self%before - r(1, :)
-         newton%step(1) = maxval(abs(r)) + 0*sum(r)  ! NaN stays
+         newton%step(1) = maxval(abs(r)) + 0*sum(r)  ! NaN stays NaN
          newton%size(1) = maxval(abs(eq%x))
       end associate
    end subroutine solve_suspect

@@ -1,13 +1,14 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> The states after a step of the midpoint rule, from V = p_{n+1} - p_n, while lanes that went together are in cache:
+!> The states after a step of the midpoint rule, from V = p_{n+1} - p_n, while the lanes taken together are in cache:
 !>
 !>    q_{n+1} = q_n + h (p_n + V/2),   p_{n+1} = p_n + V
 !>
-!> They have the bits of states to which increments are added from memory, dq = h (p_n + V/2) rounded first. So this
-!> file is compiled without contraction: no product is fused with the sum. Contracted sums would be as good, but a
-!> run would have other bits where states are moved than where increments are asked for.
+!> The bits are those of states to which increments from memory are added, with dq = h (p_n + V/2) rounded first.
+!> Therefore this file is compiled without contraction: no product is fused with the sum. Contracted sums would be as
+!> accurate, but a run that moves states would have other bits than one that uses increments.
 !>
-!> Lanes before+1 .. before+together of states of nlane lanes are taken; V and status are those of the strip alone.
+!> Arguments are lanes before+1 .. before+together of states of nlane lanes; V and status have the lanes of the strip
+!> only.
 !>
 !> Private to its family.
 module symsde_step_midpoint_update
@@ -19,7 +20,7 @@ module symsde_step_midpoint_update
 
 contains
 
-   !> VEC q = q + h (p + V/2) and p = p + V in lanes without a status; the others keep their state.
+   !> VEC q = q + h (p + V/2) and p = p + V in lanes without a status; other lanes keep their state.
    pure subroutine add_in_place(nlane, n, before, together, h, v, status, q, p)
       integer, intent(in) :: nlane, n, before, together
       real(wp), intent(in) :: h, v(together, n)

@@ -1,9 +1,9 @@
 ! SPDX-License-Identifier: BSD-3-Clause
 !> The random Hamiltonian of one step with its brackets (step/hamiltonian/brackets), for one degree of freedom.
 !>
-!> With all derivatives of every H_j at a point, brackets there are sums of products: those of order r of {F,G} are made
-!> of those of order r + 1 of F and G. So one evaluation asks the model for the derivatives of each H_j once, up to the
-!> third where it has them, and nested brackets are brackets of brackets:
+!> Given all derivatives of every H_j at a point, brackets are sums of products: derivatives of order r of {F,G} consist
+!> of those up to order r + 1 of F and G. So one evaluation calls the model for the derivatives of each H_j once, up to
+!> the third if it has them, and nested brackets are brackets of brackets:
 !>
 !>    {F,G}   = F_q G_p - F_p G_q
 !>    {F,G}_q = F_qq G_p + F_q G_qp - F_qp G_q - F_p G_qq
@@ -13,18 +13,18 @@
 !>
 !>    h H;   for every noise l: dW_l H_l, c_l {H_l,H}, A_kl {H_l,H_k} for k < l;   for every k: (h|h|/12) {{F,H_k},H_k}
 !>
-!> with c_l = h dW_l/2 - dZ_l and F = H, or H + sum_l (dW_l/h) H_l where brackets are crossed. Where every
-!> H_j = e_j p^2/2 + U_j(q), few of these terms are left (step/one_dof/brackets_kinetic). Models that have no third
-!> derivatives are asked for nested brackets by differences (step/hamiltonian/brackets).
+!> with c_l = h dW_l/2 - dZ_l and F = H, or H + sum_l (dW_l/h) H_l if brackets are crossed. If every H_j = e_j p^2/2 +
+!> U_j(q), only few of these terms remain (step/one_dof/brackets_kinetic). For models without third derivatives nested
+!> brackets are computed by differences (step/hamiltonian/brackets).
 !>
-!> Of the Hessian of {F,G} the second derivatives of F and G give a part, and third derivatives the rest:
+!> In the Hessian of {F,G} the first part comes from second derivatives of F and G, the rest from third derivatives:
 !>
 !>    {F,G}_qq = 2 (F_qq G_qp - F_qp G_qq)  +  F_qqq G_p + F_q G_qqp - F_qqp G_q - F_p G_qqq
 !>    {F,G}_qp = F_qq G_pp - F_pp G_qq      +  F_qqp G_p + F_q G_qpp - F_qpp G_q - F_p G_qqp
 !>    {F,G}_pp = 2 (F_qp G_pp - F_pp G_qp)  +  F_qpp G_p + F_q G_ppp - F_ppp G_q - F_p G_qpp
 !>
-!> The gradient is exact. The Hessian is without what the model does not have, and without fourth derivatives but of
-!> an angle: Newton's iteration finds the same root, and more slowly by the factor that these have in the equations.
+!> The gradient is exact. The Hessian lacks derivatives that the model does not have, and fourth derivatives except for
+!> an angle: Newton's iteration finds the same root, only more slowly, depending on the size of the missing terms.
 !>
 !> Private to its family.
 module symsde_step_one_dof_brackets
@@ -42,28 +42,28 @@ module symsde_step_one_dof_brackets
    private
    public :: single_brackets, new_single_brackets, q_, p_, qq, qp, pp, nplace
 
-   !> Columns of further derivatives. A separable Hamiltonian has two third derivatives, qqq and ppp. A bracket of
-   !> two such has them, too, but they need fourth derivatives and are left out; its other two, qqp and qpp, take
-   !> their columns.
+   !> Columns of further derivatives. A separable Hamiltonian has two third derivatives, qqq and ppp. A bracket of two
+   !> separable Hamiltonians has these too, but they need fourth derivatives and are left out; its other two, qqp and
+   !> qpp, use their columns.
    integer, parameter :: qqq = 6, ppp = 7, qqp = 6, qpp = 7, all = ppp
 
-   !> Data of one evaluation. The derivatives of H_j stand in d(:, :, j), in the order of the columns; d(:, :, 0) is
-   !> H until nested brackets make it F.
+   !> Data of one evaluation. The derivatives of H_j are in d(:, :, j), in the order of the columns; d(:, :, 0) is H
+   !> until nested brackets replace it by F.
    type :: single_brackets
       private
       integer :: nlane = 0, nnoise = 0
-      logical, public :: exact = .false.            !! the Hessian is the derivative of the gradient
-      logical :: thirds = .false.                   !! all third derivatives are asked for: H_j are separable
-      logical :: along = .false.                    !! third derivatives along fields are needed: H_j are not separable
-      integer :: top = nplace                       !! derivatives of H_j that are known
-      logical :: nested = .false.                   !! nested brackets are brackets of brackets
-      logical :: partly = .false.                   !! something is left to step/hamiltonian/brackets
-      integer, public :: asked = 0                  !! gradients and Hessians of the model in one evaluation
-      real(wp) :: times(0:2) = 0                    !! the middle of the step, and its stages
+      logical, public :: exact = .false.            !! whether the Hessian is the derivative of the gradient
+      logical :: thirds = .false.                   !! whether all third derivatives are evaluated: H_j are separable
+      logical :: along = .false.                    !! whether third derivatives along fields are needed: not separable
+      integer :: top = nplace                       !! number of known derivatives of H_j
+      logical :: nested = .false.                   !! whether nested brackets are brackets of brackets
+      logical :: partly = .false.                   !! whether step/hamiltonian/brackets computes a part
+      integer, public :: asked = 0                  !! gradients and Hessians of the model per evaluation
+      real(wp) :: times(0:2) = 0                    !! times of the middle of the step, and of its stages
       real(wp), allocatable, public :: c(:, :)      !! h dW_k/2 - dZ_k; c_0 = 0 (nlane, 0:nnoise)
       real(wp), allocatable, public :: rate(:, :)   !! c/h (nlane, 0:nnoise)
       type(kinetic_brackets), allocatable, public :: kinetic
-      real(wp), allocatable :: unit(:, :, :)        !! weights of H_j alone (nlane, 0:nnoise, 0:nnoise)
+      real(wp), allocatable :: unit(:, :, :)        !! weight one for each H_j (nlane, 0:nnoise, 0:nnoise)
       real(wp), allocatable :: d(:, :, :)           !! derivatives of H_j (nlane, all, 0:nnoise)
       real(wp), allocatable, dimension(:, :) :: b, bb  !! derivatives of {F,G} and of {{F,G},G} (nlane, all)
       real(wp), allocatable :: whole(:, :)          !! weights of F (nlane, 0:nnoise)
@@ -77,8 +77,8 @@ module symsde_step_one_dof_brackets
 
 contains
 
-   !> Make room for the brackets and lanes of `parts`, and settle which derivatives are needed: third ones only if
-   !> nested brackets are active and the model gives them. Kinetic brackets have their own room.
+   !> Allocate for the brackets and lanes of `parts`, and decide which derivatives are needed: third ones only if nested
+   !> brackets are active and the model has them. Kinetic brackets have separate arrays.
    subroutine new_single_brackets(self, parts)
       type(single_brackets), intent(out) :: self
       type(modified_hamiltonian), intent(in) :: parts
@@ -89,19 +89,19 @@ contains
       associate (n => parts%nlane, m => parts%nnoise, traits => parts%model%traits)
          allocate (self%c(n, 0:m), self%rate(n, 0:m), source=0.0_wp)
          self%nested = parts%active%nested .and. has_exact_bracket(traits)
-         ! left to differences, or to other times: derivatives at this point do not give it
+         ! parts by differences, or at other times: derivatives at this point are not sufficient
          self%partly = parts%time_dependent .or. (parts%active%nested .and. .not. self%nested)
          self%exact = traits%quadratic .and. .not. self%partly
          ! H once, and every noise that is not silent once.
          self%asked = 1 + count(parts%noisy)
          if (are_kinetic(parts)) then
-            if (parts%time_dependent) self%asked = 1 + 3*count(parts%noisy)  ! H_k at both ends of the step, too
+            if (parts%time_dependent) self%asked = 1 + 3*count(parts%noisy)  ! also H_k at both ends of the step
             allocate (self%kinetic)
             call new_kinetic_brackets(self%kinetic, parts)
             self%exact = self%exact .or. self%kinetic%angle
             return
          end if
-         ! A separable H_j has two third derivatives, which are computed one by one. Another H_j has four; the
+         ! A separable H_j has two third derivatives, which are computed one by one. Any other H_j has four; the
          ! brackets need them along two fields.
          self%thirds = self%nested .and. .not. traits%quadratic .and. traits%separable
          self%along = self%nested .and. .not. traits%quadratic .and. .not. traits%separable
@@ -122,14 +122,15 @@ contains
       class(single_brackets), intent(inout) :: self
       type(modified_hamiltonian), intent(in) :: parts
       type(step_record), intent(in) :: step
-      real(wp), intent(in) :: c(2)  !! when the stages are
+      real(wp), intent(in) :: c(2)  !! times of the stages, in units of h
       integer :: k
 
-      ! H and noises are taken at the time of the stage, or in the middle for the guess that all stages share.
+      ! H and noises are evaluated at the time of the stage, or in the middle of the step for the guess shared by all
+      ! stages.
       self%times(0) = step%t + 0.5_wp*step%h
       self%times(1) = step%t + c(1)*step%h
       self%times(2) = step%t + c(2)*step%h
-      ! The times, and at these the terms of an angle.
+      ! The times, and the terms of an angle at these times.
       if (allocated(self%kinetic)) call self%kinetic%begin(step, self%times)
       if (.not. parts%active%single) return
       do k = 1, self%nnoise
@@ -139,8 +140,8 @@ contains
       if (parts%time_dependent) self%rate = self%c/step%h
    end subroutine begin
 
-   !> Gradient and Hessian h(:, q_), .., h(:, pp) of all at (q, p), in stage i or, i = 0, in the middle of the step.
-   !> Kinetic brackets have their own way (step/one_dof/brackets_kinetic).
+   !> Gradient and Hessian h(:, q_), .., h(:, pp) of the sum at (q, p), in stage i; for i = 0 in the middle of the step.
+   !> Kinetic brackets have a separate implementation (step/one_dof/brackets_kinetic).
    subroutine evaluate(self, parts, i, step, q, p, h, counters, nreal)
       class(single_brackets), intent(inout) :: self
       type(modified_hamiltonian), intent(inout) :: parts
@@ -152,8 +153,8 @@ contains
       integer, intent(in) :: nreal
 
       associate (t => self%times(i))
-         ! The order is that of the head: derivatives of all H_j first, then single brackets and areas, then nested
-         ! brackets, for which d(:, :, 0) is overwritten, and last what comes from other points and times.
+         ! The order is that of the header: derivatives of all H_j first, then single brackets and areas, then nested
+         ! brackets, which overwrite d(:, :, 0), and last parts from other points and times.
          call ask(self, parts, t, q, p)
          if (self%thirds) counters%hessian_vectors = counters%hessian_vectors + nreal*self%asked
          call add_up(self, parts, step, h)
@@ -164,8 +165,8 @@ contains
       counters%hessians = counters%hessians + nreal*self%asked
    end subroutine evaluate
 
-   !> The derivatives of every H_j from the model, H_j by H_j, with the weights of H_j alone. For one lane a single call
-   !> gives all: it asks for m + 1 lanes that stand at the same point, and lane j has the weights of H_j.
+   !> Evaluate the derivatives of every H_j by the model, one H_j after the other, with weight one for H_j alone. For
+   !> one lane a single call is enough: it has m + 1 lanes at the same point, and lane j has the weights of H_j.
    subroutine ask(self, parts, t, q, p)
       type(single_brackets), intent(inout) :: self
       type(modified_hamiltonian), intent(in) :: parts
@@ -187,8 +188,7 @@ contains
          ! The first slices of `unit` and d belong to H.
          call ask_lanes(model, self%thirds, n, t, self%unit, q, p, self%one, self%d)
          do j = 1, m
-            ! A silent noise keeps the zeros with which d was allocated; so do the third derivatives of additive
-            ! noise.
+            ! For a silent noise d keeps its initial zeros; so do the third derivatives of additive noise.
             if (parts%noisy(j)) &
                call ask_lanes(model, self%thirds .and. .not. model%traits%additive, n, t, self%unit(:, :, j), q, p, &
                               self%one, self%d(:, :, j))
@@ -206,7 +206,7 @@ contains
       real(wp), intent(inout) :: d(n, all)
 
       associate (m => model%traits%nnoise)
-         ! Each derivative has its column in d, so the model writes it in place.
+         ! Each derivative has its column in d, so the model writes directly into it.
          call model%gradient_hessian(n, 1, m, t, w, q, p, d(:, q_), d(:, p_), d(:, qq), d(:, qp), d(:, pp))
          if (thirds) call model%third_derivative(n, 1, m, t, w, q, p, one, one, one, one, d(:, qqq), d(:, ppp))
       end associate
@@ -231,8 +231,8 @@ contains
                call find_bracket(n, self%thirds, d(:, :, l), d, b)
                call add_multiple(n, nplace, self%c(:, l), b, h)
             end if
-            ! Areas belong to pairs k < l, whose derivatives are both in d, so a bracket for each pair costs no call
-            ! of the model.
+            ! Areas belong to pairs k < l, whose derivatives are both in d, so a bracket for each pair needs no call of
+            ! the model.
             if (.not. parts%active%areas) cycle
             do k = 1, l - 1
                if (.not. noisy(k)) cycle
@@ -243,10 +243,10 @@ contains
       end associate
    end subroutine add_up
 
-   !> Add (h|h|/12) sum_k {{F,H_k},H_k}. From here on d(:, :, 0) belongs to F: to H, or, where brackets are crossed, to
-   !> the whole of the step over h. Noises that are additive have a constant field v, and F'''[v,v] is all; others take
-   !> the bracket b = {F,H_k} and the bracket bb = {b,H_k}. Second derivatives of b lack third ones of F and H_k: those
-   !> of separable Hamiltonians are added to them, those of others to the gradient of bb, along the fields.
+   !> Add (h|h|/12) sum_k {{F,H_k},H_k}. From here on d(:, :, 0) belongs to F: to H, or, if brackets are crossed, to the
+   !> whole step divided by h. Additive noises have a constant field v, and only F'''[v,v] remains; other noises use the
+   !> bracket b = {F,H_k} and the bracket bb = {b,H_k}. Second derivatives of b contain third derivatives of F and H_k:
+   !> for separable Hamiltonians these are added to b, for others to the gradient of bb, along the fields.
    subroutine add_nested(self, parts, t, step, q, p, h)
       type(single_brackets), intent(inout) :: self
       type(modified_hamiltonian), intent(in) :: parts
@@ -264,16 +264,16 @@ contains
                if (noisy(k)) call add_multiple(n, self%top, self%whole(:, k), d(:, :, k), d)
             end do
          end if
-         ! The bracket is even in H_k and odd in H, hence h|h|: |h| stands for the square of an increment.
+         ! The bracket is even in H_k and odd in H, hence h|h|: |h| replaces the square of an increment.
          self%factor = step%h*abs(step%h)/12
          do k = 1, self%nnoise
             if (.not. noisy(k)) cycle
             if (parts%model%traits%additive) then
-               ! v is constant, and {{F,H_k},H_k} = F''[v,v] has a gradient of third derivatives alone.
+               ! v is constant, and the gradient of {{F,H_k},H_k} = F''[v,v] has only third derivatives.
                bb = 0
                if (self%thirds) call find_along_constant(n, d, d(:, :, k), bb)
             else
-               ! b = {F,H_k} with two of its third derivatives where F and H_k are separable, then bb = {b,H_k}.
+               ! b = {F,H_k} with two of its third derivatives if F and H_k are separable, then bb = {b,H_k}.
                call find_bracket(n, self%thirds, d, d(:, :, k), b)
                call find_bracket(n, .false., b, d(:, :, k), bb)
                if (self%thirds) call add_mixed_thirds(n, b, d(:, :, k), bb)
@@ -284,8 +284,8 @@ contains
       end associate
    end subroutine add_nested
 
-   !> Add the terms of third derivatives in the gradient of {{F,H_k},H_k}: F'''[v,v] - H_k'''[u,v], u the field of
-   !> F, v the field of H_k. They take two calls of the model for every noise, at this time and point.
+   !> Add the terms of third derivatives in the gradient of {{F,H_k},H_k}: F'''[v,v] - H_k'''[u,v], where u is the field
+   !> of F, v the field of H_k. They take two calls of the model for every noise, at this time and point.
    subroutine add_along(self, parts, t, k, q, p, bb)
       type(single_brackets), intent(inout) :: self
       type(modified_hamiltonian), intent(in) :: parts
@@ -295,7 +295,7 @@ contains
       real(wp), intent(inout) :: bb(self%nlane, all)
 
       associate (n => self%nlane, m => self%nnoise, d => self%d, model => parts%model, v => self%v, g => self%g)
-         ! The fields are there already: v = (H_k,p, -H_k,q), and u = (F_p, -F_q) from the derivatives of F.
+         ! Fields from known derivatives: v = (H_k,p, -H_k,q), and u = (F_p, -F_q).
          v(:, 1) = d(:, p_, k)
          v(:, 2) = -d(:, q_, k)
          call model%third_derivative(n, 1, m, t, self%whole, q, p, v(:, 1), v(:, 2), v(:, 1), v(:, 2), g(:, 1), g(:, 2))
@@ -310,8 +310,7 @@ contains
 
    ! ---- kernels: products are added one after another, since of a sum of two either may be fused -------------------
 
-   !> VEC Add w F to a sum, by derivatives: the first n of F stand in d, in the order of the places q_, p_, qq, qp,
-   !> pp.
+   !> VEC Add w F to a sum, by derivatives: the first n derivatives of F are in d, in the order q_, p_, qq, qp, pp.
    pure subroutine add_multiple(nlane, n, w, d, total)
       integer, intent(in) :: nlane, n
       real(wp), intent(in) :: w(nlane), d(nlane, n)
@@ -330,11 +329,11 @@ contains
       end do
    end subroutine add_multiple
 
-   !> VEC Gradient of {F,G} = F_q G_p - F_p G_q, and what second derivatives have of its Hessian, the first column at
-   !> the head of this file. F may be a bracket itself: no more than its derivatives up to the second are read then.
-   !> With `thirds` F and G are separable, so F_qp = 0 and F_qqp = F_qpp = 0: what third derivatives have of the Hessian
-   !> is added, and third derivatives of {F,G} itself are found:
-   !> {F,G}_qqp = F_qqq G_pp - F_pp G_qqq and {F,G}_qpp = F_qq G_ppp - F_ppp G_qq.
+   !> VEC Gradient of {F,G} = F_q G_p - F_p G_q, and the first part of its Hessian, from second derivatives (see the
+   !> header). F may itself be a bracket, of which only derivatives up to the second are read. With `thirds` F and G are
+   !> separable, so F_qp = 0 and F_qqp = F_qpp = 0: the part of the Hessian from third derivatives is added, and third
+   !> derivatives of {F,G} itself are computed: {F,G}_qqp = F_qqq G_pp - F_pp G_qqq and {F,G}_qpp = F_qq G_ppp - F_ppp
+   !> G_qq.
    pure subroutine find_bracket(nlane, thirds, f, g, b)
       integer, intent(in) :: nlane
       logical, intent(in) :: thirds
@@ -375,7 +374,7 @@ contains
       end do
    end subroutine add_mixed_thirds
 
-   !> VEC The gradient of {{F,G},G} = F''[v,v] where F is separable and the field v = (G_p, -G_q) of G is constant.
+   !> VEC The gradient of {{F,G},G} = F''[v,v] if F is separable and the field v = (G_p, -G_q) of G is constant.
    pure subroutine find_along_constant(nlane, f, g, bb)
       integer, intent(in) :: nlane
       real(wp), intent(in), dimension(nlane, all) :: f, g
@@ -389,7 +388,7 @@ contains
       end do
    end subroutine find_along_constant
 
-   !> a b + c d - e f - g h, summed from the left, one product in each statement.
+   !> a b + c d - e f - g h, summed from left to right, one product in each statement.
    pure real(wp) function difference(a, b, c, d, e, f, g, h) result(r)
       real(wp), intent(in) :: a, b, c, d, e, f, g, h
 
@@ -399,7 +398,7 @@ contains
       r = r - g*h
    end function difference
 
-   !> a b - c d, likewise.
+   !> a b - c d, one product in each statement.
    pure real(wp) function difference_of_two(a, b, c, d) result(r)
       real(wp), intent(in) :: a, b, c, d
 

@@ -7,9 +7,9 @@
 !>
 !> where H_j = e_j p^2/2 + U_j(q).
 !>
-!> A block fills an array with the derivatives U_j' .. U_j'''' of all j and then adds them up. Here the derivatives of
-!> one H_k are local numbers that are added before those of the next are found, so they stay in registers. The order
-!> of all sums is that of a block, and so are the bits.
+!> A block fills an array with the derivatives U_j' .. U_j'''' of all j and then adds them. Here the derivatives of one
+!> H_k are local numbers, added before those of the next are computed, so they stay in registers. The order of all sums
+!> is that of a block, and so the bits are the same.
 !>
 !> Private to its family.
 module symsde_step_one_dof_brackets_angle_single_path
@@ -31,8 +31,8 @@ contains
       lanes = 1
    end function lanes
 
-   !> Gradient and Hessian h = (q_, p_, qq, qp, pp) of all at (q, p), in stage i or, i = 0, in the middle of the step:
-   !> `evaluate` of blocks.
+   !> Gradient and Hessian h = (q_, p_, qq, qp, pp) of the sum at (q, p), in stage i; for i = 0 in the middle of the
+   !> step. Corresponds to `evaluate` of blocks.
    subroutine evaluate_angle(self, parts, i, step, c, rate, q, p, h)
       type(kinetic_brackets), intent(in) :: self
       type(modified_hamiltonian), intent(in) :: parts
@@ -42,7 +42,7 @@ contains
       real(wp), intent(out) :: h(1, nplace)
       real(wp) :: s(1, nplace), g(1, 4), u(1, 4), v(1, 4), sine(1), cosine(1)
       real(wp) :: nested
-      real(wp), pointer, contiguous :: w(:, :)  ! a name that gfortran 12 knows to be contiguous
+      real(wp), pointer, contiguous :: w(:, :)  ! a name that gfortran 12 recognises as contiguous
       integer :: k
 
       w => step%w
@@ -50,20 +50,19 @@ contains
       ! One sine and one cosine serve all noises and all orders of derivatives.
       sine(1) = sincos_one(q(1), cosine(1))
       associate (terms => self%terms, ends => self%ends, e => self%e, noisy => parts%noisy)
-         ! g holds U_0' .. U_0'''' until the end: each noise with H_k depending on p needs them and its own
-         ! derivatives.
+         ! g holds U_0' .. U_0'''' until the end: each noise whose H_k depends on p needs them and its own derivatives.
          call derive_lanes(1, terms(0, i), q, sine, cosine, g)
          call start(1, w(:, 0), e(0), g, p, s)
          do k = 1, self%nnoise
             if (.not. noisy(k)) cycle
             call derive_lanes(1, terms(k, i), q, sine, cosine, u)
-            if (abs(e(k)) > 0) then  ! H_k,p = e_k p: this noise moves q, too
+            if (abs(e(k)) > 0) then  ! H_k,p = e_k p: this noise moves q too
                call add_moving(1, nested, w(:, k), c(k), [e(0), e(k)], g, u, p, s)
             else
                call add_still(1, nested, w(:, k), c(k), e(0), u, p, s)
             end if
          end do
-         do k = 1, merge(self%nnoise, 0, self%ntime == 3)  ! only where noises change in time
+         do k = 1, merge(self%nnoise, 0, self%ntime == 3)  ! only if noises change in time
             if (.not. noisy(k)) cycle
             call derive_lanes(1, ends(k, 2), q, sine, cosine, u)
             call derive_lanes(1, ends(k, 3), q, sine, cosine, v)

@@ -1,21 +1,22 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> The brackets of step/one_dof/brackets where every H_j = e_j p^2/2 + U_j(q): of an angle, and of noise in position
-!> with H = p^2/2 + U(q). Brackets of these are polynomials of p. With y_k = e_0 U_k - e_k U_0,
+!> The brackets of step/one_dof/brackets if every H_j = e_j p^2/2 + U_j(q): for an angle, and for noise in position with
+!> H = p^2/2 + U(q). These brackets are polynomials of p. With y_k = e_0 U_k - e_k U_0,
 !>
 !>    {H_k,H} = p y_k',   {{H,H_k},H_k} = y_k' U_k' - e_k p^2 y_k'',
 !>
-!> and what noises that change in time add is sum_k (c_k/h) [H_k(t_1) - H_k(t_0)] where they are in position. Areas and
-!> crossed brackets have no effect on noises in position, and an angle that has them is left to the general form.
+!> and noises in position that change in time add sum_k (c_k/h) [H_k(t_1) - H_k(t_0)]. Areas and crossed brackets have
+!> no effect on noises in position, and an angle with such brackets is left to the general form.
 !>
-!> An evaluation begins with h H, adds noise by noise dW_k H_k with its single and nested bracket, and last what
-!> changes in time: the sums are those of brackets_kinetic.inc.
+!> An evaluation begins with h H, adds dW_k H_k with its single and nested bracket noise by noise, and last the changes
+!> in time: the sums are in brackets_kinetic.inc.
 !>
-!> The brackets follow from {F,G} = F_q G_p - F_p G_q. With F = H_k and G = H it is U_k' e_0 p - e_k p U_0' = p y_k'.
-!> The nested one is that of F = -p y_k' and G = H_k, which is -p y_k'' e_k p + y_k' U_k'.
+!> The brackets follow from {F,G} = F_q G_p - F_p G_q. With F = H_k and G = H the single bracket is U_k' e_0 p - e_k p
+!> U_0' = p y_k'. The nested bracket is that of F = -p y_k' and G = H_k, which is -p y_k'' e_k p + y_k' U_k'.
 !>
-!> An angle's derivatives of every order follow from one sine and one cosine, and Newton's matrix is exact. Others are
-!> asked for two of U_j, which give the gradient, and the matrix goes without more. By the general form of
-!> step/one_dof/brackets a step of an angle takes 2.6 to 4 times as long in blocks, and 3.6 to 8 times alone.
+!> An angle's derivatives of every order follow from one sine and one cosine, and Newton's matrix is exact. For other
+!> models two derivatives of U_j are evaluated, which determine the gradient, and the matrix is without higher ones.
+!> With the general form of step/one_dof/brackets a step of an angle takes 2.6 to 4 times as long in blocks, and 3.6 to
+!> 8 times alone.
 !>
 !> Private to its family.
 module symsde_step_one_dof_brackets_kinetic
@@ -31,24 +32,24 @@ module symsde_step_one_dof_brackets_kinetic
    public :: kinetic_brackets, new_kinetic_brackets, are_kinetic
    public :: q_, p_, qq, qp, pp, nplace
 
-   !> Places of the derivatives of a sum: its gradient and its Hessian.
+   !> Columns of a sum's derivatives: its gradient and its Hessian.
    integer, parameter :: q_ = 1, p_ = 2, qq = 3, qp = 4, pp = 5, nplace = 5
 
    !> Derivatives of the U_j and the arrays to compute them. u(:, i, j, 1) is the i-th derivative of U_j at the time
    !> of the evaluation; if noises change in time, u(:, i, k, 2) and (.., 3) belong to U_k at both ends of the step.
    type :: kinetic_brackets
       integer :: nlane = 0, nnoise = 0
-      integer :: ntime = 1                         !! times of an evaluation; 3 where noises change: both ends, too
+      integer :: ntime = 1                         !! times of an evaluation; 3 if noises change: also both ends
       logical :: angle = .false.
-      class(kernel_model), pointer :: fast => null()  !! the model, which knows terms of an angle
-      real(wp) :: times(0:2) = 0                   !! times of evaluations in a step: its middle, and two stages
+      class(kernel_model), pointer :: fast => null()  !! the model with kernels, which gives terms of an angle
+      real(wp) :: times(0:2) = 0                   !! times of evaluations in a step: its middle, and stages
       type(angle_terms), allocatable :: terms(:, :)  !! terms of H_j at the times of a step (0:nnoise, 0:2)
       type(angle_terms), allocatable :: ends(:, :) !! terms of H_k at both ends of a step (nnoise, 2:3)
       real(wp), allocatable :: u(:, :, :, :)       !! U_j' .. U_j'''' (nlane, 4, 0:nnoise, ntime)
       real(wp), allocatable :: e(:)                !! e_j (0:nnoise)
-      real(wp), allocatable :: one(:, :, :)        !! weights of H_j alone (nlane, 0:nnoise, 0:nnoise)
+      real(wp), allocatable :: one(:, :, :)        !! weight one for each H_j (nlane, 0:nnoise, 0:nnoise)
       real(wp), allocatable :: sine(:), cosine(:)  !! (nlane)
-      real(wp), allocatable :: beside(:, :)        !! one lane, all H_j: U_j', U_j'', q, p (0:nnoise, 4)
+      real(wp), allocatable :: beside(:, :)        !! for one lane, all H_j: U_j', U_j'', q, p (0:nnoise, 4)
    contains
       procedure :: begin
       procedure :: evaluate
@@ -56,9 +57,8 @@ module symsde_step_one_dof_brackets_kinetic
 
 contains
 
-   !> Whether the Hamiltonians of this model are known to be of this form, and no more is needed: an angle whose
-   !> nested brackets are exact, without areas and without noises that change; or H = p^2/2 + U(q), noise in
-   !> position.
+   !> Whether the Hamiltonians of this model are known to be of this form, and no other terms are needed: an angle whose
+   !> nested brackets are exact, without areas and without noises that change; or H = p^2/2 + U(q), noise in position.
    pure logical function are_kinetic(parts)
       type(modified_hamiltonian), intent(in) :: parts
       type(kernel_offers) :: offers
@@ -71,8 +71,8 @@ contains
       end associate
    end function are_kinetic
 
-   !> Make room for the brackets and lanes of `parts`. Without terms of an angle e_0 = 1 and all e_k = 0, and they
-   !> stay so: these models are H = p^2/2 + U(q) with noise in position.
+   !> Allocate for the brackets and lanes of `parts`. Without terms of an angle e_0 = 1 and all e_k = 0 at all times:
+   !> these models are H = p^2/2 + U(q) with noise in position.
    subroutine new_kinetic_brackets(self, parts)
       type(kinetic_brackets), intent(out) :: self
       type(modified_hamiltonian), intent(in) :: parts
@@ -88,17 +88,17 @@ contains
       if (parts%time_dependent) self%ntime = 3
       associate (n => parts%nlane, m => parts%nnoise)
          allocate (self%u(n, 4, 0:m, self%ntime), self%e(0:m), self%one(n, 0:m, 0:m), source=0.0_wp)
-         ! The mass of a simple model; an angle's own comes with its terms.
+         ! The mass of models without terms; for an angle it comes with its terms.
          self%e(0) = 1
          do j = 0, m
-            ! Weights that pick H_j out of the sum which a model computes.
+            ! Weights that select H_j from the sum that a model computes.
             self%one(:, j, j) = 1
          end do
          allocate (self%sine(n), self%cosine(n), self%terms(0:m, 0:2), self%ends(m, 2:3), self%beside(0:m, 4))
       end associate
    end subroutine new_kinetic_brackets
 
-   !> Begin a step: find an angle's terms at the times of its evaluations, and at its ends if noises change. The e_j
+   !> Begin a step: compute an angle's terms at the times of its evaluations, and at its ends if noises change. The e_j
    !> belong to the middle of the step.
    subroutine begin(self, step, times)
       class(kinetic_brackets), intent(inout) :: self
@@ -108,7 +108,7 @@ contains
 
       self%times = times
       if (.not. self%angle) return
-      ! An angle's terms depend on time alone: m + 1 sets at each of three times serve all evaluations of this step.
+      ! An angle's terms depend only on time: m + 1 sets at each of three times serve all evaluations of this step.
       associate (m => self%nnoise)
          do j = 0, m
             do i = 0, 2
@@ -122,7 +122,7 @@ contains
       end associate
    end subroutine begin
 
-   !> Gradient and Hessian h(:, q_), .., h(:, pp) of all at (q, p), at times(i): in stage i, or in the middle of the
+   !> Gradient and Hessian h(:, q_), .., h(:, pp) of the sum at (q, p), at times(i): in stage i, or in the middle of the
    !> step for i = 0. The factor of nested brackets is h|h|/12, with h the step.
    subroutine evaluate(self, parts, i, step, c, rate, q, p, h)
       class(kinetic_brackets), intent(inout) :: self
@@ -133,14 +133,14 @@ contains
       real(wp), intent(in), dimension(self%nlane) :: q, p
       real(wp), intent(out) :: h(self%nlane, nplace)
       real(wp) :: nested
-      real(wp), pointer, contiguous :: w(:, :)  ! a name that gfortran 12 knows to be contiguous
+      real(wp), pointer, contiguous :: w(:, :)  ! a name that gfortran 12 recognises as contiguous
       integer :: k
 
       w => step%w
-      ! h|h| and not h^2, since |h| stands for the square of an increment, and h for the drift: a step back in time
-      ! changes the sign of the second alone.
+      ! h|h| and not h^2, since |h| replaces the square of an increment, and h belongs to the drift: a step back in time
+      ! changes the sign of the second factor only.
       nested = merge(step%h*abs(step%h)/12, 0.0_wp, parts%active%nested)
-      ! u is filled with the derivatives of all U_j, four of an angle, else two.
+      ! u holds the derivatives of all U_j, four for an angle, else two.
       if (self%angle) then
          call derive(self, i, q)
       else
@@ -157,7 +157,7 @@ contains
                call add_still(n, nested, w(:, k), c(:, k), e(0), u(:, :, k, 1), p, h)
             end if
          end do
-         ! Changes in time come last, noise by noise, as for a single path.
+         ! Add changes in time last, noise by noise, as for a single path.
          do k = 1, self%nnoise
             if (self%ntime == 3 .and. parts%noisy(k)) &
                call add_change(n, rate(:, k), u(:, :, k, 2), u(:, :, k, 3), h)
@@ -165,8 +165,8 @@ contains
       end associate
    end subroutine evaluate
 
-   !> U_j' = H_j,q and U_j'' = H_j,qq from the model, H_j by H_j. For one lane a single call gives all: it asks for
-   !> m + 1 lanes at the same point, and lane j has the weights of H_j. H itself is not needed at the ends of the step.
+   !> U_j' = H_j,q and U_j'' = H_j,qq from the model, H_j by H_j. For one lane a single call is enough: it has m + 1
+   !> lanes at the same point, and lane j has the weights of H_j. H itself is not needed at the ends of the step.
    subroutine ask(self, parts, times, q, p)
       type(kinetic_brackets), intent(inout) :: self
       type(modified_hamiltonian), intent(in) :: parts
@@ -177,7 +177,7 @@ contains
       associate (n => self%nlane, m => self%nnoise, u => self%u, model => parts%model)
          do i = 1, self%ntime
             if (n == 1) then
-               ! H is one of the m + 1 lanes at the ends, too; its values there are not used.
+               ! H is one of the m + 1 lanes at the ends too; its values there are not used.
                self%beside(:, 3) = q(1)
                self%beside(:, 4) = p(1)
                call model%gradient_hessian(m + 1, 1, m, times(i), self%one, self%beside(:, 3), self%beside(:, 4), &
@@ -186,7 +186,7 @@ contains
                u(1, 2, :, i) = self%beside(:, 2)
                cycle
             end if
-            ! H is asked for at the time of the evaluation alone, i = 1, and the noises at the ends of the step, too.
+            ! H is evaluated only at the time of the evaluation, i = 1, and the noises also at the ends of the step.
             do j = merge(0, 1, i == 1), m
                if (j > 0) then
                   if (.not. parts%noisy(j)) cycle
@@ -198,8 +198,8 @@ contains
       end associate
    end subroutine ask
 
-   !> All derivatives of an angle, at time i and where noises change at both ends, from the same sine and cosine. They
-   !> stand in u(:, 1:4, j, 1) for H_j at time i, and in u(:, 1:4, k, 2:3) for H_k at the ends.
+   !> All derivatives of an angle, at time i and, if noises change, at both ends, from the same sine and cosine. They
+   !> are in u(:, 1:4, j, 1) for H_j at time i, and in u(:, 1:4, k, 2:3) for H_k at the ends.
    subroutine derive(self, i, q)
       type(kinetic_brackets), intent(inout) :: self
       integer, intent(in) :: i
@@ -210,7 +210,7 @@ contains
          call sincos_lanes(n, q, sine, cosine)
          do j = 0, self%nnoise
             call derive_lanes(n, self%terms(j, i), q, sine, cosine, u(:, :, j, 1))
-            ! H has no use for the ends, and `ends` holds the terms of noises alone.
+            ! H is not needed at the ends, and `ends` holds terms of noises only.
             do k = 2, merge(self%ntime, 1, j > 0)
                call derive_lanes(n, self%ends(j, k), q, sine, cosine, u(:, :, j, k))
             end do

@@ -1,7 +1,7 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> Newton's iteration for the slopes of all stages of one degree of freedom, in a block of lanes, by newton.inc.
-!> Here every part is asked for the whole block at once: the model or its brackets for all lanes at one stage, and the
-!> block's solver for all systems. Lanes that are done are computed along and not changed.
+!> Newton's iteration for the slopes of all stages of one degree of freedom, in a block of lanes, by newton.inc. One
+!> call evaluates the model or its brackets for all lanes at one stage, and one call of the block's solver solves all
+!> systems. Lanes that are done are computed too but not changed.
 !>
 !> Private to its family.
 module symsde_step_one_dof_newton
@@ -31,8 +31,8 @@ module symsde_step_one_dof_newton
    include '../../solve/all_lanes.inc'
 
    !> Continue the iteration of another block: lane l takes the slopes and the size of the last correction from lane
-   !> places(l) of that block. Lanes with a status rest. `step` is the step of the gathered lanes. A lane computes
-   !> the same numbers in the same order as in the large block, so it has the same bits.
+   !> places(l) of that block. Lanes with a status are skipped. `step` is the step of the gathered lanes. A lane
+   !> computes the same numbers in the same order as in the large block, so it has the same bits.
    subroutine resume(self, ham, from, places, step, status)
       type(one_dof_newton), intent(inout) :: self
       type(one_step_hamiltonian), intent(in) :: ham
@@ -41,12 +41,12 @@ module symsde_step_one_dof_newton
       type(step_record), intent(in) :: step
       integer(i8), intent(inout) :: status(self%nlane)
 
-      ! Newton's iteration carries only slopes along; points and derivatives are computed again in every iteration.
+      ! Only slopes are carried over; points and derivatives are computed again in every iteration.
       self%x = from%x(places, :)
       call start(self%newton, status)
       ! brackets keep data of each lane during a step: compute them for the gathered lanes
       if (allocated(self%brackets)) call self%brackets%begin(ham%modified, step, self%c)
-      ! continue the rate of corrections and the number of the iteration
+      ! continue with the last corrections and the number of the iteration
       self%newton%last = merge(from%newton%last(places), self%newton%last, status == 0)
       self%newton%iteration = from%newton%iteration
       self%first = from%first(places)

@@ -1,9 +1,9 @@
 ! SPDX-License-Identifier: BSD-3-Clause
 !> Newton's iteration for the slopes of all stages of one degree of freedom and a single path: newton.inc with one lane.
 !>
-!> What differs from a block is who is asked: an angle's sine and cosine terms are found once a step for every stage, so
-!> that the iteration calls no model; angles with brackets go through step/one_dof/brackets_angle_single_path; systems
-!> are eliminated as numbers. All of these have a block's bits.
+!> Differences from a block: an angle's sine and cosine terms are computed once per step for every stage, so that the
+!> iteration does not call the model; angles with brackets use step/one_dof/brackets_angle_single_path; systems are
+!> eliminated as scalars. All of these have a block's bits.
 !>
 !> Private to its family.
 module symsde_step_one_dof_newton_single_path
@@ -33,7 +33,7 @@ module symsde_step_one_dof_newton_single_path
    include '../../solve/one_lane.inc'
 
    !> total = start + sum_j c_j x_j from j = first on: step/stages/slope_sums for one path. Products with a zero
-   !> coefficient are added, too: they change nothing, and testing for zero would cost more.
+   !> coefficient are added too: they change nothing, and testing for zero would take longer.
    pure subroutine sum_slopes(nlane, s, first, c, x, start, total)
       integer, intent(in) :: nlane, s, first
       real(wp), intent(in) :: c(s), x(s), start(1)
@@ -48,29 +48,29 @@ module symsde_step_one_dof_newton_single_path
    end subroutine sum_slopes
 
    !> Solve the system by elimination, which overwrites the matrix: n numbers of d from column `first` on are the
-   !> right-hand side, then the solution. Where its pivots are not trusted, or a solution is not finite, the system is
-   !> made once more and solved as in a block, with exchanges of rows if need be.
+   !> right-hand side, then the solution. If its pivots are not trusted, or a solution is not finite, the system is
+   !> formed again and solved as in a block, with exchanges of rows if necessary.
    subroutine solve_systems(self, first, status, counters)
       type(one_dof_newton), intent(inout) :: self
-      integer, intent(in) :: first  !! column of d with which the right-hand side begins
+      integer, intent(in) :: first  !! column of d where the right-hand side begins
       integer(i8), intent(inout) :: status(1)
       type(counters_type), intent(inout) :: counters
       real(wp) :: smallest, zero
       integer :: i, n
 
-      ! n = s where the F are eliminated, else 2 s.
+      ! n = s if the F are eliminated, else 2 s.
       n = size(self%matrix, 2)
-      ! `smallest` tells how small the pivots have become, as in solve/elimination.
+      ! `smallest` measures how small the pivots have become, as in solve/elimination.
       call solve_scalar(n, self%matrix, self%d(:, first:), smallest)
-      ! Check the solution, too: it may be infinite or NaN even if pivots are trusted.
+      ! Check the solution too: it may be infinite or NaN even if pivots are trusted.
       zero = 0
       !GCC$ novector  ! few numbers
       do i = first, first + n - 1
          zero = zero + 0*self%d(1, i)  ! NaN if an entry is not finite
       end do
       if (smallest > pivot_floor .and. abs(zero) <= 0) return
-      ! Elimination has overwritten the matrix, and solutions the right-hand sides: both are formed once more from
-      ! slopes and derivatives, which are still there.
+      ! Elimination has overwritten the matrix, and solutions the right-hand sides: both are formed again from slopes
+      ! and derivatives, which are unchanged.
       call linearise_all(self)
       call solve_by_lanes(self, first, status, counters)
    end subroutine solve_systems

@@ -1,19 +1,19 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> Implicit schemes of several stages (Gauss 2 above all) for one degree of freedom,
+!> Implicit schemes of several stages (above all Gauss 2) for one degree of freedom,
 !>
 !>    Q_i = q_n + sum_j a_ij Hhat_p(P_j,Q_j),      dq = sum_i alpha_i Hhat_p(P_i,Q_i),
 !>    P_i = p_n - sum_j abar_ij Hhat_q(P_j,Q_j),   dp = -sum_i alpha_i Hhat_q(P_i,Q_i),
 !>
-!> where Hhat may hold brackets. Newton's iteration finds all slopes together (step/one_dof/newton), in few passes over
-!> the block. Agrees with the general stepper to a few ulps (tests/verification/test_beyond_one_maps.pf,
+!> where Hhat may contain brackets. Newton's iteration finds all slopes together (step/one_dof/newton), in few passes
+!> over the block. Results agree with the general stepper to a few ulps (tests/verification/test_beyond_one_maps.pf,
 !> test_stages.pf).
 !>
-!> Lanes differ in how many corrections they need, above all where brackets are added, whose second derivatives are
-!> not all known. As soon as few lanes go on they are gathered into a small block and finished there, with the same
-!> bits. In the large block every further iteration would compute all the other lanes along for nothing.
+!> Lanes need different numbers of corrections, above all with brackets, whose second derivatives are not all known. As
+!> soon as few lanes are running they are gathered into a small block and finished there, with the same bits. In the
+!> large block every further iteration would compute all other lanes for nothing.
 !>
-!> The order of a step: the first guess of all lanes, iterations of the whole block while more than few_lanes lanes
-!> run, iterations of the small block, and at the end the weighted sums of the slopes of all lanes.
+!> Order of a step: the first guess of all lanes, iterations of the whole block while more than few_lanes lanes are
+!> running, iterations of the small block, and at the end the weighted sums of the slopes of all lanes.
 module symsde_step_one_dof_stepper
    use symsde_base_counters, only: counters_type, add_counters
    use symsde_base_functionals, only: functional_set, nfunctional, path_dz, path_areas
@@ -30,14 +30,14 @@ module symsde_step_one_dof_stepper
    private
    public :: one_dof_stepper, one_dof_fits
 
-   integer, parameter :: few_lanes = 64   !! of the small block
+   integer, parameter :: few_lanes = 64   !! lanes of the small block
 
    !> The small block: Hamiltonian and iteration for few_lanes lanes, and copies of the gathered lanes' noise.
    type :: last_lanes
       type(one_step_hamiltonian) :: ham
       type(one_dof_newton) :: solver
       type(step_store) :: store
-      integer :: n = 0, lanes(few_lanes) = 0          !! how many were gathered, and where they come from
+      integer :: n = 0, lanes(few_lanes) = 0          !! number of gathered lanes, and their indices in the block
       integer(i8) :: status(few_lanes) = 0
       real(wp), dimension(few_lanes) :: q = 0, p = 0
    end type last_lanes
@@ -53,13 +53,14 @@ module symsde_step_one_dof_stepper
 
 contains
 
-   !> Whether this stepper executes the task: drift and noise alike, one degree of freedom, solved by Newton; two
-   !> stages, or more of a separable or quadratic model whose momenta step/stages/stepper does not eliminate.
+   !> Whether this stepper executes the task: drift and noise share coefficients, one degree of freedom, solved by
+   !> Newton; two stages, or more stages of a separable or quadratic model whose momenta step/stages/stepper does not
+   !> eliminate.
    logical function one_dof_fits(task) result(fits)
       type(stepper_task), intent(in) :: task
 
-      ! Stages of drift and noise with coefficients of their own would need slopes of their own, and corrections of
-      ! one-sided schemes belong to a single stage: both are left to other steppers.
+      ! Stages of drift and noise with different coefficients would need separate slopes, and corrections of one-sided
+      ! schemes belong to a single stage: both are left to other steppers.
       fits = .false.
       if (.not. task%is_tableau() .or. task%correction /= correction_none .or. task%scheme%nstage < 2) return
       associate (t => task%model%traits)
@@ -84,8 +85,8 @@ contains
       call new_last_lanes(self%few, task%model, task%scheme, task%newton)
    end subroutine make
 
-   !> Make the small block for the same model, scheme and options. Its store has room for the functionals that the
-   !> active brackets read, dZ and areas, and for two steps, the fewest that a store has; only the first is used.
+   !> Make the small block for the same model, scheme and options. Its store has arrays for the functionals that the
+   !> active brackets read, dZ and areas, and for two steps, the fewest that a store can have; only the first is used.
    subroutine new_last_lanes(self, model, scheme, options)
       type(last_lanes), intent(inout) :: self
       class(model_type), intent(in), target :: model
@@ -95,7 +96,7 @@ contains
 
       call new_one_step_hamiltonian(self%ham, model, few_lanes, correction_none, 0.0_wp, scheme%brackets)
       call new_one_dof_newton(self%solver, self%ham, scheme, options)
-      ! Without brackets only (h, dW) drives a step, and the store has room for nothing else.
+      ! Without brackets only (h, dW) drives a step, and the store needs no functionals.
       if (allocated(self%ham%modified)) then
          asked%has(path_dz) = self%ham%modified%active%single
          asked%has(path_areas) = self%ham%modified%active%areas
@@ -130,8 +131,8 @@ contains
       end associate
    end subroutine increment
 
-   !> Copy the lanes that are running into the small block: their states, increments and functionals, slopes and
-   !> statuses. Lanes that fill it up repeat its last one and rest.
+   !> Copy the running lanes into the small block: their states, increments and functionals, slopes and statuses. Lanes
+   !> that fill it up repeat its last one and are skipped.
    subroutine gather(self, ham, solver, step, q, p, status, gathered)
       type(last_lanes), intent(inout), target :: self
       type(one_step_hamiltonian), intent(in) :: ham
@@ -142,7 +143,7 @@ contains
       type(step_record), intent(out) :: gathered  !! the step of the gathered lanes
       integer :: i, f
 
-      ! Lanes that run have the size of their last correction in `last`, which is negative in all others.
+      ! Running lanes have the size of their last correction in `last`, which is negative in all other lanes.
       self%n = 0
       do i = 1, ham%nlane
          if (.not. solver%newton%last(i) >= 0) cycle
@@ -150,23 +151,23 @@ contains
          self%lanes(self%n) = i
       end do
       associate (n => self%n, lanes => self%lanes)
-         ! At least one lane runs, so there is a last one to repeat.
+         ! At least one lane is running, so there is a last one to repeat.
          lanes(n + 1:) = lanes(n)
          call self%ham%narrow(lanes)
          self%q = q(lanes)
          self%p = p(lanes)
          self%store%h = step%h
          self%store%w(:, :, 0) = step%w(lanes, :)
-         do f = 1, nfunctional  ! the store has room for the functionals that brackets read
+         do f = 1, nfunctional  ! only functionals that brackets read have arrays in the store
             if (allocated(self%store%of(f)%x)) self%store%of(f)%x(:, :, 0) = step%of(f)%x(lanes, :)
          end do
          call self%store%show(0, step%t, gathered)
-         ! Any status but 0 makes a lane rest; this one is never seen, as only the first n are copied back.
-         self%status = not_converged  ! lanes that fill up the block rest
+         ! A lane with a nonzero status is skipped; this status is never visible, as only the first n are copied back.
+         self%status = not_converged  ! lanes that fill up the block are skipped
          self%status(:n) = status(lanes(:n))
-         self%ham%nreal = count(lanes(:n) <= ham%nreal)  ! padding of the block is counted nowhere
-         ! The step is rebuilt for the gathered lanes, at the same time t_n. Their iteration goes on with the count and
-         ! the sizes of corrections that it had, so that the bounds and tests of Newton's iteration do not begin anew.
+         self%ham%nreal = count(lanes(:n) <= ham%nreal)  ! padding of the block is not counted
+         ! The step is rebuilt for the gathered lanes, at the same time t_n. Their iteration continues with its count
+         ! and its sizes of corrections, so that the bounds and tests of Newton's iteration do not start again.
          call resume(self%solver, self%ham, solver, lanes, gathered, self%status)
       end associate
    end subroutine gather

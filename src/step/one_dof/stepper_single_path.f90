@@ -1,9 +1,9 @@
 ! SPDX-License-Identifier: BSD-3-Clause
 !> Implicit schemes of several stages for one degree of freedom and a single path: those of step/one_dof/stepper.
 !>
-!> The step is the same: Newton's iteration for the slopes F_i and G_i (newton.inc), then dq = sum_i alpha_i F_i and
-!> dp = sum_i alpha_i G_i. It goes without the small block of step/one_dof/stepper, since one lane has no others to
-!> wait for. Which tasks fit is said there, too.
+!> The step is the same: Newton's iteration for the slopes F_i and G_i (newton.inc), then dq = sum_i alpha_i F_i and dp
+!> = sum_i alpha_i G_i. The small block of step/one_dof/stepper is not needed, since one lane waits for no others.
+!> step/one_dof/stepper also defines which tasks fit.
 module symsde_step_one_dof_stepper_single_path
    use symsde_base_kinds, only: wp, i8
    use symsde_base_record, only: step_record
@@ -25,8 +25,8 @@ module symsde_step_one_dof_stepper_single_path
 
 contains
 
-   !> most_single is the number of paths that run faster one by one than as a block. With one path more, single
-   !> paths take up to 1.3 of the time of a block, or 1.0 to 1.2 with brackets.
+   !> most_single is the number of paths that run faster one by one than as a block. With one path more, single paths
+   !> take up to 1.3 of the time of a block, or 1.0 to 1.2 with brackets.
    subroutine make(self, task)
       class(one_dof_stepper), intent(inout) :: self
       type(stepper_task), intent(in) :: task
@@ -43,8 +43,8 @@ contains
       if (self%solver%separable .or. self%one_solve) self%most_single = merge(3, 4, task%scheme%nstage == 2)
    end subroutine make
 
-   !> Newton's iteration from its first guess until its corrections stagnate, then the weighted sums of the slopes.
-   !> A path with a status does not run: its increments come from the first guess and are not used.
+   !> Newton's iteration from its first guess until its corrections stagnate, then the weighted sums of the slopes. A
+   !> path with a status is not iterated: its increments come from the first guess and are not used.
    subroutine increment(self, step, q, p, dq, dp, status)
       class(one_dof_stepper), intent(inout) :: self
       type(step_record), intent(in) :: step

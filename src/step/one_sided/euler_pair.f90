@@ -1,11 +1,11 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> The Euler pair where it is implicit: a corrected or non-separable one-step Hamiltonian Hhat.
+!> The implicit Euler pair: for a corrected or non-separable one-step Hamiltonian Hhat.
 !>
 !>    lambda = 0  p_{n+1} = p_n - Hhat_q(p_{n+1},q_n),  q_{n+1} = q_n + Hhat_p(p_{n+1},q_n)   [WHSB] (89)-(90)
 !>    lambda = 1  q_{n+1} = q_n + Hhat_p(p_n,q_{n+1}),  p_{n+1} = p_n - Hhat_q(p_n,q_{n+1})   [WHSB] (91)-(92)
 !>
-!> Each method is implicit in one of its ends alone, and explicit in the other. With d the increment of the implicit
-!> end Newton's iteration solves
+!> Each method is implicit in one end point only, and explicit in the other. With d the increment of the implicit end
+!> point Newton's iteration solves
 !>
 !>    lambda = 0  d + Hhat_q(p_n+d,q_n) = 0,   matrix I + Hhat_qp,   then  dq = Hhat_p(p_n+d,q_n)
 !>    lambda = 1  d - Hhat_p(p_n,q_n+d) = 0,   matrix I - Hhat_pq,   then  dp = -Hhat_q(p_n,q_n+d)
@@ -14,9 +14,9 @@
 !> Hhat_pq its transpose; forces take Fhat_p from Hhat_qp. The time of the step is that of its q node: t_n for
 !> lambda = 0, t_{n+1} for lambda = 1.
 !>
-!> A corrected Hhat has a term with products of derivatives of H_k (step/hamiltonian/one_step), so that in general it
-!> is not separable even where H is. The part of its Hessian with third derivatives is left out of the matrix: the
-!> root is the same.
+!> A corrected Hhat has a term with products of derivatives of H_k (step/hamiltonian/one_step), so that it is in general
+!> not separable even if H is. The part of its Hessian with third derivatives is left out of the matrix; the root is the
+!> same.
 module symsde_step_one_sided_euler_pair
    use symsde_base_kinds, only: wp, i8
    use symsde_base_record, only: step_record
@@ -31,9 +31,9 @@ module symsde_step_one_sided_euler_pair
    !> The stepper of both methods of the pair. A flag chooses the method, since only signs and arguments differ.
    type, extends(stepper_type) :: euler_pair_stepper
       private
-      logical :: adjoint = .false.         !! lambda = 1
+      logical :: adjoint = .false.         !! whether lambda = 1
       type(newton_type) :: newton
-      real(wp), allocatable :: x(:, :)     !! the end that is unknown, p_{n+1} or q_{n+1} (nlane, ndof)
+      real(wp), allocatable :: x(:, :)     !! the unknown end point, p_{n+1} or q_{n+1} (nlane, ndof)
       real(wp), allocatable :: hqp(:, :, :)
    contains
       procedure :: make
@@ -50,8 +50,8 @@ contains
       if (fits) fits = task%scheme%is_euler_pair()
    end function euler_pair_fits
 
-   !> Make the stepper. a_11 = 0 is lambda = 0, a_11 = 1 its adjoint; hqp is room for the Hessian, of which the
-   !> adjoint takes the transpose.
+   !> Make the stepper. a_11 = 0 is lambda = 0, a_11 = 1 its adjoint; hqp is an array for the Hessian, which the adjoint
+   !> reads transposed.
    subroutine make(self, task)
       class(euler_pair_stepper), intent(inout) :: self
       type(stepper_task), intent(in) :: task
@@ -68,7 +68,7 @@ contains
       self%one_solve = self%newton%affine
    end subroutine make
 
-   !> dq and dp: first the implicit end by Newton, then the explicit one from the gradient at (q_n, p_{n+1}) or
+   !> dq and dp: first the implicit end point by Newton, then the explicit one from the gradient at (q_n, p_{n+1}) or
    !> (q_{n+1}, p_n).
    subroutine increment(self, step, q, p, dq, dp, status)
       class(euler_pair_stepper), intent(inout) :: self
@@ -91,8 +91,8 @@ contains
       end if
    end subroutine increment
 
-   !> Newton for the increment d (nlane, ndof) of the implicit end, from d = 0: d + Hhat_q(p_n+d,q_n) = 0, or
-   !> d - Hhat_p(p_n,q_n+d) = 0 for the adjoint. Lanes with a status rest.
+   !> Newton for the increment d (nlane, ndof) of the implicit end point, from d = 0: d + Hhat_q(p_n+d,q_n) = 0, or d -
+   !> Hhat_p(p_n,q_n+d) = 0 for the adjoint. Lanes with a status are skipped.
    subroutine solve_end(self, t, w, q, p, d, status)
       type(euler_pair_stepper), intent(inout) :: self
       real(wp), intent(in) :: t, w(self%ham%nlane, 0:self%ham%nnoise)
@@ -115,16 +115,16 @@ contains
             call self%newton%update_scalar(merge(-1.0_wp, 1.0_wp, self%adjoint), merge(-1.0_wp, 1.0_wp, self%adjoint), &
                                            d, status, self%ham%counters)
          else
-            ! r held f and becomes the residual of the equation.
+            ! r is f on entry and becomes the residual of the equation.
             self%newton%r = merge(d - self%newton%r, d + self%newton%r, self%adjoint)
             call self%newton%update(d, status, self%ham%counters)
          end if
       end do
    end subroutine solve_end
 
-   !> Hhat_q and I + Hhat_qp at (q, p) = (q_n, p_{n+1}), or Hhat_p and I - Hhat_pq at (q_{n+1}, p_n) for the adjoint,
-   !> in the right-hand side and the matrix of Newton's iteration. The Hamiltonian gives Hhat_qp, of which the adjoint
-   !> takes the transpose. A given number of fixed-point iterations needs the gradient alone.
+   !> Hhat_q and I + Hhat_qp at (q, p) = (q_n, p_{n+1}), or Hhat_p and I - Hhat_pq at (q_{n+1}, p_n) for the adjoint, in
+   !> the right-hand side and the matrix of Newton's iteration. The model gives Hhat_qp, which the adjoint reads
+   !> transposed. A given number of fixed-point iterations needs only the gradient.
    subroutine evaluate(self, t, w, q, p)
       type(euler_pair_stepper), intent(inout) :: self
       real(wp), intent(in) :: t, w(self%ham%nlane, 0:self%ham%nnoise)
@@ -147,7 +147,7 @@ contains
                newton%a(:, i, :) = -self%hqp(:, :, i)
             end do
          end if
-         if (n == 1) return  ! the scalar update takes the slope as it is, and adds the 1 itself
+         if (n == 1) return  ! the scalar update uses the slope and adds the 1 itself
          do i = 1, n
             newton%a(:, i, i) = newton%a(:, i, i) + 1
          end do

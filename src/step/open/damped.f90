@@ -1,17 +1,17 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> The step of a scheme with one stage for a damped model: a stepper around a stepper.
+!> The step of a scheme with one stage for a damped model: a stepper that contains another stepper.
 !>
-!> With one node c the tableau with decays (scheme/decays) is, exactly, the scheme's own step between two decays of the
+!> With one node c the tableau with decays (scheme/decays) is exactly the scheme's own step between two decays of the
 !> momenta, z_i = gamma_i h:
 !>
 !>    p* = exp(-c z) p_n,   (q_{n+1}, p**) = step of the closed system from (q_n, p*),   p_{n+1} = exp(-(1 - c) z) p**
 !>
-!> so that every stepper of the closed system serves. As increments, with p** = p* + dp*:
+!> so that every stepper of the closed system can be used. In increments, with p** = p* + dp*:
 !>
 !>    dp = (exp(-z) - 1) p_n + exp(-(1 - c) z) dp*
 !>
-!> The inner stepper is made for the task without its damping. With one rate the correction of one-sided schemes and
-!> brackets are multiplied as Hhat is, and stay as they are.
+!> The inner stepper is made for the task without damping. With one rate the correction of one-sided schemes and
+!> brackets are multiplied like Hhat, and need no change.
 module symsde_step_open_damped
    use symsde_base_counters, only: counters_type
    use symsde_base_kinds, only: wp, i8
@@ -24,7 +24,7 @@ module symsde_step_open_damped
    public :: damped_stepper, damped_fits
 
    type, extends(stepper_type) :: damped_stepper
-      class(stepper_type), allocatable :: inner  !! of the closed system
+      class(stepper_type), allocatable :: inner  !! stepper of the closed system
       type(tableau_decays), private :: decays
       real(wp), allocatable, private :: ps(:, :) !! p* (nlane, ndof)
    contains
@@ -36,14 +36,14 @@ module symsde_step_open_damped
 
 contains
 
-   !> Whether the step of the closed system serves a damped one: a tableau of one stage.
+   !> Whether the step of the closed system can be used for a damped model: a tableau of one stage.
    pure logical function damped_fits(task)
       type(stepper_task), intent(in) :: task
 
       damped_fits = task%scheme%form == tableau_form .and. task%scheme%frame == frame_none .and. task%scheme%nstage == 1
    end function damped_fits
 
-   !> Take over the name and the answers of the inner stepper, which has been made.
+   !> Copy the name and the properties of the inner stepper, which has been made.
    subroutine make(self, task)
       class(damped_stepper), intent(inout) :: self
       type(stepper_task), intent(in) :: task
@@ -58,7 +58,8 @@ contains
       allocate (self%ps(self%ham%nlane, self%ham%ndof))
    end subroutine make
 
-   !> The inner step between two decays. Parentheses leave the first product to be contracted, in one lane as in many.
+   !> The inner step between two decays. Parentheses leave only the first product to be contracted, in one lane as in
+   !> many.
    subroutine increment(self, step, q, p, dq, dp, status)
       class(damped_stepper), intent(inout) :: self
       type(step_record), intent(in) :: step
@@ -78,7 +79,7 @@ contains
       end do
    end subroutine increment
 
-   !> What the inner stepper finds ahead.
+   !> Let the inner stepper compute ahead.
    subroutine prefetch(self, steps)
       class(damped_stepper), intent(inout), target :: self
       type(steps_record), intent(in) :: steps
@@ -86,7 +87,7 @@ contains
       call self%inner%prefetch(steps)
    end subroutine prefetch
 
-   !> What the inner stepper counted.
+   !> Add the counts of the inner stepper.
    subroutine tally(self, total)
       class(damped_stepper), intent(in) :: self
       type(counters_type), intent(inout) :: total

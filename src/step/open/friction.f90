@@ -6,13 +6,15 @@
 !>
 !>    q <- q + Phi v,   p <- p - Gamma Phi v          exp(-Gamma M^-1 tau) - 1 = -(Phi B)^T
 !>
-!> so that one matrix of a duration says all. Its trace of B is the rate at which volume shrinks. Every step of one
-!> size finds its matrices once: by a Taylor sum for a time tau/2^k and k doublings, which cancel nothing,
+!> so that one matrix determines the flow over a duration. The trace of B is the rate at which volume shrinks. The
+!> matrices are computed once for all steps of one size: by a Taylor sum for a time tau/2^k and k doublings, which have
+!> no cancellation,
 !>
 !>    Phi(2 tau) = 2 Phi - B Phi Phi
 !>
-!> M is not known: its inverse is asked of the model where the first path is, one velocity for each column of Gamma.
-!> All products are sums of columns, one after the other, so that a lane has the same bits in a block as alone.
+!> M is unknown: its inverse is found by calling the model at the position of the first path, one velocity for each
+!> column of Gamma. All products are sums of columns, one after the other, so that a lane has the same bits in a block
+!> as alone.
 module symsde_step_open_friction
    use, intrinsic :: ieee_arithmetic, only: ieee_value, ieee_quiet_nan
    use symsde_base_damping, only: damping_type
@@ -23,17 +25,17 @@ module symsde_step_open_friction
    private
    public :: friction_flow, new_friction_flow
 
-   integer, parameter :: nterm = 12  !! of the Taylor sum, of matrices of norm 1/4 at most
+   integer, parameter :: nterm = 12  !! terms of the Taylor sum, for matrices of norm 1/4 at most
 
    type :: friction_flow
       private
       real(wp), allocatable :: friction(:, :)   !! Gamma [mass/time] (ndof, ndof)
       real(wp), allocatable :: rate(:, :)       !! B = M^-1 Gamma [1/time] (ndof, ndof)
-      logical :: known = .false.                !! B has been found
+      logical :: known = .false.                !! whether B has been found
       real(wp), allocatable :: duration(:)      !! tau of each leg, whose matrices follow (nleg)
-      real(wp), allocatable :: reach(:, :, :)   !! Phi: of the velocity in q (ndof, ndof, nleg)
-      real(wp), allocatable :: brake(:, :, :)   !! -Gamma Phi: of the velocity in p (ndof, ndof, nleg)
-      real(wp), allocatable :: loss(:, :, :)    !! -(Phi B)^T: of p in p (ndof, ndof, nleg)
+      real(wp), allocatable :: reach(:, :, :)   !! Phi: factor of the velocity in q (ndof, ndof, nleg)
+      real(wp), allocatable :: brake(:, :, :)   !! -Gamma Phi: factor of the velocity in p (ndof, ndof, nleg)
+      real(wp), allocatable :: loss(:, :, :)    !! -(Phi B)^T: factor of p in p (ndof, ndof, nleg)
    contains
       procedure :: look
       procedure :: drift
@@ -42,10 +44,10 @@ module symsde_step_open_friction
 
 contains
 
-   !> Room for nleg durations of a step.
+   !> Allocate for nleg durations of a step.
    pure subroutine new_friction_flow(self, damping, nleg)
       type(friction_flow), intent(out) :: self
-      type(damping_type), intent(in) :: damping   !! with a matrix
+      type(damping_type), intent(in) :: damping   !! damping by a matrix
       integer, intent(in) :: nleg
       integer :: n
 
@@ -55,7 +57,8 @@ contains
       allocate (self%reach(n, n, nleg), self%brake(n, n, nleg), self%loss(n, n, nleg), source=0.0_wp)
    end subroutine new_friction_flow
 
-   !> Find B where some path is, unless it is known. Where no path has a finite position, the next call looks again.
+   !> Find B at the position of some path, unless it is known. If no path has a finite position, the next call tries
+   !> again.
    subroutine look(self, ham, t, q)
       class(friction_flow), intent(inout) :: self
       type(one_step_hamiltonian), intent(inout) :: ham
@@ -84,11 +87,11 @@ contains
       end do
    end subroutine look
 
-   !> The free flow over the time tau, the leg-th of the step, from the velocity v.
+   !> The free flow over the time tau, leg `leg` of the step, from the velocity v.
    subroutine drift(self, leg, tau, nlane, ndof, v, dq, dp)
       class(friction_flow), intent(inout) :: self
       integer, intent(in) :: leg, nlane, ndof
-      real(wp), intent(in) :: tau                                   !! with its sign [time]
+      real(wp), intent(in) :: tau                                   !! duration with its sign [time]
       real(wp), intent(in) :: v(nlane, ndof)
       real(wp), intent(inout) :: dq(nlane, ndof), dp(nlane, ndof)
 
@@ -101,7 +104,7 @@ contains
    subroutine decay(self, leg, tau, nlane, ndof, p, dp)
       class(friction_flow), intent(inout) :: self
       integer, intent(in) :: leg, nlane, ndof
-      real(wp), intent(in) :: tau                                   !! with its sign [time]
+      real(wp), intent(in) :: tau                                   !! duration with its sign [time]
       real(wp), intent(in) :: p(nlane, ndof)
       real(wp), intent(inout) :: dp(nlane, ndof)
 
@@ -109,7 +112,7 @@ contains
       call add_product(nlane, ndof, self%loss(:, :, leg), p, dp)
    end subroutine decay
 
-   !> The matrices of a leg, where its duration has changed.
+   !> Compute the matrices of a leg if its duration has changed.
    pure subroutine set_leg(self, leg, tau)
       class(friction_flow), intent(inout) :: self
       integer, intent(in) :: leg
@@ -132,7 +135,7 @@ contains
       if (self%known) self%duration(leg) = tau
    end subroutine set_leg
 
-   !> Phi(tau), by sum and doublings. A matrix that is not finite makes one that is not.
+   !> Phi(tau), by sum and doublings. If b is not finite, neither is the result.
    pure subroutine integrate(n, b, tau, phi)
       integer, intent(in) :: n
       real(wp), intent(in) :: b(n, n), tau

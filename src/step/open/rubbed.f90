@@ -1,11 +1,11 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> The step of a scheme with one stage for a model with a matrix of friction: a stepper around a stepper, as step/open/
-!> damped is, whose decays are matrices (step/open/friction), A = Gamma M^-1:
+!> The step of a scheme with one stage for a model with a matrix of friction: a stepper that contains another stepper,
+!> like step/open/damped, but with matrices as decays (step/open/friction), A = Gamma M^-1:
 !>
 !>    p* = exp(-c h A) p_n,   (q_{n+1}, p**) = step of the closed system from (q_n, p*)
 !>    p_{n+1} = exp(-(1 - c) h A) p**
 !>
-!> As increments, with p** = p* + dp* and E(t) = exp(-t A) - 1:
+!> In increments, with p** = p* + dp* and E(t) = exp(-t A) - 1:
 !>
 !>    dp = E(h) p_n + dp* + E((1 - c) h) dp*
 module symsde_step_open_rubbed
@@ -20,13 +20,13 @@ module symsde_step_open_rubbed
    public :: rubbed_stepper
 
    enum, bind(c)
-      enumerator :: before = 1, after = 2, whole = 3   ! legs: c h, (1 - c) h, h
+      enumerator :: before = 1, after = 2, whole = 3   ! legs of duration c h, (1 - c) h, h
    end enum
 
    type, extends(damped_stepper) :: rubbed_stepper
       private
       type(friction_flow) :: friction
-      real(wp) :: node = 0                       !! c
+      real(wp) :: node = 0                       !! node c
       real(wp), allocatable :: start(:, :), moved(:, :)  !! p*, dp* (nlane, ndof)
    contains
       procedure :: make
@@ -35,7 +35,7 @@ module symsde_step_open_rubbed
 
 contains
 
-   !> Take over the name and the answers of the inner stepper, which has been made.
+   !> Copy the name and the properties of the inner stepper, which has been made.
    subroutine make(self, task)
       class(rubbed_stepper), intent(inout) :: self
       type(stepper_task), intent(in) :: task

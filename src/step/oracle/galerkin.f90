@@ -10,7 +10,7 @@
 !>    alpha_i q_d'(c_i) - S_{i,p}(P_i,Q_i) = 0                                     i = 1..r
 !>    sum_i [alpha_i P_i l_mu'(c_i) - S_{i,q} l_mu(c_i)] + delta_{mu 0} p_n = 0    mu = 0..s-1
 !>
-!> Unknowns are D^mu = q^mu - q_n (mu = 1..s) and E_i = P_i - p_n, increments and not states, so that their rounding
+!> Unknowns are D^mu = q^mu - q_n (mu = 1..s) and E_i = P_i - p_n, increments instead of states, so that their rounding
 !> is relative to the step. Then dq = D^s and, since the basis adds up to one, dp = -sum_i S_{i,q}: the sum of the
 !> momentum equations over mu = 0..s-1 and of p_{n+1} = dL_h/dq_{n+1}.
 !>
@@ -20,10 +20,10 @@
 !>    mu      - l_mu(c_i) l_nu(c_i) S_qq (sum over i)     alpha_i l_mu'(c_i) I - l_mu(c_i) S_qp
 !>    node i    alpha_i l_nu'(c_i) I - l_nu(c_i) S_pq     - S_pp
 !>
-!> This matrix is not near the identity: exchanges of rows solve what elimination without them does not. Where
+!> This matrix is not near the identity: it is solved with exchanges of rows, as elimination without them would fail. If
 !> r > s it needs a nonsingular S_pp.
 !>
-!> This is the oracle of these schemes, which are executed as tableaus where the mass is constant
+!> This is the oracle of Galerkin schemes, which are executed as tableaus if the mass is constant
 !> (scheme/galerkin_tableau).
 module symsde_step_oracle_galerkin
    use symsde_base_kinds, only: wp, i8
@@ -46,7 +46,7 @@ module symsde_step_oracle_galerkin
       real(wp), allocatable :: moment(:)                    !! sum_i alpha_i l_mu'(c_i) + delta_{mu 0} (0:s-1)
       real(wp), allocatable :: x(:, :)                      !! unknowns (nlane, (r+s) ndof)
       real(wp), allocatable :: v(:, :, :)                   !! weights at each node (nlane, 0:nnoise, r)
-      real(wp), allocatable :: qs(:, :), ps(:, :), sq(:, :), sp(:, :)  !! one node (nlane, ndof)
+      real(wp), allocatable :: qs(:, :), ps(:, :), sq(:, :), sp(:, :)  !! vectors of one node (nlane, ndof)
       real(wp), allocatable :: sqq(:, :, :), sqp(:, :, :), spp(:, :, :)
    contains
       procedure :: make
@@ -74,8 +74,8 @@ contains
          allocate (self%slope(self%r, 0:self%s), source=scheme%slope)
       end associate
       allocate (self%moment(0:self%s - 1))
-      ! sum_i alpha_i l_mu'(c_i) p_n is what p_n makes in the momentum equations, as P_i = p_n + E_i. It is
-      ! -delta_{mu 0} p_n for a quadrature that integrates l_mu' exactly, and so cancels against the last term: the
+      ! sum_i alpha_i l_mu'(c_i) p_n is the contribution of p_n to the momentum equations, as P_i = p_n + E_i. It is
+      ! -delta_{mu 0} p_n for a quadrature that integrates l_mu' exactly, and then cancels against the last term: the
       ! moments are set to zero, or their rounding would be multiplied by p_n.
       do mu = 0, self%s - 1
          self%moment(mu) = dot_product(self%alpha, self%slope(:, mu)) + merge(1, 0, mu == 0)
@@ -91,8 +91,8 @@ contains
       self%one_solve = self%newton%affine
    end subroutine make
 
-   !> dq = D^s and dp = -sum_i S_{i,q} from the solution, which Newton seeks from D = E = 0. The nodes are evaluated
-   !> once more for dp, at the last iterate.
+   !> dq = D^s and dp = -sum_i S_{i,q} from the solution, which Newton's iteration finds from D = E = 0. The nodes are
+   !> evaluated once more for dp, at the last iterate.
    subroutine increment(self, step, q, p, dq, dp, status)
       class(galerkin_stepper), intent(inout) :: self
       type(step_record), intent(in) :: step
@@ -148,9 +148,8 @@ contains
       self%ps = p + self%x(:, at:at + n - 1)
    end subroutine node_point
 
-   !> Residuals and matrix. Rows: the momentum equations mu = 0..s-1 first, then the velocities of the nodes.
-   !> Each node adds its own part to both. Where no matrix is kept, a given number of fixed-point iterations, the
-   !> gradient is all that is asked for.
+   !> Residuals and matrix. Rows: the momentum equations mu = 0..s-1 first, then the velocities of the nodes. Each node
+   !> adds its own part to both. A given number of fixed-point iterations needs no matrix, only the gradient.
    subroutine linearise(self, t, h, q, p)
       type(galerkin_stepper), intent(inout) :: self
       real(wp), intent(in) :: t, h
@@ -202,9 +201,8 @@ contains
       end associate
    end subroutine add_residual
 
-   !> Add the terms of node i to the matrix, by the blocks at the head of this file. Columns D^nu of the momentum
-   !> equations sum over all nodes; other columns belong to this node alone and are set. sqp(:, l, k) is entry (k,
-   !> l) of S_pq.
+   !> Add the terms of node i to the matrix, by the blocks in the header. Columns D^nu of the momentum equations sum
+   !> over all nodes; other columns belong to this node alone and are set. sqp(:, l, k) is entry (k, l) of S_pq.
    subroutine add_matrix(self, i)
       type(galerkin_stepper), intent(inout) :: self
       integer, intent(in) :: i

@@ -1,24 +1,24 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> The general stepper: any partitioned Runge-Kutta tableau, by Newton on all its stages. The oracle.
+!> The general stepper, called oracle: any partitioned Runge-Kutta tableau, by Newton on all its stages.
 !>
 !> Unknowns are the slopes of the stages, F_i = Hhat_p and G_i = -Hhat_q at (Q_i, P_i):
 !>
 !>    F_i - Hhat_p(Q_i,P_i) = 0,   Q_i = q_n + sum_j a_ij F_j        dq = sum_i alpha_i F_i
 !>    G_i + Hhat_q(Q_i,P_i) = 0,   P_i = p_n + sum_j abar_ij G_j     dp = sum_i alpha_i G_i
 !>
-!> An iteration computes the points of all stages, residual and matrix, and Newton's correction; after the last one
-!> dq and dp are summed up. Where noise and drift have coefficients of their own, each of the two parts has its own
-!> slopes,
+!> An iteration computes the points of all stages, residual and matrix, and Newton's correction; after the last one dq
+!> and dp are summed. If noise and drift have different coefficients, each of the two parts has its own slopes,
 !>
 !>    F_i^0 = h H_p,   F_i^1 = sum_k dW_k H_{k,p},   Q_i = q_n + sum_j (a_ij F_j^0 + b_ij F_j^1),
 !>
-!> and so for G, abar and bbar, alpha and beta.
+!> and correspondingly for G, abar and bbar, alpha and beta.
 !>
-!> Damping (scheme/decays) multiplies p_n and the slopes G_j by factors in P_i and p_{n+1}; they are one without it.
+!> Damping (scheme/decays) multiplies p_n and the slopes G_j in P_i and p_{n+1} by factors; without damping they are
+!> one.
 !>
-!> Slopes and not stage points are the unknowns, because they are increments of the step: their rounding is relative
-!> to it, and dq and dp are sums of them. The block of Newton's matrix for the rows of stage i and the columns of
-!> stage j is
+!> The unknowns are slopes instead of stage points, because slopes are increments of the step: their rounding is
+!> relative to it, and dq and dp are sums of them. The block of Newton's matrix for the rows of stage i and the columns
+!> of stage j is
 !>
 !>    delta_ij I + ( -a_ij Hhat_pq   -abar_ij Hhat_pp )      rows F_i
 !>                 (  a_ij Hhat_qq    abar_ij Hhat_qp )      rows G_i       Hessian at (Q_i, P_i)
@@ -42,18 +42,18 @@ module symsde_step_oracle_general
    private
    public :: general_stepper, new_general_stepper
 
-   !> Slopes are ordered x(:, 1:n) = F of stage 1 and part 1, x(:, n+1:2n) = G of the same, and so on.
-   !> The coefficients of part 1 and 2 stand side by side in the last index of a, abar and alpha.
+   !> Slopes are ordered x(:, 1:n) = F of stage 1 and part 1, x(:, n+1:2n) = G of the same, and so on. The coefficients
+   !> of part 1 and 2 are consecutive in the last index of a, abar and alpha.
    type, extends(stepper_type) :: general_stepper
       private
       type(newton_type) :: newton
       integer :: nstage = 0, npart = 1         !! one part, or two: drift and noise
       real(wp), allocatable :: c(:)            !! nodes (nstage)
       real(wp), allocatable :: a(:, :, :), abar(:, :, :), alpha(:, :) !! (.., npart)
-      type(tableau_decays) :: decays           !! of the momenta, in this step
+      type(tableau_decays) :: decays           !! decays of the momenta in this step
       real(wp), allocatable :: v(:, :, :)      !! weights of each part (nlane, 0:nnoise, npart)
       real(wp), allocatable, public :: x(:, :) !! slopes (nlane, 2 ndof nstage npart)
-      real(wp), allocatable :: qs(:, :), ps(:, :)               !! one stage (nlane, ndof)
+      real(wp), allocatable :: qs(:, :), ps(:, :)               !! vectors of one stage (nlane, ndof)
       real(wp), allocatable :: hqq(:, :, :), hqp(:, :, :), hpp(:, :, :)
    contains
       procedure :: make
@@ -72,16 +72,16 @@ contains
       call new_general_stepper(self, task%model, task%scheme, task%correction, task%nlane, task%newton, &
                                task%damping)
       if (task%damping%acts()) self%name = 'general, damped'
-      ! Linear equations with an exact matrix take one solve, of which a run's report tells.
+      ! Linear equations with an exact matrix take one solve, which a run's report mentions.
       self%one_solve = self%newton%affine
    end subroutine make
 
-   !> A general stepper for blocks of nlane lanes. The rescue makes one with the coefficients of another stepper's
+   !> Make a general stepper for blocks of nlane lanes. The rescue makes one with the coefficients of another stepper's
    !> task.
    subroutine new_general_stepper(self, model, scheme, correction, nlane, options, damping)
       type(general_stepper), intent(out) :: self
       class(model_type), intent(in), target :: model
-      type(scheme_type), intent(in) :: scheme   !! in tableau form
+      type(scheme_type), intent(in) :: scheme   !! a scheme in tableau form
       integer, intent(in) :: correction         !! resolved: never correction_auto
       integer, intent(in) :: nlane
       type(newton_options), intent(in) :: options
@@ -93,7 +93,7 @@ contains
       self%name = 'general'
       self%most_single = 2
       self%nstage = nstage
-      ! Two parts only where drift and noise differ in a coefficient, since slopes of their own double the unknowns.
+      ! Two parts only if drift and noise differ in a coefficient, since separate slopes double the unknowns.
       self%npart = merge(1, 2, scheme%noise_coefficients_equal() .or. model%traits%nnoise == 0)
       self%c = scheme%c
       call new_decays(self%decays, damping, scheme%c, n)
@@ -114,7 +114,7 @@ contains
       call new_newton(self%newton, nlane, 2*n*nstage*self%npart, options, &
                       model%traits%one_solve(.false.) .and. &
                       .not. allocated(self%ham%modified), -1, -1)
-      ! Newton's iteration has residual and matrix; here are weights, slopes, and room for one stage.
+      ! Newton's iteration has residual and matrix; here are weights, slopes, and vectors of one stage.
       allocate (self%v(nlane, 0:model%traits%nnoise, self%npart))
       allocate (self%x(nlane, 2*n*nstage*self%npart), self%qs(nlane, n), self%ps(nlane, n))
       allocate (self%hqq(nlane, n, n), self%hqp(nlane, n, n), self%hpp(nlane, n, n))
@@ -145,7 +145,7 @@ contains
       real(wp) :: near(self%ham%nlane)
       logical :: begun
 
-      ! Each part is asked of the Hamiltonian with its own weights.
+      ! Each part is evaluated with its own weights.
       call split_weights(self, step%w)
       call self%decays%set_step(step%h)
       call self%newton%start(status)
@@ -153,7 +153,7 @@ contains
       near = 0
       do while (self%newton%running)
          call linearise_all(self, step, q, p)
-         ! The size of the slopes at the beginning: of the residual, which is (-Hhat_p, Hhat_q) where x = 0, or of x.
+         ! The initial size of the slopes: of the residual, which is (-Hhat_p, Hhat_q) at x = 0, or of x.
          if (.not. begun) near = max(maxval(abs(self%newton%r), dim=2), maxval(abs(self%x), dim=2))
          begun = .true.
          call self%newton%update(self%x, status, self%ham%counters)
@@ -161,9 +161,9 @@ contains
       call look_back(self, step, q, p, near, status)
    end subroutine solve_stages
 
-   !> Residuals and matrix at the slopes x, for all stages, in newton%r and newton%a. Each stage is evaluated once
-   !> for each part, and fills its rows of the matrix in all columns: with two parts, Q_i and P_i depend on the
-   !> slopes of both.
+   !> Residuals and matrix at the slopes x, for all stages, in newton%r and newton%a. Each stage is evaluated once for
+   !> each part, and fills its rows of the matrix in all columns: with two parts, Q_i and P_i depend on the slopes of
+   !> both.
    subroutine linearise_all(self, step, q, p)
       type(general_stepper), intent(inout) :: self
       type(step_record), intent(in) :: step
@@ -179,9 +179,10 @@ contains
       end do
    end subroutine linearise_all
 
-   !> Newton's iteration ends by corrections against the largest slope. Where it went astray, one slope may be larger
-   !> than the others by so many powers of ten (q^3 of a q of 1e31) that these are not solved at all. So lanes whose
-   !> slopes have grown far beyond those at the beginning are asked once more: every slope of every stage by itself.
+   !> Newton's iteration ends when corrections are small relative to the largest slope. If it diverged temporarily, one
+   !> slope may exceed the others by so many powers of ten (q^3 for q = 1e31) that the equations of the others are not
+   !> solved. So lanes whose slopes have grown far beyond their initial size are tested again: every slope of every
+   !> stage separately.
    subroutine look_back(self, step, q, p, near, status)
       type(general_stepper), intent(inout) :: self
       type(step_record), intent(in) :: step
@@ -193,7 +194,7 @@ contains
       real(wp) :: largest
       integer :: lane, at
 
-      ! One solve of linear equations cannot go astray, and a given number of iterations is not held to converge.
+      ! One solve of linear equations cannot diverge, and a given number of iterations need not converge.
       if (self%newton%affine .or. self%newton%options%fixed_point > 0) return
       ! Find converged lanes with slopes beyond a million times the slopes at the beginning.
       grown = status == 0 .and. maxval(abs(self%x), dim=2) > far*near
@@ -203,7 +204,7 @@ contains
          do lane = 1, self%ham%nlane
             if (.not. grown(lane)) cycle
             do at = 1, size(x, 2), n
-               ! Residuals of one slope vector against its own size, or against that at the beginning.
+               ! Compare the residual of each slope vector with its size, or with the initial size.
                largest = max(near(lane), maxval(abs(x(lane, at:at + n - 1))))
                if (all(abs(r(lane, at:at + n - 1)) <= solved*largest)) cycle
                status(lane) = not_converged
@@ -214,8 +215,8 @@ contains
       end associate
    end subroutine look_back
 
-   !> dq = sum_i alpha_i F_i, dp = sum_i alpha_i G_i; of damped momenta, dp = (exp(-z) - 1) p_n + sum_i alpha_i
-   !> exp(-(1-c_i) z) G_i.
+   !> dq = sum_i alpha_i F_i, dp = sum_i alpha_i G_i; with damping, dp = (exp(-z) - 1) p_n + sum_i alpha_i exp(-(1-c_i)
+   !> z) G_i.
    subroutine add_up(self, p, dq, dp)
       class(general_stepper), intent(in) :: self
       real(wp), intent(in) :: p(self%ham%nlane, self%ham%ndof)
@@ -239,7 +240,7 @@ contains
       end associate
    end subroutine add_up
 
-   !> The first column of the slopes of stage i and part: F takes ndof columns from there, and G the next ndof.
+   !> The first column of the slopes of stage i and a part: F has ndof columns from there, and G the next ndof.
    pure integer function first(self, i, part)
       type(general_stepper), intent(in) :: self
       integer, intent(in) :: i, part
@@ -247,8 +248,8 @@ contains
       first = 2*self%ham%ndof*((part - 1)*self%nstage + i - 1) + 1
    end function first
 
-   !> Set the weights with which the one-step Hamiltonian is asked for each part. One part has all weights; of two,
-   !> the first has (h, 0, .., 0) and the second (0, dW_1, .., dW_m).
+   !> Set the weights of the one-step Hamiltonian for each part. A single part has all weights; of two, the first has
+   !> (h, 0, .., 0) and the second (0, dW_1, .., dW_m).
    subroutine split_weights(self, w)
       type(general_stepper), intent(inout) :: self
       real(wp), intent(in) :: w(self%ham%nlane, 0:self%ham%nnoise)
@@ -269,8 +270,7 @@ contains
       integer :: j, k, part, at
 
       associate (n => self%ham%ndof, decays => self%decays)
-         ! The sums begin with q_n and p_n, and include slopes with a zero coefficient: the oracle leaves nothing
-         ! out.
+         ! The sums begin with q_n and p_n, and include slopes with a zero coefficient: the oracle omits nothing.
          self%qs = q
          do k = 1, n
             self%ps(:, k) = decays%begin(i, k)*p(:, k)
@@ -288,8 +288,8 @@ contains
       end associate
    end subroutine stage_point
 
-   !> Rows of residual and matrix that belong to stage i and one part: F_i - Hhat_p and G_i + Hhat_q under the
-   !> weights of this part. Gradients are put into r and the slopes are added to them there.
+   !> Rows of residual and matrix of stage i and one part: F_i - Hhat_p and G_i + Hhat_q with the weights of this part.
+   !> Gradients are stored in r, and the slopes are then combined with them.
    subroutine linearise(self, i, part, step)
       type(general_stepper), intent(inout) :: self
       integer, intent(in) :: i, part
@@ -297,12 +297,12 @@ contains
       real(wp) :: t
       integer :: n, at, k
 
-      ! One time for all derivatives of a stage.
+      ! All derivatives of a stage are evaluated at the same time.
       t = step%t + self%c(i)*step%h
       n = self%ham%ndof
       at = first(self, i, part)
       associate (r => self%newton%r, hp => at, hq => at + n)
-         ! Without a matrix, in a given number of fixed-point iterations, the gradient is enough.
+         ! A given number of fixed-point iterations has no matrix and needs only the gradient.
          if (.not. allocated(self%newton%a)) then
             call self%ham%gradient(t, self%v(:, :, part), self%qs, self%ps, &
                                    hq=r(:, hq:hq + n - 1), hp=r(:, hp:hp + n - 1), step=step)
@@ -312,7 +312,7 @@ contains
                                            hqq=self%hqq, hqp=self%hqp, hpp=self%hpp, step=step)
             call matrix_rows(self, i, at)
          end if
-         ! r held the gradient and becomes the residual.
+         ! r is the gradient and becomes the residual.
          do k = 0, n - 1
             r(:, hp + k) = self%x(:, hp + k) - r(:, hp + k)
             r(:, hq + k) = self%x(:, hq + k) + r(:, hq + k)
@@ -320,12 +320,12 @@ contains
       end associate
    end subroutine linearise
 
-   !> Rows at .. at+2n-1 of the matrix, from the Hessian at stage i: n rows of F_i, then n of G_i, in the columns of
-   !> all stages and parts, and I on the diagonal. hqp(:, l, k) is entry (k, l) of Hhat_pq.
+   !> Rows from `at` to at+2n-1 of the matrix, from the Hessian at stage i: n rows of F_i, then n of G_i, in the columns
+   !> of all stages and parts, and I on the diagonal. hqp(:, l, k) is entry (k, l) of Hhat_pq.
    subroutine matrix_rows(self, i, at)
       type(general_stepper), intent(inout) :: self
       integer, intent(in) :: i, at
-      real(wp) :: abar(self%ham%ndof)   !! with the decay of each degree of freedom
+      real(wp) :: abar(self%ham%ndof)   !! abar_ij, with the decay of each degree of freedom
       integer :: n, j, part, to, k, l
 
       n = self%ham%ndof
@@ -334,7 +334,7 @@ contains
             do j = 1, self%nstage
                to = first(self, j, part)
                abar = self%abar(i, j, part)*self%decays%between(i, j, :)
-               ! Entry (k, l) of each of the four blocks at the head of this file.
+               ! Entry (k, l) of each of the four blocks in the header.
                do l = 0, n - 1
                   do k = 0, n - 1
                      m(:, at + k, to + l) = -self%a(i, j, part)*self%hqp(:, l + 1, k + 1)
@@ -348,7 +348,7 @@ contains
             end do
          end do
          do k = at, at + 2*n - 1
-            ! The diagonal: F_i and G_i in their own equations.
+            ! The diagonal: F_i and G_i occur in their equations with factor one.
             m(:, k, k) = m(:, k, k) + 1
          end do
       end associate

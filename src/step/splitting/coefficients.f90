@@ -5,23 +5,23 @@
 !>    w_i0 = b_i h,   w_ik = beta_i dW_k + gamma_i a_k + eta_i K_k,      v_0 = h,   v_k = dW_k + zeta K_k
 !>    D_kl = h [ sum_{i<j} (c_j - c_i) (w_ik w_jl + w_il w_jk)/2 - 2 kappa v_k v_l ] - J_kl      where J is sampled
 !>
-!> Of a model damped by one rate the noise of free motion has its exact law (noise/decay_law): the first kick takes
-!> more and the last one less, d_k = (D_k/h - sum_i phi_i w_ik)/(phi_1 - phi_n), phi_i = phi((1 - c_i) h)/h, so that
-!> sum_i w_ik = dW_k and sum_i h phi_i w_ik = D_k. Both are linear in dW, a and K: beta, gamma and eta of these two
-!> kicks change with gamma h, and nothing else does. Unequal rates keep the coefficients of the closed system, whose
-!> moments hold to the order of the scheme.
+!> If a model is damped by one rate, the noise of free motion has its exact law (noise/decay_law): d_k = (D_k/h - sum_i
+!> phi_i w_ik)/(phi_1 - phi_n), phi_i = phi((1 - c_i) h)/h, is added to the first kick and subtracted from the last one,
+!> so that sum_i w_ik = dW_k and sum_i h phi_i w_ik = D_k. Both are linear in dW, a and K: only beta, gamma and eta of
+!> these two kicks depend on gamma h. With unequal rates the coefficients of the closed system are used, whose moments
+!> hold to the order of the scheme.
 !>
-!> w_ik multiplies H_k in kick i, V = h U + sum_k v_k H_k is what the force-gradient kicks square, and D_kl stands
-!> before the products H_k,q.M^-1 H_l,q. Where J is not sampled, D = c h |h| delta_kl is known, and d is not filled.
-!> The w_i0 and v_0 change with the size of the step alone.
+!> w_ik multiplies H_k in kick i, V = h U + sum_k v_k H_k is the sum squared by force-gradient kicks, and D_kl
+!> multiplies the products H_k,q.M^-1 H_l,q. If J is not sampled, D = c h |h| delta_kl is known, and d is not filled.
+!> The w_i0 and v_0 depend on the size of the step alone.
 !>
-!> Lanes are the paths of a block, or the steps that a single path has ahead.
+!> Lanes are the paths of a block, or the next steps of a single path.
 !>
-!> A step is weighed in this order: the weights of H where h has changed; then noise by noise a_k, all w_ik and v_k;
-!> and last D_kl, which is made of the w and v of all noises.
+!> Order of weighing a step: the weights of H if h has changed; then, noise by noise, a_k, all w_ik and v_k; and last
+!> D_kl, which depends on the w and v of all noises.
 !>
-!> In a sum of two products the compiler might contract either one, and a single path would differ in its bits from
-!> a path of a block. Parentheses around the second product leave only the first one to be contracted.
+!> In a sum of two products the compiler might contract either one, and a single path would differ in its bits from a
+!> path of a block. Parentheses around the second product allow only the first one to be contracted.
 !>
 !> Private to its family.
 module symsde_step_splitting_coefficients
@@ -38,25 +38,25 @@ module symsde_step_splitting_coefficients
    private
    public :: kick_weights, new_kick_weights, add_product
 
-   !> The coefficients of a scheme of kicks, and the weights that they make of the step that was weighed last.
+   !> The coefficients of a scheme of kicks, and the weights of the step that was weighed last.
    type :: kick_weights
       type(kicks_type) :: kicks
-      logical :: products = .false.            !! noises are not linear: H_k,q . H_l,q matters
-      logical, allocatable :: has_products(:)  !! kicks with more than the gradient of one sum (nkick)
+      logical :: products = .false.            !! whether noises are nonlinear, so that H_k,q . H_l,q matters
+      logical, allocatable :: has_products(:)  !! kicks with more terms than the gradient of one sum (nkick)
       logical, allocatable :: multiplies(:)    !! kicks with products of the noises' gradients (nkick)
-      real(wp) :: c = 0                        !! the c of the mean form, D_kl = c h |h| delta_kl
+      real(wp) :: c = 0                        !! c in the mean form, D_kl = c h |h| delta_kl
       integer, allocatable :: noisy(:)         !! the noises that are not silent
       integer, allocatable :: at(:, :)           !! column of D_kl in d, for k and l in any order (nnoise, nnoise)
       real(wp), allocatable :: w(:, :, :)      !! w_ik, w_i0 = b_i h (nlane, 0:nnoise, nkick)
       real(wp), allocatable :: v(:, :)         !! weights of V (nlane, 0:nnoise)
       real(wp), allocatable :: d(:, :)         !! D_kl at pair_index (nlane, nnoise(nnoise+1)/2)
-      logical, private :: by_sums = .false.    !! some kick reads V
+      logical, private :: by_sums = .false.    !! whether some kick uses V
       logical, private :: uses_dz = .false.
       type(damping_type) :: damping
       type(kicks_type) :: closed               !! the coefficients without damping
-      real(wp), private :: rate = 0            !! gamma of all degrees of freedom, where the noise has the law of decay
+      real(wp), private :: rate = 0            !! gamma of all degrees of freedom, if the noise has its exact law
       integer, private :: nlane = 0, nnoise = 0
-      real(wp), private :: h = 0                   !! the step that w_i0 and v_0 were found for
+      real(wp), private :: h = 0                   !! the step for which w_i0 and v_0 were computed
       real(wp), private, allocatable :: a(:)       !! a_k of one noise (nlane)
    contains
       procedure :: weigh
@@ -64,8 +64,8 @@ module symsde_step_splitting_coefficients
 
 contains
 
-   !> Make room for blocks of nlane lanes, and find the weights that matter to these kicks and this model. Additive
-   !> noises have constant gradients, whose products move nothing.
+   !> Allocate for blocks of nlane lanes, and find the weights that matter to these kicks and this model. Additive
+   !> noises have constant gradients, whose products have no effect.
    subroutine new_kick_weights(self, kicks, traits, damping, nlane)
       type(kick_weights), intent(out) :: self
       type(kicks_type), intent(in) :: kicks
@@ -81,14 +81,14 @@ contains
       self%noisy = [(k, k=1, traits%nnoise)]
       if (allocated(traits%silent)) self%noisy = pack(self%noisy, .not. traits%silent)
       self%products = size(self%noisy) > 0 .and. .not. traits%additive
-      ! V is read by kicks with kappa, and D of the sampled form has its weights.
+      ! Kicks with kappa use V, and D of the sampled form uses its weights.
       self%by_sums = any(abs(kicks%kappa) > 0) .or. kicks%samples
       self%uses_dz = kicks%uses_dz()
       self%closed = kicks
       self%damping = damping
       if (damping%acts() .and. damping%is_scalar() .and. (self%uses_dz .or. kicks%is_word())) &
          self%rate = damping%rate(1)
-      ! D multiplies products in kicks with a share of them; in the mean form it vanishes if c does.
+      ! D multiplies products in kicks with a nonzero share; in the mean form it vanishes if c does.
       self%multiplies = self%products .and. abs(kicks%share) > 0 .and. (kicks%samples .or. abs(self%c) > 0)
       self%has_products = abs(kicks%kappa) > 0 .or. self%multiplies
       allocate (self%w(nlane, 0:self%nnoise, size(kicks%c)), self%v(nlane, 0:self%nnoise), self%a(nlane), source=0.0_wp)
@@ -101,8 +101,8 @@ contains
       end do
    end subroutine new_kick_weights
 
-   !> Find the weights of every kick, of V, and D, in the first nlane lanes, from the functionals of the step. Silent
-   !> noises keep the weight zero that their room was made with.
+   !> Compute the weights of every kick, of V, and D, in the first nlane lanes, from the functionals of the step.
+   !> Weights of silent noises keep their initial value zero.
    subroutine weigh(self, nlane, step)
       class(kick_weights), intent(inout) :: self
       integer, intent(in) :: nlane
@@ -131,7 +131,7 @@ contains
       end associate
    end subroutine weigh
 
-   !> Kicks whose noise has the law of free motion with decay, z = gamma h.
+   !> Set the kicks for noise with the exact law of free motion with decay, z = gamma h.
    pure subroutine give_law(kicks, closed, z)
       type(kicks_type), intent(inout) :: kicks
       type(kicks_type), intent(in) :: closed
@@ -155,7 +155,7 @@ contains
       kicks%eta(last) = closed%eta(last) - d(3)
    end subroutine give_law
 
-   !> The weights w_ik of noise k in every kick i, and v_k. Where no K drives the step, zeta and eta are not read.
+   !> The weights w_ik of noise k in every kick i, and v_k. If no K drives the step, zeta and eta are not used.
    subroutine weigh_noise(self, nlane, k, step)
       type(kick_weights), intent(inout) :: self
       integer, intent(in) :: nlane, k
@@ -186,8 +186,8 @@ contains
       end associate
    end subroutine weigh_noise
 
-   !> D_kl of the sampled form, k <= l, at pair_index(k, l): the kicks' own second Magnus term less J_kl. The
-   !> sum over pairs of kicks is symmetrised in k and l, which is all that the symmetric product of gradients sees.
+   !> D_kl of the sampled form, k <= l, at pair_index(k, l): the second Magnus term of the kicks minus J_kl. The sum
+   !> over pairs of kicks is symmetrised in k and l, since only the symmetric part matters for the product of gradients.
    subroutine find_d(self, nlane, step)
       type(kick_weights), intent(inout) :: self
       integer, intent(in) :: nlane
@@ -195,8 +195,8 @@ contains
       real(wp) :: kappa
       integer :: i, j, k, l, kl
 
-      ! The force-gradient kicks already hold the products with kappa h v_k v_l. D enters with the factor 1/2, so
-      ! twice this is subtracted from D.
+      ! The force-gradient kicks already contain the products with kappa h v_k v_l. D has the factor 1/2, so twice these
+      ! products are subtracted from D.
       kappa = sum(self%kicks%kappa)
       associate (c => self%kicks%c, w => self%w, v => self%v, d => self%d)
          do l = 1, self%nnoise
@@ -219,7 +219,7 @@ contains
 
    ! ---- kernels ----------------------------------------------------------------------------------
 
-   !> VEC f = f + factor x y, lane by lane. Parentheses leave the addition as the one operation to contract.
+   !> VEC f = f + factor x y, lane by lane. Parentheses allow only the addition to be contracted.
    pure subroutine add_product(nlane, factor, x, y, f)
       integer, intent(in) :: nlane
       real(wp), intent(in) :: factor, x(nlane), y(nlane)

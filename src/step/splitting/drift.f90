@@ -1,24 +1,24 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> The flow between two kicks, over the time tau: of p.p/2, or of p.p/2 + sum_i omega_i^2 q_i^2/2 where a model declares
+!> The flow between two kicks, over the time tau: of p.p/2, or of p.p/2 + sum_i omega_i^2 q_i^2/2 if a model declares
 !> that linear part, an exact rotation of every degree of freedom:
 !>
 !>    q <- q + tau p                  q <- cos(omega tau) q + sin(omega tau)/omega p
 !>    p <- p                          p <- cos(omega tau) p - omega sin(omega tau) q
 !>
-!> Of a damped model a free flow decays, by the rate gamma_i of every degree of freedom (or by a matrix of friction, see
-!> step/open/friction):
+!> In a damped model the free flow decays, by the rate gamma_i of every degree of freedom (or by a matrix of friction,
+!> see step/open/friction):
 !>
 !>    q <- q + phi p,   p <- exp(-gamma tau) p,       phi = (1 - exp(-gamma tau))/gamma
 !>
-!> Increments are moved, not states, so that rounding stays that of increments: with (x, y) = (q + dq, p + dp),
+!> Increments are moved, not states, so that rounding errors are relative to increments: with (x, y) = (q + dq, p + dp),
 !>
 !>    dq <- dq + (cos(omega tau) - 1) x + sin(omega tau)/omega y
 !>    dp <- dp + (cos(omega tau) - 1) y - omega sin(omega tau) x
 !>
-!> where cos - 1 = -2 sin^2(omega tau/2) is found without cancellation. Cosine and sine are found once for each
-!> duration: the drifts of a step (legs) keep their own, and find them again when h changes. A rotation is exact for
-!> every omega h, which does not limit the step; the kicks are then those of U without its linear part
-!> (remove_linear). A decay finds its coefficients alike, dp <- dp + (exp(-gamma tau) - 1) y.
+!> where cos - 1 = -2 sin^2(omega tau/2) is computed without cancellation. Cosine and sine are computed once for each
+!> duration: every drift of a step (leg) keeps its own, and recomputes them when h changes. A rotation is exact for
+!> every omega h, which does not limit the step; the kicks are then those of U without its linear part (remove_linear).
+!> Coefficients of a decay are kept in the same way, dp <- dp + (exp(-gamma tau) - 1) y.
 !>
 !> In a word of flows (scheme/words) drifts are free, and momenta decay at kicks.
 !>
@@ -38,7 +38,7 @@ module symsde_step_splitting_drift
       private
       logical, public :: rotates = .false.
       logical, public :: decays = .false.
-      type(friction_flow), allocatable, public :: friction  !! decays by a matrix
+      type(friction_flow), allocatable, public :: friction  !! flow with a matrix of friction
       logical, public :: decays_at_kicks = .false.
       real(wp), allocatable :: part(:)             !! of a word: part of the decay before each kick (nkick)
       real(wp), allocatable :: rate(:)             !! gamma (ndof)
@@ -89,17 +89,17 @@ contains
       allocate (self%sine_over(size(omega), nleg), source=0.0_wp)
    end subroutine new_drift_flow
 
-   !> Rotate (q + dq, p + dp) over the time tau, the leg-th of the step. Where nothing rotates, a drift is one pass
-   !> together with the kick before it (leap of stepper.inc).
+   !> Rotate (q + dq, p + dp) over the time tau, leg `leg` of the step. Without rotation a drift is one pass together
+   !> with the kick before it (leap of stepper.inc).
    subroutine move(self, leg, tau, nlane, ndof, q, p, dq, dp)
       class(drift_flow), intent(inout) :: self
       integer, intent(in) :: leg, nlane, ndof
-      real(wp), intent(in) :: tau                                   !! with its sign [time]
+      real(wp), intent(in) :: tau                                   !! duration with its sign [time]
       real(wp), intent(in) :: q(nlane, ndof), p(nlane, ndof)
       real(wp), intent(inout) :: dq(nlane, ndof), dp(nlane, ndof)
       integer :: i
 
-      ! Steps of one size find their coefficients in the first of them.
+      ! Steps of one size compute their coefficients in the first of them.
       if (abs(tau - self%duration(leg)) > 0) call rotate_over(self, leg, tau)
       do i = 1, ndof
          call rotate(nlane, self%cosine_less_one(i, leg), self%sine(i, leg), self%sine_over(i, leg), &
@@ -107,12 +107,12 @@ contains
       end do
    end subroutine move
 
-   !> Drift with decay over the time tau, the leg-th of the step: dq <- dq + phi v with the velocity v = M^-1 (p + dp),
+   !> Drift with decay over the time tau, leg `leg` of the step: dq <- dq + phi v with the velocity v = M^-1 (p + dp),
    !> dp <- dp + (exp(-gamma tau) - 1) (p + dp).
    subroutine decay(self, leg, tau, nlane, ndof, v, p, dq, dp)
       class(drift_flow), intent(inout) :: self
       integer, intent(in) :: leg, nlane, ndof
-      real(wp), intent(in) :: tau                                   !! with its sign [time]
+      real(wp), intent(in) :: tau                                   !! duration with its sign [time]
       real(wp), intent(in) :: v(nlane, ndof), p(nlane, ndof)
       real(wp), intent(inout) :: dq(nlane, ndof), dp(nlane, ndof)
       integer :: i
@@ -151,7 +151,8 @@ contains
       end do
    end subroutine decay_at
 
-   !> Take the linear part out of the gradient of weight*U, f <- f - weight omega_i^2 x_i: the rotation has it.
+   !> Subtract the linear part from the gradient of weight*U, f <- f - weight omega_i^2 x_i, since the rotation includes
+   !> it.
    pure subroutine remove_linear(self, weight, nlane, ndof, x, f)
       class(drift_flow), intent(in) :: self
       real(wp), intent(in) :: weight
@@ -198,8 +199,8 @@ contains
       end do
    end subroutine lose
 
-   !> VEC The rotation of one degree of freedom in all lanes. Parentheses around the second product leave the first
-   !> one to be contracted, in one lane as in many.
+   !> VEC The rotation of one degree of freedom in all lanes. Parentheses around the second product allow only the first
+   !> to be contracted, in one lane as in many.
    pure subroutine rotate(nlane, cosine_less_one, sine, sine_over, q, p, dq, dp)
       integer, intent(in) :: nlane
       real(wp), intent(in) :: cosine_less_one, sine, sine_over, q(nlane), p(nlane)

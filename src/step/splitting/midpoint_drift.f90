@@ -1,11 +1,11 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> The flow of H between kicks by the implicit midpoint rule, which large forces do not limit: with (x, y) where the
-!> path is, over the time tau from the time t on,
+!> The flow of H between kicks by the implicit midpoint rule, which remains stable for large forces: from (x, y), over
+!> the time tau from the time t on,
 !>
 !>    X = x + tau H_p(X_m, Y_m),   Y = y - tau H_q(X_m, Y_m),   (X_m, Y_m) = ((x + X)/2, (y + Y)/2)   at t + tau/2
 !>
-!> It is a midpoint step of the model, h = tau and all dW_k = 0, by one of the steppers for such steps; lanes that it
-!> cannot solve are rescued as those of any other step. The kicks then have the noises alone.
+!> This is a midpoint step of the model, with h = tau and all dW_k = 0, by one of the steppers for such steps; lanes
+!> that it cannot solve are rescued like those of any other step. The kicks then contain the noises only.
 !>
 !> Private to its family.
 module symsde_step_splitting_midpoint_drift
@@ -31,12 +31,12 @@ module symsde_step_splitting_midpoint_drift
    !> The stepper of these midpoint steps, its rescue, its weights, and the state of the path between two kicks.
    type :: midpoint_flow
       private
-      class(stepper_type), allocatable, public :: stepper  !! takes the midpoint steps
+      class(stepper_type), allocatable, public :: stepper  !! stepper of the midpoint steps
       type(scheme_type), allocatable :: midpoint
-      type(rescue_type) :: rescue                          !! takes the lanes in which the stepper fails
+      type(rescue_type) :: rescue                          !! rescue of lanes in which the stepper fails
       real(wp), allocatable :: w(:, :)                     !! weights: tau for H, zero for noises (nlane, 0:nnoise)
       real(wp), allocatable, dimension(:, :) :: x, y, dx, dy  !! state of the path, its increments (nlane, ndof)
-      integer(i8), allocatable :: failed(:)                !! 1 where a lane had failed before, else -1 (nlane)
+      integer(i8), allocatable :: failed(:)                !! 1 if a lane had failed before, else -1 (nlane)
    contains
       procedure :: move
       procedure :: tally
@@ -44,12 +44,12 @@ module symsde_step_splitting_midpoint_drift
 
 contains
 
-   !> Midpoint steps of the model and the lanes of a task, which asks for a scheme of kicks: the same task with the
-   !> scheme midpoint. The first stepper that fits is taken, with momenta eliminated, of one degree of freedom, or of
-   !> all unknown q and p, and else the general one; each of the first three has an instance with one lane.
+   !> Make midpoint steps for the model and the lanes of a task with a scheme of kicks: the same task with the scheme
+   !> midpoint. The first stepper that fits is chosen: with momenta eliminated, of one degree of freedom, of all unknown
+   !> q and p, else the general one; each of the first three has an instance with one lane.
    subroutine new_midpoint_flow(self, whole)
       type(midpoint_flow), intent(out), target :: self
-      type(stepper_task), intent(in) :: whole  !! the task of the scheme that kicks
+      type(stepper_task), intent(in) :: whole  !! the task with the scheme of kicks
       type(stepper_task) :: task
       type(error_type), allocatable :: error
 
@@ -58,7 +58,7 @@ contains
       allocate (self%midpoint)
       call get_scheme(self%midpoint, 'midpoint', error)
       task%scheme => self%midpoint
-      ! A run that asks for the general stepper gets it for the midpoint steps, too.
+      ! A run with the general stepper also uses it for the midpoint steps.
       if (whole%general) then
          allocate (general_stepper :: self%stepper)
       else if (midpoint_fits(task)) then
@@ -81,8 +81,8 @@ contains
       end associate
    end subroutine new_midpoint_flow
 
-   !> Move (q + dq, p + dp) over the time tau from the time t on. Lanes that had a status before are not rescued:
-   !> `failed` remembers them.
+   !> Move (q + dq, p + dp) over the time tau from the time t on. Lanes that had a status before are not rescued;
+   !> `failed` marks them.
    subroutine move(self, t, tau, q, p, dq, dp, status)
       class(midpoint_flow), intent(inout), target :: self
       real(wp), intent(in) :: t, tau
@@ -91,26 +91,26 @@ contains
       integer(i8), intent(inout) :: status(self%stepper%ham%nlane)
       type(step_record) :: step
 
-      ! The weights of the noises stay zero, as they were allocated: noises act in the kicks.
+      ! The weights of the noises keep their initial value zero, since noises act in the kicks.
       self%w(:, 0) = tau
       self%x = q + dq
       self%y = p + dp
       ! Rescue skips lanes with a number >= 0 here.
       self%failed = merge(-1_i8, 1_i8, status == 0)
-      ! A step of the model by itself, whose middle is at t + tau/2.
+      ! An independent step of the model, whose middle is at t + tau/2.
       step%t = t
       step%h = tau
       step%w(1:, 0:) => self%w
       call self%stepper%increment(step, self%x, self%y, self%dx, self%dy, status)
-      ! dx and dy of the lanes that fail now come from the rescue, where it succeeds.
+      ! In lanes that fail now, dx and dy come from the rescue, if it succeeds.
       if (any(status /= 0 .and. self%failed < 0)) &
          call self%rescue%attempt(size(status), step, self%x, self%y, self%failed, self%dx, self%dy, status)
-      ! Increments of the step so far, and those of this flow.
+      ! Add the increments of this flow to those of the step so far.
       dq = dq + self%dx
       dp = dp + self%dy
    end subroutine move
 
-   !> Add what the midpoint steps and their rescue have counted.
+   !> Add the counts of the midpoint steps and their rescue.
    subroutine tally(self, total)
       class(midpoint_flow), intent(in) :: self
       type(counters_type), intent(inout) :: total

@@ -1,9 +1,10 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> Drifts and kicks of a block of paths: x <- x + tau_i M^-1 y and y <- y - f_i in turn, by the equations of
+!> Drifts and kicks of a block of paths: alternately x <- x + tau_i M^-1 y and y <- y - f_i, by the equations of
 !> stepper.inc.
 !>
-!> Weights are found step by step, since the lanes of a block fill vectors as it is. Every force and every derivative
-!> is asked of the model for all lanes at once. No kick changes a status; midpoint steps between kicks may.
+!> Weights are computed step by step, since the lanes of a block fill vectors in any case. Every force and every
+!> derivative is evaluated by one call of the model for all lanes. Kicks never change a status; midpoint steps between
+!> kicks may.
 module symsde_step_splitting_stepper
    use symsde_base_counters, only: counters_type, add_counters
    use symsde_base_kinds, only: wp, i8
@@ -22,7 +23,7 @@ module symsde_step_splitting_stepper
    private
    public :: splitting_stepper
 
-   !> Results that a stepper finds before the steps of a call. A block has none: its lanes fill vectors in every
+   !> Results that a stepper computes before the steps of a call. A block has none: its lanes fill vectors in every
    !> step.
    type :: ahead_type
    end type ahead_type
@@ -30,14 +31,14 @@ module symsde_step_splitting_stepper
    include 'stepper.inc'
    include 'derivatives.inc'
 
-   !> Lanes of the block.
+   !> Number of lanes of the block.
    pure integer function lanes(self)
       type(splitting_stepper), intent(in) :: self
 
       lanes = self%ham%nlane
    end function lanes
 
-   !> Find weights ahead: a block does nothing here, since its lanes are weighed side by side in each step.
+   !> Compute weights ahead: a block does nothing here, since its lanes are weighed together in each step.
    subroutine prefetch(self, steps)
       class(splitting_stepper), intent(inout), target :: self
       type(steps_record), intent(in) :: steps

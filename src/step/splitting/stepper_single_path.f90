@@ -1,13 +1,13 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> Drifts and kicks of a single path, in turn, by stepper.inc with one lane.
+!> Drifts and kicks of a single path, alternately, by stepper.inc with one lane.
 !>
-!> The weights w_ik, v and D_kl of all steps of a call are found at once, as if each step were a lane of a block, so
-!> that they fill vectors. Then they are transposed, so that those of one step stand side by side. Found step by step,
-!> they took a fifth to a half more time where noises have products. With one degree of freedom, sine and cosine of an
-!> angle are found once a kick, for all Hamiltonians.
+!> The weights w_ik, v and D_kl of all steps of a call are computed at once, as if each step were a lane of a block, so
+!> that they fill vectors. Then they are transposed, so that the weights of one step are contiguous. Computed step by
+!> step, they took a fifth to a half more time if noises have products. With one degree of freedom, sine and cosine of
+!> an angle are computed once per kick, for all Hamiltonians.
 !>
-!> An increment that is asked for by itself finds its weights alone: `now` counts the steps of a call, and a step
-!> beyond the prefetched ones is weighed when it comes.
+!> A single increment computes its own weights: `now` counts the steps of a call, and the weights of a step beyond the
+!> prefetched ones are computed when it is taken.
 module symsde_step_splitting_stepper_single_path
    use symsde_base_counters, only: counters_type, add_counters
    use symsde_base_functionals, only: functional_set
@@ -27,12 +27,12 @@ module symsde_step_splitting_stepper_single_path
    private
    public :: splitting_stepper
 
-   !> Weights of the steps to come.
+   !> Weights of the next steps.
    type :: ahead_type
-      type(kick_weights), allocatable :: weights  !! weights of the steps to come, a lane for each
+      type(kick_weights), allocatable :: weights  !! weights of the next steps, a lane for each
       type(step_store) :: store                   !! increments and functionals of these steps, as one step
       real(wp), allocatable :: w(:, :, :, :)      !! the same weights, sorted by step (1, 0:nnoise, nkick, step)
-      real(wp), allocatable :: v(:, :, :), d(:, :, :)  !! V and D, sorted alike, of products (1, .., step)
+      real(wp), allocatable :: v(:, :, :), d(:, :, :)  !! V and D, sorted likewise, for products (1, .., step)
    end type ahead_type
 
    include 'stepper.inc'
@@ -40,22 +40,22 @@ module symsde_step_splitting_stepper_single_path
 
    ! ---- what a path by itself does otherwise than a block ------------------------------------------
 
-   !> One lane, known to the compiler.
+   !> One lane, which the compiler knows.
    pure integer function lanes(self)
       type(splitting_stepper), intent(in) :: self
 
       lanes = 1
    end function lanes
 
-   !> Find the weights of all steps of a call: increments and functionals of step i are put into lane i of a store,
-   !> which is weighed as one step of many lanes. The times of the steps do not matter to weights.
+   !> Compute the weights of all steps of a call: increments and functionals of step i are copied to lane i of a store,
+   !> and one step of many lanes is weighed. Weights do not depend on the times of the steps.
    subroutine prefetch(self, steps)
       class(splitting_stepper), intent(inout), target :: self
       type(steps_record), intent(in) :: steps
       type(step_record) :: record
       integer :: i, k, f
 
-      ! The first call says how many steps a call has at most.
+      ! The first call determines how many steps a call has at most.
       if (.not. allocated(self%ahead%weights)) call make_ahead(self, self%ahead, steps)
       associate (n => steps%nstep, ahead => self%ahead, weights => self%ahead%weights)
          ! Lane i is step i, for the increments and for every functional that drives the steps.
@@ -68,7 +68,7 @@ module symsde_step_splitting_stepper_single_path
                ahead%store%of(f)%x(:n, k, 0) = steps%of(f)%x(1, k, :)
             end do
          end do
-         ! The store shows its lanes as one step, at a time that no weight depends on.
+         ! The store shows its lanes as one step, at an arbitrary time.
          call ahead%store%show(0, 0.0_wp, record)
          call weights%weigh(n, record)
          ! From (step, noise, kick) to (1, noise, kick, step).
@@ -77,21 +77,21 @@ module symsde_step_splitting_stepper_single_path
                ahead%w(1, k, i, :n) = weights%w(:n, k, i)
             end do
          end do
-         ! `increment` counts `now` from here on; the pointers show all steps that were prefetched.
+         ! From here on `increment` counts `now`; the pointers show all prefetched steps.
          self%nahead = n
          self%now = 0
          self%w(1:, 0:, 1:, 1:) => self%ahead%w
          self%v(1:, 0:, 1:) => self%ahead%v
          if (allocated(ahead%d)) self%d => self%ahead%d
-         ! Kicks without products read neither V nor D.
+         ! Kicks without products use neither V nor D.
          if (.not. any(weights%has_products)) return
-         ! V and D of step i side by side, as a kick reads them.
+         ! V and D of step i contiguously, as a kick reads them.
          ahead%v(1, :, :n) = transpose(weights%v(:n, :))
          if (allocated(weights%d)) ahead%d(1, :, :n) = transpose(weights%d(:n, :))
       end associate
    end subroutine prefetch
 
-   !> Room for as many steps as a call takes (steps%most), made when the first call comes: it says which functionals
+   !> Allocate for as many steps as a call may have (steps%most), at the first call, which shows the functionals that
    !> drive the steps.
    subroutine make_ahead(self, ahead, steps)
       type(splitting_stepper), intent(in) :: self
@@ -104,7 +104,7 @@ module symsde_step_splitting_stepper_single_path
          asked%has(f) = associated(steps%of(f)%x)
       end do
       associate (kicks => self%weights%kicks, m => steps%nnoise)
-         ! One step of the store with as many lanes as there are steps; a store has two at least.
+         ! One step of the store with as many lanes as there are steps; a store needs at least two steps.
          call new_step_store(ahead%store, steps%most, m, 2, steps%h, asked)
          ! Weights with as many lanes as a call has steps.
          allocate (ahead%weights)

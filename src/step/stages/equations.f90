@@ -3,8 +3,8 @@
 !>
 !>    F_i <- Hhat_q(Q_i, P_i),   C_i <- Hhat_p(Q_i, P_i) - kappa P_i     stage after stage:
 !>
-!> the equations are in equations.inc, the iteration is in fixed_point.inc. Lanes that are done keep their slopes
-!> while others go on, so new slopes are found beside the old ones (hq, hp), and taken lane by lane.
+!> the equations are in equations.inc, the iteration is in fixed_point.inc. Lanes that are done keep their slopes while
+!> others continue, so new slopes are stored separately (hq, hp), and copied lane by lane.
 !>
 !> Private to its family.
 module symsde_step_stages_equations
@@ -32,25 +32,25 @@ module symsde_step_stages_equations
 
    ! ---- parts that differ between a block and a single path ---------------------------------------
 
-   !> Lanes of a part of the block.
+   !> Number of lanes of a part of the block.
    pure integer function lanes(self)
       class(stage_equations), intent(in) :: self
 
       lanes = self%ham%nlane
    end function lanes
 
-   !> Copy weights and functionals of the lanes from `first` on: they are a part of the block, whose arrays have
-   !> more rows. w and step point to the copies.
+   !> Copy weights and functionals of the lanes from `first` on, since the arrays of the block have more rows than this
+   !> part. w and step point to the copies.
    subroutine take_step(self, first, step)
       type(stage_equations), intent(inout), target :: self
       integer, intent(in) :: first
       type(step_record), intent(in), target :: step
-      real(wp), pointer, contiguous :: x(:, :)  ! a name that gfortran 12 knows to be contiguous
+      real(wp), pointer, contiguous :: x(:, :)  ! a name that gfortran 12 recognises as contiguous
       integer :: f
 
       x => step%w
       call slice_lanes(size(x, 1), size(x, 2), first - 1, lanes(self), x, self%store%w)
-      ! Functionals that no bracket asks for have no room in the store, and are not copied.
+      ! Functionals that no bracket uses have no array in the store, and are not copied.
       do f = 1, nfunctional
          if (.not. allocated(self%store%of(f)%x)) cycle
          x => step%of(f)%x
@@ -63,8 +63,8 @@ module symsde_step_stages_equations
       self%w(1:, 0:) => self%store%w(:, :, 0)
    end subroutine take_step
 
-   !> One sweep: for each stage of the group, in their order, place it from the newest slopes and find F_i (and C_i)
-   !> there. change and extent gather the largest change and the largest slope of each lane over all stages.
+   !> One sweep: for each stage of the group, in order, compute its point from the newest slopes, and F_i (and C_i)
+   !> there. change and extent are the largest change and the largest slope of each lane over all stages.
    subroutine sweep_stages(self, group, sweep)
       type(stage_equations), intent(inout) :: self
       type(stage_group), intent(in) :: group
@@ -74,11 +74,11 @@ module symsde_step_stages_equations
       associate (nlane => lanes(self), n => self%ham%ndof)
          do m = 1, group%nmember
             associate (i => group%stage(m))
-               ! From the second sweep on all slopes of the group are known: the full coefficients hold.
+               ! From the second sweep on all slopes of the group are known, and the full coefficients apply.
                call self%place(i, min(sweep, 2))
-               ! F_i and C_i at the new points of all lanes; the lanes that take them are chosen below.
+               ! F_i and C_i at the new points of all lanes; the code below selects the lanes that use them.
                call self%evaluate(i, self%hq, self%hp)
-               ! The first sweep has no slope to compare with: the change is the slope itself.
+               ! The first sweep has no previous slope: the change is the slope itself.
                if (sweep == 1) then
                   call take_first(nlane, n, 1.0_wp, self%hq, self%f(:, :, i), self%change)
                   if (.not. self%eliminated) call take_first(nlane, n, 1.0_wp, self%hp, self%c(:, :, i), self%change)
@@ -92,8 +92,8 @@ module symsde_step_stages_equations
       end associate
    end subroutine sweep_stages
 
-   !> Judge which lanes are done after a sweep, left, or given up: solve/fixed_point decides by change and extent of
-   !> each lane. The group does not matter: the sweep has gathered both over all of its stages.
+   !> Judge after a sweep which lanes are done, left, or given up: solve/fixed_point decides by change and extent of
+   !> each lane. The group is not used, since the sweep has combined both over all of its stages.
    subroutine judge(self, group, sweep, too_slow, too_stiff, nrunning)
       type(stage_equations), intent(inout) :: self
       type(stage_group), intent(in) :: group

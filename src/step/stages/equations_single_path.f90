@@ -2,9 +2,9 @@
 !> The equations of implicit stages for a single path, and their fixed-point iteration: equations.inc and
 !> fixed_point.inc with one lane, F_i <- Hhat_q(Q_i, P_i) and C_i <- Hhat_p(Q_i, P_i) - kappa P_i stage after stage.
 !>
-!> Nothing is copied that a lane by itself does not need: the step is pointed to, the model writes new slopes where they
-!> stand, and a sweep is judged once, at its end, against the slopes that were kept (was). Sums hold the slopes of all
-!> stages: those that are not known yet are zero, and those that do not count have the coefficient zero.
+!> Nothing is copied that a single lane does not need: the step is used through pointers, the model writes new slopes
+!> over the old ones, and a sweep is judged once, at its end, against the slopes kept in `was`. Sums include the slopes
+!> of all stages: unknown slopes are zero, and irrelevant slopes have the coefficient zero.
 !>
 !> Private to its family.
 module symsde_step_stages_equations_single_path
@@ -32,15 +32,15 @@ module symsde_step_stages_equations_single_path
 
    ! ---- parts that differ between a single path and a block ---------------------------------------
 
-   !> One lane, known to the compiler.
+   !> One lane, which the compiler knows.
    pure integer function lanes(self)
       class(stage_equations), intent(in) :: self
 
       lanes = 1
    end function lanes
 
-   !> Take weights and functionals of the path. Its slopes are zero when the step begins, because weigh_slopes adds
-   !> all of them: an old slope that is NaN, times the coefficient zero, would spoil the sum.
+   !> Point to weights and functionals of the path. Its slopes are set to zero, because weigh_slopes adds all of them:
+   !> an old slope that is NaN would spoil the sum even with coefficient zero.
    subroutine take_step(self, first, step)
       type(stage_equations), intent(inout) :: self
       integer, intent(in) :: first
@@ -54,7 +54,7 @@ module symsde_step_stages_equations_single_path
       if (.not. self%eliminated) call set_zero(size(self%c), self%c)
    end subroutine take_step
 
-   !> x = 0 for n numbers, whatever their shape: slopes of all stages as one vector.
+   !> x = 0 for n numbers of any shape: slopes of all stages as one vector.
    pure subroutine set_zero(n, x)
       integer, intent(in) :: n
       real(wp), intent(out) :: x(n)
@@ -62,8 +62,8 @@ module symsde_step_stages_equations_single_path
       x = 0
    end subroutine set_zero
 
-   !> One sweep: the new slopes of the group's stages, each written over the old one, which `judge` has kept in `was`.
-   !> A path that is done takes no further sweep, so nothing has to be kept.
+   !> One sweep: the new slopes of the group's stages, each written over the old one, which `judge` has kept in `was`. A
+   !> path that is done takes no further sweep, so that nothing must be preserved.
    subroutine sweep_stages(self, group, sweep)
       type(stage_equations), intent(inout) :: self
       type(stage_group), intent(in) :: group
@@ -71,17 +71,17 @@ module symsde_step_stages_equations_single_path
       integer :: m
 
       associate (s => group%nmember, n => self%ham%ndof, c => self%ham%counters)
-         ! b has the coefficients of the first sweep or of the others; no C is unknown here.
+         ! b has the coefficients of the first sweep or of later ones; C is not unknown here.
          if (self%eliminated .and. .not. allocated(self%mass)) then
             call sweep_positions(self%ham, n, self%plan%nstage, self%ham%nnoise, s, group%stage, self%times, &
                                  self%w, self%p, self%b(:, :, min(sweep, 2)), self%base, self%qs, self%f)
             c%gradients = c%gradients + s
             return
          end if
-         ! Momenta that stay, or a mass: the points are placed and evaluated as in a block.
+         ! If momenta are not eliminated, or there is a mass, points are computed and evaluated as in a block.
          do m = 1, s
             associate (i => group%stage(m))
-               ! The newest slopes of this sweep are used at once.
+               ! The newest slopes of this sweep are used immediately.
                call self%place(i, min(sweep, 2))
                if (self%eliminated) then
                   call self%evaluate(i, self%f(:, :, i))
@@ -93,8 +93,8 @@ module symsde_step_stages_equations_single_path
       end associate
    end subroutine sweep_stages
 
-   !> place and evaluate for every stage of a group where momenta are eliminated by an identity mass. Everything comes
-   !> as an argument of known shape, b(:, i) being -kappa B_ik of stage i, so that gcc keeps it in registers.
+   !> `place` and `evaluate` for every stage of a group, if momenta are eliminated by an identity mass. All data are
+   !> arguments of known shape, with b(:, i) = -kappa B_ik of stage i, so that gcc keeps them in registers.
    subroutine sweep_positions(ham, n, s, m, nmember, stage, times, w, p, b, base, x, f)
       type(one_step_hamiltonian), intent(in) :: ham
       integer, intent(in) :: n, s, m, nmember, stage(nmember)
@@ -104,15 +104,15 @@ module symsde_step_stages_equations_single_path
 
       do k = 1, nmember
          i = stage(k)
-         ! Q_i, and the new F_i in the place of the old one.
+         ! Q_i, and the new F_i, which replaces the old one.
          call sum_slopes(n, s, i, b(1, i), f, base(1, i), x)
          call ham%bare_gradient(1, times(i), w, x, p, hq=f(1, i))
       end do
    end subroutine sweep_positions
 
-   !> Judge whether the path is done after a sweep, left, or given up. The largest change is that of all slopes of the
-   !> group, against those in `was`, which become the new ones. Stages with consecutive numbers stand side by side in
-   !> memory, and are compared with their last slopes as one vector.
+   !> Judge whether the path is done after a sweep, left, or given up. The largest change is over all slopes of the
+   !> group, against those in `was`, which are then updated. Stages with consecutive numbers are contiguous in memory,
+   !> and are compared with their last slopes as one vector.
    subroutine judge(self, group, sweep, too_slow, too_stiff, nrunning)
       type(stage_equations), intent(inout) :: self
       type(stage_group), intent(in) :: group
@@ -121,7 +121,7 @@ module symsde_step_stages_equations_single_path
       integer, intent(out) :: nrunning
       integer :: m, together
 
-      ! `together` is how many stages are looked at as one: all of the group, or one.
+      ! `together` is how many stages are compared as one vector: all of the group, or one.
       associate (n => self%ham%ndof, s => group%nmember, d => self%change(1), x => self%extent(1))
          together = merge(s, 1, group%stage(s) - group%stage(1) == s - 1)
          do m = 1, s, together
@@ -133,7 +133,7 @@ module symsde_step_stages_equations_single_path
          end do
          self%last(1) = sweep_verdict(sweep, too_slow, too_stiff, d, x, self%last(1))
       end associate
-      ! The one lane runs, or has ended in some way that `last` tells.
+      ! The one lane is running, or `last` shows how it has ended.
       nrunning = merge(1, 0, self%last(1) >= 0)
    end subroutine judge
 

@@ -1,28 +1,28 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> The order in which the stages of a tableau are solved for, and their coefficients.
+!> The order in which the stages of a tableau are solved, and their coefficients.
 !>
-!> Where H = p.p/2 + U(q), the momenta of the stages P_j = p_n + sum_k abar_jk G_k are eliminated from
-!> Q_i = q_n + sum_j a_ij (h P_j + g_j):
+!> If H = p.p/2 + U(q), the momenta of the stages P_j = p_n + sum_k abar_jk G_k are eliminated from Q_i = q_n + sum_j
+!> a_ij (h P_j + g_j):
 !>
 !>    Q_i = q_n + r_i h p_n + sum_j a_ij g_j + h sum_k B_ik G_k      r_i = sum_j a_ij,  B = a abar
 !>    dq  =       h p_n + sum_j alpha_j g_j  + h sum_k v_k G_k       v = alpha abar
 !>
-!> with G_k = -Hhat_q(Q_k, P_k), and g_j what Hhat_p is beyond h P_j. So stage i waits for stage k where B_ik is not
-!> zero (elsewhere: where a_ik or abar_ik is not). Stages that wait for each other are a group, and groups are solved
-!> one after the other: the two stages of gauss2 are one; of the three of lobatto3 only the second is implicit; a
-!> composition is a sequence of its parts.
+!> with G_k = -Hhat_q(Q_k, P_k), and g_j the difference of Hhat_p and h P_j. So stage i depends on stage k if B_ik is
+!> not zero (without elimination: if a_ik or abar_ik is not). Stages that depend on each other are a group, and groups
+!> are solved one after the other: the two stages of gauss2 are one group; of the three of lobatto3 only the second is
+!> implicit; a composition is a sequence of its parts.
 !>
-!> In a group the first sweep has no slopes to begin with. Stage after stage, a slope that is not known yet is replaced
-!> by that of the member before, so its coefficient is added to that one's; before the first member there is none, and
-!> the coefficient is dropped. These are first_b, first_a and first_abar; gauss2, for example, begins with
+!> In a group the first sweep has no slopes to start from. Stage after stage, an unknown slope is replaced by that of
+!> the member before, so its coefficient is added to that member's; before the first member the coefficient is dropped.
+!> The results are first_b, first_a and first_abar; gauss2, for example, begins with
 !>
 !>    Q_1 = q_n + r_1 h p_n,   Q_2 = q_n + r_2 h p_n + h (B_21 + B_22) G_1
 !>
-!> Newton's iteration needs the inverse of a group's B, to find slopes from displacements. Where B is singular it may
+!> Newton's iteration needs the inverse of a group's B, to compute slopes from displacements. If B is singular it may
 !> have rank one, B_ik = e_i f_k: then the sum of the f_k G_k is the only unknown (step/stages/tridiagonal).
 !>
-!> Of a model damped by one rate momenta decay between the stages (scheme/decays). With d_i = exp(-c_i z) and abar_ik
-!> times exp(-(c_i - c_k) z) the equations keep their form, with other numbers for steps of another size:
+!> If a model is damped by one rate, momenta decay between the stages (scheme/decays). With d_i = exp(-c_i z) and
+!> abar_ik times exp(-(c_i - c_k) z) the equations keep their form, with numbers that depend on the size of the step:
 !>
 !>    P_i = d_i p_n + sum_k abar_ik G_k        r_i = sum_j a_ij d_j,   dq = h (sum_j alpha_j d_j) p_n + ..
 !>    dp  = (exp(-z) - 1) p_n + sum_k alpha_k exp(-(1 - c_k) z) G_k
@@ -37,35 +37,35 @@ module symsde_step_stages_groups
    private
    public :: stage_plan, stage_group, new_stage_plan
 
-   !> Stages that wait for each other.
+   !> Stages that depend on each other.
    type :: stage_group
       integer :: nmember = 0
       integer, allocatable :: stage(:)         !! their numbers (nmember)
-      logical :: explicit = .false.            !! one stage that does not wait for itself
+      logical :: explicit = .false.            !! whether it is one stage that does not depend on itself
       real(wp), allocatable :: b(:, :)         !! B of these stages (nmember, nmember)
-      real(wp), allocatable :: earlier(:, :)   !! B between these and other stages, a column each (nstage, nmember)
+      real(wp), allocatable :: earlier(:, :)   !! B of these stages for slopes of other stages (nstage, nmember)
       real(wp), allocatable :: inverse(:, :)   !! inverse of b; not allocated if b is singular
-      real(wp), allocatable :: e(:), f(:)      !! b_ik = e_i f_k where it is singular and of rank one (nmember)
-      logical :: of_rank_one = .false.         !! b is, without decays
+      real(wp), allocatable :: e(:), f(:)      !! b_ik = e_i f_k if b is singular and of rank one (nmember)
+      logical :: of_rank_one = .false.         !! whether b has rank one without decays
    end type stage_group
 
-   !> The coefficients that make a stage or an increment stand in a column, side by side in memory: sums over slopes
-   !> read them one after the other.
+   !> The coefficients of a stage or an increment are a column, contiguous in memory: sums over slopes read them one
+   !> after the other.
    type :: stage_plan
       integer :: nstage = 0, ngroup = 0
       real(wp), allocatable :: c(:), alpha(:)          !! nodes and weights (nstage)
       real(wp), allocatable :: a(:, :), abar(:, :)     !! a_ij and abar_ij of stage i in column i (nstage, nstage)
       real(wp), allocatable :: r(:), v(:)              !! r_i and v_k of the equations above (nstage)
       real(wp), allocatable :: b(:, :)                 !! B_ik of stage i in column i (nstage, nstage)
-      real(wp), allocatable :: weight(:)               !! of G_k in dp (nstage)
-      real(wp), allocatable :: begin(:)                !! d_i of p_n in P_i (nstage)
-      real(wp) :: reach = 0                            !! sum_j alpha_j d_j, of h p_n in dq
+      real(wp), allocatable :: weight(:)               !! weights of G_k in dp (nstage)
+      real(wp), allocatable :: begin(:)                !! factor d_i of p_n in P_i (nstage)
+      real(wp) :: reach = 0                            !! sum_j alpha_j d_j, factor of h p_n in dq
       logical :: damped = .false.
-      real(wp) :: loss = 0                             !! exp(-z) - 1, of p_n in dp
+      real(wp) :: loss = 0                             !! exp(-z) - 1, factor of p_n in dp
       type(tableau_decays), private :: decays
       real(wp), allocatable, private :: closed(:, :)   !! abar without decays, stage i in column i (nstage, nstage)
-      !> The coefficients for the first sweep of an iteration: a slope of the group that is not known yet is
-      !> replaced by the slope of the member before, or by zero (nstage, nstage).
+      !> The coefficients for the first sweep of an iteration: an unknown slope of the group is replaced by the slope of
+      !> the member before, or by zero (nstage, nstage).
       real(wp), allocatable, dimension(:, :) :: first_b, first_a, first_abar
       type(stage_group), allocatable :: group(:)       !! (ngroup)
    contains
@@ -76,7 +76,8 @@ module symsde_step_stages_groups
 contains
 
    !> The plan of a tableau whose drift and noise share their coefficients: r, v, B, the groups in the order in which
-   !> they are solved, and the coefficients of the first sweep. They are those of a closed system until set_step.
+   !> they are solved, and the coefficients of the first sweep. Until set_step is called, they are those of a closed
+   !> system.
    subroutine new_stage_plan(self, scheme, eliminated, damping)
       type(stage_plan), intent(out) :: self
       type(scheme_type), intent(in) :: scheme
@@ -94,7 +95,7 @@ contains
       self%closed = self%abar
       self%weight = self%alpha
       self%damped = damping%acts()
-      ! One rate stands for those of all degrees of freedom.
+      ! One rate represents those of all degrees of freedom.
       one = damping
       if (self%damped) one%rate = damping%rate(:1)
       call new_decays(self%decays, one, self%c, 1)
@@ -103,8 +104,8 @@ contains
       call combine(self)
       do k = 1, self%nstage
          do i = 1, self%nstage
-            ! If momenta are eliminated, B alone couples stages; else P_i also reads G_k, and Q_i reads stages k
-            ! with a_ik /= 0.
+            ! If momenta are eliminated, only B couples stages; else P_i also depends on G_k, and Q_i on stages k with
+            ! a_ik /= 0.
             waits(i, k) = abs(self%b(k, i)) > 0
             if (.not. eliminated) waits(i, k) = waits(i, k) .or. abs(self%a(k, i)) > 0 .or. abs(self%abar(k, i)) > 0
          end do
@@ -113,8 +114,8 @@ contains
       call find_first_sweep(self)
    end subroutine new_stage_plan
 
-   !> The coefficients of steps of the length h, with its sign, of a damped model. Which stages wait for each other does
-   !> not change: no decay is zero, and none makes a coefficient that was.
+   !> Compute the coefficients of a damped model for steps of the length h, with its sign. The dependences between
+   !> stages do not change: no decay is zero, so no coefficient vanishes or appears.
    subroutine set_step(self, h)
       class(stage_plan), intent(inout) :: self
       real(wp), intent(in) :: h
@@ -135,7 +136,8 @@ contains
          call fill_group(group, self%b, members)
          group%explicit = self%group(k)%explicit
          group%of_rank_one = self%group(k)%of_rank_one
-         ! The rank is that without decays. Where numbers say otherwise, after a very large step, neither is known.
+         ! The rank is that without decays. If rounding gives another rank, after a very large step, neither form is
+         ! used.
          if (group%of_rank_one .and. allocated(group%inverse)) deallocate (group%inverse)
          if (.not. group%of_rank_one .and. allocated(group%e)) deallocate (group%e, group%f)
          self%group(k) = group
@@ -158,19 +160,19 @@ contains
       end do
    end subroutine combine
 
-   !> Find the groups, each after the groups it waits for. Stage i reaches k if it waits for k through any number of
-   !> stages (the transitive closure of waits). Two stages that reach each other are mates, and each is its own
-   !> mate. A group is added when all stages outside of it that its stages reach are in earlier groups.
+   !> Find the groups, each after the groups on which it depends. Stage i reaches k if it depends on k through any
+   !> number of stages (the transitive closure of waits). Two stages that reach each other are mates, and each is its
+   !> own mate. A group is added when all stages outside of it that its stages reach are in earlier groups.
    pure subroutine find_groups(self, waits)
       type(stage_plan), intent(inout) :: self
-      logical, intent(in) :: waits(self%nstage, self%nstage)  !! stage i waits for stage k
+      logical, intent(in) :: waits(self%nstage, self%nstage)  !! whether stage i depends on stage k
       logical, dimension(self%nstage, self%nstage) :: reaches, mates
       logical :: done(self%nstage)
       integer :: first(self%nstage)  ! first stage of each group
       integer :: i, k
 
       reaches = waits
-      ! Warshall's algorithm: after pass k all ways through stages up to k are there.
+      ! Warshall's algorithm: after pass k all paths through stages up to k are included.
       do k = 1, self%nstage
          do i = 1, self%nstage
             if (reaches(i, k)) reaches(i, :) = reaches(i, :) .or. reaches(k, :)
@@ -191,13 +193,14 @@ contains
       allocate (self%group(self%ngroup))
       do k = 1, self%ngroup
          call fill_group(self%group(k), self%b, mates(:, first(k)))
-         ! A single stage that does not reach itself; larger groups are made of stages that reach each other.
+         ! Whether a group is a single stage that does not reach itself; larger groups consist of stages that reach each
+         ! other.
          self%group(k)%explicit = .not. reaches(first(k), first(k))
          self%group(k)%of_rank_one = allocated(self%group(k)%e)
       end do
    end subroutine find_groups
 
-   !> Coefficients of the first sweep: for member m of a group, members m and later are not known.
+   !> Coefficients of the first sweep: for member m of a group, the slopes of members m and later are unknown.
    pure subroutine find_first_sweep(self)
       type(stage_plan), intent(inout) :: self
       integer :: k, m
@@ -217,8 +220,8 @@ contains
       end do
    end subroutine find_first_sweep
 
-   !> Add the coefficients of members m and later to the coefficient of member m-1, whose slope is the newest known
-   !> one. Before the first member no slope is known, and these coefficients are dropped.
+   !> Add the coefficients of members m and later to the coefficient of member m-1, whose slope is the newest known one.
+   !> Before the first member no slope is known, and these coefficients are dropped.
    pure subroutine move_to_known(stage, m, coefficient)
       integer, intent(in) :: stage(:), m
       real(wp), intent(inout) :: coefficient(:)
@@ -243,8 +246,8 @@ contains
       end do
    end function in_order
 
-   !> A group from its stages (same) and the B of all, b(k, i) = B_ik: its own B, its stages' coefficients of slopes
-   !> outside of it (earlier), and the inverse of its B or the two factors.
+   !> Fill a group from its stages (same) and the B of all, b(k, i) = B_ik: its own B, its stages' coefficients of
+   !> slopes outside of it (earlier), and the inverse of its B or the two factors.
    pure subroutine fill_group(group, b, same)
       type(stage_group), intent(out) :: group
       real(wp), intent(in) :: b(:, :)
@@ -273,7 +276,7 @@ contains
    end subroutine fill_group
 
    !> b_ik = e_i f_k, if there are such numbers to rounding: e is the column of the largest entry, and f follows from
-   !> the row of that entry. Nothing is allocated where b vanishes or has a higher rank.
+   !> the row of that entry. Nothing is allocated if b vanishes or has a higher rank.
    pure subroutine factorise(group)
       type(stage_group), intent(inout) :: group
       real(wp), dimension(group%nmember) :: e, f
@@ -291,8 +294,8 @@ contains
       group%f = f
    end subroutine factorise
 
-   !> The inverse of a small matrix by elimination of (matrix, I) with exchange of rows; not allocated where a pivot
-   !> vanishes against the largest entry: below 1e-10 of it the matrix counts as singular.
+   !> The inverse of a small matrix by elimination of (matrix, I) with exchange of rows; not allocated if a pivot is
+   !> below 1e-10 of the largest entry: the matrix then counts as singular.
    pure subroutine invert(n, matrix, inverse)
       integer, intent(in) :: n
       real(wp), intent(in) :: matrix(n, n)
@@ -306,7 +309,7 @@ contains
          work(i, n + i) = 1
       end do
       do k = 1, n
-         ! Row i has the largest entry of column k among the rows that are left; it becomes row k.
+         ! Among the remaining rows, row i has the largest entry of column k; it becomes row k.
          i = k - 1 + maxloc(abs(work(k:, k)), 1)
          if (abs(work(i, k)) <= 1e-10_wp*maxval(abs(matrix))) return
          row = work(i, :)

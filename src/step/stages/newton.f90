@@ -1,6 +1,6 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> Newton's iteration for implicit stages in a few lanes of a block, by newton.inc.
-!> All lanes are asked for gradient and Hessian together; lanes that rest are not corrected.
+!> Newton's iteration for implicit stages in a few lanes of a block, by newton.inc. One call evaluates gradient and
+!> Hessian of all lanes; lanes that are done are not corrected.
 !>
 !> Private to its family.
 module symsde_step_stages_newton
@@ -18,7 +18,7 @@ module symsde_step_stages_newton
 
    include 'newton.inc'
 
-   !> Lanes of a part of the block.
+   !> Number of lanes of a part of the block.
    pure integer function lanes(equations)
       type(stage_equations), intent(in) :: equations
 
@@ -26,7 +26,7 @@ module symsde_step_stages_newton
    end function lanes
 
    !> Hhat_q and the Hessian Hhat_qq at (t, q), dense (nlane, n, n) or its upper bands (nlane, 0:band, n), by one call
-   !> of the model for all lanes. p does not matter: momenta are eliminated.
+   !> of the model for all lanes. p is irrelevant, since momenta are eliminated.
    subroutine ask_model(ham, band, t, w, q, p, hq, k)
       type(one_step_hamiltonian), intent(in) :: ham
       integer, intent(in) :: band

@@ -1,7 +1,7 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> Newton's iteration for implicit stages of a single path, by newton.inc with one lane.
-!> Small dense systems are solved by solve/newton_single_path in the place of the matrix. A system whose pivots are
-!> not trusted is formed once more, and solved with exchanges of rows.
+!> Newton's iteration for implicit stages of a single path, by newton.inc with one lane. solve/newton_single_path solves
+!> small dense systems in place, overwriting the matrix. A system whose pivots are not trusted is formed again, and
+!> solved with exchanges of rows.
 !>
 !> Private to its family.
 module symsde_step_stages_newton_single_path
@@ -20,16 +20,16 @@ module symsde_step_stages_newton_single_path
 
    include 'newton.inc'
 
-   !> One lane, known to the compiler.
+   !> One lane, which the compiler knows.
    pure integer function lanes(equations)
       type(stage_equations), intent(in) :: equations
 
       lanes = 1
    end function lanes
 
-   !> Hhat_q (n) and the Hessian Hhat_qq at (t, q), dense (n, n) or its upper bands (0:band, n). Two degrees of
-   !> freedom are asked for in numbers. The stiffness of a chain is asked for in two equal lanes: in one its model may
-   !> round as its rows do, not as the lanes of a block.
+   !> Hhat_q (n) and the Hessian Hhat_qq at (t, q), dense (n, n) or its upper bands (0:band, n). Two degrees of freedom
+   !> are evaluated as scalars. The stiffness of a chain is evaluated in two equal lanes: with one lane its model may
+   !> round like its rows, and not like the lanes of a block.
    subroutine ask_model(ham, band, t, w, q, p, hq, k)
       type(one_step_hamiltonian), intent(in) :: ham
       integer, intent(in) :: band
@@ -43,11 +43,11 @@ module symsde_step_stages_newton_single_path
             allocate (force(2, n), stiffness(2, (band + 1)*n))
             call ham%bare_force_stiffness(2, band, t, spread(w, 1, 2), spread(q, 1, 2), spread(p, 1, 2), force, &
                                           stiffness)
-            ! Both lanes have the same numbers; the first is taken.
+            ! Both lanes have the same numbers; the first is used.
             hq = force(1, :)
             k(:(band + 1)*n) = stiffness(1, :)
          else if (n == 2) then
-            ! Six numbers: no arrays are passed.
+            ! Six numbers, without array arguments.
             call ham%bare_pair(t, w, q(1), q(2), hq(1), hq(2), k(1), k(2), k(3), k(4))
          else
             ! Any other dense Hessian, for one lane.

@@ -1,19 +1,19 @@
 ! SPDX-License-Identifier: BSD-3-Clause
 !> Sums of the slopes F_j of stages,
 !>
-!>    total = start + sum_j c_j F_j          from a stage j = `first` on and around
+!> total = start + sum_j c_j F_j          cyclically from a stage j = `first` on
 !>
-!> A slope whose coefficient is zero is never read by a block: it may not be known yet.
+!> A block never reads a slope whose coefficient is zero, since it may be unknown.
 !>
 !> Products are added one after the other to the start of the sum. So a compiler that contracts has no choice, and a
 !> product with the coefficient zero changes nothing: a single path adds all products, and has the same bits.
 !>
-!> The sum of stage i begins with F_i, its own slope of the sweep before, and goes on i+1, .., s, 1, .., i-1. Thus the
-!> slope that has just been found, of the stage before, comes last: a single path has done all other additions by
-!> then.
+!> The sum of stage i begins with F_i, its own slope of the sweep before, and continues with i+1, .., s, 1, .., i-1. So
+!> the slope that has just been computed, of the stage before, comes last: a single path has finished all other
+!> additions by then.
 !>
 !> Up to three slopes are added in one pass over the n numbers (n = nlane ndof), which are read and written once;
-!> further ones take a pass each.
+!> further slopes take a pass each.
 module symsde_step_stages_slope_sums
    use symsde_base_kinds, only: wp
    use symsde_base_vectors, only: add_times
@@ -26,9 +26,8 @@ module symsde_step_stages_slope_sums
 
 contains
 
-   !> total = start + sum_j c_j slope_j, from slope `first` on and around, for a block. First the slopes with
-   !> coefficients are looked for, up to three of them. Then they are added in one pass, and further slopes in
-   !> passes of their own.
+   !> total = start + sum_j c_j slope_j, cyclically from slope `first` on, for a block. First find up to three slopes
+   !> with nonzero coefficients and add them in one pass; further slopes take separate passes.
    pure subroutine add_slopes(n, nstage, first, c, slope, start, total)
       integer, intent(in) :: n, nstage, first
       real(wp), intent(in) :: c(nstage), slope(n, nstage), start(n)
@@ -36,7 +35,7 @@ contains
       integer :: used(at_once), m, k, j
 
       m = 0
-      ! j runs first, .., nstage, 1, .., first - 1. The loop stops at a fourth slope with a coefficient, where m = 4.
+      ! j runs first, .., nstage, 1, .., first - 1. The loop stops at a fourth nonzero coefficient, where m = 4.
       used = first
       do k = first, first + nstage - 1
          j = merge(k - nstage, k, k > nstage)
@@ -64,8 +63,8 @@ contains
       end do
    end subroutine add_slopes
 
-   !> total = start + sum_j c_j slope_j for a single path, whose slopes are all numbers: slopes with the coefficient
-   !> zero are added, too, without a search for them. Up to three numbers are added without vectors.
+   !> total = start + sum_j c_j slope_j for a single path, whose slopes are all finite: slopes with the coefficient zero
+   !> are added too, without testing. Up to three numbers are added without vectors.
    pure subroutine weigh_slopes(n, nstage, first, c, slope, start, total)
       integer, intent(in) :: n, nstage, first
       real(wp), intent(in) :: c(nstage), slope(n, nstage), start(n)
@@ -90,13 +89,13 @@ contains
          call add_three(n, c(i), slope(1, i), c(j), slope(1, j), c(k), slope(1, k), start, total)
       end if
       do m = at_once + 1, nstage
-         ! Further slopes, from the fourth on and around.
+         ! Further slopes, cyclically from the fourth on.
          k = merge(1, k + 1, k == nstage)
          call add_times(n, c(k), slope(1, k), total)
       end do
    end subroutine weigh_slopes
 
-   !> VEC total = start + c x: one slope, or the only one with a coefficient.
+   !> VEC total = start + c x: one slope, or the only one with a nonzero coefficient.
    pure subroutine add_one(n, c, x, start, total)
       integer, intent(in) :: n
       real(wp), intent(in) :: c, x(n), start(n)
@@ -108,7 +107,7 @@ contains
       end do
    end subroutine add_one
 
-   !> VEC total = start + a x + b y, from the left.
+   !> VEC total = start + a x + b y, from left to right.
    pure subroutine add_two(n, a, x, b, y, start, total)
       integer, intent(in) :: n
       real(wp), intent(in) :: a, b, x(n), y(n), start(n)
@@ -120,7 +119,7 @@ contains
       end do
    end subroutine add_two
 
-   !> VEC total = start + a x + b y + c z, from the left.
+   !> VEC total = start + a x + b y + c z, from left to right.
    pure subroutine add_three(n, a, x, b, y, c, z, start, total)
       integer, intent(in) :: n
       real(wp), intent(in) :: a, b, c, x(n), y(n), z(n), start(n)

@@ -3,9 +3,9 @@
 !>
 !>    Q_i = q_n + sum_j a_ij Hhat_p(Q_j, P_j)        P_i = p_n - sum_j abar_ij Hhat_q(Q_j, P_j)
 !>
-!> A block is taken through the step part by part: all slopes of a part are found and added up before the next part
-!> begins. A part has so few lanes that the arrays of its iteration, (width, ndof) for every stage, stay in cache. A
-!> lane has its own bits in whatever part it is: its numbers of sweeps and its corrections are decided by itself.
+!> A block is taken through the step part by part: all slopes of a part are found and added before the next part begins.
+!> A part has so few lanes that the arrays of its iteration, (width, ndof) for every stage, stay in cache. The bits of a
+!> lane do not depend on its part: its numbers of sweeps and its corrections depend on the lane alone.
 module symsde_step_stages_stepper
    use symsde_base_damping, only: damping_type
    use symsde_base_counters, only: counters_type, add_counters
@@ -38,15 +38,15 @@ module symsde_step_stages_stepper
 
    ! ---- what a block does otherwise than a path by itself ------------------------------------------
 
-   !> Lanes of a part, not of the block.
+   !> Number of lanes of a part, not of the block.
    pure integer function lanes(self)
       class(stages_stepper), intent(in) :: self
 
       lanes = self%width
    end function lanes
 
-   !> One step of the block, part by part, each from its own (q_n, p_n) to its own increments; what the parts have
-   !> counted is collected at its end.
+   !> One step of the block, part by part, each from its own (q_n, p_n) to its own increments; the counts of the parts
+   !> are collected at the end.
    subroutine increment(self, step, q, p, dq, dp, status)
       class(stages_stepper), intent(inout) :: self
       type(step_record), intent(in) :: step
@@ -56,7 +56,7 @@ module symsde_step_stages_stepper
       integer :: first, last
 
       do first = 1, self%ham%nlane, self%width
-         ! Equations and solvers are one set, which every part uses anew.
+         ! There is one set of equations and solvers, which every part uses again.
          last = first + self%width - 1
          call self%ham%narrow(first, self%width)
          call take_part(self, first, step, q, p, self%dq, self%dp, status(first:last))

@@ -3,8 +3,8 @@
 !>
 !>    Q_i = q_n + sum_j a_ij Hhat_p(Q_j, P_j)        P_i = p_n - sum_j abar_ij Hhat_q(Q_j, P_j)
 !>
-!> If sweeps cost little, many are taken at once (sweeps_ahead); a step that these sweeps do not finish is begun
-!> anew by the body. Both ways have the bits of a lane of a block, and both find slopes group after group.
+!> If sweeps are cheap, many are taken at once (sweeps_ahead); a step that these sweeps do not finish is started again
+!> by the body. Both have the bits of a lane of a block, and both find slopes group after group.
 module symsde_step_stages_stepper_single_path
    use symsde_base_damping, only: damping_type
    use symsde_base_counters, only: counters_type, add_counters
@@ -34,19 +34,19 @@ module symsde_step_stages_stepper_single_path
    private
    public :: stages_stepper, stages_fits, fits_stages
 
-   ! The body. What it asks of this module stands below: lanes and increment.
+   ! The body. This module defines `lanes` and `increment` below.
    include 'stepper.inc'
 
    ! ---- what a path by itself does otherwise than a block ------------------------------------------
 
-   !> One lane, known to the compiler.
+   !> One lane, which the compiler knows.
    pure integer function lanes(self)
       class(stages_stepper), intent(in) :: self
 
       lanes = 1
    end function lanes
 
-   !> One step: by sweeps ahead where they are there and end it, else by the body, from the same (q_n, p_n).
+   !> One step: by sweeps ahead if they exist and finish the step, else by the body, from the same (q_n, p_n).
    subroutine increment(self, step, q, p, dq, dp, status)
       class(stages_stepper), intent(inout) :: self
       type(step_record), intent(in) :: step
@@ -56,14 +56,14 @@ module symsde_step_stages_stepper_single_path
 
       logical :: taken
 
-      ! They may be there where the F alone are unknown, without a mass to divide by and without a C.
+      ! Sweeps ahead may exist if only the F are unknown, without a mass to divide by and without a C.
       if (allocated(self%equations%ahead)) then
-         ! Nothing is counted where these sweeps do not end the step.
+         ! Nothing is counted if these sweeps do not finish the step.
          call self%equations%ahead%take(self%ham, self%equations%shift, step, too_stiff_for(self), q, p, dq, &
                                         dp, taken)
          if (taken) return
       end if
-      ! Counters of the equations are added up by `tally`, not after every step.
+      ! `tally` adds up the counters of the equations, not every step.
       call take_part(self, 1, step, q, p, dq, dp, status)
    end subroutine increment
 

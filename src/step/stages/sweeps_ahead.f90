@@ -1,24 +1,24 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> Steps of a single path where a sweep costs little: of one angle, whose force follows from four terms, or where the
-!> model takes sweeps itself. As many sweeps are taken at once as the step before took, which mostly is enough, and only
-!> then is each of them judged, in order; those behind the one that ends the iteration are not used. If none ends it,
-!> sweeps follow one by one. The operations are those of step/stages/equations in their order, for momenta that are
-!> eliminated by an identity mass and noise in position:
+!> Steps of a single path for which a sweep is cheap: of one angle, whose force follows from four terms, or of a model
+!> with its own sweeps. The first sweeps, as many as the step before needed, are taken at once, which mostly is enough;
+!> only then is each of them judged, in order; sweeps after the one that ends the iteration are discarded. If none ends
+!> it, further sweeps follow one by one. The operations and their order are those of step/stages/equations, for momenta
+!> that are eliminated by an identity mass and noise in position:
 !>
-!>    Q_i = q_n + h r_i p_n - h sum_k B_ik F_k,   F_i <- Hhat_q(Q_i)          k = i, i+1, .. and around
-!>    dq  = h p_n - h sum_k v_k F_k,   dp = -sum_k alpha_k F_k
+!> Q_i = q_n + h r_i p_n - h sum_k B_ik F_k,   F_i <- Hhat_q(Q_i)          k = i, i+1, .. cyclically
+!> dq  = h p_n - h sum_k v_k F_k,   dp = -sum_k alpha_k F_k
 !>
 !> with the decays of step/stages/groups for a damped model.
 !>
-!> All numbers stand in arrays of four stages, where what is not there is zero: loops of a known length stay in
-!> registers. A step that these sweeps do not end is left to step/stages/stepper, which begins it anew.
+!> All numbers are in arrays of four stages, padded with zeros, so that loops of a known length stay in registers. A
+!> step that these sweeps do not finish is left to step/stages/stepper, which starts it again.
 !>
-!> Without it, sweeps one by one of the body with one lane take 1.5 to 2 of the time of two degrees of freedom whose
-!> model takes sweeps itself, asked for forces in numbers. An angle whose terms the body finds once for each stage, and
-!> whose force it writes out, takes 1.0 to 1.3.
+!> Compared with this file, the body with one lane and sweeps one by one takes 1.5 to 2 times as long for two degrees of
+!> freedom whose model has its own sweeps, with forces as scalars, and 1.0 to 1.3 times for an angle whose terms the
+!> body computes once for each stage.
 !>
-!> F is kept after every sweep (f), since it is not known yet which of them is the last. base_i = q_n + h r_i p_n is
-!> found once a step. Coefficients have h and their sign in them.
+!> F is kept after every sweep (f), since it is not known yet which sweep is the last. base_i = q_n + h r_i p_n is
+!> computed once per step. Coefficients include h and their sign.
 !>
 !> Private to its family.
 module symsde_step_stages_sweeps_ahead
@@ -35,26 +35,26 @@ module symsde_step_stages_sweeps_ahead
    private
    public :: sweeps_ahead, new_sweeps_ahead
 
-   integer, parameter :: most = 24    !! sweeps of a group: enough for stiff_rate of solve/fixed_point
+   integer, parameter :: most = 24    !! most sweeps of a group: enough for stiff_rate of solve/fixed_point
    integer, parameter :: nstage = 4   !! most stages of a scheme
 
-   !> A group of stages, whose numbers are consecutive, and the guess of its sweeps.
+   !> A group of stages, whose numbers are consecutive, and the predicted number of its sweeps.
    type :: group_slot
       integer :: i1 = 1, i2 = 1       !! its first and last stage
       logical :: explicit = .false.
-      integer :: ahead = 1            !! sweeps that it took in the step before
+      integer :: ahead = 1            !! number of sweeps in the step before
    end type group_slot
 
-   !> The plan of the scheme, its coefficients for the present h in arrays of four stages, and the F of every sweep.
+   !> The plan of the scheme, its coefficients for the current h in arrays of four stages, and the F of every sweep.
    type :: sweeps_ahead
       private
       type(stage_plan) :: plan
-      logical :: angles = .false.               !! the force is that of an angle
+      logical :: angles = .false.               !! whether the force is that of an angle
       type(group_slot) :: slot(nstage)          !! one for each group
-      real(wp) :: h = 0                         !! the step that the coefficients were found for
-      real(wp) :: all = 0                       !! of p_n in dq: h sum_j alpha_j, with decays
+      real(wp) :: h = 0                         !! the step for which the coefficients were computed
+      real(wp) :: all = 0                       !! factor of p_n in dq: h sum_j alpha_j, with decays
       real(wp), dimension(nstage) :: c = 0, r = 0, v = 0, alpha = 0
-      real(wp) :: b(nstage, nstage, 2) = 0      !! -h B_ik in the first sweep, and in others
+      real(wp) :: b(nstage, nstage, 2) = 0      !! -h B_ik in the first sweep, and in later ones
       type(angle_terms) :: terms(nstage)
       real(wp) :: times(nstage) = 0, base(nstage, 2) = 0
       real(wp) :: f(nstage, 2, 0:most*nstage) = 0  !! F after every sweep of one group after the other (.., ndof, ..)
@@ -64,8 +64,8 @@ module symsde_step_stages_sweeps_ahead
 
 contains
 
-   !> Room for these steps; not allocated where they do not serve the model and the scheme: at most four stages are
-   !> there, and those of a group have consecutive numbers.
+   !> Allocate for these steps; not allocated if they do not serve the model and the scheme: they need at most four
+   !> stages, with consecutive numbers in each group.
    subroutine new_sweeps_ahead(self, model, plan)
       type(sweeps_ahead), allocatable, intent(out) :: self
       class(model_type), intent(in) :: model
@@ -86,12 +86,12 @@ contains
       end do
    end subroutine new_sweeps_ahead
 
-   !> The coefficients of steps of size h, those that are not there being zero.
+   !> Compute the coefficients for steps of size h; those of missing stages are zero.
    subroutine find_coefficients(self, h)
       type(sweeps_ahead), intent(inout) :: self
       real(wp), intent(in) :: h
 
-      ! As in step/stages/equations with kappa = h; rows and columns of stages that are not there stay zero.
+      ! As in step/stages/equations with kappa = h; rows and columns of missing stages stay zero.
       self%h = h
       call self%plan%set_step(h)
       associate (plan => self%plan, s => self%plan%nstage)
@@ -105,18 +105,18 @@ contains
       end associate
    end subroutine find_coefficients
 
-   !> One step from (q, p): increments (dq, dp), or taken = .false., and then nothing is known and nothing is counted.
-   !> Brackets that are a shift of p_n (step/stages/equations) come before the sweeps.
+   !> One step from (q, p): increments (dq, dp), or taken = .false., and then dq and dp are undefined and nothing is
+   !> counted. Brackets that are a shift of p_n (step/stages/equations) are applied before the sweeps.
    subroutine take(self, ham, shift, step, too_stiff, q, p, dq, dp, taken)
       class(sweeps_ahead), intent(inout) :: self
       type(one_step_hamiltonian), intent(inout) :: ham
-      type(noise_shift), allocatable, intent(inout) :: shift  !! of p_n, see step/stages/equations
+      type(noise_shift), allocatable, intent(inout) :: shift  !! shift of p_n, see step/stages/equations
       type(step_record), intent(in) :: step
-      real(wp), intent(in) :: too_stiff   !! contraction from which a step is given up
+      real(wp), intent(in) :: too_stiff   !! contraction above which a step is given up
       real(wp), intent(in) :: q(ham%ndof), p(ham%ndof)
       real(wp), intent(out) :: dq(ham%ndof), dp(ham%ndof)
       logical, intent(out) :: taken
-      real(wp), pointer, contiguous :: w(:, :)  ! a name that gfortran 12 knows to be contiguous
+      real(wp), pointer, contiguous :: w(:, :)  ! a name that gfortran 12 recognises as contiguous
       real(wp) :: x(2), y(2)
       integer(i8) :: gradients
 
@@ -139,8 +139,9 @@ contains
       end associate
    end subroutine take
 
-   !> The step where positions move with the momenta p: groups one after the other, then the increments from the F after
-   !> the last sweep. `before` counts the sweeps of all groups so far, so f(:, :, before) is the newest F of all stages.
+   !> The step from (q, p), where p are the shifted momenta that move positions: groups one after the other, then the
+   !> increments from the F after the last sweep. `before` counts the sweeps of all groups so far, so f(:, :, before) is
+   !> the newest F of all stages.
    subroutine move(self, ham, n, s, t, w, too_stiff, q, p, dq, dp, taken)
       type(sweeps_ahead), intent(inout) :: self
       type(one_step_hamiltonian), intent(inout) :: ham
@@ -161,7 +162,7 @@ contains
             self%base(i, k) = q(k) + self%r(i)*p(k)
          end do
       end do
-      ! Slopes of groups to come are zero, f(:, :, 0) being zero, and so they stay until their own sweeps.
+      ! Slopes of later groups are zero, since f(:, :, 0) is zero, until their own sweeps.
       before = 0
       evaluations = 0
       do g = 1, self%plan%ngroup
@@ -169,11 +170,11 @@ contains
          taken = nsweep > 0
          if (.not. taken) return
          before = before + nsweep
-         ! A sweep is one force for each stage of the group; those behind the last one that counts are not counted.
+         ! A sweep takes one force for each stage of the group; discarded sweeps are not counted.
          evaluations = evaluations + nsweep*(self%slot(g)%i2 - self%slot(g)%i1 + 1)
       end do
       do k = 1, n
-         moved = (self%all*p(k))  ! in parentheses: not contracted with what follows
+         moved = (self%all*p(k))  ! in parentheses, to prevent contraction with the line below
          kicked = 0
          if (self%plan%damped) kicked = (self%plan%loss*p(k))
          !GCC$ novector  ! sums in order, contracted as in lanes
@@ -188,14 +189,15 @@ contains
       ham%counters%iterations = ham%counters%iterations + before
    end subroutine move
 
-   !> The slopes of group g, after `before` sweeps of others: as many sweeps as it took in the step before (ahead), then
-   !> one by one. nsweep is how many ended it, and how many the next step takes ahead; 0 says that the step is given up.
+   !> The slopes of group g, after `before` sweeps of other groups: first as many sweeps as in the step before (ahead),
+   !> then one by one. nsweep is the number of sweeps that ended it, and the number ahead in the next step; 0 means that
+   !> the step is given up.
    subroutine sweep(self, model, s, g, w, p, too_stiff, before, nsweep)
       type(sweeps_ahead), intent(inout) :: self
       class(kernel_model), intent(in) :: model
       integer, intent(in) :: s, g, before
       real(wp), intent(in) :: w(0:model%traits%nnoise), p(model%traits%ndof), too_stiff
-      integer, intent(out) :: nsweep   !! the sweep that ended it; 0: none did
+      integer, intent(out) :: nsweep   !! the sweep that ended the iteration; 0: none did
       real(wp) :: change(most), extent(most), last
       integer :: first, i
 
@@ -203,13 +205,13 @@ contains
       last = 0
       first = 1
       associate (slot => self%slot(g), ahead => self%slot(g)%ahead, m => model%traits%nnoise)
-         ! The terms of Hhat at the time of each stage serve all of its sweeps.
+         ! The terms of Hhat at the time of each stage are used by all of its sweeps.
          if (self%angles) then
             do i = slot%i1, slot%i2
                call model%angle(m, self%times(i), w, self%terms(i))
             end do
          end if
-         ! Sweeps first .. ahead, and their verdict; where they still run one more is taken.
+         ! Sweeps first .. ahead, and their verdict; while the group is still running, one more sweep at a time.
          do while (last >= 0 .and. ahead <= most)
             if (self%angles) then
                call sweep_angle(slot%i1, slot%i2, first, ahead, self%terms, self%base, self%b, &
@@ -220,7 +222,7 @@ contains
             end if
             call judge_ahead(first, ahead, too_stiff, too_stiff, most, change, extent, last, nsweep)
             first = ahead + 1
-            ! A stage that does not wait for itself is done after its first sweep.
+            ! A stage that does not depend on itself is done after its first sweep.
             if (last >= 0 .and. slot%explicit) then
                nsweep = 1
                last = done
@@ -228,16 +230,16 @@ contains
                ahead = first
             end if
          end do
-         ! The number of sweeps is the guess for the next step.
+         ! The number of sweeps is the prediction for the next step.
          ahead = min(nsweep, most)
       end associate
       if (abs(last - done) > 0) nsweep = 0
    end subroutine sweep
 
-   !> Sweeps first .. last of an angle over the stages i1 .. i2 of a group: x = base_i + sum_m b_im F_m, from stage i
-   !> on and around, and F_i = a sin x + (b cos x + (c x + d)). change and extent have the largest change and the
-   !> largest F of each sweep. Models that take sweeps themselves have the same interface. Sums are those of four
-   !> stages, whatever their number: how gcc contracts a loop must not depend on it.
+   !> Sweeps first .. last of an angle over the stages i1 .. i2 of a group: x = base_i + sum_m b_im F_m, cyclically from
+   !> stage i on, and F_i = a sin x + (b cos x + (c x + d)). change and extent are the largest change and the largest F
+   !> of each sweep. Models with their own sweeps have the same interface. Sums have four stages for any scheme, since
+   !> the contraction of a loop by gcc must not depend on their number.
    subroutine sweep_angle(i1, i2, first, last, terms, base, b, f, change, extent)
       integer, value :: i1, i2, first, last
       type(angle_terms), intent(in) :: terms(nstage)
@@ -250,7 +252,7 @@ contains
       ! F after the sweep before, of all stages.
       now = f(:, 1, first - 1)
       do k = first, last
-         ! b(:, :, 1) belongs to the first sweep, where slopes are not all known.
+         ! b(:, :, 1) is for the first sweep, in which not all slopes are known.
          at = min(k, 2)
          moved = 0
          size = 0
@@ -272,7 +274,7 @@ contains
             end if
             f(i, 1, k) = now(i)
          end do
-         ! The largest of all stages of the group, for judge_ahead.
+         ! The largest over all stages of the group, for judge_ahead.
          change(k) = moved
          extent(k) = size
       end do
