@@ -68,7 +68,7 @@ def ask(worker: subprocess.Popen, scene: int) -> float:
 
 
 def work() -> None:
-    """Time the requested scenes, one a line."""
+    """Time the requested scenes, one per line."""
     import symsde as ss  # noqa: PLC0415 - the library that the environment names
 
     steps = round(TIME / STEP)

@@ -137,7 +137,7 @@ contains
    end subroutine take_back
 
    !> Whether x.Gamma x >= 0 for all x, to rounding: elimination with the largest diagonal element as pivot meets no
-   !> negative one, and leaves nothing where the diagonal is zero.
+   !> negative one, and when no positive pivot is left, the remaining matrix is zero.
    logical function loses(friction, largest)
       real(wp), intent(in) :: friction(:, :)
       real(wp), intent(in) :: largest             !! of the elements

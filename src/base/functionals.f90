@@ -1,16 +1,16 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> The functionals of the path over a step that a scheme may ask for beside the increments dW_k:
+!> The functionals of the path over a step that a scheme may need in addition to the increments dW_k:
 !>
-!>    path_dz      dZ_k = int_t^{t+h} (W_k(s) - W_k(t)) ds                          one a noise  [time^(3/2)]
-!>    path_areas   A_kl = 1/2 int (W_k o dW_l - W_l o dW_k), k < l, at area_index   one a pair   [time]
-!>    path_stt_area    K_k = int (s^2 - s + 1/6) dW_k /2, s = time in the step over h   one a noise  [time^(1/2)]
-!>    path_magnus  J_kl = int W_k (dW_l - W_l) ds, symmetrised, k <= l, pair_index  one a pair   [time^2]
+!>    path_dz      dZ_k = int_t^{t+h} (W_k(s) - W_k(t)) ds                          one per noise  [time^(3/2)]
+!>    path_areas   A_kl = 1/2 int (W_k o dW_l - W_l o dW_k), k < l, at area_index   one per pair   [time]
+!>    path_stt_area    K_k = int (s^2 - s + 1/6) dW_k /2, s = time in the step over h   one per noise  [time^(1/2)]
+!>    path_magnus  J_kl = int W_k (dW_l - W_l) ds, symmetrised, k <= l, pair_index  one per pair   [time^2]
 !>
 !> (K is the space-time-time Levy area, J the second Magnus term of kicks between drifts; both also need dZ.)
 !>
 !> Their names and numbers of columns are here, in base, because schemes, sources and steppers all use them;
-!> noise/functionals draws and merges them. A new functional needs a name and a count here, a law there, a scheme that
-!> asks for it and a stepper that uses it.
+!> noise/functionals draws and merges them. A new functional needs a name and a count here, a law in
+!> noise/functionals, a scheme that declares it and a stepper that uses it.
 module symsde_base_functionals
    use symsde_base_traits, only: model_traits
    implicit none

@@ -61,7 +61,7 @@ contains
       end associate
    end subroutine find
 
-   !> From here on calls have the n lanes from `first` on of the present lanes; lanes beyond the last one repeat it.
+   !> Later calls of the model have only n of the present lanes, from `first` on; lanes beyond the last one repeat it.
    subroutine narrow_to_part(paths, first, n)
       type(lane_paths), pointer, intent(in) :: paths
       integer, intent(in) :: first, n
@@ -74,7 +74,7 @@ contains
       call narrow_to_lanes(paths, lanes)
    end subroutine narrow_to_part
 
-   !> From here on calls have these lanes of the present ones.
+   !> Later calls of the model have only these lanes of the present ones.
    subroutine narrow_to_lanes(paths, lanes)
       type(lane_paths), pointer, intent(in) :: paths
       integer, intent(in) :: lanes(:)

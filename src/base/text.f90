@@ -45,7 +45,7 @@ contains
       long_length = len_trim(padded_long(n))
    end function long_length
 
-   !> At most seven digits, as people write them: 0.25 and 5.551115e-17, not 0.250000 and 5.551115E-017.
+   !> Write at most seven digits, as people do: 0.25 and 5.551115e-17, not 0.250000 and 5.551115E-017.
    pure character(len=24) function padded_real(x)
       real(wp), intent(in) :: x
       character(len=24) :: power
@@ -104,7 +104,7 @@ contains
    !> The name in a list that is nearest to the given one; of equally near names the first.
    pure function nearest_name(given, names) result(name)
       character(*), intent(in) :: given     !! what the user wrote
-      character(*), intent(in) :: names(:)  !! allowed names, at least one
+      character(*), intent(in) :: names(:)  !! input of the user
       character(len=len(names)) :: name
       integer :: distance(size(names)), i
 

@@ -44,7 +44,7 @@ contains
       end do
    end subroutine add_times
 
-   !> y = x, which the compiler turns into a copy of memory. Where the lanes of x and y are not known to be one, an
+   !> y = x, which the compiler turns into a copy of memory. Unless the compiler knows that both have one lane, an
    !> assignment would copy lane by lane.
    pure subroutine copy(n, x, y)
       integer, intent(in) :: n

@@ -107,7 +107,7 @@ contains
       end select
    end subroutine copy_model
 
-   !> Names of the built-in models, one a line.
+   !> Names of the built-in models, one per line.
    function symsde_model_names(buffer, size, needed) result(status) bind(c, name='symsde_model_names')
       type(c_ptr), intent(in), value :: buffer, needed
       integer(c_size_t), intent(in), value :: size

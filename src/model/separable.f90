@@ -86,7 +86,7 @@ contains
       real(wp) :: hqq(2, 2), hpp(2, 2)
       real(wp), allocatable :: blocks(:, :, :, :)  !! hqq and hpp, each (nlane, ndof, ndof)
 
-      ! A single path mostly has this case: its blocks are arrays whose length the compiler knows.
+      ! A frequent case of a single path, for which the compiler knows the lengths of the blocks.
       if (nlane == 1 .and. ndof == 2) then
          call self%evaluate(nlane, ndof, nnoise, t, w, q, p, hqq=hqq, hpp=hpp)
          call multiply(1, 2, hqq, hpp, vq, vp, uq, up)

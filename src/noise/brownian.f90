@@ -205,7 +205,7 @@ contains
       integer(i8) :: from(nlane)
       integer :: j, step
 
-      ! Path 0 in every lane, where the noise is common to all.
+      ! Path 0 in every lane, if all paths share the noise.
       from = merge(0_i8, path, self%common(k))
       do j = 0, npair - 1, pairs_of_steps
          call scaled_normal_steps(nlane, normal_stream(self%seed, k, 0, purpose_increment, sqrt(self%h)), from, &
@@ -314,7 +314,7 @@ contains
          end do
       end do
       if (mod(npair, 2) == 0) return
-      ! Of the last draw's four steps two are used.
+      ! The last draw gives four steps, of which two are used.
       w(k, 2*npair - 2) = x(before + 1 + npair/2, 0)
       w(k, 2*npair - 1) = x(before + 1 + npair/2, 1)
    end subroutine spread_alone

@@ -8,7 +8,7 @@
 !>
 !>    dZ_k = h (dW_k/2 + H_k),   A_kl = H_k dW_l - H_l dW_k,   J_kl = h (dW_k dW_l/6 - (6/5) H_k H_l) - delta_kl h^2/15
 !>
-!> (J by its mean given dW and H; an area drawn in law has in addition 12 (K_k H_l - K_l H_k) and a normal rest of
+!> (J by its mean given dW and H; an area drawn in law has in addition 12 (K_k H_l - K_l H_k) and a normal term of
 !> variance h^2/20, which give it the true mean and covariances given dW and H), and neighbouring intervals merge by
 !>
 !>    dW = dW_1 + dW_2,  dZ = dZ_1 + dZ_2 + h_2 dW_1,  A_kl = A_1 + A_2 + (dW_k1 dW_l2 - dW_l1 dW_k2)/2
@@ -60,7 +60,7 @@ contains
       real(wp), intent(in) :: length, w(nlane, nnoise), hh(nlane, nnoise)
       real(wp), intent(out) :: x(nlane, functional_count(functional, nnoise))
       real(wp), intent(in), optional :: kk(nlane, nnoise)  !! zero if absent
-      !> The rest of areas beyond K; without it areas are those of the parabola.
+      !> The normal terms of areas drawn in law; without them areas are those of the parabola.
       real(wp), intent(in), optional :: rest(nlane, functional_count(path_areas, nnoise))
       integer :: k, l
 
@@ -68,8 +68,8 @@ contains
       case (path_areas)
          do l = 2, nnoise
             do k = 1, l - 1
-               ! The area of the parabola through the ends with this H; in law, the terms of K and the rest are
-               ! added.
+               ! The area of the parabola through the ends with this H; an area drawn in law gets a term of K and a
+               ! normal term, too.
                x(:, area_index(k, l)) = hh(:, k)*w(:, l) - hh(:, l)*w(:, k)
                if (present(rest)) x(:, area_index(k, l)) = x(:, area_index(k, l)) + rest(:, area_index(k, l)) &
                                                            + 12*(kk(:, k)*hh(:, l) - kk(:, l)*hh(:, k))

@@ -36,7 +36,7 @@ module symsde_noise_integral_draws
    integer, parameter :: purpose_halves = 5     !! N of a halving, or M
    integer, parameter :: purpose_stt_area = 6       !! K at the finest step
    integer, parameter :: purpose_stt_halving = 7      !! D of a halving
-   integer, parameter :: purpose_rest = 8       !! rest of an area in law; its noise word is the index of the pair
+   integer, parameter :: purpose_rest = 8 !! normal term of an area in law; its noise word is the index of the pair
 
    !> The arguments of all draws of a run.
    type :: integral_draws
@@ -175,7 +175,7 @@ contains
       end do
    end subroutine dz_of_shape
 
-   !> Whether areas are asked for and drawn in law: K and a normal rest then replace sub-increments, and halving the
+   !> Whether areas are asked for and drawn in law: K and a normal term then replace sub-increments, and halving the
    !> step would give other areas.
    pure logical function in_law(self)
       class(integral_draws), intent(in) :: self
@@ -190,9 +190,9 @@ contains
       needs_stt_area = self%asked%has(path_stt_area) .or. self%in_law()
    end function needs_stt_area
 
-   !> Draw the rests of areas for the intervals 2*pair and 2*pair+1: scaled normals for all pairs of noises k < l.
-   !> They are zero if one of the two noises is silent, and taken from path 0 if both are common. The counter's word for
-   !> the noise holds the index of the pair; the purpose keeps pairs apart from noises.
+   !> Draw the normal terms of areas for the intervals 2*pair and 2*pair+1: scaled normals for all pairs of noises k <
+   !> l. They are zero if one of the two noises is silent, and taken from path 0 if both are common. The counter's word
+   !> for the noise holds the index of the pair; the purpose keeps pairs apart from noises.
    subroutine draw_rests(d, nlane, path, pair, scale, even, odd, drawn)
       type(integral_draws), intent(in) :: d
       integer, intent(in) :: nlane
@@ -288,7 +288,7 @@ contains
       if (finer > 0) then
          call scaled_pairs_at(nlane, of, path, at, even, odd)
       else
-         ! Else neighbouring lanes have their numbers from the same draw, which is made once.
+         ! Otherwise one draw gives the numbers of two neighbouring lanes, and is made once.
          noises = of%noise
          call share_draws(nlane, padded(int(at(nlane)/2 - at(1)/2) + 1))
       end if
@@ -307,7 +307,7 @@ contains
             ! Draw j makes the normals of the pairs 2 j and 2 j + 1.
             draws(i) = at(1)/2 + i - 1
          end do
-         ! Draw all of them for one path, whose number stands in every lane.
+         ! Draw all numbers of one path, whose index is in every lane.
          call scaled_normals_at(ndraw, of, path(:ndraw), draws, noises(:ndraw), x)
          do lane = 1, nlane
             i = int(at(lane)/2 - at(1)/2) + 1

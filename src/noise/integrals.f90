@@ -196,7 +196,7 @@ contains
       odd%of(path_areas)%x = (0.5_wp*abs(length))*odd%of(path_areas)%x
    end subroutine discrete_pair
 
-   !> Draw dW, H, K and the rest of the areas, each (nlane, nnoise), of the intervals 2*pair and 2*pair+1 with which
+   !> Draw dW, H, K and the normal terms of areas, each (nlane, nnoise), of the intervals 2*pair and 2*pair+1 with which
    !> a run starts: the finest at refine >= 0, at refine < 0 the coarse ones, which are halved.
    subroutine draw_shapes(d, nlane, path, pair, length, even, odd, drawn)
       type(integral_draws), intent(in) :: d
@@ -238,7 +238,7 @@ contains
          longer = -d%refine - level
          odd = mod(at/2_i8**longer, 2_i8) == 1
          call draw_halving(d, nlane, path, pair/2_i8**(longer + 1), level, d%h*2.0_wp**(longer + 1), u1, u2, drawn)
-         ! From here on left is the interval that holds the step, and u1 holds the draws that halve it.
+         ! From here on `left` is the interval that holds the step, and u1 holds the draws that halve it.
          call choose(odd, right%w, left%w)
          call choose(odd, right%hh, left%hh)
          call choose(odd, right%kk, left%kk)
@@ -251,7 +251,7 @@ contains
       end do
    end subroutine descend
 
-   !> In lanes of the second half take its values. Arrays of functionals that were not drawn are skipped.
+   !> Lanes of the second half take the values of that half. Arrays of functionals that were not drawn are skipped.
    pure subroutine choose(in_second, second, chosen)
       logical, intent(in) :: in_second(:)                         !! (nlane)
       real(wp), allocatable, intent(in) :: second(:, :)           !! (nlane, nnoise)
@@ -370,7 +370,7 @@ contains
       type(halving_draws), intent(in) :: u
       type(path_shape), intent(out) :: left, right
 
-      ! The second half gets the rest of the whole, so that dW of both add up exactly.
+      ! The second half is computed as the whole less the first, so that dW of both add up exactly.
       left%w = 0.5_wp*whole%w + 1.5_wp*whole%hh + u%z
       right%w = whole%w - left%w
       left%hh = 0.25_wp*whole%hh - 0.5_wp*u%z

@@ -169,7 +169,7 @@ contains
          coarse = coarse/2
       end do
       dw = x(:, low - base:high - base)
-      drawn = drawn + nstep  ! one a step in the long run: 1 + 1 + 2 + 4 + .. for 2^levels steps
+      drawn = drawn + nstep  ! one per step in the long run: 1 + 1 + 2 + 4 + .. for 2^levels steps
    end subroutine halve_coarser
 
    !> n rounded up to a multiple of four, the intervals of a draw.
@@ -218,7 +218,7 @@ contains
       integer :: noises(most_ahead), n, i
       real(wp) :: drawn(4*most_ahead)
 
-      ! As many lanes as four steps of every path need, rounded up to whole vectors.
+      ! Number of lanes that four steps of every path need, rounded up to whole vectors.
       n = padded(self%nreal*(nstep/4))
       noises = self%noise
       do i = 1, n  ! a whole vector; padding is not used

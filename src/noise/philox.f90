@@ -31,7 +31,7 @@ module symsde_noise_philox
    integer(i8), parameter :: multiplier(2) = [int(z'D2511F53', i8), int(z'CD9E8D57', i8)]
    integer(i8), parameter :: weyl(2) = [int(z'9E3779B9', i8), int(z'BB67AE85', i8)]
    integer, parameter :: nround = 10
-   !> Most lanes of philox_two_lanes: their words (64 bytes a lane) and normals stay in cache.
+   !> Most lanes of philox_two_lanes: their words (64 bytes per lane) and normals stay in cache.
    integer(i4), parameter :: philox_tile = 256
 
 contains

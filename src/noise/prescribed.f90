@@ -1,5 +1,5 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> Increments given by the user, one row a step; with refine = l > 0, 2^l finer rows a step, added as a tree.
+!> Increments given by the user, one row per step; with refine = l > 0, 2^l finer rows per step, added as a tree.
 !>
 !> Schemes that use functionals need them as further columns beside the increments: dW_1 .. dW_m, dZ_1 .. dZ_m, and K_1
 !> .. K_m of each row; or they need finer rows: the path is then the polygon through the rows, whose functionals are
@@ -83,7 +83,7 @@ contains
       last = int(min(2_i8*request%npair, (size(self%dw, 3, i8) + 1 - row)/rows)) - 1
       ! The array holds none of these steps.
       if (last < first) return
-      ! One row a step and no functional: all steps at once. Else step by step.
+      ! With one row per step and no functional, all steps are copied at once, otherwise one by one.
       row = row + first*rows
       if (self%asked%is_empty() .and. rows == 1) then
          call take_rows(self, request%nlane, request%path, 1, self%nnoise, row, last - first + 1, 1, &
@@ -180,7 +180,7 @@ contains
       if (rows > 1) then
          call sum_rows(self, nlane, path, k, row, rows/2, dw)
          call sum_rows(self, nlane, path, k, row + rows/2, rows/2, right)
-         ! By halves, like the tree of noise/levels.
+         ! Sums are formed by halves, like the tree of noise/levels.
          dw = dw + right
       else
          call take_rows(self, nlane, path, k, 1, row, 1, 0, dw)

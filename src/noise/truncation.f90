@@ -27,7 +27,7 @@ contains
       real(wp), intent(out) :: cut   !! c
       type(error_type), allocatable, intent(inout) :: error
 
-      ! The value where the bound is refused.
+      ! cut has this value if the bound is refused.
       cut = 0
       if (.not. (order > 0 .and. order <= 100 .and. tau > 0 .and. tau <= huge(tau))) then
          call raise(error, invalid_argument, 'truncation_bound', 'truncation takes an order l and a time '// &

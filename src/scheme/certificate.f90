@@ -183,7 +183,7 @@ contains
       character(*), intent(in) :: what, value
       character(len=24) :: label
 
-      ! Labels are padded to one width, so that values stand below each other.
+      ! Labels are padded to one width, so that values are below each other.
       label = what
       text = text//label//value//new_line('a')
    end subroutine add

@@ -75,7 +75,7 @@ contains
       type(scheme_type), intent(inout) :: scheme
       integer, intent(in) :: law
       real(wp), intent(in) :: commutative, general  !! strong orders
-      real(wp), intent(in) :: weak                  !! weak order for commutative noises; for every noise if crossed
+      real(wp), intent(in) :: weak                  !! weak order for commutative noises; if crossed, for all noises
 
       scheme%law = law
       call set_order(scheme%order(additive_noise), commutative, evidence_claimed)

@@ -26,8 +26,8 @@
 !> by the implicit midpoint rule (flow_midpoint), and the kicks are those of the noises alone, b = 0. The conditions are
 !> the same for all three. With c = 0 only noises are kicked, and H may be any.
 !>
-!> In a word of flows (scheme/words) kicks may stand at one place, drifts are free of damping, and kick i comes after
-!> p <- exp(-decay_i gamma h) p.
+!> In a word of flows (scheme/words) several kicks may have the same node c_i, drifts are free of damping, and kick i
+!> comes after p <- exp(-decay_i gamma h) p.
 module symsde_scheme_kicks
    use symsde_base_kinds, only: wp
    implicit none

@@ -1,5 +1,5 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> Newton corrections for two or three stages of a chain: matrices C (x) I + diag(K_1, .., K_s), one a lane, without
+!> Newton corrections for two or three stages of a chain: matrices C (x) I + diag(K_1, .., K_s), one per lane, without
 !> pivoting.
 !>
 !> C is an s x s matrix, the same for all sites and lanes; K_m is the symmetric tridiagonal stiffness at stage m, its
@@ -140,7 +140,7 @@ contains
             ! r_i = S^{-1} b by Cramer's rule.
             r(lane, 1) = (a22*b1 - a12*b2)*inverse
             r(lane, 2) = (a11*b2 - a21*b1)*inverse
-            ! From here on this site is the one above: E_i takes the place of E_{i-1}.
+            ! From here on this site plays the part of the site above: E_i replaces E_{i-1}.
             beside(lane, 1) = k(lane, 1, at, 1)
             beside(lane, 2) = k(lane, 1, at, 2)
             ! S^{-1} E: its column m is column m of S^{-1} times E_mm.
@@ -154,7 +154,7 @@ contains
             factor(lane, 2, 1, i) = above(lane, 2, 1)
             factor(lane, 1, 2, i) = above(lane, 1, 2)
             factor(lane, 2, 2, i) = above(lane, 2, 2)
-            ! Kept for the way upwards.
+            ! Keep the right-hand side for the pass upwards.
             rhs(lane, 1, i) = r(lane, 1)
             rhs(lane, 2, i) = r(lane, 2)
          end do

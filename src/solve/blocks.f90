@@ -66,7 +66,7 @@ contains
          self%ku = ku
          self%rows = kl + ku + 1
       end if
-      ! As many lanes as have their matrices in cache; the results do not depend on this number.
+      ! The number of lanes whose matrices fit into cache; results do not depend on it.
       self%width = strip_lanes(nlane, self%rows*n)
       allocate (self%smallest(nlane), source=0.0_wp)
       allocate (self%rhs(nlane, n))
@@ -176,7 +176,7 @@ contains
       real(wp), intent(in) :: a(self%nlane, self%rows, self%n)  !! matrices
       real(wp), intent(inout) :: x(self%nlane, self%n)          !! right-hand sides, then solutions
       logical, intent(in) :: active(self%nlane)                 !! lanes to solve
-      integer(i8), intent(inout) :: status(self%nlane)          !! set where a solve fails
+      integer(i8), intent(inout) :: status(self%nlane)          !! set if a solve fails
       integer(i4) :: info
       integer :: lane
 

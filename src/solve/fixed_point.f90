@@ -43,7 +43,7 @@ module symsde_solve_fixed_point
 
       do i = 1, n
          do lane = 1, nlane
-            ! Also computed for lanes that are done, and ignored there.
+            ! Lanes that are done get a change, too, which is ignored.
             d = abs(sign*f(lane, i) - x(lane, i))
             x(lane, i) = merge(sign*f(lane, i), x(lane, i), last(lane) >= 0)
             change(lane) = max(change(lane), d) + 0*(change(lane) + d)

@@ -1,9 +1,9 @@
 ! SPDX-License-Identifier: BSD-3-Clause
 !> The end of a fixed-point iteration x <- g(x) of a single path (fixed_point.inc), and its updates of x.
 !>
-!> The largest change of few numbers is found one by one; of many it is found in nbeside chains side by side, whose
-!> largest numbers are compared at the end. The largest of a set does not depend on the order, so the bits are those
-!> of a block. Several sweeps may be done before they are judged (judge_ahead).
+!> The largest change is found in one pass if there are few numbers. If there are many, nbeside independent chains of
+!> comparisons run side by side, and their results are compared at the end. The largest of a set does not depend on the
+!> order, so the bits are those of a block. Several sweeps may be done before they are judged (judge_ahead).
 module symsde_solve_fixed_point_single_path
    use symsde_base_kinds, only: wp, i8
    implicit none
@@ -104,7 +104,7 @@ module symsde_solve_fixed_point_single_path
       real(wp), intent(inout) :: x(n), change, extent
       real(wp) :: d(1), e(1)
 
-      ! Then the change is |x| itself.
+      ! A first sweep starts from zero, so that its change is |x|.
       if (first) x = 0
       d = change
       e = extent

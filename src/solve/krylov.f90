@@ -1,5 +1,5 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> Linear systems A x = b of a block, one a lane, from products with A alone: GMRES.
+!> Linear systems A x = b of a block, one per lane, from products with A alone: GMRES.
 !>
 !> The caller multiplies, since only the caller has the matrices:
 !>
@@ -11,7 +11,7 @@
 !>    end do
 !>    ... krylov%x, and krylov%unsolved if the goal was not reached ...
 !>
-!> A may be any nonsingular matrix: symmetric where momenta are eliminated, not so elsewhere. Arnoldi's vectors v_i
+!> A may be any nonsingular matrix: it is symmetric if momenta are eliminated, otherwise not. Arnoldi's vectors v_i
 !> span b, A b, A^2 b, ..: with V_k = (v_1, .., v_k) they obey A V_k = V_{k+1} H_k, H_k of k+1 rows with zeros below
 !> the first subdiagonal, and x = V_k y with the y that makes |b - A x| = | |b| e_1 - H_k y | least. Givens rotations
 !> make H_k triangular as it grows; applied to |b| e_1 they give g, whose last entry is the size of the residual, known

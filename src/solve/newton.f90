@@ -1,5 +1,5 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> Newton's iteration on a block of small systems r(x) = 0, one a lane, each until its own corrections stagnate:
+!> Newton's iteration on a block of small systems r(x) = 0, one per lane, each until its own corrections stagnate:
 !>
 !>    A d = r(x),   x <- x - d,   A = dr/dx
 !>

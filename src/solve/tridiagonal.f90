@@ -1,5 +1,5 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> Newton corrections from symmetric tridiagonal matrices I + c K, one a lane, without pivoting.
+!> Newton corrections from symmetric tridiagonal matrices I + c K, one per lane, without pivoting.
 !>
 !> Row i of K is its diagonal entry k(lane, 0, i) and the one right of it, k(lane, 1, i). Rows are eliminated from
 !> both ends (a twisted factorization): the upper ones downwards, the lower ones upwards, in pairs. Let b be the entry

@@ -182,12 +182,13 @@ contains
       task%model => model
       task%damping = model%damping
       task%scheme => scheme
-      ! a Galerkin scheme that is a tableau for this model is executed as one, but by its own oracle as it stands
+      ! a Galerkin scheme that is a tableau for this model is executed as a tableau, but by its own oracle if general is
+      ! true
       if (.not. associated(model%forces)) call find_tableau(scheme, model%traits, task%tableau)
       if (allocated(task%tableau) .and. .not. options%general) task%scheme => task%tableau
       if (task%scheme%form == tableau_form) &
          task%follows = task%scheme%noise_coefficients_equal() .and. is_explicit(task%scheme, model%traits%splits())
-      ! The wishes that steppers ask for themselves.
+      ! Options that steppers read from the task.
       task%newton = options%newton
       task%as_increments = options%as_increments
       task%general = options%general

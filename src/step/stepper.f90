@@ -68,8 +68,8 @@ module symsde_step_stepper
       logical :: explicit = .false.          !! whether no solver is called
       logical :: one_solve = .false.         !! whether the equations are linear for this model: no iteration
       logical :: moves = .false.             !! whether it overrides `move`
-      integer :: most_single = 0             !! paths that go faster one by one, by a stepper of one lane with the bits
-                                             !! of a lane of a block; 0: there is no such stepper
+      integer :: most_single = 0             !! up to this number of paths, one-lane steppers with the bits of blocks
+                                             !! are faster; 0: there is no such stepper
       character(:), allocatable :: left_out    !! further work omitted from a step, for the run report
       type(one_step_hamiltonian) :: ham
       type(step_record) :: record                      !! the last attempted step of a run

@@ -264,7 +264,7 @@ static int count_joint(int nlane, int ndof, int nham, double t, const double *w,
    return 0;
 }
 
-/* ask a model whose H is zero for one output of each kind */
+/* call the model, whose H is zero, for one output of each kind at a time */
 static void ask_for_parts(symsde_model model) {
    const double w = 1;
    double hq = 7, hqq = 7, hqp = 7, hpp = 7;

@@ -16,7 +16,7 @@ LEVELS = ("x86-64-v4", "x86-64-v3")
 
 
 def main() -> int:
-    """Build with variants, install, link a program, ask the loader."""
+    """Build with variants, install, link a program, and let the loader choose."""
     root, work = Path(sys.argv[1]), Path(sys.argv[2])
     known = ask(LOADER, "--help") if Path(LOADER).exists() else ""
     mine = [level for level in LEVELS if re.search(rf"{level} \(supported", known)]

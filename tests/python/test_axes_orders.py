@@ -62,7 +62,7 @@ def test_orders_of_one_step_along_a_path(kind, scheme, row):
 
 
 def test_without_areas_an_order_is_lost():
-    """The twin: without areas the order is lower."""
+    """Without areas the orders are lower, so the test above must fail."""
     row = {"sign": 1, "time": "", "nnoise": 3, "ndof": 2}
     with pytest.raises(AssertionError), pytest.MonkeyPatch.context() as patched:
         patched.setitem(ORDERS, "coupled", {"midpoint": ORDERS["coupled"]["midpoint_areas"]})

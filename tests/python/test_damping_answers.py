@@ -40,7 +40,7 @@ def test_orders_of_convergence(model, scheme, order):
 
 @pytest.mark.parametrize("model", [WELL, SYNCHROTRON, BENT, COUPLED, UNEQUAL, FRICTION, STILL])
 def test_advice_is_a_scheme_that_runs(model):
-    """And no sentence names a scheme that refuses damped models."""
+    """The advice runs, and no sentence of it names a scheme that refuses damped models."""
     advice = ss.advise(model, **GIVEN, tolerance=3e-2, seed=1)
     for option in (advice, *advice.alternatives):
         run = ss.simulate(model, q0=0.7, p0=0.3, step=0.1, steps=2, scheme=option.scheme, seed=1)
@@ -61,7 +61,9 @@ def test_expectations(method):
 
 @pytest.mark.parametrize("h", [0.1, -0.1])
 def test_second_moments_by_hand(h):
-    """Of an oscillator, |M|^2 is exp(-gamma h) where it oscillates; Kubo's noise keeps |z|, but for the damping."""
+    """|M|^2 of a damped oscillator is exp(-gamma h) while it oscillates; Kubo's noise changes |z| by the damping
+    alone.
+    """
     oscillator = ss.models.linear_oscillator().damped(0.5)
     for scheme in ("midpoint", "gauss2", "stormer_verlet", "gauss_dkdkd", "chin4a"):
         found = ss.mean_square(oscillator, scheme, step=h)
@@ -97,7 +99,7 @@ def test_second_moments_of_every_kind_of_damping(damping):
 
 
 def test_second_moments_refuse_what_steps_refuse():
-    """With the sentence of the run."""
+    """`mean_square` refuses with the sentence with which a run refuses."""
     with pytest.raises(IncompatibleError, match="is damped, and scheme gauss2_strong32 adds brackets"):
         ss.mean_square(ss.model_from_sympy("p**2/2 + q**2/2", ["0.3*q**2"]).damped(RATE), "gauss2_strong32", step=0.1)
 

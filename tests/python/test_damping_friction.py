@@ -115,7 +115,9 @@ def test_friction_between_neighbours_keeps_their_momentum():
 @pytest.mark.parametrize("scheme", ["midpoint", "gauss_dkdkd", "chin4a_strong2"])
 @pytest.mark.parametrize("compensated", [False, True])
 def test_a_path_has_its_bits(scheme, compensated):
-    """In blocks, alone, with other threads; and a matrix of zeros leaves the closed system."""
+    """A path has the same bits in blocks, alone and with any threads; a matrix of zeros gives the bits of the closed
+    system.
+    """
     given = {**GIVEN, "scheme": scheme, "compensated": compensated}
     for model in (HEAVY, COUPLED):
         damped = model.damped(FRICTION)

@@ -57,7 +57,9 @@ def doubts(call):
     ],
 )
 def test_reports_and_notebooks_say_what_is_damped(model, told):
-    """And what a rate of momenta is for velocities; also of prepared runs, moments, shards and files."""
+    """Reports of runs, prepared runs, moments, shards and files say what damps momenta, and what that is for
+    velocities.
+    """
     report = ss.simulate(model, **GIVEN).report
     assert report.damping.endswith(told) and bool(report.damping) == bool(told)
     assert ("damping    dp" in str(report)) == bool(told)
@@ -80,7 +82,9 @@ def test_a_file_keeps_what_was_damped(tmp_path):
 
 @pytest.mark.parametrize("scheme", ["midpoint", "gauss2", "stormer_verlet", "symplectic_euler_adjoint", "lobatto3"])
 def test_a_doubtful_temperature_is_told_with_its_number(scheme):
-    """Of a free particle: a step from rest with dW = 1 says by itself which part of the noise it keeps."""
+    """A free particle's step from rest with dW = 1 shows which part of the noise the step keeps: the number in the
+    doubt.
+    """
     how = {"q0": 0.0, "p0": 0.0, "step": 1.0, "steps": 1, "scheme": scheme, "increments": np.ones((1, 1))}
     for z in (0.251, 1.0, 8.0):
         sentences, run = doubts(lambda z=z: ss.simulate(FREE.damped(z), **how))
@@ -93,7 +97,9 @@ def test_a_doubtful_temperature_is_told_with_its_number(scheme):
 
 
 def test_where_doubts_begin():
-    """At gamma h = 1/4 for midpoint; without noise, with noise of momenta, with kicks of one rate there are none."""
+    """The midpoint rule's doubts begin at gamma h = 1/4; there are none without noise, with noise of momenta, or
+    with kicks of one rate.
+    """
     how = {"q0": 0.1, "p0": 0.0, "steps": 1}
 
     def told(model, rate, scheme="midpoint", step=1.0):

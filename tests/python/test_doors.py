@@ -107,7 +107,7 @@ def calls_in_c():
 
 
 def test_every_function_of_c_that_takes_options_is_called_here():
-    """By their types."""
+    """The types of the arguments tell which functions of C take options."""
     taking = {name for name, types in abi.FUNCTIONS.items() if ctypes.POINTER(abi.Options) in types}
     assert taking - {"options_init"} == set(calls_in_c()[1])
 
@@ -131,7 +131,7 @@ def test_functions_of_c_refuse_with_one_sentence(wrong):
 
 @pytest.mark.parametrize("wrong", WRONG, ids=told)
 def test_functions_of_python_refuse_with_the_sentence_of_the_library(wrong):
-    """Before anything is made of a size in them."""
+    """Wrong options are refused before anything is allocated by a size in them."""
     model = ss.models.kubo()
     told_to = {**wrong, "areas": abi.AREAS[wrong["areas"]]} if "areas" in wrong else wrong
     given = {**GOOD, **told_to}
@@ -230,7 +230,7 @@ def literals_of_get():
 
 
 def test_options_that_are_looked_up_have_these_defaults():
-    """In scenes and plans, where an option that was not given is missing."""
+    """Scenes and plans use these defaults for options that are missing."""
     found = [(file, key, value) for file, key, value in literals_of_get() if key in stated()]
     assert len(found) > 5
     for file, key, value in found:

@@ -107,7 +107,7 @@ if __name__ == "__main__":
 
 
 def test_mpi4py_futures_give_the_bits_of_one_run(by_formula, tmp_path):
-    """Rank 0 asks, two other ranks compute."""
+    """Rank 0 collects the shards, which two other ranks compute."""
     if importlib.util.find_spec("mpi4py") is None or launcher() is None:
         pytest.skip("mpi4py and mpirun are not installed: pip install mpi4py mpich")
     (tmp_path / "on_ranks.py").write_text(ON_RANKS)
@@ -247,7 +247,7 @@ def test_half_the_step_on_the_same_paths(file, tmp_path, capsys):
 
 
 def test_differences_are_those_of_the_paths():
-    """By hand, with a path that fails in one of the two runs."""
+    """The differences are also computed by hand, with a path that fails in one of the two runs."""
     from symsde.batch.error_check import compare
 
     run = {"q0": np.array([[0.3, 0.5, 0.2]]), "p0": 0.0, "steps": 4, "paths": 3, "save_every": 2, "seed": 3}
@@ -270,7 +270,9 @@ def test_differences_are_those_of_the_paths():
 
 
 def test_observables_are_compared_too(tmp_path, capsys):
-    """By hand from the paths of both runs; the screen and the table say which observables are not compared."""
+    """Differences of observables are computed by hand from the paths of both runs; the screen and the table name the
+    observables that are not compared.
+    """
     file = tmp_path / "scene.toml"
     run = "step = 0.1\nsteps = 20\nsave_every = 10\npaths = 50\nseed = 3\nq0 = 0.3\np0 = 0.0\n"
     file.write_text(

@@ -33,7 +33,7 @@ def square_by_verlet(steps: int, t: float) -> float:
 
 @pytest.fixture
 def problem():
-    """With Verlet's rule at h = 1.6 to 0.2 the phases of 256 paths are off by many radians."""
+    """Verlet's rule with h = 1.6 to 0.2 makes the phases of 256 paths wrong by many radians."""
     model = ss.models.linear_oscillator(sigma=SIGMA)
     return make_problem(model, "q**2", q0=1.0, p0=0.0, horizon=LONG, seed=3, threads=1)
 

@@ -418,7 +418,9 @@ def test_bad_input_gets_a_sentence(H, more, words):
 @pytest.mark.usefixtures("quick_compiler")
 @pytest.mark.parametrize("H", ["p**2/2 - 1/q", "p**2/2 + log(q)", "sqrt(q**2 + p**2 - 1)", "p**2/2 + q**2/(q - t)"])
 def test_singular_starts_are_told_with_the_formula(H):
-    """Also where a step would jump over the singularity; paths with states of their own each get a status."""
+    """Starts are refused also where a step would jump over the singularity; if paths have different starts, each
+    path gets a status.
+    """
     model = ss.model_from_sympy(H, ["0.1*q"])
     start = {"q0": 1.0, "p0": 0.0, "t0": 1.0} if "sqrt" in H or "t" in H else {"q0": 0.0, "p0": 1.0}
     for function, more in ((ss.simulate, {"steps": 3}), (ss.moments, {"steps": 3}), (ss.prepare, {})):

@@ -161,7 +161,9 @@ FAR += [1.0, 1.5, -1.5, 1e-300, -0.0, 1e200, -(1 - 2.0**-53), -2.5, 2.0]
 
 @pytest.mark.parametrize("name", CALLS)
 def test_far_arguments_are_those_of_the_c_library(name):
-    """Also outside of the domain, where results are NaN; for powers every pair of base and exponent."""
+    """Results agree outside of the domain, too, where they are NaN; powers are tried for every pair of base and
+    exponent.
+    """
     x = np.array([FAR] if name != "pow" else np.meshgrid(FAR, [0.5, -0.5, 2.5, 3.0, 0.0, 1e300, np.inf, np.nan]))
     x = x.reshape(len(x), -1)
     y, far = function(name)(x)

@@ -102,7 +102,7 @@ def test_without_a_compiler_and_without_symengine(text, name, monkeypatch):
     "text", ["log(cosh(q))", "tanh(q)", "log(1+exp(q))", "1/(1+exp(q))", "erfc(q)", "sech(q)", "coth(q)"]
 )
 def test_far_out_nothing_is_lost_or_left(text):
-    """Where results are denormal, zero or at a limit: right to one smallest number."""
+    """Results that are denormal, zero or at a limit are right to one smallest number."""
     x = np.array([-1e308, -1e4, -746.5, -720.0, -709.0, 709.0, 720.0, 746.5, 1e4, 1e308, 26.5, 27.35, -26.5, -27.35])
     model = ss.model_from_sympy(f"p**2/2 + {text}")
     found = model.gradient(x[None], 0 * x[None])[0][0], model.hessian(x[None], 0 * x[None])[0][0, 0]

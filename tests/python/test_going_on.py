@@ -39,7 +39,7 @@ def equal(end, whole, first):
 @pytest.mark.parametrize("given", CASES.values(), ids=CASES)
 @pytest.mark.parametrize("steps", [(9, 12), (6, 6, 9)])
 def test_pieces_have_the_bits_of_one_run(given, steps):
-    """Also with an odd number of steps, since normals come in pairs, and with several pieces."""
+    """The number of steps of a piece may be odd, although normals come in pairs, and there may be several pieces."""
     model = ss.models.henon_heiles(sigma1=0.1, sigma2=0.1)
     whole = ss.simulate(model, steps=sum(steps), save_every=3, **{**RUN, **given})
     run = ss.simulate(model, steps=steps[0], save_every=3, **{**RUN, **given})
@@ -147,7 +147,7 @@ def test_own_increments_and_no_noise_are_not_warned():
 
 
 def test_shards_do_not_say_it_again():
-    """For an ensemble in other processes only the call warns."""
+    """An ensemble in other processes warns once, in the call."""
     with ProcessPoolExecutor(1) as pool, pytest.warns(RepeatedNoiseWarning) as said:
         ss.ensemble(ss.models.kubo(), executor=pool, shard_paths=256, **piece())
     assert len(said) == 1

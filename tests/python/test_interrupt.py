@@ -34,7 +34,7 @@ def test_ctrl_c_with_python_callbacks(user_kubo):
 
 @pytest.mark.parametrize("what", ["exact", "commutator", "increments", "stationary"])
 def test_ctrl_c_in_what_takes_long(what, kubo):
-    """By Ctrl-C, and by a signal whose handler raises another exception."""
+    """Long work is stopped by Ctrl-C, and by a signal whose handler raises another exception."""
     chain = ss.models.fpu_chain(n=1000)
     endless = setup.make_setup(kubo, q0=1.0, p0=0.0, step=1e-7, steps=10**9, save_every=10**9)
     places = {"q_start": 0.1, "q_end": 0.2, "step": 0.01, "steps": 40, "paths": 20000}

@@ -55,7 +55,7 @@ def ending(request):
 
 
 def same(found, known, where):
-    """Of one type, and equal to the last bit."""
+    """Assert that both have one type and are equal to the last bit."""
     assert type(found) is type(known), where
     if isinstance(known, dict):
         assert list(found) == list(known), where
@@ -66,7 +66,7 @@ def same(found, known, where):
 
 
 def test_observers_come_back(moments, ending, tmp_path):
-    """For every observer, everything in a result except what the file declares missing."""
+    """Every observer's result comes back, except parts that the file declares missing."""
     moments.save(tmp_path / f"m.{ending}")
     loaded = ss.load(tmp_path / f"m.{ending}")
     assert list(loaded.observed) == list(OBSERVERS)

@@ -58,8 +58,8 @@ def test_verlet_ends_at_two():
 @pytest.mark.parametrize("noise", [[], ["0.3*q"]])
 @pytest.mark.parametrize("h", [0.2, -0.2])
 def test_exact_growth_on_a_hill(noise, h):
-    """With H = (p^2 - q^2)/2 p + q grows as e^t, its square twice as fast, and p - q likewise back in time; additive
-    noise does not matter."""
+    """If H = (p^2 - q^2)/2, the sum p + q grows as e^t and its square as e^(2t); back in time p - q does. Additive
+    noise does not change these rates."""
     found = ss.mean_square(ss.model_from_sympy("p**2/2 - q**2/2", noise), "midpoint", step=h)
     assert found.exact == pytest.approx(math.exp(0.4), rel=1e-12)
     assert found.growth == pytest.approx((1.1 / 0.9) ** 2, rel=1e-12)

@@ -225,7 +225,9 @@ def test_interval_holds_with_95_percent():
 
 
 def test_narrow_interval_is_where_the_mean_is():
-    """At two half widths, false alarms 8e-5; the bias has its small share."""
+    """The mean lies within two half widths: a false alarm has probability 8e-5, and the bias has its share of the
+    width.
+    """
     found = ss.mlmc(ss.models.linear_oscillator(), "q**2", **PLACE, horizon=2.0, abs=5e-3, seed=4)
     assert abs(found.value - exact_square(2.0)) < 2 * found.half_width
     assert found.bias < 0.4 * found.error

@@ -285,7 +285,8 @@ def test_bits_do_not_depend_on_blocks_and_threads(lanes, threads, found):
 
 @pytest.mark.parametrize("absorb", [False, True])
 def test_parts_merge_to_the_bits_of_the_whole(absorb):
-    """Three units and a part of one, in which paths fail; merged from the right or from the left."""
+    """The parts are three units of 256 paths and a part of one, with failed paths, and are merged from the right or
+    from the left."""
     start = np.full((2, 1000), 0.1)
     start[:, 300:310] = 30.0
     how = {**RUN, "paths": 1000, "scheme": "stormer_verlet"}

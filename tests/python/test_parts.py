@@ -101,7 +101,7 @@ def test_what_a_killed_writer_leaves(writer, tmp_path):
 
 
 def test_the_next_run_clears_its_folder(tmp_path):
-    """Also below shards, where only shards and their checkpoints may be."""
+    """Folders below shards are cleared, too; only shards and their checkpoints may be there."""
     scene = tmp_path / "scene.toml"
     scene.write_text(ss.batch.scene.template("kubo").replace("steps = 5000", "steps = 50").replace("paths = 1000", ""))
     given = ["run", str(scene), "--out", str(tmp_path / "out"), "--quiet"]
@@ -159,8 +159,8 @@ def test_a_part_that_is_taken_before_it_has_a_lock(tmp_path, monkeypatch):
 
 @pytest.mark.parametrize("is_over", [True, False])
 def test_a_part_that_is_taken_before_it_is_locked(is_over, tmp_path, monkeypatch):
-    """Between making the folder and locking it, a sweeping process takes the lock or is done; the writer makes
-    another folder.
+    """A sweeping process takes the new folder's lock before the writer does, or has removed it already; the writer
+    makes another folder.
     """
     lock, calls = parts._locked, []
 

@@ -78,7 +78,9 @@ def test_columns_that_are_not_finite_get_a_sentence():
 @pytest.mark.parametrize("scheme", ["midpoint", "gauss2_strong32", "chin4a"])
 @pytest.mark.parametrize("refine", [-3, -2, 1])
 def test_increments_have_their_variance_at_every_refinement(scheme, refine):
-    """Also for schemes that draw and halve dZ and K: 6 sigma of 144000 normals, for each noise."""
+    """The variance is tested for each noise within 6 sigma of 144000 normals; two of the schemes also draw and halve
+    dZ and K.
+    """
     drawn = ss.increments(TWO, scheme=scheme, step=STEP, steps=8, paths=9000, refine=refine, seed=3)
     dw = drawn.reshape(8, -1, 2, 9000).sum(axis=1)
     n = dw[:, 0].size

@@ -251,7 +251,7 @@ def test_a_handler_in_the_main_thread_leaves_the_run_of_another_alone(kubo):
 
 @pytest.mark.parametrize("arrives", [signal.SIGUSR1, signal.SIGALRM])
 def test_handlers_are_given_back_whatever_happens(arrives, kubo, monkeypatch):
-    """Also if a handler raises while handlers are exchanged, before or after the own one in the order."""
+    """Handlers are restored even if one raises while they are exchanged, whether before or after the library's own."""
     from symsde.native import signals
 
     swap, numbers = signals.signal.signal, (signal.SIGUSR1, signal.SIGUSR2, signal.SIGALRM)

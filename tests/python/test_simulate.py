@@ -74,7 +74,7 @@ def test_times_are_those_that_the_library_fills_in(kubo, where):
 @pytest.mark.parametrize(("steps", "together"), [(10, False), (20_000, True)])
 @pytest.mark.parametrize("paths", [1, 3])
 def test_q_and_p_are_arrays_of_their_own(kubo, steps, together, paths):
-    """Also if q and p are parts of one block of memory: neither overlaps the other."""
+    """q and p never overlap, even if both are parts of one block of memory."""
     run = ss.simulate(kubo, q0=1.0, p0=0.0, step=1e-3, steps=steps, paths=paths)
     assert (run.q.base is not None) == together
     assert run.q.flags.c_contiguous and run.p.flags.c_contiguous and not np.shares_memory(run.q, run.p)

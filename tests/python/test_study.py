@@ -269,7 +269,7 @@ def test_a_bad_scene_of_a_folder_is_refused_first(tmp_path, monkeypatch, capsys)
     assert "b.toml: [study]: steps: 8" in capsys.readouterr().err
 
 
-# For a path-step: normals, gradients, Hessians, iterations, solves, LAPACK; None where Newton iterates.
+# Counts of a path-step: normals, gradients, Hessians, iterations, solves, LAPACK; None if Newton iterates.
 LEFT_OUT = {
     "additive_oscillator": (2, 2, 0, 0, 0, 0),
     "driven_pendulum": (2, None, None, None, None, 0),

@@ -197,7 +197,7 @@ def cell(text):
 
 
 def test_two_references_are_told_apart(result):
-    """The reference for schemes of higher order is finer, and the heading says which schemes use which."""
+    """The reference for schemes of higher order is finer, and the heading names the reference of each scheme."""
     names = [f"chin4a_strong2, {n} steps" for n in (1024, 8192)]
     rows = [{**row, "reference": names[i > 0]} for i, row in enumerate(result.study.rows)]
     head = str(replace(result.study, rows=rows)).partition("\n")[0]

@@ -69,7 +69,9 @@ def test_paths_of_levels_are_all_that_were_computed(pilot):
 
 
 def test_what_was_reached_and_what_an_interval_is(pilot):
-    """Within a twentieth of the width asked for, 0.02; with noise below a fifth of the bias the answer is a bound."""
+    """A half width counts as reached up to a twentieth more than the 0.02 asked for; if the noise is below a fifth
+    of the bias, the answer is a bound.
+    """
     work = Execution(pilot, [plan_of(pilot, "plain", 1, 0.5)])
 
     def finished(half, error, bias):

@@ -169,7 +169,7 @@ def test_division_by_zero_of_numba():
 
 
 def test_a_callback_of_ctypes_that_returns_early():
-    """As in C: 0 is returned and nothing is written."""
+    """A callback that returns early returns 0 and writes nothing, as a function in C may."""
     pointer = ctypes.POINTER(ctypes.c_double)
     kind = ctypes.CFUNCTYPE(ctypes.c_int, *(ctypes.c_int,) * 3, ctypes.c_double, *(pointer,) * 5, ctypes.c_void_p)
 

@@ -188,7 +188,7 @@ high = 1
 
 
 def test_files_have_the_names_of_the_model(tmp_path, capsys):
-    """By the command line and back."""
+    """Files written by the command line have the model's names, also when they are loaded again."""
     (tmp_path / "scene.toml").write_text(SCENE, encoding="utf-8")
     out = tmp_path / "out"
     assert command_line.main(["run", str(tmp_path / "scene.toml"), "--out", str(out), "--error-check"]) == 0

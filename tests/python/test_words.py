@@ -111,7 +111,9 @@ def test_orders(word):
 
 @pytest.mark.parametrize("word", WORDS)
 def test_a_path_has_its_bits(word):
-    """In blocks and alone, damped and closed, with several degrees of freedom; a closed word is Verlet with noise."""
+    """A path has the same bits in blocks and alone, damped and closed, with several degrees of freedom; a closed
+    word is Verlet's step with noise.
+    """
     closed = ss.models.fpu_chain(n=5, sigma=0.3)
     given = {"q0": 0.1, "p0": 0.3, "step": 0.05, "steps": 40, "save_every": 10, "seed": 5, "scheme": f"word:{word}"}
     for model in (ss.thermostat(WELL, beta=2.0, gamma=0.5), closed, closed.damped(0.7)):

@@ -1,8 +1,8 @@
 ! SPDX-License-Identifier: BSD-3-Clause
 !> A view whose model differs from path to path: path first + i - 1 has model i of a table, later paths the last model.
 !>
-!> Each lane is computed by a call of its own. With a table of one model all paths have this model. Rows of chains are
-!> offered if the constructor is told so.
+!> Each lane is computed by a call of its own. With a table of one model all paths have this model. An argument of the
+!> constructor decides whether rows of chains are offered.
 module by_path_model
    use symsde_base_kinds, only: wp, i8
    use symsde_base_lane_paths, only: lane_paths
@@ -46,7 +46,7 @@ contains
       self%name = 'by path'
    end subroutine new_by_path
 
-   !> A view of the same table that knows the paths of its lanes.
+   !> A view of the same table that stores which paths its lanes have.
    subroutine for_paths(self, paths, view)
       class(by_path_type), intent(in), target :: self
       type(lane_paths), pointer, intent(in) :: paths

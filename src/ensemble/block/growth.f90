@@ -51,7 +51,7 @@ contains
       call widen(state%nlane, state%ndof, state%p, self%largest(:, 2))
    end subroutine note
 
-   !> Take over what a narrower block noted, if anything; its lanes are the lanes `origin` of this block.
+   !> Copy the notes of a narrower block, if it has any; its lanes are the lanes `origin` of this block.
    subroutine take_lanes(self, other, origin)
       class(growth_type), intent(inout) :: self
       type(growth_type), intent(in) :: other

@@ -160,7 +160,7 @@ contains
       logical, intent(in), contiguous :: counts(:)
    end subroutine take
 
-   !> After every step: find the lanes that have left.
+   !> Find the lanes that have left; called after every step.
    subroutine watch(self, istep, t, state)
       class(passage_observer), intent(inout) :: self
       integer(i8), intent(in) :: istep

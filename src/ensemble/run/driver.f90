@@ -229,7 +229,7 @@ contains
 
    contains
 
-      !> Choose blocks of so many lanes, and as many threads as have blocks and fit into memory.
+      !> Set the number of lanes of a block, and take as many threads as there are blocks, if they fit into memory.
       subroutine fit(nlane)
          integer, intent(in) :: nlane
 

@@ -17,15 +17,14 @@
 !> left out: it vanishes for quadratic F, and Newton's iteration finds the same root without it. Leaving out the whole
 !> Hessian of the correction would lose paths: on the Kubo oscillator such an iteration diverges if |sigma dW| > sqrt 2.
 !>
-!> Forces F and f_k beside the Hamiltonians (model/forces) stand in Hhat_q, of which they are taken away: whatever a
-!> scheme does with -Hhat_q it does with -Hhat_q + Fhat, Fhat = h F + sum_k dW_k f_k, as the discrete
-!> Lagrange-d'Alembert principle asks for. With A = F_p and B = -F_q + f of the noise alone, the correction of forced
-!> systems is (1/2-lambda) (A_q A - A_p B) in q and (1/2-lambda) (B_q A - B_p B) in p (docs/method/forces.md). The
-!> Hessian is that of the Hamiltonians, but for Hhat_qq - Fhat_q; drag holds Fhat_p, which Newton's matrices take away
-!> from Hhat_qp in the rows of momenta alone.
+!> Forces F and f_k of a model (model/forces) are subtracted from Hhat_q: every scheme uses -Hhat_q + Fhat in place of
+!> -Hhat_q, where Fhat = h F + sum_k dW_k f_k, as the discrete Lagrange-d'Alembert principle requires. With A = F_p and
+!> B = -F_q + f of the noise alone, the correction of forced systems is (1/2-lambda) (A_q A - A_p B) in q and
+!> (1/2-lambda) (B_q A - B_p B) in p (docs/method/forces.md). In the Hessian Hhat_qq - Fhat_q replaces Hhat_qq; Fhat_p
+!> is stored in drag, and Newton's matrices subtract it from Hhat_qp in the rows of momenta alone.
 !>
-!> Schemes beyond strong order one add the brackets of step/hamiltonian/brackets. Every evaluation goes in this order:
-!> the model sums over its Hamiltonians in one call, the correction is added to what it gave, then the brackets.
+!> Schemes beyond strong order one add the brackets of step/hamiltonian/brackets. Every evaluation has this order: one
+!> call of the model sums over its Hamiltonians, then the correction is added, then the brackets.
 !>
 !> Steppers whose equations have neither correction nor brackets use the bare Hhat = sum_j w_j H_j: for any number of
 !> lanes at once, and any of its derivatives. So all evaluations of Hhat are in this module, and so are the terms added
@@ -57,8 +56,8 @@ module symsde_step_hamiltonian_one_step
       integer :: nreal = 0                    !! real paths of the block, for the counters
       integer :: correction = correction_none
       real(wp) :: coefficient = 0             !! 1/2 - lambda
-      logical :: mass_alone = .false.         !! H = p.p/2 + U(q), noise in position: Hhat_p = h p, correction apart
-      logical :: forced = .false.             !! forces act beside the Hamiltonians
+      logical :: mass_alone = .false.         !! H = p.p/2 + U(q), noise in position: Hhat_p = h p without correction
+      logical :: forced = .false.             !! whether the model has forces
       real(wp), allocatable :: drag(:, :, :)  !! Fhat_p of the last gradient_hessian, if forced (nlane, ndof, ndof)
       type(constant_mass), allocatable :: mass  !! H = p.M^-1 p/2 + U(q), noise in position: Hhat_p = h M^-1 p
       type(counters_type) :: counters
@@ -137,7 +136,7 @@ contains
       call narrow_lanes(self%model%paths, first, n)
    end subroutine narrow_to_part
 
-   !> From here on calls have these of the previous lanes.
+   !> Later calls of the model have only these lanes of the present ones.
    subroutine narrow_to_lanes(self, lanes)
       class(one_step_hamiltonian), intent(in) :: self
       integer, intent(in) :: lanes(:)
@@ -177,7 +176,7 @@ contains
       if (allocated(self%modified)) call self%modified%add_gradient(t, step, q, p, hq, hp, self%counters, self%nreal)
    end subroutine gradient
 
-   ! ---- Hhat without correction and brackets, for n lanes; what these are asked is counted by who asks, if not said
+   ! ---- Hhat without correction and brackets, for n lanes; callers count the calls, unless a comment says otherwise
 
    !> The gradient of bare Hhat, each (n, ndof); an absent output is not computed.
    subroutine bare_gradient(self, n, t, w, q, p, hq, hp)
@@ -191,7 +190,7 @@ contains
       if (self%forced .and. present(hq)) call take_force(self, n, t, w, q, p, hq)
    end subroutine bare_gradient
 
-   !> Hhat_q - Fhat in place of Hhat_q.
+   !> Subtract Fhat from Hhat_q.
    subroutine take_force(self, n, t, w, q, p, hq)
       type(one_step_hamiltonian), intent(in) :: self
       integer, intent(in) :: n
@@ -204,7 +203,7 @@ contains
       hq = hq - f
    end subroutine take_force
 
-   !> Gradient and Hessian at one point.
+   !> The gradient of bare Hhat, and the Hessian of its Hamiltonians alone, without forces.
    subroutine bare_gradient_hessian(self, n, t, w, q, p, hq, hp, hqq, hqp, hpp)
       class(one_step_hamiltonian), intent(in) :: self
       integer, intent(in) :: n
@@ -218,7 +217,7 @@ contains
       if (self%forced .and. present(hq)) call take_force(self, n, t, w, q, p, hq)
    end subroutine bare_gradient_hessian
 
-   !> Bands -b .. b of the Hessian of its Hamiltonians.
+   !> Bands -b .. b of the Hessian of the Hamiltonians, without forces.
    subroutine bare_bands(self, n, b, t, w, q, p, hqq, hqp, hpp)
       class(one_step_hamiltonian), intent(in) :: self
       integer, intent(in) :: n, b
@@ -334,7 +333,7 @@ contains
 
       call self%bare_gradient_hessian(self%nlane, t, w, q, p, hq, hp, hqq, hqp, hpp)
       if (self%forced .and. (present(hqq) .or. present(hqp))) call differentiate_force(self, t, w, q, p, hqq)
-      ! A call that gives gradient and Hessian counts as one of each.
+      ! A call for gradient and Hessian counts as one of each.
       self%counters%gradients = self%counters%gradients + self%nreal
       self%counters%hessians = self%counters%hessians + self%nreal
       if (self%correction /= correction_none) then
@@ -345,7 +344,7 @@ contains
          call self%modified%add_gradient(t, step, q, p, hq, hp, self%counters, self%nreal)
    end subroutine gradient_hessian
 
-   !> Hhat_qq - Fhat_q in place of Hhat_qq, and Fhat_p in drag.
+   !> Subtract Fhat_q from Hhat_qq, and store Fhat_p in drag.
    subroutine differentiate_force(self, t, w, q, p, hqq)
       type(one_step_hamiltonian), intent(inout) :: self
       real(wp), intent(in) :: t, w(self%nlane, 0:self%nnoise)
@@ -361,9 +360,8 @@ contains
       end associate
    end subroutine differentiate_force
 
-   !> Add the gradient of the correction to the wanted outputs: factor grad(F_p.F_q) for every term of it, one in the
-   !> increments form, and as many as there are noises in the mean form. A term takes one gradient and one
-   !> Hessian-vector product.
+   !> Add the gradient of the correction to the wanted outputs: factor grad(F_p.F_q) for every term, one term in the
+   !> increments form, and one per noise in the mean form. A term takes one gradient and one Hessian-vector product.
    subroutine add_correction(self, t, w, q, p, hq, hp)
       type(one_step_hamiltonian), intent(inout) :: self
       real(wp), intent(in) :: t, w(self%nlane, 0:self%nnoise)

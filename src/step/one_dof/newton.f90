@@ -22,7 +22,7 @@ module symsde_step_one_dof_newton
    private
    public :: one_dof_newton, new_one_dof_newton, resume
 
-   interface solve_systems  !! all lanes of a block at once
+   interface solve_systems  !! all lanes of a block together
       module procedure :: solve_by_lanes
    end interface solve_systems
 

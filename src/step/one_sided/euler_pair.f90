@@ -10,9 +10,9 @@
 !>    lambda = 0  d + Hhat_q(p_n+d,q_n) = 0,   matrix I + Hhat_qp,   then  dq = Hhat_p(p_n+d,q_n)
 !>    lambda = 1  d - Hhat_p(p_n,q_n+d) = 0,   matrix I - Hhat_pq,   then  dp = -Hhat_q(p_n,q_n+d)
 !>
-!> from d = 0, in half as many unknowns as the general stepper has. (Hhat_qp)_ij is the derivative by q_i and p_j,
-!> Hhat_pq its transpose; forces take Fhat_p from Hhat_qp. The time of the step is that of its q node: t_n for
-!> lambda = 0, t_{n+1} for lambda = 1.
+!> from d = 0, with half as many unknowns as the general stepper. (Hhat_qp)_ij is the derivative with respect to q_i and
+!> p_j, Hhat_pq its transpose; the Fhat_p of forces is subtracted from Hhat_qp. The time of the step is that of its q
+!> node: t_n for lambda = 0, t_{n+1} for lambda = 1.
 !>
 !> A corrected Hhat has a term with products of derivatives of H_k (step/hamiltonian/one_step), so that it is in general
 !> not separable even if H is. The part of its Hessian with third derivatives is left out of the matrix; the root is the

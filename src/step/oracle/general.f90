@@ -23,10 +23,10 @@
 !>    delta_ij I + ( -a_ij Hhat_pq   -abar_ij Hhat_pp )      rows F_i
 !>                 (  a_ij Hhat_qq    abar_ij Hhat_qp )      rows G_i       Hessian at (Q_i, P_i)
 !>
-!> with (Hhat_qp)_kl the derivative by q_k and p_l, and Hhat_pq its transpose; forces take Fhat_q from Hhat_qq and
-!> Fhat_p from Hhat_qp in the rows G_i. The matrix is dense and knows no structure of
-!> the model or the tableau: the special steppers are held to its increments, and step/implicit/rescue solves by it
-!> what they cannot.
+!> with (Hhat_qp)_kl the derivative with respect to q_k and p_l, and Hhat_pq its transpose; for forces Fhat_q is
+!> subtracted from Hhat_qq, and Fhat_p from Hhat_qp in the rows G_i. The matrix is dense and uses no structure of the
+!> model or the tableau: the special steppers are tested against it, and step/implicit/rescue uses it for lanes that
+!> they cannot solve.
 module symsde_step_oracle_general
    use symsde_base_damping, only: damping_type
    use symsde_base_kinds, only: wp, i8

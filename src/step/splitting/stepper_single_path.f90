@@ -38,7 +38,7 @@ module symsde_step_splitting_stepper_single_path
    include 'stepper.inc'
    include 'derivatives.inc'
 
-   ! ---- what a path by itself does otherwise than a block ------------------------------------------
+   ! ---- procedures that differ between a path by itself and a block --------------------------------
 
    !> One lane, which the compiler knows.
    pure integer function lanes(self)

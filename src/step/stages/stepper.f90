@@ -36,7 +36,7 @@ module symsde_step_stages_stepper
 
    include 'stepper.inc'
 
-   ! ---- what a block does otherwise than a path by itself ------------------------------------------
+   ! ---- procedures that differ between a block and a path by itself --------------------------------
 
    !> Number of lanes of a part, not of the block.
    pure integer function lanes(self)

@@ -37,7 +37,7 @@ module symsde_step_stages_stepper_single_path
    ! The body. This module defines `lanes` and `increment` below.
    include 'stepper.inc'
 
-   ! ---- what a path by itself does otherwise than a block ------------------------------------------
+   ! ---- procedures that differ between a path by itself and a block --------------------------------
 
    !> One lane, which the compiler knows.
    pure integer function lanes(self)
