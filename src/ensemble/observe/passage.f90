@@ -23,7 +23,7 @@ module symsde_ensemble_observe_passage
    use symsde_base_laws, only: law_gaussian, law_text
    use symsde_base_status, only: error_type, raise, invalid_argument, incompatible, nonfinite, absorbed
    use symsde_base_text, only: to_text
-   use symsde_ensemble_bridges, only: bridge_chances, deciding_numbers
+   use symsde_ensemble_observe_bridges, only: bridge_chances, deciding_numbers
    use symsde_ensemble_observe_streaming, only: streaming_observer, observer_request, observed_run
    use symsde_step_block_state, only: lane_state
    implicit none

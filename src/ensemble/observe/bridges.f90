@@ -1,7 +1,7 @@
 ! SPDX-License-Identifier: BSD-3-Clause
 !> A value that is inside an interval before and after a step may have been outside in between. A Brownian bridge gives
 !> the probability, and a random number decides.
-module symsde_ensemble_bridges
+module symsde_ensemble_observe_bridges
    use symsde_base_kinds, only: wp, i4, i8
    use symsde_noise_philox, only: philox_lanes
    implicit none
@@ -53,4 +53,4 @@ contains
       u = (real(words(:, 1), wp)*2.0_wp**32 + real(words(:, 2), wp) + 0.5_wp)*2.0_wp**(-64)
    end subroutine deciding_numbers
 
-end module symsde_ensemble_bridges
+end module symsde_ensemble_observe_bridges
