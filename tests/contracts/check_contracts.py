@@ -19,8 +19,10 @@ BROKEN = {
     "solve": "statuses of lanes are codes that a path can have",
     "step": "positions are finite in lanes without a status",
     "ensemble": "real paths are 1 to nlane",
+    "options": "options were checked where a user gave them",
     "diagnose": "increments and functionals are finite",
 }
+OF = {"options": "ensemble"}  # what is no area, and the area whose contract is broken
 # Objects of the contracts themselves, by file name; the build of the wheel copies contracts.f90, hence no folder here.
 OWN = re.compile(r"/contracts?\.f90\.o$")
 CALL = re.compile(rb"__symsde_(?:base_contracts|[a-z]+_contract)_MOD_\w+")
@@ -39,7 +41,8 @@ def findings(executed, violate, objects):
     for area, sentence in {"none": None, **BROKEN}.items():
         code, text = run(violate, area)
         if executed and sentence:
-            if code == 0 or not re.search(rf"contract of {area}, [\w ]+ broken: {sentence}", text):
+            of = OF.get(area, area)
+            if code == 0 or not re.search(rf"contract of {of}, [\w ]+ broken: {sentence}", text):
                 yield f"{area}: '{sentence}' was broken and not noticed (exit code {code}: {text.strip()})"
         elif code or "came to its end" not in text:
             yield f"{area}: the program did not come to its end (exit code {code}: {text.strip()})"

@@ -1,5 +1,6 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> violate AREA: breaks the contract of this area of src once. `violate none` breaks no contract.
+!> violate AREA: breaks the contract of this area of src once, and `violate options` the contract of ensemble in another
+!> way. `violate none` breaks no contract.
 !>
 !> Where contracts are executed, the program ends with the sentence of the broken contract. Elsewhere the program runs
 !> to its end, because the broken inputs are harmless: a NaN in one lane, a status that no caller reads.
@@ -15,7 +16,9 @@ program violate
    use symsde_base_status, only: error_type
    use symsde_diagnose_symplecticity, only: symplecticity_defect
    use symsde_ensemble_block_runner, only: block_runner, new_block_runner
+   use symsde_ensemble_observe_recorder, only: path_recorder
    use symsde_ensemble_options, only: run_options
+   use symsde_ensemble_run_driver, only: ensemble_type, new_ensemble
    use symsde_model_catalogue_kubo, only: kubo_model, new_kubo
    use symsde_noise_brownian, only: brownian_noise, new_brownian_noise
    use symsde_scheme_catalogue, only: get_scheme
@@ -40,6 +43,7 @@ program violate
    call solve(area == 'solve')
    call step(area == 'step')
    call ensemble(area == 'ensemble')
+   call options(area == 'options')
    call diagnose(area == 'diagnose')
    print '(a)', 'came to its end'
 
@@ -183,6 +187,23 @@ contains
       path = [(int(i, i8), i=0, nlane - 1)]
       call runner%begin_with(0_i8, merge(nlane + 1, nlane, broken), path)
    end subroutine ensemble
+
+   !> Broken: an ensemble is made with options that no procedure for users has checked. Areas are not drawn here.
+   subroutine options(broken)
+      logical, intent(in) :: broken
+      type(kubo_model), target :: kubo
+      class(stepper_type), allocatable :: unused
+      type(scheme_type), target :: midpoint
+      type(ensemble_type), target :: made
+      type(error_type), allocatable :: error
+      real(wp), parameter :: one(1, 1) = 1
+
+      call oscillator(kubo, unused)
+      call get_scheme(midpoint, 'midpoint', error)
+      call new_ensemble(made, kubo, midpoint, run_options(step=0.1_wp, area_time=merge(-1.0_wp, 0.0_wp, broken)), &
+                        one, one, path_recorder(), error)
+      call stop_at(error)
+   end subroutine options
 
    !> Broken: dZ is NaN, though the scheme does not use dZ.
    subroutine diagnose(broken)
