@@ -5,7 +5,7 @@
 !>
 !> F(q,p,t) does the work F.dq, as friction and drag do, and f_k(q,p,t) is a force that multiplies a noise. Like
 !> Hamiltonians they are asked for as one weighted sum, of F_0 = F and F_k = f_k. With the weights of a step it is what
-!> the discrete Lagrange-d'Alembert principle adds to -Hhat_q (docs/method/forces.md), Fhat = h F + sum_k dW_k f_k.
+!> the discrete Lagrange-d'Alembert principle adds to -Hhat_q (docs/forces.md), Fhat = h F + sum_k dW_k f_k.
 !>
 !> A force of one's own extends force_type, as a model extends model_type: it says in `traits` what acts, and gives
 !> `find`. Each lane must be computed from its own numbers alone; several threads ask at once.

@@ -20,7 +20,7 @@
 !> Forces F and f_k of a model (model/forces) are subtracted from Hhat_q: every scheme uses -Hhat_q + Fhat in place of
 !> -Hhat_q, where Fhat = h F + sum_k dW_k f_k, as the discrete Lagrange-d'Alembert principle requires. With A = F_p and
 !> B = -F_q + f of the noise alone, the correction of forced systems is (1/2-lambda) (A_q A - A_p B) in q and
-!> (1/2-lambda) (B_q A - B_p B) in p (docs/method/forces.md). In the Hessian Hhat_qq - Fhat_q replaces Hhat_qq; Fhat_p
+!> (1/2-lambda) (B_q A - B_p B) in p (docs/forces.md). In the Hessian Hhat_qq - Fhat_q replaces Hhat_qq; Fhat_p
 !> is stored in drag, and Newton's matrices subtract it from Hhat_qp in the rows of momenta alone.
 !>
 !> Schemes beyond strong order one add the brackets of step/hamiltonian/brackets. Every evaluation has this order: one
