@@ -8,7 +8,7 @@ import symsde as ss
 import typeset
 from symsde.answers.advice import advise
 from symsde.native.checks import counted
-from symsde.studies.pages import markdown
+from symsde.show.tables import markdown
 from symsde.studies.study import of_data, study_words
 
 FIGURES = Path(__file__).with_name("figures")

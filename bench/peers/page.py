@@ -6,7 +6,8 @@ from __future__ import annotations
 from pathlib import Path
 
 from symsde.show import look
-from symsde.studies.pages import Page, markdown, wrapped
+from symsde.show.tables import markdown
+from symsde.studies.pages import Page, wrapped
 
 from .compared import TITLES, curves, draw, sentence
 

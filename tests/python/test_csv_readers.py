@@ -11,7 +11,7 @@ import pytest
 import symsde as ss
 from conftest import table_of
 from symsde.cli import command_line
-from symsde.run import csv_files
+from symsde.show import tables
 
 SPECIAL = [0.1, -0.0, 1e300, 5e-324, np.nan, np.inf, -np.inf, 1e22, 2.2250738585072014e-308, 1.7976931348623157e308]
 ABOUT = {
@@ -54,7 +54,7 @@ def hostile(place):
         "mean x": bits,
         "var, \u03bc": np.resize(SPECIAL, 4000),
     }
-    csv_files.write(place / "hostile.csv", columns, ABOUT)
+    tables.write(place / "hostile.csv", columns, ABOUT)
     return place / "hostile.csv", columns
 
 
@@ -82,7 +82,7 @@ def test_there_is_one_form(files):
         np.testing.assert_array_equal(found, known)
         assert (np.signbit(found) == np.signbit(known))[np.isfinite(known)].all()
     sources = Path(ss.__file__).parent.rglob("*.py")
-    assert [file.name for file in sources if "csv.writer" in file.read_text(encoding="utf-8")] == ["csv_files.py"]
+    assert [file.name for file in sources if "csv.writer" in file.read_text(encoding="utf-8")] == ["tables.py"]
 
 
 def lines_before(file):

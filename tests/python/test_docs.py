@@ -12,7 +12,8 @@ import numpy as np
 import pytest
 import symsde as ss
 from symsde.cli import command_line
-from symsde.studies import catalogue, pages
+from symsde.show import tables
+from symsde.studies import catalogue
 
 ROOT = Path(__file__).parents[2]
 sys.path.insert(0, str(ROOT / "docs"))
@@ -209,7 +210,7 @@ def test_pages_of_measurements_say_what_their_data_say():
         assert typeset.markdown(part) in text.partition("\n## ")[0]
     kept = json.loads((ROOT / "docs/figures/fixed-points.json").read_text(encoding="utf-8"))
     text = (ROOT / "docs/stability.md").read_text(encoding="utf-8")
-    assert typeset.markdown(pages.markdown(bifurcation.HEAD, bifurcation.table(kept))) in text
+    assert typeset.markdown(tables.markdown(bifurcation.HEAD, bifurcation.table(kept))) in text
 
 
 def difference(pillow, one, other):

@@ -8,6 +8,7 @@ import os
 import numpy as np
 import pytest
 from symsde import errors
+from symsde.show import tables
 from symsde.studies import expectations, pages
 from symsde.studies.expectations import Check, Expectations
 
@@ -102,7 +103,7 @@ def test_sections_of_pages(reports):
 
 
 def test_numbers_end_in_line_and_texts_stand_between():
-    shown = pages.terminal(("name", "x"), [["a", "1"], "    between", ["longer", "12.5"]], numbers=[1])
+    shown = tables.terminal(("name", "x"), [["a", "1"], "    between", ["longer", "12.5"]], numbers=[1])
     assert shown.splitlines() == [
         "  name       x", "  ------  ----", "  a          1", "    between", "  longer  12.5",
     ]  # fmt: skip

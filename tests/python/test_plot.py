@@ -322,7 +322,7 @@ def folder(tmp_path_factory):
 def drawn_by(monkeypatch):
     """The figures that the command writes, by file name."""
     figures = {}
-    monkeypatch.setattr("symsde.show.plot.draw.write", lambda page, target: figures.__setitem__(target.name, page))
+    monkeypatch.setattr("symsde.show.look.write", lambda page, target, *_: figures.__setitem__(target.name, page))
     return figures
 
 

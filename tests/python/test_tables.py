@@ -2,12 +2,14 @@
 """Results as tables: data frames, output in notebooks, and files that are loaded again."""
 
 import re
+from pathlib import Path
 
 import numpy as np
 import pytest
 import symsde as ss
 from conftest import table_of
 from symsde.cli import command_line
+from symsde.show import tables
 
 START = np.full((2, 30), 0.3)
 START[:, 0] = 20.0  # fails in the first steps
@@ -41,6 +43,28 @@ def test_data_frames(run, moments, tmp_path):
     known = pandas.read_csv(tmp_path / "moments.csv", comment="#", index_col="t")
     pandas.testing.assert_frame_equal(means, known, check_exact=True)
     assert table_of(tmp_path / "moments.csv")[0].split(",")[1:] == list(means.columns)
+
+
+def test_one_module_writes_tables_and_one_figures():
+    """Nowhere else does the package fill columns, make cells, or write what matplotlib draws."""
+    marks = {
+        "tables.py": r"csv\.writer|<table>|\| ---|\.[lr]just\(|\{[^{}]*:[<>]?\d+s?\}",
+        "look.py": r"\.savefig\(|rc_context\(|figures\.Figure\(|layout=\"constrained\"",
+    }
+    package = Path(ss.__file__).parent
+    sources = [file for file in package.rglob("*.py") if file.parts[-2] not in ("formulas", "export")]  # programs
+    for writer, mark in marks.items():
+        found = {file.name for file in sources if re.search(mark, file.read_text(encoding="utf-8"))}
+        assert found == {writer}, mark
+
+
+def test_cells_in_columns():
+    rows = [["a", "12", "b"], ["name", "3", ""]]
+    assert tables.aligned(rows, (-5, 4, 0)) == "a       12 b\nname     3"
+    assert tables.aligned(rows, (-2, 1, -3), "") == "a 12b\nname3"
+    assert tables.facts([("left out", "nothing"), ("", "b")]) == "left out   nothing\n           b"
+    assert tables.markdown(["x"], [["a|b"]]) == "| x |\n| --- |\n| a\\|b |\n"
+    assert tables.notebook(["<"], [["&"]]) == "<table>\n<tr><th>&lt;</th></tr>\n<tr><td>&amp;</td></tr>\n</table>\n"
 
 
 def cells(page):

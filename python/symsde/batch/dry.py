@@ -11,6 +11,7 @@ from pathlib import Path
 from ..native.checks import counted
 from ..run.moments import Moments, moments
 from ..run.setup import make_setup
+from ..show import tables
 from .dispatch import division
 from .execute import Task
 from .pieces import Piece
@@ -43,7 +44,7 @@ class Need:
             "disk": f"about {_bytes(self.disk)}{self._of_what_is_free()}",
             "time": f"about {_time(self.seconds)} here, {counted(self.workers, 'shard')} at a time",
         }
-        return "\n".join(f"{key:11s}{value}" for key, value in lines.items())
+        return tables.facts(lines.items())
 
     def _of_what_is_free(self) -> str:
         if self.free == math.inf:

@@ -16,9 +16,9 @@ from pathlib import Path
 
 import numpy as np
 
-from ..run import csv_files
 from ..run.observers.observables import Rows, rows_of
 from ..run.simulate import Run, simulate
+from ..show import tables
 from .execute import Task, Tell, never
 from .pieces import Extent, Piece
 
@@ -48,9 +48,13 @@ class ErrorCheck:
             f"half the step on the same paths ({self.n[0]} of them, {full:.2g} s and {half:.2g} s):",
             f"  distance of paths, rms: {self.rms[-1]:.3g} at t = {self.t[-1]:.6g}, at most {most:.3g}",
         ]
-        for i, name in enumerate(self.names):
-            lines.append(f"  mean {name:10s} differs by {self.mean[-1, i]:10.3g} +- {self.se_mean[-1, i]:.2g}")
-        return "\n".join([*lines, *(f"  {remark}" for remark in self.remarks)])
+        rows = [
+            ["  mean", name, "differs by", f"{self.mean[-1, i]:.3g}", f"+- {self.se_mean[-1, i]:.2g}"]
+            for i, name in enumerate(self.names)
+        ]
+        return "\n".join(
+            [*lines, tables.aligned(rows, (0, -10, 0, 10, 0)), *(f"  {remark}" for remark in self.remarks)]
+        )
 
     def save(self, path: Path) -> None:
         """Write a table with one row per time."""
@@ -58,7 +62,7 @@ class ErrorCheck:
         for kind in ("mean", "se_mean"):
             columns |= {f"{kind} {name}": x for name, x in zip(self.names, getattr(self, kind).T, strict=True)}
         told = {"not compared": "\n".join(self.remarks)} if self.remarks else {}
-        csv_files.write(path, columns, {**self.attributes, **told})
+        tables.write(path, columns, {**self.attributes, **told})
 
 
 def error_check(

@@ -19,6 +19,7 @@ from ..batch import scene
 from ..errors import OF_RUNS, NotWrittenError, SymsdeError, shortened
 from ..native import cpu, files, library
 from ..native.build import build_info
+from ..show import tables
 from ..studies import catalogue
 from . import advise_command as advise
 from . import cite, merge_command, selftest
@@ -140,10 +141,9 @@ def _check(options: argparse.Namespace) -> int:
     if "study" in chosen.tables:
         importlib.import_module("symsde.studies.study.study_scenes").check(options.scene)
     print(f"{options.scene}: ok")
-    print(f"{'model':11s}{chosen.model!r}\n{'stepper':11s}{report.stepper}")
-    print(f"{'left out':11s}{'; '.join(report.left_out) or 'nothing'}")
-    for sentence in filter(None, (*report.warnings, chosen.unsaid)):
-        print(f"{'warning':11s}{sentence}")
+    told = {"model": repr(chosen.model), "stepper": report.stepper, "left out": "; ".join(report.left_out) or "nothing"}
+    warnings = [("warning", sentence) for sentence in (*report.warnings, chosen.unsaid) if sentence]
+    print(tables.facts([*told.items(), *warnings]))
     return OK
 
 
@@ -169,14 +169,14 @@ def _models() -> str:
 
 
 def _schemes() -> str:
-    lines = ["schemes"]
+    rows = []
     for name in schemes.names():
         info = schemes.get(name).info
         strong = [info.orders[key].value for key in ("additive", "commutative", "general")]
         orders = f"strong order {' / '.join(f'{value:g}' for value in strong)}," if any(strong) else ""
-        orders = f"{orders:30s} weak order {info.orders['weak'].value:g}"
         kind = "symplectic" if info.symplectic else "not symplectic"
-        lines.append(f"  {name:26s} {kind:15s} {orders}  {info.reference}")
+        rows.append([f"  {name}", kind, orders, f"weak order {info.orders['weak'].value:g}  {info.reference}"])
+    lines = ["schemes", tables.aligned(rows, (-28, -15, -30, 0))]
     lines.append(
         "  (strong orders: additive / commutative / general noise; schemes without one draw two- or three-point"
     )

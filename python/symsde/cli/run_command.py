@@ -31,7 +31,7 @@ from ..errors import InvalidArgumentError
 from ..native.checks import counted
 from ..run.moments import Moments
 from ..run.report import of_growth
-from ..show import tabular
+from ..show import tables, tabular
 
 OK, INTERNAL, PATHS_FAILED, STOPPED = 0, 1, 3, 4
 PARTIAL = "moments.partial.csv"
@@ -251,7 +251,8 @@ def print_moments(moments: Moments, rows: int = 11, columns: int = 4) -> None:
     """Print a table of at most eleven times; q_1, p_1 and the energy come first."""
     names, (means, errors) = moments.columns(), moments.to_arrays()
     wanted = tabular.first_values(moments, columns)
-    print(f"{'t':>10s} {'paths':>9s}" + "".join(f" {'mean ' + names[j]:>24s}" for j in wanted))
+    lines = [["t", "paths", *(f"mean {names[j]}" for j in wanted)]]
     for i in tabular.some_times(len(moments.t), rows):
-        values = "".join(f" {means[i, j]:12.5g} +- {errors[i, j]:8.2g}" for j in wanted)
-        print(f"{moments.t[i]:10.4g} {moments.n_ok[i]:9d}{values}")
+        values = (f"{means[i, j]:.5g} +- {errors[i, j]:8.2g}" for j in wanted)
+        lines.append([f"{moments.t[i]:.4g}", f"{moments.n_ok[i]}", *values])
+    print(tables.aligned(lines, (10, 9, *[24] * len(wanted))))

@@ -18,6 +18,7 @@ from ..native.build import build_info
 from ..run.moments import moments
 from ..run.simulate import simulate
 from ..run.step import increments, step
+from ..show import tables
 from ..studies.convergence import convergence
 
 HELP = "Check in a few seconds that the installed library computes what it should."
@@ -134,7 +135,8 @@ def selftest() -> bool:
     """Print one line for each check of the installed library, and return whether all passed."""
     start, wrong = time.monotonic(), []
     for check in checks():
-        print(f"{'ok' if check.good else 'FAILED':8s}{check.name:11s}{check.found}", flush=True)
+        cells = ["ok" if check.good else "FAILED", check.name, check.found]
+        print(tables.aligned([cells], (-8, -11, 0), ""), flush=True)
         wrong += [] if check.good else [check.name]
     seconds = time.monotonic() - start
     print(f"{len(CHECKS) - len(wrong)} of {len(CHECKS)} checks passed in {seconds:.1f} s")

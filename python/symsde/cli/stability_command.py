@@ -16,6 +16,7 @@ from ..batch import scene
 from ..errors import InvalidArgumentError
 from ..native import files
 from ..schemes import as_scheme
+from ..show import tables
 from ..studies import expectations, pages
 from .advise_command import problem_of
 
@@ -55,18 +56,18 @@ def of_scene(file: str) -> str:
     own, h = as_scheme(chosen.run.get("scheme", "midpoint")).name, abs(chosen.run["step"])
     omega = frequency(problem, _PATHS)
     ways = f"the fastest of {_PATHS} paths" if problem.model.nnoise else "the fastest along its path"
-    lines = [
+    told = [
         f"{file}: {problem.model!r} by {own}, step {h:g}",
         f"frequency {omega:.4g}, {ways} to t = {problem.horizon:g}: omega h = {omega * h:.3g}",
-        f"{'scheme':26s} {'omega h':>8s} {'longest step':>13s}  this step",
     ]
+    lines = [["scheme", "omega h", "longest step", " this step"]]
     for name in dict.fromkeys([own, *(scheme.name for scheme in candidates(problem))]):
         limit = stable_up_to(name)[0]
         ends = ("every", "every") if limit == math.inf else (f"{limit:.3g}", f"{limit / omega:.3g}")
         verdict = "stable" if omega * h < limit else "never stable" if not limit else "too long"
-        lines.append(f"{name:26s} {ends[0]:>8s} {ends[1]:>13s}  {verdict}")
-    lines.append("limits are those of a linear oscillator without noise; where springs harden, stay below 0.65 of them")
-    return "\n".join(lines)
+        lines.append([name, *ends, f" {verdict}"])
+    last = "limits are those of a linear oscillator without noise; where springs harden, stay below 0.65 of them"
+    return "\n".join([*told, tables.aligned(lines, (-26, 8, 13, 0)), last])
 
 
 def _scenarios(stability, page, directory: Path, options: argparse.Namespace) -> int:

@@ -17,6 +17,7 @@ from ..errors import IncompatibleError, InvalidArgumentError
 from ..model.definition import Model
 from ..native import checks
 from ..schemes import Scheme, as_scheme
+from ..show import tables
 from .simulate import simulate
 
 _STATES = np.array([[0.3, -0.4], [1.7, 0.8], [-2.4, 1.1], [0.9, -1.6]]).T  #: (q or p, point): where M is looked at
@@ -54,7 +55,7 @@ class BathLaw:
             "evidence": "dp ^ dq by differences of steps at four states of a pendulum; laws by S = M S M^T + Q, with M",
             "": "and Q of the library's own steps",
         }
-        return "\n".join(f"{key:16s}{value}" for key, value in lines.items())
+        return tables.facts(lines.items(), 16)
 
 
 def bath_law(scheme: str | Scheme, *, step: float, gamma: float, omega: float = 1.0) -> BathLaw:

@@ -21,9 +21,8 @@ from ..native import abi, callbacks, checks, files, handles
 from ..native.checks import address, counted
 from ..native.progress import Monitor, Progress
 from ..native.signals import carry
-from ..show import tabular
+from ..show import tables, tabular
 from ..show.values import Values
-from . import csv_files
 from .observers import observer_results, requests
 from .observers.observables import Observable, are_in_python, bind, check_observables, described, refuse_coordinates
 from .observers.partial_statistics import Kinds, PartialStatistics, Scope, structs
@@ -204,7 +203,7 @@ class Moments(MomentTables, Reported):
         for kind, table in self._tables.items():
             columns |= {f"{kind} {name}": x for name, x in zip(self.columns(), table.T, strict=True)}
         told = {"not in this table": self._not_in_tables()} if self.observers else {}
-        csv_files.write(target, columns, {**self.attributes(), **told})
+        tables.write(target, columns, {**self.attributes(), **told})
 
     def _not_in_tables(self) -> str:
         return (

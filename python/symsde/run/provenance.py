@@ -9,7 +9,7 @@ import json
 import os
 import shlex
 import sys
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 
 import numpy as np
 
@@ -48,14 +48,3 @@ def numbers_of(values: np.ndarray) -> str:
         return json.dumps((values[:, 0] if values.shape[1] == 1 else values).tolist())
     digest = hashlib.sha256(np.ascontiguousarray(values, np.float64).tobytes()).hexdigest()
     return f"sha256 {digest} of {values.shape[0]} x {values.shape[1]} numbers"
-
-
-def comments(attributes: Mapping[str, str]) -> Iterator[str]:
-    """The attributes as lines of a table that begin with #; a text of several lines follows below its name."""
-    for key, value in attributes.items():
-        first, *others = value.splitlines() or [""]
-        if not others:
-            yield f"# {key}: {first}\n"
-            continue
-        yield f"# {key}:\n"
-        yield from (f"#   {line}".rstrip() + "\n" for line in (first, *others))

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from ..errors import DoubtfulRunWarning, PathsFailedWarning
 from ..native import abi, checks, handles
 from ..native.build import build_info
+from ..show import tables
 from . import provenance
 from .setup import Setup
 
@@ -59,7 +60,7 @@ class Report:
             "seconds": ", ".join(f"{time:.3g} to {what}" for what, time in times.items() if time) or "0",
             "version": self.versions.get("version", "?"),
         }
-        return "\n".join(f"{key:11s}{value}" for key, value in lines.items())
+        return tables.facts(lines.items())
 
 
 class Reported:

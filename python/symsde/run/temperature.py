@@ -10,6 +10,7 @@ import numpy as np
 
 from ..errors import InvalidArgumentError
 from ..model.definition import Model, require_model
+from ..show import tables
 from .moments import Moments
 
 NAMES = ("kinetic_temperature", "force_squared", "stiffness")
@@ -29,13 +30,13 @@ class Temperatures:
 
     def __str__(self) -> str:
         """A line for each time, the last one last."""
-        rows = [f"{'t':>12s}{'kinetic':>12s}{'+-':>10s}{'configurational':>17s}{'+-':>10s}"]
+        rows = [["t", "kinetic", "+-", "configurational", "+-"]]
         for values in zip(
             self.t, self.kinetic, self.se_kinetic, self.configurational, self.se_configurational, strict=True
         ):
             t, kinetic, first, configurational, second = values
-            rows.append(f"{t:12.6g}{kinetic:12.6g}{first:10.2g}{configurational:17.6g}{second:10.2g}")
-        return "\n".join([*rows, self.momenta])
+            rows.append([f"{t:.6g}", f"{kinetic:.6g}", f"{first:.2g}", f"{configurational:.6g}", f"{second:.2g}"])
+        return f"{tables.aligned(rows, (12, 12, 10, 17, 10), '')}\n{self.momenta}"
 
 
 def temperature(model: Model) -> dict[str, Callable[[np.ndarray, np.ndarray], np.ndarray]]:

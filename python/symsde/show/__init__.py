@@ -2,8 +2,9 @@
 """Names, tables, notebook views and figures of objects.
 
 html      models, schemes and certificates in notebooks
-look      colours, markers and style of all figures
+look      the one writer of figures: colours, markers, style, files
 plot      figures of paths, moments and observers
+tables    the one writer of tables
 tabular   data frames, and runs and moments in notebooks
 values    names of coordinates, momenta, the energy and observables
 """

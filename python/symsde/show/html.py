@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from ..native.checks import counted
-from .tabular import html_table as table
+from .tables import notebook as table
 
 _ROOTS = (2, 3, 5, 6, 15, 30)
 _WHOLES = sorted({Fraction(k, n) for n in (4, 9, 36) for k in range(-n, n + 1)}, key=lambda x: (x.denominator, abs(x)))

@@ -1,16 +1,21 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The common style of all figures: one colour and marker per scheme, readable axes, files."""
+"""The one writer of figures, and their common style: one colour and marker per scheme, readable axes, files."""
 
 from __future__ import annotations
 
 import importlib
+import os
 import zlib
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
-from ..native import files
+from ..errors import InvalidArgumentError, WrongTypeError
+from ..native import checks, files
+
+ENDINGS = (".png", ".pdf", ".svg")
 
 # Okabe and Ito, https://jfly.uni-koeln.de/color/, then Tol's muted colours, https://personal.sron.nl/~pault/
 BLUE, VERMILION, GREEN, PURPLE = "#0072B2", "#D55E00", "#009E73", "#CC79A7"
@@ -79,23 +84,31 @@ def of_scheme(name: str) -> dict[str, str]:
 
 
 @contextmanager
-def drawing(path: Path | None, width: float, height: float, dpi: int, *, pdf: bool = False):
-    """Give a matplotlib figure, sizes in inches; at the end write it if there is a path, on request also as a PDF.
+def drawing(
+    path: Path | None, width: float, height: float, dpi: int, *, pdf: bool = False, axes: list[Any] | None = None
+):
+    """Give a new matplotlib figure, sizes in inches, or that of the caller's axes; at the end write it if there is a path.
+
+    pdf: write a PDF beside it.
 
     MissingPackageError if matplotlib is missing.
     """
     matplotlib = files.optional("matplotlib", "plot")
     figures = importlib.import_module("matplotlib.figure")
     with matplotlib.rc_context(STYLE):
-        page = figures.Figure(figsize=(width, height), layout="constrained")
+        page = axes[0].figure if axes else figures.Figure(figsize=(width, height), layout="constrained")
         yield page
-        readable(page.axes)
-        if path is None:
-            return
-        files.replace(path, lambda part: page.savefig(part, dpi=dpi))
-        if pdf:
-            still = {"CreationDate": None}
-            files.replace(path.with_suffix(".pdf"), lambda part: page.savefig(part, format="pdf", metadata=still))
+        readable(axes or page.axes)
+        if path is not None:
+            write(page, path, dpi, pdf)
+
+
+def write(page: Any, path: Path, dpi: int, pdf: bool) -> None:
+    """A figure as a file, and on request as a PDF beside it."""
+    files.replace(path, lambda part: page.savefig(part, dpi=dpi))
+    if pdf:
+        still = {"CreationDate": None}
+        files.replace(path.with_suffix(".pdf"), lambda part: page.savefig(part, format="pdf", metadata=still))
 
 
 @contextmanager
@@ -107,6 +120,32 @@ def panels(path: Path, mosaic: list, width: float, height: float, dpi: int, *, p
         if len(axes) > 1:
             for letter, axis in zip("abcdefgh", axes.values(), strict=False):
                 axis.set_title(f"({letter})", loc="left", pad=3)
+
+
+def target(path: object) -> Path | None:
+    """The file of a figure, if one is given; endings of other formats are refused."""
+    if path is None:
+        return None
+    file = files.path_of("path", path)
+    if file.suffix not in ENDINGS:
+        raise InvalidArgumentError(f"{os.fspath(file)!r} has no ending of a figure: give one of {', '.join(ENDINGS)}")
+    return file
+
+
+def axes_of(ax: object, number: int, path: object = None) -> list[Any] | None:
+    """The axes that are given for so many panels, if any are."""
+    if ax is None:
+        return None
+    if path is not None:
+        raise InvalidArgumentError("path and ax are both given: give one, and save a figure of your own by its savefig")
+    found = ax.ravel().tolist() if isinstance(ax, np.ndarray) else checks.items(ax) or [ax]
+    for axes in found:
+        if not hasattr(axes, "errorbar"):
+            raise WrongTypeError(f"ax = {checks.shown(ax)} is no axes of matplotlib: give axes, or path=")
+    if len(found) != number:
+        there = checks.counted(number, "panel")
+        raise InvalidArgumentError(f"ax holds {len(found)} axes, and the figure has {there}: give one for each")
+    return found
 
 
 def colour(scheme: str) -> str:

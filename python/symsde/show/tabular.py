@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from ..native import checks, files, handles
+from . import tables
 
 _ROWS, _COLUMNS = 11, 6
 
@@ -72,16 +73,6 @@ def html_of_moments(moments: Any) -> str:
     return _page(repr(moments), header, rows, len(moments.t) - len(rows), "times")
 
 
-def html_table(header: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
-    """A table of texts for notebooks."""
-
-    def line(cells: Sequence[str], tag: str) -> str:
-        return "<tr>" + "".join(f"<{tag}>{html.escape(cell)}</{tag}>" for cell in cells) + "</tr>"
-
-    body = "\n".join(line(row, "td") for row in rows)
-    return f"<table>\n{line(header, 'th')}\n{body}\n</table>\n"
-
-
 def _page(about: str, header: Sequence[str], rows: Iterable[Sequence[str]], hidden: int, of_what: str) -> str:
     more = f"<p>and {hidden} {of_what} more</p>\n" if hidden else ""
-    return f"<p>{html.escape(about)}</p>\n{html_table(header, rows)}{more}"
+    return f"<p>{html.escape(about)}</p>\n{tables.notebook(header, rows)}{more}"

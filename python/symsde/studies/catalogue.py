@@ -8,7 +8,7 @@ import re
 
 from .. import models, schemes
 from ..model.definition import FLAGS
-from .pages import markdown
+from ..show.tables import markdown
 
 # One member of each family whose names contain a number.
 FAMILIES = {

@@ -16,7 +16,7 @@ from ..errors import NumericalError, ReferenceWarning
 from ..model.definition import Model
 from ..native import checks
 from ..schemes import Scheme
-from ..show import look
+from ..show import look, tables
 from ..show.plot import draw
 from .study import orders
 
@@ -45,7 +45,12 @@ class Convergence:
     def __str__(self) -> str:
         """The errors as a table."""
         floor = f", whose own error is {self.reference_error:.1e}" if self.reference_error else ""
-        rows = zip(self.steps, self.step, self.error, self.low, self.high, self.status, strict=True)
+        rows = [
+            [f"{n}", f"{h:.5g}", f"{e:.4e}", f"  {lo:.3e} .. {up:.3e}  {_MARKS.get(state, '')}"]
+            for n, h, e, lo, up, state in zip(
+                self.steps, self.step, self.error, self.low, self.high, self.status, strict=True
+            )
+        ]
         counted = self.status.count("ok")
         order = f"order {self.order:.3f}, {self.order_low:.3f} .. {self.order_high:.3f}"
         if counted < len(self.status):
@@ -53,11 +58,7 @@ class Convergence:
         return "\n".join(
             [
                 f"{self.scheme} on {self.model}, {self.paths} paths, against {self.reference}{floor}",
-                f"{'steps':>8s} {'h':>12s} {'error':>11s}   95 % interval",
-                *(
-                    f"{n:8d} {h:12.5g} {e:11.4e}   {lo:.3e} .. {up:.3e}  {_MARKS.get(state, '')}".rstrip()
-                    for n, h, e, lo, up, state in rows
-                ),
+                tables.aligned([["steps", "h", "error", "  95 % interval"], *rows], (8, 12, 11, 0)),
                 order,
             ]
         )

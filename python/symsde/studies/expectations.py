@@ -13,7 +13,7 @@ from dataclasses import dataclass, field
 from time import perf_counter
 from typing import Any
 
-from . import pages
+from ..show import tables
 
 STANDARD_ERRORS = 4.9  #: most standard errors between a mean and its expected value
 FALSE_ALARM = math.erfc(STANDARD_ERRORS / math.sqrt(2))  #: rate of false alarms of one such check, 9.6e-7
@@ -109,14 +109,14 @@ def count(found: list[Expectations], verdict: bool | None) -> int:
 def block(found: Expectations, head: str, seconds: float) -> str:
     """One experiment or scenario for the terminal; `head` is the title of the first column."""
     rows = [check.cells() for check in found.checks]
-    return f"\n{found.title}   [{seconds:.1f} s]\n{pages.terminal(_head(head), rows)}"
+    return f"\n{found.title}   [{seconds:.1f} s]\n{tables.terminal(_head(head), rows)}"
 
 
 def section(found: Expectations, head: str) -> str:
     """One experiment or scenario as a Markdown table, with the known cause of a failure."""
     rows = [[*check.cells()[:-1], check.cells()[-1].replace("FAILED", "**FAILED**")] for check in found.checks]
     failed = any(check.passed is False for check in found.checks)
-    return pages.markdown(_head(head), rows) + (f"\n{found.if_failed}\n" if found.if_failed and failed else "")
+    return tables.markdown(_head(head), rows) + (f"\n{found.if_failed}\n" if found.if_failed and failed else "")
 
 
 def summary(found: list[Expectations]) -> str:

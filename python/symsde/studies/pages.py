@@ -1,44 +1,18 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Tables and pages: Markdown tables, terminal tables, and the parts of pages that programs write."""
+"""Pages: the parts that programs write, and the names of machine and library that these parts give."""
 
 from __future__ import annotations
 
 import os
 import re
 import textwrap
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable
 from pathlib import Path
 
 from ..native import files
 from ..native.build import build_info
 
 WIDTH = 120
-
-
-def markdown(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
-    """A Markdown table, each line with its line end; vertical bars in cells are escaped."""
-    lines = [head, ["---"] * len(head), *rows]
-    return "".join("| " + " | ".join(cell.replace("|", r"\|") for cell in line) + " |\n" for line in lines)
-
-
-def terminal(head: Sequence[str], rows: Iterable[Sequence[str] | str], numbers: Sequence[int] = ()) -> str:
-    """A table whose columns have the least width; the columns `numbers` are aligned right, all others left.
-
-    A row that is a single text is printed unchanged.
-    """
-    rows = list(rows)
-    cells = [head, *(row for row in rows if not isinstance(row, str))]
-    widths = [max(map(len, column)) for column in zip(*cells, strict=True)]
-
-    def line(row: Sequence[str]) -> str:
-        padded = (
-            cell.rjust(n) if i in numbers else cell.ljust(n)
-            for i, (cell, n) in enumerate(zip(row, widths, strict=True))
-        )
-        return "  " + "  ".join(padded).rstrip()
-
-    rule = line(["-" * width for width in widths])
-    return "\n".join([line(head), rule, *(row if isinstance(row, str) else line(row) for row in rows)])
 
 
 def made_by() -> str:

@@ -16,6 +16,7 @@ from ...native import checks
 from ...native.progress import Progress, told_by
 from ...run.setup import EndOptions
 from ...schemes import Scheme
+from ...show import tables
 from ..expectation.candidates import fitting, frequency
 from ..expectation.problem import OPTIONS, Problem, make_problem
 from ..linear_stability import stable_up_to
@@ -41,7 +42,8 @@ class Option:
 
     def __str__(self) -> str:
         """The option in one line."""
-        return f"{self.scheme:24s} h = {self.step:<10.4g} {1e6 * self.seconds:10.3g} us a path"
+        cells = [self.scheme, "h =", f"{self.step:.4g}", f"{1e6 * self.seconds:.3g}", "us a path"]
+        return tables.aligned([cells], (-24, 0, -10, 10, 0))
 
 
 @dataclass(frozen=True)

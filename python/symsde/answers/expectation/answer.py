@@ -12,6 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ...show import tables
 from .interval import NORMAL
 
 
@@ -26,7 +27,8 @@ class Alternative:
 
     def __str__(self) -> str:
         """The alternative in one line."""
-        return f"{self.method:18s} {self.scheme:20s} h = {self.step:<10.4g} {self.cost:10.3g} s"
+        cells = [self.method, self.scheme, "h =", f"{self.step:.4g}", f"{self.cost:.3g}", "s"]
+        return tables.aligned([cells], (-18, -20, 0, -10, 10, 0))
 
 
 @dataclass(frozen=True)
@@ -118,6 +120,17 @@ class Level:
     failed: int  #: number of paths left out because they failed
 
 
+_HEAD = ("level", "steps", "paths", "mean", "variance", "kurtosis", "consistent", "us a path")
+
+
+def _cells(number: int, x: Level) -> list[str]:
+    """A level as a row of the table."""
+    return [
+        f"{number}", f"{x.steps}", f"{x.paths}", f"{x.mean:.4e}", f"{x.variance:.2e}", f"{x.kurtosis:.1f}",
+        f"{x.consistency:.2f}", f"{1e6 * x.seconds / max(1, x.paths):.3g}",
+    ]  # fmt: skip
+
+
 @dataclass(frozen=True)
 class Multilevel:
     """E f with its 95 % interval, and the levels that gave it; made by `mlmc`."""
@@ -145,13 +158,7 @@ class Multilevel:
         lines = [
             f"{self.value:.10g} +- {self.half_width:.2g} (95 %: standard error {self.error:.2g}, bias {self.bias:.1g})"
             f", multilevel {self.scheme}, {self.cost:.3g} s",
-            f"{'level':>5s} {'steps':>7s} {'paths':>11s} {'mean':>12s} {'variance':>10s} {'kurtosis':>9s} "
-            f"{'consistent':>10s} {'us a path':>10s}",
+            tables.aligned([_HEAD, *map(_cells, range(len(self.levels)), self.levels)], (5, 7, 11, 12, 10, 9, 10, 10)),
+            f"alpha {self.alpha}, beta {self.beta}, gamma {self.gamma}",
         ]
-        for i, x in enumerate(self.levels):
-            lines.append(
-                f"{i:5d} {x.steps:7d} {x.paths:11d} {x.mean:12.4e} {x.variance:10.2e} {x.kurtosis:9.1f} "
-                f"{x.consistency:10.2f} {1e6 * x.seconds / max(1, x.paths):10.3g}"
-            )
-        lines.append(f"alpha {self.alpha}, beta {self.beta}, gamma {self.gamma}")
         return "\n".join([*lines, *self.notes])

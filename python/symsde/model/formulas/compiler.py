@@ -35,9 +35,7 @@ if platform.machine() in ("x86_64", "AMD64"):
     FLAGS += ("-mprefer-vector-width=512",)  # if the processor has them: 1.0 instead of 1.12 of the built-in's time
 if build_info().get("arithmetic") == "fused":
     FLAGS += ("-DCONTRACTS",)
-LONG = (
-    300_000  #: characters (60000 of them functions) above which there is less optimisation: bits do not change
-)
+LONG = 300_000  #: characters (60000 of them functions) above which there is less optimisation: bits do not change
 #: most seconds of processor time of one compilation; processor time, since a busy machine is no reason to refuse
 TIME_LIMIT = 120.0
 PATIENCE = 3600.0  #: most seconds of one compilation by the clock

@@ -19,9 +19,7 @@ from .sites import Chain, Density, Number
 
 #: number of lanes that the library passes at once (strip_lanes): the results for the next row stay in registers
 LANES = 16
-TILE = (
-    256  #: rows of one lane computed together; the values passed on between them fit into the nearest cache
-)
+TILE = 256  #: rows of one lane computed together; the values passed on between them fit into the nearest cache
 WIDE = 64  #: number of lanes of a gradient that advance together: blocks of long chains have as many
 #: output of a row -> block and place in `Derivatives`
 OUTPUTS = {"force": ("hq", 0), "diagonal": ("hqq", 0), "beside": ("hqq", 1)}

@@ -258,9 +258,7 @@ class PassageResult(Observed):
     there: np.ndarray  #: (time,), paths that have not left yet
     bridged: int | None = None  #: paths that left between two steps; None if this is not checked, see `remarks`
     n: int  #: number of paths that have left
-    mean: dict[
-        str, float
-    ]  #: means of t, coordinates and momenta of these paths when they left; likewise se_mean
+    mean: dict[str, float]  #: means of t, coordinates and momenta of these paths when they left; likewise se_mean
     path: np.ndarray  #: (listed,), global indices of the first paths that left; at most 1000
     step: np.ndarray  #: (listed,), absolute step after which each was outside
     state: np.ndarray  #: (listed, 1 + 2 dof), t, q and p after this step

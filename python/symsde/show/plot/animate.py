@@ -14,7 +14,7 @@ from ...native import checks, files
 from ...native.checks import counted
 from .. import look
 from .data import Paths
-from .draw import axes_of, pair_of, take_names_as_they_are, which_paths, whole
+from .draw import pair_of, take_names_as_they_are, which_paths, whole
 
 _SIZE, _MARGIN = (5.0, 4.2), 0.05  # size in inches; share of the extent that stays empty on each side
 
@@ -23,19 +23,16 @@ def animation(data: Paths, where: tuple[object, object], of: object, most: int, 
     """A FuncAnimation with a frame for each saved time, written as a .gif if a path is given, or drawn into axes of
     the caller."""
     path, ax = where
-    target = None if path is None else _file(path)
-    matplotlib = files.optional("matplotlib", "plot")
+    target = _file(path)
+    files.optional("matplotlib", "plot")
     shown = which_paths(data, most)
     pair = pair_of(data.names, data.names.chosen("of", of) or (data.names.q[0], data.names.p[0]))
     if not checks.finite("rate", rate) > 0:
         raise InvalidArgumentError(f"rate = {rate}: give a positive number of frames a second")
     x, y = (data.values(name)[:, shown] for name in pair)
-    with matplotlib.rc_context(look.STYLE):
-        if ax is None:
-            page = importlib.import_module("matplotlib.figure").Figure(figsize=_SIZE, layout="constrained")
-            axes = page.add_subplot()
-        else:
-            (axes,) = axes_of(ax, 1, path)
+    given = look.axes_of(ax, 1, path)
+    with look.drawing(None, *_SIZE, 100, axes=given) as page:
+        axes = given[0] if given else page.add_subplot()
         (points,) = axes.plot([], [], color=look.BLUE, marker=".", linestyle="", alpha=0.6)
         axes.set(xlabel=pair[0], ylabel=pair[1], xlim=_extent(x), ylim=_extent(y))
         title = axes.set_title("", fontsize=9)
@@ -48,14 +45,16 @@ def animation(data: Paths, where: tuple[object, object], of: object, most: int, 
 
         draw(0)
         made = importlib.import_module("matplotlib.animation")
-        found = made.FuncAnimation(axes.figure, draw, frames=len(data.t), interval=1000 / rate, blit=False)
+        found = made.FuncAnimation(page, draw, frames=len(data.t), interval=1000 / rate, blit=False)
         if target is not None:
             files.replace(target, lambda part: found.save(part, writer=made.PillowWriter(fps=rate)))
     return found
 
 
-def _file(path: object) -> Path:
-    """Check the file of an animation."""
+def _file(path: object) -> Path | None:
+    """The file of an animation, if one is given."""
+    if path is None:
+        return None
     target = files.path_of("path", path)
     if target.suffix != ".gif":
         raise InvalidArgumentError(

@@ -4,24 +4,20 @@
 from __future__ import annotations
 
 import functools
-import importlib
-import os
 import textwrap
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from ...errors import InvalidArgumentError, WrongTypeError
-from ...native import checks, files
+from ...errors import InvalidArgumentError
+from ...native import checks
 from ...native.checks import counted
 from .. import look
 from ..values import Values, chosen
 from .data import Means, Paths, within
 
-ENDINGS = (".png", ".pdf", ".svg")
 MOST_PATHS = 50
 _WIDTH, _HEIGHT, _ALONE = 6.0, 2.4, 3.4  # inches; heights of one panel among several, and of a single panel
 _ONE_COLUMN = 4  # most panels in one column; more panels are in two columns
@@ -45,59 +41,30 @@ class Curve:
 def finish(panels: Sequence[Callable], title: str, path: object = None, ax: object = None):
     """A figure of panels, each a function of axes; written if a path is given. With `ax`, one axes or one for each
     panel, the panels are drawn there, and the result is the figure of these axes."""
-    target = None if path is None else figure_file(path)
-    matplotlib = files.optional("matplotlib", "plot")
-    given = None if ax is None else axes_of(ax, len(panels), path)
-    figures = importlib.import_module("matplotlib.figure")
-    with matplotlib.rc_context(look.STYLE):
+    target, given = look.target(path), look.axes_of(ax, len(panels), path)
+    columns = 1 if len(panels) <= _ONE_COLUMN else 2
+    rows = -(-len(panels) // columns)
+    width = _WIDTH if columns == 1 else 1.5 * _WIDTH
+    height = _HEIGHT if len(panels) > 1 else _ALONE
+    with look.drawing(target, width, 0.5 + height * rows, 150, axes=given) as page:
         if given is None:
-            columns = 1 if len(panels) <= _ONE_COLUMN else 2
-            rows = -(-len(panels) // columns)
-            width = _WIDTH if columns == 1 else 1.5 * _WIDTH
-            height = _HEIGHT if len(panels) > 1 else _ALONE
-            page = figures.Figure(figsize=(width, 0.5 + height * rows), layout="constrained")
-            given = list(page.subplots(rows, columns, squeeze=False).ravel())
-            for axes in given[len(panels) :]:
+            all_axes = list(page.subplots(rows, columns, squeeze=False).ravel())
+            for axes in all_axes[len(panels) :]:
                 axes.remove()
-            given = given[: len(panels)]
-            page.suptitle(whole(title, width), fontsize=9)
+            shown = all_axes[: len(panels)]
+            texts = [page.suptitle(whole(title, width), fontsize=9)]
         else:
-            page = given[0].figure
+            shown, texts = given, []
             given[0].set_title(whole(title, given[0].get_window_extent().width / page.dpi), fontsize=9)
-        for axes, panel in zip(given, panels, strict=True):
+        for axes, panel in zip(shown, panels, strict=True):
             panel(axes)
-        take_names_as_they_are([page._suptitle] if ax is None else [], given)
-        look.readable(given)
-        if target is not None:
-            write(page, target)
+        take_names_as_they_are(texts, shown)
     return page
 
 
 def whole(title: str, inches: float) -> str:
     """A title on as many lines as needed."""
     return textwrap.fill(title, max(20, round(_TITLE * inches)))
-
-
-def figure_file(path: object) -> Path:
-    """The file of a figure; endings of other formats are refused."""
-    target = files.path_of("path", path)
-    if target.suffix not in ENDINGS:
-        raise InvalidArgumentError(f"{os.fspath(target)!r} has no ending of a figure: give one of {', '.join(ENDINGS)}")
-    return target
-
-
-def axes_of(ax: object, number: int, path: object = None) -> list[Any]:
-    """The caller's axes, checked against the number of panels."""
-    if path is not None:
-        raise InvalidArgumentError("path and ax are both given: give one, and save a figure of your own by its savefig")
-    found = ax.ravel().tolist() if isinstance(ax, np.ndarray) else checks.items(ax) or [ax]
-    for axes in found:
-        if not hasattr(axes, "errorbar"):
-            raise WrongTypeError(f"ax = {checks.shown(ax)} is no axes of matplotlib: give axes, or path=")
-    if len(found) != number:
-        panels = counted(number, "panel")
-        raise InvalidArgumentError(f"ax holds {len(found)} axes, and the figure has {panels}: give one for each")
-    return found
 
 
 def take_names_as_they_are(texts: list[Any], given: Sequence[Any]) -> None:
@@ -107,11 +74,6 @@ def take_names_as_they_are(texts: list[Any], given: Sequence[Any]) -> None:
         texts += axes.get_legend().get_texts() if axes.get_legend() else []
     for text in texts:
         text.set_parse_math(False)
-
-
-def write(page: Any, target: Path) -> None:
-    """Write a figure as a file."""
-    files.replace(target, lambda part: page.savefig(part, dpi=150))
 
 
 # ---- saved paths ---------------------------------------------------------------------------------------------------

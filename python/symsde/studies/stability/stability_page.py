@@ -5,9 +5,10 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from ...show.tables import markdown
 from .. import expectations
 from ..expectations import Expectations
-from ..pages import Page, made_by, markdown, wrapped
+from ..pages import Page, made_by, wrapped
 from . import bifurcation, limits, long_time, stability_figure
 
 COMMAND = "symsde stability --markdown docs/stability.md"

@@ -3,31 +3,23 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import numpy as np
 
 from ...show import look
-from ...show.plot.draw import axes_of, figure_file
 
 LOST = ("failed", "diverged")  #: status of points that are drawn as crosses at the upper edge
 
 
 def plot(study, path: object = None, ax: object = None, *, pdf: bool = False):
-    """Draw the figure, written if a path is given; or the strong errors into two axes."""
-    if ax is not None:
-        left, right = axes_of(ax, 2, path)
-        draw(study, left, right)
-        left.legend()
-        look.readable([left, right])
-        return left.figure
-    return _draw_all(None if path is None else figure_file(path), study, pdf=pdf)
-
-
-def _draw_all(path: Path | None, study, *, pdf: bool):
-    """Draw strong errors, and weak errors below if there are any."""
+    """Draw strong errors, and weak errors below if there are any; written if a path is given. With two axes `ax`, only
+    strong errors are drawn, into these."""
+    given = look.axes_of(ax, 2, path)
     rows = 2 if any(weak_error(row) for row in study.rows) else 1
-    with look.drawing(path, 7.2, 1.0 + 3.2 * rows, 120, pdf=pdf) as page:
+    with look.drawing(look.target(path), 7.2, 1.0 + 3.2 * rows, 120, pdf=pdf, axes=given) as page:
+        if given:
+            draw(study, *given)
+            given[0].legend()
+            return page
         axes = page.subplots(rows, 2, squeeze=False, sharex="col", sharey="row")
         for panel in axes.ravel():
             panel.tick_params(labelbottom=True)

@@ -8,7 +8,8 @@ from collections import Counter
 from pathlib import Path
 
 from ...show import look
-from ..pages import Page, machine, made_by, markdown, wrapped
+from ...show.tables import markdown
+from ..pages import Page, machine, made_by, wrapped
 from . import WorkPrecision, of_data, study_figure, study_words
 from .study_scenes import about
 

@@ -7,8 +7,8 @@ from collections.abc import Mapping
 from pathlib import Path
 
 from ...native.checks import counted
-from ...run import csv_files, provenance
-from .. import pages
+from ...run import provenance
+from ...show import tables
 
 #: column of the CSV -> meaning; times in seconds, everything else dimensionless
 COLUMNS = {
@@ -53,7 +53,7 @@ def write_csv(path: Path, rows: list[dict], about: Mapping[str, str]) -> None:
     """Write one line per point; lines before the header that begin with # describe the origin and the columns."""
 
     columns = {name: [row.get(name) for row in rows] for name in COLUMNS}
-    csv_files.write(path, columns, {**about, **provenance.made(), **COLUMNS})
+    tables.write(path, columns, {**about, **provenance.made(), **COLUMNS})
 
 
 HEAD = ("scheme", "h", "strong error", "95 %", "E q error", "+-", "E H error", "+-", "drift", "s/path", "+-", "grad",
@@ -67,7 +67,7 @@ def terminal(rows: list[dict], orders: dict) -> str:
         lines.append(cells(row))
         if after["scheme"] != row["scheme"]:
             lines.append(f"    order {orders[row['scheme']]}")
-    return pages.terminal(HEAD, lines, numbers=range(1, len(HEAD) - 1))
+    return tables.terminal(HEAD, lines, numbers=range(1, len(HEAD) - 1))
 
 
 def cells(row: dict) -> list[str]:
