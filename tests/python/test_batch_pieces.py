@@ -61,11 +61,11 @@ def test_a_checkpoint_of_another_is_not_taken(what, tmp_path):
     piece = plan.Piece("paths-000001", "paths", 256, 256, 1000)
     records = [{"inputs": {"seed": seed}} for seed in (1, 2 if what == "run" else 1)]
     one, other = (folder.RunFolder(tmp_path, record, [piece]) for record in records)
-    one.write_checkpoint(piece, shard_file.Shard({"q": np.ones(3)}, {"step": 7}))
-    assert one.read_checkpoint(piece).facts["step"] == 7
+    one.checkpoint(piece).write(shard_file.Shard({"q": np.ones(3)}, {"step": 7}))
+    assert one.checkpoint(piece).read().facts["step"] == 7
     changed = piece if what == "run" else dataclasses.replace(piece, **{what: OTHER[what]})
     other.checkpoint_path(piece).rename(moved := other.checkpoint_path(changed))
-    assert moved.exists() and other.read_checkpoint(changed) is None
+    assert moved.exists() and other.checkpoint(changed).read() is None
 
 
 @pytest.mark.parametrize("compensated", [False, True])

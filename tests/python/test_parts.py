@@ -12,19 +12,18 @@ import pytest
 import symsde as ss
 from sent_at import words
 from symsde.cli import command_line
-from symsde.native import durable, files, parts
+from symsde.native import files, parts
 
 LEFT = """
 import os, signal, sys
 from pathlib import Path
 from symsde.native import files as _files
-from symsde.native import durable as _durable
 def die(*_):
     os.kill(os.getpid(), signal.SIGKILL)
 folder = Path(sys.argv[1])
 if sys.argv[2] == "durable":
     os.fsync = die
-    _durable.write(folder / "name", b"half")
+    _files.write_durably(folder / "name", b"half")
 _files.replace(folder / "name", lambda part: (part.write_text("half"), die()))
 """
 
@@ -49,11 +48,11 @@ def test_a_durable_writer_inside_another(keep, tmp_path, monkeypatch):
 
     def meanwhile(handle):
         monkeypatch.setattr(os, "fsync", sync)
-        assert durable.write(target, b"inner", keep=keep)
+        assert files.write_durably(target, b"inner", keep=keep)
         sync(handle)
 
     monkeypatch.setattr(os, "fsync", meanwhile)
-    assert durable.write(target, b"outer", keep=keep) is not keep
+    assert files.write_durably(target, b"outer", keep=keep) is not keep
     assert target.read_bytes() == (b"inner" if keep else b"outer") and os.listdir(tmp_path) == ["shard.npz"]
 
 
@@ -135,7 +134,7 @@ def test_parts_of_another_machine(tmp_path):
 
 def test_a_writer_that_is_killed_before_it_has_a_lock(tmp_path):
     """Killed between making the folder and its lock: the next writer removes the folder, too."""
-    write = "from pathlib import Path; from symsde.native import durable; durable.write(Path('name'), b'')"
+    write = "from pathlib import Path; from symsde.native import files; files.write_durably(Path('name'), b'')"
     ended = subprocess.run(words(signal.SIGKILL, 1, "/lock", "open", write), cwd=tmp_path, check=False)
     assert ended.returncode == -signal.SIGKILL and len(os.listdir(tmp_path)) == 1
     parts.sweep(tmp_path)

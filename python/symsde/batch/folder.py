@@ -19,7 +19,7 @@ from pathlib import Path
 from typing import Any
 
 from ..errors import SceneError
-from ..native import durable, files, parts
+from ..native import files, parts
 from . import manifest, shard_file
 from .claims import Claims
 from .pieces import Piece
@@ -63,12 +63,12 @@ class RunFolder:
                 parts.sweep(place)
             self = cls(target, record, pieces)
             if scene is not None:
-                durable.write(target / "scene.toml", Path(scene.file).read_bytes())
+                files.write_durably(target / "scene.toml", Path(scene.file).read_bytes())
                 for name, source in manifest.python_sources(scene):
                     (target / name).parent.mkdir(parents=True, exist_ok=True)
                     parts.sweep((target / name).parent)
-                    durable.write(target / name, source.read_bytes())
-            if not durable.write(target / manifest.NAME, manifest.to_bytes(record)):
+                    files.write_durably(target / name, source.read_bytes())
+            if not files.write_durably(target / manifest.NAME, manifest.to_bytes(record)):
                 manifest.require_same(manifest.read(target), record, target)
             (target / "shards").mkdir(exist_ok=True)
             self._claims = Claims(target / ".claims")
@@ -151,24 +151,6 @@ class RunFolder:
         """The store of a long piece's state."""
         return _Checkpoint(self, piece)
 
-    def write_checkpoint(self, piece: Piece, state: Shard) -> None:
-        """Replace the checkpoint by a later one, atomically, so that a complete checkpoint always exists."""
-        stamped = Shard(state.arrays, {**state.facts, **self.stamp(piece)})
-        durable.write(self.checkpoint_path(piece), shard_file.to_bytes(stamped), keep=False)
-
-    def read_checkpoint(self, piece: Piece) -> Shard | None:
-        """The last checkpoint; None if there is none, or if it is damaged or of another piece."""
-        path = self.checkpoint_path(piece)
-        try:
-            state = shard_file.read(path)
-        except FileNotFoundError:
-            return None
-        except DamagedShardError as error:
-            log.warning("%s; the piece begins anew", error)
-            return None
-        same = all(state.facts.get(key) == value for key, value in self.stamp(piece).items())
-        return state if same else None
-
     def claim(self, piece: Piece) -> bool:
         """Claim the piece until `release`; return false if another process works on it."""
         return self._claims.take(self._number(piece))
@@ -200,12 +182,20 @@ class _Checkpoint:
 
     def __init__(self, folder: RunFolder, piece: Piece):
         self.seconds = folder.checkpoint_seconds
-        self._folder, self._piece = folder, piece
+        self._path, self._stamp = folder.checkpoint_path(piece), folder.stamp(piece)
 
     def read(self) -> Shard | None:
-        """The last checkpoint; None if there is none."""
-        return self._folder.read_checkpoint(self._piece)
+        """The last checkpoint; None if there is none, or if it is damaged or of another piece."""
+        try:
+            state = shard_file.read(self._path)
+        except FileNotFoundError:
+            return None
+        except DamagedShardError as error:
+            log.warning("%s; the piece begins anew", error)
+            return None
+        return state if all(state.facts.get(key) == value for key, value in self._stamp.items()) else None
 
     def write(self, state: Shard) -> None:
-        """Write a later state."""
-        self._folder.write_checkpoint(self._piece, state)
+        """Replace the checkpoint by a later one, atomically, so that a complete checkpoint always exists."""
+        stamped = Shard(state.arrays, {**state.facts, **self._stamp})
+        files.write_durably(self._path, shard_file.to_bytes(stamped), keep=False)

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from ..errors import NotWrittenError, SymsdeError
-from ..native import durable, files
+from ..native import files
 
 _DIGITS = 64  # digits of a SHA-256
 
@@ -54,7 +54,7 @@ def from_bytes(content: bytes, name: str) -> Shard:
 
 def write(target: Path, shard: Shard) -> bool:
     """Write a shard; false if another process has written it first, whose shard remains."""
-    return durable.write(target, to_bytes(shard))
+    return files.write_durably(target, to_bytes(shard))
 
 
 def read(path: Path) -> Shard:

@@ -13,7 +13,7 @@ from ..batch import manifest, share
 from ..batch.folder import RunFolder
 from ..batch.scene_pieces import Batch
 from ..errors import SceneError
-from ..native import durable
+from ..native import files
 from .run_command import finish, logged
 
 HELP = "Merge folders that hold parts of one run (`symsde run --shard I/N`). The result has the bits of one run."
@@ -63,7 +63,7 @@ def _gather(sources: Sequence[RunFolder], whole: RunFolder) -> None:
     for piece in whole.missing():
         for source in sources:
             if source.is_done(piece):
-                durable.write(whole.shard_path(piece), source.shard_path(piece).read_bytes())
+                files.write_durably(whole.shard_path(piece), source.shard_path(piece).read_bytes())
                 break
 
 

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import ctypes
 import difflib
 import functools
@@ -13,12 +14,12 @@ import operator
 import os
 import sys
 import warnings
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from typing import Any, ParamSpec, TypeVar
 
 import numpy as np
 
-from ..errors import InvalidArgumentError, TooLargeError, UnknownNameError, WrongShapeError, WrongTypeError
+from ..errors import OF_RUNS, InvalidArgumentError, TooLargeError, UnknownNameError, WrongShapeError, WrongTypeError
 from .library import library
 
 _P = ParamSpec("_P")
@@ -150,6 +151,15 @@ def warn(text: str, kind: type[Warning]) -> None:
     while frame.f_back is not None and frame.f_globals.get("__name__", "").partition(".")[0] == "symsde":
         frame, level = frame.f_back, level + 1
     warnings.warn(text, kind, stacklevel=level)
+
+
+@contextlib.contextmanager
+def unwarned() -> Iterator[None]:
+    """Context in which runs do not warn: their caller counts, judges or shows what they would warn of."""
+    with warnings.catch_warnings():
+        for kind in OF_RUNS:
+            warnings.simplefilter("ignore", kind)
+        yield
 
 
 def _like(given: str, known: Sequence[str], share: float = 0.5) -> list[str]:

@@ -16,6 +16,7 @@ import threading
 from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from types import ModuleType
+from typing import Any
 
 import numpy as np
 
@@ -142,17 +143,61 @@ def write(target: Path, make_dataset: Callable, variables: Variables, attributes
 def replace(target: Path, write_to: Callable[[Path], object]) -> None:
     """Write to a temporary file, then rename it to the target; NotWrittenError gives the reason of a failure."""
     parts.sweep(target.parent)
-    try:
-        with parts.beside(target) as part:
-            write_to(part)
-            os.replace(part, target)
-    except (OSError, RuntimeError) as error:  # netCDF4 raises a RuntimeError if the disk is full
-        raise NotWrittenError(f"{target} cannot be written: {_reason(error)}") from error
+    _place(target, write_to, os.replace)
 
 
 def replace_text(target: Path, text: str) -> None:
     """Write a text file, completely or not at all."""
     replace(target, lambda part: part.write_text(text, encoding="utf-8"))
+
+
+def write_durably(target: Path, content: bytes, *, keep: bool = True, mode: int | None = None) -> bool:
+    """Write a file that exists completely, even after a crash of the machine, or not at all; False if another file was
+    there first.
+
+    keep: an existing file is not replaced, so that two writers do not overwrite each other. mode: permissions of the
+    file, by default those of the process.
+    """
+
+    def put(part: Path) -> None:
+        with part.open("wb") as file:
+            file.write(content)
+            file.flush()
+            if mode is not None:
+                os.fchmod(file.fileno(), mode)
+            os.fsync(file.fileno())
+
+    placed = _place(target, put, _link if keep else os.replace)
+    with contextlib.suppress(OSError):  # some file systems cannot sync folders, which makes names durable
+        handle = os.open(target.parent, os.O_RDONLY)
+        try:
+            os.fsync(handle)
+        finally:
+            os.close(handle)
+    return placed is not False
+
+
+def _place(target: Path, write_to: Callable[[Path], object], place: Callable[[Path, Path], Any]) -> Any:
+    """Write a part beside the target and let `place` give it its name."""
+    try:
+        with parts.beside(target) as part:
+            write_to(part)
+            return place(part, target)
+    except (OSError, RuntimeError) as error:  # netCDF4 raises a RuntimeError if the disk is full
+        raise NotWrittenError(f"{target} cannot be written: {_reason(error)}") from error
+
+
+def _link(part: Path, target: Path) -> bool:
+    """Give a file its final name, unless a file of this name exists."""
+    try:
+        os.link(part, target)
+    except FileExistsError:
+        return False
+    except OSError:  # there are no hard links here; both writers would write the same bytes
+        if target.exists():
+            return False
+        os.replace(part, target)
+    return True
 
 
 @contextlib.contextmanager

@@ -64,9 +64,9 @@ def terminal(head: Sequence[str], rows: Iterable[Sequence[str] | str], numbers: 
 def write(target: Path, columns: Mapping[str, Iterable], about: Mapping[str, str]) -> None:
     """Write columns as a file of comma-separated values, in a form that all readers understand alike.
 
-    Lines that begin with # describe the origin of the data; the first row below them has the names of the columns. All
-    lines end in LF. Numbers have all their digits; NaN is NaN, infinity is inf or -inf, and a cell is empty if a row has
-    no value. Only texts with a comma, a quote or a line end are quoted.
+    Lines that begin with # describe the origin of the data; the first row below them names the columns. All lines end
+    in LF. Numbers have all their digits; NaN is NaN, infinity is inf or -inf, and a cell is empty if a row has no value.
+    Only texts with a comma, a quote or a line end are quoted.
     """
     cells = [[_cell(x) for x in (x.tolist() if isinstance(x, np.ndarray) else x)] for x in columns.values()]
 

@@ -23,7 +23,7 @@ from ...batch.folder import RunFolder
 from ...batch.pieces import UNIT, Piece
 from ...batch.shard_file import Shard
 from ...errors import SceneError
-from ...native import durable, files
+from ...native import files
 from ...run import provenance
 from ...schemes import Scheme
 from ..coupled import Draw
@@ -162,7 +162,7 @@ class InFolder:
         """Write the answer as answer.json."""
         content = {key: getattr(answer, key) for key in _ANSWERED} | {"made": provenance.made()}
         text = files.json_text(content, digits=None, indent=1)
-        durable.write(self.folder.path / "answer.json", text.encode(), keep=False)
+        files.write_durably(self.folder.path / "answer.json", text.encode(), keep=False)
 
 
 _PLANNED = tuple(x.name for x in fields(Plan) if x.name != "trial")

@@ -19,7 +19,7 @@ import tempfile
 from pathlib import Path
 
 from ...errors import NotWrittenError, SlowFormulaWarning
-from ...native import checks, durable
+from ...native import checks, files
 
 try:
     import fcntl
@@ -100,7 +100,7 @@ def keep(target: Path, content: bytes, source: str) -> None:
     """Write a library with its checksum, and its source, each completely or not at all."""
     told = f"{hashlib.sha256(content).hexdigest()}  {target.name}\n"
     for suffix, what in ((".c", source.encode()), (".sha256", told.encode()), (".so", content)):
-        durable.write(target.with_suffix(suffix), what, keep=False, mode=0o600)
+        files.write_durably(target.with_suffix(suffix), what, keep=False, mode=0o600)
 
 
 def load(target: Path) -> ctypes.CDLL | None:
