@@ -5,7 +5,6 @@ from __future__ import annotations
 
 import json
 import math
-import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, TypedDict
@@ -13,7 +12,7 @@ from typing import Any, TypedDict
 import numpy as np
 
 from .. import diagnose
-from ..errors import OF_RUNS, IncompatibleError, InvalidArgumentError, MissingOperationError, SymsdeError
+from ..errors import IncompatibleError, InvalidArgumentError, MissingOperationError, SymsdeError
 from ..model.commutator import commutator
 from ..model.definition import Model
 from ..native import checks
@@ -87,9 +86,7 @@ class Plan:
         """Integrate to the horizon: on the shared paths, or with increments of its own step."""
         refine = halvings(self.draws, steps) if shared else 0
         options = {"refine": refine, **self.options, **more}
-        with warnings.catch_warnings():
-            for said in OF_RUNS:  # failed paths are counted and shown instead
-                warnings.simplefilter("ignore", said)
+        with checks.unwarned():  # failed paths are counted and shown instead
             return simulate(
                 self.model, q0=self.q0, p0=self.p0, scheme=scheme, step=self.horizon / steps, steps=steps,
                 save_every=steps, paths=self.paths if paths is None else paths, **options,

@@ -12,12 +12,11 @@ from __future__ import annotations
 
 import functools
 import math
-import warnings
 
 import numpy as np
 
-from ..errors import OF_RUNS
 from ..models import linear_oscillator
+from ..native import checks
 from ..run.simulate import simulate
 
 #: values of omega h to test; they are dense, since narrow windows of instability may lie between stable ones
@@ -28,9 +27,7 @@ ROUNDING = 1e-9  #: rounding error of determinants and traces
 def step_matrix(scheme: str, omega_h: float) -> np.ndarray:
     """The matrix M (2, 2) of a step."""
     start = {"q0": np.array([[1.0, 0.0]]), "p0": np.array([[0.0, 1.0]]), "paths": 2}
-    with warnings.catch_warnings():
-        for said in OF_RUNS:
-            warnings.simplefilter("ignore", said)
+    with checks.unwarned():
         run = simulate(linear_oscillator(sigma=0.0), scheme=scheme, step=omega_h, steps=1, **start)
     return np.concatenate([run.q[-1], run.p[-1]])
 

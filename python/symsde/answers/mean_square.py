@@ -14,12 +14,11 @@ from __future__ import annotations
 
 import itertools
 import math
-import warnings
 from dataclasses import dataclass
 
 import numpy as np
 
-from ..errors import OF_RUNS, IncompatibleError, TooLargeError
+from ..errors import IncompatibleError, TooLargeError
 from ..model.definition import Model, require_model, require_unforced
 from ..native import checks
 from ..run.simulate import simulate
@@ -173,9 +172,7 @@ def _maps(model: Model, scheme: Scheme, step: float, t: float, rows: np.ndarray)
     points = np.concatenate([np.zeros((size, 1)), np.eye(size)], axis=1)  # the origin, then the unit vectors
     z = np.tile(points, ways)
     given = {"increments": np.repeat(rows, size + 1, axis=2), "refine": 2} if model.nnoise else {}
-    with np.errstate(all="ignore"), warnings.catch_warnings():
-        for said in OF_RUNS:
-            warnings.simplefilter("ignore", said)
+    with np.errstate(all="ignore"), checks.unwarned():
         run = simulate(model, q0=z[: model.ndof], p0=z[model.ndof :], scheme=scheme, step=step, steps=1, t0=t,
                        paths=z.shape[1], **given)  # fmt: skip
     ends = np.concatenate([run.q[-1], run.p[-1]])

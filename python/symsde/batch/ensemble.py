@@ -9,17 +9,15 @@ import hashlib
 import json
 import os
 import time
-import warnings
 from collections.abc import Iterator
 from concurrent.futures import Executor
 from typing import Any, Unpack
 
 import numpy as np
 
-from ..errors import OF_RUNS, DoubtfulRunWarning, NotANumberWarning, PathsFailedWarning, SymsdeError, WrongTypeError
+from ..errors import DoubtfulRunWarning, NotANumberWarning, PathsFailedWarning, SymsdeError, WrongTypeError
 from ..model.definition import Model
-from ..native import abi, checks, files
-from ..native.handles import status_text
+from ..native import checks, files
 from ..native.progress import Progress, told_by
 from ..native.signals import carry
 from ..run.moments import Moments
@@ -139,23 +137,26 @@ def ensemble(
     work = MomentsInWork(task, size)
     memory = _Memory(work)
     begin = time.monotonic()
+
+    def merged(missing: int) -> Moments:
+        """Moments of the finished shards, with the number of missing paths."""
+        return work.result(time.monotonic() - begin, missing=missing)
+
     try:
-        with warnings.catch_warnings(), _kept(out, task, setup, size, pieces) as folder:
-            for said in OF_RUNS:  # warnings are given once, by this process
-                warnings.simplefilter("ignore", said)
+        with _kept(out, task, setup, size, pieces) as folder, checks.unwarned():  # warnings follow, once
             memory.folder = folder
             found = [piece for piece in pieces if memory.is_done(piece)]
             show = Show(sum(piece.work for piece in pieces), sum(piece.work for piece in found), tell)
             done = dispatch(task, pieces, Context(memory, Stop(), show), executor)
     except BaseException as stop:
-        carry(stop, lambda: _found(work, setup.paths - memory.paths, begin) if memory.paths else None)
+        carry(stop, lambda: merged(setup.paths - memory.paths) if memory.paths else None)
         raise
     finally:
         if bar:
             bar.close()
     if not memory.paths:
         raise SymsdeError("the ensemble was stopped before any of its shards was done: there are no moments")
-    found = _found(work, 0 if done else setup.paths - memory.paths, begin)
+    found = merged(0 if done else setup.paths - memory.paths)
     if found.report.failed:
         checks.warn(
             f"{checks.counted(found.report.failed, 'path')} failed: they are left out of moments; see failed "
@@ -200,16 +201,6 @@ def _kept(
 def _hash(array: np.ndarray) -> str:
     """The shape of an array, and a hash of its numbers."""
     return f"{array.shape} {hashlib.sha256(np.ascontiguousarray(array, '<f8').tobytes()).hexdigest()[:16]}"
-
-
-def _found(work: MomentsInWork, missing: int, begin: float) -> Moments:
-    """Moments of the finished shards, with the number of missing paths."""
-    found = work.result(time.monotonic() - begin)
-    if missing:
-        found.report = dataclasses.replace(
-            found.report, stopped=missing, status=abi.STOPPED, outcome=status_text(abi.STOPPED)
-        )
-    return found
 
 
 def _extent(setup) -> Extent:

@@ -7,15 +7,14 @@ from __future__ import annotations
 import math
 import threading
 import time
-import warnings
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any, Protocol
 
 import numpy as np
 
-from ..errors import OF_RUNS
 from ..model.definition import Model
+from ..native import checks
 from ..run.moments import Moments, moments
 from ..run.observers import requests
 from ..run.observers.observables import Observable
@@ -81,9 +80,7 @@ def compute(
     `stopped` among the facts. There is no warning about failed paths: the shard counts them, and the merging process
     warns."""
     if threading.current_thread() is threading.main_thread():  # warning filters are global to the process
-        with warnings.catch_warnings():
-            for said in OF_RUNS:
-                warnings.simplefilter("ignore", said)
+        with checks.unwarned():
             return _compute(task, piece, threads, tell, checkpoint)
     return _compute(task, piece, threads, tell, checkpoint)
 

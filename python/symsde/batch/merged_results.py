@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any
 
@@ -56,8 +57,8 @@ class MomentsInWork:
     def _merge_kept(self, name: str, left: PartialStatistics, right: PartialStatistics) -> None:
         merge(self._found.scope, self._task.observers[name], left, right)
 
-    def result(self, seconds: float = 0.0, threads: int = 1) -> Moments:
-        """Moments of all paths received so far, with the same bits as one run over these paths."""
+    def result(self, seconds: float = 0.0, threads: int = 1, missing: int = 0) -> Moments:
+        """Moments of all paths received so far, with the bits of one run over these; missing paths count as stopped."""
         found = self._found
         root = self._tree.root()
         found.t[...] = self._t
@@ -67,6 +68,9 @@ class MomentsInWork:
         failed = failed[:, np.argsort(failed[0], kind="stable")][:, : abi.MAX_FAILED_LISTED]
         found.failed, found.failed_status, found.failed_step = failed
         found.report = merged_report((facts for _, facts in sorted(self._reports, key=first_of)), seconds, threads)
+        if missing:
+            told = {"stopped": missing, "status": abi.STOPPED, "outcome": status_text(abi.STOPPED)}
+            found.report = dataclasses.replace(found.report, **told)
         return found
 
 

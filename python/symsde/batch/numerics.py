@@ -4,12 +4,11 @@
 from __future__ import annotations
 
 import contextlib
-import warnings
 from collections.abc import Iterable
 from typing import Any
 
-from ..errors import OF_RUNS
 from ..model.definition import Model
+from ..native import checks
 from ..native.build import build_info
 from ..run.simulate import simulate
 from ..schemes import Scheme
@@ -32,8 +31,6 @@ def _lapack_of(model: Model, scheme: Scheme, start: Start, options: dict[str, An
     """The LAPACK in the report of one step of one path. If the step fails, no LAPACK is named: the run reports
     the error."""
     one = {"q0": start.q[:, 0], "p0": start.p[:, 0], "t0": start.t, "paths": 1, "steps": 1, "threads": 1}
-    with contextlib.suppress(Exception), warnings.catch_warnings():
-        for said in OF_RUNS:
-            warnings.simplefilter("ignore", said)
+    with contextlib.suppress(Exception), checks.unwarned():
         return simulate(model, scheme=scheme, **{**options, **one}).report.lapack
     return ""

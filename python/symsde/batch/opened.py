@@ -3,16 +3,14 @@
 
 from __future__ import annotations
 
-import dataclasses
 import functools
 import os
 from pathlib import Path
 from typing import Any
 
 from ..errors import SceneError
-from ..native import abi, files
+from ..native import files
 from ..native.checks import counted
-from ..native.handles import status_text
 from ..run.loaded import LoadedMoments, LoadedRun, load_file
 from ..run.moments import Moments
 from ..run.simulate import Run
@@ -59,13 +57,10 @@ class OpenRun:
         there = self._there("moments")
         if not there:
             return None
-        found = merged_results.moments_of(self._batch.task, self._batch.size, there, self._folder.read)
         missing = sum(piece.paths for piece in self._batch.of_kind("moments")) - sum(piece.paths for piece in there)
+        batch = self._batch
+        found = merged_results.moments_of(batch.task, batch.size, there, self._folder.read, missing=missing)
         found.scene = self.scene.text
-        if missing:
-            found.report = dataclasses.replace(
-                found.report, stopped=missing, status=abi.STOPPED, outcome=status_text(abi.STOPPED)
-            )
         return found
 
     @functools.cached_property

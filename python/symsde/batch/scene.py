@@ -8,6 +8,7 @@ import inspect
 import os
 import re
 import sys
+from collections.abc import Iterable
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -254,9 +255,11 @@ def _paths(file: str, given: object, run: dict[str, Any]) -> list[int] | range:
     return sorted(set(given))
 
 
-def require_schemes_alone(file: str | os.PathLike, table: str, run: dict[str, Any], has_horizon: bool) -> None:
-    """Refuse keys of [run] that a table with several schemes, forward in time, would silently ignore."""
-    if run["step"] < 0 and not has_horizon:
+def for_schemes(chosen: Scene, table: str, options: Iterable[str], horizon: float | None = None) -> dict[str, Any]:
+    """States, options and horizon of [run] for a table or verb with several schemes, forward in time. Keys of [run]
+    that it would silently ignore are refused."""
+    run, file = chosen.run, chosen.file
+    if run["step"] < 0 and horizon is None:
         raise SceneError(
             f"{file}: [{table}]: [run] goes backward in time, errors and means are taken forward: give horizon in "
             f"[{table}], a time above 0, counted from t0"
@@ -267,6 +270,8 @@ def require_schemes_alone(file: str | os.PathLike, table: str, run: dict[str, An
                 f"{file}: [{table}]: {key} = {run[key]} of [run] would have no effect, since [{table}] solves every "
                 "scheme to rounding: leave it out"
             )
+    wanted = abs(run["step"]) * run["steps"] if horizon is None else horizon
+    return {"horizon": wanted, **{key: run[key] for key in (*options, "q0", "p0") if key in run}}
 
 
 def template(name: str) -> str:

@@ -13,6 +13,7 @@ from ..batch import scene
 from ..errors import SceneError, SymsdeError
 
 HELP = "Find the scheme and the step that keep a tolerance at the lowest cost on a scene."
+_OPTIONS = (*OPTIONS, "seed")  #: keys of [run] that are passed on
 
 
 def arguments(parser: argparse.ArgumentParser) -> None:
@@ -28,7 +29,7 @@ def arguments(parser: argparse.ArgumentParser) -> None:
 def run(options: argparse.Namespace) -> int:
     """Execute the verb and return the exit code."""
     chosen = scene.load(options.scene)
-    asked = question(chosen, "advise", options.horizon)
+    asked = scene.for_schemes(chosen, "advise", _OPTIONS, options.horizon)
     progress = sys.stderr.isatty() and not options.quiet
     try:
         print(advise(chosen.model, tolerance=options.tolerance, want=options.want, progress=progress, **asked))
@@ -37,17 +38,9 @@ def run(options: argparse.Namespace) -> int:
     return 0
 
 
-def question(chosen: scene.Scene, verb: str, horizon: float | None = None) -> dict:
-    """Initial state, horizon, seed and options of a scene, as arguments of `advise` and similar functions."""
-    run_of = chosen.run
-    scene.require_schemes_alone(chosen.file, verb, run_of, horizon is not None)
-    wanted = abs(run_of["step"]) * run_of["steps"] if horizon is None else horizon
-    return {"horizon": wanted, **{key: run_of[key] for key in (*OPTIONS, "q0", "p0", "seed") if key in run_of}}
-
-
 def problem_of(chosen: scene.Scene, verb: str) -> Problem:
     """The scene as a checked problem without requested results."""
     try:
-        return make_problem(chosen.model, lambda q, _p: 0.0 * q[0], **question(chosen, verb))
+        return make_problem(chosen.model, lambda q, _p: 0.0 * q[0], **scene.for_schemes(chosen, verb, _OPTIONS))
     except SymsdeError as error:
         raise SceneError(f"{chosen.file}: {error}") from error

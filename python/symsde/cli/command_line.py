@@ -9,15 +9,14 @@ import importlib.util
 import signal
 import sys
 import threading
-import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import NoReturn
 
 from .. import models, schemes
 from ..batch import scene
-from ..errors import OF_RUNS, NotWrittenError, SymsdeError, shortened
-from ..native import cpu, files, library
+from ..errors import NotWrittenError, SymsdeError, shortened
+from ..native import checks, cpu, files, library
 from ..native.build import build_info
 from ..show import tables
 from ..studies import catalogue
@@ -43,9 +42,7 @@ _EPILOG = (
 def main(arguments: list[str] | None = None) -> int:
     """Run the command line and return the exit code."""
     try:
-        with warnings.catch_warnings(), _terminated_as_interrupted(), patient_output():
-            for said in OF_RUNS:  # failures show in the exit code and in a line
-                warnings.simplefilter("ignore", said)
+        with checks.unwarned(), _terminated_as_interrupted(), patient_output():  # failures: an exit code and a line
             parser = _parser()
             options = parser.parse_args(arguments)
             if "verb" not in options:

@@ -86,11 +86,7 @@ def _asked(file: str, given: dict[str, Any]) -> tuple[Model, list[str], dict[str
     chosen = scene.load(file)
     if "f" not in chosen.expect:
         raise SceneError(f'{file}: [expect] lacks f, a formula such as "q**2", or a list of formulas')
-    run_of = chosen.run
-    scene.require_schemes_alone(file, "expect", run_of, "horizon" in chosen.expect)
-    known = {"horizon": abs(run_of["step"]) * run_of["steps"]}
-    known |= {key: run_of[key] for key in (*OPTIONS, "q0", "p0", "seed") if key in run_of}
-    known |= chosen.expect
+    known = scene.for_schemes(chosen, "expect", (*OPTIONS, "seed"), chosen.expect.get("horizon")) | chosen.expect
     if "abs" in given or "rel" in given:
         known.pop("abs", None), known.pop("rel", None)
     known |= {key: value for key, value in given.items() if value is not None}

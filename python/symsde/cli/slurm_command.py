@@ -54,7 +54,7 @@ def run(options: argparse.Namespace) -> int:
     with files.folder(out) as folder:
         for name, text in texts.items():
             if name != ENVIRONMENT or not (folder / name).exists():  # which may hold lines of the user's
-                _write(folder / name, text)
+                files.replace_text(folder / name, text)
     print(f"{counted(parts, 'part')} of at least {size} paths a shard; written to {out}: {', '.join(texts)}")
     print(f"look through {ENVIRONMENT}, then `sh {shlex.quote(f'{out}/{SUBMIT}')}`; the results come to {out}/whole")
     return 0
@@ -110,12 +110,3 @@ def _environment() -> str:
             lines.append(f"export {name}={shlex.quote(value)}")
     lines.append('export SYMSDE_NUM_THREADS="${SLURM_CPUS_PER_TASK:-1}"')
     return "\n".join([*lines, ""])
-
-
-def _write(path: Path, text: str) -> None:
-    """Write one script, replacing an older one."""
-
-    def write(part: Path) -> None:
-        part.write_text(text, encoding="utf-8")
-
-    files.replace(path, write)

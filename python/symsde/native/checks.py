@@ -155,7 +155,7 @@ def warn(text: str, kind: type[Warning]) -> None:
 
 @contextlib.contextmanager
 def unwarned() -> Iterator[None]:
-    """Context in which runs do not warn: their caller counts, judges or shows what they would warn of."""
+    """Suppress the warnings of runs, whose failures the caller counts, judges or shows."""
     with warnings.catch_warnings():
         for kind in OF_RUNS:
             warnings.simplefilter("ignore", kind)

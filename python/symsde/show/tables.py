@@ -65,8 +65,8 @@ def write(target: Path, columns: Mapping[str, Iterable], about: Mapping[str, str
     """Write columns as a file of comma-separated values, in a form that all readers understand alike.
 
     Lines that begin with # describe the origin of the data; the first row below them names the columns. All lines end
-    in LF. Numbers have all their digits; NaN is NaN, infinity is inf or -inf, and a cell is empty if a row has no value.
-    Only texts with a comma, a quote or a line end are quoted.
+    in LF. Numbers have all their digits; NaN is NaN, infinity is inf or -inf, and a cell without a value is empty. Only
+    texts with a comma, a quote or a line end are quoted.
     """
     cells = [[_cell(x) for x in (x.tolist() if isinstance(x, np.ndarray) else x)] for x in columns.values()]
 

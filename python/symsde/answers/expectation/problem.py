@@ -6,14 +6,13 @@ from __future__ import annotations
 import dataclasses
 import math
 import time
-import warnings
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 
-from ...errors import OF_RUNS, InvalidArgumentError, WrongShapeError, WrongTypeError
+from ...errors import InvalidArgumentError, WrongShapeError, WrongTypeError
 from ...model.definition import Model, require_model
 from ...model.formulas.formula_observables import FormulaObservables
 from ...native import checks
@@ -94,9 +93,7 @@ class Problem:
 
     def _simulate(self, scheme: str | Scheme, **options: Any) -> Run:
         """Run `simulate` with these options and without warnings: callers count and judge the failures."""
-        with warnings.catch_warnings():
-            for said in OF_RUNS:
-                warnings.simplefilter("ignore", said)
+        with checks.unwarned():
             return simulate(self.model, q0=self.q0, p0=self.p0, scheme=scheme, **options)
 
     def values(self, run: Run) -> tuple[np.ndarray, np.ndarray]:

@@ -3,29 +3,16 @@
 
 from __future__ import annotations
 
-import functools
-import warnings
-
 import numpy as np
 
 import symsde as ss
 
+from ...native import checks
+
 EPS = float(np.finfo(float).eps)
 
 
-def quiet(function):
-    """Decorate a scenario: suppress warnings about failed paths, which the scenario examines."""
-
-    @functools.wraps(function)
-    def called(*arguments, **options):
-        with warnings.catch_warnings():
-            for said in ss.errors.OF_RUNS:
-                warnings.simplefilter("ignore", said)
-            return function(*arguments, **options)
-
-    return called
-
-
+quiet = checks.unwarned()  #: suppresses warnings about failed paths, which scenarios examine
 simulate, moments = quiet(ss.simulate), quiet(ss.moments)
 
 

@@ -29,14 +29,12 @@ def _named(file, function, given: dict):
     chosen = scene.load(file)
     run = chosen.run
     asked = chosen.study | {key: value for key, value in given.items() if value is not None}
-    scene.require_schemes_alone(file, "study", run, "horizon" in asked)
-    arguments = {"schemes": None, "steps": STEPS, "horizon": abs(run["step"]) * run["steps"]}
+    arguments = {"schemes": None, "steps": STEPS, **scene.for_schemes(chosen, "study", OPTIONS, asked.get("horizon"))}
     paths = run.get("paths", 1)
     arguments |= {"paths": paths if has_columns(run["q0"], run["p0"]) else max(1000, paths), "name": Path(file).stem}
     arguments |= {"about": {"scene_text": chosen.text}}
-    arguments |= {key: run[key] for key in (*OPTIONS, "q0", "p0") if key in run} | asked
     try:
-        return function(chosen.model, **arguments)
+        return function(chosen.model, **{**arguments, **asked})
     except NotWrittenError:
         raise
     except SymsdeError as error:
