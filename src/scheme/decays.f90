@@ -62,6 +62,7 @@ contains
       ratio = 0
       do j = 1, size(w, 2)
          s = 0
+         !GCC$ novector  ! as in set_step
          do i = 1, size(c)
             s = s + w(i, j)*exp(-(1 - c(i))*z)
          end do
