@@ -444,6 +444,13 @@ def test_wrong_arguments():
     assert free.forced(lambda q, p, t: -p).forced() is free
 
 
+def test_forces_may_vanish_where_a_run_begins():
+    """F = -p^3/10 and its derivatives are zero at rest: a probe by differences refutes nothing there."""
+    model = ss.model_from_sympy("p**2/2 + q**2/2", noise=["-0.3*q"], force="-0.1*p**3", noise_force=["0.1*p**2"])
+    run = ss.simulate(model, scheme="gauss2", q0=1.0, p0=0.0, step=0.1, steps=3)
+    assert run.report.status == 0
+
+
 def test_no_force_is_the_model_itself():
     """Forces of zero change no bit of a general step, and taking them back gives the model."""
     model = ss.models.kubo()

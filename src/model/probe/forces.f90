@@ -106,22 +106,26 @@ contains
                  'that it does', error)
    end subroutine compare_momenta
 
-   !> Refuse if a component differs from what it should be, against the size of all components of both and of a third
-   !> vector.
+   !> Refuse if a component differs from what it should be. The scale is the largest size at the points: a force may
+   !> vanish at one of them with its derivatives, where differences leave a rest.
    subroutine judge(points, is, should, beside, what, error, within)
       type(probe_points), intent(in) :: points
       real(wp), intent(in), dimension(nlane, points%ndof) :: is, should, beside
       character(*), intent(in) :: what
       type(error_type), allocatable, intent(inout) :: error
       real(wp), intent(in), optional :: within
-      real(wp) :: relative, scale
+      real(wp) :: relative, scale, size_of
       integer :: lane, i
 
       if (allocated(error)) return
       relative = vanishing
       if (present(within)) relative = within
+      scale = 0
       do lane = 1, npoint
-         scale = maxval(abs(should(lane, :))) + maxval(abs(beside(lane, :))) + 0*sum(is(lane, :))
+         size_of = maxval(abs(should(lane, :))) + maxval(abs(beside(lane, :))) + 0*sum(is(lane, :))
+         if (size_of <= huge(size_of)) scale = max(scale, size_of)  ! not NaN
+      end do
+      do lane = 1, npoint
          do i = 1, points%ndof
             if (.not. abs(is(lane, i) - should(lane, i)) > relative*scale) cycle
             call raise(error, false_trait, 'probe_model', "the force on model '"//points%model%name//"' "//what// &
