@@ -16,6 +16,8 @@
 !>    kick_drift_kick_map              kicks at the ends of a step
 !>    two_kicks_map                    kicks at both nodes of Gauss, drifts around and between them
 !>    two_kicks_rotation_map           the same, with rotations by (p.p + q.q)/2 in the place of drifts
+!>
+!> Of a damped model momenta decay as base/record says of these maps.
 module symsde_base_maps
    use symsde_base_text, only: name_length
    implicit none
@@ -37,16 +39,17 @@ module symsde_base_maps
    type :: step_map
       integer :: equation = other_map
       logical :: corrected = .false.              !! corrected Euler pair: with +-F_p.F_q/2 added, F = sum_k dW_k H_k
+      logical :: damped = .false.                 !! by one rate
       character(len=2*name_length) :: label = ''  !! name in messages; distinguishes maps with other equations
    end type step_map
 
 contains
 
-   !> Whether two maps have the same label and correction.
+   !> Whether two maps have the same label, correction and damping.
    pure logical function same_map(a, b)
       type(step_map), intent(in) :: a, b
 
-      same_map = a%label == b%label .and. (a%corrected .eqv. b%corrected)
+      same_map = a%label == b%label .and. (a%corrected .eqv. b%corrected) .and. (a%damped .eqv. b%damped)
    end function same_map
 
 end module symsde_base_maps

@@ -8,7 +8,7 @@ module symsde_base_record
    use symsde_base_kinds, only: wp, i8
    implicit none
    private
-   public :: step_record, steps_record, step_store, step_request, new_step_store, describe_step_store
+   public :: step_record, steps_record, step_decays, step_store, step_request, new_step_store, describe_step_store
 
    !> The values of one functional in one step, and in all steps of a store.
    type :: functional_values
@@ -32,6 +32,17 @@ module symsde_base_record
       real(wp), pointer, contiguous :: x(:, :, :) => null()  !! (nlane, functional_count, nstep)
    end type functional_run
 
+   !> What damping by one rate makes of whole steps, with z = gamma h. Of a map of one stage momenta are multiplied
+   !> before the step of the closed system and after it, in two multiplications, as if each step were taken alone; of
+   !> verlet_map they are multiplied by exp(-z) between the stages, and its drift by p is one by (1 + exp(-z))/2 p, or
+   !> the kick of the swapped map one by this part of the force. Between kicks a drift over tau moves q by
+   !> p (1 - exp(-gamma tau))/gamma and multiplies p by exp(-gamma tau).
+   type :: step_decays
+      real(wp) :: z = 0
+      real(wp) :: before = 0, after = 0          !! exp(-c z) - 1 and exp(-(1 - c) z) - 1, c being the node of the stage
+      real(wp) :: beta(2) = 0, gamma(2) = 0      !! of two kicks: parts of dW_k and of dZ_k/h - dW_k/2
+   end type step_decays
+
    !> Several consecutive steps, for a model that computes them itself. The model returns the states after every
    !> `every`-th step. The record is valid as long as the arrays that it points to.
    type :: steps_record
@@ -46,6 +57,7 @@ module symsde_base_record
       integer(i8) :: first = 0                               !! absolute number of the first step
       real(wp) :: h = 0                                      !! each step, with its sign [time]
       integer :: max_iter = 0                                !! bound of a solver's iterations in a step
+      type(step_decays) :: decays                            !! for maps of damped models
       real(wp), pointer, contiguous :: w(:, :, :) => null()  !! h, dW_1 .. dW_m (nlane, 0:nnoise, nstep)
       type(functional_run) :: of(nfunctional) = functional_run()  !! of(path_dz)%x, ..; null unless asked for
    contains

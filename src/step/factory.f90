@@ -213,7 +213,11 @@ contains
       task%model => model
       task%nlane = nlane
       if (task%damping%acts() .and. .not. task%general) then
-         if (damped_fits(task)) then
+         if (flow_is_damped(task)) then
+            allocate (model_flow_stepper :: stepper)
+            call stepper%make(task)
+            return
+         else if (damped_fits(task)) then
             call make_damped(stepper, task, error)
             return
          else if (explicit_fits(task)) then
@@ -238,6 +242,15 @@ contains
                  'compare with; leave the option out')
    end subroutine make_stepper
 
+   !> Whether the model takes whole steps that decay by themselves.
+   pure logical function flow_is_damped(task)
+      type(stepper_task), intent(in) :: task
+
+      flow_is_damped = allocated(task%flow)
+      if (flow_is_damped) flow_is_damped = task%flow%damped
+   end function flow_is_damped
+
+   !> A stepper of the closed system between decays of the momenta.
    !> Make a stepper of the closed system between decays of the momenta.
    recursive subroutine make_damped(stepper, task, error)
       class(stepper_type), allocatable, intent(out) :: stepper

@@ -99,6 +99,48 @@ def test_implicit_stages_agree_with_the_oracle(scheme):
             np.testing.assert_array_equal(fast.p[..., 7], alone.p[..., 0])
 
 
+#: built-in models with noise in q, in p, in both, and of quadratic strength
+WHOLE = (
+    ss.models.kubo(),
+    ss.models.linear_oscillator(),
+    ss.models.additive_oscillator(),
+    ss.models.noncommutative_oscillator(),
+    SYNCHROTRON,
+    ss.models.pendulum(sigma=0.3),
+    ss.models.henon_heiles(),
+)
+
+
+@pytest.mark.parametrize(
+    "scheme",
+    ["midpoint", "symplectic_euler", "symplectic_euler_adjoint", "stormer_verlet", "lobatto2_swapped", "gauss_dkdkd",
+     "verlet_kdk"],
+)  # fmt: skip
+def test_whole_steps_decay(scheme):
+    """Whole steps of built-in models decay as the steppers without them, in blocks, alone, and step by step."""
+    whole = 0
+    for model in WHOLE:
+        kicks = scheme in ("gauss_dkdkd", "verlet_kdk")
+        if kicks and not model.traits.position_noise:
+            continue
+        for rate, step in ((RATE, 0.05), (40.0, 0.2), (-1.0, 0.1), (1e-9, 0.1), (0.7, -0.1)):
+            given = {"q0": 0.2, "p0": -0.1, "step": step, "steps": 12, "scheme": scheme, "seed": 5}
+            damped = model.damped(rate, allow_gain=True)
+            many = ss.simulate(damped, paths=300, save_every=4, **given)
+            other = {"compensated": True} if kicks else {"general": True}  # neither takes whole steps
+            slow = ss.simulate(damped, paths=300, save_every=4, **given, **other)
+            assert "whole" not in slow.report.stepper
+            whole += "whole" in many.report.stepper
+            np.testing.assert_allclose(many.q, slow.q, rtol=0, atol=1e-13)
+            np.testing.assert_allclose(many.p, slow.p, rtol=0, atol=1e-13)
+            for path, every in ((0, 1), (7, 4), (299, 12)):
+                alone = ss.simulate(damped, paths=1, first_path=path, save_every=every, **given)
+                np.testing.assert_array_equal(many.q[-1, :, path], alone.q[-1, :, 0])
+                np.testing.assert_array_equal(many.p[-1, :, path], alone.p[-1, :, 0])
+    least = {"midpoint": 4, "gauss_dkdkd": 1, "verlet_kdk": 1, "stormer_verlet": 7}
+    assert whole >= 5 * least.get(scheme, 5)
+
+
 @pytest.mark.parametrize("scheme", ORDERS)
 def test_strong_orders(scheme):
     """Errors fall with the closed system's order; the reference of kicks is the closed system in P, that of tableaux

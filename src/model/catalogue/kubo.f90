@@ -25,6 +25,7 @@ module symsde_model_catalogue_kubo
    use symsde_model_kernels, only: angle_terms
    use symsde_model_flows_kubo, only: kubo_flow
    use symsde_model_catalogue_oscillator, only: oscillator_model
+   use symsde_model_flows_damped_oscillator, only: damped_oscillator_flow
    use symsde_model_flows_oscillator, only: oscillator_terms, oscillator_flow
    use symsde_model_parameters, only: require_finite, is_zero
    implicit none
@@ -132,7 +133,9 @@ contains
 
       ! The midpoint rule has its own flow, without a division between dependent steps; other maps use the flows of
       ! oscillators.
-      if (map%equation == midpoint_map) then
+      if (map%damped) then
+         call damped_oscillator_flow(self%terms, map, steps, q, p, qn, pn, counters)
+      else if (map%equation == midpoint_map) then
          call kubo_flow(self%a, self%sigma, steps, q, p, qn, pn, counters)
       else
          call oscillator_flow(self%terms, map, steps, q, p, qn, pn, counters)

@@ -11,6 +11,7 @@ module symsde_model_catalogue_oscillator
    use symsde_base_maps, only: step_map
    use symsde_base_record, only: steps_record
    use symsde_model_kernels, only: angle_terms
+   use symsde_model_flows_damped_oscillator, only: damped_oscillator_flow, damped_oscillator_has_flow
    use symsde_model_flows_oscillator, only: oscillator_terms, oscillator_flow, oscillator_has_flow
    use symsde_model_separable, only: separable_model
    implicit none
@@ -33,7 +34,11 @@ contains
       class(oscillator_model), intent(in) :: self
       type(step_map), intent(in) :: map
 
-      has_flow = oscillator_has_flow(self%terms, map)
+      if (map%damped) then
+         has_flow = damped_oscillator_has_flow(self%terms, map)
+      else
+         has_flow = oscillator_has_flow(self%terms, map)
+      end if
    end function has_flow
 
    !> Whole steps, see model_type.
@@ -48,7 +53,11 @@ contains
       integer(i8), intent(inout) :: status(steps%nlane)
       type(counters_type), intent(inout) :: counters
 
-      call oscillator_flow(self%terms, map, steps, q, p, qn, pn, counters)
+      if (map%damped) then
+         call damped_oscillator_flow(self%terms, map, steps, q, p, qn, pn, counters)
+      else
+         call oscillator_flow(self%terms, map, steps, q, p, qn, pn, counters)
+      end if
    end subroutine flow
 
    !> The terms for one path, see model_type; their rate is one.

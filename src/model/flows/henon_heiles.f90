@@ -16,9 +16,13 @@
 !> c_i together reproduce dZ. With Verlet's nodes 0 and 1 that is gamma = (1, -1), with Gauss's (1 -+ 1/sqrt 3)/2 it is
 !> gamma = (sqrt 3, -sqrt 3). Kicks by dW alone have gamma = 0.
 !>
+!> Of a damped model every drift decays, dq = p (1 - exp(-gamma tau))/gamma and p <- exp(-gamma tau) p, and kicks by dZ
+!> have the parts of dW and dZ/h - dW/2 that the exact law of damped free motion wants (base/record).
+!>
 !> A few lanes at a time take all of their steps; a single path does so in registers.
 module symsde_model_flows_henon_heiles
    use symsde_base_counters, only: counters_type
+   use symsde_base_damping, only: decay_less_one
    use symsde_base_functionals, only: path_dz
    use symsde_base_kinds, only: wp
    use symsde_base_maps, only: step_map, euler_map, euler_adjoint_map, verlet_map, verlet_swapped_map, &
@@ -49,7 +53,11 @@ module symsde_model_flows_henon_heiles
       ! system.
       real(wp) :: h = 0
       type(henon_heiles_terms) :: of = henon_heiles_terms()
-      real(wp) :: tau(3) = 0      !! times of the drifts
+      real(wp) :: tau(3) = 0      !! times of the drifts, or (1 - exp(-gamma tau))/gamma
+      real(wp) :: half(2) = 0.5_wp  !! part of dW in a of each kick; less where damping gives the kick more of dW
+      logical :: decays = .false.
+      real(wp) :: loss(3) = 0     !! exp(-gamma tau) - 1, of momenta after the drifts
+      logical :: acts(3) = .false.  !! drifts that do anything
       ! A rotation by the angle tau_i is stored as cos tau_i - 1 and sin tau_i.
       real(wp) :: cosine_less_one(3) = 0, sine(3) = 0
    end type kick_plan
@@ -62,7 +70,7 @@ contains
       type(kick_plan) :: plan
 
       call find_plan(map%equation, plan)
-      has_flow = any(plan%part > 0) .and. .not. map%corrected
+      has_flow = any(plan%part > 0) .and. .not. (map%corrected .or. (map%damped .and. plan%rotates))
    end function henon_heiles_has_flow
 
    !> Find the drifts and kicks of a map; for an unknown map all are zero.
@@ -119,6 +127,8 @@ contains
       ! cos - 1 without cancellation.
       plan%cosine_less_one = -2*sine_of(0.5_wp*plan%tau)**2
       plan%sine = sine_of(plan%tau)
+      if (map%damped) call let_decay(plan, map%equation, steps)
+      plan%acts = plan%drift > 0 .or. abs(plan%loss) > 0
       w => steps%w  ! contiguous, which gfortran 12 does not recognise for a component
       dz => w  ! a placeholder if dZ has no weight, or all noises are silent
       if (any(abs(plan%shape) > 0) .and. associated(steps%of(path_dz)%x)) dz => steps%of(path_dz)%x
@@ -132,6 +142,32 @@ contains
       ! Each kick evaluates one force; padding lanes, past nreal, are not counted.
       counters%gradients = counters%gradients + (plan%nvelocity + count(plan%part > 0))*steps%nstep*steps%nreal
    end subroutine henon_heiles_flow
+
+   !> The decays of a damped model. A kick has beta/part dW + shape a = dW + shape (dZ/h - half dW).
+   pure subroutine let_decay(plan, equation, steps)
+      type(kick_plan), intent(inout) :: plan
+      integer, intent(in) :: equation
+      type(steps_record), intent(in) :: steps
+
+      plan%decays = .true.
+      associate (d => steps%decays)
+         select case (equation)
+         case (euler_map, euler_adjoint_map)
+            plan%loss = [d%before, 0.0_wp, d%after]
+         case (verlet_map)
+            plan%tau(2) = plan%tau(2)*(1 + 0.5_wp*decay_less_one(d%z))
+            plan%loss(2) = decay_less_one(d%z)
+         case (verlet_swapped_map)
+            plan%part(1) = 1 + 0.5_wp*decay_less_one(d%z)
+            plan%loss(1) = decay_less_one(d%z)
+         case default
+            where (plan%drift > 0) plan%tau = -steps%h*decay_less_one(plan%drift*d%z)/d%z
+            plan%loss = decay_less_one(plan%drift*d%z)
+            plan%shape = d%gamma/plan%part
+            plan%half = 0.5_wp - (d%beta/plan%part - 1)/plan%shape
+         end select
+      end associate
+   end subroutine let_decay
 
    !> Take the steps of lane 1 alone: each waits for the step before it, and all numbers stay in registers. w is h,
    !> dW_1, dW_2 and dz is dZ_1, dZ_2 of each step; qn and pn are the requested states.
@@ -158,15 +194,19 @@ contains
                if (plan%rotates) then
                   call rotate(plan%cosine_less_one(i), plan%sine(i), x1, y1)
                   call rotate(plan%cosine_less_one(i), plan%sine(i), x2, y2)
-               else if (plan%drift(i) > 0) then
+               else if (plan%acts(i)) then
                   x1 = x1 + plan%tau(i)*y1
                   x2 = x2 + plan%tau(i)*y2
+                  if (plan%decays) then
+                     y1 = y1 + plan%loss(i)*y1
+                     y2 = y2 + plan%loss(i)*y2
+                  end if
                end if
                ! Two kicks lie between three drifts.
                if (i == 3) cycle
                if (.not. plan%part(i) > 0) cycle
-               u1 = weight(plan%shape(i), rate, w(1, 1, step), dz(1, 1, step))
-               u2 = weight(plan%shape(i), rate, w(1, 2, step), dz(1, 2, step))
+               u1 = weight(plan%shape(i), plan%half(i), rate, w(1, 1, step), dz(1, 1, step))
+               u2 = weight(plan%shape(i), plan%half(i), rate, w(1, 2, step), dz(1, 2, step))
                call kick(plan, plan%part(i), u1, u2, x1, x2, y1, y2)
             end do
          end do
@@ -191,7 +231,7 @@ contains
       logical :: plain  ! two kicks by dW, and one drift between them
 
       ! Only the plan of Stormer-Verlet is plain: it needs no dZ, and so only dW of several steps at once.
-      plain = all(plan%part > 0) .and. .not. (any(plan%drift([1, 3]) > 0) .or. any(abs(plan%shape) > 0))
+      plain = all(plan%part > 0) .and. .not. (any(plan%acts([1, 3])) .or. any(abs(plan%shape) > 0))
       n = min(tile, steps%nlane - first + 1)
       associate (last => first + n - 1, every => steps%every)
          x(:n, :) = q(first:last, :)
@@ -207,7 +247,7 @@ contains
             ! If the plan is plain no step is left for this loop; otherwise the loop takes all steps.
             do step = step + 1, out*every
                do i = 1, 3
-                  if (plan%drift(i) > 0) call drift_lanes(i, plan, n, x, y)
+                  if (plan%acts(i)) call drift_lanes(i, plan, n, x, y)
                   if (i == 3) cycle
                   if (plan%part(i) > 0) &
                      call kick_lanes(i, plan, steps%nlane, n, w(first, 1, step), dz(first, 1, step), x, y)
@@ -258,6 +298,11 @@ contains
             do lane = 1, n
                call rotate(plan%cosine_less_one(i), plan%sine(i), x(lane, k), y(lane, k))
             end do
+         else if (plan%decays) then
+            do lane = 1, n
+               x(lane, k) = x(lane, k) + plan%tau(i)*y(lane, k)
+               y(lane, k) = y(lane, k) + plan%loss(i)*y(lane, k)
+            end do
          else
             do lane = 1, n
                x(lane, k) = x(lane, k) + plan%tau(i)*y(lane, k)
@@ -272,15 +317,16 @@ contains
       type(kick_plan), intent(in) :: plan
       real(wp), intent(in) :: w(nlane + n), dz(nlane + n), x(tile, 2)
       real(wp), intent(inout) :: y(tile, 2)
-      real(wp) :: shape, rate
+      real(wp) :: shape, half, rate
       integer :: lane
 
       ! w holds dW_1 of all nlane lanes, then dW_2; this tile begins at its first element. The same holds for dz.
       shape = plan%shape(i)
+      half = plan%half(i)
       rate = 1/plan%h
       do lane = 1, n
-         call kick(plan, plan%part(i), weight(shape, rate, w(lane), dz(lane)), &
-                   weight(shape, rate, w(nlane + lane), dz(nlane + lane)), x(lane, 1), x(lane, 2), y(lane, 1), &
+         call kick(plan, plan%part(i), weight(shape, half, rate, w(lane), dz(lane)), &
+                   weight(shape, half, rate, w(nlane + lane), dz(nlane + lane)), x(lane, 1), x(lane, 2), y(lane, 1), &
                    y(lane, 2))
       end do
    end subroutine kick_lanes
@@ -288,10 +334,10 @@ contains
    !> The weight W_k of a kick divided by its part: dW + (gamma/b) (dZ/h - dW/2). In a sum of two products the compiler
    !> may contract either one; parentheses around the second product allow only the first to be contracted, here and
    !> below, so that a single path has the same bits as in a block.
-   pure real(wp) function weight(shape, rate, w, dz)
-      real(wp), intent(in) :: shape, rate, w, dz
+   pure real(wp) function weight(shape, half, rate, w, dz)
+      real(wp), intent(in) :: shape, half, rate, w, dz
 
-      weight = w + shape*(rate*dz - (0.5_wp*w))
+      weight = w + shape*(rate*dz - (half*w))
    end function weight
 
    !> One step of two kicks with a drift between them, of one lane: Stormer-Verlet, whose kicks each have half of h and
@@ -304,6 +350,9 @@ contains
       call kick(plan, plan%part(1), w1, w2, x1, x2, y1, y2)
       x1 = x1 + plan%tau(2)*y1
       x2 = x2 + plan%tau(2)*y2
+      ! Of a closed system nothing is lost.
+      y1 = y1 + plan%loss(2)*y1
+      y2 = y2 + plan%loss(2)*y2
       call kick(plan, plan%part(2), w1, w2, x1, x2, y1, y2)
    end subroutine kick_drift_kick
 

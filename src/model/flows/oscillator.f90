@@ -32,7 +32,7 @@ module symsde_model_flows_oscillator
    use symsde_base_record, only: steps_record
    implicit none
    private
-   public :: oscillator_terms, oscillator_flow, oscillator_has_flow
+   public :: oscillator_terms, oscillator_flow, oscillator_has_flow, count_oscillator_steps
 
    !> An oscillator: its angular velocity r, the strengths A, B, C, E of its noises, and the number of the noise for
    !> each strength: 0 if the strength is zero. With H = r (p^2 + q^2)/2, the noises are A q^2/2, B q, C p^2/2 and E p;
@@ -116,7 +116,7 @@ contains
       type(counters_type), intent(inout) :: counters
       real(wp), contiguous, pointer :: w(:, :, :)
       logical :: additive
-      integer :: which, n
+      integer :: which
 
       w => steps%w  ! contiguous, which gfortran 12 does not recognise for a component
       ! If brackets vanish, so does their part in the equation.
@@ -153,16 +153,23 @@ contains
             call lobatto_steps(quotients(which), t, steps, h, w, q, p, qn, pn)
          end select
       end associate
-      n = steps%nstep*steps%nreal
-      ! Implicit maps are counted like implicit steppers, one solve in one iteration; all others by the gradients of a
-      ! step: a force and a velocity, and for Stormer-Verlet two forces.
-      if (which >= midpoint_map .or. map%corrected) then
+      call count_oscillator_steps(map, steps%nstep*steps%nreal, counters)
+   end subroutine oscillator_flow
+
+   !> Count n steps. Implicit maps are counted like implicit steppers, one solve in one iteration; all others by the
+   !> gradients of a step: a force and a velocity, and for Stormer-Verlet two forces.
+   pure subroutine count_oscillator_steps(map, n, counters)
+      type(step_map), intent(in) :: map
+      integer, intent(in) :: n
+      type(counters_type), intent(inout) :: counters
+
+      if (map%equation >= midpoint_map .or. map%corrected) then
          counters%iterations = counters%iterations + n
          counters%solves = counters%solves + n
       else
-         counters%gradients = counters%gradients + n*merge(3, 2, which >= verlet_map)
+         counters%gradients = counters%gradients + n*merge(3, 2, map%equation >= verlet_map)
       end if
-   end subroutine oscillator_flow
+   end subroutine count_oscillator_steps
 
    !> The oscillator with (q, p) -> (p, -q), on which the adjoint's partner takes its steps, with opposite sign of h.
    pure type(oscillator_terms) function turned(t)

@@ -9,11 +9,14 @@
 !> The synchrotron is of this kind, with r = omega^2, H_1 = B sin q, H_2 = -A cos q; so is the pendulum, with r = 1 and
 !> one noise H_1 = C q^2/2 + E p^2/2, C = E.
 !>
+!> Of a damped model momenta decay in the drift, and its part by p is shorter (base/record).
+!>
 !> A step is half a kick, a drift and half a kick. The angle after a step is the angle before the next one: sine and
 !> cosine, most of the work, are computed once per step. A single path is lane 1; in blocks a tile of lanes at a time
 !> takes its steps.
 module symsde_model_flows_sine
    use symsde_base_counters, only: counters_type
+   use symsde_base_damping, only: decay_less_one
    use symsde_base_kinds, only: wp
    use symsde_base_record, only: steps_record
    use symsde_base_sincos, only: sincos_lanes, sincos_one, sincos_tile
@@ -32,6 +35,7 @@ module symsde_model_flows_sine
    !> The lanes of a tile: state (x, y), sine and cosine of x, and halves of the weights a, b, c of the step.
    type :: tile_state
       real(wp), dimension(sincos_tile) :: x, y, sine, cosine, a, b, c
+      real(wp) :: reach = 1, loss = 0   !! the part of p that drifts, and what is added to p after it
    end type tile_state
 
 contains
@@ -73,6 +77,8 @@ contains
       integer :: step, out
 
       rate = terms%rate*steps%h
+      s%loss = decay_less_one(steps%decays%z)
+      s%reach = 1 + 0.5_wp*s%loss
       ! Compute the sine and the cosine of the first angle before the steps: each step leaves those of its last angle.
       s%x(:n) = q
       s%y(:n) = p
@@ -95,9 +101,11 @@ contains
       type(steps_record), intent(in) :: steps
       real(wp), intent(in) :: w(steps%nlane, 0:steps%nnoise, steps%nstep), q, p
       real(wp), intent(inout) :: qn(steps%nlane, steps%nstep/steps%every), pn(steps%nlane, steps%nstep/steps%every)
-      real(wp) :: x, y, sine, cosine, a, b, c, rate, h
+      real(wp) :: x, y, sine, cosine, a, b, c, rate, h, reach, loss
       integer :: step, out
 
+      loss = decay_less_one(steps%decays%z)
+      reach = 1 + 0.5_wp*loss
       rate = terms%rate*steps%h
       h = steps%h
       x = q
@@ -109,7 +117,7 @@ contains
                               w(1, terms%noise_c, step), a, b, c)
             call kick(a, b, c, sine, cosine, x, y)
             ! The drift's weight e is h, without the rate, plus the noise.
-            x = x + (h + terms%e*w(1, terms%noise_e, step))*y
+            call drift(h, reach, loss, terms%e*w(1, terms%noise_e, step), x, y)
             sine = sincos_one(x, cosine)
             call kick(a, b, c, sine, cosine, x, y)
          end do
@@ -132,7 +140,7 @@ contains
       do i = 1, n
          call find_weights(terms, rate, wa(i), wb(i), wc(i), s%a(i), s%b(i), s%c(i))
          call kick(s%a(i), s%b(i), s%c(i), s%sine(i), s%cosine(i), s%x(i), s%y(i))
-         s%x(i) = s%x(i) + (h + terms%e*we(i))*s%y(i)
+         call drift(h, s%reach, s%loss, terms%e*we(i), s%x(i), s%y(i))
       end do
    end subroutine to_the_angle
 
@@ -158,6 +166,15 @@ contains
       b = 0.5_wp*(terms%b*wb)
       c = 0.5_wp*(terms%c*wc)
    end subroutine find_weights
+
+   !> The drift. In a closed system reach is one and loss is zero, which do not round.
+   pure subroutine drift(h, reach, loss, noise, x, y)
+      real(wp), intent(in) :: h, reach, loss, noise
+      real(wp), intent(inout) :: x, y
+
+      x = x + ((h + noise)*reach)*y
+      y = y + loss*y
+   end subroutine drift
 
    !> Half a kick. The sums of two kicks at the same angle are independent.
    pure subroutine kick(a, b, c, sine, cosine, x, y)

@@ -8,6 +8,9 @@
 !> own. This stepper finds the map for a task, handles failures, and makes increments for callers that need them. A flow
 !> agrees with the general stepper to rounding, and gives the bits of single steps (tests/verification/test_whole.pf).
 !>
+!> Of a model that is damped by one rate the map decays as base/record says: the numbers that it wants are found when h
+!> changes, and handed on with the steps.
+!>
 !> A flow is searched in this order:
 !>
 !> 1. by the map of the scheme, which for four schemes is found from the coefficients (known_map);
@@ -19,15 +22,18 @@ module symsde_step_flow_model_flow
    use symsde_base_laws, only: law_gaussian
    use symsde_base_counters, only: counters_type
    use symsde_base_maps, only: step_map, other_map, euler_map, euler_adjoint_map, verlet_map, midpoint_map
-   use symsde_base_record, only: step_record, steps_record
+   use symsde_base_damping, only: decay_less_one
+   use symsde_base_record, only: step_record, steps_record, step_decays
    use symsde_base_text, only: name_length
    use symsde_scheme_catalogue, only: scheme_names
+   use symsde_scheme_kicks, only: kicks_type
    use symsde_model_kernels, only: kernel_model, kernels_of
-   use symsde_scheme_scheme, only: correction_none, correction_increments, splitting_form
+   use symsde_scheme_scheme, only: correction_none, correction_increments, splitting_form, tableau_form
    use symsde_step_block_state, only: lane_state, passed_states
    use symsde_step_contract, only: require_steps, require_taken
    use symsde_step_flow_scheme_map, only: map_of, named_map, known_map, is_of_catalogue
    use symsde_step_hamiltonian_one_step, only: new_one_step_hamiltonian
+   use symsde_step_open_kick_law, only: give_law
    use symsde_step_stepper, only: stepper_type, stepper_task
    implicit none
    private
@@ -41,6 +47,11 @@ module symsde_step_flow_model_flow
       integer, public :: max_iter = 0
       integer, public :: correction = correction_none
       integer(i8), allocatable :: status(:)   !! status of the lanes as set by the model (nlane)
+      real(wp) :: rate = 0                    !! of a damped map
+      real(wp) :: node = 0                    !! c of its first stage
+      type(kicks_type), allocatable :: kicks  !! of a splitting, without decays
+      real(wp) :: h = 0                       !! the step that decays were found for
+      type(step_decays) :: decays
    contains
       procedure :: make
       procedure :: advance
@@ -50,14 +61,24 @@ module symsde_step_flow_model_flow
 
 contains
 
-   !> Find the flow that serves a task, if there is one, once for all of its steppers: the search costs as much as
+   !> Find the flow that serves a task, if there is one: that of a damped map where momenta are damped by one rate, else
+   !> that of the closed system, which serves between decays (step/open/damped).
+   subroutine find_flow(task)
+      type(stepper_task), intent(inout) :: task
+
+      if (task%damping%acts() .and. task%damping%is_scalar()) call find_map(task, .true.)
+      if (.not. allocated(task%flow)) call find_map(task, .false.)
+   end subroutine find_flow
+
+   !> Find the map of a flow that serves a task, if there is one, once for all of its steppers: the search costs as much as
    !> making a stepper. A model's own solution does not have a given number of fixed-point iterations, and its states do
    !> not give increments to their last digit: other steppers execute such tasks. Flows exist only for the increments
    !> form of the correction. A flow defined for the scheme comes first. If equations are linear, so that a step has one
    !> root, the steps of one of the four also serve discrete increments, and schemes whose brackets vanish for the
    !> model.
-   subroutine find_flow(task)
+   subroutine find_map(task, damped)
       type(stepper_task), intent(inout) :: task
+      logical, intent(in) :: damped
       type(step_map) :: map
       class(kernel_model), pointer :: fast
       logical :: found, corrected
@@ -71,6 +92,7 @@ contains
       end if
       call map_of(task%scheme, map)
       map%corrected = corrected
+      map%damped = damped
       found = fast%has_flow(map)
       ! A name alone proves nothing: unless the scheme is one of the four, its coefficients, law and brackets must be
       ! those of the catalogue's scheme of this name. Otherwise its tableau may be in the catalogue under another name.
@@ -85,10 +107,11 @@ contains
          ! The third attempt: ignore brackets that vanish by the model's traits.
          map = known_map(task%scheme, task%has_brackets())
          map%corrected = corrected
+         map%damped = damped
          found = is_one_of_four(map) .and. fast%has_flow(map)
       end if
       if (found) task%flow = map
-   end subroutine find_flow
+   end subroutine find_map
 
    !> Whether known_map has found the scheme to be one of the four.
    pure logical function is_one_of_four(map)
@@ -110,6 +133,12 @@ contains
       self%correction = task%correction
       self%name = 'whole steps of '//trim(self%map%label)//' by the model'
       if (.not. plain) self%name = 'whole corrected steps of '//trim(self%map%label)//' by the model'
+      if (self%map%damped) then
+         self%name = self%name//', damped'
+         self%rate = task%damping%rate(1)
+         if (task%scheme%form == tableau_form) self%node = task%scheme%c(1)
+         if (task%scheme%form == splitting_form) self%kicks = task%scheme%kicks
+      end if
       self%max_iter = task%newton%max_iter
       self%most_single = 1
       self%explicit = plain .and. (task%follows .or. task%scheme%form == splitting_form)
@@ -135,6 +164,7 @@ contains
          ! The coefficients of the four have been compared already. First test whether the model has such a flow, which
          ! costs less than making the scheme.
          other = named_map(known(i))
+         other%damped = map%damped
          if (any(other%equation == four) .or. .not. fast%has_flow(other)) cycle
          found = is_of_catalogue(task%scheme, trim(other%label))
          if (.not. found) cycle
@@ -147,16 +177,39 @@ contains
    !> in the last index. The model fills the counters of the Hamiltonian.
    subroutine flow(self, steps, q, p, qn, pn, status)
       class(model_flow_stepper), intent(inout) :: self
-      type(steps_record), intent(in) :: steps
+      type(steps_record), intent(inout) :: steps   !! gets the decays of its steps
       real(wp), intent(in) :: q(steps%nlane, self%ham%ndof), p(steps%nlane, self%ham%ndof)
       real(wp), intent(out) :: qn(steps%nlane, self%ham%ndof, steps%nstep/steps%every)
       real(wp), intent(out) :: pn(steps%nlane, self%ham%ndof, steps%nstep/steps%every)
       integer(i8), intent(inout) :: status(steps%nlane)
 
+      if (self%map%damped) then
+         if (abs(steps%h - self%h) > 0) call find_decays(self, steps%h)
+         steps%decays = self%decays
+      end if
       associate (ham => self%ham)
          call ham%fast%flow(self%map, steps, ham%ndof, q, p, qn, pn, status, ham%counters)
       end associate
    end subroutine flow
+
+   !> The decays of steps of the length h, with its sign.
+   subroutine find_decays(self, h)
+      type(model_flow_stepper), intent(inout) :: self
+      real(wp), intent(in) :: h
+      type(kicks_type) :: kicks
+
+      self%h = h
+      self%decays = step_decays(z=self%rate*h)
+      if (.not. allocated(self%kicks)) then
+         self%decays%before = decay_less_one(self%node*self%decays%z)
+         self%decays%after = decay_less_one((1 - self%node)*self%decays%z)
+      else
+         kicks = self%kicks
+         call give_law(kicks, self%kicks, self%decays%z)
+         self%decays%beta(:size(kicks%beta)) = kicks%beta
+         self%decays%gamma(:size(kicks%gamma)) = kicks%gamma
+      end if
+   end subroutine find_decays
 
    !> Take several steps of the model at once, unless a lane fails. It is not known in which of the steps a lane failed,
    !> so the steps are repeated one by one until it does. Then the lane is at the beginning of that step, all other

@@ -5,11 +5,9 @@
 !>    w_i0 = b_i h,   w_ik = beta_i dW_k + gamma_i a_k + eta_i K_k,      v_0 = h,   v_k = dW_k + zeta K_k
 !>    D_kl = h [ sum_{i<j} (c_j - c_i) (w_ik w_jl + w_il w_jk)/2 - 2 kappa v_k v_l ] - J_kl      where J is sampled
 !>
-!> If a model is damped by one rate, the noise of free motion has its exact law (noise/decay_law): d_k = (D_k/h - sum_i
-!> phi_i w_ik)/(phi_1 - phi_n), phi_i = phi((1 - c_i) h)/h, is added to the first kick and subtracted from the last one,
-!> so that sum_i w_ik = dW_k and sum_i h phi_i w_ik = D_k. Both are linear in dW, a and K: only beta, gamma and eta of
-!> these two kicks depend on gamma h. With unequal rates the coefficients of the closed system are used, whose moments
-!> hold to the order of the scheme.
+!> Of a model damped by one rate beta, gamma and eta of the first kick and the last one change with gamma h, and nothing
+!> else does (step/open/kick_law). Unequal rates keep the coefficients of the closed system, whose moments hold to the
+!> order of the scheme.
 !>
 !> w_ik multiplies H_k in kick i, V = h U + sum_k v_k H_k is the sum squared by force-gradient kicks, and D_kl
 !> multiplies the products H_k,q.M^-1 H_l,q. If J is not sampled, D = c h |h| delta_kl is known, and d is not filled.
@@ -31,9 +29,9 @@ module symsde_step_splitting_coefficients
    use symsde_base_record, only: step_record
    use symsde_base_traits, only: model_traits
    use symsde_base_vectors, only: add_times, scale
-   use symsde_noise_decay_law, only: decay_law2, decay_law3, decay_integral
    use symsde_scheme_kicks, only: kicks_type, mean_coefficient
    use symsde_scheme_words, only: give_word_law
+   use symsde_step_open_kick_law, only: give_law
    implicit none
    private
    public :: kick_weights, new_kick_weights, add_product
@@ -130,30 +128,6 @@ contains
          call find_d(self, nlane, step)
       end associate
    end subroutine weigh
-
-   !> Set the kicks for noise with the exact law of free motion with decay, z = gamma h.
-   pure subroutine give_law(kicks, closed, z)
-      type(kicks_type), intent(inout) :: kicks
-      type(kicks_type), intent(in) :: closed
-      real(wp), intent(in) :: z
-      real(wp) :: d(3), phi(size(closed%c))
-      integer :: last
-
-      last = size(closed%c)
-      phi = decay_integral(1 - closed%c, z)
-      d = decay_law2(z)
-      if (closed%uses_k()) d = decay_law3(z)
-      d(1) = d(1) - sum(phi*closed%beta)
-      d(2) = d(2) - sum(phi*closed%gamma)
-      d(3) = d(3) - sum(phi*closed%eta)
-      d = d/(phi(1) - phi(last))
-      kicks%beta(1) = closed%beta(1) + d(1)
-      kicks%gamma(1) = closed%gamma(1) + d(2)
-      kicks%eta(1) = closed%eta(1) + d(3)
-      kicks%beta(last) = closed%beta(last) - d(1)
-      kicks%gamma(last) = closed%gamma(last) - d(2)
-      kicks%eta(last) = closed%eta(last) - d(3)
-   end subroutine give_law
 
    !> The weights w_ik of noise k in every kick i, and v_k. If no K drives the step, zeta and eta are not used.
    subroutine weigh_noise(self, nlane, k, step)

@@ -1,0 +1,261 @@
+! SPDX-License-Identifier: BSD-3-Clause
+!> Whole steps of the oscillators of model/flows/oscillator whose momenta are damped by one rate (base/record), Hhat =
+!> (a q^2 + c p^2)/2 + b q + e p. Momenta decay by sums p + (exp(-z) - 1) p, and by no product alone:
+!>
+!>    Euler pair   p + (exp(-c z) - 1) p, the step of the closed oscillator, p + (exp(-(1 - c) z) - 1) p; or corrected
+!>    Verlet       half a kick, the drift by (1 + exp(-z))/2 p, p + (exp(-z) - 1) p, half a kick
+!>    Lobatto      half a drift, p + (exp(-z) - 1) p, a kick by (1 + exp(-z))/2 of the force, half a drift
+!>    midpoint     q' = q + n12 p + (m11 q + g1),  p' = p + m22 p + (n21 q + g2)
+!>
+!> The six numbers of the midpoint rule, with D = 1 + a c/4,
+!>
+!>    m11 = -a c/(2 D),   n12 = exp(-z/2) c/D,   g1 = (e - b c/2)/D
+!>    n21 = -exp(-z/2) a/D,   m22 = exp(-z) (1 + m11) - 1,   g2 = -exp(-z/2) (b + a e/2)/D
+!>
+!> are those of its closed form between two decays. They depend on the weights alone: a step waits for two products of
+!> the step before it, and for no division.
+!>
+!> Each scheme brings one step of one lane, `take`, to the loops of oscillator_steps.inc. No sum has two products that
+!> might be contracted: a product that is added to another one is added to zero first.
+module symsde_model_flows_damped_oscillator
+   use symsde_base_counters, only: counters_type
+   use symsde_base_damping, only: decay_less_one
+   use symsde_base_kinds, only: wp
+   use symsde_base_maps, only: step_map, euler_map, euler_adjoint_map, verlet_map, verlet_swapped_map, midpoint_map
+   use symsde_base_record, only: steps_record
+   use symsde_model_flows_oscillator, only: oscillator_terms, count_oscillator_steps
+   implicit none
+   private
+   public :: damped_oscillator_flow, damped_oscillator_has_flow
+
+   !> What is lost of momenta before a step, after it, and in all, as negative parts of them.
+   type :: losses
+      real(wp) :: before = 0, after = 0, all = 0
+   end type losses
+
+contains
+
+   !> Whether this file has damped steps by a map for these noises.
+   pure logical function damped_oscillator_has_flow(terms, map) result(has_flow)
+      type(oscillator_terms), intent(in) :: terms
+      type(step_map), intent(in) :: map
+
+      if (map%corrected) then
+         has_flow = any(map%equation == [euler_map, euler_adjoint_map]) .and. &
+                    terms%noise_b == 0 .and. terms%noise_e == 0
+      else
+         has_flow = any(map%equation == [euler_map, euler_adjoint_map, verlet_map, verlet_swapped_map, midpoint_map])
+      end if
+   end function damped_oscillator_has_flow
+
+   !> Take steps by the contract of model_type%flow, of a map that damped_oscillator_has_flow knows.
+   subroutine damped_oscillator_flow(terms, map, steps, q, p, qn, pn, counters)
+      type(oscillator_terms), intent(in) :: terms
+      type(step_map), intent(in) :: map
+      type(steps_record), intent(in) :: steps
+      real(wp), intent(in) :: q(steps%nlane), p(steps%nlane)
+      real(wp), intent(out), dimension(steps%nlane, steps%nstep/steps%every) :: qn, pn
+      type(counters_type), intent(inout) :: counters
+      real(wp), contiguous, pointer :: w(:, :, :)
+      type(losses) :: lost
+      logical :: one_form
+
+      call count_oscillator_steps(map, steps%nstep*steps%nreal, counters)
+      w => steps%w  ! contiguous, as gfortran 12 does not see of a component
+      lost = losses(steps%decays%before, steps%decays%after, decay_less_one(steps%decays%z))
+      associate (t => terms, h => terms%rate*steps%h)
+         one_form = t%noise_a == t%noise_c .and. abs(t%a - t%c) <= 0 .and. t%noise_b == 0 .and. t%noise_e == 0
+         select case (map%equation)
+         case (midpoint_map)
+            if (one_form) call turns(lost, t, steps, h, w, q, p, qn, pn)
+            if (.not. one_form) call midpoint(lost, t, steps, h, w, q, p, qn, pn)
+         case (euler_map)
+            if (map%corrected) call corrected_euler(lost, t, steps, h, w, q, p, qn, pn)
+            if (.not. map%corrected) call euler(lost, t, steps, h, w, q, p, qn, pn)
+         case (euler_adjoint_map)
+            if (map%corrected) call corrected_adjoint(lost, t, steps, h, w, q, p, qn, pn)
+            if (.not. map%corrected) call adjoint(lost, t, steps, h, w, q, p, qn, pn)
+         case (verlet_map)
+            call verlet(lost, t, steps, h, w, q, p, qn, pn)
+         case default  ! verlet_swapped_map
+            call swapped(lost, t, steps, h, w, q, p, qn, pn)
+         end select
+      end associate
+   end subroutine damped_oscillator_flow
+
+   !> VEC The midpoint rule.
+   pure subroutine midpoint(lost, t, steps, h, w, q, p, qn, pn)
+      type(losses), intent(in) :: lost
+      include 'oscillator_steps.inc'
+
+   contains
+
+      pure subroutine take(wa, wb, wc, we, x, y)
+         real(wp), value :: wa, wb, wc, we
+         real(wp), intent(inout) :: x, y
+         real(wp) :: a, b, c, e, inverse, m11, g1, g2, moved
+
+         a = h + t%a*wa
+         c = h + t%c*wc
+         b = 0 + t%b*wb
+         e = 0 + t%e*we
+         inverse = 1/(1 + 0.25_wp*(a*c))
+         m11 = -0.5_wp*((a*c)*inverse)
+         g1 = 0 + (e - 0.5_wp*(c*b))*inverse
+         g2 = 0 - (1 + lost%after)*((b + 0.5_wp*(a*e))*inverse)
+         moved = (x + ((1 + lost%before)*(c*inverse))*y) + (m11*x + g1)
+         y = (y + (lost%all + (1 + lost%all)*m11)*y) + (g2 - ((1 + lost%after)*(a*inverse))*x)
+         x = moved
+      end subroutine take
+
+   end subroutine midpoint
+
+   !> VEC The midpoint rule where a = c and b = e = 0.
+   pure subroutine turns(lost, t, steps, h, w, q, p, qn, pn)
+      type(losses), intent(in) :: lost
+      include 'oscillator_steps.inc'
+
+   contains
+
+      pure subroutine take(wa, wb, wc, we, x, y)
+         real(wp), value :: wa, wb, wc, we  !! the first is the third, and the others have strength zero
+         real(wp), intent(inout) :: x, y
+         real(wp) :: a, factor, m11, moved
+
+         a = h + t%a*wa
+         factor = a/(1 + (0.5_wp*a)*(0.5_wp*a))
+         m11 = (-0.5_wp*a)*factor
+         moved = (x + ((1 + lost%before)*factor)*y) + m11*x
+         y = (y + (lost%all + (1 + lost%all)*m11)*y) - ((1 + lost%after)*factor)*x
+         x = moved
+      end subroutine take
+
+   end subroutine turns
+
+   !> VEC Symplectic Euler.
+   pure subroutine euler(lost, t, steps, h, w, q, p, qn, pn)
+      type(losses), intent(in) :: lost
+      include 'oscillator_steps.inc'
+
+   contains
+
+      pure subroutine take(wa, wb, wc, we, x, y)
+         real(wp), value :: wa, wb, wc, we
+         real(wp), intent(inout) :: x, y
+
+         y = y + lost%before*y
+         y = y - ((h + t%a*wa)*x + t%b*wb)
+         x = x + ((h + t%c*wc)*y + t%e*we)
+         y = y + lost%after*y
+      end subroutine take
+
+   end subroutine euler
+
+   !> VEC The adjoint of symplectic Euler.
+   pure subroutine adjoint(lost, t, steps, h, w, q, p, qn, pn)
+      type(losses), intent(in) :: lost
+      include 'oscillator_steps.inc'
+
+   contains
+
+      pure subroutine take(wa, wb, wc, we, x, y)
+         real(wp), value :: wa, wb, wc, we
+         real(wp), intent(inout) :: x, y
+
+         y = y + lost%before*y
+         x = x + ((h + t%c*wc)*y + t%e*we)
+         y = y - ((h + t%a*wa)*x + t%b*wb)
+         y = y + lost%after*y
+      end subroutine take
+
+   end subroutine adjoint
+
+   !> VEC Corrected symplectic Euler, with d = a c/2 of the noises, which are in a and c alone.
+   pure subroutine corrected_euler(lost, t, steps, h, w, q, p, qn, pn)
+      type(losses), intent(in) :: lost
+      include 'oscillator_steps.inc'
+
+   contains
+
+      pure subroutine take(wa, wb, wc, we, x, y)
+         real(wp), value :: wa, wb, wc, we  !! the second and the last have strength zero
+         real(wp), intent(inout) :: x, y
+         real(wp) :: a, c, d
+
+         a = t%a*wa
+         c = t%c*wc
+         d = 0.5_wp*(a*c)
+         y = y + lost%before*y
+         y = (y - (h + a)*x)*(1/(1 + d))
+         x = (x + d*x) + (h + c)*y
+         y = y + lost%after*y
+      end subroutine take
+
+   end subroutine corrected_euler
+
+   !> VEC Its adjoint: q' = (q + c p)/(1 + d), p' = (1 + d) p - a q'.
+   pure subroutine corrected_adjoint(lost, t, steps, h, w, q, p, qn, pn)
+      type(losses), intent(in) :: lost
+      include 'oscillator_steps.inc'
+
+   contains
+
+      pure subroutine take(wa, wb, wc, we, x, y)
+         real(wp), value :: wa, wb, wc, we  !! the second and the last have strength zero
+         real(wp), intent(inout) :: x, y
+         real(wp) :: a, c, d
+
+         a = t%a*wa
+         c = t%c*wc
+         d = 0.5_wp*(a*c)
+         y = y + lost%before*y
+         x = (x + (h + c)*y)*(1/(1 + d))
+         y = (y + d*y) - (h + a)*x
+         y = y + lost%after*y
+      end subroutine take
+
+   end subroutine corrected_adjoint
+
+   !> VEC Stormer-Verlet.
+   pure subroutine verlet(lost, t, steps, h, w, q, p, qn, pn)
+      type(losses), intent(in) :: lost
+      include 'oscillator_steps.inc'
+
+   contains
+
+      pure subroutine take(wa, wb, wc, we, x, y)
+         real(wp), value :: wa, wb, wc, we
+         real(wp), intent(inout) :: x, y
+         real(wp) :: a
+
+         a = h + t%a*wa
+         y = y - 0.5_wp*(a*x + t%b*wb)
+         x = x + (((1 + 0.5_wp*lost%all)*(h + t%c*wc))*y + t%e*we)
+         y = y + lost%all*y
+         y = y - 0.5_wp*(a*x + t%b*wb)
+      end subroutine take
+
+   end subroutine verlet
+
+   !> VEC The other Lobatto pair of two stages.
+   pure subroutine swapped(lost, t, steps, h, w, q, p, qn, pn)
+      type(losses), intent(in) :: lost
+      include 'oscillator_steps.inc'
+
+   contains
+
+      pure subroutine take(wa, wb, wc, we, x, y)
+         real(wp), value :: wa, wb, wc, we
+         real(wp), intent(inout) :: x, y
+         real(wp) :: c
+
+         c = h + t%c*wc
+         x = x + 0.5_wp*(c*y + t%e*we)
+         y = y + lost%all*y
+         y = y - (1 + 0.5_wp*lost%all)*((h + t%a*wa)*x + t%b*wb)
+         x = x + 0.5_wp*(c*y + t%e*we)
+      end subroutine take
+
+   end subroutine swapped
+
+end module symsde_model_flows_damped_oscillator
