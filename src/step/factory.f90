@@ -33,7 +33,7 @@ module symsde_step_factory
    use symsde_step_midpoint_mean_force_single_path, only: mean_force_single_path => mean_force_stepper
    use symsde_step_explicit_angle_steps_single_path, only: explicit_angle_stepper => explicit_stepper, angle_steps_fit
    use symsde_step_explicit_damped, only: damped_explicit_stepper
-   use symsde_step_explicit_tableau, only: explicit_stepper, explicit_fits
+   use symsde_step_explicit_tableau, only: explicit_stepper, explicit_fits, decays_here
    use symsde_step_explicit_tableau_single_path, only: explicit_single_path => explicit_stepper
    use symsde_step_oracle_galerkin, only: galerkin_stepper
    use symsde_step_oracle_general, only: general_stepper
@@ -217,19 +217,23 @@ contains
             allocate (model_flow_stepper :: stepper)
             call stepper%make(task)
             return
-         else if (damped_fits(task)) then
+         else if (damped_fits(task) .and. .not. decays_in_midpoint(task)) then
             call make_damped(stepper, task, error)
             return
          else if (explicit_fits(task)) then
-            allocate (damped_explicit_stepper :: stepper)
+            if (decays_here(task%scheme, task%model%traits)) then
+               call offer_explicit(task, stepper)
+            else
+               allocate (damped_explicit_stepper :: stepper)
+            end if
             call stepper%make(task)
             return
          end if
       end if
       ! The first stepper that fits is made; if an oracle is demanded, the list begins with the oracles. For damped
-      ! models only `stages` among the special steppers implements decays.
+      ! models only `midpoint` and `stages` among the special steppers implement decays.
       first = merge(first_oracle, model_flow, task%general)
-      if (task%damping%acts() .and. .not. task%general) first = stages
+      if (task%damping%acts() .and. .not. task%general) first = merge(midpoint, stages, task%scheme%is_midpoint())
       do i = first, last_stepper
          if (associated(model%forces) .and. all(i /= with_forces)) cycle
          call offer(i, task, stepper)
@@ -249,6 +253,16 @@ contains
       flow_is_damped = allocated(task%flow)
       if (flow_is_damped) flow_is_damped = task%flow%damped
    end function flow_is_damped
+
+   !> Whether the midpoint rule without momenta makes the step: decays are rates, no force acts, and the model has no
+   !> whole steps.
+   logical function decays_in_midpoint(task)
+      type(stepper_task), intent(in) :: task
+
+      decays_in_midpoint = allocated(task%damping%rate) .and. .not. allocated(task%flow) .and. &
+                           .not. associated(task%model%forces)
+      if (decays_in_midpoint) decays_in_midpoint = midpoint_fits(task)
+   end function decays_in_midpoint
 
    !> A stepper of the closed system between decays of the momenta.
    !> Make a stepper of the closed system between decays of the momenta.

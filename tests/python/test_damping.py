@@ -68,13 +68,21 @@ def test_a_step_is_that_of_the_clock(scheme):
 def test_fast_steppers_agree_with_the_oracle(scheme):
     """The damped steppers agree with the general one, also with a correction and masses."""
     pair = ss.model_from_sympy("p1**2/2 + p2**2/6 + cos(q1 - q2) + q1**4/4", noise=["0.3*sin(q1)", "0.2*q2"])
+    timed = ss.model_from_sympy("p**2/2*(1 + t/5) - cos(q)*(1 + t)", noise=["0.3*sin(q)"])
+    three, long = ss.models.fpu_chain(n=3), ss.models.fpu_chain(n=12)
     cases = [(pair, [0.5, 1.5]), (pair, RATE), (BILINEAR, RATE), (ss.models.kubo(), RATE), (SYNCHROTRON, RATE)]
+    cases += [(timed, RATE), (WELL, RATE), (three, [0.5, 1.0, 1.5]), (long, RATE), (long, np.linspace(0, 2, 12))]
     for model, rates in cases:
-        given = {"q0": 0.7, "p0": 0.3, "step": 0.05, "steps": 10, "save_every": 10, "paths": 20, "seed": 5}
+        given = {"q0": np.linspace(0.7, 0.9, model.ndof), "p0": 0.3, "step": 0.05, "steps": 10, "save_every": 10}
+        given |= {"paths": 300 if model is long else 20, "seed": 5}  # strips of a block, whose states are moved
         fast, general = (ss.simulate(model.damped(rates), scheme=scheme, general=x, **given) for x in (False, True))
         assert "general" in general.report.stepper
         np.testing.assert_allclose(fast.q, general.q, rtol=0, atol=5e-13)
         np.testing.assert_allclose(fast.p, general.p, rtol=0, atol=5e-13)
+        for path in (0, 19):
+            alone = ss.simulate(model.damped(rates), scheme=scheme, **{**given, "paths": 1, "first_path": path})
+            np.testing.assert_array_equal(fast.q[..., path], alone.q[..., 0])
+            np.testing.assert_array_equal(fast.p[..., path], alone.p[..., 0])
 
 
 @pytest.mark.parametrize("scheme", ["gauss2", "gauss3", "lobatto3", "lobatto3_swapped", "lobatto4"])

@@ -19,6 +19,7 @@ module symsde_step_explicit_angle_steps_single_path
    use symsde_base_record, only: step_record
    use symsde_base_traits, only: model_traits
    use symsde_model_kernels, only: angle_terms, kernel_offers, offers_of
+   use symsde_scheme_decays, only: tableau_decays, new_decays
    use symsde_scheme_scheme, only: scheme_type, correction_none, ito_form
    use symsde_step_explicit_evaluation_order, only: evaluation_order, new_explicit_plan, add_slopes, to_q, &
                                                     to_p
@@ -40,6 +41,7 @@ module symsde_step_explicit_angle_steps_single_path
    end type room_type
 
    include 'tableau.inc'
+   include 'tableau_decays.inc'
 
    !> Whether this stepper executes the task: a single path whose model is completely given by terms.
    logical function angle_steps_fit(task) result(fits)

@@ -9,6 +9,7 @@ module symsde_step_explicit_tableau
    use symsde_base_kinds, only: wp, i8
    use symsde_base_record, only: step_record
    use symsde_base_traits, only: model_traits
+   use symsde_scheme_decays, only: tableau_decays, new_decays
    use symsde_scheme_scheme, only: scheme_type, correction_none, ito_form
    use symsde_step_explicit_evaluation_order, only: evaluation_order, new_explicit_plan, add_slopes, to_q, &
                                                     to_p
@@ -16,7 +17,7 @@ module symsde_step_explicit_tableau
    use symsde_step_stepper, only: stepper_type, stepper_task, few_of
    implicit none
    private
-   public :: explicit_stepper, explicit_fits, room_type
+   public :: explicit_stepper, explicit_fits, decays_here, room_type
 
    !> The slopes f and v of a stage, and a point (x, y) = (Q_i, P_i).
    type :: room_type
@@ -26,6 +27,7 @@ module symsde_step_explicit_tableau
    end type room_type
 
    include 'tableau.inc'
+   include 'tableau_decays.inc'
    include 'tableau_gradients.inc'
 
    !> Allocate the slopes of a stage and one point, for blocks of nlane lanes.

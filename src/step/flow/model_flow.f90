@@ -70,9 +70,9 @@ contains
       if (.not. allocated(task%flow)) call find_map(task, .false.)
    end subroutine find_flow
 
-   !> Find the map of a flow that serves a task, if there is one, once for all of its steppers: the search costs as much as
-   !> making a stepper. A model's own solution does not have a given number of fixed-point iterations, and its states do
-   !> not give increments to their last digit: other steppers execute such tasks. Flows exist only for the increments
+   !> Find the map of a flow that serves a task, if there is one, once for all of its steppers: the search costs as much
+   !> as making a stepper. A model's own solution does not have a given number of fixed-point iterations, and its states
+   !> do not give increments to their last digit: other steppers execute such tasks. Flows exist only for the increments
    !> form of the correction. A flow defined for the scheme comes first. If equations are linear, so that a step has one
    !> root, the steps of one of the four also serve discrete increments, and schemes whose brackets vanish for the
    !> model.

@@ -15,6 +15,7 @@
 !> increments (finish_increments) or its new states (move_together). Remaining lanes of a block that do not fill a strip
 !> are filled up with copies (fill_up).
 module symsde_step_midpoint_eliminated
+   use symsde_base_damping, only: damping_type
    use symsde_base_kinds, only: wp, i8
    use symsde_base_record, only: step_record
    use symsde_base_lanes, only: lane_unit, slice_lanes
@@ -22,6 +23,7 @@ module symsde_step_midpoint_eliminated
    use symsde_base_traits, only: strip_lanes
    use symsde_model_abstract, only: model_type
    use symsde_model_kernels, only: kernel_offers, offers_of, differences_alone
+   use symsde_scheme_decays, only: tableau_decays, new_decays
    use symsde_scheme_scheme, only: correction_none
    use symsde_solve_newton, only: newton_options
    use symsde_step_hamiltonian_one_step, only: new_one_step_hamiltonian
@@ -30,7 +32,7 @@ module symsde_step_midpoint_eliminated
    use symsde_step_midpoint_equation, only: midpoint_equation, midpoint_part
    use symsde_step_midpoint_krylov, only: krylov_midpoint
    use symsde_step_midpoint_tridiagonal, only: tridiagonal_midpoint
-   use symsde_step_midpoint_update, only: add_in_place
+   use symsde_step_midpoint_update, only: add_in_place, add_decayed_in_place
    use symsde_step_stepper, only: stepper_type, stepper_task, few_of
    implicit none
    private
@@ -48,6 +50,8 @@ module symsde_step_midpoint_eliminated
       class(midpoint_part), allocatable :: part
       type(midpoint_equation) :: eq            !! equation of the lanes that step together
       logical :: has_shift = .false.           !! whether additive noise moves the positions: g /= 0
+      logical :: damped = .false.
+      type(tableau_decays) :: decays           !! factors of momenta, all one without damping
       real(wp), allocatable :: extent(:)       !! the largest |q| and |p| in a lane, if states are moved (eq%nlane)
       real(wp), allocatable :: shift(:, :)     !! g (eq%nlane, ndof)
       real(wp), allocatable :: w(:, :)         !! w of these lanes, if not all step together (eq%nlane, 0:nnoise)
@@ -213,9 +217,12 @@ contains
       real(wp), intent(in) :: w(self%eq%nlane, 0:self%eq%m)
       real(wp), intent(inout) :: q(nlane, self%eq%n), p(nlane, self%eq%n)
       integer(i8), intent(inout) :: status(self%eq%nlane)
+      real(wp) :: gain  !! the largest factor of a momentum, one or more
       integer :: i
 
       call solve_for_v(self, nlane, before, w, q, p, status)
+      gain = 1
+      if (self%damped) gain = max(gain, maxval(self%decays%begin), maxval(self%decays%finish), maxval(self%decays%loss))
       associate (eq => self%eq, n => self%eq%n, together => self%eq%nlane, first => before + 1, &
                  last => before + self%eq%nlane)
          ! |q + h (p + V/2)| and |p + V| are at most (extent + |V|) (1 + |h|), with extent the largest of |q| and |p|.
@@ -223,7 +230,7 @@ contains
          ! in copies, and their sums tested. Because of the negation NaN leads to this test too. base and x are free
          ! afterwards and receive the new states.
          if (eq%noncontracting .or. &
-             .not. maxval(self%extent + self%part%newton%size)*(1 + abs(eq%h)) <= 0.1_wp*huge(eq%h)) then
+             .not. maxval(self%extent + self%part%newton%size)*(1 + abs(eq%h))*gain <= 0.1_wp*huge(eq%h)) then
             ! Copy the old states, since (q, p) of the block are overwritten below, lane by lane.
             self%q = q(first:last, :)
             self%p = p(first:last, :)
@@ -236,6 +243,9 @@ contains
                q(first:last, i) = merge(eq%base(:, i), q(first:last, i), status == 0)
                p(first:last, i) = merge(eq%x(:, i), p(first:last, i), status == 0)
             end do
+         else if (self%damped) then
+            call add_decayed_in_place(nlane, n, before, together, eq%h, self%decays%begin, self%decays%loss, &
+                                      self%decays%finish, eq%x, status, q, p)
          else
             call add_in_place(nlane, n, before, together, eq%h, eq%x, status, q, p)
          end if

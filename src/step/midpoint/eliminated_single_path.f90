@@ -9,11 +9,13 @@
 !> (henon_heiles 82 ns a step instead of 69), eight and more 1.0 to 1.1 times. An iteration calls three procedures that
 !> are dispatched at run time or not inlined, and its numbers go through memory.
 module symsde_step_midpoint_eliminated_single_path
+   use symsde_base_damping, only: damping_type
    use symsde_base_kinds, only: wp, i8
    use symsde_base_record, only: step_record
    use symsde_base_traits, only: strip_lanes
    use symsde_model_abstract, only: model_type
    use symsde_model_kernels, only: kernel_offers, offers_of
+   use symsde_scheme_decays, only: tableau_decays, new_decays
    use symsde_scheme_scheme, only: correction_none
    use symsde_solve_newton, only: newton_options
    use symsde_step_hamiltonian_one_step, only: new_one_step_hamiltonian
@@ -34,6 +36,8 @@ module symsde_step_midpoint_eliminated_single_path
       class(midpoint_part), allocatable :: part
       type(midpoint_equation) :: eq            !! equation of the one lane
       logical :: has_shift = .false.           !! whether additive noise moves the positions: g /= 0
+      logical :: damped = .false.
+      type(tableau_decays) :: decays           !! factors of momenta, all one without damping
       real(wp), allocatable :: extent(:)       !! not allocated: only states of a block are moved
       real(wp), allocatable :: shift(:, :)     !! g (eq%nlane, ndof)
    contains

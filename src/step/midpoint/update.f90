@@ -16,7 +16,7 @@ module symsde_step_midpoint_update
    use symsde_base_lanes, only: lane_unit
    implicit none
    private
-   public :: add_in_place
+   public :: add_in_place, add_decayed_in_place
 
 contains
 
@@ -41,5 +41,28 @@ contains
          end do
       end do
    end subroutine add_in_place
+
+   !> VEC The same of a damped model: q = q + h (begin p + V/2) and p = p + (finish V + loss p), with the factors of
+   !> each degree of freedom.
+   pure subroutine add_decayed_in_place(nlane, n, before, together, h, begin, loss, finish, v, status, q, p)
+      integer, intent(in) :: nlane, n, before, together
+      real(wp), intent(in) :: h, begin(1, n), loss(n), finish(1, n), v(together, n)
+      integer(i8), intent(in) :: status(together)
+      real(wp), intent(inout) :: q(nlane, n), p(nlane, n)
+      real(wp) :: x, y
+      integer :: i, done, lane
+
+      do i = 1, n
+         do done = 0, together - lane_unit, lane_unit
+            !GCC$ unroll 8
+            do lane = done + 1, done + lane_unit
+               x = q(before + lane, i) + h*(begin(1, i)*p(before + lane, i) + 0.5_wp*v(lane, i))
+               y = p(before + lane, i) + (finish(1, i)*v(lane, i) + loss(i)*p(before + lane, i))
+               q(before + lane, i) = merge(x, q(before + lane, i), status(lane) == 0)
+               p(before + lane, i) = merge(y, p(before + lane, i), status(lane) == 0)
+            end do
+         end do
+      end do
+   end subroutine add_decayed_in_place
 
 end module symsde_step_midpoint_update

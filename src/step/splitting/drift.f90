@@ -41,14 +41,16 @@ module symsde_step_splitting_drift
       type(friction_flow), allocatable, public :: friction  !! flow with a matrix of friction
       logical, public :: decays_at_kicks = .false.
       real(wp), allocatable :: part(:)             !! of a word: part of the decay before each kick (nkick)
+      logical, public :: one_rate = .false.        !! all degrees of freedom decay alike
       real(wp), allocatable :: rate(:)             !! gamma (ndof)
-      real(wp), allocatable :: reach(:, :), loss(:, :)  !! phi, exp(-gamma tau) - 1 (ndof, nleg)
+      real(wp), allocatable, public :: reach(:, :), loss(:, :)  !! phi, exp(-gamma tau) - 1 (ndof, nleg)
       real(wp), allocatable :: omega(:)            !! frequencies (ndof)
       real(wp), allocatable :: duration(:)         !! tau of each leg, whose coefficients follow (nleg)
       real(wp), allocatable :: cosine_less_one(:, :), sine(:, :), sine_over(:, :)
       !! cos(omega tau) - 1, omega sin(omega tau), sin(omega tau)/omega (ndof, nleg)
    contains
       procedure :: move
+      procedure :: prepare
       procedure :: decay
       procedure :: decay_at
       procedure :: remove_linear
@@ -72,6 +74,7 @@ contains
             call new_friction_flow(self%friction, damping, nleg)
          else
             self%rate = damping%rate
+            self%one_rate = damping%is_scalar()
             allocate (self%duration(nleg), source=0.0_wp)
             allocate (self%reach(size(self%rate), nleg), self%loss(size(self%rate), nleg), source=0.0_wp)
          end if
@@ -107,6 +110,18 @@ contains
       end do
    end subroutine move
 
+   !> The coefficients of a drift with decay over the time tau, which may be negative, the leg-th of the step.
+   subroutine prepare(self, leg, tau)
+      class(drift_flow), intent(inout) :: self
+      integer, intent(in) :: leg
+      real(wp), intent(in) :: tau
+
+      if (abs(tau - self%duration(leg)) <= 0) return
+      self%duration(leg) = tau
+      self%reach(:, leg) = tau*decay_integral(1.0_wp, self%rate*tau)
+      self%loss(:, leg) = -self%rate*self%reach(:, leg)
+   end subroutine prepare
+
    !> Drift with decay over the time tau, leg `leg` of the step: dq <- dq + phi v with the velocity v = M^-1 (p + dp),
    !> dp <- dp + (exp(-gamma tau) - 1) (p + dp).
    subroutine decay(self, leg, tau, nlane, ndof, v, p, dq, dp)
@@ -121,11 +136,7 @@ contains
          call self%friction%drift(leg, tau, nlane, ndof, v, dq, dp)
          return
       end if
-      if (abs(tau - self%duration(leg)) > 0) then
-         self%duration(leg) = tau
-         self%reach(:, leg) = tau*decay_integral(1.0_wp, self%rate*tau)
-         self%loss(:, leg) = -self%rate*self%reach(:, leg)
-      end if
+      call self%prepare(leg, tau)
       do i = 1, ndof
          call add_times(nlane, self%reach(i, leg), v(:, i), dq(:, i))
          call lose(nlane, self%loss(i, leg), p(:, i), dp(:, i))
