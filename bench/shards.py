@@ -75,8 +75,8 @@ def longer() -> None:
 
 
 def weak() -> None:
-    """Processor time and elapsed time a path for two processes that share a folder, and for two MPI ranks, beside
-    one.
+    """Processor time and elapsed time per path for one process, for two processes that share a folder, and for two MPI
+    ranks.
     """
 
     def processes(count: int, launcher: tuple[str, ...] = ()) -> None:
@@ -103,7 +103,7 @@ def weak() -> None:
 
 
 def observers() -> None:
-    """Each observer beside moments alone."""
+    """Measure moments with each observer, and without observers."""
     o = ss.observe
     wanted = {
         "histogram, 100 bins": o.Histogram("q_1", -3, 3, 100),

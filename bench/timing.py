@@ -41,7 +41,7 @@ def fitted(run: Run, paths: int, seconds: float) -> int:
 
 
 def ns_of_steps(runs: Iterable[Run], paths: int, repeats: int, seconds: float) -> list[list[float]]:
-    """ns of a path-step for every run, each of about so many seconds and repeated `repeats` times."""
+    """ns of a path-step for every run; a run takes about `seconds` seconds and is repeated `repeats` times."""
     runs = list(runs)
     steps = [fitted(run, paths, seconds) for run in runs]
     calls = [partial(run, count) for run, count in zip(runs, steps, strict=True)]

@@ -94,7 +94,7 @@ def rows() -> Iterator[Row]:
 
 
 def rows_that_save() -> Iterator[Row]:
-    """Runs that save, beside loops that save and beside runs of the library that do not."""
+    """Time runs that save, loops that save, and runs of the library that do not."""
     for name in SAVED:
         yield Row("saved", name, 1, 1.5, partial(beside_loop, name, 1, keep="states"))
     for name in ("kubo midpoint", "pendulum stormer_verlet"):
@@ -120,7 +120,7 @@ def found(name: str) -> tuple[Scene, Callable[[], ss.Model], str]:
 
 
 def beside_loop(name: str, paths: int, keep: str = "nothing", formula: bool = False) -> tuple[Run, Run]:
-    """The library beside a loop of the same scheme; keep: as in `loops.loop`."""
+    """Time the library and a loop of the same scheme; keep: as in `loops.loop`."""
     scene, maker, scheme = found(name)
     save = {} if keep == "nothing" else {"save_every": 1}
     q0 = 0.2 * np.cos(np.arange(scene.ndof)) if "mean_field" in name else 0.2
@@ -138,14 +138,14 @@ def loop(scene: Scene, scheme: str, paths: int, step: float, *, q0=0.2, keep: st
 
 
 def saved_or_not(name: str) -> tuple[Run, Run]:
-    """One path with every step saved, beside the path without saving."""
+    """Time one path with every step saved, and the path without saving."""
     scene, maker, scheme = found(name)
     model = maker()
     return library(model, scheme, 1, scene.step, save_every=1), library(model, scheme, 1, scene.step)
 
 
 def given_or_own(name: str, paths: int) -> tuple[Run, Run]:
-    """Given increments, drawn beforehand, beside increments that the library draws."""
+    """Time increments drawn beforehand and given, and increments that the library draws."""
     scene, maker, scheme = found(name)
     model, drawn = maker(), {}
 

@@ -21,7 +21,7 @@ class Setting:
 
     @property
     def programs(self) -> ctypes.CDLL:
-        """The functions that are built beside the library: bench/CMakeLists.txt."""
+        """The benchmark programs as a library of functions, built by bench/CMakeLists.txt."""
         file = self.build / "bench" / "libbench_programs.so"
         if not file.exists():
             sys.exit(f"there is no {file}: configure with -DSYMSDE_BUILD_BENCH=ON")

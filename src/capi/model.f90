@@ -284,7 +284,7 @@ contains
       status = set_force(model, 2, force, derivative, in_position, user, error)
    end function symsde_model_set_noise_force
 
-   !> Set one part of the forces of a handle: F, or the noises'.
+   !> Set the force F of a handle, or the forces f_k of its noises.
    integer(c_int) function set_force(model, part, force, derivative, in_position, user, error) result(status)
       type(c_ptr), intent(in) :: model, user, error
       integer, intent(in) :: part

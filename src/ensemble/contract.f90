@@ -64,7 +64,7 @@ contains
       call require(all(state%status(nreal + 1:) /= 0), place, 'padding has a status')
    end subroutine require_finished
 
-   !> Promises to callers when all blocks have ended.
+   !> Contract of a run that has ended: every block was taken once, and no path ended twice.
    pure subroutine require_counts(nblock, nfinished, npath, nended)
       integer(i8), intent(in) :: nblock, nfinished, npath
       integer(i8), intent(in) :: nended   !! paths that failed or were stopped

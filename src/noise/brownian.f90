@@ -134,7 +134,7 @@ contains
       type(normals_of) :: normals
       integer :: k, step
 
-      ! dw: the steps of one noise are neighbours, as sums and bridges need; in w all noises of a step are.
+      ! In dw the steps of one noise are adjacent, as sums and bridges need; in w the noises of one step are adjacent.
       allocate (dw(request%nlane, 0:2*request%npair - 1))
       normals%seed = self%seed
       normals%nreal = request%nreal
@@ -345,7 +345,7 @@ contains
             call fill_alone(self, draws, request, request%pair - behind, i, store, of_path)
             if (draws%is_left()) return
          end do
-         ! `drawn` is the number of one path, so the first path counts.
+         ! `drawn` counts the normals of one path.
          drawn = drawn + of_path
          call repeat_last(self, request, store)
          return

@@ -11,9 +11,9 @@
 !>
 !>    a_ij = sum_m Phi_m(c_i) phi_m(c_j) alpha_j/d_m,           abar: its symplectic conjugate
 !>
-!> P_i = p_n + sum_j abar_ij G_j is such a polynomial, which a integrates exactly; for velocities due to additive noise
-!> a integrates the projection, as q_d does. Two nodes of Lobatto with s = 1 give Stormer-Verlet, three with s = 2
-!> Lobatto IIIA-IIIB (tests/verification/test_galerkin.pf).
+!> P_i = p_n + sum_j abar_ij G_j is such a polynomial, which the matrix a integrates exactly; for velocities due to
+!> additive noise the matrix integrates their projection, as q_d does. Two nodes of Lobatto with s = 1 give
+!> Stormer-Verlet, three with s = 2 Lobatto IIIA-IIIB (tests/verification/test_galerkin.pf).
 module symsde_scheme_galerkin_tableau
    use symsde_base_kinds, only: wp
    use symsde_base_traits, only: model_traits

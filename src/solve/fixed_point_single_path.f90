@@ -95,8 +95,8 @@ module symsde_solve_fixed_point_single_path
       zero = zero + ((nothing(1) + nothing(2)) + (nothing(3) + nothing(4)))
    end subroutine take_beside
 
-   !> x = -f of numbers; in the first sweep the old x is zero. Callers whose path is in scalars need no arrays of
-   !> one lane.
+   !> Set x = -f for a few numbers; in the first sweep the old x is zero. A caller whose path is in scalars needs no
+   !> arrays of one lane.
    pure subroutine take_alone(n, first, f, x, change, extent)
       integer, intent(in) :: n
       logical, intent(in) :: first   !! first sweep: no x before it

@@ -75,8 +75,8 @@ module symsde_step_factory
       enumerator :: first_oracle, general = first_oracle, euler_maruyama, galerkin, splitting, last_stepper = splitting
    end enum
 
-   !> Steppers that ask the one-step Hamiltonian for what they need, and no symmetry of its derivatives: forces stand
-   !> there. Others know Hamiltonians alone.
+   !> Steppers for models with forces: they take all derivatives from the one-step Hamiltonian, which adds the forces,
+   !> and do not assume that these derivatives are symmetric.
    integer, parameter :: with_forces(*) = [explicit, midpoint_full, euler_pair, general, euler_maruyama, galerkin]
 
 contains

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""advice.py ROOT: places in the tree that may trouble a reader. They are questions, and no test fails on them.
+"""advice.py ROOT: places in the tree that may trouble a reader. They are hints, and no test fails because of them.
 
 Files of more than 500 lines, files of the Python package that share a name, and areas of src with more than five files
 beside their rooms.
@@ -31,7 +31,7 @@ def shared_names(root):
 
 
 def beside_rooms(root):
-    """Areas in which many files stand beside rooms."""
+    """Areas of src that hold more than five files in addition to rooms."""
     for area in sorted(path for path in (root / "src").iterdir() if path.is_dir()):
         files = sum(path.suffix in {".f90", ".inc", ".c"} for path in area.iterdir())
         if files > MOST_BESIDE and any(path.is_dir() for path in area.iterdir()):

@@ -414,7 +414,7 @@ def test_observables_ask_their_own_model_from_any_thread(asked, own, kubo, user_
 
 
 def test_an_exception_reaches_the_call_that_caused_it(user_kubo, options):
-    """Two runs of one model at the same time: the run whose observable fails raises, and no other."""
+    """Two runs use one model at the same time: only the run whose observable fails raises an exception."""
 
     def bad(q, p):
         raise BrokenError

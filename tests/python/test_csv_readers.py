@@ -143,7 +143,7 @@ READERS = {
 
 @pytest.mark.parametrize("reader", READERS)
 def test_a_reader_has_equal_numbers(reader, files, tmp_path):
-    """Every number of every file to the last bit, except in R; columns of text as text."""
+    """Every reader finds each number of each file to the last bit, except R, and columns of text as text."""
     for file in files:
         if reader == "Octave" and file.name == "work-precision.csv":
             continue  # it holds text, which dlmread reads as zero

@@ -44,8 +44,9 @@ def test_a_pilot_looks_until_it_sees(problem, monkeypatch):
 
 
 def test_paths_without_an_event_tell_no_bias_and_no_variance(problem):
-    """256 paths without an event: one more path may meet it, which gives the bias; other methods' units vary as f does.
-    Both used to be taken for 0."""
+    """256 paths met no event: the bias is that of one more path that meets it, and units of other methods have the
+    variance of f. Neither may be 0.
+    """
     trial = Trial(problem, as_scheme("stormer_verlet"), 2, 256)
     assert trial.draws[-1].difference.m2 == 0
     trial.known = looked_at(problem)

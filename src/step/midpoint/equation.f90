@@ -47,7 +47,7 @@ module symsde_step_midpoint_equation
       real(wp), allocatable :: drift(:, :)       !! h p_n + g, set for dq (nlane, n)
       real(wp), allocatable :: still(:, :)       !! zero momenta for calls of the model (nlane, n)
       logical :: noncontracting = .false.        !! for V: whether the rate is above one in some lane
-      real(wp), allocatable :: rate(:)           !! then about (h omega)^2/4 of each lane (nlane)
+      real(wp), allocatable :: rate(:)           !! if noncontracting, about (h omega)^2/4 of each lane (nlane)
    contains
       procedure :: make_room
       procedure :: starts

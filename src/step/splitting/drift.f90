@@ -1,6 +1,6 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> The flow between two kicks, over the time tau: of p.p/2, or of p.p/2 + sum_i omega_i^2 q_i^2/2 if a model declares
-!> that linear part, an exact rotation of every degree of freedom:
+!> The flow between two kicks, over the time tau. On the left it is the flow of p.p/2; on the right that of p.p/2 +
+!> sum_i omega_i^2 q_i^2/2 if a model declares this linear part, an exact rotation of every degree of freedom:
 !>
 !>    q <- q + tau p                  q <- cos(omega tau) q + sin(omega tau)/omega p
 !>    p <- p                          p <- cos(omega tau) p - omega sin(omega tau) q

@@ -95,7 +95,7 @@ contains
       self%closed = self%abar
       self%weight = self%alpha
       self%damped = damping%acts()
-      ! One rate represents those of all degrees of freedom.
+      ! The factors are equal for all degrees of freedom, so they are computed from the first rate.
       one = damping
       if (self%damped) one%rate = damping%rate(:1)
       call new_decays(self%decays, one, self%c, 1)

@@ -20,7 +20,7 @@ module symsde_step_stages_newton_single_path
 
    include 'newton.inc'
 
-   !> One lane, which the compiler knows.
+   !> Number of lanes, a constant for the compiler.
    pure integer function lanes(equations)
       type(stage_equations), intent(in) :: equations
 
