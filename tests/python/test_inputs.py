@@ -142,7 +142,10 @@ OWN = {
     ],
     "diagnose.bath_law": [{"gamma": 0.5, "omega": 2.0}],
     "schemes.from_word": [{"word": "BAOAB"}],
-    "thermostat": [{"model": ss.models.kubo(sigma=0.0), "beta": np.array([2.0]), "gamma": np.array([0.5])}],
+    "thermostat": [
+        {"model": ss.models.kubo(sigma=0.0), "beta": np.array([2.0]), "gamma": np.array([0.5])},
+        {"model": ss.models.linear_oscillator(), "beta": np.array(2.0), "gamma": OMITTED},
+    ],
     "level_sampler": [{**ONE_STATE, "steps": 4, "antithetic": True, "truncation": (8, 4.0)}],
     "expect": [{**ONE_STATE, "abs": 0.3, "method": "plain", "truncation": (8, 4.0)}],
     "mlmc": [{**ONE_STATE, "abs": 0.3, "steps": 4, "truncation": (8, 4.0)}],

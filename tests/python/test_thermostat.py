@@ -139,6 +139,54 @@ def test_a_bath_is_noise_and_damping(scheme):
             np.testing.assert_array_equal(ss.simulate(other, paths=300, seed=5, **given).p, many.p)
 
 
+def moments_of_steps(model, step):
+    """Stationary covariances of (q, p) of a linear model by midpoint steps, S = M S M^T + Q."""
+    n, m = model.ndof, model.nnoise
+    states, noise = np.eye(2 * n, 2 * n + m), np.eye(m, 2 * n + m, 2 * n) * np.sqrt(step)
+    run = ss.simulate(model, q0=states[:n], p0=states[n:], paths=2 * n + m, step=step, steps=1, scheme="midpoint",
+                      increments=noise[np.newaxis])  # fmt: skip
+    found = np.vstack([run.q[1], run.p[1]])
+    a, b = found[:, : 2 * n], found[:, 2 * n :]
+    return np.linalg.solve(np.eye(4 * n * n) - np.kron(a, a), (b @ b.T).ravel()).reshape(2 * n, 2 * n)
+
+
+def test_friction_of_own_noises():
+    """Gamma = beta/2 sum f_k f_k^T: of correlated noises a matrix, of others rates. The law is exp(-beta H) up to the
+    step, h^2 = 1e-4, and is not with 5 % of friction more, which is refused as a user's own."""
+    beta = 2.0
+    one = ss.thermostat(ss.models.linear_oscillator(sigma=0.6), beta=beta)
+    assert one.damping == pytest.approx((beta / 2 * 0.36,), rel=1e-14)
+    text = "p1**2/2 + p2**2/4 + q1**2 + q1*q2/2 + q2**2"
+    alone = ss.thermostat(ss.model_from_sympy(text, noise=["-0.6*q1", "-0.8*q2"]), beta=beta)
+    assert alone.damping == pytest.approx((0.36, 0.64 / 2), rel=1e-12)
+    several = ss.model_from_sympy(text, noise=["-0.6*q1 - 0.3*q2", "0.8*q2", "0.5*q1 - 0.2*q2"])
+    joint = ss.thermostat(several, beta=beta)
+    f = np.array([[0.6, 0.3], [0.0, -0.8], [-0.5, 0.2]])
+    np.testing.assert_allclose(joint.damping, beta / 2 * f.T @ f, rtol=1e-14)
+    exact = np.zeros((4, 4))
+    exact[:2, :2] = np.linalg.inv([[2.0, 0.5], [0.5, 2.0]]) / beta
+    exact[2:, 2:] = np.diag([1.0, 2.0]) / beta
+    for model in (alone, joint):
+        assert np.abs(moments_of_steps(model, 0.01) - exact).max() < 1e-4
+        assert ss.thermostat(model, beta=beta) is model
+        rubbed = model.damped(1.05 * np.array(model.damping))
+        assert np.abs(moments_of_steps(rubbed, 0.01) - exact).max() > 1e-2
+        with pytest.raises(
+            InvalidArgumentError, match=r"do not belong to its friction at beta = 2: .* at beta = 2\.1\."
+        ):
+            ss.thermostat(rubbed, beta=beta)
+        assert ss.thermostat(rubbed, beta=2.1) is rubbed
+    for model, told in (
+        (FREE, "has no noise of its own: give gamma, too"),
+        (ss.models.kubo(sigma=0.0), "has no noise of its own"),
+        (ss.models.synchrotron(), "are not all linear in q with constant factors"),
+        (ss.model_from_sympy("p**2/2", noise=["sin(t)*q"]), "are not all linear in q with constant factors"),
+        (ss.model_from_sympy("p**2/2", noise=["p"]), "are not all linear in q with constant factors"),
+    ):
+        with pytest.raises(IncompatibleError, match=told):
+            ss.thermostat(model, beta=1.0)
+
+
 def means_of_squares(beta):
     """Means of q^2 and p^2 in the quartic well with their standard errors, over 12000 paths and 1000 times of each."""
     model = ss.thermostat(ss.model_from_sympy("p**2/2 + q**4/4"), beta=beta, gamma=1.0)
@@ -249,7 +297,8 @@ def test_scenes(tmp_path):
         found = ss.simulate(read.model, **read.run)
         np.testing.assert_array_equal(found.p, ss.simulate(bath, q0=0.7, p0=0.3, step=0.05, steps=4, seed=5).p)
     for wrong, told in (
-        ("1.0", r"\[model\] thermostat = 1.0: give beta and gamma, as in {beta = 1.0, gamma = 0.5}"),
+        ("1.0", r"\[model\] thermostat = 1.0: give beta and gamma, as in {beta = 1.0, gamma = 0.5}, or beta alone"),
+        ("{beta = 1.0}", r"\[model\]: model pendulum has no noise of its own: give gamma, too"),
         ("{beta = 1.0, gamma = 1.0, mass = 1.0}", "'mass' is no key of thermostat"),
         ("{beta = 0.0, gamma = 1.0}", r"\[model\]: beta = 0.0: give finite numbers above zero"),
     ):

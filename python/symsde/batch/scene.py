@@ -196,10 +196,10 @@ def _model(file: str, table: dict[str, Any]) -> Model:
 
 def _bath(file: str, given: object) -> dict[str, Any]:
     """The numbers of a heat bath."""
-    if not isinstance(given, dict) or "beta" not in given or "gamma" not in given:
+    if not isinstance(given, dict) or "beta" not in given:
         raise SceneError(
             f"{file}: [model] thermostat = {checks.shown(given)}: give beta and gamma, as in "
-            "{beta = 1.0, gamma = 0.5}"
+            "{beta = 1.0, gamma = 0.5}, or beta alone for the noises of the model"
         )
     _known(file, "key of thermostat", given, ["beta", "gamma"])
     return given

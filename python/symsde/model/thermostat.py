@@ -10,13 +10,15 @@ from typing import Any
 
 import numpy as np
 
-from ..errors import InvalidArgumentError, OwnNoiseWarning, WrongShapeError
+from ..errors import IncompatibleError, InvalidArgumentError, OwnNoiseWarning, WrongShapeError
 from ..native import checks, handles
 from .definition import Model, ModelHandle, require_model
 
+_TOLERANCE = 1e-9  #: relative differences that are rounding, of derivatives by differences, too
+
 
 @checks.hinted()
-def thermostat(model: Model, *, beta: Any, gamma: Any) -> Model:
+def thermostat(model: Model, *, beta: Any, gamma: Any = None) -> Model:
     """The model in a heat bath of the temperature kT = 1/beta: friction on every momentum, and the noise with it.
 
         dp_i = .. - gamma_i p_i dt + sigma_i dW_{m+i}      sigma_i^2 = 2 gamma_i m_i / beta
@@ -28,10 +30,18 @@ def thermostat(model: Model, *, beta: Any, gamma: Any) -> Model:
     m_i are taken from it. With one beta exp(-beta H) is the stationary density; with several there is a flow of heat.
     A model with noises of its own is heated by them, too: a warning says so.
 
-    Refused (IncompatibleError): a model that is damped, and one that does not declare H = sum_i p_i^2/(2 m_i) + U(q)
-    with constants m_i (identity_mass or constant_mass), since friction on p would not know its temperature.
+    Without gamma the bath is made of the noises that the model has, H_k = -f_k.q with constant f_k: it gets the
+    friction on velocities that belongs to them, Gamma = beta/2 sum_k f_k f_k^T (`Model.damped`). A model that is damped
+    already is given back if its friction is that one, sum_k f_k f_k^T = (Gamma + Gamma^T)/beta to 1e-9;
+    InvalidArgumentError says by how much it is not.
+
+    Refused (IncompatibleError): with gamma, a model that is damped; one that does not declare H = sum_i p_i^2/(2 m_i) +
+    U(q) with constants m_i (identity_mass or constant_mass), since friction on p would not know its temperature; and
+    without gamma, noises that are not linear in q, whose friction would depend on q.
     """
     require_model(model)
+    if gamma is None:
+        return _by_own_noises(model, beta)
     rates, betas = (_one_or_each(key, value, model.ndof) for key, value in (("gamma", gamma), ("beta", beta)))
     bathed = _noisy(model, rates, betas).damped(rates)
     if any(k not in model.traits.silent for k in range(1, model.nnoise + 1)):
@@ -41,6 +51,78 @@ def thermostat(model: Model, *, beta: Any, gamma: Any) -> Model:
             OwnNoiseWarning,
         )
     return bathed
+
+
+def _by_own_noises(model: Model, beta: Any) -> Model:
+    """A model with the friction that belongs to its noises, or as it is if it has that friction."""
+    inverse_temperature = checks.number("beta", beta)
+    if not inverse_temperature > 0:
+        raise InvalidArgumentError(f"beta = {inverse_temperature:g}: give a number above zero")
+    forces = _constant_forces(model)
+    product = forces @ forces.T
+    if not model.damping:
+        friction = inverse_temperature / 2 * product
+        masses = _diagonal_masses(model)
+        if masses is not None and not np.any(friction - np.diag(np.diag(friction))):
+            return model.damped(np.diag(friction) / masses)  # rates, for which more schemes and laws are known
+        return model.damped(friction)
+    friction = np.array(model.damping)
+    if not model.has_friction:
+        masses = _diagonal_masses(model)
+        if masses is None:
+            raise IncompatibleError(
+                f"model {model.name} has rates of damping and a mass that is not diagonal: give it friction on "
+                "velocities, a matrix"
+            )
+        friction = np.diag(friction * masses)
+    wanted = (friction + friction.T) / inverse_temperature
+    off = np.abs(product - wanted).max()
+    if not off <= _TOLERANCE * np.abs(wanted).max():
+        own = 2 * np.trace(friction) / np.trace(product)
+        raise InvalidArgumentError(
+            f"the noises of model {model.name} do not belong to its friction at beta = {inverse_temperature:g}: sum_k "
+            f"f_k f_k^T differs from (Gamma + Gamma^T)/beta by {off:.3g}, where the latter is up to "
+            f"{np.abs(wanted).max():.3g}; traces would agree at beta = {own:.6g}. Give the model without damping to "
+            "get the friction that belongs to its noises"
+        )
+    return model
+
+
+def _constant_forces(model: Model) -> np.ndarray:
+    """f_k of noises H_k = -f_k.q, one in each column (dof, noise)."""
+    traits = model.traits
+    noises = [k for k in range(1, model.nnoise + 1) if k not in traits.silent]
+    if not noises:
+        raise IncompatibleError(
+            f"model {model.name} has no noise of its own: give gamma, too, and the bath brings noise"
+        )
+    places = np.cos(1.0 + np.arange(3.0 * traits.ndof)).reshape(traits.ndof, 3)
+    found = []
+    for k in noises if traits.additive and traits.position_noise else []:
+        w = np.zeros(model.nnoise + 1)
+        w[k] = -1.0
+        seen = np.hstack([model.gradient(places, 0.3, w, t)[0] for t in (0.0, 1.7)])
+        if np.abs(seen - seen[:, :1]).max() > _TOLERANCE * np.abs(seen).max():
+            break
+        found.append(seen[:, 0])
+    if len(found) < len(noises):
+        raise IncompatibleError(
+            f"the noises of model {model.name} are not all linear in q with constant factors (traits additive and "
+            "position_noise), so that the friction that belongs to them would depend on the state: give gamma and a "
+            "model without noise, or noises such as -sigma*q"
+        )
+    return np.array(found).T
+
+
+def _diagonal_masses(model: Model) -> np.ndarray | None:
+    """Masses m_i (dof,); None if the mass is not diagonal, or not known to be constant."""
+    if model.traits.identity_mass:
+        return np.ones(model.ndof)
+    if not model.traits.constant_mass:
+        return None
+    inverse = model.hessian(np.cos(1.0 + np.arange(float(model.ndof))), 0.3)[2][:, :, 0]
+    diagonal = np.diag(inverse)
+    return None if np.abs(inverse - np.diag(diagonal)).max() > _TOLERANCE * diagonal.max() else 1 / diagonal
 
 
 def _noisy(model: Model, gamma: tuple[float, ...], beta: tuple[float, ...]) -> Model:
