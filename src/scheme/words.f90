@@ -97,7 +97,10 @@ contains
          character(len=1), intent(in) :: letter
          integer :: j
 
-         count_of = count([(word(j:j) == letter, j=1, len(word))])
+         count_of = 0
+         do j = 1, len(word)
+            if (word(j:j) == letter) count_of = count_of + 1
+         end do
       end function count_of
 
    end subroutine read_word

@@ -109,7 +109,7 @@ contains
       if (model%traits%constant_mass .or. (model%traits%separable .and. model%traits%quadratic .and. &
                                            model%traits%autonomous)) then
          do i = 1, size(mass)
-            x(1, i) = 0.61_wp + 0.37_wp*sin(2.3_wp*i)
+            x(1, i) = 0.31_wp + mod(0.618_wp*i, 1.0_wp)
          end do
          call find_diagonal_mass(model, 0.0_wp, x, inverse, diagonal)
       end if
