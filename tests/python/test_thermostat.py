@@ -179,12 +179,57 @@ def test_friction_of_own_noises():
     for model, told in (
         (FREE, "has no noise of its own: give gamma, too"),
         (ss.models.kubo(sigma=0.0), "has no noise of its own"),
-        (ss.models.synchrotron(), "are not all linear in q with constant factors"),
+        (ss.models.pendulum(), "are not all linear in q with constant factors, or depend on p"),
+        (ss.models.synchrotron().damped(1.0), "are not all linear in q with constant factors"),
         (ss.model_from_sympy("p**2/2", noise=["sin(t)*q"]), "are not all linear in q with constant factors"),
         (ss.model_from_sympy("p**2/2", noise=["p"]), "are not all linear in q with constant factors"),
     ):
         with pytest.raises(IncompatibleError, match=told):
             ss.thermostat(model, beta=1.0)
+
+
+def test_friction_of_noises_that_are_not_linear():
+    """F = -beta/2 sum H_k,q (H_k,q . H_p): as written by hand, by two schemes; <p^2> is 1/beta within 4.9 standard
+    errors and 1e-3 of the step, and is not for twice the friction."""
+    given = {"params": {"s": 0.9}}
+    noises = ["s*sin(q)", "s*q**2/4"]
+    bare = ss.model_from_sympy("p**2/2 + q**4/4", noise=noises, **given)
+    friction = "-(s**2*cos(q)**2 + s**2*q**2/4)*p"
+    by_hand = ss.model_from_sympy("p**2/2 + q**4/4", noise=noises, force=[friction], **given)
+    bath = ss.thermostat(bare, beta=2.0)
+    run = {"q0": 0.7, "p0": 0.3, "step": 0.05, "steps": 20, "save_every": 20, "seed": 5, "paths": 20}
+    for scheme in ("midpoint", "heun"):
+        found, known = (ss.simulate(x, scheme=scheme, **run) for x in (bath, by_hand))
+        np.testing.assert_allclose(found.p, known.p, rtol=0, atol=1e-9)
+    assert np.abs(ss.simulate(bare, **run).p - found.p).max() > 1e-2
+    twice = ss.model_from_sympy("p**2/2 + q**4/4", noise=noises, force=[f"2*({friction})"], **given)
+    long = {"q0": 0.0, "p0": 0.0, "step": 0.1, "steps": 300, "save_every": 300, "seed": 6, "paths": 20_000}
+    square = {"square": "p**2"}
+    for model, holds in ((by_hand, True), (twice, False)):
+        found = ss.moments(model, scheme="midpoint", observables=square, **long)
+        off = abs(found.mean["square"][-1] - 0.5)
+        assert (off < 4.9 * found.se_mean["square"][-1] + 1e-3) == holds
+
+
+@pytest.mark.parametrize("step", [0.1, 0.7])
+def test_gjf_is_lobatto_two_with_friction_as_a_force(step):
+    """P = (p + h F/2 + s W/2)/(1 + z/2), q' = q + h P/m, p' = (1 - z/2) P + h F'/2 + s W/2: the step of [WHSB] (9)-(17)
+    with the trapezoid, whose contraction is (1 - z/2)/(1 + z/2) and not exp(-z)."""
+    gamma, mass, s = 1.3, 2.5, 0.8
+    model = ss.model_from_sympy("p**2/(2*m) - cos(q) + q**4/4", noise=["-s*q"], force=["-g*p*(1 + eps*q)"],
+                                params={"g": gamma, "m": mass, "s": s, "eps": 1e-30})  # fmt: skip
+    rng = np.random.default_rng(1)
+    q, p, dw = rng.normal(size=(3, 30))
+    pull = lambda x: -np.sin(x) - x**3  # noqa: E731
+    z = gamma * step
+    middle = (p + step / 2 * pull(q) + s * dw / 2) / (1 + z / 2)
+    moved = q + step * middle / mass
+    ended = (1 - z / 2) * middle + step / 2 * pull(moved) + s * dw / 2
+    run = ss.simulate(model, q0=q[None], p0=p[None], paths=30, step=step, steps=1, scheme="lobatto2",
+                      increments=dw[None, None])  # fmt: skip
+    assert model.damping == ()
+    np.testing.assert_allclose(run.q[1, 0], moved, rtol=0, atol=1e-12)
+    np.testing.assert_allclose(run.p[1, 0], ended, rtol=0, atol=1e-12)
 
 
 def means_of_squares(beta):

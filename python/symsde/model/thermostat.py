@@ -30,14 +30,15 @@ def thermostat(model: Model, *, beta: Any, gamma: Any = None) -> Model:
     m_i are taken from it. With one beta exp(-beta H) is the stationary density; with several there is a flow of heat.
     A model with noises of its own is heated by them, too: a warning says so.
 
-    Without gamma the bath is made of the noises that the model has, H_k = -f_k.q with constant f_k: it gets the
-    friction on velocities that belongs to them, Gamma = beta/2 sum_k f_k f_k^T (`Model.damped`). A model that is damped
-    already is given back if its friction is that one, sum_k f_k f_k^T = (Gamma + Gamma^T)/beta to 1e-9;
+    Without gamma the bath is made of the noises that the model has. Of H_k = -f_k.q with constant f_k it gets the
+    friction on velocities that belongs to them, Gamma = beta/2 sum_k f_k f_k^T (`Model.damped`); of other noises in
+    position the force -beta/2 sum_k H_k,q (H_k,q . H_p), a function of Python (`Model.forced`), for any H. A model that
+    is damped already is given back if its friction is that one, sum_k f_k f_k^T = (Gamma + Gamma^T)/beta to 1e-9;
     InvalidArgumentError says by how much it is not.
 
     Refused (IncompatibleError): with gamma, a model that is damped; one that does not declare H = sum_i p_i^2/(2 m_i) +
     U(q) with constants m_i (identity_mass or constant_mass), since friction on p would not know its temperature; and
-    without gamma, noises that are not linear in q, whose friction would depend on q.
+    without gamma, noises that depend on p, whose friction would move positions.
     """
     require_model(model)
     if gamma is None:
@@ -58,6 +59,8 @@ def _by_own_noises(model: Model, beta: Any) -> Model:
     inverse_temperature = checks.number("beta", beta)
     if not inverse_temperature > 0:
         raise InvalidArgumentError(f"beta = {inverse_temperature:g}: give a number above zero")
+    if not model.damping and not _is_linear(model):
+        return _with_friction_force(model, inverse_temperature)
     forces = _constant_forces(model)
     product = forces @ forces.T
     if not model.damping:
@@ -88,6 +91,29 @@ def _by_own_noises(model: Model, beta: Any) -> Model:
     return model
 
 
+def _is_linear(model: Model) -> bool:
+    """Whether noises are linear in q by their traits, or are not of q alone, which is refused later."""
+    return model.traits.additive or not model.traits.position_noise
+
+
+def _with_friction_force(model: Model, beta: float) -> Model:
+    """The model with the force -beta/2 sum_k H_k,q (H_k,q . H_p) of its noises in position, friction that depends on q.
+
+    Then exp(-beta H) is stationary: d(p, q) = X_H dt - beta/2 sum_k {H, H_k} X_k dt + sum_k X_k o dW_k.
+    """
+    if model._forces:
+        raise IncompatibleError(f"forces act on model {model.name} already: give it without them")
+    noises = [k for k in range(1, model.nnoise + 1) if k not in model.traits.silent]
+    weights = np.eye(model.nnoise + 1)
+
+    def force(q: np.ndarray, p: np.ndarray, t: float) -> np.ndarray:
+        velocity = model.gradient(q, p, weights[0], t)[1]
+        gradients = (model.gradient(q, p, weights[k], t)[0] for k in noises)
+        return -beta / 2 * sum(g * (g * velocity).sum(axis=0) for g in gradients)
+
+    return model.forced(force=force)
+
+
 def _constant_forces(model: Model) -> np.ndarray:
     """f_k of noises H_k = -f_k.q, one in each column (dof, noise)."""
     traits = model.traits
@@ -107,9 +133,9 @@ def _constant_forces(model: Model) -> np.ndarray:
         found.append(seen[:, 0])
     if len(found) < len(noises):
         raise IncompatibleError(
-            f"the noises of model {model.name} are not all linear in q with constant factors (traits additive and "
-            "position_noise), so that the friction that belongs to them would depend on the state: give gamma and a "
-            "model without noise, or noises such as -sigma*q"
+            f"the noises of model {model.name} are not all linear in q with constant factors, or depend on p (traits "
+            "additive and position_noise), so that no constant friction belongs to them: give gamma and a model "
+            "without noise, or noises such as -sigma*q"
         )
     return np.array(found).T
 
