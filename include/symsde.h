@@ -186,6 +186,22 @@ int symsde_model_set_force(symsde_model model, symsde_force force, symsde_force_
                            void *user, symsde_error *error);
 int symsde_model_set_noise_force(symsde_model model, symsde_force force, symsde_force_derivative derivative,
                                  int in_position, void *user, symsde_error *error);
+/* What the functions of a model with parameters by path get in place of their user pointer: a pointer to this. */
+typedef struct symsde_lanes {
+   const double *parameters; /* [nparameter][nlane] of the lanes of this call */
+   void *user;               /* the user pointer of symsde_model_new */
+} symsde_lanes;
+/* Parameters that differ from path to path, for a model of symsde_model_new: values[nparameter][nrow], which are copied.
+ * Path first_path + i of a run has row i, so nrow must be its number of paths; one row is for all paths. nparameter = 0
+ * takes them back. Calls without paths (probes, diagnoses) have row 0; evaluations at npath = nrow points have row i
+ * at point i. No run may be using the model */
+int symsde_model_set_parameters(symsde_model model, int nparameter, int64_t nrow, const double *values,
+                                symsde_error *error);
+/* another model with the same functions, for another user pointer, and with other frequencies rotation[ndof] of the stiff
+ * linear part (NULL: those of model). The functions must take what user points to as data alone, since tests that one of
+ * both has passed are not made for the other */
+int symsde_model_with_user(symsde_model model, void *user, const double *rotation, symsde_model *made,
+                           symsde_error *error);
 int symsde_model_delete(symsde_model *model);
 /* the traits of a model; rotation and silent point into the model and are valid as long as it exists */
 int symsde_model_traits(symsde_model model, symsde_traits *traits, symsde_error *error);
@@ -322,6 +338,7 @@ typedef struct symsde_options {
    double area_time;       /* time scale of areas by the path; 0 = derived from the model [time] */
    int32_t areas;          /* enum symsde_areas */
    uint64_t common_noise;  /* bit k - 1: every path gets the W_k of path 0; the others differ by path */
+   int64_t noise_paths;    /* n > 0: path first_path + i has the noise of path first_path + i % n; 0 = of its own */
 } symsde_options;
 int symsde_options_init(symsde_options *options);
 /* refuses options as every function does that takes options, with the same sentences */

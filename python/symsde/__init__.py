@@ -47,6 +47,7 @@ from .run.prepared import PreparedRun, prepare
 from .run.report import Report
 from .run.simulate import Run, simulate
 from .run.step import increments, step
+from .run.sweep import Sweep, sweep
 from .schemes import Scheme
 from .studies.convergence import Convergence, convergence
 from .studies.study import WorkPrecision, work_precision
@@ -95,6 +96,7 @@ __all__ = [
     "Report",
     "Run",
     "Scheme",
+    "Sweep",
     "SymsdeError",
     "Traits",
     "WorkPrecision",
@@ -125,6 +127,7 @@ __all__ = [
     "simulate",
     "status_text",
     "step",
+    "sweep",
     "thermostat",
     "work_precision",
 ]

@@ -5,19 +5,23 @@ Each model represents the Stratonovich equations
 
     dp = -H_q dt - sum_k H_{k,q} o dW_k        dq = H_p dt + sum_k H_{k,p} o dW_k
 
-[WHSB] are equation numbers of the paper. Parameters that are not finite raise InvalidArgumentError.
+[WHSB] are equation numbers of the paper. A parameter is a number, or an array (path,) with a value for each path of a
+run (n of the chain: a number). Parameters that are not finite raise InvalidArgumentError.
 """
 
 from __future__ import annotations
 
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import ParamSpec
+
+import numpy as np
 
 from .model.definition import HAMILTONIANS, Model
 from .native import checks, handles
 
 _P = ParamSpec("_P")
+Parameter = float | Sequence[float] | np.ndarray  #: a number, or numbers (path,), one for each path of a run
 
 
 def names() -> list[str]:
@@ -35,7 +39,7 @@ def parameters(name: str) -> dict[str, float]:
     return {key.strip(): float(value) for key, value in pairs}
 
 
-def get(name: str, **values: float) -> Model:
+def get(name: str, **values: Parameter) -> Model:
     """A built-in model by name; parameters that are not given keep their defaults."""
     return Model.builtin(name, {**parameters(name), **values})
 
@@ -47,7 +51,7 @@ def _built_in(make: Callable[_P, Model]) -> Callable[_P, Model]:
 
 
 @_built_in
-def kubo(a: float = 1.0, sigma: float = 0.3) -> Model:
+def kubo(a: Parameter = 1.0, sigma: Parameter = 0.3) -> Model:
     """Kubo oscillator [WHSB] (35)-(37): H = a (p^2 + q^2)/2, H_1 = sigma (p^2 + q^2)/2.
 
     The state rotates by the angle sigma W(t) + a t, so p^2 + q^2 is invariant.
@@ -56,7 +60,7 @@ def kubo(a: float = 1.0, sigma: float = 0.3) -> Model:
 
 
 @_built_in
-def linear_oscillator(sigma: float = 1.0) -> Model:
+def linear_oscillator(sigma: Parameter = 1.0) -> Model:
     """Linear stochastic oscillator [WHSB] (20)-(21): H = (p^2 + q^2)/2, H_1 = -sigma q.
 
     dp = -q dt + sigma dW, dq = p dt; E(p^2 + q^2) grows by sigma^2 t, [WHSB] (24).
@@ -65,7 +69,7 @@ def linear_oscillator(sigma: float = 1.0) -> Model:
 
 
 @_built_in
-def synchrotron(omega: float = 2.0, sigma1: float = 0.2, sigma2: float = 0.1) -> Model:
+def synchrotron(omega: Parameter = 2.0, sigma1: Parameter = 0.2, sigma2: Parameter = 0.1) -> Model:
     """Synchrotron oscillations [WHSB] (73)-(75): H = p^2/2 - omega^2 cos q.
 
     H_1 = sigma1 sin q, H_2 = -sigma2 cos q.
@@ -74,7 +78,7 @@ def synchrotron(omega: float = 2.0, sigma1: float = 0.2, sigma2: float = 0.1) ->
 
 
 @_built_in
-def additive_oscillator(sigma: float = 0.0, gamma: float = 1.0) -> Model:
+def additive_oscillator(sigma: Parameter = 0.0, gamma: Parameter = 1.0) -> Model:
     """Oscillator with two additive noises [WHSB] (84)-(86): H = (p^2 + q^2)/2.
 
     H_1 = sigma p, H_2 = -gamma q: dp = -q dt + gamma dW_2, dq = p dt + sigma dW_1.
@@ -83,7 +87,7 @@ def additive_oscillator(sigma: float = 0.0, gamma: float = 1.0) -> Model:
 
 
 @_built_in
-def pendulum(sigma: float = 0.5) -> Model:
+def pendulum(sigma: Parameter = 0.5) -> Model:
     """Pendulum with multiplicative noise: H = p^2/2 - cos q, H_1 = sigma (p^2 + q^2)/2.
 
     One-sided schemes need their correction here.
@@ -93,13 +97,13 @@ def pendulum(sigma: float = 0.5) -> Model:
 
 @_built_in
 def driven_pendulum(
-    omega: float = 1.0,
-    epsilon: float = 0.3,
-    nu: float = 2.0,
+    omega: Parameter = 1.0,
+    epsilon: Parameter = 0.3,
+    nu: Parameter = 2.0,
     *,
-    sigma1: float = 0.2,
-    sigma2: float = 0.1,
-    alpha: float = 0.5,
+    sigma1: Parameter = 0.2,
+    sigma2: Parameter = 0.1,
+    alpha: Parameter = 0.5,
 ) -> Model:
     """Pendulum driven at its point of suspension: H = p^2/2 - omega^2 (1 + epsilon cos(nu t)) cos q.
 
@@ -113,7 +117,7 @@ def driven_pendulum(
 
 
 @_built_in
-def noncommutative_oscillator(s1: float = 0.5, s2: float = 0.5) -> Model:
+def noncommutative_oscillator(s1: Parameter = 0.5, s2: Parameter = 0.5) -> Model:
     """Oscillator whose noises do not commute: H = (p^2 + q^2)/2, H_1 = s1 p^2/2, H_2 = s2 q^2/2.
 
     {H_1, H_2} = -s1 s2 p q; the moments are known exactly.
@@ -122,7 +126,7 @@ def noncommutative_oscillator(s1: float = 0.5, s2: float = 0.5) -> Model:
 
 
 @_built_in
-def henon_heiles(alpha: float = 1.0, sigma1: float = 0.1, sigma2: float = 0.1) -> Model:
+def henon_heiles(alpha: Parameter = 1.0, sigma1: Parameter = 0.1, sigma2: Parameter = 0.1) -> Model:
     """Henon-Heiles system, two degrees of freedom: H = (p.p + q.q)/2 + alpha (q1^2 q2 - q2^3/3).
 
     H_1 = sigma1 q1, H_2 = sigma2 q2. The potential is unbounded below: paths escape and then fail.

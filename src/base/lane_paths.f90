@@ -11,22 +11,27 @@ module symsde_base_lane_paths
    use symsde_base_kinds, only: i8
    implicit none
    private
-   public :: lane_paths, narrow, widen
+   public :: lane_paths, most_deep, narrow, widen
 
    integer, parameter :: most_deep = 4  !! nested parts: stages, a strip of them, one lane of it, and one to spare
 
    type :: path_list
       integer(i8), allocatable :: path(:)
+      integer(i8) :: number = 0           !! of the list, which no other list of the runner ever had; 0 = no list yet
    end type path_list
 
    !> The lists of one runner: number 0 is that of the block, the last one that of the lanes in present calls.
    type :: lane_paths
       private
       integer :: depth = 0
+      integer(i8) :: first = 0            !! first path of the run
+      integer(i8) :: last_number = 0
       type(path_list) :: lists(0:most_deep)
    contains
       procedure :: begin
       procedure :: find
+      procedure :: find_places
+      procedure :: which
    end type lane_paths
 
    interface narrow  !! without effect if `paths` is null, like `widen`
@@ -36,13 +41,47 @@ module symsde_base_lane_paths
 contains
 
    !> Begin a block whose lanes are these paths.
-   subroutine begin(self, path)
+   subroutine begin(self, path, first)
       class(lane_paths), intent(inout) :: self
       integer(i8), intent(in) :: path(:)  !! global index of every lane
+      integer(i8), intent(in) :: first    !! global index of the run's first path
 
       self%depth = 0
+      self%first = first
       self%lists(0)%path = path
+      call give_number(self)
    end subroutine begin
+
+   !> Number the list that is asked for now.
+   subroutine give_number(self)
+      type(lane_paths), intent(inout) :: self
+
+      self%last_number = self%last_number + 1
+      self%lists(self%depth)%number = self%last_number
+   end subroutine give_number
+
+   !> Which list is asked for now, and its number: what was made from the list of the same number need not be made
+   !> again. The number is 0 before a block has begun.
+   subroutine which(self, depth, number)
+      class(lane_paths), intent(in) :: self
+      integer, intent(out) :: depth
+      integer(i8), intent(out) :: number
+
+      depth = self%depth
+      number = self%lists(depth)%number
+   end subroutine which
+
+   !> The places in the run, from 0 on, of the first nlane lanes that are asked for now (see find).
+   subroutine find_places(self, nlane, place)
+      class(lane_paths), intent(in) :: self
+      integer, intent(in) :: nlane
+      integer(i8), intent(out) :: place(nlane)
+
+      place = 0
+      if (self%lists(self%depth)%number == 0) return
+      call self%find(nlane, place)
+      place = place - self%first
+   end subroutine find_places
 
    !> The paths of the first nlane lanes of a call; lanes beyond the last one repeat it. Before a block has begun, as
    !> when steppers are made, all lanes are path 0.
@@ -84,7 +123,9 @@ contains
       associate (depth => paths%depth, lists => paths%lists)
          depth = depth + 1
          if (allocated(lists(depth)%path)) deallocate (lists(depth)%path)
+         lists(depth)%number = 0
          if (.not. allocated(lists(depth - 1)%path)) return  ! no block has begun
+         call give_number(paths)
          allocate (lists(depth)%path(size(lanes)))
          do i = 1, size(lanes)
             lists(depth)%path(i) = lists(depth - 1)%path(min(lanes(i), size(lists(depth - 1)%path)))

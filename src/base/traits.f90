@@ -2,7 +2,7 @@
 !> The declarations of a model about its Hamiltonians, by which a step may skip work. They are in base, because models
 !> set them and the factory of steppers reads them.
 module symsde_base_traits
-   use symsde_base_kinds, only: wp
+   use symsde_base_kinds, only: wp, i8
    implicit none
    private
    public :: model_traits, force_traits, dense, strip_lanes
@@ -44,6 +44,8 @@ module symsde_base_traits
       logical :: has_third_derivative = .false.  !! third derivatives are analytic (third_derivative)
       logical :: any_lanes = .false.       !! a lane has the same bits whatever the number of lanes
       logical :: autonomous = .false.      !! no H_j depends on time
+      logical :: by_path = .false.         !! parameters go by path: nothing that is found for one lane holds for others
+      integer(i8) :: npath = 0             !! paths that there are parameters for; 0 = any number
       real(wp) :: max_frequency = 0        !! declared bound of the frequencies of H; 0 = not declared
       real(wp) :: noise_lipschitz = 0      !! declared Lipschitz constant of sum_k |grad H_k|; 0 = not declared
       !> omega_i of the stiff linear part, H = p.p/2 + sum_i omega_i^2 q_i^2/2 + V(q) (ndof). A choice, not a claim: V

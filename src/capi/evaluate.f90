@@ -3,10 +3,11 @@
 module symsde_capi_evaluate
    use, intrinsic :: iso_c_binding, only: c_associated, c_double, c_int, c_int64_t, c_ptr
    use symsde_base_kinds, only: wp, i8
+   use symsde_base_lane_paths, only: lane_paths
    use symsde_base_lanes, only: lanes_for, padded
    use symsde_base_memory, only: require_memory
-   use symsde_base_status, only: error_type, raise, invalid_argument, missing_operation, out_of_memory, status_ok, &
-                                 callback_failed
+   use symsde_base_status, only: error_type, raise, invalid_argument, missing_operation, wrong_shape, &
+                                 out_of_memory, status_ok, callback_failed
    use symsde_base_text, only: to_text
    use symsde_capi_arrays, only: view
    use symsde_capi_error, only: finish, require, check_sizes
@@ -22,6 +23,8 @@ module symsde_capi_evaluate
    !> not depend on its neighbours. An unwanted output is not associated, and its block not allocated.
    type :: points_type
       class(model_type), pointer :: model => null()
+      class(model_type), pointer :: by_path => null()  !! the model that is told its paths, where it goes by path
+      type(lane_paths), pointer :: paths => null()
       class(model_type), allocatable :: own   !! the user's model, if the handle has one
       integer(i8) :: npath = 0
       integer :: ndof = 0, nnoise = 0, nlane = 0
@@ -103,6 +106,11 @@ contains
       if (npath < 0) call raise(error, invalid_argument, 'read_points', 'npath = '//to_text(npath)// &
                                 ' is negative: give the number of points')
       if (allocated(error)) return
+      if (points%model%traits%npath > 0 .and. all(npath /= [1_i8, points%model%traits%npath])) &
+         call raise(error, wrong_shape, 'read_points', 'model '//points%model%name//' has parameters for '// &
+                    to_text(points%model%traits%npath)//' paths, and there are '//to_text(npath)// &
+                    ' points: give a point for each path')
+      if (allocated(error)) return
       points%npath = npath
       points%ndof = points%model%traits%ndof
       points%nnoise = points%model%traits%nnoise
@@ -173,10 +181,18 @@ contains
          return
       end if
       call points%model%clear_failure()
+      allocate (points%paths)
+      call points%model%for_paths(points%paths, points%by_path)
       do first = 0, points%npath - 1, points%nlane
-         call ask_model(points, what, first, t)
+         if (associated(points%by_path)) then
+            call ask_model(points%by_path, points, what, first, t)
+         else
+            call ask_model(points%model, points, what, first, t)
+         end if
          if (points%model%failure_code() /= 0) exit
       end do
+      if (associated(points%by_path)) deallocate (points%by_path)
+      deallocate (points%paths)
       if (points%model%failure_code() /= 0) then
          status = finish(refusal, error, callback_failed, 'a callback returned '// &
                          to_text(points%model%failure_code())//' and the evaluation was aborted')
@@ -185,22 +201,30 @@ contains
       end if
    end function evaluate
 
-   subroutine ask_model(x, what, first, t)
+   !> One block; where the model goes by path, point i is that of path i.
+   subroutine ask_model(model, x, what, first, t)
+      class(model_type), intent(in) :: model
       type(points_type), intent(inout) :: x
       integer, intent(in) :: what
       integer(i8), intent(in) :: first
       real(wp), intent(in) :: t
+      integer(i8) :: path(x%nlane)
+      integer :: lane
 
+      do lane = 1, x%nlane
+         path(lane) = min(first + lane, x%npath) - 1
+      end do
+      if (associated(x%by_path)) call x%paths%begin(path, 0_i8)
       call copy_in(x%w, first, x%wb)
       call copy_in(x%q, first, x%qb)
       call copy_in(x%p, first, x%pb)
       select case (what)
       case (of_value)
-         call x%model%value(x%nlane, x%ndof, x%nnoise, t, x%wb, x%qb, x%pb, x%block1)
+         call model%value(x%nlane, x%ndof, x%nnoise, t, x%wb, x%qb, x%pb, x%block1)
       case (of_gradient)
-         call x%model%gradient(x%nlane, x%ndof, x%nnoise, t, x%wb, x%qb, x%pb, x%block1, x%block2)
+         call model%gradient(x%nlane, x%ndof, x%nnoise, t, x%wb, x%qb, x%pb, x%block1, x%block2)
       case default
-         call x%model%hessian(x%nlane, x%ndof, x%nnoise, t, x%wb, x%qb, x%pb, x%block1, x%block2, x%block3)
+         call model%hessian(x%nlane, x%ndof, x%nnoise, t, x%wb, x%qb, x%pb, x%block1, x%block2, x%block3)
       end select
       if (associated(x%out1)) call copy_out(x%block1, first, x%out1)
       if (associated(x%out2)) call copy_out(x%block2, first, x%out2)

@@ -1,12 +1,15 @@
 ! SPDX-License-Identifier: BSD-3-Clause
 !> Optional functions of a user's model: gradient and Hessian together, third derivatives, rows of a chain, whole
-!> steps of schemes; and declarations that its functions accept NULL or any number of lanes.
+!> steps of schemes, parameters by path; and declarations that its functions accept NULL or any number of lanes.
 module symsde_capi_joint
-   use, intrinsic :: iso_c_binding, only: c_funptr, c_int, c_ptr
+   use, intrinsic :: iso_c_binding, only: c_associated, c_funptr, c_int, c_int64_t, c_ptr
+   use symsde_base_kinds, only: wp, i8
    use symsde_base_maps, only: step_map
    use symsde_base_status, only: error_type, raise, incompatible, invalid_argument
-   use symsde_capi_error, only: finish
-   use symsde_capi_model, only: find_model
+   use symsde_base_text, only: to_text
+   use symsde_capi_arrays, only: view
+   use symsde_capi_error, only: finish, require, check_sizes
+   use symsde_capi_model, only: begin_handle, find_model, new_handle
    use symsde_capi_text, only: read_text
    use symsde_model_abstract, only: model_type
    use symsde_model_user_callback, only: callback_model
@@ -18,6 +21,7 @@ module symsde_capi_joint
    public :: symsde_model_set_gradient_hessian, symsde_model_accept_null, symsde_model_set_flow
    public :: symsde_model_accept_any_lanes, symsde_model_set_derived
    public :: symsde_model_set_chain_rows, symsde_model_set_third_derivative
+   public :: symsde_model_set_parameters, symsde_model_with_user
 
 contains
 
@@ -140,6 +144,63 @@ contains
       if (.not. allocated(refusal)) call known%passed%keep()
       status = finish(refusal, error)
    end function symsde_model_set_derived
+
+   !> Parameters by path: values[nparameter][nrow], row i for path first_path + i of a run, or one row for all paths;
+   !> nparameter = 0 takes them back. Refuses built-in models (incompatible).
+   function symsde_model_set_parameters(model, nparameter, nrow, values, error) result(status) &
+      bind(c, name='symsde_model_set_parameters')
+      type(c_ptr), intent(in), value :: model, values, error
+      integer(c_int), intent(in), value :: nparameter
+      integer(c_int64_t), intent(in), value :: nrow
+      integer(c_int) :: status
+      type(error_type), allocatable :: refusal
+      type(callback_model), pointer :: known
+      real(wp), pointer, contiguous :: given(:, :)
+      real(wp), target :: none(0, 0)
+
+      call find_callback_model(model, known, 'symsde_model_set_parameters', refusal)
+      if (nparameter < 0 .or. (nparameter > 0 .and. nrow < 1)) &
+         call raise(refusal, invalid_argument, 'symsde_model_set_parameters', 'nparameter = '//to_text(nparameter)// &
+                    ', nrow = '//to_text(nrow)//': give the number of parameters, 0 for none, and a row for each path')
+      given => none
+      if (nparameter > 0) then
+         call require(values, 'values', refusal)
+         call check_sizes(int(nparameter, i8), nrow, 1_i8, 'values', refusal)
+         if (.not. allocated(refusal)) call view(values, nrow, int(nparameter, i8), given)
+      end if
+      if (.not. allocated(refusal)) call known%set_parameters(given, refusal)
+      status = finish(refusal, error)
+   end function symsde_model_set_parameters
+
+   !> A copy of a model of symsde_model_new whose functions are given another user pointer, and whose stiff linear part
+   !> has other frequencies [ndof], unless rotation is NULL. Refuses built-in models
+   !> (incompatible).
+   function symsde_model_with_user(model, user, rotation, made, error) result(status) &
+      bind(c, name='symsde_model_with_user')
+      type(c_ptr), intent(in), value :: model, user, rotation, made, error
+      integer(c_int) :: status
+      type(error_type), allocatable :: refusal
+      type(callback_model), pointer :: known
+      real(wp), pointer, contiguous :: frequencies(:)
+      class(model_type), allocatable :: other
+
+      call begin_handle(made, 'made', refusal)
+      call find_callback_model(model, known, 'symsde_model_with_user', refusal)
+      if (.not. allocated(refusal)) then
+         allocate (callback_model :: other)
+         select type (other)
+         type is (callback_model)
+            other = known
+            call other%set_user(user)
+            if (c_associated(rotation)) then
+               call view(rotation, int(other%traits%ndof, i8), frequencies)
+               other%traits%rotation = frequencies
+            end if
+         end select
+      end if
+      call new_handle(other, made, refusal)
+      status = finish(refusal, error)
+   end function symsde_model_with_user
 
    !> Find the user's model of a handle; built-in models are refused.
    subroutine find_callback_model(handle, model, place, error)

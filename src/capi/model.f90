@@ -24,7 +24,7 @@ module symsde_capi_model
    use symsde_model_catalogue_by_name, only: get_model, model_names, tabulate
    implicit none
    private
-   public :: find_model, use_model, copy_model
+   public :: find_model, use_model, copy_model, begin_handle, new_handle
    public :: symsde_model_names, symsde_model_parameters, symsde_model_get
    public :: symsde_model_set_damping, symsde_model_set_friction, symsde_model_thermostat
    public :: symsde_model_set_force, symsde_model_set_noise_force

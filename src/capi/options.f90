@@ -38,6 +38,7 @@ module symsde_capi_options
       real(c_double) :: area_time
       integer(c_int32_t) :: areas
       integer(c_int64_t) :: common_noise  ! unsigned in C: bit k - 1 for noise k
+      integer(c_int64_t) :: noise_paths
    end type c_options
 
 contains
@@ -109,6 +110,7 @@ contains
       c%area_time = o%area_time
       c%areas = o%areas
       c%common_noise = 0
+      c%noise_paths = o%noise_paths
       c%compensated = merge(1, 0, o%compensated)
       c%general = merge(1, 0, o%general)
       c%max_iter = o%max_iter
@@ -137,6 +139,7 @@ contains
       o%truncation = c%truncation
       o%truncation_time = c%truncation_time
       o%area_time = c%area_time
+      o%noise_paths = c%noise_paths
       o%areas = c%areas
       allocate (o%common_noise(popcnt(c%common_noise)))
       n = 0

@@ -39,7 +39,7 @@ module symsde_diagnose_exact
    use symsde_diagnose_linear_flow, only: linear_flow, new_linear_flow
    use symsde_ensemble_run_driver, only: new_noise
    use symsde_ensemble_monitor, only: monitor_type, stop_if_wanted
-   use symsde_ensemble_options, only: run_options, check_options, saved_count
+   use symsde_ensemble_options, only: run_options, noise_path, check_options, saved_count
    use symsde_model_abstract, only: model_type
    use symsde_model_catalogue_additive_oscillator, only: additive_oscillator_model
    use symsde_model_catalogue_kubo, only: kubo_model
@@ -329,6 +329,7 @@ contains
       work%nreal = int(min(int(work%nlane, i8), options%npath - work%first))
       work%request%nreal = work%nreal
       call path_of_lane(work%nlane, options%first_path + work%first, work%nreal, work%request%path)
+      work%request%path = noise_path(options, work%request%path)
       do lane = 1, work%nlane
          ! One initial state may serve all paths.
          row = work%first + min(lane, work%nreal)

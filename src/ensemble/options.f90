@@ -11,7 +11,7 @@ module symsde_ensemble_options
    use symsde_step_factory, only: stepper_options
    implicit none
    private
-   public :: run_options, check_options, saved_count, steppers_of, time_rounding, latest_time, max_nlane
+   public :: run_options, noise_path, check_options, saved_count, steppers_of, time_rounding, latest_time, max_nlane
 
    integer, parameter :: max_nlane = 4096            !! most lanes of a block
    integer(i8), parameter :: max_index = 2_i8**47    !! bound of paths and of fine steps: 48-bit counters
@@ -27,6 +27,7 @@ module symsde_ensemble_options
       integer(i8) :: save_every = 1         !! steps between saved points
       integer :: refine = 0                 !! l > 0: a step is the sum of 2^l draws; l < 0: Brownian bridge
       integer(i8) :: first_path = 0         !! global index of the first path
+      integer(i8) :: noise_paths = 0        !! n > 0: path first + i has the noise of path first + mod(i, n)
       integer(i8) :: first_step = 0         !! index n of the first step, at t0 + n h; chooses its noise
       integer :: correction = stepper%correction
       real(wp) :: truncation = 0            !! order l of truncated increments, 0 = none
@@ -61,6 +62,15 @@ contains
 
       saved_count = options%nstep/options%save_every + 1
    end function saved_count
+
+   !> The path whose noise a path has.
+   elemental integer(i8) function noise_path(o, path)
+      type(run_options), intent(in) :: o
+      integer(i8), intent(in) :: path  !! global index
+
+      noise_path = path
+      if (o%noise_paths > 0) noise_path = o%first_path + modulo(path - o%first_path, o%noise_paths)
+   end function noise_path
 
    !> Largest rounding of t0 + n h as a fraction of a step: of n h, and of the sum.
    pure real(wp) function time_rounding(o)
@@ -97,6 +107,9 @@ contains
       else if (mod(o%nstep, o%save_every) /= 0) then
          call refuse('steps = '//to_text(o%nstep)//' is not a multiple of save_every = '// &
                      to_text(o%save_every)//': the last saved point would be missed; change one of the two')
+      else if (o%noise_paths < 0) then
+         call refuse('noise_paths = '//to_text(o%noise_paths)//' is not a number of paths: give 1 or more, or 0 '// &
+                     'for noise of its own for each path')
       else if (o%first_path < 0 .or. o%first_step < 0) then
          call refuse('first_path = '//to_text(o%first_path)//', first_step = '//to_text(o%first_step)// &
                      ': both count from 0, give 0 or more for each')

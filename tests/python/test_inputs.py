@@ -202,7 +202,9 @@ OWN = {
     "observe.temperatures": [{"found": HEAT}],
     "observe.Paths": [{"paths": [0, 2], "of": ["q_1"]}, {"paths": np.array([0, 2]), "of": ["q_1"]}],
     "Model.builtin": [{"name": "kubo", "parameters": {"a": 1.0, "sigma": 0.3}}],
+    "Model.with_parameters": [{"sigma": 0.2}],
     "FormulaModel.with_parameters": [{"k": 3.0}],
+    "sweep": [{"model": FORMULA, "values": {"k": np.array([2.0, 3.0])}, "observables": {"e": energy}}],
     "PreparedRun.reset": [{**LOW, "first_path": 3, "first_step": 2}],
     "PreparedRun.run": [{"increments": INCREMENTS[::2]}],
 }
@@ -217,8 +219,9 @@ SUBJECTS = {
 NOT_CALLED = {"call", "check_start", "fill", "fill_from_sums", "plot", "save", "table", "resume"}
 CLOCKED = {"expect", "mlmc", "advise", "work_precision"}  #: results that hold seconds
 RESULTS = (
-    "Run Moments PreparedRun LevelSampler OpenRun schemes.Scheme Scheme FormulaModel open_run load Advice Alternative "
-    "Answer Commutator Convergence MeanSquare Multilevel Report Traits WorkPrecision observe.Observed observe.Observer"
+    "Run Moments PreparedRun LevelSampler OpenRun Sweep schemes.Scheme Scheme FormulaModel open_run load Advice "
+    "Alternative Answer Commutator Convergence MeanSquare Multilevel Report Traits WorkPrecision observe.Observed "
+    "observe.Observer"
 )
 
 
@@ -237,7 +240,7 @@ def public():
                 yield prefix + name, thing
     for name in SUBJECTS:
         for method, thing in inspect.getmembers(getattr(ss, name), callable):
-            inherited = name == "FormulaModel" and hasattr(ss.Model, method)
+            inherited = name == "FormulaModel" and method not in vars(ss.FormulaModel)
             if (method[0] != "_" or method == "__call__") and method not in NOT_CALLED and not inherited:
                 yield f"{name}.{method}", thing
 
@@ -348,6 +351,11 @@ def moments_seen(found):
     return [*(seen(found.table(kind)) for kind in ("mean", "var", "se_mean")), seen(attributes(found)), observed]
 
 
+def sweep_seen(found):
+    """Values and tables."""
+    return [seen(found.parameters), *(seen(found.table(kind)) for kind in ("mean", "var", "se_mean"))]
+
+
 def prepared_seen(run):
     """States from the present step on, and after a reset."""
     first = run_seen(run.run(2))
@@ -384,6 +392,7 @@ LOOKS = {
     ss.Model: model_seen,
     ss.Run: run_seen,
     ss.Moments: moments_seen,
+    ss.Sweep: sweep_seen,
     ss.PreparedRun: prepared_seen,
     ss.LevelSampler: sampler_seen,
     Draw: draw_seen,

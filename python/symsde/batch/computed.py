@@ -46,10 +46,12 @@ class Start:
 
 def of(model: Model, scheme: Scheme | None, start: Start, functions: Mapping[str, Function]) -> dict[str, Any]:
     """Model, scheme and functions of states in types of JSON, written out if short."""
+    model, given = model._part(slice(1)), model
     traits = dataclasses.asdict(model.traits)
     traits["rotation"] = traits["rotation"] and _hash(_rounded(np.array([traits["rotation"]])))
     traits["silent"] = list(traits["silent"])
-    found = {"model": model.name, "parameters": dict(model.parameters), "traits": traits}
+    found = {"model": model.name, "parameters": {key: _by_path(x) for key, x in given.parameters.items()}}
+    found["traits"] = traits
     if (formula := getattr(model, "formula", None)) is not None:
         found["formulas"] = list(formula.hamiltonians)
     if model.damping:
@@ -66,6 +68,11 @@ def of(model: Model, scheme: Scheme | None, start: Start, functions: Mapping[str
     if functions:
         found["functions"] = {name: _told(_of_function(function, start)) for name, function in functions.items()}
     return found
+
+
+def _by_path(value: Any) -> Any:
+    """The value of a parameter; of values by path their number and a hash."""
+    return value if np.ndim(value) == 0 else f"{value.size} values ({_hash(np.asarray(value, '<f8').tobytes())})"
 
 
 def _of_model(model: Model, weights: np.ndarray, start: Start) -> list[Any]:

@@ -102,7 +102,7 @@ def _rate(task: Task, piece: Piece) -> float:
     steps, most = 1, int(options["steps"])
     while True:
         here = {**options, "steps": steps, "save_every": steps}
-        took = moments(task.model, **shown, **here).report.timings["run"]
+        took = moments(task.model_of(few), **shown, **here).report.timings["run"]
         if took > _PILOT or steps == most:
             return few.paths * steps / max(took, 1e-6)
         steps = min(most, steps * max(2, min(16, int(_PILOT / max(took, 1e-6)))))

@@ -42,6 +42,11 @@ class Task:
     observables: dict[str, Observable] = field(default_factory=dict)
     observers: dict[str, requests.Observer] = field(default_factory=dict)
 
+    def model_of(self, piece: Piece) -> Model:
+        """The model of the paths of a piece."""
+        skip = piece.first - self.options.get("first_path", 0)
+        return self.model._part(slice(skip, skip + piece.paths))
+
     def of(self, piece: Piece, threads: int | None) -> dict[str, Any]:
         """Options of `simulate` for the paths of a piece."""
         here = {**self.options, "first_path": piece.first, "paths": piece.paths, "threads": threads}
@@ -93,7 +98,7 @@ def _compute(task: Task, piece: Piece, threads: int | None, tell: Tell, checkpoi
 
 def _moments(task: Task, piece: Piece, threads: int | None, tell: Tell) -> Shard | None:
     shown = {"observables": task.observables or None, "observers": task.observers}
-    found: Moments = moments(task.model, progress=tell, **shown, **task.of(piece, threads))
+    found: Moments = moments(task.model_of(piece), progress=tell, **shown, **task.of(piece, threads))
     arrays = {name: getattr(found, name) for name in ("t", "n_ok", "m2", "failed", "failed_status", "failed_step")}
     arrays["mean"] = found.to_arrays()[0]
     facts = facts_of(found.report)
@@ -186,7 +191,8 @@ def _paths(task: Task, piece: Piece, threads: int | None, tell: Tell, checkpoint
     steps, every = int(options["steps"]), int(options.get("save_every", 1))
     found = checkpoint.read() if checkpoint else None
     saved = _Saved() if found is None else _Saved.of(found)
-    saved.facts = saved.facts or _facts_of_whole(task, options)
+    model = task.model_of(piece)
+    saved.facts = saved.facts or _facts_of_whole(model, options)
     wanted = max(1, _FIRST // (piece.paths * task.model.ndof))
     clock = _Clock(checkpoint.seconds if checkpoint else math.inf)
     while saved.step < steps or not saved.state:
@@ -194,7 +200,7 @@ def _paths(task: Task, piece: Piece, threads: int | None, tell: Tell, checkpoint
         before = saved.step * piece.paths
         here = _options_from(options, saved, length, save)
         run = simulate(
-            task.model, progress=lambda done, _, b=before: tell(b + done, piece.work) and clock.has_waited(), **here
+            model, progress=lambda done, _, b=before: tell(b + done, piece.work) and clock.has_waited(), **here
         )
         if not run.report.stopped:
             saved.add(run, length, keeps_last)
@@ -209,10 +215,10 @@ def _paths(task: Task, piece: Piece, threads: int | None, tell: Tell, checkpoint
     return saved.shard(**saved.counted(options.get("first_step", 0)))
 
 
-def _facts_of_whole(task: Task, options: dict[str, Any]) -> dict[str, Any]:
+def _facts_of_whole(model: Model, options: dict[str, Any]) -> dict[str, Any]:
     """The part of the report that is known before a run over all steps begins."""
     here = {**options, "save_every": max(1, int(options["steps"]))}
-    return facts_of(simulate(task.model, progress=lambda *_: True, **here).report)
+    return facts_of(simulate(model, progress=lambda *_: True, **here).report)
 
 
 def _segment(step: int, steps: int, every: int, wanted: int) -> tuple[int, int, bool]:

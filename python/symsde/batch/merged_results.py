@@ -95,7 +95,7 @@ def run_of(task: Task, pieces: Sequence[Piece], read: Read, **about: Any) -> Run
         array = np.asarray(options[key])
         if array.ndim == 2 and array.shape[1] > 1:
             options[key] = array[:, path - task.options.get("first_path", 0)]
-    run = Run(make_setup(task.model, **options))
+    run = Run(make_setup(task.model._part(path - task.options.get("first_path", 0)), **options))
     run.path = path
     at, reports = 0, []
     for piece in pieces:

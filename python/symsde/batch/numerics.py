@@ -32,5 +32,5 @@ def _lapack_of(model: Model, scheme: Scheme, start: Start, options: dict[str, An
     the error."""
     one = {"q0": start.q[:, 0], "p0": start.p[:, 0], "t0": start.t, "paths": 1, "steps": 1, "threads": 1}
     with contextlib.suppress(Exception), checks.unwarned():
-        return simulate(model, scheme=scheme, **{**options, **one}).report.lapack
+        return simulate(model._part(slice(1)), scheme=scheme, **{**options, **one}).report.lapack
     return ""

@@ -13,6 +13,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from .. import models
 from ..errors import InvalidArgumentError, SceneError, SymsdeError
 from ..model.definition import Model
@@ -30,6 +32,7 @@ RUN_KEYS = [key for key in inspect.signature(simulate).parameters if key not in 
 _REQUIRED = ("step", "steps", "q0", "p0")
 OUTPUT_KEYS = ["moments", "paths"]
 STUDY_KEYS = ["schemes", "steps", "horizon", "paths", "reference", "reference_steps", "repeats", "interval"]
+_NOT_PARAMETERS = {"name", "thermostat", "damping"}  #: keys of a built-in model beside its parameters
 EXPECT_KEYS = ["f", "abs", "rel", "horizon", "scheme", "method", "max_time"]
 
 #: whether scenes may name Python functions; set by --allow-python of the command line
@@ -61,7 +64,7 @@ class Scene:
     def try_out(self) -> Run:
         """Set everything up as for the run, but take no step; misuse raises SceneError."""
         try:
-            return simulate(self.model, **self.start())
+            return simulate(self.model._part(slice(1)), **self.start())
         except SymsdeError as error:
             raise SceneError(f"{self.file}: [run]: {error}") from error
 
@@ -96,7 +99,8 @@ def load(path: str | os.PathLike) -> Scene:
     _known(file, "key of [study]", study, STUDY_KEYS)
     expect = dict(tables.get("expect", {}))
     _known(file, "key of [expect]", expect, EXPECT_KEYS)
-    scene = Scene(file, _model(file, dict(tables["model"])), run, wants_moments, [], study, expect, tables)
+    model = _model(file, _by_path(file, dict(tables["model"]), run.get("paths", 1)))
+    scene = Scene(file, model, run, wants_moments, [], study, expect, tables)
     scene.text = text
     tried = scene.try_out()
     scene.paths = _paths(file, output.get("paths", []), run)
@@ -132,7 +136,7 @@ def _observables(file: str, scene: Scene) -> dict[str, observables.Observable]:
             )
     try:
         observables.check_observables(found)
-        try_out(scene.model, found, **{**scene.start(), "first_path": 0})
+        try_out(scene.model._part(slice(1)), found, **{**scene.start(), "first_path": 0})
     except SymsdeError as error:
         raise SceneError(f"{file}: [observables]: {error}") from error
     if found and not scene.moments:
@@ -192,6 +196,41 @@ def _model(file: str, table: dict[str, Any]) -> Model:
         raise
     except SymsdeError as error:
         raise SceneError(f"{file}: [model]: {error}") from error
+
+
+def _by_path(file: str, table: dict[str, Any], paths: object) -> dict[str, Any]:
+    """The table [model] with values for each path in the place of ranges {from = , to = , count = } of parameters.
+
+    Every value, and of several ranges every combination, the last one fastest, has as many of the paths, side by side.
+    """
+    if "python" in table:
+        return table
+    where = "[model.params]" if "H" in table else "[model]"
+    values = dict(table.get("params") or {}) if "H" in table else table
+    ranges = {key: x for key, x in values.items() if isinstance(x, dict) and key not in _NOT_PARAMETERS}
+    arrays = []
+    for key, given in ranges.items():
+        if set(given) != {"from", "to", "count"}:
+            raise SceneError(
+                f"{file}: {where} {key} = {checks.shown(given)}: give a number, a list with one for each path, or "
+                "{from = 0.1, to = 1.0, count = 10}"
+            )
+        try:
+            ends = (checks.finite(f"{end} of {key}", given[end]) for end in ("from", "to"))
+            arrays.append(np.linspace(*ends, checks.integer(f"count of {key}", given["count"], (1, 2**31))))
+        except SymsdeError as error:
+            raise SceneError(f"{file}: {where}: {error}") from error
+    if not ranges:
+        return table
+    grid = np.meshgrid(*arrays, indexing="ij")
+    count = grid[0].size
+    if type(paths) is not int or paths < 1 or paths % count:
+        raise SceneError(
+            f"{file}: [run] paths = {checks.shown(paths)} is not a multiple of {count}, the number of values of "
+            f"{', '.join(ranges)}: give {count} times the paths of one value"
+        )
+    made = {key: np.repeat(x.ravel(), paths // count) for key, x in zip(ranges, grid, strict=True)}
+    return {**table, "params": {**values, **made}} if "H" in table else {**table, **made}
 
 
 def _bath(file: str, given: object) -> dict[str, Any]:

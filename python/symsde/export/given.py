@@ -69,6 +69,10 @@ def given_of(scene: Scene, stem: str) -> Given:
     setup = make_setup(scene.model, **scene.run)
     model = scene.model
     require_closed(model, "programs are written")
+    if any(np.ndim(x) for x in model.parameters.values()):
+        raise InvalidArgumentError(
+            f"{scene.file}: parameters of model {model.name} go by path, and a program holds one value of each"
+        )
     if setup.q0.shape[1] != 1 or setup.p0.shape[1] != 1:
         raise InvalidArgumentError(
             f"{scene.file}: [run] q0, p0 differ from path to path, and a program holds one state: give one for all"

@@ -17,6 +17,7 @@ from ..native import abi, checks, handles
 from ..native import callbacks as _callbacks
 from ..native.signals import held
 from ..show import html
+from . import built_in
 from .forces import Forces, handle_with
 from .named import require_names
 
@@ -224,8 +225,11 @@ class Model:
             self._damp(_copied(self), damping, allow_gain=False)
 
     @classmethod
-    def builtin(cls, name: str, parameters: Mapping[str, float]) -> Model:
-        """A built-in model by name; `symsde.models` has one function for each."""
+    def builtin(cls, name: str, parameters: Mapping[str, Any]) -> Model:
+        """A built-in model by name; `symsde.models` has one function for each. Where a parameter is an array (path,)
+        it is made from its formulas."""
+        if built_in.go_by_path(checks.table("parameters", parameters)):
+            return built_in.of_formulas(name, parameters)
         known = {key: checks.number(key, value) for key, value in checks.table("parameters", parameters).items()}
         self = cls.__new__(cls)
         self.in_python = False
@@ -245,6 +249,21 @@ class Model:
         self.name: str = name
         self._parameters: dict[str, float] = parameters
         self.traits: Traits = self._read_traits()
+
+    def with_parameters(self, **values: Any) -> Model:
+        """The same model with other values of some parameters: numbers, or arrays (path,) with one for each path.
+
+        For built-in models and models from formulas. With an array a built-in model is made from its formulas, and has
+        the same paths to rounding.
+        """
+        if self._remade is None or self._remade[0] != Model.builtin:
+            raise IncompatibleError(
+                f"parameters of model {self.name!r} cannot be changed: make it again, from a model with other values"
+            )
+        for name in values:
+            checks.choice("the parameter", name, list(self._parameters))
+        made = Model.builtin(self.name, {**self._parameters, **values})
+        return made.damped(self.damping, allow_gain=True) if self.damping else made
 
     @property
     def damping(self) -> Damping:
@@ -387,8 +406,8 @@ class Model:
         )
 
     @property
-    def parameters(self) -> Mapping[str, float]:
-        """Values of the parameters, to be read. A model never changes."""
+    def parameters(self) -> Mapping[str, Any]:
+        """Values of the parameters, to be read: numbers, or arrays (path,). A model never changes."""
         return types.MappingProxyType(self._parameters)
 
     @property
@@ -396,12 +415,21 @@ class Model:
         """Names of the coordinates and then of the momenta in results and files: q_1 .., p_1 .. or the model's own."""
         return self._coordinates or tuple(f"{x}_{i + 1}" for x in "qp" for i in range(self.ndof))
 
+    @property
+    def paths(self) -> int:
+        """The number of paths for which there are values of parameters, one for each path; 0 = any number."""
+        return max((x.size for x in self._parameters.values() if np.ndim(x) and x.size > 1), default=0)
+
+    def _part(self, _where: slice | np.ndarray) -> Model:
+        """The model of some paths of a run, by their places in it; the same where no parameter goes by path."""
+        return self
+
     ndof = property(lambda self: self.traits.ndof, doc="Degrees of freedom.")
     nnoise = property(lambda self: self.traits.nnoise, doc="Noises.")
 
     def __repr__(self) -> str:
         """Name and parameters of the model."""
-        parameters = ", ".join(f"{key}={value:g}" for key, value in self.parameters.items())
+        parameters = ", ".join(f"{key}={html.told(value)}" for key, value in self.parameters.items())
         what = parameters or f"ndof={self.ndof}, nnoise={self.nnoise}"
         if self.has_friction:
             what += f", friction ({self.ndof}, {self.ndof})"

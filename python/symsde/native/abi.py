@@ -107,6 +107,7 @@ class Options(Structure):
         ("area_time", c_double),
         ("areas", c_int32),
         ("common_noise", c_uint64),
+        ("noise_paths", c_int64),
     )
 
     def __reduce__(self) -> tuple:
@@ -311,6 +312,8 @@ FUNCTIONS = {
     "model_set_flow": (_handle, c_char_p, CALLBACKS["flow"], _error),
     "model_accept_any_lanes": (_handle, _error),
     "model_set_derived": (_handle, _error),
+    "model_set_parameters": (_handle, c_int, c_int64, c_void_p, _error),
+    "model_with_user": (_handle, c_void_p, c_void_p, _handle_out, _error),
     "model_set_damping": (_handle, c_int, POINTER(c_double), c_int, _error),
     "model_set_friction": (_handle, POINTER(c_double), c_int, _error),
     "model_thermostat": (_handle, c_int, POINTER(c_double), c_int, POINTER(c_double), _error),

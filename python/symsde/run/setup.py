@@ -138,6 +138,7 @@ class Setup:
     def attributes(self) -> dict[str, str]:
         """Origin of the run, as text for files."""
         left_out = {"struct_size", "threads", "lanes", "progress", "progress_user"}
+        left_out |= set() if self.options.noise_paths else {"noise_paths"}
         names = [name for name, *_ in abi.Options._fields_ if name not in left_out]
         chosen = {name: getattr(self.options, name) for name in names}
         chosen["areas"] = abi.AREAS[self.options.areas]
@@ -145,7 +146,7 @@ class Setup:
         chosen["correction"] = abi.CORRECTIONS[self.options.correction]
         return {
             "model": self.model.name,
-            "parameters": json.dumps(dict(self.model.parameters)),
+            "parameters": json.dumps({key: np.asarray(x).tolist() for key, x in self.model.parameters.items()}),
             **({"damping": json.dumps(self.model.damping)} if self.model.damping else {}),
             **({"bath": json.dumps(self.model._bath)} if self.model._bath else {}),
             **({"names": json.dumps(self.model._coordinates)} if self.model._coordinates else {}),
@@ -308,6 +309,8 @@ def setup_of(given: dict[str, Any]) -> Setup:
     increments, q0_low, p0_low = take("increments", None), take("q0_low", None), take("p0_low", None)
     chosen = _options_of(model, given, take("in_python", False))
     ndof, paths = model.traits.ndof, chosen.paths
+    if model.paths not in (0, paths):
+        raise _other_paths(model, paths)
     shaped = checks.state("q0", q0, ndof, paths), checks.state("p0", p0, ndof, paths)
     is_one = checks.is_one(q0) and checks.is_one(p0)
     q0, p0 = shaped
@@ -323,6 +326,16 @@ def setup_of(given: dict[str, Any]) -> Setup:
         None if q0_low is None else _low("q0_low", q0_low, ndof, paths),
         None if p0_low is None else _low("p0_low", p0_low, ndof, paths),
         not is_one and paths in (q0.shape[1], p0.shape[1]),
+    )
+
+
+def _other_paths(model: Model, paths: int) -> WrongShapeError:
+    """What is wrong where arrays of parameters do not fit the paths of a run."""
+    arrays = [name for name, x in model.parameters.items() if np.ndim(x) and x.size > 1]
+    return WrongShapeError(
+        f"the parameter{'s' if len(arrays) > 1 else ''} {', '.join(arrays)} of model {model.name} "
+        f"{'have' if len(arrays) > 1 else 'has'} {model.paths} values, one for each path, and the run has "
+        f"{checks.counted(paths, 'path')}: give paths={model.paths}, or as many values as paths"
     )
 
 

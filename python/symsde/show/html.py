@@ -53,6 +53,13 @@ def text(shown: str) -> str:
     return f"<pre>{html.escape(shown)}</pre>"
 
 
+def told(value: Any) -> str:
+    """The value of a parameter, shortened."""
+    if np.ndim(value) == 0:
+        return f"{value:g}"
+    return f"[{value[0]:g}]" if value.size == 1 else f"[{value[0]:g}, .. {value[-1]:g}; {value.size} paths]"
+
+
 def model(shown: Any, hamiltonians: Sequence[str], traits: Sequence[str]) -> str:
     """A model: its name, its Hamiltonians as texts, parameters with their values, names of its traits."""
     loss = " - Γ M⁻¹ p dt" if shown.has_friction else " - γ p dt" if shown.damping else ""
@@ -60,7 +67,7 @@ def model(shown: Any, hamiltonians: Sequence[str], traits: Sequence[str]) -> str
     lines += [f"<code>{html.escape(line)}</code>" for line in hamiltonians]
     page = "<br>".join(lines)
     if shown.parameters:
-        page += table(list(shown.parameters), [[f"{value:g}" for value in shown.parameters.values()]])
+        page += table(list(shown.parameters), [[told(value) for value in shown.parameters.values()]])
     if shown.has_friction:
         page += table(["friction Γ", *[""] * (shown.ndof - 1)], [[f"{x:g}" for x in row] for row in shown.damping])
     elif shown.damping:

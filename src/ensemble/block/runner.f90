@@ -30,7 +30,7 @@ module symsde_ensemble_block_runner
    use symsde_ensemble_block_initial_state, only: initial_state
    use symsde_ensemble_contract, only: require_block, require_shown, require_finished
    use symsde_ensemble_observe_observer, only: observer_type
-   use symsde_ensemble_options, only: run_options
+   use symsde_ensemble_options, only: run_options, noise_path
    use symsde_model_abstract, only: model_type
    use symsde_model_views_real_lanes, only: real_lanes_model
    use symsde_noise_source, only: noise_type
@@ -53,6 +53,7 @@ module symsde_ensemble_block_runner
       type(lane_paths), pointer :: paths => null()     !! the paths of the lanes; owned, only together with by_path
       type(lane_state) :: state
       integer :: nreal = 0
+      integer(i8), allocatable :: path(:)  !! global index of every lane (nlane)
       integer(i8) :: step = 0              !! absolute number of the next step
       type(noise_buffer) :: drawn           !! increments and functionals that drive the steps
       integer(i8), private :: begun = 0    !! absolute number of the block's first step
@@ -169,16 +170,19 @@ contains
       class(block_runner), intent(inout) :: self
       integer(i8), intent(in) :: step, path(self%state%nlane)
       integer, intent(in) :: nreal
+      integer(i8) :: of_noise(self%state%nlane)  ! the path whose noise every lane has
 
       if (contracts_are_executed) call require_block(self%state%nlane, nreal, path, step)
       self%nreal = nreal
+      self%path = path
       self%step = step
       ! Padding repeats the last path, noise included.
-      call self%drawn%begin(nreal, path)
+      of_noise = noise_path(self%options, path)
+      call self%drawn%begin(nreal, of_noise)
       self%steps%nreal = nreal
       self%stepper%ham%nreal = nreal
       if (associated(self%real_lanes)) self%real_lanes%nreal = nreal
-      if (associated(self%paths)) call self%paths%begin(path)
+      if (associated(self%paths)) call self%paths%begin(path, self%options%first_path)
       self%enough = self%state%nlane
    end subroutine begin_with
 

@@ -143,9 +143,9 @@ contains
       end do
       ! Padding repeats the last path. n > 0, since a block without an ok lane is done.
       to%origin(n + 1:) = to%origin(n)
-      ! paths keep their global indices, by which their noise is drawn
+      ! Paths keep their global indices, by which their noise is drawn and their parameters are found.
       do lane = 1, to%state%nlane
-         path(lane) = wide%drawn%request%path(to%origin(lane))
+         path(lane) = wide%path(to%origin(lane))
       end do
       ! The narrow runner draws from the same source, and shows its states to the observer of the wide runner.
       call to%equip(wide%options, spreading_observer(wide=wide, narrow=to), wide%drawn%noise)

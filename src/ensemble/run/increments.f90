@@ -7,7 +7,7 @@ module symsde_ensemble_run_increments
    use symsde_base_record, only: step_store, step_request, new_step_store
    use symsde_base_status, only: error_type
    use symsde_ensemble_monitor, only: monitor_type, stop_if_wanted, raise_stopped
-   use symsde_ensemble_options, only: run_options
+   use symsde_ensemble_options, only: run_options, noise_path
    use symsde_noise_source, only: noise_type
    implicit none
    private
@@ -63,6 +63,7 @@ contains
       request%nreal = nreal
       allocate (request%path(default_nlane))
       call path_of_lane(default_nlane, options%first_path + first, nreal, request%path)
+      request%path = noise_path(options, request%path)
       do pair = options%first_step/2, (options%first_step + options%nstep - 1)/2
          patient%done = first*options%nstep + (2*pair - options%first_step)*nreal
          call stop_if_wanted(monitor, patient%done, patient%total, 'collect_increments', error)

@@ -15,11 +15,13 @@ module symsde_model_user_callback
    use, intrinsic :: iso_c_binding, only: c_associated, c_f_procpointer, c_funptr, c_null_ptr, c_ptr
    use symsde_base_counters, only: counters_type
    use symsde_base_kinds, only: wp, i4, i8
+   use symsde_base_lane_paths, only: lane_paths
    use symsde_base_maps, only: step_map
    use symsde_base_record, only: steps_record
    use symsde_base_status, only: error_type, raise, missing_operation, out_of_memory
+   use symsde_base_text, only: to_text
    use symsde_base_traits, only: model_traits, strip_lanes
-   use symsde_model_abstract, only: value_missing, hessian_by_differences, hessian_vector_composed, &
+   use symsde_model_abstract, only: model_type, value_missing, hessian_by_differences, hessian_vector_composed, &
                                     force_stiffness_composed
    use symsde_model_kernels, only: kernel_model
    use symsde_model_user_callback_flow, only: user_flows
@@ -27,7 +29,10 @@ module symsde_model_user_callback
                                                    hessian_vector_callback, gradient_hessian_callback, &
                                                    third_derivative_callback
    use symsde_model_chain_rows, only: check_chain, chain_rows_callback
-   use symsde_model_user_outputs, only: little, find_room, keep, spoil
+   use symsde_model_user_failures, only: failure_record
+   use symsde_model_user_outputs, only: little, find_room, spoil
+   use symsde_model_user_path_parameters, only: path_parameters, lane_call
+   use symsde_model_user_whole, only: whole_hessian, whole_gradient_hessian
    use symsde_model_parameters, only: check_traits
    implicit none
    private
@@ -44,8 +49,9 @@ module symsde_model_user_callback
       procedure(chain_rows_callback), pointer, nopass :: on_chain_rows => null()
       procedure(third_derivative_callback), pointer, nopass :: on_third_derivative => null()
       logical :: null_accepted = .false.         !! unwanted outputs are NULL
-      type(c_ptr) :: user = c_null_ptr           !! passed to every function unchanged
-      integer(i4), pointer :: failure => null()  !! first nonzero return; a pointer, as a model is intent(in)
+      type(c_ptr) :: user = c_null_ptr           !! passed to every function, beside parameters that go by path
+      type(path_parameters) :: parameters        !! by path; none by default
+      type(failure_record) :: failure            !! first nonzero return
    contains
       procedure :: gradient
       procedure :: value => weighted_value
@@ -62,6 +68,9 @@ module symsde_model_user_callback
       procedure :: third_derivative
       procedure :: set_third_derivative
       procedure :: accept_null
+      procedure :: set_parameters
+      procedure :: set_user
+      procedure :: for_paths
       procedure :: failure_code
       procedure :: clear_failure
       procedure :: note_failure => note
@@ -102,7 +111,7 @@ contains
       if (c_associated(hessian)) call c_f_procpointer(hessian, self%on_hessian)
       if (c_associated(hessian_vector)) call c_f_procpointer(hessian_vector, self%on_hessian_vector)
       self%user = user
-      allocate (self%failure, source=0_i4)
+      call self%failure%begin()
    end subroutine new_callback_model
 
    !> Add a function before the model is used: gradient and Hessian together; it also replaces a missing Hessian.
@@ -146,12 +155,16 @@ contains
       real(wp), intent(out) :: pn(steps%nlane, ndof, steps%nstep/steps%every)
       integer(i8), intent(inout) :: status(steps%nlane)
       type(counters_type), intent(inout) :: counters
+      type(lane_call) :: now
+      integer :: nlane
       integer(i4) :: code
 
-      call self%flows%take(map, steps, ndof, merge(steps%nreal, steps%nlane, self%traits%any_lanes), self%user, &
-                           q, p, qn, pn, status, code)
+      nlane = merge(steps%nreal, steps%nlane, self%traits%any_lanes)
+      call self%parameters%enter(self%paths, nlane, self%user, now)
+      call self%flows%take(map, steps, ndof, nlane, now%user, q, p, qn, pn, status, code)
+      call now%leave()
       if (code == 0) return
-      call note(self, code)
+      call self%failure%note(code)
       call spoil(size(qn), qn, pn)
    end subroutine flow
 
@@ -203,22 +216,25 @@ contains
       real(wp), target :: few(little)
       real(wp), allocatable, target :: more(:)
       real(wp), pointer, contiguous :: unwanted(:)
+      type(lane_call) :: now
       integer(i4) :: code
 
+      call self%parameters%enter(self%paths, nlane, self%user, now)
       call spoil(nlane*ndof, hq, hp)
       code = out_of_memory
       if (self%null_accepted .or. (present(hq) .and. present(hp))) then
-         code = self%on_gradient(nlane, ndof, nnoise + 1, t, w, q, p, hq, hp, self%user)
+         code = self%on_gradient(nlane, ndof, nnoise + 1, t, w, q, p, hq, hp, now%user)
       else
          call find_room(nlane*ndof, few, more, unwanted)
          if (present(hq) .and. associated(unwanted)) then
-            code = self%on_gradient(nlane, ndof, nnoise + 1, t, w, q, p, hq, unwanted, self%user)
+            code = self%on_gradient(nlane, ndof, nnoise + 1, t, w, q, p, hq, unwanted, now%user)
          else if (associated(unwanted)) then
-            code = self%on_gradient(nlane, ndof, nnoise + 1, t, w, q, p, unwanted, hp, self%user)
+            code = self%on_gradient(nlane, ndof, nnoise + 1, t, w, q, p, unwanted, hp, now%user)
          end if
       end if
+      call now%leave()
       if (code == 0) return
-      call note(self, code)
+      call self%failure%note(code)
       call spoil(nlane*ndof, hq, hp)
    end subroutine gradient
 
@@ -228,16 +244,19 @@ contains
       integer, intent(in) :: nlane, ndof, nnoise
       real(wp), intent(in) :: t, w(nlane, 0:nnoise), q(nlane, ndof), p(nlane, ndof)
       real(wp), intent(out) :: value(nlane)
+      type(lane_call) :: now
       integer(i4) :: code
 
       if (.not. associated(self%on_value)) then
          call value_missing(self, nlane, ndof, nnoise, t, w, q, p, value)
          return
       end if
+      call self%parameters%enter(self%paths, nlane, self%user, now)
       call spoil(nlane, value)
-      code = self%on_value(nlane, ndof, nnoise + 1, t, w, q, p, value, self%user)
+      code = self%on_value(nlane, ndof, nnoise + 1, t, w, q, p, value, now%user)
+      call now%leave()
       if (code == 0) return
-      call note(self, code)
+      call self%failure%note(code)
       call spoil(nlane, value)
    end subroutine weighted_value
 
@@ -248,6 +267,7 @@ contains
       integer, intent(in) :: nlane, ndof, nnoise
       real(wp), intent(in) :: t, w(nlane, 0:nnoise), q(nlane, ndof), p(nlane, ndof)
       real(wp), intent(out), dimension(nlane, ndof, ndof), optional :: hqq, hqp, hpp
+      type(lane_call) :: now
       integer(i4) :: code
 
       if (.not. associated(self%on_hessian)) then
@@ -258,14 +278,16 @@ contains
          call hessian_by_differences(self, nlane, ndof, nnoise, t, w, q, p, hqq, hqp, hpp)
          return
       end if
+      call self%parameters%enter(self%paths, nlane, self%user, now)
       if (self%null_accepted .or. (present(hqq) .and. present(hqp) .and. present(hpp))) then
          call spoil(nlane*ndof**2, hqq, hqp, hpp)
-         code = self%on_hessian(nlane, ndof, nnoise + 1, t, w, q, p, hqq, hqp, hpp, self%user)
+         code = self%on_hessian(nlane, ndof, nnoise + 1, t, w, q, p, hqq, hqp, hpp, now%user)
       else
-         call whole_hessian(self, nlane, ndof, nnoise, t, w, q, p, code, hqq, hqp, hpp)
+         call whole_hessian(self%on_hessian, nlane, ndof, nnoise, t, w, q, p, now%user, code, hqq, hqp, hpp)
       end if
+      call now%leave()
       if (code == 0) return
-      call note(self, code)
+      call self%failure%note(code)
       call spoil(nlane*ndof**2, hqq, hqp, hpp)
    end subroutine hessian
 
@@ -276,16 +298,19 @@ contains
       real(wp), intent(in) :: t, w(nlane, 0:nnoise), q(nlane, ndof), p(nlane, ndof)
       real(wp), intent(in) :: vq(nlane, ndof), vp(nlane, ndof)
       real(wp), intent(out) :: uq(nlane, ndof), up(nlane, ndof)
+      type(lane_call) :: now
       integer(i4) :: code
 
       if (.not. associated(self%on_hessian_vector)) then
          call hessian_vector_composed(self, nlane, ndof, nnoise, t, w, q, p, vq, vp, uq, up)
          return
       end if
+      call self%parameters%enter(self%paths, nlane, self%user, now)
       call spoil(nlane*ndof, uq, up)
-      code = self%on_hessian_vector(nlane, ndof, nnoise + 1, t, w, q, p, vq, vp, uq, up, self%user)
+      code = self%on_hessian_vector(nlane, ndof, nnoise + 1, t, w, q, p, vq, vp, uq, up, now%user)
+      call now%leave()
       if (code == 0) return
-      call note(self, code)
+      call self%failure%note(code)
       call spoil(nlane*ndof, uq, up)
    end subroutine hessian_vector
 
@@ -296,6 +321,7 @@ contains
       real(wp), intent(in) :: t, w(nlane, 0:nnoise), q(nlane, ndof), p(nlane, ndof)
       real(wp), intent(out), optional :: hq(nlane, ndof), hp(nlane, ndof)
       real(wp), intent(out), dimension(nlane, ndof, ndof), optional :: hqq, hqp, hpp
+      type(lane_call) :: now
       integer(i4) :: code
 
       if (.not. associated(self%on_gradient_hessian)) then
@@ -303,16 +329,19 @@ contains
          call self%hessian(nlane, ndof, nnoise, t, w, q, p, hqq, hqp, hpp)
          return
       end if
+      call self%parameters%enter(self%paths, nlane, self%user, now)
       if (self%null_accepted .or. (present(hq) .and. present(hp) .and. present(hqq) .and. present(hqp) .and. &
                                    present(hpp))) then
          call spoil(nlane*ndof, hq, hp)
          call spoil(nlane*ndof**2, hqq, hqp, hpp)
-         code = self%on_gradient_hessian(nlane, ndof, nnoise + 1, t, w, q, p, hq, hp, hqq, hqp, hpp, self%user)
+         code = self%on_gradient_hessian(nlane, ndof, nnoise + 1, t, w, q, p, hq, hp, hqq, hqp, hpp, now%user)
       else
-         call whole_gradient_hessian(self, nlane, ndof, nnoise, t, w, q, p, code, hq, hp, hqq, hqp, hpp)
+         call whole_gradient_hessian(self%on_gradient_hessian, nlane, ndof, nnoise, t, w, q, p, now%user, code, &
+                                     hq, hp, hqq, hqp, hpp)
       end if
+      call now%leave()
       if (code == 0) return
-      call note(self, code)
+      call self%failure%note(code)
       call spoil(nlane*ndof, hq, hp)
       call spoil(nlane*ndof**2, hqq, hqp, hpp)
    end subroutine gradient_hessian
@@ -324,13 +353,16 @@ contains
       real(wp), intent(in) :: t, w(strip_lanes, 0:nnoise)
       real(wp), intent(in) :: q(strip_lanes, first - 1:last + 1)
       real(wp), intent(out) :: hq(strip_lanes, first:last), hqq(strip_lanes, 0:1, first:last)
+      type(lane_call) :: now
       integer(i4) :: code
 
+      call self%parameters%enter(self%paths, strip_lanes, self%user, now)
       call spoil(size(hq), hq)
       call spoil(size(hqq), hqq)
-      code = self%on_chain_rows(strip_lanes, ndof, nnoise + 1, first - 1, last - 1, t, w, q, hq, hqq, self%user)
+      code = self%on_chain_rows(strip_lanes, ndof, nnoise + 1, first - 1, last - 1, t, w, q, hq, hqq, now%user)
+      call now%leave()
       if (code == 0) return
-      call note(self, code)
+      call self%failure%note(code)
       call spoil(size(hq), hq)
       call spoil(size(hqq), hqq)
    end subroutine chain_rows
@@ -345,12 +377,14 @@ contains
       real(wp), target :: few(little)
       real(wp), allocatable, target :: more(:)
       real(wp), pointer, contiguous :: padded(:)  !! q with the rows before the first and after the last
+      type(lane_call) :: now
       integer(i4) :: code
 
       if (nlane > 1 .or. b /= 1 .or. .not. associated(self%on_chain_rows)) then
          call force_stiffness_composed(self, nlane, ndof, nnoise, b, t, w, q, p, hq, hqq)
          return
       end if
+      call self%parameters%enter(self%paths, 1, self%user, now)
       call find_room(ndof + 2, few, more, padded)
       code = out_of_memory
       if (associated(padded)) then
@@ -359,10 +393,11 @@ contains
          padded(ndof + 2) = 0
          call spoil(ndof, hq)
          call spoil(2*ndof, hqq)
-         code = self%on_chain_rows(1, ndof, nnoise + 1, 0, ndof - 1, t, w, padded, hq, hqq, self%user)
+         code = self%on_chain_rows(1, ndof, nnoise + 1, 0, ndof - 1, t, w, padded, hq, hqq, now%user)
       end if
+      call now%leave()
       if (code == 0) return
-      call note(self, code)
+      call self%failure%note(code)
       call spoil(ndof, hq)
       call spoil(2*ndof, hqq)
    end subroutine force_stiffness
@@ -374,84 +409,30 @@ contains
       real(wp), intent(in) :: t, w(nlane, 0:nnoise), q(nlane, ndof), p(nlane, ndof)
       real(wp), intent(in) :: aq(nlane, ndof), ap(nlane, ndof), bq(nlane, ndof), bp(nlane, ndof)
       real(wp), intent(out) :: uq(nlane, ndof), up(nlane, ndof)
+      type(lane_call) :: now
       integer(i4) :: code
 
+      call self%parameters%enter(self%paths, nlane, self%user, now)
       call spoil(nlane*ndof, uq, up)
-      code = self%on_third_derivative(nlane, ndof, nnoise + 1, t, w, q, p, aq, ap, bq, bp, uq, up, self%user)
+      code = self%on_third_derivative(nlane, ndof, nnoise + 1, t, w, q, p, aq, ap, bq, bp, uq, up, now%user)
+      call now%leave()
       if (code == 0) return
-      call note(self, code)
+      call self%failure%note(code)
       call spoil(nlane*ndof, uq, up)
    end subroutine third_derivative
-
-   !> Compute all blocks of the Hessian by a function that does not accept NULL, and keep the blocks that are
-   !> present.
-   subroutine whole_hessian(self, nlane, ndof, nnoise, t, w, q, p, code, hqq, hqp, hpp)
-      type(callback_model), intent(in) :: self
-      integer, intent(in) :: nlane, ndof, nnoise
-      real(wp), intent(in) :: t, w(nlane, 0:nnoise), q(nlane, ndof), p(nlane, ndof)
-      integer(i4), intent(out) :: code
-      real(wp), intent(out), dimension(nlane, ndof, ndof), optional :: hqq, hqp, hpp
-      real(wp), target :: few(little)
-      real(wp), allocatable, target :: more(:)
-      real(wp), pointer, contiguous :: r(:)
-
-      code = out_of_memory
-      associate (b => nlane*ndof**2)
-         call find_room(3*b, few, more, r)
-         if (.not. associated(r)) return
-         call spoil(3*b, r)
-         code = self%on_hessian(nlane, ndof, nnoise + 1, t, w, q, p, r(:b), r(b + 1:2*b), r(2*b + 1:3*b), self%user)
-         call keep(b, r(:b), hqq)
-         call keep(b, r(b + 1:2*b), hqp)
-         call keep(b, r(2*b + 1:3*b), hpp)
-      end associate
-   end subroutine whole_hessian
-
-   !> Compute gradient and Hessian by a function that does not accept NULL, and keep the outputs that are present.
-   subroutine whole_gradient_hessian(self, nlane, ndof, nnoise, t, w, q, p, code, hq, hp, hqq, hqp, hpp)
-      type(callback_model), intent(in) :: self
-      integer, intent(in) :: nlane, ndof, nnoise
-      real(wp), intent(in) :: t, w(nlane, 0:nnoise), q(nlane, ndof), p(nlane, ndof)
-      integer(i4), intent(out) :: code
-      real(wp), intent(out), optional :: hq(nlane, ndof), hp(nlane, ndof)
-      real(wp), intent(out), dimension(nlane, ndof, ndof), optional :: hqq, hqp, hpp
-      real(wp), target :: few(little)
-      real(wp), allocatable, target :: more(:)
-      real(wp), pointer, contiguous :: r(:), s(:)
-
-      code = out_of_memory
-      associate (b => nlane*ndof**2, g => nlane*ndof)
-         call find_room(3*b + 2*g, few, more, r)
-         if (.not. associated(r)) return
-         s => r(3*b + 1:)
-         call spoil(3*b + 2*g, r)
-         code = self%on_gradient_hessian(nlane, ndof, nnoise + 1, t, w, q, p, s(:g), s(g + 1:2*g), r(:b), &
-                                         r(b + 1:2*b), r(2*b + 1:3*b), self%user)
-         call keep(g, s(:g), hq)
-         call keep(g, s(g + 1:2*g), hp)
-         call keep(b, r(:b), hqq)
-         call keep(b, r(b + 1:2*b), hqp)
-         call keep(b, r(2*b + 1:3*b), hpp)
-      end associate
-   end subroutine whole_gradient_hessian
 
    !> The first nonzero code that a function returned since clear_failure; 0 = none.
    integer function failure_code(self) result(code)
       class(callback_model), intent(in) :: self
 
-      code = 0
-      if (.not. associated(self%failure)) return
-      !$omp atomic read
-      code = self%failure
+      code = self%failure%first()
    end function failure_code
 
    !> Forget a failure before a run.
    subroutine clear_failure(self)
       class(callback_model), intent(in) :: self
 
-      if (.not. associated(self%failure)) return
-      !$omp atomic write
-      self%failure = 0
+      call self%failure%clear()
    end subroutine clear_failure
 
    !> Keep the first nonzero code. If two threads fail at the same moment, either code may be kept.
@@ -459,13 +440,66 @@ contains
       class(callback_model), intent(in) :: self
       integer, intent(in) :: code
 
-      if (self%failure_code() /= 0) return
-      !$omp atomic write
-      self%failure = code
+      call self%failure%note(int(code, i4))
    end subroutine note
+
+   !> Parameters by path, before the model is used: row i (nrow, nparameter) for path first_path + i of a run, or one
+   !> row for all paths. The functions are given symsde_lanes of symsde.h in place of the user pointer. Without rows
+   !> it is the user pointer again.
+   subroutine set_parameters(self, values, error)
+      class(callback_model), intent(inout) :: self
+      real(wp), intent(in) :: values(:, :)
+      type(error_type), allocatable, intent(inout) :: error
+      integer :: info
+
+      if (allocated(error)) return
+      call self%passed%forget()
+      call self%parameters%release()
+      self%traits%npath = 0
+      self%traits%by_path = size(values) > 0
+      if (.not. self%traits%by_path) return
+      call self%parameters%set(values, info)
+      if (info /= 0) call raise(error, out_of_memory, 'set_parameters', 'no memory for the parameters of '// &
+                                to_text(size(values, 1, i8))//' paths')
+      if (size(values, 1) > 1) self%traits%npath = size(values, 1, i8)
+   end subroutine set_parameters
+
+   !> Another user pointer, for functions to which it is data alone: what was probed stays probed.
+   subroutine set_user(self, user)
+      class(callback_model), intent(inout) :: self
+      type(c_ptr), intent(in) :: user
+
+      self%user = user
+   end subroutine set_user
+
+   !> The model whose lanes are told their paths, where its parameters go by path.
+   subroutine for_paths(self, paths, view)
+      class(callback_model), intent(in), target :: self
+      type(lane_paths), pointer, intent(in) :: paths
+      class(model_type), pointer, intent(out) :: view
+      type(callback_model), pointer :: told
+
+      nullify (view)
+      if (self%parameters%nrow() == 0) return
+      allocate (told)
+      call take_over(told, self)
+      call told%failure%see(self%failure)
+      told%paths => paths
+      call told%parameters%see_paths()
+      view => told
+   end subroutine for_paths
 
    !> Assignment: the copy has the same functions and record of probes, but a separate record of failure.
    subroutine copy(left, right)
+      class(callback_model), intent(inout) :: left
+      class(callback_model), intent(in) :: right
+
+      call take_over(left, right)
+      call left%failure%begin()
+   end subroutine copy
+
+   !> All but the record of failure.
+   subroutine take_over(left, right)
       class(callback_model), intent(inout) :: left
       class(callback_model), intent(in) :: right
 
@@ -484,16 +518,16 @@ contains
       left%offers = right%offers
       left%flows = right%flows
       left%user = right%user
+      call left%parameters%share(right%parameters)
       call left%passed%share(right%passed)
-      if (.not. associated(left%failure)) allocate (left%failure, source=0_i4)
-      call left%clear_failure()
-   end subroutine copy
+   end subroutine take_over
 
    !> Deallocate the records.
    subroutine release(self)
       type(callback_model), intent(inout) :: self
 
-      if (associated(self%failure)) deallocate (self%failure)
+      call self%failure%release()
+      call self%parameters%release()
       call self%passed%release()
    end subroutine release
 

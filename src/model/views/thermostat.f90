@@ -105,7 +105,12 @@ contains
       mass = 1
       if (allocated(error) .or. model%traits%identity_mass) return
       diagonal = .false.
-      ! A quadratic T(p) that does not change in time also has a constant mass; linear terms are found below.
+      if (model%traits%by_path) then
+         call raise(error, incompatible, 'new_thermostat', 'model '//model%name//' has parameters that go by path, '// &
+                    'and a mass beside the identity: the noise of a bath belongs to one mass for all paths')
+         return
+      end if
+      ! A quadratic T(p) that does not change in time has a constant mass, too; linear terms are found below.
       if (model%traits%constant_mass .or. (model%traits%separable .and. model%traits%quadratic .and. &
                                            model%traits%autonomous)) then
          do i = 1, size(mass)

@@ -54,6 +54,9 @@ contains
       real(wp) :: x(1, size(self%inverse))
       integer :: lane
 
+      ! Of masses that go by path no numbers are kept: the model is asked.
+      self%known = model%traits%by_path
+      if (self%known) return
       ! Use the first lane at a finite position: iterates of other lanes may be anywhere.
       do lane = 1, nlane
          if (all(abs(q(lane, :)) <= huge(t))) exit

@@ -2,6 +2,7 @@
 """Formulas in, compiled models out.
 
 formula_model        `model_from_sympy`
+parameters           values of parameters, numbers or arrays by path
 formula_scenes       models from formulas in scenes
 formula_observables  observables from formulas, for any model
 parse                reads formulas from text without executing it

@@ -8,6 +8,7 @@ in (omega^2 w_0 + sigma w_2) sin q, there is one product with it.
 
 from __future__ import annotations
 
+import functools
 import importlib
 import itertools
 from collections.abc import Container
@@ -15,7 +16,7 @@ from typing import Any
 
 from ...errors import InvalidArgumentError
 from ...native.files import optional
-from .graph import Graph
+from .graph import Graph, reachable
 from .named_formulas import Problem, quoted
 from .tails import Tails
 
@@ -44,12 +45,14 @@ class Derivatives:
         self.graph = Graph()
         self._engine = engine()
         self.symbol = {name: self._engine.Symbol(name) for name in problem.lanes}
+        self._third: dict[str, list[int]] | None = None
+        self._constants: list[int] | None = None
         try:
             self.hamiltonians = [self._engine.sympify(free(h)) for h in problem.hamiltonians]
         except (TypeError, ValueError, RuntimeError, NotImplementedError, self._engine.SympifyError):
             raise InvalidArgumentError(f"the formula {quoted(problem.texts[0])} cannot be differentiated") from None
         self._lanes = problem.lanes
-        self._tails = Tails(self._engine, lambda e: any(self._lanes.get(s.name, True) for s in e.free_symbols))
+        self._tails = Tails(self._engine, lambda e: any(s.name not in self._fixed for s in e.free_symbols))
         self._formed = [self._tails.formed(h) for h in self.hamiltonians]
         self._entries: dict[tuple, list[Any]] = {}
         self.outputs = {"value": [self._weighted(self.hamiltonians, "")]}
@@ -60,6 +63,11 @@ class Derivatives:
                     f"the gradient of {quoted(problem.texts[0])} and its noises takes {len(self.graph.nodes)} "
                     f"operations, allowed are {MAX_GRADIENT}: shorten products, or take fewer degrees of freedom"
                 )
+
+    @functools.cached_property
+    def _fixed(self) -> set[str]:
+        """Names that are no part of the state, though they may differ from lane to lane."""
+        return {name for name in self.problem.lanes if name[0] in "ct"}
 
     def of(self, *variables: str) -> list[Any]:
         """Derivatives of every H_j by these variables."""
@@ -145,6 +153,34 @@ class Derivatives:
         nodes = [self.graph.sum(terms[x]) for x in names]
         return {"tq": nodes[:n], "tp": nodes[n:]} if count else None
 
+    def third_of_brackets(self) -> dict[str, list[int]]:
+        """The same, once; empty where no scheme takes them, too."""
+        if self._third is None:
+            self._third = (self.has_brackets() and self.third()) or {}
+        return self._third
+
+    def constants(self) -> list[int]:
+        """Nodes that take parameters by path alone, and that other nodes take: they are computed once for each path.
+
+        Empty where all paths have the same parameters: what is the same for all lanes stands before loops.
+        """
+        if self._constants is None:
+            self._constants = self._found_constants() if self.problem.by_path else []
+        return self._constants
+
+    def _found_constants(self) -> list[int]:
+        noise = [x for variables in BLOCKS.values() for x in self.noise_block(variables)]
+        nodes, third = self.graph.nodes, self.third_of_brackets().values()
+        roots = [*itertools.chain(*self.outputs.values(), *third), *noise]
+        needed = reachable(self.graph, roots)
+        fixed: set[int] = set()
+        for x in needed:
+            is_leaf = nodes[x].what == "leaf"
+            if nodes[x].value[0] == "c" if is_leaf else fixed.issuperset(nodes[x].arguments):
+                fixed.add(x)
+        taken = {a for x in needed if x not in fixed for a in nodes[x].arguments} | set(roots)
+        return [x for x in needed if x in fixed & taken and nodes[x].lane]
+
     def has_brackets(self) -> bool:
         """Whether nested brackets need third derivatives; for H = p.p/2 + U(q) with noise in position they are
         squares.
@@ -203,7 +239,7 @@ class Derivatives:
         for term in e.args if type(e).__name__ == "Add" else (e,):
             factor, function = one, one
             for x in term.args if type(term).__name__ == "Mul" else (term,):
-                if any(self._lanes[s.name] for s in x.free_symbols):
+                if any(s.name not in self._fixed for s in x.free_symbols):
                     function = function * x
                 else:
                     factor = factor * x

@@ -8,11 +8,11 @@ has an extreme argument are computed again by the function `far`, all outputs in
 
 from __future__ import annotations
 
-from collections.abc import Callable, Container, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 
 from .derivatives import BLOCKS, Derivatives
-from .graph import FUNCTIONS, INNER, Graph, Node
+from .graph import FUNCTIONS, INNER, Graph, Node, reachable
 
 #: outputs that steppers need together, the largest set first: for stages of implicit schemes, one-sided schemes,
 #: gradients; any other set takes several of these
@@ -40,6 +40,21 @@ MACROS = """#define INLINE static inline __attribute__((always_inline)) int64_t
 #define OUT double *restrict
 #define CALLBACK_IN \\
    int nlane, int ndof, int nham, double t, const double *w, const double *q, const double *p
+"""
+#: where functions find the parameters behind their user pointer, and those of lane i on: the same for all lanes, or
+#: [constant][lane] behind the first member of symsde_lanes
+ALIKE = """#define PARAMETERS(user) (user)
+#define OF_LANE(i) c
+"""
+BY_PATH = """#define PARAMETERS(user) (*(const double *const *)(user))
+#define OF_LANE(i) (c + (i))
+"""
+CONSTANTS = """
+/* What formulas take from the parameters alone, [constant][n], of parameters [parameter][n]. */
+void formula_constants(int n, const double *parameters, double *constants);
+void formula_constants(int n, const double *parameters, double *constants) {
+   of_constants(n, 0, NULL, NULL, NULL, parameters, constants);
+}
 """
 
 
@@ -129,8 +144,10 @@ class _File(Loops):
         formulas = "\n".join(f" *    H_{j} = {h}" for j, h in enumerate(derivatives.problem.hamiltonians))
         self.head = HEAD.format(formulas=formulas)
         self._along(derivatives)
-        self.third = (derivatives.has_brackets() and derivatives.third()) or {}
+        self.third = derivatives.third_of_brackets()
         self.outputs |= self.third
+        self.constants = derivatives.constants()
+        self.writer = Writer(self.graph, _load, {x: _load(f"c{k}") for k, x in enumerate(self.constants)})
         separable = all(self.graph.is_number(node, 0.0) for node in self.outputs["hqp"])
         together = SETS["separable" if separable else "mixed"] if len(self.graph.nodes) <= MAX_TOGETHER else ()
         self.sets = [s for s in together if self._stores(s) <= MAX_STORES]
@@ -162,7 +179,10 @@ class _File(Loops):
 
     def text(self) -> str:
         """Functions for sets of outputs, a function for far lanes, then the callbacks."""
-        parts = [self.head, lane_functions(), MACROS]
+        parts = [self.head, lane_functions(), MACROS + (BY_PATH if self.constants else ALIKE)]
+        if self.constants:
+            made = Loops(self.graph, {"constants": self.constants})
+            parts += [made.far(("constants",)), made.function(("constants",)), CONSTANTS]
         third = [("tq", "tp")] if self.third else []
         parts += [self.far(family) for family in (("value",), ("uq", "up"), *third, tuple(BLOCKS))]
         for outputs in (("value",), ("uq", "up"), *third, *self.sets):
@@ -189,7 +209,7 @@ def callback(kind: str, outputs: tuple[str, ...], sets: Iterable[tuple[str, ...]
     lines += ["   (void)ndof, (void)nham;", f"   unsigned wanted = {wanted};"]
     for chosen in sets or (outputs,):
         bits = sum(1 << outputs.index(x) for x in chosen)
-        arguments = ", ".join(["nlane", "t", "w", "q", "p", "user", *vectors, *chosen])
+        arguments = ", ".join(["nlane", "t", "w", "q", "p", "PARAMETERS(user)", *vectors, *chosen])
         lines += [f"   if ((wanted & {bits}) == {bits}) {{", f"      {_function_name(chosen)}({arguments});"]
         lines += [f"      wanted &= ~{bits}u;", "   }"]
     return "\n".join([*lines, "   return 0;", "}", ""])
@@ -254,7 +274,7 @@ class Writer:
         for place in (1, 0):
             product, other = node.arguments[place], self.operand(node.arguments[1 - place])
             given = self.graph.nodes[product]
-            if given.what == "*" and given.lane == node.lane:
+            if given.what == "*" and given.lane == node.lane and product not in self.given:
                 a, b = (self.operand(x) for x in given.arguments)
                 if node.what == "-":
                     a, other = (f"-{a}", other) if place == 1 else (a, f"-{other}")
@@ -271,17 +291,6 @@ class Writer:
         return _leaf(node) if node.what == "leaf" else _name(x)
 
 
-def reachable(graph: Graph, roots: Iterable[int], given: Container[int] = ()) -> list[int]:
-    """The nodes that these roots need, in order, without given nodes."""
-    found, waiting = set(), list(roots)
-    while waiting:
-        x = waiting.pop()
-        if x not in found:
-            found.add(x)
-            waiting.extend(graph.nodes[x].arguments if x not in given else ())
-    return sorted(found)
-
-
 def _function_name(outputs: tuple[str, ...]) -> str:
     return "of_" + "_".join(outputs)
 
@@ -293,7 +302,7 @@ def _name(x: int) -> str:
 def _leaf(node: Node) -> str:
     """A leaf in C: parameters are c[k], all other leaves are loaded into variables of the same names."""
     name = node.value
-    return f"c[{name[1:]}]" if name[0] == "c" else name
+    return f"c[{name[1:]}]" if name[0] == "c" and not node.lane else name
 
 
 def _load(name: str) -> str:

@@ -11,8 +11,8 @@ from collections.abc import Container, Iterable
 from pathlib import Path
 
 from .derivatives import BLOCKS, Derivatives
-from .emit_c import NEAR, Writer, reachable
-from .graph import Graph
+from .emit_c import NEAR, Writer
+from .graph import Graph, reachable
 
 MAX_DOF = 4
 MAX_OPERATIONS = 400  #: most operations of gradient and Hessian: above, calls take a small part of the time
@@ -157,7 +157,15 @@ def _text(name: str) -> str:
 
 
 def _needed(made: Derivatives, blocks: Iterable[str]) -> list[int]:
-    return reachable(made.graph, [x for block in blocks for x in made.outputs[block]])
+    """The nodes of blocks that a step computes, without constants of a path."""
+    given = set(made.constants())
+    found = reachable(made.graph, [x for block in blocks for x in made.outputs[block]], given)
+    return [x for x in found if x not in given]
+
+
+def _constants(made: Derivatives) -> dict[int, str]:
+    """Constants of a path, and where a lane finds them."""
+    return {x: f"c[{k} * n]" for k, x in enumerate(made.constants())}
 
 
 def _leaves(made: Derivatives, blocks: Iterable[str]) -> set[str]:
@@ -252,10 +260,10 @@ def _moves(made: Derivatives, name: str, block: str, kept: Iterable[int] = ()) -
     """p - part S_q or q + part S_p in place, term by term: first terms that do not depend on the state, last terms that
     depend on kept parts, so that a step waits as little as possible for the step before."""
     graph, target, sign = made.graph, *(("p", "-") if block == "hq" else ("q", ""))
-    given = {x: f"s->e[{k}]" for k, x in enumerate(kept)}
+    given = {**_constants(made), **{x: f"s->e[{k}]" for k, x in enumerate(kept)}}
     found = [_signed(graph, x) for x in made.outputs[block]]
     state = _above(graph, {x for x, node in enumerate(graph.nodes) if node.what == "leaf" and node.value[0] in "qp"})
-    late = _above(graph, set(given))
+    late = _above(graph, set(kept))
     pairs = [[(minus, *_factors(graph, x, state, given)) for minus, x in terms] for terms in found]
     writer = Writer(graph, _load, given)
     before, inside, _ = writer.lines([x for terms in pairs for _, *factors in terms for x in factors if x >= 0])
@@ -314,7 +322,7 @@ def _load(leaf: str) -> str:
 
 def _lines(made: Derivatives, name: str, targets: str, outputs: list[tuple[str, int]]) -> str:
     """A function of one lane that stores these nodes."""
-    writer = Writer(made.graph, _load)
+    writer = Writer(made.graph, _load, _constants(made))
     before, inside, _ = writer.lines([x for _, x in outputs])
     head = f"INLINE {name}(LANE_IN, const state *s, {targets}, const int far) {{"
     lines = [head, "   int64_t beyond = 0;", *before, *(line[3:] for line in inside)]

@@ -7,7 +7,7 @@ INLINE STEP_places(const int lanes, LANE_IN, double *restrict x, const int far) 
 #pragma GCC ivdep
    for (int i = 0; i < lanes; i++) {
       state s = state_of(x, i, 0);
-      beyond |= places(w + i, n, c, h, &s, s.e, far);
+      beyond |= places(w + i, n, OF_LANE(i), h, &s, s.e, far);
       put_state(s, x, i, STEP_KEPT);
    }
    return beyond;
@@ -29,7 +29,7 @@ INLINE STEP_in_lanes(const int lanes, const int steps, const ptrdiff_t stride, L
       state s = state_of(x, i, STEP_KEPT);
 #pragma GCC unroll 8
       for (int j = 0; j < steps; j++)
-         beyond |= STEP(w + j * stride + i, n, c, h, &s, far);
+         beyond |= STEP(w + j * stride + i, n, OF_LANE(i), h, &s, far);
       put_state(s, y, i, STEP_KEPT);
    }
    return beyond;

@@ -60,12 +60,12 @@ INLINE STEP_derivatives(const int lanes, LANE_IN, const double *restrict x, cons
       const state s = state_of(x, i, STEP_KEPT);
       STEP_lane lane;
       if (first) {
-         beyond |= STEP_begin(w + i, n, c, h, &s, status[i], &lane, far);
+         beyond |= STEP_begin(w + i, n, OF_LANE(i), h, &s, status[i], &lane, far);
          STEP_put(lane, i, u);
       } else {
          lane = STEP_lane_of(u, i);
       }
-      beyond |= STEP_evaluate(w + i, n, c, h, &s, lane.z, e, far);
+      beyond |= STEP_evaluate(w + i, n, OF_LANE(i), h, &s, lane.z, e, far);
 #pragma GCC unroll 80
       for (int k = 0; k < STEP_DERIVATIVES; k++)
          v[k * STRIP + i] = e[k];
@@ -98,13 +98,13 @@ LANE STEP_rest STEP_corrections(const int lanes, LANE_IN, const double *restrict
 #pragma GCC unroll 80
       for (int k = 0; k < STEP_DERIVATIVES; k++)
          e[k] = v[k * STRIP + i];
-      STEP_correct(w + i, n, c, h, &s, e, &lane, first);
+      STEP_correct(w + i, n, OF_LANE(i), h, &s, e, &lane, first);
       going |= ~bits_of(lane.last);
       undone |= bits_of(lane.last) ^ bits_of(-1.0);
       gentle |= bits_of(1 - lane.steep);
       STEP_put(lane, i, u);
       if (!first) {
-         STEP_increment(w + i, n, c, h, &s, lane.z);
+         STEP_increment(w + i, n, OF_LANE(i), h, &s, lane.z);
          put_state(s, y, i, STEP_KEPT);
       }
    }
@@ -118,7 +118,7 @@ SELDOM STEP_sort_out(const int lanes, LANE_IN, const double *restrict x, const d
       const STEP_lane lane = STEP_lane_of(u, i);
       if (lane.steep > 1) {
          state s = state_of(x, i, STEP_KEPT);
-         STEP_steep_increment(w + i, n, c, h, &s, lane.z);
+         STEP_steep_increment(w + i, n, OF_LANE(i), h, &s, lane.z);
          put_state(s, y, i, STEP_KEPT);
       }
       if (lane.last > -1.5 && lane.last < 0)

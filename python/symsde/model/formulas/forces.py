@@ -175,6 +175,11 @@ class Found:
     proved: dict[str, bool] = field(default_factory=dict)  #: arguments of `Model.forced`
     friction: tuple[float, ...] | None = None  #: rates of F = -gamma_i p_i, which is left out of the formulas
 
+    @property
+    def acts(self) -> bool:
+        """Whether there are forces, or were."""
+        return self.formulas is not None or bool(self.friction)
+
 
 def derive(problem: Problem, prover: Prover, forces: list[list[Any]], *, rates: bool) -> Found:
     """Derive and prove what there is of F, f_1 .. f_m; rates: whether linear friction may become rates of damping."""

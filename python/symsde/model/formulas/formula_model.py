@@ -6,7 +6,7 @@ from __future__ import annotations
 import ctypes
 import math
 import time
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -21,7 +21,7 @@ from ...errors import (
 )
 from ...native import callbacks, checks
 from ..definition import Model
-from . import compiler, emit_c, emit_flow, emit_sites, in_numpy
+from . import compiler, emit_c, emit_flow, emit_sites, in_numpy, parameters
 from . import forces as _forces
 from .derivatives import Derivatives
 from .named_formulas import make_problem, named, quoted, several, unused
@@ -30,7 +30,6 @@ from .sites import Chain, make_chain
 from .structure import Prover, Structure
 
 KINDS = ("gradient", "value", "hessian", "hessian_vector", "gradient_hessian", "third_derivative", "chain_rows")
-KINDS += tuple(_forces.FUNCTIONS)
 
 
 @dataclass(frozen=True)
@@ -52,7 +51,8 @@ class FormulaModel(Model):
     formula: Formula
     _derivatives: Derivatives | None  #: nodes of all derivatives; None for sums over sites
     _chain: Chain | None  #: sums over sites
-    _direct: tuple | None  #: compiled gradient and value, each with its parameters, and weights of 1
+    _direct: tuple | None  #: compiled gradient and value, their user pointer, and weights 1 of all Hamiltonians
+    _code: Code  #: what this model shares with those of other values
     _friction: tuple[float, ...] = ()  #: rates of a force that is proved to be linear friction, part of damping
 
     def call(self, name: str, *arguments, allow: tuple[int, ...] = ()) -> int:
@@ -89,7 +89,7 @@ class FormulaModel(Model):
         """
         if self._direct is None:
             return False
-        (gradient, user), (value, _), w = self._direct
+        gradient, value, user, w = self._direct
         found = np.empty(2 * self.ndof + 1)
         at = 1, self.ndof, self.nnoise + 1, t0, *map(checks.address, (w, q0, p0))
         hq = checks.address(found)
@@ -100,14 +100,29 @@ class FormulaModel(Model):
         texts = (f"{'H' if j == 0 else f'H_{j}'} = {quoted(h)}" for j, h in enumerate(self.formula.hamiltonians[:4]))
         return ", ".join([*texts, *(["..."] if len(self.formula.hamiltonians) > 4 else [])])
 
-    def with_parameters(self, **values: float) -> FormulaModel:
-        """The same model with other values of some parameters; nothing is compiled again."""
-        _, (given,) = self._remade
+    def with_parameters(self, **values: Any) -> FormulaModel:
+        """The same model with other values of some parameters, each a number or an array (path,).
+
+        Nothing is derived or compiled again, except once where a parameter becomes 0, 1 or -1, which formulas fold, and
+        where the first parameter becomes an array.
+        """
         chosen = {self._parameter(key): value for key, value in values.items()}
         if len(chosen) < len(values):
             raise InvalidArgumentError(f"of {', '.join(values)} some are the same name: give each value once")
+        chosen = {key: parameters.value_of(key, value) for key, value in chosen.items()}
+        values = {**self._parameters, **chosen}
         rates = self._asked if self.damping and self._asked.any() else None
-        return _made({**given, "params": {**self.parameters, **chosen}, "damping": rates})
+        if self._code.pulls.acts:  # what is proved of forces hangs on values
+            _, (given,) = self._remade
+            return _made({**given, "params": values, "damping": rates})
+        return _of_values(self._code, values, rates)
+
+    def _part(self, where: slice | np.ndarray) -> FormulaModel:
+        """See `Model._part`."""
+        if not self.paths:
+            return self
+        values = {key: x[where] if np.size(x) > 1 else x for key, x in self._parameters.items()}
+        return _of_values(self._code, values, self.damping or None)
 
     def damped(self, damping, *, allow_gain: bool = False) -> FormulaModel:
         """As of every model; beside friction that its formulas hold."""
@@ -155,7 +170,7 @@ def model_from_sympy(
     *,
     q: Any = None,
     p: Any = None,
-    params: Mapping[str, float] | None = None,
+    params: Mapping[str, Any] | None = None,
     t: Any = None,
     invariants: Any = (),
     n: int | None = None,
@@ -172,7 +187,7 @@ def model_from_sympy(
     - q, p: symbols of coordinates and momenta, or their names, as a list or as a text such as "x y"; functions of
       time as from `dynamicsymbols` work too. By default they are q and p, or q1, q2, .. and p1, p2, .. as the texts use
       them. Results, figures and files have these names; instead of q, q1, .. they have q_1, q_2, ..
-    - params: values of all other symbols, by name
+    - params: values of all other symbols, by name: numbers, or arrays (path,) with a value for each path of a run
     - t: the symbol of time, by default t
     - invariants: candidates I. For each it is proved, or not, that I_t + {I, H} = 0 and {I, H_k} = 0
       (``model.formula.structure.invariants``)
@@ -227,63 +242,49 @@ def _warn_of_unused(params: Mapping[str, float] | None, formulas: list[Any]) -> 
         checks.warn(told, UnusedParameterWarning)
 
 
+@dataclass
+class Code:
+    """What is derived from formulas and compiled. It serves all values of parameters of one kind."""
+
+    given: dict[str, Any]  #: arguments of `model_from_sympy`
+    kind: tuple  #: of the values, see `parameters.kind_of`
+    columns: tuple[str, ...]  #: the model's own names of coordinates and momenta
+    parameters: dict[str, Any]  #: name -> value of the first model
+    traits: dict[str, Any]
+    formula: Formula
+    derivatives: Derivatives | None  #: nodes of all derivatives; None for sums over sites
+    chain: Chain | None  #: sums over sites
+    rotation: Callable[[list], tuple[float, ...] | None]  #: values -> frequencies of the linear part
+    compiled: compiler.Compiled | None
+    kinds: dict[tuple, Code]  #: the same formulas for other kinds of values
+    pulls: _forces.Found  #: forces beside the Hamiltonians
+    root: FormulaModel | None = None  #: a model of this code, of which others are copies with other values
+    direct: tuple = ()  #: compiled gradient and value, and weights 1 of all Hamiltonians
+
+
 def _made(given: dict[str, Any]) -> FormulaModel:
     """A model from the arguments of `model_from_sympy`."""
-    start = time.perf_counter()
     given = {**given, **{key: several(key, given[key]) for key in ("noise", "invariants")}}
     given |= {key: named(key, given[key]) for key in "qp" if given[key] is not None}
     rows = _forces.rows_of(given["force"], given["noise_force"])  # copies
     given |= {"force": rows[0] or None, "noise_force": rows[1:] or None}
-    chosen = {key: given[key] for key in ("H", "noise", "q", "p", "params", "t", "invariants")}
-    chain, own = None, ()
-    if given["n"] is None:
-        chosen["invariants"] = [*chosen["invariants"], *(x for row in rows for x in row)]
-        problem, acting = _forces.split(make_problem(**chosen), rows)
-        prover = Prover(problem)
-        pulls = _forces.Found()
-        if acting:
-            pulls = _forces.derive(problem, prover, acting, rates=np.ndim(given["damping"]) < 2)
-        structure = prover.structure()
-        ndof, nnoise, parameters, traits = problem.ndof, problem.nnoise, problem.parameters, structure.traits()
-        own = problem.columns
-        texts = problem.texts[: nnoise + 1]
-        derivatives = Derivatives(problem, prover.vanishing())
-        source = emit_c.source(derivatives) + emit_flow.source(derivatives) + _forces.source(pulls)
-    else:
-        _forces.refuse_sites(given["force"], given["noise_force"])
-        pulls = _forces.Found()
-        chain = _chain(**chosen, n=given["n"], ends=given["ends"])
-        structure, texts, source, derivatives = None, chain.texts, emit_sites.source(chain), None
-        ndof, nnoise, parameters, traits = chain.n, chain.nnoise, chain.parameters, chain.traits
-    derived = time.perf_counter() - start
-    compiled = _compiled(source, derivatives is None)
-    if compiled is None:
-        functions = in_numpy.InNumpy(derivatives, parameters).functions()
-        functions |= _forces.in_python(pulls, parameters)
-    else:
-        functions = {**_functions(compiled, parameters), "accepts_null": True, "any_lanes": True}
-        functions["flows"] = _flows(compiled, emit_flow.flows(derivatives) if derivatives else [], parameters)
-    formula = Formula(
-        hamiltonians=texts,
-        structure=structure,
-        backend="C" if compiled else "NumPy",
-        source=source,
-        seconds_derivatives=derived,
-        seconds_compilation=compiled.seconds if compiled else 0.0,
-        file=str(compiled.path) if compiled else "",
-    )
-    pulled = {kind: functions.pop(kind) for kind in _forces.FUNCTIONS if kind in functions}
-    model = FormulaModel(ndof=ndof, nnoise=nnoise, name=given["name"], derived=True, **traits, **functions)
-    model.formula, model._derivatives, model._chain = formula, derivatives, chain
-    model._coordinates, model._direct = own, None
-    model._hamiltonians = [f"{'H' if j == 0 else f'H_{j}'} = {text}" for j, text in enumerate(texts)]
-    if compiled is not None:
-        model._direct = (*(callbacks.compiled(x, functions[x]) for x in ("gradient", "value")), np.ones(nnoise + 1))
-    model._parameters = dict(parameters)
-    sites = chain and chain.n  # numbers, where arrays may have been given
-    made = {**given, "params": model._parameters, "n": sites, "damping": None}
+    code = _derived(given, {})
+    if not code.pulls.acts:
+        return _of_values(code, code.parameters, given["damping"])
+    model = _of_values(code, code.parameters, None)
+    made = {**code.given, "params": code.parameters}
     model._remade = (_made, ({**made, "force": None, "noise_force": None},))
-    return _acted_upon(model, pulls, pulled, given["damping"], (_made, (made,)))
+    return _acted_upon(model, code.pulls, _pulled(code), given["damping"], (_made, (made,)))
+
+
+def _pulled(code: Code) -> dict[str, Any]:
+    """The functions of forces, with the values of the parameters."""
+    if code.compiled is None:
+        return _forces.in_python(code.pulls, code.parameters)
+    values = np.array(list(code.parameters.values()) or [0.0])
+    user, kept = ctypes.c_void_p(values.ctypes.data), (values, code.compiled.library)
+    there = [kind for kind in _forces.FUNCTIONS if hasattr(code.compiled.library, f"formula_{kind}")]
+    return {x: callbacks.WithData(_address(code.compiled, f"formula_{x}"), user, kept) for x in there}
 
 
 def _acted_upon(
@@ -297,6 +298,93 @@ def _acted_upon(
     if damping is not None:
         model = model.damped(damping, allow_gain=True)
     return model._with_friction(pulls.friction, remade) if pulls.friction else model
+
+
+def _derived(given: dict[str, Any], kinds: dict[tuple, Code]) -> Code:
+    """Formulas derived and compiled for the kind of the given values."""
+    start = time.perf_counter()
+    rows = [given["force"] or [], *(given["noise_force"] or [])]
+    chosen = {key: given[key] for key in ("H", "noise", "q", "p", "params", "t", "invariants")}
+    chain, own, pulls = None, (), _forces.Found()
+    if given["n"] is None:
+        chosen["invariants"] = [*chosen["invariants"], *(x for row in rows for x in row)]
+        problem, acting = _forces.split(make_problem(**chosen), rows)
+        prover = Prover(problem)
+        if acting:
+            parameters.require_numbers(problem.parameters, "of models with forces")
+            pulls = _forces.derive(problem, prover, acting, rates=np.ndim(given["damping"]) < 2)
+        structure = prover.structure()
+        nnoise, values, traits = problem.nnoise, problem.parameters, structure.traits()
+        own, rotation = problem.columns, prover.rotation if structure.rotation else _no_rotation
+        texts = problem.texts[: nnoise + 1]
+        derivatives = Derivatives(problem, prover.vanishing())
+        source = emit_c.source(derivatives) + emit_flow.source(derivatives) + _forces.source(pulls)
+    else:
+        _forces.refuse_sites(given["force"], given["noise_force"])
+        chain = _chain(**chosen, n=given["n"], ends=given["ends"])
+        structure, texts, source, derivatives = None, chain.texts, emit_sites.source(chain), None
+        nnoise, values, traits, rotation = chain.nnoise, chain.parameters, chain.traits, _no_rotation
+        traits = {**traits, "ndof": chain.n}
+    derived = time.perf_counter() - start
+    compiled = _compiled(source, derivatives is None)
+    formula = Formula(
+        hamiltonians=texts,
+        structure=structure,
+        backend="C" if compiled else "NumPy",
+        source=source,
+        seconds_derivatives=derived,
+        seconds_compilation=compiled.seconds if compiled else 0.0,
+        file=str(compiled.path) if compiled else "",
+    )
+    sites = chain and chain.n  # numbers, where arrays may have been given
+    given = {**given, "n": sites, "damping": None}
+    kind = parameters.kind_of(values)
+    told = {"ndof": problem.ndof if chain is None else chain.n, "nnoise": nnoise, **traits}
+    kinds[kind] = Code(
+        given, kind, own, dict(values), told, formula, derivatives, chain, rotation, compiled, kinds, pulls
+    )
+    return kinds[kind]
+
+
+def _no_rotation(_values: list) -> None:
+    return None
+
+
+def _of_values(code: Code, values: dict[str, Any], damping: Any) -> FormulaModel:
+    """A model with these values of all parameters, and damped momenta if there are rates."""
+    kind = parameters.kind_of(values)
+    if kind != code.kind:
+        code = code.kinds.get(kind) or _derived({**code.given, "params": values}, code.kinds)
+    if code.compiled is None:
+        parameters.require_numbers(values, "without a C compiler")
+        model = _plain(code, in_numpy.InNumpy(code.derivatives, values).functions())
+    else:
+        code.root = code.root or _root(code)
+        model = parameters.valued(code.root, code, values)
+    model._parameters = values
+    model._remade = (_made, ({**code.given, "params": values},))
+    return model if damping is None else model.damped(damping, allow_gain=True)
+
+
+def _root(code: Code) -> FormulaModel:
+    """A model of compiled functions that knows no values of its parameters."""
+    functions = {**_functions(code.compiled), "accepts_null": True, "any_lanes": True}
+    flows = emit_flow.flows(code.derivatives) if code.derivatives else []
+    functions["flows"] = {emit_flow.named(x): _address(code.compiled, f"formula_flow_{x}") for x in flows}
+    pair = (callbacks.compiled(x, functions[x])[0] for x in ("gradient", "value"))
+    code.direct = (*pair, np.ones(code.traits["nnoise"] + 1))
+    return _plain(code, functions)
+
+
+def _plain(code: Code, functions: dict[str, Any]) -> FormulaModel:
+    """A model of functions."""
+    model = FormulaModel(name=code.given["name"], derived=True, **code.traits, **functions)
+    model.formula, model._derivatives, model._chain = code.formula, code.derivatives, code.chain
+    model._coordinates, model._code, model._direct = code.columns, code, None
+    model._hamiltonians = [
+        f"{'H' if j == 0 else f'H_{j}'} = {text}" for j, text in enumerate(code.formula.hamiltonians)
+    ]
+    return model
 
 
 def _shown(state: np.ndarray) -> str:
@@ -320,22 +408,16 @@ def _chain(*, H, noise, q, p, params, t, invariants, n, ends) -> Chain:
     """Read sums over n sites."""
     if q is not None or p is not None or invariants:
         raise InvalidArgumentError("sums over n sites are in q[i] and p[i]: leave out q, p and invariants")
-    return make_chain(H=H, noise=noise, params=params, t=t, n=n, ends=ends)
+    chain = make_chain(H=H, noise=noise, params=params, t=t, n=n, ends=ends)
+    parameters.require_numbers(chain.parameters, "of sums over sites")
+    return chain
 
 
-def _functions(compiled: compiler.Compiled, parameters: Mapping[str, float]) -> dict[str, Any]:
-    """The compiled callbacks, each with the values of the parameters."""
-    values = np.array(list(parameters.values()) or [0.0])
+def _functions(compiled: compiler.Compiled) -> dict[str, Any]:
+    """The compiled callbacks."""
     there = [kind for kind in KINDS if hasattr(compiled.library, f"formula_{kind}")]
-    return {kind: _with_values(compiled, f"formula_{kind}", values) for kind in there}
+    return {kind: _address(compiled, f"formula_{kind}") for kind in there}
 
 
-def _flows(compiled: compiler.Compiled, schemes: list[str], parameters: Mapping[str, float]) -> dict[str, Any]:
-    """The compiled whole steps by scheme; they use the values of the parameters of the callbacks."""
-    values = np.array(list(parameters.values()) or [0.0])
-    return {emit_flow.named(x): _with_values(compiled, f"formula_flow_{x}", values) for x in schemes}
-
-
-def _with_values(compiled: compiler.Compiled, name: str, values: np.ndarray) -> callbacks.WithData:
-    address = ctypes.cast(getattr(compiled.library, name), ctypes.c_void_p)
-    return callbacks.WithData(address, ctypes.c_void_p(values.ctypes.data), (values, compiled.library))
+def _address(compiled: compiler.Compiled, name: str) -> ctypes.c_void_p:
+    return ctypes.cast(getattr(compiled.library, name), ctypes.c_void_p)

@@ -18,7 +18,7 @@ from typing import Any
 
 import numpy as np
 
-from ...errors import InvalidArgumentError
+from ...errors import IncompatibleError, InvalidArgumentError
 from ...native import abi, checks
 from ...native.files import optional
 from ..definition import Model
@@ -27,7 +27,7 @@ from .derivatives import engine, free
 from .emit_c import MACROS, Loops, lane_functions
 from .graph import Graph
 from .in_numpy import values_of
-from .named_formulas import MAX_DOF, Names
+from .named_formulas import MAX_DOF, Names, unused
 from .parse import is_name, names_in
 from .sites import SiteReader
 
@@ -61,6 +61,7 @@ class FormulaObservables:
     def __init__(self, model: Model, formulas: Mapping[str, Any], *, compiles: bool = True):
         """Read and, by default, compile the formulas; errors name the observable."""
         parameters = {key: x for key, x in model.parameters.items() if is_name(key) and np.isscalar(x)}
+        _refuse_arrays(formulas, {key for key, x in model.parameters.items() if np.ndim(x)})
         given = model._remade[1][0] if hasattr(model, "formula") else {}
         names = tuple((letter, _own(given.get(letter)), model.ndof) for letter in "qp")
         ends = "free" if given.get("n") is None else given["ends"]
@@ -92,6 +93,16 @@ class FormulaObservables:
         function, user = self.callback()
         function(lanes, len(q), t, *(x.ctypes.data for x in state), values.ctypes.data, user)
         return values
+
+
+def _refuse_arrays(formulas: Mapping[str, Any], arrays: set[str]) -> None:
+    """Refuse observables of parameters that go by path: an observable is not told which paths it is shown."""
+    for name, formula in formulas.items():
+        for key in sorted(arrays - set(unused(dict.fromkeys(arrays), [formula]))):
+            raise IncompatibleError(
+                f"observable {name!r} holds {key}, whose values differ from path to path, and observables take "
+                "parameters that are the same for all: save the paths, and compute it from them"
+            )
 
 
 def _own(given: object) -> tuple | None:

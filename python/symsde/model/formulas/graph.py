@@ -8,7 +8,7 @@ operations, and with it every bit of a result, is fixed here, whatever else is c
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Container, Iterable
 from dataclasses import dataclass, field
 from fractions import Fraction
 from typing import Any
@@ -213,6 +213,17 @@ class Graph:
         if half:
             result = self.multiply(result, self.node("sqrt", x))
         return result if twice >= 0 else self.node("/", self.number(1.0), result)
+
+
+def reachable(graph: Graph, roots: Iterable[int], given: Container[int] = ()) -> list[int]:
+    """The nodes that these need, in order; empty for given nodes."""
+    found, waiting = set(), list(roots)
+    while waiting:
+        x = waiting.pop()
+        if x not in found:
+            found.add(x)
+            waiting.extend(graph.nodes[x].arguments if x not in given else ())
+    return sorted(found)
 
 
 def constant(e: Any) -> float:

@@ -16,6 +16,7 @@ from ...errors import InvalidArgumentError, WrongTypeError
 from ...native import checks
 from ...native.files import optional
 from ..definition import fits_files
+from . import parameters
 from .graph import FUNCTIONS
 from .parse import FormulaTextError, Reader, check_name, folded, names_in, parse
 
@@ -31,8 +32,9 @@ class Problem:
     invariants: tuple[Any, ...]  #: candidates for invariants, expressions of sympy
     texts: tuple[str, ...]  #: formulas as the user wrote them, for messages
     ndof: int
-    parameters: dict[str, float]  #: name -> value, in the order of c0, c1, ..
+    parameters: dict[str, Any]  #: name -> value, in the order of c0, c1, ..
     columns: tuple[str, ...] = ()  #: names of coordinates and momenta in results; () = q_1 .., p_1 ..
+    by_path: bool = False  #: parameters differ from path to path
 
     @property
     def nnoise(self) -> int:
@@ -46,7 +48,7 @@ class Problem:
     @property
     def lanes(self) -> dict[str, bool]:
         """Name -> whether its value differs from lane to lane, for every name."""
-        names = dict.fromkeys(["t", *(f"c{k}" for k in range(len(self.parameters)))], False)
+        names = {"t": False} | dict.fromkeys((f"c{k}" for k in range(len(self.parameters))), self.by_path)
         return names | dict.fromkeys([*self.coordinates("q"), *self.coordinates("p")], True)
 
 
@@ -108,6 +110,7 @@ def make_problem(*, H, noise, q, p, params, t, invariants=()) -> Problem:
         ndof=ndof,
         parameters=names.values,
         columns=_columns(coordinates),
+        by_path=parameters.kind_of(names.values)[0],
     )
 
 
@@ -149,7 +152,7 @@ class Names:
     def __init__(self, sympy, coordinates: dict[str, Sequence], params: Mapping | None, t: Any, ndof: int):
         """Store coordinates, parameters with their values, and the time, for this many degrees of freedom."""
         self.sympy = sympy
-        self.values: dict[str, float] = {}
+        self.values: dict[str, Any] = {}
         self.known: dict[str, Any] = {}  # the user's name -> internal symbol
         self.moving: dict[Any, Any] = {}  # functions q(t) -> internal symbol
         self._ndof = ndof
@@ -178,7 +181,7 @@ class Names:
         for k, (key, value) in enumerate(params.items()):
             symbol = self.sympy.Symbol(f"c{k}", real=True)
             self._name(key, symbol, "the parameter")
-            self.values[folded(getattr(key, "name", key))] = checks.finite(f"the parameter {key}", value)
+            self.values[folded(getattr(key, "name", key))] = parameters.value_of(str(key), value)
 
     def _time(self, t: Any) -> None:
         symbol = self.sympy.Symbol("t", real=True)

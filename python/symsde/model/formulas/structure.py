@@ -11,9 +11,11 @@ from __future__ import annotations
 import cmath
 import itertools
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass, field
 from typing import Any
+
+import numpy as np
 
 from ...native.files import optional
 from ..definition import FLAGS
@@ -74,9 +76,11 @@ def _value(e: Any, at: Mapping[Any, float]) -> complex:
     """The value of an expression of sympy in floating point; an error on overflow."""
     if e.is_Symbol:
         return complex(at[e])
-    if not e.args:
-        return complex(e)
-    parts = [_value(x, at) for x in e.args]
+    return _applied(e, [_value(x, at) for x in e.args]) if e.args else complex(e)
+
+
+def _applied(e: Any, parts: list[complex]) -> complex:
+    """The operation of an expression on its arguments."""
     if e.is_Add:
         return sum(parts)
     if e.is_Mul:
@@ -87,6 +91,18 @@ def _value(e: Any, at: Mapping[Any, float]) -> complex:
     return parts[0] ** parts[1] if e.is_Pow else getattr(cmath, name)(*parts)
 
 
+def _function(e: Any, at: Mapping[Any, float], parameters: list) -> Callable[[list], complex]:
+    """The same as a function of parameters; what does not depend on them is computed once."""
+    if e in parameters:
+        place = parameters.index(e)
+        return lambda values: complex(values[place])
+    if not e.free_symbols.intersection(parameters):
+        value = _value(e, at)
+        return lambda _: value
+    parts = [_function(x, at, parameters) for x in e.args]
+    return lambda values: _applied(e, [f(values) for f in parts])
+
+
 class Prover:
     """Hamiltonians with their derivatives, in sympy."""
 
@@ -95,9 +111,11 @@ class Prover:
         self.sympy = optional("sympy", "sympy")
         self.problem = problem
         real = [self.sympy.Symbol(f"c{k}", real=True) for k in range(len(problem.parameters))]
-        values = dict(zip(real, problem.parameters.values(), strict=True))
-        self.values = values
-        self.special = {x: self.sympy.Integer(int(v)) for x, v in values.items() if v in (0.0, 1.0, -1.0)}
+        self._real = real
+        self._squares: list[Callable[[list], complex]] | None = None
+        self.values = dict(zip(real, problem.parameters.values(), strict=True))
+        numbers = {x: v for x, v in self.values.items() if np.ndim(v) == 0}
+        self.special = {x: self.sympy.Integer(int(v)) for x, v in numbers.items() if v in (0.0, 1.0, -1.0)}
         self.hams = [h.xreplace(self.special) for h in problem.hamiltonians]
         self.q, self.p = ([self.sympy.Symbol(x, real=True) for x in problem.coordinates(letter)] for letter in "qp")
         self.t = self.sympy.Symbol("t", real=True)
@@ -190,7 +208,7 @@ class Prover:
             time_dependent=any(self.t in h.free_symbols for h in self.hams),
             bandwidth=max((abs(i - j) for pairs in entries.values() for i, j in pairs), default=0),
             nonzero={block: len(pairs) for block, pairs in entries.items()},
-            rotation=self._rotation() if unit else None,
+            rotation=self.rotation(list(self.problem.parameters.values())) if unit else None,
             silent=tuple(k for k in noises if all(self.diff(k, x) == 0 for x in both)),
             noises_commute=self._constant(itertools.combinations(noises, 2)),
             flows_commute=not any(self.t in self.diff(k, x).free_symbols for k in noises for x in both)
@@ -198,19 +216,21 @@ class Prover:
             invariants=self._invariants(),
         )
 
-    def _rotation(self) -> tuple[float, ...] | None:
-        """Square roots of the diagonal of H's Hessian at q = 0."""
+    def rotation(self, values: list) -> tuple[float, ...] | None:
+        """Roots of the diagonal of the Hessian at q = 0, for these values of the parameters; None where it goes by
+        path."""
         squares = []
-        for x in self.q:
-            at = {**dict.fromkeys([*self.q, *self.p, self.t], 0), **self.values}
-            try:
-                _value(self.diff(0, x, x), {s: at[s] for s in self.diff(0, x, x).free_symbols})  # sympy has no bound
-                square = float(self.diff(0, x, x).subs(at))
-            except (ArithmeticError, AttributeError, TypeError, ValueError):
+        try:
+            if self._squares is None:
+                rest = dict.fromkeys((*self.q, *self.p, self.t), 0.0)
+                self._squares = [_function(self.diff(0, x, x), rest, self._real) for x in self.q]
+            found = [square(values) for square in self._squares]
+        except (ArithmeticError, AttributeError, KeyError, TypeError, ValueError):
+            return None
+        for square in found:
+            if square.imag or not 0 <= square.real < math.inf:
                 return None
-            if not 0 <= square < math.inf:
-                return None
-            squares.append(math.sqrt(square))
+            squares.append(math.sqrt(square.real))
         return tuple(squares) if any(squares) else None
 
     def _constant(self, pairs) -> bool:

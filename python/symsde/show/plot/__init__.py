@@ -25,6 +25,11 @@ def moments(found, where: tuple, what: str = "", of: object = None):
     return draw.finish(*draw.of_moments(means_of(found), what, of), *where)
 
 
+def sweep(title: str, labels: tuple[str, str], curves: list[tuple], where: tuple):
+    """A figure of means over a parameter; labels of the axes, and curves (label, x, mean, standard error)."""
+    return draw.finish(*draw.of_sweep(title, labels, curves), *where)
+
+
 def observed(found, where: tuple, at: int = -1):
     """A figure of an observer's results."""
     return draw.finish(*draw.of_observed(found, at), *where)

@@ -246,6 +246,12 @@ def of_moments(data: Means, what: str, of: object) -> tuple[list[Callable], str]
     return panels, f"{data.title}, {_paths_of(data)}; bands: two standard errors, standard deviation"
 
 
+def of_sweep(title: str, labels: tuple[str, str], curves: Sequence[tuple]) -> tuple[list[Callable], str]:
+    """Panel and title: means over a parameter."""
+    drawn = [Curve(label or "mean", x, mean, error) for label, x, mean, error in curves]
+    return [_curves(labels[0], f"mean {labels[1]}", drawn)], f"{title}; band: two standard errors"
+
+
 def _all_of(values: Values) -> list[str]:
     """Each coordinate followed by its momentum, then the energy and observables."""
     pairs = [name for i in _few(values.ndof) for name in (values.q[i], values.p[i])]

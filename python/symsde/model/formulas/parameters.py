@@ -1,0 +1,115 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Values of parameters: numbers, or arrays with a value for each path of a run.
+
+Compiled functions take them as data. Where all are numbers they read the numbers themselves, in the order of the
+formulas. Where one is an array, functions of another file read constants of each lane: what formulas take from the
+parameters alone, computed once for each path.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import dataclasses
+import functools
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from ...errors import IncompatibleError, InvalidArgumentError, WrongShapeError
+from ...native import callbacks, checks, handles
+from ..built_in import is_array
+from ..definition import ModelHandle, _copied
+
+if TYPE_CHECKING:
+    from .formula_model import Code, FormulaModel
+
+
+def value_of(name: str, given: object) -> float | np.ndarray:
+    """The value of a parameter: a finite number, or a copy of an array (path,) of finite numbers."""
+    if not is_array(given):
+        return checks.finite(f"the parameter {name}", given)
+    values = np.array(checks.real_array(f"the parameter {name}", given))
+    if values.ndim != 1 or not values.size:
+        raise WrongShapeError(
+            f"the parameter {name} has shape {values.shape}: give a number, or (path,), a number for each path"
+        )
+    if not np.isfinite(values).all():
+        first = int(np.flatnonzero(~np.isfinite(values))[0])
+        raise InvalidArgumentError(f"the parameter {name} is {values[first]} at path {first}: give finite numbers")
+    values.flags.writeable = False
+    return values
+
+
+def count_of(values: dict[str, Any]) -> int:
+    """The number of paths that values are for; 0 = any, as numbers and arrays of one are."""
+    sizes = {name: x.size for name, x in values.items() if isinstance(x, np.ndarray) and x.size > 1}
+    if len(set(sizes.values())) > 1:
+        told = ", ".join(f"{name} for {size}" for name, size in sizes.items())
+        raise WrongShapeError(
+            f"the parameters have values for different numbers of paths, {told}: give as many of each"
+        )
+    return next(iter(sizes.values()), 0)
+
+
+def require_numbers(values: Mapping[str, Any], where: str) -> None:
+    """Refuse arrays, which compiled functions of formulas without sums over sites take."""
+    for name, value in values.items():
+        if np.ndim(value):
+            raise IncompatibleError(
+                f"the parameter {name} is an array, and parameters {where} are the same for all paths: give a number, "
+                "and a run for each value"
+            )
+
+
+def kind_of(values: dict[str, Any]) -> tuple:
+    """What code is made for: whether values go by path, and which numbers are 0, 1 or -1, which formulas fold."""
+    arrays = any(isinstance(x, np.ndarray) for x in values.values())
+    return arrays, *(
+        float(x) if not isinstance(x, np.ndarray) and x in (0.0, 1.0, -1.0) else None for x in values.values()
+    )
+
+
+def valued(root: FormulaModel, code: Code, values: dict[str, Any]) -> FormulaModel:
+    """The model of compiled functions with these values of its parameters, in the order of the formulas."""
+    model = _copied(root)
+    rotation = code.rotation(list(values.values()))
+    if rotation != root.traits.rotation:
+        model.traits = dataclasses.replace(root.traits, rotation=rotation)
+        model.formula = dataclasses.replace(
+            root.formula, structure=dataclasses.replace(root.formula.structure, rotation=rotation)
+        )
+    if code.kind[0]:
+        table, numbers = _constants(code, values), None
+    else:
+        table, numbers = None, np.array(list(values.values()) or [0.0])
+        gradient, value, w = code.direct
+        model._direct = gradient, value, numbers.ctypes.data, w
+    frequencies = None if rotation is None else np.array(rotation)
+    model._handles = handles.Pool(functools.partial(_handle, root._handles, numbers, table, frequencies))
+    return model
+
+
+def _handle(roots: handles.Pool, numbers: Any, table: Any, frequencies: Any) -> ModelHandle:
+    """A handle of a model from one of the root's."""
+    pointer, root = ctypes.c_void_p(), roots.take()
+    try:
+        user, rotation = (None if x is None else x.ctypes.data for x in (numbers, frequencies))
+        handles.call("model_with_user", root.pointer, user, rotation, ctypes.byref(pointer))
+    finally:
+        roots.give(root)
+    made = ModelHandle(pointer, (numbers, root), callbacks.Failures())
+    if table is not None:
+        handles.call("model_set_parameters", pointer, *table.shape, checks.address(table))
+    return made
+
+
+def _constants(code: Code, values: dict[str, Any]) -> np.ndarray:
+    """What the formulas take from the parameters alone, (constant, path)."""
+    paths = count_of(values) or 1
+    given = np.array([np.broadcast_to(x, paths) for x in values.values()])
+    found = np.empty((len(code.derivatives.constants()), paths))
+    function = code.compiled.library.formula_constants
+    function.argtypes = (ctypes.c_int, ctypes.c_void_p, ctypes.c_void_p)
+    function(paths, checks.address(given), checks.address(found))
+    return found

@@ -1,0 +1,185 @@
+! SPDX-License-Identifier: BSD-3-Clause
+!> Parameters of a user's functions that go by path: path first + i of a run has row i of a table, or all paths have its
+!> only row.
+!>
+!> The functions are given the address of c_lanes (symsde_lanes of symsde.h) in place of the user pointer: the
+!> parameters of the lanes of this call, and the user pointer. A view of the model knows its paths (base/lane_paths),
+!> and keeps the parameters of the last call for lanes that are asked for again. A model that is asked by itself, as
+!> probes do, has the parameters of the first path in every lane.
+!>
+!> Private to its family.
+module symsde_model_user_path_parameters
+   use, intrinsic :: iso_c_binding, only: c_loc, c_null_ptr, c_ptr
+   use symsde_base_kinds, only: wp, i8
+   use symsde_base_lane_paths, only: lane_paths, most_deep
+   implicit none
+   private
+   public :: path_parameters, lane_call
+
+   !> symsde_lanes
+   type, bind(c) :: c_lanes
+      type(c_ptr) :: parameters = c_null_ptr  !! [nparameter][nlane]
+      type(c_ptr) :: user = c_null_ptr
+   end type c_lanes
+
+   !> The parameters of some lanes, as the functions are given them.
+   type :: lane_room
+      integer(i8) :: number = 0          !! of the list of paths (base/lane_paths); 0 = not filled
+      integer :: nlane = 0
+      type(c_lanes) :: given
+      real(wp), allocatable :: values(:) !! (nlane*nparameter)
+   end type lane_room
+
+   !> A call of a function for some lanes.
+   type :: lane_call
+      type(c_ptr) :: user = c_null_ptr                    !! the user pointer of this call
+      type(lane_room), pointer, private :: own => null()  !! room for this call alone
+   contains
+      procedure :: leave
+   end type lane_call
+
+   !> A table, and how many models read it.
+   type :: common_table
+      real(wp), allocatable :: values(:, :)  !! (nrow, nparameter)
+      integer :: owners = 1
+   end type common_table
+
+   type :: path_parameters
+      private
+      type(common_table), pointer :: common => null()
+      type(lane_room), pointer :: rooms(:) => null()  !! of a view, one for each list of paths that may be open
+   contains
+      procedure :: set
+      procedure :: nrow
+      procedure :: share
+      procedure :: see_paths
+      procedure :: enter
+      procedure :: release
+   end type path_parameters
+
+contains
+
+   !> Take a copy of these values (nrow, nparameter). info is not 0 without memory.
+   subroutine set(self, values, info)
+      class(path_parameters), intent(inout) :: self
+      real(wp), intent(in) :: values(:, :)
+      integer, intent(out) :: info
+
+      call self%release()
+      allocate (self%common)
+      allocate (self%common%values, source=values, stat=info)
+      if (info /= 0) call self%release()
+   end subroutine set
+
+   !> Number of rows; 0 = all paths have the same parameters, which the functions know.
+   pure integer(i8) function nrow(self)
+      class(path_parameters), intent(in) :: self
+
+      nrow = 0
+      if (associated(self%common)) nrow = size(self%common%values, 1, i8)
+   end function nrow
+
+   !> Have the table of another model.
+   subroutine share(self, other)
+      class(path_parameters), intent(inout) :: self
+      type(path_parameters), intent(in) :: other
+
+      if (associated(self%common, other%common)) return
+      call self%release()
+      if (.not. associated(other%common)) return
+      self%common => other%common
+      !$omp atomic update
+      self%common%owners = self%common%owners + 1
+   end subroutine share
+
+   !> Keep the parameters of the last lanes, as a view does, which one thread asks.
+   subroutine see_paths(self)
+      class(path_parameters), intent(inout) :: self
+
+      allocate (self%rooms(0:most_deep))
+   end subroutine see_paths
+
+   !> A call for nlane lanes: its user pointer is that of the functions, or the address of the parameters of these lanes
+   !> beside it. It must be left afterwards.
+   subroutine enter(self, paths, nlane, user, call)
+      class(path_parameters), intent(in) :: self
+      type(lane_paths), pointer, intent(in) :: paths
+      integer, intent(in) :: nlane
+      type(c_ptr), intent(in) :: user
+      type(lane_call), intent(out) :: call
+      type(lane_room), pointer :: room
+      integer(i8) :: number
+      integer :: depth
+
+      call%user = user
+      if (.not. associated(self%common)) return
+      number = 0
+      if (associated(self%rooms)) then
+         call paths%which(depth, number)
+         room => self%rooms(depth)
+      else
+         allocate (call%own)
+         room => call%own
+      end if
+      if (number == 0 .or. room%number /= number .or. room%nlane /= nlane) then
+         call gather(self%common, paths, nlane, room)
+         room%number = number
+         room%given%user = user
+      end if
+      call%user = c_loc(room%given)
+   end subroutine enter
+
+   !> Give back the room of a call.
+   subroutine leave(self)
+      class(lane_call), intent(inout) :: self
+
+      if (associated(self%own)) deallocate (self%own)
+   end subroutine leave
+
+   !> The rows of the paths that the lanes are.
+   subroutine gather(table, paths, nlane, room)
+      type(common_table), intent(in) :: table
+      type(lane_paths), pointer, intent(in) :: paths
+      integer, intent(in) :: nlane
+      type(lane_room), intent(inout), target :: room
+      integer(i8) :: row(nlane)
+      integer :: k, lane, n
+
+      row = 0
+      if (associated(paths)) call paths%find_places(nlane, row)
+      row = max(1_i8, min(row + 1, size(table%values, 1, i8)))
+      n = nlane*size(table%values, 2)
+      if (allocated(room%values)) then
+         if (size(room%values) < n) deallocate (room%values)
+      end if
+      if (.not. allocated(room%values)) allocate (room%values(n))
+      do k = 1, size(table%values, 2)
+         do lane = 1, nlane
+            room%values((k - 1)*nlane + lane) = table%values(row(lane), k)
+         end do
+      end do
+      room%nlane = nlane
+      room%given%parameters = c_loc(room%values)
+   end subroutine gather
+
+   !> Give back the table, which its last owner deletes, and the rooms.
+   subroutine release(self)
+      class(path_parameters), intent(inout) :: self
+      integer :: left, i
+
+      if (associated(self%rooms)) then
+         do i = 0, most_deep  ! gfortran 12 frees the array of rooms without what they hold
+            if (allocated(self%rooms(i)%values)) deallocate (self%rooms(i)%values)
+         end do
+         deallocate (self%rooms)
+      end if
+      if (.not. associated(self%common)) return
+      !$omp atomic capture
+      self%common%owners = self%common%owners - 1
+      left = self%common%owners
+      !$omp end atomic
+      if (left == 0) deallocate (self%common)
+      nullify (self%common)
+   end subroutine release
+
+end module symsde_model_user_path_parameters

@@ -1,0 +1,295 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Parameters of formulas as data: other values without other code, and values that differ from path to path.
+
+Path i of a run has the bits of a run of path i alone whose value is an array of one, and to 1e-13 those of the number.
+"""
+
+import copy
+import functools
+import pickle
+import warnings
+
+import numpy as np
+import pytest
+import symsde as ss
+from symsde.batch import scene
+from symsde.cli import command_line
+from symsde.errors import IncompatibleError, InvalidArgumentError, WrongShapeError, WrongTypeError
+from symsde.model.formulas import formula_model
+
+PATHS = 300
+X = 1 + 0.4 * np.sin(1.3 * np.arange(PATHS))  # neighbours differ by much
+SYNCHROTRON = {"H": "p**2/2 - omega**2*cos(q)", "noise": ["s1*sin(q)", "-s2*cos(q)"]}
+MODELS = {
+    "synchrotron": (SYNCHROTRON, {"omega": 2.1 * X, "s1": 0.2 * X[::-1], "s2": 0.1}),
+    "kubo": ({"H": "a*(p**2 + q**2)/2", "noise": ["s*(p**2 + q**2)/2"]}, {"a": X, "s": 0.3 * X}),
+    "pendulum": ({"H": "p**2/2 - cos(q)", "noise": ["s*(p**2 + q**2)/2"]}, {"s": 0.4 * X}),
+    "morse": (
+        {"H": "p**2/(2*m) + d*(1 - exp(-b*q))**2", "noise": ["s*q**2"]},
+        {"m": X, "d": 2.0 * X, "b": 0.6 * X[::-1], "s": 0.1 * X},
+    ),
+    "driven": (
+        {"H": "p**2/2 - k*(1 + e*cos(nu*t))*cos(q)", "noise": ["s*(1 + e*t)*q"]},
+        {"k": X, "e": 0.3, "nu": X, "s": 0.2},
+    ),
+    "mixed": ({"H": "p**2/2*(1 + k*q**2) + exp(-k)*q**2/2", "noise": ["s*p*q"]}, {"k": 0.3 * X, "s": 0.1 * X}),
+    "henon": (
+        {"H": "(p1**2 + p2**2 + q1**2 + q2**2)/2 + a*(q1**2*q2 - q2**3/3)", "noise": ["s*q1", "s*q2"]},
+        {"a": X, "s": 0.1 * X},
+    ),
+    "three": (
+        {
+            "H": "(p1**2 + p2**2 + p3**2)/2 + k*(1 - cos(q1 - q2)) + k*(q2 - q3)**2/2 + q3**4/4",
+            "noise": ["s*q1", "s*q2*q3"],
+        },
+        {"k": X, "s": 0.1 * X},
+    ),
+}
+SCHEMES = (
+    *("midpoint", "symplectic_euler", "symplectic_euler_adjoint", "stormer_verlet", "gauss2", "lobatto3", "heun"),
+    *("chin4a", "gauss_dkdkd", "verlet_kdk", "gauss2_strong32", "euler_maruyama", "verlet_dz"),
+)
+RUN = {"q0": 0.4, "p0": 0.3, "step": 0.05, "steps": 24, "save_every": 8, "seed": 3, "first_path": 256}
+
+
+def alone(kind, i, *, as_array, **options):
+    """The run of path i by itself."""
+    values = MODELS[kind][1]
+    one = {key: (x[i : i + 1] if as_array else x[i]) if np.ndim(x) else x for key, x in values.items()}
+    return ss.simulate(made(kind).with_parameters(**one), **{**RUN, **options, "paths": 1, "first_path": 256 + i})
+
+
+@functools.cache
+def made(kind):
+    """The model with numbers."""
+    given, values = MODELS[kind]
+    return ss.model_from_sympy(**given, params={key: np.ravel(x)[0] for key, x in values.items()})
+
+
+def of_all(kind, **options):
+    """The run of all paths, each with its values."""
+    return ss.simulate(made(kind).with_parameters(**MODELS[kind][1]), **{**RUN, "paths": PATHS, **options})
+
+
+def require_paths(kind, run, **options):
+    """Paths of a run are those of runs of one path."""
+    for i in (0, 1, 7, 8, 130, 255, 256, 299):
+        mine = np.array([run.q[:, :, i], run.p[:, :, i]])
+        array, number = (alone(kind, i, as_array=x, **options) for x in (True, False))
+        assert np.array_equal(mine, [array.q[:, :, 0], array.p[:, :, 0]], equal_nan=True), (kind, i, options)
+        np.testing.assert_allclose(mine, [number.q[:, :, 0], number.p[:, :, 0]], rtol=1e-13, atol=1e-13)
+
+
+@pytest.mark.parametrize("kind", MODELS)
+def test_bits_of_paths_alone(kind):
+    """Every kind of stepper that takes the model: whole steps, stages, kicks, brackets; blocks and single paths."""
+    ran = 0
+    for scheme in SCHEMES:
+        try:
+            run = of_all(kind, scheme=scheme)
+        except ss.errors.SymsdeError as refusal:
+            with pytest.raises(type(refusal)):  # as with numbers
+                alone(kind, 0, as_array=False, scheme=scheme)
+            continue
+        assert not run.status.any()
+        require_paths(kind, run, scheme=scheme)
+        ran += 1
+    assert ran >= 5
+
+
+def test_neighbours_differ():
+    """A shift by one path, or an error of 1 % in one value, would show."""
+    run = of_all("synchrotron")
+    given, values = MODELS["synchrotron"]
+    for wrong in (values["omega"][8], values["omega"][7] * 1.01):
+        model = ss.model_from_sympy(**given, params={"omega": wrong, "s1": values["s1"][7], "s2": 0.1})
+        other = ss.simulate(model, **{**RUN, "paths": 1, "first_path": 256 + 7})
+        assert abs(other.q[-1, 0, 0] - run.q[-1, 0, 7]) > 1e-3
+
+
+@pytest.mark.parametrize("kind", ["synchrotron", "morse", "henon"])
+def test_threads_and_lanes(kind):
+    """Neither threads nor the size of blocks change a bit."""
+    for scheme in ("midpoint", "stormer_verlet", "lobatto3"):
+        found = [of_all(kind, scheme=scheme, threads=n, lanes=m) for n, m in ((1, None), (2, None), (1, 8), (2, 64))]
+        assert all(np.array_equal(x.q, found[0].q) and np.array_equal(x.p, found[0].p) for x in found)
+
+
+@pytest.mark.parametrize("scheme", ["midpoint", "stormer_verlet", "gauss2", "lobatto3", "heun"])
+def test_narrower_blocks(scheme):
+    """Paths that are left when most others have failed keep their own values in narrower blocks."""
+    given = {"H": "p**2/2 + k*q**2/2 - c*q**4", "noise": ["s*q"]}
+    c = np.where(np.arange(PATHS) % 5 == 0, 0.01, 2.0 * X)  # four of five escape
+    model = ss.model_from_sympy(**given, params={"k": X, "c": c, "s": 0.1 * X})
+    options = {**RUN, "q0": 1.5, "steps": 80, "scheme": scheme}
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        run = ss.simulate(model, **options | {"paths": PATHS})
+        assert 100 < np.count_nonzero(run.status) < 260
+        for i in (0, 1, 5, 130, 255, 295):
+            one = model._part(slice(i, i + 1))
+            single = ss.simulate(one, **options | {"paths": 1, "first_path": 256 + i})
+            assert single.status[0] == run.status[i]
+            assert np.array_equal(single.q[:, :, 0], run.q[:, :, i], equal_nan=True)
+
+
+def test_moments_shards_and_extension():
+    """Moments, shards of an ensemble, a prepared run and a run that goes on have the values of their paths."""
+    given, values = MODELS["synchrotron"]
+    values = {"omega": np.tile(values["omega"], 4)[:1000], "s1": 0.2, "s2": np.linspace(0.05, 0.3, 1000)}
+    model = ss.model_from_sympy(**given, params=values)
+    options = {**RUN, "paths": 1000}
+    run, moments = ss.simulate(model, **options), ss.moments(model, **options)
+    np.testing.assert_allclose(moments.mean_q, run.q.mean(axis=2), rtol=1e-12, atol=1e-13)
+    np.testing.assert_allclose(moments.mean_energy, run.energy.mean(axis=1), rtol=1e-12)
+    energy = run.p[-1, 0] ** 2 / 2 - values["omega"] ** 2 * np.cos(run.q[-1, 0])
+    np.testing.assert_allclose(run.energy[-1], energy, rtol=1e-13)
+    shards = ss.ensemble(model, **options, shard_paths=256)
+    assert np.array_equal(shards.mean_q, moments.mean_q)
+    half = ss.simulate(model, **options | {"steps": 8}).extend(16)
+    assert np.array_equal(half.q[-1], run.q[-1])
+    prepared = ss.prepare(model, **{key: x for key, x in options.items() if key not in ("steps", "save_every")})
+    for _ in range(24):
+        prepared.step()
+    assert np.array_equal(prepared.q, run.q[-1])
+    prepared.reset(first_path=512)
+    prepared.step()
+    later = ss.simulate(model, **options | {"first_path": 512, "steps": 1, "save_every": 1})
+    assert np.array_equal(prepared.q, later.q[-1])
+
+
+def test_other_values_share_the_code(monkeypatch):
+    """with_parameters derives nothing, and has the bits of a model that is made with these values."""
+    given, _ = MODELS["synchrotron"]
+    model = ss.model_from_sympy(**given, params={"omega": 2.1, "s1": 0.2, "s2": 0.1})
+    fresh = ss.model_from_sympy(**given, params={"omega": 1.7, "s1": 0.2, "s2": 0.3})
+    arrays = model.with_parameters(omega=[2.0, 1.9])
+    monkeypatch.setattr(formula_model, "Derivatives", None)
+    other = model.with_parameters(omega=1.7, s2=0.3)
+    assert other.traits == fresh.traits and other.formula.structure == fresh.formula.structure
+    assert other.parameters == fresh.parameters == {"omega": 1.7, "s1": 0.2, "s2": 0.3}
+    assert model.parameters["omega"] == 2.1 and model.traits.rotation == (2.1,)
+    for scheme in ("midpoint", "verlet_kdk", "lobatto3"):
+        a, b = (ss.simulate(x, **RUN, scheme=scheme, paths=9) for x in (other, fresh))
+        assert np.array_equal(a.q, b.q)
+    assert arrays.with_parameters(s1=0.5).paths == 2
+    back = arrays.with_parameters(omega=1.7, s2=0.3)
+    assert np.array_equal(ss.simulate(back, **RUN, paths=9).q, ss.simulate(fresh, **RUN, paths=9).q)
+    monkeypatch.undo()
+    silent = model.with_parameters(s1=0.0)  # formulas fold 0, 1 and -1
+    assert silent.traits.silent == (1,)
+    assert model.with_parameters(omega=1.7).damped(0.1).with_parameters(omega=2.2).damping == (0.1,)
+
+
+def test_copies_and_texts():
+    """Pickles and copies keep values; the caller's array is not kept; texts are short."""
+    given, _ = MODELS["kubo"]
+    values = np.linspace(0.5, 2, 40)
+    model = ss.model_from_sympy(**given, params={"a": values, "s": 0.3})
+    values[:] = 7
+    assert model.paths == 40 and model.parameters["a"][0] == 0.5
+    with pytest.raises(ValueError):
+        model.parameters["a"][0] = 1
+    run = ss.simulate(model, **RUN, paths=40)
+    again = ss.simulate(pickle.loads(pickle.dumps(model)), **RUN, paths=40)
+    assert np.array_equal(again.q, run.q) and copy.copy(model) is model
+    assert "a=[0.5, .. 2; 40 paths]" in repr(model) and "40 paths" in model._repr_html_()
+    assert np.array_equal(pickle.loads(pickle.dumps(run)).q, run.q)
+
+
+def test_refusals():
+    """What cannot be run says what is allowed."""
+    given, _ = MODELS["synchrotron"]
+    plain = {"omega": 2.1, "s1": 0.2, "s2": 0.1}
+    model = ss.model_from_sympy(**given, params=plain)
+    two = model.with_parameters(omega=[1.0, 2.0])
+    with pytest.raises(WrongShapeError, match=r"omega of model formula has 2 values.*run has 3 paths"):
+        ss.simulate(two, **RUN, paths=3)
+    with pytest.raises(WrongShapeError, match="omega for 2, s1 for 3"):
+        two.with_parameters(s1=[1.0, 2.0, 3.0])
+    with pytest.raises(WrongShapeError, match=r"shape \(1, 2\)"):
+        model.with_parameters(omega=[[1.0, 2.0]])
+    with pytest.raises(WrongShapeError, match=r"shape \(0,\)"):
+        model.with_parameters(omega=[])
+    for bad in (np.nan, np.inf):
+        with pytest.raises(InvalidArgumentError, match=r"omega is .* at path 1: give finite numbers"):
+            model.with_parameters(omega=[1.0, bad])
+    with pytest.raises(WrongTypeError, match="omega"):
+        model.with_parameters(omega=["1", "2"])
+    with pytest.raises(ss.errors.UnknownNameError, match=r"omga.*omega"):
+        model.with_parameters(omga=[1.0, 2.0])
+    with pytest.raises(WrongShapeError, match="parameters for 2 paths, and there are 3 points"):
+        two.value([[1.0, 2.0, 3.0]], 0.0)
+    assert two.value(0.3, 0.0) == model.with_parameters(omega=1.0).value(0.3, 0.0)
+    with pytest.raises(IncompatibleError, match="k is an array, and parameters of sums over sites"):
+        ss.model_from_sympy("Sum(p[i]**2/2 + k*q[i]**4, i)", n=4, params={"k": [1.0, 2.0]})
+    with pytest.raises(IncompatibleError, match="observable 'o' holds omega, whose values differ"):
+        ss.moments(two, **RUN, paths=2, observables={"o": "omega*q"})
+    with pytest.warns(ss.errors.UnusedParameterWarning, match="no formula holds the parameter g"):
+        ss.model_from_sympy(**given, params={**plain, "g": np.ones(3)})
+
+
+SCENE = """\
+[model]
+{model}
+[run]
+step = 0.05
+steps = 20
+save_every = 20
+paths = {paths}
+seed = 1
+q0 = 1.0
+p0 = 0.0
+[output]
+moments = true
+paths = [0, 3, 700]
+"""
+FORMULA = """\
+H = "p**2/2 - omega**2*cos(q)"
+noise = ["s1*sin(q)"]
+[model.params]
+omega = {from = 1.0, to = 2.0, count = 3}
+s1 = {from = 0.1, to = 0.4, count = 4}"""
+
+
+@pytest.mark.parametrize("model", [FORMULA, 'name = "kubo"\na = {from = 1.0, to = 2.0, count = 3}\nsigma = 0.2'])
+def test_scenes(tmp_path, model):
+    """Ranges of a scene give every combination as many paths; shards, saved paths and energies have their values."""
+    file, out = tmp_path / "a.toml", tmp_path / "out"
+    file.write_text(SCENE.format(model=model, paths=1200))
+    assert command_line.main(["run", str(file), "--out", str(out), "--quiet"]) == 0
+    opened = ss.open_run(out)
+    asked = {"q0": 1.0, "p0": 0.0, "step": 0.05, "steps": 20, "save_every": 20, "seed": 1, "keep_paths": True}
+    first = np.linspace(1.0, 2.0, 3)
+    if "kubo" in model:
+        found = ss.sweep(ss.models.kubo(sigma=0.2), {"a": first}, **asked, paths=400)
+    else:
+        plain = ss.model_from_sympy(SYNCHROTRON["H"], noise=["s1*sin(q)"], params={"omega": 1.5, "s1": 0.2})
+        found = ss.sweep(plain, {"omega": first, "s1": np.linspace(0.1, 0.4, 4)}, **asked, paths=100)
+    q = found.q.reshape(2, 1, 1200)
+    np.testing.assert_allclose(opened.moments.mean_q, q.mean(2), rtol=1e-12)
+    assert np.array_equal(opened.run.q, q[:, :, [0, 3, 700]])
+    energies = opened.run.model.value(opened.run.q[-1], opened.run.p[-1])
+    np.testing.assert_allclose(opened.run.energy[-1], energies, rtol=1e-15)
+    assert len(set(opened.run.energy[0])) == 2  # the first two have one value, at one state
+    for wrong, told in (
+        ("paths = 1200", "paths = 1000"),
+        ("count = 3}", "count = 3, log = true}"),
+        ("count = 3}", "count = 0}"),
+    ):
+        bad = file.read_text().replace(wrong, told)
+        file.with_name("bad.toml").write_text(bad)
+        with pytest.raises(
+            ss.errors.SceneError, match=r"not a multiple of|give a number, a list|count of .* out of range"
+        ):
+            scene.load(file.with_name("bad.toml"))
+
+
+def test_lists_in_scenes(tmp_path):
+    """A list has a number for each path."""
+    file = tmp_path / "a.toml"
+    file.write_text(SCENE.format(model='name = "kubo"\nsigma = [0.1, 0.2, 0.3]', paths=3).replace("[0, 3, 700]", "[0]"))
+    assert scene.load(file).model.parameters["sigma"].tolist() == [0.1, 0.2, 0.3]
+    file.write_text(file.read_text().replace("paths = 3", "paths = 4"))
+    with pytest.raises(ss.errors.SceneError, match=r"sigma of model kubo has 3 values.*4 paths"):
+        scene.load(file)
