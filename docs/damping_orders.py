@@ -15,7 +15,7 @@ from pathlib import Path
 
 import numpy as np
 import symsde as ss
-from symsde.studies.pages import markdown
+from symsde.show.tables import markdown
 
 TARGET = Path(__file__).with_name("damping_orders.json")
 KINDS = {"one rate": 0.8, "rates": [0.5, 1.5], "matrix": [[0.9, -0.5], [-0.5, 1.6]]}
