@@ -106,7 +106,7 @@ contains
       if (npath < 0) call raise(error, invalid_argument, 'read_points', 'npath = '//to_text(npath)// &
                                 ' is negative: give the number of points')
       if (allocated(error)) return
-      if (points%model%traits%npath > 0 .and. all(npath /= [1_i8, points%model%traits%npath])) &
+      if (points%model%traits%npath > 0 .and. npath /= 1 .and. npath /= points%model%traits%npath) &
          call raise(error, wrong_shape, 'read_points', 'model '//points%model%name//' has parameters for '// &
                     to_text(points%model%traits%npath)//' paths, and there are '//to_text(npath)// &
                     ' points: give a point for each path')

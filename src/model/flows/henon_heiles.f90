@@ -153,7 +153,9 @@ contains
       associate (d => steps%decays)
          select case (equation)
          case (euler_map, euler_adjoint_map)
-            plan%loss = [d%before, 0.0_wp, d%after]
+            plan%loss(1) = d%before
+            plan%loss(2) = 0
+            plan%loss(3) = d%after
          case (verlet_map)
             plan%tau(2) = plan%tau(2)*(1 + 0.5_wp*decay_less_one(d%z))
             plan%loss(2) = decay_less_one(d%z)
