@@ -33,7 +33,7 @@ module symsde_scheme_measured
       integer :: class            !! of noise, or weak
       character(len=26) :: problem
       real(wp) :: order
-      real(wp) :: half_width      !! of the 95 % interval; of weak orders what the last two slopes differ by
+      real(wp) :: half_width      !! half of the 95 % interval; for weak orders, difference of the last two slopes
       real(wp) :: floor           !! error of the reference over the smallest error that counts
    end type measurement
 
@@ -42,7 +42,7 @@ TAIL = """\
 
 contains
 
-   !> Put what was measured of a scheme of the catalogue beside its orders.
+   !> Enter the measurements of a scheme of the catalogue into its orders.
    pure subroutine add_measurements(order, name)
       type(order_type), intent(inout) :: order(norder)
       character(*), intent(in) :: name
