@@ -24,7 +24,10 @@ TARGETS = (
     ["-march=x86-64-v4", "-ffp-contract=fast"],
 )
 #: Flags of single files, as in src/CMakeLists.txt.
-OWN = {"noise/philox.f90": ["-fwrapv"], "flows/oscillator.f90": ["--param=max-inline-insns-auto=200"]}
+INLINE = ["--param=max-inline-insns-auto=200"]
+OWN = {
+    "noise/philox.f90": ["-fwrapv"], "flows/oscillator.f90": INLINE, "flows/damped_oscillator.f90": INLINE,
+}  # fmt: skip
 MARK = re.compile(r"\s*!> ?VEC\b")
 HEAD = re.compile(r"\s*(?:pure |elemental )*(?:subroutine|function) (\w+)", re.IGNORECASE)
 END = re.compile(r"\s*end (?:subroutine|function)\b", re.IGNORECASE)
