@@ -145,7 +145,7 @@ def read_sources(root):
         root / "src/ensemble/observe/moment_collector.f90",
         root / "src/ensemble/observe/observers.f90",
     ]
-    capi = sorted((root / "src/capi").glob("*.f90"))
+    capi = [*sorted((root / "src/capi").glob("*.f90")), root / "src/model/user/path_parameters.f90"]
     for file in files + capi:
         text = plain_fortran(file.read_text(encoding="utf-8"))
         values.update(

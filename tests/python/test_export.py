@@ -161,7 +161,8 @@ def test_names_that_fortran_takes():
     good = ("omega", "double", "I", "A", "q1", "self", "EOF")
     assert all(made[x] == (x if x in good else f"parameter_{names.index(x) + 1}") for x in names)
     text = (ROOT / "src" / "model" / "abstract.f90").read_text().partition("abstract :: model_type")[2]
-    members = re.findall(r"^ +(?:procedure.*|type\(.*|character.*):: (\w+)", text.partition("end type")[0], re.M)
+    body = text.partition("end type")[0]
+    members = re.findall(r"^ +(?:procedure.*|(?:type|class)\(.*|character.*):: (\w+)", body, re.M)
     assert len(members) > 10 and set(members) == given._TAKEN
 
 
