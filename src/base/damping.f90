@@ -187,7 +187,8 @@ contains
          text = 'dp = .. - Gamma M^-1 p dt, friction on velocities by a matrix'
          return
       else if (self%is_scalar()) then
-         text = 'dp = .. - '//to_text(self%rate(1))//' p dt, so that dp^dq shrinks by one factor'
+         text = 'dp = .. - '//to_text(self%rate(1))//' p dt'
+         if (.not. traits%forces%act()) text = text//', so that dp^dq shrinks by one factor'
       else
          text = 'dp_i = .. - gamma_i p_i dt, gamma_i = '//to_text(minval(self%rate))//' to '//to_text(maxval(self%rate))
       end if

@@ -51,6 +51,7 @@ def doubts(call):
     [
         (WELL, ""),
         (WELL.damped(RATE), "dp = .. - 0.8 p dt, so that dp^dq shrinks by one factor"),
+        (WELL.damped(RATE).forced(lambda q, p, t: -0.1 * q), "dp = .. - 0.8 p dt"),
         (PAIR.damped([0.5, 2.0]), "dp_i = .. - gamma_i p_i dt, gamma_i = 0.5 to 2"),
         (HEAVY.damped(RATE), "shrinks by one factor; on velocities the friction is rate times mass"),
         (MIXED.damped(RATE), "shrinks by one factor; of momenta, which is not friction on velocities"),
