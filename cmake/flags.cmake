@@ -65,5 +65,5 @@ target_compile_options(symsde_flags INTERFACE
    $<$<COMPILE_LANG_AND_ID:Fortran,GNU>:${_common};${_fortran}>
    $<$<AND:$<COMPILE_LANGUAGE:Fortran>,$<NOT:$<Fortran_COMPILER_ID:GNU>>>:${_known}>
    $<$<COMPILE_LANGUAGE:C>:${_common};${_c}>)
-# The stack must not be executable: no object may require it.
+# The stack of the library is marked as not executable.
 target_link_options(symsde_flags INTERFACE LINKER:-z,noexecstack ${SYMSDE_SANITIZERS} ${_link})

@@ -61,8 +61,9 @@ static double machine(void) {
    return bytes > 0 ? bytes : HUGE_VAL;
 }
 
-/* 1 if a mapping of a few megabytes cannot be refused: Linux limits the address space and the data of a process, or
- * the sum promised to all processes (strict). Making a mapping takes as long as a short run's step. */
+/* is_unbounded returns 1 if Linux cannot refuse a mapping of a few megabytes: the process has no limit on its address
+ * space or its data, and Linux does not limit the sum promised to all processes (strict overcommit). The caller then
+ * makes no test mapping, which would take as long as a step of a short run. */
 #if defined(__linux__)
 #include <stdio.h>
 

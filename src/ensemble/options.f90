@@ -36,7 +36,7 @@ module symsde_ensemble_options
       real(wp) :: area_time = 0             !! time scale of areas, 0 = derived from the model [time]
       integer, allocatable :: common_noise(:) !! noises k that all paths share: W_k of path 0 (not allocated = none)
       logical :: compensated = .false.      !! compensated summation of the state
-      logical :: general = stepper%general  !! use the general stepper, the oracle
+      logical :: general = stepper%general  !! use the oracle of the scheme
       integer :: max_iter = stepper%newton%max_iter        !! most Newton iterations a step
       integer :: fixed_point = stepper%newton%fixed_point  !! n > 0: n fixed-point iterations instead of Newton
       integer :: nlane = 0                  !! lanes of a block, a multiple of 8; 0 = chosen; never changes a result

@@ -415,7 +415,7 @@ contains
       integer(i8) :: of_pair
       integer :: i, f, n
 
-      ! number of lanes, with the padding of both halves
+      ! n counts the lanes of the generator: even and odd pairs of steps, each padded to whole vectors.
       n = size(draws%ahead)
       ! The lanes differ in their steps alone.
       allocate (path(n), source=request%path(lane))

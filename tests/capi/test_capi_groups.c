@@ -48,7 +48,8 @@ static void two(void) {
    CHECK(left("0::/job\n", "two") == 3e8);
    put("two/job/memory.stat", "anon 1\nfile 9\nslab 7\ninactive_file 150000000\nactive_file 50000000\n");
    CHECK(left("0::/job\n", "two") == 5e8);
-   /* a limit of a group above, of one below, of a neighbour, and of the same name in another hierarchy */
+   /* The limit of a group above counts. The limit of a group below does not, nor does that of a group whose name only
+    * begins alike (steps), or of another branch (other). */
    put("two/job/step/memory.max", "max\n");
    CHECK(left("0::/job/step/task\n", "two") == 5e8);
    put("two/job/step/memory.max", "100000000\n");

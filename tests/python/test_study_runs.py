@@ -31,7 +31,7 @@ class Clock:
 
 def test_costs_of_a_machine_that_is_known(monkeypatch):
     """A set-up of 3 s, then 2 ms for each path and step; repeats are slower by 0, 1, 2, ... %; elapsed time is twice
-    that.
+    the processor time.
     """
     clock, runs = Clock(), []
     plan = make_plan(ss.models.kubo(), **GIVEN)

@@ -109,9 +109,10 @@ contains
                                        'smaller step or truncate')
    end subroutine warn_of_noise
 
-   !> Warn if noise in position does not give damped momenta the right temperature: test the temperature of a free
-   !> particle, or the size of kicks. If the last kick is many decay times before the end of a step, the noise that
-   !> momenta keep comes after the last kick, and only large and opposite kicks can reproduce its law.
+   !> Warn if noise in position does not give damped momenta the right temperature. Most schemes are judged by the
+   !> temperature of a free particle. Kicks with dZ and one rate of damping have the exact law and are judged by their
+   !> size: if momenta decay for many decay times after the last kick, they keep only noise of that time, and only large
+   !> and opposite kicks reproduce its law.
    subroutine warn_of_damping(text, scheme, traits, damping, h)
       character(:), allocatable, intent(inout) :: text
       type(scheme_type), intent(in) :: scheme

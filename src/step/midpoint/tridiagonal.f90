@@ -111,9 +111,10 @@ contains
       end do
    end subroutine solve
 
-   !> One Newton iteration of all lanes. There are three cases: a model with rows whose chain fits in a panel is
-   !> evaluated once and eliminated; a longer chain is evaluated and eliminated panel by panel; and for bands of a block
-   !> the strips are copied and eliminated one after the other.
+   !> Take one Newton iteration in all lanes. If the model gives rows and the chain fits in a panel, all rows are
+   !> evaluated at once and eliminated. If the model gives rows and the chain is longer, panels are evaluated and
+   !> eliminated one after the other. If the model gives no rows, the bands of the whole block are evaluated, and strips
+   !> are copied and eliminated one after the other.
    subroutine iterate(self, ham, eq, w, status)
       type(tridiagonal_midpoint), intent(inout) :: self
       type(one_step_hamiltonian), intent(inout) :: ham

@@ -42,7 +42,7 @@ _TIMED = 1024  #: paths of a timed call: they take many times as long as the cal
 _LONG_ENOUGH = 5e-4  #: if a timed call takes more seconds, a quarter of the paths is enough
 _TURNED = 2.0  #: below this omega T (omega h)^a no phase has an error above a tenth of a radian
 _NEARER = 0.75  #: paths approach each other if a halving leaves less than this part of the mean square
-_NEARLY = 1 - 1e-12  #: without this factor, rounding of powers of two could add a step
+_NEARLY = 1 - 1e-12  #: of a number of steps before it is rounded up: a rounding error of a power of two adds no step
 #: rough seconds of a call, of scrambling a dimension, and of a bridged normal
 _CALL, _MATRIX, _NUMBER = 1e-4, 2.2e-5, 2e-8
 _SLOWER = 1.5  #: a path of given increments takes about this many times as long as other paths
