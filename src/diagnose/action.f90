@@ -325,8 +325,8 @@ contains
                  '(npath,ndof,nstep-1)')
    end subroutine refuse_shape
 
-   !> Load the increments of step n (counted from 1) and the states before and after the step, for the paths from `first`
-   !> on. Lanes beyond the last path repeat the last path.
+   !> Load the increments of step n (counted from 1) and the states before and after the step, for the paths from
+   !> `first` on. Lanes beyond the last path repeat the last path.
    subroutine load_step(work, first, n, q, p, dw)
       type(step_block), intent(inout) :: work
       integer, intent(in) :: first, n
