@@ -205,6 +205,11 @@ def _examine(name: str, run: Run, values: np.ndarray) -> None:
         raise IncompatibleError(
             f"the run has save_every = {setup.options.save_every}: this needs every step, simulate with save_every = 1"
         )
+    if setup.model.paths:
+        raise IncompatibleError(
+            f"parameters of model {setup.model.name} differ from path to path, and {name} evaluates one model for all "
+            "paths: give the run of one path, with its values as numbers"
+        )
     shape = (setup.ntime, setup.model.ndof, setup.paths)
     arrays = (*(_states(x, shape) for x in (run.q, run.p)), driving_increments(run), values)
     _call(name, setup.model, setup.scheme, setup.options, *(address(x) for x in arrays))

@@ -12,12 +12,14 @@ from __future__ import annotations
 import dataclasses
 import hashlib
 import json
+import warnings
 from collections.abc import Callable, Mapping
 from typing import Any
 
 import numpy as np
 
 from ..model.definition import Model
+from ..run.step import step
 from ..schemes import Scheme
 
 _SCALES = (0.1, 1.0, 4.0)  #: sizes of the shifts from the first state to the points
@@ -63,6 +65,8 @@ def of(model: Model, scheme: Scheme | None, start: Start, functions: Mapping[str
         weights = 1.0 + 0.5 * _spread(model.nnoise + 1, 0)
         weights[0] = 0.0
         found["noises"] = _told(_of_model(model, weights, start))
+    if model._forces:
+        found["forces"] = _told(_of_forces(model, start))
     if scheme is not None:
         found["scheme"] = _hash(json.dumps([_recipe(scheme), _plain(scheme.tableau())]).encode())
     if functions:
@@ -79,6 +83,18 @@ def _of_model(model: Model, weights: np.ndarray, start: Start) -> list[Any]:
     """Gradients, and values if the model has them, of a weighted sum of Hamiltonians."""
     kinds = (model.gradient, model.value) if model.traits.has_value else (model.gradient,)
     return [_tried(f, q, p, weights, t) for q, p in _points(start) for t in start.times for f in kinds]
+
+
+def _of_forces(model: Model, start: Start) -> list[Any]:
+    """States after one step, which the forces of a model move as its Hamiltonians do."""
+    noise = 1.0 + 0.5 * _spread(model.nnoise, 0)
+
+    def moved(q: np.ndarray, p: np.ndarray, t: float) -> np.ndarray:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            return np.concatenate(step(model, "heun", q, p, 0.5, noise, t))
+
+    return [_tried(moved, q, p, t) for q, p in _points(start) for t in start.times]
 
 
 def _of_function(function: Function, start: Start) -> list[Any]:

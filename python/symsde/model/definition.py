@@ -126,6 +126,7 @@ class Model:
     check_start: Callable[[np.ndarray, np.ndarray, float], None] | None = None
     _damping: Damping = ()  #: rates of the momenta, or rows of a matrix of friction; empty for a closed system
     _forces: Forces = Forces()  #: what acts beside the Hamiltonians
+    _fluctuating: bool = False  #: whether thermostat found its friction from its noises
     _unforced: Model | None = None  #: for a model with forces the same model without them
     _closed: Model | None = None  #: for a damped model the same model without damping
     _bath: tuple[float, ...] = ()  #: beta of a heat bath, one or one for each degree of freedom; empty without one
@@ -262,8 +263,19 @@ class Model:
             )
         for name in values:
             checks.choice("the parameter", name, list(self._parameters))
+        self._require_own_friction()
         made = Model.builtin(self.name, {**self._parameters, **values})
+        if self._forces:
+            made = made._with_forces(self._forces)
         return made.damped(self.damping, allow_gain=True) if self.damping else made
+
+    def _require_own_friction(self) -> None:
+        """Refuse other parameters where the friction was found from noises and masses of these."""
+        if self._fluctuating:
+            raise IncompatibleError(
+                f"the friction of model {self.name} belongs to its noises and masses, and so to these parameters: "
+                "change the parameters of the model without friction, then call thermostat"
+            )
 
     @property
     def damping(self) -> Damping:
@@ -307,6 +319,8 @@ class Model:
                 f"damping has shape {rates.shape}: give a number, or ({self.ndof},), one rate for each p, or "
                 f"({self.ndof}, {self.ndof}), a symmetric matrix of friction on velocities"
             )
+        if rates.ndim == 2 and closed.paths:
+            _require_one_mass(closed)
         self._handles = handles.Pool(functools.partial(_damped_handle, closed._handles.made, rates, allow_gain))
         if rates.ndim == 2:
             self._damping = tuple(tuple(map(float, row)) for row in rates) if rates.any() else ()
@@ -346,6 +360,10 @@ class Model:
         forces = _forces(
             force, force_derivative, noise_force, noise_force_derivative, position_force, position_noise_force
         )
+        return self._with_forces(forces)
+
+    def _with_forces(self, forces: Forces) -> Self:
+        """The same model with these forces in place of those that it has."""
         undamped = self._closed or self
         free = undamped._unforced or undamped
         other = free
@@ -529,6 +547,18 @@ def _forces(force, derivative, noise_force, noise_derivative, *in_position) -> F
     """Forces from the arguments of `Model.forced`."""
     flags = (checks.flag(x, y) for x, y in zip(("position_force", "position_noise_force"), in_position, strict=True))
     return Forces(force, derivative, noise_force, noise_derivative, *flags)
+
+
+def _require_one_mass(model: Model) -> None:
+    """Refuse a matrix of friction where masses go by path: the library has one matrix Gamma M^-1 for all paths."""
+    origin = np.zeros((model.ndof, model.paths))
+    for unit in np.eye(model.ndof):
+        velocity = model.gradient(origin, origin + unit[:, np.newaxis])[1]
+        if np.any(velocity != velocity[:, :1]):
+            raise IncompatibleError(
+                f"masses of model {model.name} differ from path to path, and a matrix of friction needs one mass for "
+                "all paths: give rates, or a model for each mass"
+            )
 
 
 def _forced_again(free: Model, forces: Forces) -> Model:

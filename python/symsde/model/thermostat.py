@@ -59,6 +59,24 @@ def _by_own_noises(model: Model, beta: Any) -> Model:
     inverse_temperature = checks.number("beta", beta)
     if not inverse_temperature > 0:
         raise InvalidArgumentError(f"beta = {inverse_temperature:g}: give a number above zero")
+    if model._forces:
+        raise IncompatibleError(
+            f"forces act on model {model.name}, and the friction of a bath is found from noises of Hamiltonians: give "
+            "the model without forces, or gamma, too"
+        )
+    if model.paths:
+        raise IncompatibleError(
+            f"parameters of model {model.name} differ from path to path, and the friction of a bath is found for one "
+            "value of each: call thermostat for each value, or give gamma, too"
+        )
+    found = _with_own_friction(model, inverse_temperature)
+    if found is not model:
+        found._fluctuating = True
+    return found
+
+
+def _with_own_friction(model: Model, inverse_temperature: float) -> Model:
+    """A model with the friction that belongs to its noises at 1/inverse_temperature, or the same model."""
     if not model.damping and not _is_linear(model):
         return _with_friction_force(model, inverse_temperature)
     forces = _constant_forces(model)
@@ -101,8 +119,6 @@ def _with_friction_force(model: Model, beta: float) -> Model:
 
     Then exp(-beta H) is stationary: d(p, q) = X_H dt - beta/2 sum_k {H, H_k} X_k dt + sum_k X_k o dW_k.
     """
-    if model._forces:
-        raise IncompatibleError(f"forces act on model {model.name} already: give it without them")
     noises = [k for k in range(1, model.nnoise + 1) if k not in model.traits.silent]
     weights = np.eye(model.nnoise + 1)
 

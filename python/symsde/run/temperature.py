@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..errors import InvalidArgumentError
+from ..errors import IncompatibleError, InvalidArgumentError
 from ..model.definition import Model, require_model
 from ..show import tables
 from .moments import Moments
@@ -47,6 +47,11 @@ def temperature(model: Model) -> dict[str, Callable[[np.ndarray, np.ndarray], np
     them: {**ss.observe.temperature(model), "mine": "q_1**2"}.
     """
     require_model(model)
+    if model.paths:
+        raise IncompatibleError(
+            f"parameters of model {model.name} differ from path to path, and its observables are functions of (q, p): "
+            "take moments for each value"
+        )
 
     def kinetic(q: np.ndarray, p: np.ndarray) -> np.ndarray:
         return (p * model.gradient(q, p)[1]).mean(axis=0)

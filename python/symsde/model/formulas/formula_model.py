@@ -112,17 +112,24 @@ class FormulaModel(Model):
         chosen = {key: parameters.value_of(key, value) for key, value in chosen.items()}
         values = {**self._parameters, **chosen}
         rates = self._asked if self.damping and self._asked.any() else None
+        self._require_own_friction()
         if self._code.pulls.acts:  # what is proved of forces hangs on values
             _, (given,) = self._remade
-            return _made({**given, "params": values, "damping": rates})
-        return _of_values(self._code, values, rates)
+            return self._forced_too(_made({**given, "params": values, "damping": rates}))
+        return self._forced_too(_of_values(self._code, values, rates))
+
+    def _forced_too(self, other: FormulaModel) -> FormulaModel:
+        """Another model with the forces that `forced` gave this one; it has those of its formulas already."""
+        _, (given,) = self._remade
+        by_formulas = given["force"] or given["noise_force"]
+        return other._with_forces(self._forces) if self._forces and not by_formulas else other
 
     def _part(self, where: slice | np.ndarray) -> FormulaModel:
         """See `Model._part`."""
         if not self.paths:
             return self
         values = {key: x[where] if np.size(x) > 1 else x for key, x in self._parameters.items()}
-        return _of_values(self._code, values, self.damping or None)
+        return self._forced_too(_of_values(self._code, values, self.damping or None))
 
     def damped(self, damping, *, allow_gain: bool = False) -> FormulaModel:
         """As of every model; beside friction that its formulas hold."""

@@ -1,0 +1,96 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Forces, friction of noises and masses by path survive a change of parameters, or the change is refused."""
+
+import numpy as np
+import pytest
+import symsde as ss
+from symsde import errors
+
+RUN = {"q0": 0.4, "p0": 0.2, "step": 0.1, "steps": 20, "seed": 3, "threads": 1}
+OSCILLATOR = ss.model_from_sympy("p**2/2 + q**2/2", noise=["-s*q"], params={"s": 1.0})
+
+
+def drag(q, p, t):
+    return -5 * p**3 + 10
+
+
+def stronger_drag(q, p, t):
+    return -5 * p**3 + 10.01
+
+
+def last(model, **given):
+    return ss.simulate(model, **{**RUN, **given}).q[-1]
+
+
+@pytest.mark.parametrize(
+    "model",
+    [
+        OSCILLATOR.forced(drag),
+        OSCILLATOR.damped(0.3).forced(drag),
+        OSCILLATOR.forced(drag).damped(0.3),
+        ss.models.kubo(sigma=1.0).forced(drag).damped(0.3),
+        ss.model_from_sympy("p**2/2 + q**2/2", noise=["-s*q"], params={"s": 1.0}, force="-p**3").forced(drag),
+    ],
+)
+def test_parameters_leave_forces(model):
+    """A model with the same values, changed and changed back, has the same paths; a sweep has them, too."""
+    name = next(iter({"s", "sigma"} & set(model.parameters)))
+    again = model.with_parameters(**{name: 0.5}).with_parameters(**{name: 1.0})
+    np.testing.assert_array_equal(last(model), last(again))
+    swept = ss.sweep(model, {name: [0.5, 1.0]}, paths=2, same_noise=True, save_every=20, **RUN)
+    for k, value in enumerate((0.5, 1.0)):
+        alone = ss.moments(model.with_parameters(**{name: value}), paths=2, save_every=20, **RUN)
+        np.testing.assert_allclose(swept.mean_q[-1].ravel()[k], alone.mean_q[-1, 0], rtol=1e-12)
+
+
+def test_shards_of_forced_models_by_path():
+    model = OSCILLATOR.with_parameters(s=np.linspace(0.3, 1.0, 512)).forced(drag)
+    given = {**RUN, "paths": 512, "save_every": 20}
+    np.testing.assert_array_equal(
+        ss.ensemble(model, shard_paths=256, **given).mean_q, ss.moments(model, **given).mean_q
+    )
+
+
+@pytest.mark.parametrize(
+    "other", [OSCILLATOR.forced(stronger_drag), OSCILLATOR, OSCILLATOR.forced(noise_force=lambda q, p, t: [p])]
+)
+def test_folders_refuse_other_forces(tmp_path, other):
+    given = {**RUN, "paths": 256, "save_every": 20, "out": tmp_path / "run"}
+    ss.ensemble(OSCILLATOR.forced(drag), **given)
+    ss.ensemble(OSCILLATOR.forced(drag), **given)
+    with pytest.raises(errors.SymsdeError):
+        ss.ensemble(other, **given)
+
+
+def test_friction_of_noises_hangs_on_parameters():
+    for noise in ("-s*q", "-s*sin(q)"):
+        model = ss.model_from_sympy("p**2/2 + q**2/2", noise=[noise], params={"s": 1.0})
+        bath = ss.thermostat(model, beta=2.0)
+        with pytest.raises(errors.IncompatibleError, match="then call thermostat"):
+            bath.with_parameters(s=2.0)
+        with pytest.raises(errors.IncompatibleError, match="differ from path to path"):
+            ss.thermostat(model.with_parameters(s=np.array([1.0, 2.0, 3.0])), beta=2.0)
+        with pytest.raises(errors.IncompatibleError, match="forces act"):
+            ss.thermostat(model.forced(drag), beta=2.0)
+
+
+def test_a_matrix_of_friction_has_one_mass():
+    model = ss.model_from_sympy("p1**2/(2*m) + p2**2/2 + s*q1*q2", params={"m": 1.0, "s": 0.1})
+    gamma = [[0.5, 0.2], [0.2, 0.7]]
+    with pytest.raises(errors.IncompatibleError, match="masses"):
+        model.with_parameters(m=np.array([1.0, 5.0])).damped(gamma)
+    with pytest.raises(errors.IncompatibleError, match="masses"):
+        model.damped(gamma).with_parameters(m=np.array([1.0, 5.0]))
+    many = model.with_parameters(s=np.array([0.1, 0.2])).damped(gamma)
+    run = {**RUN, "scheme": "verlet_kdk"}
+    alone = last(model.with_parameters(s=0.2).damped(gamma), **run)
+    np.testing.assert_allclose(last(many, paths=2, **run)[:, 1], alone[:, 0], rtol=1e-12)
+
+
+def test_one_model_for_all_paths():
+    model = OSCILLATOR.with_parameters(s=np.array([0.5, 1.0]))
+    for call in (ss.diagnose.euler_lagrange_residual, ss.diagnose.action):
+        with pytest.raises(errors.IncompatibleError, match="differ from path to path"):
+            call(ss.simulate(model, paths=2, **RUN))
+    with pytest.raises(errors.IncompatibleError, match="differ from path to path"):
+        ss.observe.temperature(model)
