@@ -1,6 +1,9 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Forces, friction of noises and masses by path survive a change of parameters, or the change is refused."""
 
+import json
+import pickle
+
 import numpy as np
 import pytest
 import symsde as ss
@@ -94,3 +97,42 @@ def test_one_model_for_all_paths():
             call(ss.simulate(model, paths=2, **RUN))
     with pytest.raises(errors.IncompatibleError, match="differ from path to path"):
         ss.observe.temperature(model)
+
+
+def test_sweeps_refuse_observables_of_one_model():
+    bath = ss.model_from_sympy("p**2/(2*m) + q**2/2", noise=["-q"], params={"m": 1.0}, damping=0.5)
+    with pytest.raises(errors.IncompatibleError, match="kinetic_temperature has the parameters of one model"):
+        ss.sweep(bath, {"m": [1.0, 4.0]}, paths=2, observables=ss.observe.temperature(bath), **RUN)
+
+
+def test_files_name_forces(tmp_path):
+    model = OSCILLATOR.forced(drag)
+    ss.simulate(model, **RUN).save(tmp_path / "run.npz")
+    found = ss.load(tmp_path / "run.npz")
+    assert json.loads(found.attributes()["forces"]) == {"force": "drag"}
+    ss.simulate(OSCILLATOR, **RUN).save(tmp_path / "free.npz")
+    assert "forces" not in ss.load(tmp_path / "free.npz").attributes()
+
+
+def test_convergence_finds_a_reference_that_takes_forces():
+    found = ss.convergence(OSCILLATOR.forced(drag), q0=0.1, p0=0.0, horizon=1.0, steps=(16, 32, 64), paths=100, seed=1)
+    assert "against gauss2" in str(found)
+    assert 0.7 < found.order < 1.2
+
+
+def test_units_of_time_do_not_hide_forces(tmp_path):
+    """Folders know a force that is 0.1 % off where times are of the order of 1e-12 or 1e12."""
+    for k, unit in enumerate((1e-12, 1e12)):
+        model = ss.model_from_sympy("p**2/2 + w**2*q**2/2", params={"w": 1 / unit})
+        acting = [model.forced(lambda q, p, t, a=a / unit: -a * p) for a in (0.5, 0.5005)]
+        given = {**RUN, "p0": 0.2 / unit, "step": 0.1 * unit, "paths": 256, "save_every": 20, "out": tmp_path / str(k)}
+        ss.ensemble(acting[0], **given)
+        ss.ensemble(acting[0], **given)
+        with pytest.raises(errors.SymsdeError, match="holds another run"):
+            ss.ensemble(acting[1], **given)
+
+
+def test_pickles_refuse_other_parameters():
+    bath = pickle.loads(pickle.dumps(ss.thermostat(OSCILLATOR, beta=2.0)))
+    with pytest.raises(errors.IncompatibleError, match="then call thermostat"):
+        bath.with_parameters(s=2.0)

@@ -318,10 +318,10 @@ def _better(plan: Plan, scheme: Scheme) -> str:
     """The best affordable reference on the Brownian paths of a scheme."""
     model = plan.model
     commutative = model.nnoise < 2 or model.traits.additive or model.traits.position_noise
-    if model.ndof <= SMALL and model.traits.kicked:
+    if model.ndof <= SMALL and model.traits.kicked and not model._forces:
         return "gauss_dkdkd_strong2" if scheme.name == "chin4a_strong2" else "chin4a_strong2"
-    if model.damping:
-        return _better_damped(model, commutative)
+    if model.damping or model._forces:
+        return _better_open(model, commutative)
     if model.ndof > SMALL:
         shifts = model.traits.additive and model.traits.position_noise and model.traits.identity_mass
         return "verlet_dz" if shifts else "stormer_verlet" if model.traits.separable else "midpoint"
@@ -332,12 +332,14 @@ def _better(plan: Plan, scheme: Scheme) -> str:
     return "gauss2_strong32_areas"
 
 
-def _better_damped(model: Model, commutative: bool) -> str:
-    """The same of damped momenta, which schemes with brackets of H and with shifts do not know."""
-    if model.traits.kicked:
+def _better_open(model: Model, commutative: bool) -> str:
+    """The same for damped momenta, which schemes with brackets of H and with shifts refuse, and for forces, which
+    kicks and areas refuse, too.
+    """
+    if model.traits.kicked and not model._forces:
         return "gauss_dkdkd"
     if model.has_friction or model.ndof > SMALL:
         return "midpoint"
-    if commutative or len(set(model.damping)) > 1 or commutator(model).commutative:
+    if commutative or model._forces or len(set(model.damping)) > 1 or commutator(model).commutative:
         return "gauss2"
     return "midpoint_areas"

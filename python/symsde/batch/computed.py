@@ -86,13 +86,14 @@ def _of_model(model: Model, weights: np.ndarray, start: Start) -> list[Any]:
 
 
 def _of_forces(model: Model, start: Start) -> list[Any]:
-    """States after one step, which the forces of a model move as its Hamiltonians do."""
-    noise = 1.0 + 0.5 * _spread(model.nnoise, 0)
+    """Changes of the state in one short step, to which the forces of a model add."""
+    size = start.length / 64
+    noise = np.sqrt(abs(size)) * (1.0 + 0.5 * _spread(model.nnoise, 0))
 
     def moved(q: np.ndarray, p: np.ndarray, t: float) -> np.ndarray:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
-            return np.concatenate(step(model, "heun", q, p, 0.5, noise, t))
+            return np.concatenate(step(model, "heun", q, p, size, noise, t)) - np.concatenate((q, p))
 
     return [_tried(moved, q, p, t) for q, p in _points(start) for t in start.times]
 

@@ -387,7 +387,7 @@ class Model:
     def __reduce__(self) -> tuple:
         """Pickle as the arguments: another process makes the model again, if it finds the functions by name."""
         if self._closed is not None:
-            return _damped_again, (self._closed, self._damping)
+            return _damped_again, (self._closed, self._damping, self._fluctuating)
         if self._unforced is not None and self._remade is self._unforced._remade:  # not those of formulas
             require_names(self.name, self._forces.functions().values())
             return _forced_again, (self._unforced, self._forces)
@@ -568,9 +568,11 @@ def _forced_again(free: Model, forces: Forces) -> Model:
     return other
 
 
-def _damped_again(closed: Model, rates: Damping) -> Model:
+def _damped_again(closed: Model, rates: Damping, fluctuating: bool) -> Model:
     """Make a damped model again from its pickle."""
-    return closed.damped(rates, allow_gain=True)
+    other = closed.damped(rates, allow_gain=True)
+    other._fluctuating = fluctuating
+    return other
 
 
 def _damped_handle(make: Callable[[], ModelHandle], rates: np.ndarray, allow_gain: bool) -> ModelHandle:

@@ -47,6 +47,11 @@ class Forces:
         """The functions by their names."""
         return {x.name: getattr(self, x.name) for x in fields(self) if not x.name.endswith("in_position")}
 
+    def told(self) -> dict[str, str]:
+        """The functions that act, by the names of arguments, for files."""
+        acting = {name: x for name, x in self.functions().items() if x is not None}
+        return {name: getattr(x, "__qualname__", type(x).__name__) for name, x in acting.items()}
+
     def set(self, handle: Any, noises: int) -> None:
         """Let them act on the model of a handle, which keeps them alive; f_k goes with so many noises, its first."""
         handle.forces = []

@@ -8,14 +8,12 @@ import itertools
 import json
 import math
 import os
-import warnings
 from collections.abc import Callable, Iterator, Mapping
 from typing import Any, Unpack
 
 import numpy as np
 
 from ..errors import (
-    OF_RUNS,
     DoubtfulRunWarning,
     IncompatibleError,
     InvalidArgumentError,
@@ -288,6 +286,11 @@ def sweep(
     bar, tell = told_by(progress)
     grid = _grid(values, checks.flag("zip", zip))
     functions = check_observables(observables)
+    if bound := [name for name, x in (observables or {}).items() if hasattr(x, "of_model")]:
+        raise IncompatibleError(
+            f"observable {bound[0]} has the parameters of one model, and a sweep has many: take moments for each "
+            "value, or give a formula"
+        )
     paths = checks.integer("paths", paths, (1, 2**47))
     same_noise, keep = checks.flag("same_noise", same_noise), checks.flag("keep_paths", keep_paths)
     if options.pop("increments", None) is not None:
@@ -317,9 +320,7 @@ def sweep(
             each = part.stop - part.start
             setup = _setup(made(groups, each), options, paths, (groups, part), same_noise=same_noise)
             run = Run(setup)
-            with warnings.catch_warnings():
-                for said in OF_RUNS:
-                    warnings.simplefilter("ignore", said)
+            with checks.unwarned():
                 run.fill((lambda now, _, b=done: tell(b + now, total)) if tell else False)
             if run.report.stopped:
                 stopped = True

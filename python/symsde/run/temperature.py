@@ -62,7 +62,10 @@ def temperature(model: Model) -> dict[str, Callable[[np.ndarray, np.ndarray], np
     def stiffness(q: np.ndarray, p: np.ndarray) -> np.ndarray:
         return np.einsum("iil->l", model.hessian(q, p)[0]) / model.ndof
 
-    return dict(zip(NAMES, (kinetic, force_squared, stiffness), strict=True))
+    found = dict(zip(NAMES, (kinetic, force_squared, stiffness), strict=True))
+    for function in found.values():
+        function.of_model = model  # sweeps refuse them
+    return found
 
 
 def temperatures(found: Moments) -> Temperatures:
