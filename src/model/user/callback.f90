@@ -160,9 +160,10 @@ contains
       integer(i4) :: code
 
       nlane = merge(steps%nreal, steps%nlane, self%traits%any_lanes)
-      call self%parameters%enter(self%paths, nlane, self%user, now)
+      now%user = self%user
+      if (self%parameters%act) call self%parameters%enter(self%paths, nlane, self%user, now)
       call self%flows%take(map, steps, ndof, nlane, now%user, q, p, qn, pn, status, code)
-      call now%leave()
+      if (self%parameters%act) call now%leave()
       if (code == 0) return
       call self%failure%note(code)
       call spoil(size(qn), qn, pn)
@@ -219,7 +220,8 @@ contains
       type(lane_call) :: now
       integer(i4) :: code
 
-      call self%parameters%enter(self%paths, nlane, self%user, now)
+      now%user = self%user
+      if (self%parameters%act) call self%parameters%enter(self%paths, nlane, self%user, now)
       call spoil(nlane*ndof, hq, hp)
       code = out_of_memory
       if (self%null_accepted .or. (present(hq) .and. present(hp))) then
@@ -232,7 +234,7 @@ contains
             code = self%on_gradient(nlane, ndof, nnoise + 1, t, w, q, p, unwanted, hp, now%user)
          end if
       end if
-      call now%leave()
+      if (self%parameters%act) call now%leave()
       if (code == 0) return
       call self%failure%note(code)
       call spoil(nlane*ndof, hq, hp)
@@ -251,10 +253,11 @@ contains
          call value_missing(self, nlane, ndof, nnoise, t, w, q, p, value)
          return
       end if
-      call self%parameters%enter(self%paths, nlane, self%user, now)
+      now%user = self%user
+      if (self%parameters%act) call self%parameters%enter(self%paths, nlane, self%user, now)
       call spoil(nlane, value)
       code = self%on_value(nlane, ndof, nnoise + 1, t, w, q, p, value, now%user)
-      call now%leave()
+      if (self%parameters%act) call now%leave()
       if (code == 0) return
       call self%failure%note(code)
       call spoil(nlane, value)
@@ -278,14 +281,15 @@ contains
          call hessian_by_differences(self, nlane, ndof, nnoise, t, w, q, p, hqq, hqp, hpp)
          return
       end if
-      call self%parameters%enter(self%paths, nlane, self%user, now)
+      now%user = self%user
+      if (self%parameters%act) call self%parameters%enter(self%paths, nlane, self%user, now)
       if (self%null_accepted .or. (present(hqq) .and. present(hqp) .and. present(hpp))) then
          call spoil(nlane*ndof**2, hqq, hqp, hpp)
          code = self%on_hessian(nlane, ndof, nnoise + 1, t, w, q, p, hqq, hqp, hpp, now%user)
       else
          call whole_hessian(self%on_hessian, nlane, ndof, nnoise, t, w, q, p, now%user, code, hqq, hqp, hpp)
       end if
-      call now%leave()
+      if (self%parameters%act) call now%leave()
       if (code == 0) return
       call self%failure%note(code)
       call spoil(nlane*ndof**2, hqq, hqp, hpp)
@@ -305,10 +309,11 @@ contains
          call hessian_vector_composed(self, nlane, ndof, nnoise, t, w, q, p, vq, vp, uq, up)
          return
       end if
-      call self%parameters%enter(self%paths, nlane, self%user, now)
+      now%user = self%user
+      if (self%parameters%act) call self%parameters%enter(self%paths, nlane, self%user, now)
       call spoil(nlane*ndof, uq, up)
       code = self%on_hessian_vector(nlane, ndof, nnoise + 1, t, w, q, p, vq, vp, uq, up, now%user)
-      call now%leave()
+      if (self%parameters%act) call now%leave()
       if (code == 0) return
       call self%failure%note(code)
       call spoil(nlane*ndof, uq, up)
@@ -329,7 +334,8 @@ contains
          call self%hessian(nlane, ndof, nnoise, t, w, q, p, hqq, hqp, hpp)
          return
       end if
-      call self%parameters%enter(self%paths, nlane, self%user, now)
+      now%user = self%user
+      if (self%parameters%act) call self%parameters%enter(self%paths, nlane, self%user, now)
       if (self%null_accepted .or. (present(hq) .and. present(hp) .and. present(hqq) .and. present(hqp) .and. &
                                    present(hpp))) then
          call spoil(nlane*ndof, hq, hp)
@@ -339,7 +345,7 @@ contains
          call whole_gradient_hessian(self%on_gradient_hessian, nlane, ndof, nnoise, t, w, q, p, now%user, code, &
                                      hq, hp, hqq, hqp, hpp)
       end if
-      call now%leave()
+      if (self%parameters%act) call now%leave()
       if (code == 0) return
       call self%failure%note(code)
       call spoil(nlane*ndof, hq, hp)
@@ -356,11 +362,12 @@ contains
       type(lane_call) :: now
       integer(i4) :: code
 
-      call self%parameters%enter(self%paths, strip_lanes, self%user, now)
+      now%user = self%user
+      if (self%parameters%act) call self%parameters%enter(self%paths, strip_lanes, self%user, now)
       call spoil(size(hq), hq)
       call spoil(size(hqq), hqq)
       code = self%on_chain_rows(strip_lanes, ndof, nnoise + 1, first - 1, last - 1, t, w, q, hq, hqq, now%user)
-      call now%leave()
+      if (self%parameters%act) call now%leave()
       if (code == 0) return
       call self%failure%note(code)
       call spoil(size(hq), hq)
@@ -384,7 +391,8 @@ contains
          call force_stiffness_composed(self, nlane, ndof, nnoise, b, t, w, q, p, hq, hqq)
          return
       end if
-      call self%parameters%enter(self%paths, 1, self%user, now)
+      now%user = self%user
+      if (self%parameters%act) call self%parameters%enter(self%paths, 1, self%user, now)
       call find_room(ndof + 2, few, more, padded)
       code = out_of_memory
       if (associated(padded)) then
@@ -395,7 +403,7 @@ contains
          call spoil(2*ndof, hqq)
          code = self%on_chain_rows(1, ndof, nnoise + 1, 0, ndof - 1, t, w, padded, hq, hqq, now%user)
       end if
-      call now%leave()
+      if (self%parameters%act) call now%leave()
       if (code == 0) return
       call self%failure%note(code)
       call spoil(ndof, hq)
@@ -412,10 +420,11 @@ contains
       type(lane_call) :: now
       integer(i4) :: code
 
-      call self%parameters%enter(self%paths, nlane, self%user, now)
+      now%user = self%user
+      if (self%parameters%act) call self%parameters%enter(self%paths, nlane, self%user, now)
       call spoil(nlane*ndof, uq, up)
       code = self%on_third_derivative(nlane, ndof, nnoise + 1, t, w, q, p, aq, ap, bq, bp, uq, up, now%user)
-      call now%leave()
+      if (self%parameters%act) call now%leave()
       if (code == 0) return
       call self%failure%note(code)
       call spoil(nlane*ndof, uq, up)

@@ -45,9 +45,9 @@ module symsde_model_user_path_parameters
    end type common_table
 
    type :: path_parameters
-      private
-      type(common_table), pointer :: common => null()
-      type(lane_room), pointer :: rooms(:) => null()  !! of a view, one for each list of paths that may be open
+      logical :: act = .false.  !! whether there is a table; without one no call need be entered or left
+      type(common_table), pointer, private :: common => null()
+      type(lane_room), pointer, private :: rooms(:) => null()  !! of a view, one for each list of paths that may be open
    contains
       procedure :: set
       procedure :: nrow
@@ -68,6 +68,7 @@ contains
       call self%release()
       allocate (self%common)
       allocate (self%common%values, source=values, stat=info)
+      self%act = info == 0
       if (info /= 0) call self%release()
    end subroutine set
 
@@ -88,6 +89,7 @@ contains
       call self%release()
       if (.not. associated(other%common)) return
       self%common => other%common
+      self%act = .true.
       !$omp atomic update
       self%common%owners = self%common%owners + 1
    end subroutine share
@@ -99,8 +101,8 @@ contains
       allocate (self%rooms(0:most_deep))
    end subroutine see_paths
 
-   !> A call for nlane lanes: its user pointer is that of the functions, or the address of the parameters of these lanes
-   !> beside it. It must be left afterwards.
+   !> A call for nlane lanes: its user pointer is the address of the parameters of these lanes beside that of the
+   !> functions. It must be left afterwards.
    subroutine enter(self, paths, nlane, user, call)
       class(path_parameters), intent(in) :: self
       type(lane_paths), pointer, intent(in) :: paths
@@ -111,8 +113,6 @@ contains
       integer(i8) :: number
       integer :: depth
 
-      call%user = user
-      if (.not. associated(self%common)) return
       number = 0
       if (associated(self%rooms)) then
          call paths%which(depth, number)
@@ -180,6 +180,7 @@ contains
       !$omp end atomic
       if (left == 0) deallocate (self%common)
       nullify (self%common)
+      self%act = .false.
    end subroutine release
 
 end module symsde_model_user_path_parameters
