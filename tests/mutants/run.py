@@ -18,8 +18,8 @@ or of headers, are planted in a copy of them. Neither the tree nor the build is 
     --part K/N    the K-th of N parts, for several processes or machines; the verdicts kept by all can be joined
     --named       run no other test than the one that the entry names: a quick look
     --keep FILE   write each verdict to FILE at once, and reuse verdicts from an earlier run, so that a stopped run
-    continues; a fault whose file has changed since is judged again --table FILE  write the result as a page: a row for
-    each folder, and the survivors with their reasons
+                  continues; a fault whose file has changed since is judged again
+    --table FILE  write the result as a page: a row for each folder, and the survivors with their reasons
 
 The named test runs first, then, where it passes, every other suite that is not long, the quickest first. Faults made by
 rules are judged by suites of under three minutes, by the times of the last run of ctest: first suites that caught most

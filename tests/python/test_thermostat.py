@@ -378,3 +378,17 @@ def test_refusals():
         ss.thermostat(pair, beta=1.0, gamma=[1.0, -1.0])
     with pytest.raises(InvalidArgumentError, match="a value of beta is not a finite number above zero"):
         ss.thermostat(pair, beta=[1.0, -1.0], gamma=1.0)
+
+
+@pytest.mark.parametrize("paths", [1, 20])
+@pytest.mark.parametrize("scheme", ["midpoint", "symplectic_euler", "stormer_verlet", "gauss_dkdkd"])
+def test_two_temperatures_of_a_built_in_model(scheme, paths):
+    """Special steppers, for whom the bath asks kernels of the model inside it, agree with the general one."""
+    model = ss.thermostat(ss.models.henon_heiles(sigma1=0.0, sigma2=0.0), beta=[1.0, 2.0], gamma=[0.3, 0.5])
+    given = {"q0": 0.05, "p0": 0.02, "step": 0.05, "steps": 20, "scheme": scheme, "paths": paths, "seed": 1}
+    fast = ss.simulate(model, **given)
+    slow = ss.simulate(model, compensated=True, **given)
+    np.testing.assert_allclose(fast.q, slow.q, atol=1e-13)
+    np.testing.assert_allclose(fast.p, slow.p, atol=1e-13)
+    if scheme != "gauss_dkdkd":
+        np.testing.assert_allclose(fast.p, ss.simulate(model, general=True, **given).p, atol=1e-12)
