@@ -105,6 +105,7 @@ contains
                                  constant_mass=kicks%flow /= flow_midpoint .or. has_products(kicks), &
                                  rotation=kicks%flow == flow_rotation, &
                                  instead='gauss2_strong32 for strong order 3/2, or midpoint')
+      if (kicks%is_word()) scheme%needs%instead = 'midpoint'  ! schemes with brackets refuse damped models
       if (kicks%flow == flow_midpoint .and. has_products(kicks)) scheme%needs%instead = 'gauss_dkdkd_midpoint'
       if (kicks%uses_dz()) scheme%asks = functionals([path_dz])
       scheme%asks%has(path_stt_area) = kicks%uses_k()
