@@ -15,9 +15,9 @@
 !>
 !>    (d_1, d_2) = S^{-1} y - S^{-1} (0, v) d
 !>
-!> so S^{-1} y is kept as `rhs`, and S^{-1} (0, v), whose first entry is negative for positive b and v and is kept
-!> with the other sign, as `factor`. Two unknowns remain where the two fronts meet; from there the solution is found
-!> pair by pair outwards and applied: x <- x - d.
+!> so S^{-1} y is kept as `rhs`, and S^{-1} (0, v) as `factor`. The first entry of S^{-1} (0, v) is negative for
+!> positive b and v; `factor` holds this entry with the sign reversed. Two unknowns remain where the two fronts meet;
+!> from there the solution is found pair by pair outwards and applied: x <- x - d.
 !>
 !> A lane is trusted while its pivots are positive, since elimination of a positive definite matrix is stable whatever
 !> their sizes, or while they are within a factor pivot_floor of the entries they came from. A NaN is not trusted, nor

@@ -22,7 +22,7 @@ RUNS = axes.covering(
 
 
 def scene_of(row, kind="position"):
-    """The ridges and the arguments of a run, with a state for every path."""
+    """The Hamiltonians, as Ridges of `reference`, and the arguments of a run with a state for every path."""
     ridges = axes.ridges_of(kind, row["ndof"], row["nnoise"], row["time"])
     q0, p0 = axes.start(row["ndof"], row["paths"])
     how = {x: row[x] for x in ("scheme", "first_step", "first_path", "paths", "compensated", "refine") if x in row}

@@ -109,7 +109,7 @@ def node(found):
 
 @pytest.fixture(scope="module")
 def parts():
-    """Moments of eight units of 256 paths, the last one shorter, in which whole units fail, and of all paths."""
+    """Moments of 2000 paths, and of their eight units; all paths of two units fail, and the last unit is shorter."""
     model = ss.models.henon_heiles(sigma1=0.2)
     q0 = np.full((2, 2000), 0.4)
     q0[:, 256:768] = 30.0

@@ -286,7 +286,7 @@ def test_processes_share_a_folder(tmp_path):
 @pytest.mark.filterwarnings("ignore::symsde.BudgetWarning")
 def test_multilevel_by_itself_goes_on(model, tmp_path, monkeypatch):
     """Stopped after its first levels, continued, and then read: existing parts stay, the bits are the same, and nothing
-    is drawn twice. Another first number of paths, or another reader, is refused."""
+    is drawn twice. The folder is refused to mlmc with other options, to expect, and to open_run."""
     asked = {**PLACE, "scheme": "gauss_dkdkd", "threads": 1, "abs": 4e-3, "out": tmp_path}
     first = ss.mlmc(model, "q**2", **asked, max_time=1e-9)
     there = {path: path.read_bytes() for path in shards(tmp_path, "level")}

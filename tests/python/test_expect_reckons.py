@@ -46,7 +46,8 @@ def test_a_plan_that_grows_says_so(monkeypatch, plans):
 
 
 def test_short_work_is_promised_no_number(monkeypatch, plans):
-    """Work of less than a tenth of a second gets no estimate; plain units are at least as many as an interval needs."""
+    """Work of less than a tenth of a second is announced without a number. A plan of independent paths counts at least
+    as many units as an interval needs."""
     WorkClock(monkeypatch)
     told, taken = told_and_taken(plans, ss.models.kubo(), "q", abs=0.1, method="plain")
     assert not told and taken < 0.1

@@ -126,7 +126,7 @@ def test_bits_do_not_depend_on_threads_or_blocks():
     model = formula("pendulum")
     one, other = (ss.simulate(model, threads=n, lanes=k, **run) for n, k in ((1, 0), (2, 8)))
     assert (one.q == other.q).all() and (one.p == other.p).all()
-    for first, paths in ((0, 1), (5, 3), (17, 9)):  # blocks that fill no vector
+    for first, paths in ((0, 1), (5, 3), (17, 9)):  # numbers of paths that do not fill whole vectors
         some = ss.simulate(model, first_path=first, **{**run, "paths": paths})
         assert (some.q == one.q[:, :, first : first + paths]).all()
 

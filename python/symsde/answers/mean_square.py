@@ -39,8 +39,8 @@ _LAWS = {
 }
 _ROWS = 4
 _MIDDLES = (np.arange(_ROWS) + 0.5) / _ROWS
-#: matrix (row, 3): increments of rows with given dW, H = dZ/h - dW/2 = int (1/2 - s) dW and K = int (s^2 - s + 1/6) dW
-#: /2
+#: matrix (row, 3): from dW, H = dZ/h - dW/2 = int (1/2 - s) dW and K = int (s^2 - s + 1/6)/2 dW of a step, s from 0 to
+#: 1, to the increments of its _ROWS equal parts: the smallest increments that have these integrals
 _OF_SHAPE = np.linalg.pinv(np.stack([np.ones(_ROWS), 0.5 - _MIDDLES, (_MIDDLES**2 - _MIDDLES + 1 / 6 + 1 / 192) / 2]))
 
 

@@ -21,7 +21,10 @@ if hasattr(os, "register_at_fork"):
 
 
 def threads_of(threads: int | None, in_python: bool) -> int:
-    """Threads of a run: as requested; one for Python callbacks, and after a fork, where OpenMP would hang."""
+    """Threads of a run: the given number; by default one for Python callbacks, else 0, the choice of the library.
+
+    After a fork it is always one, since OpenMP would hang.
+    """
     chosen = 0 if threads is None else checks.integer("threads", threads, (1, 1024))
     if _after_fork.is_set() or (threads is None and in_python):
         return 1

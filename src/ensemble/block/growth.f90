@@ -51,7 +51,8 @@ contains
       call widen(state%nlane, state%ndof, state%p, self%largest(:, 2))
    end subroutine note
 
-   !> Copy the notes of a narrower block, if it has any; its lanes are the lanes `origin` of this block.
+   !> Take in the largest values of a narrower block, if it has noted any: lane origin(l) of this block keeps the larger
+   !> of its own value and the value of lane l of the narrower block.
    subroutine take_lanes(self, other, origin)
       class(growth_type), intent(inout) :: self
       type(growth_type), intent(in) :: other
@@ -83,7 +84,7 @@ contains
       end do
    end function count_grown
 
-   !> VEC Raise the largest |x_i| of each lane to the present one, if that is larger.
+   !> VEC Update the largest |x_i| of each lane, largest <- max(largest, |x_1| .. |x_n|). A NaN in x is skipped.
    pure subroutine widen(nlane, n, x, largest)
       integer, intent(in) :: nlane, n
       real(wp), intent(in) :: x(nlane, n)

@@ -188,7 +188,9 @@ contains
       type(finding) :: row
       integer :: pass
 
-      do pass = 1, 2  ! refuse only if the first difference refutes the trait, and then both do
+      ! Pass 1 takes one difference of gradients. If it refutes the trait, pass 2 takes two differences: the trait is
+      ! refused only if they agree and refute it, too.
+      do pass = 1, 2
          call points%product(points%vq, points%vp, uq, up, scale, pass == 2)
          call worst(uq, up, scale, vanishing, row)
          if (row%lane == 0) return

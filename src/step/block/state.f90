@@ -197,7 +197,7 @@ contains
    subroutine retire(self, leaves, status, step)
       class(lane_state), intent(inout) :: self
       logical, intent(in) :: leaves(self%nlane)
-      integer(i8), intent(in) :: status, step               !! step: absolute number of their next step
+      integer(i8), intent(in) :: status, step               !! step: absolute number of the next step of these lanes
 
       where (leaves .and. self%status == 0)
          self%status = status

@@ -51,7 +51,7 @@ module symsde_step_midpoint_eliminated
       type(midpoint_equation) :: eq            !! equation of the lanes that step together
       logical :: has_shift = .false.           !! whether additive noise moves the positions: g /= 0
       logical :: damped = .false.
-      type(tableau_decays) :: decays           !! factors of momenta, all one without damping
+      type(tableau_decays) :: decays           !! factors of momenta: one without damping, and `loss` zero
       real(wp), allocatable :: extent(:)       !! the largest |q| and |p| in a lane, if states are moved (eq%nlane)
       real(wp), allocatable :: shift(:, :)     !! g (eq%nlane, ndof)
       real(wp), allocatable :: w(:, :)         !! w of these lanes, if not all step together (eq%nlane, 0:nnoise)
@@ -150,7 +150,8 @@ contains
    end subroutine increment
 
    !> Update (q, p) strip by strip, in cache: the sums that the caller would form from increments are formed here, with
-   !> the same bits (step/midpoint/update). If states are moved, strips fill the block.
+   !> the same bits (step/midpoint/update). Only blocks of whole strips move states, so that no lanes remain behind the
+   !> last strip.
    subroutine move(self, step, q, p, status)
       class(midpoint_stepper), intent(inout) :: self
       type(step_record), intent(in) :: step

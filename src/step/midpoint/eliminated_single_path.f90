@@ -37,7 +37,7 @@ module symsde_step_midpoint_eliminated_single_path
       type(midpoint_equation) :: eq            !! equation of the one lane
       logical :: has_shift = .false.           !! whether additive noise moves the positions: g /= 0
       logical :: damped = .false.
-      type(tableau_decays) :: decays           !! factors of momenta, all one without damping
+      type(tableau_decays) :: decays           !! factors of momenta: one without damping, and `loss` zero
       real(wp), allocatable :: extent(:)       !! not allocated: only states of a block are moved
       real(wp), allocatable :: shift(:, :)     !! g (eq%nlane, ndof)
    contains

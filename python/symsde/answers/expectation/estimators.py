@@ -91,7 +91,7 @@ class Estimator:
         return self._units(first, count)
 
     def draw_from(self, unit: int, count: int) -> Drawn:
-        """Draw `count` units, beginning with the one of this number, counted from 0."""
+        """Draw `count` units from the number `unit` on; the first unit has the number 0."""
         self._next = self._begin + unit
         return self.draw(count)
 
