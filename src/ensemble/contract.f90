@@ -1,6 +1,6 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> The contracts of ensembles: of ensembles with the procedures that users call, of blocks (ensemble/block/runner) with
-!> their callers and observers, and of the loop over blocks.
+!> The contracts of ensembles: between the procedures that users call and ensembles, between blocks
+!> (ensemble/block/runner) and their callers and observers, and of the loop over blocks.
 !>
 !> Required: options were checked (ensemble/options); a block has 1 to nlane real paths, and padding repeats the last.
 !> Promised to observers: the state of every lane without a status is finite, and lanes with a status are counted.

@@ -8,11 +8,11 @@ module symsde_ensemble_monitor
    private
    public :: monitor_type, stop_if_wanted, raise_stopped, tell_warnings
 
-   real(wp), parameter :: pause = 0.05_wp  !! least time between two questions [s]
+   real(wp), parameter :: pause = 0.05_wp  !! least time between two calls of the monitor [s]
 
    !> This base never stops. Extensions are called on the calling thread only, at most twenty times a second.
    type :: monitor_type
-      integer(i8) :: chunk = 0                   !! steps between two chances to stop; 0 = chosen by duration
+      integer(i8) :: chunk = 0                   !! steps between two calls; 0: chosen by duration
       real(wp), private :: last = -huge(1.0_wp)  !! time of the last call [s]
    contains
       procedure :: wants_stop
@@ -50,7 +50,7 @@ contains
                                                 'before its first step, by who was told of its warnings')
    end subroutine tell_warnings
 
-   !> Call `wants_stop`, unless it was called a moment ago.
+   !> Call `wants_stop`, unless its last call was less than `pause` ago.
    subroutine ask(self, done, total, stop_now)
       class(monitor_type), intent(inout) :: self
       integer(i8), intent(in) :: done, total

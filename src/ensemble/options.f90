@@ -15,7 +15,7 @@ module symsde_ensemble_options
 
    integer, parameter :: max_nlane = 4096            !! most lanes of a block
    integer(i8), parameter :: max_index = 2_i8**47    !! bound of paths and of fine steps: 48-bit counters
-   type(stepper_options), parameter :: stepper = stepper_options()  !! with the defaults of steppers and solvers
+   type(stepper_options), parameter :: stepper = stepper_options()  !! defaults of steppers and solvers
 
    !> Everything is dimensionless except the step and times, which are in the model's unit of time.
    type :: run_options
@@ -45,7 +45,7 @@ module symsde_ensemble_options
 
 contains
 
-   !> The options of a run that concern its steppers.
+   !> The options of a run that its steppers need.
    pure type(stepper_options) function steppers_of(options) result(choice)
       type(run_options), intent(in) :: options
 
@@ -63,7 +63,7 @@ contains
       saved_count = options%nstep/options%save_every + 1
    end function saved_count
 
-   !> The path whose noise a path has.
+   !> The index of the path whose noise drives a path.
    elemental integer(i8) function noise_path(o, path)
       type(run_options), intent(in) :: o
       integer(i8), intent(in) :: path  !! global index
@@ -88,7 +88,7 @@ contains
    end function latest_time
 
    !> Refuse options that cannot be run: the message names the value and the allowed values. Every procedure that users
-   !> call calls this once, before it reads a size in its options. What it calls takes checked options
+   !> call calls this once, before it reads a size in its options. Procedures below take options that were checked
    !> (ensemble/contract).
    subroutine check_options(o, error)
       type(run_options), intent(in) :: o

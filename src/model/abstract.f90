@@ -23,18 +23,18 @@ module symsde_model_abstract
    implicit none
    private
    public :: model_type, difference_along, difference_default, default_step
-   ! the defaults, for models that offer an operation only under some conditions
+   ! Default operations, for models that offer an operation only under some conditions.
    public :: value_missing, hessian_by_differences, hessian_vector_composed, force_stiffness_composed
 
    !> Step of a central difference, relative to the larger of the state and one.
    real(wp), parameter :: default_step = epsilon(1.0_wp)**(1.0_wp/3)
 
-   !> A model is immutable once constructed: shared by all threads, intent(in) wherever it is used.
+   !> A model does not change after its construction: all threads share it, and it is intent(in) wherever it is used.
    type, abstract :: model_type
       type(model_traits) :: traits
       character(:), allocatable :: name  !! name for messages and reports
       type(damping_type) :: damping      !! damping of the momenta; none by default
-      class(force_type), pointer :: forces => null()  !! beside the Hamiltonians; they outlive the model
+      class(force_type), pointer :: forces => null()  !! forces beside the Hamiltonians, or null; they outlive the model
       type(probe_record) :: passed       !! probes that need not be repeated
       type(lane_paths), pointer :: paths => null()  !! paths of the lanes, in a view made by for_paths
    contains
@@ -59,7 +59,7 @@ module symsde_model_abstract
    end type model_type
 
    abstract interface
-      !> Gradient of sum_j w_j H_j; an absent output is not wanted and need not be computed.
+      !> Gradient of sum_j w_j H_j; an absent output need not be computed.
       subroutine gradient_interface(self, nlane, ndof, nnoise, t, w, q, p, hq, hp)
          import :: model_type, wp
          class(model_type), intent(in) :: self
@@ -227,9 +227,10 @@ contains
    end subroutine third_derivative_missing
 
    !> The model for one runner, used by one thread at a time: a view that reads from `paths`, at every call, which paths
-   !> the lanes are. The view belongs to the caller; model and `paths` must outlive it. A view of such a model makes a
-   !> view of the inner model's view. Probes before a run call the model itself, which answers as for some path. This
-   !> default is for models that are the same for all paths: there is no view.
+   !> the lanes are. The view belongs to the caller; model and `paths` must outlive it. Where the model is itself a view
+   !> of an inner model, the new view contains a view of the inner model for the same paths. Probes before a run call
+   !> the model itself, which then has the parameters of some path. This default is for models that are the same for all
+   !> paths: there is no view.
    subroutine same_for_all(self, paths, view)
       class(model_type), intent(in), target :: self
       type(lane_paths), pointer, intent(in) :: paths
@@ -238,7 +239,7 @@ contains
       nullify (view)
    end subroutine same_for_all
 
-   !> Let forces act beside the Hamiltonians, in place of those that did.
+   !> Replace the forces that act beside the Hamiltonians.
    subroutine set_forces(self, forces)
       class(model_type), intent(inout) :: self
       class(force_type), intent(in), pointer :: forces   !! or null
@@ -246,16 +247,16 @@ contains
       self%forces => forces
       self%traits%forces = force_traits()
       if (associated(forces)) self%traits%forces = forces%traits
-      ! a noise whose H_k vanishes is drawn where a force goes with it
+      ! A noise whose H_k vanishes still has to be drawn where a force f_k goes with it.
       if (self%traits%forces%noise .and. allocated(self%traits%silent)) deallocate (self%traits%silent)
       call self%passed%forget()
    end subroutine set_forces
 
-   !> Refuse a model that is damped, or on which forces act, where only closed systems are known.
+   !> Refuse a model that is damped, or on which forces act, in procedures that know closed systems alone.
    subroutine refuse_open(self, place, what, error)
       class(model_type), intent(in) :: self
       character(*), intent(in) :: place   !! the procedure
-      character(*), intent(in) :: what    !! the result that only closed systems have
+      character(*), intent(in) :: what    !! the quantity that only closed systems have
       type(error_type), allocatable, intent(inout) :: error
 
       call self%damping%refuse(self%name, place, what, error)
@@ -273,7 +274,8 @@ contains
                     'system without them: use the model without forces')
    end subroutine refuse_forces
 
-   !> Fhat = sum_j w_j F_j; zero without forces. A refusal is noted as that of the model's own functions.
+   !> Fhat = sum_j w_j F_j; zero without forces. An error code of the forces is kept like that of the model's own
+   !> functions.
    subroutine force(self, nlane, ndof, nnoise, t, w, q, p, f)
       class(model_type), intent(in) :: self
       integer, intent(in) :: nlane, ndof, nnoise
@@ -324,7 +326,7 @@ contains
       class(model_type), intent(in) :: self
    end subroutine nothing_to_clear
 
-   !> Keep the first code of a force that refused. Built-in models keep none: paths fail where forces are NaN.
+   !> Keep the first code that forces returned for an error. Built-in models keep none: paths fail where forces are NaN.
    subroutine nothing_to_note(self, code)
       class(model_type), intent(in) :: self
       integer, intent(in) :: code
@@ -365,9 +367,9 @@ contains
       call difference_by(self, nlane, ndof, nnoise, largest, t, w, q, p, vq, vp, uq, up)
    end subroutine difference_along
 
-   !> Central difference along (vq, vp) with a step for smooth models: eps^(1/3) times the larger of a component and one
-   !> balances truncation and rounding. No component moves further than its own step, so that degrees of freedom of
-   !> different size have accurate derivatives.
+   !> Central difference along (vq, vp) with a step for smooth models: eps^(1/3) times the larger of |x_i| and one,
+   !> which balances truncation and rounding. No component moves further than its own step, so that degrees of freedom
+   !> of different size have accurate derivatives.
    subroutine difference_default(self, nlane, ndof, nnoise, t, w, q, p, vq, vp, uq, up)
       class(model_type), intent(in) :: self
       integer, intent(in) :: nlane, ndof, nnoise
@@ -426,7 +428,8 @@ contains
       end do
    end subroutine symmetrise
 
-   !> Distribute the product with a coloured sum of unit vectors: each row's entry belongs to its column of that colour.
+   !> Distribute the product with a coloured sum of unit vectors over the bands: each of its entries belongs to one
+   !> column of this colour.
    pure subroutine scatter(nlane, ndof, b, colour, u, bands)
       integer, intent(in) :: nlane, ndof, b, colour
       real(wp), intent(in) :: u(nlane, ndof)

@@ -5,7 +5,7 @@
 !>    {F,G} = F_q.G_p - F_p.G_q            grad {F,G} = Hess F (G_p, -G_q) - Hess G (F_p, -F_q)
 !>    F_p.F_q                              grad (F_p.F_q) = Hess F (F_p, F_q)
 !>
-!> With forces f the second becomes what takes the place of its gradient in the correction of one-sided schemes,
+!> Where forces f act, the gradient of F_p.F_q is replaced, in the correction of one-sided schemes, by
 !>
 !>    (-(B_q A - B_p B), A_q A - A_p B) = Hess F (A, -B) - (f_q A - f_p B, 0),   A = F_p,  B = -F_q + f
 !>
@@ -18,8 +18,8 @@ module symsde_model_algebra
    private
    public :: algebra_work, new_algebra_work, bracket_gradient, correction_gradient
 
-   !> Sizes of the model, and work arrays for the gradients of two sums and one product, so that loops over time do not
-   !> allocate.
+   !> Sizes of the model, and work arrays for the gradients of two sums and one product, so that callers allocate once
+   !> and not in every step.
    type :: algebra_work
       private
       integer :: nlane = 0, ndof = 0, nnoise = 0
@@ -65,8 +65,8 @@ contains
       bp = bp - work%up
    end subroutine bracket_gradient
 
-   !> Gradient (cq, cp) of F_p.F_q for F = sum_j w_j H_j, or what forces make of it: one gradient, one Hessian-vector
-   !> product.
+   !> Gradient (cq, cp) of F_p.F_q for F = sum_j w_j H_j, or its replacement (see the header) where forces act: one
+   !> gradient, one Hessian-vector product.
    subroutine correction_gradient(work, model, t, w, q, p, cq, cp)
       type(algebra_work), intent(inout) :: work
       class(model_type), intent(in) :: model

@@ -1,9 +1,9 @@
 ! SPDX-License-Identifier: BSD-3-Clause
 !> Find the numbers 1/m_i of a diagonal mass, H = p.M^-1 p/2 + U(q).
 !>
-!> A model declares that its mass is constant, but not that it is diagonal; eight momenta decide this. With the first, e
-!> = (1, .., 1), the velocity v_i is the candidate for 1/m_i. With seven other momenta, whose components all differ, M
-!> is diagonal if v_i is p_i times the candidate to 4 eps.
+!> A model declares that its mass is constant, but not that it is diagonal; eight momenta decide this. At the first
+!> momentum, (1, .., 1), the velocity v_i is the candidate for 1/m_i. M is diagonal if, at seven other momenta whose
+!> components all differ, v_i is p_i times this candidate up to 4 eps.
 module symsde_model_diagonal_mass
    use symsde_base_kinds, only: wp
    use symsde_model_abstract, only: model_type
@@ -36,7 +36,7 @@ contains
          do i = 1, size(inverse)
             diagonal = diagonal .and. abs(inverse(i)) <= huge(t) .and. &
                        abs(v(1, i) - inverse(i)*p(1, i)) <= 4*epsilon(t)*abs(v(1, i))
-            p(1, i) = 1.5_wp + sin(1.7_wp*i*(j + 1) + (j + 1))  ! different for every mass
+            p(1, i) = 1.5_wp + sin(1.7_wp*i*(j + 1) + (j + 1))  ! a different momentum for every mass
          end do
       end do
    end subroutine find_diagonal_mass

@@ -2,8 +2,8 @@
 !> Kernels: fast operations of a model, each for the inner loop of one kind of stepper.
 !>
 !> Kernels are optional. A model that extends kernel_model declares in `offers` which kernels it has. A stepper looks
-!> for them once, when it is made (kernels_of, offers_of), and works without missing ones. A kernel has the same bits as
-!> the general operations of the model have for a lane; whole steps agree to rounding.
+!> for them once, when it is made (kernels_of, offers_of), and works without missing ones. The results of a kernel have
+!> the same bits as those of the model's general operations in one lane; whole steps agree to rounding.
 module symsde_model_kernels
    use, intrinsic :: ieee_arithmetic, only: ieee_value, ieee_quiet_nan
    use symsde_base_counters, only: counters_type
@@ -17,9 +17,9 @@ module symsde_model_kernels
    public :: kernel_model, kernel_offers, angle_terms
    public :: kernels_of, offers_of, differences_alone, has_exact_stiffness
 
-   !> One degree of freedom whose force contains the sine and the cosine of its angle:
+   !> Terms of a model with one degree of freedom whose force contains the sine and the cosine of its angle:
    !>
-   !>    sum_j w_j H_j = e p^2/2 + f p - a cos q + b sin q + c q^2/2 + d q        f = 0 of an angle
+   !>    sum_j w_j H_j = e p^2/2 + f p - a cos q + b sin q + c q^2/2 + d q        f = 0 for an angle
    type :: angle_terms
       real(wp) :: a = 0, b = 0, c = 0, d = 0, e = 0, f = 0
    end type angle_terms
@@ -102,9 +102,10 @@ contains
       hqq = ieee_value(1.0_wp, ieee_quiet_nan)
    end subroutine chain_rows_missing
 
-   !> Sweeps over stages i1 .. i2 of a path with one or two degrees of freedom and noise in position. Its positions are
+   !> Sweeps over stages i1 .. i2 of a path with one or two degrees of freedom and noise in position. The positions of
+   !> its stages are
    !>
-   !>    base_i + sum_j b_ji f_j      from j = i on and around, with b of the first sweep, or of the others,
+   !>    base_i + sum_j b_ji f_j      summed cyclically from j = i on, with separate b for the first sweep,
    !>
    !> and each new f_i = Hhat_q is used immediately. There are up to four stages. Sweeps are so cheap that some may be
    !> wasted.
@@ -113,8 +114,8 @@ contains
       integer, intent(in) :: nnoise, nstage, i1, i2, first, last, most
       real(wp), intent(in) :: t(nstage), w(0:nnoise), p(self%traits%ndof), base(4, 2), b(4, 4, 2)
       real(wp), intent(inout) :: f(4, 2, 0:most)  !! forces of all stages after each sweep; before `first` given
-      !> For each sweep. The change is NaN if a force is NaN; if the force at a NaN is NaN, one sweep may miss it and a
-      !> later one shows it.
+      !> For each sweep. The change is NaN if a force is NaN; a sweep may miss a NaN in its change, but then the
+      !> positions and the forces of the next sweep are NaN.
       real(wp), intent(inout), dimension(most) :: change, extent
 
       f(:, :, first:last) = ieee_value(1.0_wp, ieee_quiet_nan)
@@ -139,9 +140,9 @@ contains
       k22 = f1
    end subroutine pair_missing
 
-   !> The terms of sum_j w_j H_j if it is of an angle, or quadratic, for a single path: requested once for each time;
-   !> force and slope at many angles then follow without calling the model. Noises that move positions do not depend on
-   !> time. The bits are those of gradient_hessian,
+   !> For a single path, the terms of sum_j w_j H_j if this is the Hamiltonian of an angle, or quadratic: requested once
+   !> for each time; force and slope at many angles then follow without calling the model. Noises that move positions do
+   !> not depend on time. The bits are those of gradient_hessian,
    !>
    !>    Hhat_q = a sin q + (b cos q + (c q + d)),  Hhat_qq = a cos q + (c - b sin q),  Hhat_p = e p + f,
    !>

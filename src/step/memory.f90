@@ -35,7 +35,7 @@ module symsde_step_memory
    !> Numbers of eight bytes that a stepper holds at most, as reals, since their squares exceed integers.
    type :: step_memory
       real(wp) :: lane = 0     !! numbers for each lane
-      real(wp) :: once = 0     !! numbers for the one lane solved alone
+      real(wp) :: once = 0     !! numbers for the one lane that is solved alone
       real(wp) :: rescue = 0   !! numbers to try failed lanes again
    contains
       procedure :: numbers
@@ -69,10 +69,10 @@ contains
          if (.not. scheme%noise_coefficients_equal() .and. m > 0) stages = 2*stages
          active = active_brackets(scheme%brackets, t)
          memory%lane = (vectors + 16*stages)*n + (12 + 2*stages)*(m + 1) + small_matrix
-         ! One area for every pair of noises.
+         ! One area A_kl for every pair of noises.
          if (active%areas) memory%lane = memory%lane + m*(m - 1)/2
          if (t%bandwidth < 0 .and. t%has_hessian .and. .not. t%has_hessian_vector) &
-            memory%lane = memory%lane + 3*n**2  ! products are computed from the blocks
+            memory%lane = memory%lane + 3*n**2  ! blocks of the Hessian, from which products are computed
          if (allocated(task%damping%friction)) memory%once = memory%once + (3*most_legs + 8)*n**2
          if (scheme%form == splitting_form) then  ! it has no separate oracle
             if (.not. t%additive) memory%lane = memory%lane + n*m  ! H_k,q

@@ -54,7 +54,7 @@ module symsde_step_stepper
       integer :: nlane = 0                     !! number of lanes of a block
       logical :: general = .false.             !! whether the oracle is demanded, for all parts of the step
       type(newton_options) :: newton
-      logical :: as_increments = .false.       !! whether increments are needed to their own last digit, not states
+      logical :: as_increments = .false.       !! whether increments are needed to all of their digits, not states
    contains
       procedure :: is_tableau
       procedure :: has_brackets

@@ -1,8 +1,8 @@
 ! SPDX-License-Identifier: BSD-3-Clause
 !> Whether paths of a block have grown beyond all bounds, as those of an unstable step do.
 !>
-!> A path has grown if both the largest of its |q_i| and the largest of its |p_i| end `factor` times above their largest
-!> values at the start and after a tenth of the steps. So units do not matter, and a path at rest at the start is
+!> A path has grown if at the end its largest |q_i| and its largest |p_i| both exceed `factor` times the largest values
+!> that they had at the start and after a tenth of the steps. So units do not matter, and a path at rest at the start is
 !> compared with where noise or a force has moved it. States are compared three times in a run and never inside a step:
 !> growth by the step continues to the end. Runs of fewer than ten steps are not checked.
 !>
@@ -42,7 +42,7 @@ contains
       call self%note(state)
    end subroutine begin
 
-   !> Raise the largest values so far to those of this state.
+   !> Update the largest |q_i| and |p_i| so far by those of this state.
    subroutine note(self, state)
       class(growth_type), intent(inout) :: self
       type(lane_state), intent(in) :: state

@@ -21,7 +21,7 @@ module symsde_ensemble_block_initial_state
       real(wp), pointer :: q_low(:, :) => null(), p_low(:, :) => null()  !! (npath or 1, ndof), or null
       integer(i4), pointer :: status(:) => null()       !! 0, or a code of base/status (npath), or null
       integer(i8), pointer :: failed_step(:) => null()  !! step in which a path failed or was stopped, -1 = none (npath)
-      logical :: resumed = .false.    !! a stopped drive is resumed, and paths that are ok are done
+      logical :: resumed = .false.    !! resume a stopped drive: paths that are ok have ended
    contains
       procedure :: give
    end type initial_state
@@ -42,7 +42,7 @@ contains
       s%failed_step = -1
       if (associated(self%status)) call give_statuses(self, offset, nreal, last, step, s)
       s%status(nreal + 1:) = stopped  ! padding is neither solved nor counted
-      ! Padding has a step, too: a lane with a status and no step would count as a failure of the present step.
+      ! Padding has a step, too: a lane with a status and no step would count as a failure of the next step.
       s%failed_step(nreal + 1:) = step
       s%nfailed = count(s%status /= 0)
       call load(self%q, offset, nreal, s%q)
@@ -55,9 +55,9 @@ contains
       if (associated(self%p_low)) call load(self%p_low, offset, nreal, s%p_low)
    end subroutine give
 
-   !> Statuses of paths that were run before. Failed paths stay failed. If a drive is resumed, stopped paths go on: all
-   !> of a block were stopped before the same step, which comes next. A block without stopped paths is done; its `step`
-   !> is set to the end.
+   !> Load the statuses of paths that were run before. Failed paths stay failed. If a drive is resumed, stopped paths go
+   !> on: all of a block were stopped before the same step, which comes next. A block without stopped paths is done; its
+   !> `step` is set to the end.
    subroutine give_statuses(self, offset, nreal, last, step, s)
       type(initial_state), intent(in) :: self
       integer(i8), intent(in) :: offset, last

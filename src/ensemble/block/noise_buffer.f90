@@ -26,9 +26,9 @@ module symsde_ensemble_block_noise_buffer
    type :: noise_buffer
       class(noise_type), pointer :: noise => null()
       type(step_request) :: request        !! paths of the block, and the pairs of steps in the store
-      type(step_store) :: store            !! steps drawn ahead; not allocated at first
+      type(step_store) :: store            !! increments and functionals; allocated by the first draw
       integer(i8) :: normals_of_pair = 0   !! normals drawn for one path in a pair of steps
-      integer, private :: nahead = 0, npair = 1       !! pairs in the store, and the most that fit
+      integer, private :: nahead = 0, npair = 1       !! number of pairs in the store, and its capacity
    contains
       procedure :: begin
       procedure :: draw

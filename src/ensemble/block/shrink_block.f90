@@ -24,7 +24,7 @@ module symsde_ensemble_block_shrink_block
    private
    public :: narrow_down, come_back, narrower_width
 
-   integer(i8), parameter :: worth_while = 16  !! fewer remaining steps do not pay for the change
+   integer(i8), parameter :: worth_while = 16  !! with fewer remaining steps a narrower block does not pay
 
    !> The observer of a narrower block: it shows its lanes at their places in the wide block to the observer of the run.
    type, extends(observer_type) :: spreading_observer
@@ -67,7 +67,7 @@ contains
          nlive = nlane - active%state%nfailed
          width = narrower_width(nlane)
       end associate
-      ! many paths may have ended since the last check: take the narrowest block that holds the others
+      ! Many paths may have ended since the last check: take the narrowest block that holds the remaining paths.
       do while (narrower_width(width) < width .and. nlive <= narrower_width(width))
          width = narrower_width(width)
       end do
@@ -81,7 +81,8 @@ contains
       if (.not. associated(active, wide)) call leave(wide, active)
       call hand_over(wide, active, next)
       active => next
-      ! A block that cannot be narrower goes on until its last lane has a status.
+      ! Set the number of ended lanes at which to narrow again. A block of the least width goes on until its last lane
+      ! has a status.
       active%enough = width - merge(narrower_width(width), 0, narrower_width(width) < width)
    end subroutine narrow_down
 
@@ -93,7 +94,7 @@ contains
       ! No narrower runner has taken the paths.
       if (associated(active, wide)) return
       call leave(wide, active)
-      ! the wide runner took no steps itself
+      ! The narrower runner took the steps: the wide runner continues from its step.
       wide%step = active%step
       active => wide
    end subroutine come_back

@@ -1,11 +1,11 @@
 ! SPDX-License-Identifier: BSD-3-Clause
 !> Autocovariance of a value along time, for lags of 0 .. L saved points, of a stationary process.
 !>
-!> For each path that is ok to the end, with x the value less a number c near its mean: averages over time of
-!> x(t) x(t - l) and of (x(t) + x(t - l))/2, the columns 1 and 2 of row l of the table; columns 3 and 4 are those of
-!> l = 0. With m the mean of column 4, C(l) = <x(t) x(t - l)> - m <x(t) + x(t - l)> + m^2; the error of m changes it in
-!> second order only. Paths are independent, so errors are those of means over paths, whatever the correlation along a
-!> path. Answers are (C(l) and C(l)/C(0), l).
+!> Let x be the value minus a number c near its mean. Each path that is ok to the end adds averages over time to row l
+!> of the table: x(t) x(t - l) in column 1, (x(t) + x(t - l))/2 in column 2, and the same two averages for l = 0 in
+!> columns 3 and 4. With m the mean of column 4, C(l) = <x(t) x(t - l)> - m <x(t) + x(t - l)> + m^2; the error of m
+!> changes it in second order only. Paths are independent, so errors are those of means over paths, whatever the
+!> correlation along a path. Answers are (C(l) and C(l)/C(0), l).
 module symsde_ensemble_observe_autocorrelation
    use, intrinsic :: ieee_arithmetic, only: ieee_value, ieee_quiet_nan
    use symsde_base_kinds, only: wp, i8

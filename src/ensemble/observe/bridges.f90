@@ -12,13 +12,13 @@ module symsde_ensemble_observe_bridges
 
 contains
 
-   !> Probabilities that the values left below and above during a step; zero if they are not inside, or if no noise acts
-   !> on them.
+   !> Probabilities that values which are inside before and after a step left the interval below or above during it;
+   !> zero if they are not inside, or if no noise acts on them.
    pure subroutine bridge_chances(n, low, high, h, rate, before, after, chance)
       integer, intent(in) :: n
       real(wp), intent(in) :: low, high
       real(wp), intent(in) :: h                !! > 0 [time]
-      real(wp), intent(in) :: rate(n)          !! growth of their variance, per time
+      real(wp), intent(in) :: rate(n)          !! growth of the variance of each value, per time
       real(wp), intent(in) :: before(n), after(n)
       real(wp), intent(out) :: chance(n, 2)
       real(wp) :: spread

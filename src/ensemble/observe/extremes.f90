@@ -54,7 +54,7 @@ contains
       integer :: lane, side
 
       associate (x => values(:, self%request%values(1)))
-         ! a NaN stays, and shows in the means
+         ! A NaN replaces the extreme and stays, so that it shows in the means.
          where (counts .and. .not. (x >= self%reached(:, 1) .or. ieee_is_nan(self%reached(:, 1)))) &
             self%reached(:, 1) = x
          where (counts .and. .not. (x <= self%reached(:, 2) .or. ieee_is_nan(self%reached(:, 2)))) &
@@ -74,8 +74,8 @@ contains
       end associate
    end subroutine take
 
-   !> Whether x is further out than x_old, or equal and on a path of lower index. Of equal values of one path the
-   !> earlier is kept: times come in order, and a later value counts only if it is further out.
+   !> Whether x is more extreme than x_old (lower, or higher, by side), or equal and on a path of lower index. Of equal
+   !> values of one path the earlier is kept: times come in order, and a later value counts only if it is more extreme.
    pure logical function is_further(side, x, path, x_old, path_old)
       integer, intent(in) :: side   !! 1: lowest, 2: highest
       real(wp), intent(in) :: x, x_old

@@ -27,7 +27,7 @@ module symsde_ensemble_observe_histogram
 
 contains
 
-   !> relative: bins of one relative width instead of one absolute width.
+   !> Make the observer of a histogram; `relative`: bins of one relative width instead of one absolute width.
    subroutine new_histogram_observer(self, request, ntime, relative, error)
       type(histogram_observer), intent(out) :: self
       type(observer_request), intent(in) :: request

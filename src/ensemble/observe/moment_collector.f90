@@ -4,7 +4,8 @@
 !>
 !> Values, in this order: q_1 .. q_n, p_1 .. p_n, the energy H(q,p) if the model has values, and the user's observables.
 !> Moments at time t are over the paths that are ok up to t. Streaming observers get the same values; if one of them
-!> watches every step, this observer gets every step, and saved times are some of these.
+!> watches every step, this observer is shown the state after every step, and every `every`-th of these states is at a
+!> saved time.
 module symsde_ensemble_observe_moment_collector
    use symsde_base_kinds, only: wp, i4, i8
    use symsde_base_lanes, only: padded
@@ -37,7 +38,7 @@ module symsde_ensemble_observe_moment_collector
    type :: waiting_states
       integer :: nplace = 1                       !! saved times that fit
       integer :: n = 0                            !! saved times that wait
-      integer :: it = 0                           !! number of the first of them
+      integer :: it = 0                           !! saved time of the first waiting state
       real(wp) :: t = 0                           !! its time [time]
       real(wp), allocatable :: own(:, :, :)       !! q, p and the energy (nlane, nplace, own values)
       logical, allocatable :: counts(:, :)        !! (nlane, nplace)
@@ -48,7 +49,7 @@ module symsde_ensemble_observe_moment_collector
       class(model_type), pointer :: model => null()
       class(observables_type), pointer :: observables => null()
       type(moment_store), pointer :: store => null()
-      integer, public :: nvalue = 0                 !! number of all values, and of those without the user's
+      integer, public :: nvalue = 0                 !! number of all values, number of values without the user's
       integer :: nown = 0
       type(observer_plan), pointer :: plan => null() !! plan of the streaming observers
       type(observer_list) :: list                   !! streaming observers of this thread
@@ -105,7 +106,7 @@ contains
       if (plan%watches_steps) self%every = every
    end subroutine new_moment_collector
 
-   !> Use this view of the model for energies, and for passages.
+   !> Use this view of the model for energies and for passages.
    subroutine see(self, model)
       class(moment_collector), intent(inout) :: self
       class(model_type), intent(in), target :: model
@@ -113,7 +114,7 @@ contains
       self%model => model
    end subroutine see
 
-   !> Allocate arrays for blocks of so many lanes.
+   !> Allocate arrays for blocks of nlane lanes.
    subroutine make_room(self, nlane)
       class(moment_collector), intent(inout) :: self
       integer, intent(in) :: nlane

@@ -98,7 +98,7 @@ contains
       class(observer_type), intent(inout) :: self
    end subroutine nothing_to_gather
 
-   !> Numbers of eight bytes that the copies of nthread threads hold at most during a run of npath paths.
+   !> Number of eight-byte numbers that the copies of nthread threads hold at most during a run of npath paths.
    real(wp) function nothing_held(self, npath, nthread) result(numbers)
       class(observer_type), intent(in) :: self
       integer(i8), intent(in) :: npath
@@ -115,14 +115,14 @@ contains
    end function never_failed
 
    !> Probe the callbacks of the observer near the state of one path, before the run; refuse them by `error`. This
-   !> default has none.
+   !> default has no callbacks.
    subroutine nothing_to_probe(self, t, q0, p0, error)
       class(observer_type), intent(in) :: self
       real(wp), intent(in) :: t, q0(:), p0(:)
       type(error_type), allocatable, intent(inout) :: error
    end subroutine nothing_to_probe
 
-   !> Add warnings about the results before the run, one sentence a line. This default has none.
+   !> Add warnings about the results before the run, one sentence a line. This default adds none.
    subroutine nothing_to_warn(self, text)
       class(observer_type), intent(in) :: self
       character(:), allocatable, intent(inout) :: text

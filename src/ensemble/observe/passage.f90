@@ -3,18 +3,18 @@
 !>
 !> The value x is a coordinate, a momentum, the energy or an observable, checked after every step. A path whose x is NaN
 !> fails, since it is neither inside nor outside. Between two steps a path may leave and come back. If noise acts on a
-!> coordinate, x moves like a Brownian bridge between its values x_0 and x_1, whose variance grows by s^2 = sum_k
-!> (dH_k/dp_i)^2 in unit time (for momenta dH_k/dq_i), and it has passed a with probability exp(-2 (a - x_0)(a -
-!> x_1)/(s^2 h)); a random number decides (Gobet, Stoch. Proc. Appl. 87, 2000, 167): that of the path, or that of path 0
-!> if all noises that act on x are common to all paths, since the bridge is then common, too. So times are right to
-!> first order in h instead of sqrt(h). Without noise on x there is no such correction. Discrete increments are not
-!> those of a Brownian path, so there is no bridge.
+!> coordinate q_i, x moves like a Brownian bridge between its values x_0 and x_1, with variance s^2 per unit time, s^2 =
+!> sum_k (dH_k/dp_i)^2 (for momenta sum_k (dH_k/dq_i)^2). The bridge has passed an end a with probability exp(-2 (a -
+!> x_0)(a - x_1)/(s^2 h)), and a random number decides (Gobet, Stoch. Proc. Appl. 87, 2000, 167): the number of the
+!> path, or of path 0 if all noises that act on x are common to all paths, since all paths then have the same bridge. So
+!> times are right to first order in h instead of sqrt(h). Without noise on x there is no such correction. Discrete
+!> increments are not those of a Brownian path, so there is no bridge.
 !>
-!> counts: (below, above, still inside) at each saved time, losses being those since the saved time before; then the
-!> losses between two steps, -1 without bridges; then path and absolute step of the lost paths with the lowest indices,
-!> -1 if there are fewer. Numbers of single paths: time, q and p of these paths. The table has one row, over all lost
-!> paths: time, q, p. Answers are the shares lost below and above until each saved time, of all paths, with binomial
-!> errors.
+!> counts: (below, above, still inside) at each saved time, where below and above count the paths lost since the
+!> previous saved time; then the number of paths lost between two steps, -1 without bridges; then path and absolute step
+!> of the lost paths with the lowest indices, -1 if there are fewer. Numbers of single paths: time, q and p of these
+!> paths. The table has one row, over all lost paths: time, q, p. Answers are the shares lost below and above until each
+!> saved time, of all paths, with binomial errors.
 module symsde_ensemble_observe_passage
    use, intrinsic :: ieee_arithmetic, only: ieee_value, ieee_quiet_nan, ieee_is_nan
    use symsde_base_kinds, only: wp, i8
@@ -39,7 +39,7 @@ module symsde_ensemble_observe_passage
       logical :: shares = .false.                   !! whether a noise common to all paths may act on the value
       integer(i8), allocatable :: side(:), step(:)  !! end by which a lane left, or 0; step of leaving (nlane)
       real(wp), allocatable :: left(:, :)           !! time, q and p when it left (nlane, 1 + 2 ndof)
-      integer :: nlook = 0                          !! number of lanes still inside; their data are neighbours
+      integer :: nlook = 0 !! number of lanes still inside, which are adjacent in the arrays below
       integer, allocatable :: lanes(:)              !! numbers of the lanes still inside; the last is repeated (nlane)
       integer :: nseen = 0                          !! lanes with a status when the lanes inside were last counted
       real(wp), allocatable :: x(:), before(:)      !! value after the step, and before it (nlane)
@@ -151,7 +151,7 @@ contains
       is_coordinate = self%request%values(1) <= 2*self%run%ndof
    end function is_coordinate
 
-   !> Nothing to do: steps are watched, and values at saved times may come later.
+   !> Nothing to do at saved times: the observer watches steps.
    subroutine take(self, it, t, values, counts)
       class(passage_observer), intent(inout) :: self
       integer, intent(in) :: it
@@ -198,7 +198,7 @@ contains
       count_outside = n - int(inside)
    end function count_outside
 
-   !> Take out lanes that have left or whose values are NaN: keep their results, and stop watching them.
+   !> Stop watching the lanes that have left or whose values are NaN, and keep their results.
    subroutine see_off(self, istep, t, state)
       class(passage_observer), intent(inout) :: self
       integer(i8), intent(in) :: istep
@@ -239,7 +239,7 @@ contains
       self%counts(3*it + side) = self%counts(3*it + side) + 1
    end subroutine note
 
-   !> Move the remaining lanes together; padding repeats the last.
+   !> Move the data of the remaining lanes together; padding repeats the last lane.
    subroutine look_away_from(self, leaves)
       class(passage_observer), intent(inout) :: self
       logical, intent(in) :: leaves(:)     !! (nlane)
@@ -372,7 +372,7 @@ contains
       end associate
    end subroutine noise_on_value
 
-   !> Add a noise's part of s^2; if the noise is a path's own, the path's own number decides.
+   !> Add the contribution of noise k to s^2. If the noise is not common to all paths, the path's own number decides.
    subroutine add_noise(self, k, n, slope)
       type(passage_observer), intent(inout) :: self
       integer, intent(in) :: k, n

@@ -10,7 +10,7 @@ module symsde_ensemble_observe_recorder
    private
    public :: path_recorder
 
-   integer, parameter :: few = 8  !! up to so many lanes of a block are copied one by one
+   integer, parameter :: few = 8  !! most lanes of a block that are copied one by one
 
    !> Pointers to the caller's arrays, path first; null where the caller wants none. The last good state is kept for
    !> resuming and diagnosis. Low parts belong to compensated runs only.

@@ -47,7 +47,7 @@ module symsde_ensemble_observe_streaming
       logical, allocatable :: common(:)       !! noises that all paths share, by the options (nnoise)
       logical :: position_noise = .false., has_value = .false.  !! traits of the model
       class(model_type), pointer :: model => null()  !! for observers that need more than values
-      class(observables_type), pointer :: observables => null()  !! the user's values, for the same
+      class(observables_type), pointer :: observables => null()  !! the user's values, likewise
    end type observed_run
 
    !> The results of an observer: they can be merged, and suffice to compute its answer.
@@ -262,7 +262,7 @@ contains
       counts = counts + more_counts
    end subroutine add_up
 
-   !> Numbers of eight bytes that so many threads hold at most during a run of so many paths.
+   !> Number of eight-byte numbers that nthread threads hold at most during a run of npath paths.
    real(wp) function numbers(self, npath, nthread)
       class(streaming_observer), intent(in) :: self
       integer(i8), intent(in) :: npath
@@ -314,7 +314,7 @@ contains
       end do
    end subroutine to_sums
 
-   !> The table from this array, as a node of the tree.
+   !> Make the table, as a node of the tree, from an array of to_sums.
    subroutine to_table(self, sums, table)
       class(streaming_observer), intent(in) :: self
       real(wp), intent(in) :: sums(:)                !! (nsum)

@@ -47,8 +47,9 @@ contains
       end if
    end subroutine choose_areas
 
-   !> Refuse (too_large) areas that need more numbers than the counters distinguish. Rows are all sub-increments of the
-   !> run to its end; counters of steps hold 2^47 of them. Areas in law also count pairs of noises.
+   !> Refuse (too_large) areas that need more numbers than the counters distinguish. A row is a sub-increment; the rows
+   !> of the run, up to its last step, are numbered, and counters hold 2^47 numbers. Areas in law also count pairs of
+   !> noises.
    subroutine check_area_counters(nnoise, law, options, areas, error)
       integer, intent(in) :: nnoise
       integer, intent(in) :: law       !! law of the increments

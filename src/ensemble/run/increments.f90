@@ -40,8 +40,8 @@ contains
       end do
    end subroutine collect_increments
 
-   !> Write the increments of the paths of one block. The source makes the steps 2j and 2j+1 together; a run may begin
-   !> with the second of a pair or end with the first, and the other step is then left out.
+   !> Write the increments of the paths of one block. The source draws the steps 2j and 2j+1 together. If a run begins
+   !> with the second step of a pair, or ends with the first, the other step of the pair is left out.
    subroutine fill_block(noise, options, first, dw, error, monitor)
       class(noise_type), intent(in) :: noise
       type(run_options), intent(in) :: options
@@ -84,7 +84,7 @@ contains
       end do
    end subroutine fill_block
 
-   !> Report progress to the monitor and ask whether to stop, unless it has already said so.
+   !> Report progress to the monitor and ask whether to stop, unless it has already asked for a stop.
    subroutine look(self)
       class(question), intent(inout) :: self
 

@@ -49,7 +49,7 @@ contains
          if (memory_for(nthread*block + observer%numbers(options%npath, nthread), nthread - 1)) return
          nthread = nthread/2
       end do
-      if (memory_for(block + observer%numbers(options%npath, 1), 0)) return  ! texts for a refusal take time
+      if (memory_for(block + observer%numbers(options%npath, 1), 0)) return  ! making the texts below takes time
       call require_memory(block + observer%numbers(options%npath, 1), 'the run of model '//task%model%name// &
                           ' by scheme '//task%scheme%name//' ('//to_text(task%model%traits%ndof)// &
                           ' degrees of freedom, '//to_text(nlane)//' paths at a time)', 'give a smaller system, '// &
@@ -57,7 +57,7 @@ contains
                           error)
    end subroutine fit_threads
 
-   !> Numbers that all narrower blocks of one thread hold together.
+   !> Number of eight-byte numbers that all narrower blocks of one thread hold together.
    real(wp) function narrower_numbers(task, step, options, nlane) result(numbers)
       type(stepper_task), intent(in) :: task
       type(step_memory), intent(in) :: step
@@ -73,8 +73,8 @@ contains
       end do
    end function narrower_numbers
 
-   !> Numbers that one thread holds for blocks of nlane lanes: the stepper, the paths of a block, and their noise. A
-   !> single path also prepares later steps in lanes.
+   !> Number of eight-byte numbers that one thread holds for blocks of nlane lanes: the stepper, the paths of a block,
+   !> and their noise. A single path also prepares later steps in lanes.
    real(wp) function block_numbers(task, step, options, nlane) result(numbers)
       type(stepper_task), intent(in) :: task
       type(step_memory), intent(in) :: step
@@ -99,8 +99,9 @@ contains
          numbers = numbers + noise_numbers(nnoise, asked, 2*padded(pairs_ahead(1, ncolumn)/2))
    end function block_numbers
 
-   !> Numbers that a single path keeps for steps whose kick weights are computed ahead: increments and functionals, the
-   !> weights w of the kicks, V, and D if J is sampled. Each is kept twice: as lanes to compute weights, and by steps.
+   !> Number of eight-byte numbers that a single path keeps for steps whose kick weights are computed ahead: increments
+   !> and functionals, the weights w of the kicks, V, and D if J is sampled. Each is kept twice: as lanes to compute
+   !> weights, and by steps.
    pure real(wp) function kick_numbers(kicks, traits, ncolumn) result(numbers)
       type(kicks_type), intent(in) :: kicks
       type(model_traits), intent(in) :: traits
@@ -112,8 +113,8 @@ contains
       if (kicks%samples .and. .not. traits%additive) numbers = numbers + m*(m + 1)
    end function kick_numbers
 
-   !> Numbers that a source of noise needs to fill a block of nlane lanes: increments, and for functionals those of the
-   !> intervals that they are merged from.
+   !> Number of eight-byte numbers that a source of noise needs to fill a block of nlane lanes: increments, and the
+   !> functionals of the intervals that are merged into one step.
    pure real(wp) function noise_numbers(nnoise, asked, nlane)
       integer, intent(in) :: nnoise, nlane
       type(functional_set), intent(in) :: asked   !! functionals beside the increments

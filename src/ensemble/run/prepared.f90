@@ -250,7 +250,7 @@ contains
       if (allocated(error)) call self%leave()
    end subroutine begin_steps
 
-   !> Begin a call that finishes the one that was stopped; `record` has to follow likewise.
+   !> Begin a call that finishes the stopped call; `record` has to follow here, too.
    subroutine begin_rest(self, error)
       class(prepared_run), intent(inout) :: self
       type(error_type), allocatable, intent(inout) :: error
@@ -261,7 +261,8 @@ contains
       call self%leave()
    end subroutine begin_rest
 
-   !> Take the steps of a call that was begun, and end it. An error that came in between ends it without steps.
+   !> Take the steps of a call that was begun, and end it. If `error` is allocated on entry, the call ends without
+   !> steps.
    subroutine record(self, recorder, error, dw, monitor)
       class(prepared_run), intent(inout) :: self
       type(path_recorder), intent(inout) :: recorder   !! its q and p have room (npath, ndof, saved times), or none
@@ -398,8 +399,8 @@ contains
       self%at_work = 0
    end subroutine leave
 
-   !> Refuse low parts of a run without compensated summation, low parts of q or p alone, and low parts of a wrong
-   !> shape.
+   !> Refuse low parts in a run without compensated summation, low parts of q without those of p or the reverse, and low
+   !> parts of a wrong shape.
    subroutine check_low(self, options, error, q_low, p_low)
       class(prepared_run), intent(in) :: self
       type(run_options), intent(in) :: options

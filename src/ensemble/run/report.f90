@@ -16,7 +16,7 @@ module symsde_ensemble_run_report
       integer(i4) :: status = status_ok          !! ok, or the numerical outcome of the whole run
       character(:), allocatable :: stepper       !! name of the stepper that the factory chose
       character(:), allocatable :: left_out      !! work that model and scheme do not need
-      character(:), allocatable :: warnings      !! doubts known before the run, one per line
+      character(:), allocatable :: warnings      !! problems that are foreseen before the run, one per line
       character(:), allocatable :: damping       !! description of the damping; empty for a closed system
       character(:), allocatable :: functionals   !! functionals drawn besides dW: 'dZ and K'
       character(:), allocatable :: lapack        !! LAPACK library that solved systems; not allocated if none did
@@ -24,7 +24,7 @@ module symsde_ensemble_run_report
       type(counters_type) :: counters
       integer(i8) :: nfailed = 0                 !! paths with a numerical failure
       integer(i8) :: nstopped = 0                !! paths cut short by a stop
-      integer(i8) :: ngrown = 0                  !! ok paths that grew by a factor of 1e6 (block/growth)
+      integer(i8) :: ngrown = 0                  !! ok paths that have grown (block/growth)
       integer :: nthread = 1, nlane = 0
       real(wp) :: lost_variance = 0              !! variance that a normal loses by truncation
       real(wp) :: seconds_setup = 0, seconds_run = 0

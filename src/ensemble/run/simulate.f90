@@ -26,7 +26,7 @@ module symsde_ensemble_run_simulate
 
    !> Saved paths. Values of a path after its failure are NaN; last_q and last_p hold its last good state.
    type :: paths_type
-      real(wp), allocatable :: t(:)                 !! saved times; the first is the beginning of the run (ntime)
+      real(wp), allocatable :: t(:)                 !! saved times; the first is before the first step (ntime)
       real(wp), allocatable :: q(:, :, :)           !! (npath, ndof, ntime)
       real(wp), allocatable :: p(:, :, :)           !! (npath, ndof, ntime)
       integer(i4), allocatable :: status(:)         !! 0 = ok, else a code of base/status (npath)
@@ -36,7 +36,7 @@ module symsde_ensemble_run_simulate
       type(run_report) :: report
    end type paths_type
 
-   !> Moments over the paths that are ok up to each time. Values: q_1 .. q_n, p_1 .. p_n, the energy if
+   !> Moments over the paths that are ok up to each time. The values are q_1 .. q_n, p_1 .. p_n, the energy if
    !> has_energy, then the user's observables.
    type :: moments_type
       real(wp), allocatable :: t(:)                 !! (ntime)
@@ -284,7 +284,7 @@ contains
       call fill_times(options, ntime, run%t)
    end subroutine new_paths
 
-   !> Let a run begin at the caller's arrays.
+   !> Set the initial state of a run to the caller's arrays.
    subroutine begin_at(from, ndof, q0, p0, q0_low, p0_low)
       type(initial_state), intent(out) :: from
       integer, intent(in) :: ndof

@@ -4,7 +4,7 @@
 !>    synchrotron                H = p^2/2 - omega^2 cos q       H_1 = sigma1 sin q,  H_2 = -sigma2 cos q
 !>    additive_oscillator        H = (p^2 + q^2)/2               H_1 = sigma p,  H_2 = -gamma q
 !>    pendulum                   H = p^2/2 - cos q               H_1 = sigma (p^2 + q^2)/2
-!>    driven_pendulum            H = p^2/2 - omega^2 (1 + epsilon cos nu t) cos q,  noises in q and cos q that swing
+!>    driven_pendulum            H = p^2/2 - omega^2 (1 + epsilon cos nu t) cos q,  noises -s(t) q, -s(t) cos q
 !>    noncommutative_oscillator  H = (p^2 + q^2)/2               H_1 = s1 p^2/2,  H_2 = s2 q^2/2
 !>    henon_heiles               H = (p.p + q.q)/2 + alpha (q_1^2 q_2 - q_2^3/3),   H_k = sigmak q_k
 !>    fpu_chain                  H = sum p_i^2/2 + sum (r_i^2/2 + beta r_i^4/4),    H_k = -sigma q_k
@@ -58,8 +58,9 @@ contains
       names = all_names
    end function model_names
 
-   !> Whether a model is of a built-in type and not of an extension: what built-in models declare is probed by tests
-   !> instead of runs. A bath around a built-in model only adds derived declarations.
+   !> Whether a model is of a built-in type and not of an extension: tests probe the declarations of built-in models, so
+   !> that runs need not. A heat bath around a built-in model counts as built-in, too, since its declarations are
+   !> derived from the model's.
    pure recursive function is_built_in(model) result(built_in)
       class(model_type), intent(in) :: model
       logical :: built_in
@@ -189,7 +190,7 @@ contains
                     ' values; give one value for each name')
          return
       end if
-      ! A key given twice is refused rather than the later value taken, which would hide a misprint.
+      ! A key that is given twice is refused: taking the later value would hide a misprint.
       given = .false.
       do i = 1, size(keys)
          ! Texts of different lengths are compared as if padded by blanks.

@@ -155,7 +155,7 @@ contains
       end do
    end subroutine velocity_alone
 
-   !> A short single chain, spring by spring: vectors would wait for parts of each other in memory.
+   !> A short single chain, spring by spring: vector loads would have to wait for numbers that were stored one by one.
    pure subroutine gradient_few(n, beta, sigma, w, q, hq)
       integer, intent(in) :: n
       real(wp), intent(in) :: beta, sigma, w(0:n), q(n)
@@ -177,8 +177,8 @@ contains
       hq(n) = w(0)*(force - next_force) - (sigma*w(n))
    end subroutine gradient_few
 
-   !> VEC All rows of one lane; springs are adjacent in memory. Two loops, over springs and then over masses, avoid a
-   !> chain of dependent operations; tiles keep the forces in cache.
+   !> VEC All rows of one lane; springs are adjacent in memory. Two loops, over springs and then over masses, have no
+   !> operation that depends on the one before; tiles keep the forces in cache.
    pure subroutine gradient_alone(n, beta, sigma, w, q, hq)
       integer, intent(in) :: n
       real(wp), intent(in) :: beta, sigma, w(0:n), q(n)
@@ -446,7 +446,7 @@ contains
          call stiffness(nlane, ndof, i, self%beta, w(:, 0), q, k)
          ! For the displacements vq, spring i pulls at both of its ends by k_i (vq_{i+1} - vq_i).
          call stretch(nlane, ndof, i, vq, r)
-         ! Spring i begins uq of mass i + 1, and spring i + 1 completes it.
+         ! The term of spring i is the first in uq of mass i + 1, the term of spring i + 1 is the second and last.
          if (i > 0) uq(:, i) = uq(:, i) - k*r
          if (i < ndof) uq(:, i + 1) = k*r
       end do

@@ -168,13 +168,14 @@ contains
       k22 = w*(1 - 2*alpha*q2)
    end subroutine stiffness_of_one
 
-   !> The gradient in q of one lane. For a single path the chain is three operations long. The same products are
-   !> contracted wherever this is inlined, because products with q come first in each sum.
+   !> The gradient in q of one lane. For a single path only three operations depend on each other. Products with q come
+   !> first in each sum, so that the compiler contracts the same products wherever it inlines this function.
    pure subroutine force_of_one(alpha, sigma1, sigma2, w, w1, w2, q1, q2, hq1, hq2)
       real(wp), intent(in) :: alpha, sigma1, sigma2, w, w1, w2, q1, q2
       real(wp), intent(out) :: hq1, hq2
 
-      ! The sum with the noise and the product of positions are independent, and are added last.
+      ! The sum with the noise does not depend on the product of the positions: both are computed at once and added
+      ! last.
       hq1 = (w*q1 + sigma1*w1) + (2*alpha*w)*q1*q2
       hq2 = (w*q2 + sigma2*w2) + (alpha*w)*(q1**2 - q2**2)
    end subroutine force_of_one
@@ -202,8 +203,8 @@ contains
       end associate
    end subroutine sweeps
 
-   !> The sweeps for s stages. The numbers of a stage are not adjacent in memory, because gcc would put them into
-   !> vectors and take these apart again.
+   !> The sweeps for s stages. The numbers of a stage are not adjacent in memory, since gcc would build vectors from
+   !> adjacent numbers and take them apart again.
    pure subroutine sweep_stages(s, alpha, sigma1, sigma2, h, w1, w2, i1, i2, first, last, base, b, most, f, change, &
                                 extent)
       integer, value :: s, i1, i2, first, last
@@ -234,8 +235,8 @@ contains
             if (i >= i1 .and. i <= i2) then
                x1 = base(i, 1)
                x2 = base(i, 2)
-               ! The sum begins with the stage itself and ends with the newest force, that of the stage before, so that
-               ! the chain from force to force is short.
+               ! The sum begins with the stage itself and ends with the newest force, which is the force of the stage
+               ! before: so few operations lie between one force and the next.
                !GCC$ unroll 4
                !GCC$ novector
                do m = i, i + s - 1

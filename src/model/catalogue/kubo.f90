@@ -8,9 +8,8 @@
 !>    q = q_0 cos theta + p_0 sin theta,   p = p_0 cos theta - q_0 sin theta
 !>
 !> so that p^2 + q^2 is constant on every path; means rotate by a t and shrink by exp(-sigma^2 t/2). The flows commute,
-!> {H,H_1} = 0: a scheme of even order r without noise has strong order r/2 here (scheme/properties). One-sided
-!> schemes need their correction, since H_1,p H_1,q = sigma^2 p q. q and p have the same unit, the square root of an
-!> action.
+!> {H,H_1} = 0: a scheme of even order r without noise has strong order r/2 here (scheme/properties). One-sided schemes
+!> need a correction, since H_1,p H_1,q = sigma^2 p q. q and p have the same unit, the square root of an action.
 !>
 !> The paper derives the midpoint rule (71)-(72) for this model from the discrete Lagrangian (61)-(62). Units: a is
 !> [1/time] and sigma [1/sqrt(time)], so that a h and sigma dW are angles.
@@ -131,7 +130,7 @@ contains
       integer(i8), intent(inout) :: status(steps%nlane)
       type(counters_type), intent(inout) :: counters
 
-      ! The midpoint rule has its own flow, without a division between dependent steps; other maps use the flows of
+      ! The midpoint rule has a flow of its own, in which no step waits for a division; other maps use the flows of
       ! oscillators.
       if (map%damped) then
          call damped_oscillator_flow(self%terms, map, steps, q, p, qn, pn, counters)

@@ -2,9 +2,9 @@
 !>    S = sum_j w_j H_j = (a q^2 + c p^2)/2 + b q + e p
 !>    a = r w_0 + A w_i,   b = B w_j,   c = r w_0 + C w_k,   e = E w_l
 !>
-!> Oscillators described by the terms of their noises in a quadratic Hamiltonian; whole steps follow from these terms:
-!> r, A .. E and the numbers i .. l of the noises are the terms of model/flows/oscillator, which a model sets when it is
-!> made. An extension adds value and evaluate.
+!> Oscillators with a quadratic Hamiltonian, described by the terms of model/flows/oscillator: the rate r, the strengths
+!> A .. E and the numbers i .. l of the noises. A model sets these terms when it is made, and whole steps follow from
+!> them. An extension adds value and evaluate.
 module symsde_model_catalogue_oscillator
    use symsde_base_counters, only: counters_type
    use symsde_base_kinds, only: wp, i8

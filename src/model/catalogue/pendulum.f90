@@ -3,8 +3,8 @@
 !>    dp = -sin q dt - sigma q o dW,   dq = p dt + sigma p o dW
 !>
 !> A pendulum with one multiplicative noise: H_{1,p} H_{1,q} = sigma^2 p q does not vanish, so one-sided schemes need
-!> their correction here. {H_1,H} = sigma p (q - sin q) does not vanish either, so that no part of a scheme's error is
-!> hidden, as it is on Kubo's oscillator. Time is in units of 1/(frequency of small oscillations). q is not reduced
+!> their correction here. {H_1,H} = sigma p (q - sin q) does not vanish either, so that no part of a scheme's error
+!> vanishes, unlike on Kubo's oscillator. Time is in units of 1/(frequency of small oscillations). q is not reduced
 !> modulo 2 pi, since H_1 is not periodic.
 module symsde_model_catalogue_pendulum
    use symsde_base_counters, only: counters_type
@@ -31,7 +31,7 @@ module symsde_model_catalogue_pendulum
    type, extends(separable_model) :: pendulum_model
       private
       real(wp) :: sigma = 0    !! intensity of the noise [1/sqrt(time)]
-      integer(i8) :: none = 0  !! zero bits to combine with a product, see rounded
+      integer(i8) :: none = 0  !! zero bits for `rounded`
    contains
       procedure :: value => weighted_value
       procedure :: evaluate
@@ -118,7 +118,7 @@ contains
       real(wp), intent(in) :: product
       integer(i8), intent(in) :: none  !! 0, which the compiler must not know
 
-      ! An or with zero changes no bit of the product.
+      ! `ior` with zero changes no bit of the product.
       rounded = transfer(ior(transfer(product, 0_i8), none), 0.0_wp)
    end function rounded
 

@@ -107,7 +107,7 @@ contains
 
       !   S_q = a sin q + b cos q,   S_qq = a cos q - b sin q,   S_p = w_0 p,   S_pp = w_0
       if (present(hq) .and. present(hqq)) then
-         call sincos_lanes(nlane, q, hq, hqq)  ! in the output arrays, without further arrays
+         call sincos_lanes(nlane, q, hq, hqq)  ! sine and cosine are stored in the output arrays
          call force_and_slope(nlane, self%omega2, self%sigma1, self%sigma2, w, hq, hqq)
       else if (present(hq)) then
          call force_alone(self, nlane, w, q, hq)
@@ -223,7 +223,7 @@ contains
          a = omega2*w(lane, 0) + sigma2*w(lane, 2)
          b = sigma1*w(lane, 1)
          sine = hq(lane)
-         ! Both are read before either is overwritten.
+         ! Read sine and cosine before the results overwrite them.
          cosine = hqq(lane)
          hq(lane) = a*sine + b*cosine
          hqq(lane) = a*cosine - b*sine

@@ -1,6 +1,7 @@
 ! SPDX-License-Identifier: BSD-3-Clause
 !> Whole steps of the oscillators of model/flows/oscillator whose momenta are damped by one rate (base/record), Hhat =
-!> (a q^2 + c p^2)/2 + b q + e p. Momenta decay by sums p + (exp(-z) - 1) p, and by no product alone:
+!> (a q^2 + c p^2)/2 + b q + e p. The decay of a momentum is always the sum p + (exp(-z) - 1) p, never the product
+!> exp(-z) p:
 !>
 !>    Euler pair   p + (exp(-c z) - 1) p, the step of the closed oscillator, p + (exp(-(1 - c) z) - 1) p; or corrected
 !>    Verlet       half a kick, the drift by (1 + exp(-z))/2 p, p + (exp(-z) - 1) p, half a kick
@@ -12,11 +13,11 @@
 !>    m11 = -a c/(2 D),   n12 = exp(-z/2) c/D,   g1 = (e - b c/2)/D
 !>    n21 = -exp(-z/2) a/D,   m22 = exp(-z) (1 + m11) - 1,   g2 = -exp(-z/2) (b + a e/2)/D
 !>
-!> are those of its closed form between two decays. They depend on the weights alone: a step waits for two products of
-!> the step before it, and for no division.
+!> follow from the closed form of its step, taken between two decays. They depend on the weights alone: from one step to
+!> the next only two products depend on each other, and no division.
 !>
-!> Each scheme brings one step of one lane, `take`, to the loops of oscillator_steps.inc. No sum has two products that
-!> might be contracted: a product that is added to another one is added to zero first.
+!> Each scheme brings one step of one lane, `take`, to the loops of oscillator_steps.inc. No sum has two products of
+!> which the compiler might contract either: one of the two is added to zero first.
 module symsde_model_flows_damped_oscillator
    use symsde_base_counters, only: counters_type
    use symsde_base_damping, only: decay_less_one
@@ -28,7 +29,7 @@ module symsde_model_flows_damped_oscillator
    private
    public :: damped_oscillator_flow, damped_oscillator_has_flow
 
-   !> What is lost of momenta before a step, after it, and in all, as negative parts of them.
+   !> Changes of a momentum relative to it, exp(-z) - 1, by the decays before a step, after it, and over the whole step.
    type :: losses
       real(wp) :: before = 0, after = 0, all = 0
    end type losses
@@ -61,7 +62,7 @@ contains
       logical :: one_form
 
       call count_oscillator_steps(map, steps%nstep*steps%nreal, counters)
-      w => steps%w  ! contiguous, as gfortran 12 does not see of a component
+      w => steps%w  ! a pointer that gfortran 12 knows to be contiguous, unlike the component
       lost = losses(steps%decays%before, steps%decays%after, decay_less_one(steps%decays%z))
       associate (t => terms, h => terms%rate*steps%h)
          one_form = t%noise_a == t%noise_c .and. abs(t%a - t%c) <= 0 .and. t%noise_b == 0 .and. t%noise_e == 0
@@ -118,7 +119,7 @@ contains
    contains
 
       pure subroutine take(wa, wb, wc, we, x, y)
-         real(wp), value :: wa, wb, wc, we  !! the first is the third, and the others have strength zero
+         real(wp), value :: wa, wb, wc, we  !! of a, b, c, e: here wc is wa, and wb and we have strength zero
          real(wp), intent(inout) :: x, y
          real(wp) :: a, factor, m11, moved
 
@@ -170,7 +171,7 @@ contains
 
    end subroutine adjoint
 
-   !> VEC Corrected symplectic Euler, with d = a c/2 of the noises, which are in a and c alone.
+   !> VEC Corrected symplectic Euler, with d = a c/2 of the noises; these occur in a and c alone.
    pure subroutine corrected_euler(lost, t, steps, h, w, q, p, qn, pn)
       type(losses), intent(in) :: lost
       include 'oscillator_steps.inc'
@@ -178,7 +179,7 @@ contains
    contains
 
       pure subroutine take(wa, wb, wc, we, x, y)
-         real(wp), value :: wa, wb, wc, we  !! the second and the last have strength zero
+         real(wp), value :: wa, wb, wc, we  !! of a, b, c, e: here wb and we have strength zero
          real(wp), intent(inout) :: x, y
          real(wp) :: a, c, d
 
@@ -237,7 +238,7 @@ contains
 
    end subroutine verlet
 
-   !> VEC The other Lobatto pair of two stages.
+   !> VEC The other Lobatto pair of two stages: half a drift, a kick, half a drift.
    pure subroutine swapped(lost, t, steps, h, w, q, p, qn, pn)
       type(losses), intent(in) :: lost
       include 'oscillator_steps.inc'

@@ -4,7 +4,7 @@
 !> Whole steps of this system: drifts, and kicks at nodes c_i of the step, each with a part b_i of the potential and of
 !> the noises. The schemes are Stormer-Verlet, the Euler pair, the other Lobatto pair of two stages, and schemes of
 !> kicks from scheme/splitting, which for additive noise have no further parts: the force-gradient potential c h^2/2
-!> sum_k H_k,q.H_k,q of scheme/kicks is constant because H_k,q is. Kick i and the drifts are
+!> sum_k H_k,q.H_k,q of scheme/kicks is constant because H_k,q is constant. Kick i and the drifts are
 !>
 !> dp_1 = -b_i (h (q_1 + 2 alpha q_1 q_2) + sigma1 W_1),  dp_2 = -b_i (h (q_2 + alpha (q_1^2 - q_2^2)) + sigma2 W_2),
 !>    W_k = dW_k + (gamma_i/b_i) a_k,  a_k = dZ_k/h - dW_k/2,   dq = tau p
@@ -13,11 +13,12 @@
 !> Every step is drift, kick, drift, kick, drift; parts that a scheme lacks have duration zero or part zero.
 !>
 !> The gamma_i obey gamma_1 + gamma_2 = 0 and gamma_1 c_1 + gamma_2 c_2 = -1 (scheme/kicks): so the kicks at the nodes
-!> c_i together reproduce dZ. With Verlet's nodes 0 and 1 that is gamma = (1, -1), with Gauss's (1 -+ 1/sqrt 3)/2 it is
-!> gamma = (sqrt 3, -sqrt 3). Kicks by dW alone have gamma = 0.
+!> c_i together reproduce dZ. With Verlet's nodes 0 and 1 that is gamma = (1, -1), with Gauss's nodes (1 -+ 1/sqrt 3)/2
+!> it is gamma = (sqrt 3, -sqrt 3). Kicks by dW alone have gamma = 0.
 !>
-!> Of a damped model every drift decays, dq = p (1 - exp(-gamma tau))/gamma and p <- exp(-gamma tau) p, and kicks by dZ
-!> have the parts of dW and dZ/h - dW/2 that the exact law of damped free motion wants (base/record).
+!> If the model is damped, momenta decay in every drift, dq = p (1 - exp(-gamma tau))/gamma and p <- exp(-gamma tau) p,
+!> and kicks by dZ use the parts of dW and of dZ/h - dW/2 that follow from the exact law of damped free motion
+!> (base/record).
 !>
 !> A few lanes at a time take all of their steps; a single path does so in registers.
 module symsde_model_flows_henon_heiles
@@ -54,9 +55,9 @@ module symsde_model_flows_henon_heiles
       real(wp) :: h = 0
       type(henon_heiles_terms) :: of = henon_heiles_terms()
       real(wp) :: tau(3) = 0      !! times of the drifts, or (1 - exp(-gamma tau))/gamma
-      real(wp) :: half(2) = 0.5_wp  !! part of dW in a of each kick; less where damping gives the kick more of dW
+      real(wp) :: half(2) = 0.5_wp !! part of dW subtracted from dZ/h in a; smaller if damping needs a larger part of dW
       logical :: decays = .false.
-      real(wp) :: loss(3) = 0     !! exp(-gamma tau) - 1, of momenta after the drifts
+      real(wp) :: loss(3) = 0     !! change of a momentum in each drift, relative to it
       logical :: acts(3) = .false.  !! drifts that do anything
       ! A rotation by the angle tau_i is stored as cos tau_i - 1 and sin tau_i.
       real(wp) :: cosine_less_one(3) = 0, sine(3) = 0
@@ -143,7 +144,7 @@ contains
       counters%gradients = counters%gradients + (plan%nvelocity + count(plan%part > 0))*steps%nstep*steps%nreal
    end subroutine henon_heiles_flow
 
-   !> The decays of a damped model. A kick has beta/part dW + shape a = dW + shape (dZ/h - half dW).
+   !> Set the decays of a damped model. A kick has beta/part dW + shape a = dW + shape (dZ/h - half dW).
    pure subroutine let_decay(plan, equation, steps)
       type(kick_plan), intent(inout) :: plan
       integer, intent(in) :: equation
@@ -265,7 +266,7 @@ contains
 
    !> VEC Kick, drift and kick of n lanes: one step, or a group of steps in registers.
    pure subroutine kick_drift_kick_lanes(nstep, plan, before_first, n, w, x, y)
-      integer, intent(in) :: nstep, before_first, n    !! lanes before the first of these
+      integer, intent(in) :: nstep, before_first, n    !! lanes before the first of the n lanes
       type(kick_plan), intent(in) :: plan
       real(wp), intent(in), contiguous :: w(:, 0:, :)  !! (nlane, 0:2, nstep)
       real(wp), intent(inout), dimension(tile, 2) :: x, y
@@ -334,8 +335,8 @@ contains
    end subroutine kick_lanes
 
    !> The weight W_k of a kick divided by its part: dW + (gamma/b) (dZ/h - dW/2). In a sum of two products the compiler
-   !> may contract either one; parentheses around the second product allow only the first to be contracted, here and
-   !> below, so that a single path has the same bits as in a block.
+   !> may contract either one; parentheses around the second product allow only the first to be contracted, in this
+   !> function and in those below: so a single path has the bits that it has in a block.
    pure real(wp) function weight(shape, half, rate, w, dz)
       real(wp), intent(in) :: shape, half, rate, w, dz
 
@@ -352,7 +353,7 @@ contains
       call kick(plan, plan%part(1), w1, w2, x1, x2, y1, y2)
       x1 = x1 + plan%tau(2)*y1
       x2 = x2 + plan%tau(2)*y2
-      ! Of a closed system nothing is lost.
+      ! In a closed system plan%loss is zero, and y1 and y2 do not change.
       y1 = y1 + plan%loss(2)*y1
       y2 = y2 + plan%loss(2)*y2
       call kick(plan, plan%part(2), w1, w2, x1, x2, y1, y2)

@@ -119,7 +119,7 @@ contains
       integer :: which
 
       w => steps%w  ! contiguous, which gfortran 12 does not recognise for a component
-      ! If brackets vanish, so does their part in the equation.
+      ! If brackets vanish, gauss2 with brackets has the equation of gauss2.
       which = merge(gauss2_map, map%equation, map%equation == gauss2_brackets_map)
       ! Noise number 0 reads the column w(:, 0, :), which holds h, with strength zero: the value does not matter.
       additive = terms%noise_a == 0 .and. terms%noise_c == 0
@@ -183,7 +183,8 @@ contains
 
    ! ---- the schemes: one step of one lane each --------------------------
    !
-   ! Products with noise follow the products with x and y; the latter are then contracted, wherever a step is inlined.
+   ! Products with noise follow the products with x and y; the products with x and y are then contracted, wherever a
+   ! step is inlined.
 
    !> VEC Symplectic Euler: the force at x, then the velocity at the new y.
    pure subroutine euler_steps(t, steps, h, w, q, p, qn, pn)
@@ -230,8 +231,8 @@ contains
 
          a = t%a*wa
          c = t%c*wc
-         ! F_p.F_q/2 = (A dW_i q) (C dW_k p)/2 = d q p is a correction from the noises alone: here a and c are without
-         ! h.
+         ! F_p.F_q/2 = (A dW_i q) (C dW_k p)/2 = d q p is a correction from the noises alone: here a and c do not
+         ! contain h.
          d = 0.5_wp*(a*c)
          y = (y - (h + a)*x)*(1/(1 + d))
          x = x + ((h + c)*y + d*x)

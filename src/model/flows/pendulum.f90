@@ -9,8 +9,8 @@
 !> The first has +d q p = F_p.F_q/2 with F = dW H_1 = g (p^2 + q^2)/2, the second has -d q p: without this correction
 !> both schemes converge to solutions of a different equation than Stratonovich's.
 !>
-!> Of a damped model momenta lose a part before the step and after it (base/record); in a closed one it is zero, which
-!> does not round.
+!> If the model is damped, momenta lose a part before the step and a part after it (base/record); in a closed system
+!> both parts are zero, and adding them changes no bit.
 !>
 !> The implicit unknown, p' of the first and q' of the second, occurs linearly: no iteration is needed. A single path is
 !> lane 1; in blocks a tile of lanes at a time takes its steps.

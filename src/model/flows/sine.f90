@@ -9,7 +9,7 @@
 !> The synchrotron is of this kind, with r = omega^2, H_1 = B sin q, H_2 = -A cos q; so is the pendulum, with r = 1 and
 !> one noise H_1 = C q^2/2 + E p^2/2, C = E.
 !>
-!> Of a damped model momenta decay in the drift, and its part by p is shorter (base/record).
+!> If the model is damped, momenta decay during the drift, and the drift is shorter by the factor `reach` (base/record).
 !>
 !> A step is half a kick, a drift and half a kick. The angle after a step is the angle before the next one: sine and
 !> cosine, most of the work, are computed once per step. A single path is lane 1; in blocks a tile of lanes at a time
@@ -132,7 +132,7 @@ contains
    pure subroutine to_the_angle(n, terms, rate, h, wa, wb, wc, we, s)
       integer, intent(in) :: n
       type(sine_terms), intent(in) :: terms
-      real(wp), intent(in) :: rate, h  !! the rate of the terms times the step, rounded once for all lanes
+      real(wp), intent(in) :: rate, h  !! rate of the terms times h, rounded once for all lanes; h
       real(wp), intent(in), dimension(n) :: wa, wb, wc, we
       type(tile_state), intent(inout) :: s
       integer :: i
@@ -167,7 +167,7 @@ contains
       c = 0.5_wp*(terms%c*wc)
    end subroutine find_weights
 
-   !> The drift. In a closed system reach is one and loss is zero, which do not round.
+   !> The drift. In a closed system reach is one and loss is zero, which changes no bit.
    pure subroutine drift(h, reach, loss, noise, x, y)
       real(wp), intent(in) :: h, reach, loss, noise
       real(wp), intent(inout) :: x, y
@@ -182,7 +182,7 @@ contains
       real(wp), intent(inout) :: y
 
       ! A step ends and the next begins at the same angle, with the same sine and cosine: the sum of the second kick is
-      ! computed while that of the first is still being added to y.
+      ! computed while the sum of the first kick is still being added to y.
       y = y - (c*x + b*cosine + a*sine)
    end subroutine kick
 

@@ -1,10 +1,10 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> The probe of forces: what a model's forces say of themselves must hold at the points.
+!> The probe of forces: the declarations of a model's forces must hold at the points.
 !>
 !>    linear in w        f(0) = 0 and f(w + 2 v) = f(w) + 2 f(v),     f = sum_j w_j F_j
-!>    lane by lane       a lane alone among others has the force that it has among its likes
-!>    in position        f(q, p) = f(q, p') where forces are declared to depend on q and t alone
-!>    derivatives        (f(x + e v) - f(x - e v))/(2 e) = f_q vq + f_p vp where they are given
+!>    lane by lane       the force of a lane is the same whether all lanes differ or are equal
+!>    in position        f(q, p) = f(q, p') if forces are declared to depend on q and t alone
+!>    derivatives        (f(x + e v) - f(x - e v))/(2 e) = f_q vq + f_p vp if derivatives are given
 !>
 !> Private to its family.
 module symsde_model_probe_forces
@@ -23,7 +23,7 @@ module symsde_model_probe_forces
 
 contains
 
-   !> Refuse forces (false_trait) that one of these tests refutes. Points at which they are not finite are passed over.
+   !> Refuse forces (false_trait) that one of these tests refutes. Points at which forces are not finite are skipped.
    subroutine probe_forces(points, error)
       type(probe_points), intent(in) :: points
       type(error_type), allocatable, intent(inout) :: error
@@ -67,7 +67,7 @@ contains
       end associate
    end subroutine probe_forces
 
-   !> What is declared to depend on q and t alone must be the same at other momenta: F, the f_k, or both.
+   !> If F, the f_k or both are declared to depend on q and t alone, they must be the same at other momenta.
    subroutine probe_position(points, w, v, error)
       type(probe_points), intent(in) :: points
       real(wp), intent(in) :: w(nlane, 0:points%nnoise), v(nlane, 0:points%nnoise)
@@ -106,8 +106,8 @@ contains
                  'that it does', error)
    end subroutine compare_momenta
 
-   !> Refuse if a component differs from what it should be. The scale is the largest size at the points: a force may
-   !> vanish at one of them with its derivatives, where differences leave a rest.
+   !> Refuse if a component differs from what it should be. The scale is the largest size at the points: at one of them
+   !> a force and its derivatives may vanish, while differences leave a remainder.
    subroutine judge(points, is, should, beside, what, error, within)
       type(probe_points), intent(in) :: points
       real(wp), intent(in), dimension(nlane, points%ndof) :: is, should, beside

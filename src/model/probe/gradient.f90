@@ -4,15 +4,15 @@
 !> The probe of properties that every gradient must have, whatever is declared: it is the gradient of a weighted sum of
 !> Hamiltonians, computed in each lane independently.
 !>
-!>    lane by lane       a lane alone among others has the gradient that it has among its likes
+!>    lane by lane       the gradient of a lane is the same whether all lanes differ or are equal
 !>    linear in w        g(0) = 0 and g(w + 2 v) = g(w) + 2 g(v)
 !>    of a Hamiltonian   u.(Dg v) = v.(Dg u): the derivative Dg of a gradient is symmetric
 !>
 !> A model without one of these properties would run, but its results would not obey Hamiltonian equations. The
 !> probe takes fourteen gradients in all, whatever the numbers of degrees of freedom and noises: five for lanes and
 !> weights, and nine for the symmetry.
-!> The five have the weights w, w in all lanes alike, 0, v and w + 2 v; the nine are that of the sum, for its size,
-!> and two products of two differences each.
+!> The five have the weights w, the weights of one lane in all lanes, 0, v and w + 2 v; the nine are one gradient of the
+!> sum, for its size, and eight for two products, each by two differences of two gradients.
 module symsde_model_probe_gradient
    use symsde_base_kinds, only: wp, i8, unwritten_bits
    use symsde_base_status, only: error_type, raise, false_trait
@@ -217,8 +217,8 @@ contains
    end subroutine probe_symmetry
 
    !> Refuse the gradient, and name the Hamiltonian and the pair of derivatives that differ most at a point. In systems
-   !> too large for this search, the message gives the result of the two directions. If no pair clearly differs, there
-   !> is no verdict.
+   !> too large for this search, the message gives the result of the two directions. If no pair clearly differs, nothing
+   !> is refused.
    subroutine blame(points, lane, one_way, other_way, error)
       type(probe_points), intent(inout) :: points
       integer, intent(in) :: lane
@@ -251,12 +251,12 @@ contains
       end do
    end subroutine blame
 
-   !> Find the second derivative of the sum that differs most from the one with exchanged variables, if the difference
-   !> is clear.
+   !> Find the second derivative of the sum that differs most from the derivative with exchanged variables, if the
+   !> difference is clear.
    subroutine worst_pair(points, lane, row, column, there, back)
       type(probe_points), intent(in) :: points
       integer, intent(in) :: lane
-      type(finding), intent(out) :: row, column    !! row%lane = 0: there is none
+      type(finding), intent(out) :: row, column    !! row%lane = 0: no clear difference
       real(wp), intent(out) :: there, back         !! the two derivatives
       real(wp) :: d(2*points%ndof, 2*points%ndof)
       integer :: n, at(2)

@@ -20,8 +20,8 @@ contains
    !> 0 if there is none; else `what` names the quantity that should vanish, and x is its value.
    !>
    !> identity_mass is compared with p itself. For constant_mass no matrix is known, but M^-1 p is a function of p
-   !> alone, and additive: H_p(q_a, p_a + p_b) = H_p(q_a, p_a) + H_p(q_b, p_b) at any two points and times. Compared
-   !> here with the first point as b and every other point as a.
+   !> alone, and additive: H_p(q_a, p_a + p_b) = H_p(q_a, p_a) + H_p(q_b, p_b) at any two points and times. The first
+   !> point is b, every other point is a.
    subroutine compare_mass(points, tolerance, trait, bad, what, x)
       type(probe_points), intent(in) :: points
       real(wp), intent(in) :: tolerance               !! part of the gradient that counts as rounding

@@ -14,12 +14,12 @@ module symsde_model_probe_noise_time
    public :: noise_changes_in_time
 
    real(wp), parameter :: earliest = 1.3e-3_wp, latest = 1e5_wp  !! first and last time of the test [time]
-   real(wp), parameter :: ratio = 1.618033988749895_wp           !! ratio of successive times: no period fits all
+   real(wp), parameter :: ratio = 1.618033988749895_wp           !! ratio of successive times; no period fits them all
 
 contains
 
-   !> True if the gradient of the noises, all in one sum with different weights in each lane, differs from that at t = 0
-   !> at some later time.
+   !> True if the gradient of the noises, all in one sum with different weights in each lane, differs at some later time
+   !> from the gradient at t = 0.
    logical function noise_changes_in_time(model)
       class(model_type), intent(in) :: model
       real(wp), dimension(lane_unit, model%traits%ndof) :: q, p, hq, hp, first_q, first_p
@@ -43,7 +43,7 @@ contains
          if (m == 0) return
          call model%gradient(lane_unit, n, m, 0.0_wp, w, q, p, first_q, first_p)
          later = earliest
-         ! About forty times in geometric progression, since the model's unit of time is unknown.
+         ! Test about forty points in time, in geometric progression, since the model's unit of time is unknown.
          do while (later < latest)
             call model%gradient(lane_unit, n, m, later, w, q, p, hq, hp)
             noise_changes_in_time = differ(size(hq), hq, first_q) .or. differ(size(hp), hp, first_p)
@@ -62,7 +62,7 @@ contains
 
       changed = 0
       do i = 1, n
-         ! Count changes rather than leave the loop at the first: a loop without an exit can be vectorised.
+         ! Count all changes instead of leaving the loop at the first change: a loop without an exit can be vectorised.
          changed = changed + merge(1_i8, 0_i8, (abs(a(i)) <= huge(a) .or. abs(b(i)) <= huge(b)) .and. &
                                    .not. abs(a(i) - b(i)) <= 0)
       end do

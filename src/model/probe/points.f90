@@ -154,7 +154,7 @@ contains
       call find_slope(self)
    end subroutine take_all
 
-   !> Size of the gradient of the sum, the scale for every product.
+   !> Find the size of the gradient of the sum, which is the scale for every product.
    subroutine find_slope(self)
       type(probe_points), intent(inout) :: self
       real(wp), allocatable :: hq(:, :), hp(:, :)
@@ -192,7 +192,8 @@ contains
    !> for the second step, get the scale no_verdict.
    !>
    !> The first difference alone costs half, and most products refute nothing. So callers may first pass sure = .false.,
-   !> and compute both differences only if the first one refutes a trait: both refute no more than the first.
+   !> and compute both differences only if the first one refutes a trait: a trait that the first difference does not
+   !> refute is not refuted by both, either.
    subroutine product(self, vq, vp, uq, up, scale, sure)
       class(probe_points), intent(in) :: self
       real(wp), intent(in) :: vq(nlane, self%ndof), vp(nlane, self%ndof)
@@ -295,8 +296,8 @@ contains
       if (abs(up(lane, ip)) > abs(uq(lane, iq))) column = finding(lane, 2, ip)
    end function largest_entry
 
-   !> The row of the Hessian of the sum to which a component belongs, by its product with a unit vector. Strictly this
-   !> product is the column, which equals the row if the Hessian is symmetric, as it must be.
+   !> The row of the Hessian of the sum to which a component belongs, by its product with a unit vector. This product is
+   !> the column, which equals the row, since the Hessian is symmetric.
    subroutine row_of_hessian(self, row, uq, up)
       class(probe_points), intent(in) :: self
       type(finding), intent(in) :: row
@@ -325,7 +326,7 @@ contains
       call slope_with(self, step, slope, values)
       step = default_step/4
       call slope_with(self, step, other, values)
-      ! The caller gives no verdict if the two steps disagree.
+      ! If the two steps disagree, callers do not judge.
       apart = abs(slope - other)
       where (.not. state <= too_far) apart = huge(apart)
    end subroutine slope_of_values

@@ -36,7 +36,7 @@ contains
       call points%gradient(gq, gp, scale)
       call points%model%hessian_banded(nlane, n, points%nnoise, 1, points%t, points%w, points%q, points%p, hqq=bands)
       call block_from_rows(rows, nlane, n, points%nnoise, points%t, points%w, points%q, hq, hqq)
-      ! The last mass has no neighbour beyond it, so that this entry has no meaning in rows or bands.
+      ! The entry beyond the last mass has no meaning in rows or bands.
       hqq(:, 1, n) = 0
       bands(:, 1, n) = 0
       ! Forces are compared to six digits, and the stiffness to four, since bands may be differences.

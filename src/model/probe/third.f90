@@ -61,8 +61,9 @@ contains
       call judge(points, largest, 'p', up, dp, error)
    end subroutine probe_third
 
-   !> The second difference of the gradient along two directions, that of the probe and (bq, bp), with a separate step e
-   !> in every lane. `largest` sums the sizes of all gradients in it, since rounding is proportional to these.
+   !> The second difference of the gradient along two directions, the direction of the probe and (bq, bp), with a
+   !> separate step e in every lane. `largest` sums the sizes of all gradients in it, since rounding is proportional to
+   !> these.
    subroutine second_difference(points, e, bq, bp, dq, dp, largest)
       type(probe_points), intent(in) :: points
       real(wp), intent(in) :: e(nlane), bq(nlane, points%ndof), bp(nlane, points%ndof)

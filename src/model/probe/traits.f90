@@ -29,7 +29,7 @@ module symsde_model_probe_traits
    real(wp), parameter :: vanishing = 1.0e-6_wp  !! entries below this part of the largest count as zero
    real(wp), parameter :: matching = 1.0e-4_wp   !! relative mismatch of derivatives
    integer, parameter :: largest_dense = 64      !! ndof up to which dense blocks are probed
-   integer, parameter :: dense_alone = 16        !! .. for each sum; above this only for H and one sum of all
+   integer, parameter :: dense_alone = 16 !! ndof up to which they are probed for each H_k; above it for H and one sum
 
    !> Kinds of the model's second derivatives that are compared with differences.
    integer, parameter :: by_product = 1, by_blocks = 2, by_bands = 3, by_joint = 4

@@ -5,9 +5,9 @@
 !> with nham = nnoise + 1, and hqp(nlane, i, j) = d2/(dq_i dp_j) is hqp[j][i][nlane]. An unwanted output is a work array
 !> whose content is discarded, or NULL for functions that accept NULL: writing to NULL ends the process. The functions
 !> are called from several threads at once, must compute every lane independently, and mark a lane that fails by NaN.
-!> Outputs are NaN before every call, so unwritten lanes fail too: numba returns 0 in the middle of a block if a lane
-!> divides by zero. A nonzero return aborts the run: the outputs of that call become NaN and failure_code() returns the
-!> first such code.
+!> Outputs are set to NaN before every call, so that lanes which a function does not write fail, too: a function of
+!> numba returns 0 in the middle of a block if a lane divides by zero. A nonzero return aborts the run: the outputs of
+!> that call become NaN and failure_code() returns the first such code.
 !>
 !> Each function gets a whole block, padded to full vectors; if any_lanes is true, the real lanes alone. Do not copy
 !> with allocate(source=): two models would own one record. Assignment is safe.
@@ -49,7 +49,7 @@ module symsde_model_user_callback
       procedure(chain_rows_callback), pointer, nopass :: on_chain_rows => null()
       procedure(third_derivative_callback), pointer, nopass :: on_third_derivative => null()
       logical :: null_accepted = .false.         !! unwanted outputs are NULL
-      type(c_ptr) :: user = c_null_ptr           !! passed to every function, beside parameters that go by path
+      type(c_ptr) :: user = c_null_ptr           !! user pointer of all functions, unless parameters differ by path
       type(path_parameters) :: parameters        !! by path; none by default
       type(failure_record) :: failure            !! first nonzero return
    contains
@@ -114,8 +114,8 @@ contains
       call self%failure%begin()
    end subroutine new_callback_model
 
-   !> Add a function before the model is used: gradient and Hessian together; it also replaces a missing Hessian.
-   !> c_null_funptr removes it.
+   !> Add a function that computes gradient and Hessian together, before the model is used; it also replaces a missing
+   !> Hessian. c_null_funptr removes it.
    subroutine set_gradient_hessian(self, gradient_hessian)
       class(callback_model), intent(inout) :: self
       type(c_funptr), intent(in) :: gradient_hessian  !! a gradient_hessian_callback, or c_null_funptr
@@ -169,7 +169,7 @@ contains
       call spoil(size(qn), qn, pn)
    end subroutine flow
 
-   !> Add a function before the model is used: rows of force and stiffness; c_null_funptr removes it. Refuses a
+   !> Add a function for rows of force and stiffness, before the model is used; c_null_funptr removes it. Refuses a
    !> model that does not declare such a chain.
    subroutine set_chain_rows(self, chain_rows, error)
       class(callback_model), intent(inout) :: self
@@ -189,7 +189,8 @@ contains
       self%offers%rows_of_one = .true.  ! used only if any_lanes guarantees the same bits
    end subroutine set_chain_rows
 
-   !> Add a function before the model is used: third derivatives, for nested brackets; c_null_funptr removes it.
+   !> Add a function for third derivatives, which nested brackets need, before the model is used; c_null_funptr removes
+   !> it.
    subroutine set_third_derivative(self, third_derivative)
       class(callback_model), intent(inout) :: self
       type(c_funptr), intent(in) :: third_derivative  !! a third_derivative_callback, or c_null_funptr
@@ -452,9 +453,9 @@ contains
       call self%failure%note(int(code, i4))
    end subroutine note
 
-   !> Parameters by path, before the model is used: row i (nrow, nparameter) for path first_path + i of a run, or one
-   !> row for all paths. The functions are given symsde_lanes of symsde.h in place of the user pointer. Without rows
-   !> it is the user pointer again.
+   !> Set parameters that differ by path, before the model is used: row i (nrow, nparameter) is for path first_path + i
+   !> of a run, or one row for all paths. The functions then get symsde_lanes of symsde.h in place of the user pointer.
+   !> Without rows they get the user pointer again.
    subroutine set_parameters(self, values, error)
       class(callback_model), intent(inout) :: self
       real(wp), intent(in) :: values(:, :)
@@ -473,7 +474,7 @@ contains
       if (size(values, 1) > 1) self%traits%npath = size(values, 1, i8)
    end subroutine set_parameters
 
-   !> Another user pointer, for functions to which it is data alone: what was probed stays probed.
+   !> Set another user pointer, if it is only data for the functions: the results of probes are kept.
    subroutine set_user(self, user)
       class(callback_model), intent(inout) :: self
       type(c_ptr), intent(in) :: user
@@ -481,7 +482,8 @@ contains
       self%user = user
    end subroutine set_user
 
-   !> The model whose lanes are told their paths, where its parameters go by path.
+   !> A view of the model that gives the functions the parameters of the paths in its lanes, if parameters differ by
+   !> path.
    subroutine for_paths(self, paths, view)
       class(callback_model), intent(in), target :: self
       type(lane_paths), pointer, intent(in) :: paths
@@ -507,7 +509,7 @@ contains
       call left%failure%begin()
    end subroutine copy
 
-   !> All but the record of failure.
+   !> Copy everything except the record of failure.
    subroutine take_over(left, right)
       class(callback_model), intent(inout) :: left
       class(callback_model), intent(in) :: right

@@ -34,7 +34,7 @@ module symsde_model_user_callback_flow
    end type functional_buffer
 
    abstract interface
-      !> Whole steps: see model_type%flow.
+      !> Whole steps of a user's model by one map, see model_type%flow.
       function flow_callback(nlane, ndof, nham, nstep, every, max_iter, t, h, w, functionals, q, p, qn, pn, status, &
                              user) bind(c) result(code)
          import :: c_int, c_int64_t, c_double, c_ptr, nfunctional
@@ -92,7 +92,7 @@ contains
       end do
    end function place_of
 
-   !> Take the steps of a map that has a function, in the first n lanes; further lanes repeat the last of these.
+   !> Take the steps of a map that has a function, in the first n lanes; further lanes repeat lane n.
    subroutine take(self, map, steps, ndof, n, user, q, p, qn, pn, status, code)
       class(user_flows), intent(in) :: self
       type(step_map), intent(in) :: map

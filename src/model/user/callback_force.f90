@@ -1,8 +1,9 @@
 ! SPDX-License-Identifier: BSD-3-Clause
 !> Forces that are C functions (symsde_force and symsde_force_derivative in symsde.h): one for F, one for the f_k.
 !>
-!> Each writes its part of Fhat = h F + sum_k dW_k f_k, with the weights of the lanes. Outputs are NaN before every
-!> call, so lanes that are left unwritten fail. A nonzero return ends the run, as that of any function of a model.
+!> Each function writes its part of Fhat = h F + sum_k dW_k f_k, with the weights of the lanes. Outputs are set to NaN
+!> before every call, so that lanes which a function does not write fail. A nonzero return value ends the run, like that
+!> of any function of a model.
 module symsde_model_user_callback_force
    use, intrinsic :: iso_c_binding, only: c_associated, c_f_procpointer, c_funptr, c_null_ptr, c_ptr
    use symsde_base_kinds, only: wp
@@ -13,7 +14,7 @@ module symsde_model_user_callback_force
    private
    public :: callback_force
 
-   !> The functions of one part.
+   !> The functions of F, or of the f_k.
    type :: part_type
       procedure(force_callback), pointer, nopass :: on_force => null()
       procedure(force_derivative_callback), pointer, nopass :: on_derivative => null()
@@ -32,7 +33,7 @@ module symsde_model_user_callback_force
 
 contains
 
-   !> Let a function be F (part 1) or the f_k (part 2); c_null_funptr takes it back.
+   !> Set the function of F (part 1) or of the f_k (part 2); c_null_funptr removes it.
    subroutine set(self, part, force, derivative, in_position, user)
       class(callback_force), intent(inout) :: self
       integer, intent(in) :: part
@@ -85,7 +86,7 @@ contains
       if (code /= 0) call spoil(nlane*ndof, f)
    end subroutine find
 
-   !> Derivatives of the sum; differences where a part has none.
+   !> Derivatives of Fhat, the sum of both parts; by differences for a part without a function for derivatives.
    subroutine derivative(self, nlane, ndof, nnoise, t, w, q, p, fq, fp, code)
       class(callback_force), intent(in) :: self
       integer, intent(in) :: nlane, ndof, nnoise

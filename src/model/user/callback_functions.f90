@@ -96,7 +96,8 @@ module symsde_model_user_callback_functions
          integer(c_int) :: code
       end function force_callback
 
-      !> Its derivatives, fq(:, i, j) of component i by q_j and fp by p_j.
+      !> Derivatives of these forces: fq(:, i, j) of component i with respect to q_j, and fp(:, i, j) with respect to
+      !> p_j.
       function force_derivative_callback(nlane, ndof, nham, t, w, q, p, fq, fp, user) bind(c) result(code)
          import :: c_int, c_double, c_ptr
          integer(c_int), value :: nlane, ndof, nham

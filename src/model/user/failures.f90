@@ -1,6 +1,6 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> The first nonzero code that a user's functions returned. A model is intent(in) in a run, and several threads ask it,
-!> so the code stands behind a pointer. A view of a model has the record of the model.
+!> The first nonzero code that a user's functions returned. Models are intent(in) in a run, and several threads call
+!> them, so the code is behind a pointer. A view of a model shares the record of the model.
 !>
 !> Private to its family.
 module symsde_model_user_failures
@@ -12,7 +12,7 @@ module symsde_model_user_failures
    type :: failure_record
       private
       integer(i4), pointer :: code => null()
-      logical :: is_shared = .false.  !! it is that of another model, which lives longer
+      logical :: is_shared = .false.  !! code belongs to another model, which lives longer
    contains
       procedure :: begin
       procedure :: see
@@ -32,7 +32,7 @@ contains
       call self%clear()
    end subroutine begin
 
-   !> Be the record of another model.
+   !> Share the record of another model.
    subroutine see(self, other)
       class(failure_record), intent(inout) :: self
       type(failure_record), intent(in) :: other
@@ -41,7 +41,7 @@ contains
       self%is_shared = .true.
    end subroutine see
 
-   !> Keep the first nonzero code. Of two threads that fail at the same moment either may win.
+   !> Keep the first nonzero code. If two threads fail at the same moment, either code may be kept.
    subroutine note(self, code)
       class(failure_record), intent(in) :: self
       integer(i4), intent(in) :: code
@@ -51,7 +51,7 @@ contains
       self%code = code
    end subroutine note
 
-   !> The first code since clear; 0 = none.
+   !> The first code since the last `clear`; 0 = none.
    integer function first(self)
       class(failure_record), intent(in) :: self
 

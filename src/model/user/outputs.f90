@@ -10,7 +10,7 @@ module symsde_model_user_outputs
    public :: little, find_room, keep, spoil
 
    integer, parameter :: line = 8              !! numbers of a cache line, where columns begin
-   integer, parameter :: little = 512 + line   !! numbers on the stack, including those skipped before the first line
+   integer, parameter :: little = 512 + line   !! numbers on the stack; the first few are skipped, up to the first line
 
 contains
 

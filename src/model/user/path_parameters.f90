@@ -1,11 +1,11 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> Parameters of a user's functions that go by path: path first + i of a run has row i of a table, or all paths have its
-!> only row.
+!> Parameters of a user's functions that differ by path: path first + i of a run has row i of a table, or all paths have
+!> its only row.
 !>
-!> The functions are given the address of c_lanes (symsde_lanes of symsde.h) in place of the user pointer: the
-!> parameters of the lanes of this call, and the user pointer. A view of the model knows its paths (base/lane_paths),
-!> and keeps the parameters of the last call for lanes that are asked for again. A model that is asked by itself, as
-!> probes do, has the parameters of the first path in every lane.
+!> In place of the user pointer the functions get the address of c_lanes (symsde_lanes of symsde.h), which has the
+!> parameters of the lanes of this call and the user pointer. A view of the model knows its paths (base/lane_paths), and
+!> keeps the parameters of its last call, for further calls with the same lanes. If the model itself is called, as by
+!> probes, every lane has the parameters of the first path.
 !>
 !> Private to its family.
 module symsde_model_user_path_parameters
@@ -22,32 +22,32 @@ module symsde_model_user_path_parameters
       type(c_ptr) :: user = c_null_ptr
    end type c_lanes
 
-   !> The parameters of some lanes, as the functions are given them.
+   !> The parameters of the lanes of a call, in the form in which the functions get them.
    type :: lane_room
-      integer(i8) :: number = 0          !! of the list of paths (base/lane_paths); 0 = not filled
+      integer(i8) :: number = 0          !! number of the list of paths (base/lane_paths); 0 = not filled
       integer :: nlane = 0
       type(c_lanes) :: given
       real(wp), allocatable :: values(:) !! (nlane*nparameter)
    end type lane_room
 
-   !> A call of a function for some lanes.
+   !> A call of a user's function for some lanes: enter returns it, leave ends it.
    type :: lane_call
       type(c_ptr) :: user = c_null_ptr                    !! the user pointer of this call
-      type(lane_room), pointer, private :: own => null()  !! room for this call alone
+      type(lane_room), pointer, private :: own => null()  !! parameters for this call alone
    contains
       procedure :: leave
    end type lane_call
 
-   !> A table, and how many models read it.
+   !> A table of parameters, and the number of models that share it.
    type :: common_table
       real(wp), allocatable :: values(:, :)  !! (nrow, nparameter)
       integer :: owners = 1
    end type common_table
 
    type :: path_parameters
-      logical :: act = .false.  !! whether there is a table; without one no call need be entered or left
+      logical :: act = .false.  !! whether there is a table; otherwise calls need neither enter nor leave
       type(common_table), pointer, private :: common => null()
-      type(lane_room), pointer, private :: rooms(:) => null()  !! of a view, one for each list of paths that may be open
+      type(lane_room), pointer, private :: rooms(:) => null()  !! in a view, one for each open list of paths
    contains
       procedure :: set
       procedure :: nrow
@@ -59,7 +59,7 @@ module symsde_model_user_path_parameters
 
 contains
 
-   !> Take a copy of these values (nrow, nparameter). info is not 0 without memory.
+   !> Take a copy of these values (nrow, nparameter). info is not 0 if memory does not suffice.
    subroutine set(self, values, info)
       class(path_parameters), intent(inout) :: self
       real(wp), intent(in) :: values(:, :)
@@ -72,7 +72,7 @@ contains
       if (info /= 0) call self%release()
    end subroutine set
 
-   !> Number of rows; 0 = all paths have the same parameters, which the functions know.
+   !> Number of rows; 0 = no table: the functions have their own parameters, the same for all paths.
    pure integer(i8) function nrow(self)
       class(path_parameters), intent(in) :: self
 
@@ -80,7 +80,7 @@ contains
       if (associated(self%common)) nrow = size(self%common%values, 1, i8)
    end function nrow
 
-   !> Have the table of another model.
+   !> Share the table of another model.
    subroutine share(self, other)
       class(path_parameters), intent(inout) :: self
       type(path_parameters), intent(in) :: other
@@ -94,15 +94,15 @@ contains
       self%common%owners = self%common%owners + 1
    end subroutine share
 
-   !> Keep the parameters of the last lanes, as a view does, which one thread asks.
+   !> Keep the parameters of the last call, in a view, which a single thread uses.
    subroutine see_paths(self)
       class(path_parameters), intent(inout) :: self
 
       allocate (self%rooms(0:most_deep))
    end subroutine see_paths
 
-   !> A call for nlane lanes: its user pointer is the address of the parameters of these lanes beside that of the
-   !> functions. It must be left afterwards.
+   !> Begin a call for nlane lanes: call%user is the address of the parameters of these lanes and of the functions' user
+   !> pointer. The caller ends the call by leave.
    subroutine enter(self, paths, nlane, user, call)
       class(path_parameters), intent(in) :: self
       type(lane_paths), pointer, intent(in) :: paths
@@ -129,14 +129,14 @@ contains
       call%user = c_loc(room%given)
    end subroutine enter
 
-   !> Give back the room of a call.
+   !> End a call: free the parameters that were allocated for it alone.
    subroutine leave(self)
       class(lane_call), intent(inout) :: self
 
       if (associated(self%own)) deallocate (self%own)
    end subroutine leave
 
-   !> The rows of the paths that the lanes are.
+   !> Copy the rows of the paths of these lanes from the table.
    subroutine gather(table, paths, nlane, room)
       type(common_table), intent(in) :: table
       type(lane_paths), pointer, intent(in) :: paths
@@ -162,13 +162,13 @@ contains
       room%given%parameters = c_loc(room%values)
    end subroutine gather
 
-   !> Give back the table, which its last owner deletes, and the rooms.
+   !> Leave the table, which its last owner frees, and free the rooms.
    subroutine release(self)
       class(path_parameters), intent(inout) :: self
       integer :: left, i
 
       if (associated(self%rooms)) then
-         do i = 0, most_deep  ! gfortran 12 frees the array of rooms without what they hold
+         do i = 0, most_deep  ! gfortran 12 frees the array of rooms, but not their components
             if (allocated(self%rooms(i)%values)) deallocate (self%rooms(i)%values)
          end do
          deallocate (self%rooms)

@@ -1,5 +1,5 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> Hessians by a user's functions that write all of their outputs, where some are wanted.
+!> Hessians of user's functions that write all of their outputs, for callers that need only some of them.
 !>
 !> Private to its family.
 module symsde_model_user_whole
@@ -39,7 +39,7 @@ contains
       end associate
    end subroutine whole_hessian
 
-   !> The same of the joint function.
+   !> Compute gradient and all blocks of the Hessian by such a joint function, and keep the outputs that are present.
    subroutine whole_gradient_hessian(function, nlane, ndof, nnoise, t, w, q, p, user, code, hq, hp, hqq, hqp, &
                                      hpp)
       procedure(gradient_hessian_callback) :: function

@@ -14,8 +14,8 @@
 !> lanes `record` notes the step of the failure and counts them. From then on their state does not change, though their
 !> lanes are still computed along with the others.
 !>
-!> States that a model computed as a whole are checked instead: several states at once by `judge`, which accepts all or
-!> none; those of a single step lane by lane by `take_sound`.
+!> Where a model computes states by whole steps, its states are checked instead of increments: several states at once by
+!> `judge`, which accepts all or none; those of a single step lane by lane by `take_sound`.
 !>
 !> A block has several lanes, or one: a single path, whose numbers are adjacent in memory.
 !>
@@ -28,7 +28,7 @@ module symsde_step_block_state
    private
    public :: lane_state, new_lane_state, passed_states
 
-   integer, parameter :: narrow = 4  !! degrees of freedom up to which a single path is added number by number
+   integer, parameter :: narrow = 4  !! most numbers of a single path that are added one by one
 
    !> A failed path keeps its last good state, its status and the step in which it failed. Between the failure and
    !> `record` its status is set, failed_step is still -1 and nfailed does not count the path. Lanes of padding have a
@@ -53,8 +53,8 @@ module symsde_step_block_state
       procedure :: take_first
    end type lane_state
 
-   !> States between steps that are taken at once, kept until observers have seen them: an advance begins with n = 0.
-   !> Low parts are not kept, since observers use only q and p.
+   !> States of a block after some steps of one `advance`, kept until observers have seen them; n is their number, and
+   !> zero when an advance begins. Low parts are not kept, since observers use only q and p.
    type :: passed_states
       integer :: n = 0                                   !! number of states
       real(wp), allocatable :: q(:, :, :), p(:, :, :)    !! (nlane, ndof, capacity)
@@ -92,7 +92,8 @@ contains
          call self%advance_block(dq, dp, failed)
          return
       end if
-      ! The numbers of a single path are adjacent. `failed` means that it failed in this step, not before.
+      ! The numbers of a single path are adjacent in memory. `failed` is true if the path failed in this step, and not
+      ! before.
       call advance_path(self%ndof, dq, dp, self%q, self%p, self%status(1), failed, self%q_low, self%p_low)
       failed = failed .and. self%nfailed == 0
       if (failed .and. self%status(1) == 0) self%status = nonfinite
@@ -180,7 +181,7 @@ contains
       ! lane by lane, without a kernel: this runs only for a step in which a lane fails
       do lane = 1, self%nlane
          if (self%status(lane) /= 0) cycle
-         ! The model's code; or nonfinite, if the model set none but the state is not finite.
+         ! The code that the model has set, or nonfinite if the model has set none and the state is not finite.
          self%status(lane) = status(lane)
          if (status(lane) /= 0) cycle
          if (all(abs(q(lane, :)) <= huge(q)) .and. all(abs(p(lane, :)) <= huge(p))) then
@@ -296,7 +297,7 @@ contains
             call add_low(dq(i), q(i), q_low(i))
             call add_low(dp(i), p(i), p_low(i))
          end do
-      else if (n <= narrow) then  ! few numbers have just been stored one by one: add them so
+      else if (n <= narrow) then  ! few numbers have just been stored one by one: add them one by one, too
          !GCC$ novector
          do i = 1, n
             q(i) = q(i) + dq(i)
@@ -359,7 +360,7 @@ contains
       bad = 0
       do i = 1, n
          do lane = 1, nlane
-            bad(lane) = bad(lane) + (0*q(lane, i) + 0*p(lane, i))  ! NaN if one is not finite
+            bad(lane) = bad(lane) + (0*q(lane, i) + 0*p(lane, i))  ! NaN if q or p is not finite
          end do
       end do
       count = 0
@@ -407,7 +408,7 @@ contains
             bad(lane) = bad(lane) + (0*(q(lane, i) + dq(lane, i)) + 0*(p(lane, i) + dp(lane, i)))
          end do
       end do
-      ! The verdict: one if some sum is not finite, or if the lane had a status.
+      ! bad = 1 if some sum is not finite or the lane had a status, else 0.
       do lane = 1, nlane
          bad(lane) = merge(0.0_wp, 1.0_wp, abs(bad(lane)) <= 0 .and. status(lane) == 0)
       end do

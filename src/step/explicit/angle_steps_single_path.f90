@@ -35,7 +35,7 @@ module symsde_step_explicit_angle_steps_single_path
       real(wp), dimension(1, 1) :: f, v, x, y
       type(angle_terms) :: terms                   !! a .. f of Hhat in the current stage
       type(angle_terms), allocatable :: noises(:)  !! terms of each H_k (nnoise)
-      real(wp) :: sine = 0, cosine = 0             !! of the angle of the last force
+      real(wp) :: sine = 0, cosine = 0             !! of q where the last force was evaluated
    contains
       procedure :: make => make_room
    end type room_type
@@ -52,14 +52,14 @@ module symsde_step_explicit_angle_steps_single_path
       fits = task%nlane == 1 .and. (offers%angle .or. offers%linear)
    end function angle_steps_fit
 
-   !> One path, which the compiler knows.
+   !> One lane: a constant, which the compiler folds into the bounds of loops.
    pure integer function lanes(self)
       type(explicit_stepper), intent(in) :: self
 
       lanes = 1
    end function lanes
 
-   !> One degree of freedom, which the compiler knows.
+   !> One degree of freedom: a constant, which the compiler folds into the bounds of loops.
    pure integer function degrees(self)
       type(explicit_stepper), intent(in) :: self
 
@@ -91,7 +91,7 @@ module symsde_step_explicit_angle_steps_single_path
       real(wp), intent(out) :: hq(1, 1)
 
       associate (terms => self%room%terms, sine => self%room%sine, cosine => self%room%cosine)
-         ! Add in the order of such a model's gradient; without an angle a = b = 0.
+         ! Add in the order in which the gradient of a model with an angle adds. Without an angle a = b = 0.
          if (self%ham%offers%angle) then
             sine = sincos_one(q(1, 1), cosine)
             hq = terms%a*sine + (terms%b*cosine + (terms%c*q + terms%d))

@@ -25,7 +25,7 @@ module symsde_step_explicit_damped
       private
       type(evaluation_order) :: plan
       type(tableau_decays) :: decays
-      real(wp), allocatable :: f(:, :, :), v(:, :, :)  !! of each stage (nlane, ndof, nstage)
+      real(wp), allocatable :: f(:, :, :), v(:, :, :)  !! slopes of each stage (nlane, ndof, nstage)
       real(wp), allocatable :: qs(:, :), ps(:, :)      !! point of one stage (nlane, ndof)
    contains
       procedure :: make
@@ -79,7 +79,7 @@ contains
       end associate
    end subroutine increment
 
-   !> The wanted slopes of stage i.
+   !> Evaluate the slopes of stage i that are wanted: Hhat_q if `force`, Hhat_p if `velocity`.
    subroutine evaluate(self, step, i, force, velocity)
       class(damped_explicit_stepper), intent(inout) :: self
       type(step_record), intent(in) :: step

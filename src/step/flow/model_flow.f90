@@ -8,8 +8,8 @@
 !> own. This stepper finds the map for a task, handles failures, and makes increments for callers that need them. A flow
 !> agrees with the general stepper to rounding, and gives the bits of single steps (tests/verification/test_whole.pf).
 !>
-!> Of a model that is damped by one rate the map decays as base/record says: the numbers that it wants are found when h
-!> changes, and handed on with the steps.
+!> If momenta are damped by one rate, the map decays as base/record says: its decay factors are computed when h changes,
+!> and handed to the model with the steps.
 !>
 !> A flow is searched in this order:
 !>
@@ -50,7 +50,7 @@ module symsde_step_flow_model_flow
       real(wp) :: rate = 0                    !! of a damped map
       real(wp) :: node = 0                    !! c of its first stage
       type(kicks_type), allocatable :: kicks  !! of a splitting, without decays
-      real(wp) :: h = 0                       !! the step that decays were found for
+      real(wp) :: h = 0                       !! length of the step for which decays were computed
       type(step_decays) :: decays
    contains
       procedure :: make
@@ -177,7 +177,7 @@ contains
    !> in the last index. The model fills the counters of the Hamiltonian.
    subroutine flow(self, steps, q, p, qn, pn, status)
       class(model_flow_stepper), intent(inout) :: self
-      type(steps_record), intent(inout) :: steps   !! gets the decays of its steps
+      type(steps_record), intent(inout) :: steps   !! the decays of its steps are set here
       real(wp), intent(in) :: q(steps%nlane, self%ham%ndof), p(steps%nlane, self%ham%ndof)
       real(wp), intent(out) :: qn(steps%nlane, self%ham%ndof, steps%nstep/steps%every)
       real(wp), intent(out) :: pn(steps%nlane, self%ham%ndof, steps%nstep/steps%every)

@@ -54,7 +54,7 @@ contains
       real(wp) :: x(1, size(self%inverse))
       integer :: lane
 
-      ! Of masses that go by path no numbers are kept: the model is asked.
+      ! If masses differ from path to path, no numbers are kept: the model is called for every velocity.
       self%known = model%traits%by_path
       if (self%known) return
       ! Use the first lane at a finite position: iterates of other lanes may be anywhere.

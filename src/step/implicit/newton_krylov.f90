@@ -63,7 +63,7 @@ module symsde_step_implicit_newton_krylov
       type(krylov_type) :: krylov
       integer :: wanted = 0                             !! lanes that need a product
       real(wp), allocatable :: uq(:, :), up(:, :)       !! work array for a product of the Hessian (nlane, ndof)
-      real(wp), allocatable, private :: before(:), goal(:)  !! norms of the last residual, and to be reached (nlane)
+      real(wp), allocatable, private :: before(:), goal(:)  !! norm of the last residual, norm to be reached (nlane)
       real(wp), allocatable, private :: right(:, :)     !! right-hand side r of A d = r (nlane, unknowns)
       integer(i4), allocatable, private :: outcome(:)   !! outcome of lanes that need their matrix (nlane)
       integer, allocatable, private :: lanes(:)         !! lanes whose matrices are being formed, a few at once
@@ -155,8 +155,8 @@ contains
       if (.not. self%krylov%running) call begin_matrices(self)
    end subroutine take
 
-   !> Correct x <- x - d in the running lanes, and judge them. Before that, lanes that could not be solved by their
-   !> matrices either fail.
+   !> Correct x <- x - d in the running lanes, and judge them. Lanes that neither GMRES nor their matrices could solve
+   !> have failed before.
    subroutine finish(self, newton, x, status, counters)
       class(newton_krylov), intent(inout) :: self
       type(newton_type), intent(inout) :: newton

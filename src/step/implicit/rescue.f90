@@ -9,9 +9,9 @@
 !>    4. the path fails, with the status of rung 1
 !>
 !> The step is never divided, since that would be another scheme and another noise. The general stepper solves the same
-!> equations as every special stepper, so a root that it finds is one of the scheme.
+!> equations as every special stepper, so a root that it finds is a root of the scheme's equations.
 !>
-!> Damped Newton shortens a correction until it lowers the residual (solve/damping). Continuation solves the
+!> Damped Newton shortens a correction until the residual decreases (solve/damping). Continuation solves the
 !> equations of the weights (k/16) (h, dW), at the nodes of the whole step. Newton begins from zero for k = 1, where
 !> the slopes are small; each solution times k/(k-1) is the next starting point, since slopes are roughly proportional
 !> to the weights. Only the equations of k = 16 are those of the step and determine its result.
@@ -52,7 +52,7 @@ module symsde_step_implicit_rescue
       type(general_stepper), allocatable :: stepper  !! made when the first path needs it
       real(wp), allocatable :: w(:, :), q(:, :), p(:, :), dq(:, :), dp(:, :)  !! data of eight lanes
       real(wp), allocatable :: part(:, :)     !! a fraction of the weights w
-      type(counters_type) :: counters         !! counts of the work, and of saved path-steps
+      type(counters_type) :: counters         !! counts of the work, and of rescued path-steps
    contains
       procedure :: settle
       procedure :: attempt
@@ -194,7 +194,7 @@ contains
       ! Times and nodes of the whole step, with scaled weights.
       fraction = step
       fraction%w(1:, 0:) => self%part
-      lane_status(:n) = merge(0_i8, int(nonfinite, i8), lane_status(:n) /= 0)  ! try only lanes left by rung 2
+      lane_status(:n) = merge(0_i8, int(nonfinite, i8), lane_status(:n) /= 0)  ! only lanes that rung 2 has not solved
       self%stepper%x = 0
       do k = 1, parts
          ! Slopes are proportional to the weights up to higher orders: the guess for k is scaled by k/(k-1).
@@ -205,7 +205,7 @@ contains
       call self%stepper%add_up(self%p, self%dq, self%dp)
    end subroutine continue_increments
 
-   !> Add the counters. Lanes that fail here have failed in the step before, and count as one failure.
+   !> Add the counters. A lane that fails here has failed in the step before the rescue: it counts as one failure.
    subroutine tally(self, total)
       class(rescue_type), intent(in) :: self
       type(counters_type), intent(inout) :: total

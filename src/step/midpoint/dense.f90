@@ -3,8 +3,9 @@
 !>
 !>    x + f(base + c x) = 0,     for V with c = h/4, f = Hhat_q;   for dq with c = 1/2, f = (h/2) Hhat_q - (h p_n + g),
 !>
-!> by matrices I + (h/4) K or, for V, by the fixed-point iteration first: the body is dense.inc. Unlike for a single
-!> path, the passes over lanes come by `use`, since a call takes little time compared with a block.
+!> by matrices I + (h/4) K or, for V, by the fixed-point iteration first: the body is dense.inc. The passes over lanes
+!> are called from other modules, while the module for a single path includes their source: for a block a call takes
+!> little time.
 !>
 !> Private to its family.
 module symsde_step_midpoint_dense

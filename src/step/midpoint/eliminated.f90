@@ -41,7 +41,7 @@ module symsde_step_midpoint_eliminated
 
    integer, parameter :: by_matrix = 1, by_rows = 2, by_products = 3  !! ways of solving
    integer, parameter :: unit = lane_unit    !! lanes of a vector
-   integer(i8), parameter :: copy_rests = 1  !! status of copies that fill up lanes: any code but 0
+   integer(i8), parameter :: copy_rests = 1  !! status of copies that fill up a strip: any code but 0
 
    !> The stepper: the equation of the lanes that are taken together, the part that solves it, and arrays for a strip if
    !> a block is taken strip by strip.
@@ -228,8 +228,8 @@ contains
                  last => before + self%eq%nlane)
          ! |q + h (p + V/2)| and |p + V| are at most (extent + |V|) (1 + |h|), with extent the largest of |q| and |p|.
          ! If this bound is near overflow, or a lane needs dq as its unknown, increments of the whole strip are formed
-         ! in copies, and their sums tested. Because of the negation NaN leads to this test too. base and x are free
-         ! afterwards and receive the new states.
+         ! in copies, and their sums tested. Conditions are negated, so that NaN leads to this test, too. base and x are
+         ! free afterwards and receive the new states.
          if (eq%noncontracting .or. &
              .not. maxval(self%extent + self%part%newton%size)*(1 + abs(eq%h))*gain <= 0.1_wp*huge(eq%h)) then
             ! Copy the old states, since (q, p) of the block are overwritten below, lane by lane.

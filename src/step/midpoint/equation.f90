@@ -54,7 +54,8 @@ module symsde_step_midpoint_equation
       procedure :: weigh
    end type midpoint_equation
 
-   !> A way to solve the equation. Its Newton iteration has the counters, stopping test and options of all steppers.
+   !> A way to solve the equation. Its Newton iteration has the stopping test and the options that all steppers have,
+   !> and counts as theirs do.
    type, abstract :: midpoint_part
       type(newton_type) :: newton
    contains

@@ -52,8 +52,8 @@ contains
       end associate
    end subroutine make
 
-   !> Find x in lanes without a status, from V = 0 or from the dq of V. step/implicit/newton_krylov has matrix, goal and
-   !> judgement of every iteration; this procedure computes the residual x + f and the products.
+   !> Find x in lanes without a status, from V = 0 or from the dq of V. step/implicit/newton_krylov solves and judges
+   !> every iteration; this procedure computes the residual x + f and the products that it asks for.
    subroutine solve(self, ham, eq, w, status)
       class(krylov_midpoint), intent(inout) :: self
       type(one_step_hamiltonian), intent(inout) :: ham
@@ -84,8 +84,9 @@ contains
                call products%take()
             end do
             call products%finish(newton, eq%x, status, ham%counters)
-            ! |A v| - 1 is at most |(h/4) K v|, so a lane that counts as noncontracting has a rate above one. A lane is
-            ! judged by its own vectors alone: its bits must not depend on the number of vectors of its neighbours.
+            ! |A v| - 1 is at most |(h/4) K v| for |v| = 1, so a lane that counts as noncontracting has a rate above
+            ! one. A lane is judged by its own vectors alone: its bits must not depend on the number of vectors of its
+            ! neighbours.
             if (first) eq%rate = products%krylov%largest - 1  ! the largest |A v| of vectors of size one
             if (first) eq%noncontracting = any(eq%rate > 1)
          end do

@@ -83,8 +83,8 @@ contains
          call new_midpoint_full_stepper(full, task%model, task%nlane, task%newton, brackets=brackets)
          call move_alloc(full, self%inner)
       end if
-      ! Paths are taken one by one up to the limit of the inner stepper, and up to the number measured as faster with
-      ! the shifts.
+      ! Paths are taken one by one up to the limit of the inner stepper, and up to the number of paths for which this
+      ! was measured to be faster, shifts included.
       self%most_single = min(self%inner%most_single, few_of(task%model%traits%ndof, 3, 6)) ! four: 1.1 of a block's time
       call new_rescue(self%rescue, task, self%inner)
       call new_one_step_hamiltonian(self%ham, task%model, task%nlane, correction_none, 0.0_wp)

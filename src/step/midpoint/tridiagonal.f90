@@ -130,7 +130,7 @@ contains
          call eliminate_all(self, eq, eq%x, self%hq(1, 1), self%hqq)
          call correct(self, ham, eq, w, 0, eq%x, status)
       else if (self%gives_rows) then
-         ! No row comes before the first row of either front.
+         ! The first rows of both fronts: no row comes before them.
          self%fronts = spread(before_first_row, 3, 2)
          ! The upper front runs through rows 1 .. h, a panel at a time.
          do first = 1, h, self%nrow

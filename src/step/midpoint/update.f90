@@ -3,7 +3,7 @@
 !>
 !>    q_{n+1} = q_n + h (p_n + V/2),   p_{n+1} = p_n + V
 !>
-!> The bits are those of states to which increments from memory are added, with dq = h (p_n + V/2) rounded first.
+!> Bits are the same as where increments are stored and then added to the states, with dq = h (p_n + V/2) rounded first.
 !> Therefore this file is compiled without contraction: no product is fused with the sum. Contracted sums would be as
 !> accurate, but a run that moves states would have other bits than one that uses increments.
 !>
@@ -42,7 +42,7 @@ contains
       end do
    end subroutine add_in_place
 
-   !> VEC The same of a damped model: q = q + h (begin p + V/2) and p = p + (finish V + loss p), with the factors of
+   !> VEC The states of a damped model: q = q + h (begin p + V/2) and p = p + (finish V + loss p), with the factors of
    !> each degree of freedom.
    pure subroutine add_decayed_in_place(nlane, n, before, together, h, begin, loss, finish, v, status, q, p)
       integer, intent(in) :: nlane, n, before, together

@@ -54,7 +54,7 @@ module symsde_step_one_dof_brackets
       integer :: nlane = 0, nnoise = 0
       logical, public :: exact = .false.            !! whether the Hessian is the derivative of the gradient
       logical :: thirds = .false.                   !! whether all third derivatives are evaluated: H_j are separable
-      logical :: along = .false.                    !! whether third derivatives along fields are needed: not separable
+      logical :: along = .false. !! for H_j that are not separable: whether brackets need third derivatives along fields
       integer :: top = nplace                       !! number of known derivatives of H_j
       logical :: nested = .false.                   !! whether nested brackets are brackets of brackets
       logical :: partly = .false.                   !! whether step/hamiltonian/brackets computes a part

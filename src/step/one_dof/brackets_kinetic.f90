@@ -11,10 +11,11 @@
 !> in time: the sums are in brackets_kinetic.inc.
 !>
 !> The brackets follow from {F,G} = F_q G_p - F_p G_q. With F = H_k and G = H the single bracket is U_k' e_0 p - e_k p
-!> U_0' = p y_k'. The nested bracket is that of F = -p y_k' and G = H_k, which is -p y_k'' e_k p + y_k' U_k'.
+!> U_0' = p y_k'. The nested bracket {{H,H_k},H_k} has F = {H,H_k} = -p y_k' and G = H_k, so it is -p y_k'' e_k p + y_k'
+!> U_k'.
 !>
 !> An angle's derivatives of every order follow from one sine and one cosine, and Newton's matrix is exact. For other
-!> models two derivatives of U_j are evaluated, which determine the gradient, and the matrix is without higher ones.
+!> models two derivatives of U_j are evaluated, which determine the gradient, and the matrix lacks higher derivatives.
 !> With the general form of step/one_dof/brackets a step of an angle takes 2.6 to 4 times as long in blocks, and 3.6 to
 !> 8 times alone.
 !>
@@ -39,7 +40,7 @@ module symsde_step_one_dof_brackets_kinetic
    !> of the evaluation; if noises change in time, u(:, i, k, 2) and (.., 3) belong to U_k at both ends of the step.
    type :: kinetic_brackets
       integer :: nlane = 0, nnoise = 0
-      integer :: ntime = 1                         !! times of an evaluation; 3 if noises change: also both ends
+      integer :: ntime = 1 !! number of times of an evaluation; 3 if noises change: its own and both ends
       logical :: angle = .false.
       class(kernel_model), pointer :: fast => null()  !! the model with kernels, which gives terms of an angle
       real(wp) :: times(0:2) = 0                   !! times of evaluations in a step: its middle, and stages
@@ -57,8 +58,9 @@ module symsde_step_one_dof_brackets_kinetic
 
 contains
 
-   !> Whether the Hamiltonians of this model are known to be of this form, and no other terms are needed: an angle whose
-   !> nested brackets are exact, without areas and without noises that change; or H = p^2/2 + U(q), noise in position.
+   !> Whether the Hamiltonians of this model are known to be of this form, and no other terms of brackets are needed: an
+   !> angle whose nested brackets are exact, without areas and without noises that change; or H = p^2/2 + U(q), noise in
+   !> position.
    pure logical function are_kinetic(parts)
       type(modified_hamiltonian), intent(in) :: parts
       type(kernel_offers) :: offers

@@ -44,7 +44,7 @@ module symsde_step_one_dof_newton
       ! Only slopes are carried over; points and derivatives are computed again in every iteration.
       self%x = from%x(places, :)
       call start(self%newton, status)
-      ! brackets keep data of each lane during a step: compute them for the gathered lanes
+      ! Brackets keep data of each lane during a step: compute these data for the gathered lanes.
       if (allocated(self%brackets)) call self%brackets%begin(ham%modified, step, self%c)
       ! continue with the last corrections and the number of the iteration
       self%newton%last = merge(from%newton%last(places), self%newton%last, status == 0)

@@ -58,7 +58,7 @@ module symsde_step_one_dof_newton_single_path
       real(wp) :: smallest, zero
       integer :: i, n
 
-      ! n = s if the F are eliminated, else 2 s.
+      ! n = s unknowns if the F are eliminated, else 2 s.
       n = size(self%matrix, 2)
       ! `smallest` measures how small the pivots have become, as in solve/elimination.
       call solve_scalar(n, self%matrix, self%d(:, first:), smallest)

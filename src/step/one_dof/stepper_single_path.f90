@@ -25,8 +25,8 @@ module symsde_step_one_dof_stepper_single_path
 
 contains
 
-   !> most_single is the number of paths that run faster one by one than as a block. With one path more, single paths
-   !> take up to 1.3 of the time of a block, or 1.0 to 1.2 with brackets.
+   !> most_single is the number of paths that run faster one by one than as a block. With more paths, single paths take
+   !> up to 1.3 of the time of a block, or 1.0 to 1.2 with brackets.
    subroutine make(self, task)
       class(one_dof_stepper), intent(inout) :: self
       type(stepper_task), intent(in) :: task

@@ -74,9 +74,9 @@ contains
          allocate (self%slope(self%r, 0:self%s), source=scheme%slope)
       end associate
       allocate (self%moment(0:self%s - 1))
-      ! sum_i alpha_i l_mu'(c_i) p_n is the contribution of p_n to the momentum equations, as P_i = p_n + E_i. It is
-      ! -delta_{mu 0} p_n for a quadrature that integrates l_mu' exactly, and then cancels against the last term: the
-      ! moments are set to zero, or their rounding would be multiplied by p_n.
+      ! sum_i alpha_i l_mu'(c_i) p_n is the contribution of p_n to the momentum equations, as P_i = p_n + E_i. If the
+      ! quadrature integrates l_mu' exactly, it is -delta_{mu 0} p_n and cancels against the last term of the equations:
+      ! then the moments are set to zero, since p_n would multiply their rounding.
       do mu = 0, self%s - 1
          self%moment(mu) = dot_product(self%alpha, self%slope(:, mu)) + merge(1, 0, mu == 0)
       end do

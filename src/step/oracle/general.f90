@@ -93,7 +93,8 @@ contains
       self%name = 'general'
       self%most_single = 2
       self%nstage = nstage
-      ! Two parts only if drift and noise differ in a coefficient, since separate slopes double the unknowns.
+      ! Drift and noise are two parts only if a coefficient differs between them, since separate slopes double the
+      ! unknowns.
       self%npart = merge(1, 2, scheme%noise_coefficients_equal() .or. model%traits%nnoise == 0)
       self%c = scheme%c
       call new_decays(self%decays, damping, scheme%c, n)
@@ -114,7 +115,8 @@ contains
       call new_newton(self%newton, nlane, 2*n*nstage*self%npart, options, &
                       model%traits%one_solve(.false.) .and. &
                       .not. allocated(self%ham%modified), -1, -1)
-      ! Newton's iteration has residual and matrix; here are weights, slopes, and vectors of one stage.
+      ! Newton's iteration has arrays for residual and matrix; here the arrays of weights, slopes, and vectors of one
+      ! stage are allocated.
       allocate (self%v(nlane, 0:model%traits%nnoise, self%npart))
       allocate (self%x(nlane, 2*n*nstage*self%npart), self%qs(nlane, n), self%ps(nlane, n))
       allocate (self%hqq(nlane, n, n), self%hqp(nlane, n, n), self%hpp(nlane, n, n))

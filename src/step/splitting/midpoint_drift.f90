@@ -95,7 +95,7 @@ contains
       self%w(:, 0) = tau
       self%x = q + dq
       self%y = p + dp
-      ! Rescue skips lanes with a number >= 0 here.
+      ! The rescue skips lanes in which `failed` >= 0.
       self%failed = merge(-1_i8, 1_i8, status == 0)
       ! An independent step of the model, whose middle is at t + tau/2.
       step%t = t

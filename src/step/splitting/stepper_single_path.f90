@@ -2,9 +2,9 @@
 !> Drifts and kicks of a single path, alternately, by stepper.inc with one lane.
 !>
 !> The weights w_ik, v and D_kl of all steps of a call are computed at once, as if each step were a lane of a block, so
-!> that they fill vectors. Then they are transposed, so that the weights of one step are contiguous. Computed step by
-!> step, they took a fifth to a half more time if noises have products. With one degree of freedom, sine and cosine of
-!> an angle are computed once per kick, for all Hamiltonians.
+!> that they fill vectors. Then they are transposed, so that the weights of one step are contiguous. Steps whose weights
+!> are computed one step at a time take a fifth to a half more time if noises have products. With one degree of freedom,
+!> sine and cosine of an angle are computed once per kick, for all Hamiltonians.
 !>
 !> A single increment computes its own weights: `now` counts the steps of a call, and the weights of a step beyond the
 !> prefetched ones are computed when it is taken.
@@ -40,7 +40,7 @@ module symsde_step_splitting_stepper_single_path
 
    ! ---- procedures that differ between a path by itself and a block --------------------------------
 
-   !> One lane, which the compiler knows.
+   !> One lane: a constant, which the compiler folds into the bounds of loops.
    pure integer function lanes(self)
       type(splitting_stepper), intent(in) :: self
 

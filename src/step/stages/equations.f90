@@ -76,7 +76,7 @@ module symsde_step_stages_equations
             associate (i => group%stage(m))
                ! From the second sweep on all slopes of the group are known, and the full coefficients apply.
                call self%place(i, min(sweep, 2))
-               ! F_i and C_i at the new points of all lanes; the code below selects the lanes that use them.
+               ! F_i and C_i at the new points of all lanes; below, lanes that are done keep their old slopes.
                call self%evaluate(i, self%hq, self%hp)
                ! The first sweep has no previous slope: the change is the slope itself.
                if (sweep == 1) then

@@ -71,7 +71,7 @@ module symsde_step_stages_equations_single_path
       integer :: m
 
       associate (s => group%nmember, n => self%ham%ndof, c => self%ham%counters)
-         ! b has the coefficients of the first sweep or of later ones; C is not unknown here.
+         ! b has the coefficients of the first sweep or of later ones. C is no unknown in this case.
          if (self%eliminated .and. .not. allocated(self%mass)) then
             call sweep_positions(self%ham, n, self%plan%nstage, self%ham%nnoise, s, group%stage, self%times, &
                                  self%w, self%p, self%b(:, :, min(sweep, 2)), self%base, self%qs, self%f)

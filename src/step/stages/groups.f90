@@ -7,7 +7,7 @@
 !>    Q_i = q_n + r_i h p_n + sum_j a_ij g_j + h sum_k B_ik G_k      r_i = sum_j a_ij,  B = a abar
 !>    dq  =       h p_n + sum_j alpha_j g_j  + h sum_k v_k G_k       v = alpha abar
 !>
-!> with G_k = -Hhat_q(Q_k, P_k), and g_j the difference of Hhat_p and h P_j. So stage i depends on stage k if B_ik is
+!> with G_k = -Hhat_q(Q_k, P_k), and g_j = Hhat_p - h P_j at stage j. So stage i depends on stage k if B_ik is
 !> not zero (without elimination: if a_ik or abar_ik is not). Stages that depend on each other are a group, and groups
 !> are solved one after the other: the two stages of gauss2 are one group; of the three of lobatto3 only the second is
 !> implicit; a composition is a sequence of its parts.
@@ -43,7 +43,7 @@ module symsde_step_stages_groups
       integer, allocatable :: stage(:)         !! their numbers (nmember)
       logical :: explicit = .false.            !! whether it is one stage that does not depend on itself
       real(wp), allocatable :: b(:, :)         !! B of these stages (nmember, nmember)
-      real(wp), allocatable :: earlier(:, :)   !! B of these stages for slopes of other stages (nstage, nmember)
+      real(wp), allocatable :: earlier(:, :)   !! B_ik, stages k of other groups (nstage, nmember)
       real(wp), allocatable :: inverse(:, :)   !! inverse of b; not allocated if b is singular
       real(wp), allocatable :: e(:), f(:)      !! b_ik = e_i f_k if b is singular and of rank one (nmember)
       logical :: of_rank_one = .false.         !! whether b has rank one without decays
@@ -136,8 +136,8 @@ contains
          call fill_group(group, self%b, members)
          group%explicit = self%group(k)%explicit
          group%of_rank_one = self%group(k)%of_rank_one
-         ! The rank is that without decays. If rounding gives another rank, after a very large step, neither form is
-         ! used.
+         ! The rank is the rank without decays. If rounding gives another rank, after a very large step, the solvers use
+         ! neither the inverse nor e and f.
          if (group%of_rank_one .and. allocated(group%inverse)) deallocate (group%inverse)
          if (.not. group%of_rank_one .and. allocated(group%e)) deallocate (group%e, group%f)
          self%group(k) = group
@@ -246,8 +246,8 @@ contains
       end do
    end function in_order
 
-   !> Fill a group from its stages (same) and the B of all, b(k, i) = B_ik: its own B, its stages' coefficients of
-   !> slopes outside of it (earlier), and the inverse of its B or the two factors.
+   !> Fill a group from the mask `same` of its stages and from the B of all stages, b(k, i) = B_ik: its own B, the
+   !> coefficients of slopes of other groups (earlier), and the inverse of its B, or e and f if its rank is one.
    pure subroutine fill_group(group, b, same)
       type(stage_group), intent(out) :: group
       real(wp), intent(in) :: b(:, :)
@@ -275,7 +275,7 @@ contains
       if (.not. allocated(group%inverse)) call factorise(group)
    end subroutine fill_group
 
-   !> b_ik = e_i f_k, if there are such numbers to rounding: e is the column of the largest entry, and f follows from
+   !> b_ik = e_i f_k, if B has rank one up to rounding: e is the column of the largest entry, and f follows from
    !> the row of that entry. Nothing is allocated if b vanishes or has a higher rank.
    pure subroutine factorise(group)
       type(stage_group), intent(inout) :: group

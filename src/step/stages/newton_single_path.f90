@@ -20,7 +20,7 @@ module symsde_step_stages_newton_single_path
 
    include 'newton.inc'
 
-   !> Number of lanes, a constant for the compiler.
+   !> One lane: a constant, which the compiler folds into the bounds of loops.
    pure integer function lanes(equations)
       type(stage_equations), intent(in) :: equations
 

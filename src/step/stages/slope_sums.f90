@@ -21,7 +21,7 @@ module symsde_step_stages_slope_sums
    private
    public :: add_slopes, weigh_slopes
 
-   integer, parameter :: few = 4      !! fewest numbers of a path for which vectors pay
+   integer, parameter :: few = 4      !! fewest numbers of a path that are added as vectors
    integer, parameter :: at_once = 3  !! most slopes that are added in one pass
 
 contains
@@ -35,7 +35,7 @@ contains
       integer :: used(at_once), m, k, j
 
       m = 0
-      ! j runs first, .., nstage, 1, .., first - 1. The loop stops at a fourth nonzero coefficient, where m = 4.
+      ! j runs first, .., nstage, 1, .., first - 1. The loop stops at the fourth nonzero coefficient, with m = 4.
       used = first
       do k = first, first + nstage - 1
          j = merge(k - nstage, k, k > nstage)

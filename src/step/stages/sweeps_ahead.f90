@@ -57,7 +57,7 @@ module symsde_step_stages_sweeps_ahead
       real(wp) :: b(nstage, nstage, 2) = 0      !! -h B_ik in the first sweep, and in later ones
       type(angle_terms) :: terms(nstage)
       real(wp) :: times(nstage) = 0, base(nstage, 2) = 0
-      real(wp) :: f(nstage, 2, 0:most*nstage) = 0  !! F after every sweep of one group after the other (.., ndof, ..)
+      real(wp) :: f(nstage, 2, 0:most*nstage) = 0  !! F after every sweep, sweeps of all groups in order (.., ndof, ..)
    contains
       procedure :: take
    end type sweeps_ahead
@@ -190,8 +190,8 @@ contains
    end subroutine move
 
    !> The slopes of group g, after `before` sweeps of other groups: first as many sweeps as in the step before (ahead),
-   !> then one by one. nsweep is the number of sweeps that ended it, and the number ahead in the next step; 0 means that
-   !> the step is given up.
+   !> then one by one. nsweep is the number of sweeps that the group took, and the number taken ahead in the next step;
+   !> 0 means that the step is given up.
    subroutine sweep(self, model, s, g, w, p, too_stiff, before, nsweep)
       type(sweeps_ahead), intent(inout) :: self
       class(kernel_model), intent(in) :: model
@@ -201,7 +201,7 @@ contains
       real(wp) :: change(most), extent(most), last
       integer :: first, i
 
-      ! `last` is the size of the last change, or a verdict below zero, as in solve/fixed_point.
+      ! `last` is the size of the last change, or a negative outcome, as in solve/fixed_point.
       last = 0
       first = 1
       associate (slot => self%slot(g), ahead => self%slot(g)%ahead, m => model%traits%nnoise)
@@ -211,7 +211,8 @@ contains
                call model%angle(m, self%times(i), w, self%terms(i))
             end do
          end if
-         ! Sweeps first .. ahead, and their verdict; while the group is still running, one more sweep at a time.
+         ! Take the sweeps first .. ahead and judge them; while the group is still running, take one more sweep at a
+         ! time.
          do while (last >= 0 .and. ahead <= most)
             if (self%angles) then
                call sweep_angle(slot%i1, slot%i2, first, ahead, self%terms, self%base, self%b, &

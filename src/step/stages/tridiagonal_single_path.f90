@@ -1,6 +1,6 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> Newton's iteration for stages of a chain, for a single path, by tridiagonal.inc. The path is a strip in which only
-!> one lane is running.
+!> Newton's iteration for stages of a chain, for a single path, by tridiagonal.inc. The path takes a strip in which one
+!> lane is running, and all others are skipped.
 !>
 !> Private to its family.
 module symsde_step_stages_tridiagonal_single_path
