@@ -43,7 +43,9 @@ _STRIDE = 2**41  #: number of path indices of a level; there are 2^47 in all
 
 
 def halvings(fine: int, coarse: int) -> int:
-    """Number of halvings from the step of `coarse` steps to that of `fine` steps."""
+    """Number of halvings that lead from the step of a run with `coarse` steps to the step of a run with `fine`
+    steps.
+    """
     return (fine // coarse).bit_length() - 1
 
 
@@ -94,10 +96,10 @@ class Draw:
         return self.difference
 
     def error_by(self, size: float) -> float:
-        """Standard error of the mean difference, if the values of f that differ are this far from the rest.
-
-        If f jumps, few paths or none differ, and their scatter is unreliable: then count one more path as different, by
-        as much as those that differ; if none differs, by as much as values of f do.
+        """Standard error of the mean difference, where `size` is the distance of values of f that differ from the rest.
+        If f jumps, it differs between the two steps on few paths or on none, and the scatter of the differences is
+        unreliable: then one more path counts as different, by as much as the paths that differ, or by `size` if no path
+        differs.
         """
         d = self.difference
         if d.n < 2 or not d.few:
@@ -249,8 +251,8 @@ class Levels:
 
     @property
     def variance(self) -> float:
-        """Var f from the finest level; at least the variance of the known values, if few of the level's values
-        differ.
+        """Var f from the finest level; at least the variance of the known values, if few values of the finest level
+        differ from the rest.
         """
         own = self.draws[self.begun - 1].fine
         return max(own.variance, self.known.variance) if own.few and self.known.n > 1 else own.variance
@@ -268,8 +270,8 @@ class Levels:
         return self.variance_of(level) + self.draws[level].difference.mean ** 2
 
     def are_settled(self, means: Sequence[float], errors: Sequence[float], order: float) -> bool:
-        """Whether powers of h are reliable: the two finest levels end near each other, or means of d_l fall
-        regularly.
+        """Whether powers of h are reliable: the paths of the two finest levels end near each other, or the means of d_l
+        fall regularly.
         """
         return bias.settled(self.square_of(self.begun - 1), self.variance, means, errors, order)
 

@@ -44,7 +44,8 @@ class References:
         return np.stack([q[-1], p[-1]]), 0.0
 
     def _fine(self, reference: Reference) -> tuple[np.ndarray, float]:
-        """Compute a reference; its difference to half as many steps bounds its error, and equals it at order one."""
+        """Compute a reference; its difference to a run with half as many steps bounds its error, and equals the error
+        for a scheme of order one."""
         fine = end(self._plan.reference_run(reference.scheme, reference.steps))
         half = end(self._plan.reference_run(reference.scheme, reference.steps // 2))
         square = squares(fine, half)
@@ -121,7 +122,7 @@ def drift(plan: Plan, found: np.ndarray, ok: np.ndarray) -> float | None:
         first = function(*(start(x, found.shape[1], ok) for x in (plan.q0, plan.p0)))
         last = function(found[0], found[1])
         changes.append(rms(np.square((last - first) / np.where(first == 0, 1, first))))
-    return float(np.max(changes)) if changes else None  # NaN if one of them is NaN
+    return float(np.max(changes)) if changes else None  # max of Python may drop a NaN
 
 
 def start(state, ndof: int, ok: np.ndarray) -> np.ndarray:

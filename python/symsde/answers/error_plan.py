@@ -309,7 +309,7 @@ def _halvings_of(scheme: Scheme, reference: Scheme) -> int:
 def _has_exact(plan: Plan) -> bool:
     try:
         diagnose.exact(plan.run("midpoint", 1, shared=False, correction="auto", truncation=None))
-    except (MissingOperationError, IncompatibleError):  # the latter of damped models
+    except (MissingOperationError, IncompatibleError):  # IncompatibleError: of damped models
         return False
     return True
 
@@ -326,15 +326,15 @@ def _better(plan: Plan, scheme: Scheme) -> str:
         shifts = model.traits.additive and model.traits.position_noise and model.traits.identity_mass
         return "verlet_dz" if shifts else "stormer_verlet" if model.traits.separable else "midpoint"
     if not model.nnoise or commutator(model, t=plan.options.get("t0", 0.0)).flows_commute:
-        return "gauss4"  # strong order 4 for such models, from increments alone
+        return "gauss4"  # of strong order 4 for such models, by increments alone
     if commutative:
         return "gauss2_strong32"
     return "gauss2_strong32_areas"
 
 
 def _better_open(model: Model, commutative: bool) -> str:
-    """The same for damped momenta, which schemes with brackets of H and with shifts refuse, and for forces, which
-    kicks and areas refuse, too.
+    """The best affordable reference for damped models, which schemes with brackets of H and with shifts refuse, and
+    for models with forces, which schemes with kicks and areas refuse, too.
     """
     if model.traits.kicked and not model._forces:
         return "gauss_dkdkd"

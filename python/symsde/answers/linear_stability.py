@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The largest stable step of a scheme on H = (p^2 + q^2)/2, where h is omega h.
+"""The largest stable step of a scheme on H = (p^2 + q^2)/2, in units in which omega = 1, so that h is omega h.
 
 A step is z -> M z with z = (q, p). It is stable if no eigenvalue of M lies outside the unit circle,
 
@@ -40,8 +40,8 @@ def is_stable(matrix: np.ndarray) -> bool:
 
 @functools.cache
 def stable_up_to(scheme: str) -> tuple[float, float]:
-    """omega h below which every step is stable, and one just above that is not; 0 if no step is stable, infinite if
-    all are.
+    """omega h below which every step is stable, and a value just above it that is not; 0 if no step is stable,
+    infinite if all are.
     """
     low = 0.0
     for high in SCAN.tolist():

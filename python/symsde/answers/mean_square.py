@@ -7,7 +7,7 @@ A step is z -> M z with M random. Let S = E z z^T, written as a vector. A step a
     G = h (A x 1 + 1 x A) + |h| sum_k (B_k x B_k + C_k x 1 + 1 x C_k)
 
 with x Kronecker's product, A = J H'', B_k = J H_k'' and C_k = B_k^2/2 of Stratonovich's equations. Growth is the
-spectral radius of either matrix. Damping is a part of A: -gamma_i in the rows of p_i, or -Gamma M^-1.
+spectral radius of each of these two matrices. Damping is a part of A: -gamma_i in the rows of p_i, or -Gamma M^-1.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ MOST_POINTS = 2**21  #: most points of the rules; a step that needs more is not 
 #: most entries of the matrix of second moments: 128 MB, and a few times as much during the computation
 MOST_ENTRIES = 2**24
 _NODES = (48, 67)  #: numbers of Gauss-Hermite nodes of two rules; if the rules disagree, the moments are infinite
-#: numbers of nodes for the parts of dZ and K that are independent of increments, of the two rules
+#: numbers of nodes of the two rules, for the parts of dZ and K that are independent of increments
 _SHAPES = ((6, 4), (8, 5))
 _AGREE = 1e-4
 _LAWS = {
@@ -74,7 +74,7 @@ def mean_square(model: Model, scheme: str | Scheme = "midpoint", *, step: float,
     second moments of M are then infinite. `growth` is infinite if such increments are so likely that two quadrature
     rules disagree; then truncate the increments. All quantities are dimensionless.
 
-    Damping is known, by rates and by a matrix of friction, where the scheme takes it.
+    Damped models are accepted, with rates or a matrix of friction, if the scheme runs them.
 
     IncompatibleError is raised for other models, for schemes that take J or areas, and for more than two noises that
     are not additive. TooLargeError is raised for such noises with more than 32 degrees of freedom.

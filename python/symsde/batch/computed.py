@@ -1,10 +1,9 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Identify model, scheme and functions of a run by their values, because unchanged files may come to mean something
-else.
-
-A function of a module may import other modules, read files, or look at the environment, and a model that it returns has
-parameters of its own. So functions are identified by their values at points near the start and far from it, at two
-times. Values are compared to eight digits, since the last digits depend on the processor.
+"""Identify model, scheme and functions of a run by their values, because a function in an unchanged file may still
+compute other values later. A function of a module may import other modules, read files, or look at the environment,
+and a model that it returns has parameters of its own. So functions are identified by their values at points near the
+start and far from it, at two times. Values are compared to eight digits, since the last digits depend on the
+processor.
 """
 
 from __future__ import annotations
@@ -47,7 +46,7 @@ class Start:
 
 
 def of(model: Model, scheme: Scheme | None, start: Start, functions: Mapping[str, Function]) -> dict[str, Any]:
-    """Model, scheme and functions of states in types of JSON, written out if short."""
+    """Model, scheme and functions of states as JSON types; short lists of numbers are written in full."""
     model, given = model._part(slice(1)), model
     traits = dataclasses.asdict(model.traits)
     traits["rotation"] = traits["rotation"] and _hash(_rounded(np.array([traits["rotation"]])))
@@ -75,7 +74,7 @@ def of(model: Model, scheme: Scheme | None, start: Start, functions: Mapping[str
 
 
 def _by_path(value: Any) -> Any:
-    """The value of a parameter; of values by path their number and a hash."""
+    """The value of a parameter; for values by path their number and a hash."""
     return value if np.ndim(value) == 0 else f"{value.size} values ({_hash(np.asarray(value, '<f8').tobytes())})"
 
 
@@ -103,7 +102,7 @@ def _of_function(function: Function, start: Start) -> list[Any]:
 
 
 def _points(start: Start) -> list[tuple[np.ndarray, np.ndarray]]:
-    """States (dof, point) that are the same in every version: NumPy's random numbers are not."""
+    """States (dof, point) that are the same in every version of NumPy, unlike its random numbers."""
     dof = len(start.q)
     return [(start.q + x * _spread(dof, 0), start.p + x * _spread(dof, dof)) for x in _SCALES]
 

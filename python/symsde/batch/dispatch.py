@@ -159,7 +159,7 @@ class _Many:
 
 
 class _Loop:
-    """The pieces still to do, in work here, and in work by other processes."""
+    """The loop over the pieces that are still to do, the pieces computed here, and the pieces of other processes."""
 
     def __init__(self, todo: list[Piece], context: Context, here: _Here | _Many):
         self._todo = deque(todo)

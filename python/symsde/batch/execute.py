@@ -216,7 +216,7 @@ def _paths(task: Task, piece: Piece, threads: int | None, tell: Tell, checkpoint
 
 
 def _facts_of_whole(model: Model, options: dict[str, Any]) -> dict[str, Any]:
-    """The part of the report that is known before a run over all steps begins."""
+    """Entries of the report that are known before the first step of a run over all steps."""
     here = {**options, "save_every": max(1, int(options["steps"]))}
     return facts_of(simulate(model, progress=lambda *_: True, **here).report)
 
@@ -257,7 +257,7 @@ class _Clock:
         return max(1, int(length * factor))
 
     def has_waited(self) -> bool:
-        """Whether a segment takes so long that a stop should end it, if nothing is lost."""
+        """Whether a segment takes so long that a stop should end it, if no result is lost by that."""
         return time.monotonic() - self._begin > _PATIENCE
 
     def is_time(self) -> bool:

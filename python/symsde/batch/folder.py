@@ -101,7 +101,7 @@ class RunFolder:
             return False
         self._verified.add(piece.name)
         if self._claims is not None:
-            self._drop_checkpoint(piece)  # the process that wrote the shard may have been killed before this
+            self._drop_checkpoint(piece)  # a process killed after writing the shard may have left the checkpoint
         return True
 
     def missing(self) -> list[Piece]:

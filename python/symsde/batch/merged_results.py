@@ -58,7 +58,8 @@ class MomentsInWork:
         merge(self._found.scope, self._task.observers[name], left, right)
 
     def result(self, seconds: float = 0.0, threads: int = 1, missing: int = 0) -> Moments:
-        """Moments of all paths received so far, with the bits of one run over these; missing paths count as stopped."""
+        """Moments of all paths received so far, with the bits of one run over these paths; missing paths count as
+        stopped."""
         found = self._found
         root = self._tree.root()
         found.t[...] = self._t

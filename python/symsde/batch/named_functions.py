@@ -38,7 +38,7 @@ def function_of(folder: Path, text: object) -> Callable:
         found = getattr(_imported(folder.resolve(), module), function, None)
     except InvalidArgumentError:
         raise
-    except (Exception, SystemExit) as error:  # the file may raise anything
+    except (Exception, SystemExit) as error:  # the file may raise any exception
         raise InvalidArgumentError(f"python = {text!r} cannot be loaded: {told(error)}") from error
     if not callable(found):
         what = f"{module} has no function of this name" if found is None else f"this is {checks.shown(found)}"
@@ -108,7 +108,8 @@ class NamedObservable:
             raise SceneError(f"python = {self._given[1]!r} failed: {told(error)}") from error
 
     def __reduce__(self):
-        """Pickle as folder and text: the other process loads the function again, with the permission given here."""
+        """Pickle as folder and text: the other process loads the function again, with the permission of this
+        process."""
         return _again, self._given
 
 

@@ -10,8 +10,8 @@ from ..errors import InvalidArgumentError
 from ..native.checks import integer
 
 UNIT = 256  #: number of paths of a unit: a piece of moments has 2^k units and begins at a multiple of its size
-_LEAST, _MOST = 2**27, 2**29  # path-steps times degrees of freedom of a piece: seconds, which its file adds little to
-_PIECES = 32  # this many pieces if each is worth a file, so that a few processes are busy until the end
+_LEAST, _MOST = 2**27, 2**29  # path-steps times degrees of freedom of a piece: seconds, to which its file adds little
+_PIECES = 32  # number of pieces, if each is large enough for a file, so that a few processes are busy until the end
 FILES = 2**14  #: most files that a folder should hold
 _SAVED = 2**26  # most bytes of paths in a piece
 
@@ -39,7 +39,7 @@ class Extent:
 
 
 def shard_paths(extent: Extent, wanted: object = None) -> int:
-    """Paths of a shard: the wanted number, or enough for a piece worth a file; a power of two of units."""
+    """Number of paths of a shard: the wanted number, or a number large enough for a file; a power of two of units."""
     if wanted is not None:
         return _checked(wanted)
     cost = max(1, extent.steps * extent.ndof)

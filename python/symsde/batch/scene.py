@@ -185,7 +185,7 @@ def _known(file: str, what: str, given: dict, known: list[str]) -> None:
 
 
 def _model(file: str, table: dict[str, Any]) -> Model:
-    own = "python" in table  # its function takes all other keys
+    own = "python" in table  # the function gets all other keys
     damping, bath = (None if own else table.pop(key, None) for key in ("damping", "thermostat"))
     model = _own_model(file, table) if "H" in table or own else _built_in(file, table)
     try:
@@ -201,7 +201,8 @@ def _model(file: str, table: dict[str, Any]) -> Model:
 def _by_path(file: str, table: dict[str, Any], paths: object) -> dict[str, Any]:
     """The table [model] with values for each path in the place of ranges {from = , to = , count = } of parameters.
 
-    Every value, and of several ranges every combination, the last one fastest, has as many of the paths, side by side.
+    Every value, or every combination of values of several ranges (the last range fastest), gets the same number of
+    paths, with consecutive indices.
     """
     if "python" in table:
         return table

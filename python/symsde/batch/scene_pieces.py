@@ -25,8 +25,8 @@ class Batch:
 
     @classmethod
     def of(cls, file: str, out: str, wanted: str | None = None) -> Batch:
-        """Make it from a scene, its folder, and the wanted paths of a shard; an existing folder determines the paths
-        itself.
+        """Make it from a scene, its folder, and the wanted number of paths of a shard; in an existing folder this
+        number is fixed already.
         """
         chosen = scene.load(file)
         extent = extent_of(chosen)
@@ -43,8 +43,8 @@ class Batch:
         return [piece for piece in self.pieces if piece.kind == kind]
 
     def finer(self, wanted: int) -> tuple[int, int] | None:
-        """The paths per shard and the number of shards for at least the wanted number, else for the smallest shards;
-        None if smaller shards do not give more, or too many for a folder."""
+        """The paths per shard and the number of shards, with at least the wanted number of shards, or else with the
+        smallest shards. None if smaller shards do not give more shards, or more than a folder should hold."""
         size, found = self.size // 2, None
         while size >= UNIT and self.scene.run.get("paths", 1) <= FILES * size:
             if (count := len(_plan(self.scene, size))) > (found[1] if found else len(self.pieces)):

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""A shard as a file: an .npz that NumPy opens, whose comment at the end is the SHA-256 of all bytes before."""
+"""A shard as a file: an .npz that NumPy opens, whose comment at the end is the SHA-256 of all bytes before the
+comment."""
 
 from __future__ import annotations
 

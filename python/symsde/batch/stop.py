@@ -20,8 +20,8 @@ _UNITS = (86400.0, 3600.0, 60.0, 1.0, 3600.0, 60.0, 1.0)  # seconds of the units
 
 def seconds(name: str, text: str) -> float:
     """Seconds of a wall time: 90s, 30min, 23.5h, 1d, or as Slurm writes it, minutes:seconds, hours:minutes:seconds,
-    days-hours, days-hours:minutes or days-hours:minutes:seconds. A number alone is seconds, although Slurm reads
-    minutes, because existing scripts rely on it."""
+    days-hours, days-hours:minutes or days-hours:minutes:seconds. A number alone is seconds, although Slurm reads it as
+    minutes, because existing scripts rely on seconds."""
     if match := _WITH_UNIT.fullmatch(text.strip()):
         return float(match[1]) * _SECONDS[match[2]]
     if match := _OF_SLURM.fullmatch(text.strip()):

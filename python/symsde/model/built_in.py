@@ -1,5 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The built-in models as formulas, where their parameters go by path: the library has one number of each for all."""
+"""Formulas of the built-in models, for parameters that differ by path: a built-in model of the library has one
+number for all paths.
+"""
 
 from __future__ import annotations
 
@@ -11,7 +13,7 @@ from ..errors import IncompatibleError
 if TYPE_CHECKING:
     from .definition import Model
 
-#: name -> H and its noises
+#: name -> H and the Hamiltonians of its noises
 FORMULAS: dict[str, tuple[str, ...]] = {
     "kubo": ("a*(p**2 + q**2)/2", "sigma*(p**2 + q**2)/2"),
     "linear_oscillator": ("(p**2 + q**2)/2", "-sigma*q"),
@@ -29,7 +31,7 @@ FORMULAS: dict[str, tuple[str, ...]] = {
 
 
 def is_array(value: Any) -> bool:
-    """Whether the value of a parameter is meant to go by path."""
+    """Whether the value of a parameter is an array with one number for each path."""
     return isinstance(value, list | tuple) or bool(getattr(value, "ndim", 0))
 
 
@@ -39,7 +41,7 @@ def go_by_path(values: Mapping[str, Any]) -> bool:
 
 
 def of_formulas(name: str, values: Mapping[str, Any]) -> Model:
-    """A built-in model whose parameters go by path; the chain is refused."""
+    """A model from the formulas of a built-in model, with parameters that differ by path; the chain is refused."""
     from .definition import Model  # noqa: PLC0415 - models from formulas and built-in ones are both models
     from .formulas import model_from_sympy  # noqa: PLC0415
     from .formulas.parameters import value_of  # noqa: PLC0415

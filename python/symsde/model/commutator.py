@@ -22,7 +22,7 @@ class Commutator:
     it."""
 
     commutative: bool  #: every {H_k,H_l} is constant: increments alone reach strong order 1, dZ 3/2
-    flows_commute: bool  #: every {H,H_k} is constant too, no noise changes in time and nothing is damped
+    flows_commute: bool  #: every {H,H_k} is constant, too, no noise changes in time, and the model is not damped
     noise: float  #: largest relative gradient of {H_k,H_l}
     drift: float  #: largest relative gradient of {H,H_k}, or change of a noise's gradient in time
     text: str  #: which strong order to expect, from which scheme

@@ -1,5 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Functions of a model that pickle cannot find by name, such as lambdas: refused unless a pickler writes their code."""
+"""Functions that pickle cannot find by their names, such as lambdas: a model with such functions is refused, unless
+the pickler writes their code.
+"""
 
 from __future__ import annotations
 

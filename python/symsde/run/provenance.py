@@ -38,7 +38,7 @@ def seconds(timings: Mapping[str, float]) -> dict[str, float]:
 
 
 def start_of(setup: Setup) -> dict[str, str]:
-    """The first states: as numbers if they are few, else as a hash, (dof, path) in float64."""
+    """The initial states as text: numbers if they are few, else a hash of the array (dof, path) in float64."""
     return {name: numbers_of(getattr(setup, name)) for name in ("q0", "p0")}
 
 

@@ -24,7 +24,7 @@ class Report:
     status: int  #: status code of the outcome; 0 = ok
     stepper: str  #: the stepper that the traits chose
     correction: str  #: the correction that was used
-    damping: str  #: what damps the momenta, and what that is for velocities; "" of a closed system
+    damping: str  #: damping of the momenta, and the friction on velocities that it is; "" for a closed system
     left_out: tuple[str, ...]  #: computations that were skipped because they were not needed
     warnings: tuple[str, ...]  #: problems found before the run, with numbers
     #: functionals of the path besides dW: dZ, areas, K, J; for refine < 0 they determine the path

@@ -225,7 +225,7 @@ _READ: dict[str, Callable] = {
 
 
 def _defaults() -> dict[str, Any]:
-    """Values of `_READ` where none are given: those of the library."""
+    """The values of the options in `_READ` that are used if none are given: the library's defaults."""
     given = _handles.new(abi.Options, "options")
     return {name: getattr(given, name) for name in _READ} | {
         "correction": abi.CORRECTIONS[given.correction],
@@ -276,7 +276,7 @@ def _options_of(model: Model, given: dict[str, Any], in_python: bool) -> abi.Opt
 
 
 def _checked(options: abi.Options) -> abi.Options:
-    """These options, which the library has not refused: before anything is made of a size in them."""
+    """These options, if the library accepts them: checked before any size in them is used."""
     _handles.call("options_check", ctypes.byref(options))
     return options
 

@@ -33,8 +33,8 @@ _HELD, _KEPT = 2**14, 2**25  # bytes that glibc's allocator always has in one pi
 
 
 def _two_of(shape: tuple[int, ...]) -> tuple[np.ndarray, np.ndarray]:
-    """Allocate q and p, up to a size as one piece: of two pieces the allocator would return one to the system, and new
-    pages would take longer than the steps of the next run."""
+    """Allocate q and p, in one piece of memory if its size is between _HELD and _KEPT: of two pieces the allocator
+    would return one to the system, and new pages would take longer than the steps of the next run."""
     size = checks.room((2, *shape), "the saved paths (q and p; time, dof, path)")
     if not _HELD < size <= _KEPT:
         return np.empty(shape), np.empty(shape)
@@ -68,7 +68,7 @@ class Run(PathTables, Reported):
             self.q_low, self.p_low = np.empty(last), np.empty(last)
 
     def fill(self, progress: Progress, before: Run | None = None) -> None:
-        """Let the library integrate; before: the run that is extended."""
+        """Let the library integrate; before: the run that this run extends, or None."""
         arrays = (self.q, self.p, self.status, self.failed_step, self.last_q, self.last_p)
         low = () if self.q_low is None else (self.q_low, self.p_low)
         paths = abi.Paths(_PATHS_SIZE, None, *addresses(arrays + low))  # the remaining pointers are NULL, as is t

@@ -50,7 +50,7 @@ def step(  # noqa: PLR0917 - the step reads like its formula
 def increments_at(model: Model, dw: Any, points: int) -> np.ndarray:
     """Increments as C-contiguous (noise, point) from a number, (noise,) or (noise, point)."""
     if not isinstance(model, Model):
-        return np.zeros((0, points))  # refused by name when options are made
+        return np.zeros((0, points))  # making the options refuses other values by name
     return checks.points("dw", dw, model.nnoise, points)
 
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Sweeps: means for many values of parameters, whose paths run side by side, as many at a time as memory takes."""
+"""Sweeps: means for many values of parameters, whose paths run side by side, as many at a time as fit into memory."""
 
 from __future__ import annotations
 
@@ -38,8 +38,8 @@ from .setup import RunOptions, Setup, make_setup
 from .simulate import Run
 
 _NUMBERS = 2**23  #: most numbers of the saved paths that are held at once
-_UNIT = 256  #: paths of a part of a value's paths are a multiple of this
-_TAKEN = {"time", "t", "dof", "path", "value", "n_ok", "energy"}  #: dimensions and variables of files
+_UNIT = 256  #: if the paths of one value are divided, each part has a multiple of this number of paths
+_TAKEN = {"time", "t", "dof", "path", "value", "n_ok", "energy"}  #: names that files use for dimensions and variables
 KINDS = ("mean", "var", "se_mean")
 
 
@@ -72,8 +72,8 @@ class Grid:
 class Sweep:
     """Means, variances and standard errors of means for each value of some parameters, at each saved time.
 
-    `mean_q`, `var_q` and `se_mean_q` have the shape (time, dof, ..), those of p too, and those of the energy, as
-    `n_ok`, (time, ..): the dots stand for one axis for each parameter, or for one axis with zip.
+    `mean_q`, `var_q` and `se_mean_q` have the shape (time, dof, ..), like the arrays of p; those of the energy, and
+    `n_ok`, have the shape (time, ..). The dots stand for one axis for each parameter, or for a single axis with zip.
     """
 
     t: np.ndarray  #: (time,)
@@ -84,10 +84,10 @@ class Sweep:
     status: np.ndarray  #: (.., path), 0 = ok
     q: np.ndarray | None  #: (time, dof, .., path) if paths are kept
     p: np.ndarray | None
-    report: Report  #: of the first run; failed and stopped count the paths of all
+    report: Report  #: report of the first run; failed and stopped count the paths of all runs
 
     def __init__(self, setup: Setup, grid: Grid, paths: int, observables: Mapping[str, Observable], *, keep: bool):
-        """Room for the results."""
+        """Allocate the results."""
         self._setup, self._grid, self._observables = setup, grid, described(observables)
         refuse_coordinates(self._observables, setup.model)
         self.parameters, self.dims, self.paths = dict(grid.values), grid.dims, paths
@@ -104,7 +104,7 @@ class Sweep:
         self._q, self._p = (np.full((ntime, ndof, count, paths), np.nan) for _ in "qp") if keep else (None, None)
 
     def take(self, run: Run, rows: Callable | None, groups: slice, part: slice) -> None:
-        """Take in the paths of a run: of each value of `groups` those of `part`."""
+        """Store the results of a run: the paths `part` of each of the values `groups`."""
         self.t = run.t
         shape = (groups.stop - groups.start, part.stop - part.start)
         self._status[groups, part] = run.status.reshape(shape)
@@ -128,7 +128,7 @@ class Sweep:
             self._m2[k][:, groups] += m2 + apart**2 * share * before
 
     def finish(self) -> Sweep:
-        """Show the results by their names."""
+        """Make the results available as attributes by their names."""
         shape, ndof, names = self._grid.shape, self.values.ndof, self.values
         with np.errstate(invalid="ignore", divide="ignore"):
             n = self._n.astype(float)
@@ -373,7 +373,9 @@ def _grid(values: Mapping[str, Any], is_zip: bool) -> Grid:
 
 
 def _parts(count: int, paths: int, most: int, *, one_by_one: bool) -> Iterator[tuple[slice, slice]]:
-    """Values and paths of each that are run at once: some values whole, or part of the paths of one."""
+    """Give the values, and the paths of each value, that are run at once: some values with all their paths, or a
+    part of the paths of one value.
+    """
     together = 1 if one_by_one else max(1, most // paths)
     size = min(paths, most)
     for k in range(0, count, together):
@@ -384,7 +386,7 @@ def _parts(count: int, paths: int, most: int, *, one_by_one: bool) -> Iterator[t
 def _setup(
     model: Model, options: Mapping[str, Any], paths: int, where: tuple[slice, slice], *, same_noise: bool
 ) -> Setup:
-    """The run of some values and paths."""
+    """The setup of the run of some values and paths."""
     groups, part = where
     n, each = groups.stop - groups.start, part.stop - part.start
     here = dict(options)

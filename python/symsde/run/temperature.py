@@ -18,18 +18,18 @@ NAMES = ("kinetic_temperature", "force_squared", "stiffness")
 
 @dataclass(frozen=True)
 class Temperatures:
-    """Two temperatures kT at each saved time; a difference between them beyond their errors is of the step, or says
-    that paths are not at rest yet."""
+    """Two temperatures kT at each saved time; a difference beyond their errors comes from the step, or shows that the
+    paths are not in equilibrium yet."""
 
     t: np.ndarray  #: (time,)
     kinetic: np.ndarray  #: (time,), mean of p . H_p / dof
     se_kinetic: np.ndarray  #: (time,), its standard error
-    configurational: np.ndarray  #: (time,), mean of |H_q|^2 over that of the trace of H_qq: no momentum is in it
+    configurational: np.ndarray  #: (time,), mean of |H_q|^2 over the mean of the trace of H_qq; it contains no momenta
     se_configurational: np.ndarray  #: (time,), at most so large
-    momenta: str  #: where the momenta stand in time
+    momenta: str  #: a sentence on the times of the momenta
 
     def __str__(self) -> str:
-        """A line for each time, the last one last."""
+        """A line for each saved time, the latest time last."""
         rows = [["t", "kinetic", "+-", "configurational", "+-"]]
         for values in zip(
             self.t, self.kinetic, self.se_kinetic, self.configurational, self.se_configurational, strict=True
@@ -43,8 +43,8 @@ def temperature(model: Model) -> dict[str, Callable[[np.ndarray, np.ndarray], np
     """Observables of `symsde.moments` from which `temperatures` finds both temperatures of a model.
 
     They are kinetic_temperature, p . H_p / dof, force_squared, |H_q|^2 / dof, and stiffness, the trace of H_qq / dof,
-    of the Hamiltonian H at t = 0. Each takes (q, p), (dof, path), and returns (path,). Put further observables beside
-    them: {**ss.observe.temperature(model), "mine": "q_1**2"}.
+    of the Hamiltonian H at t = 0. Each takes (q, p), (dof, path), and returns (path,). Further observables can be
+    added: {**ss.observe.temperature(model), "mine": "q_1**2"}.
     """
     require_model(model)
     if model.paths:
@@ -71,8 +71,8 @@ def temperature(model: Model) -> dict[str, Callable[[np.ndarray, np.ndarray], np
 def temperatures(found: Moments) -> Temperatures:
     """Both temperatures at each saved time, of moments that were collected with the observables of `temperature`.
 
-    The configurational temperature is a ratio of two means. Its standard error is bounded by the sum of theirs,
-    whatever their correlation. InvalidArgumentError: the observables are missing.
+    The configurational temperature is a ratio of two means. Its standard error is bounded by the sum of the standard
+    errors of the two means, whatever their correlation. InvalidArgumentError: the observables are missing.
     """
     mean = getattr(found, "mean", None)
     if not isinstance(mean, dict) or any(name not in mean for name in NAMES):

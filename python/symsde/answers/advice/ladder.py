@@ -21,7 +21,7 @@ from .wants import Seen
 MOST_HALVINGS = 10
 _WORK = 2**23  #: path-steps times degrees of freedom of one measurement; beyond it the order predicts the error
 _AHEAD = 3  #: largest number of halvings over which the order predicts the error
-_CLEARLY = 4.0  #: if the error of the first rung is smaller than the tolerance by this factor, the rung decides alone
+_CLEARLY = 4.0  #: the first rung decides alone if its error is smaller than the tolerance by this factor
 _RUNS = 7.0  #: cost of a rung in runs of its step: the runs take 1, 2 and 4 times as many steps
 _SLOWEST, _FASTEST = 0.45, 6.5  #: bounds of orders computed from differences
 _TIMED = 2**17  #: path-steps times degrees of freedom of a timed run

@@ -84,7 +84,7 @@ class Moments(Paths):
 class Invariants:
     """The largest change of H along a path: with noise if the noise conserves H, else with zero increments.
 
-    If a scheme uses brackets of its noises, a path with zero increments still contains their means.
+    If a scheme uses brackets of its noises, a path with zero increments still contains the means of these brackets.
     """
 
     name = "invariants"

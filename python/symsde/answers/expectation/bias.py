@@ -1,21 +1,21 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """The bias of a step, estimated from differences of means on the same paths at h and h/2.
 
-E f(x_h) - E f(x_{h/2}) falls as h^a, where a is the weak order. So the bias at h/2 is that difference over 2^a - 1, and
-each coarser difference predicts the same bias after another factor 2^-a. Predictions of coarser steps have less weight:
-higher powers of h may change them by a half of the largest prediction for every halving in between, even if
-differences cancel. If predictions contradict each other, for example by their signs, their mean may be small by
+E f(x_h) - E f(x_{h/2}) falls as h^a, where a is the weak order. So the bias at h/2 is this difference divided by 2^a -
+1, and each coarser difference predicts the same bias after another factor 2^-a. Predictions of coarser steps have less
+weight: higher powers of h may change a prediction by half of the largest prediction for every halving in between, even
+if differences cancel. If predictions contradict each other, for example by their signs, their mean may be small by
 chance; its error is then as large as their scatter.
 
 When is a power of h reliable? Suppose a step h makes a phase wrong by x = c h^a T, where a is now the order without
-noise. A mean then changes by A (cos(phi + x) - cos(phi)): as h^a if x is small, else by anything up to 2 A, which
-varies irregularly from step to step, so that differences cancel. Noisy means alone do not show which case holds. The
-paths do: |E f(x_h) - E f(x_2h)| <= D = (E (f(x_h) - f(x_2h))^2)^(1/2), a mean of squares, in which nothing cancels.
-Paths with a phase difference of (2^a - 1) x have about D^2 = 2 (1 - cos((2^a - 1) x)) Var f. If D^2 is at most 1/8 of
-the variance, x is small (a tenth for a = 2), and each halving multiplies x by 2^-a. Levels are then settled. The effect
-of x^2 on the means may still hide the effect of x: d/(2^a - 1), where d = E f(x_h) - E f(x_2h), has the error
-2^(a-1) x^2 A, which for A^2 = Var f is D^2/sqrt(Var f) 2^(a-1)/(2^a - 1)^2. This error is added if the differences are
-too noisy to separate two powers of h from three.
+noise. A mean then changes by A (cos(phi + x) - cos(phi)). If x is small, this change falls as h^a; otherwise it may be
+any number up to 2 A, varies irregularly from step to step, and differences cancel. Noisy means alone do not show which
+case holds. The paths show it: |E f(x_h) - E f(x_2h)| <= D = (E (f(x_h) - f(x_2h))^2)^(1/2), a mean of squares, in which
+nothing cancels. Paths with a phase difference of (2^a - 1) x have about D^2 = 2 (1 - cos((2^a - 1) x)) Var f. If D^2 is
+at most 1/8 of the variance, x is small (a tenth for a = 2), and each halving multiplies x by 2^-a. Levels are then
+settled. The effect of x^2 on the means may still hide the effect of x: d/(2^a - 1), where d = E f(x_h) - E f(x_2h), has
+the error 2^(a-1) x^2 A, which for A^2 = Var f is D^2/sqrt(Var f) 2^(a-1)/(2^a - 1)^2. This error is added if the
+differences are too noisy to separate two powers of h from three.
 
 Levels are also settled if three successive differences are significant, have one sign and fall as the order predicts,
 which arbitrary differences seldom do. If levels are not settled, no power of h is used: the bias of a step is taken as
@@ -70,7 +70,7 @@ def left(
     second: error of the finest step that second powers of phases may hide. If the differences of three levels are seen,
     the estimate fits two powers of h to the two finest, and its error includes how far a third power changes it. A
     scheme of weak order one may have the errors of order two at all steps that were tried: its differences then fall by
-    a factor of four, and the part that falls by two shows only in this change.
+    a factor of four per halving, and the part of the error that falls by a factor of two shows only in this change.
     """
     finest = list(zip(means, errors, strict=True))[1 - TERMS :]
     if not settled:
@@ -98,8 +98,8 @@ def settled(square: float, variance: float, means: Sequence[float], errors: Sequ
 def second_powers(square: float, variance: float, order: float, size: float) -> float:
     """Error that second powers of phases may hide, from the mean square of the finest change of f.
 
-    size: size of the largest changes. It is near two standard deviations of f if f jumps. Then f changes on few paths,
-    in proportion to their error, and nothing is hidden: the result is 0.
+    size: size of the largest changes. If f jumps, `size` is near two standard deviations of f. Then f changes on few
+    paths, whose number is proportional to the error of the paths, and nothing is hidden: the result is 0.
     """
     if variance <= 0 or size > _JUMP * math.sqrt(variance):
         return 0.0
@@ -110,7 +110,7 @@ def second_powers(square: float, variance: float, order: float, size: float) -> 
 def _weights(order: float, extra: float, terms: int) -> tuple[float, ...]:
     """Weights of the last three differences in E f - E f(x_h), a sum of `terms` powers of h from `order` on."""
     powers = order + np.arange(terms)
-    rows = 2.0 ** np.outer(np.arange(TERMS)[::-1][-terms:], powers)  # each power relative to the finest difference
+    rows = 2.0 ** np.outer(np.arange(TERMS)[::-1][-terms:], powers)  # powers of h, relative to the finest difference
     rest = 2.0 ** (-extra * powers) / (2.0**powers - 1)
     return (0.0,) * (TERMS - terms) + tuple(np.linalg.solve(rows.T, rest))
 

@@ -109,7 +109,7 @@ def mild_steps(problem: Problem) -> int:
     """Number of steps to the horizon with which multiplicative noise keeps an implicit step regular.
 
     I - dW J H''/2 is singular if dW times a frequency of the noise is 2, and near that the variance is infinite.
-    Increments of six standard deviations stay below it if 3 omega sqrt(h) <= 1.
+    Increments of six standard deviations stay below this limit if 3 omega sqrt(h) <= 1.
     """
     noises = problem.model.nnoise
     omega = _fastest(problem, [*_way(problem)], np.minimum(np.arange(noises + 1.0), 1.0)) if noises else 0.0

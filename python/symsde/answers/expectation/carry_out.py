@@ -38,9 +38,8 @@ AT_ONCE = 4096  #: most units of the first part of the work: they take a moment
 #: work begins with this many times the units that the pilot's variance asks for, so that few answers need more
 _ENOUGH = 1.2
 _LONG = 600.0  #: plans of more seconds are announced
-_LEAST_POINTS = 6  #: log2 of the least points of a scrambling cut by the time: fewer are no better than paths
-#: if noise over bias is smaller, the interval is a bound: 1.96 biases are then at least 1.96 times five standard
-#: errors
+_LEAST_POINTS = 6  #: log2 of the least points of a scrambling where time is short: with fewer points paths are as good
+#: if the standard error is less than this part of the bias, the interval counts as a bound of the bias
 _SILENT = 0.2
 _FEWER = 2  #: work begins with this many halvings of the planned points, and doubles them if they are too few
 _LOWEST = 8  #: log2 of the number of points that is not halved further: a call alone takes as long as these points
@@ -191,8 +190,8 @@ class Execution:
     def _noises(self, drawn: list[Drawn]) -> list[float]:
         """Variance of the mean of every level (level,).
 
-        If few paths of the first level differ, or none of its scramblings, f may jump seldom, and the pilot has seen
-        it: the variance is then at least that of as many independent units, or paths, of the pilot.
+        If f differs on few paths of the first level, or on none of its scramblings, f may jump on rare paths, which the
+        pilot may have seen: the variance is then at least that of as many independent units, or paths, of the pilot.
         """
         noise, first = [x.units.variance / x.units.n if x.units.n > 1 else math.inf for x in drawn], drawn[0]
         if first.units.n > 1 and (first.units.m2 == 0 if self._is_even else first.units.few):
@@ -243,7 +242,7 @@ class Execution:
         return self._finished(outcome)
 
     def _finished(self, found: _Outcome) -> Answer:
-        """The answer from an outcome, with notes if the interval is wider than asked, and why."""
+        """The answer from an outcome. If the interval is wider than requested, notes give the reason."""
         horizon = self.pilot.problem.horizon
         wanted = self.tolerance.half_width(found.value)
         reached, unknown = self.tolerance.is_reached(found.half, found.value), NORMAL * found.bias > wanted
@@ -283,7 +282,7 @@ class Execution:
         )
 
     def _why(self) -> str:
-        """The reason for the plan: its estimated seconds, and those of the next."""
+        """The reason for the plan: its estimated seconds, and the estimated seconds of the next plan."""
         plan = self.plan
         reckoned = told(plan.seconds)
         if not self.others:

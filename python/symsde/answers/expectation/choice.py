@@ -2,9 +2,9 @@
 """The estimated cost of every method and scheme for an interval.
 
 The error e that the tolerance allows is shared, e^2 = Var/N + bias^2 with bias^2 <= s e^2, s = BIAS_SHARE. The step is
-the longest with such a bias, including the noise of the bias. The rest, A = (1 - s) e^2, is for noise. Each method is
-a sum over levels l of N_l independent units, whose variances V_l and seconds C_l a pilot measures; its cost is least
-for
+the longest whose bias, including the noise of its estimate, keeps this bound. The rest, A = (1 - s) e^2, is for noise.
+Each method is a sum over levels l of N_l independent units, whose variances V_l and seconds C_l a pilot measures; its
+cost is least for
 
     N_l = (V_l/C_l)^(1/2) sum_k (V_k C_k)^(1/2)/A,    sum_l N_l C_l = (sum_l (V_l C_l)^(1/2))^2/A    (Giles 2008)
 
@@ -55,7 +55,7 @@ class Plan:
     bias: tuple[float, float]  #: E f - E f(x_h), and the standard error of this estimate
     #: log2 of the number of points on each level of multilevel quasi-Monte Carlo
     points: list[int] = field(default_factory=list)
-    level: float = 0.0  #: level of the ladder that has this many steps
+    level: float = 0.0  #: level of the ladder with this number of steps
     trial: Trial | None = field(default=None, compare=False, repr=False)
 
     def estimators(self, first: int, problem: Problem) -> list[Estimator]:
@@ -181,7 +181,7 @@ def _points(trial: Trial, coarsest: int, finest: int, error: float) -> tuple[flo
         if level > coarsest and near.level == 0:  # changes were not measured
             return None
         units, smaller = near.fine if level == coarsest else near.change, 1.0
-        if level > near.level and trial.spread(near.level) > 0:  # extrapolate like the variance of paths
+        if level > near.level and trial.spread(near.level) > 0:  # extrapolate by the fall of the variance of paths
             smaller = trial.spread(level) / trial.spread(near.level)
         fall, begin = near.fall(units), near.most
         if level > near.level and level > coarsest:

@@ -90,7 +90,7 @@ class InFolder:
     def __init__(self, folder: RunFolder, watch: Watch):
         """Store the folder, and the watch that ends the work in time."""
         self.folder, self._watch, self.seconds = folder, watch, 0.0
-        self._name = uuid.uuid4().hex  # name of this work, since its own parts are already in its seconds
+        self._name = uuid.uuid4().hex  # name in the parts of this work, whose seconds are counted already
 
     def more(
         self, name: str, drawn: Part, missing: int, usual: int, draw: Callable[[int, int], Part], *,
@@ -102,7 +102,7 @@ class InFolder:
         return self.part(name, first, min(count, missing) if exactly else count, missing, draw)
 
     def grain(self, usual: int, count: int, seconds: float) -> int:
-        """Number of units of a part, given the number of all units and the seconds of one (negative: not known).
+        """Number of units of a part, given the number of all units and the seconds of one unit (negative: not known).
 
         A part takes long enough to be worth a file, but not so long that killing the process would lose much.
         """
@@ -184,7 +184,7 @@ def open_folder(
 
 
 def inputs_of(problem: Problem, tolerance: Tolerance, scheme: Scheme | None, method: str | None) -> dict[str, Any]:
-    """All inputs that an answer depends on; functions are identified by their values at a few points."""
+    """All inputs that an answer depends on; functions are represented by their values at a few points."""
     model, target = problem.model, problem.target
     asked = {
         "f": target.name,

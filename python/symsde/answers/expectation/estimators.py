@@ -68,7 +68,7 @@ class Estimator:
     def __init__(self, problem: Problem, scheme: Scheme, steps: int, first: int):
         """Take a scheme with `steps` steps to the horizon; nothing is drawn yet. first: index of the first path."""
         self.problem, self.scheme, self.steps = problem, scheme, steps
-        self._next = self._begin = first  # a subclass that uses some paths first changes both
+        self._next = self._begin = first  # a subclass that uses earlier paths changes both
 
     @property
     def begin(self) -> int:
@@ -157,7 +157,7 @@ class Quasi(Estimator):
         super().__init__(problem, scheme, steps, first)
         self.log2_points, self._differences = log2_points, differences
         self._columns = columns(problem, scheme)
-        self._means, self._good = np.zeros(0), np.ones(0, bool)  # of the units from the first one on
+        self._means, self._good = np.zeros(0), np.ones(0, bool)  # results of all units from the first one on
         self._bridge = Bridge(steps, problem.horizon)
         self._points = Points(self.dimension, [problem.seed, first])
 

@@ -88,7 +88,8 @@ _STUDENT = (12.7062, 4.3027, 3.1824, 2.7764, 2.5706, 2.4469, 2.3646, 2.3060, 2.2
 def quantile(units: int) -> float:
     """The 97.5 % quantile t of Student's law with units - 1 degrees of freedom.
 
-    It is tabled up to ten; beyond that, the expansion of Cornish and Fisher (1938) holds to 1e-3.
+    For up to ten degrees of freedom it is taken from a table; beyond them the expansion of Cornish and Fisher (1938)
+    holds to 1e-3.
     """
     z, n = NORMAL, units - 1
     if n <= len(_STUDENT):
@@ -97,11 +98,10 @@ def quantile(units: int) -> float:
 
 
 def half_width(error: float, bias: float, units: int) -> float:
-    """Half width of a 95 % interval, given the standard error of so many units and a bias of unknown sign.
-
-    It is ((t error)^2 + (1.96 bias)^2)^(1/2). If BIAS_SHARE is kept, the bias is at most a third of the error; the
-    interval then holds with 94.9 to 95.9 %, whatever part of that bias is really there. Student's t multiplies the
-    error alone, because the bias is not known from these units.
+    """Half width of a 95 % interval, given the standard error of the mean of `units` units, and a bias of unknown sign:
+    ((t error)^2 + (1.96 bias)^2)^(1/2). If BIAS_SHARE is kept, the bias is at most a third of the error; the interval
+    then holds with 94.9 to 95.9 %, whatever part of this bias the value really has. Student's t multiplies the error
+    alone, because the bias is not known from these units.
     """
     return math.hypot(quantile(units) * error, NORMAL * bias)
 
@@ -109,9 +109,10 @@ def half_width(error: float, bias: float, units: int) -> float:
 def half_width_when_stopped(error: float, bias: float, units: int, wanted: float) -> float:
     """Half width of a 95 % interval for work that ended because its error had become small enough.
 
-    Such work ends when its error looks small, so that error is more often too small than too large. It is therefore
-    taken larger, by 0.75 of its own standard error, as far as the half width stays below `wanted`. Without this, 92.8 %
-    of the intervals of 16 or 48 units hold (whether their points were doubled or not); with it, 94.8 % and more do.
+    Such work ends when its estimated error is small, so the estimate is more often too small than too large. Therefore
+    0.75 of the standard error of this estimate is added to it, as far as the half width stays below `wanted`. Without
+    this, 92.8 % of the intervals of 16 or 48 units hold (whether their points were doubled or not); with it, 94.8 % and
+    more do.
     """
     larger = error * (1 + _SCATTER / math.sqrt(2 * units))
     return max(half_width(error, bias, units), min(wanted, half_width(larger, bias, units)))
@@ -185,11 +186,11 @@ class Tally:
     def few(self) -> bool:
         """Whether so few values differ from the rest that their scatter does not tell the variance.
 
-        If j of n values are not 0, the kurtosis is about n/j, so this asks whether j < 20. m4 = 0 says nothing about j,
-        because fourth powers of deviations below 1e-81 underflow; then the answer is yes.
+        If j of n values are not 0, the kurtosis is about n/j, so the question is whether j < 20. m4 = 0 says nothing
+        about j, because fourth powers of deviations below 1e-81 underflow; the result is then true.
         """
         return self.m4 == 0 or self.few_of(self.n)
 
     def few_of(self, count: int) -> bool:
-        """The same for `count` values, if values differ from the rest as often as in this sample."""
+        """Whether `few` would be true for `count` values, if values differ from the rest as often as in this sample."""
         return self.kurtosis * _FEW > count

@@ -205,8 +205,8 @@ class Estimate(Levels):
             raise may_be_zero(value, error)
 
     def _told(self) -> tuple[float, float]:
-        """The value and its error; the mean of the first values of f, if these separate it from 0 and the levels do
-        not.
+        """The value and its error; the mean of the first values of f, if these are known to differ from 0 and the
+        levels are not.
         """
         known, levels = self.known, (self.value, self.error)
         seen = math.fabs(known.mean) > SEEN * known.error

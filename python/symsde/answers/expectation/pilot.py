@@ -82,7 +82,7 @@ class Pilot:
             self._try_next()
 
     def _highest(self) -> float:
-        """The highest weak order among the schemes not yet tried. A higher order may need far fewer steps."""
+        """The highest weak order among the schemes not yet tried. A scheme of higher order may need far fewer steps."""
         return max(map(_order, self._untried), default=0.0)
 
     def _try_highest(self) -> None:
@@ -102,7 +102,8 @@ class Pilot:
                 trial.known = self.looked_at.units
 
     def _look_at_f(self) -> None:
-        """Draw values of f at the step whose levels differ least: they show its variance, its mean and its tails."""
+        """Draw values of f at the step whose levels differ least. They show the variance, the mean and the tails of
+        f."""
         trial = min(self.trials, key=lambda x: x.spread(LEVELS - 1) + x.seconds(LEVELS - 1) * 1e-12)
         plain = Plain(trial.problem, trial.scheme, trial.steps(LEVELS - 1), _FIRST)
         self.looked_at = look(plain, self.tolerance, self.watch)
@@ -158,8 +159,7 @@ class Pilot:
         )
 
     def plans(self, error: float | None = None) -> list[Plan]:
-        """Plans of every trial by all measurements so far, for the allowed methods; the cheapest first.
-
+        """Plans of every trial for the allowed methods, from all measurements so far; the cheapest comes first.
         error: root mean square error that the plans keep; by default the error that the tolerance allows.
         """
         found = [plan for trial in self.trials for plan in choice.plans(trial, error or self.error)]
@@ -202,7 +202,7 @@ class Pilot:
             yield best.trial.seconds_to_double, best.trial.double
         if known and self._untried:
             yield self._seconds_to_try, self._try_next
-        if best is not None and not known:  # no scheme is well measured: these plans may take for ever
+        if best is not None and not known:  # no scheme is well measured, and these plans may be far too expensive
             yield from self._last_tasks()
 
     @property
@@ -212,7 +212,9 @@ class Pilot:
 
     @staticmethod
     def _again(best: Plan) -> Iterator[Task]:
-        """More points of the levels of the best plan whose variance would be extrapolated far."""
+        """Measurements of more points, on those levels of the best plan for which the variance would be extrapolated
+        far.
+        """
         trial, first = best.trial, best.level + 1 - len(best.points)
         for i, points in enumerate(best.points):
             even = trial.even.get(first + i)
@@ -221,7 +223,7 @@ class Pilot:
                 yield trial.price_of_points(even.level, most), partial(trial.look_at_points, even.level, most)
 
     def _points(self, trial: Trial, levels: Iterable[int]) -> Iterator[Task]:
-        """Sobol points on those of these levels that have not been measured."""
+        """Measurements of Sobol points on those of the given levels that have none yet."""
         for level in levels if EVEN_LEVELS in self.methods else ():
             if level not in trial.even and math.isfinite(seconds := trial.price_of_points(level)):
                 yield seconds, partial(trial.look_at_points, level)

@@ -25,7 +25,7 @@ from ...schemes import Scheme
 
 Function = Callable[[np.ndarray, np.ndarray], np.ndarray]
 _READ_ONLY = "read-only"  #: words of NumPy's message about arrays that must not be changed
-_TRIED = 5  #: number of points at which f is tried before any work; no run is likely to have the same size
+_TRIED = 5  #: number of points at which f is tried first; a run hardly ever has this number of paths
 OPTIONS = tuple(EndOptions.__annotations__)  #: names of the options that are passed on to `simulate`
 _DECIDED = dict.fromkeys(("step", "steps", "paths", "save_every"), "it is found for the tolerance")
 _GONE = 1e100  #: paths beyond this size count as failed, whatever value f has there

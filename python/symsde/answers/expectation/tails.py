@@ -11,9 +11,9 @@ assumes a power law, for which the logarithms log(y_i/y_{k+1}) are exponential: 
 square of their mean is 2, with a standard error of 2/k^(1/2). If the ratio is smaller, the law falls off faster than
 any power, for example because f is bounded: on the flanks of a peak exp(-c (1 - q)^2), at most 1, the ratio is 6/5.
 
-If f differs on j of n paths, by about a size s, its mean may be wrong by s (z^2/2 + z sqrt(j + z^2/4))/n, with
-97.5 % confidence on this side, z = 1.96 (Wilson 1927, for small j/n). This is z^2 s/n = 3.84 s/n if j = 0, and 10.9 s/n
-if j = 20.
+If f differs from its usual value on j of n paths, by about s, its mean may be wrong by s (z^2/2 + z sqrt(j + z^2/4))/n,
+with 97.5 % confidence on this side, z = 1.96 (Wilson 1927, for small j/n). This is z^2 s/n = 3.84 s/n if j = 0, and
+10.9 s/n if j = 20.
 """
 
 from __future__ import annotations
@@ -30,12 +30,13 @@ from .problem import Problem
 from .watch import Watch
 
 _LOOKED_AT = 4096  #: number of values of f whose tails are examined first
-#: if these first values seem to have no variance: number of further values, and of the outermost among them that decide
+#: if these first values seem to have no finite variance: number of further values, and number of the outermost of them,
+#: which decide
 _AGAIN, _OF_THESE = 2**16, 256
 _MANY = 2**15  #: number of values from which f is examined again if few values differ
 _OUTERMOST = 32  #: number of outermost values that decide in this second look
 _FIRST_AGAIN = 2**45 + 2**42  #: index of the first path of this second look
-_SMALLEST = 1e-135  #: smallest allowed largest value: the square of a millionth of it does not underflow
+_SMALLEST = 1e-135  #: smallest allowed value of max |f|: the square of a millionth of it does not underflow
 _MOST, _LONG = 2**24, 60.0  #: most values, and most seconds, spent on an f of which few values differ
 _PATHS = 256  #: number of paths; f is tried at points around the ends of these paths
 _FIRST = 2**45 + 2**43  #: index of the first of these paths
@@ -135,9 +136,9 @@ class Doubt:
 
 
 def look(plain: Plain, tolerance: Tolerance, watch: Watch) -> Drawn:
-    """Draw values of f until enough of them differ, or until the unseen part is within the half width asked for.
-
-    Fewer values of a rare event determine neither its mean nor its bias. Values without a variance are refused.
+    """Draw values of f until enough of them differ, or until the possible effect of unseen events is below the
+    requested half width. From few values of a rare event neither the mean nor the bias can be determined. Values
+    without a variance are refused.
     """
     drawn = first_values(plain)
     while drawn.units.n and drawn.paths <= _MOST and not watch.over and watch.seconds <= _LONG:
@@ -151,9 +152,10 @@ def look(plain: Plain, tolerance: Tolerance, watch: Watch) -> Drawn:
 def unseen(problem: Problem, scheme: Scheme, steps: int, seen: Tally) -> float:
     """Half width that an interval must have because of events that these values of f may have missed; usually 0.
 
-    It is above 0 if fewer than about 20 values differ from the rest. Its scale s is that of those values. If f is flat
-    around the ends of most paths, it may jump elsewhere: then s is the range of f between and beside these ends, 1 for
-    truth values. If f changes with the state and is equal on all paths, the motion conserves it: nothing is unseen.
+    It is above 0 if fewer than about 20 values differ from the rest; its scale s is the distance of these values from
+    the rest. If f is flat around the ends of most paths, it may jump elsewhere: then s is the range of f between and
+    beside these ends, 1 for truth values. If f changes with the state and is equal on all paths, the motion conserves
+    it: no event can be unseen.
     """
     if not problem.model.nnoise or not seen.few:
         return 0.0

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """A pilot's measurements of one scheme: bias, variance and seconds as functions of the step, from coupled paths.
 
-    E f - E f(x_l) = sum_{k=l+1}^{L} E d_k + (what is left at the finest level L),    C(n) = a + b n seconds of a path
+    E f - E f(x_l) = sum_{k=l+1}^{L} E d_k + (the bias of the finest level L),    C(n) = a + b n seconds of a path
 
 with d_k as in `coupled.py`. Between two levels the bias is interpolated as a constant plus a multiple of h^a; beyond
 the finest level bias.py extrapolates the differences.
@@ -31,18 +31,18 @@ LEVELS = 4  #: number of levels of a pilot: three differences determine a power 
 MOST_HALVINGS = 10  #: most halvings of the finest step: no extrapolation is trusted beyond a factor of a thousand
 UNSTABLE = 4  #: number of coarsest steps that are tried if paths fail, each half of the one before
 UNITS = 256  #: number of antithetic pairs to measure: enough to know their variance to a tenth of its value
-#: log2 of few and of more points, and number of scramblings: a factor of eight in points shows the fall of the variance
+#: log2 of few and of more points, and number of scramblings: eight times as many points show how the variance falls
 SHORT, LONG, SCRAMBLINGS = 5, 8, 8
 FIRST = 2**45  #: index of the first path of measurements, far from the paths of levels and of answers
 USUAL, OF_JUMPS = 1.5, 1.1  #: exponents s of smooth f (mostly 1.2 to 1.8) and of truth values (0.9 to 1.3)
 _USUALLY = 0.3  #: scatter of these exponents
 _DOUBT = 1.06  #: standard error of log2 of the ratio of two variances, each of eight units
-_FEW = 1.2  #: factor on the standard error of eight units: Student's law over the normal law
+_FEW = 1.2  #: factor on a standard error from eight units: Student's quantile over the normal one
 _TIMED = 1024  #: paths of a timed call: they take many times as long as the call alone
 _LONG_ENOUGH = 5e-4  #: if a timed call takes more seconds, a quarter of the paths is enough
-_TURNED = 2.0  #: below this omega T (omega h)^a no phase has an error above a tenth of a radian
-_NEARER = 0.75  #: paths approach each other if a halving leaves less than this part of the mean square
-_NEARLY = 1 - 1e-12  #: of a number of steps before it is rounded up: a rounding error of a power of two adds no step
+_TURNED = 2.0  #: if omega T (omega h)^a is smaller, no phase has an error above a tenth of a radian
+_NEARER = 0.75  #: paths approach each other if a halving leaves less than this part of their mean square distance
+_NEARLY = 1 - 1e-12  #: factor before a number of steps is rounded up, so that rounding of a power of two adds no step
 #: rough seconds of a call, of scrambling a dimension, and of a bridged normal
 _CALL, _MATRIX, _NUMBER = 1e-4, 2.2e-5, 2e-8
 _SLOWER = 1.5  #: a path of given increments takes about this many times as long as other paths
@@ -143,9 +143,9 @@ class Trial(Levels):
     def may_go_finer(self) -> bool:
         """Whether the levels are not settled, but finer steps may settle them.
 
-        They may if paths approach each other at each halving, or if phases are still wrong. The error of a phase is at
-        most (omega h)^a/20 per radian. If that is small up to the horizon, and paths end apart nevertheless, they
-        separate because the motion is unstable.
+        Finer steps may settle them if paths approach each other at each halving, or if phases are still wrong. The
+        error of a phase is at most (omega h)^a/20 per radian. If this error is small up to the horizon and paths
+        nevertheless end far apart, they separate because the motion is unstable.
         """
         fewest = fewest_steps(self.problem)
         turned = fewest * SHARPEST * (SHARPEST * fewest / self.steps(LEVELS - 1)) ** of_phases(self.scheme, self.order)
@@ -165,7 +165,7 @@ class Trial(Levels):
 
     def _changed(self) -> None:
         """Forget results that follow from the draws so far."""
-        self._biases: dict[float, tuple[float, float]] = {}  #: level -> bias and its standard error
+        self._biases: dict[float, tuple[float, float]] = {}  #: cache: level -> bias and its standard error
         self._is_settled: bool | None = None
 
     def _draw(self, level: int, paths: int) -> None:
@@ -196,7 +196,8 @@ class Trial(Levels):
         return 4 * _CALL + 2 * UNITS * _SLOWER * self.seconds(level) if applies else math.inf
 
     def look_at_pairs(self, level: float) -> None:
-        """Measure antithetic pairs at a level; if few of them differ, their variance is at least that of f."""
+        """Measure antithetic pairs at a level; if few of them differ from the rest, their variance is taken as at least
+        that of f."""
         estimator = Antithetic(self.problem, self.scheme, self.steps(level), FIRST)
         few, many = estimator.draw(UNITS // 8), estimator.draw(UNITS)
         seconds = max((many.seconds - few.seconds) / (UNITS - UNITS // 8), self.seconds(level))
@@ -282,7 +283,8 @@ class Trial(Levels):
         return (tail + sum(means[-finer:]), math.hypot(noise, *errors[-finer:])) if finer > 0 else (tail, noise)
 
     def _differences(self) -> tuple[list[float], list[float]]:
-        """Means of f(x_h) - f(x_2h) at levels above 0, and their errors; each is the most accurate of all methods."""
+        """Means of f(x_h) - f(x_2h) at levels above 0, and their errors, each by the method that gives it most
+        accurately."""
         means = [draw.difference.mean for draw in self.draws[1:]]
         errors = [self.error_of(level) for level in range(1, LEVELS)]
         for level, x in self.even.items():
@@ -300,9 +302,8 @@ class Trial(Levels):
 
 
 def _as_if_one_differed(units: Tally, points: int, variance: float) -> Tally:
-    """The tally of these units of 2^points points. If all are equal, f may jump where there was no point.
-
-    The tally then gets the variance of units in which one point of all differs.
+    """The tally of these units of 2^points points. If all units are equal, f may jump where no point was. The tally
+    then gets the variance of units in which f differs at one point of all.
     """
     if units.m2 > 0:
         return units

@@ -90,7 +90,7 @@ class Watch:
             say(f"symsde: {sentence}\n")
 
     def _tell_anew(self, spent: float, share: float) -> None:
-        """Announce a new estimate if the work has grown by levels, points or units that the pilot did not foresee."""
+        """Announce a new estimate if the work has grown by levels, points or units that the pilot did not predict."""
         if share >= _KNOWN and spent > _LONGER * self._last_told * share:
             self._last_told = spent / share
             self._say(f"the plan has grown: {told(self._last_told)} in all")

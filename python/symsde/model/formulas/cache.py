@@ -3,8 +3,8 @@
 
 To load a library is to execute it. So every folder and link on the path must belong to this user or to root, and
 nobody else may have write permission; the file is opened once, never through a link, and read. If the checksum is
-right, the bytes read are loaded from memory, through a sealed file without a name. So changes of the file in the
-meantime do not change what runs, and later changes do not affect a process that has loaded it.
+right, the bytes read are loaded from memory, through a sealed file without a name. So a change of the file after the
+check does not change the code that runs.
 """
 
 from __future__ import annotations
@@ -111,7 +111,7 @@ def load(target: Path) -> ctypes.CDLL | None:
             return None
         try:
             _loaded[target] = _from_memory(content)
-        except (AttributeError, OSError):  # this system has no nameless files; the folder's permissions must suffice
+        except (AttributeError, OSError):  # no nameless files here: the folder's permissions must suffice
             try:
                 _loaded[target] = ctypes.CDLL(str(target))
             except OSError:
@@ -133,7 +133,8 @@ def _read(path: Path) -> bytes | None:
 
 def _from_memory(content: bytes) -> ctypes.CDLL:
     """Load these bytes. The loader identifies libraries by the text of the path, and file numbers are reused. So every
-    path spells the folder differently; otherwise the loader could return the library that had the number before."""
+    path spells the folder differently; otherwise the loader could return an earlier library whose file had the same
+    number."""
     handle = os.memfd_create("formula", os.MFD_CLOEXEC | os.MFD_ALLOW_SEALING)
     with open(handle, "wb") as file:
         file.write(content)

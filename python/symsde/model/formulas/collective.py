@@ -29,7 +29,7 @@ MAX_TERMS = 2_000  #: most terms of a formula that is multiplied out to find out
 class Outer:
     """Functions F_j of sums over sites, for the Hamiltonians that contain such a function."""
 
-    numbers: tuple[Any, ...]  #: the Hamiltonians, `sites.Number`
+    numbers: tuple[Any, ...]  #: the Hamiltonians that contain F_j, as `sites.Number`
     derivatives: Derivatives  #: derivatives with respect to the sums: coordinate k is sum k
 
     @property
@@ -51,7 +51,7 @@ class Outer:
 
 
 def split(total: Any, sums: list[Any]) -> tuple[dict[Any, Any], Any]:
-    """The factors of the sums that are terms of a formula, and the remaining formula."""
+    """Split a formula into a sum of terms factor * Sum and the remaining formula; return the factors and the rest."""
     known, factors = set(sums), {}
     for x in sums:
         slope = total.diff(x)
@@ -63,7 +63,8 @@ def split(total: Any, sums: list[Any]) -> tuple[dict[Any, Any], Any]:
 
 
 def make_outer(functions: list[tuple[Any, Any, str]], count: int, parameters: dict[str, float]) -> Outer:
-    """Make it from (number of the Hamiltonian, function of q0, q1, .. for the sums, text) and the number of sums."""
+    """Make the functions from (number of the Hamiltonian, function of q0, q1, .. for the sums, text) and the number of
+    sums."""
     if count > MAX_SUMS:
         raise FormulaTextError(f"the formulas hold {count} different sums in products: allowed are {MAX_SUMS}")
     numbers, expressions, texts = zip(*functions, strict=True)

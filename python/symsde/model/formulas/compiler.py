@@ -27,15 +27,16 @@ from ...native import parts as _parts
 from ...native.build import build_info
 from . import cache
 
-# Compilers contract nothing by themselves, so an output has the same bits in every function. CONTRACTS lets FMA of
-# lane_functions.h be one operation, if the library contracts too; otherwise bits do not depend on the processor.
+# Compilers contract nothing by themselves, so an output has the same bits in every function. With CONTRACTS the macro
+# FMA of lane_functions.h is one operation; it is set if the library contracts, too. Without it bits do not depend on
+# the processor.
 FLAGS = ("-std=c11", "-O3", "-march=native", "-fPIC", "-shared", "-fno-math-errno", "-fno-trapping-math")
 FLAGS += ("-ffp-contract=off", "-fno-semantic-interposition", "-w")
 if platform.machine() in ("x86_64", "AMD64"):
-    FLAGS += ("-mprefer-vector-width=512",)  # if the processor has them: 1.0 instead of 1.12 of the built-in's time
+    FLAGS += ("-mprefer-vector-width=512",)  # for processors that have them: 1.0 instead of 1.12 of the built-in's time
 if build_info().get("arithmetic") == "fused":
     FLAGS += ("-DCONTRACTS",)
-LONG = 300_000  #: characters (60000 of them functions) above which there is less optimisation: bits do not change
+LONG = 300_000  #: characters above which there is less optimisation (functions alone have 60000); bits are the same
 #: most seconds of processor time of one compilation; processor time, since a busy machine is no reason to refuse
 TIME_LIMIT = 120.0
 PATIENCE = 3600.0  #: most seconds of one compilation by the clock
@@ -60,7 +61,9 @@ def command() -> list[str] | None:
 
 
 def flags(source: str) -> tuple[str, ...]:
-    """Flags of the compiler for a text: at the highest level long texts would take several times as long."""
+    """Flags of the compiler for a text: long texts are compiled at a lower level, since the highest level would take
+    several times as long.
+    """
     return tuple("-O1" if flag == "-O3" and len(source) > LONG else flag for flag in FLAGS)
 
 

@@ -66,7 +66,7 @@ class Derivatives:
 
     @functools.cached_property
     def _fixed(self) -> set[str]:
-        """Names that are no part of the state, though they may differ from lane to lane."""
+        """Names that do not belong to the state, though their values may differ from lane to lane."""
         return {name for name in self.problem.lanes if name[0] in "ct"}
 
     def of(self, *variables: str) -> list[Any]:
@@ -154,15 +154,14 @@ class Derivatives:
         return {"tq": nodes[:n], "tp": nodes[n:]} if count else None
 
     def third_of_brackets(self) -> dict[str, list[int]]:
-        """The same, once; empty where no scheme takes them, too."""
+        """The nodes of `third`, computed once; empty if no scheme needs third derivatives."""
         if self._third is None:
             self._third = (self.has_brackets() and self.third()) or {}
         return self._third
 
     def constants(self) -> list[int]:
-        """Nodes that take parameters by path alone, and that other nodes take: they are computed once for each path.
-
-        Empty where all paths have the same parameters: what is the same for all lanes stands before loops.
+        """Nodes that depend on parameters alone, and that other nodes use: computed once for each path. Empty if all
+        paths have the same parameters: expressions that are equal for all lanes are computed before loops.
         """
         if self._constants is None:
             self._constants = self._found_constants() if self.problem.by_path else []

@@ -19,7 +19,7 @@ from .sites import Chain, Density, Number
 
 #: number of lanes that the library passes at once (strip_lanes): the results for the next row stay in registers
 LANES = 16
-TILE = 256  #: rows of one lane computed together; the values passed on between them fit into the nearest cache
+TILE = 256  #: rows of one lane computed together: values passed from row to row fit into the nearest cache
 WIDE = 64  #: number of lanes of a gradient that advance together: blocks of long chains have as many
 #: output of a row -> block and place in `Derivatives`
 OUTPUTS = {"force": ("hq", 0), "diagonal": ("hqq", 0), "beside": ("hqq", 1)}
@@ -166,7 +166,7 @@ class _Term:
 
 def source(chain: Chain) -> str:
     """The C functions for rows."""
-    closed = chain.ends != "free"  # densities that reach beyond the ends count too
+    closed = chain.ends != "free"  # with closed ends densities that reach beyond the ends count, too
     terms, whole = _together(chain, chain.densities)
     parts = {
         "handed": _handed_from_above(whole, terms, closed),
@@ -212,7 +212,7 @@ def _is_plain(d: Density, ends: str) -> bool:
 
 
 def _together(chain: Chain, densities: Any) -> tuple[list[_Term], Derivatives]:
-    """All densities of a row as one problem of two coordinates; incomplete densities at the ends follow from zeros."""
+    """All densities of a row as one problem of two coordinates; at the ends missing coordinates are zero."""
     zero = optional("sympy", "sympy").Integer(0)
     sums: dict[_Term, Any] = {}
     for d in densities:
@@ -248,7 +248,7 @@ def _loop(
 
 
 def _stores(made: Derivatives, outputs: dict[str, Any], stores: tuple[str, ...]) -> str:
-    """Stores of outputs by their names: of the force, and of the stiffness if it is wanted."""
+    """Stores of the outputs by their names: force, and stiffness if it is requested."""
     writer = Writer(made.graph, str)
     values = {name: writer.operand(made.outputs[block][at]) for name, (block, at) in outputs.items()}
     force, *stiffness = (f"{store.format(**values)}\n" for store in stores)

@@ -43,7 +43,7 @@
 
 /* c0 + x (c1 + x (.. + x c5)) */
 #define HORNER6(x, c0, c1, c2, c3, c4, c5) FMA(x, FMA(x, FMA(x, FMA(x, FMA(x, c5, c4), c3), c2), c1), c0)
-/* the same polynomial by pairs, y = x x, with a shorter chain of operations that depend on x */
+/* The same polynomial, evaluated by pairs with y = x x: fewer operations depend on each other. */
 #define PAIRS6(x, y, c0, c1, c2, c3, c4, c5) FMA(y, FMA(y, FMA(x, c5, c4), FMA(x, c3, c2)), FMA(x, c1, c0))
 
 LANE int64_t bits_of(double x) {
@@ -63,7 +63,7 @@ LANE int64_t outside(double x, double bound) {
    return bits_of(bound) - (bits_of(x) & INT64_MAX);
 }
 
-static const double to_integer = 0x1.8p52; /* x + this - this rounds x to an integer */
+static const double to_integer = 0x1.8p52; /* Adding this number to x and subtracting it rounds x to an integer. */
 
 /* value of `far` for a single path, whose code may branch */
 enum { ALONE = 2 };
@@ -88,7 +88,8 @@ LANE void lane_sincos(double x, double *sine, double *cosine, const int far, int
       *cosine = cos(x);
       return;
    }
-   if (far == ALONE && fabs(x) <= 0.785) { /* no reduction: the code below would leave x unchanged, and low zero */
+   /* No reduction is needed: the code below would leave x unchanged, and low zero. */
+   if (far == ALONE && fabs(x) <= 0.785) {
       on_quarter(x, 0, sine, cosine);
       return;
    }
@@ -164,7 +165,7 @@ LANE double lane_exp(double x, const int far, int64_t *beyond) {
    return near_exp(x);
 }
 
-/* x = 2^k m, positive and normal, with m from `least` to twice that, which lies below one: m, and k */
+/* x = 2^k m, positive and normal, with m from `least` < 1 to twice `least`: returns m, and k */
 LANE double split(double x, uint64_t least, double *k) {
    const uint64_t excess = (uint64_t)bits_of(x) - least;
    *k = double_of(UINT64_C(0x4330000000000000) | ((excess + (UINT64_C(1024) << 52)) >> 52)) - (0x1p52 + 1024);
@@ -183,7 +184,7 @@ LANE double log_of(double k, double f, double small) {
    return FMA(k, 6.93147180369123816490e-01, -((square - rest) - f));
 }
 
-static const double log_low = 1.90821492927058770002e-10; /* of log 2, below the bits that log_of multiplies */
+static const double log_low = 1.90821492927058770002e-10; /* The bits of log 2 below those that log_of multiplies. */
 static const uint64_t half_root = UINT64_C(0x3fe6a09e667f3bcd); /* sqrt(1/2) */
 
 /* negative where x is not positive and normal */
@@ -347,7 +348,7 @@ LANE double lane_asin(double x, const int far, int64_t *beyond) {
    *beyond |= outside(x, 1);
    const double size = fabs(x), half = 0.5 * (1 - size), twice = 2 * sqrt(half);
    const double more = more_of_asin(size < 0.5 ? x * x : half);
-   const double rest = 0.7853981633974483 - twice; /* from pi/4 on, without rounding where it counts */
+   const double rest = 0.7853981633974483 - twice; /* The difference is exact where both numbers are close. */
    const double large = 0.7853981633974483 + (rest - FMA(twice, more, -6.123233995736766e-17));
    return copysign(size < 0.5 ? FMA(size, more, size) : large, x);
 }
@@ -419,7 +420,7 @@ LANE double lane_erf(double x, const int far, int64_t *beyond) {
 
 /* Up to 1/2 as erf, then exp(-x^2)/(1 + 2 |x|) times a polynomial in (|x| - 4)/(|x| + 4), which was fitted to 5e-17 */
 LANE double lane_erfc(double x, const int far, int64_t *beyond) {
-   /* 26.5 is far, and beyond 27.4 the value is that of 26 */
+   /* 26.5 for 26 < |x| < 27.4 marks a far lane; beyond 27.4 the value at 26 is computed. */
    const double bounded = copysign(between(x, 26, 27.4) < 0 ? 26.5 : fabs(x) > 27 ? 26 : fabs(x), x);
    if (far && outside(bounded, 26) < 0)
       return erfc(x);

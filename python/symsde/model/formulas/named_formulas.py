@@ -21,7 +21,7 @@ from .graph import FUNCTIONS
 from .parse import FormulaTextError, Reader, check_name, folded, names_in, parse
 
 MAX_DOF = 64
-MAX_NOISES = 256  #: most noises: brackets of every pair of noises are computed
+MAX_NOISES = 256  #: most noises: for every pair of noises brackets are computed
 
 
 @dataclass(frozen=True)
@@ -74,7 +74,7 @@ def written(formula: Any) -> str:
     """A formula as text."""
     try:
         return str(formula)
-    except Exception as error:  # a foreign object may raise anything; so do integers of thousands of digits
+    except Exception as error:  # a foreign object may raise any exception; so do integers of thousands of digits
         kind = type(formula).__name__
         raise InvalidArgumentError(f"a formula of type {kind} cannot be written as text: {error}") from None
 

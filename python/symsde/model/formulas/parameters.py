@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Values of parameters: numbers, or arrays with a value for each path of a run.
 
-Compiled functions take them as data. Where all are numbers they read the numbers themselves, in the order of the
-formulas. Where one is an array, functions of another file read constants of each lane: what formulas take from the
-parameters alone, computed once for each path.
+Compiled functions get values as data. If all are numbers, functions read the numbers in the order of the formulas. If
+one is an array, the functions are compiled in another form, which reads constants of each lane: the parts of formulas
+that depend on parameters alone, computed once for each path.
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ def value_of(name: str, given: object) -> float | np.ndarray:
 
 
 def count_of(values: dict[str, Any]) -> int:
-    """The number of paths that values are for; 0 = any, as numbers and arrays of one are."""
+    """Number of paths that the values are for; 0 = any number, if all values are numbers or arrays of one number."""
     sizes = {name: x.size for name, x in values.items() if isinstance(x, np.ndarray) and x.size > 1}
     if len(set(sizes.values())) > 1:
         told = ", ".join(f"{name} for {size}" for name, size in sizes.items())
@@ -53,7 +53,7 @@ def count_of(values: dict[str, Any]) -> int:
 
 
 def require_numbers(values: Mapping[str, Any], where: str) -> None:
-    """Refuse arrays, which compiled functions of formulas without sums over sites take."""
+    """Refuse arrays; only compiled functions of formulas without sums over sites accept them."""
     for name, value in values.items():
         if np.ndim(value):
             raise IncompatibleError(
@@ -63,7 +63,9 @@ def require_numbers(values: Mapping[str, Any], where: str) -> None:
 
 
 def kind_of(values: dict[str, Any]) -> tuple:
-    """What code is made for: whether values go by path, and which numbers are 0, 1 or -1, which formulas fold."""
+    """The kind of values for which code is made: whether parameters differ by path, and which numbers are 0, 1 or
+    -1, since formulas are simplified with these numbers.
+    """
     arrays = any(isinstance(x, np.ndarray) for x in values.values())
     return arrays, *(
         float(x) if not isinstance(x, np.ndarray) and x in (0.0, 1.0, -1.0) else None for x in values.values()
@@ -91,7 +93,7 @@ def valued(root: FormulaModel, code: Code, values: dict[str, Any]) -> FormulaMod
 
 
 def _handle(roots: handles.Pool, numbers: Any, table: Any, frequencies: Any) -> ModelHandle:
-    """A handle of a model from one of the root's."""
+    """Make a handle of a model with these values from a handle of the root."""
     pointer, root = ctypes.c_void_p(), roots.take()
     try:
         user, rotation = (None if x is None else x.ctypes.data for x in (numbers, frequencies))
@@ -105,7 +107,7 @@ def _handle(roots: handles.Pool, numbers: Any, table: Any, frequencies: Any) -> 
 
 
 def _constants(code: Code, values: dict[str, Any]) -> np.ndarray:
-    """What the formulas take from the parameters alone, (constant, path)."""
+    """Values (constant, path) of the parts of formulas that depend on parameters alone."""
     paths = count_of(values) or 1
     given = np.array([np.broadcast_to(x, paths) for x in values.values()])
     found = np.empty((len(code.derivatives.constants()), paths))

@@ -152,7 +152,9 @@ class Reader:
         )
 
     def _operation(self, node: ast.BinOp, depth: int) -> Any:
-        """Read a sum or product; a chain of any length is one level deep, as it is written."""
+        """Read a sum or product. A chain of any length counts as one level of depth, because it is written without
+        brackets.
+        """
         if isinstance(node.op, ast.Pow):
             return self._power(self.read(node.left, depth + 1), self.read(node.right, depth + 1))
         kinds = next((k for k in (_ADDITIVE, _MULTIPLICATIVE) if isinstance(node.op, k)), None)

@@ -38,7 +38,8 @@ class Scaled:
         return None
 
     def whole(self, e: Any) -> int:
-        """The node of a growing expression: no part overflows, nor underflows before the whole does."""
+        """The node of a growing expression: no part overflows, and no part underflows unless the whole expression
+        does."""
         exponent, mantissa = self._parts(e)
         return self.graph.multiply(self._exp(exponent), self._product(mantissa))
 
@@ -176,7 +177,7 @@ class Scaled:
         return {self.graph.sum(self.graph.add(x / n, self.leaves) for x in terms): float(n)}
 
     def _sum(self, terms: Any) -> tuple[Powers, Powers]:
-        """A sum: the largest exponent is factored out; a nearby number would do too."""
+        """A sum: the largest exponent is factored out; it need not be exactly the largest."""
         graph, still = self.graph, [x for x in terms if not self.grows(x)]
         found = [self._parts(x) for x in terms if self.grows(x)]
         if still:
@@ -195,7 +196,7 @@ class Scaled:
         return largest, {graph.sum(scaled): 1.0}
 
     def _total(self, exponent: Powers) -> int:
-        """Add multiples, combining those with the same factor, since then d - |d| is exact."""
+        """Add multiples of exponents, and combine multiples of the same node, since then d - |d| is exact."""
         graph, groups = self.graph, {}
         for x, n in exponent.items():
             groups.setdefault(abs(n), []).append(x if n > 0 else graph.negative(x))

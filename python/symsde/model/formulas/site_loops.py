@@ -13,7 +13,8 @@ GRADIENT = {"uq": "hq", "up": "hp"}  #: rows of a product -> the same rows of th
 
 
 def over_sites(d: Density, call: str, own: bool = False) -> str:
-    """A call for every site of a density; own: each site writes only to its own row, so that sites are independent."""
+    """A call for every site of a density; `own` means that each site writes only to its own row, so that sites are
+    independent."""
     apart = "#pragma GCC ivdep\n" if own else ""
     return f"{apart}   for (ptrdiff_t site = {d.first}; site <= {d.last}; site++)\n      beyond |= {call};\n"
 

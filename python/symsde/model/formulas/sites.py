@@ -71,7 +71,7 @@ class Number:
 
     @property
     def is_drift(self) -> bool:
-        """Whether it is H."""
+        """Whether the Hamiltonian is H."""
         return self == Number()
 
 
@@ -79,13 +79,13 @@ class Number:
 class Density:
     """The summand of a sum over sites."""
 
-    weight: Number  #: the Hamiltonian that the sum belongs to; for a family the first of its Hamiltonians
+    weight: Number  #: Hamiltonian of the sum; for a family its first Hamiltonian
     family: bool  #: whether each site has its own Hamiltonian
     first: Place
     last: Place
     offsets: tuple[int, ...]  #: coordinate k of `derivatives` belongs to site + offsets[k]
     derivatives: Derivatives
-    is_rest: bool = False  #: whether this is the part of another density beyond the ends
+    is_rest: bool = False  #: whether the density is the part beyond the ends of another density
     #: indices of the sums inside functions that the density adds to, one for each of its Hamiltonians; else empty
     inner: tuple[int, ...] = ()
 
@@ -222,7 +222,7 @@ def make_chain(*, H: Any, noise: list[Any], params: Any, t: Any, n: Any, ends: A
             for body in bodies:
                 densities += _at_ends(body, _Whose(text, weight, family, names.values), ends, count)
             for stand_in in [x for x in sums if x in rest.free_symbols]:
-                at_ends(sums[stand_in], ends, count)  # errors must name the formula of the sum
+                at_ends(sums[stand_in], ends, count)  # errors must name the formula that contains the sum
                 symbol = sympy.Symbol(f"q{len(inner)}", real=True)
                 rest = rest.xreplace({stand_in: inner.setdefault(sums[stand_in], symbol)})
             if rest != 0:
@@ -308,7 +308,7 @@ def at_ends(body: Any, ends: str, count: int, every_site: bool = True) -> list[t
     for site in range(-high if every_site else 0, before):  # some neighbours lie before the first site
         cut = body.xreplace({x: 0 for x, o in symbols.items() if site + o < 0})
         pieces.append((cut, Place(site), Place(site)))
-    for back in range(1 - after, 1 - low if every_site else 1):  # some lie beyond the last one
+    for back in range(1 - after, 1 - low if every_site else 1):  # some neighbours lie beyond the last site
         cut = body.xreplace({x: 0 for x, o in symbols.items() if back + o > 0})
         pieces.append((cut, Place(back, from_last=True), Place(back, from_last=True)))
     return pieces

@@ -42,11 +42,11 @@ class Structure:
     time_dependent: bool  #: some H_j depends on t
     bandwidth: int  #: bandwidth of every block of the Hessian: entries (i, j) with |i - j| above it vanish
     nonzero: dict[str, int]  #: number of entries that do not vanish in the blocks qq, qp, pp of the Hessian
-    rotation: tuple[float, ...] | None  #: frequencies of the linear part of H around q = 0, if there are such
+    rotation: tuple[float, ...] | None  #: frequencies of the linear part of H around q = 0; None if H has no such part
     silent: tuple[int, ...]  #: noises k whose H_k does not depend on the state: nothing is drawn for them
     noises_commute: bool  #: every {H_k, H_l} is constant
     flows_commute: bool  #: every {H, H_k} is constant, too, and no noise changes in time
-    invariants: dict[str, bool] = field(default_factory=dict)  #: candidate I -> dI = 0 along every path is proved
+    invariants: dict[str, bool] = field(default_factory=dict)  #: candidate I -> whether dI = 0 on every path is proved
 
     def traits(self) -> dict[str, Any]:
         """The traits as arguments of `Model`."""
@@ -57,7 +57,7 @@ class Structure:
 
 
 def _place(symbol: Any) -> int:
-    """A number for a symbol, the same in every process."""
+    """A fixed number from which the value for a symbol is chosen, the same in every process."""
     return sum(symbol.name.encode())
 
 
@@ -92,7 +92,9 @@ def _applied(e: Any, parts: list[complex]) -> complex:
 
 
 def _function(e: Any, at: Mapping[Any, float], parameters: list) -> Callable[[list], complex]:
-    """The same as a function of parameters; what does not depend on them is computed once."""
+    """The value of an expression as a function of parameters; parts that do not depend on parameters are computed
+    once.
+    """
     if e in parameters:
         place = parameters.index(e)
         return lambda values: complex(values[place])
@@ -139,11 +141,11 @@ class Prover:
         for shift in (0, 1):
             try:
                 if abs(_value(e, {x: _POINTS[(_place(x) + shift) % len(_POINTS)] for x in e.free_symbols})) > 1e-6:
-                    return True  # the value is well above rounding errors of numbers near one
+                    return True  # well above rounding errors of numbers near one
             except OverflowError:
                 overflows = True
             except (AttributeError, KeyError, TypeError, ValueError, ZeroDivisionError, RecursionError):
-                continue  # the function has no number, or a variable is bound inside: nothing is shown
+                continue  # no floating-point value, or a variable bound inside: this point shows nothing
         return overflows
 
     def diff(self, j: int, *variables: Any) -> Any:
@@ -217,7 +219,7 @@ class Prover:
         )
 
     def rotation(self, values: list) -> tuple[float, ...] | None:
-        """Roots of the diagonal of the Hessian at q = 0, for these values of the parameters; None where it goes by
+        """Roots of the diagonal of the Hessian at q = 0, for these values of the parameters; None if these differ by
         path."""
         squares = []
         try:

@@ -10,7 +10,7 @@ while formulas are differentiated, with rules that contain no such difference:
     D = sum_i c_i E_i       of exponentials and powers of cosh, E_i' = l_i E_i, with weights W_i = c_i E_i/D, whose sum
                             is one
     (log D)'                sum_i W_i l_i
-    (E D^r)'                E D^r sum_i W_i (l + r l_i), with E' = l E: of W_i itself W_i sum_j W_j (l_i - l_j)
+    (E D^r)'                E D^r sum_i W_i (l + r l_i), with E' = l E; for W_i itself W_i sum_j W_j (l_i - l_j)
 
 If the largest term of D has l + r l_i = 0, the other terms remain, without a difference. Expressions without such
 functions are not changed.
@@ -220,7 +220,7 @@ class Tails:
         return symbol
 
     def _mean(self, base: Any, terms: list, of: Callable[[int], Any]) -> Any:
-        """The mean sum_i W_i of(i)."""
+        """The mean sum_i W_i of(i), where of(i) is a function of the term i."""
         result = 0
         for i, ((still, growing), _) in enumerate(terms):
             value = self.engine.expand(of(i))

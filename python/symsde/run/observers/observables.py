@@ -87,8 +87,8 @@ def _name_of(function: Any) -> str:
 
 
 def bind(observables: Mapping[str, Observable], model: Model, struct: Any, failures: callbacks.Failures) -> Any:
-    """Store the callback in the struct of the C interface; the caller keeps the returned object alive while it may be
-    called."""
+    """Store the callback in the struct of the C interface; the caller keeps the returned object alive while the
+    callback may be called."""
     if not observables:
         return None
     texts = {name: x for name, x in observables.items() if is_formula(x)}
