@@ -175,23 +175,29 @@ contains
       end do
    end function loses
 
-   !> Describe the damping, and what it means for velocities. Without damping the text is empty.
-   subroutine describe(self, traits, text)
+   !> Describe the damping, what steps keep, and what it means for velocities. Without damping the text is empty.
+   subroutine describe(self, traits, symplectic, text)
       class(damping_type), intent(in) :: self
       type(model_traits), intent(in) :: traits
+      logical, intent(in) :: symplectic   !! whether the scheme is that for closed systems
       character(:), allocatable, intent(out) :: text
+      logical :: keeps
 
       text = ''
       if (.not. self%acts()) return
+      keeps = symplectic .and. .not. traits%forces%act()
       if (allocated(self%friction)) then
          text = 'dp = .. - Gamma M^-1 p dt, friction on velocities by a matrix'
+         if (keeps) text = text//', which shrinks volume alone by one factor'
          return
       else if (self%is_scalar()) then
          text = 'dp = .. - '//to_text(self%rate(1))//' p dt'
-         if (.not. traits%forces%act()) text = text//', so that dp^dq shrinks by one factor'
+         if (keeps) text = text//', so that dp^dq shrinks by one factor'
       else
          text = 'dp_i = .. - gamma_i p_i dt, gamma_i = '//to_text(minval(self%rate))//' to '//to_text(maxval(self%rate))
+         if (keeps) text = text//', which shrinks volume alone by one factor'
       end if
+      if (.not. (symplectic .or. traits%forces%act())) text = text//', of which the scheme keeps no factor'
       if (traits%identity_mass) return
       if (traits%constant_mass) then
          text = text//'; on velocities the friction is rate times mass'

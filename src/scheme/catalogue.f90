@@ -111,7 +111,7 @@ contains
          if (.not. known) call parametrised(scheme, name, error)
       end select
       if (allocated(error)) return
-      call add_measurements(scheme%order, name)
+      call add_measurements(scheme%order, scheme%damped_order, name)
       if (contracts_are_executed) call require_scheme(scheme, 'scheme, catalogue')
    end subroutine get_scheme
 

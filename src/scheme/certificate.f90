@@ -11,6 +11,7 @@
 !>    symmetric              the distance from the adjoint, and the end of the step at which a frame acts
 !>    quadratic invariants   a - abar and b - bbar, if symplectic
 !>    strong .., weak        scheme/orders: derived or claimed, and measured
+!>    damped, ..             scheme/damped: the factor by which a step shrinks the form, or volume
 !>    explicit, cost         scheme/dependency: cycles among the stage values
 !>    needs                  the traits that a model must declare (scheme/needs)
 !>
@@ -24,6 +25,8 @@ module symsde_scheme_certificate
    use symsde_scheme_scheme, only: scheme_type, bracket_terms, tableau_form, galerkin_form, ito_form, &
                                    splitting_form, symplecticity_residual, model_needs, frame_none, frame_shift, &
                                    frame_rotation
+   use symsde_scheme_damped, only: damped_refusal, keeps_damped_volume, temperature_at_rest, one_rate, unequal_rates, &
+                                   friction_matrix
    use symsde_scheme_kicks, only: flow_midpoint
    use symsde_scheme_orders, only: order_type, norder, order_names, weak_order, evidence_claimed, evidence_derived, &
                                    evidence_text
@@ -53,6 +56,10 @@ module symsde_scheme_certificate
       integer :: law = law_gaussian             !! law of the increments (base/laws)
       integer :: frame = frame_none             !! what surrounds the tableau's step
       type(model_needs) :: needs                !! conditions on the model
+      character(:), allocatable :: damped_by_rate     !! what steps keep with one rate of damping, or a refusal
+      character(:), allocatable :: damped_by_rates    !! the same with unequal rates
+      character(:), allocatable :: damped_by_matrix   !! the same with a matrix of friction
+      real(wp) :: damped_order(2) = 0           !! measured strong orders with one rate (scheme_type)
       character(:), allocatable :: remark       !! more facts on the scheme
       logical :: symplectic = .false.
       real(wp) :: symplecticity_residual = 0    !! largest residual of the four conditions
@@ -128,7 +135,45 @@ contains
       ! Unknowns for each degree of freedom, for any H and for separable H.
       c%unknowns = implicit_unknowns(scheme, .false.)
       c%unknowns_if_separable = implicit_unknowns(scheme, .true.)
+      call judge_damping(c, scheme, one_rate, c%damped_by_rate)
+      call judge_damping(c, scheme, unequal_rates, c%damped_by_rates)
+      call judge_damping(c, scheme, friction_matrix, c%damped_by_matrix)
+      c%damped_order = scheme%damped_order
    end function certificate
+
+   !> What steps keep of dp ^ dq for a kind of damping, or why the scheme is refused. A Galerkin scheme runs as the
+   !> tableau that it is for a model.
+   pure subroutine judge_damping(c, scheme, kind, text)
+      type(certificate_type), intent(in) :: c
+      type(scheme_type), intent(in) :: scheme
+      integer, intent(in) :: kind
+      character(:), allocatable, intent(out) :: text
+      type(scheme_type) :: executed
+      character(:), allocatable :: why
+
+      executed = scheme
+      if (scheme%form == galerkin_form) executed%form = tableau_form
+      executed%brackets%areas = .false.  ! they act where noises do not commute, corrections where they have to
+      call damped_refusal(executed, kind, executed%brackets, products=.false., why=why)
+      if (allocated(why)) then
+         text = 'refused: it '//why
+         return
+      else if (.not. c%symplectic) then
+         text = 'no factor of dp ^ dq, nor of volume'
+         return
+      else if (kind == one_rate) then
+         text = 'dp ^ dq times exp(-gamma h) ('//evidence_text(c%structure)//'); <p^2> of a free particle '// &
+                to_text(temperature_at_rest(executed, 1.0_wp))//'/beta at gamma h = 1'
+      else
+         text = 'volume times exp(-h sum gamma_i)'
+         if (kind == friction_matrix) text = 'volume times exp(-h tr Gamma M^-1)'
+         if (.not. keeps_damped_volume(scheme)) text = text//', at least to the order of the scheme'
+         text = text//'; no form'
+         if (c%correction_exists) text = text//'; refused where the correction acts'
+         if (scheme%brackets%areas) text = text//'; refused where areas act'
+      end if
+      if (scheme%form == galerkin_form) text = text//'; where it is a tableau for the model'
+   end subroutine judge_damping
 
    !> Decide which equation the scheme approximates. beta^T b e and beta^T bbar e must be 1/2. A correction Hamiltonian
    !> changes both by opposite amounts, so it helps only if their sum is one.
@@ -350,6 +395,31 @@ contains
          call add(text, 'increments', law_text(c%law)//': for expectations, not path by path')
    end subroutine add_expansion
 
+   !> Lines on damping: what steps keep, and strong orders as they were measured with one rate. One line does where all
+   !> kinds are refused for the same reason.
+   pure subroutine add_damping(text, c)
+      character(:), allocatable, intent(inout) :: text
+      type(certificate_type), intent(in) :: c
+      character(:), allocatable :: found
+      character(len=8) :: numbers(2)
+
+      if (c%damped_by_rate == c%damped_by_matrix) then
+         call add(text, 'damped', c%damped_by_rate)
+         return
+      end if
+      call add(text, 'damped, one rate', c%damped_by_rate)
+      call add(text, 'damped, unequal rates', c%damped_by_rates)
+      call add(text, 'damped, matrix', c%damped_by_matrix)
+      found = 'not measured'
+      if (c%damped_order(1) > 0) then
+         write (numbers, '(f8.2)') c%damped_order
+         found = 'measured '//trim(adjustl(numbers(1)))//' with additive noise'
+         if (c%damped_order(2) > 0) found = found//', '//trim(adjustl(numbers(2)))//' with noise in position'
+         found = found//', on a chain of two with one rate'
+      end if
+      call add(text, 'damped, strong orders', 'as without damping; '//found)
+   end subroutine add_damping
+
    !> The line that names the models for which no equations are solved; a correction makes every scheme implicit.
    pure subroutine add_explicit(text, c)
       character(:), allocatable, intent(inout) :: text
@@ -429,6 +499,7 @@ contains
       call add_orders(text, c)
       call add_expansion(text, c)
       call add(text, 'order without noise', to_text(c%order_noise_free))
+      call add_damping(text, c)
       call add_explicit(text, c)
       call add_cost(text, c)
       call add_needs(text, c)

@@ -1,6 +1,6 @@
 ! SPDX-License-Identifier: BSD-3-Clause
 !> Orders as they were measured, of the schemes of the catalogue. Written by docs/generate.py from docs/measured.json,
-!> the work of docs/measure_orders.py; do not edit.
+!> the work of docs/measure_orders.py, and docs/damping_orders.json, that of docs/damping_orders.py; do not edit.
 module symsde_scheme_measured
    use symsde_base_kinds, only: wp
    use symsde_base_text, only: name_length
@@ -18,6 +18,12 @@ module symsde_scheme_measured
       real(wp) :: half_width      !! half of the 95 % interval; for weak orders, difference of the last two slopes
       real(wp) :: floor           !! error of the reference over the smallest error that counts
    end type measurement
+
+   !> Strong orders with one rate of damping, with additive noise and with noise in position; 0: refused.
+   type :: damped_measurement
+      character(len=name_length) :: scheme
+      real(wp) :: order(2)
+   end type damped_measurement
 
    type(measurement), parameter :: additive(42) = [ &
                                    measurement('midpoint', additive_noise, 'tilted_pendulum', &
@@ -359,12 +365,45 @@ module symsde_scheme_measured
                                    measurement('lambda:0.3', weak_order, 'noncommutative_oscillator', &
                                                1.0_wp, 0.003_wp, 0.0_wp)]
    type(measurement), parameter :: found(*) = [additive, commutative, general, commuting, weak]
+   type(damped_measurement), parameter :: damped(31) = [ &
+                                          damped_measurement('midpoint', [1.06_wp, 1.09_wp]), &
+                                          damped_measurement('symplectic_euler', [1.04_wp, 0.99_wp]), &
+                                          damped_measurement('symplectic_euler_adjoint', [0.99_wp, 1.02_wp]), &
+                                          damped_measurement('stormer_verlet', [1.1_wp, 1.09_wp]), &
+                                          damped_measurement('gauss2', [1.07_wp, 1.08_wp]), &
+                                          damped_measurement('gauss3', [1.07_wp, 1.08_wp]), &
+                                          damped_measurement('gauss4', [1.07_wp, 1.08_wp]), &
+                                          damped_measurement('lobatto2', [1.1_wp, 1.09_wp]), &
+                                          damped_measurement('lobatto2_swapped', [1.08_wp, 1.09_wp]), &
+                                          damped_measurement('lobatto3', [1.07_wp, 1.08_wp]), &
+                                          damped_measurement('lobatto3_swapped', [1.07_wp, 1.08_wp]), &
+                                          damped_measurement('lobatto4', [1.07_wp, 1.08_wp]), &
+                                          damped_measurement('lobatto4_swapped', [1.07_wp, 1.08_wp]), &
+                                          damped_measurement('P1N2Q2Lob', [1.1_wp, 1.09_wp]), &
+                                          damped_measurement('P1N2Q2Otr', [1.07_wp, 1.08_wp]), &
+                                          damped_measurement('P1N2Q4Gau', [1.07_wp, 1.08_wp]), &
+                                          damped_measurement('P1N3Q4Lob', [1.07_wp, 1.08_wp]), &
+                                          damped_measurement('P2N2Q2Lob', [1.1_wp, 1.09_wp]), &
+                                          damped_measurement('P2N2Q2Otr', [1.09_wp, 1.11_wp]), &
+                                          damped_measurement('P2N3Q4Lob', [1.07_wp, 1.08_wp]), &
+                                          damped_measurement('P2N3Q6Gau', [1.07_wp, 1.08_wp]), &
+                                          damped_measurement('P2N4Q6Lob', [1.07_wp, 1.08_wp]), &
+                                          damped_measurement('midpoint_areas', [1.06_wp, 1.09_wp]), &
+                                          damped_measurement('drift_preserving', [1.05_wp, 0.0_wp]), &
+                                          damped_measurement('gauss_dkdkd', [1.93_wp, 1.7_wp]), &
+                                          damped_measurement('verlet_kdk', [1.99_wp, 1.96_wp]), &
+                                          damped_measurement('chin4a', [3.0_wp, 1.47_wp]), &
+                                          damped_measurement('gauss_dkdkd_strong2', [1.93_wp, 2.03_wp]), &
+                                          damped_measurement('verlet_kdk_strong2', [1.99_wp, 2.01_wp]), &
+                                          damped_measurement('chin4a_strong2', [3.0_wp, 2.58_wp]), &
+                                          damped_measurement('heun', [1.11_wp, 1.12_wp])]
 
 contains
 
    !> Enter the measurements of a scheme of the catalogue into its orders.
-   pure subroutine add_measurements(order, name)
+   pure subroutine add_measurements(order, damped_order, name)
       type(order_type), intent(inout) :: order(norder)
+      real(wp), intent(inout) :: damped_order(2)
       character(*), intent(in) :: name
       integer :: i
 
@@ -376,6 +415,9 @@ contains
             o%half_width = found(i)%half_width
             o%floor = found(i)%floor
          end associate
+      end do
+      do i = 1, size(damped)
+         if (damped(i)%scheme == name) damped_order = damped(i)%order
       end do
    end subroutine add_measurements
 

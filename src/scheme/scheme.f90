@@ -105,6 +105,8 @@ module symsde_scheme_scheme
       integer :: structure = evidence_derived !! evidence of symmetric and keeps_quadratic
       type(order_type) :: order(norder)       !! orders by class of noise, each with its evidence
       integer :: order_noise_free = 0         !! order without noise
+      real(wp) :: damped_order(2) = 0         !! measured strong orders with one rate of damping, of additive noise
+                                              !! and of noise in position; 0 = not measured
       logical :: sharp = .false.              !! the order for commutative noise is not exceeded on generic problems
    contains
       procedure :: has_tableau

@@ -17,6 +17,7 @@ module symsde_step_factory
    use symsde_base_text, only: to_text
    use symsde_model_abstract, only: model_type
    use symsde_scheme_contract, only: require_scheme
+   use symsde_scheme_damped, only: damped_refusal, one_rate, unequal_rates, friction_matrix
    use symsde_scheme_dependency, only: is_explicit
    use symsde_scheme_galerkin_tableau, only: find_tableau
    use symsde_scheme_kicks, only: flow_free
@@ -264,7 +265,6 @@ contains
       if (decays_in_midpoint) decays_in_midpoint = midpoint_fits(task)
    end function decays_in_midpoint
 
-   !> A stepper of the closed system between decays of the momenta.
    !> Make a stepper of the closed system between decays of the momenta.
    recursive subroutine make_damped(stepper, task, error)
       class(stepper_type), allocatable, intent(out) :: stepper
@@ -286,45 +286,29 @@ contains
       call move_alloc(damped, stepper)
    end subroutine make_damped
 
-   !> Refuse schemes that do not implement damping. Brackets with H, or between drift and noise, would have to include
-   !> the change of exp(gamma s) H_k in time; with unequal rates no product of two gradients keeps its form.
+   !> Refuse schemes that do not implement damping (scheme/damped).
    subroutine check_damping(task, error)
       type(stepper_task), intent(in) :: task
       type(error_type), allocatable, intent(inout) :: error
-      type(bracket_terms) :: active
+      type(scheme_type) :: executed
+      character(:), allocatable :: why
+      integer :: kind
 
       if (.not. task%damping%acts()) return
-      active = active_brackets(task%scheme%brackets, task%model%traits)
-      if (task%scheme%law /= law_gaussian) then
-         call refuse('draws increments for means alone, whose order nobody has found for damped momenta')
-      else if (.not. (task%scheme%form == tableau_form .or. task%scheme%form == splitting_form) .or. &
-               task%scheme%frame /= frame_none .or. task%scheme%kicks%flow /= flow_free) then
-         call refuse('is neither a tableau, whose coefficients decay, nor made of free drifts and kicks')
-      else if (active%single .or. active%nested) then
-         call refuse('adds brackets of H, which damping would change in time')
-      else if (task%scheme%kicks%is_word() .and. .not. task%damping%is_scalar()) then
-         call refuse('is a word, whose noise has one law for all momenta, that of one rate')
-      else if ((active%areas .or. task%correction /= correction_none) .and. .not. task%damping%is_scalar()) then
-         call refuse('adds products of gradients, which keep their form where all rates are equal')
-      else if (allocated(task%damping%friction)) then
-         if (.not. task%model%traits%has_constant_mass()) then
-            call raise(error, incompatible, 'check_damping', 'model '//task%model%name//' does not declare H = '// &
-                       'p.M^-1 p/2 + U(q) with a constant M (identity_mass, constant_mass), and a matrix of '// &
-                       'friction acts on velocities M^-1 p: give rates of the momenta')
-         else if (task%scheme%form == tableau_form .and. (task%scheme%nstage > 1 .or. task%general)) then
-            call refuse('is a tableau of several stages, or executed as one: its decays are numbers, no matrices')
-         end if
-      end if
-
-   contains
-
-      subroutine refuse(why)
-         character(*), intent(in) :: why
-
+      kind = merge(one_rate, unequal_rates, task%damping%is_scalar())
+      if (allocated(task%damping%friction)) kind = friction_matrix
+      executed = task%scheme
+      if (task%general) executed%nstage = max(2, executed%nstage)  ! an oracle has no decays by matrices
+      call damped_refusal(executed, kind, active_brackets(task%scheme%brackets, task%model%traits), &
+                          task%correction /= correction_none, why)
+      if (allocated(why)) then
          call raise(error, incompatible, 'check_damping', 'model '//task%model%name//' is damped, and scheme '// &
                     task%scheme%name//' '//why//': use midpoint, gauss2 or gauss_dkdkd, or a model without damping')
-      end subroutine refuse
-
+      else if (kind == friction_matrix .and. .not. task%model%traits%has_constant_mass()) then
+         call raise(error, incompatible, 'check_damping', 'model '//task%model%name//' does not declare H = '// &
+                    'p.M^-1 p/2 + U(q) with a constant M (identity_mass, constant_mass), and a matrix of '// &
+                    'friction acts on velocities M^-1 p: give rates of the momenta')
+      end if
    end subroutine check_damping
 
    !> Refuse schemes that do not execute forces. Brackets are those of Hamiltonians, and a force is none: with forces

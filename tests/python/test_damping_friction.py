@@ -138,7 +138,8 @@ def test_models_keep_their_friction(tmp_path):
     assert model.damping == ((0.9, -0.5), (-0.5, 1.6)) and model.has_friction
     assert "friction (2, 2)" in repr(model) and "- Γ M⁻¹ p dt" in model._repr_html_()
     assert ">-0.5<" in model._repr_html_()
-    assert first.report.damping == "dp = .. - Gamma M^-1 p dt, friction on velocities by a matrix"
+    told = "dp = .. - Gamma M^-1 p dt, friction on velocities by a matrix, which shrinks volume alone by one factor"
+    assert first.report.damping == told
     for other in (model, pickle.loads(pickle.dumps(model)), COUPLED.damped([0.1, 0.2]).damped(FRICTION)):
         np.testing.assert_array_equal(ss.simulate(other, paths=3, **GIVEN).p, first.p)
 

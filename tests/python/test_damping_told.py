@@ -52,7 +52,7 @@ def doubts(call):
         (WELL, ""),
         (WELL.damped(RATE), "dp = .. - 0.8 p dt, so that dp^dq shrinks by one factor"),
         (WELL.damped(RATE).forced(lambda q, p, t: -0.1 * q), "dp = .. - 0.8 p dt"),
-        (PAIR.damped([0.5, 2.0]), "dp_i = .. - gamma_i p_i dt, gamma_i = 0.5 to 2"),
+        (PAIR.damped([0.5, 2.0]), "gamma_i = 0.5 to 2, which shrinks volume alone by one factor"),
         (HEAVY.damped(RATE), "shrinks by one factor; on velocities the friction is rate times mass"),
         (MIXED.damped(RATE), "shrinks by one factor; of momenta, which is not friction on velocities"),
     ],
@@ -72,6 +72,12 @@ def test_reports_and_notebooks_say_what_is_damped(model, told):
     assert ("- γ p dt" in page) == ("damping γ = " in page) == bool(told)
     for rate in model.damping:
         assert re.search(rf"damping γ = .*\b{rate:g}\b", page)
+
+
+def test_reports_know_schemes_that_keep_no_factor():
+    """Heun's rule has no factor of dp ^ dq, with damping neither."""
+    report = ss.simulate(WELL.damped(RATE), **{**GIVEN, "scheme": "heun"}).report
+    assert report.damping == "dp = .. - 0.8 p dt, of which the scheme keeps no factor"
 
 
 def test_a_file_keeps_what_was_damped(tmp_path):

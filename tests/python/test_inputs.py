@@ -140,7 +140,7 @@ OWN = {
         {"common_noise": (1,), "truncation": (8, 4.0), "paths": PATHS},
         {"compensated": True, **LOW, "paths": 3},
     ],
-    "diagnose.bath_law": [{"gamma": 0.5, "omega": 2.0}],
+    "diagnose.bath_law": [{"gamma": 0.5, "omega": 2.0}, {"scheme": "lobatto2", "gamma": 0.5, "friction": "force"}],
     "schemes.from_word": [{"word": "BAOAB"}],
     "thermostat": [
         {"model": ss.models.kubo(sigma=0.0), "beta": np.array([2.0]), "gamma": np.array([0.5])},

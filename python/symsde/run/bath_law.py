@@ -16,7 +16,7 @@ import numpy as np
 from ..errors import IncompatibleError, InvalidArgumentError
 from ..model.definition import Model
 from ..native import checks
-from ..schemes import Scheme, as_scheme
+from ..schemes import Order, Scheme, as_scheme
 from ..show import tables
 from .simulate import simulate
 
@@ -34,6 +34,7 @@ class BathLaw:
     step: float  #: h
     gamma: float  #: rate of the momenta
     omega: float  #: frequency of the oscillator
+    friction: str  #: "damping", or "force" for F = -gamma p
     contraction: str  #: what a step multiplies dp ^ dq by
     defect: float  #: largest distance of that factor from exp(-gamma h) at four states of a pendulum
     q_squared: float  #: beta omega^2 <q^2>
@@ -41,54 +42,69 @@ class BathLaw:
     p_squared: float  #: beta <p^2>
     free_temperature: float  #: beta <p^2> of a free particle
     free_diffusion: float  #: diffusion of a free particle over 1/(beta gamma)
+    strong_order: Order  #: with additive noise, as that of a bath is, and its evidence
 
     def __str__(self) -> str:
         """A line for each, with its evidence."""
         lines = {
-            "scheme": f"{self.scheme}, h = {self.step:g}, gamma = {self.gamma:g}, omega = {self.omega:g}",
+            "scheme": f"{self.scheme}, h = {self.step:g}, gamma = {self.gamma:g}, omega = {self.omega:g}"
+            + (", F = -gamma p as a force" if self.friction == "force" else ""),
             "dp ^ dq": f"{self.contraction}",
-            "omega^2 <q^2>": f"{self.q_squared:.12g}/beta",
-            "omega <q p>": f"{self.q_p:.12g}/beta",
-            "<p^2>": f"{self.p_squared:.12g}/beta",
-            "free <p^2>": f"{self.free_temperature:.12g}/beta",
-            "free diffusion": f"{self.free_diffusion:.12g}/(beta gamma)",
+            "omega^2 <q^2>": f"{_rounded(self.q_squared)}/beta",
+            "omega <q p>": f"{_rounded(self.q_p)}/beta",
+            "<p^2>": f"{_rounded(self.p_squared)}/beta",
+            "free <p^2>": f"{_rounded(self.free_temperature)}/beta",
+            "free diffusion": f"{_rounded(self.free_diffusion)}/(beta gamma)",
+            "strong order": f"{self.strong_order.value:g} ({self.strong_order.evidence}), as without damping",
             "evidence": "dp ^ dq by differences of steps at four states of a pendulum; laws by S = M S M^T + Q, with M",
             "": "and Q of the library's own steps",
         }
         return tables.facts(lines.items(), 16)
 
 
-def bath_law(scheme: str | Scheme, *, step: float, gamma: float, omega: float = 1.0) -> BathLaw:
+def _rounded(x: float) -> str:
+    """Twelve digits, and zero for what rounding leaves of zero."""
+    return f"{x if abs(x) > 1e-13 else 0.0:.12g}"
+
+
+def bath_law(
+    scheme: str | Scheme, *, step: float, gamma: float, omega: float = 1.0, friction: str = "damping"
+) -> BathLaw:
     """What a scheme makes of a heat bath, exact in h: see `BathLaw`.
 
     - step, gamma: h [time] and the rate of the momenta [1/time], above zero
     - omega: the frequency of the oscillator H = p^2/2 + omega^2 q^2/2 [1/time], above zero
+    - friction: "damping", of ``model.damped``, or "force", F = -gamma p of ``model.forced``, [WHSB] (16)-(17)
 
-    IncompatibleError: the scheme does not run damped models, or its steps have no stationary law at this h omega.
+    IncompatibleError: the scheme does not run such models, or its steps have no stationary law at this h omega.
     """
+    if friction not in _FRICTION:
+        raise InvalidArgumentError(f"friction = {checks.shown(friction)}: give {' or '.join(map(repr, _FRICTION))}")
     chosen = as_scheme(scheme)
     h, rate, frequency = (checks.number(key, x) for key, x in (("step", step), ("gamma", gamma), ("omega", omega)))
     for key, value in (("step", h), ("gamma", rate), ("omega", frequency)):
         if not value > 0:
             raise InvalidArgumentError(f"{key} = {value:g}: give a number above zero")
     sigma = math.sqrt(2 * rate)
-    m, noise = _linear_step(_bound(frequency**2, sigma).damped(rate), chosen, h)
+    lossy = _FRICTION[friction]
+    m, noise = _linear_step(lossy(_bound(frequency**2, sigma), rate), chosen, h)
     if not np.abs(np.linalg.eigvals(m)).max() < 1:
         raise IncompatibleError(
             f"steps of {chosen.name} grow at omega h = {frequency * h:g}, gamma h = {rate * h:g}: there is no "
             "stationary law; give a smaller step"
         )
     s = np.linalg.solve(np.eye(4) - np.kron(m, m), (noise @ noise.T).ravel())
-    free, kicks = _linear_step(_bound(0.0, sigma).damped(rate), chosen, h)
+    free, kicks = _linear_step(lossy(_bound(0.0, sigma), rate), chosen, h)
     temperature = (kicks[1] ** 2).sum() / (1 - free[1, 1] ** 2)
     # q + m_qp/(1 - m_pp) p moves by its noise alone.
     moved = kicks[0] + free[0, 1] / (1 - free[1, 1]) * kicks[1]
-    contraction, defect = _contraction(chosen, h, rate)
+    contraction, defect = _contraction(chosen, h, rate, lossy(_pendulum(), rate))
     return BathLaw(
         scheme=chosen.name,
         step=h,
         gamma=rate,
         omega=frequency,
+        friction=friction,
         contraction=contraction,
         defect=defect,
         q_squared=float(s[0] * frequency**2),
@@ -96,6 +112,7 @@ def bath_law(scheme: str | Scheme, *, step: float, gamma: float, omega: float = 
         p_squared=float(s[3]),
         free_temperature=float(temperature),
         free_diffusion=float((moved**2).sum() * rate / (2 * h)),
+        strong_order=chosen.info.orders["additive"],
     )
 
 
@@ -127,6 +144,23 @@ def _pendulum() -> Model:
     return Model(ndof=1, nnoise=1, gradient=gradient, hessian=hessian, name="pendulum", **traits)
 
 
+def _damped(model: Model, rate: float) -> Model:
+    """The model with damping."""
+    return model.damped(rate)
+
+
+def _forced(model: Model, rate: float) -> Model:
+    """The model with F = -rate p as a force that nothing is known of."""
+
+    def slopes(q, p, t):
+        return np.zeros((1, 1, q.shape[-1])), np.full((1, 1, q.shape[-1]), -rate)
+
+    return model.forced(lambda q, p, t: -rate * p, force_derivative=slopes)
+
+
+_FRICTION = {"damping": _damped, "force": _forced}
+
+
 def _step(model: Model, scheme: Scheme, h: float, states: np.ndarray, normals: np.ndarray) -> np.ndarray:
     """One step from states (2, point), driven by normal numbers (3, point) of dW, a = dZ/h - dW/2 and K."""
     dw, a, stt = normals * np.sqrt(h / np.array([[1.0], [12.0], [720.0]]))
@@ -142,13 +176,13 @@ def _linear_step(model: Model, scheme: Scheme, h: float) -> tuple[np.ndarray, np
     return found[:, :2], found[:, 2:]
 
 
-def _contraction(scheme: Scheme, h: float, gamma: float) -> tuple[str, float]:
+def _contraction(scheme: Scheme, h: float, gamma: float, model: Model) -> tuple[str, float]:
     """What a step multiplies dp ^ dq by at four states, and the largest distance from exp(-gamma h)."""
     noise = np.vstack([_NOISE, np.zeros((2, _NOISE.size))])
 
     def derivative(axis: int) -> np.ndarray:
         shift = _SHIFT * np.eye(2)[:, [axis]]
-        ahead, behind = (_step(_pendulum().damped(gamma), scheme, h, _STATES + x, noise) for x in (shift, -shift))
+        ahead, behind = (_step(model, scheme, h, _STATES + x, noise) for x in (shift, -shift))
         return (ahead - behind) / (2 * _SHIFT)
 
     by_q, by_p = derivative(0), derivative(1)
@@ -159,6 +193,11 @@ def _contraction(scheme: Scheme, h: float, gamma: float) -> tuple[str, float]:
         return f"times exp(-gamma h) = {math.exp(-z):.12g}, exactly", defect
     if spread > _SEEN:
         return f"times {factors.min():.6g} to {factors.max():.6g}: it depends on the state", defect
-    if abs(factors[0] - (1 - z / 2) / (1 + z / 2)) < _SEEN:
-        return f"times (1 - z/2)/(1 + z/2) = {factors[0]:.10g} with z = gamma h, at all of them", defect
+    for text, value in (
+        ("(1 - z/2)/(1 + z/2)", (1 - z / 2) / (1 + z / 2)),
+        ("1/(1 + z)", 1 / (1 + z)),
+        ("1 - z", 1 - z),
+    ):
+        if abs(factors[0] - value) < _SEEN:
+            return f"times {text} = {value:.10g} with z = gamma h, at all of them", defect
     return f"times {factors[0]:.10g}, at all of them", defect

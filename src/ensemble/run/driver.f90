@@ -275,7 +275,7 @@ contains
          end do
          report%stepper = self%runners(1)%stepper%name
          call describe_left_out(model, scheme, report%correction, self%runners(1)%stepper, report%left_out)
-         call model%damping%describe(model%traits, report%damping)
+         call model%damping%describe(model%traits, scheme%symplectic, report%damping)
          call name_functionals(scheme%asks%needed_for(model%traits), report%functionals)
       end associate
    end subroutine new_runners

@@ -1,0 +1,81 @@
+! SPDX-License-Identifier: BSD-3-Clause
+!>    one rate           dp ^ dq times exp(-gamma h)
+!>    unequal rates      volume times exp(-h sum gamma_i)
+!>    a matrix           volume times exp(-h tr Gamma M^-1)
+!>
+!> What a scheme does with damped momenta: whether it runs, and what its steps keep.
+!>
+!> With one rate a symplectic tableau keeps its form up to that factor (scheme/decays), and so do kicks between drifts
+!> that decay. With unequal rates or a matrix the flow itself keeps volume alone. Maps that are made of exact flows, of
+!> one stage between two decays, or of stages that follow each other keep it to rounding; a tableau of several
+!> implicit stages does not, as no Hamiltonian is behind its decays, and keeps it to its order.
+module symsde_scheme_damped
+   use symsde_base_laws, only: law_gaussian
+   use symsde_base_kinds, only: wp
+   use symsde_scheme_decays, only: free_temperature
+   use symsde_scheme_dependency, only: is_explicit
+   use symsde_scheme_kicks, only: flow_free
+   use symsde_scheme_scheme, only: scheme_type, bracket_terms, tableau_form, galerkin_form, splitting_form, frame_none
+   implicit none
+   private
+   public :: damped_refusal, keeps_damped_volume, temperature_at_rest
+   public :: one_rate, unequal_rates, friction_matrix
+
+   enum, bind(c)
+      ! kinds of damping (base/damping)
+      enumerator :: one_rate = 1
+      enumerator :: unequal_rates = 2
+      enumerator :: friction_matrix = 3
+   end enum
+
+contains
+
+   !> Why a scheme is refused for a kind of damping, as the end of a sentence that begins with its name; not allocated
+   !> where it runs. Brackets with H, or between drift and noise, would have to include the change of exp(gamma s) H_k
+   !> in time; with unequal rates no product of two gradients keeps its form.
+   pure subroutine damped_refusal(scheme, kind, brackets, products, why)
+      type(scheme_type), intent(in) :: scheme
+      integer, intent(in) :: kind                   !! one of the three enumerators
+      type(bracket_terms), intent(in) :: brackets   !! those that act
+      logical, intent(in) :: products               !! whether a correction of one-sided schemes acts
+      character(:), allocatable, intent(out) :: why
+
+      if (scheme%law /= law_gaussian) then
+         why = 'draws increments for means alone, whose order nobody has found for damped momenta'
+      else if (.not. (scheme%form == tableau_form .or. scheme%form == splitting_form) .or. &
+               scheme%frame /= frame_none .or. scheme%kicks%flow /= flow_free) then
+         why = 'is neither a tableau, whose coefficients decay, nor made of free drifts and kicks'
+      else if (brackets%single .or. brackets%nested) then
+         why = 'adds brackets of H, which damping would change in time'
+      else if (scheme%kicks%is_word() .and. kind /= one_rate) then
+         why = 'is a word, whose noise has one law for all momenta, that of one rate'
+      else if ((brackets%areas .or. products) .and. kind /= one_rate) then
+         why = 'adds products of gradients, which keep their form where all rates are equal'
+      else if (kind == friction_matrix .and. scheme%form == tableau_form .and. scheme%nstage > 1) then
+         why = 'is a tableau of several stages, or executed as one: its decays are numbers, no matrices'
+      end if
+   end subroutine damped_refusal
+
+   !> Whether steps with unequal rates, or a matrix, multiply volume by its factor to rounding.
+   pure logical function keeps_damped_volume(scheme)
+      type(scheme_type), intent(in) :: scheme
+
+      keeps_damped_volume = scheme%form == splitting_form .or. scheme%nstage == 1
+      if (.not. keeps_damped_volume .and. scheme%form /= galerkin_form) &
+         keeps_damped_volume = is_explicit(scheme, .true.)
+   end function keeps_damped_volume
+
+   !> Mean of p^2 of a free particle in a bath of one rate, over the exact mean 1/beta: one where kicks get the exact
+   !> law of the noise, as those with dZ and those of words do.
+   pure real(wp) function temperature_at_rest(scheme, z) result(ratio)
+      type(scheme_type), intent(in) :: scheme   !! one that runs with one rate of damping
+      real(wp), intent(in) :: z                 !! gamma h > 0
+      real(wp) :: w(size(scheme%c), 1)
+
+      ratio = 1
+      if (scheme%form == splitting_form) return
+      w(:, 1) = scheme%beta
+      ratio = free_temperature(scheme%c, w, z)
+   end function temperature_at_rest
+
+end module symsde_scheme_damped
