@@ -27,7 +27,8 @@ class Clock:
 
 class WorkClock:
     """A processor clock that every run advances by its counters: a tenth of a millisecond for its set-up,
-    then ten nanoseconds for each degree of freedom of an evaluation, a solve or a draw, and one for a step."""
+    then ten nanoseconds for each degree of freedom of an evaluation, a solve or a draw, and one nanosecond for each of
+    a step."""
 
     def __init__(self, monkeypatch):
         """Replace the processor's clock and the wall clock: time passes by counted work alone."""

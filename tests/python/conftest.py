@@ -36,7 +36,7 @@ def moments_of(scene):
 
 
 def paths_of(scene):
-    """The paths that a scene saves, of one call for all."""
+    """The paths that a scene saves, computed by one call of the library for all of them."""
     run = ss.simulate(scene.model, **scene.run)
     kept = np.isin(run.path, scene.paths)
     for name in ("path", "q", "p", "status", "failed_step", "last_q", "last_p", "q_low", "p_low"):

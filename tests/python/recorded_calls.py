@@ -34,7 +34,7 @@ class StepClock(WorkClock):
 
 @contextlib.contextmanager
 def set_apart():
-    """Work in a folder of its own with a clock that counts steps; gives the printed text."""
+    """A context that works in a folder of its own, with a clock that counts steps; it gives the printed text."""
     before, printed = Path.cwd(), io.StringIO()
     with tempfile.TemporaryDirectory() as folder, pytest.MonkeyPatch.context() as patch:
         clock = StepClock(patch)
@@ -56,7 +56,7 @@ def tried(call, *given, **more):
 
 
 def said_of(call, *given, **more):
-    """The message of a call's exception, or a note that there was none."""
+    """The message of the exception that a call raises, or a note that it raised none."""
     found = tried(call, *given, **more)
     return found if isinstance(found, str) else "fine"
 
@@ -200,12 +200,12 @@ TEXTS = ("q**", "q1 +* p1", "foo(q1)", "q9", "Sum(q[i])", "q[9]", "", "p1**2/2 +
 
 
 def replaced(given, values):
-    """Copies of the arguments, each with one of them replaced."""
+    """Copies of the arguments, each with one argument replaced."""
     return [[*given[:i], x, *given[i + 1 :]] for i in range(len(given)) for x in values]
 
 
 def swept():
-    """Functions with valid arguments, each of which is replaced in turn."""
+    """Functions with valid arguments; callers replace each argument in turn."""
     model, scheme = ss.models.henon_heiles(), "midpoint"
     place = {"q0": 0.1, "p0": 0.2, "step": 0.1}
     run = ss.simulate(model, **place, steps=4)

@@ -128,7 +128,7 @@ def lenient(call, model, how):
 
 
 def told(*groups):
-    """For groups of runs, each (model, arguments): a number for each group, and checksums and counters of all."""
+    """For each group of runs (model, arguments): one number. For all groups together: checksums and counters."""
     numbers, loose, exact = [], [], []
     for group in groups:
         arrays = []
@@ -201,7 +201,7 @@ def chains():
 
 
 def every_third(**chosen):
-    """A covering design in which a third of the schemes at a time meets all other options."""
+    """A covering design: in each round a third of the schemes meets all other options."""
     for first in range(3):
         yield from axes.covering(scheme=SCHEMES[first::3], **chosen)
 

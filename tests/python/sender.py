@@ -67,7 +67,7 @@ def sent(number: int, at: int = 1):
 
 @contextmanager
 def handled(number: int, handler):
-    """Use this handler for the signal."""
+    """A context in which this handler serves the signal."""
     before = signal.signal(number, handler)
     try:
         yield

@@ -159,7 +159,8 @@ def test_brackets_are_those_at_t0():
 
 
 def test_no_step_is_longer_than_what_a_scheme_bears():
-    """Steps are 0.65 of the limit by hand, 2 for Verlet and 3.465 for chin4a, or 6.4 without a limit. T omega = 20."""
+    """Steps are 0.65 of the stability limit, which is 2 for Verlet and 3.465 for chin4a by hand, or omega h = 6.4
+    without a limit. T omega = 20."""
     problem = make_problem(ss.models.linear_oscillator(), "q", q0=1.0, p0=0.0, horizon=10.0)
     known = {"stormer_verlet": 16, "chin4a": 9, "gauss_dkdkd": 12, "midpoint": 4, "gauss3": 4}
     assert {name: _fewest_steps(problem, as_scheme(name), 2.0) for name in known} == known
@@ -179,7 +180,8 @@ def hardening():
 
 
 def test_frequency_is_that_of_paths_with_noise_too(hardening):
-    """The frequency is sqrt(3) |q| of 64 paths at eight times; without noise nothing moves, and 1/T is given."""
+    """The frequency is the largest sqrt(3) |q| of 64 paths at eight times; without noise nothing moves, and the
+    frequency is 1/T."""
     problem = make_problem(hardening, "q", q0=0.0, p0=0.0, horizon=16.0)
     assert frequency(problem) == pytest.approx(1 / 16)
     run = ss.simulate(hardening, q0=0.0, p0=0.0, step=0.25, steps=64, save_every=8, paths=64)
@@ -235,7 +237,7 @@ def test_kicks_are_tried_where_noise_is_in_position_and_h_is_not_separable():
 
 
 def test_the_noise_of_means_falls_with_the_root_of_the_paths(monkeypatch):
-    """A quarter of the paths gives means with twice the noise; the largest noise over many seeds is taken."""
+    """From a quarter of the paths, means have twice the noise; the largest noise over many seeds is compared."""
     scheme = as_scheme("midpoint")
 
     def seen(count, seed=0):

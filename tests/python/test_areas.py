@@ -48,8 +48,8 @@ def test_areas_do_not_depend_on_the_unit_of_time(scheme: str, options: dict):
 
 
 def test_the_time_scale_says_how_finely_areas_follow_the_path():
-    """A time scale that is too small gives one parabola a step; with a larger one areas are nearer to those of the
-    path.
+    """A time scale that is too small gives one parabola a step; with a larger time scale areas are nearer to the areas
+    of the path.
     """
     model = noncommuting(1.0)
     exact = final(model, "midpoint_areas", 4, paths=60, area_time=1e4)
@@ -82,10 +82,9 @@ def distance_of_laws(one: np.ndarray, other: np.ndarray) -> float:
 
 
 def test_areas_in_law_give_order_one_in_law():
-    """The part of a step that dW leaves open, x minus midpoint's x for the same dW, has the right law.
-
-    The distance of its law from that of finer steps on other paths, whose areas follow the path: 0.030, 0.016, 0.0079,
-    slope 0.97. With area_time so small that each step is one parabola: 0.049, 0.034, 0.023, slope 0.57.
+    """The part of a step that dW does not determine, x minus midpoint's x for the same dW, has the right law. The
+    distance of its law from the law for finer steps on other paths, whose areas follow the path, is 0.030, 0.016,
+    0.0079, slope 0.97. With area_time so small that each step is one parabola: 0.049, 0.034, 0.023, slope 0.57.
     """
     model = ss.models.noncommutative_oscillator(s1=1.0, s2=1.0)
     levels, finer, many = [2, 3, 4], 3, {"paths": 2**13}
@@ -127,7 +126,8 @@ def test_areas_in_law_are_accepted_where_the_model_needs_none():
 
 
 def test_runs_with_areas_in_law_share_paths_and_resume():
-    """At refine = l areas are merged from those of finer steps; threads and first steps change no bit."""
+    """With refine = l, areas are merged from the areas of finer steps; threads and the index of the first step change
+    no bit."""
     model = ss.models.noncommutative_oscillator()
     given = {"scheme": "gauss2_strong32_areas", "areas": "law", "paths": 300}
     fine = final(model, "midpoint_areas", 9, areas="law", paths=300)

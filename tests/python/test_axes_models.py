@@ -107,7 +107,7 @@ def compare(model, ridges, scheme, row, omega=None):
 def test_steps_of_built_in_models(name, scheme, row):
     model = MODELS[name][1]
     counters = compare(model, ridges_of(name), scheme, row, MODELS[name][4])
-    if scheme in BRACKETS and scheme.startswith("gauss2") and model.ndof == 1:  # its brackets are differentiated twice
+    if scheme in BRACKETS and scheme.startswith("gauss2") and model.ndof == 1:  # Newton's matrix is complete
         assert counters["solves"] <= (1 if model.traits.quadratic else 3.1) * counters["path_steps"]
 
 
@@ -118,7 +118,7 @@ TEXTS = [(*pair, {"sign": sign, **row}) for sign in (1, -1) for pair, row in zip
 
 @functools.cache
 def compiled(kind):
-    """The ridges as a model from formulas, of which single paths run as those of built-in models."""
+    """The ridges as a model from formulas; its single paths run like those of built-in models."""
     ridges = axes.ridges_of(kind, *FORMULAS[kind], "both")
     names = [f"{x}{i + 1}" for x in "qp" for i in range(ridges.ndof)]
     terms = [""] * (ridges.nnoise + 1)

@@ -107,8 +107,8 @@ FAILING = axes.covering(
 
 @pytest.mark.parametrize("row", FAILING, ids=map(axes.ident, FAILING))
 def test_a_reset_run_is_as_new(row):
-    """Whatever failed in earlier calls: a reset gives the same states, statuses, failed steps, counters and
-    warnings.
+    """Whatever failed in earlier calls, a run after a reset gives the same states, statuses, failed steps, counters
+    and warnings.
     """
     ridges, how = scene_of({**row, "time": ""})
     now = [0.0]
@@ -282,7 +282,8 @@ def test_counters_count_paths_and_no_padding(row):
 
 @pytest.mark.parametrize("scheme", ["stormer_verlet", "symplectic_euler", "verlet_kdk", "heun", "chin4a"])
 def test_a_path_that_fails_beside_others_stays_at_its_last_good_state(scheme):
-    """Two of sixteen paths overflow, in different steps: their last states are those saved before the failed step."""
+    """Two of sixteen paths overflow, in different steps: their last states are the states saved before the failed
+    step."""
     q0 = np.full((2, 16), 0.1)
     q0[1, 3], q0[0, 7] = 40.0, 30.0
     with pytest.warns(ss.PathsFailedWarning, match="2 paths"):

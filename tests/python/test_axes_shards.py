@@ -198,11 +198,11 @@ def test_a_code_of_a_function_ends_every_call(row):
     n, m, call = row["ndof"], row["nnoise"], CALLS[row["call"]]
     units, noises = np.eye(2 * n), [(k, 2, 0.3) for k in range(1, row["nnoise"] + 1)]
     found = [(j, f, s, 0, 0, a, 0) for j, f, s in ((0, 2, 0.5), *noises) for a in units]
-    runs = row["call"] in {"step", "prepared", "mean_square"}  # calls before the run, for warnings, may fail, too
+    runs = row["call"] in {"step", "prepared", "mean_square"}  # calls before the run may fail, too
     kind, at = ("gradient", "last") if runs else (row["kind"], row["at"])
     model, calls, bad = failing(reference.Ridges(n, m, found), kind, quadratic=True, derived=True)
     run = ss.simulate(model, q0=0.3, p0=0.2, step=0.1, steps=3)
-    call(model, run)  # first call, with probes that are not repeated
+    call(model, run)  # the first call makes probes that are not repeated
     calls[0] = 0
     call(model, run)
     count = calls[0]
@@ -221,7 +221,8 @@ TAKEN = axes.covering(kind=tuple(callbacks.RETURNS), ndof=(1, 2), nnoise=(1, 3),
 
 @pytest.mark.parametrize("row", TAKEN, ids=map(axes.ident, TAKEN))
 def test_what_functions_are_given_is_theirs(row):
-    """Weights, states and vectors given to functions: kept ones stay unchanged, and changing them changes no run."""
+    """Weights, states and vectors that functions get: arrays that a function keeps stay unchanged, and a function that
+    changes them changes no run."""
     ridges, kept = axes.ridges_of("coupled", row["ndof"], row["nnoise"]), []
     q0, p0 = axes.start(row["ndof"], row["paths"])
     given = {"q0": q0, "p0": p0, "step": 0.1, "steps": 3, "paths": row["paths"], "scheme": row["scheme"], "seed": 3}

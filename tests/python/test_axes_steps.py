@@ -90,7 +90,7 @@ class Muted:
         self._ridges, self._k, self._gone = ridges, k, gone
 
     def __getattr__(self, name):
-        """The function of t, w and further arguments."""
+        """A function of the ridges with the arguments t, w and further ones, in which the muted H_k has weight zero."""
 
         def asked(t, w, *x):
             rest = w if self._gone else np.delete(w, self._k, axis=0)
@@ -107,7 +107,7 @@ QUIET = axes.covering(
 
 @pytest.mark.parametrize("row", QUIET, ids=map(axes.ident, QUIET))
 def test_a_silent_noise_is_as_none(row):
-    """The silent noise is any of three."""
+    """Any of three noises may be the silent one: steps are those of a model without it."""
     kind, h, silent = KINDS[row["scheme"]][row["kind"] % len(KINDS[row["scheme"]])], 0.1 * row["sign"], row["silent"]
     ridges = axes.ridges_of(kind, row["ndof"], 3, row["time"])
     (q0, p0), rows = axes.start(row["ndof"], 2), axes.rows_of(h, 1, ROWS, 3, 2)
@@ -147,7 +147,7 @@ def test_silent_ones_of_many_noises(row):
 
 
 def own_noise():
-    """Coefficients and weights of the noise that are unrelated to those of the drift."""
+    """Coefficients and weights of the noise that are unrelated to the coefficients of the drift."""
     a, abar, b, bbar = 0.4 * np.random.default_rng(3).uniform(-1, 1, (4, 2, 2))
     return ss.schemes.from_tableau(a, abar, [0.4, 0.6], allow_nonsymplectic=True, b=b, bbar=bbar, beta=[0.7, 0.3])
 
@@ -222,8 +222,8 @@ PARTS = axes.covering(**axes.AXES, kind=("position", "coupled"), one=PART, two=P
 
 @pytest.mark.parametrize("row", PARTS, ids=map(axes.ident, PARTS))
 def test_a_composition_is_its_parts(row):
-    """A composition is steps of fractions of h with these fractions of dW, one after another; one fraction may be
-    negative.
+    """A composition consists of steps by fractions of h, with the same fractions of dW, one after another; one fraction
+    may be negative.
     """
     model = axes.model_of(axes.ridges_of(row["kind"], row["ndof"], row["nnoise"], row["time"]), row["kind"])
     parts, fractions = [own_noise() if row[x] == "own" else row[x] for x in ("one", "two", "three")], [0.7, -0.5, 0.8]
@@ -251,7 +251,9 @@ TRIPS = axes.covering(**axes.AXES, scheme=SYMMETRIC, kind=range(8))
 
 @pytest.mark.parametrize("row", TRIPS, ids=map(axes.ident, TRIPS))
 def test_a_symmetric_scheme_comes_back(row):
-    """Two steps, and two back along the same path, with dZ, K, areas, J and times of the way back."""
+    """Two steps forward and two steps back along the same path return to the start; dZ, K, areas, J and times are
+    those of the way back.
+    """
     kind = KINDS[row["scheme"]][row["kind"] % len(KINDS[row["scheme"]])]
     model = axes.model_of(axes.ridges_of(kind, row["ndof"], row["nnoise"], row["time"]), kind)
     x, h = axes.start(row["ndof"], 3), 0.1 * row["sign"]

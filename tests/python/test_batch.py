@@ -336,7 +336,8 @@ def test_a_signal_ends_the_run_cleanly(number, tmp_path):
 
 
 def test_a_long_piece_of_moments_gives_back_what_it_has(tmp_path, monkeypatch, capsys):
-    """A single shard stopped in the middle: moments up to the times that its paths reached, removed at the end."""
+    """A single shard stopped in the middle: its moments up to the times that its paths reached are kept, and removed at
+    the end."""
     (tmp_path / "scene.toml").write_text(
         '[model]\nname = "kubo"\n[run]\nstep = 0.02\nsteps = 40000000\nsave_every = 400000\n'
         "paths = 8\nq0 = 1.0\np0 = 0.0\n"
@@ -365,8 +366,8 @@ def test_a_long_piece_of_moments_gives_back_what_it_has(tmp_path, monkeypatch, c
 
 
 def test_the_time_that_is_given_is_kept(tmp_path, capsys, monkeypatch):
-    """With a clock that each shard advances by a second, as many shards are done as fit in, and none that would not
-    is begun.
+    """With a clock that each shard advances by a second, as many shards are computed as fit into the time, and no shard
+    is begun that would not fit.
     """
     now = [0.0]
     real = dispatch.compute
@@ -382,7 +383,7 @@ def test_the_time_that_is_given_is_kept(tmp_path, capsys, monkeypatch):
     out = tmp_path / "out"
     assert run(file, "--out", out, "--shard-paths", 256, "--max-walltime", "4.5s") == command_line.STOPPED
     assert "stopped by --max-walltime" in capsys.readouterr().err
-    assert 1 <= len(list((out / "shards").glob("*.npz"))) <= now[0] <= 5  # of 13, one computed while one waits
+    assert 1 <= len(list((out / "shards").glob("*.npz"))) <= now[0] <= 5  # of 13 shards; one is computed, one waits
 
 
 @pytest.mark.parametrize(

@@ -39,7 +39,7 @@ LONG = LONG.replace("moments = true", "moments = false")
 
 
 def run(scene, out, at=0):
-    """Exit code of a run that is killed at this event in its folder, and the number of events it met."""
+    """Exit code of a run that is killed at this event in its folder, and the number of events that it counted."""
     given = ["run", scene, "--out", out, "--shard-paths", "256", "--checkpoint", "0.005", "--quiet"]
     done = subprocess.run(words(signal.SIGKILL, at, out, "all", "symsde", *given), stdout=subprocess.PIPE, check=False)
     return done.returncode, int(done.stdout or at)
@@ -60,7 +60,7 @@ def test_killed_and_resumed(text, least, tmp_path):
     scene = tmp_path / "scene.toml"
     scene.write_text(text)
     code, events = run(scene, tmp_path / "known")
-    assert code == 0 and events >= least  # as many events as without states in between, which a clock triggers
+    assert code == 0 and events >= least  # at least the number of events without checkpoints, which a clock triggers
     dice = random.Random(12)
     killed = 0
     while killed < KILLS:

@@ -56,7 +56,9 @@ OTHER = {"run": None, "name": "paths-000002", "kind": "moments", "first": 512, "
 
 @pytest.mark.parametrize("what", OTHER)
 def test_a_checkpoint_of_another_is_not_taken(what, tmp_path):
-    """A checkpoint of another run or piece: using it would continue that run, and count its steps as done."""
+    """A checkpoint of another run or piece is not used, since the piece would then continue that run and count its
+    steps as done.
+    """
     (tmp_path / "shards").mkdir()
     piece = plan.Piece("paths-000001", "paths", 256, 256, 1000)
     records = [{"inputs": {"seed": seed}} for seed in (1, 2 if what == "run" else 1)]
@@ -93,8 +95,8 @@ def test_long_paths_go_on_from_their_checkpoints(steps, every, compensated, monk
 
 @pytest.mark.parametrize(("takes", "after"), [(0, [11, 22, 33, 44, 55]), (2, [11, 52])])
 def test_checkpoints_come_as_soon_as_they_may(takes, after, monkeypatch):
-    """A checkpoint is written when the set time has passed, and twenty times as long as the last one took. A step
-    takes a second.
+    """A checkpoint is written once the set time has passed, and also twenty times the time that writing the last
+    checkpoint took. A step takes a second here.
     """
     now = 0.0
 
@@ -140,7 +142,7 @@ def test_pieces_are_neither_crumbs_nor_mountains(paths, steps):
 
 
 def test_a_folder_holds_no_more_than_its_shards():
-    """A shard's size rounded down to a power of two would give up to twice as many shards."""
+    """The size of a shard is rounded up to a power of two: rounded down, there would be up to twice as many shards."""
     assert plan.shard_paths(plan.Extent(0, 2**22 * 3, 2**22, 2, 1)) == 1024  # with 512 there would be 24576 shards
 
 
@@ -150,7 +152,7 @@ def test_a_stretch_of_many_saved_paths_is_cut_by_what_it_holds():
 
 
 def test_a_path_that_failed_stays_where_it_was():
-    """A failed path stays failed even where its last good state could go on, as here, where nothing really failed."""
+    """A failed path stays failed, even if its last good state could be continued; here the failure is planted."""
     run = {"step": 0.1, "steps": 2, "paths": 2, "seed": 1}
     first = ss.simulate(ss.models.kubo(), q0=1.0, p0=0.0, **run)
     first.status[1], first.failed_step[1] = 3, 1

@@ -292,7 +292,8 @@ def test_options_that_mean_nothing(options, sentence, place, capsys):
 
 
 def test_a_part_of_more_than_there_are_shards(place, capsys):
-    """A part without shards makes no folder and says so; it succeeds, since the other parts do the work."""
+    """A part that has no shards makes no folder and prints a message; it succeeds, since the other parts do the
+    work."""
     given = ["run", str(place / "scene.toml"), "--out", str(place / "out"), "--shard", "11/12"]
     assert command_line.main([*given, "--shard-paths", "256"]) == command_line.OK
     told = "symsde: part 11/12 has nothing to do: the run is cut into 10 shards: give as many parts at most\n"
@@ -323,7 +324,7 @@ def test_a_part_without_work_still_looks_whose_folder_it_is(place, capsys):
 
 def test_a_signal_ends_the_error_check(place, capsys, monkeypatch):
     """No incomplete table is written; the same command then makes it."""
-    scene = place / "long.toml"  # no thread finishes before the calling one begins
+    scene = place / "long.toml"  # so that no thread finishes before the calling thread begins
     scene.write_text(SCENE.replace("steps = 10\n", "steps = 20000\n").replace("save_every = 5", "save_every = 10000"))
     given = ["run", str(scene), "--out", str(place / "checked"), "--quiet", "--error-check"]
     real = error_check.simulate

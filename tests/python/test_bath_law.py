@@ -172,7 +172,7 @@ def test_certificates_say_the_temperature_of_a_free_particle():
 
 
 def test_refusals():
-    """Numbers that are none, schemes without damped steps, steps that grow."""
+    """Refused: arguments that are no numbers, schemes without damped steps, steps that grow."""
     for wrong in ({"step": 0.0}, {"gamma": -1.0}, {"omega": 0.0}):
         with pytest.raises(InvalidArgumentError, match="give a number above zero"):
             ss.diagnose.bath_law("chin4a", **{"step": 0.1, "gamma": 1.0, **wrong})

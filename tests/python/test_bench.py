@@ -80,8 +80,8 @@ def test_loops_are_the_schemes_of_the_library(name):
 
 
 def test_the_loop_of_taylor_is_the_plain_rule():
-    """The loop and the rule get the same normals: dW_1, dW_2, and for each the part of the integral that is
-    independent of it.
+    """The loop and the rule get the same normals: dW_1, dW_2, and for each noise the part of its integral that is
+    independent of dW.
     """
     pytest.importorskip("numba"), pytest.importorskip("sympy")
     from loops import loop

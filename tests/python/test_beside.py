@@ -54,7 +54,9 @@ def test_the_seed_alone_chooses_the_noise():
 
 
 def test_the_first_kick_is_whole():
-    """Half a kick would have a quarter or half of the variance; a uniform force another kurtosis."""
+    """The first kick is a whole one: half a kick would give a quarter or a half of the variance, a uniform force
+    another kurtosis.
+    """
     paths, h, sigma = 200_000, 0.1, 0.7
     run = ss.simulate(
         ss.models.linear_oscillator(sigma=sigma),

@@ -176,7 +176,8 @@ def test_blocks_of_a_page(path, folder):
 
 @pytest.mark.parametrize("path", PAGES, ids=lambda path: path.stem)
 def test_code_stands_in_fences(path):
-    """Indented text outside of fences is not run: only formulas, and shell commands that other tests run, may be so."""
+    """Indented text outside of fences is not run: only formulas, and shell commands that other tests run, may be
+    indented."""
     text = FENCE.sub("", path.read_text(encoding="utf-8"))
     for block in re.findall(r"(?<=\n\n)((?: {4}.*\n)+)", text):
         assert not re.search(r"\bss\.|^ *(symsde|import|from|print)\b|^ *\[\w", block, re.M), block

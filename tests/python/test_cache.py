@@ -87,7 +87,7 @@ def open_parent(place, _):
 
 
 def linked_from_an_open_place(place, _):
-    """A link made by this user in a folder where others can exchange it."""
+    """A link of this user inside a folder in which others can replace it."""
     real = place.rename(place.with_name("real"))
     (place.parent / "open").mkdir()
     (place.parent / "open").chmod(0o777)
@@ -123,7 +123,7 @@ FOLDERS = {
 @pytest.mark.parametrize("change", FOLDERS.values(), ids=FOLDERS)
 def test_a_folder_that_others_can_write_is_not_used(change, evil, tmp_path, monkeypatch):
     place = tmp_path / "above" / "cache"
-    monkeypatch.setattr(cache, "_OTHERS_ENTER", 0o777)  # count as open to others, wherever temporary files are
+    monkeypatch.setattr(cache, "_OTHERS_ENTER", 0o777)  # temporary folders count as open to others, wherever they are
     planted = plant(place, evil, monkeypatch, tmp_path)
     planted.parent.parent.chmod(0o755)
     planted.parent.chmod(0o755)
@@ -175,7 +175,7 @@ def test_a_file_that_others_can_write_is_made_again(change, evil, tmp_path, monk
 
 
 def test_the_plant_would_run(evil, tmp_path, monkeypatch):
-    """The same plant with this user's permissions does run, so the tests above show something."""
+    """With this user's permissions the planted library does run, so the tests above can fail."""
     planted = plant(tmp_path / "cache", evil, monkeypatch, tmp_path)
     planted.parent.chmod(0o700)
     assert value(built(tmp_path / "cache", monkeypatch)) == 666.0 and evil[1].exists()
@@ -184,7 +184,9 @@ def test_the_plant_would_run(evil, tmp_path, monkeypatch):
 
 @pytest.mark.parametrize("share", [0.0, 0.2, 0.5, 0.8, 0.95])
 def test_a_file_that_is_cut_off_is_made_again(share, tmp_path, monkeypatch):
-    """The loader would read beyond the end of the file, and SIGBUS would end the process."""
+    """A library file that is cut off is made again: the loader would read beyond its end, and SIGBUS would end the
+    process.
+    """
     path = built(tmp_path, monkeypatch).path
     whole = path.read_bytes()
     os.truncate(path, int(share * len(whole)))
@@ -196,7 +198,7 @@ def test_a_file_that_is_cut_off_is_made_again(share, tmp_path, monkeypatch):
 
 @pytest.mark.parametrize("has_checksum", [True, False])
 def test_a_library_without_the_functions_is_made_again(has_checksum, tmp_path, monkeypatch):
-    """A library of another text under this text's name."""
+    """A library made from another text, but stored under this text's name, is made again."""
     made = built(tmp_path, monkeypatch)
     other = compiler.build("double another(void) { return 2.0; }\n")
     made.path.write_bytes(other.path.read_bytes())
@@ -208,7 +210,7 @@ def test_a_library_without_the_functions_is_made_again(has_checksum, tmp_path, m
 
 
 def test_what_was_checked_is_loaded(evil, tmp_path, monkeypatch):
-    """The file is exchanged between check and loading."""
+    """The bytes that were checked are loaded, even if the file is exchanged between check and loading."""
     path, load = built(tmp_path, monkeypatch).path, cache._from_memory
     cache._loaded.clear()
 
@@ -222,7 +224,7 @@ def test_what_was_checked_is_loaded(evil, tmp_path, monkeypatch):
 
 
 def test_what_is_loaded_outlives_its_file(tmp_path, monkeypatch):
-    """The file is cut off or removed while a process has it loaded."""
+    """A loaded library works on when its file is cut off or removed."""
     monkeypatch.setenv("SYMSDE_CACHE", str(tmp_path))
     program = "import os\n" + ASK.replace("made.library.f", "os.truncate(made.path, 0)\nmade.library.f", 1)
     ended = subprocess.run([sys.executable, "-c", program, SOURCE], capture_output=True, text=True, check=False)
@@ -247,7 +249,7 @@ def test_where_nothing_is_loaded_from_memory(tmp_path, monkeypatch):
 
 
 def test_folders_are_made_for_this_user_alone(tmp_path, monkeypatch):
-    """Whatever the umask; files are private, too."""
+    """Folders are made for this user alone, whatever the umask; files are private, too."""
     os.umask(0)
     made = built(tmp_path / "above" / "cache", monkeypatch)
     assert made.path.parent == tmp_path / "above" / "cache"
@@ -269,7 +271,7 @@ def test_modes_below_a_closed_folder(tmp_path):
     for name, target in (("absolute", outside), ("relative", "../outside"), ("turn", "turn")):
         (inside.parent / name).symlink_to(target)
     assert cache.open_to_others(inside.parent / "turn") == inside.parent / "turn"
-    before = cache.open_to_others(outside)  # None if temporary files are in a closed folder
+    before = cache.open_to_others(outside)  # None if the folder of temporary files is closed to others
     assert [cache.open_to_others(inside.parent / x) for x in ("absolute", "relative")] == [before, outside]
 
 

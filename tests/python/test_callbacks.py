@@ -70,7 +70,7 @@ def test_what_is_derived_is_probed_once_for_each_size():
 
     def gradient(t, w, q, p):
         calls.append(q.shape)
-        far = q > 20  # a region where it is not separable
+        far = q > 20  # a region in which the model is not separable
         return w[0] * (q + far * p), w[0] * (p + far * q)
 
     def asked(model, q0):
@@ -121,7 +121,7 @@ def test_one_path_asks_for_as_many_gradients_as_are_counted(ndof, scheme):
         run = ss.simulate(model, scheme=scheme, q0=0.7, p0=0.2, step=0.05, steps=steps)
         return np.array([len(calls), run.report.counters["gradients"]])
 
-    asked_and_counted(1)  # models of derived formulas are probed once
+    asked_and_counted(1)  # models of derived formulas are probed only once
     asked, counted = asked_and_counted(80) - asked_and_counted(40)
     assert asked == counted > 40 and calls[-1] == 1  # a single path
 
@@ -187,7 +187,7 @@ def rounds_by_momenta(t, w, q, p):
 
 
 def shaken_in_time(t, w, q, p):
-    """NaN beyond 0.9; the stepper for stiff steps is made late, and evaluates a single path."""
+    """NaN beyond 0.9; the stepper for stiff steps is made when it is first needed, and evaluates a single path."""
     if q[0] > 0.9:
         return [math.nan] * 2
     moving = 1 + 0.3 * math.sin(1.7 * t)
@@ -392,7 +392,7 @@ ASKS = {
     "moments": lambda model, scheme: lambda q, p: ss.moments(
         model, scheme=scheme, q0=q, p0=p, step=0.1, steps=1, paths=q.shape[1], lanes=8, threads=2,
         observables={"e": model.value},
-    ).mean["e"][-1] * 0 + q[0],  # no value of other paths may enter
+    ).mean["e"][-1] * 0 + q[0],  # the result must not contain values of other paths
 }  # fmt: skip
 
 
@@ -444,7 +444,7 @@ def test_an_exception_reaches_the_call_that_caused_it(user_kubo, options):
 
 
 def test_handles_of_a_model_are_used_again(kubo, options):
-    """However many calls there were, there are only as many handles as calls at one time."""
+    """However many calls were made, a model has only as many handles as there were calls at one time."""
     for _ in range(20):
         ss.simulate(kubo, **options)
     assert len(kubo._handles._idle) == 1

@@ -106,7 +106,7 @@ def test_families():
 
 
 def test_galerkin_schemes_are_those_whose_rule_has_the_order_in_the_name():
-    """PsNrQu: degree s <= r nodes, and u is the order of the rule with r nodes; other digits are no scheme."""
+    """PsNrQu: degree s <= r nodes, and u is the order of the rule with r nodes; other digits name no scheme."""
     has_order = {"Gau": lambda r: 2 * r, "Lob": lambda r: 2 * r - 2, "Otr": lambda r: 2 if r == 2 else 0}
     for s, r, u, rule in itertools.product(range(6), range(6), range(10), has_order):
         name = f"P{s}N{r}Q{u}{rule}"
@@ -159,7 +159,7 @@ def test_noise_weights_of_its_own(kubo, options):
         ss.simulate(kubo, scheme=ss.schemes.from_quadrature(nodes, weights, 2), **options).q,
     )
     own = ss.schemes.from_quadrature(nodes, weights, 2, noise_weights=[0.25, 0.75])
-    assert own.info.symplectic and own.info.correction_coefficient == 0  # Gauss: consistent with any weights
+    assert own.info.symplectic and own.info.correction_coefficient == 0  # Gauss nodes: consistent with any weights
     assert ss.diagnose.symplecticity(kubo, own, step=0.2, dw=0.3).max() < 1e-13
     with pytest.raises(ss.errors.WrongShapeError, match="1 noise weights"):
         ss.schemes.from_quadrature(nodes, weights, 2, noise_weights=[1.0])
@@ -292,7 +292,7 @@ def test_bilinear_invariants_are_kept_where_the_certificate_says_so():
     for name in (*ss.schemes.names(), "lambda:0.3", "dirk:0.25"):
         scheme = ss.schemes.get(name)
         if scheme.info.form in {"Galerkin", "drifts and kicks"} or scheme.info.structure_evidence == "claimed":
-            continue  # schemes that refuse this noise
+            continue  # this scheme refuses this noise
         run = ss.simulate(model, q0=[1.0, 0.2], p0=[-0.3, 0.8], step=0.1, steps=50, scheme=scheme, paths=8, seed=2)
         momentum = run.q[:, 0] * run.p[:, 1] - run.q[:, 1] * run.p[:, 0]
         lost = np.abs(momentum - momentum[0]).max()
@@ -338,7 +338,9 @@ def test_coefficients_of_a_tableau_are_those_given():
 
 
 def test_certificates_mark_what_their_coefficients_do_not_prove():
-    """The certificate of a scheme with a stepper of its own shows no number of an unused tableau."""
+    """The certificate of a scheme with a stepper of its own shows no number of a tableau that the stepper does not
+    use.
+    """
     claimed = [name for name in ss.schemes.names() if ss.schemes.get(name).info.structure_evidence == "claimed"]
     assert {"averaged_shift_midpoint", "drift_preserving", "exact_rotation", "verlet_dz"} <= set(claimed)
     for name in ss.schemes.names():

@@ -70,7 +70,8 @@ def test_prepared_runs():
 
 
 def test_a_shared_additive_noise_moves_all_paths_alike():
-    """H = (p^2+q^2)/2 with H_2 = -q: differences of paths do not depend on W_2, nor do those of exact solutions."""
+    """H = (p^2+q^2)/2 with H_2 = -q: differences of paths do not depend on W_2, and neither do differences of exact
+    solutions."""
     model = ss.models.additive_oscillator(sigma=0.3, gamma=1.0)
     starts = {"q0": [[0.0, 1.0, 2.0]], "p0": [[0.0, 0.0, 0.0]]}
     both = ss.simulate(model, **{**RUN, **starts}, paths=3, common_noise=[1, 2])

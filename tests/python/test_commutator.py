@@ -30,7 +30,7 @@ OF_SUM = {
 
 
 def model_of_sum(noises, hessian, strength=0.0):
-    """H = (p^2 + q^2)/2, noises f_k(q + p) given by f_k', f_k''; the last one plus strength*q^2/2."""
+    """H = (p^2 + q^2)/2, noises f_k(q + p) given by f_k', f_k''; strength*q^2/2 is added to the last noise."""
     last = len(noises)
 
     def gradient(t, w, q, p):
@@ -68,7 +68,7 @@ def test_noises_that_are_functions_of_one_sum_commute(noises, hessian):
 def test_noises_that_nearly_commute_do_not(noises, strength, hessian):
     found = ss.commutator(model_of_sum(noises, hessian, strength))
     assert not found.commutative
-    assert strength / 100 < found.noise < 10 * strength  # in proportion to the term that does not commute
+    assert strength / 100 < found.noise < 10 * strength  # in proportion to the size of the term that does not commute
 
 
 @pytest.mark.parametrize(
@@ -132,7 +132,8 @@ def rotation_in_time(hessian, sigma):
 
 @pytest.mark.parametrize("sigma", [0.0, 0.4])
 def test_the_order_on_noise_in_time_is_the_one_told(sigma):
-    """gauss2 against the rotation by t + int sigma dW on finer increments: order 2 where commutator says so, else 1."""
+    """gauss2 against the rotation by t + int sigma dW on finer increments: order 2 if `commutator` promises it, else
+    1."""
     model = rotation_in_time("by hand", lambda t: 0.5 + sigma * np.sin(4 * t))
     paths, levels, finest = 200, (4, 5, 6), 11
     dw = ss.increments(model, step=2.0**-finest, steps=2**finest, paths=paths, seed=3)[:, 0]

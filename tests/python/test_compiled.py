@@ -208,7 +208,7 @@ def test_careless_compiled_functions_are_safe(offer, careless, kubo, options):
         try:
             known = ss.simulate(kubo, scheme=scheme, **more, **options)
         except errors.IncompatibleError:
-            continue  # a quadrature that refuses multiplicative noise
+            continue  # this quadrature refuses multiplicative noise
         mine = ss.simulate(careless[offer], scheme=scheme, **more, **options)
         np.testing.assert_allclose(mine.q, known.q, rtol=0, atol=1e-9, err_msg=f"{scheme} {more}")
     for name in ("gradient", "hessian"):

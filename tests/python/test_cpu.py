@@ -32,7 +32,7 @@ def test_the_flags_of_the_first_processor_are_read():
         (SKYLAKE, ["v4", "v3", "baseline"]),
         (SKYLAKE - {"avx512vl"}, ["v3", "baseline"]),
         (HASWELL - {"movbe"}, ["baseline"]),
-        (SKYLAKE - {"fma"}, ["baseline"]),  # a level needs all levels below it
+        (SKYLAKE - {"fma"}, ["baseline"]),  # a level needs the features of all levels below it
         (SKYLAKE - {"popcnt"}, ["baseline"]),
         (set(), ["baseline"]),
     ],

@@ -146,7 +146,7 @@ def test_a_reader_has_equal_numbers(reader, files, tmp_path):
     """Every reader finds each number of each file to the last bit, except R, and columns of text as text."""
     for file in files:
         if reader == "Octave" and file.name == "work-precision.csv":
-            continue  # it holds text, which dlmread reads as zero
+            continue  # this table holds text, which dlmread reads as zero
         header, *rows = csv.reader(table_of(file))
         found = READERS[reader](file, tmp_path)
         assert list(found) == header, file.name

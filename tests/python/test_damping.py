@@ -135,7 +135,7 @@ def test_whole_steps_decay(scheme):
             given = {"q0": 0.2, "p0": -0.1, "step": step, "steps": 12, "scheme": scheme, "seed": 5}
             damped = model.damped(rate, allow_gain=True)
             many = ss.simulate(damped, paths=300, save_every=4, **given)
-            other = {"compensated": True} if kicks else {"general": True}  # neither takes whole steps
+            other = {"compensated": True} if kicks else {"general": True}  # with neither option whole steps are taken
             slow = ss.simulate(damped, paths=300, save_every=4, **given, **other)
             assert "whole" not in slow.report.stepper
             whole += "whole" in many.report.stepper
@@ -234,7 +234,7 @@ def test_means_of_a_damped_oscillator():
 
 
 def test_models_keep_their_damping():
-    """Text, parameters and pickles; a second damping replaces the first."""
+    """Text, parameters and pickles contain the damping; a second damping replaces the first."""
     model = WELL.damped(RATE)
     assert model.damping == (RATE,)
     assert WELL.damping == ()
@@ -253,7 +253,7 @@ def test_models_keep_their_damping():
 
 
 def test_models_of_ones_own():
-    """Python functions with damping given to the constructor."""
+    """A model of Python functions gets its damping in the constructor."""
 
     def gradient(t, w, q, p):
         return w[0] * np.sin(q), w[0] * p

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""What is reckoned of damped models: orders of convergence, advice, expectations, second moments."""
+"""Results that are computed for damped models: orders of convergence, advice, expectations, second moments."""
 
 import math
 import re
@@ -33,7 +33,7 @@ GIVEN = {"q0": 0.7, "p0": 0.3, "horizon": 1.0}
     ],
 )  # fmt: skip
 def test_orders_of_convergence(model, scheme, order):
-    """A reference that runs damped models is found without a wish; orders are those of the closed systems."""
+    """A reference that runs damped models is found without being named; orders are the orders of the closed systems."""
     found = ss.convergence(model, scheme, **GIVEN, steps=[8, 16, 32, 64], paths=200, seed=2)
     assert found.order > order - 0.2, found
 
@@ -83,7 +83,7 @@ def test_second_moments_by_hand(h):
 
 @pytest.mark.parametrize("damping", [0.7, [0.5, 1.5], [[0.9, -0.5], [-0.5, 1.6]]])
 def test_second_moments_of_every_kind_of_damping(damping):
-    """The growth of steps tends to that of the equations with the order of the scheme; det M is exp(-h tr)."""
+    """The growth by steps tends to the growth by the equations, with the order of the scheme; det M is exp(-h tr)."""
     model = ss.model_from_sympy("p1**2/2 + 0.4*p1*p2 + 0.25*p2**2 + q1**2 + q1*q2 + 2*q2**2", noise=["0.3*q1*q2"])
     model = model.damped(damping)
     for scheme in ("midpoint", "gauss_dkdkd"):  # of weak order one or more
@@ -105,7 +105,7 @@ def test_second_moments_refuse_what_steps_refuse():
 
 
 def test_scenes_of_damped_models(tmp_path, capsys):
-    """`symsde study` and `symsde advise`."""
+    """`symsde study` and `symsde advise` accept scenes of damped models."""
     file = tmp_path / "scene.toml"
     file.write_text(
         '[model]\nname = "synchrotron"\ndamping = 0.8\n[run]\nstep = 0.05\nsteps = 20\nq0 = 0.7\np0 = 0.3\nseed = 5\n',

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Friction on velocities by a symmetric matrix, dp = .. - Gamma M^-1 p dt: what it is, orders, volume, refusals."""
+"""Friction on velocities by a symmetric matrix, dp = .. - Gamma M^-1 p dt: its meaning, orders, volume, refusals."""
 
 import pickle
 
@@ -130,7 +130,9 @@ def test_a_path_has_its_bits(scheme, compensated):
 
 
 def test_models_keep_their_friction(tmp_path):
-    """Text, pickle, copies of a callers' array, reports, notebooks, scenes, models of one's own."""
+    """Models keep their friction: in text, pickles, reports, notebooks, scenes and models of one's own, and as a
+    copy of the caller's array.
+    """
     given = FRICTION.copy()
     model = COUPLED.damped(given)
     first = ss.simulate(model, paths=3, **GIVEN)
@@ -161,7 +163,7 @@ def test_models_keep_their_friction(tmp_path):
 
 
 def test_refusals():
-    """A sentence for each matrix that is no friction, and for what does not execute one."""
+    """Matrices that are no friction, and schemes and functions that execute none, are refused with a sentence."""
     for bad, error, told in (
         ([[1.0, 0.2], [0.1, 1.0]], InvalidArgumentError, "not symmetric, rows 1 and 2 have 0.1 and 0.2 for each other"),
         ([[1.0, 2.0], [2.0, 1.0]], InvalidArgumentError, "negative eigenvalue, which would make momenta grow"),

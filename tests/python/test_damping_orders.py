@@ -25,7 +25,7 @@ def test_all_pairs_are_on_the_page():
 
 @pytest.mark.parametrize("scheme", KNOWN)
 def test_every_pair_is_right_or_refused(scheme):
-    """Slopes are those that were recorded, and not below the order of the closed system."""
+    """Slopes equal the recorded slopes, and not below the order of the closed system."""
     orders = ss.schemes.get(scheme).info.orders
     for kind, of_kind in KNOWN[scheme].items():
         for noises, known in of_kind.items():

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""What runs of damped models tell: reports, notebooks, doubts before the first step, and folders that another damping
-does not go on with."""
+"""Messages about damped models: reports, notebooks, doubts before the first step, and folders that refuse to
+continue with another damping.
+"""
 
 import re
 import warnings
@@ -58,8 +59,8 @@ def doubts(call):
     ],
 )
 def test_reports_and_notebooks_say_what_is_damped(model, told):
-    """Reports of runs, prepared runs, moments, shards and files say what damps momenta, and what that is for
-    velocities.
+    """Reports of runs, prepared runs, moments, shards and files name the damping of momenta, and the friction on
+    velocities that it amounts to.
     """
     report = ss.simulate(model, **GIVEN).report
     assert report.damping.endswith(told) and bool(report.damping) == bool(told)
@@ -123,7 +124,9 @@ def test_where_doubts_begin():
 
 
 def test_kicks_that_blow_up_are_told():
-    """The two kicks of gauss_dkdkd beyond gamma h of 19; the others end at the end of a step."""
+    """The schemes of two kicks, such as gauss_dkdkd, are warned of beyond gamma h = 19; the last kick of other
+    schemes is at the end of the step.
+    """
     for scheme, z, is_told in (("gauss_dkdkd", 18.5, 0), ("gauss_dkdkd", 19.5, 1), ("gauss_dkdkd_strong2", 19.5, 1),
                                ("verlet_kdk", 30.0, 0), ("chin4a", 30.0, 0)):  # fmt: skip
         sentences, _ = doubts(lambda z=z, scheme=scheme: ss.simulate(FREE.damped(z), scheme=scheme, q0=0.0, p0=0.0,
@@ -136,7 +139,7 @@ def test_kicks_that_blow_up_are_told():
 
 
 def test_scenes_say_doubts_of_damping(tmp_path, capsys):
-    """`symsde check`."""
+    """`symsde check` prints the doubts about damping."""
     file = tmp_path / "scene.toml"
     file.write_text(SCENE.format(damping="damping = 250.0"), encoding="utf-8")
     assert command_line.main(["check", str(file)]) == 0
@@ -145,8 +148,8 @@ def test_scenes_say_doubts_of_damping(tmp_path, capsys):
 
 @pytest.mark.parametrize("other", ["damping = 0.9", "damping = [0.8000001]", ""])
 def test_a_folder_does_not_go_on_with_another_damping(other, tmp_path, capsys):
-    """By name, with both values; with the first damping the run goes on, and two parts of different damping do not
-    merge."""
+    """A folder refuses another damping by name, with both values; with the first damping the run goes on, and two parts
+    of different damping do not merge."""
     first, second = (tmp_path / f"{name}.toml" for name in ("first", "second"))
     first.write_text(SCENE.format(damping="damping = 0.8"), encoding="utf-8")
     second.write_text(SCENE.format(damping=other), encoding="utf-8")

@@ -70,7 +70,7 @@ def test_stationary_path_has_the_times_of_its_run(kubo):
 
 
 def test_stationary_path_of_a_drive_is_that_of_its_time():
-    """A drive that depends on time: the path from step 40 on is found from its ends."""
+    """With a drive that depends on time, the path from step 40 on is found from its two ends."""
     model, common = ss.models.driven_pendulum(), {"step": 0.1, "steps": 5, "first_step": 40, "t0": 0.5, "seed": 3}
     run = ss.simulate(model, q0=0.3, p0=0.1, **common)
     found = ss.diagnose.stationary_path(model, q_start=0.3, q_end=run.q[-1], **common)
@@ -80,7 +80,7 @@ def test_stationary_path_of_a_drive_is_that_of_its_time():
 @pytest.mark.parametrize(("left", "next_point"), [(0.74, 0.6 + 0.148 / (2 - 2.96)), (0.76, 0.55)])
 def test_a_correction_is_halved_that_leaves_three_quarters(left, next_point):
     """Two steps of 1 from q = 0 to 2, U' = 0.8 + c (q - 1/2)^2 below q = 1 and 0 beyond. On the straight line the first
-    stage is at q = 1/2 and one equation alone is violated; Newton's correction moves the stage by 0.1 and leaves c
+    stage is at q = 1/2, and only one equation is violated; Newton's correction moves the stage by 0.1 and leaves c
     0.01/0.8 of the residual. If this is more than three quarters, half of the correction is tried next; if less, Newton
     goes on from there, where U'' is 0.2 c.
     """
@@ -190,7 +190,7 @@ GAUSSIAN = [name for name in ss.schemes.names() if ss.schemes.get(name).info.law
 
 @pytest.mark.parametrize("scheme", GAUSSIAN)
 def test_every_scheme_has_its_order_against_the_exact_solution(scheme):
-    """The exact solution uses the dZ and K of the run: with others of its own the order would be 0."""
+    """The exact solution uses the dZ and K of the run: with other functionals the order would be 0."""
     claimed = ss.schemes.get(scheme).info.orders["additive"].value
     table = ss.convergence(
         ss.models.linear_oscillator(), scheme, q0=0.5, p0=0.2, steps=[8, 16, 32, 64], paths=1000, seed=1
@@ -275,7 +275,7 @@ def test_points_at_the_floor_never_count():
     slope = np.polyfit(np.log(table.step[counted]), np.log(table.error[counted]), 1)[0]
     assert counted.sum() > 1 and table.order == pytest.approx(slope)
     everything = np.polyfit(np.log(table.step), np.log(table.error), 1)[0]
-    assert abs(everything - slope) > 0.2  # the twin: with all points
+    assert abs(everything - slope) > 0.2  # the twin: a fit to all points has another slope
 
 
 def test_exact_solutions_refuse_discrete_increments():
@@ -300,7 +300,7 @@ def test_exact_solutions_follow_the_path_without_truncation(kubo):
 
 
 def test_flows_that_nearly_commute_have_no_exact_solution():
-    """Brackets of size 0.01: solutions that depend on W alone would be wrong by as much."""
+    """Brackets of size 0.01: a solution that depends on W alone would have an error of this size."""
 
     def gradient(t, w, q, p):
         return (w[0] + 1.01 * w[1]) * q, (w[0] + w[1]) * p

@@ -19,7 +19,7 @@ from symsde.run import setup
 
 HERE = Path(ss.__file__).parent
 START = {"q0": 1.0, "p0": 0.0}
-#: wrong in one way each, as C and Python take them
+#: options with one wrong value each, in the forms of C and Python
 OF_STEPS = [{"steps": -1}, {"save_every": 0}, {"save_every": -2}, {"save_every": 3}, {"steps": 2**48}]
 OF_BEGINNING = [{"first_path": -1}, {"first_step": -1}, {"first_path": 2**47}, {"first_step": 2**48}]
 OF_ALL = [
@@ -52,7 +52,7 @@ def told(wrong):
 
 
 def options_of(**given):
-    """The struct of these options."""
+    """The struct of the C interface with these options."""
     options = handles.new(abi.Options, "options")
     for name, value in {**GOOD, **given}.items():
         setattr(options, name, value)
@@ -60,7 +60,7 @@ def options_of(**given):
 
 
 def sentence_of(**given):
-    """What the library says of these options."""
+    """The message of the library about these options."""
     error = abi.Error()
     assert library.symsde_options_check(ctypes.byref(options_of(**given)), ctypes.byref(error)) < 0, given
     return error.message.decode()
@@ -107,14 +107,15 @@ def calls_in_c():
 
 
 def test_every_function_of_c_that_takes_options_is_called_here():
-    """The types of the arguments tell which functions of C take options."""
+    """No function of C is left out: the types of arguments show which functions take options."""
     taking = {name for name, types in abi.FUNCTIONS.items() if ctypes.POINTER(abi.Options) in types}
     assert taking - {"options_init"} == set(calls_in_c()[1])
 
 
 @pytest.mark.parametrize("wrong", [*WRONG, *ONLY_IN_C], ids=told)
 def test_functions_of_c_refuse_with_one_sentence(wrong):
-    """A run that is prepared takes its steps later, and looks at a million of them."""
+    """All functions of C refuse a wrong option with the same sentence. A prepared run takes its steps later, and checks
+    options for a million steps."""
     _keep, calls = calls_in_c()
     sentence = sentence_of(**wrong)
     options = ctypes.byref(options_of(**wrong))
@@ -131,7 +132,9 @@ def test_functions_of_c_refuse_with_one_sentence(wrong):
 
 @pytest.mark.parametrize("wrong", WRONG, ids=told)
 def test_functions_of_python_refuse_with_the_sentence_of_the_library(wrong):
-    """Wrong options are refused before anything is allocated by a size in them."""
+    """Functions of Python refuse wrong options with the sentence of the library, before anything is allocated by a
+    size in them.
+    """
     model = ss.models.kubo()
     told_to = {**wrong, "areas": abi.AREAS[wrong["areas"]]} if "areas" in wrong else wrong
     given = {**GOOD, **told_to}
@@ -168,12 +171,14 @@ def test_functions_of_python_refuse_with_the_sentence_of_the_library(wrong):
 
 
 def stated():
-    """Defaults of options as they are: those of the library, and what the library has none for."""
+    """The defaults of all options: those of the library, and the defaults of options for which the library has none."""
     return {**setup._DEFAULTS, "scheme": "midpoint", "threads": None, "lanes": None}
 
 
 def test_the_library_has_the_defaults():
-    """Python reads them, so a change of src/ensemble/options.f90 is one here, too."""
+    """The library has these defaults, which Python reads from it: a change of src/ensemble/options.f90 must be made
+    here, too.
+    """
     options = handles.new(abi.Options, "options")
     assert (options.step, options.steps) == (0, 0)  # are required
     assert (options.paths, options.save_every, options.seed) == (1, 1, 0)
@@ -185,7 +190,8 @@ def test_the_library_has_the_defaults():
     }
 
 
-#: functions whose argument has that name and another meaning or default of its own: none, or what a study takes
+#: functions in which an argument of this name has another meaning or another default, such as none or the default of a
+#: study
 OF_THEIR_OWN = {
     *(("expect", "scheme"), ("mlmc", "scheme"), ("cite", "scheme")),
     *(("convergence", "paths"), ("work_precision", "paths"), ("frequency", "paths"), ("merged_report", "threads")),
@@ -204,7 +210,7 @@ def functions():
 
 
 def test_functions_state_the_defaults_of_the_library():
-    """Wherever an argument is an option of a run by its name, and has a default."""
+    """Every argument that is an option of a run by its name, and has a default, has the default of the library."""
     seen = 0
     for name, function in functions():
         for key, parameter in inspect.signature(function).parameters.items():

@@ -41,7 +41,7 @@ low = -1.0
 
 
 def said(call):
-    """The doubts that a call warns of, and its result."""
+    """The sentences of doubt that a call warns of, and the result of the call."""
     with warnings.catch_warnings(record=True) as found:
         warnings.simplefilter("always")
         result = call()
@@ -71,7 +71,7 @@ def test_an_unstable_step_is_warned_of_before_and_after(paths):
 
 
 def test_a_warning_made_an_error_comes_before_the_run():
-    """No step is taken, and the exception holds no run."""
+    """If warnings are errors, no step is taken, and the exception holds no run."""
     steps = []
     with warnings.catch_warnings():
         warnings.simplefilter("error", errors.DoubtfulRunWarning)
@@ -94,7 +94,7 @@ def test_prepared_runs():
     assert grown(sentences) == sentences
     assert saved.report.grown == 3
     sentences, saved = said(lambda: run.run(4))
-    assert (sentences, saved.report.grown) == ([], 0)  # too few steps to judge
+    assert (sentences, saved.report.grown) == ([], 0)  # a call has too few steps to judge growth
 
 
 @pytest.mark.parametrize("q_unit", [1.0, 1e-12, 1e9])
@@ -109,7 +109,7 @@ def test_growth_knows_no_units(q_unit, p_unit):
 
 
 def test_growth_is_beyond_a_million():
-    """H = q p: q grows alone; H = (p^2 - q^2)/2: both grow, by exp(0.9 t) after the first tenth of the run."""
+    """H = q p: q grows alone; H = (p^2 - q^2)/2: both grow, after the first tenth of the run by exp(0.9 t)."""
     saddle = ss.model_from_sympy("p**2/2 - q**2/2")
     how = {"q0": 1e-3, "p0": 1e-3, "steps": 1000, "scheme": "gauss2"}
     for rate, count in ((13.6, 0), (14.0, 1)):  # log(1e6) = 13.8

@@ -64,7 +64,7 @@ def test_any_executor_gives_the_bits_of_one_run(kind, size, known):
     assert len([w for w in warned if w.category is ss.PathsFailedWarning]) == 1
     check_same(found, known)
     if executor:
-        assert executor.submit(abs, -1).result() == 1  # the executor was not shut down
+        assert executor.submit(abs, -1).result() == 1  # the caller's executor was not shut down
         executor.shutdown()
 
 

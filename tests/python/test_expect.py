@@ -43,8 +43,9 @@ def test_every_method_gives_the_exact_mean(method):
 
 @pytest.mark.usefixtures("work_clock")
 def test_intervals_hold_with_95_percent(nonlinear):
-    """E H grows exactly; 32 or more of 40 intervals must hold it; at 95 % fewer do with probability 3e-4. The twin asks
-    for twice the error, so that 33 % hold; 32 or more then have probability 2e-9."""
+    """E H grows at a known rate. 32 or more of 40 intervals must contain the exact value; intervals of 95 % fail this
+    with probability 3e-4. The twin doubles the error, so that 33 % of intervals contain the value, and 32 or more of 40
+    do so with probability 2e-9."""
     model = ss.models.synchrotron(sigma1=0.3, sigma2=0.3)
     exact = -4 * math.cos(1.0) + 0.09 / 2 * 2.0
     held = shrunk = 0
@@ -135,7 +136,7 @@ def test_multilevel_is_reckoned_as_giles_has_it():
     assert single.level == pytest.approx(math.log2(0.1 / (1e-2 * math.sqrt(0.1))), abs=2**-6)
     assert single.seconds == pytest.approx(1e-6 * 2**single.level / (0.9 * error**2))
     assert plan.seconds < single.seconds
-    trial.spread = lambda level: 2.0  # paths dephase: differences are as large as f itself
+    trial.spread = lambda level: 2.0  # paths separate: differences are as large as f itself
     single, plan = choice.plans(trial, error)
     assert plan.seconds > single.seconds
 
@@ -161,7 +162,7 @@ def test_long_horizon_is_not_given_to_multilevel(monkeypatch):
 
 
 def test_student_quantile():
-    """Tabled values, and the normal quantile."""
+    """Student's quantiles as tabled, and for many units the normal quantile."""
     for units_, tabled in (
         (2, 12.706),
         (3, 4.303),
@@ -175,7 +176,9 @@ def test_student_quantile():
 
 
 def test_interval_holds_with_and_without_the_bias_that_is_reckoned_with():
-    """Normal error and a bias of a third: 94.9 % of intervals hold with this bias, 95.9 % without."""
+    """With normal errors and a bias of a third of the standard error, 94.9 % of intervals contain the value; without
+    a bias 95.9 % do.
+    """
 
     def below(x):
         return 0.5 * math.erfc(-x / math.sqrt(2))
@@ -216,7 +219,7 @@ def test_answer_tells_choice_and_alternatives(nonlinear):
 def test_constants_and_noise_free_models():
     one = ss.expect(ss.models.synchrotron(), lambda q, p: np.ones(q.shape[1]), **PLACE, abs=1e-3)
     assert one.value == 1.0 and one.half_width == 0.0
-    assert "not seen" in one.notes[0]  # one path of a million might give 2
+    assert "not seen" in one.notes[0]  # one path of a million might have the value 2
     zero = ss.expect(ss.models.synchrotron(), lambda q, p: np.zeros(q.shape[1]), **PLACE, rel=1e-3)
     assert zero.value == 0.0 and zero.reached
     still = ss.expect(ss.models.synchrotron(sigma1=0.0, sigma2=0.0), "q", **PLACE, abs=1e-5)
@@ -330,7 +333,7 @@ def test_cost_is_all_that_was_spent(nonlinear, monkeypatch):
 
 
 def test_a_method_that_is_asked_for_is_taken_where_it_is_not_needed(nonlinear):
-    """One step of the ladder would be enough here."""
+    """A requested method is used, although one step of the ladder would be enough here."""
     answer = ss.expect(nonlinear, "q**2", **PLACE, abs=0.5, method="multilevel", scheme="gauss_dkdkd")
     assert answer.method == "multilevel" and answer.reached
     with pytest.raises(ss.errors.NumericalError, match="antithetic needs noise, no truncation, and a scheme that"):
@@ -338,7 +341,7 @@ def test_a_method_that_is_asked_for_is_taken_where_it_is_not_needed(nonlinear):
 
 
 def work_of(nonlinear, seconds: float, **more) -> Execution:
-    """A plan with an estimate of so many seconds, and further arguments."""
+    """An Execution of a plan with this estimate of seconds, and with further arguments."""
     plan = Plan("plain", as_scheme("midpoint"), 4, 4, seconds, 1.0, (0.0, 0.0))
     for name, value in more.items():
         setattr(plan, name, value)
@@ -374,6 +377,6 @@ def test_frequency_is_that_of_the_time():
 
 
 def test_formulas_hold_the_time_of_the_end():
-    """E q = cos(t) from t = 0, here from t0 = 3 to 5."""
+    """The formula contains the time of the end: E q = cos(t) from t = 0, here from t0 = 3 to 5."""
     answer = ss.expect(ss.models.linear_oscillator(), "q + t", **PLACE, t0=3.0, abs=0.05)
     assert abs(answer.value - 5 - math.cos(2.0)) < 2 * answer.half_width

@@ -34,7 +34,7 @@ def pilot(monkeypatch):
 
 
 def even_of(trial, points, *, coarsest=2, seconds=1.0):
-    """A plan with so many points on levels from this one on."""
+    """A plan with these numbers of points on the levels from `coarsest` on."""
     finest = coarsest + len(points) - 1
     steps, bias = [trial.steps(level) for level in (finest, coarsest)], trial.bias(finest)
     return Plan(choice.EVEN_LEVELS, trial.scheme, *steps, seconds, trial.variance, bias, points, finest, trial)
@@ -73,8 +73,8 @@ def test_points_are_doubled_where_units_are_too_few(pilot, coarsest, points):
 
 
 def test_work_begins_with_a_quarter_of_the_points(pilot):
-    """Work begins with 16 units of 2^9 points where 2^11 were planned, which are more than needed; and not below
-    2^8.
+    """If 2^11 points are planned, work begins with 16 units of 2^9 points, which suffice here; it never begins with
+    fewer than 2^8 points.
     """
     pytest.importorskip("scipy")
     pilot.tolerance = make_tolerance(1.0, None)
@@ -96,14 +96,17 @@ def test_work_begins_with_a_quarter_of_the_points(pilot):
     ],
 )
 def test_points_are_cut_to_the_time_that_is_left(pilot, planned, seconds, left, cut):
-    """Points are halved, down to 2^6; no time left counts as a thousandth of a second."""
+    """Points are halved until they fit into the time that is left, but not below 2^6; if no time is left, a
+    thousandth of a second is assumed.
+    """
     pilot.watch = SimpleNamespace(seconds=0.0, max_time=100.0, elapsed=100.0 - left)
     plan = even_of(pilot.trials[0], planned, coarsest=0, seconds=seconds)
     assert Execution(pilot, [plan]).plan.points == cut
 
 
 def test_levels_with_far_more_points_than_were_seen_are_looked_at_again(pilot):
-    """2^13 points of level 1 planned, 2^8 measured: measuring 2^10 shows how their variance falls."""
+    """For level 1, 2^13 points are planned and 2^8 were measured: a measurement with 2^10 points shows how the variance
+    falls."""
     pytest.importorskip("scipy")
     trial = pilot.trials[0]
     for level in (1, 2):
@@ -116,7 +119,7 @@ def test_levels_with_far_more_points_than_were_seen_are_looked_at_again(pilot):
 
 
 def test_what_packages_take_to_load_is_in_the_price(pilot, monkeypatch):
-    """Packages take half a second to load, once."""
+    """The price of a measurement contains the half second that packages take to load, once."""
     there = pilot.trials[0].price_of_points(1)
     monkeypatch.setitem(sys.modules, "scipy.stats.qmc", None)
     monkeypatch.delitem(sys.modules, "scipy.stats.qmc")
@@ -124,7 +127,7 @@ def test_what_packages_take_to_load_is_in_the_price(pilot, monkeypatch):
 
 
 class Slow(Plain):
-    """Units that take a second each by a clock that they advance, in parts of a hundred."""
+    """Units that take a second each by a clock that they advance, in parts of a hundred units."""
 
     part = 100
 
@@ -145,8 +148,9 @@ class Told(Watch):
 
 @pytest.mark.parametrize(("left", "units"), [(250.5, 250), (300.0, 300), (0.0, 2), (2.5, 100)])
 def test_no_unit_is_begun_that_does_not_fit_into_the_time(pilot, left, units):
-    """Units fill the time and no more, except the first part, whose cost is unknown; without any time there are two
-    units."""
+    """Units fill the given time and do not exceed it, except for the first part, whose cost is unknown; without any
+    time two units are drawn.
+    """
     watch = Told(3600.0, False)
     watch.elapsed = watch.seconds = 3600.0 - left
     pilot.watch, pilot.tolerance = watch, make_tolerance(1e-9, None)
@@ -159,7 +163,8 @@ def test_no_unit_is_begun_that_does_not_fit_into_the_time(pilot, left, units):
 
 def test_skew_units_are_as_many_as_the_pilot_knows(pilot):
     """Squares of normals, of which the pilot knows that 600 are needed: over 4000 answers their mean is 0 within 4.5
-    standard errors (7e-6). Beginning with 256 it would be off by seven, with 600 by five."""
+    standard errors (7e-6). Beginning with 256 units the mean would be wrong by seven standard errors, with 600 by
+    five."""
     rng, pilot.tolerance = np.random.default_rng(8), make_tolerance(1.96 * (2 / 0.9 / 600) ** 0.5, None)
     plan = Plan("plain", as_scheme("midpoint"), 1, 1, 0.0, 2.0, (0.0, 0.0))
     squares = SimpleNamespace(least_units=256, part=2**15)
@@ -211,7 +216,8 @@ def test_intervals_hold_where_work_ends_by_their_own_scatter(pilot):
 
 def test_an_event_that_the_first_points_did_not_meet_is_not_taken_for_impossible(monkeypatch):
     """P = 1e-4 by two levels. The first 16 units of 2^8 points often meet no event: work then goes on, and a value is
-    off by twice the half width once in 10 000. By the scatter of units that all agree the answer would be 0."""
+    wrong by twice the half width with probability 1e-4. If the scatter of units that all agree were used, the answer
+    would be 0."""
     pytest.importorskip("scipy")
     edge = math.cos(3.0) + 3.719016 * math.sqrt(1.5 - math.sin(6.0) / 4)
     scheme = as_scheme("gauss2")

@@ -74,7 +74,8 @@ def test_ctrl_c_prints_what_is_known(tmp_path, capsys, monkeypatch):
 
 @pytest.fixture
 def asked(tmp_path, monkeypatch):
-    """A scene of two means, and the calls that the command makes of `expect`, which gives the first mean too wide."""
+    """A scene of two means, and the calls of `expect` that the command makes; the interval of the first mean is too
+    wide."""
     scene = tmp_path / "scene.toml"
     scene.write_text(
         '[model]\nname = "kubo"\n[run]\nstep = 0.1\nsteps = 20\nq0 = 1.0\np0 = 0.0\n'
@@ -99,7 +100,9 @@ def test_a_width_on_the_command_line_replaces_that_of_the_scene(asked, option, o
 
 
 def test_one_interval_that_is_too_wide_is_enough(asked, tmp_path, capsys):
-    """The exit code says so even if the last interval is narrow enough, and a message says how to go on."""
+    """One interval that is too wide is enough for the exit code, even if the last interval is narrow enough; a
+    message says how to go on.
+    """
     scene, calls = asked
     out = str(tmp_path / "out")
     assert main(["expect", scene, "--quiet", "--out", out, "--allow-python"]) == 4

@@ -42,15 +42,16 @@ def test_sobol_points_end_at_2_to_the_30():
 
 
 def points_of(trial, coarsest, finest, needed):
-    """log2 of the points of each level, if the variances of their units may sum to this."""
+    """log2 of the points on each level, if the variances of the units may add up to `needed`."""
     found = choice._points(trial, coarsest, finest, math.sqrt(needed / 16 / (1 - BIAS_SHARE)))
     return found and found[2]
 
 
 def test_points_are_doubled_where_variance_over_cost_is_largest():
     """Level 0 has variance 1 by 2^9 points, falling as points^-1.7; level 1 has 1/4, falling as points^-1.3; a point
-    costs 1 and 30 us. From 2^5 points on the variances are 115 and 9, then 1 (2^9) and 3.7 (2^6), and doubling level 0
-    is cheaper. Level 2 was not measured and gets a quarter of level 1's variance, as for paths."""
+    costs 1 us on level 0 and 30 us on level 1. From 2^5 points on the variances are 115 and 9, then 1 (2^9) and 3.7
+    (2^6), and doubling level 0 is cheaper. Level 2 was not measured and gets a quarter of level 1's variance, as for
+    paths."""
     trial = FakeTrial(0.25)
     trial.even = {0: even_of((64.0, 1.0), once=0.5), 1: even_of((2.0, 0.25), level=1, path=3e-5, once=0.25)}
     seconds, coarsest, points = choice._points(trial, 0, 1, math.sqrt(4.5 / 16 / 0.9))
@@ -130,10 +131,10 @@ def test_bias_of_two_orders_is_told_from_one():
         h = 0.0625 / 2**extra
         value, error = bias.left(means, [1e-9] * 3, 1.0, extra)
         assert value == pytest.approx(1e-2 * h + h**2, rel=1e-2) and error < 1e-2 * value
-    assert abs(bias.estimate(means, [1e-9] * 3, 2.0)[0] / left[-1] - 1) > 0.05  # with one power alone
+    assert abs(bias.estimate(means, [1e-9] * 3, 2.0)[0] / left[-1] - 1) > 0.05  # the estimate with a single power of h
     cubic = [a + h**3 for a, h in zip(left, (0.5, 0.25, 0.125, 0.0625), strict=True)]
     value, error = bias.left([a - b for a, b in itertools.pairwise(cubic)], [1e-9] * 3, 1.0)
-    assert error == pytest.approx(abs(value - cubic[-1]), rel=1e-6)  # the third power is the doubt
+    assert error == pytest.approx(abs(value - cubic[-1]), rel=1e-6)  # the error is the effect of the third power
     assert bias.left(means, [1.0] * 3, 1.0) == bias.estimate(means, [1.0] * 3, 1.0)  # smaller than its noise
 
 

@@ -123,7 +123,7 @@ def test_a_damaged_part_is_drawn_anew(model, tmp_path):
 
 
 def test_while_others_draw_a_part_later_ones_are_drawn_here(tmp_path, monkeypatch):
-    """Another process holds the first part for three looks; meanwhile the second and third are drawn here."""
+    """Another process holds the first part, for three checks; meanwhile the second and third are drawn here."""
     refused, drawn = [], []
     with in_folder(tmp_path, Watch(None, False)) as store:
         claim = store.folder.claim
@@ -143,7 +143,7 @@ def test_while_others_draw_a_part_later_ones_are_drawn_here(tmp_path, monkeypatc
         parts = [store.part("units", first, 10, 30 - first, draw) for first in (0, 10, 20)]
     assert [part.units.mean for part in parts] == [0.0, 10.0, 20.0]
     assert drawn == [10, 20, 0] and len(refused) == 3
-    assert store.seconds == 0.0  # all draws its own
+    assert store.seconds == 0.0  # this process drew all parts
     with in_folder(tmp_path, Watch(None, False)) as other:
         other.part("units", 0, 10, 30, draw)
         assert other.seconds == 0.5
@@ -158,13 +158,14 @@ def test_no_part_is_begun_when_the_time_is_over_but_the_least(tmp_path):
 
 
 def test_parts_are_long_enough_for_a_file_and_short_enough_to_lose():
-    """A part of a second's work takes half a second, of an hour's ten; parts are multiples of one computation."""
+    """If the work takes a second, a part takes half a second; if the work takes an hour, a part takes ten seconds;
+    parts are multiples of one computation."""
     store = InFolder(None, None)
     assert store.grain(256, 10**6, -1.0) == 256
     assert store.grain(256, 10**6, 1e-6) == 0.5e6 // 256 * 256
     assert store.grain(256, 10**9, 3.6e-6) == 10 / 3.6e-6 // 256 * 256
     assert store.grain(1, 16, 40.0) == 1
-    assert store.grain(256, 10**6, 0.0) > 10**8  # too short for the clock
+    assert store.grain(256, 10**6, 0.0) > 10**8  # this unit is too short for the clock
 
 
 SCENE = """[model]
@@ -185,7 +186,7 @@ method = "plain"
 """
 
 
-#: a command whose parts are one call each, so that there are several on any machine
+#: a command whose parts have one call each, so that there are several parts on any machine
 COMMAND = """
 import sys
 from symsde.answers.expectation import draw_store

@@ -40,8 +40,8 @@ def problem():
 
 def test_phases_that_turn_are_told_from_those_that_do_not(problem):
     """Verlet's rule has a bias of 0.322 at the finest step of its ladder, and estimates it within a factor of two for
-    most seeds; it predicts no smaller bias at finer steps. After two more halvings its levels are settled; chin4a's are
-    settled at once."""
+    most seeds; it predicts no smaller bias at finer steps. After two more halvings its levels are settled; the levels
+    of chin4a are settled at once."""
     trial = Trial(problem, as_scheme("stormer_verlet"), 125, 256)
     left = exact_square(LONG) - square_by_verlet(1000, LONG)
     assert left == pytest.approx(-0.322, abs=1e-3)
@@ -56,8 +56,8 @@ def test_phases_that_turn_are_told_from_those_that_do_not(problem):
 
 @pytest.mark.usefixtures("work_clock")
 def test_intervals_hold_at_long_horizons(problem, monkeypatch):
-    """9 or more of 12 intervals must hold; at 94.9 % fewer do with probability 3e-4. The twin takes every level for
-    settled, and reports less than half of the bias."""
+    """9 or more of 12 intervals must contain the value; intervals of 94.9 % fail this with probability 3e-4. The twin
+    treats every level as settled, and reports less than half of the bias."""
     held = 0
     for seed in range(12):
         given = {"q0": 1.0, "p0": 0.0, "horizon": LONG, "abs": 0.1, "seed": seed, "threads": 1}
@@ -74,11 +74,12 @@ def test_intervals_hold_at_long_horizons(problem, monkeypatch):
 
 
 def test_what_no_power_of_h_tells_does_not_fall():
-    """Differences of changing sign: the bias is the last one or half of the one before, also at finer steps."""
+    """If differences change their sign, the bias is the last difference or half of the difference before it, also at
+    finer steps."""
     for extra in (0.0, 3.0):
         assert bias.left([-0.64, 0.91, -0.35], [0.1] * 3, 2.0, extra, settled=False) == (0.455, 0.1)
     assert not bias.settled(0.3, 1.0, [-0.64, 0.91, -0.35], [1e-3] * 3, 2.0)
-    assert bias.settled(0.3, 1.0, [0.64, 0.15, 0.04], [1e-3] * 3, 2.0)  # falls with the order
+    assert bias.settled(0.3, 1.0, [0.64, 0.15, 0.04], [1e-3] * 3, 2.0)  # these means fall with the order
     assert not bias.settled(0.3, 1.0, [0.64, 0.15, 0.04], [0.05] * 3, 2.0)  # smaller than its noise
     assert not bias.settled(0.3, 1.0, [0.64, 0.5, 0.04], [1e-3] * 3, 2.0)
     assert bias.settled(0.1, 1.0, [0.0] * 3, [1.0] * 3, 2.0)  # paths that end near each other
@@ -97,8 +98,8 @@ def test_second_powers_of_a_phase_are_in_the_doubt():
 
 
 def test_paths_that_part_by_themselves_take_paths_not_steps():
-    """Strong noise to T = 60: chin4a has no phase error at h = 0.1, but paths end elsewhere. No finer steps are tried,
-    no power of h is assumed, and more paths are drawn to measure the bias."""
+    """Strong noise to T = 60: chin4a has no phase error at h = 0.1, but paths with different steps separate. No finer
+    steps are tried, no power of h is assumed, and more paths are drawn to measure the bias."""
     model = ss.models.synchrotron(sigma1=0.8, sigma2=0.5)
     chaos = make_problem(model, "cos(q)", q0=1.0, p0=0.0, horizon=60.0, threads=1)
     trial = Trial(chaos, as_scheme("chin4a"), 75, 256)

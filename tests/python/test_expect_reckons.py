@@ -58,7 +58,7 @@ def test_short_work_is_promised_no_number(monkeypatch, plans):
 
 
 def test_the_plan_is_said_before_the_work(monkeypatch, plans, capsys):
-    """The plan is given in the log, and beside the progress bar if nobody reads the log."""
+    """The plan is written to the log, or beside the progress bar if the log is not shown."""
 
     def stop(_work):
         raise RuntimeError("at work")
@@ -100,7 +100,7 @@ def test_work_that_takes_longer_than_told_says_so(monkeypatch):
 
 
 def test_short_calls_take_one_thread(monkeypatch):
-    """In short calls threads waiting for each other cost more than they gain; measured steps tell which calls are
+    """In short calls threads that wait for each other cost more than they gain; measured steps show which calls are
     short.
     """
     asked = []

@@ -35,7 +35,8 @@ def looked_at(problem) -> Tally:
 
 
 def test_a_pilot_looks_until_it_sees(problem, monkeypatch):
-    """The pilot sees 20 events or more, or the unseen part is no wider than asked. The twin draws 4096 paths."""
+    """The pilot sees 20 events or more, or the possible effect of unseen events is within the requested half width. The
+    twin draws 4096 paths."""
     seen = looked_at(problem)
     assert not seen.few and seen.n * seen.mean >= 20
     assert seen.size == pytest.approx(1.0, abs=2e-3)
@@ -58,7 +59,7 @@ def test_paths_without_an_event_tell_no_bias_and_no_variance(problem):
 
 
 def test_what_was_not_seen_is_that_of_clopper_and_pearson():
-    """Upper ends of exact 95 % intervals of Poisson's law, less the count: 3.689, 5.669, 8.391, 10.89."""
+    """Upper ends of exact 95 % intervals of Poisson's law, minus the count: 3.689, 5.669, 8.391, 10.89."""
     for count, exact in ((0, 3.689), (2, 5.225), (5, 6.668), (10, 8.391), (19, 10.67)):
         values = np.zeros(10**6)
         values[:count] = 1.0
@@ -67,7 +68,8 @@ def test_what_was_not_seen_is_that_of_clopper_and_pearson():
 
 @pytest.mark.usefixtures("work_clock")
 def test_intervals_of_what_happens_seldom_hold():
-    """P = 3e-3 to a quarter of it. 6 or more of 10 intervals must hold; at 95 % fewer do with probability 6e-5."""
+    """P = 3e-3 to a quarter of it. 6 or more of 10 intervals must contain the value; intervals of 95 % fail this with
+    probability 6e-5."""
     edge, held = math.cos(TIME) + 2.747781 * math.sqrt(TIME / 2 - math.sin(2 * TIME) / 4), 0
     for seed in range(10):
         given = {"q0": 1.0, "p0": 0.0, "horizon": TIME, "abs": 7.5e-4, "seed": seed, "threads": 1}
@@ -116,7 +118,7 @@ def test_the_first_level_is_one_that_implicit_steps_hold():
 
 
 def test_products_of_noises_that_do_not_commute_are_not_refused():
-    """E q p, refused for its tails at each of these seeds before."""
+    """E q p is not refused for its tails; at each of these seeds an earlier version refused it."""
     for seed in range(5):
         found = ss.mlmc(ss.models.noncommutative_oscillator(), "q*p", q0=1.0, p0=0.0, horizon=1.0, abs=0.02, seed=seed)
         assert found.reached

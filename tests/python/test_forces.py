@@ -51,7 +51,7 @@ def force_derivative(q, p, t):
 
 
 def noise_force(q, p, t):
-    """f_1 depends on all, f_2 on q2."""
+    """f_1 depends on q and p, f_2 on q2."""
     return np.array([[0.4 * q[0] * q[1] + 0.1 * p[1], 0.2 * p[0]], [0.3 * np.cos(q[1]), 0.1 * q[0]]])
 
 
@@ -201,7 +201,7 @@ def test_orders_are_those_of_the_tableau(scheme):
 
 
 def step_matrix(model, scheme, h):
-    """The linear step of a linear model: of (q, p) and dW."""
+    """The matrix of a step of a linear model, from (q, p) and dW to the new (q, p)."""
     columns = []
     for q0, p0, dw in ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)):
         run = ss.simulate(model, scheme=scheme, q0=q0, p0=p0, step=h, steps=1, paths=1,
@@ -265,7 +265,7 @@ def test_the_discrete_principle_holds():
     "scheme", ["midpoint", "symplectic_euler", "gauss2", "stormer_verlet", "heun", "euler_maruyama"]
 )
 def test_a_path_has_its_bits_anywhere(scheme):
-    """In blocks of any width, by any number of threads, and in a run of its own."""
+    """A path has the same bits in blocks of any width, with any number of threads, and in a run of its own."""
     run = {"scheme": scheme, "q0": [0.7, -0.2], "p0": [0.4, 0.5], "step": 0.05, "steps": 12, "seed": 3}
     whole = ss.simulate(WITH, paths=37, threads=2, **run)
     assert whole.report.status == 0
@@ -303,7 +303,8 @@ def test_forces_of_positions_keep_explicit_schemes():
 
 
 def test_stiff_friction_is_solved():
-    """Newton takes F_p: gamma h of 200, by derivatives and by differences, in few iterations."""
+    """Newton's matrix contains F_p: steps with gamma h = 200 are solved in few iterations, by derivatives and by
+    differences."""
     gamma = 2000.0
     model = ss.models.henon_heiles()
     derivative = lambda q, p, t: (np.zeros((2, *q.shape)), np.tile(-gamma * np.eye(2)[..., None], q.shape[1]))  # noqa: E731
@@ -353,7 +354,9 @@ def test_forces_and_damping():
 
 
 def test_forces_in_a_heat_bath():
-    """A bath keeps what acts on a model, whichever comes first, and its noises follow those of the forces."""
+    """A heat bath keeps the forces of a model, whichever of both is given first; its noises follow the noises of the
+    forces.
+    """
     model = ss.model_from_sympy("p**2/2 + q**4/4", noise=["-q"])
     forces = {"force": lambda q, p, t: np.sin(q + t) * 0.5, "noise_force": lambda q, p, t: 0.2 * p[None]}
     one = ss.thermostat(model.forced(**forces), beta=2.0, gamma=0.5)
@@ -379,7 +382,7 @@ def test_forces_in_a_heat_bath():
     ],
 )
 def test_schemes_that_cannot_are_refused(scheme, why):
-    """With the reason, and what to do."""
+    """Schemes that cannot execute forces are refused with the reason and with advice."""
     model = ss.models.linear_oscillator(sigma=1.0).forced(lambda q, p, t: -p)
     with pytest.raises(IncompatibleError, match=f"forces act on model.*{why}.*use midpoint"):
         ss.simulate(model, scheme=scheme, q0=1.0, p0=0.0, step=0.1, steps=1)
@@ -396,7 +399,7 @@ def test_areas_go_with_a_force_but_not_with_those_of_noises():
 
 
 def test_what_closed_systems_have_is_refused():
-    """Exact solutions, boundary values, brackets, growth of moments, programs."""
+    """Refused where forces act: exact solutions, boundary values, brackets, growth of moments, programs."""
     model = ss.models.linear_oscillator(sigma=1.0).forced(lambda q, p, t: -p)
     for ask in (
         lambda: ss.diagnose.exact(ss.simulate(model, q0=1.0, p0=0.0, step=0.1, steps=2)),
@@ -421,7 +424,7 @@ def test_brackets_are_those_of_fields():
 
 
 def test_wrong_arguments():
-    """Each is told by its name, with what is allowed."""
+    """Each wrong argument is refused by its name, and the message says what is allowed."""
     free = ss.models.linear_oscillator()
     with pytest.raises(WrongTypeError, match="force = 3 cannot be called: give a function of"):
         free.forced(3)
@@ -452,7 +455,7 @@ def test_forces_may_vanish_where_a_run_begins():
 
 
 def test_no_force_is_the_model_itself():
-    """Forces of zero change no bit of a general step, and taking them back gives the model."""
+    """Forces of zero change no bit of a general step, and removing them gives the model again."""
     model = ss.models.kubo()
     run = {"scheme": "symplectic_euler", "q0": 1.0, "p0": 0.2, "step": 0.1, "steps": 10, "paths": 9, "general": True}
     free, zero = ss.simulate(model, **run), ss.simulate(model.forced(lambda q, p, t: 0 * q), **run)
@@ -460,12 +463,12 @@ def test_no_force_is_the_model_itself():
 
 
 def drag(q, p, t):
-    """At the top of a module, so that pickle finds it."""
+    """A force at the top of a module, where pickle finds it."""
     return -p * abs(p)
 
 
 def test_models_are_pickled_with_their_forces():
-    """Where the functions have names."""
+    """Models are pickled with their forces if the functions have names."""
     model = ss.models.pendulum().forced(drag)
     again = pickle.loads(pickle.dumps(model.damped(0.1)))
     run = {"scheme": "midpoint", "q0": 1.0, "p0": 0.5, "step": 0.1, "steps": 5}
@@ -488,7 +491,7 @@ PULLS = {
 
 @pytest.mark.parametrize("compiled", [True, False])
 def test_formulas_give_the_same_steps(compiled, monkeypatch):
-    """Forces as formulas are those as functions, with derivatives: compiled, and by NumPy."""
+    """Forces as formulas give the same steps as forces as functions, with derivatives: compiled, and by NumPy."""
     if not compiled:
         monkeypatch.setattr("symsde.model.formulas.compiler.command", lambda: None)
     with contextlib.nullcontext() if compiled else pytest.warns(SlowFormulaWarning):
@@ -519,7 +522,7 @@ def test_a_path_by_itself_has_the_bits_of_its_block(scheme):
 
 
 def test_linear_friction_in_formulas_is_damping():
-    """F = -gamma_i p_i is proved and becomes damping, beside damping that is asked for; other forces stay."""
+    """F = -gamma_i p_i is proved and becomes damping, beside damping that is given; other forces remain forces."""
     well = {"H": "p**2/2 + q**4/4", "noise": ["-q"], "params": {"g": 0.4}}
     run = {"scheme": "gauss_dkdkd", "q0": 0.7, "p0": 0.3, "step": 0.1, "steps": 9, "seed": 1}
     known = ss.model_from_sympy(**well, damping=0.4)
@@ -538,7 +541,7 @@ def test_linear_friction_in_formulas_is_damping():
 
 
 def test_forces_of_positions_are_proved():
-    """What hangs on p by its writing alone, too: then Verlet is explicit."""
+    """A force counts as a force of positions even if its text contains p and p cancels: then Verlet is explicit."""
     separable = {"H": "p1**2/2 + p2**2/2 + q1**2*q2", "noise": ["-q1"]}
     curl = ss.model_from_sympy(**separable, force=["q2 + p1 - p1", "-q1*cos(t)"], noise_force=[["sin(q1)", "0"]])
     run = {"scheme": "stormer_verlet", "q0": [0.1, 0.2], "p0": [0.3, 0.1], "step": 0.1, "steps": 3, "seed": 1}
@@ -547,7 +550,7 @@ def test_forces_of_positions_are_proved():
 
 
 def test_wrong_formulas_of_forces():
-    """Shapes, names and sites."""
+    """Formulas of forces with wrong shapes, names or sites are refused."""
     two = {"H": "p1**2/2 + p2**2/2 + q1*q2", "noise": ["q1"]}
     for forces, why in (
         ({"force": ["q1"]}, "force has 1 formulas: give one for each of the 2"),

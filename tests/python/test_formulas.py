@@ -77,7 +77,7 @@ def everything(model, x, y, weights):
 
 
 def distance(mine, known):
-    """Largest difference in ulps of the number, or of one if that is larger."""
+    """Largest difference in ulps of the number, or in ulps of one for numbers below one."""
     pairs = zip(mine, known, strict=True)
     return max(float(np.max(np.abs(m - k) / np.spacing(np.maximum(np.abs(k), 1.0)))) for m, k in pairs)
 
@@ -262,7 +262,7 @@ def test_parameters_are_given_at_run_time():
     assert silent.traits.additive and silent.traits.position_noise and not first.traits.additive
     with pytest.raises(errors.UnknownNameError, match="there are sigma"):
         first.with_parameters(sigmo=1)
-    with pytest.raises(TypeError):  # numbers as text would be printed and saved, but not run
+    with pytest.raises(TypeError):  # numbers given as text could be printed and saved, but not run
         first.parameters["sigma"] = 0.25
 
 
@@ -418,8 +418,8 @@ def test_bad_input_gets_a_sentence(H, more, words):
 @pytest.mark.usefixtures("quick_compiler")
 @pytest.mark.parametrize("H", ["p**2/2 - 1/q", "p**2/2 + log(q)", "sqrt(q**2 + p**2 - 1)", "p**2/2 + q**2/(q - t)"])
 def test_singular_starts_are_told_with_the_formula(H):
-    """Starts are refused also where a step would jump over the singularity; if paths have different starts, each
-    path gets a status.
+    """A singular start is refused, also if a step would jump over the singularity; if paths have different starts, a
+    singular path gets a status instead.
     """
     model = ss.model_from_sympy(H, ["0.1*q"])
     start = {"q0": 1.0, "p0": 0.0, "t0": 1.0} if "sqrt" in H or "t" in H else {"q0": 0.0, "p0": 1.0}
@@ -500,6 +500,6 @@ def test_a_model_says_which_noises_are_zero():
 
 
 def test_a_time_that_is_none_is_called_so():
-    """The message blames the time, not a singularity of the formula."""
+    """The message names the time as the cause, and no singularity of the formula."""
     with pytest.raises(errors.InvalidArgumentError, match="t0 = NaN is not a time"):
         ss.simulate(ss.model_from_sympy("p**2/2 + q*cos(t)"), q0=1.0, p0=0.3, t0=np.nan, step=0.01, steps=2)

@@ -182,7 +182,7 @@ def test_a_lane_by_itself_has_the_same_bits(H, noise, ends):
 
 
 def lanes_alone(model, at, force, velocity):
-    """Some lanes by themselves have the gradients they have among all."""
+    """Some lanes alone have the same gradients as among all lanes."""
     for lane in (0, 15, 66):
         own = slice(lane, lane + 1)
         alone = model.gradient(*(v[:, own] for v in at), t=0.7)

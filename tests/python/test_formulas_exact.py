@@ -99,7 +99,7 @@ def test_a_noise_for_each_of_many_degrees_of_freedom():
     given = {"H": "+".join(energy), "noise": [f"s*sin(q{i})" for i in range(1, n + 1)], "params": {"s": 0.3}}
     found = []
     calls = calls_of(lambda: found.append(Prover(make_problem(**given, q=None, p=None, t=None)).structure()))
-    assert calls < 3e7  # measured 1.2e7; ten times that when every derivative of every Hamiltonian was computed
+    assert calls < 3e7  # measured 1.2e7; it was ten times as many when all derivatives were computed
     (structure,) = found
     assert structure.noises_commute and not structure.flows_commute
     assert structure.nonzero == {"qq": 3 * n - 2, "qp": 0, "pp": n}
@@ -125,8 +125,8 @@ def test_too_many_noises():
 
 @pytest.mark.skipif(compiler.command() is None, reason="no compiler")
 def test_long_texts_are_compiled_in_less_time(monkeypatch, tmp_path):
-    """Texts longer than 35 nested exp give, beyond all other formulas of this suite, are compiled with -O1; the bits
-    are the same.
+    """Texts longer than the text of 35 nested exp, and all other formulas of this suite are shorter, are compiled with
+    -O1; the bits are the same.
     """
     monkeypatch.setenv("SYMSDE_CACHE", str(tmp_path))
     monkeypatch.setattr(compiler, "FLAGS", FLAGS)

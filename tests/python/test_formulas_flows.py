@@ -64,7 +64,7 @@ def test_steps_are_those_of_the_general_stepper(name, scheme):
 @pytest.mark.parametrize("save_every", [40, 160])
 @pytest.mark.parametrize("name", ["kubo", "pushed", "pendulum"])
 def test_a_path_alone_goes_on_with_the_noise_of_its_steps(name, save_every):
-    """More steps than are drawn at once, with saved points anywhere among them."""
+    """Runs have more steps than are drawn at once, and saved points anywhere among them."""
     run = {**RUN, "scheme": "midpoint", "steps": 320, "save_every": save_every}
     alone, three = (ss.simulate(model(name), **run, paths=n) for n in (1, 3))
     np.testing.assert_array_equal(alone.q[:, :, 0], three.q[:, :, 0])

@@ -122,7 +122,7 @@ def test_ulps(name, bound, contracts):
     y, far = function(name, contracts=contracts)(x)
     assert not far
     assert ulps(name, x, y) < bound
-    assert ulps(name, x, y * (1 + 1e-15)) > bound  # an error of five units is found
+    assert ulps(name, x, y * (1 + 1e-15)) > bound  # the twin: an error of five units is found
 
 
 @pytest.mark.parametrize("name", CALLS)
@@ -141,7 +141,9 @@ def test_loops_become_vectors(name, tmp_path):
 @pytest.mark.parametrize("contracts", [True, False])
 @pytest.mark.parametrize("name", CALLS)
 def test_bits_do_not_depend_on_the_width_of_vectors(name, contracts):
-    """Nor do bits depend, without contraction, on the processor's instructions."""
+    """Bits do not depend on the width of vectors; without contraction they do not depend on the processor's
+    instructions, either.
+    """
     x = arguments(name)
     known = Path("/proc/cpuinfo").read_text(encoding="utf-8")
     if contracts and " fma " not in known:
@@ -151,7 +153,7 @@ def test_bits_do_not_depend_on_the_width_of_vectors(name, contracts):
         if (width in ("sse2", "avx2") or "avx512dq" in known) and not (contracts and width == "sse2"):
             y, _ = function(name, flags, contracts=contracts)(x)
             assert (y == expected).all(), width
-    backwards, _ = function(name, contracts=contracts)(x[:, ::-1][:, :-3])  # with other lanes beside it
+    backwards, _ = function(name, contracts=contracts)(x[:, ::-1][:, :-3])  # in reverse order, beside other lanes
     assert (backwards[::-1] == expected[3:]).all()
 
 
@@ -179,7 +181,7 @@ def test_far_arguments_are_those_of_the_c_library(name):
     np.testing.assert_allclose(y[fine], expected[fine], rtol=4e-16, atol=1e-323)
     assert (y[np.isinf(expected)] == expected[np.isinf(expected)]).all()
     near, _ = function(name)(x[:, :1])
-    np.testing.assert_array_equal(y[:1], near)  # far neighbours change nothing
+    np.testing.assert_array_equal(y[:1], near)  # far neighbours change no bit of a lane
 
 
 @pytest.mark.usefixtures("quick_compiler")

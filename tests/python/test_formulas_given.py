@@ -83,7 +83,7 @@ def test_parameters_that_no_formula_holds_are_told(given, words):
     with pytest.warns(errors.UnusedParameterWarning, match=words):
         model = ss.model_from_sympy(**given)
     with warnings.catch_warnings():
-        warnings.simplefilter("error")  # a new value needs no new formula
+        warnings.simplefilter("error")  # with a new value no formula is derived again
         model.with_parameters(**dict.fromkeys(given["params"], 2.0))
         ss.model_from_sympy("p**2/2 + q*s", invariants=["E*q"], params={"s": 1.0, "E": 2.0})
 

@@ -83,7 +83,7 @@ def test_derivatives_in_ulps(text):
     found = [model.gradient(*at)[0][0], model.hessian(*at)[0][0, 0], third(model._derivatives, x)]
     for times, (values, bound) in enumerate(zip(found, BOUNDS[text], strict=True), 1):
         assert worst(exact(text, times), x, values) < bound, f"{times} derivatives"
-    assert worst(exact(text, 1), x, found[0] * (1 + 3e-15)) > 8  # an error of this size is found
+    assert worst(exact(text, 1), x, found[0] * (1 + 3e-15)) > 8  # the twin: an error of this size is found
 
 
 @pytest.mark.parametrize("text", ["log(cosh(q))", "tanh(q)**2", "log(1+exp(q))", "erfc(q)", "csch(q)"])
@@ -133,7 +133,7 @@ def test_sums_over_sites_keep_their_digits(ends):
 
 
 def test_what_holds_no_such_function_is_as_it_was():
-    """The very same object is returned."""
+    """An expression without such a function is returned as the very same object."""
     for text in ("p**2/2 + exp(q)*sin(q)", "cosh(q)*exp(-q**2)", "q**2/(1+q**2)", "exp(q)/q + q*sinh(q)"):
         made = Derivatives(make_problem(H=text, noise=(), q="q", p="p", params=None, t=None))
         assert made._of()[0] is made.hamiltonians[0] and not made._tails.known

@@ -94,7 +94,7 @@ def test_words_of_python_are_names_too(name):
     problem = make_problem(H=text, noise=(), q=None, p=None, params={name: 2.0}, t=None)
     plain = make_problem(H=text.replace(name, "a"), noise=(), q=None, p=None, params={"a": 2.0}, t=None)
     assert problem.hamiltonians == plain.hamiltonians
-    if name not in ("None", "True"):  # words that Python reads as constants
+    if name not in ("None", "True"):  # these words are constants for Python
         with pytest.raises(errors.InvalidArgumentError, match=f"it holds {name}, which is not given: there are q1"):
             make_problem(H=text, noise=(), q=None, p=None, params=None, t=None)
 

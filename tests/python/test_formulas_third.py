@@ -81,7 +81,7 @@ def test_differences_come_to_the_brackets_and_both_have_the_order():
     for steps in (8, 32):
         runs = [ss.simulate(m, step=1 / steps, steps=steps, threads=1, **given) for m in (model, plain)]
         apart.append(np.sqrt(np.mean((runs[0].q[-1] - runs[1].q[-1]) ** 2)))
-    assert apart[0] > 1e-9  # exact and differenced brackets differ
+    assert apart[0] > 1e-9  # exact brackets and brackets by differences differ
     assert apart[1] < apart[0] / 8
     measured = ss.convergence(model, SCHEME, q0=0.3, p0=0.4, steps=(8, 16, 32, 64), paths=400, seed=3)
     assert measured.order_low > 1.35 and measured.order_high < 1.75

@@ -44,14 +44,14 @@ def turned(angle, x, y):
 
 
 def second_order(error, run):
-    """Errors for a step and half of it, which must fall with the square of the step."""
+    """The errors with a step and with half of it; the error must fall with the square of the step."""
     coarse, fine = error(run), error(finer(run))
     assert coarse < 0.02 and 3.0 < coarse / fine < 5.0, (coarse, fine)
 
 
 @pytest.mark.parametrize("file", sorted(GALLERY.glob("*.toml")), ids=lambda file: file.stem)
 def test_invariants_of_the_scene_are_proved(file):
-    formula = getattr(scene.load(file).model, "formula", None)  # built-in models have none
+    formula = getattr(scene.load(file).model, "formula", None)  # built-in models have no formula
     structure = formula and formula.structure
     assert structure is None or all(structure.invariants.values())
 
@@ -136,8 +136,9 @@ def test_damped_oscillator():
 
 
 def test_storage_ring():
-    """The equilibrium emittance sigma^2 tau/4 to .5 %, of anharmonic motion, and 4.9 standard errors of the square root
-    of a determinant of normal variances, 1/sqrt(n); 10 % more excitation has 21 % more emittance."""
+    """The equilibrium emittance is sigma^2 tau/4, to .5 % for anharmonic motion and 4.9 standard errors; the standard
+    error, of the square root of a determinant of normal variances, is 1/sqrt(n). With 10 % more excitation the
+    emittance is 21 % larger."""
     model, run = load("storage_ring")
     observers = {"beam": ss.observe.Covariance(["phi", "p"])}
     for louder, holds in ((1.0, True), (1.1, False)):
@@ -148,7 +149,7 @@ def test_storage_ring():
 
 
 def test_double_well():
-    """Kramers' rate to 17 %, 4/beta, and 4.9 standard errors; at another temperature it is another one."""
+    """The rate is Kramers' rate to 17 % (4/beta) and 4.9 standard errors; at another temperature it differs."""
     model, run = load("double_well")
     right = {"right": "(1 + tanh(20*q))/2"}
 
@@ -244,7 +245,7 @@ def test_driven_pendulum():
 
     second_order(error, run)
     noisy = ss.simulate(model, **run)
-    assert np.abs(noisy.q - np.pi).max() < 1.0  # upright all the time, but fallen without shaking
+    assert np.abs(noisy.q - np.pi).max() < 1.0  # with noise it stays upright all the time; without shaking it falls
     assert np.abs(ss.simulate(model.with_parameters(a=0), **run).q - np.pi).max() > 2
     kicks = 0.02 * ss.increments(model, **{key: run[key] for key in ("step", "steps", "paths", "seed")})[:, 0, 0]
     exact = by_kutta(slope, [3.3, 0.0], noisy.t, run["save_every"], kicks)
@@ -316,7 +317,7 @@ def test_peakons():
 
     second_order(error, run)
     found, quiet = ss.simulate(model, **run), ss.simulate(model.with_parameters(sigma=0), **run)
-    assert np.ptp(found.p[:, 0, 0]) > 0.4  # the speeds are exchanged
+    assert np.ptp(found.p[:, 0, 0]) > 0.4  # the two particles have exchanged their speeds
     np.testing.assert_allclose(found.q, quiet.q + 0.3 * brownian(model, run)[:, None], rtol=0, atol=1e-11)
     gap = np.exp(found.q[:, 0] - found.q[:, 1])
     difference = found.p[:, 0] - found.p[:, 1]

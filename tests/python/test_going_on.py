@@ -99,7 +99,7 @@ def test_other_savings_and_what_is_refused():
 
 
 def piece(**given):
-    """Arguments for the second half of a run, as a user might write them who gives times alone."""
+    """Arguments for the second half of a run, as a user might write them who gives only times and no first_step."""
     first = ss.simulate(ss.models.kubo(), q0=1.0, p0=0.0, step=0.1, steps=10, paths=300)
     again = {"q0": first.q[-1], "p0": first.p[-1], "t0": first.t[-1], "step": 0.1, "steps": 10, "paths": 300}
     return {key: value for key, value in {**again, **given}.items() if value is not None}

@@ -60,7 +60,7 @@ HOSTILE = {
     "set": lambda: {1, 2},
     "generator": lambda: (x for x in ()),
 }
-MORE = {"executor", "progress", "max_time", "out", "within"}  #: parameters missing from the tables
+MORE = {"executor", "progress", "max_time", "out", "within"}  #: parameters that the tables lack
 NOT_FOR_USERS = {"diagnose.exact_of"}  #: takes an internal object
 
 
@@ -139,7 +139,7 @@ def test_progress_needs_nobody_who_sees_it(stderr, monkeypatch):
     if stderr == "closed":
         there.close()
     monkeypatch.setattr("sys.stderr", there)
-    monkeypatch.setitem(sys.modules, "tqdm.auto", None)  # tqdm's bar has other rules
+    monkeypatch.setitem(sys.modules, "tqdm.auto", None)  # tqdm's bar treats such a stream in its own way
     wanted = ss.simulate(KUBO, **RUN)
     np.testing.assert_array_equal(ss.simulate(KUBO, **RUN, progress=True).q, wanted.q)
     assert ss.ensemble(KUBO, **RUN, progress=True).n_ok[0] == 1
@@ -184,7 +184,7 @@ def test_a_path_that_cannot_begin_fails_alone_whatever_runs_with_it(tmp_path):
     found = scene.load(write_scene(tmp_path))
     assert paths_of(found).status.tolist() == [3, 0] and moments_of(found).n_ok.tolist() == [3, 2, 2, 2, 2]
     with pytest.raises(ss.errors.InvalidArgumentError, match="not finite at q0 = 0"):
-        ss.simulate(model, q0=0.0, paths=3, **options)  # with one state for all, no path can begin
+        ss.simulate(model, q0=0.0, paths=3, **options)  # one state serves all paths, so no path can begin
 
 
 def test_points_of_brackets_need_both():

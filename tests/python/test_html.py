@@ -83,7 +83,9 @@ BESIDE = {
 
 @pytest.mark.parametrize("name", schemes.names())
 def test_a_tableau_says_what_stands_beside_it(name):
-    """If the text mentions something beside the tableau, the tableau alone gives another step; otherwise the same."""
+    """If the text mentions a part of the step beside the tableau, the tableau alone gives another step; otherwise it
+    gives the same step.
+    """
     scheme = schemes.get(name)
     found = scheme.tableau()
     said = BESIDE.get(name, "")

@@ -19,7 +19,7 @@ import symsde as ss
 from symsde.answers.coupled import Draw
 from symsde.answers.expectation.problem import make_problem
 
-OMITTED = object()  #: a parameter that another case gives, or that cannot be changed
+OMITTED = object()  #: for a parameter that another case gives, or that cannot be changed
 PATHS, STEPS = 3, 8
 STATE = np.array([[0.9, 1.1, 1.3]])
 KUBO = ss.models.kubo(a=1.0, sigma=0.3)

@@ -108,7 +108,7 @@ def test_a_stopped_run_is_given_back(kubo):
 
 def test_stopped_moments_are_given_back(kubo):
     common = {"q0": 1.0, "p0": 0.0, "step": 1e-3, "paths": 8, "seed": 4, "threads": 1}
-    common["observables"] = {"square": lambda q, p: (q * q)[0]}  # called with several saved times at once
+    common["observables"] = {"square": lambda q, p: (q * q)[0]}  # the function gets several saved times at once
     with pytest.raises(KeyboardInterrupt) as caught:
         ss.moments(kubo, steps=10**9, save_every=10**5, progress=stopping(signal.SIGINT), **common)
     found = caught.value.partial
@@ -158,7 +158,8 @@ def test_moments_with_many_saved_times_show_progress_and_stop(times, kubo):
 
 
 def test_each_run_is_told_of_its_own_progress(kubo):
-    """A progress function that runs the library itself: each function hears of its own run alone, and may stop it."""
+    """A progress function that runs the library itself: each function gets the progress of its own run alone, and may
+    stop this run."""
     told = {"outer": set(), "inner": set()}
 
     def inner(done, total):

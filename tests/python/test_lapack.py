@@ -122,7 +122,7 @@ def test_a_report_names_whose_lapack_solved():
         if what == "small":
             assert run.report.lapack == "" and counters["lapack_solves"] == 0
             assert "LAPACK" not in str(run.report)
-        elif counters["lapack_solves"]:  # not if no BLAS was used
+        elif counters["lapack_solves"]:  # if no BLAS was used, no LAPACK is named
             assert counters["lapack_solves"] == counters["solves"]
             assert run.report.lapack == ss.build_info()["lapack"]
             assert f"LAPACK     {run.report.lapack}" in str(run.report)

@@ -12,7 +12,7 @@ from symsde import observe
 from symsde.cli import command_line
 
 START = np.full((2, 300), 0.3)
-START[:, 0] = 20.0  # fails in the first steps
+START[:, 0] = 20.0  # this path fails in the first steps
 RUN = {"q0": START, "p0": 0.1, "step": 0.1, "steps": 40, "save_every": 10, "paths": 300, "scheme": "stormer_verlet"}
 OBSERVERS = {
     "hist": observe.Histogram("q_1", -1, 1, 8),

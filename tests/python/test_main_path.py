@@ -114,7 +114,7 @@ def of_library(call):
 @pytest.mark.parametrize("paths", [1, 1000])
 @pytest.mark.parametrize("scheme", ["midpoint", "stormer_verlet"])
 def test_the_page_is_the_way_of_a_step(scheme, paths):
-    _, *known = page()  # Fortran's simulate, which C replaces here
+    _, *known = page()  # without Fortran's `simulate`, which C replaces here
     calls = traced(scheme, paths)
     assert calls
     for call in calls:
@@ -131,10 +131,10 @@ def test_every_scheme_has_few_callers(paths):
         try:
             calls = traced(scheme, paths)
         except ss.errors.IncompatibleError:
-            continue  # the pendulum's noise is not additive, and it declares no frequencies
+            continue  # this scheme refuses the pendulum, whose noise is not additive and which declares no frequencies
         tried += 1
         assert calls
         most = DEEPEST + sum(more for part, more in DEEPER.items() if part in scheme)
-        for call in calls:  # without simulate and the model, which are outside the library here
+        for call in calls:  # the lists leave out simulate and the model, which are outside of the library here
             assert len(of_library(call)) + 1 <= most, (scheme, call)
     assert tried > 30

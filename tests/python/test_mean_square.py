@@ -137,7 +137,8 @@ def test_a_chain_under_additive_noise(n):
 
 
 def test_one_matrix_is_the_matrix_of_pairs():
-    """Additive noise, a step of the form of damping (heun grows): E M x M by its definition."""
+    """With additive noise M is one matrix, and E M x M, by its definition, is the Kronecker product of M with itself;
+    heun grows."""
     found = ss.mean_square(ss.models.linear_oscillator(), "heun", step=0.5)
     x = 0.5
     one = np.array([[1 - x**2 / 2, x], [-x, 1 - x**2 / 2]])

@@ -96,7 +96,7 @@ def test_every_call_ends_under_any_limit(threads):
     done = [line.split() for line in lines if line.startswith("done")]
     assert len(done) > (200 if threads == 1 else 60)
     assert all(line[-2] in ("ok", "incompatible") for line in done), [line for line in done if line[-2] == "refused"]
-    assert sum(line[-3] == "refused" for line in done) > len(done) // 2  # the smallest limits have an effect
+    assert sum(line[-3] == "refused" for line in done) > len(done) // 2  # the smallest limits do have an effect
 
 
 G = {"q0": 0.1, "p0": 0.1, "step": 0.01}

@@ -100,7 +100,7 @@ def test_increments_of_a_problem_drive_its_runs(scheme, options):
     dw = problem.increments(as_scheme(scheme), 32, 2**33 + 5, 3000)
     run = problem.run(as_scheme(scheme), 32, first_path=2**33 + 5, paths=3000)
     np.testing.assert_array_equal(dw, ss.diagnose.driving_increments(run))
-    beyond = np.abs(dw).max() > 3.4 * 0.25  # the bound is 3.33 standard deviations
+    beyond = np.abs(dw).max() > 3.4 * 0.25  # the bound is at 3.33 standard deviations
     assert beyond != ("truncation" in options) and dw.shape == (32, 2, 3000)
 
 
@@ -192,7 +192,8 @@ def test_estimate_of_a_bias():
 
 def test_differences_that_contradict_each_other_do_not_cancel():
     """The oscillator with q p and q^2/2 noises, h = 3/2, 3/4 and 3/8: differences change their sign, and the bias is
-    7e-3. Their weighted mean is -2e-3 +- 2e-3; only differences that agree within their noise keep this error."""
+    7e-3. Their weighted mean is -2e-3 +- 2e-3; this error would be right only if differences agreed within their
+    noise."""
     assert math.hypot(*bias.estimate([-1.25e-2, 1.06e-2], [3e-3, 4e-3], 1.0)) > 5e-3
     assert bias.estimate([2e-2, 1.06e-2], [3e-3, 4e-3], 1.0)[1] < 4e-3
 
@@ -204,8 +205,8 @@ def exact_square(t: float) -> float:
 
 @pytest.mark.usefixtures("work_clock")
 def test_interval_holds_with_95_percent():
-    """50 or more of 60 intervals must hold; at 95 % fewer do with probability 3e-4. The twin halves the interval, which
-    holds with 67 %: 50 or more then have probability 4e-3."""
+    """50 or more of 60 intervals must contain the value; intervals of 95 % fail this with probability 3e-4. The twin
+    halves the intervals: then 67 % contain the value, and 50 or more of 60 do so with probability 4e-3."""
     exact, held = exact_square(2.0), {1.0: 0, 0.5: 0}
     for seed in range(60):
         found = ss.mlmc(
@@ -244,13 +245,13 @@ def test_report_tells_rates_and_levels(monkeypatch):
     assert 1.6 < found.beta.value < 2.5
     assert all(x.consistency < 1.5 for x in found.levels) and not found.notes
     assert "alpha" in str(found) and "consistent" in str(found)
-    for before, x in itertools.pairwise(found.levels):  # variances of f are nearly equal
+    for before, x in itertools.pairwise(found.levels):  # the variances of f on successive levels are nearly equal
         apart = abs(before.fine_mean - (x.fine_mean - x.mean))
         error = math.hypot(*(math.sqrt(y.fine_variance / y.paths) for y in (before, x)))
         assert x.consistency == pytest.approx(apart / (3 * error), rel=0.5)
     costs = [x.paths * math.sqrt(x.seconds / x.paths / x.variance) for x in found.levels if x.paths > 1024]
     assert len(costs) > 2 and max(costs[:-1]) / min(costs) < 1.1  # paths in proportion to sqrt(variance / cost)
-    assert costs[-1] > 0.9 * costs[0]  # the finest level begins with as many as its bias needs
+    assert costs[-1] > 0.9 * costs[0]  # the finest level begins with the number of paths that its bias needs
 
 
 @pytest.mark.parametrize(
@@ -284,7 +285,7 @@ def test_a_function_that_jumps_is_not_trusted_with_few_paths():
     draw = sampler.draw(3, 200)
     assert draw.difference.m2 == 0 and draw.fine.variance > 0
     assert draw.error == pytest.approx(draw.fine.size / 200) and draw.fine.size == pytest.approx(0.5, rel=1e-2)
-    assert draw.error_by(1.0) == pytest.approx(1 / 200)  # an event that these paths did not show
+    assert draw.error_by(1.0) == pytest.approx(1 / 200)  # the error allows for an event that these paths did not show
 
 
 def test_time_that_is_over_gives_the_interval_so_far(monkeypatch):

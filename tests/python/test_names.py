@@ -6,7 +6,7 @@ import pytest
 import sympy
 import symsde as ss
 
-MICRO, MU = "\u00b5", "\u03bc"  # two letters that Python's parser reads as the second
+MICRO, MU = "\u00b5", "\u03bc"  # two characters, of which Python's parser reads both as the second
 OSCILLATORS = "({0}**2 + {1}**2)/2 + {2}**2/2 + 2*{3}**2"
 START = {"q0": [1.0, 2.0], "p0": [0.3, 0.4], "step": 0.1, "steps": 4, "paths": 8}
 

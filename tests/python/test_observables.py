@@ -165,7 +165,7 @@ def test_formulas_beside_functions(found):
 
 
 def test_the_time_within_a_sum_is_that_of_the_state():
-    run = ss.simulate(model(), **(few := {**RUN, "paths": 1}))  # functions get several of its states at once
+    run = ss.simulate(model(), **(few := {**RUN, "paths": 1}))  # functions get several states of the only path at once
     found = ss.moments(model(), observables={"sum": "Sum(cos(t)*q[i], i)", "total": total}, **few)
     np.testing.assert_allclose(found.mean["sum"], np.cos(run.t) * run.q[..., 0].sum(axis=1), rtol=1e-12)
 
@@ -267,7 +267,7 @@ def test_what_is_no_number_is_said():
     assert "late is not a finite number for some paths at 1 of 3 saved times, first at t = 0.2" in told[1]
     assert np.isnan(found.mean["log"]).all() and np.isfinite(found.mean["fine"]).all()
     np.testing.assert_array_equal(found.observed["hist"].not_a_number, 1)
-    with pytest.warns(ss.NotANumberWarning, match="log is not .* at 3 of 3 saved times"):  # of the only path, too
+    with pytest.warns(ss.NotANumberWarning, match="log is not .* at 3 of 3 saved times"):  # also of the only path
         ss.moments(pendulum, observables={"log": "log(q1)"}, **{**run, "q0": -1.0, "paths": 1})
     with pytest.warns(ss.NotANumberWarning, match="log|late"):
         far = ss.moments(pendulum, observables=wanted, observers={"far": watched["far"]}, **run).observed["far"]
@@ -488,7 +488,7 @@ def test_what_takes_each_path_by_itself_is_not():
 @pytest.mark.parametrize("late", [False, True])
 @pytest.mark.parametrize("paths", [1, 20])
 def test_doubts_are_of_paths_that_count(paths, late, lost, entry, tmp_path):
-    """If no path is left, means are NaN, and no warning blames a value: the paths failed."""
+    """If no path is left, means are NaN, but no warning names a value as the cause, since the paths failed."""
     gone = {"none": [], "one": [0], "all but one": range(paths - 1), "all": range(paths)}[lost]
     start = np.full((1, paths), 1.0)
     start[0, list(gone)] = -1.0

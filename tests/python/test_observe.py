@@ -74,7 +74,7 @@ def test_errors_of_quantiles_are_those_of_a_sample():
     median = {"median": observe.Quantiles("q_1", (0.5,), low=1e-4, high=100, parts=1024)}
     still = ss.moments(ss.models.pendulum(), q0=phases[None], p0=0.0, step=0.1, steps=0, paths=4096, observers=median)
     told = still.observed["median"].se_quantile[0, 0]
-    assert 0.7 < told / (math.sqrt(math.pi / 2) / 64) < 1.4  # the distance of ranks has an error of its own
+    assert 0.7 < told / (math.sqrt(math.pi / 2) / 64) < 1.4  # the distance of ranks has an error, too
 
 
 def test_covariance(found, run):
@@ -116,7 +116,7 @@ def test_autocorrelation_of_a_rotation():
     along = ss.moments(ss.models.kubo(a=1.0, sigma=0.0), observers=about, **run).observed["along"]
     omega = 2 * math.atan(0.05) / 0.1  # the midpoint's frequency
     np.testing.assert_allclose(along.covariance, np.cos(omega * along.lag) / 2, atol=1e-13)
-    assert np.abs(along.covariance - np.cos(along.lag) / 2).max() > 1e-4  # the twin: not the frequency of the equation
+    assert np.abs(along.covariance - np.cos(along.lag) / 2).max() > 1e-4  # the twin: the equation's own frequency
 
 
 def test_extremes(found, run):
@@ -246,7 +246,7 @@ def test_passage_of_brownian_motion(barrier):
 
 
 def test_bridges_are_told_absent_where_no_noise_acts():
-    """Noise in position acts on momenta alone, so a passage of q mentions no missing bridges; that of the energy
+    """Noise in position acts on momenta alone, so a passage of q mentions no missing bridges; a passage of the energy
     does.
     """
     wanted = {of: observe.Passage(of, within=5.0) for of in ("q_1", "p_1", "energy")}

@@ -179,7 +179,7 @@ def test_symplectic_schemes_keep_area_and_the_contrasts_do_not(results):
     shift = (1 - sigma**2 * h / 2) ** 2 - 1
     second, fourth = (_moment(k, a * h, sigma**2 * h) for k in (2, 4))
     euler = math.sqrt(shift**2 + 2 * shift * second + fourth)
-    assert table["Heun"]["det_defect"] == pytest.approx(heun, rel=0.6)  # 1000 points with a heavy tail
+    assert table["Heun"]["det_defect"] == pytest.approx(heun, rel=0.6)  # from 1000 points with a heavy tail
     assert table["Euler-Maruyama"]["det_defect"] == pytest.approx(euler, rel=0.25)
     assert table["midpoint, 3 iterations"]["det_defect"] > 1e-3
     assert 1e-9 < table["midpoint, 10 iterations"]["det_defect"] < 1e-5

@@ -1,7 +1,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """Parameters of formulas as data: other values without other code, and values that differ from path to path.
 
-Path i of a run has the bits of a run of path i alone whose value is an array of one, and to 1e-13 those of the number.
+Path i of a run has the bits of a run of path i alone whose parameters are arrays with one value, and agrees to 1e-13
+with a run whose parameters are numbers.
 """
 
 import copy
@@ -53,7 +54,7 @@ RUN = {"q0": 0.4, "p0": 0.3, "step": 0.05, "steps": 24, "save_every": 8, "seed":
 
 
 def alone(kind, i, *, as_array, **options):
-    """The run of path i by itself."""
+    """The run of path i alone."""
     values = MODELS[kind][1]
     one = {key: (x[i : i + 1] if as_array else x[i]) if np.ndim(x) else x for key, x in values.items()}
     return ss.simulate(made(kind).with_parameters(**one), **{**RUN, **options, "paths": 1, "first_path": 256 + i})
@@ -61,18 +62,18 @@ def alone(kind, i, *, as_array, **options):
 
 @functools.cache
 def made(kind):
-    """The model with numbers."""
+    """The model whose parameters are numbers."""
     given, values = MODELS[kind]
     return ss.model_from_sympy(**given, params={key: np.ravel(x)[0] for key, x in values.items()})
 
 
 def of_all(kind, **options):
-    """The run of all paths, each with its values."""
+    """The run of all paths, each with its own values of the parameters."""
     return ss.simulate(made(kind).with_parameters(**MODELS[kind][1]), **{**RUN, "paths": PATHS, **options})
 
 
 def require_paths(kind, run, **options):
-    """Paths of a run are those of runs of one path."""
+    """Require that the paths of a run equal the paths of runs of one path."""
     for i in (0, 1, 7, 8, 130, 255, 256, 299):
         mine = np.array([run.q[:, :, i], run.p[:, :, i]])
         array, number = (alone(kind, i, as_array=x, **options) for x in (True, False))
@@ -82,7 +83,9 @@ def require_paths(kind, run, **options):
 
 @pytest.mark.parametrize("kind", MODELS)
 def test_bits_of_paths_alone(kind):
-    """Every kind of stepper that takes the model: whole steps, stages, kicks, brackets; blocks and single paths."""
+    """Paths have the bits of paths run alone, for every kind of stepper that takes the model: whole steps, stages,
+    kicks, brackets; in blocks and as single paths.
+    """
     ran = 0
     for scheme in SCHEMES:
         try:
@@ -98,7 +101,7 @@ def test_bits_of_paths_alone(kind):
 
 
 def test_neighbours_differ():
-    """A shift by one path, or an error of 1 % in one value, would show."""
+    """The twin: a shift of values by one path, or an error of 1 % in one value, would be found."""
     run = of_all("synchrotron")
     given, values = MODELS["synchrotron"]
     for wrong in (values["omega"][8], values["omega"][7] * 1.01):
@@ -117,7 +120,7 @@ def test_threads_and_lanes(kind):
 
 @pytest.mark.parametrize("scheme", ["midpoint", "stormer_verlet", "gauss2", "lobatto3", "heun"])
 def test_narrower_blocks(scheme):
-    """Paths that are left when most others have failed keep their own values in narrower blocks."""
+    """When most paths have failed, the remaining paths keep their own values in narrower blocks."""
     given = {"H": "p**2/2 + k*q**2/2 - c*q**4", "noise": ["s*q"]}
     c = np.where(np.arange(PATHS) % 5 == 0, 0.01, 2.0 * X)  # four of five escape
     model = ss.model_from_sympy(**given, params={"k": X, "c": c, "s": 0.1 * X})
@@ -134,7 +137,7 @@ def test_narrower_blocks(scheme):
 
 
 def test_moments_shards_and_extension():
-    """Moments, shards of an ensemble, a prepared run and a run that goes on have the values of their paths."""
+    """Moments, shards of an ensemble, a prepared run and a run that is extended use the values of their paths."""
     given, values = MODELS["synchrotron"]
     values = {"omega": np.tile(values["omega"], 4)[:1000], "s1": 0.2, "s2": np.linspace(0.05, 0.3, 1000)}
     model = ss.model_from_sympy(**given, params=values)
@@ -159,7 +162,7 @@ def test_moments_shards_and_extension():
 
 
 def test_other_values_share_the_code(monkeypatch):
-    """with_parameters derives nothing, and has the bits of a model that is made with these values."""
+    """with_parameters derives no formula again; its model has the bits of a model that is made with these values."""
     given, _ = MODELS["synchrotron"]
     model = ss.model_from_sympy(**given, params={"omega": 2.1, "s1": 0.2, "s2": 0.1})
     fresh = ss.model_from_sympy(**given, params={"omega": 1.7, "s1": 0.2, "s2": 0.3})
@@ -182,7 +185,7 @@ def test_other_values_share_the_code(monkeypatch):
 
 
 def test_copies_and_texts():
-    """Pickles and copies keep values; the caller's array is not kept; texts are short."""
+    """Pickles and copies keep values; the caller's array is not kept; descriptions are short."""
     given, _ = MODELS["kubo"]
     values = np.linspace(0.5, 2, 40)
     model = ss.model_from_sympy(**given, params={"a": values, "s": 0.3})
@@ -198,7 +201,7 @@ def test_copies_and_texts():
 
 
 def test_refusals():
-    """What cannot be run says what is allowed."""
+    """Arguments that cannot be run are refused with a sentence that says what is allowed."""
     given, _ = MODELS["synchrotron"]
     plain = {"omega": 2.1, "s1": 0.2, "s2": 0.1}
     model = ss.model_from_sympy(**given, params=plain)
@@ -254,7 +257,8 @@ s1 = {from = 0.1, to = 0.4, count = 4}"""
 
 @pytest.mark.parametrize("model", [FORMULA, 'name = "kubo"\na = {from = 1.0, to = 2.0, count = 3}\nsigma = 0.2'])
 def test_scenes(tmp_path, model):
-    """Ranges of a scene give every combination as many paths; shards, saved paths and energies have their values."""
+    """With ranges in a scene every combination of values gets the same number of paths; shards, saved paths and
+    energies use these values."""
     file, out = tmp_path / "a.toml", tmp_path / "out"
     file.write_text(SCENE.format(model=model, paths=1200))
     assert command_line.main(["run", str(file), "--out", str(out), "--quiet"]) == 0
@@ -271,7 +275,7 @@ def test_scenes(tmp_path, model):
     assert np.array_equal(opened.run.q, q[:, :, [0, 3, 700]])
     energies = opened.run.model.value(opened.run.q[-1], opened.run.p[-1])
     np.testing.assert_allclose(opened.run.energy[-1], energies, rtol=1e-15)
-    assert len(set(opened.run.energy[0])) == 2  # the first two have one value, at one state
+    assert len(set(opened.run.energy[0])) == 2  # the first two paths have the same value and the same state
     for wrong, told in (
         ("paths = 1200", "paths = 1000"),
         ("count = 3}", "count = 3, log = true}"),
@@ -286,7 +290,7 @@ def test_scenes(tmp_path, model):
 
 
 def test_lists_in_scenes(tmp_path):
-    """A list has a number for each path."""
+    """A list in a scene has one value for each path."""
     file = tmp_path / "a.toml"
     file.write_text(SCENE.format(model='name = "kubo"\nsigma = [0.1, 0.2, 0.3]', paths=3).replace("[0, 3, 700]", "[0]"))
     assert scene.load(file).model.parameters["sigma"].tolist() == [0.1, 0.2, 0.3]

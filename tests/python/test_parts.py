@@ -121,7 +121,7 @@ def test_parts_of_another_machine(tmp_path):
             (tmp_path / name).mkdir()
             if name != ".part-elsewhere-bare":
                 (tmp_path / name / "lock").touch()
-        link = tmp_path / f"{parts._OWN}link"  # as if from this machine, pointing to a folder with a free lock
+        link = tmp_path / f"{parts._OWN}link"  # as if made by this machine: a link to a folder with a free lock
         link.symlink_to(tmp_path / ".other")
         for folder in (held, *(tmp_path / f".part-elsewhere-{x}" for x in ("old", "bare"))):
             then = folder.stat().st_mtime - 90000
@@ -142,7 +142,7 @@ def test_a_writer_that_is_killed_before_it_has_a_lock(tmp_path):
 
 
 def test_a_part_that_is_taken_before_it_has_a_lock(tmp_path, monkeypatch):
-    """The living writer makes another folder."""
+    """A sweep removes the folder before the writer has its lock: the living writer makes another folder."""
     make, made = parts.tempfile.mkdtemp, []
 
     def late(**where):

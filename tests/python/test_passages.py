@@ -94,7 +94,7 @@ def test_own_noises_have_their_own_bridges():
             again = passage(model, "q_2", **{**options, **change})
             assert np.array_equal(again.path, own.path) and np.array_equal(again.step, own.step)
         together.add((shared.n, shared.bridged))
-    assert len(together) == 3  # no path, all at a step, all between two steps
+    assert len(together) == 3  # paths leave never, all at a step, or all between two steps
 
 
 def test_increments_that_are_given_to_all_may_share_their_bridge():
@@ -150,9 +150,9 @@ def test_a_value_that_is_lost_with_its_step(end, edge, absorb, paths):
     assert value.n == 0 and not value.lost.any()
     assert value.there.tolist() == found.n_ok.tolist() == [paths, paths, paths - doomed, paths - doomed]
     assert found.report.failed == doomed and found.failed.tolist()[:2] == [0, 2][: min(doomed, 2)]
-    if absorb:  # paths from far below leave at -4.85, the others are beyond from the start
+    if absorb:  # paths from far below leave at -4.85; the others are beyond it from the start
         assert upper.n == paths and upper.there.tolist() == [paths - doomed, 0, 0, 0]
-    else:  # at 0.3, after three steps, before failing
+    else:  # paths leave at 0.3, after three steps, before they fail
         assert upper.n == doomed and set(upper.step) == {3} and upper.there.tolist() == [paths, *[paths - doomed] * 3]
     assert upper.count.sum() == upper.n
 
@@ -189,8 +189,8 @@ def test_what_becomes_of_others_is_nothing_to_a_path(of, lanes, absorb):
 
 
 def test_steps_after_others_decide_by_numbers_of_their_own():
-    """Steps from 100 on with the same increments and states have other bridges; those of a part are those of the
-    whole.
+    """Steps from 100 on with the same increments and states have other bridges; the bridges of a part of a run are
+    those of the whole run.
     """
     given = math.sqrt(1 / STEPS) * np.random.default_rng(9).standard_normal((STEPS, 1, 300))
     at = {first: passage(brownian(), paths=300, increments=given, first_step=first) for first in (0, 1, 100)}

@@ -28,7 +28,7 @@ def plain(model, parameters):
 
 
 def ends(runs, rule, steps, finest=2048, paths=200):
-    """Final states (q and p, path) on the path with so many finest steps."""
+    """Final states (q and p, path) on the path that is drawn with `finest` steps."""
     run = runs.run(rule, steps, paths=paths, refine=(finest // steps).bit_length() - 1)
     return np.concatenate([run.q[-1], run.p[-1]])
 
@@ -92,8 +92,8 @@ def test_dw_and_dz_have_their_covariance():
 
 
 def test_the_circle_of_the_invariant_law():
-    """Midpoint never leaves the circle; with so many steps Heun's rule stays within 0.01, with half as many it does
-    not.
+    """Midpoint never leaves the circle; with this number of steps Heun's rule stays within 0.01 of the circle, with
+    half of it it does not.
     """
     assert horizons.cost(horizons.Circle, 0.01, 10.0, "midpoint")["steps"] < 30
     for name in ("heun", "taylor15"):

@@ -67,7 +67,7 @@ def test_paths_along_time(run):
     np.testing.assert_array_equal(lines(figure, 1)[3][1], run.p[:, 0, 3])
     assert [axes.get_ylabel() for axes in figure.axes] == ["q_2", "p_1"] and figure.axes[0].get_xlabel() == "t"
     assert [text.get_text() for text in figure.axes[0].get_legend().get_texts()] == [f"path {i}" for i in range(4)]
-    assert figure.axes[1].get_legend() is None  # the same colours, so no legend
+    assert figure.axes[1].get_legend() is None  # both panels have the same colours, so the second has no legend
     assert figure.get_suptitle() == "henon_heiles by stormer_verlet, 4 of 30 paths"
 
 

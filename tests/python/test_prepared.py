@@ -89,7 +89,7 @@ def test_the_state_is_the_hosts_between_steps(model):
     assert np.array_equal(kept, values)
 
 
-@pytest.mark.parametrize("seed", [2, 3, 8, 2**64 - 1])  # below the seed before, equal, above, negative if signed
+@pytest.mark.parametrize("seed", [2, 3, 8, 2**64 - 1])  # below the earlier seed, equal, above, and negative if signed
 def test_reset_begins_anew(model, seed):
     """A reset to the given state or to another, with other paths, seed and step."""
     run = ss.prepare(model, paths=4, **WHERE)
@@ -331,7 +331,7 @@ def test_threads_have_runs_of_their_own(model):
     ],
 )
 def test_bad_input_is_refused_and_changes_nothing(model, act, words):
-    """A refusal, after which the run goes on unchanged."""
+    """Bad input is refused, and the run goes on unchanged."""
     run = ss.prepare(model, paths=2, **WHERE)
     run.step()
     q = run.q.copy()

@@ -11,7 +11,7 @@ START = {"q0": 1.0, "p0": 0.3, "step": STEP, "steps": STEPS, "paths": PATHS}
 
 
 def polygon(parts):
-    """Finer rows (step*part, noise, path), and dW, dZ, K of steps divided into so many parts, by hand."""
+    """Finer rows (step*part, noise, path), and dW, dZ, K of steps divided into `parts` parts, by hand."""
     rows = np.random.default_rng(5).normal(0.0, np.sqrt(STEP / FINE), (STEPS * FINE, 2, PATHS))
     number = FINE // parts
     w = rows.reshape(STEPS * parts, number, 2, PATHS)

@@ -37,7 +37,7 @@ def counted(**settings):
 def test_pieces_go_to_all_processors(settings):
     """The mask of the loading thread is restored; a mask that the program sets later is kept."""
     (before, bound, threads, all_of_them), later = counted(**settings)
-    assert (int(bound) < int(before)) == bool(settings)  # otherwise this test shows nothing
+    assert (int(bound) < int(before)) == bool(settings)  # the loading thread is bound, or this test shows nothing
     assert threads == before
     assert all_of_them == "True"
     if not settings:  # a single processor set by the program cannot be told from one set by the runtime

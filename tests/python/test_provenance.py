@@ -86,7 +86,7 @@ def test_every_file_tells_what_made_it(name, paths, folder):
     assert given["command"] == "symsde run 'a scene.toml' --quiet"
     assert given["history"] == f"{given['date']} {given['command']}"
     assert given["symsde_version"] == ss.__version__ and given["source"] == f"symsde {ss.__version__}"
-    for key, value in ss.build_info().items():  # compiler, options, version of the counter map
+    for key, value in ss.build_info().items():  # compiler, options, and version of the counter map
         assert given[f"symsde_{key.replace(' ', '_')}"] == value != ""
     assert "counter map of the noise" in ss.build_info() and "compiler" in ss.build_info()
 
@@ -107,7 +107,7 @@ def test_failed_paths_are_not_ok(tmp_path):
         given = attributes_of(tmp_path / name)
         assert (given["paths_asked"], given["paths_ok"]) == ("40", "38")
         digest = hashlib.sha256(q0.tobytes()).hexdigest()
-        assert given["q0"] == f"sha256 {digest} of 2 x 40 numbers"  # too many to write in full
+        assert given["q0"] == f"sha256 {digest} of 2 x 40 numbers"  # there are too many numbers to write in full
         assert "scene" not in given
 
 

@@ -31,7 +31,7 @@ HEAD = "\n".join(f"# {line}".rstrip() for line in __doc__.splitlines())
 def of_group(name):
     """All keys of a group with their numbers."""
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # warnings that belong to results are among the numbers
+        warnings.simplefilter("ignore")  # warnings of results are recorded with their numbers
         found = [(f"{name}: {key}", numbers) for key, numbers in GROUPS[name]()]
     assert len(found) == len(dict(found)), "two results have one key"
     return dict(found)

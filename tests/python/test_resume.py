@@ -201,8 +201,8 @@ def user(force, **more):
 
 
 def test_what_tells_models_apart():
-    """Each alone distinguishes models: a trait, the value, the time, one component of very different size; rounding
-    does not.
+    """Each of these alone distinguishes two models: a trait, the value, the time, one component of very different size.
+    Rounding does not.
     """
     known = of(user(lambda t, q: q))
     assert of(user(lambda t, q: q)) == known

@@ -101,7 +101,7 @@ def test_every_key_of_a_run_reaches_it(file):
     for key, text in KEYS.items():
         value = tomllib.loads(f"x = {text}")["x"]
         head, _, run = SCENE.partition("[output]")[0].partition("[run]\n")
-        scheme = "midpoint_areas" if key == "areas" else "midpoint"  # a scheme that draws areas
+        scheme = "midpoint_areas" if key == "areas" else "midpoint"  # this scheme draws areas
         run, default = run.replace('"midpoint"', f'"{scheme}"'), {**default, "scheme": scheme}
         kept = "".join(line for line in run.splitlines(True) if not line.startswith(f"{key} ="))
         loaded = scene.load(file(text=f'{head}[run]\n{key} = {text}\n{kept}[output]\npaths = "all"'))
@@ -331,7 +331,7 @@ def test_failed_paths(output, file, tmp_path, capsys):
     assert first == "symsde: 2 paths failed; moments are over the others"
     if "moments = false" in output:
         assert not more
-    else:  # also of paths about to fail
+    else:  # moments contain paths that are about to fail
         assert [line[:47] for line in more] == ["symsde: energy is not a finite number for some "]
         last = (tmp_path / "out" / "moments.csv").read_text().splitlines()[-1]
         assert last.split(",")[1] == "1"
@@ -355,10 +355,10 @@ def stopped_by(number, command, folder):
     process = subprocess.Popen([sys.executable, "-m", "symsde", *command], stderr=theirs, cwd=folder)
     os.close(theirs)
     shown = b""
-    with contextlib.suppress(OSError):  # raised at the end of a terminal's output
+    with contextlib.suppress(OSError):  # reading raises this at the end of a terminal's output
         while data := os.read(terminal, 1000):
             shown += data
-            if number and re.search(rb"[1-9]\d* ?%", shown):  # the first checkpoint is written
+            if number and re.search(rb"[1-9]\d* ?%", shown):  # by then the first checkpoint is written
                 process.send_signal(number)
                 number = None
     os.close(terminal)

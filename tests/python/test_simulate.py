@@ -44,7 +44,7 @@ def test_initial_states():
     np.testing.assert_array_equal(run.q[0], each)
     np.testing.assert_array_equal(run.p[0], [[0.5] * 3, [0.25] * 3])
     assert run.q.shape == (1, 2, 3)
-    run = ss.simulate(model, q0=each[::-1], p0=np.float32(2), **common)  # not contiguous, another type
+    run = ss.simulate(model, q0=each[::-1], p0=np.float32(2), **common)  # arrays that are not contiguous, another type
     np.testing.assert_array_equal(run.q[0], each[::-1])
     assert (run.p == 2).all()
 
@@ -427,7 +427,7 @@ def test_rounding_that_cycles_ends_an_iteration():
     run = ss.simulate(model, q0=0.5, p0=1.0, step=0.1, steps=100, scheme="midpoint", paths=32, seed=1)
     counters = run.report.counters
     assert not run.status.any() and counters["failures"] == 0
-    assert counters["iterations"] < 12 * counters["path_steps"]  # 7; 37 if cycles were not recognised
+    assert counters["iterations"] < 12 * counters["path_steps"]  # 7 are taken; 37 if cycles were not recognised
 
 
 def test_defaults_of_options_are_those_of_the_library():

@@ -72,7 +72,7 @@ def test_weak_error_is_the_expectation(small, factor, agrees):
 
 def test_costs_and_invariant(small):
     for row in small.rows:
-        assert row["normals"] == 1  # increments of its own step, no sums
+        assert row["normals"] == 1  # increments are drawn at the step itself, without sums of finer ones
         assert 0 < row["seconds_low"] <= row["seconds"] <= row["seconds_high"]
         assert row["repeats"] >= 5
     assert point(small, "midpoint", 8)["drift"] < 1e-13

@@ -49,7 +49,7 @@ def test_costs_of_a_machine_that_is_known(monkeypatch):
     def run(scheme, steps, *, shared, paths, threads):
         assert not shared and threads == 1
         runs.append(paths)
-        slower = 1 + 0.01 * max(0, len(runs) - 3)  # the first counts paths, the second warms up
+        slower = 1 + 0.01 * max(0, len(runs) - 3)  # the first run counts paths, the second warms up
         seconds = 3.0 + 2e-3 * paths * steps * slower
         clock.busy += seconds
         clock.now += 2 * seconds
@@ -119,7 +119,7 @@ def test_a_study_goes_on_only_where_it_is_the_same(changed, tmp_path, monkeypatc
     assert ss.work_precision(**other).resumed == 2 and ss.work_precision(**given).resumed == 2
     alone = ss.work_precision(**{**other, "out": None})
     assert [row["err_strong"] for row in alone.rows] == [row["err_strong"] for row in fresh.rows]
-    if not {"repeats", "invariants", "t0", "truncation"} & set(changed):  # all others change errors
+    if not {"repeats", "invariants", "t0", "truncation"} & set(changed):  # all other changes affect errors
         assert [row["err_strong"] for row in first.rows] != [row["err_strong"] for row in fresh.rows]
 
 

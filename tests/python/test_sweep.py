@@ -27,7 +27,7 @@ def one(n=40, *, first_path=0, arrays=True, **values):
 
 
 def require_means(found, where, run, at=slice(None)):
-    """Means, variances, errors of a point are those of its paths."""
+    """Require that means, variances and errors of a point are those of its paths."""
     for mine, theirs in (
         (found.mean_q, run.q.mean(2)),
         (found.mean_p, run.p.mean(2)),
@@ -51,7 +51,7 @@ def test_product():
             run = one(omega=omega, s=s, first_path=256 + 40 * (2 * i + j))
             assert np.array_equal(found.q[:, :, i, j], run.q) and np.array_equal(found.p[:, :, i, j], run.p)
             require_means(found, (i, j), run)
-    shifted = one(omega=OMEGA[0], s=S[0], first_path=257)  # a path, or a value, that is another one would show
+    shifted = one(omega=OMEGA[0], s=S[0], first_path=257)  # the twin: another index, or another value
     assert abs(shifted.q.mean(2) - found.mean_q[:, :, 0, 0]).max() > 1e-4
     wrong = one(omega=OMEGA[0] * 1.01, s=S[0], first_path=256)
     assert abs(wrong.q.mean(2) - found.mean_q[:, :, 0, 0]).max() > 1e-4
@@ -70,7 +70,9 @@ def test_zip_and_observables():
 
 
 def test_same_noise():
-    """Every value has the paths' noise of the first, so that differences of means have small errors."""
+    """With same_noise every value has the noise of the first value's paths, so that differences of means have small
+    errors.
+    """
     found = ss.sweep(model(), {"s": [0.2, 0.2, 0.201]}, **RUN, paths=40, same_noise=True, keep_paths=True)
     assert np.array_equal(found.q[:, :, 0], found.q[:, :, 1]) and np.array_equal(found.q[:, :, 0], one(s=0.2).q)
     own = ss.sweep(model(), {"s": [0.2, 0.2]}, **RUN, paths=40, keep_paths=True)
@@ -81,7 +83,7 @@ def test_same_noise():
 
 @pytest.mark.parametrize("same", [False, True])
 def test_parts(monkeypatch, same):
-    """What is held at once, and the start of a path, change no path; means of parts are merged."""
+    """Parts of any size change no path, whatever its initial state; means of parts are merged."""
     state = np.linspace(0.1, 0.9, 600)[np.newaxis]
     options = {**RUN, "q0": state, "paths": 600, "same_noise": same, "keep_paths": True}
     whole = ss.sweep(model(), {"omega": OMEGA}, **options)
@@ -95,7 +97,9 @@ def test_parts(monkeypatch, same):
 
 
 def test_built_in_models_and_functions():
-    """Built-in models are made from their formulas, with their paths to rounding; functions run value by value."""
+    """Built-in models are made from their formulas, and their paths agree to rounding; functions that return models
+    run one value after another.
+    """
     omega = np.array([1.0, 2.0, 2.5])
     side_by_side = ss.sweep(ss.models.synchrotron(), {"omega": omega}, **RUN, paths=30, keep_paths=True)
     one_by_one = ss.sweep(ss.models.synchrotron, {"omega": omega}, **RUN, paths=30, keep_paths=True)
@@ -132,7 +136,7 @@ def test_failed_paths():
 
 
 def test_stop():
-    """A progress function ends the sweep between values, or within."""
+    """A progress function ends the sweep, between two values or within the paths of a value."""
     seen = []
     with warnings.catch_warnings():
         warnings.simplefilter("error")
@@ -172,7 +176,7 @@ def test_files_and_figures(tmp_path):
 
 
 def test_refusals():
-    """What is wrong, and what is allowed."""
+    """Wrong arguments are refused with a sentence that says what is allowed."""
     with pytest.raises(UnknownNameError, match=r"omgea.*omega"):
         ss.sweep(model(), {"omgea": OMEGA}, **RUN)
     with pytest.raises(InvalidArgumentError, match="values is empty"):

@@ -24,8 +24,8 @@ HARMONIC = {
 
 
 def linear_step(model, scheme, step, columns):
-    """One step of a linear model of one degree of freedom with one noise: the matrix of (q, p), and what (q, p) get of
-    the normal numbers of dW, a = dZ/h - dW/2 and K (the first `columns` of them)."""
+    """One step of a linear model of one degree of freedom with one noise: the matrix of (q, p), and the coefficients of
+    the normal numbers of dW, a = dZ/h - dW/2 and K (the first `columns` of these)."""
     variance = np.array([step, step / 12, step / 720])
     given = np.zeros((1, columns, 2 + columns))  # each of (q, p), dW, a, K is one on a path of its own
     given[0, :, 2:] = np.diag(np.sqrt(variance[:columns]))
@@ -61,7 +61,7 @@ def test_harmonic_laws(scheme):
 @pytest.mark.parametrize("scheme", HARMONIC)
 @pytest.mark.parametrize("z", [1e-6, 0.3, 4.0, 20.0])
 def test_free_particles_have_the_temperature(scheme, z):
-    """One step takes <p^2> = m/beta to itself, for every gamma h, with a mass, too."""
+    """One step maps <p^2> = m/beta to itself, for every gamma h, with a mass, too."""
     step, mass, beta = 0.5, 3.0, 0.7
     model = ss.thermostat(ss.model_from_sympy("p**2/(2*m)", params={"m": mass}), beta=beta, gamma=z / step)
     m, noise = linear_step(model, scheme, step, 3 if scheme == "chin4a" else 2)
@@ -295,7 +295,9 @@ def test_temperatures():
 
 
 def test_models_remember_their_bath():
-    """Text, rates, names; other friction leaves the noise; files say what the bath was."""
+    """Models remember their bath in text, rates and names; another friction keeps the noise; files describe the
+    bath.
+    """
     chain = ss.thermostat(ss.models.fpu_chain(n=4, sigma=0.0), beta=2.0, gamma=0.5)
     assert repr(chain) == "fpu_chain(n=4, beta=1, sigma=0, damping=0.5, bath at beta=2)"
     assert chain.damped(0.0).damping == ()
@@ -329,7 +331,7 @@ def test_functions_in_a_bath():
 
 
 def test_scenes(tmp_path):
-    """`thermostat` of [model] is the function; what is wrong in it is told with the file."""
+    """`thermostat` of [model] is the function; errors in it are reported with the name of the file."""
     text_of = '[model]\n{model}\n[run]\nstep = 0.05\nsteps = 4\nq0 = 0.7\np0 = 0.3\nseed = 5\nscheme = "midpoint"\n'
     file = tmp_path / "scene.toml"
     for text, model in (
@@ -353,7 +355,7 @@ def test_scenes(tmp_path):
 
 
 def test_refusals():
-    """What has no temperature is refused with a sentence; noises beside the bath are told."""
+    """Models that have no temperature are refused with a sentence; a warning names noises beside the bath."""
     for text in ("p**2*(1 + q**2)/2", "p1**2/2 + p1*p2/4 + p2**2/2 + q1*q2", "p**4/4 + q**2", "q**2/2 - p**2/2"):
         with pytest.raises(IncompatibleError, match=r"model formula does not declare a kinetic energy .*choose"):
             ss.thermostat(ss.model_from_sympy(text), beta=1.0, gamma=1.0)
@@ -383,7 +385,7 @@ def test_refusals():
 @pytest.mark.parametrize("paths", [1, 20])
 @pytest.mark.parametrize("scheme", ["midpoint", "symplectic_euler", "stormer_verlet", "gauss_dkdkd"])
 def test_two_temperatures_of_a_built_in_model(scheme, paths):
-    """Special steppers, for whom the bath asks kernels of the model inside it, agree with the general one."""
+    """Special steppers, to which the bath offers the kernels of the model inside it, agree with the general one."""
     model = ss.thermostat(ss.models.henon_heiles(sigma1=0.0, sigma2=0.0), beta=[1.0, 2.0], gamma=[0.3, 0.5])
     given = {"q0": 0.05, "p0": 0.02, "step": 0.05, "steps": 20, "scheme": scheme, "paths": paths, "seed": 1}
     fast = ss.simulate(model, **given)

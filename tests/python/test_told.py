@@ -91,8 +91,8 @@ def test_what_was_reached_and_what_an_interval_is(pilot):
 
 
 def test_units_of_which_few_differ_vary_as_the_pilot_knows(pilot):
-    """256 paths without an event have no scatter, and 16 scramblings that agree count as so many paths; where many
-    units differ, their own variance is used, even if the pilot's is larger.
+    """256 paths without an event have no scatter, and 16 scramblings that agree count as 16 paths: the pilot's variance
+    is used. If many units differ, their own variance is used, even if the pilot's is larger.
     """
     for method, few, paths in (("plain", np.zeros(256), 256), (choice.EVEN_LEVELS, np.zeros(16), 2048)):
         work = Execution(pilot, [dataclasses.replace(plan_of(pilot, method, 1, 0.5), variance=9.0)])
@@ -102,7 +102,7 @@ def test_units_of_which_few_differ_vary_as_the_pilot_knows(pilot):
 
 
 def test_the_cost_of_an_answer_holds_its_pilot(pilot, monkeypatch):
-    """2.5 seconds for the choice, 1.5 for the draws."""
+    """The cost of an answer contains 2.5 seconds for the choice and 1.5 for the draws."""
     work = Execution(pilot, [plan_of(pilot, "plain", 1, 0.5)])
     monkeypatch.setattr(pilot, "seconds", 2.5)
     work.watch = SimpleNamespace(seconds=work._begin + 1.5)

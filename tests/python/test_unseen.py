@@ -39,7 +39,7 @@ def kubo():
 
 @pytest.fixture
 def blind(monkeypatch):
-    """A pilot that gives up after 8192 values: with 69 and 98 % it sees neither of these events."""
+    """A pilot that gives up after 8192 values: it misses these two events with probabilities of 69 and 98 %."""
     monkeypatch.setattr(tails, "_MOST", 4096)
 
 
@@ -91,7 +91,9 @@ def test_a_smooth_peak_that_few_paths_meet_is_in_the_interval(kubo, blind, solve
 
 
 def test_flanks_of_a_peak_are_no_unit():
-    """Values of which a few lie on a flank do not show how large f is; values that are all 1e-140 do."""
+    """If only a few values lie on a flank, the values do not show how large f is; values that are all 1e-140 do show
+    it.
+    """
     flank = np.zeros(4096)
     flank[:3] = 1e-140, 1e-200, 1e-235
     tails.require_variance(flank, "f")
@@ -101,7 +103,9 @@ def test_flanks_of_a_peak_are_no_unit():
 
 @pytest.mark.parametrize("solve", [ss.expect, ss.mlmc])
 def test_what_is_constant_stays_an_answer(kubo, solve):
-    """Constant by itself or by conservation, to rounding or to the last bit."""
+    """If f is constant, by itself or because the motion conserves it, to rounding or to the last bit, the answer
+    stays an answer.
+    """
     free = ss.models.linear_oscillator()
     for model, f, exact in (
         (kubo, lambda q, p: np.full(q.shape[1], 3.0), 3.0),
@@ -192,7 +196,7 @@ def test_the_index_of_a_tail_by_hand():
 
 @pytest.mark.parametrize(("a", "refused"), [(2.5, False), (1.9, False), (1.2, True)])
 def test_a_variance_in_doubt_is_not_refused(a, refused):
-    """4096 values of P(|f| > x) = x^-a give a to an eighth: 1.9 may be 2."""
+    """4096 values of P(|f| > x) = x^-a determine a to an eighth: an estimate of 1.9 may belong to a = 2."""
     x = ((np.arange(2048) + 0.5) / 2048) ** (-1 / a)
     values = np.concatenate([x, -x])
     assert tails.tail_index(values)[0] == pytest.approx(a, rel=0.05)

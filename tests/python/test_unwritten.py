@@ -141,7 +141,7 @@ def test_what_is_asked_directly(kind):
 
 
 def test_energies():
-    """A mean over paths some of which have no value is NaN, and a warning says so."""
+    """If some paths have no value, the mean over paths is NaN, and a warning says so."""
     with pytest.warns(errors.NotANumberWarning, match="energy"):
         found = ss.moments(model_of("value"), q0=starts(), **HOW)
     assert np.isnan(found.mean_energy[0])

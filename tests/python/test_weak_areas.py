@@ -43,7 +43,7 @@ def rows(dw, areas):
 
 
 def ends(model, scheme, h, q0, p0):
-    """States (2, outcome) after a step from one point, and their probabilities."""
+    """The states (2, outcome) after a step from one point, and the probabilities of the outcomes."""
     found = list(outcomes(model.nnoise))
     dw = np.stack([rows(math.sqrt(abs(h)) * x, [s * abs(h) / 2 for s in signs]) for x, signs, _ in found], axis=-1)
     run = ss.simulate(model, q0=q0, p0=p0, scheme=scheme, step=h, steps=1, paths=len(found), increments=dw, refine=4)

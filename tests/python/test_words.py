@@ -130,7 +130,7 @@ def test_a_path_has_its_bits(word):
 
 
 def test_refusals():
-    """What is no word, and models that a word does not fit."""
+    """Refused: texts that are no word, and models that a word does not fit."""
     for bad in ("", "BAB", "BOB", "AOA", "BAOAOAOB", "baoab", "BAO AB", "BAXAB", "BAOAB" * 6):
         with pytest.raises(InvalidArgumentError, match=r"is no word of a splitting: write .* as word:BAOAB|is empty"):
             ss.schemes.get(f"word:{bad}")
