@@ -26,12 +26,12 @@ def output(*command):
 
 
 def numbers(text):
-    """The numbers in the output as text, without leading zeros; those of the last line are left out."""
+    """The numbers in the output as text, without leading zeros; the numbers of the last line are left out."""
     return [f"{float(number):.8f}" for number in NUMBER.findall(text.replace("1e-12", ""))]
 
 
 def on_the_command_line(scene, folder):
-    """The same numbers, read from the files of a run; those of path 0 need netCDF4."""
+    """The same numbers, read from the files of a run; the numbers of path 0 need netCDF4."""
     output(sys.executable, "-m", "symsde", "run", str(scene), "--out", str(folder), "--quiet")
     with (folder / "moments.csv").open(encoding="utf-8") as file:
         last = list(csv.DictReader(line for line in file if not line.startswith("#")))[-1]

@@ -25,7 +25,7 @@ def main():
     if any(cell.get("outputs") for cell in notebook.cells):
         print(f"{sys.argv[1]} holds outputs: clear them before it is committed")
         return 1
-    with tempfile.TemporaryDirectory() as folder:  # where the notebook writes its files
+    with tempfile.TemporaryDirectory() as folder:  # the folder in which the notebook writes its files
         place = {"metadata": {"path": folder}}
         nbclient.NotebookClient(notebook, timeout=None, kernel_name="python3", resources=place).execute()
     kinds = [kind for cell in notebook.cells for found in cell.get("outputs", []) for kind in found.get("data", {})]

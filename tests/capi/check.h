@@ -59,11 +59,11 @@ static inline int close_report(void) {
    return failed > 0;
 }
 
-/* The user's model: a pendulum with noise in the position, H = p^2/2 - cos q, H_1 = sigma sin q. `user` says when a
- * callback refuses. */
+/* The user's model: a pendulum with noise in the position, H = p^2/2 - cos q, H_1 = sigma sin q. `user` has the time
+ * from which callbacks return an error. */
 typedef struct pendulum_user {
    double sigma;
-   double refuse_after; /* from this time on callbacks return 17 */
+   double refuse_after; /* from this time on callbacks return the error code 17 */
    double wrong;        /* added to the Hessian */
 } pendulum_user;
 

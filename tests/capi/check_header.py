@@ -13,7 +13,7 @@ import subprocess
 import sys
 from pathlib import Path
 
-# a C type by value, and the Fortran one that it interoperates with
+# a C type that is passed by value, and the Fortran type that interoperates with it
 SCALARS = {
     "int": "integer(c_int)",
     "int32_t": "integer(c_int32_t)",

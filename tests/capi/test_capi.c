@@ -143,7 +143,7 @@ static void test_own_model(void) {
    traits.struct_size = 0;
    EXPECT(SYMSDE_INVALID_ARGUMENT, "symsde_traits_init first",
           symsde_model_new("x", &traits, pendulum_gradient, NULL, NULL, NULL, &user, &model, &error));
-   /* a caller compiled with an older header: members beyond its size keep their defaults */
+   /* a caller compiled with an older header: members beyond the size of its struct keep their defaults */
    traits.struct_size = offsetof(symsde_traits, nnoise);
    OK(symsde_model_new("x", &traits, pendulum_gradient, NULL, NULL, NULL, &user, &model, &error));
    symsde_traits_init(&got);
@@ -152,7 +152,7 @@ static void test_own_model(void) {
    memset(&got, 0x55, sizeof got);
    got.struct_size = offsetof(symsde_traits, nnoise);
    OK(symsde_model_traits(model, &got, &error));
-   CHECK(got.ndof == 1 && got.nnoise == 0x55555555); /* nothing is written beyond that size */
+   CHECK(got.ndof == 1 && got.nnoise == 0x55555555); /* nothing is written beyond the size of the caller's struct */
    symsde_model_delete(&model);
 }
 

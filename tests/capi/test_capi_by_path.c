@@ -21,7 +21,7 @@ static int gradient(int nlane, int ndof, int nham, double t, const double *w, co
    return 0;
 }
 
-/* the same where k is behind the user pointer, too, before s */
+/* the same gradient where k, too, is behind the user pointer, before s */
 static int plain_gradient(int nlane, int ndof, int nham, double t, const double *w, const double *q, const double *p,
                           double *hq, double *hp, void *user) {
    const double *both = user;
@@ -52,7 +52,7 @@ static void run(symsde_model model, const char *name, const symsde_options *opti
    symsde_scheme_delete(&scheme);
 }
 
-/* path i has the bits of a run of it alone, and those of a model whose user pointer has its value */
+/* path i has the bits of a run of path i alone, and of a model whose user pointer has the value of path i */
 static void test_paths(const char *scheme) {
    double s = 0.3, both[2] = {1, 0.3};
    symsde_model model = new_oscillator(gradient, &s), plain = new_oscillator(plain_gradient, both), other = NULL;
@@ -79,7 +79,7 @@ static void test_paths(const char *scheme) {
    symsde_model_delete(&plain);
 }
 
-/* points of an evaluation are those of the paths; one point, and probes, those of the first path */
+/* points of an evaluation have the parameters of the paths; a single point, and probes, have those of the first path */
 static void test_points(void) {
    double s = 0.3, w[2 * PATHS], q[PATHS], p[PATHS], hq[PATHS];
    symsde_model model = new_oscillator(gradient, &s);

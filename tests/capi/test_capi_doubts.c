@@ -43,7 +43,7 @@ int main(void) {
    CHECK(nheard == 1 && strncmp(heard, "h*omega = 10 ", 13) == 0 && strcmp(heard, report.warnings) == 0);
    CHECK(report.grown == PATHS && a.q[(NTIME - 1) * PATHS] * a.q[(NTIME - 1) * PATHS] > 1e60);
 
-   /* gamma h = 1 of midpoint: momenta are too cold, by z/sinh z */
+   /* gamma h = 1 with midpoint: momenta are too cold, by the factor z/sinh z */
    {
       const double rate = 1, closed = 0;
       symsde_scheme midpoint = new_scheme("midpoint");

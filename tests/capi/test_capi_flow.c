@@ -94,7 +94,7 @@ static void test_flow(void) {
 
    symsde_report_init(&report);
    options.threads = 1;
-   /* the Hessian comes from differences, which are not asked of the user's functions */
+   /* the Hessian is made of differences, and the user's functions are not called for it */
    CHECK(difference(model, options) < 1e-8);
    CHECK(user.calls == 0);
    OK(symsde_model_set_flow(model, "midpoint", flow, &error));
@@ -177,7 +177,7 @@ static void test_wrong_positions(void) {
    symsde_scheme_delete(&scheme);
 }
 
-/* a single path: the model is called with eight lanes, or with one */
+/* a single path: the model is called with eight lanes, or with one lane */
 static void test_any_lanes(void) {
    kubo_user user = {.fault = 1, .fewest_lanes = 1 << 30};
    symsde_model model = new_user_kubo(&user), kubo = new_kubo();

@@ -48,8 +48,8 @@ static void two(void) {
    CHECK(left("0::/job\n", "two") == 3e8);
    put("two/job/memory.stat", "anon 1\nfile 9\nslab 7\ninactive_file 150000000\nactive_file 50000000\n");
    CHECK(left("0::/job\n", "two") == 5e8);
-   /* The limit of a group above counts. The limit of a group below does not, nor does that of a group whose name only
-    * begins alike (steps), or of another branch (other). */
+   /* The limit of a parent group counts. The limits of a child group, of a group whose name has the same beginning
+    * (steps), and of another branch (other) do not. */
    put("two/job/step/memory.max", "max\n");
    CHECK(left("0::/job/step/task\n", "two") == 5e8);
    put("two/job/step/memory.max", "100000000\n");
@@ -57,7 +57,7 @@ static void two(void) {
    CHECK(left("0::/job\n", "two") == 5e8);
    CHECK(left("0::/job/steps\n", "two") == 5e8);
    CHECK(left("0::/other\n", "two") == HUGE_VAL);
-   /* more used than allowed, as after a limit was lowered */
+   /* more memory is used than allowed, as after a limit was lowered */
    put("two/job/step/memory.current", "200000000\n");
    CHECK(left("0::/job/step\n", "two") == 0);
    /* a container: its list of groups is the host's, or begins elsewhere */

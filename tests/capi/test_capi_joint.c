@@ -71,8 +71,8 @@ static void forget(counted_user *user) {
    user->gradients = user->hessians = user->joints = 0;
 }
 
-/* equal bits; a scheme that always wants gradient and Hessian never calls the separate functions, but warnings
- * before a run need the Hessian alone */
+/* equal bits; a scheme that always needs gradient and Hessian together never calls the separate functions, but
+ * warnings before a run need the Hessian alone */
 static void test_joint_is_called(void) {
    static arrays separate, together, alone;
    const char *schemes[] = {"midpoint", "gauss2", "symplectic_euler"};
@@ -101,7 +101,7 @@ static void test_joint_is_called(void) {
       CHECK(memcmp(separate.q, alone.q, sizeof separate.q) == 0);
       OK(symsde_model_traits(without, &traits, &error));
       CHECK(traits.has_hessian == 1);
-      /* without a joint function the separate ones are called again */
+      /* without a joint function the separate functions are called again */
       OK(symsde_model_set_gradient_hessian(model, NULL, &error));
       OK(symsde_model_set_gradient_hessian(without, NULL, &error));
    }
@@ -146,7 +146,7 @@ static void test_joint_fails(void) {
 /* H = (p^2 + q^2)/2 + c q^3/3 - q^2 p, H_1 = s (q p^2/2 + q^3): cubic, so that the differences in nested brackets are exact */
 typedef struct cubic_user {
    double c, s;
-   double wrong; /* third derivatives are multiplied by 1 + this */
+   double wrong; /* third derivatives are multiplied by 1 + this number */
    int asked;
 } cubic_user;
 
@@ -395,7 +395,8 @@ static void test_friction(void) {
    symsde_scheme_delete(&scheme);
 }
 
-/* a bath: a noise after the model's own, with sigma^2 = 2 gamma m/beta, and the friction; callbacks keep their failures */
+/* a bath: a noise after the model's noises, with sigma^2 = 2 gamma m/beta, and the friction; callbacks keep their
+ * failures */
 static void test_thermostat(void) {
    const char *keys[] = {"a", "sigma"};
    const double values[] = {4, 0}, gamma = 0.5, beta = 2, several[] = {0.5, 0.5}, wrong = -1, one = 1;
@@ -435,7 +436,7 @@ static void test_thermostat(void) {
 
 static int count_of_derivatives = 0;
 
-/* F = -2 p, with the weight of H; f_1 = q, with that of the noise */
+/* F = -2 p with the weight of H, or f_1 = q with the weight of the noise */
 static int drag(int nlane, int ndof, int nham, double t, const double *w, const double *q, const double *p, double *f,
                 void *user) {
    (void)t, (void)q, (void)nham;

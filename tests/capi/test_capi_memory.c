@@ -13,7 +13,7 @@ static double t[NTIME], mean[3 * NTIME], variance[3 * NTIME], se_mean[3 * NTIME]
 static int64_t n_ok[NTIME];
 static symsde_moments moments;
 
-/* Limit the address space to 4 MB beyond the present use, and take all pieces of at least so many bytes from it and
+/* Limit the address space to 4 MB beyond the present use, and take all pieces of at least `least` bytes from it and
  * from the heap. */
 static void use_up(size_t least) {
    struct rlimit limit;

@@ -109,7 +109,7 @@ static void test_misuse(void) {
    symsde_scheme_delete(&scheme);
 }
 
-/* a gradient that scales an input, q or the one that user selects, or leaves an output unwritten */
+/* a gradient that scales an input, q or the input that `user` selects, or leaves an output unwritten */
 static const int of_w = 1, of_p = 2;
 
 static int scribbling(int nlane, int ndof, int nham, double t, const double *w, const double *q, const double *p,

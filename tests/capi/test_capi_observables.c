@@ -13,7 +13,7 @@ static double t[2][NTIME], mean[2][NTIME * NVALUE], variance[2][NTIME * NVALUE],
 static int64_t n_ok[2][NTIME];
 static int calls, most, mixes, leaves;
 
-/* r^2, or r^2 of the neighbouring lane when mixes is set, and the time given */
+/* r^2 (of the neighbouring lane if `mixes` is set), and the time that the function gets */
 static int observe(int nlane, int ndof, double time, const double *q, const double *p, double *values, void *user) {
    (void)ndof, (void)user;
    if (leaves && calls == PROBE) {
@@ -71,7 +71,7 @@ int main(void) {
    leaves = 1;
    OK(moments_into(1, 0));
    CHECK(isnan(mean[1][NVALUE - 1]) && isnan(mean[1][NTIME * NVALUE - 1]));
-   /* moments of q are known nevertheless */
+   /* moments of q are complete nevertheless */
    CHECK(mean[1][NTIME * NVALUE - NVALUE] == mean[0][NTIME * NVALUE - NVALUE]);
    leaves = 0;
    mixes = 1;

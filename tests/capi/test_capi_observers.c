@@ -138,7 +138,7 @@ static void test_all_kinds(void) {
          CHECK(values[0] == 1 && values[1] == 0 && values[2] == 0.5 && whole[i].counts[1] == 0);
       }
    }
-   free(right[0].counts); /* integers and sums may be left out of a run, but not of a merge */
+   free(right[0].counts); /* a run may leave out integers and sums, a merge may not */
    right[0].counts = NULL;
    OK(run_with(256, PATHS - 256, lists[2], KINDS));
    EXPECT(SYMSDE_INVALID_ARGUMENT, "counts is NULL",

@@ -48,7 +48,7 @@ static int is_last(symsde_run run) {
           memcmp(state.p, whole.last_p, sizeof whole.last_p) == 0;
 }
 
-/* one step, steps some of which are saved, and the rest */
+/* one step, then several steps of which some are saved, then the remaining steps */
 static void test_pieces(void) {
    symsde_options options = some_options();
    symsde_paths paths = paths_in(&pieces, 0);
@@ -136,7 +136,7 @@ static void test_stopped(void) {
    symsde_run_delete(&run);
 }
 
-/* a gradient that advances the very run that calls it */
+/* a gradient that tries to advance the run that is calling it */
 static symsde_run nested;
 static int nested_status;
 

@@ -10,7 +10,7 @@ enum { NDOF = 37, NPATH = 21, NSTEP = 30 };
 typedef struct chain_user {
    double beta, sigma;
    double wrong_force, wrong_diagonal, wrong_beside; /* error added by the rows */
-   double refuse_after;                              /* from this time on rows return 29 */
+   double refuse_after;                              /* from this time on rows return the error code 29 */
    int rows;                                         /* calls */
 } chain_user;
 

@@ -88,7 +88,7 @@ static void test_resume(void) {
    OK(symsde_increments(model, NULL, &options, dw, &error));
    OK(symsde_increments(model, NULL, &rest, odd, &error));
    CHECK(memcmp(dw + 17 * PATHS, odd, sizeof(double) * (STEPS - 17) * PATHS) == 0);
-   /* low parts count in moments, too: with large ones it shows */
+   /* low parts count in moments, too, as large ones show */
    static double t[STEPS + 1], mean[3 * (STEPS + 1)], variance[3 * (STEPS + 1)], se[3 * (STEPS + 1)];
    static int64_t n_ok[STEPS + 1];
    double sum = 0;
@@ -115,7 +115,7 @@ static void test_resume(void) {
    rest.seed = 5;
    OK(symsde_increments(model, NULL, &rest, odd, &error));
    CHECK(memcmp(odd, dw, sizeof dw) != 0);
-   /* fewer paths, from another first one */
+   /* fewer paths, beginning with another first path */
    rest = options;
    rest.first_path = 290;
    rest.paths = 10;

@@ -93,7 +93,7 @@ static void be_refused(worker *me) {
    EXPECT(SYMSDE_UNKNOWN_NAME, wanted, symsde_scheme_get(me->name, &scheme, &error));
 }
 
-/* a shared model whose callback refuses the times of this thread alone: no other thread may get that error */
+/* a shared model whose callback refuses the times of this thread alone: no other thread may get the error */
 static void fail_in_a_callback(worker *me) {
    const symsde_input input = some_input(&one, &zero);
    symsde_paths paths = paths_in(&me->mine, 0);

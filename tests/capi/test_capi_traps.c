@@ -105,7 +105,7 @@ static void use(const char *model_name, symsde_model model, const char *scheme_n
    TRAPPED(symsde_exact_solution(model, scheme, &options, &input, other_q, other_p, &error));
 }
 
-/* functions that take no scheme, or any one */
+/* functions that take no scheme, or whose scheme does not matter */
 static void use_model(const char *model_name, symsde_model model) {
    const char *scheme_name = "midpoint";
    symsde_scheme scheme = new_scheme(scheme_name);

@@ -117,7 +117,7 @@ void built_in() {
    CHECK(largest < 1e-13);
    CHECK(spread > 0.1);
    CHECK(found.report.path_steps == 5000);
-   /* one step by hand: tan of half its angle is half of a h + sigma dW */
+   /* one step by hand: the tangent of half of its angle is half of a h + sigma dW */
    auto once = some_options(2, 50);
    once.save_every = 1;
    const auto dw = symsde::increments(kubo, midpoint, once);
@@ -310,7 +310,7 @@ void exceptions() {
    const auto chosen = some_options(200, 3000);
    const auto refusing = pendulum(0.4, calls, 1.0);
    CHECK(thrown_number([&] { (void)symsde::simulate(refusing, by, chosen, {half, zero}); }) == 17);
-   /* the exception does not stay: a run that ends before that time succeeds */
+   /* the exception is not kept: a run that ends before the time `refuse` succeeds */
    const auto early = some_options(20, 30);
    CHECK(symsde::simulate(refusing, by, early, {half, zero}).status() == SYMSDE_OK);
    EXPECT(SYMSDE_INVALID_ARGUMENT, "step", symsde::simulate(refusing, by, symsde::options(), {half, zero}));

@@ -22,7 +22,7 @@ BROKEN = {
     "options": "options were checked where a user gave them",
     "diagnose": "increments and functionals are finite",
 }
-OF = {"options": "ensemble"}  # what is no area, and the area whose contract is broken
+OF = {"options": "ensemble"}  # argument that names no area -> the area whose contract is broken
 # Objects of the contracts themselves, by file name; the build of the wheel copies contracts.f90, hence no folder here.
 OWN = re.compile(r"/contracts?\.f90\.o$")
 CALL = re.compile(rb"__symsde_(?:base_contracts|[a-z]+_contract)_MOD_\w+")

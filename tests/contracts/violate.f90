@@ -57,7 +57,7 @@ contains
       error stop 3
    end subroutine stop_at
 
-   !> NaN where the contract is to be broken, else x.
+   !> NaN if the contract is to be broken, else x.
    real(wp) function spoiled(broken, x)
       logical, intent(in) :: broken
       real(wp), intent(in) :: x

@@ -15,7 +15,7 @@ ENDINGS = {".f90", ".inc", ".pf", ".py", ".c", ".h", ".hpp", ".cpp"}
 
 
 def long_files(root):
-    """Files that may do more than one job."""
+    """Files that may have more than one task."""
     for top in SOURCES:
         for file in sorted((root / top).rglob("*")):
             if file.suffix in ENDINGS and (lines := file.read_text(encoding="utf-8").count("\n")) > MOST_LINES:
@@ -39,7 +39,7 @@ def beside_rooms(root):
 
 
 def main():
-    """Print all questions."""
+    """Print all hints."""
     root = Path(sys.argv[1])
     found = [line for look in (long_files, shared_names, beside_rooms) for line in look(root)]
     print("\n".join(found) or "nothing to ask")

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""Names in the documentation are of files, procedures, tests, links, status codes and equations that exist.
+"""The files, procedures, tests, links, status codes and equations that the documentation names exist.
 
 check_docs.py ROOT        one line per finding; exit 1 where there is one
 check_docs.py --self-test plants a violation of every rule and requires that each is found
@@ -28,7 +28,7 @@ def prose(text):
 
 
 def anchors(text):
-    """Anchors of a page: those that GitHub gives to headings, and explicit ones."""
+    """Anchors of a page: those that GitHub makes from headings, and explicit anchors."""
     found = set(re.findall(r'<a id="([^"]+)">', text))
     for heading in re.findall(r"^#+ (.*)$", prose(text), re.M):
         found.add(re.sub(r"[^\w\- ]", "", heading.lower()).replace(" ", "-"))

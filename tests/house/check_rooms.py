@@ -75,7 +75,8 @@ def arrows(modules):
 
 
 def imported(text, package):
-    """Modules of the Python package that a file imports, as tuples of names below it; package is the file's own."""
+    """Modules of the Python package that a file imports, as tuples of names below it; `package` is the package of the
+    file."""
     for node in ast.walk(ast.parse(text)):
         if isinstance(node, ast.Import):
             paths = [name.name.split(".") for name in node.names]

@@ -42,7 +42,7 @@ def symbols(data):
     """(name, type, section's index and name) of every symbol of an object."""
     parts = sections(data)
     for _, kind, offset, size, link in parts:
-        if kind != 2:  # not the symbol table
+        if kind != 2:  # only the symbol table has symbols
             continue
         for entry in range(offset, offset + size, 24):
             name, info, _, part = struct.unpack_from("<IBBH", data, entry)

@@ -90,7 +90,7 @@ def pointers(lines):
 
 
 def procedures(lines):
-    """Findings: procedures that are too long."""
+    """Findings: procedures that are longer than allowed."""
     start = []
     in_interface = False
     for number, line in enumerate(lines, 1):

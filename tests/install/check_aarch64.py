@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""check_aarch64.py ROOT WORK: nine scenes have the same bits on aarch64 as here, where products are rounded.
+"""check_aarch64.py ROOT WORK: nine scenes have the same bits on aarch64 as on this machine, if products are rounded
+before they are added.
 
 gcc 12 fuses other products for aarch64 than for x86-64, so both are built with SYMSDE_FP_CONTRACT=off.
 

@@ -2,7 +2,7 @@
 """check_readme.py ROOT WORK [SITE]: the code in README runs with the packages that its line of pip installs, and no
 others.
 
-The clean environment links those packages of this Python that the line asks for, and their requirements; nothing is
+The clean environment links the packages of this Python that the line names, and their requirements; nothing is
 downloaded. The package is that of SITE, or of the tree. Without the line's extras the formulas must fail, which shows
 that the environment is clean. Every extra that a page names exists."""
 

@@ -154,7 +154,7 @@ def licence_faults(names: list[str]) -> list[str]:
 
 
 def self_test() -> int:
-    """Right lists must give no fault, and planted ones theirs."""
+    """Right lists must give no fault, and each planted list its own fault."""
     texts = [f"a.dist-info/licenses/licences/{name}" for name in ALWAYS.union(*LICENCES.values())]
     names = [*texts, "symsde.libs/", *(f"symsde.libs/{name}-8c3e1296.so.0" for name in LICENCES)]
     wrong = licence_faults(names)
@@ -164,7 +164,7 @@ def self_test() -> int:
     wrong += [] if len(unknown) == 1 and "libopenblas" in unknown[0] else ["an unknown library passes"]
     wide = {name: f"vaddpd %{name}0,%{name}1,%{name}2\n" for name in REGISTERS.values()}
     for level, name in REGISTERS.items():
-        code = 400 * wide[name] + wide["zmm"]  # one wide instruction does not make a variant
+        code = 400 * wide[name] + wide["zmm"]  # a single wide instruction does not make a variant wide
         narrow = {"xmm": "", "ymm": 400 * wide["xmm"], "zmm": 400 * wide["ymm"]}[name]
         wrong += [] if variant_faults(level, True, code) == [] else [f"a sound {level} is refused"]
         wrong += [] if len(variant_faults(level, False, code)) == 1 else [f"{level} with other bits passes"]

@@ -50,7 +50,7 @@ def draw(root: Path, seed: int, only: str = "") -> Iterator[tuple[str, str, str,
 
 
 def changes_of(name: str, text: str) -> dict[int, list[Change]]:
-    """Changes by rules for each line of a file; none for contracts, which the builds under test leave out."""
+    """Changes by rules for each line of a file; contracts have none, because the builds under test leave them out."""
     if CONTRACTS.search(name):
         return {}
     return python_changes(text) if name.endswith(".py") else fortran_changes(text)
@@ -76,7 +76,7 @@ def by_line(changes: list[Change]) -> dict[int, list[Change]]:
 
 
 def swapped(name: str) -> str:
-    """The name with q and p exchanged (hqq for hpp); '' for names without either."""
+    """The name with q and p exchanged (hqq for hpp); '' for names that contain neither letter."""
     whole = STATE.fullmatch(name)
     if whole is None:
         return ""
@@ -251,7 +251,7 @@ class Finder(ast.NodeVisitor):
             self.found.append(Change(begin[0], begin[1], end[1], new, rule))
 
     def replace(self, node: ast.expr, new: str, rule: str) -> None:
-        """Replace a node by this text, in which {0} is the node's own text."""
+        """Replace a node by the text `new`, in which {0} stands for the node's own text."""
         begin, end = span(node)
         if begin[0] == end[0]:
             self.note(begin, end, new.replace("{0}", self.lines[begin[0] - 1][begin[1] : end[1]]), rule)

@@ -46,7 +46,7 @@ contains
       self%name = 'by path'
    end subroutine new_by_path
 
-   !> A view of the same table that stores which paths its lanes have.
+   !> A view of the same table that knows the paths of its lanes.
    subroutine for_paths(self, paths, view)
       class(by_path_type), intent(in), target :: self
       type(lane_paths), pointer, intent(in) :: paths

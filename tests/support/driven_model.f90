@@ -84,7 +84,7 @@ contains
       end do
    end subroutine driven_gradient
 
-   !> Every lane by a call of its own, since each has its own time.
+   !> Compute every lane by a call of its own, since each lane has its own time.
    subroutine extended_gradient(self, nlane, ndof, nnoise, t, w, q, p, hq, hp)
       class(extended_type), intent(in) :: self
       integer, intent(in) :: nlane, ndof, nnoise

@@ -40,7 +40,7 @@ void heap_watch(void) {
    most = held;
 }
 
-/* the most bytes held at one time since heap_watch, less the bytes held at that call */
+/* the most bytes held at one time since heap_watch, minus the bytes held when heap_watch was called */
 double heap_most(void) {
    return (double)(most - begin);
 }

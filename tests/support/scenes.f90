@@ -33,7 +33,7 @@ contains
       call require(error)
    end function model_of
 
-   !> The same as a subroutine: with gfortran 12, assigning a polymorphic function result to a variable that holds a
+   !> `model_of` as a subroutine: with gfortran 12, assigning a polymorphic function result to a variable that holds a
    !> model of another size corrupts memory.
    subroutine make_model(model, name, values)
       class(model_type), allocatable, intent(out) :: model
