@@ -85,6 +85,11 @@ typedef struct symsde_traits {
    const double *rotation; /* [ndof] frequencies of the stiff linear part; NULL = none */
    const int32_t *silent;  /* [nnoise] not 0: H_k is zero, and nothing is drawn for it; NULL = none */
    int32_t constant_mass;  /* H = p.M^-1 p/2 + U(q) with a constant matrix M */
+   int32_t diagonal_mass;  /* .. a diagonal one: to be declared beside constant_mass */
+   /* degrees of freedom, from 1, that noises touch: H_k depends on q_i or p_i. Those of noise k = 1 .. nnoise are
+    * touches[touches_from[k-1]] .. touches[touches_from[k] - 1], and touches_from[0] = 0; NULL = not declared */
+   const int32_t *touches_from; /* [nnoise + 1] */
+   const int32_t *touches;
 } symsde_traits;
 
 /* Callbacks compute whole blocks, arrays [..][nlane]; each lane must use its own numbers alone. w[nham][nlane] are the
@@ -203,7 +208,7 @@ int symsde_model_set_parameters(symsde_model model, int nparameter, int64_t nrow
 int symsde_model_with_user(symsde_model model, void *user, const double *rotation, symsde_model *made,
                            symsde_error *error);
 int symsde_model_delete(symsde_model *model);
-/* the traits of a model; rotation and silent point into the model and are valid as long as it exists */
+/* the traits of a model; rotation, silent and touches point into the model and are valid as long as it exists */
 int symsde_model_traits(symsde_model model, symsde_traits *traits, symsde_error *error);
 /* check declared traits and Hessians at three points around q0[ndof], p0[ndof] */
 int symsde_model_probe(symsde_model model, double t, const double *q0, const double *p0, symsde_error *error);

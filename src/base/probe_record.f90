@@ -151,6 +151,7 @@ contains
       call take_flag(traits%quadratic)
       call take_flag(traits%identity_mass)
       call take_flag(traits%constant_mass)
+      call take_flag(traits%diagonal_mass)
       call take_flag(traits%has_value)
       call take_flag(traits%has_hessian)
       call take_flag(traits%has_hessian_vector)
@@ -163,6 +164,14 @@ contains
       if (allocated(traits%silent)) then
          do i = 1, size(traits%silent)
             call take_flag(traits%silent(i))
+         end do
+      end if
+      if (traits%touches%are_given()) then
+         do i = 1, size(traits%touches%from)
+            call take(traits%touches%from(i))
+         end do
+         do i = 1, size(traits%touches%dof)
+            call take(traits%touches%dof(i))
          end do
       end if
       ! Both halves are below 2^31, so that the sum cannot overflow.

@@ -3,6 +3,7 @@
 !> set them and the factory of steppers reads them.
 module symsde_base_traits
    use symsde_base_kinds, only: wp, i8
+   use symsde_base_supports, only: noise_supports
    implicit none
    private
    public :: model_traits, force_traits, dense, strip_lanes
@@ -37,6 +38,8 @@ module symsde_base_traits
       logical :: identity_mass = .false.   !! H = p.p/2 + U(q)
       logical :: constant_mass = .false.   !! H = p.M^-1 p/2 + U(q), M constant; identity_mass is stronger
       logical, allocatable :: silent(:)    !! noises whose H_k vanishes: nothing is drawn for them (nnoise)
+      logical :: diagonal_mass = .false.   !! the constant M is diagonal
+      type(noise_supports) :: touches      !! degrees of freedom that each noise touches
       integer :: bandwidth = dense         !! b: every Hessian block vanishes for |i-j| > b
       logical :: has_value = .false.       !! the Hamiltonians themselves can be evaluated
       logical :: has_hessian = .false.     !! Hessians are analytic, not differences of gradients
@@ -55,6 +58,8 @@ module symsde_base_traits
    contains
       procedure :: correction_vanishes
       procedure :: has_constant_mass
+      procedure :: has_diagonal_mass
+      procedure :: are_apart
       procedure :: eliminates_momenta
       procedure :: divides_by_mass
       procedure :: one_solve
@@ -109,6 +114,33 @@ contains
 
       has_constant_mass = self%identity_mass .or. self%constant_mass
    end function has_constant_mass
+
+   !> Whether H = sum_i p_i^2/(2 m_i) + U(q) is declared.
+   pure logical function has_diagonal_mass(self)
+      class(model_traits), intent(in) :: self
+
+      has_diagonal_mass = self%identity_mass .or. (self%constant_mass .and. self%diagonal_mass)
+   end function has_diagonal_mass
+
+   !> Whether no degree of freedom is touched by two noises that are not silent.
+   pure logical function are_apart(self)
+      class(model_traits), intent(in) :: self
+      logical, allocatable :: touched(:)
+      integer :: k
+
+      are_apart = self%touches%are_given()
+      if (.not. are_apart) return
+      allocate (touched(self%ndof), source=.false.)
+      do k = 1, self%nnoise
+         if (allocated(self%silent)) then
+            if (self%silent(k)) cycle
+         end if
+         associate (dof => self%touches%dof(self%touches%from(k) + 1:self%touches%from(k + 1)))
+            if (any(touched(dof))) are_apart = .false.
+            touched(dof) = .true.
+         end associate
+      end do
+   end function are_apart
 
    !> Whether H = p.p/2 + U(q) with noise in position or additive: momenta can be eliminated from implicit equations,
    !> whose matrices are symmetric then. Forces are not among them.

@@ -23,7 +23,8 @@ module symsde_capi_traits
       real(c_double) :: noise_lipschitz
       type(c_ptr) :: rotation
       type(c_ptr) :: silent
-      integer(c_int32_t) :: constant_mass
+      integer(c_int32_t) :: constant_mass, diagonal_mass
+      type(c_ptr) :: touches_from, touches
    end type c_traits
 
 contains
@@ -38,7 +39,7 @@ contains
       status = init_struct(traits, 'traits', c_loc(blank), c_sizeof(blank))
    end function symsde_traits_init
 
-   !> Convert traits to the C struct, with all members filled; its rotation and silent point into the traits.
+   !> Convert traits to the C struct, with all members filled; its rotation, silent and touches point into the traits.
    function from_traits(traits) result(filled)
       type(model_traits), intent(in), target :: traits
       type(c_traits) :: filled
@@ -52,6 +53,7 @@ contains
       filled%quadratic = merge(1, 0, traits%quadratic)
       filled%identity_mass = merge(1, 0, traits%identity_mass)
       filled%constant_mass = merge(1, 0, traits%constant_mass)
+      filled%diagonal_mass = merge(1, 0, traits%diagonal_mass)
       filled%bandwidth = traits%bandwidth
       filled%has_value = merge(1, 0, traits%has_value)
       filled%has_hessian = merge(1, 0, traits%has_hessian)
@@ -62,6 +64,11 @@ contains
       if (allocated(traits%rotation)) filled%rotation = c_loc(traits%rotation)
       filled%silent = c_null_ptr
       if (allocated(traits%silent)) filled%silent = c_loc(traits%silent)  ! four bytes each, 0 or 1
+      filled%touches_from = c_null_ptr
+      filled%touches = c_null_ptr
+      if (.not. traits%touches%are_given()) return
+      filled%touches_from = c_loc(traits%touches%from)
+      if (size(traits%touches%dof) > 0) filled%touches = c_loc(traits%touches%dof)
    end function from_traits
 
    !> Convert the user's declarations; the model itself sets has_value and the other has_... traits. If the number of
@@ -81,6 +88,7 @@ contains
       traits%quadratic = given%quadratic /= 0
       traits%identity_mass = given%identity_mass /= 0
       traits%constant_mass = given%constant_mass /= 0
+      traits%diagonal_mass = given%diagonal_mass /= 0
       traits%bandwidth = given%bandwidth
       traits%max_frequency = given%max_frequency
       traits%noise_lipschitz = given%noise_lipschitz
@@ -93,6 +101,27 @@ contains
          call c_f_pointer(given%silent, silent, extent)
          if (any(silent /= 0)) traits%silent = silent /= 0
       end if
+      if (c_associated(given%touches_from) .and. given%nnoise >= 1 .and. given%nnoise <= largest_system) &
+         call read_supports(given, traits)
    end function to_traits
+
+   !> The degrees of freedom that noises touch. Places that do not rise are kept, without what they point to, and are
+   !> refused with the traits.
+   subroutine read_supports(given, traits)
+      type(c_traits), intent(in) :: given
+      type(model_traits), intent(inout) :: traits
+      integer(c_int32_t), pointer :: from(:), dof(:)
+      integer :: extent(1), m
+
+      m = given%nnoise
+      extent = m + 1
+      call c_f_pointer(given%touches_from, from, extent)
+      traits%touches%from = from
+      allocate (traits%touches%dof(0))
+      extent = from(m + 1)
+      if (from(1) /= 0 .or. any(from(2:) < from(:m)) .or. extent(1) < 1 .or. .not. c_associated(given%touches)) return
+      call c_f_pointer(given%touches, dof, extent)
+      traits%touches%dof = dof
+   end subroutine read_supports
 
 end module symsde_capi_traits

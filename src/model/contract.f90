@@ -24,6 +24,8 @@ contains
                    'there is a degree of freedom, and noises are counted')
       if (allocated(traits%silent)) &
          call require(size(traits%silent) == traits%nnoise, place, 'silent has one entry for each noise')
+      if (traits%touches%are_given()) &
+         call require(size(traits%touches%from) == traits%nnoise + 1, place, 'each noise has its degrees of freedom')
       if (allocated(traits%rotation)) &
          call require(size(traits%rotation) == traits%ndof, place, 'rotation has one entry for each degree of freedom')
       call require(traits%bandwidth >= dense, place, 'the bandwidth is that of a matrix, or dense')

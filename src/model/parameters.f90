@@ -33,9 +33,9 @@ contains
       is_zero = abs(x) <= 0
    end function is_zero
 
-   !> Refuse traits that no model can have: sizes (invalid_argument, too_large), a list of silent
-   !> noises or of frequencies of the wrong length (wrong_shape), bounds and frequencies below zero or not
-   !> finite (invalid_argument).
+   !> Refuse traits that no model can have: sizes (invalid_argument, too_large), a list of silent noises, of what
+   !> noises touch or of frequencies of the wrong length (wrong_shape), degrees of freedom that there are not, bounds
+   !> and frequencies below zero or not finite (invalid_argument).
    subroutine check_traits(place, name, traits, error)
       character(*), intent(in) :: place            !! name of the calling procedure
       character(*), intent(in) :: name             !! name of the model
@@ -67,10 +67,40 @@ contains
             call raise(error, wrong_shape, place, model//to_text(size(traits%silent))// &
                        ' silent flags for '//to_text(traits%nnoise)//' noises; give one for each')
       end if
+      if (traits%touches%are_given()) call check_supports(place, model, traits, error)
       call check_bound(place, model//'max_frequency', traits%max_frequency, error)
       call check_bound(place, model//'noise_lipschitz', traits%noise_lipschitz, error)
       if (allocated(traits%rotation)) call check_rotation(place, model, traits, error)
    end subroutine check_traits
+
+   !> Refuse supports of noises (touches) that are no lists of degrees of freedom (wrong_shape, invalid_argument).
+   subroutine check_supports(place, model, traits, error)
+      character(*), intent(in) :: place, model
+      type(model_traits), intent(in) :: traits
+      type(error_type), allocatable, intent(inout) :: error
+      integer :: k
+
+      associate (from => traits%touches%from, dof => traits%touches%dof)
+         if (size(from) /= traits%nnoise + 1) then
+            call raise(error, wrong_shape, place, model//'degrees of freedom that '//to_text(size(from) - 1)// &
+                       ' noises touch, and has '//to_text(traits%nnoise)//' noises; give a list for each (touches)')
+            return
+         end if
+         do k = 1, size(from) - 1
+            if (from(k) >= 0 .and. from(k) <= from(k + 1) .and. from(k + 1) <= size(dof)) cycle
+            call raise(error, invalid_argument, place, model//'degrees of freedom that noise '//to_text(k)// &
+                       ' touches from place '//to_text(from(k))//' to '//to_text(from(k + 1))//' of a list of '// &
+                       to_text(size(dof))//'; give rising places (touches)')
+            return
+         end do
+         do k = 1, size(dof)
+            if (dof(k) >= 1 .and. dof(k) <= traits%ndof) cycle
+            call raise(error, invalid_argument, place, model//'a noise that touches degree of freedom '// &
+                       to_text(dof(k))//'; give numbers from 1 to '//to_text(traits%ndof)//' (touches)')
+            return
+         end do
+      end associate
+   end subroutine check_supports
 
    subroutine check_rotation(place, model, traits, error)
       character(*), intent(in) :: place, model

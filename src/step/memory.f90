@@ -75,7 +75,7 @@ contains
             memory%lane = memory%lane + 3*n**2  ! blocks of the Hessian, from which products are computed
          if (allocated(task%damping%friction)) memory%once = memory%once + (3*most_legs + 8)*n**2
          if (scheme%form == splitting_form) then  ! it has no separate oracle
-            if (.not. t%additive) memory%lane = memory%lane + n*m  ! H_k,q
+            if (.not. t%additive .and. scheme%kicks%samples) memory%lane = memory%lane + n*m  ! H_k,q
             if (.not. t%additive .and. scheme%kicks%samples) memory%lane = memory%lane + m*(m + 1)/2  ! D_kl
          else if (task%general .or. active%are_added() .or. .not. (scheme%form == ito_form .or. task%follows)) then
             call add_matrices(task, active%are_added(), stages, memory)

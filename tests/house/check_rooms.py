@@ -44,7 +44,7 @@ ASKS_MODEL = {
         2,
         "kicks are flows of the part of Hhat that depends on q: sums of U and H_k, or each",
     ),
-    "splitting/stepper.inc": (4, "products in kicks: Hess V M^-1 V_q, and Hess H_k with gradients of other H_l"),
+    "splitting/products.inc": (5, "products in kicks: Hess V M^-1 V_q, and Hess H_k with gradients of other H_l"),
 }
 BEGIN, END = "<!-- rooms: written by tests/house/check_rooms.py -->\n", "<!-- end of rooms -->\n"
 

@@ -110,6 +110,8 @@ MADE = {
     "nnoise": 2,
     "gradient": two_noises,
     "silent": [2],
+    "touches": [[1], [1]],
+    "diagonal_mass": True,
     "rotation": np.array([2.0]),
     "bandwidth": 0,
     "separable": True,

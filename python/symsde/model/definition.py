@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import ctypes
 import functools
+import itertools
 import types
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -22,7 +23,7 @@ from .forces import Forces, handle_with
 from .named import require_names
 
 #: traits that are true or false; each names a property of the Hamiltonians
-FLAGS = ("separable", "additive", "position_noise", "quadratic", "identity_mass", "constant_mass")
+FLAGS = ("separable", "additive", "position_noise", "quadratic", "identity_mass", "constant_mass", "diagonal_mass")
 #: one rate [1/time] for each degree of freedom, or rows of a matrix of friction [mass/time]
 Damping = tuple[float, ...] | tuple[tuple[float, ...], ...]
 #: built-in model -> texts of H, H_1 .., as in the docstring of its function in `symsde.models`
@@ -42,12 +43,15 @@ class Traits:
     quadratic: bool  #: every H_j is a polynomial of degree two at most
     identity_mass: bool  #: H = p.p/2 + U(q)
     constant_mass: bool  #: H = p.M^-1 p/2 + U(q) with a constant matrix M
+    diagonal_mass: bool  #: this matrix is diagonal
     bandwidth: int | None  #: bandwidth of every block of the Hessian; None = dense
     max_frequency: float  #: bound of the frequencies of H; 0 = not declared
     noise_lipschitz: float  #: Lipschitz constant of the noise; 0 = not declared
     #: frequencies omega_i of the stiff linear part, H = p.p/2 + sum_i omega_i^2 q_i^2/2 + V(q); None = not declared
     rotation: tuple[float, ...] | None
     silent: tuple[int, ...]  #: noises k whose H_k is zero: nothing is drawn for them
+    #: for each noise the degrees of freedom i = 1 .. ndof of which q_i or p_i occur in H_k; None = not declared
+    touches: tuple[tuple[int, ...], ...] | None
     has_value: bool  #: the Hamiltonians can be evaluated
     has_hessian: bool  #: Hessians are analytic
     has_hessian_vector: bool  #: products of Hessian and vector are analytic
@@ -108,7 +112,9 @@ class Model:
     called with the paths alone, without lanes that fill a vector. This makes one path eight times as fast. numba
     functions are checked automatically (no fastmath, no SVML); for others, declare it.
 
-    The other arguments declare traits, see `Traits`; silent holds the numbers k of noises with H_k = 0. Runs probe the
+    The other arguments declare traits, see `Traits`; silent holds the numbers k of noises with H_k = 0, and touches a
+    list of numbers i = 1 .. ndof for each noise, as in [[1], [2], [2, 3]]. With it schemes form nothing over pairs of
+    noises that touch different degrees of freedom; with a mass that is not one it needs diagonal_mass. Runs probe the
     traits and refuse a false one by name (`FalseTraitError`). ``derived`` says that a program derived the functions
     from formulas and that nothing they read ever changes. Then they are not probed before every run, but once for each
     power of two that the size of state and time reaches (flows: also that of the step). Without a Hessian, it is
@@ -152,11 +158,13 @@ class Model:
         quadratic: bool = False,
         identity_mass: bool = False,
         constant_mass: bool = False,
+        diagonal_mass: bool = False,
         bandwidth: int | None = None,
         max_frequency: float = 0.0,
         noise_lipschitz: float = 0.0,
         rotation: Any = None,
         silent: Any = (),
+        touches: Any = None,
         accepts_null: bool = False,
         flows: Mapping[str, Any] | None = None,
         any_lanes: bool | None = None,
@@ -178,6 +186,7 @@ class Model:
             "quadratic": quadratic,
             "identity_mass": identity_mass,
             "constant_mass": constant_mass,
+            "diagonal_mass": diagonal_mass,
         }
         traits = handles.new(abi.Traits, "traits")
         traits.ndof = checks.integer("ndof", ndof, checks.INT32)
@@ -189,6 +198,8 @@ class Model:
         traits.rotation = frequencies
         flags = _silent(silent, traits.nnoise)
         traits.silent = flags
+        supports = _supports(touches, traits.nnoise, traits.ndof)
+        traits.touches_from, traits.touches = supports
         for trait, given in declared.items():
             setattr(traits, trait, checks.flag(trait, given))
         functions = {
@@ -420,6 +431,7 @@ class Model:
             noise_lipschitz=given.noise_lipschitz,
             rotation=tuple(given.rotation[: given.ndof]) if given.rotation else None,
             silent=tuple(k + 1 for k in range(given.nnoise) if given.silent and given.silent[k]),
+            touches=_lists_of(given),
             **flags,
         )
 
@@ -638,6 +650,39 @@ def _silent(silent, nnoise: int):
     return (ctypes.c_int32 * nnoise)(*(k + 1 in chosen for k in range(nnoise))) if chosen else None
 
 
+def _supports(touches, nnoise: int, ndof: int):
+    """Lists of degrees of freedom 1 .. ndof, one for each noise, as two C arrays; None, None without them."""
+    if touches is None:
+        return None, None
+    several = checks.items(touches)
+    if several is not None and len(several) != nnoise:
+        raise WrongShapeError(f"touches has {len(several)} lists: give {nnoise}, one for each noise")
+    for x in several or ():
+        if (count := len(x) if isinstance(x, Sequence) else getattr(x, "size", 0)) > ndof:
+            raise WrongShapeError(f"touches has a list of {count} numbers: name each of {ndof} degrees of freedom once")
+    lists = [None] if several is None else [checks.items(x) for x in several]
+    if None in lists:
+        raise WrongTypeError(
+            f"touches = {checks.shown(touches)} is no list of lists: give for each noise the numbers of the degrees of "
+            "freedom that it touches, as in [[1], [2]]"
+        )
+    lists = [[checks.integer("touches", i) for i in several] for several in lists]
+    for i in (i for several in lists for i in several):
+        if not 1 <= i <= ndof:
+            raise InvalidArgumentError(f"touches holds {i}: the degrees of freedom are 1 to {ndof}")
+    places = np.cumsum([0, *map(len, lists)])
+    return (ctypes.c_int32 * (nnoise + 1))(*places), (ctypes.c_int32 * max(1, places[-1]))(*itertools.chain(*lists))
+
+
+def _lists_of(traits: abi.Traits) -> tuple[tuple[int, ...], ...] | None:
+    """What each noise touches, from the C arrays."""
+    if not traits.touches_from:
+        return None
+    places = traits.touches_from[: traits.nnoise + 1]
+    every = traits.touches[: places[-1]] if places[-1] else []
+    return tuple(tuple(every[a:b]) for a, b in itertools.pairwise(places))
+
+
 def _public(traits: abi.Traits) -> dict[str, Any]:
     """Declared traits as the arguments of `Model`."""
     given = {name: bool(getattr(traits, name)) for name in FLAGS}
@@ -645,6 +690,7 @@ def _public(traits: abi.Traits) -> dict[str, Any]:
     given["bandwidth"] = None if traits.bandwidth < 0 else traits.bandwidth
     given["rotation"] = list(traits.rotation[: traits.ndof]) if traits.rotation else None
     given["silent"] = [k + 1 for k in range(traits.nnoise) if traits.silent and traits.silent[k]]
+    given["touches"] = _lists_of(traits)
     return given
 
 

@@ -50,6 +50,9 @@ class Traits(Structure):
         ("rotation", POINTER(c_double)),
         ("silent", POINTER(c_int32)),
         ("constant_mass", c_int32),
+        ("diagonal_mass", c_int32),
+        ("touches_from", POINTER(c_int32)),
+        ("touches", POINTER(c_int32)),
     )
 
 

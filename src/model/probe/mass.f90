@@ -1,7 +1,8 @@
 ! SPDX-License-Identifier: BSD-3-Clause
 !>    identity_mass   H_p(q,p) = p;       constant_mass   H_p(q_a, p_a + p_b) = H_p(q_a, p_a) + H_p(q_b, p_b)
+!>    diagonal_mass   H_p_i(p_a) p_b_i = H_p_i(p_b) p_a_i
 !>
-!> The probe of declarations about the kinetic energy: H_p = p, or H_p = M^-1 p with a constant M.
+!> The probe of declarations about the kinetic energy: H_p = p, or H_p = M^-1 p with a constant M, or a diagonal one.
 !>
 !> Private to its family.
 module symsde_model_probe_mass
@@ -29,7 +30,7 @@ contains
       type(finding), intent(out) :: bad
       character(:), allocatable, intent(out) :: what
       real(wp), intent(out) :: x
-      real(wp), allocatable :: hq(:, :), hp(:, :), zero(:, :)
+      real(wp), allocatable :: hq(:, :), hp(:, :), zero(:, :), velocity(:, :)
       real(wp) :: scale(nlane)
 
       call points%gradient(hq, hp, scale)
@@ -42,12 +43,35 @@ contains
          what = 'dH_0/dp_'//to_text(bad%i)//' - p_'//to_text(bad%i)
       else
          trait = 'constant_mass'
+         velocity = hp
          call subtract_sum(points, hp, scale)
          call worst(zero, hp, scale, tolerance, bad)
          what = 'dH_0/dp_'//to_text(bad%i)//' at the sum of two momenta (and a later time) minus its values at these'
+         if (bad%lane == 0 .and. points%model%traits%diagonal_mass) then
+            trait = 'diagonal_mass'
+            call compare_ratios(points, velocity, hp, scale)
+            call worst(zero, hp, scale, tolerance, bad)
+            what = 'dH_0/dp_'//to_text(bad%i)//' at one momentum times p_'//to_text(bad%i)//' of another minus the '// &
+                   'same with both exchanged'
+         end if
       end if
       if (bad%lane > 0) x = hp(bad%lane, bad%i)
    end subroutine compare_mass
+
+   !> Compare velocities with those of the first point, component by component: v_i(p_a) p_1,i - v_i(p_1) p_a,i. The
+   !> scale is that of the largest product.
+   subroutine compare_ratios(points, v, difference, scale)
+      type(probe_points), intent(in) :: points
+      real(wp), intent(in) :: v(nlane, points%ndof)
+      real(wp), intent(out) :: difference(nlane, points%ndof), scale(nlane)
+      integer :: lane
+
+      do lane = 1, nlane
+         difference(lane, :) = v(lane, :)*points%p(1, :) - v(1, :)*points%p(lane, :)
+         scale(lane) = maxval(abs(v(lane, :)))*maxval(abs(points%p(1, :))) &
+                       + maxval(abs(v(1, :)))*maxval(abs(points%p(lane, :))) + 0*sum(difference(lane, :))
+      end do
+   end subroutine compare_ratios
 
    !> Replace hp, the H_p at the points, by H_p(q_a, p_a + p_1) - H_p(q_a, p_a) - H_p(q_1, p_1), which vanishes for
    !> a constant mass. The first point and the lanes that repeat the last point are not compared: their scale is

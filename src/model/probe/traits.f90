@@ -20,6 +20,7 @@ module symsde_model_probe_traits
    use symsde_model_probe_points, only: no_verdict, probe_points, new_probe_points, nlane, npoint, finding, worst, &
                                         largest_entry
    use symsde_model_probe_rows, only: probe_rows
+   use symsde_model_probe_supports, only: probe_supports
    use symsde_model_probe_third, only: probe_third
    implicit none
    private
@@ -66,6 +67,7 @@ contains
          call points%take_sum(k)
          call probe_traits(points, model%traits, k, error)
       end do
+      if (model%traits%touches%are_given()) call probe_supports(points, vanishing, error)
       call points%take_all()
       if (model%traits%bandwidth >= 0) call probe_bandwidth(points, error)
       do k = 0, points%last_sum()
@@ -127,7 +129,7 @@ contains
 
    ! ---- traits -----------------------------------------------------------------------------------
 
-   !> For identity_mass the probe tests H_p = p, for constant_mass H_p = M^-1 p with some constant M.
+   !> For identity_mass the probe tests H_p = p, for constant_mass H_p = M^-1 p with some constant M, or a diagonal one.
    subroutine probe_mass(points, error)
       type(probe_points), intent(in) :: points
       type(error_type), allocatable, intent(inout) :: error

@@ -136,6 +136,7 @@ contains
       type(kernel_offers) :: offers
       logical, allocatable :: silent(:)
       logical :: quiet
+      integer :: i
 
       self%name = inner%name
       self%traits = inner%traits
@@ -151,6 +152,16 @@ contains
          if (allocated(inner%traits%silent)) silent(:m) = inner%traits%silent
          silent(m + 1:) = self%sigma <= 0
          call move_alloc(silent, self%traits%silent)
+         ! Noise m + i touches degree of freedom i alone.
+         associate (touches => self%traits%touches)
+            if (m == 0) then
+               touches%from = [(i, i=0, n)]
+               touches%dof = [(i, i=1, n)]
+            else if (touches%are_given()) then
+               touches%from = [inner%traits%touches%from, (inner%traits%touches%from(m + 1) + i, i=1, n)]
+               touches%dof = [inner%traits%touches%dof, (i, i=1, n)]
+            end if
+         end associate
       end associate
       offers = offers_of(inner)
       self%offers%rows = offers%rows

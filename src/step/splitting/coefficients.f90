@@ -27,6 +27,7 @@ module symsde_step_splitting_coefficients
    use symsde_base_functionals, only: path_dz, path_stt_area, path_magnus, pair_index
    use symsde_base_kinds, only: wp
    use symsde_base_record, only: step_record
+   use symsde_base_supports, only: noise_colours, sort_noises
    use symsde_base_traits, only: model_traits
    use symsde_base_vectors, only: add_times, scale
    use symsde_scheme_kicks, only: kicks_type, mean_coefficient
@@ -44,6 +45,7 @@ module symsde_step_splitting_coefficients
       logical, allocatable :: multiplies(:)    !! kicks with products of the noises' gradients (nkick)
       real(wp) :: c = 0                        !! c in the mean form, D_kl = c h |h| delta_kl
       integer, allocatable :: noisy(:)         !! the noises that are not silent
+      type(noise_colours) :: colours           !! the same, those of a colour do not meet
       integer, allocatable :: at(:, :)           !! column of D_kl in d, for k and l in any order (nnoise, nnoise)
       real(wp), allocatable :: w(:, :, :)      !! w_ik, w_i0 = b_i h (nlane, 0:nnoise, nkick)
       real(wp), allocatable :: v(:, :)         !! weights of V (nlane, 0:nnoise)
@@ -78,6 +80,7 @@ contains
       self%nnoise = traits%nnoise
       self%noisy = [(k, k=1, traits%nnoise)]
       if (allocated(traits%silent)) self%noisy = pack(self%noisy, .not. traits%silent)
+      call sort_noises(traits%touches, self%noisy, traits%ndof, .not. traits%has_diagonal_mass(), self%colours)
       self%products = size(self%noisy) > 0 .and. .not. traits%additive
       ! Kicks with kappa use V, and D of the sampled form uses its weights.
       self%by_sums = any(abs(kicks%kappa) > 0) .or. kicks%samples

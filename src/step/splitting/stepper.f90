@@ -30,6 +30,7 @@ module symsde_step_splitting_stepper
 
    include 'stepper.inc'
    include 'derivatives.inc'
+   include 'products.inc'
 
    !> Number of lanes of the block.
    pure integer function lanes(self)

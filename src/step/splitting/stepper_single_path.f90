@@ -37,6 +37,7 @@ module symsde_step_splitting_stepper_single_path
 
    include 'stepper.inc'
    include 'derivatives.inc'
+   include 'products.inc'
 
    ! ---- procedures that differ between a path by itself and a block --------------------------------
 

@@ -241,7 +241,10 @@ def make_chain(*, H: Any, noise: list[Any], params: Any, t: Any, n: Any, ends: A
         outer=outer,
         texts=tuple(texts),
         parameters=names.values,
-        traits=_traits(densities, outer, count, ends == "periodic"),
+        traits={
+            **_traits(densities, outer, count, ends == "periodic"),
+            "touches": _touches(densities, outer, weight.of(count) - 1, count),
+        },
     )
 
 
@@ -396,6 +399,7 @@ def _traits(densities: list[Density], outer: Outer | None, count: int, periodic:
         "quadratic": all(_state_free(e, d) for d in plain for name in ("qq", "qp", "pp") for e in _block(d, name)),
         "identity_mass": identity,
         "constant_mass": constant,
+        "diagonal_mass": constant,
         "bandwidth": reach if 2 * reach < count - 1 and not (periodic and reach) else None,
     }
     return (
@@ -403,6 +407,22 @@ def _traits(densities: list[Density], outer: Outer | None, count: int, periodic:
         if outer is None
         else {key: left and traits[key] for key, left in _with_functions(densities, outer).items()}
     )
+
+
+def _touches(densities: list[Density], outer: Outer | None, nnoise: int, count: int) -> list[list[int]]:
+    """The sites, from 1, that each noise touches."""
+    every = set(range(1, count + 1))
+    found: list[set[int]] = [set() for _ in range(nnoise)]
+    for d in densities:
+        if d.inner or d.weight.is_drift:
+            continue
+        first = d.weight.of(count) - 1
+        for site in range(d.first.of(count), d.last.of(count) + 1):
+            found[first + (site if d.family else 0)] |= {(site + o) % count + 1 for o in d.offsets}
+    for number in outer.numbers if outer else ():
+        if not number.is_drift:
+            found[number.of(count) - 1] = every
+    return [sorted(x) for x in found]
 
 
 def _with_functions(densities: list[Density], outer: Outer) -> dict[str, Any]:
@@ -420,5 +440,6 @@ def _with_functions(densities: list[Density], outer: Outer) -> dict[str, Any]:
         "quadratic": outer.is_quadratic() and not (drift | noise) & bent,
         "identity_mass": not drift & of_p,
         "constant_mass": not drift & of_p,
+        "diagonal_mass": not drift & of_p,
         "bandwidth": None if drift | noise else True,
     }

@@ -39,11 +39,13 @@ class Structure:
     quadratic: bool  #: every H_j is a polynomial of degree two at most
     identity_mass: bool  #: H = p.p/2 + U(q)
     constant_mass: bool  #: H = p.M p/2 + U(q) with a matrix M of constants
+    diagonal_mass: bool  #: this matrix is diagonal
     time_dependent: bool  #: some H_j depends on t
     bandwidth: int  #: bandwidth of every block of the Hessian: entries (i, j) with |i - j| above it vanish
     nonzero: dict[str, int]  #: number of entries that do not vanish in the blocks qq, qp, pp of the Hessian
     rotation: tuple[float, ...] | None  #: frequencies of the linear part of H around q = 0; None if H has no such part
     silent: tuple[int, ...]  #: noises k whose H_k does not depend on the state: nothing is drawn for them
+    touches: tuple[tuple[int, ...], ...]  #: for each noise the degrees of freedom i of which q_i or p_i occur in H_k
     noises_commute: bool  #: every {H_k, H_l} is constant
     flows_commute: bool  #: every {H, H_k} is constant, too, and no noise changes in time
     invariants: dict[str, bool] = field(default_factory=dict)  #: candidate I -> whether dI = 0 on every path is proved
@@ -51,8 +53,9 @@ class Structure:
     def traits(self) -> dict[str, Any]:
         """The traits as arguments of `Model`."""
         banded = self.ndof >= _SMALLEST_BANDED and 4 * self.bandwidth <= self.ndof
-        told = {key: asdict(self)[key] for key in (*FLAGS, "rotation", "silent")}
-        told["constant_mass"] &= not self.identity_mass  # identity_mass implies constant_mass
+        told = {key: asdict(self)[key] for key in (*FLAGS, "rotation", "silent", "touches")}
+        for trait in ("constant_mass", "diagonal_mass"):  # identity_mass implies both
+            told[trait] &= not self.identity_mass
         return told | {"bandwidth": self.bandwidth if banded else None}
 
 
@@ -207,11 +210,20 @@ class Prover:
             quadratic=all(not x.free_symbols & state for k in every for x in second[k]),
             identity_mass=unit,
             constant_mass=constant_mass,
+            diagonal_mass=constant_mass and all(m == 0 for m, one in zip(mass, identity, strict=True) if not one),
             time_dependent=any(self.t in h.free_symbols for h in self.hams),
             bandwidth=max((abs(i - j) for pairs in entries.values() for i, j in pairs), default=0),
             nonzero={block: len(pairs) for block, pairs in entries.items()},
             rotation=self.rotation(list(self.problem.parameters.values())) if unit else None,
             silent=tuple(k for k in noises if all(self.diff(k, x) == 0 for x in both)),
+            touches=tuple(
+                tuple(
+                    i + 1
+                    for i, pair in enumerate(zip(self.q, self.p, strict=True))
+                    if any(self.diff(k, x) != 0 for x in pair)
+                )
+                for k in noises
+            ),
             noises_commute=self._constant(itertools.combinations(noises, 2)),
             flows_commute=not any(self.t in self.diff(k, x).free_symbols for k in noises for x in both)
             and self._constant(itertools.combinations(every, 2)),

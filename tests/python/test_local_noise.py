@@ -1,0 +1,170 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Noises that touch few degrees of freedom: sums over noises that do not meet, against sums over all pairs."""
+
+import numpy as np
+import pytest
+import symsde as ss
+from symsde import errors
+
+KICKED = ("verlet_kdk", "gauss_dkdkd", "chin4a")
+N = 6
+#: noises of a ring: at sites, at bonds, and several at one site
+LOCAL = {
+    "sites": [[i] for i in range(N)],
+    "bonds": [[i, (i + 1) % N] for i in range(N)],
+    "mixed": [[0], [0, 1], [3], [], [0, 5], [2, 4]],
+    "everywhere": [list(range(N))] * 3,
+}
+MASSES = {"one": np.eye(N), "diagonal": np.diag(1 / np.linspace(1, 2, N)), "full": np.eye(N) + 0.2}
+
+
+class Ring:
+    """H = p.A p/2 + sum_i (q_i - q_{i+1})^2/2 + q_i^4/4 with noises H_k = s_k cos(sum of q over what it touches)."""
+
+    def __init__(self, lists, mass):
+        self.lists, self.inverse = lists, MASSES[mass]
+        self.of = np.array([[float(i in x) for i in range(N)] for x in lists])
+        self.s = 0.5 + 0.1 * np.arange(len(lists))
+
+    def slopes(self, w, q):
+        return w[1:] * self.s[:, None] * np.sin(self.of @ q + 0.3)
+
+    def gradient(self, t, w, q, p):
+        hq = w[0] * (2 * q - np.roll(q, 1, 0) - np.roll(q, -1, 0) + q**3)
+        return hq - self.of.T @ self.slopes(w, q), w[0] * (self.inverse @ p)
+
+    def hessian_vector(self, t, w, *vectors):
+        q, _p, vq, vp = vectors
+        uq = w[0] * (2 * vq - np.roll(vq, 1, 0) - np.roll(vq, -1, 0) + 3 * q**2 * vq)
+        curved = w[1:] * self.s[:, None] * np.cos(self.of @ q + 0.3)
+        return uq - self.of.T @ (curved * (self.of @ vq)), w[0] * (self.inverse @ vp)
+
+    def model(self, touches=None, **traits):
+        mass = {"identity_mass": True} if (self.inverse == np.eye(N)).all() else {"constant_mass": True}
+        if self.inverse[0, 1] == 0 and "constant_mass" in mass:
+            mass["diagonal_mass"] = True
+        given = {**mass, "separable": True, "position_noise": True, "touches": touches, **traits}
+        functions = {"gradient": self.gradient, "hessian_vector": self.hessian_vector}
+        return ss.Model(ndof=N, nnoise=len(self.lists), **functions, **given)
+
+
+def numbered(lists):
+    return [[i + 1 for i in x] for x in lists]
+
+
+def both(lists, mass, scheme, **how):
+    """A run whose noises say what they touch, and one whose noises do not."""
+    ring, damping = Ring(LOCAL[lists], mass), how.pop("damping", None)
+    given = {"q0": np.linspace(-0.5, 0.7, N), "p0": 0.2, "step": 0.2, "steps": 20, "paths": 20, "seed": 2, **how}
+    models = [ring.model(numbered(LOCAL[lists])), ring.model()]
+    models = models if damping is None else [x.damped(damping) for x in models]
+    return [ss.simulate(x, scheme=scheme, threads=1, **given) for x in models]
+
+
+@pytest.mark.parametrize("mass", MASSES)
+@pytest.mark.parametrize("lists", LOCAL)
+@pytest.mark.parametrize("scheme", KICKED)
+def test_single_sums_are_double_sums(scheme, lists, mass):
+    """With noises that meet and that do not, of all masses; to rounding."""
+    mine, known = both(lists, mass, scheme)
+    np.testing.assert_allclose(mine.q, known.q, rtol=0, atol=1e-12)
+    np.testing.assert_allclose(mine.p, known.p, rtol=0, atol=1e-12)
+
+
+@pytest.mark.parametrize("paths", [1, 20])
+@pytest.mark.parametrize("damping", [0.4, np.linspace(0.1, 0.6, N)])
+def test_of_damped_chains_and_single_paths(damping, paths):
+    """Decays between kicks leave the kicks alone."""
+    mine, known = both("sites", "one", "chin4a", damping=damping, paths=paths)
+    np.testing.assert_allclose(mine.q, known.q, rtol=0, atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("lists", "mass", "colours"),
+    [
+        ("sites", "one", 1),
+        ("sites", "diagonal", 1),
+        ("sites", "full", 6),
+        ("bonds", "one", 2),
+        ("everywhere", "one", 3),
+    ],
+)
+def test_calls_of_the_model_are_few(lists, mass, colours):
+    """chin4a: a gradient for each kick, and one with a product for its force gradient and for each colour."""
+    mine, _ = both(lists, mass, "chin4a", paths=8)
+    counters, steps = mine.report.counters, 8 * 20
+    assert counters["hessian_vectors"] == (1 + colours) * steps
+    masses = 0 if mass == "one" else 2 + 1 + colours  # two drifts, and a velocity for each product
+    assert counters["gradients"] == (4 + colours + masses) * steps
+
+
+def test_formulas_say_what_noises_touch():
+    """Texts of sites, expressions and parameters that are zero."""
+    ring = ss.model_from_sympy("Sum(p[i]**2/3, i)", ["q[k]*q[k+1]", "Sum(q[i], i)", "p[k]"], n=3, ends="periodic")
+    assert ring.traits.touches == ((1, 2), (2, 3), (1, 3), (1, 2, 3), (1,), (2,), (3,))
+    assert ring.traits.diagonal_mass and ring.traits.constant_mass
+    fixed = ss.model_from_sympy("Sum(p[i]**2/2, i)", ["q[k]*q[k+1] + q[k]"], n=3, ends="fixed")
+    assert fixed.traits.touches == ((1, 2), (2, 3), (3,))
+    sums = ss.model_from_sympy("Sum(p[i]**2/2, i)", ["Sum(q[i], i)**2", "sin(q[k])"], n=3)
+    assert sums.traits.touches == ((1, 2, 3), (1,), (2,), (3,))
+    few = ss.model_from_sympy(
+        "p1**2/2 + a*p2**2/2 + b*p1*p2", ["q1*p2 - q1*p2 + q2", "b*q1 + p2", "1"], params={"a": 3.0, "b": 0.0}
+    )
+    assert few.traits.touches == few.formula.structure.touches == ((2,), (2,), ())
+    assert few.traits.diagonal_mass and not few.with_parameters(b=0.1).traits.diagonal_mass
+    assert few.with_parameters(b=0.1).traits.touches == ((2,), (1, 2), ())
+    with pytest.warns(errors.OwnNoiseWarning):
+        bath = ss.thermostat(few, beta=1.0, gamma=0.1)
+    assert bath.traits.touches == ((2,), (2,), (), (1,), (2,))
+
+
+@pytest.mark.parametrize("count", [3, 40])
+def test_a_noise_that_touches_more_is_refused(count):
+    """Of few noises and of many, by any of q and p."""
+
+    def gradient(t, w, q, p, letter="q"):
+        hidden = np.zeros((2, *q.shape))
+        hidden[:, :count] = 2 * np.array([q, p])[:, :count] * w[1:]
+        other = 0.1 * w[count - 1] * np.array([q, p])[:, 0] * (np.array(["q", "p"]) == letter)[:, None]
+        hidden[:, 0] += other
+        return w[0] * q + hidden[0], w[0] * p + hidden[1]
+
+    given = {"ndof": count, "nnoise": count}
+    honest = [[i + 1] for i in range(count)]
+    honest[count - 2] = [1, count - 1]
+    ss.Model(**given, gradient=gradient, touches=honest).probe(0.3, 0.4)
+    for letter in "qp":
+
+        def own(t, w, q, p, letter=letter):
+            return gradient(t, w, q, p, letter)
+
+        false = ss.Model(**given, gradient=own, touches=[[i + 1] for i in range(count)])
+        with pytest.raises(errors.FalseTraitError, match=f"touches.*by {letter}_1"):
+            false.probe(0.3, 0.4)
+
+
+def test_a_mass_that_is_not_diagonal_is_refused():
+    """diagonal_mass is probed beside constant_mass."""
+    full = Ring(LOCAL["sites"], "full")
+    with pytest.raises(errors.FalseTraitError, match="diagonal_mass"):
+        full.model(diagonal_mass=True).probe(0.3, 0.4)
+    Ring(LOCAL["sites"], "diagonal").model().probe(0.3, 0.4)
+
+
+@pytest.mark.parametrize(
+    ("touches", "error", "told"),
+    [
+        (3, errors.WrongTypeError, "list of lists"),
+        ([1, 2], errors.WrongTypeError, "list of lists"),
+        ([[1]], errors.WrongShapeError, "1 lists: give 2"),
+        ([[1], [1] * 9], errors.WrongShapeError, "9 numbers"),
+        ([[1], np.array(1)], errors.WrongTypeError, "list of lists"),
+        ([[0], [1]], errors.InvalidArgumentError, "touches holds 0"),
+        ([[1], [7]], errors.InvalidArgumentError, "touches holds 7"),
+        ([[1], [1.5]], errors.SymsdeError, "touches"),
+    ],
+)
+def test_lists_are_checked(touches, error, told):
+    """Numbers of degrees of freedom, from 1, for each noise."""
+    with pytest.raises(error, match=told):
+        ss.Model(ndof=6, nnoise=2, gradient=Ring(LOCAL["sites"][:2], "one").gradient, touches=touches)
