@@ -1,9 +1,10 @@
 ! SPDX-License-Identifier: BSD-3-Clause
 !> How the areas of a step are drawn.
 !>
-!> areas_by_path   the step is halved 2^n >= tau/(12 |h|) times: the unresolved part of the areas of the path falls with
-!> h as strong order 1 needs. A run can be halved (refine < 0) areas_in_law    the finest interval is not halved: areas
-!> by dW and H, plus a rest with the right mean and covariances given both. Order 1 in law at a bounded cost
+!> areas_by_path   the step is halved 2^n >= tau/(12 |h|) times: the unresolved part of the areas of the path falls
+!>                 with h as strong order 1 needs. A run can be halved (refine < 0)
+!> areas_in_law    the finest interval is not halved: its areas are computed from dW and H, plus a random rest with the
+!>                 mean and covariances that the areas have given dW and H. Order 1 in law at a bounded cost
 !>
 !> areas_in_law uses no time scale, and steps cannot be halved, since the rest belongs to no path.
 module symsde_base_area_rule

@@ -91,7 +91,7 @@ double symsde_group_memory(const char *list, const char *root) {
    return least;
 }
 
-/* The same for this process. */
+/* The least number of bytes left by the groups of this process. */
 __attribute__((visibility("hidden"))) double symsde_groups_leave(void);
 double symsde_groups_leave(void) {
    return symsde_group_memory("/proc/self/cgroup", "/sys/fs/cgroup");

@@ -17,10 +17,10 @@ module symsde_base_lane_paths
 
    type :: path_list
       integer(i8), allocatable :: path(:)
-      integer(i8) :: number = 0           !! of the list, which no other list of the runner ever had; 0 = no list yet
+      integer(i8) :: number = 0           !! number of this list, used for no earlier list; 0 = no list yet
    end type path_list
 
-   !> The lists of one runner: number 0 is that of the block, the last one that of the lanes in present calls.
+   !> The lists of one runner: list 0 has the lanes of the block, the last list the lanes of the next call.
    type :: lane_paths
       private
       integer :: depth = 0
@@ -52,7 +52,7 @@ contains
       call give_number(self)
    end subroutine begin
 
-   !> Number the list that is asked for now.
+   !> Give a new number to the current list.
    subroutine give_number(self)
       type(lane_paths), intent(inout) :: self
 
@@ -60,8 +60,8 @@ contains
       self%lists(self%depth)%number = self%last_number
    end subroutine give_number
 
-   !> Which list is asked for now, and its number: what was made from the list of the same number need not be made
-   !> again. The number is 0 before a block has begun.
+   !> Index and number of the current list. Results made for a list of the same number need not be made again. The
+   !> number is 0 before a block has begun.
    subroutine which(self, depth, number)
       class(lane_paths), intent(in) :: self
       integer, intent(out) :: depth
@@ -71,7 +71,7 @@ contains
       number = self%lists(depth)%number
    end subroutine which
 
-   !> The places in the run, from 0 on, of the first nlane lanes that are asked for now (see find).
+   !> The places in the run, from 0 on, of the first nlane lanes of the current list (see find).
    subroutine find_places(self, nlane, place)
       class(lane_paths), intent(in) :: self
       integer, intent(in) :: nlane
@@ -100,7 +100,7 @@ contains
       end associate
    end subroutine find
 
-   !> Later calls of the model have only n of the present lanes, from `first` on; lanes beyond the last one repeat it.
+   !> Later calls of the model have only n of the current lanes, from `first` on; lanes beyond the last one repeat it.
    subroutine narrow_to_part(paths, first, n)
       type(lane_paths), pointer, intent(in) :: paths
       integer, intent(in) :: first, n
@@ -113,7 +113,7 @@ contains
       call narrow_to_lanes(paths, lanes)
    end subroutine narrow_to_part
 
-   !> Later calls of the model have only these lanes of the present ones.
+   !> Later calls of the model have only these lanes of the current list.
    subroutine narrow_to_lanes(paths, lanes)
       type(lane_paths), pointer, intent(in) :: paths
       integer, intent(in) :: lanes(:)

@@ -17,7 +17,7 @@
 !>    two_kicks_map                    kicks at both nodes of Gauss, drifts around and between them
 !>    two_kicks_rotation_map           the same, with rotations by (p.p + q.q)/2 in the place of drifts
 !>
-!> Of a damped model momenta decay as base/record says of these maps.
+!> If the model is damped, momenta decay in these maps as base/record describes.
 module symsde_base_maps
    use symsde_base_text, only: name_length
    implicit none

@@ -32,11 +32,11 @@ module symsde_base_record
       real(wp), pointer, contiguous :: x(:, :, :) => null()  !! (nlane, functional_count, nstep)
    end type functional_run
 
-   !> What damping by one rate makes of whole steps, with z = gamma h. Of a map of one stage momenta are multiplied
-   !> before the step of the closed system and after it, in two multiplications, as if each step were taken alone; of
-   !> verlet_map they are multiplied by exp(-z) between the stages, and its drift by p is one by (1 + exp(-z))/2 p, or
-   !> the kick of the swapped map one by this part of the force. Between kicks a drift over tau moves q by
-   !> p (1 - exp(-gamma tau))/gamma and multiplies p by exp(-gamma tau).
+   !> How damping by one rate changes whole steps, with z = gamma h. In a map of one stage momenta are multiplied before
+   !> the step of the closed system and again after it, in two multiplications, as if each step were taken alone. In
+   !> verlet_map momenta are multiplied by exp(-z) between the stages, and the drift is by (1 + exp(-z))/2 p; in the
+   !> swapped map the kick is by (1 + exp(-z))/2 times the force. Between kicks a drift over tau moves q by p (1 -
+   !> exp(-gamma tau))/gamma and multiplies p by exp(-gamma tau).
    type :: step_decays
       real(wp) :: z = 0
       real(wp) :: before = 0, after = 0          !! exp(-c z) - 1 and exp(-(1 - c) z) - 1, c being the node of the stage

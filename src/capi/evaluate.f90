@@ -23,7 +23,7 @@ module symsde_capi_evaluate
    !> not depend on its neighbours. An unwanted output is not associated, and its block not allocated.
    type :: points_type
       class(model_type), pointer :: model => null()
-      class(model_type), pointer :: by_path => null()  !! the model that is told its paths, where it goes by path
+      class(model_type), pointer :: by_path => null()  !! view by path of a model that differs by path
       type(lane_paths), pointer :: paths => null()
       class(model_type), allocatable :: own   !! the user's model, if the handle has one
       integer(i8) :: npath = 0
@@ -201,7 +201,7 @@ contains
       end if
    end function evaluate
 
-   !> One block; where the model goes by path, point i is that of path i.
+   !> Evaluate one block; if the model differs by path, point i belongs to path i.
    subroutine ask_model(model, x, what, first, t)
       class(model_type), intent(in) :: model
       type(points_type), intent(inout) :: x

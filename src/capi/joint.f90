@@ -146,7 +146,7 @@ contains
    end function symsde_model_set_derived
 
    !> Parameters by path: values[nparameter][nrow], row i for path first_path + i of a run, or one row for all paths;
-   !> nparameter = 0 takes them back. Refuses built-in models (incompatible).
+   !> nparameter = 0 removes them. Refuses built-in models (incompatible).
    function symsde_model_set_parameters(model, nparameter, nrow, values, error) result(status) &
       bind(c, name='symsde_model_set_parameters')
       type(c_ptr), intent(in), value :: model, values, error
@@ -172,7 +172,7 @@ contains
       status = finish(refusal, error)
    end function symsde_model_set_parameters
 
-   !> A copy of a model of symsde_model_new whose functions are given another user pointer, and whose stiff linear part
+   !> A copy of a model of symsde_model_new whose functions get another user pointer, and whose stiff linear part
    !> has other frequencies [ndof], unless rotation is NULL. Refuses built-in models
    !> (incompatible).
    function symsde_model_with_user(model, user, rotation, made, error) result(status) &

@@ -82,8 +82,8 @@ contains
       end select
    end subroutine use_model
 
-   !> A copy of a model. One of callbacks owns a record of failure, which allocate(source=) would share, and so does a
-   !> bath around it.
+   !> A copy of a model. A model of callbacks, or a bath around it, owns a record of failure, which allocate(source=)
+   !> would share with the copy.
    recursive subroutine copy_model(from, to)
       class(model_type), intent(in) :: from
       class(model_type), allocatable, intent(out) :: to
@@ -262,23 +262,23 @@ contains
       status = finish(refusal, error)
    end function symsde_model_thermostat
 
-   !> Let a force F act on a model, dp = (-H_q + F) dt + ..; NULL takes it back.
+   !> Let a force F act on a model, dp = (-H_q + F) dt + ..; NULL removes it.
    function symsde_model_set_force(model, force, derivative, in_position, user, error) result(status) &
       bind(c, name='symsde_model_set_force')
       type(c_ptr), intent(in), value :: model, user, error
       type(c_funptr), intent(in), value :: force, derivative
-      integer(c_int), intent(in), value :: in_position   !! not zero: it depends on q and t alone
+      integer(c_int), intent(in), value :: in_position   !! not zero: F depends on q and t alone
       integer(c_int) :: status
 
       status = set_force(model, 1, force, derivative, in_position, user, error)
    end function symsde_model_set_force
 
-   !> Let forces f_k multiply the noises of a model, dp = .. + sum_k (-H_k,q + f_k) o dW_k; NULL takes them back.
+   !> Let forces f_k multiply the noises of a model, dp = .. + sum_k (-H_k,q + f_k) o dW_k; NULL removes them.
    function symsde_model_set_noise_force(model, force, derivative, in_position, user, error) result(status) &
       bind(c, name='symsde_model_set_noise_force')
       type(c_ptr), intent(in), value :: model, user, error
       type(c_funptr), intent(in), value :: force, derivative
-      integer(c_int), intent(in), value :: in_position   !! not zero: all of them depend on q and t alone
+      integer(c_int), intent(in), value :: in_position   !! not zero: all f_k depend on q and t alone
       integer(c_int) :: status
 
       status = set_force(model, 2, force, derivative, in_position, user, error)

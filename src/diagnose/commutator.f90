@@ -18,8 +18,8 @@
 !> no analytic Hessian. Noise that changes in time, H_k = sigma(t) I, does not commute with the drift: in the phase
 !> space with time the bracket is {H,H_k} - H_{k,t}. Points can refute commutation, not prove it.
 !>
-!> Forces (model/forces) are added to the fields, and their derivatives to the products: then it is the Lie bracket of
-!> two fields that vanishes or does not.
+!> Forces (model/forces) are added to the fields, and their derivatives to the products: the test then asks whether the
+!> Lie brackets of the fields vanish.
 module symsde_diagnose_commutator
    use, intrinsic :: ieee_arithmetic, only: ieee_value, ieee_positive_inf
    use symsde_base_kinds, only: wp, i8
@@ -163,8 +163,8 @@ contains
       vp = vp + f
    end subroutine field
 
-   !> The Hessian of H_j times (vq, vp), less the derivative of a force along it in the q part. The components of the
-   !> vector change sign by a pattern: the first pattern changes none, the second the momenta.
+   !> The Hessian of H_j times (vq, vp), minus the derivative of the force along this vector, in the q part. The
+   !> components of the vector change sign by a pattern: the first pattern changes none, the second the momenta.
    subroutine product_with(model, points, j, vq, vp, pattern, uq, up)
       class(model_type), intent(in) :: model
       type(sample_points), intent(in) :: points
@@ -243,8 +243,8 @@ contains
    !> Write which orders to expect.
    pure subroutine expect_orders(nnoise, damped, forced, c)
       integer, intent(in) :: nnoise
-      logical, intent(in) :: damped   !! then schemes with brackets of H, or for means alone, do not run
-      logical, intent(in) :: forced   !! then no scheme runs whose order is above one
+      logical, intent(in) :: damped   !! damped: schemes with brackets of H, or for means alone, do not run
+      logical, intent(in) :: forced   !! forced: no scheme of an order above one runs
       type(commutator_type), intent(inout) :: c
 
       ! Report the strongest result that holds; each case implies the cases before it.

@@ -4,7 +4,7 @@
 !>
 !> Quadratic Hamiltonians whose flows commute: the solution is the flow of a single quadratic Hamiltonian
 !>
-!> S = t H + sum_k W_k(t) H_k,   z(t) = exp(J Hess S) z_0  plus the effect of linear terms of S,
+!>    S = t H + sum_k W_k(t) H_k,   z(t) = exp(J Hess S) z_0  plus the effect of linear terms of S,
 !>
 !> whatever the path does between 0 and t. Fields J grad H_j = A_j z + b_j are read from gradients at unit points; they
 !> commute if A_i A_j = A_j A_i and A_i b_j = A_j b_i, up to rounding. With b_j as an additional column the solution is

@@ -51,7 +51,7 @@ module symsde_diagnose_symplecticity
                                               0.8_wp, -0.2_wp, 4/105.0_wp, -1/280.0_wp]
    ! The spacing balances e^8 times a ninth derivative against the rounding of increments over e.
    real(wp), parameter :: default_spacing = 1/32.0_wp
-   real(wp), parameter :: longest_state = 1024  !! in units of the length over which forces vary
+   real(wp), parameter :: longest_state = 1024  !! size from which spacings grow, in lengths of the forces
 
    !> The given steps, one at each point: initial states and increments.
    type :: given_steps

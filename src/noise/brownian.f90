@@ -15,7 +15,7 @@
 !>
 !>    functionals of the path (dZ, areas, ..)      fill_functionals, by noise/integrals
 !>    Gaussian, refine = 0, from an even pair on   fill_ahead: draws whose four normals are all used
-!>    everything else                                     fill_others, by noise/levels or by sums of discrete draws
+!>    everything else                              fill_others, by noise/levels or by sums of discrete draws
 !>
 !> All three give a step the same numbers. They differ in whether lanes of the generator are the paths of a block, or
 !> steps and noises of few paths: a vector of few paths would be mostly padding.
@@ -298,7 +298,7 @@ contains
       end do
    end subroutine spread_few
 
-   !> The same for a block of one lane, four steps of a draw at a time. An odd number of pairs uses half of its last
+   !> spread_few for a block of one lane, four steps of a draw at a time. An odd number of pairs uses half of its last
    !> draw.
    pure subroutine spread_alone(nnoise, k, npair, before, m, x, w)
       integer, intent(in) :: nnoise, k, npair, before, m
@@ -319,7 +319,7 @@ contains
       w(k, 2*npair - 1) = x(before + 1 + npair/2, 1)
    end subroutine spread_alone
 
-   !> The same draws with the functionals of their path, step by step in the arrays of noise/integrals, which are then
+   !> Fill increments and functionals of the path, step by step in the arrays of noise/integrals, which are then
    !> copied into the store.
    subroutine fill_functionals(self, request, store, drawn, interrupt)
       class(brownian_noise), intent(in) :: self
@@ -462,7 +462,7 @@ contains
    !> gives two neighbours: two steps at refine = 0, else two leaves of one step.
    subroutine sum_discrete(self, of, nlane, first, nstep, dw, drawn)
       class(brownian_noise), intent(in) :: self
-      type(normals_of), intent(in) :: of       !! of which noise and paths
+      type(normals_of), intent(in) :: of       !! noise and paths of the draws
       integer, intent(in) :: nlane, nstep
       integer(i8), intent(in) :: first
       real(wp), intent(inout) :: dw(nlane, 0:nstep - 1)

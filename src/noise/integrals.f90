@@ -163,7 +163,7 @@ contains
       type(path_interval), intent(out) :: even, odd
       integer(i8), intent(inout) :: drawn
       integer(i8) :: from(nlane)
-      integer(i8), allocatable :: ahead(:)  ! not allocated unless of a single path
+      integer(i8), allocatable :: ahead(:)  ! allocated for a single path alone
       integer :: k, l, kl
 
       ! One pair of steps is 2^refine pairs of draws.
@@ -255,7 +255,7 @@ contains
    pure subroutine choose(in_second, second, chosen)
       logical, intent(in) :: in_second(:)                         !! (nlane)
       real(wp), allocatable, intent(in) :: second(:, :)           !! (nlane, nnoise)
-      real(wp), allocatable, intent(inout) :: chosen(:, :)        !! in: the values of the first
+      real(wp), allocatable, intent(inout) :: chosen(:, :)        !! in: values of the first half
       integer :: k
 
       if (.not. allocated(second)) return
@@ -328,7 +328,7 @@ contains
          if (d%is_left()) return
       end if
       call merge_intervals(nlane, d%nnoise, left, right, whole)
-      whole%w = known%shape%w  ! which is the sum of the halves, to rounding
+      whole%w = known%shape%w  ! equals the sum of the halves, to rounding
    end subroutine merge_halves
 
    !> Number the intervals 2*pair and 2*pair+1 of a level.

@@ -43,7 +43,7 @@ module symsde_noise_normal
    real(wp), parameter :: one_less = 1 - 2.0_wp**(-53)
 
    integer(i8), parameter :: tail_words = 2_i8**12     !! radius words below this use further bits
-   real(wp), parameter :: tail_size = sqrt(19.9_wp*0.6931471805599453094_wp) !! below r/sqrt(2) of all radii in the tail
+   real(wp), parameter :: tail_size = sqrt(19.9_wp*0.6931471805599453094_wp) !! below r/sqrt(2) of all radii of the tail
    integer(i4), parameter :: tail_purpose = 32         !! added to the purpose for the draw of further bits
 
    real(wp), parameter :: ln2 = 0.6931471805599453094_wp
@@ -111,7 +111,8 @@ contains
       end do
    end subroutine scaled_normal_pairs
 
-   !> The same for npair pairs of fine steps from an even pair on, written into the columns of w of this noise.
+   !> scaled_normal_pairs for npair pairs of fine steps from an even pair on, written into the columns of w of this
+   !> noise.
    subroutine scaled_normal_steps(nlane, of, path, pair, npair, nnoise, w)
       integer(i4), intent(in) :: nlane
       type(normal_stream), intent(in) :: of    !! stream of noise 1 .. nnoise
@@ -124,8 +125,8 @@ contains
       call scaled_normal_column(nlane, of, path, pair, npair, nnoise + 1, w(1, of%noise, 0))
    end subroutine scaled_normal_steps
 
-   !> The same for one column of several, the first in x; long runs use this, since it uses every word. Four pairs are
-   !> two draws, which the generator makes in one pass.
+   !> scaled_normal_steps for one of several columns, the first column of x; long runs use this, since it uses every
+   !> word. Four pairs are two draws, which the generator makes in one pass.
    subroutine scaled_normal_column(nlane, of, path, pair, npair, ncolumn, x)
       integer(i4), intent(in) :: nlane
       type(normal_stream), intent(in) :: of

@@ -159,7 +159,7 @@ contains
             call take_rows(self, nlane, path, m + 1, m, row, 1, 0, hh)
             hh = hh/whole%length - 0.5_wp*whole%w
          end if
-         ! K is used as given; without K the row is a parabola, or the line above.
+         ! K is used as given; without K the row is a parabola, and without dZ, too, a straight line.
          if (size(self%dw, 2) > 2*m) call take_rows(self, nlane, path, 2*m + 1, m, row, 1, 0, kk)
       end associate
       do f = 1, nfunctional

@@ -153,7 +153,7 @@ contains
 
       executed = scheme
       if (scheme%form == galerkin_form) executed%form = tableau_form
-      executed%brackets%areas = .false.  ! they act where noises do not commute, corrections where they have to
+      executed%brackets%areas = .false.  ! areas act only where noises do not commute
       call damped_refusal(executed, kind, executed%brackets, products=.false., why=why)
       if (allocated(why)) then
          text = 'refused: it '//why

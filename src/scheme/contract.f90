@@ -12,7 +12,7 @@ module symsde_scheme_contract
    private
    public :: require_scheme
 
-   real(wp), parameter :: tolerance = 1e-12_wp  !! of sums of weights, each rounded
+   real(wp), parameter :: tolerance = 1e-12_wp  !! tolerance for sums of rounded weights
 
 contains
 

@@ -65,10 +65,10 @@ contains
          keeps_damped_volume = is_explicit(scheme, .true.)
    end function keeps_damped_volume
 
-   !> Mean of p^2 of a free particle in a bath of one rate, over the exact mean 1/beta: one where kicks get the exact
-   !> law of the noise, as those with dZ and those of words do.
+   !> Mean of p^2 of a free particle in a bath of one rate, over the exact mean 1/beta: one if kicks have the exact law
+   !> of the noise, as kicks with dZ and kicks of words have.
    pure real(wp) function temperature_at_rest(scheme, z) result(ratio)
-      type(scheme_type), intent(in) :: scheme   !! one that runs with one rate of damping
+      type(scheme_type), intent(in) :: scheme   !! a scheme that runs with one rate of damping
       real(wp), intent(in) :: z                 !! gamma h > 0
       real(wp) :: w(size(scheme%c), 1)
 

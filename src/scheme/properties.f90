@@ -19,8 +19,8 @@ module symsde_scheme_properties
    public :: declare_properties, symmetry_residual, quadratic_residual, tableau_order
    public :: stratonovich_sum, conjugate_stratonovich_sum, coefficient_tolerance
 
-   real(wp), parameter :: coefficient_tolerance = 1e-13_wp  !! a residual below is rounding of coefficients
-   real(wp), parameter :: order_tolerance = 1e-12_wp        !! order conditions sum more terms
+   real(wp), parameter :: coefficient_tolerance = 1e-13_wp  !! a smaller residual is rounding of the coefficients
+   real(wp), parameter :: order_tolerance = 1e-12_wp        !! larger, since order conditions sum more terms
 
 contains
 
@@ -28,10 +28,9 @@ contains
    !>
    !> Strong order one for additive and commutative noise and weak order one need the weights to sum
    !> to one and beta^T b e = beta^T bbar e = 1/2; where only their sum is one, a correction
-   !> Hamiltonian restores it, and the orders are those with correction = increments. Without
-   !> either, the scheme does not converge to the Stratonovich equation, except for additive noise.
-   !> For commuting flows a step integrates the one-step Hamiltonian, whose size is the square root of h, for unit time:
-   !> half the order without noise.
+   !> Hamiltonian restores it, and the orders are those with correction = increments. If neither holds, the scheme does
+   !> not converge to the Stratonovich equation, except for additive noise. For commuting flows a step integrates the
+   !> one-step Hamiltonian, whose size is the square root of h, for unit time: half the order without noise.
    pure subroutine declare_properties(scheme, order_noise_free)
       type(scheme_type), intent(inout) :: scheme
       integer, intent(in) :: order_noise_free  !! order of the scheme without noise
@@ -105,7 +104,8 @@ contains
       end associate
    end function symmetry_residual
 
-   !> How much kicks differ from their reversal, which changes the sign of a but not of K.
+   !> Largest difference between the coefficients of kicks and of the same kicks in reverse order. Reversal changes the
+   !> sign of a_k, but not of K_k.
    pure real(wp) function unlike_reversed(kicks) result(residual)
       type(kicks_type), intent(in) :: kicks
 

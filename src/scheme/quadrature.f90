@@ -19,7 +19,7 @@ module symsde_scheme_quadrature
       'gauss1', 'gauss2', 'gauss3', 'gauss4', 'lobatto2', 'lobatto3', 'lobatto4', & !&
       'radau_left2', 'radau_left3', 'radau_right2', 'radau_right3'] !&
    ! An exact rule misses a moment only by rounding of nodes and weights.
-   real(wp), parameter :: tolerance = 64*epsilon(1.0_wp)  !! of a moment that should vanish
+   real(wp), parameter :: tolerance = 64*epsilon(1.0_wp)  !! bound of a moment that should vanish
 
 contains
 

@@ -57,7 +57,7 @@ contains
          call new_kicks(kicks, [x, 1 - x], half, sqrt(3.0_wp)*[1, -1], flow=flow)
          scheme%reference = 'kicks at Gauss'' nodes; docs/method/explicit.md'
       case ('verlet_kdk', 'verlet_kdk_strong2', 'verlet_kdk_midpoint')
-         ! Here that sum is 1/4 - 1/12 = 1/6: the potential with c = 1/6 is added.
+         ! With kicks at both ends the sum is 1/4 - 1/12 = 1/6: the potential with c = 1/6 is added.
          call new_kicks(kicks, ends, half, [1.0_wp, -1.0_wp], flow=flow)
          scheme%reference = 'velocity Verlet with dZ; docs/method/explicit.md'
       case ('chin4a', 'chin4a_strong2')
@@ -145,7 +145,8 @@ contains
       call set_order(scheme%order(weak_order), merge(3.0_wp, 2.0_wp, forward), evidence_claimed)
    end subroutine set_orders
 
-   !> Whether the kicks equal their reversal, which changes the sign of a but not of K.
+   !> Whether the same kicks in reverse order have the same coefficients. Reversal changes the sign of a_k, but not of
+   !> K_k.
    pure logical function is_palindrome(kicks)
       type(kicks_type), intent(in) :: kicks
       integer :: n

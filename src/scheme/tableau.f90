@@ -102,7 +102,7 @@ contains
       scheme%bbar = abar
    end subroutine fill
 
-   !> One finite number for each stage.
+   !> Require one finite number for each stage.
    subroutine check_vector(what, x, nstage, error)
       character(*), intent(in) :: what
       real(wp), intent(in) :: x(:)
@@ -118,7 +118,7 @@ contains
       end if
    end subroutine check_vector
 
-   !> A square matrix of finite numbers, of as many rows as there are weights.
+   !> Require a square matrix of finite numbers, with as many rows as there are weights.
    subroutine check_matrix(what, x, nstage, error)
       character(*), intent(in) :: what
       real(wp), intent(in) :: x(:, :)
@@ -136,7 +136,8 @@ contains
       end if
    end subroutine check_matrix
 
-   !> sum_i alpha_i = 1: the scheme is consistent with the drift, and with beta in its place with the noise.
+   !> Require sum_i alpha_i = 1: the scheme is then consistent with the drift, and with beta in place of alpha with the
+   !> noise.
    subroutine check_sum(what, x, error)
       character(*), intent(in) :: what
       real(wp), intent(in) :: x(:)

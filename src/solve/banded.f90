@@ -4,8 +4,8 @@
 !>    l_ik = u_ik/u_kk,   u_ij <- u_ij - l_ik u_kj   (k < i <= k + kl, k < j <= k + ku)
 !>
 !> Row i of a lane's matrix A is stored by diagonals: ab(lane, d, i) = A(i, i+d), -kl <= d <= ku.
-!> Entries that would lie outside the matrix are never read. The pivot monitor `smallest` is that of
-!> symsde_solve_elimination. Cost: n kl (ku + 1) multiplications and subtractions a lane.
+!> Entries that would lie outside the matrix are never read. The pivot monitor `smallest` is defined in
+!> solve/elimination. Cost: n kl (ku + 1) multiplications and subtractions a lane.
 !>
 !> Rows are not exchanged, so the factors fit into the bands: L replaces the eliminated entries, U the rest. The
 !> diagonal of U holds 1/u_kk, so that rows are multiplied instead of divided.

@@ -1,8 +1,8 @@
 ! SPDX-License-Identifier: BSD-3-Clause
 !> LU factors P A = L U of one banded matrix with row exchanges, computed in parts so that a caller may stop a long
 !> solve between parts; solutions by these factors; and an estimate of the matrix's condition. A(i,j) is
-!> band(kl+ku+1+i-j, j); the kl rows above are room for entries that row exchanges add. A row of the matrix runs through
-!> `band` from the lower left to the upper right: one column right is one row up.
+!> band(kl+ku+1+i-j, j); the first kl rows of `band` are room for entries that row exchanges add. A row of the matrix
+!> runs through `band` from the lower left to the upper right: one column right is one row up.
 module symsde_solve_banded_pivoting
    use symsde_base_kinds, only: wp
    implicit none
@@ -188,7 +188,7 @@ contains
       larger = max(x, y) + 0*(x + y)
    end function larger
 
-   !> y = y - factor x: the entries of column k below row j less u_jk times the multipliers.
+   !> y = y - factor x: in column k, below row j, subtract u_jk times the multipliers.
    pure subroutine subtract(n, factor, x, y)
       integer, intent(in) :: n
       real(wp), intent(in) :: factor, x(n)

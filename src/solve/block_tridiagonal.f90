@@ -16,9 +16,9 @@
 !> with g the slopes and g + f their residual. S_i^{-1} E_i is kept as `factor` and r_i as `rhs`. A block is inverted
 !> by its minors, which takes one division a site.
 !>
-!> A lane is trusted while all principal minors of its blocks are positive, which a NaN is not. They are positive if
+!> A lane is trusted while all principal minors of its blocks are positive; a NaN is not. The minors are positive if
 !> every K_m is positive semidefinite and the stages can be scaled so that C has a positive definite symmetric part, as
-!> for Gauss schemes: the reduced blocks S_i then have one, too, and no entry grows.
+!> for Gauss schemes: then so have the reduced blocks S_i, and no entry grows.
 !>
 !> Strips of lanes are eliminated together, as in solve/tridiagonal. Sites may come in several parts, as the rows of K
 !> are computed; site_above passes data from one part to the next. The way upwards takes all sites at once.
@@ -69,7 +69,7 @@ contains
    pure subroutine eliminate_down_blocks(s, n, first, last, capacity, c, g, f, k, above, factor, rhs)
       integer, intent(in) :: s                                   !! stages: 2 or 3
       integer, intent(in) :: n, first, last                      !! sites
-      integer, intent(in) :: capacity                                !! of f and k: last - first + 1 or more
+      integer, intent(in) :: capacity !! sites that f and k have room for: last - first + 1 or more
       real(wp), intent(in) :: c(s, s)
       real(wp), intent(in) :: g(strip_lanes, s, n)
       real(wp), intent(in) :: f(strip_lanes, capacity, s), k(strip_lanes, 0:1, capacity, s)

@@ -16,7 +16,7 @@ module symsde_solve_damping
    public :: damping_type, new_damping, start_damping, reject, accept
 
    real(wp), parameter :: shortest = 2.0_wp**(-30)  !! a lane whose tau is below this fails
-   real(wp), parameter :: rounding = 1e-10_wp       !! corrections below it, relative to x, are not judged
+   real(wp), parameter :: rounding = 1e-10_wp       !! corrections smaller than this, relative to x, are not judged
 
    type :: damping_type
       private

@@ -3,8 +3,8 @@
 !> update x and test it.
 !>
 !> The new x is sign*f, with f computed by the caller at the old x; sign = -1 for an equation x + f(x) = 0. A sweep
-!> clears change and extent (nlane), updates the parts of x one after the other, each of which raises both, and judges
-!> at the end.
+!> clears change and extent (nlane), then updates x part by part, each of which raises change and extent, and calls
+!> judge_sweep at the end.
 module symsde_solve_fixed_point
    use symsde_base_kinds, only: wp, i8
    implicit none
@@ -15,8 +15,8 @@ module symsde_solve_fixed_point
    include 'fixed_point.inc'
    include 'all_lanes.inc'
 
-   !> VEC x = sign*f in the first sweep, which has no x before it: its change is x itself, which raises the change of
-   !> other parts of x. Lanes that are done are written, too.
+   !> VEC x = sign*f in the first sweep, which has no earlier x: the change is x itself, and is raised to the largest
+   !> over all parts of x. Lanes that are done are written, too.
    pure subroutine take_first(nlane, n, sign, f, x, change)
       integer, intent(in) :: nlane, n
       real(wp), intent(in) :: sign, f(nlane, n)

@@ -30,7 +30,7 @@ module symsde_solve_fixed_point_single_path
       ! Scalars in registers; the arrays of one number are written at the end.
       moved = change(1)
       largest = extent(1)
-      ! A change that is not finite already stays so.
+      ! If the change so far is not finite, `zero` is NaN from the beginning.
       zero = 0*moved
       if (beside > 0) call take_beside(beside, sign, f, x, moved, largest, zero)
       ! Fewer numbers than a vector holds.
@@ -59,8 +59,8 @@ module symsde_solve_fixed_point_single_path
       call take(nlane, n, sign, f, [0.0_wp], x, change, extent)
    end subroutine take_first
 
-   !> The same for nbeside numbers at a time, each with a maximum of its own: a single maximum would be a chain in which
-   !> each number waits for the one before.
+   !> `take` for nbeside numbers at a time, each place with a maximum of its own: a single maximum would be a chain in
+   !> which each number waits for the one before.
    pure subroutine take_beside(n, sign, f, x, change, extent, zero)
       integer, intent(in) :: n   !! a multiple of nbeside
       real(wp), intent(in) :: sign, f(n)
@@ -84,7 +84,7 @@ module symsde_solve_fixed_point_single_path
             nothing(i) = nothing(i) + 0*d
          end do
       end do
-      ! Combine the eight maxima by halves, since one after another each would wait for the one before.
+      ! Combine the eight maxima by halves: in a chain each comparison would wait for the comparison before.
       moved(:4) = max(moved(:4), moved(5:))
       largest(:4) = max(largest(:4), largest(5:))
       nothing(:4) = nothing(:4) + nothing(5:)
@@ -118,7 +118,7 @@ module symsde_solve_fixed_point_single_path
    pure subroutine judge_ahead(first, final, too_slow, too_stiff, most, change, extent, last, sweep)
       integer, intent(in) :: first, final, most
       real(wp), intent(in) :: too_slow, too_stiff, change(most), extent(most)
-      real(wp), intent(inout) :: last         !! in: value of the sweep before the first
+      real(wp), intent(inout) :: last         !! in: change of the sweep before `first`; out: change, or how it ends
       integer, intent(out) :: sweep           !! final + 1 if no sweep ends the iteration
 
       ! Three comparisons pass most sweeps, which neither end the iteration nor are too slow; `verdict` judges the

@@ -26,7 +26,7 @@ module symsde_solve_krylov
    private
    public :: krylov_type, new_krylov, most_vectors
 
-   integer, parameter :: most_vectors = 60  !! bound of the products of a solve
+   integer, parameter :: most_vectors = 60  !! largest number of products A v in a solve
 
    !> The systems of a block, their vectors and rotations. A is not stored, as the caller multiplies. x and norm may be
    !> read when `running` is false.

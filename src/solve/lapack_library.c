@@ -60,7 +60,7 @@ static const char *base_of(const char *path) {
    return slash == NULL ? path : slash + 1;
 }
 
-/* The same for a library that may not be loaded. */
+/* function_of a library that may not be loaded. */
 static any_function loaded_function(void *library, const char *name) {
    return library == NULL ? NULL : function_of(library, name);
 }
@@ -136,7 +136,7 @@ static const char *const readers[VENDORS] = {"openblas_get_num_threads", "MKL_Ge
                                              "bli_thread_get_num_threads"};
 static const char *const setters[VENDORS] = {"openblas_set_num_threads", "MKL_Set_Num_Threads",
                                              "bli_thread_set_num_threads"};
-/* and words in their file names */
+/* words in the file names of these libraries, in the same order */
 static const char *const words[VENDORS] = {"openblas", "mkl", "blis"};
 
 static pthread_mutex_t blas_lock = PTHREAD_MUTEX_INITIALIZER;

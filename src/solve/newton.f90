@@ -172,8 +172,8 @@ contains
       if (contracts_are_executed) call require_solved(self%nlane, self%n, status, x, 'solve, newton')
    end subroutine update
 
-   !> Freeze a lane whose system could not be solved. For steppers that solve themselves; the lane is counted here, and
-   !> `mark` skips it.
+   !> Freeze a lane whose system could not be solved. For steppers with a linear solver of their own. The lane is
+   !> counted here, and `mark` skips it.
    subroutine fail(self, lane, code, status, counters)
       class(newton_type), intent(inout) :: self
       integer, intent(in) :: lane

@@ -50,7 +50,7 @@ contains
    include 'stagnation.inc'
    include 'correction.inc'
 
-   !> Whether all n numbers are finite: zero times any other is NaN, and a sum with NaN stays NaN.
+   !> Whether all n numbers are finite: zero times an infinity or a NaN is NaN, and a sum with a NaN is NaN.
    pure logical function is_finite(n, x)
       integer, intent(in) :: n
       real(wp), intent(in) :: x(n)

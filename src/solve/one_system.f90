@@ -115,7 +115,7 @@ contains
       integer(i4), intent(out) :: info        !! status_ok, singular or nonfinite
       real(wp), allocatable :: matrix(:, :), vector(:)
 
-      ! Allocated in each call, since few lanes come here, and mostly none.
+      ! Allocated in each call, since calls are rare: most blocks have no such lane.
       allocate (matrix(n, n), vector(n))
       matrix(:, :) = a(lane, :, :)
       vector(:) = x(lane, :)

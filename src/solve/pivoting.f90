@@ -143,7 +143,7 @@ contains
       end do
    end subroutine subtract_from_column
 
-   !> The same for two columns y and z at once, which reads l once: 0.7 to 0.85 of the time.
+   !> subtract_from_column for two columns y and z at once, which reads l once: 0.7 to 0.85 of the time.
    pure subroutine subtract_from_pair(m, n, l, u, v, y, z)
       integer, intent(in) :: m, n
       real(wp), intent(in) :: l(n, panel), u(panel), v(panel)

@@ -4,10 +4,11 @@
 !> A lane is done when its next correction would vanish in rounding. With d_k the size of its k-th correction and |x|
 !> the size of its unknowns,
 !>
-!>    linear       d_k <= eps |x|/4, or d_k r <= eps |x|/4 with the rate r = d_k/d_{k-1} (in two classes), or d_k is not
-!>    smaller than d_{k-1} and within 2^-33 |x|. This test assumes nothing of the matrix: with differences, or a Hessian
-!>    without third derivatives, the rate of convergence stays constant. quadratic    d_k <= 2^-33 |x| at a rate r <=
-!>    1/8, or d_k <= 2^-20 |x| at a rate r <= 2^-20, or d_k <= eps |x|/4.
+!>    linear       d_k <= eps |x|/4, or d_k r <= eps |x|/4 with the rate r = d_k/d_{k-1} (in two classes), or d_k is
+!>                 not smaller than d_{k-1} and within 2^-33 |x|. This test assumes nothing of the matrix: with
+!>                 differences, or a Hessian without third derivatives, the rate of convergence stays constant.
+!>
+!>    quadratic    d_k <= 2^-33 |x| at a rate r <= 1/8, or d_k <= 2^-20 |x| at a rate r <= 2^-20, or d_k <= eps |x|/4.
 !>                 For steppers whose matrix is the derivative of their residual to rounding, so that
 !>                 d_{k+1} = C d_k^2 (far away the rate is about 2/3). In the first case
 !>                 d_{k+1} <= C |x| 2^-66 |x|, and C |x| is at most of order one if the iteration converges from x = 0.
@@ -31,9 +32,9 @@ module symsde_solve_stagnation
    real(wp), parameter :: failed = -2    !! value of `last` for a lane that has failed
    real(wp), parameter :: near = 2.0_wp**(-33)
 
-   !> A lane is done if its correction is at most `level` times the unknowns; or at most that times at_slow (at_fast),
-   !> if it is at most `slow` (`fast`) times the correction before; or within `stagnation` times the unknowns, if it is
-   !> not smaller than the correction before.
+   !> A lane is done if its correction is at most `level` |x|; or at most at_slow `level` |x| and at most `slow` times
+   !> the correction before; or at most at_fast `level` |x| and at most `fast` times the correction before; or at most
+   !> `stagnation` |x| and not smaller than the correction before.
    type :: stopping_test
       real(wp) :: level = 0.25_wp*epsilon(1.0_wp)
       real(wp) :: slow = 2.0_wp**(-13), at_slow = 2.0_wp**13

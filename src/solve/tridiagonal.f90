@@ -3,15 +3,15 @@
 !>
 !> Row i of K is its diagonal entry k(lane, 0, i) and the one right of it, k(lane, 1, i). Rows are eliminated from
 !> both ends (a twisted factorization): the upper ones downwards, the lower ones upwards, in pairs. Let b be the entry
-!> of I + c K between the two rows of a pair, u and v the entries between the pair and the row before it in its front,
-!> and the row ahead, and z, w the numbers from the pair before. With a = 1 + c K_11 - u^2 w and e = 1 + c K_22, the
-!> pair is reduced to
+!> of I + c K that couples the two rows of a pair, u the entry that couples the pair to the row before it in its front,
+!> v the entry that couples it to the row ahead, and z and w numbers from the pair before. With a = 1 + c K_11 - u^2 w
+!> and e = 1 + c K_22, the pair is reduced to
 !>
 !>    S = ( a  b )      S^{-1} = ( e  -b ) / (a e - b^2)      y = (r_1 - u z, r_2)
 !>        ( b  e )               (-b   a )
 !>
 !> and it passes on v, the second entry of S^{-1} y as z, and (S^{-1})_22 as w. With d the correction of the row ahead,
-!> its own corrections are
+!> the corrections of the pair are
 !>
 !>    (d_1, d_2) = S^{-1} y - S^{-1} (0, v) d
 !>
@@ -92,8 +92,8 @@ contains
       call leave(m, c, 1, k, carried, inverse, r, signs, largest, front)
    end subroutine eliminate_down_strip
 
-   !> VEC Upwards, after the rows below. m is even, or these are the last rows of all: then the last row has an empty
-   !> partner.
+   !> VEC Eliminate rows of a strip upwards in pairs, after the rows below them, as eliminate_down_strip does downwards.
+   !> m is even unless these are the last rows of all; the last row then has an empty partner.
    pure subroutine eliminate_up_strip(m, c, x, f, k, front, factor, rhs)
       integer, intent(in) :: m
       real(wp), intent(in) :: c

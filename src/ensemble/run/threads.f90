@@ -2,10 +2,10 @@
 !> Distribute blocks over threads: the loop over blocks, which is the only parallel region of the library, and the
 !> choice of the number of threads.
 !>
-!> run_blocks: start the threads
-!> run_share:  compute one block after the other, until none is left
-!> run_block:  compute a block to its end, chunk by chunk
-!> watch:      let the calling thread wait for the other threads
+!>    run_blocks: start the threads
+!>    run_share:  compute one block after the other, until none is left
+!>    run_block:  compute a block to its end, chunk by chunk
+!>    watch:      let the calling thread wait for the other threads
 !>
 !> Private to its family.
 module symsde_ensemble_run_threads
