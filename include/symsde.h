@@ -115,7 +115,7 @@ typedef int (*symsde_gradient_hessian)(int nlane, int ndof, int nham, double t, 
                                        void *user);
 /* whole steps of one scheme, from q, p [ndof][nlane] to qn, pn [nstep/every][ndof][nlane] after every `every`-th step;
  * nstep is a multiple of `every`. t is the time before the first step, h the step with its sign. w[nstep][nham][nlane]
- * are the weights (h, dW_1 .. dW_m). functionals[0] .. [3] are dZ, areas, K and J, [nstep][columns][nlane]; those that
+ * are the weights (h, dW_1 .. dW_m). functionals[0] .. [4] are dZ, areas, K, J and D, [nstep][columns][nlane]; those that
  * the scheme does not use are NULL. max_iter bounds a solver's iterations in a step. Lanes whose status[nlane] is not 0
  * have failed: skip them. If a lane fails, set SYMSDE_NOT_CONVERGED or another status of a path, or return values that
  * are not finite and remain so. The bits must not depend on the number of steps in one call. */
@@ -311,6 +311,15 @@ enum symsde_areas {
    SYMSDE_AREAS_LAW = 1   /* right in law given dW and dZ, at bounded cost; not on the path: refine < 0 is refused */
 };
 
+/* The noise of free motion with damping by one rate, in schemes of kicks such as gauss_dkdkd. */
+enum symsde_damping_noise {
+   SYMSDE_DAMPING_NOISE_LAW = 0,        /* LAW2, or LAW3 if the scheme draws K, as chin4a does */
+   SYMSDE_DAMPING_NOISE_LAW2 = 1,       /* its law, of dW and dZ */
+   SYMSDE_DAMPING_NOISE_LAW3 = 2,       /* its law, of dW, dZ and K */
+   SYMSDE_DAMPING_NOISE_PATH = 3,       /* that of the path: steps and their halves have the same; draws K and E */
+   SYMSDE_DAMPING_NOISE_POLYNOMIAL = 4  /* weights as without damping: orders hold, the law of free motion does not */
+};
+
 /* Called on the calling thread, at most twenty times a second, with the work done and the total: path-steps of a run,
  * parts of a diagnosis. Nonzero stops the work. A stopped run returns what it has reached, a diagnosis nothing. */
 typedef int (*symsde_progress)(int64_t done, int64_t total, void *user);
@@ -344,6 +353,7 @@ typedef struct symsde_options {
    int32_t areas;          /* enum symsde_areas */
    uint64_t common_noise;  /* bit k - 1: every path gets the W_k of path 0; the others differ by path */
    int64_t noise_paths;    /* n > 0: path first_path + i has the noise of path first_path + i % n; 0 = of its own */
+   int32_t damping_noise;  /* enum symsde_damping_noise */
 } symsde_options;
 int symsde_options_init(symsde_options *options);
 /* refuses options as every function does that takes options, with the same sentences */

@@ -17,12 +17,22 @@ module symsde_base_damping
    implicit none
    private
    public :: damping_type, new_damping, decay_less_one
+   public :: noise_of_scheme, noise_law2, noise_law3, noise_path, noise_polynomial
 
    interface new_damping
       module procedure new_rates, new_friction
    end interface new_damping
 
    integer, parameter :: largest_friction = 512   !! degrees of freedom up to which a matrix is taken
+
+   !> How kicks between drifts that decay get the noise of free motion (noise/decay_law).
+   enum, bind(c)
+      enumerator :: noise_of_scheme = 0    !! law2, or law3 where kicks follow K
+      enumerator :: noise_law2 = 1         !! its law, from dW and dZ
+      enumerator :: noise_law3 = 2         !! its law, from dW, dZ and K
+      enumerator :: noise_path = 3         !! that of the path, which is merged as dZ is
+      enumerator :: noise_polynomial = 4   !! as without damping, whose moments hold to the order of the scheme
+   end enum
 
    !> The damping rates of a model, or its friction; neither is allocated for a closed system.
    type :: damping_type

@@ -5,13 +5,17 @@
 !>    path_areas   A_kl = 1/2 int (W_k o dW_l - W_l o dW_k), k < l, at area_index   one per pair   [time]
 !>    path_stt_area    K_k = int (s^2 - s + 1/6) dW_k /2, s = time in the step over h   one per noise  [time^(1/2)]
 !>    path_magnus  J_kl = int W_k (dW_l - W_l) ds, symmetrised, k <= l, pair_index  one per pair   [time^2]
+!>    path_decay   D_k = int phi(t + h - s) dW_k(s), phi(u) = (1 - exp(-gamma u))/gamma one per noise  [time^(3/2)]
 !>
-!> (K is the space-time-time Levy area, J the second Magnus term of kicks between drifts; both also need dZ.)
+!> (K is the space-time-time Levy area, J the second Magnus term of kicks between drifts; both also need dZ. D is dZ for
+!> momenta that decay by the rate gamma. It also needs dZ and K. Users know it as E = int exp(-gamma (t + h - s)) dW,
+!> which is dW - gamma D.)
 !>
 !> Their names and numbers of columns are here, in base, because schemes, sources and steppers all use them;
 !> noise/functionals draws and merges them. A new functional needs a name and a count here, a law in
 !> noise/functionals, a scheme that declares it and a stepper that uses it.
 module symsde_base_functionals
+   use symsde_base_kinds, only: wp
    use symsde_base_traits, only: model_traits
    implicit none
    private
@@ -22,16 +26,18 @@ module symsde_base_functionals
       enumerator :: path_areas = 2
       enumerator :: path_stt_area = 3
       enumerator :: path_magnus = 4
+      enumerator :: path_decay = 5
    end enum
-   public :: path_dz, path_areas, path_stt_area, path_magnus
+   public :: path_dz, path_areas, path_stt_area, path_magnus, path_decay
 
-   integer, parameter, public :: nfunctional = 4
+   integer, parameter, public :: nfunctional = 5
 
-   character(len=*), parameter :: names(nfunctional) = [character(len=5) :: 'dZ', 'areas', 'K', 'J']
+   character(len=*), parameter :: names(nfunctional) = [character(len=5) :: 'dZ', 'areas', 'K', 'J', 'E']
 
    !> A set of functionals.
    type :: functional_set
       logical :: has(nfunctional) = .false.
+      real(wp) :: rate = 0   !! gamma of path_decay [1/time]
    contains
       procedure :: is_empty
       procedure :: columns
@@ -75,6 +81,7 @@ contains
 
       nactive = traits%nnoise
       if (allocated(traits%silent)) nactive = count(.not. traits%silent)
+      needed_for%rate = self%rate
       needed_for%has = self%has .and. nactive > 0
       needed_for%has(path_areas) = self%has(path_areas) .and. nactive > 1 .and. &
                                    .not. (traits%additive .or. traits%position_noise .or. traits%are_apart())

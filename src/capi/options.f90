@@ -39,6 +39,7 @@ module symsde_capi_options
       integer(c_int32_t) :: areas
       integer(c_int64_t) :: common_noise  ! unsigned in C: bit k - 1 for noise k
       integer(c_int64_t) :: noise_paths
+      integer(c_int32_t) :: damping_noise
    end type c_options
 
 contains
@@ -111,6 +112,7 @@ contains
       c%areas = o%areas
       c%common_noise = 0
       c%noise_paths = o%noise_paths
+      c%damping_noise = o%damping_noise
       c%compensated = merge(1, 0, o%compensated)
       c%general = merge(1, 0, o%general)
       c%max_iter = o%max_iter
@@ -140,6 +142,7 @@ contains
       o%truncation_time = c%truncation_time
       o%area_time = c%area_time
       o%noise_paths = c%noise_paths
+      o%damping_noise = c%damping_noise
       o%areas = c%areas
       allocate (o%common_noise(popcnt(c%common_noise)))
       n = 0

@@ -2,6 +2,7 @@
 !> The options of a run, with their defaults, and the check of every option.
 module symsde_ensemble_options
    use symsde_base_area_rule, only: areas_by_path, areas_in_law
+   use symsde_base_damping, only: noise_of_scheme, noise_polynomial
    use symsde_base_kinds, only: wp, i8
    use symsde_base_lanes, only: lane_unit
    use symsde_base_status, only: error_type, raise, invalid_argument, incompatible, too_large
@@ -35,6 +36,7 @@ module symsde_ensemble_options
       integer :: areas = areas_by_path      !! how areas are drawn: a parameter of base/area_rule
       real(wp) :: area_time = 0             !! time scale of areas, 0 = derived from the model [time]
       integer, allocatable :: common_noise(:) !! noises k that all paths share: W_k of path 0 (not allocated = none)
+      integer :: damping_noise = stepper%damping_noise  !! of kicks, by base/damping: noise_of_scheme, noise_path, ..
       logical :: compensated = .false.      !! compensated summation of the state
       logical :: general = stepper%general  !! use the oracle of the scheme
       integer :: max_iter = stepper%newton%max_iter        !! most Newton iterations a step
@@ -50,6 +52,7 @@ contains
       type(run_options), intent(in) :: options
 
       choice%correction = options%correction
+      choice%damping_noise = options%damping_noise
       choice%general = options%general
       choice%newton%max_iter = options%max_iter
       choice%newton%fixed_point = options%fixed_point
@@ -143,6 +146,9 @@ contains
          call raise(error, incompatible, 'check_options', 'refine = '//to_text(o%refine)//' halves the path of '// &
                     'longer steps, and areas in law belong to no path that could be halved: give refine >= 0, or '// &
                     'areas by the path')
+      else if (o%damping_noise < noise_of_scheme .or. o%damping_noise > noise_polynomial) then
+         call refuse('damping_noise = '//to_text(o%damping_noise)//' is no noise of damped kicks: give 0 (its '// &
+                     'law), 1 (law2), 2 (law3), 3 (that of the path) or 4 (polynomial weights)')
       else if (o%nthread < 0 .or. o%nthread > 1024) then
          call refuse('threads = '//to_text(o%nthread)//' is out of range: give 1 to 1024, or 0 for the default')
       else

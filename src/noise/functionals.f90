@@ -9,20 +9,26 @@
 !>    dZ_k = h (dW_k/2 + H_k),   A_kl = H_k dW_l - H_l dW_k,   J_kl = h (dW_k dW_l/6 - (6/5) H_k H_l) - delta_kl h^2/15
 !>
 !> (J by its mean given dW and H; an area drawn in law has in addition 12 (K_k H_l - K_l H_k) and a normal term of
-!> variance h^2/20, which give it the true mean and covariances given dW and H), and neighbouring intervals merge by
+!> variance h^2/20, which give it the true mean and covariances given dW and H), D_k is a sum of dW, H, K and a normal
+!> term (noise/decay_law), and neighbouring intervals merge by
 !>
 !>    dW = dW_1 + dW_2,  dZ = dZ_1 + dZ_2 + h_2 dW_1,  A_kl = A_1 + A_2 + (dW_k1 dW_l2 - dW_l1 dW_k2)/2
 !>    K = (K_1 + K_2)/4 + (H_1 - H_2)/8  (halves),     J_kl = J_1 + J_2 + Z_k1 dW_l2 + dW_k1 (h_2 dW_l2 - Z_l2)
+!>    D = exp(-gamma h_2) D_1 + phi(h_2) dW_1 + D_2
 !>
-!> Truncation uses the standard deviations sqrt|h| of dW, sqrt(|h|/12) of H and sqrt(|h|/720) of K.
+!> Truncation uses the standard deviations sqrt|h| of dW, sqrt(|h|/12) of H and sqrt(|h|/720) of K, and that of the
+!> normal term in D.
 module symsde_noise_functionals
    use, intrinsic :: ieee_arithmetic, only: ieee_value, ieee_quiet_nan
    use symsde_base_functionals, only: functional_set, functional_count, area_index, pair_index, nfunctional, &
-                                      path_dz, path_areas, path_stt_area, path_magnus
+                                      path_dz, path_areas, path_stt_area, path_magnus, path_decay
    use symsde_base_kinds, only: wp
+   use symsde_base_vectors, only: add_times
+   use symsde_noise_decay_law, only: decay_path, decay_integral
    implicit none
    private
-   public :: path_interval, new_path_interval, shape_values, merge_intervals, clip_increments, clip_interval
+   public :: path_interval, new_path_interval, shape_values, decay_values, merge_intervals, clip_increments, &
+             clip_interval
 
    type :: interval_values
       real(wp), allocatable :: x(:, :)     !! (nlane, functional_count); not allocated where not asked for
@@ -31,6 +37,7 @@ module symsde_noise_functionals
    !> One interval of the path in every lane: its increments, and the functionals asked for.
    type :: path_interval
       real(wp) :: length = 0               !! with its sign [time]
+      real(wp) :: rate = 0                 !! gamma of path_decay [1/time]
       real(wp), allocatable :: w(:, :)     !! dW_k (nlane, nnoise)
       type(interval_values) :: of(nfunctional)
    end type path_interval
@@ -47,6 +54,7 @@ contains
       integer :: f
 
       self%length = length
+      self%rate = asked%rate
       allocate (self%w(nlane, nnoise))
       do f = 1, nfunctional
          if (asked%has(f)) allocate (self%of(f)%x(nlane, functional_count(f, nnoise)))
@@ -94,6 +102,32 @@ contains
       end select
    end subroutine shape_values
 
+   !> D on an interval with dW, H and K, and with the normal term xi of each noise; without xi, that of the cubic.
+   pure subroutine decay_values(nlane, nnoise, length, rate, w, hh, kk, x, xi)
+      integer, intent(in) :: nlane, nnoise
+      real(wp), intent(in) :: length, rate   !! with its sign [time]; gamma [1/time]
+      real(wp), intent(in), dimension(nlane, nnoise) :: w, hh, kk
+      real(wp), intent(out) :: x(nlane, nnoise)
+      real(wp), intent(in), optional :: xi(nlane, nnoise)  !! of variance one
+      real(wp) :: d(4)
+
+      d = length*decay_path(rate*length)
+      x = 0
+      call add_known(nlane*nnoise, d(:3), w, hh, kk, x)
+      if (present(xi)) call add_times(nlane*nnoise, d(4)*sqrt(abs(length)), xi, x)
+   end subroutine decay_values
+
+   !> x = x + d_1 w + d_2 hh + d_3 kk.
+   pure subroutine add_known(n, d, w, hh, kk, x)
+      integer, intent(in) :: n
+      real(wp), intent(in) :: d(3), w(n), hh(n), kk(n)
+      real(wp), intent(inout) :: x(n)
+
+      call add_times(n, d(1), w, x)
+      call add_times(n, d(2), hh, x)
+      call add_times(n, d(3), kk, x)
+   end subroutine add_known
+
    !> Merge two neighbouring intervals. The whole gets the functionals that the left half has.
    pure subroutine merge_intervals(nlane, nnoise, left, right, whole)
       integer, intent(in) :: nlane, nnoise
@@ -102,6 +136,7 @@ contains
       type(functional_set) :: asked
       integer :: f, k
 
+      asked%rate = left%rate
       do f = 1, nfunctional
          asked%has(f) = allocated(left%of(f)%x)
       end do
@@ -127,6 +162,11 @@ contains
             case (path_magnus)
                ! J needs dZ of both halves, which are present whenever J is.
                call merge_magnus(nlane, nnoise, left, right, x)
+            case (path_decay)
+               ! What D_1 and dW_1 have become at the end of the right half.
+               x = x2
+               call add_times(nlane*nnoise, exp(-left%rate*right%length), x1, x)
+               call add_times(nlane*nnoise, right%length*decay_integral(1.0_wp, left%rate*right%length), w1, x)
             case default  ! a functional without a case: NaN stops every path
                x = ieee_value(left%length, ieee_quiet_nan)
             end select
@@ -189,15 +229,22 @@ contains
       end do
    end subroutine clip_increments
 
-   !> Truncate a step: dW_k to the bound, H_k = dZ_k/h - dW_k/2 and K_k to the same number of standard deviations,
-   !> areas to bound^2/2 and J to |h| bound^2/2. Areas and J exceed their bounds less often than dW_k does.
+   !> Truncate a step: dW_k to the bound, H_k = dZ_k/h - dW_k/2, K_k and the normal term of D_k to the same number of
+   !> standard deviations, areas to bound^2/2 and J to |h| bound^2/2. Areas and J exceed their bounds less often than
+   !> dW_k does.
    pure subroutine clip_interval(nlane, nnoise, bound, step)
       integer, intent(in) :: nlane, nnoise
       real(wp), intent(in) :: bound                 !! of dW [sqrt(time)]
       type(path_interval), intent(inout) :: step
-      real(wp) :: shape(nlane)
+      real(wp) :: shape(nlane), hh(nlane, nnoise), d(4)
       integer :: k
 
+      if (allocated(step%of(path_decay)%x)) then
+         ! Take from D what dW, H and K determine of it, which the truncated ones add again below.
+         d = step%length*decay_path(step%rate*step%length)
+         hh = step%of(path_dz)%x/step%length - 0.5_wp*step%w
+         call add_known(nlane*nnoise, -d(:3), step%w, hh, step%of(path_stt_area)%x, step%of(path_decay)%x)
+      end if
       do k = 1, nnoise
          ! Take H from dW and dZ as drawn, and compute dZ again from the truncated dW and H.
          if (allocated(step%of(path_dz)%x)) then
@@ -216,6 +263,10 @@ contains
          call clip_increments(size(step%of(path_stt_area)%x), bound/sqrt(720.0_wp), step%of(path_stt_area)%x)
       if (allocated(step%of(path_magnus)%x)) &
          call clip_increments(size(step%of(path_magnus)%x), 0.5_wp*abs(step%length)*bound**2, step%of(path_magnus)%x)
+      if (.not. allocated(step%of(path_decay)%x)) return
+      call clip_increments(size(step%of(path_decay)%x), abs(d(4))*bound, step%of(path_decay)%x)
+      hh = step%of(path_dz)%x/step%length - 0.5_wp*step%w
+      call add_known(nlane*nnoise, d(:3), step%w, hh, step%of(path_stt_area)%x, step%of(path_decay)%x)
    end subroutine clip_interval
 
 end module symsde_noise_functionals

@@ -5,10 +5,11 @@
 !> On a finest interval of length h these are, independent of each other,
 !>
 !>    dW ~ N(0, |h|),   H = dZ/h - dW/2 ~ N(0, |h|/12),   K ~ N(0, |h|/720),   rest of an area ~ N(0, h^2/20),
+!>    xi ~ N(0, 1) of D_k (noise/decay_law)
 !>
-!> and in the halving of an interval Z, N or M, and D (noise/integrals). Each has a purpose word of its own in the
-!> counter, each halving a level, and each interval of a level a pair and a place in it: no two draws of a run share a
-!> counter.
+!> and in the halving of an interval Z, N or M, D, and xi of its halves (noise/integrals). Each has a purpose word of
+!> its own in the counter, each halving a level, and each interval of a level a pair and a place in it: no two draws of
+!> a run share a counter.
 !>
 !> The lanes of a block are paths in the same steps; for a single path the lanes are pairs of steps instead. Both use
 !> the same counters, so the numbers do not depend on what the lanes are.
@@ -28,6 +29,7 @@ module symsde_noise_integral_draws
    private
    public :: integral_draws, fill_direct, shape_draws, draw, draw_rests
    public :: purpose_increment, purpose_shape, purpose_halving, purpose_halves, purpose_stt_area, purpose_stt_halving
+   public :: purpose_decay, purpose_second_decay
 
    ! counter words; 1 is for the bridge of W alone, 2 for the oscillator
    integer, parameter :: purpose_increment = 0  !! dW at the finest step
@@ -36,6 +38,8 @@ module symsde_noise_integral_draws
    integer, parameter :: purpose_halves = 5     !! N of a halving, or M
    integer, parameter :: purpose_stt_area = 6       !! K at the finest step
    integer, parameter :: purpose_stt_halving = 7      !! D of a halving
+   integer, parameter :: purpose_decay = 9         !! xi of D at the finest step, and of the first half in a halving
+   integer, parameter :: purpose_second_decay = 10  !! xi of the second half
    integer, parameter :: purpose_rest = 8 !! normal term of an area in law; its noise word is the index of the pair
 
    !> The arguments of all draws of a run.

@@ -14,7 +14,10 @@
 !>
 !>    N = 15/2 K + M,   K_1, K_2 = K/8 - M/4 +- D/4,    M ~ N(0, |h|/192),  D ~ N(0, |h|/180)
 !>
-!> and also if areas are drawn in law (base/area_rule), since K is part of them. J is merged from four quarters of a
+!> and also if areas are drawn in law (base/area_rule), since K is part of them. Where the noise of decaying momenta
+!> is asked for (path_decay), an interval has a further normal xi ~ N(0, 1) for each noise, which is one direction u in
+!> the space of those that halve it (noise/decay_law): with Z, M, D, xi_1 and xi_2 drawn, r_i, each is moved by its
+!> standard deviation times u_i (xi - sum_j u_j r_j). J is merged from four quarters of a
 !> step (noise/functionals).
 !>
 !> Steps of a discrete law have no shape: dW of that law and areas +-|h|/2 (noise/discrete).
@@ -34,14 +37,17 @@
 !> further if dW, H and K do not determine them (merge_halves); if refine > 0 the intervals are merged to the step
 !> (sum_tree).
 module symsde_noise_integrals
-   use symsde_base_functionals, only: area_index, nfunctional, path_areas, path_magnus
+   use symsde_base_functionals, only: area_index, nfunctional, path_areas, path_magnus, path_decay
    use symsde_base_kinds, only: wp, i8
    use symsde_base_laws, only: law_gaussian
+   use symsde_base_vectors, only: add_times
+   use symsde_noise_decay_law, only: decay_direction
    use symsde_noise_discrete, only: discrete_pairs, sign_pairs
-   use symsde_noise_functionals, only: path_interval, new_path_interval, shape_values, merge_intervals
+   use symsde_noise_functionals, only: path_interval, new_path_interval, shape_values, decay_values, merge_intervals
    use symsde_noise_normal, only: normal_stream
    use symsde_noise_integral_draws, only: integral_draws, draw, draw_rests, purpose_increment, purpose_shape, &
-                                          purpose_halving, purpose_halves, purpose_stt_area, purpose_stt_halving
+                                          purpose_halving, purpose_halves, purpose_stt_area, purpose_stt_halving, &
+                                          purpose_decay, purpose_second_decay
    implicit none
    private
    public :: fill_pair
@@ -49,15 +55,15 @@ module symsde_noise_integrals
    integer, parameter :: magnus_levels = 2      !! halvings of a step for J
    integer, parameter :: levels_unseen = 6      !! lowest levels of halvings, in which the interrupt is not checked
 
-   !> The known shape of the path on an interval: dW, H and, if asked for, K (nlane, nnoise); and the rest of its
+   !> The known shape of the path on an interval: dW, H and, if asked for, K and xi (nlane, nnoise); and the rest of its
    !> areas if drawn in law (nlane, pairs of noises).
    type :: path_shape
-      real(wp), allocatable :: w(:, :), hh(:, :), kk(:, :), rest(:, :)
+      real(wp), allocatable :: w(:, :), hh(:, :), kk(:, :), xi(:, :), rest(:, :)
    end type path_shape
 
-   !> The draws of a halving: Z, N or M, and D where K is known (nlane, nnoise).
+   !> The draws of a halving: Z, N or M, D where K is known, and xi of the halves (nlane, nnoise).
    type :: halving_draws
-      real(wp), allocatable :: z(:, :), n(:, :), d(:, :)
+      real(wp), allocatable :: z(:, :), n(:, :), d(:, :), xi_1(:, :), xi_2(:, :)
    end type halving_draws
 
    !> An interval to be halved further: its place, the shape of the path on it, and the draws that halve it.
@@ -213,6 +219,8 @@ contains
       if (d%needs_stt_area()) &
          call draw(d, normal_stream(purpose=purpose_stt_area, scale=sqrt(abs(length)/720)), nlane, path, pair, &
                    even%kk, odd%kk, drawn)
+      if (d%asked%has(path_decay)) &
+         call draw(d, normal_stream(purpose=purpose_decay, scale=1.0_wp), nlane, path, pair, even%xi, odd%xi, drawn)
       if (d%in_law()) call draw_rests(d, nlane, path, pair, abs(length)/sqrt(20.0_wp), even%rest, odd%rest, drawn)
    end subroutine draw_shapes
 
@@ -242,12 +250,15 @@ contains
          call choose(odd, right%w, left%w)
          call choose(odd, right%hh, left%hh)
          call choose(odd, right%kk, left%kk)
+         call choose(odd, right%xi, left%xi)
          ! The draws of the same interval.
          call choose(odd, u2%z, u1%z)
          call choose(odd, u2%n, u1%n)
          call choose(odd, u2%d, u1%d)
+         call choose(odd, u2%xi_1, u1%xi_1)
+         call choose(odd, u2%xi_2, u1%xi_2)
          whole = left
-         call halve(whole, u1, left, right)
+         call halve(d, d%h*2.0_wp**(longer + 1), whole, u1, left, right)
       end do
    end subroutine descend
 
@@ -316,7 +327,7 @@ contains
       if (d%is_left()) return
       call number_pair(first, second, known%level + 1, known%index, known%length/2)
       ! The caller made the draws of this halving together with those of the neighbouring interval.
-      call halve(known%shape, known%u, first%shape, second%shape)
+      call halve(d, known%length, known%shape, known%u, first%shape, second%shape)
       if (first%level == last) then
          call finest_interval(d, nlane, first%length, first%shape, left)
          call finest_interval(d, nlane, second%length, second%shape, right)
@@ -358,14 +369,38 @@ contains
       call new_path_interval(interval, nlane, d%nnoise, length, d%asked)
       interval%w = shape%w
       do f = 1, nfunctional
-         if (d%asked%has(f)) &
+         if (f == path_decay .and. d%asked%has(f)) then
+            call decay_values(nlane, d%nnoise, length, d%asked%rate, shape%w, shape%hh, shape%kk, interval%of(f)%x, &
+                              shape%xi)
+         else if (d%asked%has(f)) then
             call shape_values(f, nlane, d%nnoise, length, shape%w, shape%hh, interval%of(f)%x, shape%kk, shape%rest)
+         end if
       end do
    end subroutine finest_interval
 
+   !> Halve an interval of this length, whose xi, if it is asked for, determines a direction of the normals drawn.
+   pure subroutine halve(d, length, whole, drawn, left, right)
+      type(integral_draws), intent(in) :: d
+      real(wp), intent(in) :: length    !! of the whole, with its sign [time]
+      type(path_shape), intent(in) :: whole
+      type(halving_draws), intent(in) :: drawn
+      type(path_shape), intent(out) :: left, right
+      type(halving_draws) :: u
+
+      if (.not. allocated(whole%xi)) then
+         call split(whole, drawn, left, right)
+         return
+      end if
+      u = drawn
+      call turn(size(whole%xi), length, d%asked%rate*length, whole%xi, u%z, u%n, u%d, u%xi_1, u%xi_2)
+      call split(whole, u, left, right)
+      call move_alloc(u%xi_1, left%xi)
+      call move_alloc(u%xi_2, right%xi)
+   end subroutine halve
+
    !> Halve an interval by the formulas at the head. u%n holds N, or M if K is known: the part 15/2 K of N = 15/2 K + M
    !> is then added to H_1 and H_2 as (15/4) K.
-   pure subroutine halve(whole, u, left, right)
+   pure subroutine split(whole, u, left, right)
       type(path_shape), intent(in) :: whole
       type(halving_draws), intent(in) :: u
       type(path_shape), intent(out) :: left, right
@@ -382,7 +417,31 @@ contains
       left%kk = 0.125_wp*whole%kk - 0.25_wp*u%n
       right%kk = left%kk - 0.25_wp*u%d
       left%kk = left%kk + 0.25_wp*u%d
-   end subroutine halve
+   end subroutine split
+
+   !> Move the normals of a halving so that their part along the direction of xi is xi.
+   pure subroutine turn(n, length, z, xi, zz, mm, dd, xi_1, xi_2)
+      integer, intent(in) :: n
+      real(wp), intent(in) :: length, z   !! of the whole [time], and gamma times it
+      real(wp), intent(in) :: xi(n)
+      real(wp), intent(inout), dimension(n) :: zz, mm, dd, xi_1, xi_2
+      real(wp) :: u(5), scale(5), missing(n)
+
+      u = decay_direction(z)
+      scale = sqrt(abs(length)*[1/16.0_wp, 1/192.0_wp, 1/180.0_wp, 0.0_wp, 0.0_wp])
+      scale(4:) = 1
+      missing = xi
+      call add_times(n, -u(1)/scale(1), zz, missing)
+      call add_times(n, -u(2)/scale(2), mm, missing)
+      call add_times(n, -u(3)/scale(3), dd, missing)
+      call add_times(n, -u(4), xi_1, missing)
+      call add_times(n, -u(5), xi_2, missing)
+      call add_times(n, u(1)*scale(1), missing, zz)
+      call add_times(n, u(2)*scale(2), missing, mm)
+      call add_times(n, u(3)*scale(3), missing, dd)
+      call add_times(n, u(4), missing, xi_1)
+      call add_times(n, u(5), missing, xi_2)
+   end subroutine turn
 
    !> Draw Z, N or M, and D for the halvings of the intervals 2*pair and 2*pair+1 of one length. The level keeps the
    !> halvings of intervals of different lengths apart.
@@ -406,6 +465,11 @@ contains
       end if
       call draw(d, normal_stream(level=level, purpose=purpose_halves, scale=sqrt(abs(length)/parts)), nlane, path, &
                 pair, even%n, odd%n, drawn)
+      if (.not. d%asked%has(path_decay)) return
+      call draw(d, normal_stream(level=level, purpose=purpose_decay, scale=1.0_wp), nlane, path, pair, even%xi_1, &
+                odd%xi_1, drawn)
+      call draw(d, normal_stream(level=level, purpose=purpose_second_decay, scale=1.0_wp), nlane, path, pair, &
+                even%xi_2, odd%xi_2, drawn)
    end subroutine draw_halving
 
 end module symsde_noise_integrals

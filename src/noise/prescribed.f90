@@ -4,7 +4,9 @@
 !> Schemes that use functionals need them as further columns beside the increments: dW_1 .. dW_m, dZ_1 .. dZ_m, and K_1
 !> .. K_m of each row; or they need finer rows: the path is then the polygon through the rows, whose functionals are
 !> exact (the mean-square error against the Brownian path is h^3/(12 4^l) in dZ and h^2/(4 2^l) in an area). Finer rows
-!> with functionals merge to those of the step.
+!> with functionals merge to those of the step. The noise of decaying momenta, D = (dW - E)/gamma, takes further columns
+!> of E_k = int exp(-gamma u) dW_k, u being the time to the end of the row; without them, or where gamma times the row
+!> is so small that E and dW have too many digits in common, D is that of the cubic with this dW, dZ and K.
 !>
 !> The first row belongs to step first_step; step n has the rows
 !>
@@ -14,24 +16,27 @@
 !> rows are left as they are in the store.
 module symsde_noise_prescribed
    use symsde_base_contracts, only: contracts_are_executed
-   use symsde_base_functionals, only: nfunctional
+   use symsde_base_functionals, only: nfunctional, path_decay
    use symsde_base_interrupt, only: interrupt_type
    use symsde_base_kinds, only: wp, i8
    use symsde_base_record, only: step_request, step_store
    use symsde_noise_contract, only: require_request, require_filled
-   use symsde_noise_functionals, only: path_interval, new_path_interval, shape_values, merge_intervals, &
-                                       clip_increments, clip_interval
+   use symsde_noise_functionals, only: path_interval, new_path_interval, shape_values, decay_values, &
+                                       merge_intervals, clip_increments, clip_interval
    use symsde_noise_source, only: noise_type
    implicit none
    private
    public :: prescribed_noise, new_prescribed_noise
+
+   !> Smallest gamma h of a row whose E is used: below it rounding of (dW - E)/gamma exceeds what E tells beyond K.
+   real(wp), parameter :: least_decay = 3e-5_wp
 
    type, extends(noise_type) :: prescribed_noise
       private
       integer(i8) :: first_path = 0, first_step = 0
       integer :: refine = 0
       real(wp) :: h = 0                             !! step with its sign, for dZ [time]
-      !> (npath or 1, nnoise or two or three times as many, nstep*2^refine), the user's array
+      !> (npath or 1, nnoise or up to four times as many, nstep*2^refine), the user's array
       real(wp), pointer, contiguous :: dw(:, :, :)
    contains
       procedure :: fill => fill_prescribed
@@ -43,7 +48,7 @@ contains
    !> not copied: it must live as long as the source.
    subroutine new_prescribed_noise(self, dw, first_path, first_step, refine, h, nnoise)
       type(prescribed_noise), intent(out) :: self
-      !> (npath or 1, columns, rows), with nnoise columns of dW, then as many of dZ, then of K, if given
+      !> (npath or 1, columns, rows), with nnoise columns of dW, then as many of dZ, of K, and of E, if given
       real(wp), intent(in), target, contiguous :: dw(:, :, :)
       integer(i8), intent(in) :: first_path, first_step
       integer, intent(in) :: refine  !! 0 or more
@@ -163,10 +168,31 @@ contains
          if (size(self%dw, 2) > 2*m) call take_rows(self, nlane, path, 2*m + 1, m, row, 1, 0, kk)
       end associate
       do f = 1, nfunctional
-         if (self%asked%has(f)) &
+         if (f == path_decay .and. self%asked%has(f)) then
+            call find_decay(self, nlane, path, row, hh, kk, whole)
+         else if (self%asked%has(f)) then
             call shape_values(f, nlane, self%nnoise, whole%length, whole%w, hh, x=whole%of(f)%x, kk=kk)
+         end if
       end do
    end subroutine polygon
+
+   !> D of a row, by its E if that is given and tells more than dW, H and K.
+   subroutine find_decay(self, nlane, path, row, hh, kk, whole)
+      class(prescribed_noise), intent(in) :: self
+      integer, intent(in) :: nlane
+      integer(i8), intent(in) :: path(nlane), row
+      real(wp), intent(in) :: hh(nlane, self%nnoise), kk(nlane, self%nnoise)
+      type(path_interval), intent(inout) :: whole
+
+      associate (m => self%nnoise, x => whole%of(path_decay)%x)
+         if (size(self%dw, 2) > 3*m .and. abs(whole%rate*whole%length) > least_decay) then
+            call take_rows(self, nlane, path, 3*m + 1, m, row, 1, 0, x)
+            x = (whole%w - x)/whole%rate
+         else
+            call decay_values(nlane, m, whole%length, whole%rate, whole%w, hh, kk, x)
+         end if
+      end associate
+   end subroutine find_decay
 
    !> Sum rows row .. row+rows-1 of noise k as a balanced binary tree, as the Brownian source adds its draws: its
    !> increments, written out and read as rows, give the same bits.

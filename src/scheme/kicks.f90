@@ -47,6 +47,7 @@ module symsde_scheme_kicks
       real(wp), allocatable :: beta(:)     !! part of dW (nkick)
       real(wp), allocatable :: gamma(:)    !! factor of a (nkick)
       real(wp), allocatable :: eta(:)      !! factor of K (nkick)
+      real(wp), allocatable :: delta(:)    !! factor of D/h, the noise of decaying momenta along the path (nkick)
       real(wp), allocatable :: kappa(:)    !! factor of h |V_q|^2 (nkick)
       real(wp), allocatable :: share(:)    !! s: part of the potential with D, their sum is one (nkick)
       real(wp) :: zeta = 0                 !! factor of K in V
@@ -77,7 +78,7 @@ contains
       kicks%b = b
       kicks%beta = b
       kicks%share = b
-      allocate (kicks%gamma(size(c)), kicks%eta(size(c)), kicks%kappa(size(c)), source=0.0_wp)
+      allocate (kicks%gamma(size(c)), kicks%eta(size(c)), kicks%delta(size(c)), kicks%kappa(size(c)), source=0.0_wp)
       if (present(gamma)) kicks%gamma = gamma
       if (present(flow)) kicks%flow = flow
       if (kicks%flow == flow_midpoint) kicks%b = 0

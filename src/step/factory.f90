@@ -11,7 +11,8 @@
 !> instance of a body for a single path is allocated, if there is one.
 module symsde_step_factory
    use symsde_base_contracts, only: contracts_are_executed
-   use symsde_base_damping, only: damping_type
+   use symsde_base_damping, only: damping_type, noise_of_scheme
+   use symsde_base_functionals, only: path_dz
    use symsde_base_laws, only: law_gaussian
    use symsde_base_status, only: error_type, raise, incompatible, invalid_argument
    use symsde_base_text, only: to_text
@@ -62,6 +63,7 @@ module symsde_step_factory
    !> steppers that compute only states.
    type :: stepper_options
       integer :: correction = correction_auto
+      integer :: damping_noise = noise_of_scheme  !! of kicks between drifts that decay, by base/damping
       logical :: general = .false.   !! use the oracle of the scheme, whatever the traits allow
       type(newton_options) :: newton = newton_options()
       logical :: as_increments = .false.  !! for compensated sums: exclude states, whose last digit is coarser
@@ -182,6 +184,7 @@ contains
       if (contracts_are_executed) call require_scheme(scheme, 'step, task')
       task%model => model
       task%damping = model%damping
+      task%damping_noise = options%damping_noise
       task%scheme => scheme
       ! a Galerkin scheme that is a tableau for this model is executed as a tableau, but by its own oracle if general is
       ! true
@@ -194,6 +197,7 @@ contains
       task%as_increments = options%as_increments
       task%general = options%general
       call check_damping(task, error)
+      call check_damping_noise(task, error)
       call check_forces(task, error)
       call find_flow(task)
    end subroutine resolve_task
@@ -310,6 +314,32 @@ contains
                     'friction acts on velocities M^-1 p: give rates of the momenta')
       end if
    end subroutine check_damping
+
+   !> Refuse a choice of the noise of damped free motion where kicks have no such choice.
+   subroutine check_damping_noise(task, error)
+      type(stepper_task), intent(in) :: task
+      type(error_type), allocatable, intent(inout) :: error
+
+      if (allocated(error) .or. task%damping_noise == noise_of_scheme) return
+      if (.not. task%damping%acts()) then
+         call refuse('model '//task%model%name//' is not damped')
+      else if (.not. task%damping%is_scalar()) then
+         call refuse('model '//task%model%name//' has no single rate of damping, so that kicks keep the weights of '// &
+                     'the closed system')
+      else if (.not. task%scheme%asks%has(path_dz) .or. task%scheme%form /= splitting_form) then
+         call refuse('scheme '//task%scheme%name//' has no kicks that follow dZ')
+      end if
+
+   contains
+
+      subroutine refuse(why)
+         character(*), intent(in) :: why
+
+         call raise(error, incompatible, 'check_damping_noise', 'a noise of damped free motion is chosen, and '//why// &
+                    ': leave damping_noise out, or take one rate and a scheme of kicks, such as gauss_dkdkd')
+      end subroutine refuse
+
+   end subroutine check_damping_noise
 
    !> Refuse schemes that do not execute forces. Brackets are those of Hamiltonians, and a force is none: with forces
    !> f_k not even the fields of noises have Hamiltonian brackets.

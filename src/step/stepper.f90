@@ -21,7 +21,7 @@
 !> or frame decides it), how it is made for a task, and what it omits. The factory has the list of steppers.
 module symsde_step_stepper
    use symsde_base_contracts, only: contracts_are_executed
-   use symsde_base_damping, only: damping_type
+   use symsde_base_damping, only: damping_type, noise_of_scheme
    use symsde_base_counters, only: counters_type, add_counters
    use symsde_base_kinds, only: wp, i8
    use symsde_base_maps, only: step_map
@@ -49,6 +49,7 @@ module symsde_step_stepper
       type(scheme_type), allocatable :: tableau
       logical :: follows = .false.             !! whether a stage needs only earlier stages for this model
       type(damping_type) :: damping            !! damping of momenta: none inside of a damped stepper
+      integer :: damping_noise = noise_of_scheme  !! of kicks between drifts that decay, by base/damping
       integer :: correction = correction_none  !! resolved: never correction_auto
       type(step_map), allocatable :: flow      !! whole steps of the model; not allocated if there are none
       integer :: nlane = 0                     !! number of lanes of a block

@@ -30,6 +30,11 @@ NAMED = {
     "SYMSDE_EVIDENCE_DERIVED": "evidence_derived",
     "SYMSDE_AREAS_PATH": "areas_by_path",
     "SYMSDE_AREAS_LAW": "areas_in_law",
+    "SYMSDE_DAMPING_NOISE_LAW": "noise_of_scheme",
+    "SYMSDE_DAMPING_NOISE_LAW2": "noise_law2",
+    "SYMSDE_DAMPING_NOISE_LAW3": "noise_law3",
+    "SYMSDE_DAMPING_NOISE_PATH": "noise_path",
+    "SYMSDE_DAMPING_NOISE_POLYNOMIAL": "noise_polynomial",
     "SYMSDE_CORRECTION_AUTO": "correction_auto",
     "SYMSDE_CORRECTION_NONE": "correction_none",
     "SYMSDE_CORRECTION_MEAN": "correction_mean",
@@ -139,6 +144,7 @@ def read_sources(root):
     values, functions, structs = {}, {}, {}
     files = [
         root / "src/base/area_rule.f90",
+        root / "src/base/damping.f90",
         root / "src/base/status.f90",
         root / "src/scheme/scheme.f90",
         root / "src/scheme/orders.f90",

@@ -47,6 +47,7 @@ static void test_inits(void) {
    CHECK(options.step == 0 && options.steps == 0 && options.paths == 1 && options.save_every == 1);
    CHECK(options.seed == 0 && options.correction == SYMSDE_CORRECTION_AUTO && options.max_iter == 100);
    CHECK(options.areas == SYMSDE_AREAS_PATH && options.area_time == 0 && options.common_noise == 0);
+   CHECK(options.damping_noise == SYMSDE_DAMPING_NOISE_LAW);
    CHECK(options.compensated == 0 && options.lanes == 0 && options.threads == 0 && options.refine == 0);
    CHECK(symsde_input_init(&input) == 0 && input.struct_size == sizeof input);
    CHECK(input.q0 == NULL && input.q0_paths == 1 && input.increments == NULL && input.progress == NULL);

@@ -53,6 +53,9 @@ static void test_misuse(void) {
    OPTION(areas, 2, SYMSDE_INVALID_ARGUMENT, "areas = 2");
    OPTION(areas, INT32_MIN, SYMSDE_INVALID_ARGUMENT, "areas = -2147483648");
    OPTION(areas, SYMSDE_AREAS_LAW, SYMSDE_INCOMPATIBLE, "areas in law|midpoint|midpoint_areas");
+   OPTION(damping_noise, 5, SYMSDE_INVALID_ARGUMENT, "damping_noise = 5|0 (its law)");
+   OPTION(damping_noise, INT32_MIN, SYMSDE_INVALID_ARGUMENT, "damping_noise = -2147483648");
+   OPTION(damping_noise, SYMSDE_DAMPING_NOISE_PATH, SYMSDE_INCOMPATIBLE, "not damped|gauss_dkdkd");
    OPTION(correction, 9, SYMSDE_INVALID_ARGUMENT, "correction");
    OPTION(correction, SYMSDE_CORRECTION_MEAN, SYMSDE_INCOMPATIBLE, "midpoint|correction");
    OPTION(max_iter, 0, SYMSDE_INVALID_ARGUMENT, "");

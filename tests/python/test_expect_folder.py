@@ -333,7 +333,7 @@ def test_multilevel_draws_of_another_call_are_another_run(name, other, tmp_path)
 @pytest.mark.parametrize(
     ("name", "other"),
     [("t0", 0.5), ("correction", "none"), ("truncation", (3.0, 50.0)), ("areas", "law"), ("area_time", 2.0),
-     ("compensated", True)],
+     ("damping_noise", "path"), ("compensated", True)],
 )  # fmt: skip
 def test_draws_with_other_options_are_another_run(name, other, tmp_path):
     asked = {**PLACE, **STEADY, "abs": 0.1, "method": "plain", "out": tmp_path}

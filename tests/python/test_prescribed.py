@@ -58,7 +58,7 @@ def test_a_prepared_run_takes_them():
         ("chin4a", 1, "needs dZ and K"),
         ("gauss_dkdkd", 1, r"dZ and K as more columns \(all dW, all dZ, all K\)"),
         ("chin4a_strong2", 3, "needs J"),
-        ("midpoint", 4, "columns beyond the noises are as many of dZ, and of K"),
+        ("midpoint", 5, "columns beyond the noises are as many of dZ, of K, and of E"),
         ("midpoint", 1.5, "8 noises|3 noises"),
     ],
 )

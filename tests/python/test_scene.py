@@ -90,7 +90,8 @@ KEYS = {
     "step": "0.01", "steps": "550", "q0": "0.25", "p0": "-0.5", "t0": "1.5", "scheme": '"gauss2"', "paths": "1001",
     "seed": "12", "save_every": "25", "refine": "1", "first_path": "256", "first_step": "7", "correction": '"none"',
     "truncation": "[1.2, 1.0]", "compensated": "true", "threads": "1", "general": "true", "fixed_point": "9",
-    "max_iter": "50", "lanes": "64", "areas": '"law"', "area_time": "2.0", "common_noise": "[2]",
+    "max_iter": "50", "lanes": "64", "areas": '"law"', "area_time": "2.0", "damping_noise": '"path"',
+    "common_noise": "[2]",
 }  # fmt: skip
 
 
@@ -101,7 +102,8 @@ def test_every_key_of_a_run_reaches_it(file):
     for key, text in KEYS.items():
         value = tomllib.loads(f"x = {text}")["x"]
         head, _, run = SCENE.partition("[output]")[0].partition("[run]\n")
-        scheme = "midpoint_areas" if key == "areas" else "midpoint"  # this scheme draws areas
+        scheme = {"areas": "midpoint_areas", "damping_noise": "gauss_dkdkd"}.get(key, "midpoint")  # uses the key
+        head = head.replace("[model]\n", "[model]\ndamping = 0.5\n") if key == "damping_noise" else head
         run, default = run.replace('"midpoint"', f'"{scheme}"'), {**default, "scheme": scheme}
         kept = "".join(line for line in run.splitlines(True) if not line.startswith(f"{key} ="))
         loaded = scene.load(file(text=f'{head}[run]\n{key} = {text}\n{kept}[output]\npaths = "all"'))

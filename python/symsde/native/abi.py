@@ -29,6 +29,7 @@ INVALID_ARGUMENT = -1
 MISSING_OPERATION = -9
 CORRECTIONS = ("auto", "none", "mean", "increments")
 AREAS = ("path", "law")
+DAMPING_NOISES = ("law", "law2", "law3", "path", "polynomial")
 
 
 class Error(Structure):
@@ -111,6 +112,7 @@ class Options(Structure):
         ("areas", c_int32),
         ("common_noise", c_uint64),
         ("noise_paths", c_int64),
+        ("damping_noise", c_int32),
     )
 
     def __reduce__(self) -> tuple:

@@ -34,6 +34,7 @@ class EndOptions(TypedDict, total=False):
     truncation: tuple[float, float] | None
     areas: str
     area_time: float | None
+    damping_noise: str
     compensated: bool
     threads: int | None
 
@@ -138,10 +139,12 @@ class Setup:
     def attributes(self) -> dict[str, str]:
         """Origin of the run, as text for files."""
         left_out = {"struct_size", "threads", "lanes", "progress", "progress_user"}
-        left_out |= set() if self.options.noise_paths else {"noise_paths"}
+        left_out |= {name for name in ("noise_paths", "damping_noise") if not getattr(self.options, name)}
         names = [name for name, *_ in abi.Options._fields_ if name not in left_out]
         chosen = {name: getattr(self.options, name) for name in names}
         chosen["areas"] = abi.AREAS[self.options.areas]
+        if "damping_noise" in chosen:
+            chosen["damping_noise"] = abi.DAMPING_NOISES[self.options.damping_noise]
         chosen["common_noise"] = list(_noises(self.options))
         chosen["correction"] = abi.CORRECTIONS[self.options.correction]
         return {
@@ -219,6 +222,7 @@ _READ: dict[str, Callable] = {
     "truncation": _truncation,
     "areas": _choice(abi.AREAS),
     "area_time": _area_time,
+    "damping_noise": _choice(abi.DAMPING_NOISES),
     "common_noise": _common_noise,
     **dict.fromkeys(("compensated", "general"), _flag),
 }
@@ -231,6 +235,7 @@ def _defaults() -> dict[str, Any]:
         "correction": abi.CORRECTIONS[given.correction],
         "truncation": (given.truncation, given.truncation_time) if given.truncation else None,
         "areas": abi.AREAS[given.areas],
+        "damping_noise": abi.DAMPING_NOISES[given.damping_noise],
         "area_time": given.area_time or None,
         "common_noise": _noises(given),
         **{name: bool(getattr(given, name)) for name in ("compensated", "general")},

@@ -240,6 +240,7 @@ def simulate(
     truncation: tuple[float, float] | None = None,
     areas: str = "path",
     area_time: float | None = None,
+    damping_noise: str = "law",
     common_noise: int | Sequence[int] = (),
     compensated: bool = False,
     threads: int | None = None,
@@ -262,7 +263,8 @@ def simulate(
     - paths, first_path: global indices first_path .. first_path + paths - 1
     - seed: 0 .. 2^64 - 1
     - increments: your own dW, (steps*2^refine, noise, path), or (steps*2^refine, noise) for all paths; for schemes that
-      use them, dZ of all noises as further columns, and then K
+      use them, dZ of all noises as further columns, then K, and with damping_noise="path" E, the integral of
+      exp(-gamma (t_n + step - s)) dW(s) over each row
     - refine: l > 0 drives a step by the sum of 2^l draws; l < 0 halves increments -l times by the Brownian bridge. With
       l < 0 schemes share a path only if they use the same functionals of it (`report.functionals`); with l >= 0 all do
     - first_step: absolute index n of the first step, which chooses its noise; its time is t0 + n*step. With q0, p0 =
@@ -272,6 +274,10 @@ def simulate(
     - areas: how Levy areas are drawn: "path", from the Brownian path, or "law", which has the right law at bounded cost
     - area_time: time scale of areas from the path, area_time/(12 step) sub-increments a step; by default derived from
       the model
+    - damping_noise: of schemes of kicks where one rate damps the momenta, the noise that a free particle gets: its law
+      from dW and dZ ("law2"), or from dW, dZ and K ("law3"), by default "law", the one whose functionals the scheme
+      draws; "path", that of the path itself, so that steps of any length agree; or "polynomial", weights as without
+      damping
     - common_noise: numbers k, 1 to 64, of noises that all paths share: every path gets the W_k of path 0, with
       its functionals. All other noises are independent between paths. Standard errors of moments are then those given
       the common noises

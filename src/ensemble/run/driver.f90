@@ -11,7 +11,7 @@ module symsde_ensemble_run_driver
    use symsde_base_area_rule, only: area_rule, areas_in_law
    use symsde_base_contracts, only: contracts_are_executed
    use symsde_base_counters, only: counters_type
-   use symsde_base_functionals, only: functional_set, name_functionals, path_areas, path_dz, path_stt_area
+   use symsde_base_functionals, only: functional_set, name_functionals, path_areas, path_dz, path_stt_area, path_decay
    use symsde_base_kinds, only: wp, i8
    use symsde_base_lanes, only: lanes_for, padded, all_finite
    use symsde_base_laws, only: law_gaussian
@@ -41,6 +41,7 @@ module symsde_ensemble_run_driver
    use symsde_scheme_scheme, only: scheme_type
    use symsde_solve_lapack, only: blas_single_thread, blas_restore_threads, name_lapack
    use symsde_step_factory, only: resolve_task
+   use symsde_step_open_kick_law, only: needed_functionals
    use symsde_step_stepper, only: stepper_type, most_single
    implicit none
    private
@@ -276,7 +277,7 @@ contains
          report%stepper = self%runners(1)%stepper%name
          call describe_left_out(model, scheme, report%correction, self%runners(1)%stepper, report%left_out)
          call model%damping%describe(model%traits, scheme%symplectic, report%damping)
-         call name_functionals(scheme%asks%needed_for(model%traits), report%functionals)
+         call name_functionals(self%noise%asked, report%functionals)
       end associate
    end subroutine new_runners
 
@@ -311,7 +312,7 @@ contains
       law = law_gaussian
       if (present(scheme)) then
          law = scheme%law
-         asked = scheme%asks%needed_for(model%traits)
+         asked = needed_functionals(scheme, model%traits, model%damping, options%damping_noise)
          call choose_areas(model, scheme, options, asked, areas, error)
       end if
       if (present(dw)) then
@@ -389,7 +390,9 @@ contains
       if (present(scheme)) name = 'scheme '//scheme%name
       idle%has(path_dz) = ncolumn > m .and. .not. asked%has(path_dz)
       idle%has(path_stt_area) = ncolumn > 2*m .and. .not. asked%has(path_stt_area)
+      idle%has(path_decay) = ncolumn > 3*m .and. .not. asked%has(path_decay)
       missing = asked
+      missing%has(path_decay) = .false.  ! without E it is that of the cubic with this dW, dZ and K
       missing%has(path_dz) = asked%has(path_dz) .and. ncolumn <= m
       missing%has(path_stt_area) = asked%has(path_stt_area) .and. ncolumn <= 2*m
       if (.not. idle%is_empty()) then
@@ -410,7 +413,7 @@ contains
    end subroutine check_given
 
    !> Refuse (wrong_shape) prescribed increments unless they have one row for every step or finer step; one column for
-   !> every noise, as many for dZ, and as many for K; and one path or all paths. With refine < 0 prescribed increments
+   !> every noise, as many for dZ, for K, and for E; and one path or all paths. With refine < 0 prescribed increments
    !> are refused (incompatible).
    subroutine check_increments(options, nnoise, extent, error)
       type(run_options), intent(in) :: options
@@ -425,13 +428,13 @@ contains
          return
       end if
       rows = options%nstep*2_i8**options%refine
-      if (extent(3) /= rows .or. .not. any(extent(2) == nnoise*[1, 2, 3]) .or. &
+      if (extent(3) /= rows .or. .not. any(extent(2) == nnoise*[1, 2, 3, 4]) .or. &
           (extent(1) /= 1 .and. extent(1) /= options%npath)) then
          call raise(error, wrong_shape, 'run_ensemble', 'the prescribed increments have '//to_text(extent(3))// &
                     ' rows, '//to_text(extent(2))//' noises and '//to_text(extent(1))//' paths; needed are '// &
                     to_text(rows)//' rows (steps*2^refine), '//to_text(nnoise)//' noises and '// &
                     to_text(options%npath)//' paths or one for all; columns beyond the noises are as many of dZ, '// &
-                    'and of K')
+                    'of K, and of E')
       end if
    end subroutine check_increments
 

@@ -1,7 +1,7 @@
 ! SPDX-License-Identifier: BSD-3-Clause
 !> How much memory a run takes at most, and how many threads fit.
 module symsde_ensemble_run_memory
-   use symsde_base_functionals, only: functional_set, path_areas
+   use symsde_base_functionals, only: functional_set, path_areas, path_decay
    use symsde_base_kinds, only: wp
    use symsde_base_lanes, only: padded
    use symsde_base_memory, only: memory_for, require_memory
@@ -14,6 +14,7 @@ module symsde_ensemble_run_memory
    use symsde_ensemble_options, only: run_options
    use symsde_scheme_kicks, only: kicks_type
    use symsde_scheme_scheme, only: splitting_form
+   use symsde_step_open_kick_law, only: needed_functionals
    use symsde_step_memory, only: step_memory, find_step_memory
    use symsde_step_stepper, only: stepper_task
    implicit none
@@ -86,7 +87,7 @@ contains
 
       ndof = task%model%traits%ndof
       nnoise = task%model%traits%nnoise
-      asked = task%scheme%asks%needed_for(task%model%traits)
+      asked = needed_functionals(task%scheme, task%model%traits, task%damping, task%damping_noise)
       ncolumn = asked%columns(nnoise)
       ahead = 2*pairs_ahead(nlane, ncolumn)
       kept = 2*states_ahead(nlane, ndof)
@@ -123,6 +124,7 @@ contains
       m = nnoise
       noise_numbers = nlane*(8*m + levels)
       if (.not. asked%is_empty()) noise_numbers = noise_numbers + nlane*levels*5*m
+      if (asked%has(path_decay)) noise_numbers = noise_numbers + nlane*levels*6*m
       if (asked%has(path_areas)) noise_numbers = noise_numbers + nlane*levels*m*(m - 1)
    end function noise_numbers
 

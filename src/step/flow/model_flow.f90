@@ -22,7 +22,7 @@ module symsde_step_flow_model_flow
    use symsde_base_laws, only: law_gaussian
    use symsde_base_counters, only: counters_type
    use symsde_base_maps, only: step_map, other_map, euler_map, euler_adjoint_map, verlet_map, midpoint_map
-   use symsde_base_damping, only: decay_less_one
+   use symsde_base_damping, only: decay_less_one, noise_of_scheme
    use symsde_base_record, only: step_record, steps_record, step_decays
    use symsde_base_text, only: name_length
    use symsde_scheme_catalogue, only: scheme_names
@@ -66,7 +66,8 @@ contains
    subroutine find_flow(task)
       type(stepper_task), intent(inout) :: task
 
-      if (task%damping%acts() .and. task%damping%is_scalar()) call find_map(task, .true.)
+      if (task%damping%acts() .and. task%damping%is_scalar() .and. task%damping_noise == noise_of_scheme) &
+         call find_map(task, .true.)
       if (.not. allocated(task%flow)) call find_map(task, .false.)
    end subroutine find_flow
 
@@ -205,7 +206,7 @@ contains
          self%decays%after = decay_less_one((1 - self%node)*self%decays%z)
       else
          kicks = self%kicks
-         call give_law(kicks, self%kicks, self%decays%z)
+         call give_law(kicks, self%kicks, self%decays%z, noise_of_scheme)
          self%decays%beta(:size(kicks%beta)) = kicks%beta
          self%decays%gamma(:size(kicks%gamma)) = kicks%gamma
       end if

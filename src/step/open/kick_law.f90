@@ -1,33 +1,71 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> The noise of kicks between drifts that decay, for a model that is damped by one rate. The noise of free motion gets
-!> its exact law (noise/decay_law): the first kick takes more and the last one less,
+!> The noise of kicks between drifts that decay, for a model that is damped by one rate. The noise of free motion is
+!> right (noise/decay_law): the first kick takes more and the last one less,
 !>
 !>    d_k = (D_k/h - sum_i phi_i w_ik)/(phi_1 - phi_n),   phi_i = phi((1 - c_i) h)/h
 !>
-!> so that sum_i w_ik = dW_k and sum_i h phi_i w_ik = D_k. Both are linear in dW, a and K: beta, gamma and eta of these
-!> two kicks change with gamma h.
+!> so that sum_i w_ik = dW_k and sum_i h phi_i w_ik = D_k. Of its law D_k is linear in dW, a and K: beta, gamma and eta
+!> of these two kicks change with gamma h. Of the path D_k is a functional, with the factor delta. With polynomial
+!> weights nothing changes.
 module symsde_step_open_kick_law
+   use symsde_base_damping, only: damping_type, noise_of_scheme, noise_law2, noise_law3, noise_path, noise_polynomial
+   use symsde_base_functionals, only: functional_set, path_dz, path_stt_area, path_decay
    use symsde_base_kinds, only: wp
+   use symsde_base_traits, only: model_traits
    use symsde_noise_decay_law, only: decay_law2, decay_law3, decay_integral
    use symsde_scheme_kicks, only: kicks_type
+   use symsde_scheme_scheme, only: scheme_type
    implicit none
    private
-   public :: give_law
+   public :: give_law, has_law, needed_functionals
 
 contains
 
-   !> Kicks whose noise has the law of free motion with decay, z = gamma h.
-   pure subroutine give_law(kicks, closed, z)
+   !> Whether the noise of these kicks is that of free motion with decay.
+   pure logical function has_law(kicks, damping, noise)
+      type(kicks_type), intent(in) :: kicks
+      type(damping_type), intent(in) :: damping
+      integer, intent(in) :: noise   !! of the enumerators of base/damping
+
+      has_law = damping%acts() .and. damping%is_scalar() .and. kicks%uses_dz() .and. noise /= noise_polynomial
+   end function has_law
+
+   !> The functionals of the path that a step of this scheme needs for a model with these traits and this damping.
+   pure type(functional_set) function needed_functionals(scheme, traits, damping, noise) result(needed)
+      type(scheme_type), intent(in) :: scheme
+      type(model_traits), intent(in) :: traits
+      type(damping_type), intent(in) :: damping
+      integer, intent(in) :: noise   !! of the enumerators of base/damping
+      type(functional_set) :: asked
+
+      asked = scheme%asks
+      if (noise /= noise_of_scheme .and. damping%acts() .and. damping%is_scalar()) then
+         asked%has(path_stt_area) = asked%has(path_stt_area) .or. noise == noise_law3 .or. noise == noise_path
+         asked%has(path_decay) = noise == noise_path
+         if (noise == noise_path) asked%rate = damping%rate(1)
+      end if
+      needed = asked%needed_for(traits)
+   end function needed_functionals
+
+   !> Kicks whose noise is that of free motion with decay, z = gamma h.
+   pure subroutine give_law(kicks, closed, z, noise)
       type(kicks_type), intent(inout) :: kicks
       type(kicks_type), intent(in) :: closed
       real(wp), intent(in) :: z
-      real(wp) :: d(3), phi(size(closed%c))
+      integer, intent(in) :: noise   !! of the enumerators of base/damping
+      real(wp) :: d(4), phi(size(closed%c))
       integer :: last
 
       last = size(closed%c)
       phi = decay_integral(1 - closed%c, z)
-      d = decay_law2(z)
-      if (closed%uses_k()) d = decay_law3(z)
+      d = 0
+      if (noise == noise_path) then
+         d(4) = 1
+      else if (noise == noise_law3 .or. (noise == noise_of_scheme .and. closed%uses_k())) then
+         d(:3) = decay_law3(z)
+      else
+         d(:3) = decay_law2(z)
+      end if
       d(1) = d(1) - sum(phi*closed%beta)
       d(2) = d(2) - sum(phi*closed%gamma)
       d(3) = d(3) - sum(phi*closed%eta)
@@ -35,9 +73,11 @@ contains
       kicks%beta(1) = closed%beta(1) + d(1)
       kicks%gamma(1) = closed%gamma(1) + d(2)
       kicks%eta(1) = closed%eta(1) + d(3)
+      kicks%delta(1) = d(4)
       kicks%beta(last) = closed%beta(last) - d(1)
       kicks%gamma(last) = closed%gamma(last) - d(2)
       kicks%eta(last) = closed%eta(last) - d(3)
+      kicks%delta(last) = -d(4)
    end subroutine give_law
 
 end module symsde_step_open_kick_law

@@ -6,7 +6,8 @@
 !>    D_kl = h [ sum_{i<j} (c_j - c_i) (w_ik w_jl + w_il w_jk)/2 - 2 kappa v_k v_l ] - J_kl      where J is sampled
 !>
 !> Of a model damped by one rate beta, gamma and eta of the first kick and the last one change with gamma h, and nothing
-!> else does (step/open/kick_law). Unequal rates keep the coefficients of the closed system, whose moments hold to the
+!> else does (step/open/kick_law); or they get a further term, delta_i D_k/h, D_k being the noise of free motion along
+!> the path. Unequal rates keep the coefficients of the closed system, whose moments hold to the
 !> order of the scheme.
 !>
 !> w_ik multiplies H_k in kick i, V = h U + sum_k v_k H_k is the sum squared by force-gradient kicks, and D_kl
@@ -23,8 +24,8 @@
 !>
 !> Private to its family.
 module symsde_step_splitting_coefficients
-   use symsde_base_damping, only: damping_type
-   use symsde_base_functionals, only: path_dz, path_stt_area, path_magnus, pair_index
+   use symsde_base_damping, only: damping_type, noise_of_scheme
+   use symsde_base_functionals, only: path_dz, path_stt_area, path_magnus, path_decay, pair_index
    use symsde_base_kinds, only: wp
    use symsde_base_record, only: step_record
    use symsde_base_supports, only: noise_colours, sort_noises
@@ -32,7 +33,7 @@ module symsde_step_splitting_coefficients
    use symsde_base_vectors, only: add_times, scale
    use symsde_scheme_kicks, only: kicks_type, mean_coefficient
    use symsde_scheme_words, only: give_word_law
-   use symsde_step_open_kick_law, only: give_law
+   use symsde_step_open_kick_law, only: give_law, has_law
    implicit none
    private
    public :: kick_weights, new_kick_weights, add_product
@@ -53,6 +54,7 @@ module symsde_step_splitting_coefficients
       logical, private :: by_sums = .false.    !! whether some kick uses V
       logical, private :: uses_dz = .false.
       type(damping_type) :: damping
+      integer :: damping_noise = noise_of_scheme  !! of the enumerators of base/damping
       type(kicks_type) :: closed               !! the coefficients without damping
       real(wp), private :: rate = 0            !! gamma of all degrees of freedom, if the noise has its exact law
       integer, private :: nlane = 0, nnoise = 0
@@ -66,11 +68,12 @@ contains
 
    !> Allocate for blocks of nlane lanes, and find the weights that matter to these kicks and this model. Additive
    !> noises have constant gradients, whose products have no effect.
-   subroutine new_kick_weights(self, kicks, traits, damping, nlane)
+   subroutine new_kick_weights(self, kicks, traits, damping, damping_noise, nlane)
       type(kick_weights), intent(out) :: self
       type(kicks_type), intent(in) :: kicks
       type(model_traits), intent(in) :: traits
       type(damping_type), intent(in) :: damping
+      integer, intent(in) :: damping_noise   !! of the enumerators of base/damping
       integer, intent(in) :: nlane
       integer :: k, l
 
@@ -87,8 +90,9 @@ contains
       self%uses_dz = kicks%uses_dz()
       self%closed = kicks
       self%damping = damping
-      if (damping%acts() .and. damping%is_scalar() .and. (self%uses_dz .or. kicks%is_word())) &
-         self%rate = damping%rate(1)
+      self%damping_noise = damping_noise
+      if (has_law(kicks, damping, damping_noise)) self%rate = damping%rate(1)
+      if (kicks%is_word() .and. allocated(damping%rate)) self%rate = damping%rate(1)
       ! D multiplies products in kicks with a nonzero share; in the mean form it vanishes if c does.
       self%multiplies = self%products .and. abs(kicks%share) > 0 .and. (kicks%samples .or. abs(self%c) > 0)
       self%has_products = abs(kicks%kappa) > 0 .or. self%multiplies
@@ -117,7 +121,7 @@ contains
             if (abs(self%rate) > 0 .and. kicks%is_word()) then
                call give_word_law(self%kicks, self%closed, self%rate*step%h)
             else if (abs(self%rate) > 0) then
-               call give_law(self%kicks, self%closed, self%rate*step%h)
+               call give_law(self%kicks, self%closed, self%rate*step%h, self%damping_noise)
             end if
             self%v(:, 0) = step%h
             do i = 1, size(kicks%c)
@@ -160,6 +164,10 @@ contains
                call add_times(nlane, kicks%eta(i), stt_area(:, k), self%w(1, k, i))
             end do
          end associate
+         if (.not. associated(step%of(path_decay)%x)) return
+         do i = 1, size(kicks%c)
+            call add_times(nlane, kicks%delta(i)/step%h, step%of(path_decay)%x(:, k), self%w(1, k, i))
+         end do
       end associate
    end subroutine weigh_noise
 

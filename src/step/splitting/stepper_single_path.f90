@@ -110,7 +110,7 @@ module symsde_step_splitting_stepper_single_path
          ! Weights with as many lanes as a call has steps.
          allocate (ahead%weights)
          call new_kick_weights(ahead%weights, self%weights%closed, self%ham%model%traits, self%weights%damping, &
-                               steps%most)
+                               self%weights%damping_noise, steps%most)
          allocate (ahead%w(1, 0:m, size(kicks%c), steps%most), ahead%v(1, 0:m, steps%most))
          if (allocated(self%weights%d)) allocate (ahead%d(1, size(self%weights%d, 2), steps%most))
       end associate

@@ -25,6 +25,8 @@ from .problem import Problem
 SHARPEST = 1.6  #: omega h of the longest step that is tried: explicit schemes are unstable from 2 on
 #: number of points of a path at which frequencies are computed: eight equal parts follow all but very rapid changes
 _POINTS = 9
+#: of probing runs by midpoint, which uses none of these options
+_PLAIN = {"areas": "path", "area_time": None, "damping_noise": "law"}
 
 
 def suitable(problem: Problem) -> list[Scheme]:
@@ -140,7 +142,7 @@ def _ways(problem: Problem, paths: int):
     rows = max(8 * (_POINTS - 1), fewest_steps(problem))
     rows += -rows % (_POINTS - 1)
     try:
-        run = problem.run("midpoint", rows, paths=paths, save_every=rows // (_POINTS - 1), areas="path", area_time=None)
+        run = problem.run("midpoint", rows, paths=paths, save_every=rows // (_POINTS - 1), **_PLAIN)
     except SymsdeError:
         return
     kept = run.status == 0
@@ -155,7 +157,7 @@ def _way(problem: Problem):
     rows = 8 * (_POINTS - 1)
     try:
         increments = np.zeros((rows, problem.model.nnoise))
-        run = problem.run("midpoint", rows, increments=increments, paths=1, save_every=8, areas="path", area_time=None)
+        run = problem.run("midpoint", rows, increments=increments, paths=1, save_every=8, **_PLAIN)
     except SymsdeError:
         return
     for t, q, p in zip(run.t[1:], run.q[1:], run.p[1:], strict=True):

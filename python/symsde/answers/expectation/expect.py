@@ -51,7 +51,7 @@ def expect(
     - scheme, method: use this one; methods are plain, antithetic, multilevel and multilevel quasi-Monte Carlo
     - max_time: seconds of the clock after which the interval reached so far is returned
     - out: a folder that keeps the choice and the draws; the same call resumes it, and several processes can share it
-    - options: t0, correction, truncation, areas, area_time, compensated and threads of `simulate`
+    - options: t0, correction, truncation, areas, area_time, damping_noise, compensated and threads of `simulate`
 
     A pilot measures variance, weak error and cost of a few schemes that suit the model, or of the given one. Then the
     plan with the shortest estimated time is carried out. The answer says what was chosen and why, and what the

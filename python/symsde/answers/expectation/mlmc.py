@@ -74,7 +74,7 @@ def mlmc(
       not commute
     - max_time: seconds of the clock after which the interval reached so far is returned
     - out: a folder that keeps the draws; the same call resumes it, and several processes can share it
-    - options: t0, correction, truncation, areas, area_time, compensated and threads of `simulate`
+    - options: t0, correction, truncation, areas, area_time, damping_noise, compensated and threads of `simulate`
 
     The number of paths of each level follows from its measured variance and cost. Levels are added until the bias,
     estimated from the means of the finest levels, is small beside the noise. The interval includes both. All quantities
