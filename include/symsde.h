@@ -470,6 +470,23 @@ int symsde_compute_moments(symsde_model model, symsde_scheme scheme, const symsd
                            const symsde_input *input, symsde_moments *moments, symsde_report *report,
                            symsde_error *error);
 
+/* A function f of the paths first .. first + lanes - 1: value[lanes], and its derivatives by the states at the saved
+ * times, fq = df/dq and fp = df/dp, [ntime][ndof][lanes], and by parameters where f holds them itself,
+ * fparameter[nparameter][lanes]. Derivatives are zero before the call. Returns 0, or a code that ends the run. */
+typedef int (*symsde_path_function)(int64_t first, int lanes, int ndof, int ntime, int nparameter, const double *t,
+                                    const double *q, const double *p, double *value, double *fq, double *fp,
+                                    double *fparameter, void *user);
+/* f of each path and its derivatives by the exact discrete adjoint of every step: value[paths], by_q0 and then by
+ * parameters in by_q[ndof + nparameter][paths], by p0 in by_p[ndof][paths], codes[paths], failed_step[paths]; NaN where
+ * a path failed. Their means are the gradient of E f. `wide` has the positions q_1 .. q_n and the parameters, as many
+ * momenta, and the Hamiltonians of `model`, which do not depend on momenta of parameters; without parameters it is the
+ * model itself. parameters[nparameter][nrow]: their values, nrow = paths or 1. f is called for the paths of a block by
+ * any thread, or for all paths in runs too long to be kept. Models and schemes without exact derivatives are refused. */
+int symsde_path_gradient(symsde_model model, symsde_model wide, symsde_scheme scheme, const symsde_options *options,
+                         const symsde_input *input, int nparameter, int64_t nrow, const double *parameters,
+                         symsde_path_function f, void *user, double *value, double *by_q, double *by_p, int32_t *codes,
+                         int64_t *failed_step, symsde_report *report, symsde_error *error);
+
 /* Parts of an ensemble merge to the bits of the whole. A part consists of the paths j 2^k .. (j+1) 2^k - 1, k >= 8, by
  * global index (the last part may end earlier). Two siblings, j even on the left and j + 1 on the right, merge into part
  * j/2 of 2^(k+1) paths: n_ok[ntime], mean and m2[ntime][nvalue] of the left part become those of both. */

@@ -42,6 +42,7 @@ from .model.thermostat import thermostat
 from .native.build import build_info
 from .native.callbacks import numba_signature, numba_sincos
 from .native.handles import status_text
+from .run.gradient import Gradient, gradient
 from .run.moments import Moments, moments
 from .run.prepared import PreparedRun, prepare
 from .run.report import Report
@@ -82,6 +83,7 @@ __all__ = [
     "Commutator",
     "Convergence",
     "FormulaModel",
+    "Gradient",
     "LevelSampler",
     "MeanSquare",
     "Model",
@@ -109,6 +111,7 @@ __all__ = [
     "ensemble",
     "errors",
     "expect",
+    "gradient",
     "increments",
     "level_sampler",
     "load",

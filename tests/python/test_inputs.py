@@ -138,6 +138,10 @@ OWN = {
     "ensemble": [
         {"paths": PATHS, "executor": OMITTED, "shard_paths": 256, "common_noise": (1,), "truncation": (8, 4.0)}
     ],
+    "gradient": [
+        {"paths": PATHS, "wrt": ["a", "q0"], "common_noise": (1,), "truncation": (8, 4.0)},
+        {"paths": PATHS, "wrt": ["p0"], "increments": INCREMENTS[::2]},
+    ],
     "prepare": [
         {"common_noise": (1,), "truncation": (8, 4.0), "paths": PATHS},
         {"compensated": True, **LOW, "paths": 3},
@@ -358,6 +362,11 @@ def sweep_seen(found):
     return [seen(found.parameters), *(seen(found.table(kind)) for kind in ("mean", "var", "se_mean"))]
 
 
+def gradient_seen(found):
+    """Values and derivatives of each path."""
+    return [seen(x) for x in (found.f, found.value, found.values, found.by_path)]
+
+
 def prepared_seen(run):
     """States from the present step on, and after a reset."""
     first = run_seen(run.run(2))
@@ -395,6 +404,7 @@ LOOKS = {
     ss.Run: run_seen,
     ss.Moments: moments_seen,
     ss.Sweep: sweep_seen,
+    ss.Gradient: gradient_seen,
     ss.PreparedRun: prepared_seen,
     ss.LevelSampler: sampler_seen,
     Draw: draw_seen,

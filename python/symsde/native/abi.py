@@ -228,6 +228,8 @@ CALLBACKS["chain_rows"] = CFUNCTYPE(
 )  # int f(nlane, ndof, nham, first, last, t, w, q, hq, hqq, user)
 Observables = CFUNCTYPE(c_int, c_int, c_int, c_double, c_void_p, c_void_p, c_void_p, c_void_p)
 
+PathFunction = CFUNCTYPE(c_int, c_int64, *(c_int,) * 4, *(c_void_p,) * 8)
+
 
 class Moments(Structure):
     """struct symsde_moments."""
@@ -351,6 +353,18 @@ FUNCTIONS = {
     "paths_init": (POINTER(Paths),),
     "saved_times": (_options, c_void_p, _error),
     "simulate": (*_run, _input, POINTER(Paths), POINTER(Report), _error),
+    "path_gradient": (
+        _handle,
+        *_run,
+        _input,
+        c_int,
+        c_int64,
+        c_void_p,
+        PathFunction,
+        *_arrays(6),
+        POINTER(Report),
+        _error,
+    ),
     "moments_init": (POINTER(Moments),),
     "compute_moments": (*_run, _input, POINTER(Moments), POINTER(Report), _error),
     "merge_moments": (c_int64, c_int64, *_arrays(6), _error),

@@ -267,6 +267,7 @@ contains
       call self%drawn%show(step, nout*every, time_of(self, step), self%steps)
       self%steps%every = every
       call self%stepper%advance(self%steps, self%state, self%passed, ntaken, failed)
+      if (self%observer%keeps_steps()) call self%observer%keep_steps(self%steps, ntaken)
       ! Show the saved states as if the last, failing step had not been tried.
       if (nout > 1) then
          if (failed) call set_back(self%state, reached)

@@ -4,6 +4,7 @@
 !> behind pointers.
 module symsde_ensemble_observe_observer
    use symsde_base_kinds, only: wp, i8
+   use symsde_base_record, only: steps_record
    use symsde_base_status, only: error_type
    use symsde_model_abstract, only: model_type
    use symsde_step_block_state, only: lane_state
@@ -25,6 +26,8 @@ module symsde_ensemble_observe_observer
       procedure :: probe => nothing_to_probe
       procedure :: add_warnings => nothing_to_warn
       procedure :: see => nothing_to_ask
+      procedure :: keeps_steps => it_does_not
+      procedure :: keep_steps => nothing_to_keep
    end type observer_type
 
    abstract interface
@@ -79,7 +82,7 @@ contains
       end do
    end subroutine observe_each
 
-   !> Whether the observer may retire lanes.
+   !> Whether the observer may retire lanes; whether it is shown the steps (keep_steps).
    logical function it_does_not(self)
       class(observer_type), intent(in) :: self
 
@@ -134,5 +137,13 @@ contains
       class(observer_type), intent(inout) :: self
       class(model_type), intent(in), target :: model
    end subroutine nothing_to_ask
+
+   !> The first ntaken of these steps have been taken: their increments and functionals, before the states behind them
+   !> are shown. An observer of steps sees blocks of one width. This default keeps nothing.
+   subroutine nothing_to_keep(self, steps, ntaken)
+      class(observer_type), intent(inout) :: self
+      type(steps_record), intent(in) :: steps
+      integer, intent(in) :: ntaken
+   end subroutine nothing_to_keep
 
 end module symsde_ensemble_observe_observer

@@ -244,6 +244,7 @@ contains
             report%nthread = int(min(int(nthread, i8), (self%options%npath + nlane - 1)/nlane))
             call fit_threads(self%factory%task, self%options, observer, nlane, report%nthread, self%factory%narrows, &
                              error)
+            self%factory%narrows = self%factory%narrows .and. .not. observer%keeps_steps()
          end associate
       end subroutine fit
 

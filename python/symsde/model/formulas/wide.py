@@ -1,0 +1,88 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Parameters as positions that do not move: the model of (q, theta), by whose Hessian steps are differentiated."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from ...errors import IncompatibleError, InvalidArgumentError
+from ...native import checks
+from ..built_in import FORMULAS
+from ..definition import Model
+from .formula_model import FormulaModel, _made, model_from_sympy
+from .named_formulas import MAX_DOF
+
+
+def wide_model(model: Model, names: Sequence[str]) -> tuple[Model, list[str]]:
+    """The same Hamiltonians with these parameters, and all that go by path, as further positions; their names.
+
+    Of the wide model only Hessians are asked, at momenta of parameters that stay zero.
+    """
+    by_path = [name for name, x in model.parameters.items() if np.ndim(x)]
+    wanted = [*names, *(name for name in by_path if name not in names)]
+    if not wanted:
+        return model, []
+    code = _formulas(model)._code
+    if code.derivatives is None:
+        raise IncompatibleError(
+            f"{', '.join(wanted)} of model {model.name}: derivatives by parameters of sums over sites are not known; "
+            "take those by q0 and p0, or write the formulas out"
+        )
+    problem = code.derivatives.problem
+    if problem.ndof + len(wanted) > MAX_DOF:
+        raise IncompatibleError(
+            f"{problem.ndof} degrees of freedom and {len(wanted)} parameters are more than {MAX_DOF} together: ask for "
+            "fewer parameters at a time"
+        )
+    symbols = {x.name: x for h in problem.hamiltonians for x in h.free_symbols}
+    told = {f"c{k}": name for k, name in enumerate(problem.parameters)}
+    places = {name: problem.ndof + wanted.index(name) for name in wanted}
+    new = {f"{letter}{i}": f"{other}{i}" for letter, other in ("qx", "py") for i in range(problem.ndof)}
+    new |= {c: f"x{places[name]}" for c, name in told.items() if name in places}
+    renamed = {x: type(x)(new[name], real=True) for name, x in symbols.items() if name in new}
+    H, *noise = (h.xreplace(renamed) for h in problem.hamiltonians)
+    count = problem.ndof + len(wanted)
+    return _made(
+        {
+            "H": H,
+            "noise": noise,
+            "q": [f"x{i}" for i in range(count)],
+            "p": [f"y{i}" for i in range(count)],
+            "params": {c: model.parameters[name] for c, name in told.items() if name not in places},
+            "t": None,
+            "invariants": (),
+            "n": None,
+            "ends": "free",
+            "damping": None,
+            "force": None,
+            "noise_force": None,
+            "name": model.name,
+        }
+    ), wanted
+
+
+def _formulas(model: Model) -> FormulaModel:
+    """The formulas of a model."""
+    if isinstance(model, FormulaModel):
+        return model
+    if model.name in FORMULAS and model.parameters:
+        H, *noise = FORMULAS[model.name]
+        return model_from_sympy(H, noise, params=model.parameters, name=model.name)
+    raise IncompatibleError(
+        f"derivatives by parameters need the formulas of a model, and {model.name} has none: make it by "
+        "model_from_sympy, or ask for those by q0 and p0"
+    )
+
+
+def parameter_names(model: Model, wanted: Sequence[Any]) -> list[str]:
+    """Names of parameters as the model has them; refuses other names."""
+    known = [*model.parameters]
+    found = []
+    for name in wanted:
+        if not known:
+            raise InvalidArgumentError(f"wrt holds {checks.shown(name)}, and model {model.name} has no parameters")
+        found.append(known[checks.choice("wrt", name, known)])
+    return found

@@ -1,0 +1,307 @@
+! SPDX-License-Identifier: BSD-3-Clause
+!> The observer that keeps every step of its block, and after the last one takes covectors back through all of them.
+!>
+!> Steps are taken forward by the stepper of the run, with its bits. States, increments and functionals are kept, n + 1
+!> states and n steps of a block. Behind the last step the covectors are those of a later piece of the same paths, or
+!> zero; at each saved time the derivatives of f by the state are added.
+!>
+!> Private to its family.
+module symsde_diagnose_sweep_backward
+   use, intrinsic :: ieee_arithmetic, only: ieee_value, ieee_quiet_nan
+   use symsde_base_functionals, only: functional_set
+   use symsde_base_kinds, only: wp, i4, i8
+   use symsde_base_lanes, only: padded
+   use symsde_base_record, only: step_record, steps_record, step_store, new_step_store
+   use symsde_diagnose_sweep_path_function, only: path_function
+   use symsde_ensemble_observe_observer, only: observer_type
+   use symsde_model_abstract, only: model_type
+   use symsde_step_block_state, only: lane_state
+   use symsde_step_linear_choice, only: new_linear_step
+   use symsde_step_linear_linear_step, only: linear_step
+   use symsde_step_stepper, only: stepper_task
+   implicit none
+   private
+   public :: backward_plan, backward_observer, numbers_of_step, rest
+
+   integer, parameter :: rest = 64   !! no part of a step is left over at multiples of so many steps after a saved time,
+                                     !! wherever pieces end: a path has the same bits in any pieces
+
+   !> What all threads read, and the results, of which each thread writes the rows of its paths.
+   type :: backward_plan
+      type(stepper_task), pointer :: task => null()
+      class(model_type), pointer :: model => null(), wide => null()
+      class(path_function), pointer :: f => null()    !! called here if the piece is the whole run
+      type(functional_set) :: asked
+      real(wp) :: t0 = 0, h = 0                       !! time of step 0 of the run, and the step [time]
+      integer(i8) :: first_path = 0
+      integer(i8) :: origin = 0                       !! first step of the run
+      integer(i8) :: first = 0                        !! first step of this piece
+      integer :: nstep = 0                            !! steps of this piece
+      integer(i8) :: every = 1                        !! steps between saved times of the run
+      real(wp), pointer :: theta(:, :) => null()                      !! parameters (npath or 1, nparameter)
+      real(wp), pointer, dimension(:, :, :) :: fq => null(), fp => null() !! df/dq, df/dp unless f is called
+                                                                      !! (npath, ndof, 0:nsave)
+      real(wp), pointer :: u(:, :) => null(), c(:, :) => null()       !! covectors (npath, nwide), (npath, ndof)
+      real(wp), pointer :: value(:) => null()                         !! f (npath)
+      integer(i4), pointer :: status(:) => null()                     !! (npath)
+      integer(i8), pointer :: failed_step(:) => null()                !! (npath)
+   end type backward_plan
+
+   type, extends(observer_type) :: backward_observer
+      type(backward_plan), pointer :: plan => null()
+      class(model_type), pointer, private :: view => null()   !! the model, or a view that knows the paths of a block
+      class(linear_step), allocatable, private :: step
+      type(step_store), private :: store
+      real(wp), allocatable, private :: q(:, :, :), p(:, :, :)   !! states (nlane, ndof, 0:nstep)
+      real(wp), allocatable, private :: u(:, :), c(:, :)
+      integer, private :: nlane = 0, nreal = 0
+      integer(i8), private :: offset = 0                      !! paths of the run before this block
+   contains
+      procedure :: begin_block
+      procedure :: observe
+      procedure :: observe_several
+      procedure :: end_block
+      procedure :: keeps_steps
+      procedure :: keep_steps
+      procedure :: see
+      procedure :: numbers
+      procedure :: failure_code
+   end type backward_observer
+
+contains
+
+   !> Numbers that are kept for each step and lane.
+   pure integer function numbers_of_step(model, asked)
+      class(model_type), intent(in) :: model
+      type(functional_set), intent(in) :: asked
+
+      numbers_of_step = 2*model%traits%ndof + 1 + asked%columns(model%traits%nnoise)
+   end function numbers_of_step
+
+   subroutine begin_block(self, first, nreal, nlane)
+      class(backward_observer), intent(inout) :: self
+      integer(i8), intent(in) :: first
+      integer, intent(in) :: nreal, nlane
+
+      associate (plan => self%plan, n => self%plan%model%traits%ndof)
+         self%offset = first - plan%first_path
+         self%nreal = nreal
+         if (.not. allocated(self%q)) then
+            self%nlane = padded(nlane)
+            allocate (self%q(self%nlane, n, 0:plan%nstep), self%p(self%nlane, n, 0:plan%nstep))
+            allocate (self%u(self%nlane, plan%wide%traits%ndof), self%c(self%nlane, n))
+            call new_step_store(self%store, self%nlane, plan%model%traits%nnoise, max(2, plan%nstep), plan%h, &
+                                plan%asked)
+            if (.not. associated(self%view)) self%view => plan%model
+            call new_linear_step(self%step, plan%task, self%view, plan%wide, self%nlane)
+         end if
+      end associate
+   end subroutine begin_block
+
+   !> Use this view of the model for its paths.
+   subroutine see(self, model)
+      class(backward_observer), intent(inout) :: self
+      class(model_type), intent(in), target :: model
+
+      self%view => model
+   end subroutine see
+
+   logical function keeps_steps(self)
+      class(backward_observer), intent(in) :: self
+
+      keeps_steps = .true.
+   end function keeps_steps
+
+   !> Keep increments and functionals.
+   subroutine keep_steps(self, steps, ntaken)
+      class(backward_observer), intent(inout) :: self
+      type(steps_record), intent(in) :: steps
+      integer, intent(in) :: ntaken
+      integer :: i, at, f
+
+      do i = 1, ntaken
+         at = int(steps%first - self%plan%first) + i - 1
+         call copy_lanes(steps%nlane, self%nlane, steps%nnoise, steps%w(:, 1:, i), self%store%w(:, 1:, at))
+         do f = 1, size(steps%of)
+            if (.not. self%store%asked%has(f)) cycle
+            call copy_lanes(steps%nlane, self%nlane, size(steps%of(f)%x, 2), steps%of(f)%x(:, :, i), &
+                            self%store%of(f)%x(:, :, at))
+         end do
+      end do
+   end subroutine keep_steps
+
+   !> Copy columns; lanes beyond the given ones repeat the last.
+   pure subroutine copy_lanes(nlane, nto, ncolumn, x, to)
+      integer, intent(in) :: nlane, nto, ncolumn
+      real(wp), intent(in) :: x(nlane, ncolumn)
+      real(wp), intent(out) :: to(nto, ncolumn)
+      integer :: k
+
+      do k = 1, ncolumn
+         to(:nlane, k) = x(:, k)
+         to(nlane + 1:, k) = x(nlane, k)
+      end do
+   end subroutine copy_lanes
+
+   subroutine observe(self, isave, t, state)
+      class(backward_observer), intent(inout) :: self
+      integer(i8), intent(in) :: isave
+      real(wp), intent(in) :: t
+      type(lane_state), intent(inout) :: state
+
+      call copy_lanes(state%nlane, self%nlane, state%ndof, state%q, self%q(:, :, isave))
+      call copy_lanes(state%nlane, self%nlane, state%ndof, state%p, self%p(:, :, isave))
+      if (isave == self%plan%nstep) call go_back(self, state)
+   end subroutine observe
+
+   subroutine observe_several(self, isave, nsave, t, nlane, q, p, state)
+      class(backward_observer), intent(inout) :: self
+      integer(i8), intent(in) :: isave
+      integer, intent(inout) :: nsave
+      integer, intent(in) :: nlane
+      real(wp), intent(in) :: t(nsave)
+      type(lane_state), intent(inout) :: state
+      real(wp), intent(in) :: q(nlane, state%ndof, nsave), p(nlane, state%ndof, nsave)
+      integer :: k
+
+      do k = 1, nsave
+         call copy_lanes(nlane, self%nlane, state%ndof, q(:, :, k), self%q(:, :, isave + k - 1))
+         call copy_lanes(nlane, self%nlane, state%ndof, p(:, :, k), self%p(:, :, isave + k - 1))
+      end do
+      call state%take_first(nlane, q(1, 1, nsave), p(1, 1, nsave))
+      if (isave + nsave - 1 == self%plan%nstep) call go_back(self, state)
+   end subroutine observe_several
+
+   !> Take the covectors of the block from the end of the piece to its beginning.
+   subroutine go_back(self, state)
+      type(backward_observer), intent(inout) :: self
+      type(lane_state), intent(in) :: state
+      type(step_record) :: step
+      integer(i8) :: status(self%nlane), n
+      real(wp) :: theta(self%nlane, self%plan%wide%traits%ndof - self%plan%model%traits%ndof)
+      real(wp), allocatable :: fq(:, :, :), fp(:, :, :)   !! (nreal, ndof, saved times of the piece)
+      logical :: saved
+      integer :: k, i, lane
+
+      associate (plan => self%plan, ndof => self%plan%model%traits%ndof, offset => self%offset, nreal => self%nreal)
+         status(:state%nlane) = state%status
+         status(state%nlane + 1:) = state%status(state%nlane)
+         do i = 1, size(theta, 2)
+            do lane = 1, self%nlane
+               theta(lane, i) = plan%theta(merge(1_i8, offset + min(lane, nreal), size(plan%theta, 1) == 1), i)
+            end do
+         end do
+         call self%step%set_parameters(theta)
+         self%u = 0
+         self%c = 0
+         if (associated(plan%f)) then
+            call ask_f(self, theta, fq, fp)
+         else
+            self%u(:nreal, :) = plan%u(offset + 1:offset + nreal, :)
+            self%c(:nreal, :) = plan%c(offset + 1:offset + nreal, :)
+         end if
+         do k = plan%nstep, 0, -1
+            n = plan%first - plan%origin + k   ! steps from the beginning of the run
+            saved = mod(n, plan%every) == 0 .and. (k > 0 .or. n == 0)
+            if (k < plan%nstep .and. mod(mod(n, plan%every), rest) == 0) &
+               call self%step%settle(self%q(:, :, k), self%p(:, :, k), self%u, self%c)
+            if (saved) then
+               if (allocated(fq)) then
+                  call add_seeds(fq(:, :, n/plan%every), fp(:, :, n/plan%every), 0_i8)
+               else
+                  call add_seeds(plan%fq(:, :, n/plan%every), plan%fp(:, :, n/plan%every), offset)
+               end if
+            end if
+            if (k == 0) exit
+            call self%store%show(k - 1, plan%t0 + real(plan%first + k - 1, wp)*plan%h, step)
+            call self%step%back(step, self%q(:, :, k - 1), self%p(:, :, k - 1), self%q(:, :, k), self%p(:, :, k), &
+                                self%u, self%c, status)
+         end do
+         plan%u(offset + 1:offset + nreal, :) = self%u(:nreal, :)
+         plan%c(offset + 1:offset + nreal, :) = self%c(:nreal, :)
+         do lane = 1, nreal
+            plan%status(offset + lane) = int(status(lane), i4)
+         end do
+      end associate
+
+   contains
+
+      !> Add df/dq and df/dp of one saved time.
+      subroutine add_seeds(rows_q, rows_p, before)
+         real(wp), intent(in) :: rows_q(:, :), rows_p(:, :)   !! rows before + 1 .. are those of this block
+         integer(i8), intent(in) :: before
+         integer :: j, l
+
+         do j = 1, size(rows_q, 2)
+            do l = 1, self%nreal
+               self%u(l, j) = self%u(l, j) + rows_q(before + l, j)
+               self%c(l, j) = self%c(l, j) + rows_p(before + l, j)
+            end do
+         end do
+      end subroutine add_seeds
+
+   end subroutine go_back
+
+   !> Values of f, and its derivatives by the saved states and by parameters, for a piece that is the whole run.
+   subroutine ask_f(self, theta, fq, fp)
+      type(backward_observer), intent(inout) :: self
+      real(wp), intent(in) :: theta(:, :)                         !! (nlane, nparameter)
+      real(wp), allocatable, intent(out) :: fq(:, :, :), fp(:, :, :)  !! (nreal, ndof, 0:nsave)
+      real(wp), allocatable :: q(:, :, :), p(:, :, :), t(:), ftheta(:, :)
+      integer :: nsave, k, at
+
+      associate (plan => self%plan, n => self%plan%model%traits%ndof, nreal => self%nreal, offset => self%offset)
+         nsave = int(plan%nstep/plan%every)
+         allocate (q(nreal, n, 0:nsave), p(nreal, n, 0:nsave), t(0:nsave), ftheta(nreal, size(theta, 2)))
+         allocate (fq(nreal, n, 0:nsave), fp(nreal, n, 0:nsave))
+         do k = 0, nsave
+            at = int(k*plan%every)
+            t(k) = plan%t0 + real(plan%first + at, wp)*plan%h
+            q(:, :, k) = self%q(:nreal, :, at)
+            p(:, :, k) = self%p(:nreal, :, at)
+         end do
+         call plan%f%find(plan%first_path + offset, nreal, n, nsave + 1, size(theta, 2), t, q, p, &
+                          plan%value(offset + 1:offset + nreal), fq, fp, ftheta)
+         self%u(:nreal, n + 1:) = ftheta
+      end associate
+   end subroutine ask_f
+
+   subroutine end_block(self, state)
+      class(backward_observer), intent(inout) :: self
+      type(lane_state), intent(in) :: state
+      real(wp) :: nan
+      integer :: lane
+
+      nan = ieee_value(1.0_wp, ieee_quiet_nan)
+      associate (plan => self%plan)
+         do lane = 1, self%nreal
+            associate (path => self%offset + lane)
+               if (state%status(lane) /= 0) plan%status(path) = int(state%status(lane), i4)
+               plan%failed_step(path) = state%failed_step(lane)
+               if (plan%status(path) == 0) cycle
+               plan%value(path) = nan
+               plan%u(path, :) = nan
+               plan%c(path, :) = nan
+            end associate
+         end do
+      end associate
+   end subroutine end_block
+
+   real(wp) function numbers(self, npath, nthread)
+      class(backward_observer), intent(in) :: self
+      integer(i8), intent(in) :: npath
+      integer, intent(in) :: nthread
+      real(wp) :: lanes
+
+      lanes = min(256.0_wp, real(npath, wp) + 7)
+      numbers = nthread*lanes*(real(self%plan%nstep, wp) + 1)*numbers_of_step(self%plan%model, self%plan%asked)
+   end function numbers
+
+   integer function failure_code(self) result(code)
+      class(backward_observer), intent(in) :: self
+
+      code = 0
+      if (associated(self%plan%f)) code = self%plan%f%failure_code()
+   end function failure_code
+
+end module symsde_diagnose_sweep_backward

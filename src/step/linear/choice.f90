@@ -1,0 +1,92 @@
+! SPDX-License-Identifier: BSD-3-Clause
+!> Which linearised step belongs to a task, and which tasks have none, with the reason.
+module symsde_step_linear_choice
+   use symsde_base_status, only: error_type, raise, incompatible, missing_operation, wrong_shape
+   use symsde_base_text, only: to_text
+   use symsde_model_abstract, only: model_type
+   use symsde_scheme_scheme, only: correction_none, frame_none, ito_form, splitting_form, galerkin_form
+   use symsde_step_linear_kick_drift, only: kick_drift_step, kick_drift_fits, new_kick_drift
+   use symsde_step_linear_linear_step, only: linear_step
+   use symsde_step_linear_tableau, only: tableau_step, new_tableau_step
+   use symsde_step_stepper, only: stepper_task
+   implicit none
+   private
+   public :: require_linear, new_linear_step
+
+   integer, parameter :: most_unknowns = 256   !! of the dense systems of implicit steps
+
+contains
+
+   !> Refuse tasks and models whose steps cannot be linearised exactly.
+   subroutine require_linear(task, wide, error)
+      type(stepper_task), intent(in) :: task
+      class(model_type), intent(in) :: wide    !! with the parameters as further positions
+      type(error_type), allocatable, intent(inout) :: error
+      character(*), parameter :: place = 'linear_step'
+
+      if (allocated(error)) return
+      associate (t => task%model%traits, scheme => task%scheme)
+         if (wide%traits%ndof < t%ndof .or. wide%traits%nnoise /= t%nnoise) then
+            call raise(error, wrong_shape, place, 'the model with parameters as positions has '// &
+                       to_text(wide%traits%ndof)//' degrees of freedom and '//to_text(wide%traits%nnoise)// &
+                       ' noises; give at least '//to_text(t%ndof)//', and '//to_text(t%nnoise)//' noises')
+         else if (.not. (wide%traits%has_hessian .or. wide%traits%has_hessian_vector)) then
+            call raise(error, missing_operation, place, 'model '//wide%name//' has no Hessian and no products with '// &
+                       'it, and the derivative of a step is made of them: give hessian or hessian_vector, or formulas')
+         else if (t%forces%act()) then
+            call refuse('forces act on model '//task%model%name//', whose derivatives are not symmetric')
+         else if (task%newton%fixed_point > 0) then
+            call refuse('a given number of iterations does not solve the equations that are differentiated')
+         else if (scheme%frame /= frame_none) then
+            call refuse('scheme '//scheme%name//' has a frame around its tableau')
+         else if (scheme%form == splitting_form) then
+            call refuse('scheme '//scheme%name//' is made of drifts and kicks with functionals of the path')
+         else if (scheme%form == ito_form) then
+            call refuse('scheme '//scheme%name//' steps the Ito form, whose drift holds second derivatives')
+         else if (scheme%form == galerkin_form) then
+            call refuse('scheme '//scheme%name//' has more nodes than degrees and is no tableau for this model')
+         else if (task%has_brackets()) then
+            call refuse('scheme '//scheme%name//' adds brackets, whose Hessians hold fourth derivatives')
+         else if (task%correction /= correction_none) then
+            call refuse('scheme '//scheme%name//' adds a correction, whose Hessian holds third derivatives')
+         else if (allocated(task%damping%friction)) then
+            call refuse('model '//task%model%name//' is damped by a matrix of friction')
+         else if (2*t%ndof*scheme%nstage > most_unknowns .and. .not. kick_drift_fits(task)) then
+            call refuse('an implicit step of '//to_text(2*t%ndof*scheme%nstage)//' unknowns is solved by dense '// &
+                        'matrices, of at most '//to_text(most_unknowns))
+         end if
+      end associate
+
+   contains
+
+      subroutine refuse(why)
+         character(*), intent(in) :: why
+
+         call raise(error, incompatible, place, 'no exact derivative of the steps is known: '//why// &
+                    '; use midpoint, gauss2 or stormer_verlet for a model without forces')
+      end subroutine refuse
+
+   end subroutine require_linear
+
+   !> The linearised step of a task that require_linear has accepted, for blocks of nlane lanes.
+   subroutine new_linear_step(step, task, model, wide, nlane)
+      class(linear_step), allocatable, intent(out) :: step
+      type(stepper_task), intent(in) :: task
+      class(model_type), intent(in), target :: model   !! of the path, or a view that knows the paths of the lanes
+      class(model_type), intent(in), target :: wide
+      integer, intent(in) :: nlane                     !! a multiple of 8
+      type(kick_drift_step), allocatable :: kicks
+      type(tableau_step), allocatable :: tableau
+
+      if (kick_drift_fits(task)) then
+         allocate (kicks)
+         call new_kick_drift(kicks, task, wide, nlane)
+         call move_alloc(kicks, step)
+      else
+         allocate (tableau)
+         call new_tableau_step(tableau, task, model, wide, nlane)
+         call move_alloc(tableau, step)
+      end if
+   end subroutine new_linear_step
+
+end module symsde_step_linear_choice

@@ -1,0 +1,193 @@
+! SPDX-License-Identifier: BSD-3-Clause
+!> Explicit steps of separable models, Hhat = T(p) + U(q), as kicks around one drift, and their transposed maps in the
+!> reverse order:
+!>
+!>    p <- p - b_1 U_q(q)                       u <- u - b_2 U_qq c            at q_{n+1}
+!>    q <- q + T_p(p)                           c <- c + T_pp u                at the momenta between the kicks
+!>    p <- p - b_2 U_q(q)                       u <- u - b_1 U_qq c            at q_n
+!>
+!> Stoermer-Verlet has b = (1/2, 1/2), symplectic Euler (1, 0) and its adjoint (0, 1). A kick changes u alone, and its
+!> map is linear in the weights, so the kick that ends a step and the kick that begins the next one, both at q_{n+1},
+!> are one: its weights are sums.
+!>
+!> Rows of the parameters: u_theta <- u_theta - b U_{theta q} c and + T_{theta p} u, by the same products.
+!>
+!> Private to its family.
+module symsde_step_linear_kick_drift
+   use symsde_base_kinds, only: wp, i8
+   use symsde_base_record, only: step_record
+   use symsde_model_abstract, only: model_type
+   use symsde_scheme_scheme, only: scheme_type, correction_none
+   use symsde_step_hamiltonian_one_step, only: new_one_step_hamiltonian
+   use symsde_step_linear_linear_step, only: linear_step
+   use symsde_step_stepper, only: stepper_task
+   implicit none
+   private
+   public :: kick_drift_step, kick_drift_fits, new_kick_drift
+
+   type, extends(linear_step) :: kick_drift_step
+      private
+      real(wp) :: part(2) = 0                !! parts of the kick before the drift and behind it
+      logical :: by_h = .false.              !! the drift is q <- q + h p, whatever the parameters
+      real(wp), allocatable :: w(:, :)       !! weights of the kick to come (nlane, 0:nnoise)
+      logical :: waits = .false.             !! whether the kick that began the last step is left
+      real(wp) :: t = 0                      !! its time
+      real(wp), allocatable, dimension(:, :) :: vq, vp, uq, up   !! vectors and products (nlane, nwide)
+   contains
+      procedure :: back
+      procedure :: settle
+   end type kick_drift_step
+
+contains
+
+   !> Whether the step is kicks around a drift: by the coefficients, for separable models without damping or forces.
+   logical function kick_drift_fits(task)
+      type(stepper_task), intent(in) :: task
+      real(wp) :: part(2)
+
+      kick_drift_fits = .false.
+      if (.not. task%is_plain() .or. task%damping%acts()) return
+      call find_parts(task%scheme, part)
+      associate (t => task%model%traits)
+         kick_drift_fits = sum(part) > 0 .and. t%separable .and. .not. t%forces%act() .and. &
+                           (t%autonomous .or. (t%identity_mass .and. (t%position_noise .or. t%nnoise == 0)))
+      end associate
+   end function kick_drift_fits
+
+   !> The parts of the kick before and behind the drift; zero for other schemes.
+   pure subroutine find_parts(scheme, part)
+      type(scheme_type), intent(in) :: scheme
+      real(wp), intent(out) :: part(2)
+      real(wp), parameter :: half = 0.5_wp
+      logical :: is_verlet
+
+      part = 0
+      if (scheme%is_euler_pair()) then
+         part = [scheme%abar(1, 1), scheme%a(1, 1)]
+      else if (scheme%nstage == 2 .and. scheme%noise_coefficients_equal()) then
+         is_verlet = all(abs(scheme%alpha - half) <= 0) .and. all(abs(scheme%c - [0, 1]) <= 0) .and. &
+                     all(abs(scheme%a(1, :)) <= 0) .and. all(abs(scheme%a(2, :) - half) <= 0) .and. &
+                     all(abs(scheme%abar(:, 1) - half) <= 0) .and. all(abs(scheme%abar(:, 2)) <= 0)
+         if (is_verlet) part = half
+      end if
+   end subroutine find_parts
+
+   !> Make the transposed step for blocks of nlane lanes.
+   subroutine new_kick_drift(self, task, wide, nlane)
+      type(kick_drift_step), intent(out) :: self
+      type(stepper_task), intent(in) :: task
+      class(model_type), intent(in), target :: wide
+      integer, intent(in) :: nlane
+
+      self%nlane = nlane
+      self%ndof = task%model%traits%ndof
+      self%nwide = wide%traits%ndof
+      call find_parts(task%scheme, self%part)
+      associate (t => task%model%traits)
+         ! a wide model that is not separable has parameters in T
+         self%by_h = t%identity_mass .and. (t%position_noise .or. t%nnoise == 0) .and. wide%traits%separable
+      end associate
+      call new_one_step_hamiltonian(self%ham, wide, nlane, correction_none, 0.0_wp)
+      allocate (self%w(nlane, 0:wide%traits%nnoise), source=0.0_wp)
+      allocate (self%vq(nlane, self%nwide), self%vp(nlane, self%nwide), source=0.0_wp)
+      allocate (self%uq(nlane, self%nwide), self%up(nlane, self%nwide))
+   end subroutine new_kick_drift
+
+   subroutine back(self, step, q0, p0, q1, p1, u, c, status)
+      class(kick_drift_step), intent(inout) :: self
+      type(step_record), intent(in) :: step
+      real(wp), intent(in) :: q0(self%nlane, self%ndof), p0(self%nlane, self%ndof)
+      real(wp), intent(in) :: q1(self%nlane, self%ndof), p1(self%nlane, self%ndof)
+      real(wp), intent(inout) :: u(self%nlane, self%nwide), c(self%nlane, self%ndof)
+      integer(i8), intent(inout) :: status(self%nlane)
+      integer :: i, lane
+
+      if (self%part(2) > 0 .or. self%waits) then
+         call add_weights(self, self%part(2), step%w)
+         self%t = step%t + step%h
+         call kick(self, q1, p1, u, c)
+         self%w = 0
+      end if
+      if (self%by_h) then
+         do i = 1, self%ndof
+            do lane = 1, self%nlane
+               c(lane, i) = c(lane, i) + step%w(lane, 0)*u(lane, i)
+            end do
+         end do
+      else
+         call drift(self, step, q0, p0, u, c)
+      end if
+      self%waits = self%part(1) > 0
+      if (.not. self%waits) return
+      self%t = step%t
+      call add_weights(self, self%part(1), step%w)
+   end subroutine back
+
+   !> The kick that begins the last step taken backward.
+   subroutine settle(self, q0, p0, u, c)
+      class(kick_drift_step), intent(inout) :: self
+      real(wp), intent(in) :: q0(self%nlane, self%ndof), p0(self%nlane, self%ndof)
+      real(wp), intent(inout) :: u(self%nlane, self%nwide), c(self%nlane, self%ndof)
+
+      if (self%waits) call kick(self, q0, p0, u, c)
+      self%waits = .false.
+      self%w = 0
+   end subroutine settle
+
+   subroutine add_weights(self, part, w)
+      type(kick_drift_step), intent(inout) :: self
+      real(wp), intent(in) :: part
+      real(wp), intent(in) :: w(self%nlane, 0:self%ham%nnoise)
+      integer :: k, lane
+
+      do k = 0, self%ham%nnoise
+         do lane = 1, self%nlane
+            self%w(lane, k) = self%w(lane, k) + part*w(lane, k)
+         end do
+      end do
+   end subroutine add_weights
+
+   !> u <- u - Hhat_qq c with the weights of the kick, at q.
+   subroutine kick(self, q, p, u, c)
+      type(kick_drift_step), intent(inout) :: self
+      real(wp), intent(in) :: q(self%nlane, self%ndof), p(self%nlane, self%ndof)
+      real(wp), intent(inout) :: u(self%nlane, self%nwide)
+      real(wp), intent(in) :: c(self%nlane, self%ndof)
+      integer :: i, lane
+
+      call self%load(q, p)
+      self%vq(:, :self%ndof) = c
+      self%vp(:, :self%ndof) = 0
+      call self%ham%bare_product(self%nlane, self%nlane, self%t, self%w, self%q, self%p, self%vq, self%vp, &
+                                 self%uq, self%up)
+      do i = 1, self%nwide
+         do lane = 1, self%nlane
+            u(lane, i) = u(lane, i) - self%uq(lane, i)
+         end do
+      end do
+   end subroutine kick
+
+   !> c <- c + Hhat_pp u and u_theta <- u_theta + Hhat_{theta p} u, at the momenta between the kicks.
+   subroutine drift(self, step, q0, p0, u, c)
+      type(kick_drift_step), intent(inout) :: self
+      type(step_record), intent(in) :: step
+      real(wp), intent(in) :: q0(self%nlane, self%ndof), p0(self%nlane, self%ndof)
+      real(wp), intent(inout) :: u(self%nlane, self%nwide), c(self%nlane, self%ndof)
+      integer :: i
+
+      call self%load(q0, p0)
+      if (self%part(1) > 0) then
+         call self%ham%bare_gradient(self%nlane, step%t, step%w, self%q, self%p, hq=self%uq)
+         self%p(:, :self%ndof) = self%p(:, :self%ndof) - self%part(1)*self%uq(:, :self%ndof)
+      end if
+      self%vq(:, :self%ndof) = 0
+      self%vp(:, :self%ndof) = u(:, :self%ndof)
+      call self%ham%bare_product(self%nlane, self%nlane, step%t, step%w, self%q, self%p, self%vq, self%vp, &
+                                 self%uq, self%up)
+      c = c + self%up(:, :self%ndof)
+      do i = self%ndof + 1, self%nwide
+         u(:, i) = u(:, i) + self%uq(:, i)
+      end do
+   end subroutine drift
+
+end module symsde_step_linear_kick_drift

@@ -1,0 +1,80 @@
+! SPDX-License-Identifier: BSD-3-Clause
+!> The linearised map of one step, transposed: exact, along the path that a stepper has taken.
+!>
+!>    z_{n+1} = F(z_n; theta),   lambda_n = F_z^T lambda_{n+1},   g_theta <- g_theta + F_theta^T lambda_{n+1}
+!>
+!> with lambda = (u, c) the covectors of q and p: u = dJ/dq, c = dJ/dp of a functional J of the path behind the step.
+!>
+!> Parameters are positions that do not move. The wide model has the positions (q, theta), the momenta (p, pi) and the
+!> same Hamiltonians H_j(q, p; theta), which do not depend on pi: theta stays, and (q, p) move as before. So the
+!> covector of theta is dJ/dtheta, and one product of the wide model's Hessian gives the derivatives by states and by
+!> parameters together. Rows ndof + 1 .. of u belong to the parameters.
+!>
+!> States are given to `back`, never found again by steps backward, which lose digits like exp(lambda t).
+module symsde_step_linear_linear_step
+   use symsde_base_kinds, only: wp, i8
+   use symsde_base_record, only: step_record
+   use symsde_step_hamiltonian_one_step, only: one_step_hamiltonian
+   implicit none
+   private
+   public :: linear_step
+
+   type, abstract :: linear_step
+      integer :: nlane = 0, ndof = 0       !! lanes, a multiple of 8; degrees of freedom of the path
+      integer :: nwide = 0                 !! degrees of freedom of the wide model: ndof and the parameters
+      type(one_step_hamiltonian) :: ham    !! of the wide model
+      real(wp), allocatable :: q(:, :), p(:, :)   !! a state of the wide model (nlane, nwide)
+   contains
+      procedure(back_interface), deferred :: back
+      procedure :: settle => nothing_left
+      procedure :: set_parameters
+      procedure :: load
+   end type linear_step
+
+   abstract interface
+      !> Take covectors from behind the step, from (q0, p0) to (q1, p1), to before it. A part of the step may be left
+      !> for the step before, whose end is at the same point: `settle` does what is left. Lanes whose status is not 0,
+      !> or becomes so here, have no covectors.
+      subroutine back_interface(self, step, q0, p0, q1, p1, u, c, status)
+         import :: linear_step, step_record, wp, i8
+         class(linear_step), intent(inout) :: self
+         type(step_record), intent(in) :: step
+         real(wp), intent(in) :: q0(self%nlane, self%ndof), p0(self%nlane, self%ndof)
+         real(wp), intent(in) :: q1(self%nlane, self%ndof), p1(self%nlane, self%ndof)
+         real(wp), intent(inout) :: u(self%nlane, self%nwide), c(self%nlane, self%ndof)
+         integer(i8), intent(inout) :: status(self%nlane)
+      end subroutine back_interface
+   end interface
+
+contains
+
+   !> Complete the last step taken backward, which began at (q0, p0). This default has nothing left.
+   subroutine nothing_left(self, q0, p0, u, c)
+      class(linear_step), intent(inout) :: self
+      real(wp), intent(in) :: q0(self%nlane, self%ndof), p0(self%nlane, self%ndof)
+      real(wp), intent(inout) :: u(self%nlane, self%nwide), c(self%nlane, self%ndof)
+   end subroutine nothing_left
+
+   !> Allocate the state of the wide model, and set its parameters, for all later steps.
+   subroutine set_parameters(self, theta)
+      class(linear_step), intent(inout) :: self
+      real(wp), intent(in) :: theta(:, :)   !! (nlane, nwide - ndof)
+
+      if (.not. allocated(self%q)) &
+         allocate (self%q(self%nlane, self%nwide), self%p(self%nlane, self%nwide), source=0.0_wp)
+      self%q(:, self%ndof + 1:) = theta
+   end subroutine set_parameters
+
+   !> Load a state of the path.
+   subroutine load(self, q, p)
+      class(linear_step), intent(inout) :: self
+      real(wp), intent(in) :: q(self%nlane, self%ndof), p(self%nlane, self%ndof)
+      integer :: i
+
+      do i = 1, self%ndof
+         self%q(:, i) = q(:, i)
+         self%p(:, i) = p(:, i)
+      end do
+   end subroutine load
+
+end module symsde_step_linear_linear_step

@@ -1,0 +1,138 @@
+/* SPDX-License-Identifier: BSD-3-Clause
+ *
+ * Gradients of a function of the path: by the initial state against the rotation that Kubo's oscillator is, by a
+ * parameter against differences of runs.
+ */
+#include "run.h"
+
+static arrays a, b;
+static double value[PATHS], by_q[2 * PATHS], by_p[PATHS];
+static int32_t status[PATHS];
+static int64_t failed_step[PATHS];
+
+/* f = q at the end */
+static int last_q(int64_t first, int lanes, int ndof, int ntime, int nparameter, const double *t, const double *q,
+                  const double *p, double *f, double *fq, double *fp, double *fparameter, void *user) {
+   int at = (ntime - 1) * ndof * lanes;
+
+   (void)first, (void)nparameter, (void)t, (void)p, (void)fp, (void)fparameter;
+   if (user != NULL) {
+      return *(int *)user;
+   }
+   for (int i = 0; i < lanes; i++) {
+      f[i] = q[at + i];
+      fq[at + i] = 1;
+   }
+   return 0;
+}
+
+/* Kubo's oscillator with sigma as second position: S = (w_0 + sigma w_1) (q^2 + p^2)/2 */
+static int gradient(int n, int ndof, int nham, double t, const double *w, const double *q, const double *p, double *hq,
+                    double *hp, void *user) {
+   (void)ndof, (void)nham, (void)t, (void)user;
+   for (int i = 0; i < n; i++) {
+      double rate = w[i] + q[n + i] * w[n + i];
+      if (hq != NULL) {
+         hq[i] = rate * q[i];
+         hq[n + i] = w[n + i] * (q[i] * q[i] + p[i] * p[i]) / 2;
+      }
+      if (hp != NULL) {
+         hp[i] = rate * p[i];
+         hp[n + i] = 0;
+      }
+   }
+   return 0;
+}
+
+static int hessian_vector(int n, int ndof, int nham, double t, const double *w, const double *q, const double *p,
+                          const double *vq, const double *vp, double *uq, double *up, void *user) {
+   (void)ndof, (void)nham, (void)t, (void)user;
+   for (int i = 0; i < n; i++) {
+      double rate = w[i] + q[n + i] * w[n + i];
+      uq[i] = rate * vq[i] + w[n + i] * q[i] * vq[n + i];
+      up[i] = rate * vp[i] + w[n + i] * p[i] * vq[n + i];
+      uq[n + i] = w[n + i] * (q[i] * vq[i] + p[i] * vp[i]);
+      up[n + i] = 0;
+   }
+   return 0;
+}
+
+/* q at the end for one sigma */
+static void run_with(double sigma, arrays *to) {
+   const char *key = "sigma";
+   symsde_model model = NULL;
+   symsde_scheme scheme = new_scheme("gauss2");
+   symsde_options options = some_options();
+   symsde_input input = some_input(&one, &zero);
+   symsde_paths paths = paths_in(to, 1);
+
+   OK(symsde_model_get("kubo", 1, &key, &sigma, &model, &error));
+   OK(symsde_simulate(model, scheme, &options, &input, &paths, NULL, &error));
+   symsde_model_delete(&model);
+   symsde_scheme_delete(&scheme);
+}
+
+int main(void) {
+   symsde_model model = new_kubo(), wide = NULL;
+   symsde_scheme scheme = new_scheme("gauss2"), kicks = new_scheme("euler_maruyama");
+   symsde_options options = some_options();
+   symsde_input input = some_input(&one, &zero);
+   symsde_traits traits;
+   symsde_report report;
+   double sigma = 0.3, worst = 0, size = 0;
+   int code = 17;
+
+   symsde_report_init(&report);
+   symsde_traits_init(&traits);
+   traits.ndof = 2;
+   traits.nnoise = 1;
+   traits.has_hessian_vector = 1;
+   OK(symsde_model_new("wide", &traits, gradient, NULL, NULL, hessian_vector, NULL, &wide, &error));
+   OK(symsde_path_gradient(model, wide, scheme, &options, &input, 1, 1, &sigma, last_q, NULL, value, by_q, by_p, status,
+                           failed_step, &report, &error));
+   run_with(sigma, &a);
+   for (int i = 0; i < PATHS; i++) {
+      worst = fmax(worst, fabs(by_q[i] - a.last_q[i]) + fabs(by_p[i] + a.last_p[i]));
+      CHECK(value[i] == a.last_q[i] && status[i] == 0 && failed_step[i] == -1);
+   }
+   CHECK(worst < 1e-12 && report.status == 0 && report.path_steps == STEPS * PATHS);
+   worst = 0;
+   run_with(sigma + 1e-5, &a);
+   run_with(sigma - 1e-5, &b);
+   for (int i = 0; i < PATHS; i++) {
+      worst = fmax(worst, fabs(by_q[PATHS + i] - (a.last_q[i] - b.last_q[i]) / 2e-5));
+      size = fmax(size, fabs(by_q[PATHS + i]));
+   }
+   CHECK(worst < 1e-8 * size && size > 1);
+
+   /* without parameters the wide model is the model itself */
+   OK(symsde_path_gradient(model, model, scheme, &options, &input, 0, 1, NULL, last_q, NULL, value, by_q, by_p, status,
+                           failed_step, NULL, &error));
+   CHECK(fabs(by_q[0] - value[0]) < 1e-12);
+   EXPECT(SYMSDE_CALLBACK_FAILED, "17",
+          symsde_path_gradient(model, model, scheme, &options, &input, 0, 1, NULL, last_q, &code, value, by_q, by_p,
+                               status, failed_step, NULL, &error));
+   EXPECT(SYMSDE_INCOMPATIBLE, "Ito form",
+          symsde_path_gradient(model, model, kicks, &options, &input, 0, 1, NULL, last_q, NULL, value, by_q, by_p,
+                               status, failed_step, NULL, &error));
+   EXPECT(SYMSDE_WRONG_SHAPE, "parameters for 2 paths",
+          symsde_path_gradient(model, wide, scheme, &options, &input, 1, 2, value, last_q, NULL, value, by_q, by_p,
+                               status, failed_step, NULL, &error));
+   EXPECT(SYMSDE_WRONG_SHAPE, "1 parameters",
+          symsde_path_gradient(model, model, scheme, &options, &input, 1, 1, &sigma, last_q, NULL, value, by_q, by_p,
+                               status, failed_step, NULL, &error));
+   EXPECT(SYMSDE_INVALID_ARGUMENT, "nparameter = -1",
+          symsde_path_gradient(model, model, scheme, &options, &input, -1, 1, NULL, last_q, NULL, value, by_q, by_p,
+                               status, failed_step, NULL, &error));
+   EXPECT(SYMSDE_INVALID_ARGUMENT, "by_p is NULL",
+          symsde_path_gradient(model, model, scheme, &options, &input, 0, 1, NULL, last_q, NULL, value, by_q, NULL,
+                               status, failed_step, NULL, &error));
+   EXPECT(SYMSDE_INVALID_ARGUMENT, "f is NULL",
+          symsde_path_gradient(model, model, scheme, &options, &input, 0, 1, NULL, NULL, NULL, value, by_q, by_p,
+                               status, failed_step, NULL, &error));
+   symsde_scheme_delete(&kicks);
+   symsde_scheme_delete(&scheme);
+   symsde_model_delete(&wide);
+   symsde_model_delete(&model);
+   return close_report();
+}

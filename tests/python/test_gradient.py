@@ -1,0 +1,291 @@
+# SPDX-License-Identifier: BSD-3-Clause
+"""Gradients of E f(path): equal to differences of runs with the same noise, with the same bits in any pieces."""
+
+import numpy as np
+import pytest
+import symsde as ss
+from symsde.errors import (
+    IncompatibleError,
+    InvalidArgumentError,
+    MissingOperationError,
+    PathsFailedWarning,
+    UnknownNameError,
+    WrongShapeError,
+    WrongTypeError,
+)
+from symsde.run import gradient as module
+
+RUN = {"q0": 0.7, "p0": 0.3, "step": 0.1, "steps": 30, "paths": 20, "seed": 3}
+STENCIL = ((1, 3 / 4), (2, -3 / 20), (3, 1 / 60))  #: a central difference of sixth order
+SCHEMES = ("stormer_verlet", "symplectic_euler", "symplectic_euler_adjoint", "midpoint", "gauss2", "gauss3", "lobatto3")
+
+
+def pendulum(**values):
+    """A pendulum with two noises in position."""
+    values = {"k": 1.3, "sigma": 0.4} | values
+    return ss.model_from_sympy("p**2/2 - k*cos(q)", ["sigma*sin(q)", "-0.3*q"], params=values)
+
+
+def mass(**values):
+    """A parameter of the kinetic energy, and noises in p, too: the Hessian has all blocks."""
+    values = {"m": 1.2, "s": 0.3} | values
+    return ss.model_from_sympy("p**4/(12*m) + p**2/(2*m) - cos(q)", ["s*p", "0.2*q**2"], params=values)
+
+
+def mixed(**values):
+    """A Hamiltonian and a noise that are not separable."""
+    values = {"a": 0.4, "s": 0.2} | values
+    return ss.model_from_sympy("p**2/2 + q**2/2 + a*q**2*p**2", ["s*q*p", "-0.3*q"], params=values)
+
+
+def two(**values):
+    """Two degrees of freedom, noises of each."""
+    values = {"alpha": 0.3, "sigma1": 0.1, "sigma2": 0.2} | values
+    return ss.models.henon_heiles(**values)
+
+
+def driven(**values):
+    """Potential and noises depend on time."""
+    return ss.models.driven_pendulum(**{"nu": 1.7, "alpha": 0.5} | values)
+
+
+def f_of(model, f, run):
+    """f of each path."""
+    return ss.gradient(model, f, ["q0"], **run).f
+
+
+def differences(make, f, name, run, size=3e-3):
+    """Central differences of f of each path by a parameter, or by one of q0 and p0."""
+    total = 0
+    for k, weight in STENCIL:
+        sides = []
+        for h in (k * size, -k * size):
+            if name in ("q0", "p0"):
+                sides.append(f_of(make(), f, {**run, name: run[name] + h}))
+            else:
+                sides.append(f_of(make(**{name: make().parameters[name] + h}), f, run))
+        total = total + weight * (sides[0] - sides[1]) / size
+    return total
+
+
+def require_gradient(make, f, names, **run):
+    """All derivatives of each path are right to 1e-9 of the largest."""
+    run = RUN | run
+    found = ss.gradient(make(), f, [*names, "q0", "p0"], **run)
+    for name in (*names, "q0", "p0"):
+        right = differences(make, f, name, run)
+        mine = found.by_path[name]
+        mine = mine.sum(axis=0) if mine.ndim == 2 else mine  # q0 + h moves all degrees of freedom
+        assert abs(mine - right).max() < 1e-9 * abs(right).max(), name
+        assert abs(1.01 * mine - right).max() > 1e-4 * abs(right).max()
+    return found
+
+
+@pytest.mark.parametrize("scheme", SCHEMES)
+def test_position_noise(scheme):
+    """Kicks around a drift, and implicit stages; f holds a parameter itself."""
+    found = require_gradient(pendulum, "q**2 + k*p", ["k", "sigma"], scheme=scheme)
+    n = found.f.size
+    for name, x in found.by_path.items():
+        np.testing.assert_allclose(found.values[name], x.mean(axis=-1), rtol=1e-14)
+        np.testing.assert_allclose(found.se[name], x.std(axis=-1, ddof=1) / n**0.5, rtol=1e-14)
+    assert found.value == found.f.mean() and found.failed == 0 and "d/dk" in repr(found)
+
+
+@pytest.mark.parametrize("scheme", ["stormer_verlet", "midpoint", "gauss2"])
+@pytest.mark.parametrize(
+    ("make", "names"), [(mass, ["m", "s"]), (two, ["alpha", "sigma2"]), (driven, ["omega", "nu", "sigma1"])]
+)
+def test_models(make, names, scheme):
+    """Parameters of the mass, several degrees of freedom, times; built-in models by their formulas."""
+    require_gradient(make, "q_1**2 + sin(p_1)", names, scheme=scheme)
+
+
+@pytest.mark.parametrize("scheme", ["midpoint", "gauss2", "stormer_verlet", "lobatto3"])
+def test_not_separable(scheme):
+    """Every block of the Hessian matters."""
+    require_gradient(mixed, "q*p + q**3", ["a", "s"], scheme=scheme, steps=10)
+
+
+@pytest.mark.parametrize("scheme", ["midpoint", "gauss2", "stormer_verlet"])
+def test_damped(scheme):
+    """Decays of momenta, with the clock of each stage."""
+    require_gradient(lambda **x: pendulum(**x).damped(0.5), "q**2", ["k", "sigma"], scheme=scheme)
+
+
+@pytest.mark.parametrize(("paths", "options"), [(1, {}), (3, {"refine": 2}), (3, {"refine": -1}), (300, {"lanes": 8})])
+def test_runs(paths, options):
+    """Single paths, refined noise and blocks of eight lanes."""
+    require_gradient(pendulum, "q**2", ["k"], scheme="stormer_verlet", **RUN | {"paths": paths} | options)
+
+
+def test_prescribed_increments():
+    """Increments of the caller, in pieces, too."""
+    dw = 0.1 * np.cos(np.arange(2 * 1500 * 3.0)).reshape(1500, 2, 3)
+    run = {"q0": 0.7, "p0": 0.3, "step": 0.01, "scheme": "stormer_verlet", "paths": 3}
+    whole = ss.gradient(pendulum(), "q", ["k"], **run, steps=500, increments=dw[:500])
+    right = differences(pendulum, "q", "k", run | {"steps": 500, "increments": dw[:500]})
+    np.testing.assert_allclose(whole.by_path["k"], right, rtol=1e-9)
+    wide = ss.gradient(pendulum(), "q", ["k"], **run, steps=1500, increments=dw, lanes=4096)
+    narrow = ss.gradient(pendulum(), "q", ["k"], **run, steps=1500, increments=dw)
+    assert np.array_equal(wide.by_path["k"], narrow.by_path["k"])
+
+
+def squares(t, q, p):
+    """A running cost."""
+    return (q**2).sum(axis=(0, 1)) + p[-1, 0] * t[-1]
+
+
+def slopes(t, q, p):
+    """Its derivatives."""
+    fp = np.zeros_like(p)
+    fp[-1, 0] = t[-1]
+    return 2 * q, fp
+
+
+@pytest.mark.parametrize("scheme", ["stormer_verlet", "midpoint", "gauss2"])
+@pytest.mark.parametrize("every", [1, 10, 30])
+def test_functions_of_the_path(scheme, every):
+    """f and its derivative as functions, at several saved times."""
+    require_gradient(pendulum, (squares, slopes), ["k", "sigma"], scheme=scheme, save_every=every)
+
+
+def test_functions_that_hold_parameters():
+    """Derivatives of f by parameters are given in the order of wrt, beside arrays that go by path."""
+    model = pendulum(sigma=np.linspace(0.1, 0.5, 20))
+
+    def df(t, q, p):
+        fp = np.zeros_like(p)
+        fp[-1] = 1.3
+        return np.zeros_like(q), fp, p[-1]
+
+    mine = ss.gradient(model, (lambda t, q, p: 1.3 * p[-1, 0], df), ["k"], **RUN, scheme="midpoint")
+    theirs = ss.gradient(model, "k*p", ["k"], **RUN, scheme="midpoint")
+    assert np.array_equal(mine.by_path["k"], theirs.by_path["k"]) and (mine.by_path["k"] != 0).all()
+
+
+@pytest.mark.parametrize("scheme", ["stormer_verlet", "midpoint"])
+@pytest.mark.parametrize(("steps", "every"), [(2000, 2000), (1999, 1999), (2000, 1000), (2000, 10), (2000, 400)])
+def test_pieces(scheme, steps, every):
+    """Whether a run is kept as a whole or in pieces changes no bit, nor do other lanes and threads."""
+    run = RUN | {"steps": steps, "step": 0.01, "paths": 300, "save_every": every, "scheme": scheme}
+    names = ["k", "sigma", "q0", "p0"]
+    pieces = ss.gradient(pendulum(), (squares, slopes), names, **run)
+    whole = ss.gradient(pendulum(), (squares, slopes), names, **run, lanes=8, threads=2)
+    assert all(np.array_equal(pieces.by_path[name], whole.by_path[name]) for name in names)
+    assert np.array_equal(pieces.f, whole.f)
+    part = ss.gradient(pendulum(), (squares, slopes), names, **run | {"paths": 44, "first_path": 256})
+    assert all(np.array_equal(part.by_path[name], whole.by_path[name][..., 256:]) for name in names)
+
+
+def test_groups(monkeypatch):
+    """Groups of paths, whose states are held at once, change no bit."""
+    start = np.linspace(0.1, 0.9, 600)[np.newaxis]
+    run = RUN | {"paths": 600, "q0": start, "scheme": "stormer_verlet"}
+    model = pendulum(sigma=np.linspace(0.1, 0.5, 600))
+    whole = ss.gradient(model, "q**2", ["k", "sigma", "q0"], **run)
+    monkeypatch.setattr(module, "_NUMBERS", 1)
+    groups = ss.gradient(model, "q**2", ["k", "sigma", "q0"], **run)
+    assert all(np.array_equal(groups.by_path[name], x) for name, x in whole.by_path.items())
+
+
+def test_parameters_by_path():
+    """Path i with its value has the derivatives of path i alone with that number."""
+    sigma = np.linspace(0.1, 0.5, 20)
+    for scheme in ("stormer_verlet", "gauss2"):
+        found = ss.gradient(pendulum(sigma=sigma), "q**2", ["k", "sigma"], **RUN, scheme=scheme)
+        for i in (0, 7, 19):
+            one = ss.gradient(
+                pendulum(sigma=sigma[i]), "q**2", ["k", "sigma"], **RUN | {"paths": 1}, scheme=scheme, first_path=i
+            )
+            for name in ("k", "sigma"):
+                np.testing.assert_allclose(found.by_path[name][i], one.by_path[name][0], rtol=1e-11)
+
+
+def test_kubo_exact():
+    """Kubo's oscillator turns by a t + sigma W: dq/da = -t p on each path, to the order of the scheme."""
+    run = {"q0": 1.0, "p0": 0.0, "step": 0.01, "steps": 100, "paths": 50, "scheme": "gauss3"}
+    found = ss.gradient(ss.models.kubo(), "q", ["a", "sigma"], **run)
+    driven = ss.simulate(ss.models.kubo(), **run)
+    w = ss.diagnose.driving_increments(driven).sum(axis=(0, 1))
+    np.testing.assert_allclose(found.by_path["a"], driven.p[-1, 0], rtol=1e-7, atol=1e-9)
+    np.testing.assert_allclose(found.by_path["sigma"], w * driven.p[-1, 0], rtol=1e-6, atol=1e-8)
+
+
+def test_own_model():
+    """A model of functions has derivatives by its initial state, if it has a Hessian."""
+    own = {"ndof": 1, "nnoise": 1, "gradient": lambda t, w, q, p: (w[0] * q**3 + w[1] * q, w[0] * p)}
+
+    def hessian(t, w, q, p):
+        return (3 * w[0] * q**2 + w[1])[np.newaxis], 0 * q[np.newaxis], (w[0] + 0 * q)[np.newaxis]
+
+    model = ss.Model(**own, hessian=hessian)
+    formulas = ss.model_from_sympy("p**2/2 + q**4/4", ["q**2/2"])
+    for scheme in ("stormer_verlet", "midpoint", "gauss2"):
+        mine, theirs = (ss.gradient(x, "q*p", **RUN, scheme=scheme) for x in (model, formulas))
+        for name in ("q0", "p0"):
+            np.testing.assert_allclose(mine.by_path[name], theirs.by_path[name], rtol=1e-9)
+    with pytest.raises(MissingOperationError, match="no Hessian"):
+        ss.gradient(ss.Model(**own), "q", **RUN)
+    with pytest.raises(IncompatibleError, match="has none: make it by model_from_sympy"):
+        ss.gradient(ss.models.fpu_chain(4), "q_1", ["beta"], **RUN)
+
+
+@pytest.mark.parametrize(
+    ("scheme", "why"),
+    [
+        ("gauss_dkdkd", "drifts and kicks"),
+        ("gauss2_strong32", "brackets"),
+        ("euler_maruyama", "Ito form"),
+        ("verlet_dz", "frame"),
+    ],
+)
+def test_refused_schemes(scheme, why):
+    """Schemes without exact derivatives are refused with the reason."""
+    model = ss.models.linear_oscillator() if scheme == "verlet_dz" else pendulum()
+    with pytest.raises(IncompatibleError, match=why):
+        ss.gradient(model, "q", **RUN, scheme=scheme)
+
+
+def test_refused_inputs():
+    """Bad input is refused with a sentence."""
+    run = RUN | {"scheme": "stormer_verlet"}
+    for wrt, error, words in (
+        (["kk"], UnknownNameError, "there are k, sigma"),
+        ([], InvalidArgumentError, "wrt is empty"),
+        (["k", "k"], InvalidArgumentError, "twice"),
+    ):
+        with pytest.raises(error, match=words):
+            ss.gradient(pendulum(), "q", wrt, **run)
+    for f, error, words in (
+        (squares, WrongTypeError, "has no derivative"),
+        ((squares, 3), WrongTypeError, "has no derivative"),
+        ("q**", InvalidArgumentError, "f: the formula"),
+        ("z", InvalidArgumentError, "z"),
+        ((squares, lambda t, q, p: q), WrongTypeError, "no pair"),
+        ((squares, lambda t, q, p: (q[0], p)), WrongShapeError, "fq has shape"),
+        ((lambda t, q, p: q.sum(), slopes), WrongShapeError, "f has shape"),
+    ):
+        with pytest.raises(error, match=words):
+            ss.gradient(pendulum(), f, **run)
+    with pytest.raises(IncompatibleError, match="compensated"):
+        ss.gradient(pendulum(), "q", **run, compensated=True)
+    with pytest.raises(IncompatibleError, match="iterations"):
+        ss.gradient(pendulum(), "q", **RUN, scheme="midpoint", fixed_point=2)
+    forced = pendulum().forced(force=lambda q, p, t: -p)
+    with pytest.raises(IncompatibleError, match="forces act"):
+        ss.gradient(forced, "q", **RUN, scheme="midpoint")
+
+
+def test_failed_paths():
+    """Failed paths are refused; or left out, with their share."""
+    start = np.where(np.arange(20) % 4 == 0, 60.0, 0.5)[np.newaxis]
+    model = ss.model_from_sympy("p**2/2 + q**4/4", ["0.1*q"])
+    run = RUN | {"q0": start, "steps": 60, "scheme": "stormer_verlet"}
+    with pytest.raises(IncompatibleError, match=r"0\.25 of the paths failed"):
+        ss.gradient(model, "q", **run)
+    with pytest.warns(PathsFailedWarning, match="left out"):
+        found = ss.gradient(model, "q", **run, allow_failed=True)
+    assert found.failed == 0.25 and np.isnan(found.by_path["q0"][0, ::4]).all()
+    ok = ss.gradient(model, "q", **run | {"q0": 0.5})
+    assert np.array_equal(found.by_path["q0"][:, 1::4], ok.by_path["q0"][:, 1::4])
