@@ -22,7 +22,7 @@ from symsde.schemes import as_scheme
 from symsde.show import look
 
 SCHEMES = ("midpoint", "stormer_verlet", "gauss_dkdkd", "chin4a", "heun", "taylor15")
-ON_KUBO = ("midpoint", "stormer_verlet", "gauss2", "heun", "taylor15")  #: its noise acts on p, too
+ON_KUBO = ("midpoint", "stormer_verlet", "gauss2", "heun", "taylor15")  #: schemes for noise that depends on p, too
 HORIZONS = (1.0, 10.0, 100.0, 1000.0)
 KUBO = (1.0, 0.3)  #: a and sigma of the scene
 SIGMA = (0.02, 0.01)  #: noise so weak that the energy stays of one size up to the last horizon

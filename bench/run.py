@@ -4,7 +4,7 @@
 Called by `./bootstrap bench`, with its arguments:
     run.py --build BUILD [--quick] [--only SECTION ...]
            [--rows REGEX] [--repeats N] [--markdown docs/performance.md] [--json FILE]
-`./bootstrap bench loops [REGEX]` runs the section loops alone, and of it the rows that match.
+`./bootstrap bench loops [REGEX]` runs the section loops alone, or only those of its rows that match.
 Comparisons with loops are skipped where numba is not installed. Each module of topics/ measures and writes one section
 of the page of tables, in a process of its own, by the library of the build; first_screen.py writes the page.
 """

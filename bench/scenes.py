@@ -20,7 +20,7 @@ import symsde as ss
 class Scene:
     """H, its noises, and parameters that differ from the catalogue's."""
 
-    name: str  #: name in the catalogue; "" if the model is not in it
+    name: str  #: name in the catalogue; "" if the catalogue does not have the model
     H: str
     noises: tuple[str, ...]
     parameters: Mapping[str, float] = field(default_factory=dict)
@@ -41,7 +41,7 @@ class Scene:
 
     @property
     def nnoise(self) -> int:
-        """Noises."""
+        """Number of noises."""
         return self.sites if "[k]" in self.noises[0] else len(self.noises)
 
     def model(self) -> ss.Model:
@@ -88,7 +88,7 @@ def _written(scene: Scene, library: str, compiled: Callable) -> SimpleNamespace:
     force = [(-sympy.diff(total, q)).subs(written) for q in qs]
     printer = NumPyPrinter() if library == "numpy" else PythonCodePrinter()
 
-    def gathered(x):  # grouped by common subexpressions in q, as one writes it
+    def gathered(x):  # grouped by common subexpressions in q, as a person would write
         return sympy.collect(sympy.expand(x), [*x.atoms(sympy.sin, sympy.cos), *written.values()]) if n == 1 else x
 
     def function(arguments: str, results: list, ending: str) -> Callable:

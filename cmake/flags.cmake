@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
 # Compile flags, in one place, on one interface target. -ffast-math is never used: the library promises
-# bits, tests for NaN and infinity, and compensated sums, all of which that option breaks. Only SYMSDE_FLAGS=dev has
+# bits, tests for NaN and infinity, and compensated sums, and -ffast-math breaks all three. Only SYMSDE_FLAGS=dev has
 # -Werror: a Debug build of a project that embeds this one does not.
 set(_sets dev release native sanitize sanitize-threads coverage)
 set(SYMSDE_FLAGS release CACHE STRING "Set of compile flags: ${_sets}")

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: BSD-3-Clause
 # SYMSDE_LEVEL, the level that `pip install` compiles for: the highest level of x86-64 that this processor has; empty if
-# that is the first. The library is put into a folder of this name, so that no lower processor loads it.
+# this is the first level. The library is put into a folder of this name, so that no lower processor loads it.
 if(DEFINED SYMSDE_LEVEL OR NOT CMAKE_SYSTEM_NAME STREQUAL "Linux" OR CMAKE_CROSSCOMPILING
    OR NOT CMAKE_SYSTEM_PROCESSOR MATCHES "^(x86_64|amd64|AMD64)$")
    return()

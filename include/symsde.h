@@ -40,7 +40,7 @@ enum symsde_status {
    SYMSDE_FALSE_TRAIT = -6, /* a declared trait or Hessian is refuted by a probe */
    SYMSDE_NULL_HANDLE = -7,
    SYMSDE_OUT_OF_MEMORY = -8,
-   SYMSDE_MISSING_OPERATION = -9, /* the model does not offer what was asked of it */
+   SYMSDE_MISSING_OPERATION = -9, /* the model lacks an operation that the call needs */
    SYMSDE_NOT_CONVERGED = 1,      /* 1 to 5 are also the status of a path */
    SYMSDE_SINGULAR = 2,
    SYMSDE_NONFINITE = 3,
@@ -124,7 +124,7 @@ typedef int (*symsde_flow)(int nlane, int ndof, int nham, int nstep, int every, 
                            double *qn, double *pn, int64_t *status, void *user);
 /* rows first .. last, counted from 0, of a chain H = p.p/2 + U(q) with noise in position or additive noise, whose
  * Hessian is tridiagonal. q[row][nlane] has rows first - 1 to last + 1 (zero beyond the ends); hq[row][nlane] is the
- * gradient of sum_j w[j] H_j in q; hqq[row][2][nlane] its derivatives by q of this row and by q of the next one */
+ * gradient of sum_j w[j] H_j in q; hqq[row][2][nlane] its derivatives by q of this row and by q of the next row */
 typedef int (*symsde_chain_rows)(int nlane, int ndof, int nham, int first, int last, double t, const double *w,
                                  const double *q, double *hq, double *hqq, void *user);
 /* third derivatives along two vectors: uq, up [ndof][nlane] is the gradient of a^T (the Hessian) b */
@@ -134,7 +134,7 @@ typedef int (*symsde_third_derivative)(int nlane, int ndof, int nham, double t, 
 /* f[ndof][nlane]: w[0] F of a force, or sum_k w[k] f_k, k >= 1, of forces on noises */
 typedef int (*symsde_force)(int nlane, int ndof, int nham, double t, const double *w, const double *q, const double *p,
                             double *f, void *user);
-/* its derivatives, fq and fp [ndof][ndof][nlane]; fq[j][i] is that of component i by q_j */
+/* derivatives of the force, fq and fp [ndof][ndof][nlane]; fq[j][i] is the derivative of component i by q_j */
 typedef int (*symsde_force_derivative)(int nlane, int ndof, int nham, double t, const double *w, const double *q,
                                        const double *p, double *fq, double *fp, void *user);
 
@@ -160,9 +160,10 @@ int symsde_model_set_chain_rows(symsde_model model, symsde_chain_rows chain_rows
 int symsde_model_set_third_derivative(symsde_model model, symsde_third_derivative third, symsde_error *error);
 /* declares that the functions test for NULL: from now on outputs that are not wanted are NULL */
 int symsde_model_accept_null(symsde_model model, symsde_error *error);
-/* whole steps of a catalogue scheme, without correction; "symplectic_euler, corrected" and "symplectic_euler_adjoint,
- * corrected" are those with the increments form. Runs with that scheme call nothing else. Steps that differ from the
- * library's are refused. midpoint, symplectic_euler and stormer_verlet also stand for equal schemes of other names */
+/* whole steps of a catalogue scheme, without correction; "symplectic_euler, corrected" and
+ * "symplectic_euler_adjoint, corrected" are these schemes with the increments form. Runs with that scheme call
+ * nothing else. Steps that differ from the library's are refused. midpoint, symplectic_euler and stormer_verlet also
+ * stand for equal schemes of other names */
 int symsde_model_set_flow(symsde_model model, const char *scheme, symsde_flow flow, symsde_error *error);
 /* declares that the bits of a lane do not depend on nlane. From now on the functions get no lanes that only pad a block,
  * and a single path is faster. This holds for loops without contraction (fused multiply-add) that call the C library */
@@ -191,20 +192,20 @@ int symsde_model_set_force(symsde_model model, symsde_force force, symsde_force_
                            void *user, symsde_error *error);
 int symsde_model_set_noise_force(symsde_model model, symsde_force force, symsde_force_derivative derivative,
                                  int in_position, void *user, symsde_error *error);
-/* What the functions of a model with parameters by path get in place of their user pointer: a pointer to this. */
+/* Functions of a model with parameters by path get a pointer to this struct in place of their user pointer. */
 typedef struct symsde_lanes {
    const double *parameters; /* [nparameter][nlane] of the lanes of this call */
    void *user;               /* the user pointer of symsde_model_new */
 } symsde_lanes;
-/* Parameters that differ from path to path, for a model of symsde_model_new: values[nparameter][nrow], which are copied.
- * Path first_path + i of a run has row i, so nrow must be its number of paths; one row is for all paths. nparameter = 0
- * takes them back. Calls without paths (probes, diagnoses) have row 0; evaluations at npath = nrow points have row i
- * at point i. No run may be using the model */
+/* Parameters that differ from path to path, for a model of symsde_model_new: values[nparameter][nrow], which are
+ * copied. Path first_path + i of a run has row i, so nrow must be its number of paths; one row is for all paths.
+ * nparameter = 0 removes them. Calls without paths (probes, diagnoses) have row 0; evaluations at npath = nrow
+ * points have row i at point i. No run may be using the model */
 int symsde_model_set_parameters(symsde_model model, int nparameter, int64_t nrow, const double *values,
                                 symsde_error *error);
-/* another model with the same functions, for another user pointer, and with other frequencies rotation[ndof] of the stiff
- * linear part (NULL: those of model). The functions must take what user points to as data alone, since tests that one of
- * both has passed are not made for the other */
+/* another model with the same functions, for another user pointer, and with other frequencies rotation[ndof] of the
+ * stiff linear part (NULL: those of model). The functions must read the memory behind user as data alone, since
+ * tests that one of the models has passed are not repeated for the other */
 int symsde_model_with_user(symsde_model model, void *user, const double *rotation, symsde_model *made,
                            symsde_error *error);
 int symsde_model_delete(symsde_model *model);
@@ -234,17 +235,18 @@ typedef struct symsde_scheme_handle *symsde_scheme;
  * its authors; measured orders are given in addition */
 enum symsde_evidence { SYMSDE_EVIDENCE_NONE = 0, SYMSDE_EVIDENCE_CLAIMED = 1, SYMSDE_EVIDENCE_DERIVED = 2 };
 
-/* The five orders of a scheme: [0] strong order for additive noise, [1] for commutative noise, [2] for general noise,
- * [3] for noises whose flows commute with each other and with that of the drift; [4] weak order for commutative noise */
+/* The five orders of a scheme: [0] strong order for additive noise, [1] for commutative noise, [2] for general
+ * noise, [3] for noises whose flows commute with each other and with the flow of the drift; [4] weak order for
+ * commutative noise */
 #define SYMSDE_ORDERS 5
 
 typedef struct symsde_scheme_info {
    size_t struct_size;
    int32_t form;   /* 1 tableau, 2 Galerkin, 3 Euler-Maruyama, 4 drifts and kicks */
    int32_t nstage; /* stages, quadrature nodes */
-   int32_t degree; /* of the polynomial; 0 = made without one */
+   int32_t degree; /* degree of the polynomial; 0 = not made from one */
    int32_t symplectic, symmetric;
-   int32_t keeps_quadratic, keeps_bilinear; /* invariants exactly: quadratic ones; those of the form q^T D p */
+   int32_t keeps_quadratic, keeps_bilinear; /* keeps exactly: quadratic invariants; invariants q^T D p */
    int32_t structure_evidence; /* for these four: derived from the coefficients, or claimed (special schemes) */
    double symplecticity_residual, symmetry_residual, quadratic_residual; /* of the coefficients; 0 = holds */
    double stratonovich_sum;       /* beta^T b e; 1/2 = consistent with the Stratonovich equation */
@@ -259,7 +261,7 @@ typedef struct symsde_scheme_info {
    int32_t uses_nested_bracket; /* 0 none, 1 {{H,H_k},H_k}, 2 {{H_l,H_k},H_k} of noises, too */
    int32_t law;          /* of the increments: 0 Gaussian, 1 three-point, 2 two-point */
    int32_t explicit_for; /* 0 no model, 1 separable models, 2 every model */
-   int32_t gradients_per_step, unknowns, unknowns_if_separable; /* of an iteration; for each degree of freedom */
+   int32_t gradients_per_step, unknowns, unknowns_if_separable; /* for each iteration; for each degree of freedom */
    char name[64];
    char reference[256];
 } symsde_scheme_info;
@@ -277,13 +279,13 @@ int symsde_scheme_from_quadrature(int nnode, const double *nodes, const double *
 int symsde_scheme_from_tableau(int nstage, const double *a, const double *abar, const double *alpha, const double *b,
                                const double *bbar, const double *beta, const char *name, int allow_nonsymplectic,
                                symsde_scheme *scheme, symsde_error *error);
-/* its coefficients: nodes c and what symsde_scheme_from_tableau takes; NULL = not wanted. Brackets and maps around the
- * tableau are not part of it. SYMSDE_MISSING_OPERATION if the scheme has no tableau */
+/* coefficients of a scheme: nodes c, and the arguments of symsde_scheme_from_tableau; NULL = not wanted. Brackets
+ * and maps around the tableau are not part of it. SYMSDE_MISSING_OPERATION if the scheme has no tableau */
 int symsde_scheme_tableau(symsde_scheme scheme, double *c, double *a, double *abar, double *alpha, double *b,
                           double *bbar, double *beta, symsde_error *error);
-/* The adjoint is the inverse of a step back in time. The symmetric composition is half a step of base, then half a step
- * of its adjoint. The triple jump is three steps of a symmetric base, the second one backwards; it raises the order
- * without noise by two. name = NULL: that of base with a suffix */
+/* The adjoint is the inverse of a step back in time. The symmetric composition is half a step of base, then half a
+ * step of its adjoint. The triple jump is three steps of a symmetric base, the second one backwards; it raises the
+ * order without noise by two. name = NULL: the name of base with a suffix */
 int symsde_scheme_adjoint(symsde_scheme base, const char *name, symsde_scheme *scheme, symsde_error *error);
 int symsde_scheme_symmetric_composition(symsde_scheme base, const char *name, symsde_scheme *scheme,
                                         symsde_error *error);
@@ -307,16 +309,16 @@ enum symsde_correction {
 
 /* How Levy areas are drawn, by schemes that use them. */
 enum symsde_areas {
-   SYMSDE_AREAS_PATH = 0, /* those of the path, with a mean-square error below |h|^3/area_time */
-   SYMSDE_AREAS_LAW = 1   /* right in law given dW and dZ, at bounded cost; not on the path: refine < 0 is refused */
+   SYMSDE_AREAS_PATH = 0, /* areas of the path, with a mean-square error below |h|^3/area_time */
+   SYMSDE_AREAS_LAW = 1   /* areas in law given dW and dZ, at bounded cost, not of the path: refine < 0 is refused */
 };
 
 /* The noise of free motion with damping by one rate, in schemes of kicks such as gauss_dkdkd. */
 enum symsde_damping_noise {
    SYMSDE_DAMPING_NOISE_LAW = 0,        /* LAW2, or LAW3 if the scheme draws K, as chin4a does */
-   SYMSDE_DAMPING_NOISE_LAW2 = 1,       /* its law, of dW and dZ */
-   SYMSDE_DAMPING_NOISE_LAW3 = 2,       /* its law, of dW, dZ and K */
-   SYMSDE_DAMPING_NOISE_PATH = 3,       /* that of the path: steps and their halves have the same; draws K and E */
+   SYMSDE_DAMPING_NOISE_LAW2 = 1,       /* exact law, from dW and dZ */
+   SYMSDE_DAMPING_NOISE_LAW3 = 2,       /* exact law, from dW, dZ and K */
+   SYMSDE_DAMPING_NOISE_PATH = 3,       /* noise of the path itself: steps and their halves agree; draws K and E */
    SYMSDE_DAMPING_NOISE_POLYNOMIAL = 4  /* weights as without damping: orders hold, the law of free motion does not */
 };
 
@@ -336,7 +338,7 @@ typedef struct symsde_options {
    double t0;              /* time of step 0 [time] */
    int64_t save_every;     /* steps between saved points */
    int64_t first_path;     /* global index of the first path */
-   int64_t first_step;     /* index of the first step, which chooses its noise: 0 draws that of step 0 again */
+   int64_t first_step;     /* index of the first step, which chooses its noise: 0 draws the noise of step 0 again */
    int32_t refine;         /* l > 0: a step sums 2^l draws; l < 0: halved by the Brownian bridge -l times */
    int32_t correction;     /* enum symsde_correction */
    double truncation;      /* order l of truncated increments; 0 = none */
@@ -347,16 +349,16 @@ typedef struct symsde_options {
    int32_t fixed_point;    /* n > 0: n fixed-point iterations instead of Newton */
    int32_t lanes;          /* lanes of a block, a multiple of 8; 0 = automatic; never changes a result */
    int32_t threads;        /* 0 = SYMSDE_NUM_THREADS, else OpenMP's default; always one in a forked process */
-   symsde_progress progress; /* for diagnoses; runs take that of their input. May be NULL */
+   symsde_progress progress; /* for diagnoses; runs use progress of their input. May be NULL */
    void *progress_user;
    double area_time;       /* time scale of areas by the path; 0 = derived from the model [time] */
    int32_t areas;          /* enum symsde_areas */
-   uint64_t common_noise;  /* bit k - 1: every path gets the W_k of path 0; the others differ by path */
-   int64_t noise_paths;    /* n > 0: path first_path + i has the noise of path first_path + i % n; 0 = of its own */
+   uint64_t common_noise;  /* bit k - 1: every path gets the W_k of path 0; other noises differ by path */
+   int64_t noise_paths;    /* n > 0: path first_path + i has the noise of path first_path + i % n; 0 = its own */
    int32_t damping_noise;  /* enum symsde_damping_noise */
 } symsde_options;
 int symsde_options_init(symsde_options *options);
-/* refuses options as every function does that takes options, with the same sentences */
+/* checks options as every function does that takes options, and refuses them with the same sentences */
 int symsde_options_check(const symsde_options *options, symsde_error *error);
 
 /* The input of a run besides model, scheme and options. */
@@ -369,7 +371,7 @@ typedef struct symsde_input {
    const double *q0_low, *p0_low; /* low parts [ndof][paths], to resume a compensated run; NULL = zero */
    symsde_progress progress;      /* may be NULL */
    void *progress_user;
-   symsde_warn warn; /* may be NULL; of symsde_run_new, too */
+   symsde_warn warn; /* may be NULL; symsde_run_new calls it, too */
    void *warn_user;
 } symsde_input;
 int symsde_input_init(symsde_input *input);
@@ -379,14 +381,14 @@ typedef struct symsde_report {
    int32_t correction;  /* the correction that was used */
    /* path_steps: steps until paths failed, were absorbed or stopped; normals: numbers drawn for these steps */
    int64_t path_steps, normals, gradients, hessians, hessian_vectors, iterations, solves, lapack_solves;
-   int64_t failures, damped, continued; /* steps not solved from zero increments; then by damping; by continuation */
+   int64_t failures, damped, continued; /* steps not solved from zero; of these: by damping; by continuation */
    int64_t failed, stopped; /* paths */
-   int32_t threads, lanes; /* lanes of a block: 1 where few paths are taken one by one */
-   double lost_variance, seconds_setup, seconds_run; /* first: what a normal number loses by truncation */
-   char stepper[64], left_out[512], warnings[2048]; /* the last: problems found before the run, one a line */
-   char functionals[32]; /* of the path beside dW, as "dZ and K": they decide it for refine < 0 */
-   int64_t pivoted_solves; /* of the solves, with exchanges of rows */
-   char lapack[128];       /* whose LAPACK has solved systems; "" where lapack_solves is 0 */
+   int32_t threads, lanes; /* lanes of a block: 1 if few paths run one by one */
+   double lost_variance, seconds_setup, seconds_run; /* lost_variance: lost by truncation from a normal number */
+   char stepper[64], left_out[512], warnings[2048]; /* warnings: problems found before the run, one a line */
+   char functionals[32]; /* used beside dW, as "dZ and K"; for refine < 0 the path depends on them */
+   int64_t pivoted_solves; /* solves with exchanges of rows */
+   char lapack[128];       /* the LAPACK that has solved systems; "" if lapack_solves is 0 */
    int64_t grown;        /* paths that are ok, but both |q| and |p| grew 1e6-fold after a tenth of the run */
    char damping[192];    /* what damps the momenta, and what that is for velocities; "" of a closed system */
 } symsde_report;
@@ -399,13 +401,13 @@ typedef struct symsde_paths {
    int32_t *status;            /* [paths]: 0 or a status above 0 */
    int64_t *failed_step;       /* [paths]: absolute step that failed, -1 = none */
    double *last_q, *last_p;    /* [ndof][paths], last good state; NULL = not wanted */
-   double *q_low, *p_low;      /* [ndof][paths], its low parts if compensated; NULL = not wanted */
+   double *q_low, *p_low;      /* [ndof][paths], low parts of this state if compensated; NULL = not wanted */
 } symsde_paths;
 int symsde_paths_init(symsde_paths *paths);
 int symsde_simulate(symsde_model model, symsde_scheme scheme, const symsde_options *options, const symsde_input *input,
                     symsde_paths *paths, symsde_report *report, symsde_error *error);
 
-/* values[nvalue][nlane] of your own observables; those that mix lanes are refused; nonzero ends the run */
+/* values[nvalue][nlane] of your own observables; observables that mix lanes are refused; nonzero ends the run */
 typedef int (*symsde_observables)(int nlane, int ndof, double t, const double *q, const double *p, double *values,
                                   void *user);
 
@@ -414,7 +416,7 @@ enum symsde_observer_kind {
    SYMSDE_OBSERVE_HISTOGRAM = 1,       /* a value in `bins` bins of equal width from low to high */
    SYMSDE_OBSERVE_QUANTILES = 2,       /* magnitudes from low to high in bins of equal relative width, both signs */
    SYMSDE_OBSERVE_COVARIANCE = 3,      /* of nvalue values */
-   SYMSDE_OBSERVE_AUTOCORRELATION = 4, /* of a value along time, lags 0 .. `bins` saved points; low: near its mean */
+   SYMSDE_OBSERVE_AUTOCORRELATION = 4, /* of a value along time, lags 0 .. `bins` saved points; low: near the mean */
    SYMSDE_OBSERVE_EXTREMES = 5,        /* lowest and highest value of each path until each saved time */
    SYMSDE_OBSERVE_PASSAGE = 6,         /* paths whose value leaves low < x < high; checked after every step */
    SYMSDE_OBSERVE_PATHS = 7            /* nvalue values of the paths with the indices `paths`, ascending */
@@ -461,7 +463,7 @@ typedef struct symsde_moments {
    int64_t failed_step[SYMSDE_MAX_FAILED_LISTED];
    double *m2; /* [ntime][nvalue]: sums of squared deviations, by which parts merge; may be NULL */
    int32_t observables_lanes; /* input: n > 0 if the observables do not depend on t: one call may get the paths of
-                                 several saved times, up to n lanes (one time at least), with t of the first */
+                                 several saved times, up to n lanes (one time at least), with t of the first time */
    int32_t nobserver; /* number of streaming observers */
    symsde_observer *const *observers; /* [nobserver] */
 } symsde_moments;
@@ -494,7 +496,7 @@ int symsde_merge_moments(int64_t ntime, int64_t nvalue, int64_t *n_ok, double *m
                          const int64_t *n_ok_right, const double *mean_right, const double *m2_right,
                          symsde_error *error);
 /* variance and se_mean[ntime][nvalue] of merged parts, as symsde_compute_moments gives them: NaN for fewer than two
- * paths, and so becomes a mean of no path */
+ * paths; the mean of no path becomes NaN, too */
 int symsde_moment_errors(int64_t ntime, int64_t nvalue, const int64_t *n_ok, double *mean, const double *m2,
                          double *variance, double *se_mean, symsde_error *error);
 
@@ -511,10 +513,10 @@ typedef struct symsde_state {
    double *q, *p;              /* [ndof][paths] */
    double *q_low, *p_low;      /* [ndof][paths]; NULL unless compensated */
    const int32_t *status;      /* [paths]: 0 or a status above 0, which a path keeps until the run is reset */
-   const int64_t *failed_step; /* [paths]: absolute step that failed, or the next one of a stopped path; -1 = none */
+   const int64_t *failed_step; /* [paths]: absolute step that failed, or the next step of a stopped path; -1 = none */
    int64_t paths;
    int32_t ndof, nnoise;
-   int64_t next_step; /* absolute index of the next step; after a stop, of the next one after resuming */
+   int64_t next_step; /* absolute index of the next step; after a stop, of the next step after resuming */
    double t; /* time before that step [time] */
 } symsde_state;
 int symsde_state_init(symsde_state *state);
@@ -535,7 +537,7 @@ int symsde_run_state(symsde_run run, symsde_state *state, symsde_error *error);
 /* counters and seconds of all calls, and the outcome of the last one; warnings assume a million steps */
 int symsde_run_report(symsde_run run, symsde_report *report, symsde_error *error);
 int symsde_run_delete(symsde_run *run);
-/* t[ntime] of the saved points of a run with these options, as symsde_simulate has them */
+/* t[ntime] of the saved points of a run with these options, as symsde_simulate saves them */
 int symsde_saved_times(const symsde_options *options, double *t, symsde_error *error);
 /* the increments that drive a run of this scheme with these options: dw[steps][nnoise][paths]; scheme = NULL: for any
  * scheme that takes Gaussian increments alone */

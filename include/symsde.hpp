@@ -32,7 +32,7 @@ struct start {
 
 namespace detail {
 
-/// The input of a run; what progress throws is kept. It stays where it is, since the library holds its address.
+/// The input of a run, which keeps exceptions of progress. It is never moved, since the library holds its address.
 class input : public symsde_input {
  public:
    input(const model &from, const start &given, const symsde::progress &told) : symsde_input{}, told_(told) {
@@ -77,12 +77,12 @@ inline void check_run(int status, const symsde_error &failure, const model &from
    }
 }
 
-/// Saved times; one where the options are not fit, which the library then refuses.
+/// The number of saved times; 1 if the options are invalid, which the library then refuses.
 inline std::size_t times(const symsde_options &chosen) noexcept {
    return chosen.save_every > 0 ? size(chosen.steps / chosen.save_every) + 1 : 1;
 }
 
-/// Room for the results of a run, or a sentence. Sizes that overflow are too large by themselves.
+/// Allocate room for the results of a run, or throw an error. Sizes whose product overflows are too large in any case.
 template <class T> void reserve(std::vector<T> &room, std::initializer_list<std::size_t> extents, T value = T()) {
    std::size_t total = 1;
    try {
@@ -163,7 +163,7 @@ class moments {
  public:
    std::vector<double> t;
    std::vector<std::int64_t> n_ok;
-   std::size_t values = 0; ///< how many there are at each time
+   std::size_t values = 0; ///< number of values at each time
    symsde_report report{};
 
    /// SYMSDE_OK, SYMSDE_PATHS_FAILED or SYMSDE_STOPPED
@@ -253,7 +253,7 @@ class run {
       handle_.reset(handle);
    }
 
-   /// so many steps more; SYMSDE_OK, or SYMSDE_PATHS_FAILED if some paths are not ok, also from an earlier call
+   /// take further steps; SYMSDE_OK, or SYMSDE_PATHS_FAILED if some paths are not ok, also from an earlier call
    [[nodiscard]] int advance(std::int64_t steps) {
       symsde_error failure;
       const int status = symsde_run_advance(get(), steps, 1, nullptr, nullptr, &failure);
@@ -290,7 +290,7 @@ class run {
    }
 
  private:
-   model::calls from_; // before the handle, which is deleted first
+   model::calls from_; // declared before the handle, which is deleted first
    detail::owner<symsde_run, symsde_run_delete> handle_;
 };
 

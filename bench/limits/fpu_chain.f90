@@ -134,8 +134,8 @@ contains
       end do
    end subroutine backward
 
-   !> Size of the correction for a lane that goes on, negative for one that is done: the library's quadratic convergence
-   !> test, without its test for failures.
+   !> Size of the correction for a lane that continues, negative for a lane that is done: the library's quadratic
+   !> convergence test, without its test for failures.
    pure function next_size(d, size, last) result(next)
       real(wp), intent(in) :: d, size, last
       real(wp) :: next
@@ -144,7 +144,7 @@ contains
       next = merge(next, last, last >= 0)
    end function next_size
 
-   !> 1 for a lane that goes on, else 0, from the sign of its size.
+   !> 1 for a lane that continues, else 0, from the sign of its size.
    pure integer(i8) function runs(next)
       real(wp), intent(in) :: next
 

@@ -113,8 +113,8 @@ contains
       end do
    end subroutine iterate
 
-   !> Size of the correction for a lane that goes on, negative for one that is done: the library's test of stagnation
-   !> for exact matrices, without its test for failures.
+   !> Size of the correction for a lane that continues, negative for a lane that is done: the library's test of
+   !> stagnation for exact matrices, without its test for failures.
    pure function next_size(d, size, last) result(next)
       real(wp), intent(in) :: d, size, last
       real(wp) :: next, bound

@@ -56,7 +56,7 @@ def heun(problem: Problem, steps: int, dw: np.ndarray) -> Prepared:
 
 
 def shark(problem: Problem, steps: int, dw: np.ndarray) -> Prepared | None:
-    """ShARK (order 3/2 for additive noise) on paths of its own; its error is that against its own run at finer
+    """ShARK (order 3/2 for additive noise) on paths of its own; its error is the distance from its own run at finer
     steps.
     """
     if not problem.additive:

@@ -2,7 +2,7 @@
 """jitcsde (G. Ansmann): adaptive steps, C code from SymEngine, one path at a time; diagonal noise alone.
 
 Its steps follow a tolerance: each of the three numbers of steps is translated into a tolerance. It draws its own paths,
-beforehand on a fine grid (pin_noise); its error is that against its own run at a hundredth of the tolerance.
+beforehand on a fine grid (pin_noise); its error is the distance from its own run at a hundredth of the tolerance.
 """
 
 from __future__ import annotations

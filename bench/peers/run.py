@@ -4,13 +4,13 @@
     .venv/bin/python bench/peers/run.py [--only WORD] [--python PACKAGE=COMMAND ..] [--out FILE.json] [--page FILE.md]
     .venv/bin/python bench/peers/run.py --from FILE.json --page docs/peers.md
 
-Packages that take increments get those of one set of paths, and so does symsde in the rows "given": errors are those of
+Packages that take increments, and symsde in the rows "given", get the increments of one set of paths: all errors are on
 the same paths, and no random number is timed. In rows "own", symsde draws the increments and functionals of its scheme.
 Errors are root mean squares of the distance in (q, p) at the horizon to symsde's best scheme at many steps; packages
-that draw their own paths are compared with their own finest run on these paths. Seconds are those of the processor for
-a path on one thread, the least of three warm runs; compilation and set-up are printed separately. Every package runs
-in a process of its own, by this interpreter or by the one that --python names, such as --python
-diffrax=/venv/bin/python: missing packages are skipped with a sentence.
+that draw their own paths are compared with their own finest run on these paths. Seconds are processor time for a path
+on one thread, the least of three warm runs; compilation and set-up are printed separately. Every package runs in a
+process of its own, by this interpreter or by the one that --python names, such as --python diffrax=/venv/bin/python:
+missing packages are skipped with a sentence.
 """
 
 from __future__ import annotations

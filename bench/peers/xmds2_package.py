@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """XMDS2: a program in C++ from a description in XML, by its algorithm RK4, which solves the Stratonovich equation.
 
-It draws its own paths and prints means over them. Seconds are those of the program with many paths less those with few;
-the error is that of the same rule on the common increments (numpy_steps.py).
+It draws its own paths and prints means over them. Seconds are the program's time with many paths minus its time with
+few; the error is measured with the same rule on the common increments (numpy_steps.py).
 """
 
 from __future__ import annotations

@@ -99,7 +99,7 @@ def rows_that_save() -> Iterator[Row]:
         yield Row("saved", name, 1, 1.5, partial(beside_loop, name, 1, keep="states"))
     for name in ("kubo midpoint", "pendulum stormer_verlet"):
         yield Row("saved1000", name, 1000, 1.5, partial(beside_loop, name, 1000, keep="states"))
-    for paths, target in ((1, 1.5), (1000, 2.0)):  # many are read twice: to look for NaN, and to use them
+    for paths, target in ((1, 1.5), (1000, 2.0)):  # if many, read twice: in the test for NaN, and in the run
         for name in ("kubo midpoint", "fpu64 stormer_verlet"):
             yield Row(f"given{paths}", name, paths, target, partial(given_or_own, name, paths))
     for name in (*SAVED, "synchrotron midpoint", "cfunc synchrotron midpoint"):

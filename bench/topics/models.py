@@ -34,7 +34,7 @@ def measure(setting: Setting) -> list[dict]:
 
 
 def compared(scheme: str, setting: Setting) -> list[dict]:
-    """ns of a path-step of each description, and the median ratio to the one it is compared with."""
+    """ns of a path-step of each description, and the median ratio to the description it is compared with."""
     runs = {kind: run for kind, run in runs_of(scheme, setting).items() if run}
     expected = runs["built-in"](SLOW).q[-1, 0]
     for kind, run in runs.items():

@@ -124,7 +124,7 @@ def observed_steps(repeats) -> dict[str, float]:
 
 
 def peak() -> int:
-    """Peak resident memory of this process, in bytes; ru_maxrss would begin with that of its parent."""
+    """Peak resident memory of this process, in bytes; ru_maxrss would begin with the peak of its parent."""
     return 1024 * int(re.search(r"VmHWM:\s*(\d+)", Path("/proc/self/status").read_text())[1])
 
 
@@ -136,7 +136,7 @@ def grown(run) -> tuple:
 
 
 def large_runs() -> dict[str, list[float]]:
-    """MB that a run returns, and growth of the peak over that."""
+    """MB that a run returns, and growth of the peak over the size of what it returns."""
     found = {}
     for name, steps in (("saved paths", 3000), ("saved paths, increments given", 6000)):
         given = {}
@@ -144,7 +144,7 @@ def large_runs() -> dict[str, list[float]]:
             given["increments"] = np.full((steps, 1, 4096), 0.01)  # touches its pages before the run
         how = {"step": 0.02, "paths": 4096, "threads": 1, "steps": steps, **given}
         growth, run = grown(lambda how=how: ss.simulate(MODEL, q0=1.0, p0=0.0, **how))
-        size = run.q.nbytes + run.p.nbytes + (run.setup.increments.nbytes if given else 0)  # bytes of its own arrays
+        size = run.q.nbytes + run.p.nbytes + (run.setup.increments.nbytes if given else 0)  # bytes of its arrays
         found[name] = [size / 2**20, growth / size]
         del run
     return found

@@ -39,7 +39,7 @@ def ratio(ours: list[float], theirs: list[float]) -> float:
 
 
 def words(name: str) -> str:
-    """A name as the tables have it."""
+    """A name as it is written in tables."""
     return name.replace("_", " ")
 
 

@@ -123,7 +123,7 @@ template <class T> class span {
    }
    template <std::size_t Size> constexpr span(T (&array)[Size]) noexcept : data_(array), size_(Size) {
    }
-   /// of a vector, an array or another span; not of a temporary, whose numbers would be gone
+   /// a span of a vector, an array or another span; not of a temporary, whose numbers would be gone
    template <class Container,
              class = std::enable_if_t<std::is_convertible_v<decltype(std::declval<Container &>().data()), T *>>>
    constexpr span(Container &container) noexcept : data_(container.data()), size_(container.size()) {
@@ -246,12 +246,12 @@ class model {
       check(symsde_model_traits(get(), &found, &failure), failure);
       return found;
    }
-   /// after a call that may have called this model's functions: throws what these threw, or what the library refused
+   /// after a call that may have called this model's functions: throws their exception, or the library's error
    void check_call(int status, const symsde_error &failure) const {
       calls{own_}.check_call(status, failure);
    }
 
-   /// names of the built-in ones, one a line
+   /// names of the built-in models, one a line
    [[nodiscard]] static std::string names() {
       return detail::text(
           [](char *buffer, std::size_t size, std::size_t *needed) { return symsde_model_names(buffer, size, needed); });
@@ -305,7 +305,7 @@ class model {
       });
    }
 
-   /// One's own functions, which a prepared run keeps beyond the life of the model.
+   /// The user's functions, which a prepared run keeps beyond the life of the model.
    struct calls {
       std::shared_ptr<own> kept;
       void check_call(int status, const symsde_error &failure) const {
@@ -331,7 +331,7 @@ class scheme {
          return symsde_scheme_get(name.c_str(), handle, failure);
       });
    }
-   /// of a quadrature of the action: nodes and as many weights, polynomials of this degree
+   /// the scheme of a quadrature of the action: nodes and as many weights, polynomials of this degree
    scheme(span<const double> nodes, span<const double> weights, int degree, const std::string &name) {
       if (nodes.size() != weights.size()) {
          throw error(SYMSDE_WRONG_SHAPE, "the quadrature '" + name + "' has " + std::to_string(nodes.size()) +

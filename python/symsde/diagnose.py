@@ -48,8 +48,8 @@ def symplecticity(
 ) -> np.ndarray:
     """max |M^T J M - J|, where M is the tangent map of one step with frozen increments, at each point: (point,).
 
-    q, p: a number, (dof,) or (dof, point); dw: (noise,) or (noise, point), by default those of `seed`. The result is
-    zero up to rounding for symplectic schemes.
+    q, p: a number, (dof,) or (dof, point); dw: (noise,) or (noise, point), by default increments of `seed`. The result
+    is zero up to rounding for symplectic schemes.
     """
     decided = {"steps": "it makes one", "paths": "the points are those of q, p and dw", "t0": "give t"}
     checks.not_given("symplecticity", options, decided)
@@ -109,8 +109,8 @@ def stationary_path(
     The result is the path that the scheme itself takes from (q_start, p[0]), [WHSB] Theorem 2.3 and (46)-(48). The
     increments are those of a run with these `options` of `simulate` (step, steps, paths, seed, ...), or given ones,
     (step, noise) or (step, noise, path). q_start, q_end: a number, (dof,) or (dof, path). guess_q, guess_p: (time, dof,
-    path), where the iteration begins, by default a straight line. The path is found if the time is below that of the
-    first conjugate point (pi for an oscillator of unit frequency).
+    path), where the iteration begins, by default a straight line. The path is found if the time is below the time of
+    the first conjugate point (pi for an oscillator of unit frequency).
     """
     chosen = make_options(model, **options)
     shape = (chosen.steps + 1, model.ndof, chosen.paths)

@@ -155,7 +155,7 @@ class BudgetWarning(UserWarning):
 
 
 class ReferenceWarning(UserWarning):
-    """An error is not larger than that of the reference with which it was compared."""
+    """An error is not larger than the error of the reference with which it was compared."""
 
 
 _BY_CODE = {

@@ -223,11 +223,11 @@ def from_word(word: str) -> Scheme:
     """A splitting for damped models, written as a word that is read from left to right: "BAOAB", "OBABO", "ABOBA", ..
 
     A is the drift q <- q + tau M^-1 p, B the kick p <- p - tau U_q, O damping with noise, p <- exp(-gamma tau) p +
-    noise of its exact law; tau is h divided by the number of that letter. There are one or two O, whose noise is made
-    of the increments of the path (of two O with dZ), so that paths converge with strong order one, and no further
-    normal numbers are drawn. Words that read the same from behind have weak order two. The name in scenes, C and
-    Fortran is "word:BAOAB". Needs noise in position and a constant mass, and one rate of damping. InvalidArgumentError
-    says what is no word.
+    noise of its exact law; tau is h divided by the number of that letter. There are one or two O. Their noise is made
+    of the increments of the path, for two O also of dZ: paths converge with strong order one, and no further normal
+    numbers are drawn. Words that read the same from behind have weak order two. The name in scenes, C and Fortran is
+    "word:BAOAB". Needs noise in position and a constant mass, and one rate of damping. InvalidArgumentError says why a
+    text is no word.
     """
     return get(f"word:{checks.name_of('word', word)}")
 
@@ -323,7 +323,7 @@ def triple_jump(scheme: str | Scheme, name: str | None = None) -> Scheme:
 def composition(parts: Sequence[str | Scheme], fractions, name: str = "composition") -> Scheme:
     """Steps of several schemes one after the other, each with its fraction of the step and of the increments.
 
-    fractions: (part,), their sum is one.
+    fractions: (part,), with the sum one.
     """
     if isinstance(parts, str) or not isinstance(parts, Sequence):
         raise WrongTypeError(f"parts = {checks.shown(parts)} is not a list of schemes: give names or schemes")

@@ -53,7 +53,7 @@ def run(options: argparse.Namespace) -> int:
     }
     with files.folder(out) as folder:
         for name, text in texts.items():
-            if name != ENVIRONMENT or not (folder / name).exists():  # which may hold lines of the user's
+            if name != ENVIRONMENT or not (folder / name).exists():  # it may hold lines of the user
                 files.replace_text(folder / name, text)
     print(f"{counted(parts, 'part')} of at least {size} paths a shard; written to {out}: {', '.join(texts)}")
     print(f"look through {ENVIRONMENT}, then `sh {shlex.quote(f'{out}/{SUBMIT}')}`; the results come to {out}/whole")
@@ -61,7 +61,7 @@ def run(options: argparse.Namespace) -> int:
 
 
 def _plan(options: argparse.Namespace, out: str) -> tuple[Path, int, int]:
-    """The folder, the number of parts, and paths of a shard: shards are made smaller if there are fewer than
+    """The folder, the number of parts, and paths of a shard: shards are made smaller if there are fewer shards than
     parts."""
     place = files.path_of("--out", out).resolve()
     batch = Batch.of(options.scene, str(place))
@@ -101,7 +101,7 @@ def _head(place: Path, limit: float):
 
 
 def _environment() -> str:
-    """The lines that select the present Python, package folders outside of it, and as many threads as Slurm
+    """The lines that select the current Python, package folders outside of it, and as many threads as Slurm
     grants."""
     lines = ["# Read by all jobs: modules to load, variables to set."]
     lines.append(f"PYTHON={shlex.quote(sys.executable)}")

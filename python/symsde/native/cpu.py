@@ -81,7 +81,7 @@ def folders(package: Path) -> list[Path]:
 
 
 def alone(package: Path) -> list[str]:
-    """The levels that a package was compiled for, unless for all: pip compiles for one processor by default."""
+    """The levels that a package was compiled for; empty if for all. By default pip compiles for one processor."""
     return [] if not levels() else sorted(folder.name for folder in (package / "glibc-hwcaps").glob("x86-64-v*"))
 
 

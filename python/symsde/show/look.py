@@ -87,7 +87,8 @@ def of_scheme(name: str) -> dict[str, str]:
 def drawing(
     path: Path | None, width: float, height: float, dpi: int, *, pdf: bool = False, axes: list[Any] | None = None
 ):
-    """Give a new matplotlib figure, sizes in inches, or that of the caller's axes; at the end write it to the path.
+    """Give a new matplotlib figure, sizes in inches, or the figure of the caller's axes; at the end write it to the
+    path.
 
     pdf: write a PDF beside it.
 

@@ -44,7 +44,7 @@ def aligned(rows: Rows, widths: Sequence[int], gap: str = " ") -> str:
 
 
 def facts(lines: Iterable[tuple[str, str]], width: int = 11) -> str:
-    """A line for each fact, after its name, which takes so many characters."""
+    """A line for each fact, after its name, which is padded to `width` characters."""
     return aligned(lines, (-width, 0), "")
 
 

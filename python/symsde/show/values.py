@@ -22,7 +22,7 @@ class Values:
 
     @classmethod
     def of(cls, coordinates: Sequence[str], has_energy: bool, observables: Iterable[str] = ()) -> Values:
-        """Make them from coordinates and momenta, 2*ndof names, and the further values of a run."""
+        """Make the names from coordinates and momenta, 2*ndof names, and the further values of a run."""
         return cls((*coordinates, *(["energy"] if has_energy else []), *observables), len(coordinates) // 2)
 
     @property

@@ -172,7 +172,7 @@ def _maps(data: Paths | Means, tables: dict[str, np.ndarray], of: object, kind: 
 
 
 def _mark(places: int) -> dict[str, str]:
-    """A point if there is only one time; points on the line if there are few, which the line joins by guess."""
+    """Marks: a point if there is only one time; points if there are few, since the line between them is a guess."""
     if places == 1:
         return {"marker": "o", "linestyle": ""}
     return {"marker": "."} if places <= _FEW else {}

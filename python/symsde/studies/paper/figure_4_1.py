@@ -102,7 +102,7 @@ def _judge(experiment, rows):
 
 
 def _many_paths(experiment, model, paths):
-    """Measure how often two computations of a path separate; the paths that do have large amplitude, where phases
+    """Measure how often two computations of a path separate; paths that separate have large amplitudes, where phases
     drift.
     """
     every = 5

@@ -2,7 +2,8 @@
 """Spurious fixed points of the map of a step, and the largest step at which orbits of given sizes stay bounded.
 
 In an even potential, schemes of kicks and drifts have the cycle q, -q if (omega h)^2 U'(q) = 4 omega^2 q, because they
-satisfy q_{n+1} - 2 q_n + q_{n-1} = -h^2 U'(q_n). Its multipliers are the squares of those of one step at U''(q).
+satisfy q_{n+1} - 2 q_n + q_{n-1} = -h^2 U'(q_n). The cycle's multipliers are the squares of the multipliers of one step
+with U''(q).
 """
 
 from __future__ import annotations
@@ -83,7 +84,7 @@ def others(name: str, scheme: str, omega_h: float) -> list[FixedPoint]:
 
 
 def appears(name: str, scheme: str, scan: dict[float, list[FixedPoint]]) -> float:
-    """The least omega h of the scan with such points, to a hundredth; infinite if there is none."""
+    """The least omega h of the scan with spurious points or cycles, to a hundredth; infinite if there are none."""
     high = next((x for x, points in scan.items() if points), math.inf)
     low = max((x for x in scan if x < high), default=0.0)
     while high < math.inf and high - low > 0.01 and low > 0:

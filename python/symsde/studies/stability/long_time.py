@@ -56,7 +56,7 @@ def _kubo(result: Expectations, scheme: str, change: np.ndarray) -> None:
 
 
 def first(t: np.ndarray, where: np.ndarray) -> float:
-    """Time of the first of these positions, infinite if there is none."""
+    """Time of the first of these indices, infinite if there is none."""
     return float(t[where[0]]) if where.size else np.inf
 
 

@@ -91,7 +91,7 @@ def _number(row: dict, name: str, form: str) -> str:
 
 
 def _spread(row: dict, name: str) -> str:
-    """Half the distance between the ends, in per cent of the value."""
+    """Half width of the interval of a value, in per cent of the value."""
     if not row.get(name):
         return "-"
     return f"{100 * (row[f'{name}_high'] - row[f'{name}_low']) / 2 / row[name]:.0f}%"
