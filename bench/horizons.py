@@ -119,7 +119,7 @@ def _dearer(circle: bool) -> float:
 def save(path: Path, data: dict) -> None:
     """Draw the cost of a path by its horizon, a panel for each tolerance."""
     wants = list(dict.fromkeys(row["want"] for row in data["rows"]))
-    with look.drawing(path, 4.8, 5.4, 160) as page:  # with labels that can be read on a phone
+    with look.drawing(path, 4.8, 5.4, 160) as page:  # labels must be readable on a phone
         panels = page.subplots((len(wants) + 1) // 2, 2, sharex=True, sharey=True)
         for axes, want in zip(panels.flat, wants, strict=True):
             for name in dict.fromkeys((*SCHEMES, *ON_KUBO)):

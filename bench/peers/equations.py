@@ -14,8 +14,8 @@ from dataclasses import dataclass
 from typing import Any
 
 SIGMA, OMEGA, SIGMA1, SIGMA2 = 0.3, 2.0, 0.2, 0.1  #: Kubo's oscillator; the synchrotron
-SMALL = 0.01  #: both noises of Henon-Heiles
-MASSES, NOISE = 64, 0.05  #: of the chain
+SMALL = 0.01  #: strength of both noises of Henon-Heiles
+MASSES, NOISE = 64, 0.05  #: of the chain: number of masses, strength of the noise
 
 
 def kubo(xp: Any, q, p, h, w):

@@ -10,7 +10,7 @@ from timing import in_turn
 from .tools import Setting, spread, summary, table
 
 COUNT, BLOCKS = 10**6, (10**4, 10**6)
-LANES, STEPS = 256, 8  #: of a block of the library
+LANES, STEPS = 256, 8  #: lanes of a block of the library, and steps
 
 
 def measure(setting: Setting) -> list[dict]:

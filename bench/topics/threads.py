@@ -10,7 +10,7 @@ import symsde as ss
 from .tools import Setting, at_least, spread, summary, table
 
 STEPS = {"synchrotron": 4000, "kubo": 16000}
-PATHS = 20480  #: for each thread
+PATHS = 20480  #: paths for each thread
 TARGET = 0.97  # least throughput, in units of two processes
 PAIRS = 7
 

@@ -2,7 +2,7 @@
  * Whether memory can be had, asked of the operating system itself: a mapping is made and given back untouched, so that
  * limits of the process (ulimit -v) and of the machine answer, and the allocator of the host notices nothing. Limits of
  * control groups answer to nobody: they are read (group_memory.c). */
-#define _DEFAULT_SOURCE /* for mappings without a file */
+#define _DEFAULT_SOURCE /* sys/mman.h: mappings without a file */
 #include <math.h>
 #include <stddef.h>
 #include <stdint.h>

@@ -34,7 +34,7 @@ module symsde_base_lane_paths
       procedure :: which
    end type lane_paths
 
-   interface narrow  !! without effect if `paths` is null, like `widen`
+   interface narrow  !! no effect if `paths` is null, as for `widen`
       module procedure :: narrow_to_part, narrow_to_lanes
    end interface narrow
 
@@ -124,7 +124,7 @@ contains
          depth = depth + 1
          if (allocated(lists(depth)%path)) deallocate (lists(depth)%path)
          lists(depth)%number = 0
-         if (.not. allocated(lists(depth - 1)%path)) return  ! no block has begun
+         if (.not. allocated(lists(depth - 1)%path)) return  ! before the first block
          call give_number(paths)
          allocate (lists(depth)%path(size(lanes)))
          do i = 1, size(lanes)

@@ -27,7 +27,7 @@ contains
 
    !> A law in words.
    pure function law_text(law) result(text)
-      integer, intent(in) :: law  !! one of the three
+      integer, intent(in) :: law  !! one of the three laws
       character(len=len_trim(padded_text(law))) :: text
 
       text = padded_text(law)

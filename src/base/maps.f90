@@ -39,7 +39,7 @@ module symsde_base_maps
    type :: step_map
       integer :: equation = other_map
       logical :: corrected = .false.              !! corrected Euler pair: with +-F_p.F_q/2 added, F = sum_k dW_k H_k
-      logical :: damped = .false.                 !! by one rate
+      logical :: damped = .false.                 !! whether one rate damps the momenta
       character(len=2*name_length) :: label = ''  !! name in messages; distinguishes maps with other equations
    end type step_map
 

@@ -38,7 +38,7 @@ contains
 
    !> Whether so many numbers, and threads besides the calling one, are available.
    logical function memory_for(numbers, threads)
-      real(wp), intent(in) :: numbers  !! of eight bytes
+      real(wp), intent(in) :: numbers  !! numbers of eight bytes
       integer, intent(in) :: threads
 
       memory_for = threads == 0 .and. numbers > 0 .and. 8*numbers <= small
@@ -62,7 +62,7 @@ contains
 
    !> Refuse (out_of_memory) to begin without the reserve: every entry point calls this before it allocates.
    subroutine require_reserve(what, place, error)
-      character(*), intent(in) :: what   !! what begins
+      character(*), intent(in) :: what   !! the work that begins
       character(*), intent(in) :: place  !! the procedure that begins it
       type(error_type), allocatable, intent(inout) :: error
 

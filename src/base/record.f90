@@ -40,7 +40,7 @@ module symsde_base_record
    type :: step_decays
       real(wp) :: z = 0
       real(wp) :: before = 0, after = 0          !! exp(-c z) - 1 and exp(-(1 - c) z) - 1, c being the node of the stage
-      real(wp) :: beta(2) = 0, gamma(2) = 0      !! of two kicks: parts of dW_k and of dZ_k/h - dW_k/2
+      real(wp) :: beta(2) = 0, gamma(2) = 0      !! for two kicks: parts of dW_k and of dZ_k/h - dW_k/2
    end type step_decays
 
    !> Several consecutive steps, for a model that computes them itself. The model returns the states after every
@@ -52,12 +52,12 @@ module symsde_base_record
       integer :: most = 0                                    !! largest number of steps of such a record
       logical :: by_weights = .false. !! whether steps depend on the weights alone, without functionals
       integer :: every = 1
-      real(wp) :: t = 0                                      !! when the first step begins [time]
-      real(wp) :: t0 = 0                                     !! when step 0 of the run begins [time]
+      real(wp) :: t = 0                                      !! beginning of the first step [time]
+      real(wp) :: t0 = 0                                     !! beginning of step 0 of the run [time]
       integer(i8) :: first = 0                               !! absolute number of the first step
       real(wp) :: h = 0                                      !! each step, with its sign [time]
       integer :: max_iter = 0                                !! bound of a solver's iterations in a step
-      type(step_decays) :: decays                            !! for maps of damped models
+      type(step_decays) :: decays                            !! decays of maps of damped models
       real(wp), pointer, contiguous :: w(:, :, :) => null()  !! h, dW_1 .. dW_m (nlane, 0:nnoise, nstep)
       type(functional_run) :: of(nfunctional) = functional_run()  !! of(path_dz)%x, ..; null unless asked for
    contains
@@ -69,7 +69,7 @@ module symsde_base_record
    type :: step_store
       integer :: nlane = 0, nnoise = 0
       integer :: capacity = 0                       !! steps that fit, an even number
-      real(wp) :: h = 0                         !! of every step [time]
+      real(wp) :: h = 0                         !! length of every step [time]
       type(functional_set) :: asked             !! the functionals that are filled
       real(wp), allocatable :: w(:, :, :)       !! weights h, dW_1 .. dW_m (nlane, 0:nnoise, 0:capacity-1)
       type(functional_steps) :: of(nfunctional)

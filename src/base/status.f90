@@ -18,7 +18,7 @@ module symsde_base_status
    integer(i4), parameter :: incompatible = -2       !! scheme, model and options do not fit together
    integer(i4), parameter :: unknown_name = -3
    integer(i4), parameter :: wrong_shape = -4
-   integer(i4), parameter :: too_large = -5          !! too large to be counted, addressed or held
+   integer(i4), parameter :: too_large = -5          !! a size too large to be counted, addressed or held
    integer(i4), parameter :: false_trait = -6        !! a declared trait or Hessian is refuted by a probe
    integer(i4), parameter :: null_handle = -7
    integer(i4), parameter :: out_of_memory = -8
@@ -34,9 +34,9 @@ module symsde_base_status
 
    !> The error of a set-up. Procedures return it as allocatable: allocated means failed.
    type :: error_type
-      integer(i4) :: code = status_ok          !! one of the codes of this module
+      integer(i4) :: code = status_ok          !! a code of this module
       character(:), allocatable :: place       !! the procedure that refused
-      character(:), allocatable :: message     !! what was given, what is allowed, what to do
+      character(:), allocatable :: message     !! the value given, the values allowed, the remedy
    end type error_type
 
 contains

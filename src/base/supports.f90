@@ -6,7 +6,7 @@
 !>
 !>    sum_kl D_kl Hess H_k M^-1 H_l,q = Hess F(1) M^-1 F_q(D_kk),   F(x) = sum_k x_k H_k
 !>
-!> by one gradient and one product for any number of noises. Noises that meet are sorted into colours: those of one
+!> by one gradient and one product for any number of noises. Noises that meet are sorted into colours: noises of one
 !> colour do not meet.
 module symsde_base_supports
    implicit none
@@ -15,15 +15,15 @@ module symsde_base_supports
 
    type :: noise_supports
       integer, allocatable :: from(:)  !! noise k touches dof(from(k) + 1) .. dof(from(k+1)) (nnoise + 1)
-      integer, allocatable :: dof(:)   !! from 1
+      integer, allocatable :: dof(:)   !! degrees of freedom, from 1
    contains
       procedure :: are_given
    end type noise_supports
 
    type :: noise_colours
       integer :: n = 0                 !! number of colours
-      integer, allocatable :: from(:)  !! those of colour c are noise(from(c) + 1) .. noise(from(c+1)) (n + 1)
-      integer, allocatable :: noise(:) !! without noises that are left out
+      integer, allocatable :: from(:)  !! colour c has noise(from(c) + 1) .. noise(from(c+1)) (n + 1)
+      integer, allocatable :: noise(:) !! noises by colour, without noises that are left out
    end type noise_colours
 
 contains
@@ -40,7 +40,7 @@ contains
    !> the order of noises.
    pure subroutine sort_noises(supports, noises, ndof, tied, colours)
       type(noise_supports), intent(in) :: supports
-      integer, intent(in) :: noises(:)      !! those that are sorted, in rising order
+      integer, intent(in) :: noises(:)      !! noises to sort, in rising order
       integer, intent(in) :: ndof
       logical, intent(in) :: tied           !! the mass is not known to be diagonal
       type(noise_colours), intent(out) :: colours

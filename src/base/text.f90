@@ -103,7 +103,7 @@ contains
 
    !> The name in a list that is nearest to the given one; of equally near names the first.
    pure function nearest_name(given, names) result(name)
-      character(*), intent(in) :: given     !! what the user wrote
+      character(*), intent(in) :: given     !! the user's text
       character(*), intent(in) :: names(:)  !! input of the user
       character(len=len(names)) :: name
       integer :: distance(size(names)), i

@@ -99,7 +99,7 @@ contains
    function init_struct(given, what, blank, room) result(status)
       type(c_ptr), intent(in) :: given           !! the caller's struct; its first member is struct_size
       character(*), intent(in) :: what           !! name of the argument
-      type(c_ptr), intent(in) :: blank           !! this library's struct with the defaults
+      type(c_ptr), intent(in) :: blank           !! this library's struct with its defaults
       integer(c_size_t), intent(in) :: room      !! size of this library's struct
       integer(c_int) :: status
       type(error_type), allocatable :: refusal

@@ -76,7 +76,7 @@ contains
       if (.not. allocated(error)) call check_options(options, error)
    end subroutine read_options
 
-   !> The same for what checks them itself, before it reads a size in them.
+   !> Read options for procedures that check them themselves, before they read a size in them.
    subroutine take_options(given, options, error, monitor)
       type(c_ptr), intent(in) :: given          !! symsde_options
       type(run_options), intent(out) :: options

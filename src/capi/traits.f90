@@ -105,8 +105,8 @@ contains
          call read_supports(given, traits)
    end function to_traits
 
-   !> The degrees of freedom that noises touch. Places that do not rise are kept, without what they point to, and are
-   !> refused with the traits.
+   !> The degrees of freedom that noises touch. If the places do not rise, only the places are kept, and are refused
+   !> with the traits.
    subroutine read_supports(given, traits)
       type(c_traits), intent(in) :: given
       type(model_traits), intent(inout) :: traits

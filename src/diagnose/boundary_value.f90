@@ -201,7 +201,7 @@ contains
       integer, intent(in) :: lane
       logical, intent(in) :: last     !! whether this is the last iteration
       type(newton_state), intent(inout) :: state
-      integer(i8), intent(in) :: done, npath   !! for the monitor
+      integer(i8), intent(in) :: done, npath   !! paths done, and all paths, for the monitor
       type(error_type), allocatable, intent(inout) :: error
       class(monitor_type), intent(inout), optional :: monitor
       real(wp) :: norm

@@ -77,8 +77,8 @@ module symsde_diagnose_exact
 contains
 
    !> q(path, i, n), p(path, i, n) at the saved times of a run with these options, t0 included.
-   !> Errors: missing_operation for models without an exact solution; incompatible for schemes whose increments are no
-   !> Brownian ones; wrong_shape; those of check_options and of the noise; stopped, by the monitor.
+   !> Errors: missing_operation for models without an exact solution; incompatible for schemes whose increments are not
+   !> Brownian; wrong_shape; those of check_options and of the noise; stopped, by the monitor.
    subroutine exact_solution(model, options, q0, p0, q, p, error, dw, scheme, monitor)
       class(model_type), intent(in) :: model
       type(run_options), intent(in) :: options

@@ -66,7 +66,7 @@ module symsde_diagnose_lagrangian
       real(wp), allocatable :: back(:, :)          !! alpha_j a_ji/alpha_i (nstage, nstage)
       real(wp), allocatable :: v(:, :, :)          !! weights of each part (nlane, 0:nnoise, 2)
       real(wp), allocatable :: x(:, :)             !! slopes (nlane, 2 ndof nstage)
-      real(wp), allocatable :: qs(:, :), ps(:, :), hq(:, :), hp(:, :)  !! one point (nlane, ndof)
+      real(wp), allocatable :: qs(:, :), ps(:, :), hq(:, :), hp(:, :)  !! a point and its derivatives (nlane, ndof)
       real(wp), allocatable :: hqq(:, :, :), hqp(:, :, :), hpp(:, :, :)
    contains
       procedure, public :: gradient

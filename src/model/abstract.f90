@@ -234,7 +234,7 @@ contains
    subroutine same_for_all(self, paths, view)
       class(model_type), intent(in), target :: self
       type(lane_paths), pointer, intent(in) :: paths
-      class(model_type), pointer, intent(out) :: view   !! with its component `paths` set, or null
+      class(model_type), pointer, intent(out) :: view   !! a view with its component `paths` set, or null
 
       nullify (view)
    end subroutine same_for_all
@@ -242,7 +242,7 @@ contains
    !> Replace the forces that act beside the Hamiltonians.
    subroutine set_forces(self, forces)
       class(model_type), intent(inout) :: self
-      class(force_type), intent(in), pointer :: forces   !! or null
+      class(force_type), intent(in), pointer :: forces   !! forces, or null
 
       self%forces => forces
       self%traits%forces = force_traits()

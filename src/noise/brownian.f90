@@ -45,7 +45,7 @@ module symsde_noise_brownian
    ! of the generator are paths.
    integer, parameter, public :: max_refine = 30  !! largest |refine|
    integer, parameter :: most_ahead = 64     !! lanes of the generator for one noise of few paths
-   integer, parameter :: most_at_once = 256  !! for several noises of few paths
+   integer, parameter :: most_at_once = 256  !! lanes of the generator for several noises of few paths
    integer, parameter :: purpose_increment = 0    !! counter word of the draws at the finest step
 
    !> A source is immutable: all threads fill their stores from the same source.
@@ -404,7 +404,7 @@ contains
    !> look_ahead: even pairs first, then odd pairs.
    subroutine fill_alone(self, draws, request, pair, lane, store, drawn)
       class(brownian_noise), intent(in) :: self
-      type(integral_draws), intent(in) :: draws  !! with d%ahead set by look_ahead
+      type(integral_draws), intent(in) :: draws  !! draws, with `ahead` set by look_ahead
       type(step_request), intent(in) :: request
       integer(i8), intent(in) :: pair            !! pair from which `ahead` counts
       integer, intent(in) :: lane                !! lane of the path in the block

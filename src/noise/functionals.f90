@@ -36,7 +36,7 @@ module symsde_noise_functionals
 
    !> One interval of the path in every lane: its increments, and the functionals asked for.
    type :: path_interval
-      real(wp) :: length = 0               !! with its sign [time]
+      real(wp) :: length = 0               !! length of the interval, with its sign [time]
       real(wp) :: rate = 0                 !! gamma of path_decay [1/time]
       real(wp), allocatable :: w(:, :)     !! dW_k (nlane, nnoise)
       type(interval_values) :: of(nfunctional)
@@ -105,10 +105,10 @@ contains
    !> D on an interval with dW, H and K, and with the normal term xi of each noise; without xi, that of the cubic.
    pure subroutine decay_values(nlane, nnoise, length, rate, w, hh, kk, x, xi)
       integer, intent(in) :: nlane, nnoise
-      real(wp), intent(in) :: length, rate   !! with its sign [time]; gamma [1/time]
+      real(wp), intent(in) :: length, rate   !! length of the interval with its sign [time]; gamma [1/time]
       real(wp), intent(in), dimension(nlane, nnoise) :: w, hh, kk
       real(wp), intent(out) :: x(nlane, nnoise)
-      real(wp), intent(in), optional :: xi(nlane, nnoise)  !! of variance one
+      real(wp), intent(in), optional :: xi(nlane, nnoise)  !! normals of variance one
       real(wp) :: d(4)
 
       d = length*decay_path(rate*length)
@@ -163,7 +163,7 @@ contains
                ! J needs dZ of both halves, which are present whenever J is.
                call merge_magnus(nlane, nnoise, left, right, x)
             case (path_decay)
-               ! What D_1 and dW_1 have become at the end of the right half.
+               ! The parts of D_1 and dW_1 at the end of the right half.
                x = x2
                call add_times(nlane*nnoise, exp(-left%rate*right%length), x1, x)
                call add_times(nlane*nnoise, right%length*decay_integral(1.0_wp, left%rate*right%length), w1, x)
@@ -234,7 +234,7 @@ contains
    !> dW_k does.
    pure subroutine clip_interval(nlane, nnoise, bound, step)
       integer, intent(in) :: nlane, nnoise
-      real(wp), intent(in) :: bound                 !! of dW [sqrt(time)]
+      real(wp), intent(in) :: bound                 !! bound of dW [sqrt(time)]
       type(path_interval), intent(inout) :: step
       real(wp) :: shape(nlane), hh(nlane, nnoise), d(4)
       integer :: k

@@ -52,7 +52,7 @@ module symsde_noise_integral_draws
       logical, allocatable :: common(:)    !! noises drawn with the counters of path 0 for all paths (nnoise)
       type(functional_set) :: asked        !! functionals asked for
       type(area_rule) :: areas             !! how areas are drawn
-      integer :: law = law_gaussian        !! of base/laws
+      integer :: law = law_gaussian        !! law of the increments (base/laws)
       !> For a single path, the pairs of steps from the requested pair to each lane's pair (nlane)
       integer(i8), allocatable :: ahead(:)
       class(interrupt_type), pointer :: interrupt => null()  !! may stop the draws
@@ -78,7 +78,7 @@ contains
    pure logical function is_left(self)
       class(integral_draws), intent(in) :: self
 
-      ! Without an interrupt there is no stop.
+      ! Without an interrupt the draws are never left.
       is_left = .false.
       if (associated(self%interrupt)) is_left = self%interrupt%wanted
    end function is_left

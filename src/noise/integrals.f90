@@ -69,7 +69,7 @@ module symsde_noise_integrals
    !> An interval to be halved further: its place, the shape of the path on it, and the draws that halve it.
    type :: known_interval
       integer :: level = 0         !! halvings that led to this interval
-      integer(i8) :: index = 0     !! its number among intervals of its level
+      integer(i8) :: index = 0     !! index of the interval in its level
       real(wp) :: length = 0
       type(path_shape) :: shape
       type(halving_draws) :: u
@@ -381,7 +381,7 @@ contains
    !> Halve an interval of this length, whose xi, if it is asked for, determines a direction of the normals drawn.
    pure subroutine halve(d, length, whole, drawn, left, right)
       type(integral_draws), intent(in) :: d
-      real(wp), intent(in) :: length    !! of the whole, with its sign [time]
+      real(wp), intent(in) :: length    !! length of the whole interval, with its sign [time]
       type(path_shape), intent(in) :: whole
       type(halving_draws), intent(in) :: drawn
       type(path_shape), intent(out) :: left, right

@@ -69,7 +69,7 @@ contains
       do step = 0, nstep - 1, 2**(levels_at_once(self) - levels)
          count = min(2**(levels_at_once(self) - levels), nstep - step)
          do i = 0, 2_i8**(refine - levels) - 1
-            ! On an interrupt dw stays unfinished, and callers discard it.
+            ! After an interrupt dw is unfinished, and callers discard it.
             if (self%is_left()) return
             ! n draws are added at once: of one part of a step, or of `count` whole steps.
             n = count*2**levels

@@ -33,13 +33,13 @@ module symsde_noise_oscillator_law
 
    !> R and I as linear forms of dW, H, K, xi_1 and xi_2, and the rotation that takes them to (C, S).
    type :: oscillator_coefficients
-      real(wp) :: cosine = 1  !! of h/2
+      real(wp) :: cosine = 1  !! cosine of h/2
       real(wp) :: sine = 0
-      real(wp) :: r_w = 1     !! of dW in R
-      real(wp) :: r_k = 0     !! of K in R
-      real(wp) :: r_1 = 0     !! of xi_1 in R
-      real(wp) :: i_h = 0     !! of H in I
-      real(wp) :: i_2 = 0     !! of xi_2 in I
+      real(wp) :: r_w = 1     !! coefficient of dW in R
+      real(wp) :: r_k = 0     !! coefficient of K in R
+      real(wp) :: r_1 = 0     !! coefficient of xi_1 in R
+      real(wp) :: i_h = 0     !! coefficient of H in I
+      real(wp) :: i_2 = 0     !! coefficient of xi_2 in I
    end type oscillator_coefficients
 
 contains

@@ -167,7 +167,7 @@ contains
    !>
    !>    (c1, c2, c3, c4) <- (hi(m2 c3) xor c2 xor k1,  lo(m2 c3),  hi(m1 c1) xor c4 xor k2,  lo(m1 c1))
    !>
-   !> -fwrapv makes the products the low 64 bits of the unsigned ones, and both halves are shifted out of them.
+   !> With -fwrapv the products are the low 64 bits of unsigned products; shifts give both halves.
    pure subroutine one_round(m1, m2, k1, k2, c1, c2, c3, c4)
       integer(i8), intent(in) :: m1, m2                !! the two multipliers
       integer(i8), intent(in) :: k1, k2                !! the keys of this round

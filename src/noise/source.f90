@@ -33,7 +33,7 @@ module symsde_noise_source
          import :: noise_type, step_request, step_store, i8, interrupt_type
          class(noise_type), intent(in) :: self
          type(step_request), intent(in) :: request
-         type(step_store), intent(inout) :: store   !! with room for the requested steps
+         type(step_store), intent(inout) :: store   !! a store with room for the requested steps
          integer(i8), intent(out) :: drawn          !! normals drawn for one path
          class(interrupt_type), intent(inout), target, optional :: interrupt
       end subroutine fill_interface

@@ -22,7 +22,7 @@ module symsde_scheme_additive
 
 contains
 
-   !> One of these four schemes, by name.
+   !> Get one of these four schemes by name.
    subroutine additive_scheme(scheme, name, error)
       type(scheme_type), intent(out) :: scheme
       character(*), intent(in) :: name

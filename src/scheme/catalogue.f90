@@ -10,8 +10,8 @@
 !>    PsNrQu                                   degree s, r >= s nodes, quadrature of order u
 !>    lambda:x                                 s = 1, one node x
 !>
-!> The others are tableaux (heun, dirk:c), kicks and drifts (scheme/splitting, scheme/words), a tableau with a modified
-!> Hamiltonian (scheme/expansion) or with a step around it (scheme/additive), and Euler-Maruyama.
+!> Other schemes are tableaux (heun, dirk:c), kicks and drifts (scheme/splitting, scheme/words), a tableau with a
+!> modified Hamiltonian (scheme/expansion) or with a step around it (scheme/additive), and Euler-Maruyama.
 module symsde_scheme_catalogue
    use symsde_base_contracts, only: contracts_are_executed
    use symsde_base_kinds, only: wp
@@ -283,7 +283,7 @@ contains
       case ('Otr')
          rule = 'open_trapezoid'
          known = r == 2 .and. u == 2
-      case default  ! no such rule
+      case default  ! there is no such rule
       end select
       ! r < s would leave control points undetermined.
       known = known .and. min(s, r, u) > 0 .and. s <= r

@@ -54,7 +54,7 @@ module symsde_scheme_certificate
       type(functional_set) :: asks              !! functionals of the path that a step needs beside dW
       type(bracket_terms) :: brackets           !! added to the one-step Hamiltonian
       integer :: law = law_gaussian             !! law of the increments (base/laws)
-      integer :: frame = frame_none             !! what surrounds the tableau's step
+      integer :: frame = frame_none             !! frame around the tableau's step
       type(model_needs) :: needs                !! conditions on the model
       character(:), allocatable :: damped_by_rate     !! what steps keep with one rate of damping, or a refusal
       character(:), allocatable :: damped_by_rates    !! the same with unequal rates
@@ -73,10 +73,10 @@ module symsde_scheme_certificate
       real(wp) :: quadratic_residual = 0        !! largest |a - abar|, |b - bbar|
       logical :: keeps_bilinear = .false.       !! invariants q^T D p
       integer :: structure = evidence_derived   !! evidence of the structure: derived or claimed
-      type(order_type) :: order(norder)         !! by class of noise; corrected where needed
+      type(order_type) :: order(norder)         !! orders by class of noise, corrected where needed
       integer :: order_noise_free = 0
-      integer :: explicit_for = never_explicit  !! one of the three enumerators
-      integer :: gradients_per_step = 0         !! for each iteration of the solver where implicit
+      integer :: explicit_for = never_explicit  !! models for which the scheme is explicit: one of three enumerators
+      integer :: gradients_per_step = 0         !! in each iteration of the solver if implicit
       integer :: unknowns = 0                   !! coupled unknowns for each degree of freedom; any Hamiltonian
       integer :: unknowns_if_separable = 0
    end type certificate_type
@@ -141,8 +141,8 @@ contains
       c%damped_order = scheme%damped_order
    end function certificate
 
-   !> What steps keep of dp ^ dq for a kind of damping, or why the scheme is refused. A Galerkin scheme runs as the
-   !> tableau that it is for a model.
+   !> What steps keep of dp ^ dq for a kind of damping, or why the scheme is refused. A Galerkin scheme is judged as the
+   !> tableau that executes it for a model.
    pure subroutine judge_damping(c, scheme, kind, text)
       type(certificate_type), intent(in) :: c
       type(scheme_type), intent(in) :: scheme
@@ -395,8 +395,8 @@ contains
          call add(text, 'increments', law_text(c%law)//': for expectations, not path by path')
    end subroutine add_expansion
 
-   !> Lines on damping: what steps keep, and strong orders as they were measured with one rate. One line does where all
-   !> kinds are refused for the same reason.
+   !> Lines on damping: what steps keep, and strong orders as they were measured with one rate. If all kinds are refused
+   !> for the same reason, one line says so.
    pure subroutine add_damping(text, c)
       character(:), allocatable, intent(inout) :: text
       type(certificate_type), intent(in) :: c

@@ -30,7 +30,7 @@ contains
    !> abar, b, bbar.
    !> Errors: incompatible for Euler-Maruyama, whose Ito form has no such inverse.
    subroutine adjoint_scheme(scheme, base, error, name)
-      type(scheme_type), intent(out) :: scheme  !! not the same variable as base
+      type(scheme_type), intent(out) :: scheme  !! must not be the same variable as base
       type(scheme_type), intent(in) :: base
       type(error_type), allocatable, intent(inout) :: error
       character(*), intent(in), optional :: name  !! default: the name of base with _adjoint

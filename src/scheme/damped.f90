@@ -36,7 +36,7 @@ contains
    pure subroutine damped_refusal(scheme, kind, brackets, products, why)
       type(scheme_type), intent(in) :: scheme
       integer, intent(in) :: kind                   !! one of the three enumerators
-      type(bracket_terms), intent(in) :: brackets   !! those that act
+      type(bracket_terms), intent(in) :: brackets   !! brackets that act
       logical, intent(in) :: products               !! whether a correction of one-sided schemes acts
       character(:), allocatable, intent(out) :: why
 

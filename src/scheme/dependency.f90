@@ -34,7 +34,7 @@ contains
    !> Order the stage values so that each needs earlier values only, i for Q_i and nstage+i for P_i. The first `known`
    !> entries hold these values; all others must be solved for. An explicit scheme has no others.
    pure subroutine evaluation_order(scheme, separable, order, known)
-      type(scheme_type), intent(in) :: scheme            !! not of Galerkin form
+      type(scheme_type), intent(in) :: scheme            !! a scheme not of Galerkin form
       logical, intent(in) :: separable                   !! every H_j(q,p) = T_j(p) + U_j(q)
       integer, intent(out) :: order(2*scheme%nstage)     !! 0 after the first `known` entries
       integer, intent(out) :: known

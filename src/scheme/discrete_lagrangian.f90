@@ -52,8 +52,8 @@ contains
    subroutine scheme_from_quadrature(scheme, degree, nodes, weights, name, error, noise_weights)
       type(scheme_type), intent(out) :: scheme
       integer, intent(in) :: degree                      !! s, 1 .. max_degree
-      real(wp), intent(in) :: nodes(:)                   !! in [0,1] (nnode)
-      real(wp), intent(in) :: weights(:)                 !! their sum is one (nnode)
+      real(wp), intent(in) :: nodes(:)                   !! nodes in [0,1] (nnode)
+      real(wp), intent(in) :: weights(:)                 !! weights, with sum one (nnode)
       character(*), intent(in) :: name
       type(error_type), allocatable, intent(inout) :: error
       real(wp), intent(in), optional :: noise_weights(:) !! default: weights (nnode)
@@ -185,7 +185,7 @@ contains
    !> r = s: a = collocation, abar its symplectic conjugate, noise coefficients from the noise
    !> weights.
    subroutine fill_tableau(scheme)
-      type(scheme_type), intent(inout) :: scheme  !! with c, alpha, beta, nstage
+      type(scheme_type), intent(inout) :: scheme  !! a scheme with c, alpha, beta, nstage
       real(wp) :: a(scheme%nstage, scheme%nstage)
       integer :: i, j
 
@@ -213,7 +213,7 @@ contains
    !> r > s: values and slopes of the basis at the nodes. The control points are Chebyshev-Lobatto
    !> points, which begin at 0, end at 1, and are symmetric and well conditioned at every degree.
    subroutine fill_galerkin(scheme)
-      type(scheme_type), intent(inout) :: scheme  !! with c, nstage, degree
+      type(scheme_type), intent(inout) :: scheme  !! a scheme with c, nstage, degree
       real(wp) :: control(0:scheme%degree)
       integer :: i, mu, s
 
@@ -239,7 +239,7 @@ contains
    !> a_ij = integral of the j-th Lagrange polynomial of the nodes from 0 to c_i, by a Gauss
    !> quadrature that is exact for it.
    function collocation(nodes) result(a)
-      real(wp), intent(in) :: nodes(:)  !! at most max_degree of them (nstage)
+      real(wp), intent(in) :: nodes(:)  !! at most max_degree nodes (nstage)
       real(wp) :: a(size(nodes), size(nodes))
       real(wp), allocatable :: x(:), w(:)
       type(error_type), allocatable :: error

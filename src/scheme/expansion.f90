@@ -23,7 +23,7 @@ contains
 
    !> The plain scheme under an expanded name: gauss2 or midpoint.
    pure function base_of(name) result(base)
-      character(*), intent(in) :: name   !! one of the six
+      character(*), intent(in) :: name   !! one of the six names
       character(len=index(name, '_') - 1) :: base
 
       base = name
@@ -62,7 +62,7 @@ contains
          call declare(scheme, law_three_point, 0.0_wp, 0.0_wp, 2.0_wp)
       case ('midpoint_weak1')
          call declare(scheme, law_two_point, 0.0_wp, 0.0_wp, 1.0_wp)
-      case default  ! no expanded scheme: leave the base unchanged
+      case default  ! not an expanded scheme: leave the base unchanged
       end select
       scheme%reference = 'modified one-step Hamiltonian on '//base_of(name)//' (log-ODE; Castell 1993)'
       if (scheme%law /= law_gaussian) then

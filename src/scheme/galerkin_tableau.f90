@@ -55,7 +55,7 @@ contains
    !> Values of the phi_m and Phi_m at the nodes, from values of the l_mu' and l_mu, mu = 1..s, which vanish at 0. A
    !> second pass removes the rounding errors of the first.
    pure subroutine orthogonalise(scheme, phi, integral, norm)
-      type(scheme_type), intent(in) :: scheme  !! in Galerkin form
+      type(scheme_type), intent(in) :: scheme  !! a scheme in Galerkin form
       real(wp), intent(out), dimension(scheme%nstage, scheme%degree) :: phi, integral
       real(wp), intent(out) :: norm(scheme%degree)
       real(wp) :: part

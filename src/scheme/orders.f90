@@ -29,7 +29,7 @@ module symsde_scheme_orders
    enum, bind(c)
       enumerator :: evidence_none = 0      !! no order: the scheme diverges, or is not made for such noise
       enumerator :: evidence_claimed = 1
-      enumerator :: evidence_derived = 2   !! from the coefficients
+      enumerator :: evidence_derived = 2   !! derived from the coefficients
    end enum
 
    type :: order_type

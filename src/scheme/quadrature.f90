@@ -34,7 +34,7 @@ contains
    !> Nodes, ascending, and weights of a named quadrature on [0,1].
    !> Errors: unknown_name, with the nearest names.
    subroutine get_quadrature(name, nodes, weights, error)
-      character(*), intent(in) :: name                       !! one of quadrature_names()
+      character(*), intent(in) :: name                       !! a name of quadrature_names()
       real(wp), allocatable, intent(out) :: nodes(:)         !! (nnode)
       real(wp), allocatable, intent(out) :: weights(:)       !! (nnode)
       type(error_type), allocatable, intent(inout) :: error

@@ -74,7 +74,7 @@ module symsde_scheme_scheme
       logical :: single = .false.  !! sum_k (h dW_k/2 - dZ_k) {H_k,H}
       logical :: areas = .false.   !! sum_{k<l} A_kl {H_l,H_k}
       logical :: nested = .false.  !! (h^2/12) sum_k {{H,H_k},H_k}
-      logical :: crossed = .false. !! with nested brackets, those between noises: (h/12) sum_kl dW_l {{H_l,H_k},H_k}
+      logical :: crossed = .false. !! beside nested brackets, also (h/12) sum_kl dW_l {{H_l,H_k},H_k}
    contains
       procedure :: are_added
    end type bracket_terms
@@ -92,7 +92,7 @@ module symsde_scheme_scheme
       integer :: degree = 0                   !! s: degree of the polynomial; 0 = not from a polynomial
       real(wp), allocatable :: basis(:, :)    !! l_mu(c_i), Galerkin form only (nstage, 0:degree)
       real(wp), allocatable :: slope(:, :)    !! l_mu'(c_i), Galerkin form only (nstage, 0:degree)
-      type(kicks_type) :: kicks               !! of the splitting form, and of the frame with a rotation
+      type(kicks_type) :: kicks               !! kicks of the splitting form, and of the frame with a rotation
       type(functional_set) :: asks            !! functionals of the path that a step needs beside dW
       type(bracket_terms) :: brackets         !! added to the one-step Hamiltonian
       integer :: frame = frame_none           !! frame around the tableau's step
@@ -205,7 +205,7 @@ contains
    !> Largest residual of the four symplecticity conditions of a stochastic partitioned tableau
    !> (Ma-Ding; Holm-Tyranowski): alpha_i abar_ij + alpha_j a_ji = alpha_i alpha_j, and the three with noise.
    pure function symplecticity_residual(scheme) result(residual)
-      type(scheme_type), intent(in) :: scheme  !! in tableau form
+      type(scheme_type), intent(in) :: scheme  !! a scheme in tableau form
       real(wp) :: residual
 
       associate (s => scheme)

@@ -27,7 +27,7 @@ module symsde_scheme_splitting
    private
    public :: splitting_scheme, complete
 
-   real(wp), parameter :: tolerance = 1e-13_wp  !! of the moment conditions
+   real(wp), parameter :: tolerance = 1e-13_wp  !! tolerance of the moment conditions
 
 contains
 

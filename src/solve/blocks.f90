@@ -37,7 +37,7 @@ module symsde_solve_blocks
       integer :: ku = -1                          !! diagonals above the main one
       integer :: rows = 0                         !! n, or kl+ku+1: middle extent of the matrices
       integer(i8) :: pivoted_solves = 0           !! systems solved with exchanges of rows so far
-      integer(i8) :: lapack_solves = 0            !! of these, by LAPACK
+      integer(i8) :: lapack_solves = 0            !! systems of these that LAPACK solved
       integer :: width = 0                        !! lanes eliminated together
       real(wp), allocatable :: smallest(:)        !! (nlane) pivot monitor
       real(wp), allocatable :: rhs(:, :)          !! (nlane,n) right-hand sides

@@ -39,7 +39,7 @@ module symsde_solve_krylov
       real(wp), allocatable :: x(:, :)     !! solutions; zero in lanes that were not to be solved (nlane, n)
       real(wp), allocatable :: norm(:)     !! |b - A x| (nlane)
       real(wp), allocatable :: largest(:)  !! the largest |A v| of all vectors of size one so far (nlane)
-      logical, allocatable :: unsolved(:)  !! to be solved, and the goal is not reached (nlane)
+      logical, allocatable :: unsolved(:)  !! lanes to be solved whose goal is not reached (nlane)
       integer, private :: most = 0
       real(wp), allocatable, private :: goal(:)     !! (nlane)
       integer, allocatable, private :: length(:)    !! vectors in a lane's solution; -1: no solution (nlane)

@@ -119,7 +119,7 @@ contains
       integer, intent(in) :: nlane, n
       type(newton_options), intent(in) :: options
       logical, intent(in) :: affine
-      integer, intent(in) :: kl, ku  !! both -1 for dense matrices
+      integer, intent(in) :: kl, ku  !! bands; both -1 for dense matrices
       logical, intent(in), optional :: judge_only  !! no matrix, no update: the stepper solves and corrects
       logical, intent(in), optional :: exact  !! the matrix is the derivative of the residual, to rounding
 
@@ -177,7 +177,7 @@ contains
    subroutine fail(self, lane, code, status, counters)
       class(newton_type), intent(inout) :: self
       integer, intent(in) :: lane
-      integer(i8), intent(in) :: code                          !! its status
+      integer(i8), intent(in) :: code                          !! status of the lane
       integer(i8), intent(inout) :: status(self%nlane)
       type(counters_type), intent(inout) :: counters
 

@@ -172,7 +172,7 @@ contains
    pure subroutine correct_strip(n, meeting, factor, rhs, last, x, step, size)
       integer, intent(in) :: n                              !! unknowns of a system
       real(wp), intent(in) :: meeting(strip_lanes, 2)       !! corrections from meet_strip
-      real(wp), intent(in) :: factor(strip_lanes, n), rhs(strip_lanes, n)  !! from both fronts
+      real(wp), intent(in) :: factor(strip_lanes, n), rhs(strip_lanes, n)  !! of the rows of both fronts
       real(wp), intent(in) :: last(strip_lanes)             !! negative in lanes that are done or failed
       real(wp), intent(inout) :: x(strip_lanes, n)          !! unknowns
       real(wp), intent(out) :: step(strip_lanes), size(strip_lanes)
@@ -308,7 +308,7 @@ contains
    pure subroutine look_closer(nlane, m, c, way, k, carried_before, inverse_before, trusted)
       integer, intent(in) :: nlane, m, way
       real(wp), intent(in) :: c, k(nlane, 0:1, 0:m)
-      real(wp), intent(in), dimension(nlane) :: carried_before, inverse_before  !! of the row before
+      real(wp), intent(in), dimension(nlane) :: carried_before, inverse_before  !! numbers of the row before
       real(wp), intent(inout) :: trusted(nlane)
       real(wp) :: carried, inverse, entry, next, pivot, scale
       integer :: lane, i, beside, odd

@@ -177,7 +177,7 @@ contains
    !> and a larger one for wide systems, where passes of a block go through memory.
    pure integer function few_of(n, narrow, broad)
       integer, intent(in) :: n              !! degrees of freedom
-      integer, intent(in) :: narrow, broad  !! such numbers for narrow and for wide systems
+      integer, intent(in) :: narrow, broad  !! numbers of paths for narrow and for wide systems
 
       few_of = merge(broad, narrow, n >= wide)
    end function few_of

@@ -117,7 +117,7 @@ class Draw:
         return self.error**2 * self.difference.n
 
     def __add__(self, other: Draw) -> Draw:
-        """Both sets of samples together."""
+        """Join two sets of samples."""
         return Draw(
             self.difference + other.difference,
             self.fine + other.fine,
@@ -262,7 +262,7 @@ class Levels:
         return self.draws[level].error_by(self.known.size)
 
     def variance_of(self, level: int) -> float:
-        """V_l, the variance of d_l that corresponds to its error."""
+        """V_l, the variance of d_l, computed from the standard error of its mean."""
         return self.error_of(level) ** 2 * self.draws[level].difference.n
 
     def square_of(self, level: int) -> float:

@@ -326,7 +326,7 @@ def _better(plan: Plan, scheme: Scheme) -> str:
         shifts = model.traits.additive and model.traits.position_noise and model.traits.identity_mass
         return "verlet_dz" if shifts else "stormer_verlet" if model.traits.separable else "midpoint"
     if not model.nnoise or commutator(model, t=plan.options.get("t0", 0.0)).flows_commute:
-        return "gauss4"  # of strong order 4 for such models, by increments alone
+        return "gauss4"  # strong order 4 for such models, by increments alone
     if commutative:
         return "gauss2_strong32"
     return "gauss2_strong32_areas"

@@ -12,7 +12,7 @@ from pathlib import Path
 
 try:
     import fcntl
-except ImportError:  # no POSIX system
+except ImportError:  # not a POSIX system
     fcntl = None
 
 
@@ -33,7 +33,7 @@ class Claims:
             return False
         except PermissionError:  # some systems raise this if another process holds the lock
             return False
-        except OSError:  # no locks on this file system
+        except OSError:  # this file system has no locks
             return True
         return True
 

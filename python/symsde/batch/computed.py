@@ -51,7 +51,7 @@ def of(model: Model, scheme: Scheme | None, start: Start, functions: Mapping[str
     traits = dataclasses.asdict(model.traits)
     traits["rotation"] = traits["rotation"] and _hash(_rounded(np.array([traits["rotation"]])))
     traits["silent"] = list(traits["silent"])
-    del traits["diagonal_mass"], traits["touches"]  # these save work and change no law; older folders have neither
+    del traits["diagonal_mass"], traits["touches"]  # these traits only save work, and older folders lack them
     found = {"model": model.name, "parameters": {key: _by_path(x) for key, x in given.parameters.items()}}
     found["traits"] = traits
     if (formula := getattr(model, "formula", None)) is not None:

@@ -111,7 +111,7 @@ class _Here:
 
     def __init__(self, task: Task, executor: Executor, division: tuple[int, int | None], context: Context):
         workers, self._threads = division
-        self.window = workers + 1  # one piece waits, so that no thread idles while a shard is written
+        self.window = workers + 1  # one piece more, so that no thread idles while a shard is written
         self._task, self._executor, self._context = task, executor, context
 
     def submit(self, piece: Piece) -> Future:

@@ -95,7 +95,7 @@ def _rate(task: Task, piece: Piece) -> float:
     """Path-steps per second on one thread, measured on some paths with ever more steps, until a run is long enough."""
     few = Piece(piece.name, piece.kind, piece.first // 256 * 256, min(piece.paths, _PILOT_PATHS), 0)
     options = task.of(few, 1)
-    observers = {name: x for name, x in task.observers.items() if x.KIND != "autocorrelation"}  # these want all times
+    observers = {name: x for name, x in task.observers.items() if x.KIND != "autocorrelation"}  # others use all times
     shown = {"observables": task.observables or None, "observers": observers}
     steps, most = 1, int(options["steps"])
     while True:

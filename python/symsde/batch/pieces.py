@@ -84,7 +84,7 @@ def plan(extent: Extent, size: int, *, moments: bool, saved: Sequence[int]) -> l
 
 def _stretches(indices: Sequence[int], size: int, most: int = 2**62) -> Iterator[tuple[int, int]]:
     """Give (first, count) of consecutive indices within the same interval of `size`, at most `most` at a time."""
-    if isinstance(indices, range) and most >= size:  # without a loop over every index
+    if isinstance(indices, range) and most >= size:  # a range needs no loop over its indices
         first, end = indices.start, indices.stop
         while first < end:
             stop = min(end, (first // size + 1) * size)

@@ -17,7 +17,7 @@ from .pieces import Piece
 
 log = logging.getLogger("symsde")
 
-_SIZES = ("OMPI_COMM_WORLD_SIZE", "PMI_SIZE", "MPI_LOCALNRANKS", "PALS_SIZE")  # what launchers tell
+_SIZES = ("OMPI_COMM_WORLD_SIZE", "PMI_SIZE", "MPI_LOCALNRANKS", "PALS_SIZE")  # variables that launchers set
 
 
 class Ranks:

@@ -57,7 +57,7 @@ def patient_output() -> Iterator[None]:
         finally:
             try:
                 stream.flush()
-            except OSError:  # for example a full disk
+            except OSError:  # such as a full disk
                 with contextlib.suppress(OSError, ValueError):
                     stream.forget()
                 raise

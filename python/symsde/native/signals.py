@@ -70,7 +70,7 @@ class Held:
         try:
             handler(number, frame)
         finally:
-            del self._notes[0]  # only now: until then a second signal is handled immediately
+            del self._notes[0]  # removed only now: until then a second signal is handled immediately
             self._call()
 
     def _leave_note(self, number: int, frame: FrameType | None) -> None:

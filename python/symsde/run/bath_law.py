@@ -22,7 +22,7 @@ from .simulate import simulate
 
 _STATES = np.array([[0.3, -0.4], [1.7, 0.8], [-2.4, 1.1], [0.9, -1.6]]).T  #: (q or p, point): where M is looked at
 _NOISE = np.array([0.4, -0.3, 0.7, 0.1])  #: normal numbers of dW there
-_SHIFT = 1e-5  #: of central differences, which find M to some 1e-10
+_SHIFT = 1e-5  #: shift of central differences, which find M to some 1e-10
 _SEEN = 1e-8  #: a larger difference is one
 
 
@@ -30,19 +30,19 @@ _SEEN = 1e-8  #: a larger difference is one
 class BathLaw:
     """The law of a scheme in a heat bath; every ratio is one for the exact flow."""
 
-    scheme: str  #: its name
+    scheme: str  #: name of the scheme
     step: float  #: h
     gamma: float  #: rate of the momenta
     omega: float  #: frequency of the oscillator
     friction: str  #: "damping", or "force" for F = -gamma p
-    contraction: str  #: what a step multiplies dp ^ dq by
+    contraction: str  #: the factor of dp ^ dq in a step
     defect: float  #: largest distance of that factor from exp(-gamma h) at four states of a pendulum
     q_squared: float  #: beta omega^2 <q^2>
     q_p: float  #: beta omega <q p>, which is zero for the exact flow
     p_squared: float  #: beta <p^2>
     free_temperature: float  #: beta <p^2> of a free particle
     free_diffusion: float  #: diffusion of a free particle over 1/(beta gamma)
-    strong_order: Order  #: with additive noise, as that of a bath is, and its evidence
+    strong_order: Order  #: for additive noise, as the noise of a bath is
 
     def __str__(self) -> str:
         """A line for each, with its evidence."""
@@ -63,7 +63,7 @@ class BathLaw:
 
 
 def _rounded(x: float) -> str:
-    """Twelve digits, and zero for what rounding leaves of zero."""
+    """Round to twelve digits; numbers that are rounding errors of zero become zero."""
     return f"{x if abs(x) > 1e-13 else 0.0:.12g}"
 
 
@@ -177,7 +177,7 @@ def _linear_step(model: Model, scheme: Scheme, h: float) -> tuple[np.ndarray, np
 
 
 def _contraction(scheme: Scheme, h: float, gamma: float, model: Model) -> tuple[str, float]:
-    """What a step multiplies dp ^ dq by at four states, and the largest distance from exp(-gamma h)."""
+    """The factors by which a step multiplies dp ^ dq at four states, and the largest distance from exp(-gamma h)."""
     noise = np.vstack([_NOISE, np.zeros((2, _NOISE.size))])
 
     def derivative(axis: int) -> np.ndarray:

@@ -150,7 +150,7 @@ def _arrays(path: Path) -> tuple[dict[str, np.ndarray], dict[str, str]]:
     if path.suffix == ".nc":
         with files.NETCDF, files.optional("xarray", "xarray").open_dataset(path) as data:
             found = {str(name): data[name].to_numpy() for name in data.variables}
-            found.setdefault("t", found.get("time"))  # for files of version 0.1.0
+            found.setdefault("t", found.get("time"))  # files of version 0.1.0 have "time"
             return found, dict(data.attrs)
     if path.suffix != ".npz":
         raise InvalidArgumentError(f"{str(path)!r} is no file of a run: give a folder, or a .nc, .npz or .csv file")
@@ -172,7 +172,7 @@ def _columns(variables: Mapping[str, np.ndarray], attributes: Mapping[str, str])
         rows = np.concatenate([variables[f"{kind}_{x}"] for x in "qp"], axis=1).T
         table |= dict(zip(coordinates, rows, strict=True))
     names = [name.removeprefix("var_") for name in variables if re.match("var_(?!q$|p$)", name)]
-    names = [name for name in names if all(f"{kind}_{name}" in variables for kind in tables)]  # no observers
+    names = [name for name in names if all(f"{kind}_{name}" in variables for kind in tables)]  # without observers
     for name in names:
         for kind, table in tables.items():
             table[name] = variables[f"{kind}_{name}"]

@@ -20,7 +20,7 @@ from ..native.progress import Monitor, threads_of
 from ..schemes import Scheme, as_scheme
 
 _LIBRARY_LANES = 256  # most lanes of a block in the library
-_PYTHON_VALUES = 2048  # numbers of an array that a Python function gets
+_PYTHON_VALUES = 2048  # most numbers of an array passed to a Python function
 _COUNT = 2**47  # number of values of the random generator's counter of steps
 _WHOLE = 1e-9  # relative error of times that are typed, or sums of steps
 _INPUT_SIZE = _handles.new(abi.Input, "input").struct_size
@@ -336,7 +336,7 @@ def setup_of(given: dict[str, Any]) -> Setup:
 
 
 def _other_paths(model: Model, paths: int) -> WrongShapeError:
-    """What is wrong where arrays of parameters do not fit the paths of a run."""
+    """The error if arrays of parameters do not fit the paths of a run."""
     arrays = [name for name, x in model.parameters.items() if np.ndim(x) and x.size > 1]
     return WrongShapeError(
         f"the parameter{'s' if len(arrays) > 1 else ''} {', '.join(arrays)} of model {model.name} "

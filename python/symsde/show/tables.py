@@ -92,6 +92,6 @@ def _comments(about: Mapping[str, str]) -> Iterator[str]:
 def _cell(value: Any) -> Any:
     if isinstance(value, bool | np.bool_):
         return int(value)
-    if isinstance(value, float | np.floating):  # also of NumPy, whose repr has more than the number
+    if isinstance(value, float | np.floating):  # NumPy's floats, too: their repr has more than the number
         return "NaN" if math.isnan(value) else repr(float(value))
     return "" if value is None else value

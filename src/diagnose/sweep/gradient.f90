@@ -180,8 +180,8 @@ contains
       real(wp), intent(out) :: fq(:, :, 0:), fp(:, :, 0:)                               !! (npath, ndof, 0:nsave)
       type(error_type), allocatable, intent(inout) :: error
       type(path_recorder) :: recorder
-      real(wp), allocatable, dimension(:, :, :) :: q, p            !! at saved times
-      real(wp), allocatable, target, dimension(:, :, :) :: x, y    !! likewise, of one piece
+      real(wp), allocatable, dimension(:, :, :) :: q, p            !! states at saved times
+      real(wp), allocatable, target, dimension(:, :, :) :: x, y    !! states of one piece
       real(wp), allocatable :: t(:), ftheta(:, :)
       integer(i8) :: k, at, each
       integer :: i, n, npath
@@ -287,14 +287,14 @@ contains
          end do
          ends = [ends, nstep]
       else
-         length = most/rest*rest   ! where a sweep rests anyway
+         length = most/rest*rest   ! a multiple of the steps between rests of a sweep
          do k = 1, nstep
             if (mod(mod(k, every), length) == 0) ends = [ends, k]
          end do
       end if
    end subroutine cut
 
-   !> One row, or all rows, for all paths.
+   !> Repeat one row for all paths, or copy all rows.
    pure subroutine repeat_rows(x, all_rows)
       real(wp), intent(in) :: x(:, :)          !! (npath or 1, ndof)
       real(wp), intent(out) :: all_rows(:, :)  !! (npath, ndof)

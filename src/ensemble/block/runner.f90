@@ -46,7 +46,7 @@ module symsde_ensemble_block_runner
    type :: block_runner
       type(run_options) :: options
       class(stepper_type), allocatable :: stepper
-      type(rescue_type) :: rescue          !! for paths whose step the stepper cannot solve
+      type(rescue_type) :: rescue          !! solves steps that the stepper cannot solve
       class(observer_type), allocatable :: observer
       type(real_lanes_model), pointer :: real_lanes => null()  !! model without padding, if allowed; owned
       class(model_type), pointer :: by_path => null() !! view of the model for these paths, if it differs by path; owned
@@ -64,7 +64,7 @@ module symsde_ensemble_block_runner
       type(growth_type) :: growth          !! the largest values so far, to find paths that grow without bound
       integer :: enough = 0                              !! number of lanes with a status that ends a chunk
       type(block_runner), pointer :: narrower => null()  !! list of runners of narrower blocks, owned by this one
-      integer, allocatable :: origin(:)                  !! in a narrower runner: its lanes in the wide block (nlane)
+      integer, allocatable :: origin(:)                  !! of a narrower runner: its lanes in the wide block (nlane)
    contains
       procedure :: equip
       procedure :: begin
@@ -121,7 +121,7 @@ contains
       class(observer_type), intent(in) :: observer           !! copied
       class(noise_type), intent(in), target :: noise
 
-      ! Steps and saved points may be others in each drive of a prepared run; the stepper is kept.
+      ! Steps and saved points may differ between the drives of a prepared run; the stepper is kept.
       self%options = options
       self%drawn%noise => noise
       if (allocated(self%observer)) deallocate (self%observer)

@@ -27,10 +27,10 @@ module symsde_ensemble_block_runner_factory
 
    !> The inputs of all runners of a run. step/factory resolves the task once.
    type :: runner_factory
-      type(stepper_task) :: task        !! for any lanes
+      type(stepper_task) :: task        !! task of the steppers, for any number of lanes
       type(run_options) :: options
       type(functional_set) :: asked     !! functionals of the path, beside its increments
-      logical :: narrows = .false.      !! there is memory for narrower blocks, too
+      logical :: narrows = .false.      !! whether there is memory for narrower blocks, too
    contains
       procedure :: new_runner
    end type runner_factory

@@ -24,7 +24,7 @@ module symsde_ensemble_block_shrink_block
    private
    public :: narrow_down, come_back, narrower_width
 
-   integer(i8), parameter :: worth_while = 16  !! with fewer remaining steps a narrower block does not pay
+   integer(i8), parameter :: worth_while = 16  !! fewest remaining steps for which a narrower block pays
 
    !> The observer of a narrower block: it shows its lanes at their places in the wide block to the observer of the run.
    type, extends(observer_type) :: spreading_observer
@@ -91,7 +91,7 @@ contains
       type(block_runner), intent(inout), target :: wide
       type(block_runner), pointer, intent(inout) :: active
 
-      ! No narrower runner has taken the paths.
+      ! Return if no narrower runner has taken the paths.
       if (associated(active, wide)) return
       call leave(wide, active)
       ! The narrower runner took the steps: the wide runner continues from its step.

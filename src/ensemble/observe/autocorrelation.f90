@@ -132,7 +132,7 @@ contains
       m = table%mean(4, 1)
       lag = [1.0_wp, -2*m, 0.0_wp, 0.0_wp]   ! C(l) is linear in the columns of its row
       c0 = dot_product(lag, table%mean(:, 1)) + m**2
-      zero = [0.0_wp, 0.0_wp, 1.0_wp, -2*m]  ! so is C(0), in the same columns
+      zero = [0.0_wp, 0.0_wp, 1.0_wp, -2*m]  ! C(0) has the same columns
       do i = 1, self%nrow
          c = dot_product(lag, table%mean(:, i)) + m**2
          rho = c/merge(c0, 1.0_wp, abs(c0) > 0)

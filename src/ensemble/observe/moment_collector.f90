@@ -39,7 +39,7 @@ module symsde_ensemble_observe_moment_collector
       integer :: nplace = 1                       !! saved times that fit
       integer :: n = 0                            !! saved times that wait
       integer :: it = 0                           !! saved time of the first waiting state
-      real(wp) :: t = 0                           !! its time [time]
+      real(wp) :: t = 0                           !! time of this state [time]
       real(wp), allocatable :: own(:, :, :)       !! q, p and the energy (nlane, nplace, own values)
       logical, allocatable :: counts(:, :)        !! (nlane, nplace)
    end type waiting_states

@@ -66,7 +66,7 @@ contains
       class(observer_type), intent(inout) :: self
       integer(i8), intent(in) :: isave
       integer, intent(inout) :: nsave            !! states given; on return, states shown
-      integer, intent(in) :: nlane               !! of state
+      integer, intent(in) :: nlane               !! lanes of state
       real(wp), intent(in) :: t(nsave)
       type(lane_state), intent(inout) :: state
       real(wp), intent(in) :: q(nlane, state%ndof, nsave), p(nlane, state%ndof, nsave)

@@ -21,7 +21,7 @@ module symsde_ensemble_observe_recorder
       integer(i4), pointer, contiguous :: status(:) => null()      !! (npath)
       integer(i8), pointer, contiguous :: failed_step(:) => null() !! (npath)
       real(wp), pointer, contiguous :: last_q(:, :) => null(), last_p(:, :) => null()  !! last good state (npath, ndof)
-      real(wp), pointer, contiguous :: q_low(:, :) => null(), p_low(:, :) => null()    !! its low parts (npath, ndof)
+      real(wp), pointer, contiguous :: q_low(:, :) => null(), p_low(:, :) => null()    !! low parts (npath, ndof)
       integer(i8), private :: offset = 0
       integer, private :: nreal = 0
    contains

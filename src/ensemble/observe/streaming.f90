@@ -46,7 +46,7 @@ module symsde_ensemble_observe_streaming
       integer :: law = law_gaussian           !! law of the increments drawn
       logical, allocatable :: common(:)       !! noises that all paths share, by the options (nnoise)
       logical :: position_noise = .false., has_value = .false.  !! traits of the model
-      class(model_type), pointer :: model => null()  !! for observers that need more than values
+      class(model_type), pointer :: model => null()  !! the model, for observers that need more than values
       class(observables_type), pointer :: observables => null()  !! the user's values, likewise
    end type observed_run
 
@@ -71,8 +71,8 @@ module symsde_ensemble_observe_streaming
       integer(i8) :: ncount = 0, nsingle = 0           !! integers, and numbers of single paths
       integer :: nrow = 0, ncolumn = 0                 !! rows and columns of the table; 0 = no table
       integer :: kept = means_only                     !! kinds of sums kept: means_only, with_pairs or with_errors
-      integer(i8), allocatable :: counts(:)            !! of this thread (ncount)
-      real(wp), allocatable :: singles(:)              !! of this thread (nsingle)
+      integer(i8), allocatable :: counts(:)            !! counts of this thread (ncount)
+      real(wp), allocatable :: singles(:)              !! numbers of this thread (nsingle)
       type(observer_store), pointer :: store => null()
       integer(i8) :: first = 0                         !! first path of the block
       integer :: nreal = 0

@@ -57,7 +57,7 @@ module symsde_ensemble_run_driver
       class(model_type), pointer, private :: model => null()
       class(noise_type), allocatable, private :: noise         !! noise of drives without given increments
       type(runner_factory), private :: factory
-      type(block_runner), allocatable, private :: runners(:)   !! one for every thread
+      type(block_runner), allocatable, private :: runners(:)   !! a runner for every thread
    contains
       procedure :: drive
       procedure :: renumber
@@ -96,7 +96,7 @@ contains
       type(ensemble_type), target :: ensemble
       real(wp), pointer, contiguous :: given(:, :, :)
 
-      nullify (given)  ! not an absent array, whose bounds gfortran 12 would read
+      nullify (given)  ! a null pointer: gfortran 12 would read the bounds of an absent array
       if (present(dw)) given => dw
       call new_ensemble(ensemble, model, scheme, options, from%q, from%p, observer, error, given)
       if (allocated(error)) return
@@ -393,7 +393,7 @@ contains
       idle%has(path_stt_area) = ncolumn > 2*m .and. .not. asked%has(path_stt_area)
       idle%has(path_decay) = ncolumn > 3*m .and. .not. asked%has(path_decay)
       missing = asked
-      missing%has(path_decay) = .false.  ! without E it is that of the cubic with this dW, dZ and K
+      missing%has(path_decay) = .false.  ! without E, D follows from dW, dZ and K
       missing%has(path_dz) = asked%has(path_dz) .and. ncolumn <= m
       missing%has(path_stt_area) = asked%has(path_stt_area) .and. ncolumn <= 2*m
       if (.not. idle%is_empty()) then

@@ -32,7 +32,7 @@ module symsde_ensemble_run_simulate
       integer(i4), allocatable :: status(:)         !! 0 = ok, else a code of base/status (npath)
       integer(i8), allocatable :: failed_step(:)    !! absolute step that failed, -1 = none (npath)
       real(wp), allocatable :: last_q(:, :), last_p(:, :)  !! last good state (npath, ndof)
-      real(wp), allocatable :: q_low(:, :), p_low(:, :)    !! its low parts, zero unless compensated (npath, ndof)
+      real(wp), allocatable :: q_low(:, :), p_low(:, :)    !! low parts of last_q, last_p, else zero (npath, ndof)
       type(run_report) :: report
    end type paths_type
 

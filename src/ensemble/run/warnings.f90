@@ -96,7 +96,7 @@ contains
       real(wp) :: cut, probability, expected
 
       if (.not. bounds%lipschitz > 0) return
-      cut = 2/(bounds%lipschitz*sqrt(abs(options%step)))  ! in units of a standard deviation
+      cut = 2/(bounds%lipschitz*sqrt(abs(options%step)))  ! bound of increments, in standard deviations
       probability = erfc(cut/sqrt(2.0_wp))
       expected = probability*real(bounds%nnoise, wp)*real(options%npath, wp)*real(options%nstep, wp)
       if (options%truncation > 0) then

@@ -107,9 +107,9 @@ contains
    !> different numbers of keys and values (wrong_shape).
    subroutine get_model(model, name, keys, values, error)
       class(model_type), allocatable, intent(out) :: model
-      character(*), intent(in) :: name      !! one of model_names()
+      character(*), intent(in) :: name      !! a name of model_names()
       character(*), intent(in) :: keys(:)   !! some of parameter_names(name), in any order
-      real(wp), intent(in) :: values(:)     !! one for each key
+      real(wp), intent(in) :: values(:)     !! a value for each key
       type(error_type), allocatable, intent(inout) :: error
       character(len=name_length), allocatable :: names(:), known(:)
       real(wp), allocatable :: parameters(:)

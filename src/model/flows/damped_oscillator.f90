@@ -179,7 +179,7 @@ contains
    contains
 
       pure subroutine take(wa, wb, wc, we, x, y)
-         real(wp), value :: wa, wb, wc, we  !! of a, b, c, e: here wb and we have strength zero
+         real(wp), value :: wa, wb, wc, we  !! weights of a, b, c, e: b and e are zero here
          real(wp), intent(inout) :: x, y
          real(wp) :: a, c, d
 

@@ -123,7 +123,7 @@ contains
       scale = 0
       do lane = 1, npoint
          size_of = maxval(abs(should(lane, :))) + maxval(abs(beside(lane, :))) + 0*sum(is(lane, :))
-         if (size_of <= huge(size_of)) scale = max(scale, size_of)  ! not NaN
+         if (size_of <= huge(size_of)) scale = max(scale, size_of)  ! skips NaN
       end do
       do lane = 1, npoint
          do i = 1, points%ndof

@@ -304,7 +304,7 @@ contains
    !> Refuse the gradient in one sentence: what is wrong with it, at which point, and what to do.
    subroutine refuse(points, what, lane, i, remedy, error)
       type(probe_points), intent(in) :: points
-      character(*), intent(in) :: what, remedy  !! what is wrong, what to do
+      character(*), intent(in) :: what, remedy  !! what is wrong, and the remedy
       integer, intent(in) :: lane, i            !! the point, and the degree of freedom for the message
       type(error_type), allocatable, intent(inout) :: error
 

@@ -50,7 +50,7 @@ module symsde_model_user_callback
       procedure(third_derivative_callback), pointer, nopass :: on_third_derivative => null()
       logical :: null_accepted = .false.         !! unwanted outputs are NULL
       type(c_ptr) :: user = c_null_ptr           !! user pointer of all functions, unless parameters differ by path
-      type(path_parameters) :: parameters        !! by path; none by default
+      type(path_parameters) :: parameters        !! parameters by path, none by default
       type(failure_record) :: failure            !! first nonzero return
    contains
       procedure :: gradient

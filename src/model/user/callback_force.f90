@@ -39,7 +39,7 @@ contains
       integer, intent(in) :: part
       type(c_funptr), intent(in) :: force        !! a force_callback, or c_null_funptr
       type(c_funptr), intent(in) :: derivative   !! a force_derivative_callback, or c_null_funptr
-      logical, intent(in) :: in_position         !! it depends on (q, t) alone
+      logical, intent(in) :: in_position         !! whether the force depends on (q, t) alone
       type(c_ptr), intent(in) :: user
       integer :: i
 

@@ -35,7 +35,7 @@ module symsde_step_explicit_angle_steps_single_path
       real(wp), dimension(1, 1) :: f, v, x, y
       type(angle_terms) :: terms                   !! a .. f of Hhat in the current stage
       type(angle_terms), allocatable :: noises(:)  !! terms of each H_k (nnoise)
-      real(wp) :: sine = 0, cosine = 0             !! of q where the last force was evaluated
+      real(wp) :: sine = 0, cosine = 0             !! sine and cosine of q at the last force
    contains
       procedure :: make => make_room
    end type room_type

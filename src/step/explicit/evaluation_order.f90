@@ -38,7 +38,7 @@ module symsde_step_explicit_evaluation_order
       real(wp), allocatable :: c(:)               !! nodes (nstage)
       integer, allocatable :: many(:, :)          !! number of slopes in each sum (0:nstage, 2)
       integer, allocatable :: stage(:, :, :)      !! the stages of these slopes (nstage, 0:nstage, 2)
-      real(wp), allocatable :: weight(:, :, :)    !! their coefficients (nstage, 0:nstage, 2)
+      real(wp), allocatable :: weight(:, :, :)    !! coefficients of the slopes (nstage, 0:nstage, 2)
       type(evaluation), allocatable :: order(:)
    end type evaluation_order
 

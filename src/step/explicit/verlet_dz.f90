@@ -67,7 +67,7 @@ contains
       self%qs = q + 0.5_wp*h*p
       call self%ham%gradient(tm, step%w, self%qs, p, hq=dp)
       dp = -dp
-      if (.not. associated(step%of(path_dz)%x)) then  ! no noise has an effect
+      if (.not. associated(step%of(path_dz)%x)) then  ! no noise has an effect here
          dq = h*(p + 0.5_wp*dp)
          return
       end if

@@ -39,7 +39,7 @@ module symsde_step_flow_model_flow
    private
    public :: model_flow_stepper, find_flow
 
-   integer, parameter :: four(4) = [euler_map, euler_adjoint_map, verlet_map, midpoint_map]  !! by coefficients
+   integer, parameter :: four(4) = [euler_map, euler_adjoint_map, verlet_map, midpoint_map]  !! found by coefficients
 
    type, extends(stepper_type) :: model_flow_stepper
       private
@@ -47,9 +47,9 @@ module symsde_step_flow_model_flow
       integer, public :: max_iter = 0
       integer, public :: correction = correction_none
       integer(i8), allocatable :: status(:)   !! status of the lanes as set by the model (nlane)
-      real(wp) :: rate = 0                    !! of a damped map
+      real(wp) :: rate = 0                    !! rate of a damped map
       real(wp) :: node = 0                    !! c of its first stage
-      type(kicks_type), allocatable :: kicks  !! of a splitting, without decays
+      type(kicks_type), allocatable :: kicks  !! kicks of a splitting, without decays
       real(wp) :: h = 0                       !! length of the step for which decays were computed
       type(step_decays) :: decays
    contains

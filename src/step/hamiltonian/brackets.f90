@@ -69,7 +69,7 @@ contains
    !> The brackets that have an effect on a model with these traits; brackets without an effect of their functionals are
    !> dropped. The nested bracket of a noise that is linear in q is constant if H = p.p/2 + U(q).
    pure type(bracket_terms) function active_brackets(brackets, traits) result(active)
-      type(bracket_terms), intent(in) :: brackets   !! of scheme_type
+      type(bracket_terms), intent(in) :: brackets   !! brackets of the scheme
       type(model_traits), intent(in) :: traits
       type(functional_set) :: needed
 
@@ -119,7 +119,7 @@ contains
       real(wp), intent(inout), optional :: hq(self%nlane, self%ndof), hp(self%nlane, self%ndof)
       type(counters_type), intent(inout) :: counters
       integer, intent(in) :: nreal                              !! real paths of the block
-      logical, intent(in), optional :: rest                     !! only the rest
+      logical, intent(in), optional :: rest                     !! add only the rest
       logical :: whole
 
       whole = .true.

@@ -13,14 +13,14 @@ module symsde_step_linear_choice
    private
    public :: require_linear, new_linear_step
 
-   integer, parameter :: most_unknowns = 256   !! of the dense systems of implicit steps
+   integer, parameter :: most_unknowns = 256   !! of a dense system of an implicit step
 
 contains
 
    !> Refuse tasks and models whose steps cannot be linearised exactly.
    subroutine require_linear(task, wide, error)
       type(stepper_task), intent(in) :: task
-      class(model_type), intent(in) :: wide    !! with the parameters as further positions
+      class(model_type), intent(in) :: wide    !! model with the parameters as further positions
       type(error_type), allocatable, intent(inout) :: error
       character(*), parameter :: place = 'linear_step'
 
@@ -72,7 +72,7 @@ contains
    subroutine new_linear_step(step, task, model, wide, nlane)
       class(linear_step), allocatable, intent(out) :: step
       type(stepper_task), intent(in) :: task
-      class(model_type), intent(in), target :: model   !! of the path, or a view that knows the paths of the lanes
+      class(model_type), intent(in), target :: model   !! the path's model, or a view that knows the lanes' paths
       class(model_type), intent(in), target :: wide
       integer, intent(in) :: nlane                     !! a multiple of 8
       type(kick_drift_step), allocatable :: kicks

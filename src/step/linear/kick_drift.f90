@@ -31,7 +31,7 @@ module symsde_step_linear_kick_drift
       logical :: by_h = .false.              !! the drift is q <- q + h p, whatever the parameters
       real(wp), allocatable :: w(:, :)       !! weights of the kick to come (nlane, 0:nnoise)
       logical :: waits = .false.             !! whether the kick that began the last step is left
-      real(wp) :: t = 0                      !! its time
+      real(wp) :: t = 0                      !! time of the step
       real(wp), allocatable, dimension(:, :) :: vq, vp, uq, up   !! vectors and products (nlane, nwide)
    contains
       procedure :: back

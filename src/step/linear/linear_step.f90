@@ -22,7 +22,7 @@ module symsde_step_linear_linear_step
    type, abstract :: linear_step
       integer :: nlane = 0, ndof = 0       !! lanes, a multiple of 8; degrees of freedom of the path
       integer :: nwide = 0                 !! degrees of freedom of the wide model: ndof and the parameters
-      type(one_step_hamiltonian) :: ham    !! of the wide model
+      type(one_step_hamiltonian) :: ham    !! Hamiltonian of the wide model
       real(wp), allocatable :: q(:, :), p(:, :)   !! a state of the wide model (nlane, nwide)
    contains
       procedure(back_interface), deferred :: back

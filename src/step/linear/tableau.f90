@@ -43,7 +43,7 @@ module symsde_step_linear_tableau
       real(wp), allocatable :: w(:, :, :)    !! weights of each part (nlane, 0:nnoise, npart)
       real(wp), allocatable :: slope(:, :, :, :)  !! F and G (nlane, 2 ndof, nstage, npart)
       real(wp), allocatable, dimension(:, :, :, :, :) :: hqq, hqp, hpp   !! (nlane, nwide, nwide, nstage, npart)
-      real(wp), allocatable :: matrix(:, :, :), x(:, :)   !! of the system: (nlane, m, m), (nlane, m), m = 2 ndof nstage
+      real(wp), allocatable :: matrix(:, :, :), x(:, :)   !! system: (nlane, m, m), (nlane, m), m = 2 ndof nstage
       real(wp), allocatable, dimension(:, :) :: dq, dp, mq, mp   !! (nlane, ndof)
    contains
       procedure :: back

@@ -40,7 +40,7 @@ module symsde_step_stages_groups
    !> Stages that depend on each other.
    type :: stage_group
       integer :: nmember = 0
-      integer, allocatable :: stage(:)         !! their numbers (nmember)
+      integer, allocatable :: stage(:)         !! numbers of the stages (nmember)
       logical :: explicit = .false.            !! whether it is one stage that does not depend on itself
       real(wp), allocatable :: b(:, :)         !! B of these stages (nmember, nmember)
       real(wp), allocatable :: earlier(:, :)   !! B_ik, stages k of other groups (nstage, nmember)

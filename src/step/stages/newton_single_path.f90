@@ -50,7 +50,7 @@ module symsde_step_stages_newton_single_path
             ! Six numbers, without array arguments.
             call ham%bare_pair(t, w, q(1), q(2), hq(1), hq(2), k(1), k(2), k(3), k(4))
          else
-            ! Any other dense Hessian, for one lane.
+            ! Evaluate any other dense Hessian for one lane.
             call ham%bare_gradient_hessian(1, t, w, q, p, hq=hq, hqq=k)
          end if
       end associate

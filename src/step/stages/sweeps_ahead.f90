@@ -40,7 +40,7 @@ module symsde_step_stages_sweeps_ahead
 
    !> A group of stages, whose numbers are consecutive, and the predicted number of its sweeps.
    type :: group_slot
-      integer :: i1 = 1, i2 = 1       !! its first and last stage
+      integer :: i1 = 1, i2 = 1       !! first and last stage of the group
       logical :: explicit = .false.
       integer :: ahead = 1            !! number of sweeps in the step before
    end type group_slot
@@ -50,7 +50,7 @@ module symsde_step_stages_sweeps_ahead
       private
       type(stage_plan) :: plan
       logical :: angles = .false.               !! whether the force is that of an angle
-      type(group_slot) :: slot(nstage)          !! one for each group
+      type(group_slot) :: slot(nstage)          !! a slot for each group
       real(wp) :: h = 0                         !! the step for which the coefficients were computed
       real(wp) :: all = 0                       !! factor of p_n in dq: h sum_j alpha_j, with decays
       real(wp), dimension(nstage) :: c = 0, r = 0, v = 0, alpha = 0

@@ -136,7 +136,8 @@ class Execution:
         return estimator
 
     def _planned(self, level: Estimator) -> int:
-        """Number of units to begin with, from the variance that the pilot measured, and at most what a moment allows.
+        """Number of units to begin with, from the variance that the pilot measured; at most as many as can be computed
+        in a moment.
 
         The mean and the variance of skew units are correlated. If the variance of the units themselves decides how many
         are drawn, their mean has a bias of skewness times standard deviation over their number. With few units this
@@ -191,7 +192,8 @@ class Execution:
         """Variance of the mean of every level (level,).
 
         If f differs on few paths of the first level, or on none of its scramblings, f may jump on rare paths, which the
-        pilot may have seen: the variance is then at least that of as many independent units, or paths, of the pilot.
+        pilot may have seen: the variance is then at least the variance of as many independent units, or paths, of the
+        pilot.
         """
         noise, first = [x.units.variance / x.units.n if x.units.n > 1 else math.inf for x in drawn], drawn[0]
         if first.units.n > 1 and (first.units.m2 == 0 if self._is_even else first.units.few):

@@ -202,7 +202,7 @@ class Pilot:
             yield best.trial.seconds_to_double, best.trial.double
         if known and self._untried:
             yield self._seconds_to_try, self._try_next
-        if best is not None and not known:  # no scheme is well measured, and these plans may be far too expensive
+        if best is not None and not known:  # no scheme is well measured yet, and plans may be far too expensive
             yield from self._last_tasks()
 
     @property

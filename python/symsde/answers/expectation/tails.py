@@ -199,7 +199,7 @@ def _scale(problem: Problem, scheme: Scheme, steps: int, mean: float, *, beside:
     run = problem.run(scheme, steps, first_path=_FIRST, paths=_PATHS)
     ends = np.concatenate([run.q[-1], run.p[-1]])[:, run.status == 0]
     if not ends.size or not np.ptp(ends, axis=1).any():
-        return 0.0  # no path moved
+        return 0.0  # no path has moved
     begin = np.concatenate([problem.q0, problem.p0])
     low, high = (side(np.concatenate([begin, ends], axis=1), axis=1, keepdims=True) for side in (np.min, np.max))
     width, more = high - low, float(beside)
