@@ -5,7 +5,7 @@
     .venv/bin/python docs/figures.py --measure           # first the data of those without run times
     .venv/bin/python docs/figures.py --horizons          # those of horizons, which are run times: on a quiet machine
 
-Without run times are kubo_invariant, mean-square, weak-orders, step-limits and the drawings.
+Without run times are kubo_invariant, mean-square, weak-orders, step-limits, contraction and the drawings.
 The other data are written with their pages, which hold run times: `symsde stability --markdown docs/stability.md` and
 `symsde study --all examples/scenes --markdown docs/work-precision.md`. A test draws all figures and compares them.
 """
@@ -23,6 +23,7 @@ from symsde.studies.study import study_page
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "bench"))
 sys.path.insert(0, str(Path(__file__).resolve().parent))
+import contraction
 import drawings
 import first_screen
 import horizons
@@ -53,8 +54,10 @@ OTHERS = {
     "weak-orders": weak_orders.save,
     "which-scheme": drawings.save_questions,
     "step": drawings.save_step,
+    "contraction": contraction.save,
 } | dict.fromkeys(drawings.BANDS, drawings.save_bands)  #: stem of the data -> drawing
 DRAWN = {"which-scheme": which_scheme.picture, "step": drawings.step, "step-limits": limits.growth}
+DRAWN |= {"contraction": contraction.compute}
 DRAWN |= {page: functools.partial(drawings.bands, page) for page in drawings.BANDS}
 
 

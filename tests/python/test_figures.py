@@ -14,6 +14,7 @@ from symsde.studies.stability.nonlinear import MOST
 pytest.importorskip("matplotlib")
 sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "docs"))
 
+import contraction
 import mean_square_map
 
 
@@ -81,6 +82,20 @@ def test_expected_and_observed(drawn):
         (r"$\sigma c \sqrt{h}/2$", "wrong signs"),
         ("steps", "rms change of $p^2 + q^2$"),
     ]
+
+
+def test_curves_of_contraction(drawn):
+    """Every curve has its numbers; one that depends on the state has two lines."""
+    low, high = [0.9, 0.5], [1.1, 1.5]
+    curves = {name: [low, high] if "midpoint" in name else [low, low] for name in contraction.COLOURS}
+    (axis,) = drawn(contraction.save, {"z": [0.5, 1.0], "curves": curves})
+    named = lines(axis)
+    assert list(named) == list(contraction.CURVES)
+    for name, line in named.items():
+        upper = high if "midpoint" in name else low
+        assert points(line) == [[0.5, upper[0]], [1.0, upper[1]]]
+    others = [line for line in axis.lines if line.get_label().startswith("_")]
+    assert [points(line) for line in others] == [[[0.5, 0.9], [1.0, 0.5]]]
 
 
 def test_panels_of_mean_squares(drawn):
