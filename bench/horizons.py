@@ -85,13 +85,16 @@ def cost(kind: type, tolerance: float, horizon: float, name: str) -> dict:
     problem = quiet if kind is Invariants else noisy
     plain = name == "taylor15"
     asked = Plain(problem, still if kind is Invariants else parameters) if plain else problem
-    ladder = Ladder(asked, name if plain else as_scheme(name), kind(problem), fewest=fewest_steps(problem))
+    scheme, fewest = name if plain else as_scheme(name), fewest_steps(problem)
+    ladder = Ladder(asked, scheme, kind(problem), fewest=fewest, tolerance=tolerance)
     ladder.want.problem = asked
-    found = ladder.climb(tolerance, math.inf)
-    if found is None:
+    while ladder.climbing:
+        ladder.climb(math.inf)
+    if ladder.needed is None:
         return {"steps": None, "microseconds": None}
-    steps = math.ceil(found)
-    seconds = Ladder(noisy, as_scheme("heun" if plain else name), kind(noisy), fewest=1).seconds(steps)
+    steps = math.ceil(ladder.needed)
+    timed = Ladder(noisy, as_scheme("heun" if plain else name), kind(noisy), fewest=1, tolerance=tolerance)
+    seconds = timed.seconds(steps)
     seconds *= _dearer(kind is Circle) if plain else 1.0
     return {"steps": steps, "microseconds": float(f"{1e6 * seconds:.4g}")}
 

@@ -3,7 +3,9 @@
 
 import importlib
 import math
+import re
 import sys
+import time
 from pathlib import Path
 
 import numpy as np
@@ -11,11 +13,12 @@ import pytest
 import symsde as ss
 from clock import WorkClock
 from symsde.answers.advice.advise import _fewest_steps, candidates, scheme_names
-from symsde.answers.advice.wants import Invariants, Moments, Seen
+from symsde.answers.advice.wants import Invariants, Moments, Paths, Seen
 from symsde.answers.expectation.candidates import commutes, frequency
 from symsde.answers.expectation.problem import make_problem
 from symsde.answers.linear_stability import stable_up_to
 from symsde.batch import scene
+from symsde.native.progress import _Bar
 from symsde.schemes import as_scheme
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -166,6 +169,69 @@ def test_no_step_is_longer_than_what_a_scheme_bears():
     assert {name: _fewest_steps(problem, as_scheme(name), 2.0) for name in known} == known
     assert stable_up_to("stormer_verlet")[0] == pytest.approx(2.0, rel=1e-6)
     assert stable_up_to("midpoint")[0] == math.inf and stable_up_to("heun")[0] == 0.0
+
+
+@pytest.mark.parametrize("seconds", [0.002, 0.02, 0.2])
+def test_advice_ends_in_time_with_what_it_knows(seconds, monkeypatch):
+    """By a clock of counted work. The first measurement is made in any case. Foretold steps are few too few, and up to
+    eight times too many: the claimed order 3/2 of chin4a holds for the worst noises.
+    """
+    WorkClock(monkeypatch)
+    model, place = ss.models.synchrotron(), {"q0": 1.0, "p0": 0.0, "horizon": 2.0}
+    problem = make_problem(model, "q", **place)
+    begin = time.process_time()
+    Paths(problem).see(as_scheme("chin4a"), 2)
+    first = time.process_time() - begin
+    begin = time.process_time()
+    try:
+        advice = ss.advise(model, **place, tolerance=1e-8, seconds=seconds)
+        assert time.process_time() - begin < seconds + 3 * first
+    except ss.errors.NumericalError as error:
+        assert seconds < 0.02 and "not measured: " in str(error)
+    else:
+        assert "the time for advice ended (`seconds`)" in advice.reasons[-1]
+        assert "foretold from measured and claimed orders; not measured: " in advice.reasons[-1]
+        longest = ss.advise(model, **place, tolerance=1e-8, seconds=60.0)
+        known = {option.scheme: option.steps for option in (longest, *longest.alternatives)}
+        assert 2**-0.5 < advice.steps / known[advice.scheme] < 8
+        assert all(option.steps < 2**40 for option in advice.alternatives)
+        return
+    assert time.process_time() - begin < seconds + 3 * first
+
+
+def test_the_cheapest_measurements_come_first(monkeypatch):
+    """Implicit steps of a chain wait until explicit ones have an answer, and are then given up unmeasured or early."""
+    told = []
+    monkeypatch.setattr(_Bar, "say", lambda _self, text: told.append(text))
+    ss.advise(ss.models.fpu_chain(n=8), q0=0.1, p0=0.0, horizon=8.0, tolerance=1e-2, progress=True)
+    assert all(re.fullmatch(r"\w+, \d+ steps", text) for text in told)
+    named = [text.split(",")[0] for text in told]
+    assert named.index("stormer_verlet") < len(named) - named[::-1].index("midpoint") and len(told) == len(set(told))
+
+
+@pytest.mark.parametrize("seconds", [0.0, -1.0, math.nan])
+def test_no_time_for_advice_gets_a_sentence(seconds):
+    with pytest.raises(ss.errors.InvalidArgumentError, match=r"seconds = .*give"):
+        ss.advise(ss.models.kubo(), q0=1.0, p0=0.0, horizon=1.0, tolerance=0.1, seconds=seconds)
+
+
+def test_frequencies_of_separable_and_of_coupled_hamiltonians():
+    """H = p^T M^-1 p/2 + q^T K q/2 + a (q_1 p_2 - q_2 p_1): omega^2 are the eigenvalues of M^-1 K where a = 0, and the
+    matrix J H'' decides otherwise. K has a negative eigenvalue, whose growth counts as a frequency."""
+    mass, stiff = np.array([[2.0, 0.5], [0.5, 1.0]]), np.array([[1.0, 2.0], [2.0, -1.5]])
+
+    def model(turn, inverse):
+        return ss.model_from_sympy(
+            f"({inverse[0, 0]}*p1**2 + {2 * inverse[0, 1]}*p1*p2 + {inverse[1, 1]}*p2**2)/2 "
+            f"+ ({stiff[0, 0]}*q1**2 + {2 * stiff[0, 1]}*q1*q2 + {stiff[1, 1]}*q2**2)/2 + {turn}*(q1*p2 - q2*p1)"
+        )
+
+    inverse = np.linalg.inv(mass)
+    for turn in (0.0, 0.7):
+        turned = turn * np.array([[0.0, 1.0], [-1.0, 0.0]])
+        flow = np.block([[turned.T, inverse], [-stiff, -turned]])
+        problem = make_problem(model(turn, inverse), "q1", q0=0.1, p0=0.0, horizon=1000.0)
+        assert frequency(problem) == pytest.approx(np.abs(np.linalg.eigvals(flow)).max(), rel=1e-12)
 
 
 @pytest.fixture

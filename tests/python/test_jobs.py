@@ -208,9 +208,10 @@ def test_advice_tells_of_its_progress_and_can_be_stopped():
     given = {"q0": 0.5, "p0": 0.0, "horizon": 2.0, "tolerance": 0.01}
     told = []
     ss.advise(MODEL, **given, progress=lambda *seen: bool(told.append(seen)))
-    assert [done for done, _ in told] == list(range(told[0][1] + 1)) and told[-1][0] == told[-1][1] > 1
-    one = ss.advise(MODEL, **given, progress=lambda done, _total: done == 1)
-    assert one.scheme == "midpoint" and not one.alternatives
+    done = [done for done, _ in told]
+    assert done[0] == 0 and done == sorted(set(done)) and told[-1][0] == told[-1][1] > 1
+    one = ss.advise(MODEL, **given, progress=lambda done, _total: done > 0)
+    assert not one.alternatives and "the progress function ended the search; not measured: " in one.reasons[-1]
     with pytest.raises(ss.errors.NumericalError, match="stopped before a scheme was tried"):
         ss.advise(MODEL, **given, progress=lambda *_: True)
 

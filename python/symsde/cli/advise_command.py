@@ -23,6 +23,9 @@ def arguments(parser: argparse.ArgumentParser) -> None:
     wants = "of what: " + ", ".join(KINDS) + " (%(default)s)"
     parser.add_argument("--want", metavar="WHAT", default="paths", help=wants)
     parser.add_argument("--horizon", metavar="T", type=float, help="time of the run (default: steps times step)")
+    parser.add_argument(
+        "--seconds", metavar="S", type=float, default=5.0, help="processor time of the search (%(default)g)"
+    )
     parser.add_argument("--quiet", action="store_true", help="no progress")
 
 
@@ -32,7 +35,8 @@ def run(options: argparse.Namespace) -> int:
     asked = scene.for_schemes(chosen, "advise", _OPTIONS, options.horizon)
     progress = sys.stderr.isatty() and not options.quiet
     try:
-        print(advise(chosen.model, tolerance=options.tolerance, want=options.want, progress=progress, **asked))
+        asked |= {"tolerance": options.tolerance, "want": options.want, "seconds": options.seconds}
+        print(advise(chosen.model, progress=progress, **asked))
     except SymsdeError as error:
         raise type(error)(f"{options.scene}: {error}") from error
     return 0

@@ -15,6 +15,7 @@ from . import abi, checks, signals
 
 Progress = bool | Callable[[int, int], object]
 
+_WIDTH = 40  #: columns of the words beside a percentage
 _after_fork = threading.Event()
 if hasattr(os, "register_at_fork"):
     os.register_at_fork(after_in_child=_after_fork.set)
@@ -140,6 +141,13 @@ class _Bar:
             self._shown = percent
             say(f"\r{percent:3d} %")
 
+    def say(self, text: str) -> None:
+        """Show in words what is computed at present."""
+        if self._bar:
+            self._bar.set_description(text)
+        elif self._shown >= 0:
+            say(f"\r{self._shown:3d} % {text:{_WIDTH}}")
+
     def _tqdm(self, total: int):
         if sys.stderr is None or sys.stderr.closed:
             return False
@@ -154,4 +162,4 @@ class _Bar:
         if self._bar:
             self._bar.close()
         elif self._shown >= 0:
-            say("\r      \r")
+            say(f"\r{'':{_WIDTH + 6}}\r")

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import math
+import time
 from dataclasses import dataclass
 from typing import Any, Unpack
 
@@ -28,6 +29,8 @@ from .wants import KINDS
 _ROOM = 0.65
 _LONGEST = 6.4  #: omega h of the longest step, for schemes without a stability limit
 _PATHS = 64  #: paths on which the fastest frequency is measured
+_FARTHEST = 20.0  #: largest number of halvings over which steps are foretold when the time has ended
+_PART = 4  #: the cost of a scheme is timed with at most this part of the time that is left
 _SHORTEST = 1e-13  #: smallest relative tolerance: below it rounding decides
 
 
@@ -69,8 +72,8 @@ class Advice:
 
 @checks.hinted(*OPTIONS)
 def advise(
-    model: Model, *, q0: Any, p0: Any, horizon: float, tolerance: float, want: str = "paths", seed: int = 0,
-    progress: Progress = False, **options: Unpack[EndOptions],
+    model: Model, *, q0: Any, p0: Any, horizon: float, tolerance: float, want: str = "paths", seconds: float = 5.0,
+    seed: int = 0, progress: Progress = False, **options: Unpack[EndOptions],
 ) -> Advice:  # fmt: skip
     """Find the scheme and the step that keep a tolerance at the lowest cost of a path, from short runs.
 
@@ -78,13 +81,17 @@ def advise(
     - want: "paths", the root mean square distance in (q, p); "moments", the largest error of the means of q, p and H;
       "invariants", the largest change of H up to the horizon (with noise if the noise keeps H, else without)
     - q0, p0: initial state, a number or (dof,); options: those of `expect`
-    - progress: True shows a bar of the schemes that were tried; a function f(done, total) may return True: the advice
-      is then among the schemes tried so far
+    - seconds: processor time that the search may take; a measurement that would end later is left out, but for the very
+      first one. A reason names the schemes left out; if none is found in time, steps are foretold from measured and
+      claimed orders
+    - progress: True shows a bar of the schemes that were tried, with the name and the steps of the present one; a
+      function f(done, total) may return True: the advice is then among the schemes tried so far
 
-    Errors are differences to runs with half the step on the same Brownian paths. Costs are timed on one thread. A step
-    is at most 0.65 of the scheme's stability limit for the fastest motion that 64 paths reach. Schemes that are not
-    symplectic are not tried. All quantities are dimensionless. Bad input raises a ValueError. If no scheme keeps the
-    tolerance, a NumericalError says so.
+    All schemes climb together: the next measurement is always the cheapest one. Errors are differences to runs with
+    half the step on the same Brownian paths. Costs are timed on one thread. A step is at most 0.65 of the scheme's
+    stability limit for the fastest motion that 64 paths reach. Schemes that are not symplectic are not tried. All
+    quantities are dimensionless. Bad input raises a ValueError. If no scheme keeps the tolerance, a NumericalError says
+    so.
     """
     checks.choice("want", want, list(KINDS))
     problem = make_problem(model, _nothing, q0=q0, p0=p0, horizon=horizon, seed=seed, **options)
@@ -95,40 +102,76 @@ def advise(
         )
     if want == "invariants" and not model.traits.has_value:
         raise MissingOperationError("want = 'invariants' needs H itself: give the model a value function")
+    seconds = checks.finite("seconds", seconds)
+    if seconds <= 0:
+        raise InvalidArgumentError(f"seconds = {seconds:g} is not allowed: give the processor time to spend, above 0")
+    until = time.process_time() + seconds
     kind = KINDS[want](problem)
     fastest = frequency(problem, _PATHS)
+    ladders = [
+        Ladder(problem, scheme, kind, fewest=_fewest_steps(problem, scheme, fastest), tolerance=tolerance)
+        for scheme in candidates(problem)
+    ]
     bar, tell = told_by(progress)
-    found, tried, cheapest = [], [], math.inf
     try:
-        schemes = candidates(problem)
-        for scheme in schemes:
-            if tell is not None and tell(len(tried), len(schemes)):
-                break
-            ladder = Ladder(problem, scheme, kind, fewest=_fewest_steps(problem, scheme, fastest))
-            steps = ladder.climb(tolerance, cheapest)
-            tried.append(scheme.name)
-            if steps is not None:
-                count = max(1, math.ceil(steps))
-                found.append((Option(scheme.name, count, problem.horizon / count, ladder.seconds(count)), ladder))
-                cheapest = min(cheapest, found[-1][0].seconds)
-        else:
-            if tell is not None:
-                tell(len(tried), len(schemes))
+        found, stopped = _climb(ladders, until, bar, tell)
     finally:
         if bar:
             bar.close()
-    if not tried:
-        raise NumericalError("advice was stopped before a scheme was tried: there is none")
+    tried = [ladder.scheme.name for ladder in ladders if ladder.seen]
+    if not tried and stopped:
+        raise NumericalError(f"advice was stopped before a scheme was tried: there is none: {stopped}")
     if not found:
         raise NumericalError(
             f"none of {', '.join(tried)} keeps an error of {tolerance:g} at steps that a pilot can afford: give a "
-            "larger tolerance or a shorter horizon"
+            f"larger tolerance or a shorter horizon{stopped and f'. {stopped}'}"
         )
     found.sort(key=lambda pair: pair[0].seconds)
     best, ladder = found[0]
     others = tuple(option for option, _ in found[1:])
     reasons = _reasons(problem, ladder, fastest, best, others)
-    return Advice(best.scheme, best.step, best.steps, best.seconds, reasons, others)
+    return Advice(best.scheme, best.step, best.steps, best.seconds, (*reasons, *([stopped] if stopped else [])), others)
+
+
+def _climb(ladders: list[Ladder], until: float, bar: Any, tell: Any) -> tuple[list[tuple[Option, Ladder]], str]:
+    """Climb the ladders, the cheapest rung first, until this processor time. Gives the options with their ladders, and
+    a sentence if schemes were left out for lack of time or by the progress function.
+    """
+    found: list[tuple[Option, Ladder]] = []
+    stopped, cheapest, shown = "", math.inf, -1
+    while climbing := [ladder for ladder in ladders if ladder.climbing]:
+        ladder = min(climbing, key=lambda ladder: ladder.ahead)
+        done = len(ladders) - len(climbing)
+        if tell is not None and done > shown and tell(shown := done, len(ladders)):
+            stopped = "the progress function ended the search"
+        elif time.process_time() + ladder.ahead > until and any(ladder.seen for ladder in ladders):
+            stopped = "the time for advice ended (`seconds`)"
+        if stopped:
+            break
+        if bar:
+            bar.say(str(ladder))
+        ladder.climb(cheapest)
+        if ladder.needed:
+            found.append((_option(ladder, until), ladder))
+            cheapest = min(cheapest, found[-1][0].seconds)
+    if not stopped:
+        if tell is not None:
+            tell(len(ladders), len(ladders))
+        return found, ""
+    if not found:
+        for ladder in ladders:
+            ladder.foretell(_FARTHEST)
+        found = [(_option(ladder, until), ladder) for ladder in ladders if ladder.needed]
+        stopped += "; steps are foretold from measured and claimed orders" if found else ""
+    left = [str(ladder) for ladder in climbing]
+    return found, f"{stopped}; not measured: {'; '.join(left)}"
+
+
+def _option(ladder: Ladder, until: float) -> Option:
+    """The scheme of a ladder with the steps that it needs; its cost is timed, if there is time for it."""
+    count = max(1, math.ceil(ladder.needed or 0))
+    most = max(0.0, until - time.process_time()) / _PART
+    return Option(ladder.scheme.name, count, ladder.problem.horizon / count, ladder.seconds(count, most))
 
 
 def _fewest_steps(problem: Problem, scheme: Scheme, fastest: float) -> int:

@@ -1,6 +1,9 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """One scheme on steps that are halved: its error by the step, and the longest step that keeps a tolerance.
 
+A rung is a measurement with n, 2 n and 4 n steps, which costs about 7 runs with n steps. The next rung takes twice the
+processor time of the last one; the first rung is foretold from four steps of 64 paths.
+
 With x_h, x_{h/2}, x_{h/4} on one path the order is a = log2(|x_h - x_{h/2}|/|x_{h/2} - x_{h/4}|). Between the last rung
 that misses the tolerance and the next, with n and 2 n steps, the error is taken as a power of the step; beyond the last
 rung as h^a:
@@ -12,6 +15,7 @@ from __future__ import annotations
 
 import math
 import time
+from itertools import pairwise
 
 from ...errors import SymsdeError
 from ...schemes import Scheme
@@ -25,44 +29,94 @@ _CLEARLY = 4.0  #: the first rung decides alone if its error is smaller than the
 _RUNS = 7.0  #: cost of a rung in runs of its step: the runs take 1, 2 and 4 times as many steps
 _SLOWEST, _FASTEST = 0.45, 6.5  #: bounds of orders computed from differences
 _TIMED = 2**17  #: path-steps times degrees of freedom of a timed run
+_TIMINGS = 3.5  #: cost of the timed runs of `seconds` in runs with all paths: three of all paths and three of eight
 _DEARER = 4.0  #: a scheme is given up if it costs this many times the best cost known
+_FIRST = 4  #: number of steps from which the cost of the first rung is foretold
+_FULL = 64  #: number of paths from which on a path-step costs the same
 
 
 class Ladder:
-    """Errors of a scheme with a number of steps, twice as many and so on, and the seconds of a path."""
+    """Errors of a scheme with a number of steps, twice as many and so on, and the seconds of a path.
 
-    def __init__(self, problem: Problem, scheme: Scheme, want, *, fewest: int):
+    ahead: seconds of processor time that the next rung will take. climbing: whether a further rung may help. needed:
+    the number of steps that keeps the tolerance, not rounded, or None.
+    """
+
+    def __init__(self, problem: Problem, scheme: Scheme, want, *, fewest: int, tolerance: float):
         """Start without measurements."""
-        self.problem, self.scheme, self.want = problem, scheme, want
+        self.problem, self.scheme, self.want, self.tolerance = problem, scheme, want, tolerance
         self.steps: list[int] = []
         self.seen: list[Seen] = []
-        self._fewest = fewest
+        self.needed: float | None = None
+        self.climbing, self._rungs = True, 0
+        self._next = fewest
+        self._of_step = math.nan  #: seconds of one step of one path
 
-    def climb(self, tolerance: float, best: float) -> float | None:
-        """Number of steps that keeps the tolerance, not rounded; None if no affordable number does.
+    def __str__(self) -> str:
+        """The next rung in words."""
+        return f"{self.scheme.name}, {self._next} steps"
 
-        best: seconds of a path of the best scheme so far; a scheme that costs much more is given up.
+    @property
+    def ahead(self) -> float:
+        """Seconds of processor time that the next rung will take."""
+        if math.isnan(self._of_step):
+            self._of_step = self._one_step()
+        return _RUNS * self.want.count * self._next * self._of_step
+
+    def _one_step(self) -> float:
+        """Seconds of one step of one path among others, from runs of no step and of a few; infinite if steps fail."""
+        times = [time.process_time()]
+        try:
+            for taken in (0, _FIRST):
+                self.problem.start(self.scheme, self._next, taken, paths=_FULL)
+                times.append(time.process_time())
+        except SymsdeError:
+            return math.inf
+        without, together = (b - a for a, b in pairwise(times))
+        return max(together - without, together / 10) / (_FIRST * _FULL)
+
+    def climb(self, best: float) -> None:
+        """Measure one rung. best: seconds of a path of the best scheme so far; a scheme that costs much more is given
+        up.
         """
-        steps = self._fewest
-        for _ in range(MOST_HALVINGS + 1):
-            if len(self.seen) > 1 and steps * self.want.count * self.problem.model.ndof > _WORK:
-                break
-            begin = time.process_time()
-            try:
-                seen = self.want.see(self.scheme, steps)
-            except SymsdeError:
-                return None
-            if not math.isfinite(seen.both):
-                self.steps.clear(), self.seen.clear()
-            else:
-                self.steps.append(steps)
-                self.seen.append(seen)
-                if self.error(-1) <= tolerance and (len(self.seen) > 1 or self.error(0) <= tolerance / _CLEARLY):
-                    return self._between(tolerance)
-            if (time.process_time() - begin) / (_RUNS * self.want.count) > _DEARER * best:
-                return None
-            steps *= 2
-        return self._beyond(tolerance) if len(self.seen) > 1 else None
+        steps, begin = self._next, time.process_time()
+        try:
+            seen = self.want.see(self.scheme, steps)
+        except SymsdeError:
+            self.climbing = False
+            return
+        self._rungs += 1
+        of_path = (time.process_time() - begin) / (_RUNS * self.want.count)
+        self._of_step = of_path / steps
+        self._next = 2 * steps
+        if not math.isfinite(seen.both):
+            self.steps.clear(), self.seen.clear()
+        else:
+            self.steps.append(steps)
+            self.seen.append(seen)
+            kept = self.error(-1) <= self.tolerance
+            if kept and (len(self.seen) > 1 or self.error(0) <= self.tolerance / _CLEARLY):
+                self.climbing, self.needed = False, self._between()
+                return
+        if of_path > _DEARER * best:
+            self.climbing = False
+        elif self._rungs > MOST_HALVINGS or (
+            len(self.seen) > 1 and self._next * self.want.count * self.problem.model.ndof > _WORK
+        ):
+            self.climbing = False
+            self.foretell(_AHEAD)
+
+    def foretell(self, halvings: float) -> None:
+        """Foretell the steps that the tolerance needs, at most this many halvings ahead: by the measured order, and
+        beyond _AHEAD halvings by the claimed one, if that is lower.
+        """
+        if len(self.seen) < 2:
+            return
+        excess = math.log2(self.error(-1) / self.tolerance)
+        ahead = excess / self.order
+        if ahead > _AHEAD:
+            ahead = excess / min(self.order, self.want.claimed(self.scheme))
+        self.needed = self.steps[-1] * 2.0**ahead if ahead <= halvings else None
 
     @property
     def order(self) -> float:
@@ -76,24 +130,23 @@ class Ladder:
         """Error of the scheme at the step of a rung."""
         return self.seen[i].error(self.order)
 
-    def _between(self, tolerance: float) -> float:
+    def _between(self) -> float:
         """Number of steps between the last rung that misses the tolerance and the next, by a power law."""
-        missed = [i for i in range(len(self.seen)) if self.error(i) > tolerance]
+        missed = [i for i in range(len(self.seen)) if self.error(i) > self.tolerance]
         if not missed:
             return float(self.steps[0])
         i = missed[-1]
         slope = math.log2(self.error(i) / self.error(i + 1))
-        return self.steps[i] * (self.error(i) / tolerance) ** (1 / slope)
+        return self.steps[i] * (self.error(i) / self.tolerance) ** (1 / slope)
 
-    def _beyond(self, tolerance: float) -> float | None:
-        """Number of steps beyond the last rung, by the measured order."""
-        factor = (self.error(-1) / tolerance) ** (1 / self.order)
-        return self.steps[-1] * factor if factor <= 2.0**_AHEAD else None
-
-    def seconds(self, steps: int) -> float:
-        """Seconds of a path with this many steps, without the set-up: the smallest of three measurements."""
+    def seconds(self, steps: int, most: float = math.inf) -> float:
+        """Seconds of a path with this many steps, without the set-up: the smallest of three measurements, or the
+        seconds of the last rung if the measurements would take more than `most`.
+        """
         size = steps * self.problem.model.ndof
-        paths = max(64, _TIMED // size // 64 * 64)
+        paths = max(_FULL, _TIMED // size // _FULL * _FULL)
+        if _TIMINGS * paths * steps * self._of_step > most:
+            return steps * self._of_step
         least = min(self._timed(steps, paths) for _ in range(3))
         return max(least - min(self._timed(steps, 8) for _ in range(3)), least / 4) / (paths - 8)
 

@@ -12,6 +12,7 @@ import numpy as np
 
 from ...errors import InvalidArgumentError
 from ...run.simulate import Run
+from ...schemes import Scheme
 from ..coupled import end, rms, runs_of, squares
 from ..coupled_errors import conserves_energy, depends_on_time, times_of
 from ..expectation.problem import Problem
@@ -45,6 +46,7 @@ class Paths:
     name = "paths"
     words = "root mean square distance of paths at the horizon"
     count = 192
+    order = "strong"  #: the kind of order that these errors have
 
     def __init__(self, problem: Problem):
         """Do nothing: paths need no preparation."""
@@ -54,6 +56,12 @@ class Paths:
         """Compare runs with this many steps, twice and four times as many."""
         ends = [end(run) for run in self._runs(scheme, steps)]
         return Seen(*(rms(squares(a, b)) for a, b in _differences(ends)))
+
+    def claimed(self, scheme: Scheme) -> float:
+        """The lowest order of the certificate above 0 that noises such as these may have."""
+        additive = self.problem.model.traits.additive
+        kinds = ("weak",) if self.order == "weak" else ("additive",) if additive else ("commutative", "general")
+        return min((scheme.info.orders[kind].value or math.inf for kind in kinds), default=math.inf)
 
     def _runs(self, scheme, steps: int) -> Iterator[Run]:
         """Give runs with this many steps, twice and four times as many, on the same Brownian paths."""
@@ -66,6 +74,7 @@ class Moments(Paths):
     name = "moments"
     words = "largest error of the means of q, p and H at the horizon"
     count = 4096
+    order = "weak"
 
     def see(self, scheme, steps: int) -> Seen:
         """Compare means on the same paths, whose noise mostly cancels in the differences."""
@@ -105,6 +114,10 @@ class Invariants:
         self.kept = problem.model.nnoise > 0 and conserves_energy(problem.model, times)
         where = "H, which the noises keep" if self.kept else "H with increments of zero"
         self.words = f"largest change of {where}, over its size"
+
+    def claimed(self, scheme: Scheme) -> float:
+        """The order without noise, for paths without noise; no order is claimed for the change along others."""
+        return math.inf if self.kept else float(scheme.info.order_noise_free or math.inf)
 
     def see(self, scheme, steps: int) -> Seen:
         """The change of H itself, which decreases with the step like a difference."""

@@ -5,8 +5,9 @@ The longest step follows from the largest frequency of the Hessian along the pat
 
     omega = max_t max |eigenvalues of J H''(z(t))|,    steps >= T omega/SHARPEST
 
-where z' = J H'(z), and small changes follow z' = J H'' z. Paths with noise may reach states where the motion is faster;
-with `paths`, this many paths with noise are examined too.
+where z' = J H'(z), and small changes follow z' = J H'' z. Without mixed derivatives, and with H_pp = R R^T, the squares
+of the frequencies are the eigenvalues of the symmetric matrix R^T H_qq R. Paths with noise may reach states where the
+motion is faster; with `paths`, this many paths with noise are examined too.
 """
 
 from __future__ import annotations
@@ -125,8 +126,17 @@ def _fastest(problem: Problem, ways: Iterable, w: np.ndarray | None = None) -> f
     """
     blocks = zip(*(problem.model.hessian(q, p, w, t) for t, q, p in ways), strict=True)
     qq, qp, pp = (np.moveaxis(np.concatenate(block, axis=2), 2, 0) for block in blocks)
+    finite = np.isfinite(qq + qp + pp).all(axis=(1, 2))
+    qq, qp, pp = qq[finite], qp[finite], pp[finite]
+    if not qp.any():
+        try:
+            root = np.linalg.cholesky(pp)
+        except np.linalg.LinAlgError:  # pp is not positive definite
+            pass
+        else:
+            squares = np.linalg.eigvalsh(root.transpose(0, 2, 1) @ qq @ root)
+            return float(np.sqrt(np.abs(squares).max(initial=0.0)))
     flow = np.block([[qp, pp], [-qq, -qp.transpose(0, 2, 1)]])
-    flow = flow[np.isfinite(flow).all(axis=(1, 2))]
     return float(np.abs(np.linalg.eigvals(flow)).max(initial=0.0))
 
 

@@ -91,6 +91,11 @@ class Problem:
         options = {key: value for key, value in self.options.items() if key != "threads"}
         return self._simulate(scheme, step=self.horizon, steps=0, **options).report
 
+    def start(self, scheme: str | Scheme, steps: int, taken: int, **more: Any) -> Run:
+        """Compute the first `taken` steps of this many steps to the horizon, on one thread."""
+        options = {**self.options, "threads": 1, "seed": self.seed, **more}
+        return self._simulate(scheme, step=self.horizon / steps, steps=taken, **options)
+
     def _simulate(self, scheme: str | Scheme, **options: Any) -> Run:
         """Run `simulate` with these options and without warnings: callers count and judge the failures."""
         with checks.unwarned():
