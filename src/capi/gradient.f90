@@ -52,7 +52,7 @@ module symsde_capi_gradient
 
 contains
 
-   !> Integrate all paths, and find for each f and its derivatives by the initial state and by parameters.
+   !> Integrate all paths, and find f and its derivatives by the initial state and by parameters for each path.
    function symsde_path_gradient(model, wide, scheme, options, input, nparameter, nrow, parameters, f, user, value, &
                                  by_q, by_p, codes, failed_step, report, error) result(status) &
       bind(c, name='symsde_path_gradient')

@@ -1,5 +1,5 @@
 ! SPDX-License-Identifier: BSD-3-Clause
-!> The noise of a damped free motion over one step, by the functionals of the step that undamped kicks draw, too.
+!> The noise of a damped free motion over one step, made of functionals of the step that undamped kicks draw, too.
 !>
 !> With u = h - s, z = gamma h and phi(t) = (1 - exp(-gamma t))/gamma, momentum and position receive
 !>
@@ -31,7 +31,7 @@
 !>    30 i_2(x)/x exp(-x) = 15 ((1 + 3/x^2)(1 - e) - 3 (1 + e)/x)/x^2,   and all grow by exp(|z|) where z < 0
 !>
 !> Where an interval is halved (noise/integrals), xi of the whole is one direction in the space of the normals that
-!> halve it: Z, M and D of the halving, and xi_1, xi_2 of the halves. With y = z/2 its components are those of
+!> halve it: Z, M and D of the halving, and xi_1, xi_2 of the halves. With y = z/2 its components follow from
 !>
 !>    g_Z Z + g_M M + g_D D + (exp(-y) xi_1 + xi_2) rho_3(y) sqrt|h/8| = rho_3(z) sqrt|h| xi
 !>    g_Z = -exp(-y) sum_{k>=2} 4(k-1) y^(2k-2)/(2k+1)!,   g_M = 48 exp(-y) sum_{k>=3} (k-1)(k-2) y^(2k-3)/(2k+1)!
@@ -45,7 +45,7 @@ module symsde_noise_decay_law
 
    integer, parameter :: nterm = 40            !! terms of the sums
    real(wp), parameter :: summed_up_to = 20    !! largest |z| for which sums are used
-   real(wp), parameter :: least = 1e-8_wp      !! smallest |z| for which a direction is computed; below it stays
+   real(wp), parameter :: least = 1e-8_wp      !! smallest |z| for which a direction is computed, and used below
 
 contains
 
@@ -81,7 +81,7 @@ contains
    end function decay_path
 
    !> The direction of xi in a halving: components along Z, M, D, xi_1 and xi_2, each divided by its standard deviation.
-   !> Those of Z and M are sqrt|h|/4 and sqrt(|h|/192), that of D is sqrt(|h|/180). The sum of squares is one.
+   !> The standard deviations are sqrt|h|/4 of Z, sqrt(|h|/192) of M and sqrt(|h|/180) of D. The sum of squares is one.
    pure function decay_direction(z) result(d)
       real(wp), intent(in) :: z   !! gamma h of the whole interval
       real(wp) :: d(5), y, e

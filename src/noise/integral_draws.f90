@@ -2,7 +2,7 @@
 !> The normals behind increments and functionals of a path (noise/integrals): each is a function of seed, path, step,
 !> and its purpose.
 !>
-!> On a finest interval of length h these are, independent of each other,
+!> On a finest interval of length h the normals are, independent of each other,
 !>
 !>    dW ~ N(0, |h|),   H = dZ/h - dW/2 ~ N(0, |h|/12),   K ~ N(0, |h|/720),   rest of an area ~ N(0, h^2/20),
 !>    xi ~ N(0, 1) of D_k (noise/decay_law)
@@ -83,7 +83,7 @@ contains
       if (associated(self%interrupt)) is_left = self%interrupt%wanted
    end function is_left
 
-   !> Whether only dZ, or dZ and K, are asked for, of steps as drawn: no interval is halved or merged.
+   !> Whether only dZ, or dZ and K, are asked for, and steps are used as drawn: no interval is halved or merged.
    pure logical function are_direct(self)
       class(integral_draws), intent(in) :: self
 

@@ -1,5 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""The noise of damped free motion in kicks (`damping_noise`): its law, that of the path, or polynomial weights."""
+"""The noise of damped free motion in kicks (`damping_noise`): its exact law, the path's own noise, or polynomial
+weights.
+"""
 
 import numpy as np
 import pytest
@@ -35,10 +37,9 @@ def rms(x):
     ("rate", "horizon"), [(2.0, 2.0), (1e-12, 1.0), (1e-5, 1.0), (40.0, 1.0), (-1.5, 1.0), (2.0, -1.0)]
 )
 def test_free_motion_is_the_same_at_all_levels(scheme, rate, horizon):
-    """Steps that are sums of 2^6 draws and halves of steps move a free particle alike: D merges, and is halved right.
-
-    Kicks by D have no other error there, so that this is an identity; by law it holds in law alone. At gamma h = 40
-    kicks of gauss_dkdkd are large and opposite, and have larger rounding errors.
+    """Steps that are sums of 2^6 draws and halves of steps move a free particle alike: D merges, and is halved
+    correctly. Kicks with D move a free particle without any other error, so that this is an identity; with noise in law
+    it holds in law alone. At gamma h = 40 kicks of gauss_dkdkd are large and opposite, and have larger rounding errors.
     """
     model = FREE.damped(rate, allow_gain=True)
     for levels in (range(7), range(7, 10)):  # sums of draws, and halves of the draws of level 6
@@ -56,7 +57,7 @@ def test_free_motion_is_the_same_at_all_levels(scheme, rate, horizon):
 @pytest.mark.parametrize("scheme", ["gauss_dkdkd", "verlet_kdk", "chin4a"])
 def test_runs_on_one_path_converge(scheme, noise):
     """Coupled by refinement, steps of 1/8 and 1/32 approach fine ones, at the order of their noise, at weak damping and
-    strong. chin4a with law2 has order 2. At gamma = 10 the path's own noise is better than its law, which is measured.
+    strong. chin4a with law2 has order 2. At gamma = 10 the path's own noise is measured to be better than noise in law.
     """
     errors = {}
     for rate in (1.0, 10.0):
@@ -117,7 +118,7 @@ def columns(fine, h, rate):
 
 @pytest.mark.parametrize("model", [FREE, WELL, PAIR], ids=["free", "well", "pair"])
 def test_columns_are_those_of_the_path(model):
-    """Rows of dW, dZ, K and E of a path give the step of its finer rows, whatever E is computed by."""
+    """Rows of dW, dZ, K and E of a path give the same step as its finer rows."""
     rate, h, steps, parts, m = 4.0, 0.25, 8, 64, model.nnoise
     fine = np.random.default_rng(3).normal(0, np.sqrt(h / parts), (steps * parts, m, 20))
     row = [[columns(fine[parts * n : parts * (n + 1), k], h, rate) for k in range(m)] for n in range(steps)]
@@ -137,7 +138,7 @@ def test_columns_are_those_of_the_path(model):
         other = ss.simulate(damped, increments=fine, refine=6, **given)
         np.testing.assert_allclose(one.q, other.q, rtol=0, atol=1e-12)
         np.testing.assert_allclose(one.p, other.p, rtol=0, atol=1e-12)
-        # E is read: without it D is that of the cubic, which differs in mean zero
+        # E is read: without E, D is that of the cubic path, and the difference has mean zero
         cubic = ss.simulate(damped, increments=coarse[:, : 3 * m], **given)
         assert 1e-6 < np.abs(cubic.q - one.q).max() < 1e-2
         wrong = coarse.copy()
@@ -173,7 +174,9 @@ def test_columns_at_weak_damping(rate):
 @pytest.mark.parametrize("scheme", ["gauss_dkdkd", "chin4a_strong2"])
 @pytest.mark.parametrize("noise", ["law3", "path"])
 def test_bits(scheme, noise):
-    """A path has its bits alone, in blocks of any width, resumed, and where others are common; by any noise."""
+    """A path has the same bits alone, in blocks of any width, when resumed, and beside common noises; for every
+    choice.
+    """
     model = SYNCHROTRON.damped(0.8)
     for refine in (0, 1, -2):
         given = {**START, "step": 0.1, "scheme": scheme, "damping_noise": noise, "refine": refine}
@@ -208,7 +211,8 @@ def test_constant_forces_are_exact(noise):
 
 
 def test_temperature_of_a_free_particle():
-    """By law and by the path <p^2> = 1/2 gamma for every step; polynomial weights miss a quarter of it at gamma h = 4.
+    """With noise in law and of the path <p^2> = 1/(2 gamma) for every step; polynomial weights lose a quarter at gamma
+    h = 4.
 
     The weights are found by one step from rest on dW and dZ each, so that nothing is sampled.
     """
@@ -251,7 +255,9 @@ def test_truncation_bounds_the_normal_of_the_path():
 
 
 def test_no_damping_and_no_choice_change_no_bit():
-    """The default is the law of the scheme, and what other choices draw belongs to them alone."""
+    """The default is the law of the scheme; only the noise of the path draws E, and files name a choice that is not
+    the default.
+    """
     model = WELL.damped(0.5)
     given = {**START, "step": 0.1, "steps": 8, "paths": 20}
     for scheme, law in (("gauss_dkdkd", "law2"), ("verlet_kdk", "law2"), ("chin4a", "law3")):
@@ -266,7 +272,7 @@ def test_no_damping_and_no_choice_change_no_bit():
 
 
 def test_refusals():
-    """A choice that has no effect, and columns that nothing reads."""
+    """Refused: a choice without effect, and columns that nothing reads."""
     given = {**START, "step": 0.1, "steps": 2, "damping_noise": "path"}
     with pytest.raises(IncompatibleError, match="not damped"):
         ss.simulate(WELL, scheme="gauss_dkdkd", **given)

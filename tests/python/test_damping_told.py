@@ -76,13 +76,13 @@ def test_reports_and_notebooks_say_what_is_damped(model, told):
 
 
 def test_reports_know_schemes_that_keep_no_factor():
-    """Heun's rule has no factor of dp ^ dq, with damping neither."""
+    """Heun's rule has no factor of dp ^ dq, with or without damping."""
     report = ss.simulate(WELL.damped(RATE), **{**GIVEN, "scheme": "heun"}).report
     assert report.damping == "dp = .. - 0.8 p dt, of which the scheme keeps no factor"
 
 
 def test_a_file_keeps_what_was_damped(tmp_path):
-    """A report that is loaded is the one that was saved."""
+    """A loaded report equals the saved one."""
     run = ss.simulate(WELL.damped(RATE), **GIVEN)
     run.save(tmp_path / "run.nc")
     assert ss.load(tmp_path / "run.nc").report.damping == run.report.damping

@@ -39,7 +39,7 @@ def mixed(**values):
 
 
 def two(**values):
-    """Two degrees of freedom, noises of each."""
+    """Two degrees of freedom with two noises."""
     values = {"alpha": 0.3, "sigma1": 0.1, "sigma2": 0.2} | values
     return ss.models.henon_heiles(**values)
 
@@ -109,7 +109,7 @@ def test_not_separable(scheme):
 
 @pytest.mark.parametrize("scheme", ["midpoint", "gauss2", "stormer_verlet"])
 def test_damped(scheme):
-    """Decays of momenta, with the clock of each stage."""
+    """Damped momenta, whose decays differ between stages."""
     require_gradient(lambda **x: pendulum(**x).damped(0.5), "q**2", ["k", "sigma"], scheme=scheme)
 
 
@@ -120,7 +120,7 @@ def test_runs(paths, options):
 
 
 def test_prescribed_increments():
-    """Increments of the caller, in pieces, too."""
+    """Prescribed increments, also in a run that is cut into pieces."""
     dw = 0.1 * np.cos(np.arange(2 * 1500 * 3.0)).reshape(1500, 2, 3)
     run = {"q0": 0.7, "p0": 0.3, "step": 0.01, "scheme": "stormer_verlet", "paths": 3}
     whole = ss.gradient(pendulum(), "q", ["k"], **run, steps=500, increments=dw[:500])

@@ -39,7 +39,7 @@ def linear_step(model, scheme, step, columns):
 
 
 def stationary(model, scheme, step, columns=1):
-    """The stationary second moments <q^2>, <q p>, <p^2> of a scheme on such a model: S = M S M^T + Q."""
+    """The stationary second moments <q^2>, <q p>, <p^2> of a scheme on a linear model: S = M S M^T + Q."""
     m, noise = linear_step(model, scheme, step, columns)
     s = np.linalg.solve(np.eye(4) - np.kron(m, m), (noise @ noise.T).ravel())
     return s[0], s[1], s[3]
@@ -106,7 +106,7 @@ def test_noises():
     "scheme", ["midpoint", "symplectic_euler", "gauss2", "stormer_verlet", "gauss_dkdkd", "chin4a"]
 )
 def test_a_bath_is_noise_and_damping(scheme):
-    """The same as noise and damping written by hand; bits of a path alone are those in a block; copies agree."""
+    """A bath equals noise and damping written by hand; a path has the same bits alone and in a block; copies agree."""
     sums = "Sum(p[i]**2/2, i) + Sum((q[i+1]-q[i])**2/2 + (q[i+1]-q[i])**4/4, i)"
     chain = ss.models.fpu_chain(n=5, sigma=0.0)
     pairs = [
@@ -151,8 +151,8 @@ def moments_of_steps(model, step):
 
 
 def test_friction_of_own_noises():
-    """Gamma = beta/2 sum f_k f_k^T: of correlated noises a matrix, of others rates. The law is exp(-beta H) up to the
-    step, h^2 = 1e-4, and is not with 5 % of friction more, which is refused as a user's own."""
+    """Gamma = beta/2 sum f_k f_k^T: a matrix for correlated noises, rates for others. The law is exp(-beta H) up to the
+    step, h^2 = 1e-4. With 5 % more friction it is not, and such friction given by a user is refused."""
     beta = 2.0
     one = ss.thermostat(ss.models.linear_oscillator(sigma=0.6), beta=beta)
     assert one.damping == pytest.approx((beta / 2 * 0.36,), rel=1e-14)
@@ -189,8 +189,8 @@ def test_friction_of_own_noises():
 
 
 def test_friction_of_noises_that_are_not_linear():
-    """F = -beta/2 sum H_k,q (H_k,q . H_p): as written by hand, by two schemes; <p^2> is 1/beta within 4.9 standard
-    errors and 1e-3 of the step, and is not for twice the friction."""
+    """F = -beta/2 sum H_k,q (H_k,q . H_p): equals the force written by hand, by two schemes; <p^2> is 1/beta within 4.9
+    standard errors and 1e-3 of the step, and is not for twice the friction."""
     given = {"params": {"s": 0.9}}
     noises = ["s*sin(q)", "s*q**2/4"]
     bare = ss.model_from_sympy("p**2/2 + q**4/4", noise=noises, **given)

@@ -38,7 +38,9 @@ def by_letters(word, step, state, noise, *, force, mass, gamma, sigma):
 @pytest.mark.parametrize("word", [*WORDS, "OBA", "BABAOABAB", "AOBOA"])
 @pytest.mark.parametrize("noise", ["-s*q", "-s*sin(q)"])
 def test_a_step_is_its_letters(word, noise):
-    """The library's step is that of the letters, for 300 paths, a mass, noise that is not linear, both signs of h."""
+    """The library's step consists of the steps of its letters, for 300 paths, a mass, nonlinear noise, both signs of
+    h.
+    """
     s, mass, gamma = 0.7, 2.5, 1.3
     model = ss.model_from_sympy("p**2/(2*m) - cos(q)", noise=[noise], params={"s": s, "m": mass}).damped(gamma)
     rng = np.random.default_rng(1)

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: BSD-3-Clause
-"""What a scheme makes of a heat bath: its contraction, the exact stationary law of an oscillator, free particles.
+"""How a scheme reproduces a heat bath: contraction, the exact stationary law of an oscillator, free particles.
 
 A step of a linear model is x <- M x + N xi, with numbers xi of variance one for dW, dZ and K. M and N are read off
-steps of the library itself, from unit states and unit functionals, so that the law S = M S M^T + N N^T, three equations
-for <q^2>, <q p> and <p^2>, is that of the code, exact in h.
+steps of the library itself, from unit states and unit functionals. So the law S = M S M^T + N N^T, three equations for
+<q^2>, <q p> and <p^2>, is the law of the code, exact in h.
 """
 
 from __future__ import annotations
@@ -21,9 +21,9 @@ from ..show import tables
 from .simulate import simulate
 
 _STATES = np.array([[0.3, -0.4], [1.7, 0.8], [-2.4, 1.1], [0.9, -1.6]]).T  #: (q or p, point): where M is looked at
-_NOISE = np.array([0.4, -0.3, 0.7, 0.1])  #: normal numbers of dW there
+_NOISE = np.array([0.4, -0.3, 0.7, 0.1])  #: normal numbers of dW at these points
 _SHIFT = 1e-5  #: shift of central differences, which find M to some 1e-10
-_SEEN = 1e-8  #: a larger difference is one
+_SEEN = 1e-8  #: a smaller difference counts as zero
 
 
 @dataclass(frozen=True)
@@ -36,7 +36,7 @@ class BathLaw:
     omega: float  #: frequency of the oscillator
     friction: str  #: "damping", or "force" for F = -gamma p
     contraction: str  #: the factor of dp ^ dq in a step
-    defect: float  #: largest distance of that factor from exp(-gamma h) at four states of a pendulum
+    defect: float  #: largest distance of this factor from exp(-gamma h) at four states of a pendulum
     q_squared: float  #: beta omega^2 <q^2>
     q_p: float  #: beta omega <q p>, which is zero for the exact flow
     p_squared: float  #: beta <p^2>
@@ -45,7 +45,7 @@ class BathLaw:
     strong_order: Order  #: for additive noise, as the noise of a bath is
 
     def __str__(self) -> str:
-        """A line for each, with its evidence."""
+        """A line for each number, with its evidence."""
         lines = {
             "scheme": f"{self.scheme}, h = {self.step:g}, gamma = {self.gamma:g}, omega = {self.omega:g}"
             + (", F = -gamma p as a force" if self.friction == "force" else ""),
@@ -70,7 +70,7 @@ def _rounded(x: float) -> str:
 def bath_law(
     scheme: str | Scheme, *, step: float, gamma: float, omega: float = 1.0, friction: str = "damping"
 ) -> BathLaw:
-    """What a scheme makes of a heat bath, exact in h: see `BathLaw`.
+    """The law of a scheme in a heat bath, exact in h: see `BathLaw`.
 
     - step, gamma: h [time] and the rate of the momenta [1/time], above zero
     - omega: the frequency of the oscillator H = p^2/2 + omega^2 q^2/2 [1/time], above zero
@@ -150,7 +150,7 @@ def _damped(model: Model, rate: float) -> Model:
 
 
 def _forced(model: Model, rate: float) -> Model:
-    """The model with F = -rate p as a force that nothing is known of."""
+    """The model with F = -rate p as a force without declared properties."""
 
     def slopes(q, p, t):
         return np.zeros((1, 1, q.shape[-1])), np.full((1, 1, q.shape[-1]), -rate)

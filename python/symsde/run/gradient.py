@@ -31,8 +31,8 @@ class Gradient:
     """The mean of f over paths, and its derivatives.
 
     `values["k"]` is dE f/dk, a number; `values["q0"]` and `values["p0"]` have the shape (dof,). Standard errors are
-    those over paths. Each path has its own derivatives, of the same noise: `by_path["k"]` (path,),
-    `by_path["q0"]` (dof, path).
+    over paths. Each path has its own derivatives, for its own noise: `by_path["k"]` (path,), `by_path["q0"]` (dof,
+    path).
     """
 
     value: float  #: mean of f
@@ -81,8 +81,8 @@ def gradient(
       order of wrt
     - wrt: names of parameters, "q0" and "p0", in any order. Parameters are those of formulas and of built-in models
     - save_every: steps between the saved times that f is given; by default the beginning and the end
-    - allow_failed: leave failed paths out of means; else a run in which some failed is refused. The paths that are left
-      are a choice of paths, and their mean derivative is not that of the mean
+    - allow_failed: leave failed paths out of means; otherwise a run with failed paths is refused. The remaining paths
+      are a selection, and the mean of their derivatives is not the derivative of their mean
     - the other arguments are those of `simulate`; the forward run has its bits
 
     Every step is differentiated as the scheme takes it (no inverse steps, no differences): (u, c) = (df/dq, df/dp) is
@@ -208,7 +208,7 @@ class _Found:
 
 
 def _in_order(names: list[str], known: list[str], states: list[str]) -> Iterator[str]:
-    """The names of wrt, parameters as the model has them."""
+    """The names of wrt, with parameters under the model's own names."""
     parameters, of_states = iter(known), iter(states)
     for name in names:
         yield next(of_states) if name in _STATES else next(parameters)

@@ -2,8 +2,8 @@
 !> The observer that keeps every step of its block, and after the last one takes covectors back through all of them.
 !>
 !> Steps are taken forward by the stepper of the run, with its bits. States, increments and functionals are kept, n + 1
-!> states and n steps of a block. Behind the last step the covectors are those of a later piece of the same paths, or
-!> zero; at each saved time the derivatives of f by the state are added.
+!> states and n steps of a block. At the end of the piece the covectors come from the later piece of the same paths, or
+!> are zero; at each saved time the derivatives of f by the state are added.
 !>
 !> Private to its family.
 module symsde_diagnose_sweep_backward
@@ -26,7 +26,7 @@ module symsde_diagnose_sweep_backward
    integer, parameter :: rest = 64   !! no part of a step is left over at multiples of so many steps after a saved time,
                                      !! wherever pieces end: a path has the same bits in any pieces
 
-   !> What all threads read, and the results, of which each thread writes the rows of its paths.
+   !> Data that all threads read, and results, in which each thread writes the rows of its paths.
    type :: backward_plan
       type(stepper_task), pointer :: task => null()
       class(model_type), pointer :: model => null(), wide => null()
@@ -228,7 +228,7 @@ contains
 
       !> Add df/dq and df/dp of one saved time.
       subroutine add_seeds(rows_q, rows_p, before)
-         real(wp), intent(in) :: rows_q(:, :), rows_p(:, :)   !! rows before + 1 .. are those of this block
+         real(wp), intent(in) :: rows_q(:, :), rows_p(:, :)   !! rows of this block are before + 1 ..
          integer(i8), intent(in) :: before
          integer :: j, l
 

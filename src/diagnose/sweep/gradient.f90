@@ -118,7 +118,7 @@ contains
       call in_pieces(run, from, observer, report, error)
    end subroutine path_gradient
 
-   !> Refuse what has no derivatives of its own, and parameters of another number.
+   !> Refuse compensated sums, and a wrong number of parameters or of their rows.
    subroutine require_plain(options, nrow, nparameter, needed, error)
       type(run_options), intent(in) :: options
       integer(i8), intent(in) :: nrow
@@ -135,7 +135,7 @@ contains
       end if
    end subroutine require_plain
 
-   !> Forward over all pieces, then back over each.
+   !> Take all pieces forward, then each piece back, the last one first.
    subroutine in_pieces(run, from, observer, report, error)
       type(long_run), intent(inout), target :: run
       type(initial_state), intent(in) :: from

@@ -7,8 +7,8 @@
 !>    p <- p - b_2 U_q(q)                       u <- u - b_1 U_qq c            at q_n
 !>
 !> Stoermer-Verlet has b = (1/2, 1/2), symplectic Euler (1, 0) and its adjoint (0, 1). A kick changes u alone, and its
-!> map is linear in the weights, so the kick that ends a step and the kick that begins the next one, both at q_{n+1},
-!> are one: its weights are sums.
+!> map is linear in the weights, so the kick that ends a step and the kick that begins the next step, both at q_{n+1},
+!> are done as one kick, with the sums of their weights.
 !>
 !> Rows of the parameters: u_theta <- u_theta - b U_{theta q} c and + T_{theta p} u, by the same products.
 !>
@@ -30,7 +30,7 @@ module symsde_step_linear_kick_drift
       real(wp) :: part(2) = 0                !! parts of the kick before the drift and behind it
       logical :: by_h = .false.              !! the drift is q <- q + h p, whatever the parameters
       real(wp), allocatable :: w(:, :)       !! weights of the kick to come (nlane, 0:nnoise)
-      logical :: waits = .false.             !! whether the kick that began the last step is left
+      logical :: waits = .false.             !! whether the kick that began the last step is still to be done
       real(wp) :: t = 0                      !! time of the step
       real(wp), allocatable, dimension(:, :) :: vq, vp, uq, up   !! vectors and products (nlane, nwide)
    contains
@@ -123,7 +123,7 @@ contains
       call add_weights(self, self%part(1), step%w)
    end subroutine back
 
-   !> The kick that begins the last step taken backward.
+   !> Do the kick that begins the last step taken backward.
    subroutine settle(self, q0, p0, u, c)
       class(kick_drift_step), intent(inout) :: self
       real(wp), intent(in) :: q0(self%nlane, self%ndof), p0(self%nlane, self%ndof)

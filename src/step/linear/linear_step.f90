@@ -10,7 +10,7 @@
 !> covector of theta is dJ/dtheta, and one product of the wide model's Hessian gives the derivatives by states and by
 !> parameters together. Rows ndof + 1 .. of u belong to the parameters.
 !>
-!> States are given to `back`, never found again by steps backward, which lose digits like exp(lambda t).
+!> `back` gets the states; steps backward would lose digits like exp(lambda t).
 module symsde_step_linear_linear_step
    use symsde_base_kinds, only: wp, i8
    use symsde_base_record, only: step_record

@@ -14,7 +14,8 @@
 !> c <- E c + sum e_j y_j, and u_theta <- u_theta + sum_j (Hhat_{theta p} m_j - Hhat_{theta q} n_j). If noise and drift
 !> have different coefficients, each part has slopes of its own, as in the general stepper, and x_j, y_j are their sums.
 !>
-!> Stage points: of one stage they follow from the increments of the step; else the general stepper finds them again.
+!> The point of a single stage follows from the increments of the step; several stages are found again by the general
+!> stepper.
 !>
 !> Private to its family.
 module symsde_step_linear_tableau
