@@ -116,7 +116,8 @@ typedef int (*symsde_gradient_hessian)(int nlane, int ndof, int nham, double t, 
 /* whole steps of one scheme, from q, p [ndof][nlane] to qn, pn [nstep/every][ndof][nlane] after every `every`-th step;
  * nstep is a multiple of `every`. t is the time before the first step, h the step with its sign. w[nstep][nham][nlane]
  * are the weights (h, dW_1 .. dW_m). functionals[0] .. [4] are dZ, areas, K, J and D, [nstep][columns][nlane]; those that
- * the scheme does not use are NULL. max_iter bounds a solver's iterations in a step. Lanes whose status[nlane] is not 0
+ * the scheme does not use are NULL. functionals[5][0] is gamma h in damped steps. max_iter bounds a solver's iterations in
+ * a step. Lanes whose status[nlane] is not 0
  * have failed: skip them. If a lane fails, set SYMSDE_NOT_CONVERGED or another status of a path, or return values that
  * are not finite and remain so. The bits must not depend on the number of steps in one call. */
 typedef int (*symsde_flow)(int nlane, int ndof, int nham, int nstep, int every, int max_iter, double t, double h,
@@ -161,7 +162,8 @@ int symsde_model_set_third_derivative(symsde_model model, symsde_third_derivativ
 /* declares that the functions test for NULL: from now on outputs that are not wanted are NULL */
 int symsde_model_accept_null(symsde_model model, symsde_error *error);
 /* whole steps of a catalogue scheme, without correction; "symplectic_euler, corrected" and
- * "symplectic_euler_adjoint, corrected" are these schemes with the increments form. Runs with that scheme call
+ * "symplectic_euler_adjoint, corrected" are these schemes with the increments form. With ", damped" behind either name they
+ * are steps of momenta damped by one rate; without it they also serve between two decays. Runs with that scheme call
  * nothing else. Steps that differ from the library's are refused. midpoint, symplectic_euler and stormer_verlet also
  * stand for equal schemes of other names */
 int symsde_model_set_flow(symsde_model model, const char *scheme, symsde_flow flow, symsde_error *error);

@@ -98,27 +98,41 @@ contains
       status = finish(refusal, error)
    end function symsde_model_set_flow
 
-   !> Find the map of a scheme from its name; the names of the Euler pair may have a suffix for the corrected variant.
+   !> Find the map of a scheme from its name, which may end with a suffix for damped momenta, and that of the Euler pair
+   !> before it with one for the corrected variant.
    subroutine read_map(text, map, error)
       character(*), intent(in) :: text
       type(step_map), intent(out) :: map
       type(error_type), allocatable, intent(inout) :: error
-      character(*), parameter :: ending = ', corrected'
+      character(*), parameter :: ending = ', corrected', loss = ', damped'
       type(scheme_type) :: meant
       integer :: n
-      logical :: corrected
+      logical :: corrected, damped
 
-      n = len(text) - len(ending)
-      corrected = .false.
-      if (n > 0) corrected = text(n + 1:) == ending
-      if (.not. corrected) n = len(text)
+      n = len(text)
+      call take_off(loss, damped)
+      call take_off(ending, corrected)
       call get_scheme(meant, text(:n), error)
       if (allocated(error)) return
       call map_of(meant, map)
       map%corrected = corrected
+      map%damped = damped
       if (corrected .and. .not. meant%is_euler_pair()) &
          call raise(error, invalid_argument, 'symsde_model_set_flow', "scheme '"//text//"': whole steps are "// &
                     "corrected of symplectic_euler and symplectic_euler_adjoint alone; leave out '"//ending//"'")
+
+   contains
+
+      !> Whether the first n characters end with a suffix, which is taken off.
+      subroutine take_off(suffix, there)
+         character(*), intent(in) :: suffix
+         logical, intent(out) :: there
+
+         there = n > len(suffix)
+         if (there) there = text(n - len(suffix) + 1:n) == suffix
+         if (there) n = n - len(suffix)
+      end subroutine take_off
+
    end subroutine read_map
 
    !> From now on pass the real lanes only, without padding. Refuses built-in models (incompatible).

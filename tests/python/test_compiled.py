@@ -317,6 +317,40 @@ def test_whole_steps():
     assert "whole" not in ss.simulate(model, paths=3, general=True, **how).report.stepper
 
 
+@pytest.mark.parametrize("part", [0.5, 0.51])
+def test_whole_steps_of_damped_momenta(part):
+    """A model's own midpoint steps find gamma h behind the functionals; decays by a wrong half are refused."""
+    numba = pytest.importorskip("numba")
+
+    @numba.cfunc(ss.numba_signature("flow"))
+    def flow(nlane, ndof, nham, nstep, every, max_iter, t, h, w, functionals, q, p, qn, pn, status, user):
+        w, loss = numba.carray(w, (nstep, nham, nlane)), np.exp(-part * functionals[5][0])
+        for i in range(nlane):
+            x, y = q[i], p[i]
+            for step in range(nstep):
+                y *= loss
+                dy = (w[step, 1, i] - h * (x + 0.5 * h * y)) / (1 + 0.25 * h * h)
+                x += h * (y + 0.5 * dy)
+                y = loss * (y + dy)
+                if (step + 1) % every == 0:
+                    qn[step // every * nlane + i] = x
+                    pn[step // every * nlane + i] = y
+        return 0
+
+    traits = {"separable": True, "additive": True, "position_noise": True, "identity_mass": True, "quadratic": True}
+    traits["gradient"] = lambda _t, w, q, p: (w[0] * q - w[1], w[0] * p)
+    mine = ss.Model(ndof=1, nnoise=1, flows={"midpoint, damped": flow}, **traits)
+    how = {"q0": 0.3, "p0": 0.1, "step": 0.05, "steps": 120, "seed": 5, "paths": 30}
+    assert "whole" not in ss.simulate(mine, **how).report.stepper
+    if part != 0.5:
+        with pytest.raises(errors.FalseTraitError, match="not those of the library"):
+            ss.simulate(mine.damped(1.5), **how)
+        return
+    run, known = (ss.simulate(m.damped(1.5), **how) for m in (mine, ss.models.linear_oscillator()))
+    assert run.report.stepper == "whole steps of midpoint by the model, damped"
+    np.testing.assert_allclose(run.p, known.p, rtol=0, atol=1e-13)
+
+
 @pytest.mark.parametrize("of", ["midpoint", "midpoint_areas"])
 def test_whole_steps_serve_the_scheme_they_are_meant_for(of):
     """Whole steps are used with discrete increments and areas of one noise only if equations are linear and have one

@@ -99,7 +99,8 @@ def test_implicit_stages_agree_with_the_oracle(scheme):
             given |= {"scheme": scheme, "seed": 5}
             damped = model.damped(rate, allow_gain=True)
             fast, general = (ss.simulate(damped, general=x, paths=20, **given) for x in (False, True))
-            assert "stages" in fast.report.stepper and "general" in general.report.stepper
+            own = "whole steps" if scheme == "gauss2" and model is pair else "stages"
+            assert own in fast.report.stepper and "general" in general.report.stepper
             np.testing.assert_allclose(fast.q, general.q, rtol=0, atol=2e-12)
             np.testing.assert_allclose(fast.p, general.p, rtol=0, atol=2e-12)
             alone = ss.simulate(damped, paths=1, first_path=7, **given)

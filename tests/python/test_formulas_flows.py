@@ -61,6 +61,48 @@ def test_steps_are_those_of_the_general_stepper(name, scheme):
     np.testing.assert_array_equal(other.p[-1], run.p[-1])
 
 
+DAMPED = [(x, scheme) for x, scheme in CASES if x not in ("mixed", "pushed", "magnetic", "one equation", "three")]
+
+
+@pytest.mark.parametrize(("name", "scheme"), DAMPED)
+@pytest.mark.filterwarnings("ignore:gamma\\*h = 0.4:symsde.errors.DoubtfulRunWarning")
+def test_damped_steps_are_those_of_the_general_stepper(name, scheme):
+    """Whole steps decay by themselves, in blocks, alone and one by one, with z = gamma h = .4."""
+    run = {**RUN, "scheme": scheme, "steps": 37}
+    mine = model(name).damped(8.0)
+    whole, plain = (ss.simulate(mine, **run, paths=85, general=g) for g in (False, True))
+    assert whole.report.stepper == f"whole steps of {scheme} by the model, damped"
+    for x, y in ((whole.q, plain.q), (whole.p, plain.p)):
+        np.testing.assert_allclose(x, y, rtol=0, atol=30 * np.spacing(np.abs(y).max()))
+    alone = ss.simulate(mine, **run, paths=1, first_path=84)
+    np.testing.assert_array_equal(alone.q[:, :, 0], whole.q[:, :, 84])
+    other = ss.simulate(mine, **run, paths=85, save_every=37, lanes=16, threads=2)
+    np.testing.assert_array_equal(other.p[-1], whole.p[-1])
+
+
+@pytest.mark.parametrize("rates", [(2.0, 2.0), (2.0, 3.0)])
+@pytest.mark.parametrize("scheme", ["midpoint", "gauss2"])
+def test_unequal_rates_take_steps_between_decays_or_decaying_tableaux(rates, scheme):
+    """Whole steps know one rate; the code of damped steps serves all values of parameters and of rates."""
+    mine = model("several").damped(rates).with_parameters(b=0.1)
+    run = {**RUN, "scheme": scheme, "steps": 9}
+    whole, plain = (ss.simulate(mine, **run, paths=9, general=g) for g in (False, True))
+    by_model = whole.report.stepper == f"whole steps of {scheme} by the model, damped"
+    assert by_model == (scheme == "midpoint" or rates[0] == rates[1])
+    np.testing.assert_allclose(whole.p, plain.p, rtol=0, atol=1e-14)
+
+
+def test_closed_formulas_compile_no_damped_steps(tmp_path, monkeypatch):
+    """They are a file of their own, made with the first damped model and for all rates."""
+    monkeypatch.setenv("SYMSDE_CACHE", str(tmp_path))
+    closed = ss.model_from_sympy("p**2/2 + q**2", ["0.125*q"])
+    assert len(list(tmp_path.glob("**/*.so"))) == 1
+    for rate in (0.5, 0.25):
+        damped = closed.damped(rate)
+        assert len(list(tmp_path.glob("**/*.so"))) == 2
+    assert damped.damped(0.0).formula is closed.formula
+
+
 @pytest.mark.parametrize("save_every", [40, 160])
 @pytest.mark.parametrize("name", ["kubo", "pushed", "pendulum"])
 def test_a_path_alone_goes_on_with_the_noise_of_its_steps(name, save_every):
@@ -98,6 +140,11 @@ def test_corrected_steps_are_those_of_the_general_stepper(name):
             np.testing.assert_allclose(x, y, rtol=0, atol=60 * np.spacing(np.abs(y).max()))
         alone = ss.simulate(mine, scheme=scheme, **run, paths=1, first_path=84)
         np.testing.assert_array_equal(alone.q[:, :, 0], whole.q[:, :, 84])
+        whole, plain = (ss.simulate(mine.damped(8.0), scheme=scheme, **run, paths=85, general=g) for g in (False, True))
+        assert whole.report.stepper.startswith("whole corrected steps of ") == (scheme in schemes)
+        for x, y in ((whole.q, plain.q), (whole.p, plain.p)):
+            np.testing.assert_allclose(x, y, rtol=0, atol=60 * np.spacing(np.abs(y).max()))
+        whole = ss.simulate(mine, scheme=scheme, **run, paths=85)
         none = ss.simulate(mine, scheme=scheme, **{**run, "correction": "none"}, paths=85)
         assert scheme not in schemes or np.abs(none.q - whole.q).max() > 1e-4
 
@@ -111,6 +158,35 @@ def test_wrong_corrections_are_refused(monkeypatch, scheme):
     monkeypatch.setattr(emit_flow, "_text", lambda x: whole(x).replace("0.5 * a[", "0.505 * a["))
     with pytest.raises(errors.FalseTraitError, match=f"the whole steps of scheme {scheme} .* are not those"):
         ss.simulate(model("kubo"), scheme=scheme, **{**RUN, "correction": "auto"}, steps=3)
+
+
+LOSSES = {  # text of the damped steps, what makes it wrong by one per cent, and the schemes that it decays in
+    ("0.5 * part, fade.whole", "0.505 * part, fade.whole"): ("stormer_verlet",),
+    ("{expm1(-z)", "{1.01 * expm1(-z)"): (*ALL[:3], "gauss2"),
+    (", expm1(-0.5 * z)", ", 1.01 * expm1(-0.5 * z)"): ("midpoint",),
+    ("f.d[i] = expm1", "f.d[i] = 1.01 * expm1"): ("gauss2",),
+    ("f.b[i] = 0.5", "f.b[i] = 0.505"): ("gauss2",),
+    ("f.a[i][j] = ", "f.a[i][j] = 1.01 * "): ("gauss2",),
+}
+
+
+@pytest.mark.parametrize("change", LOSSES, ids=lambda x: x[0])
+@pytest.mark.parametrize("name", ["kubo", "pendulum", "several"])
+@pytest.mark.usefixtures("quick_compiler")
+def test_wrong_losses_are_refused(monkeypatch, name, change):
+    """The twin: what momenta lose, one per cent off."""
+    source = emit_flow.source
+
+    def changed(made, **how):
+        whole = source(made, **how)
+        assert (change[0] in whole) == how.get("damped", False)
+        return whole.replace(*change)
+
+    monkeypatch.setattr(emit_flow, "source", changed)
+    mine = model(name).damped(4.0)
+    for scheme in LOSSES[change]:
+        with pytest.raises(errors.FalseTraitError, match=f"the whole steps of scheme {scheme} .* are not those"):
+            ss.simulate(mine, scheme=scheme, **RUN, steps=3)
 
 
 @pytest.mark.parametrize("name", MODELS)

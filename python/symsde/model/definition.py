@@ -105,7 +105,8 @@ class Model:
 
     ``flows`` maps names of schemes to compiled functions with the signature ``symsde_flow``, which compute whole steps,
     several in one call. ``"symplectic_euler, corrected"`` and ``"symplectic_euler_adjoint, corrected"`` are steps with
-    the increments form of the correction, the others are without correction. A run with such a scheme calls nothing
+    the increments form of the correction, the others are without correction. ``"midpoint, damped"`` and the like are
+    steps of momenta damped by one rate, with gamma h as ``functionals[5][0]``. A run with such a scheme calls nothing
     else. Before the run these steps are compared with the library's own, and refused if they differ.
 
     ``any_lanes`` says that the results of a lane have the same bits for any number of lanes. The functions are then
@@ -322,6 +323,10 @@ class Model:
         """Whether `damping` is a matrix of friction on velocities."""
         return bool(self._damping) and isinstance(self._damping[0], tuple)
 
+    def _damped_from(self, _rates: np.ndarray) -> Callable[[], ModelHandle]:
+        """The function that makes the handles to be damped by these rates."""
+        return self._handles.made
+
     def _damp(self, closed: Model, damping, allow_gain: bool) -> None:
         """Turn this model into the damped form of a closed model."""
         rates = np.array(np.atleast_1d(checks.real_array("damping", damping)))  # a copy: callers may change it
@@ -332,7 +337,7 @@ class Model:
             )
         if rates.ndim == 2 and closed.paths:
             _require_one_mass(closed)
-        self._handles = handles.Pool(functools.partial(_damped_handle, closed._handles.made, rates, allow_gain))
+        self._handles = handles.Pool(functools.partial(_damped_handle, closed._damped_from(rates), rates, allow_gain))
         if rates.ndim == 2:
             self._damping = tuple(tuple(map(float, row)) for row in rates) if rates.any() else ()
         else:

@@ -43,7 +43,8 @@ module symsde_model_user_callback_flow
          integer(c_int), value :: max_iter                 !! bound on iterations of a solver in a step
          real(c_double), value :: t, h !! time at which the first step begins; the step with its sign
          real(c_double), intent(in) :: w(nlane, nham, nstep)
-         type(c_ptr), intent(in) :: functionals(nfunctional) !! each (nlane, columns, nstep), or NULL
+         !> Each (nlane, columns, nstep), or NULL; behind them gamma h of damped steps, else NULL.
+         type(c_ptr), intent(in) :: functionals(nfunctional + 1)
          real(c_double), intent(in) :: q(nlane, ndof), p(nlane, ndof)
          real(c_double), intent(out) :: qn(nlane, ndof, nstep/every), pn(nlane, ndof, nstep/every)
          integer(c_int64_t), intent(inout) :: status(nlane)  !! 0, or a status of the lane
@@ -137,7 +138,8 @@ contains
       type(functional_buffer), target :: real_ones(nfunctional)
       real(wp), contiguous, pointer :: w(:, :, :)
       real(wp), allocatable :: few_w(:, :, :)
-      type(c_ptr) :: functionals(nfunctional)
+      real(wp), target :: z
+      type(c_ptr) :: functionals(nfunctional + 1)
       integer :: f
 
       call spoil(size(qn), qn, pn)
@@ -147,6 +149,8 @@ contains
          real_ones(f)%x = steps%of(f)%x(:n, :, :)
          if (size(real_ones(f)%x) > 0) functionals(f) = c_loc(real_ones(f)%x)
       end do
+      z = steps%decays%z
+      if (slot%map%damped) functionals(nfunctional + 1) = c_loc(z)
       associate (s => steps)
          if (n == s%nlane) then
             w => s%w  ! contiguous, which gfortran 12 does not recognise for a component

@@ -68,6 +68,13 @@ def source(derivatives: Derivatives) -> str:
     return _File(derivatives).text()
 
 
+def preamble(derivatives: Derivatives) -> str:
+    """What stands before functions of the formulas: their text, elementary functions and macros."""
+    formulas = "\n".join(f" *    H_{j} = {h}" for j, h in enumerate(derivatives.problem.hamiltonians))
+    kind = BY_PATH if derivatives.constants() else ALIKE
+    return "\n".join([HEAD.format(formulas=formulas), lane_functions(), MACROS + kind])
+
+
 class Loops:
     """C functions that compute sets of outputs in loops over lanes."""
 
@@ -141,8 +148,7 @@ class _File(Loops):
     def __init__(self, derivatives: Derivatives):
         super().__init__(derivatives.graph, derivatives.outputs)
         self.ndof = derivatives.problem.ndof
-        formulas = "\n".join(f" *    H_{j} = {h}" for j, h in enumerate(derivatives.problem.hamiltonians))
-        self.head = HEAD.format(formulas=formulas)
+        self.head = preamble(derivatives)
         self._along(derivatives)
         self.third = derivatives.third_of_brackets()
         self.outputs |= self.third
@@ -179,7 +185,7 @@ class _File(Loops):
 
     def text(self) -> str:
         """Functions for sets of outputs, a function for far lanes, then the callbacks."""
-        parts = [self.head, lane_functions(), MACROS + (BY_PATH if self.constants else ALIKE)]
+        parts = [self.head]
         if self.constants:
             made = Loops(self.graph, {"constants": self.constants})
             parts += [made.far(("constants",)), made.function(("constants",)), CONSTANTS]

@@ -20,11 +20,23 @@ OF_FUNCTION = 20  #: operations that an elementary function counts as, since it 
 STRIP = 128  #: number of lanes whose states stay in the nearest cache
 EXPLICIT = ("symplectic_euler", "symplectic_euler_adjoint", "stormer_verlet")
 CORRECTED = "_corrected"  #: suffix of the name of a corrected scheme of the Euler pair
+DAMPED = ", damped"  #: end of the library's name of steps whose momenta decay
 HEAD = """
 /* ---- whole steps ---- */
 
 #include <string.h>
 enum {{ NOT_CONVERGED = 1, NONFINITE = 3 }}; /* of symsde.h */
+#define DAMPED {damped}
+#if DAMPED
+#define FADE_IN , const fading fade
+#define FADE , fade
+#define FADE_OF(functionals) const fading fade = fade_of(functionals[GAMMA_H][0])
+enum {{ GAMMA_H = 5 }}; /* place of gamma h behind functionals */
+#else
+#define FADE_IN
+#define FADE
+#define FADE_OF(functionals)
+#endif
 #define DOF {dof}
 #define STRIP {strip}
 #define GROUP {group}
@@ -41,8 +53,8 @@ typedef struct {{
 }} state;
 
 /* What every step of a lane is given: its weights, of which that of H is the step h, and the parameters. */
-#define LANE_IN const double *restrict w, const ptrdiff_t n, const double *restrict c, const double h
-#define LANE_OF w, n, c, h
+#define LANE_IN const double *restrict w, const ptrdiff_t n, const double *restrict c, const double h FADE_IN
+#define LANE_OF w, n, c, h FADE
 """
 
 
@@ -61,13 +73,16 @@ def flows(made: Derivatives) -> list[str]:
     return schemes
 
 
-def named(scheme: str) -> str:
+def named(scheme: str, *, damped: bool = False) -> str:
     """The name under which the library gets the steps of a scheme."""
-    return scheme.replace(CORRECTED, ", corrected")
+    return scheme.replace(CORRECTED, ", corrected") + (DAMPED if damped else "")
 
 
-def source(made: Derivatives) -> str:
-    """The functions of these schemes, which follow those of emit_c; empty if no scheme has one."""
+def source(made: Derivatives, *, damped: bool = False) -> str:
+    """The functions of these schemes, which follow those of emit_c, or its preamble; empty if no scheme has one.
+
+    damped: the steps are those of momenta damped by one rate.
+    """
     schemes = flows(made)
     if not schemes:
         return ""
@@ -89,9 +104,11 @@ def source(made: Derivatives) -> str:
             **sizes,
             separable=separable,
             moves=int(_moves_at_zero(made)),
+            damped=int(damped),
             mixed=int(not made.graph.is_number(made.outputs["hqp"][0], 0.0)),
         )
     ]
+    parts += [_text("fade")] if damped else []
     parts += [_function(made, "force", ["hq"]), _function(made, "velocity", ["hp"])]
     if separable:
         parts += [
@@ -100,6 +117,8 @@ def source(made: Derivatives) -> str:
             _moves(made, "kick", "hq"),
             _moves(made, "drift", "hp"),
         ]
+        parts += [_moves(made, "glide", "hp", by_state="shrunk")] if damped and _glides(made) else []
+        parts += [f"#define GLIDES {int(_glides(made))} /* a drift by momenta that decay is one of shrunk momenta */"]
     parts += [_function(made, "slopes", list(BLOCKS)), _text("steps"), _elimination("eliminate", made.problem.ndof)]
     if any(scheme.endswith(CORRECTED) for scheme in schemes):
         parts += _correction(made)
@@ -126,6 +145,7 @@ def source(made: Derivatives) -> str:
         how = how.replace("STEP_UNKNOWNS", str(unknowns))
         kept = "KEPT" if scheme == "stormer_verlet" else "0"
         sizes = f"\n#define STEP_KEPT {kept}\n#define STEP_ROWS (2 * DOF + STEP_KEPT)\n"
+        sizes += f"#define STEP_lose(s) {'lose(fade.half, s)' if scheme == 'midpoint' else ''}\n"
         sizes += f"#define STEP_LINEAR {int(rotates and scheme in ('midpoint', 'gauss2'))}\n"
         parts.append((sizes + how + _text("call")).replace("STEP", scheme))
     return "\n".join(parts)
@@ -256,9 +276,19 @@ def _places(made: Derivatives, kept: list[int]) -> str:
     return _lines(made, "places", "double *restrict e", [(f"e[{k}]", x) for k, x in enumerate(kept)])
 
 
-def _moves(made: Derivatives, name: str, block: str, kept: Iterable[int] = ()) -> str:
+def _glides(made: Derivatives) -> bool:
+    """Whether each term of the velocity is linear in p and without a constant, or does not depend on the state."""
+    terms = [x for node in made.outputs["hp"] for _, x in _signed(made.graph, node)]
+    moved = [x for x in terms if any(leaf[0] in "qp" for leaf in _of_nodes(made, [x]))]
+    return not _at_zero(made, moved) and not any(x[0] in "qp" for x in _leaves(made, ["hpp"]))
+
+
+def _moves(made: Derivatives, name: str, block: str, kept: Iterable[int] = (), by_state: str = "part") -> str:
     """p - part S_q or q + part S_p in place, term by term: first terms that do not depend on the state, last terms that
-    depend on kept parts, so that a step waits as little as possible for the step before."""
+    depend on kept parts, so that a step waits as little as possible for the step before.
+
+    by_state: the part of terms that depend on the state.
+    """
     graph, target, sign = made.graph, *(("p", "-") if block == "hq" else ("q", ""))
     given = {**_constants(made), **{x: f"s->e[{k}]" for k, x in enumerate(kept)}}
     found = [_signed(graph, x) for x in made.outputs[block]]
@@ -268,12 +298,14 @@ def _moves(made: Derivatives, name: str, block: str, kept: Iterable[int] = ()) -
     writer = Writer(graph, _load, given)
     before, inside, _ = writer.lines([x for terms in pairs for _, *factors in terms for x in factors if x >= 0])
     lines = [f"INLINE {name}(LANE_IN, state *s, const double part, const int far) {{", "   int64_t beyond = 0;"]
+    lines += ["   const double shrunk = FMA(0.5 * part, fade.whole, part);"] if by_state == "shrunk" else []
     lines += [*before, *(line[3:] for line in inside)]
     for k, terms in enumerate(pairs):
         terms.sort(key=lambda x: (x[1] in state or x[2] in state, x[1] in late or x[2] in late, max(x[1:])))
         for minus, factor, x in terms:
             how = "-" if minus != (sign == "-") else ""
-            by = f"{how}part * {writer.operand(factor)}" if factor >= 0 else f"{how}part"
+            part = by_state if x in state or factor in state else "part"
+            by = f"{how}{part} * {writer.operand(factor)}" if factor >= 0 else f"{how}{part}"
             lines.append(f"   s->{target}[{k}] = FMA({by}, {writer.operand(x)}, s->{target}[{k}]);")
     return "\n".join([*lines, "   return beyond;", "}", ""])
 

@@ -7,7 +7,7 @@ INLINE STEP_places(const int lanes, LANE_IN, double *restrict x, const int far) 
 #pragma GCC ivdep
    for (int i = 0; i < lanes; i++) {
       state s = state_of(x, i, 0);
-      beyond |= places(w + i, n, OF_LANE(i), h, &s, s.e, far);
+      beyond |= places(w + i, n, OF_LANE(i), h FADE, &s, s.e, far);
       put_state(s, x, i, STEP_KEPT);
    }
    return beyond;
@@ -29,7 +29,7 @@ INLINE STEP_in_lanes(const int lanes, const int steps, const ptrdiff_t stride, L
       state s = state_of(x, i, STEP_KEPT);
 #pragma GCC unroll 8
       for (int j = 0; j < steps; j++)
-         beyond |= STEP(w + j * stride + i, n, OF_LANE(i), h, &s, far);
+         beyond |= STEP(w + j * stride + i, n, OF_LANE(i), h FADE, &s, far);
       put_state(s, y, i, STEP_KEPT);
    }
    return beyond;
@@ -37,7 +37,7 @@ INLINE STEP_in_lanes(const int lanes, const int steps, const ptrdiff_t stride, L
 
 SELDOM STEP_far(const int lanes, const int steps, const ptrdiff_t stride, LANE_IN, const double *x, double *y) {
    for (int j = 0; j < steps; j++, x = y)
-      STEP_in_lanes(lanes, 1, stride, w + j * stride, n, c, h, x, y, 1);
+      STEP_in_lanes(lanes, 1, stride, w + j * stride, n, c, h FADE, x, y, 1);
 }
 
 /* The steps of a single path. */
@@ -51,7 +51,7 @@ INLINE STEP_alone(const int steps, const ptrdiff_t stride, LANE_IN, const double
 #pragma GCC ivdep
       for (int j = 0; j < some; j++) { /* stored together */
          double own[COEFFICIENTS];
-         STEP_coefficients(w + (first + j) * stride, n, c, h, own, 0);
+         STEP_coefficients(w + (first + j) * stride, n, c, h FADE, own, 0);
          for (int k = 0; k < COEFFICIENTS; k++)
             m[k][j] = own[k];
       }
@@ -71,7 +71,7 @@ INLINE STEP_alone(const int steps, const ptrdiff_t stride, LANE_IN, const double
    state s = state_of(x, 0, STEP_KEPT);
 #pragma GCC unroll 1
    for (int j = 0; j < steps; j++)
-      beyond |= STEP(w + j * stride, n, c, h, &s, ALONE);
+      beyond |= STEP(w + j * stride, n, c, h FADE, &s, ALONE);
    put_state(s, y, 0, STEP_KEPT);
    return beyond;
 }
@@ -79,7 +79,7 @@ INLINE STEP_alone(const int steps, const ptrdiff_t stride, LANE_IN, const double
 
 /* From x to y; if lanes may be far, x and y are different arrays, so that steps can be repeated. */
 static void STEP_several(const int lanes, const int steps, const ptrdiff_t stride, LANE_IN, const double *x, double *y) {
-   const int64_t beyond = lanes == 1 && n == 1 ? STEP_alone(steps, NHAM, w, 1, c, h, x, y)
+   const int64_t beyond = lanes == 1 && n == 1 ? STEP_alone(steps, NHAM, w, 1, c, h FADE, x, y)
                           : lanes == 1     ? STEP_alone(steps, stride, LANE_OF, x, y)
                           : steps == GROUP ? STEP_in_lanes(lanes, GROUP, stride, LANE_OF, x, y, 0)
                                            : STEP_in_lanes(lanes, 1, stride, LANE_OF, x, y, 0);

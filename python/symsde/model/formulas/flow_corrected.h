@@ -6,7 +6,9 @@
  *
  * its adjoint the sign -, if U does:
  *
- *    (1 + V U/2) q' = q + S_p(p) - V F_q(0)/2,   p' = p + U F_p(p)/2 - S_q(q') */
+ *    (1 + V U/2) q' = q + S_p(p) - V F_q(0)/2,   p' = p + U F_p(p)/2 - S_q(q')
+ *
+ * Momenta decay after the first, and before its adjoint. */
 
 /* x + part A y */
 LANE void corrected_by(const double part, const double *a, const double *y, double *x) {
@@ -39,11 +41,14 @@ INLINE symplectic_euler_corrected(LANE_IN, state *s, const int far) {
       corrected_by(-0.5, u, v, s->p);
    corrected_end(u, k, s->p);
    corrected_by(0.5, k, f, s->q);
-   return beyond | drift(LANE_OF, s, 1, far);
+   beyond |= drift(LANE_OF, s, 1, far);
+   lose(fade.whole, s);
+   return beyond;
 }
 
 INLINE symplectic_euler_adjoint_corrected(LANE_IN, state *s, const int far) {
    double f[DOF], v[DOF], u[DOF * DOF], k[DOF * DOF];
+   lose(fade.whole, s);
    int64_t beyond = noise_velocity(LANE_OF, s, v, k, far);
    state middle = *s;
    for (int i = 0; i < DOF; i++)

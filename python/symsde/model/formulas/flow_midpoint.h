@@ -77,6 +77,7 @@ LANE void midpoint_increment(LANE_IN, state *s, const double *z) {
 /* for quadratic Hamiltonians one correction is the solution */
 INLINE midpoint(LANE_IN, state *s, const int far) {
    double e[midpoint_DERIVATIVES], d[2 * DOF], g[DOF];
+   lose(fade.half, s);
    const int64_t beyond = slopes(LANE_OF, s, e, e + AT_P, e + AT_QQ, e + AT_QP, e + AT_PP, far);
    for (int k = 0; k < DOF; k++)
       g[k] = -e[k];
@@ -85,6 +86,7 @@ INLINE midpoint(LANE_IN, state *s, const int far) {
       s->q[k] = FMA(d[k], inverse, s->q[k]);
       s->p[k] = FMA(d[DOF + k], inverse, s->p[k]);
    }
+   lose(fade.half, s);
    return beyond;
 }
 #endif

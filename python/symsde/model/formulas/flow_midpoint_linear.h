@@ -5,6 +5,9 @@
  *    (1 - b^2 + a k) m = [2 b (1 + b) - 2 a k,  2 k;  -2 a,  -2 b (1 - b) - 2 a k]
  *    (1 - b^2 + a k) z0 = [(1 + b) g - k f,  -(1 - b) f - a g]
  *
+ * Damped, with E = exp(-z/2), the columns of p get the factor E and the rows of p', whose entries for p are those of
+ * 1 + m, too.
+ *
  * What a step waits for of the one before it is a product and a sum or two. Where S_qp = 0, with D = 1 + a k, that is
  *
  *    q' = q + 2 k/D (p - a q) + z0_q,   p' = p - 2 a/D (q + k p) + z0_p. */
@@ -15,7 +18,15 @@ INLINE midpoint_coefficients(LANE_IN, double *restrict m, const int far) {
    double f[1], g[1], hqq[1], hqp[1], hpp[1];
    const int64_t beyond = slopes(LANE_OF, &zero, f, g, hqq, hqp, hpp, far);
    const double a = 0.5 * hqq[0], k = 0.5 * hpp[0];
-#if MIXED
+#if DAMPED && !MIXED
+   const double inverse = 1 / FMA(a, k, 1.0), less = inverse + fade.half * inverse;
+   m[0] = -a * hpp[0] * inverse;
+   m[1] = hpp[0] * less;
+   m[2] = -hqq[0] * less;
+   m[3] = FMA(m[0], 1 + fade.whole, fade.whole);
+   m[4] = MOVES ? FMA(-k, f[0], g[0]) * inverse : 0;
+   m[5] = MOVES ? FMA(-a, g[0], -f[0]) * less : 0;
+#elif MIXED
    const double b = 0.5 * hqp[0], inverse = 1 / FMA(a, k, FMA(-b, b, 1.0));
    const double turn = 2 * b * inverse;
    m[1] = hpp[0] * inverse;
@@ -24,6 +35,12 @@ INLINE midpoint_coefficients(LANE_IN, double *restrict m, const int far) {
    m[3] = FMA(turn, b - 1, k * m[2]);
    m[4] = FMA(1 + b, g[0], -k * f[0]) * inverse;
    m[5] = FMA(b - 1, f[0], -a * g[0]) * inverse;
+#if DAMPED
+   m[1] = FMA(m[1], fade.half, m[1]);
+   m[2] = FMA(m[2], fade.half, m[2]);
+   m[3] = FMA(m[3], fade.whole, m[3]) + fade.whole;
+   m[5] = FMA(m[5], fade.half, m[5]);
+#endif
 #else
    const double inverse = 1 / FMA(a, k, 1.0);
    m[1] = hpp[0] * inverse;
@@ -38,10 +55,10 @@ INLINE midpoint_coefficients(LANE_IN, double *restrict m, const int far) {
 
 LANE void midpoint_turn(const double *m, state *s) {
    const double q = s->q[0], p = s->p[0];
-#if MIXED && !MOVES
+#if (MIXED || DAMPED) && !MOVES
    s->q[0] = FMA(m[0], q, FMA(m[1], p, q));
    s->p[0] = FMA(m[3], p, FMA(m[2], q, p));
-#elif MIXED
+#elif MIXED || DAMPED
    s->q[0] = FMA(m[1], p, q) + FMA(m[0], q, m[4]);
    s->p[0] = FMA(m[2], q, p) + FMA(m[3], p, m[5]);
 #elif MOVES

@@ -57,15 +57,16 @@ INLINE STEP_derivatives(const int lanes, LANE_IN, const double *restrict x, cons
 #pragma GCC ivdep
    for (int i = 0; i < lanes; i++) {
       double e[STEP_DERIVATIVES];
-      const state s = state_of(x, i, STEP_KEPT);
+      state s = state_of(x, i, STEP_KEPT);
+      STEP_lose(&s);
       STEP_lane lane;
       if (first) {
-         beyond |= STEP_begin(w + i, n, OF_LANE(i), h, &s, status[i], &lane, far);
+         beyond |= STEP_begin(w + i, n, OF_LANE(i), h FADE, &s, status[i], &lane, far);
          STEP_put(lane, i, u);
       } else {
          lane = STEP_lane_of(u, i);
       }
-      beyond |= STEP_evaluate(w + i, n, OF_LANE(i), h, &s, lane.z, e, far);
+      beyond |= STEP_evaluate(w + i, n, OF_LANE(i), h FADE, &s, lane.z, e, far);
 #pragma GCC unroll 80
       for (int k = 0; k < STEP_DERIVATIVES; k++)
          v[k * STRIP + i] = e[k];
@@ -94,17 +95,19 @@ LANE STEP_rest STEP_corrections(const int lanes, LANE_IN, const double *restrict
    for (int i = 0; i < lanes; i++) {
       double e[STEP_DERIVATIVES];
       state s = state_of(x, i, STEP_KEPT);
+      STEP_lose(&s);
       STEP_lane lane = STEP_lane_of(u, i);
 #pragma GCC unroll 80
       for (int k = 0; k < STEP_DERIVATIVES; k++)
          e[k] = v[k * STRIP + i];
-      STEP_correct(w + i, n, OF_LANE(i), h, &s, e, &lane, first);
+      STEP_correct(w + i, n, OF_LANE(i), h FADE, &s, e, &lane, first);
       going |= ~bits_of(lane.last);
       undone |= bits_of(lane.last) ^ bits_of(-1.0);
       gentle |= bits_of(1 - lane.steep);
       STEP_put(lane, i, u);
       if (!first) {
-         STEP_increment(w + i, n, OF_LANE(i), h, &s, lane.z);
+         STEP_increment(w + i, n, OF_LANE(i), h FADE, &s, lane.z);
+         STEP_lose(&s);
          put_state(s, y, i, STEP_KEPT);
       }
    }
@@ -118,7 +121,9 @@ SELDOM STEP_sort_out(const int lanes, LANE_IN, const double *restrict x, const d
       const STEP_lane lane = STEP_lane_of(u, i);
       if (lane.steep > 1) {
          state s = state_of(x, i, STEP_KEPT);
-         STEP_steep_increment(w + i, n, OF_LANE(i), h, &s, lane.z);
+         STEP_lose(&s);
+         STEP_steep_increment(w + i, n, OF_LANE(i), h FADE, &s, lane.z);
+         STEP_lose(&s);
          put_state(s, y, i, STEP_KEPT);
       }
       if (lane.last > -1.5 && lane.last < 0)
@@ -157,6 +162,7 @@ INLINE STEP_look(LANE_IN, const state *s, const double *z, double *e) {
 INLINE STEP_alone(const int max_iter, LANE_IN, state *s, int64_t *restrict status) {
    double e[STEP_DERIVATIVES];
    STEP_lane lane;
+   STEP_lose(s);
    if (STEP_begin(LANE_OF, s, *status, &lane, ALONE) < 0)
       STEP_begin(LANE_OF, s, *status, &lane, 1);
    STEP_look(LANE_OF, s, lane.z, e);
@@ -169,6 +175,7 @@ INLINE STEP_alone(const int max_iter, LANE_IN, state *s, int64_t *restrict statu
       STEP_steep_increment(LANE_OF, s, lane.z);
    else
       STEP_increment(LANE_OF, s, lane.z);
+   STEP_lose(s);
    if (lane.last > -1.5 && lane.last < 0)
       return 0;
    *status = lane.last >= 0 ? NOT_CONVERGED : NONFINITE;

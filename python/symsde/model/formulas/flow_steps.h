@@ -4,6 +4,7 @@
  *    force, velocity   S_q, S_p
  *    slopes            S_q and S_p with S_qq, S_qp, S_pp
  *    kick, drift       p - part S_q, q + part S_p
+ *    glide             q + part S_p(p + exp(-z) p)/2 where S_p is linear, for damped momenta
  *    places, fall      what S_q takes from q alone, and p - part S_q by that
  *
  * DOF degrees of freedom; the weights of a lane stand n apart. A step is told `far`, and returns a negative number where
@@ -30,23 +31,45 @@ LANE void put_state(const state s, double *restrict x, const int i, const int ke
    }
 }
 
+/* p + part p in place of p */
+#if DAMPED
+LANE void lose(const double part, state *s) {
+   for (int k = 0; k < DOF; k++)
+      s->p[k] = FMA(part, s->p[k], s->p[k]);
+}
+#else
+#define lose(part, s)
+#endif
+
 /* p' = p - S_q(q), q' = q + S_p(p') */
 #if SEPARABLE
 INLINE symplectic_euler(LANE_IN, state *s, const int far) {
-   const int64_t beyond = kick(LANE_OF, s, 1, far);
-   return beyond | drift(LANE_OF, s, 1, far);
+   int64_t beyond = kick(LANE_OF, s, 1, far);
+   beyond |= drift(LANE_OF, s, 1, far);
+   lose(fade.whole, s);
+   return beyond;
 }
 
 /* q' = q + S_p(p), p' = p - S_q(q') */
 INLINE symplectic_euler_adjoint(LANE_IN, state *s, const int far) {
+   lose(fade.whole, s);
    const int64_t beyond = drift(LANE_OF, s, 1, far);
    return beyond | kick(LANE_OF, s, 1, far);
 }
 
-/* half a kick, a drift, half a kick */
+/* half a kick, a drift, half a kick; of damped momenta half of the drift is by what is left of them */
 INLINE stormer_verlet(LANE_IN, state *s, const int far) {
    int64_t beyond = fall(LANE_OF, s, 0.5, far);
+#if DAMPED && GLIDES
+   beyond |= glide(LANE_OF, s, 1, far);
+   lose(fade.whole, s);
+#elif DAMPED
+   beyond |= drift(LANE_OF, s, 0.5, far);
+   lose(fade.whole, s);
+   beyond |= drift(LANE_OF, s, 0.5, far);
+#else
    beyond |= drift(LANE_OF, s, 1, far);
+#endif
    beyond |= places(LANE_OF, s, s->e, far);
    return beyond | fall(LANE_OF, s, 0.5, far);
 }

@@ -8,7 +8,7 @@ static void STEP_strip(const int lanes, const int nstep, const int max_iter, con
       int64_t outcome = 0;
 #pragma GCC unroll 1
       for (int step = 0; step < nstep && outcome == 0; step++)
-         outcome = STEP_PASSalone(max_iter, w + step * stride, n, c, h, &s, status);
+         outcome = STEP_PASSalone(max_iter, w + step * stride, n, c, h FADE, &s, status);
       put_state(s, x, 0, STEP_KEPT);
       return;
    }

@@ -45,17 +45,17 @@ LANE int64_t STEP_sweeps(const int lanes, LANE_IN, const double *restrict x, dou
       double g[STEP_SLOPES], last;
       state s = state_of(x, i, 0);
       if (first) {
-         last = STEP_at_once(w + i, n, OF_LANE(i), h, &s, g);
+         last = STEP_at_once(w + i, n, OF_LANE(i), h FADE, &s, g);
       } else {
          for (int k = 0; k < STEP_SLOPES; k++)
             g[k] = u[k * STRIP + i];
-         last = STEP_once_more(w + i, n, OF_LANE(i), h, &s, g, u[STEP_SLOPES * STRIP + i]);
+         last = STEP_once_more(w + i, n, OF_LANE(i), h FADE, &s, g, u[STEP_SLOPES * STRIP + i]);
       }
       for (int k = 0; k < STEP_SLOPES; k++)
          u[k * STRIP + i] = g[k];
       u[STEP_SLOPES * STRIP + i] = last;
       going |= ~bits_of(last);
-      STEP_arrive(w + i, n, OF_LANE(i), h, &s, g);
+      STEP_arrive(w + i, n, OF_LANE(i), h FADE, &s, g);
       put_state(s, y, i, 0);
    }
    return going;
@@ -73,7 +73,7 @@ SELDOM STEP_by_newton(const int lanes, const int max_iter, LANE_IN, const double
       if (last[i] == -1)
          continue;
       state s = state_of(x, i, 0);
-      STEP_alone_by_newton(max_iter, w + i, n, OF_LANE(i), h, &s, status + i, outcome);
+      STEP_alone_by_newton(max_iter, w + i, n, OF_LANE(i), h FADE, &s, status + i, outcome);
       put_state(s, y, i, 0);
    }
 }

@@ -8,6 +8,7 @@ import math
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -20,7 +21,7 @@ from ...errors import (
     UnusedParameterWarning,
 )
 from ...native import callbacks, checks
-from ..definition import Model
+from ..definition import Model, ModelHandle
 from . import compiler, emit_c, emit_flow, emit_sites, in_numpy, parameters
 from . import forces as _forces
 from .derivatives import Derivatives
@@ -138,6 +139,14 @@ class FormulaModel(Model):
             return make({**given, "damping": damping})
         other = super().damped(damping, allow_gain=allow_gain)
         return other._with_friction(self._friction, self._remade) if self._friction else other
+
+    def _damped_from(self, rates: np.ndarray) -> Callable[[], ModelHandle]:
+        """As of every model; with one rate its whole steps decay, by code of their own."""
+        root = None
+        if rates.ndim == 1 and len({*rates.tolist()}) == 1 and rates.all() and not self._forces:
+            root = _decaying(self._code)
+        made = parameters.valued(root, self._code, self._parameters) if root else self
+        return made._handles.made
 
     def _with_friction(self, friction: tuple[float, ...], remade: tuple) -> FormulaModel:
         """The model with friction that its formulas hold, beside damping."""
@@ -266,6 +275,7 @@ class Code:
     kinds: dict[tuple, Code]  #: the same formulas for other kinds of values
     pulls: _forces.Found  #: forces beside the Hamiltonians
     root: FormulaModel | None = None  #: a model of this code, of which others are copies with other values
+    decaying: FormulaModel | None = None  #: the same with whole steps of damped momenta, made when they are wanted
     direct: tuple = ()  #: compiled gradient and value, and weights 1 of all Hamiltonians
 
 
@@ -373,11 +383,26 @@ def _of_values(code: Code, values: dict[str, Any], damping: Any) -> FormulaModel
     return model if damping is None else model.damped(damping, allow_gain=True)
 
 
-def _root(code: Code) -> FormulaModel:
-    """A model of compiled functions that knows no values of its parameters."""
+def _decaying(code: Code) -> FormulaModel | None:
+    """The root with whole steps of momenta damped by one rate beside its own; None if its formulas have none.
+
+    They are a file of their own, since most models are closed and their compilation takes long.
+    """
+    schemes = emit_flow.flows(code.derivatives) if code.compiled and code.derivatives else []
+    if code.decaying is None and schemes:
+        made = code.derivatives
+        compiled = compiler.build(emit_c.preamble(made) + emit_flow.source(made, damped=True))
+        code.decaying = _root(
+            code, {emit_flow.named(x, damped=True): _address(compiled, f"formula_flow_{x}") for x in schemes}
+        )
+    return code.decaying
+
+
+def _root(code: Code, more: Mapping[str, Any] = MappingProxyType({})) -> FormulaModel:
+    """A model of compiled functions that knows no values of its parameters; more: whole steps beside its own."""
     functions = {**_functions(code.compiled), "accepts_null": True, "any_lanes": True}
     flows = emit_flow.flows(code.derivatives) if code.derivatives else []
-    functions["flows"] = {emit_flow.named(x): _address(code.compiled, f"formula_flow_{x}") for x in flows}
+    functions["flows"] = {emit_flow.named(x): _address(code.compiled, f"formula_flow_{x}") for x in flows} | {**more}
     pair = (callbacks.compiled(x, functions[x])[0] for x in ("gradient", "value"))
     code.direct = (*pair, np.ones(code.traits["nnoise"] + 1))
     return _plain(code, functions)

@@ -1,0 +1,50 @@
+
+/* What damping by one rate makes of a step, z = gamma h: parts that momenta lose, exp(-z) - 1 and exp(-z/2) - 1, and of
+ * two stages of Gauss, whose nodes are c and coefficients a, those of the momenta (src/scheme/decays.f90)
+ *
+ *    d_i = exp(-c_i z) - 1,   a_ij exp(-(c_i - c_j) z),   b_j = exp(-(1 - c_j) z)/2
+ *
+ * Sweeps begin from momenta that have lost e_i = sum_j a_ij d_j/c_i and arrive with those that have lost (d_1 + d_2)/2. */
+typedef struct {
+   double whole, half, d[2], a[2][2], b[2];      /* steps */
+   double e[2], s[2][2], v[2], mean;             /* sweeps */
+   double trace, det, v_1[2], v_c[2], b_1[2], b_d[2], b_c[2]; /* linear equations */
+} fading;
+static const double gauss2_a[2][2] = {{0.25, -0.038675134594812866}, {0.5386751345948129, 0.25}};
+static const double gauss2_c[2] = {0.2113248654051871, 0.7886751345948129};
+
+/* y (1 + s m)^{-1} x det(1 + s m) = r_0 + s r_1, m having this trace */
+static void fade_row(const double y[2], const double m[2][2], const double trace, const double x[2], double r[2]) {
+   r[0] = y[0] * x[0] + y[1] * x[1];
+   r[1] = trace * r[0] - y[0] * (m[0][0] * x[0] + m[0][1] * x[1]) - y[1] * (m[1][0] * x[0] + m[1][1] * x[1]);
+}
+
+static fading fade_of(const double z) {
+   fading f = {expm1(-z), expm1(-0.5 * z)};
+   for (int i = 0; i < 2; i++) {
+      f.d[i] = expm1(-gauss2_c[i] * z);
+      f.b[i] = 0.5 * exp(-gauss2_c[1 - i] * z);
+      for (int j = 0; j < 2; j++)
+         f.a[i][j] = gauss2_a[i][j] * exp((gauss2_c[j] - gauss2_c[i]) * z);
+   }
+   f.mean = 0.5 * (f.d[0] + f.d[1]);
+   double both_a[2][2]; /* a of positions times a of momenta */
+   for (int i = 0; i < 2; i++) {
+      f.e[i] = (gauss2_a[i][0] * f.d[0] + gauss2_a[i][1] * f.d[1]) / gauss2_c[i];
+      f.v[i] = 0.5 * (f.a[0][i] + f.a[1][i]);
+      for (int j = 0; j < 2; j++) {
+         both_a[i][j] = gauss2_a[i][0] * f.a[0][j] + gauss2_a[i][1] * f.a[1][j];
+         f.s[i][j] = both_a[i][j] / gauss2_c[i];
+      }
+   }
+   /* rows v, b times (1 + x both_a)^{-1} times columns 1, d = a (1 + d), c */
+   const double one[2] = {1, 1}, d[2] = {gauss2_c[0] * (1 + f.e[0]), gauss2_c[1] * (1 + f.e[1])};
+   f.trace = both_a[0][0] + both_a[1][1];
+   f.det = both_a[0][0] * both_a[1][1] - both_a[0][1] * both_a[1][0];
+   fade_row(f.v, both_a, f.trace, one, f.v_1);
+   fade_row(f.v, both_a, f.trace, gauss2_c, f.v_c);
+   fade_row(f.b, both_a, f.trace, one, f.b_1);
+   fade_row(f.b, both_a, f.trace, d, f.b_d);
+   fade_row(f.b, both_a, f.trace, gauss2_c, f.b_c);
+   return f;
+}
