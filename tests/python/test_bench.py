@@ -45,7 +45,9 @@ def gradient(scene, q, p, w):
 
 @pytest.mark.parametrize("name", KNOWN)
 def test_functions_of_scenes_are_those_of_the_models(name):
-    """Gradients, and derivatives of the force against differences; other parameters give other numbers."""
+    """The functions of scenes equal the models' gradients, and derivatives of the force equal differences; other
+    parameters give other numbers.
+    """
     pytest.importorskip("sympy")
     scene = KNOWN[name].of(sites=5) if KNOWN[name].sites else KNOWN[name]
     draw = np.random.default_rng(3)

@@ -207,7 +207,9 @@ def shaken_in_time(t, w, q, p):
     ],
 )
 def test_one_path_meets_what_it_meets_in_a_block(scheme, force, nnoise, step):
-    """NaN is noticed, momenta are those of the path, and noises that depend on time are noticed, bit for bit."""
+    """A single path is treated as in a block: NaN is noticed, momenta are its own, and noises that depend on time
+    are noticed, bit for bit.
+    """
     random = np.random.default_rng(1)
     q0, p0 = np.clip(0.4 * random.normal(size=(2, 13)), -0.5, 0.5), random.normal(size=(2, 13))
     model, _ = lane_by_lane(2, nnoise, force)

@@ -126,7 +126,7 @@ WHOLE = (
      "verlet_kdk"],
 )  # fmt: skip
 def test_whole_steps_decay(scheme):
-    """Whole steps of built-in models decay as the steppers without them, in blocks, alone, and step by step."""
+    """Whole steps of built-in models decay like steps by steppers, in blocks, alone, and step by step."""
     whole = 0
     for model in WHOLE:
         kicks = scheme in ("gauss_dkdkd", "verlet_kdk")

@@ -39,7 +39,7 @@ paths = [0, 700]
 
 
 def doubts(call):
-    """The sentences of doubt about damping, and what a call returns."""
+    """The sentences of doubt about damping in a call's warnings, and the result of the call."""
     with warnings.catch_warnings(record=True) as found:
         warnings.simplefilter("always")
         result = call()

@@ -27,7 +27,7 @@ def plans(caplog):
 
 
 def told_and_taken(plans, model, f, place=None, **tolerance):
-    """The estimates before the work and when the plan grew, and the seconds it took."""
+    """The estimates told before the work and when the plan grew, and the seconds that the work took."""
     answer = ss.expect(model, f, **(place or PLACE), **tolerance, threads=1)
     line, *grown = plans.messages
     plans.clear()

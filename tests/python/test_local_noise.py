@@ -65,7 +65,9 @@ def both(lists, mass, scheme, **how):
 @pytest.mark.parametrize("lists", LOCAL)
 @pytest.mark.parametrize("scheme", KICKED)
 def test_single_sums_are_double_sums(scheme, lists, mass):
-    """With noises that meet and that do not, of all masses; to rounding."""
+    """Sums over sets of noises equal sums over pairs, for noises that meet and that do not, with all masses; to
+    rounding.
+    """
     mine, known = both(lists, mass, scheme)
     np.testing.assert_allclose(mine.q, known.q, rtol=0, atol=1e-12)
     np.testing.assert_allclose(mine.p, known.p, rtol=0, atol=1e-12)

@@ -15,7 +15,7 @@ import symsde as ss
 
 ROOT = Path(__file__).parents[2]
 LIBRARY = os.path.realpath(ss.native.library.library._name)
-DEEPEST = 13  # most calls from simulate to the model
+DEEPEST = 13  # most nested calls between simulate and the model
 DEEPER = {"_midpoint": 3}  # further calls of midpoint steps between kicks
 Numbers = ctypes.POINTER(ctypes.c_double)
 Gradient = ctypes.CFUNCTYPE(ctypes.c_int, *3 * [ctypes.c_int], ctypes.c_double, *5 * [Numbers], ctypes.c_void_p)

@@ -147,7 +147,7 @@ def test_one_matrix_is_the_matrix_of_pairs():
 
 
 def test_many_degrees_of_freedom_get_a_sentence_before_memory():
-    """(2 x 400)^4 entries are 3 TB."""
+    """A matrix of (2 x 400)^4 entries would take 3 TB, and is refused."""
 
     def hessian(t, w, q, p):
         unit = np.eye(400)[:, :, None] * np.ones(q.shape[1])
@@ -184,8 +184,8 @@ def test_exact_growth_of_large_steps(sigma, h):
 
 
 def test_the_map_of_the_pages_tells_of_every_scheme():
-    """Limits on the page for steps that are one matrix agree with those by hand: Verlet below 2, midpoint
-    everywhere.
+    """The page has limits for every scheme. With additive noise, where the step is one matrix, Verlet's is just
+    below 2, and midpoint has none.
     """
     path = Path(__file__).resolve().parents[2] / "docs/figures/mean-square.json"
     data = json.loads(path.read_text(encoding="utf-8"))

@@ -488,7 +488,7 @@ def test_what_takes_each_path_by_itself_is_not():
 @pytest.mark.parametrize("late", [False, True])
 @pytest.mark.parametrize("paths", [1, 20])
 def test_doubts_are_of_paths_that_count(paths, late, lost, entry, tmp_path):
-    """If no path is left, means are NaN, but no warning names a value as the cause, since the paths failed."""
+    """If no path is left, means are NaN; but no warning names a value as the cause, since the paths failed."""
     gone = {"none": [], "one": [0], "all but one": range(paths - 1), "all": range(paths)}[lost]
     start = np.full((1, paths), 1.0)
     start[0, list(gone)] = -1.0

@@ -133,7 +133,7 @@ def test_parts_of_another_machine(tmp_path):
 
 
 def test_a_writer_that_is_killed_before_it_has_a_lock(tmp_path):
-    """Killed between making the folder and its lock: the next writer removes the folder, too."""
+    """A writer is killed between making its folder and the lock: the next writer removes the folder, too."""
     write = "from pathlib import Path; from symsde.native import files; files.write_durably(Path('name'), b'')"
     ended = subprocess.run(words(signal.SIGKILL, 1, "/lock", "open", write), cwd=tmp_path, check=False)
     assert ended.returncode == -signal.SIGKILL and len(os.listdir(tmp_path)) == 1

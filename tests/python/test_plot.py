@@ -459,7 +459,7 @@ def test_a_folder_without_shards_has_nothing_to_draw(folder, tmp_path):
 
 
 def test_names_are_drawn_as_they_are(tmp_path):
-    """A $ does not begin mathematics; an observer named like a variance is not a value."""
+    """A $ in a name does not begin mathematics; an observer named like a variance is not a value."""
     found = ss.moments(
         ss.models.kubo(), q0=1.0, p0=0.0, step=0.1, steps=4, paths=40, observables={"$x^{2$": "q**2"},
         observers={"var_h": ss.observe.Extremes("q_1")},

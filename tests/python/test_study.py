@@ -248,7 +248,7 @@ def test_page(tmp_path):
     ],
 )
 def test_check_refuses_what_the_study_would(tmp_path, capsys, monkeypatch, line, words):
-    """The values in [study] are checked, not its keys alone; good ones pass."""
+    """The values in [study] are checked, not only its keys; valid values pass."""
     monkeypatch.setattr(study, "measure", lambda *_: pytest.fail("a point was measured"))
     head, _, _ = (SCENES / "kubo.toml").read_text().partition("[study]")
     (tmp_path / "a.toml").write_text(f"{head}[study]\n{line}\n")

@@ -170,7 +170,7 @@ contains
       class(block_runner), intent(inout) :: self
       integer(i8), intent(in) :: step, path(self%state%nlane)
       integer, intent(in) :: nreal
-      integer(i8) :: of_noise(self%state%nlane)  ! the path whose noise every lane has
+      integer(i8) :: of_noise(self%state%nlane)  ! path whose noise drives each lane
 
       if (contracts_are_executed) call require_block(self%state%nlane, nreal, path, step)
       self%nreal = nreal

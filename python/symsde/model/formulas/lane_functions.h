@@ -308,7 +308,7 @@ LANE double lane_logcosh(double x, const int far, int64_t *beyond) {
    return (size < 1 ? 0 : size - 0.6931471805599453) + more;
 }
 
-/* By -1/x beyond tan(3 pi/8), by (x - 1)/(x + 1) above 0.66, and a quotient of polynomials (Cephes). */
+/* atan(x): from -1/x beyond tan(3 pi/8), from (x - 1)/(x + 1) above 0.66, by a quotient of polynomials (Cephes). */
 LANE double lane_atan(double x, const int far, int64_t *beyond) {
    if (far && !(fabs(x) <= 0x1.fffffffffffffp1023))
       return atan(x);
