@@ -41,7 +41,7 @@ MACROS = """#define INLINE static inline __attribute__((always_inline)) int64_t
 #define CALLBACK_IN \\
    int nlane, int ndof, int nham, double t, const double *w, const double *q, const double *p
 """
-#: where functions find the parameters behind their user pointer, and those of lane i on: the same for all lanes, or
+#: parameters behind the user pointer of a function, and parameters from lane i on: the same for all lanes, or
 #: [constant][lane] behind the first member of symsde_lanes
 ALIKE = """#define PARAMETERS(user) (user)
 #define OF_LANE(i) c
@@ -69,7 +69,7 @@ def source(derivatives: Derivatives) -> str:
 
 
 def preamble(derivatives: Derivatives) -> str:
-    """What stands before functions of the formulas: their text, elementary functions and macros."""
+    """The beginning of a file: text of the formulas, elementary functions and macros."""
     formulas = "\n".join(f" *    H_{j} = {h}" for j, h in enumerate(derivatives.problem.hamiltonians))
     kind = BY_PATH if derivatives.constants() else ALIKE
     return "\n".join([HEAD.format(formulas=formulas), lane_functions(), MACROS + kind])

@@ -79,9 +79,9 @@ def named(scheme: str, *, damped: bool = False) -> str:
 
 
 def source(made: Derivatives, *, damped: bool = False) -> str:
-    """The functions of these schemes, which follow those of emit_c, or its preamble; empty if no scheme has one.
+    """C functions of these schemes, to follow the functions of emit_c, or its preamble; empty if no scheme has steps.
 
-    damped: the steps are those of momenta damped by one rate.
+    damped: steps of momenta damped by one rate.
     """
     schemes = flows(made)
     if not schemes:
@@ -204,8 +204,8 @@ def _is_quadratic(made: Derivatives) -> bool:
 
 
 def _corrected(made: Derivatives) -> list[str]:
-    """The schemes of the corrected Euler pair with closed steps: those in whose implicit end point the slope of the
-    noises is linear. Empty if F_p.F_q has no gradient, as for noise in q or p alone, and for additive noise."""
+    """The schemes of the corrected Euler pair with closed steps: the slope of the noises must be linear in the implicit
+    end point. Empty if F_p.F_q has no gradient, as for noise in q or p alone, and for additive noise."""
     n, noise = made.problem.ndof, {block: made.noise_block(variables) for block, variables in BLOCKS.items()}
     there = {block: [not made.graph.is_number(x, 0.0) for x in nodes] for block, nodes in noise.items()}
     products = (("hqq", "hp"), ("hpp", "hq"))
@@ -258,8 +258,8 @@ def _sweeps(made: Derivatives) -> bool:
 
 
 def _kept(made: Derivatives) -> list[int]:
-    """The largest parts of the force that depend on coordinates and not on weights, except leaves: their values
-    after a step of Stormer-Verlet are those before the next step."""
+    """The largest parts of the force that depend on coordinates and not on weights, except leaves: their values after
+    a step of Stormer-Verlet serve at the beginning of the next step."""
     graph, roots = made.graph, set(made.outputs["hq"])
     needed = _needed(made, ["hq"])
     weighted: set[int] = set()

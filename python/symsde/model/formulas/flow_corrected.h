@@ -1,14 +1,14 @@
 
 /* The Euler pair of Hhat = S +- F_p.F_q/2, with F the noises' part of S, in increments form. S is separable, with
- * U = F_qq, V = F_pp. The first has the sign +, and is closed if V hangs on the weights alone:
+ * U = F_qq, V = F_pp. Symplectic Euler has the sign +, and is closed if V depends on the weights alone:
  *
  *    (1 + U V/2) p' = p - S_q(q) - U F_p(0)/2,   q' = q + V F_q(q)/2 + S_p(p')
  *
- * its adjoint the sign -, if U does:
+ * Its adjoint has the sign -, and is closed if U depends on the weights alone:
  *
  *    (1 + V U/2) q' = q + S_p(p) - V F_q(0)/2,   p' = p + U F_p(p)/2 - S_q(q')
  *
- * Momenta decay after the first, and before its adjoint. */
+ * Momenta decay after symplectic Euler, and before its adjoint. */
 
 /* x + part A y */
 LANE void corrected_by(const double part, const double *a, const double *y, double *x) {

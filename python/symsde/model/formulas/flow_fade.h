@@ -1,10 +1,11 @@
 
-/* What damping by one rate makes of a step, z = gamma h: parts that momenta lose, exp(-z) - 1 and exp(-z/2) - 1, and of
- * two stages of Gauss, whose nodes are c and coefficients a, those of the momenta (src/scheme/decays.f90)
+/* Factors of a step damped by one rate, z = gamma h: the parts that momenta lose, exp(-z) - 1 and exp(-z/2) - 1; and,
+ * for two stages of Gauss with nodes c and coefficients a, the coefficients of the momenta (src/scheme/decays.f90)
  *
  *    d_i = exp(-c_i z) - 1,   a_ij exp(-(c_i - c_j) z),   b_j = exp(-(1 - c_j) z)/2
  *
- * Sweeps begin from momenta that have lost e_i = sum_j a_ij d_j/c_i and arrive with those that have lost (d_1 + d_2)/2. */
+ * Sweeps begin with momenta that have lost the part e_i = sum_j a_ij d_j/c_i, and end with momenta that have lost the
+ * part (d_1 + d_2)/2. */
 typedef struct {
    double whole, half, d[2], a[2][2], b[2];      /* steps */
    double e[2], s[2][2], v[2], mean;             /* sweeps */
@@ -13,7 +14,7 @@ typedef struct {
 static const double gauss2_a[2][2] = {{0.25, -0.038675134594812866}, {0.5386751345948129, 0.25}};
 static const double gauss2_c[2] = {0.2113248654051871, 0.7886751345948129};
 
-/* y (1 + s m)^{-1} x det(1 + s m) = r_0 + s r_1, m having this trace */
+/* r of y (1 + s m)^{-1} x det(1 + s m) = r_0 + s r_1, where m has this trace */
 static void fade_row(const double y[2], const double m[2][2], const double trace, const double x[2], double r[2]) {
    r[0] = y[0] * x[0] + y[1] * x[1];
    r[1] = trace * r[0] - y[0] * (m[0][0] * x[0] + m[0][1] * x[1]) - y[1] * (m[1][0] * x[0] + m[1][1] * x[1]);
@@ -28,7 +29,7 @@ static fading fade_of(const double z) {
          f.a[i][j] = gauss2_a[i][j] * exp((gauss2_c[j] - gauss2_c[i]) * z);
    }
    f.mean = 0.5 * (f.d[0] + f.d[1]);
-   double both_a[2][2]; /* a of positions times a of momenta */
+   double both_a[2][2]; /* coefficients a of positions times those of momenta */
    for (int i = 0; i < 2; i++) {
       f.e[i] = (gauss2_a[i][0] * f.d[0] + gauss2_a[i][1] * f.d[1]) / gauss2_c[i];
       f.v[i] = 0.5 * (f.a[0][i] + f.a[1][i]);

@@ -1,5 +1,5 @@
 
-/* Slopes F_1, F_2, G_1, G_2 of both stages, S_qp = 0; of each stage S_q, S_p, S_qq, S_pp. */
+/* Unknowns: slopes F_1, F_2, G_1, G_2 of both stages. Derivatives of each stage: S_q, S_p, S_qq, S_pp; S_qp = 0. */
 #if DAMPED
 #define gauss2_p(i, j) fade.a[i][j]
 #else
@@ -104,7 +104,7 @@ LANE void gauss2_correction(LANE_IN, const state *s, const double *z, const doub
    d[4 * DOF] = 0;
 }
 
-/* one correction from zero, with both stages at the beginning of the step, with momenta as in its middle */
+/* one correction from zero, with both stages at the beginning of the step, and momenta of its middle */
 INLINE gauss2_guess(LANE_IN, const state *s, double *z, const int far) {
    double zero[4 * DOF], e[gauss2_DERIVATIVES], d[4 * DOF + 1];
    state m = *s;
@@ -134,4 +134,4 @@ LANE void gauss2_increment(LANE_IN, state *s, const double *z) {
    }
 }
 
-#define gauss2_steep_increment gauss2_increment /* both unknowns are known */
+#define gauss2_steep_increment gauss2_increment /* F and G are both unknowns */

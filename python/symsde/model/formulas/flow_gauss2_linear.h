@@ -1,14 +1,15 @@
 
-/* Of quadratic Hamiltonians of one degree of freedom, S_qp = 0, with a = S_qq, k = S_pp, d = 1 - a k/12, D = d^2 + a k/4,
- * and f, g the gradient at zero:
+/* Quadratic Hamiltonians of one degree of freedom with S_qp = 0: with a = S_qq, k = S_pp, d = 1 - a k/12,
+ * D = d^2 + a k/4, and f, g the gradient at zero:
  *
  *    q' = q + (k (d p - a q/2) + d g - k f/2)/D,   p' = p - (a (d q + k p/2) + d f + a g/2)/D
  *
- * Damped, with x = a k, B the product of both a of the stages, and rows v, b and columns 1, d, c as in fade_of,
+ * If damped, with x = a k, B the product of the coefficients a of positions and of momenta, and rows v, b and columns
+ * 1, d, c as in fade_of,
  *
  *    G = -(1 + x B)^{-1} ((a q + f) 1 + x p d + a g c),   q' = q + (1 + mean) k p + g + k v G,   p' = exp(-z) p + b G
  *
- * where what multiplies k p in q' is what multiplies -a q in p', as the scheme is symmetric. */
+ * where k p in q' and -a q in p' have the same factor, since the scheme is symmetric. */
 INLINE gauss2_coefficients(LANE_IN, double *restrict m, const int far) {
    const state zero = {{0}, {0}, {0}};
    double f[1], g[1], hqq[1], hqp[1], hpp[1];

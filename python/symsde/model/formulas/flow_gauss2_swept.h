@@ -1,10 +1,10 @@
 
-/* The same in mild steps, without matrices, where velocities are linear in p: with G = S_q of both stages, c_i = sum_j a_ij,
+/* gauss2 in mild steps, without matrices, for velocities linear in p: with G = S_q of both stages, c_i = sum_j a_ij,
  *
  *    G_i = S_q(q + c_i S_p(p - sum_k (a a)_ik/c_i G_k)),   q' = q + S_p(p - sum_k (1/2 1/2) a_k G_k),   p' = p - (G_1 + G_2)/2
  *
- * A sweep finds both stages from those before it, side by side. Damped, p has lost its part before each S_p, the second a
- * is of momenta, and so are the last 1/2. */
+ * A sweep computes both stages, side by side, from the stages of the sweep before. If damped, p has lost its part
+ * before each S_p, and the second a and the last 1/2 are coefficients of the momenta. */
 #if DAMPED
 #define gauss2_b fade.s
 #define gauss2_v fade.v
@@ -16,7 +16,7 @@ static const double gauss2_v[2] = {0.39433756729740643, 0.10566243270259355};
 #endif
 #define gauss2_SLOPES (2 * DOF)
 
-/* Of stage i, from the slopes g before to the next, f; `first`: there are none. */
+/* The next slopes f of stage i from the slopes g of the sweep before; `first`: there is no sweep before. */
 INLINE gauss2_sweep_of(LANE_IN, const int i, const state *s, const double *g, double *f, const int first) {
    state m = *s;
    lose(fade.e[i], &m);

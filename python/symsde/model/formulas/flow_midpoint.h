@@ -12,8 +12,8 @@ INLINE midpoint_evaluate(LANE_IN, const state *s, const double *z, double *e, co
    return slopes(LANE_OF, &m, e, e + AT_P, e + AT_QQ, e + AT_QP, e + AT_PP, far);
 }
 
-/* (f, g) times the inverse of Newton's matrix of (F, G) = (S_p, -S_q): in closed form for one degree of freedom, where
- * d is to be multiplied with what is returned, the F eliminated for several, whose S_qp vanish. */
+/* (f, g) times the inverse of Newton's matrix of (F, G) = (S_p, -S_q) is d times the returned number: in closed form
+ * for one degree of freedom; for several, whose S_qp vanish, with F eliminated. */
 LANE double midpoint_solve(const double *e, const double *f, const double *g, double *d) {
    const double *hqq = e + AT_QQ, *hpp = e + AT_PP;
 #if DOF == 1

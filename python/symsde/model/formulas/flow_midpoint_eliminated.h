@@ -1,6 +1,7 @@
 
 /* Where velocities are linear in p, S_p(p) = v + S_pp p, the momenta are eliminated: Newton's correction of G = -S_q(Q),
- * Q = q + v/2 + S_pp G/4, by I + S_qq S_pp/4, and how steep that is: its largest diagonal entry less one. */
+ * Q = q + v/2 + S_pp G/4, by I + S_qq S_pp/4, and the steepness, the largest diagonal entry of this matrix minus
+ * one. */
 #define midpoint_DERIVATIVES (DOF + DOF * DOF)
 
 INLINE midpoint_evaluate(LANE_IN, const state *s, const double *z, double *e, const int far) {
@@ -60,7 +61,7 @@ LANE void midpoint_increment(LANE_IN, state *s, const double *z) {
    }
 }
 
-/* In a steep lane v + S_pp G/2 loses digits: one correction more of F = dq itself, F = v - S_pp S_q(q + F/2)/2. */
+/* In a steep lane v + S_pp G/2 loses digits: one more correction, of F = dq itself, F = v - S_pp S_q(q + F/2)/2. */
 LANE void midpoint_steep_increment(LANE_IN, state *s, const double *z) {
    state m = *s;
    double matrix[DOF * DOF], hq[DOF], hqq[DOF * DOF], hpp[DOF * DOF], v[DOF], r[DOF], dq[DOF];

@@ -1,14 +1,13 @@
 
-/* Of quadratic Hamiltonians of one degree of freedom a step is z' = z + m z + z0, where m and z0 hang on the weights
+/* For quadratic Hamiltonians of one degree of freedom a step is z' = z + m z + z0, where m and z0 depend on the weights
  * alone: with a = S_qq/2, b = S_qp/2, k = S_pp/2, and f, g the gradient at zero,
  *
  *    (1 - b^2 + a k) m = [2 b (1 + b) - 2 a k,  2 k;  -2 a,  -2 b (1 - b) - 2 a k]
  *    (1 - b^2 + a k) z0 = [(1 + b) g - k f,  -(1 - b) f - a g]
  *
- * Damped, with E = exp(-z/2), the columns of p get the factor E and the rows of p', whose entries for p are those of
- * 1 + m, too.
+ * If damped, with E = exp(-z/2), the column of p in 1 + m gets the factor E, and so do the rows of p' in 1 + m and z0.
  *
- * What a step waits for of the one before it is a product and a sum or two. Where S_qp = 0, with D = 1 + a k, that is
+ * A step waits for one product and one or two sums of the step before. If S_qp = 0, the step is, with D = 1 + a k,
  *
  *    q' = q + 2 k/D (p - a q) + z0_q,   p' = p - 2 a/D (q + k p) + z0_p. */
 enum { COEFFICIENTS = 6 };

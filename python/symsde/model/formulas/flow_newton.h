@@ -23,7 +23,7 @@ LANE void STEP_put(const STEP_lane lane, const int i, double *restrict u) {
    u[(STEP_UNKNOWNS + 1) * STRIP + i] = lane.steep;
 }
 
-/* Before the first iteration; a lane with a nonzero status does no work. */
+/* Set a lane up before the first iteration; a lane with a nonzero status does no work. */
 INLINE STEP_begin(LANE_IN, const state *s, const int64_t status, STEP_lane *lane, const int far) {
    lane->last = status == 0 ? 0 : -1;
    lane->steep = 0;
@@ -46,7 +46,7 @@ LANE void STEP_correct(LANE_IN, const state *s, const double *e, STEP_lane *lane
    }
    const double correction = largest + 0 * sum; /* NaN if anything is not finite */
    const double next = first ? first_verdict(correction, size) : verdict(correction, size, lane->last);
-   lane->steep = either(rests, lane->steep, d[STEP_UNKNOWNS]); /* of the lane, not of its neighbours */
+   lane->steep = either(rests, lane->steep, d[STEP_UNKNOWNS]); /* does not depend on neighbours */
    lane->last = either(rests, lane->last, next);
 }
 
@@ -87,7 +87,7 @@ typedef struct {
    int64_t going, undone, gentle; /* negative: iterations; not 0: any work; negative: a steep lane */
 } STEP_rest;
 
-/* Corrections of all lanes; except for the first correction also the state y, as if they were the last. */
+/* Correct all lanes; after the first correction also compute the state y, as if a correction were the last. */
 LANE STEP_rest STEP_corrections(const int lanes, LANE_IN, const double *restrict x, const double *restrict v,
                                 double *restrict u, double *restrict y, const int first) {
    int64_t going = 0, undone = 0, gentle = 0;

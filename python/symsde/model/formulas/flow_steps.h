@@ -57,7 +57,7 @@ INLINE symplectic_euler_adjoint(LANE_IN, state *s, const int far) {
    return beyond | kick(LANE_OF, s, 1, far);
 }
 
-/* half a kick, a drift, half a kick; of damped momenta half of the drift is by what is left of them */
+/* half a kick, a drift, half a kick; half of the drift of damped momenta is by their remaining part */
 INLINE stormer_verlet(LANE_IN, state *s, const int far) {
    int64_t beyond = fall(LANE_OF, s, 0.5, far);
 #if DAMPED && GLIDES

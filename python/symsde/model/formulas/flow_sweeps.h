@@ -1,7 +1,7 @@
 
 /* ---- STEP by sweeps, as in src/step/stages/fixed_point.f90; lanes in which sweeps fail are left to Newton ---- */
 
-enum { STEP_AT_ONCE = 3, STEP_MOST = 24 }; /* sweeps that all lanes do, and the most of a lane */
+enum { STEP_AT_ONCE = 3, STEP_MOST = 24 }; /* sweeps of all lanes, and the most sweeps of a lane */
 
 /* A further sweep, and the verdict on it. */
 INLINE STEP_again(LANE_IN, const state *s, double *g, double *f, double *change, double *size) {

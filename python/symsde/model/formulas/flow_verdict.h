@@ -22,8 +22,8 @@ LANE double first_verdict(const double d, const double size) {
    return d <= 0x1p-33 * size ? -1 : next;
 }
 
-/* Of sweeps, as in src/step/stages/fixed_point.f90: done where the next change would vanish, or within rounding; left (-2)
- * where changes do not shrink fast enough, or are no numbers. */
+/* The verdict on sweeps, as in src/step/stages/fixed_point.f90: done if the next change would vanish or be rounding;
+ * left (-2) if changes do not shrink fast enough, or are not finite. */
 LANE double sweep_verdict(const double d, const double size, const double last) {
    const double rounding = 0x1p-54 * size, near = 0x1p-33 * size;
    const double slow = 0.2 * last, bound = slow > near ? slow : near;
