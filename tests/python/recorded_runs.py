@@ -253,7 +253,9 @@ def ill_of(ridges, row, q):
 
 @tallied
 def failing():
-    """Steps that are too long: damped, continued and failed ones, with few iterations; NaN in some lanes."""
+    """Runs with steps that are too long, solved with damping, by continuation or not at all; with few iterations;
+    NaN in some lanes.
+    """
     chosen = {"paths": (1, 4, 40), "kind": ("position", "coupled", "kick"), "nnoise": (1, 3)}
     chosen |= {"ndof": (1, 2, 4), "ill": ("steep", "one", "some", "all", "few"), "sign": (1, -1), "first_step": (0, 7)}
     chosen |= {"time": axes.AXES["time"], "general": (False, True), "compensated": (False, True), "save_every": (1, 2)}

@@ -12,13 +12,13 @@ SCHEMES = (
     *(x for x in TABLEAUS if x not in {"euler_maruyama", "midpoint_weak1"}),
     *ONE_SIDED, "midpoint_areas", *(x for x in KICKS if x not in {"verlet_kdk_midpoint", "verlet_dkd_weak2"}),
 )  # fmt: skip
-#: rates of q_1, q_2, q_3; of one rate the first counts. Decays over a step of 0.1 reach exp(-1)
+#: rates of q_1, q_2, q_3; with one rate the first is used. Decays over a step of 0.1 reach exp(-1)
 RATES = {"one": (0.8, 0.8, 0.8), "each": (0.5, 1.2, 3.0), "strong": (10.0, 10.0, 10.0), "weak": (1e-3, 1e-3, 1e-3),
          "gain": (-0.6, -0.6, -0.6)}  # fmt: skip
 
 
 def design(scheme):
-    """Rows for a scheme; unequal rates where it adds no products of gradients."""
+    """Rows for a scheme, with unequal rates only if the scheme adds no products of gradients."""
     chosen = {**axes.AXES, "kind": KINDS[scheme], "damping": tuple(RATES)}
     if scheme in ONE_SIDED:
         chosen["correction"] = ("auto", "mean", "none")

@@ -247,7 +247,8 @@ PRODUCTS = axes.covering(scheme=("midpoint", "gauss2", "gauss3", "lobatto3", "ga
 
 @pytest.mark.parametrize("row", PRODUCTS, ids=map(axes.ident, PRODUCTS))
 def test_newtons_products(row):
-    """Stiff steps of all stages together without a matrix: a wrong product costs solves and shows nowhere else."""
+    """Stiff steps that solve all stages together without a matrix: a wrong product costs solves and shows nowhere
+    else."""
     n = row["n"]
     k = 300 + 200 * np.cos(np.arange(n))[:, None]
 
@@ -268,7 +269,7 @@ def test_newtons_products(row):
 
 @pytest.mark.parametrize("name", ["gauss2", "gauss3", "lobatto3", "stormer_verlet", "dirk:0.25"])
 def test_what_is_exact_is_so_to_rounding(name):
-    """A coefficient off by 2e-12 is no rounding: the scheme is not symplectic, or not symmetric and not
+    """A coefficient off by 2e-12 is not rounding: then the scheme counts as not symplectic, or not symmetric and not
     self-conjugate.
     """
     known = ss.schemes.get(name).tableau()

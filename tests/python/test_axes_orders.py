@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import symsde as ss
 
-#: orders of the error of one step, driven by a polygon whose rows are of the size of the root of the step
+#: orders of the error of one step of size h along a polygon, whose rows have the size sqrt(h)
 ORDERS = {
     "coupled": {"midpoint": 1.0, "midpoint_areas": 1.5, "gauss2_strong32_areas": 1.5},
     "position": {

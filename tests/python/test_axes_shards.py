@@ -69,7 +69,7 @@ CHECKS = axes.covering(**axes.AXES, save_every=(1, 3))
 
 @pytest.mark.parametrize("row", CHECKS, ids=map(axes.ident, CHECKS))
 def test_the_error_check_is_half_the_step_of_the_same_paths(row):
-    """Increments are halved by hand, from the time of the first step."""
+    """The error check agrees with increments halved by hand, from the time of the first step on."""
     model, how = scene_of(row, 30)
     how |= {"save_every": row["save_every"]}
     first = how["first_step"]
@@ -162,7 +162,7 @@ FUNCTIONS = axes.covering(ndof=(1, 2, 3), nnoise=(1, 2, 3), at=("middle", "last"
 
 @pytest.mark.parametrize("row", FUNCTIONS, ids=map(axes.ident, FUNCTIONS))
 def test_a_code_of_a_function_ends_the_run(row):
-    """The code may come from any function, compiled, in the middle of a run or at its last call."""
+    """An error code may come from any compiled function, in the middle of a run or at its last call."""
     model, calls, bad = failing(axes.ridges_of("coupled", row["ndof"], row["nnoise"]), row["kind"])
     run = {"q0": 0.3, "p0": 0.2, "step": 0.1, "steps": 20, "paths": 3, "threads": 1}
     scheme = {"third_derivative": "gauss2_strong32", "hessian_vector": "lambda:0.3"}.get(row["kind"], "gauss2")

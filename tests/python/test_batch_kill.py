@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 """kill -9 at random points of work on files, repeatedly: the final result has the bits of an undisturbed run.
 
-SYMSDE_KILLS is how many kills; a sample without it.
+SYMSDE_KILLS is the number of kills; without it a sample is taken.
 """
 
 import hashlib

@@ -36,7 +36,7 @@ def never(_done, _total):
 
 
 def interrupted(task, piece, after):
-    """The shard of a piece that is stopped repeatedly, each time after so many questions."""
+    """The shard of a piece that is stopped repeatedly, each time after this many calls of its monitor."""
     store, sittings = Memory(), 0
     while True:
         asked = []
@@ -73,7 +73,7 @@ def test_a_checkpoint_of_another_is_not_taken(what, tmp_path):
 @pytest.mark.parametrize("compensated", [False, True])
 @pytest.mark.parametrize(("steps", "every"), [(600, 50), (601, 601), (600, 1)])
 def test_long_paths_go_on_from_their_checkpoints(steps, every, compensated, monkeypatch):
-    """Stopped at every segment, some of which end between saved points; failed paths stay failed."""
+    """A long piece is stopped at every segment, some of which end between saved points; failed paths stay failed."""
     monkeypatch.setattr(execute, "_FIRST", 7 * 4 * 2)
     monkeypatch.setattr(execute._Clock, "next_length", lambda _, length: 11 - length % 5)
     q0 = np.full((2, 4), 0.1)
@@ -172,7 +172,9 @@ def test_a_path_that_failed_stays_where_it_was():
 
 @pytest.mark.parametrize("kind", ["paths", "moments"])
 def test_who_computes_a_piece_says_nothing_of_failed_paths(kind):
-    """Filters of warnings belong to the process: other threads leave them alone and give the warning."""
+    """The main thread suppresses warnings of failed paths; since filters of warnings belong to the process, other
+    threads do not change them, and give the warning.
+    """
     given = {"q0": 1e200, "p0": 0.0, "step": 0.1, "steps": 2, "paths": 2, "seed": 1}
     task, piece = execute.Task(ss.models.henon_heiles(), given), plan.Piece("a", kind, 0, 2, 2)
     with warnings.catch_warnings():

@@ -184,7 +184,7 @@ def test_code_stands_in_fences(path):
 
 
 def test_commands_in_the_text_of_the_readme_run(folder):
-    """Every `symsde ...` between backquotes; `symsde paper` has a test of its own."""
+    """Every command `symsde ...` between backquotes runs; `symsde paper` has a test of its own."""
     page = Page(ROOT / "README.md")
     commands = [" ".join(words.split()) for words in re.findall(r"`(symsde [^`]+)`", page.text)]
     assert len(commands) >= 2
@@ -194,7 +194,9 @@ def test_commands_in_the_text_of_the_readme_run(folder):
 
 
 def test_what_is_wrong_with_a_page_is_found(folder):
-    """Faults: a failing block, other output, an unknown key in a scene, an unknown command, an unknown language."""
+    """Faults are found: a failing block, other output, an unknown key in a scene, an unknown command, an unknown
+    language.
+    """
     for block, says in (
         ("```python\nassert False\n```", "AssertionError"),
         ("```python\nprint(1)\n```\n\n```text\n2\n```", "shows"),
@@ -211,7 +213,7 @@ def test_what_is_wrong_with_a_page_is_found(folder):
 
 
 def test_files_for_slurm_set_up_what_they_need():
-    """Each file sets up an environment and uses Slurm's number of threads; test_jobs.py runs those of `symsde
+    """Each file sets up an environment and uses Slurm's number of threads; test_jobs.py runs the files of `symsde
     slurm`.
     """
     text = (ROOT / "docs/cluster.md").read_text(encoding="utf-8")

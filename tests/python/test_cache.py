@@ -175,7 +175,7 @@ def test_a_file_that_others_can_write_is_made_again(change, evil, tmp_path, monk
 
 
 def test_the_plant_would_run(evil, tmp_path, monkeypatch):
-    """With this user's permissions the planted library does run, so the tests above can fail."""
+    """With this user's permissions the planted library runs, so the tests above can fail."""
     planted = plant(tmp_path / "cache", evil, monkeypatch, tmp_path)
     planted.parent.chmod(0o700)
     assert value(built(tmp_path / "cache", monkeypatch)) == 666.0 and evil[1].exists()
@@ -232,7 +232,9 @@ def test_what_is_loaded_outlives_its_file(tmp_path, monkeypatch):
 
 
 def test_each_text_has_its_own_library(tmp_path, monkeypatch):
-    """The loader knows libraries by path, and file descriptors reuse numbers."""
+    """The loader identifies libraries by path, and numbers of file descriptors are used again: each text still gets
+    its own library.
+    """
     monkeypatch.setenv("SYMSDE_CACHE", str(tmp_path))
     for _ in range(2):
         made = [compiler.build(f"double formula_value(void) {{ return {i}.0; }}\n") for i in range(5)]
@@ -242,7 +244,7 @@ def test_each_text_has_its_own_library(tmp_path, monkeypatch):
 
 
 def test_where_nothing_is_loaded_from_memory(tmp_path, monkeypatch):
-    """Systems other than Linux load by name, from a folder that nobody else can write to."""
+    """On systems other than Linux libraries are loaded by name, from a folder that nobody else can write to."""
     monkeypatch.delattr(os, "memfd_create")
     made = built(tmp_path, monkeypatch)
     assert value(made) == 1.0 and str(made.path) == made.library._name

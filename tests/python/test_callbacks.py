@@ -178,7 +178,7 @@ def test_a_block_asks_for_as_many_derivatives_as_are_counted(gradient, product, 
 
 
 def ends_at_a_wall(t, w, q, p):
-    """NaN beyond 0.9, but a number where the position is NaN, as minima and maxima of C return."""
+    """A force that is NaN beyond 0.9, but a number where the position is NaN, as minima and maxima of C return."""
     return [math.nan if q[0] > 0.9 else w[0] * (q[0] if abs(q[0]) < 2 else 2.0), w[0] * q[1]]
 
 
@@ -187,7 +187,9 @@ def rounds_by_momenta(t, w, q, p):
 
 
 def shaken_in_time(t, w, q, p):
-    """NaN beyond 0.9; the stepper for stiff steps is made when it is first needed, and evaluates a single path."""
+    """A force that is NaN beyond 0.9; the stepper for stiff steps is made when it is first needed, and evaluates a
+    single path.
+    """
     if q[0] > 0.9:
         return [math.nan] * 2
     moving = 1 + 0.3 * math.sin(1.7 * t)

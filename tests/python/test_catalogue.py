@@ -126,7 +126,7 @@ def test_scheme_from_quadrature_is_gauss2(kubo, options):
 
 
 def test_a_scheme_is_known_by_its_coefficients():
-    """A tableau gets a model's whole steps, whatever it is called."""
+    """A tableau under any name runs by a model's whole steps for its coefficients."""
     known = ss.schemes.get("lobatto3").tableau()
     how = {"q0": 0.3, "p0": 0.1, "step": 0.05, "steps": 40, "paths": 20, "correction": "none"}
     for factor, same in ((1.0, True), (1.01, False)):

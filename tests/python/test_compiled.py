@@ -319,7 +319,9 @@ def test_whole_steps():
 
 @pytest.mark.parametrize("part", [0.5, 0.51])
 def test_whole_steps_of_damped_momenta(part):
-    """A model's own midpoint steps find gamma h behind the functionals; decays by a wrong half are refused."""
+    """A model's own midpoint steps find gamma h behind the functionals; steps that decay by 0.51 of it twice are
+    refused.
+    """
     numba = pytest.importorskip("numba")
 
     @numba.cfunc(ss.numba_signature("flow"))

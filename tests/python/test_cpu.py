@@ -63,7 +63,9 @@ def test_folders_in_the_order_to_look_in(monkeypatch):
 
 
 def test_a_processor_below_all_variants_is_told_so(monkeypatch, tmp_path):
-    """An error instead of an illegal instruction; a library outside of wheels may be built for such a processor."""
+    """A processor below all variants gets an error instead of an illegal instruction; a library outside of wheels
+    may be built for such a processor.
+    """
     monkeypatch.setattr(cpu.platform, "machine", lambda: "x86_64")
     monkeypatch.setattr(cpu, "_flags_here", lambda: NEHALEM - {"popcnt"})
     monkeypatch.delenv("SYMSDE_CPU", raising=False)

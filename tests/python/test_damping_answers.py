@@ -50,7 +50,7 @@ def test_advice_is_a_scheme_that_runs(model):
 
 @pytest.mark.parametrize("method", ["plain", "multilevel"])
 def test_expectations(method):
-    """E p^2 of dp = -q dt - p/2 dt + dW, dq = p dt from rest at t = 4, by two half widths (8e-5 each)."""
+    """E p^2 of dp = -q dt - p/2 dt + dW, dq = p dt from rest at t = 4, within two half widths (8e-5 each)."""
     model = ss.models.linear_oscillator(sigma=1.0).damped(0.5)
     for scheme in ("midpoint", "gauss_dkdkd"):
         found = ss.expect(model, "p**2", q0=0.0, p0=0.0, horizon=4.0, abs=2e-2, method=method, scheme=scheme, seed=4)

@@ -228,7 +228,9 @@ REVERSED = axes.covering(
 
 @pytest.mark.parametrize("row", REVERSED, ids=map(axes.ident, REVERSED))
 def test_exact_solutions_of_steps_back_are_those_of_steps_with_momenta_turned(row):
-    """The same increments, with the opposite sign for noises that act on p."""
+    """Steps back have the exact solution of steps forward with reversed momenta: the increments are the same, with
+    the opposite sign for noises that act on p.
+    """
     q0, p0 = axes.start(1, row["paths"])
     how = {x: row[x] for x in ("first_step", "refine", "paths")} | {"first_path": 5, "seed": 3, "steps": 9}
     how |= {

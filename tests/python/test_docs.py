@@ -23,7 +23,7 @@ import typeset  # noqa: E402
 
 @pytest.mark.parametrize("page", [*generate.CATALOGUES, *generate.MEASURED])
 def test_generated_pages_are_current(page):
-    """Tables of the catalogues, and formulas that other programs write."""
+    """Tables of the catalogues, and formulas written by other programs, are current."""
     committed = (ROOT / "docs" / page).read_text(encoding="utf-8")
     assert committed == generate.pages()[page], ".venv/bin/python docs/generate.py writes it again"
 
@@ -36,7 +36,7 @@ def test_lists_are_the_tables_of_the_pages(what, capsys):
 
 
 def test_pages_list_the_same_packages():
-    """The packages that ./bootstrap installs if missing; g++ includes gcc and the headers of C."""
+    """Pages list the packages that ./bootstrap installs if missing; g++ includes gcc and the headers of C."""
     pages = [ROOT / "README.md", ROOT / "docs/first-ten-minutes.md", ROOT / "docs/install.md"]
     lists = [re.findall(r"apt-get install (.*)", page.read_text(encoding="utf-8")) for page in pages]
     assert lists[0] == lists[1] == lists[2] and len(lists[0]) == 1
@@ -194,7 +194,7 @@ def test_figures_show_their_data(data, tmp_path):
 
 
 def test_pages_of_measurements_say_what_their_data_say():
-    """Tables and words that the programs would write from the kept data: nothing is measured again."""
+    """Pages have the tables and words that programs would write from the kept data: nothing is measured again."""
     page, bifurcation = (
         importlib.import_module(f"symsde.studies.{x}") for x in ("study.study_page", "stability.bifurcation")
     )

@@ -155,7 +155,9 @@ def test_shards_merge_the_count():
 
 
 def test_scenes_say_it(tmp_path, capsys):
-    """`symsde check` and `symsde run`, also with --quiet, of a stable and an unstable step; saved paths, too."""
+    """`symsde check` and `symsde run`, also with --quiet, tell doubts of an unstable step, and none of a stable one;
+    saved paths, too.
+    """
     file = tmp_path / "scene.toml"
     file.write_text(SCENE + "save_every = 20\n[output]\npaths = [0, 5]\n", encoding="utf-8")
     assert main(["check", str(file)]) == 0
@@ -173,7 +175,7 @@ def test_scenes_say_it(tmp_path, capsys):
 
 @pytest.mark.parametrize("file", sorted((ROOT / "examples").rglob("*.toml")), ids=lambda path: path.stem)
 def test_scenes_of_the_examples_have_no_doubts(file):
-    """Every example scene, with few of its paths."""
+    """No example scene has doubts, with few of its paths."""
     found = scenes.load(file)
     run = {**found.run, "paths": 8}
     steps = int(run["steps"])
@@ -182,7 +184,9 @@ def test_scenes_of_the_examples_have_no_doubts(file):
 
 
 def test_absorbed_paths_are_told():
-    """The repr, the remarks and a warning before the run say it; a passage that does not absorb warns of nothing."""
+    """The repr, the remarks and a warning before the run say that paths are absorbed; a passage that does not absorb
+    warns of nothing.
+    """
     model = ss.models.linear_oscillator()
     sentences, found = said(lambda: ss.moments(model, observers={"hop": HOP}, paths=500, **OSCILLATING))
     lost = found.observed["hop"].n
@@ -225,7 +229,7 @@ def test_absorb_unsaid_beside_other_results(call, beside):
 
 
 def test_absorb_unsaid_in_scenes(tmp_path, capsys):
-    """The warning comes beside another observer, an observable or saved paths."""
+    """A scene gets the warning beside another observer, an observable or saved paths."""
     text = SCENE.replace("10.0", "0.2") + "save_every = 20\n{}\n" + PASSAGE + "{}"
     file = tmp_path / "scene.toml"
     cases = [("", "", False), ("[output]\npaths = [1]", "", True), ("[observables]\nr = 'q**2'", "", True)]

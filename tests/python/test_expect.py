@@ -201,7 +201,7 @@ def test_tail_index_tells_infinite_variance():
 
 
 def test_frequency_is_that_of_the_fastest_mode():
-    """Synchrotron at rest: omega; a chain of n masses: 2 cos(pi/(2 n + 2)) of its linear part."""
+    """Frequencies: omega of the synchrotron at rest; 2 cos(pi/(2 n + 2)) of the linear part of a chain of n masses."""
     problem = make_problem(ss.models.synchrotron(omega=3.0), "q", q0=0.0, p0=0.0, horizon=1.0)
     assert frequency(problem) == pytest.approx(3.0)
     problem = make_problem(ss.models.fpu_chain(n=8), lambda q, p: q[0], q0=0.0, p0=0.0, horizon=1.0)
@@ -290,7 +290,7 @@ def test_plan_makes_the_estimator_it_names(nonlinear):
 
 
 def test_frequency_follows_the_way():
-    """A pendulum that begins near the top is linearised at later states, too: frequency 1 below."""
+    """A pendulum that begins near the top is linearised at later states, too: where the frequency is 1."""
     problem = make_problem(ss.models.synchrotron(omega=1.0), "q", q0=3.0, p0=0.0, horizon=8.0)
     assert frequency(problem) == pytest.approx(1.0, abs=0.1)
 

@@ -78,7 +78,7 @@ def numbers(folder, line, name):
 
 @pytest.mark.parametrize("noises", [(1,), (2, 63), (1, 64), tuple(range(1, 65))])
 def test_common_noises_are_numbers_in_fortran(noises):
-    """Up to the last noise that can be common, whose bit is the sign bit of signed integers."""
+    """Common noises up to the last possible one, whose bit is the sign bit of signed integers."""
     assert in_fortran._option("common_noise", sum(1 << (k - 1) for k in noises)) == str(list(noises))
 
 

@@ -86,7 +86,7 @@ def test_options_are_told_as_they_were_asked_for(asked):
 
 
 def test_every_variable_says_what_it_is(run, moments):
-    """Variables have descriptions and units, as CF asks."""
+    """Variables have descriptions and units, as the CF conventions ask."""
     pytest.importorskip("xarray")
     for data in (run.to_xarray(), moments.to_xarray()):
         assert all(variable.attrs["units"] == "1" for variable in data.variables.values())
@@ -118,7 +118,7 @@ def test_a_file_of_paths_holds_the_run(run, ending, tmp_path):
 
 
 def test_numbers_as_json():
-    """Seven digits, or all digits; values that are not finite are null."""
+    """Numbers have seven digits, or all digits; values that are not finite are null."""
     data = {"x": np.array([1 / 3, math.inf]), 2: (True, np.int64(12345678), None)}
     assert json_text(data) == '{"x": [0.3333333, null], "2": [true, 12345678, null]}\n'
     assert json_text(data, digits=None).startswith('{"x": [0.3333333333333333, null]')

@@ -59,7 +59,9 @@ def test_a_cycle_beside_rest_is_of_the_scheme():
 @pytest.mark.parametrize("scheme", ["midpoint", "gauss2"])
 @pytest.mark.parametrize("h", [0.7, 1.6])
 def test_midpoint_and_gauss_rest_where_the_equation_does(scheme, h):
-    """Wells and hill of the double well; the multipliers at the hill are real."""
+    """Midpoint and gauss2 rest in the wells and on the hill of the double well; the multipliers at the hill are
+    real.
+    """
     found = fixed_points(double_well(), scheme, step=h, box=(2, 2))
     assert [round(x.q, 6) for x in found] == [-1.0, 0.0, 1.0] and not any(x.spurious for x in found)
     assert [x.stable for x in found] == [True, False, True]

@@ -36,7 +36,7 @@ def last(model, **given):
     ],
 )
 def test_parameters_leave_forces(model):
-    """A model with the same values, changed and changed back, has the same paths; a sweep has them, too."""
+    """A model with the same values, or with values changed and changed back, has the same paths; so has a sweep."""
     name = next(iter({"s", "sigma"} & set(model.parameters)))
     again = model.with_parameters(**{name: 0.5}).with_parameters(**{name: 1.0})
     np.testing.assert_array_equal(last(model), last(again))

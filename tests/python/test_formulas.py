@@ -331,7 +331,7 @@ def test_masses():
     assert ss.model_from_sympy(p**2 / (2 * a), q=q, p=p, params={"a": 1.0}).traits.identity_mass
     heavy = ss.model_from_sympy(p**2 / (2 * a) - sp.cos(q), [sp.sin(q) / 2], q=q, p=p, params={"a": 4.0})
     assert heavy.traits.constant_mass and heavy.traits.kicked
-    # with q -> 2 q, p -> p/2 the mass is one
+    # in coordinates q -> 2 q, p -> p/2 the mass is one
     light = ss.model_from_sympy(p**2 / 2 - sp.cos(q / 2), [sp.sin(q / 2) / 2], q=q, p=p)
     assert light.traits.identity_mass and not light.traits.constant_mass and light.traits.kicked
     run = {"step": 0.1, "steps": 30, "paths": 20, "seed": 1, "scheme": "chin4a"}
@@ -468,8 +468,8 @@ def test_signs_stand_before_products_and_sums():
 
 
 def test_nothing_is_drawn_for_a_noise_of_strength_zero():
-    """The same paths as the built-in model, which draws one of two noises; with another strength the noise is drawn
-    again.
+    """The paths of the built-in model, which draws one of two noises, are the same; with another strength the noise
+    is drawn again.
     """
     mine = ss.model_from_sympy("p**2/2 + q**2/2", ["s*p", "-g*q"], params={"s": 0.0, "g": 1.0})
     assert mine.traits.silent == mine.formula.structure.silent == (1,)
@@ -500,6 +500,6 @@ def test_a_model_says_which_noises_are_zero():
 
 
 def test_a_time_that_is_none_is_called_so():
-    """The message names the time as the cause, and no singularity of the formula."""
+    """The message names the time as the cause, not a singularity of the formula."""
     with pytest.raises(errors.InvalidArgumentError, match="t0 = NaN is not a time"):
         ss.simulate(ss.model_from_sympy("p**2/2 + q*cos(t)"), q0=1.0, p0=0.3, t0=np.nan, step=0.01, steps=2)

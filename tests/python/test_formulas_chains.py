@@ -166,7 +166,7 @@ def test_rows_are_those_of_gradient_and_hessian(H, noise, ends, lanes):
 @pytest.mark.parametrize("ends", ["free", "fixed"])
 @pytest.mark.parametrize(("H", "noise"), ROWS)
 def test_a_lane_by_itself_has_the_same_bits(H, noise, ends):
-    n = 300  # a tile of rows, and a remainder
+    n = 300  # one tile of rows, and a remainder
     model = ss.model_from_sympy(H, noise, params=PARAMS, n=n, ends=ends)
     x, y, w = points(model, 67)  # more lanes than a strip
     beyond = np.zeros((1, 67))

@@ -48,7 +48,9 @@ CASES = [(name, scheme) for name, (*_, schemes) in MODELS.items() for scheme in 
 
 @pytest.mark.parametrize(("name", "scheme"), CASES)
 def test_steps_are_those_of_the_general_stepper(name, scheme):
-    """Equal to rounding after 37 steps of 85 paths; single paths, small blocks and single steps have the same bits."""
+    """Generated steps equal the general stepper's to rounding after 37 steps of 85 paths; single paths, small blocks
+    and single steps have the same bits.
+    """
     mine = model(name)
     run = ss.simulate(mine, scheme=scheme, **RUN, steps=37, paths=85)
     assert run.report.stepper == f"whole steps of {scheme} by the model"
@@ -83,7 +85,7 @@ def test_damped_steps_are_those_of_the_general_stepper(name, scheme):
 @pytest.mark.parametrize("rates", [(2.0, 2.0), (2.0, 3.0)])
 @pytest.mark.parametrize("scheme", ["midpoint", "gauss2"])
 def test_unequal_rates_take_steps_between_decays_or_decaying_tableaux(rates, scheme):
-    """Whole steps know one rate; the code of damped steps serves all values of parameters and of rates."""
+    """Whole steps take one rate only; the code of damped steps serves all values of parameters and of rates."""
     mine = model("several").damped(rates).with_parameters(b=0.1)
     run = {**RUN, "scheme": scheme, "steps": 9}
     whole, plain = (ss.simulate(mine, **run, paths=9, general=g) for g in (False, True))
@@ -93,7 +95,7 @@ def test_unequal_rates_take_steps_between_decays_or_decaying_tableaux(rates, sch
 
 
 def test_closed_formulas_compile_no_damped_steps(tmp_path, monkeypatch):
-    """They are a file of their own, made with the first damped model and for all rates."""
+    """Damped steps are a file of their own, compiled with the first damped model and for all rates."""
     monkeypatch.setenv("SYMSDE_CACHE", str(tmp_path))
     closed = ss.model_from_sympy("p**2/2 + q**2", ["0.125*q"])
     assert len(list(tmp_path.glob("**/*.so"))) == 1
@@ -106,7 +108,7 @@ def test_closed_formulas_compile_no_damped_steps(tmp_path, monkeypatch):
 @pytest.mark.parametrize("save_every", [40, 160])
 @pytest.mark.parametrize("name", ["kubo", "pushed", "pendulum"])
 def test_a_path_alone_goes_on_with_the_noise_of_its_steps(name, save_every):
-    """Runs have more steps than are drawn at once, and saved points anywhere among them."""
+    """Runs have more steps than are drawn at once, and saved points at any place among these steps."""
     run = {**RUN, "scheme": "midpoint", "steps": 320, "save_every": save_every}
     alone, three = (ss.simulate(model(name), **run, paths=n) for n in (1, 3))
     np.testing.assert_array_equal(alone.q[:, :, 0], three.q[:, :, 0])
@@ -129,7 +131,7 @@ CORRECTED = {  # H, noises, schemes of the pair whose corrected steps are genera
 
 @pytest.mark.parametrize("name", CORRECTED)
 def test_corrected_steps_are_those_of_the_general_stepper(name):
-    """The Euler pair with its correction is generated where the end of a step is explicit, and not for other noises."""
+    """The corrected Euler pair is generated if the end of a step is explicit, and not for other noises."""
     H, noise, schemes = CORRECTED[name]
     mine = ss.model_from_sympy(H, noise, params={k: v for k, v in PARAMS.items() if k in H + "".join(noise)})
     run = {**RUN, "correction": "auto", "steps": 37}
@@ -255,8 +257,8 @@ def test_parameters_are_given_when_it_runs():
 
 @pytest.mark.parametrize("scheme", ["stormer_verlet", "midpoint", "gauss2"])
 def test_a_far_path_changes_no_other(scheme):
-    """Arguments beyond the inlined sine's range: that path agrees with the general stepper, and others keep their
-    bits.
+    """One path has arguments beyond the inlined sine's range: it agrees with the general stepper, and other paths
+    keep their bits.
     """
     mine = model("pendulum")
     starts = np.full((1, 40), 0.4)
@@ -298,7 +300,7 @@ def test_forces_of_far_paths_are_those_of_the_c_library(name, scheme):
 
 
 def test_a_far_path_of_two_angles_changes_no_other():
-    """Sweeps leave such a path to Newton's iteration, however its neighbours are solved."""
+    """Sweeps leave a far path to Newton's iteration, however its neighbours are solved."""
     mine = model("two angles")
     starts = np.full((2, 40), 0.4)
     run = {**RUN, "scheme": "gauss2", "steps": 20, "paths": 40}
@@ -315,8 +317,9 @@ def test_a_far_path_of_two_angles_changes_no_other():
 @pytest.mark.parametrize("name", ["several", "three", "two angles"])
 @pytest.mark.parametrize("step", [0.3, 1.5, 6.0])
 def test_lanes_that_sweeps_leave_are_solved_by_newton(name, step):
-    """Steps of h omega up to 10, in which some paths are swept and others are not: equal to the general stepper's,
-    independent of other paths, and none is rescued."""
+    """Steps of h omega up to 10, in which sweeps solve some paths and leave others: equal to the general stepper's,
+    independent of other paths, and none is rescued.
+    """
     mine = model(name)
     starts = np.linspace(-0.05, 0.05, 30)[None, :] * np.ones((mine.ndof, 1))
     run = {**RUN, "q0": starts, "p0": 0.02, "step": step, "steps": 6, "scheme": "gauss2"}
@@ -360,7 +363,9 @@ def test_paths_fail_alike_in_any_block():
 
 
 def test_steep_steps_keep_their_digits():
-    """h omega = 10 to 1000, where elimination of momenta loses digits: equal to the general stepper's to 1e-14."""
+    """Steps with h omega = 10 to 1000, where elimination of momenta loses digits, equal the general stepper's to
+    1e-14.
+    """
     mine = ss.model_from_sympy("p**2/2 + k**2*q**2/2 + q**4/4", ["0.01*q"], params={"k": 1000.0})
     for step in (0.01, 0.1, 1.0):
         run = {"q0": 0.3, "p0": 200.0, "step": step, "steps": 20, "paths": 20}
@@ -370,7 +375,7 @@ def test_steep_steps_keep_their_digits():
 
 
 def test_equations_with_several_solutions_are_no_wrong_steps():
-    """Steps of ten turns: which solution is found depends on the iteration, so a difference is no wrong step."""
+    """Steps of ten turns: the solution that is found depends on the iteration, so a difference is not a wrong step."""
     mine = ss.model_from_sympy("p**2/2 - k**2*cos(q)", ["0.01*q"], params={"k": 1000.0})
     for step in (0.01, 1.0):
         run = {"q0": 0.3, "p0": 200.0, "step": step, "steps": 10, "seed": 1}

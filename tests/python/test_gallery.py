@@ -20,7 +20,7 @@ GALLERY = Path(__file__).parents[2] / "examples" / "gallery"
 
 
 def load(name):
-    """The model of a scene and its run, with few paths."""
+    """The model of a scene, and its run with few paths."""
     chosen = scene.load(GALLERY / f"{name}.toml")
     return chosen.model, {**chosen.run, "paths": 20}
 

@@ -27,7 +27,7 @@ def pendulum(**values):
 
 
 def mass(**values):
-    """A parameter of the kinetic energy, and noises in p, too: the Hessian has all blocks."""
+    """A model with a parameter of the kinetic energy, and noises in p, too: the Hessian has all blocks."""
     values = {"m": 1.2, "s": 0.3} | values
     return ss.model_from_sympy("p**4/(12*m) + p**2/(2*m) - cos(q)", ["s*p", "0.2*q**2"], params=values)
 
@@ -83,7 +83,7 @@ def require_gradient(make, f, names, **run):
 
 @pytest.mark.parametrize("scheme", SCHEMES)
 def test_position_noise(scheme):
-    """Kicks around a drift, and implicit stages; f holds a parameter itself."""
+    """Steps of kicks around a drift, and with implicit stages; f holds a parameter itself."""
     found = require_gradient(pendulum, "q**2 + k*p", ["k", "sigma"], scheme=scheme)
     n = found.f.size
     for name, x in found.by_path.items():
@@ -97,13 +97,13 @@ def test_position_noise(scheme):
     ("make", "names"), [(mass, ["m", "s"]), (two, ["alpha", "sigma2"]), (driven, ["omega", "nu", "sigma1"])]
 )
 def test_models(make, names, scheme):
-    """Parameters of the mass, several degrees of freedom, times; built-in models by their formulas."""
+    """Models with parameters of the mass, several degrees of freedom, or time; built-in models by their formulas."""
     require_gradient(make, "q_1**2 + sin(p_1)", names, scheme=scheme)
 
 
 @pytest.mark.parametrize("scheme", ["midpoint", "gauss2", "stormer_verlet", "lobatto3"])
 def test_not_separable(scheme):
-    """Every block of the Hessian matters."""
+    """All blocks of the Hessian contribute."""
     require_gradient(mixed, "q*p + q**3", ["a", "s"], scheme=scheme, steps=10)
 
 
@@ -120,7 +120,7 @@ def test_runs(paths, options):
 
 
 def test_prescribed_increments():
-    """Prescribed increments, also in a run that is cut into pieces."""
+    """Increments are prescribed, also in a run that is cut into pieces."""
     dw = 0.1 * np.cos(np.arange(2 * 1500 * 3.0)).reshape(1500, 2, 3)
     run = {"q0": 0.7, "p0": 0.3, "step": 0.01, "scheme": "stormer_verlet", "paths": 3}
     whole = ss.gradient(pendulum(), "q", ["k"], **run, steps=500, increments=dw[:500])
@@ -146,7 +146,7 @@ def slopes(t, q, p):
 @pytest.mark.parametrize("scheme", ["stormer_verlet", "midpoint", "gauss2"])
 @pytest.mark.parametrize("every", [1, 10, 30])
 def test_functions_of_the_path(scheme, every):
-    """f and its derivative as functions, at several saved times."""
+    """f and its derivative are given as functions, at several saved times."""
     require_gradient(pendulum, (squares, slopes), ["k", "sigma"], scheme=scheme, save_every=every)
 
 
@@ -278,7 +278,7 @@ def test_refused_inputs():
 
 
 def test_failed_paths():
-    """Failed paths are refused; or left out, with their share."""
+    """Failed paths are refused, or left out on request, with their share."""
     start = np.where(np.arange(20) % 4 == 0, 60.0, 0.5)[np.newaxis]
     model = ss.model_from_sympy("p**2/2 + q**4/4", ["0.1*q"])
     run = RUN | {"q0": start, "steps": 60, "scheme": "stormer_verlet"}

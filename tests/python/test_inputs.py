@@ -19,7 +19,7 @@ import symsde as ss
 from symsde.answers.coupled import Draw
 from symsde.answers.expectation.problem import make_problem
 
-OMITTED = object()  #: for a parameter that another case gives, or that cannot be changed
+OMITTED = object()  #: value of a parameter that another case gives, or that cannot be changed
 PATHS, STEPS = 3, 8
 STATE = np.array([[0.9, 1.1, 1.3]])
 KUBO = ss.models.kubo(a=1.0, sigma=0.3)
@@ -131,7 +131,7 @@ CHAIN |= {"force": OMITTED, "noise_force": OMITTED}
 TOLD = {"H": "x**2/2*k + y**2/2", "noise": ["s*x", "s*y"], "q": ["x"], "p": ["y"], "params": {"k": 2.0, "s": 0.1}}
 TOLD |= {"force": ["-s*y**3"], "noise_force": [["s*y"], ["0"]]}
 VALUES["run"] = RUN
-#: by function, cases that differ from these tables; further entries are options
+#: cases by function that differ from these tables; further entries are options
 OWN = {
     "simulate": [{**DRIVEN, **LOW, "compensated": True, "area_time": OMITTED}, DRAWN],
     "moments": [{"paths": PATHS, "common_noise": (1,)}, {"paths": PATHS, "increments": INCREMENTS[::2]}],
@@ -214,7 +214,7 @@ OWN = {
     "PreparedRun.reset": [{**LOW, "first_path": 3, "first_step": 2}],
     "PreparedRun.run": [{"increments": INCREMENTS[::2]}],
 }
-#: objects for methods; functions of a run get one that saved every step
+#: objects of methods; functions of a run get a run that saved every step
 SUBJECTS = {
     "Model": lambda: KUBO,
     "FormulaModel": lambda: FORMULA,
@@ -393,7 +393,7 @@ def scheme_seen(scheme):
 
 
 def observer_seen(observer):
-    """Fields of an observer, and what it records in a run."""
+    """Fields of an observer, and its records of a run."""
     options = {"q0": STATE, "p0": STATE, "paths": PATHS, "step": 0.1, "steps": 4}
     found = ss.moments(KUBO, **options, observers={"x": observer})
     return [repr(observer), hash(observer), moments_seen(found)]

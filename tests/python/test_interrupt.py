@@ -203,7 +203,7 @@ def test_no_result_waits_for_the_garbage_collector(kubo):
     ],
 )
 def test_a_step_whose_draws_take_an_hour_can_be_left(scheme, options):
-    """The unfinished step is discarded: paths keep their states."""
+    """A step that is left unfinished is discarded: paths keep their states."""
     told = []
     run = ss.simulate(
         ss.models.kubo() if scheme == "gauss2_strong32" else ss.models.noncommutative_oscillator(),

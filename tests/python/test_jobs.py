@@ -182,7 +182,7 @@ def test_a_client_of_dask_is_told_what_to_give():
 
 
 def test_advice_for_a_scene_is_that_of_its_call(tmp_path, capsys, monkeypatch):
-    """The same question; which scheme is fastest is measured anew in each call."""
+    """Advice for a scene asks the same question as a call; the fastest scheme is measured anew in each."""
     asked = []
 
     def recorded(model, **given):

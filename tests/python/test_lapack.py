@@ -139,7 +139,7 @@ def parts(tmp_path):
 
 
 def edit(folder, **changes):
-    """The folder as another machine would have written it."""
+    """Edit a folder as if another machine had written it."""
     path = folder / "manifest.json"
     content = json.loads(path.read_text())
     path.write_text(json.dumps({**content, "numerics": {**content["numerics"], **changes}}))

@@ -195,7 +195,7 @@ def test_older_files_are_read(run, moments, tmp_path):
 
 
 def test_a_report_of_another_version_is_read(run):
-    """Missing entries are None, and unknown ones are dropped."""
+    """In a report of another version missing entries are None, and unknown entries are dropped."""
     told = {**json.loads(run.attributes()["report"]), "unheard": 3}
     del told["lanes"]
     found = ss.run.report.read_report(json.dumps(told))

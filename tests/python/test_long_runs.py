@@ -31,7 +31,7 @@ paths = [0]
 
 
 def test_a_path_of_many_steps_is_resumed_to_the_same_bits(tmp_path, monkeypatch):
-    """Stopped after every fifteenth of the steps; |q|^2 + |p|^2 changes by rounding alone."""
+    """A run is stopped after every fifteenth of its steps; |q|^2 + |p|^2 changes by rounding alone."""
     (tmp_path / "scene.toml").write_text(LONG)
     given = ["run", str(tmp_path / "scene.toml"), "--quiet", "--checkpoint", "0.02", "--out"]
     assert command_line.main([*given, str(tmp_path / "whole")]) == command_line.OK
@@ -68,7 +68,7 @@ print(re.search(r"VmHWM:\\s*(\\d+)", open("/proc/self/status").read())[1])  # ru
 
 @pytest.mark.skipif(not os.path.exists("/proc/self/status"), reason="there is no /proc to ask")
 def test_memory_does_not_grow_with_paths():
-    """10^4, 10^5 and 10^6 paths; kB of the whole process. A thousand shards would add 4 MB of reports."""
+    """Memory for 10^4, 10^5 and 10^6 paths, in kB of the whole process. A thousand shards would add 4 MB of reports."""
     peaks = []
     for paths in (10**4, 10**5, 10**6):
         done = subprocess.run([sys.executable, "-c", PEAK, str(paths)], capture_output=True, text=True, check=True)

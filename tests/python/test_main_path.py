@@ -95,7 +95,7 @@ def module_of(name):
 
 
 def page():
-    """Modules in the order of the table; for a body, the module beside it."""
+    """Modules in the order of the table; in place of a body the module beside it."""
     text = (ROOT / "CONTRIBUTING.md").read_text(encoding="utf-8")
     table = text.split("## The main path")[1].split("\n## ")[0]
     files = re.findall(r"^\| `src/([\w/]+)\.(f90|inc)`", table, re.MULTILINE)

@@ -144,7 +144,9 @@ def test_codes_of_status_are_32_bits():
 
 
 def test_results_that_a_group_forbids(monkeypatch):
-    """A refusal instead of a killed process when arrays are filled (test_capi_groups.c has the limits of groups)."""
+    """A limit of a control group gives a refusal instead of a killed process when arrays are filled
+    (test_capi_groups.c has the limits).
+    """
     assert checks._left_by_groups() > 0
     monkeypatch.setattr(checks, "_left_by_groups", lambda: 4e9)
     told = r"need 4\.8 GB, more than the 4 GB that this process can have: save"

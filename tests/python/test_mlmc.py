@@ -163,7 +163,7 @@ def test_intervals_of_rates_are_of_95_percent():
 
 
 def test_exchanged_halves_restore_the_order_that_areas_take():
-    """Noises that do not commute, with increments alone: beta is 1, and with antithetic pairs 2 or more."""
+    """For noises that do not commute, increments alone give beta = 1, and antithetic pairs 2 or more."""
     rates = []
     for antithetic in (False, True):
         sampler = ss.level_sampler(

@@ -88,7 +88,7 @@ def test_observables_of_paths_that_all_end_early(paths, every, ends):
     how = {"q0": start, "p0": 0.3, "step": 0.1, "steps": 20, "save_every": every, "paths": paths, "scheme": "heun"}
     watch = {"out": ss.observe.Passage("q", high=1.2)} if ends == "absorbed" else {}
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # of failed paths, and of times without any ok path
+        warnings.simplefilter("ignore")  # warnings of failed paths, and of times without any ok path
         found = ss.moments(model, observables={"a": lambda q, p: q[0] ** 2}, observers=watch, **how)
         run = ss.simulate(model, **{**how, "save_every": 1})
         q = run.q[:, 0]

@@ -190,7 +190,7 @@ def test_files_that_cannot_be_loaded(file, module, tmp_path, capsys):
 
 
 def test_a_function_that_fails_on_the_way(file, module, tmp_path, capsys):
-    """A message with the line, and no shard of the failed part."""
+    """A function that fails gives a message with its line, and no shard of the failed part."""
     file.write_text(
         SCENE.replace("MODULE:radius", "MODULE:late").replace("MODULE", module).replace("= 0.1\n", "= 0.6\n")
     )

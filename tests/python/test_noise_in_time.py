@@ -67,7 +67,7 @@ def second_moments(field: object, count: int = 1000) -> np.ndarray:
 
 
 def enumerated(model: ss.Model, count: int) -> np.ndarray:
-    """The same by gauss2_weak2 in `count` steps, with the mean of each step over its three increments."""
+    """The map by gauss2_weak2 in `count` steps, with the mean of each step over its three increments."""
     h = 1 / count
     weights = (1 / 6, 2 / 3, 1 / 6)
     dw = np.repeat(np.sqrt(3 * h) * np.array([-1, 0, 1]), 2)[None, None]
@@ -82,7 +82,7 @@ def enumerated(model: ss.Model, count: int) -> np.ndarray:
 
 @pytest.mark.parametrize(("a", "b"), [(0.8, 0.8), (0.8, 0.0)])
 def test_weak_order_where_a_noise_does_not_commute_with_itself(a: float, b: float):
-    """Measured 1.98 and 1.99; for the first model 1.02 without {H_1(t_1), H_1(t_0)}."""
+    """Weak orders are measured as 1.98 and 1.99; for the first model 1.02 without {H_1(t_1), H_1(t_0)}."""
     model, field = turning(a, b)
     exact = second_moments(field)
     coarse, fine = (np.abs(enumerated(model, count) - exact).max() for count in (32, 64))

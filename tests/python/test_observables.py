@@ -49,7 +49,7 @@ def run():
 
 
 def values(run):
-    """The formulas by hand, (time, path) each."""
+    """Values of the formulas by hand, (time, path) each."""
     q, p, t = run.q.swapaxes(0, 1), run.p.swapaxes(0, 1), run.t[:, None]
     return {
         "r^2": q[0] ** 2 + q[1] ** 2,
@@ -153,7 +153,7 @@ def total(q, p):
 
 
 def test_formulas_beside_functions(found):
-    """Values in the given order; formulas know the time of each saved point, functions do not."""
+    """Values come in the given order; formulas know the time of each saved point, functions do not."""
     mixed = {"r^2": FORMULAS["r^2"], "total": total, **{name: FORMULAS[name] for name in list(FORMULAS)[1:]}}
     both = ss.moments(model(), observables=mixed, **RUN)
     for name in FORMULAS:
@@ -467,7 +467,7 @@ def test_invariants_that_mix_paths_are_refused():
 
 
 def test_what_takes_each_path_by_itself_is_not():
-    """Sums over degrees of freedom, jumps, values that are zero or NaN at the start, rounding alone are all
+    """Sums over degrees of freedom, jumps, values that are zero or NaN at the start, and rounding alone are all
     accepted.
     """
     mine, at = model(), (np.array(RUN["q0"])[:, None], np.array(RUN["p0"])[:, None])

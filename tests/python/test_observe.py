@@ -137,7 +137,9 @@ def test_extremes(found, run):
 @pytest.mark.parametrize(("low", "high"), [(0.0, 1.0), (-0.7, 0.3), (1e-3, 0.9), (-1 / 3, 1e6)])
 @pytest.mark.parametrize("bins", [1, 3, 10, 49, 1000])
 def test_an_edge_belongs_to_the_bin_that_it_begins(low, high, bins):
-    """Exactly, whatever the rounding of its quotient; the next smaller number belongs to the bin before."""
+    """An edge belongs to the bin that it begins, exactly, whatever the rounding of its quotient; the next smaller
+    number belongs to the bin before.
+    """
     found = []
     wanted = {"x": observe.Histogram("q_1", low, high, bins)}
     edges = low + np.arange(bins + 1) * ((high - low) / bins)
@@ -255,7 +257,7 @@ def test_bridges_are_told_absent_where_no_noise_acts():
 
 
 def test_bridges_of_momenta():
-    """dp = -2 dW by noise linear in q: the same law for p."""
+    """dp = -2 dW by noise linear in q: p has the same law of passages."""
     turned = ss.Model(
         ndof=1, nnoise=1, gradient=lambda t, w, q, p: (2 * w[1] + 0 * q, np.zeros_like(p)), separable=True,
         additive=True, position_noise=True,

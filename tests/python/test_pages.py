@@ -35,7 +35,7 @@ def test_which_scheme_is_current():
 
 @pytest.mark.parametrize("data", sorted(which_scheme.FIGURES.glob("work-precision-*.json")), ids=lambda path: path.stem)
 def test_the_table_names_the_cheapest_points(data):
-    """Every cell against the rows of the measurement, found in another way."""
+    """Every cell of the table agrees with the rows of the measurement, searched in another way."""
     study = json.loads(data.read_text(encoding="utf-8"))
     page = (ROOT / "docs" / "which-scheme-tables.md").read_text(encoding="utf-8")
     row = next(line for line in page.splitlines() if f"| {study['name']}, to $t = " in line)

@@ -52,7 +52,9 @@ def test_heun_is_the_library_s_and_the_numba_loop(name):
 
 
 def test_runge_kutta_turns_kubo_s_oscillator_with_order_four():
-    """The exact rotation by t + 0.3 W; twice the steps, with W shared evenly, leave 1/16 of the error."""
+    """The Runge-Kutta rule approaches the exact rotation by t + 0.3 W: twice the steps, with W shared evenly, leave
+    1/16 of the error.
+    """
     problem = PROBLEMS["kubo"]
     errors = []
     for steps in (16, 32):
@@ -95,7 +97,7 @@ def test_the_page_says_who_wins_and_by_how_much():
 
 
 def test_the_committed_page_is_that_of_its_data():
-    """The sentences about winners, and every table."""
+    """The committed page has the sentences about winners, and every table."""
     data = json.loads((ROOT / "docs/figures/peers.json").read_text())["peers"]
     text = re.sub(r"\s+", " ", (ROOT / "docs/peers.md").read_text())
     for part in peers_page.tables(data):

@@ -47,7 +47,7 @@ def orders(runs, truth, steps=(32, 64, 128, 256)):
 
 
 def test_orders_on_the_synchrotron_and_a_planted_dz(monkeypatch):
-    """Against Heun's rule at the finest step, which is another rule; with half of h dW for dZ the order is 1."""
+    """Orders against Heun's rule at the finest step, which is another rule; with half of h dW for dZ the order is 1."""
     runs = plain(ss.models.synchrotron(*STRONG), STRONG)
     truth = ends(runs, "taylor15", 2048)
     assert rms(ends(runs, "heun", 2048) - truth) < 5e-4
@@ -64,7 +64,7 @@ def test_orders_on_the_synchrotron_and_a_planted_dz(monkeypatch):
 
 
 def test_orders_on_kubo_s_oscillator():
-    """Against the exact rotation with the W of the steps."""
+    """Orders against the exact rotation with the W of the steps."""
     runs = plain(ss.models.kubo(1.0, 0.5), (1.0, 0.5))
     generator = np.random.default_rng(plain_rules._SEED)
     turn = 2.0 + 0.5 * sum(plain_rules._drawn(generator, 2.0 / 2048, 1, 1, 200)[0, 0] for _ in range(2048))
@@ -107,7 +107,7 @@ def test_the_circle_of_the_invariant_law():
 
 
 def test_the_figure_of_horizons_shows_its_rows(monkeypatch, tmp_path):
-    """Every scheme for every accuracy, at its horizons; accuracies that no step reaches are left out."""
+    """The figure has every scheme for every accuracy, at its horizons; accuracies that no step reaches are left out."""
     pytest.importorskip("matplotlib")
     data = json.loads((Path(__file__).resolve().parents[2] / "docs/figures/horizons.json").read_text(encoding="utf-8"))
     pages = []

@@ -164,7 +164,7 @@ def test_names_of_curves_and_axes(moments):
 
 
 def test_paths_outside_of_a_histogram_are_counted():
-    """Values below, above, and NaN are each counted."""
+    """Values below and above the histogram, and NaN, are each counted."""
     counts = np.array([[3, 4]])
     found = SimpleNamespace(
         observer=observe.Histogram("q_1", -1, 1, 2), looked_at=("q_1",), t=np.array([0.5]), counts=counts,

@@ -50,7 +50,7 @@ def test_options_are_those_of_simulate(model, how):
 
 
 def test_increments_of_the_host(model):
-    """Increments given step by step, for all steps at once, or as one set for all paths."""
+    """Increments may be given step by step, for all steps at once, or as one set for all paths."""
     dw = ss.increments(model, step=0.02, steps=10, paths=9, seed=3)
     run = ss.prepare(model, paths=9, **WHERE)
     for row in dw:
@@ -91,7 +91,7 @@ def test_the_state_is_the_hosts_between_steps(model):
 
 @pytest.mark.parametrize("seed", [2, 3, 8, 2**64 - 1])  # below the earlier seed, equal, above, and negative if signed
 def test_reset_begins_anew(model, seed):
-    """A reset to the given state or to another, with other paths, seed and step."""
+    """A reset takes the given state or another one, and other paths, seed and step."""
     run = ss.prepare(model, paths=4, **WHERE)
     first = run.run(6)
     run.reset()
@@ -293,7 +293,7 @@ def test_model_and_scheme_may_be_forgotten():
 
 
 def test_threads_have_runs_of_their_own(model):
-    """Eight threads of the caller at once; one run used by two threads refuses or serves them in turn."""
+    """Eight threads of the caller have runs at once; one run used by two threads refuses or serves them in turn."""
     wanted = ss.simulate(model, steps=50, paths=9, **WHERE).q[-1]
     found = []
 

@@ -76,7 +76,7 @@ def test_every_member_of_a_report():
 
 
 def test_counters_and_times_of_a_run_that_is_known():
-    """One normal for each step of a path."""
+    """Counters of a known run: one normal for each step of a path."""
     given = ss.simulate(
         ss.models.pendulum(), q0=1.0, p0=0.0, step=0.01, steps=4000, paths=256, threads=1, scheme="stormer_verlet"
     ).report
@@ -332,7 +332,9 @@ def test_memory_and_disk_of_a_dry_run(monkeypatch, kind, disk, memory):
 
 
 def test_a_dry_run_compares_disk_with_what_is_free(monkeypatch, tmp_path):
-    """Free space of the future folder's disk, also while the folder and its parents do not exist."""
+    """A dry run tells the free space of the future folder's disk, also while the folder and its parents do not
+    exist.
+    """
     monkeypatch.setattr(dry, "_rate", lambda task, piece: 100.0)
     task = Task(ss.models.kubo(), {"q0": 0.1, "p0": 0.0, "step": 0.1, "steps": 4, "threads": 1, "paths": 256})
     asked = []

@@ -9,7 +9,7 @@ import pytest
 import symsde as ss
 from symsde.answers import error_plan
 
-MODEL = ss.models.synchrotron()  # its noises are in position: areas have no effect
+MODEL = ss.models.synchrotron()  # noises in position, so that areas have no effect
 RUN = {"q0": 0.3, "p0": 0.1, "paths": 3, "seed": 3}
 
 

@@ -96,7 +96,7 @@ KEYS = {
 
 
 def test_every_key_of_a_run_reaches_it(file):
-    """One scene for each key: options, paths and moments equal those of the same call of `simulate`."""
+    """For each key a scene: options, paths and moments equal those of the same call of `simulate`."""
     assert set(KEYS) == set(scene.RUN_KEYS)
     default = {"q0": 0.0, "p0": 0.0, "step": 0.02, "steps": 500, "seed": 1, "save_every": 50, "paths": 1000}
     for key, text in KEYS.items():
@@ -166,7 +166,7 @@ def test_files_of_a_run_hold_the_run(file, tmp_path, capsys):
 
 
 def test_paths_of_a_compensated_scene_keep_their_low_parts(file, tmp_path):
-    """Low parts of every stretch of paths, as in a run of all."""
+    """Saved low parts of every stretch of paths equal the low parts of a run of all paths."""
     path = file(("[run]", "[run]\ncompensated = true"))
     found, whole = saved(path, tmp_path / "out"), paths_of(scene.load(path))
     for name in ("last_q", "q_low", "p_low"):
@@ -259,7 +259,9 @@ HOSTILE += ["9" * 5000, "[" * 500 + "]" * 500, "[[1, 2], [3]]", "922337203685477
 
 
 def test_whatever_a_scene_holds_there_is_a_sentence(file, capsys):
-    """Every key with every hostile value: a scene, or a refusal that names the file; no other exception."""
+    """Every key is given every hostile value: the scene is read, or a refusal names the file; there is no other
+    exception.
+    """
     keys = [line.split(" =")[0] for line in SCENE.splitlines() if " = " in line]
     more = [("[run]", key) for key in scene.RUN_KEYS if key not in keys] + [
         ("[study]", key) for key in scene.STUDY_KEYS
@@ -285,7 +287,7 @@ def test_whatever_a_scene_holds_there_is_a_sentence(file, capsys):
 
 
 def test_bytes_that_are_no_scene(tmp_path):
-    """Random bytes, halves of scenes, and scenes with a few wrong letters, by a fixed seed."""
+    """Scenes with a few wrong bytes, and halves of such scenes, are read or refused, without another exception."""
     chance = random.Random(1)
     path = tmp_path / "scene.toml"
     for _ in range(200):

@@ -36,7 +36,7 @@ def _other_options(**wrong):
 
 
 def _drifting(function):
-    """Midpoint rotates slightly too far, as a wrong library would."""
+    """A fault: midpoint rotates slightly too far, as a wrong library would."""
 
     def wrong(*args, **options):
         q, p = function(*args, **options)
@@ -50,12 +50,12 @@ def _as_heun(function):
 
 
 def _without_the_step(function):
-    """A resumed run that repeats the noise of its first steps."""
+    """A fault: a resumed run repeats the noise of its first steps."""
     return lambda *args, **options: function(*args, **{**options, "first_step": 0})
 
 
 def _by_threads(function):
-    """The last digit depends on the number of threads."""
+    """A fault: the last digit depends on the number of threads."""
 
     def wrong(*args, threads=None, **options):
         run = function(*args, threads=threads, **options)
@@ -80,7 +80,7 @@ FAULTS = {
 
 @pytest.mark.parametrize("name", NAMES)
 def test_a_planted_fault_fails_its_check(name, monkeypatch, tmp_path, capsys):
-    """No other check fails, so that a user knows where to look."""
+    """Each planted fault fails its own check and no other check, so that a user knows where to look."""
     what, fault = FAULTS[name]
     if name == "structure":
         found = selftest.diagnose.symplecticity

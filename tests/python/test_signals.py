@@ -32,7 +32,7 @@ CALLS = {
     "moments": (lambda model, run: lambda: ss.moments(model, **run), ss.Moments),
     "prepared": (lambda model, run: prepared(model, **run), ss.Run),
 }
-#: the same for calls that determine themselves how long they run
+#: the same for calls that choose themselves how long they run
 WORKS = {
     "expect": (lambda model: lambda: ss.expect(model, "q**2", abs=1e-4, scheme="midpoint", **HORIZON), Answer),
     "mlmc": (lambda model: lambda: ss.mlmc(model, "q**2", abs=1e-4, **HORIZON), Multilevel),
@@ -62,7 +62,7 @@ def test_what_a_handler_raises_is_raised_with_what_there_is(name, number, kubo):
 
 @pytest.mark.parametrize("name", CALLS)
 def test_where_a_handler_returns_the_run_goes_on(name, kubo):
-    """The same bits, however many signals."""
+    """A run with signals whose handlers return has the same bits, however many signals there are."""
     seen = []
     call = CALLS[name][0]
     wanted = call(kubo, dict(SHORT))()
@@ -88,7 +88,7 @@ def test_what_a_handler_raises_ends_long_work(name, at):
 
 @pytest.mark.parametrize("method", ["plain", "multilevel"])
 def test_what_a_handler_raises_carries_an_answer(method, kubo):
-    """A signal during the work, which reports its progress."""
+    """A signal comes during the work, which reports its progress: the exception carries an answer."""
     with handled(signal.SIGALRM, raises), pytest.raises(HandledError) as caught:
         tell = {"progress": lambda *_: signal.raise_signal(signal.SIGALRM)}
         ss.expect(kubo, "q**2", abs=1e-3, method=method, scheme="midpoint", **tell, **HORIZON)
@@ -107,8 +107,8 @@ def test_where_a_handler_returns_convergence_counts_all_paths():
 
 @pytest.mark.parametrize("threads", [1, 2])
 def test_an_ensemble_gives_its_shards(threads, kubo):
-    """Its threads compute while the main thread waits: a handler that returns lets it wait on, one that raises ends
-    it.
+    """Threads of an ensemble compute while the main thread waits: a handler that returns lets it go on waiting, a
+    handler that raises ends it.
     """
 
     def tells(done, total):
@@ -205,7 +205,7 @@ def model_that_signals(number):
 
 @pytest.mark.parametrize("what", ["prepare", "gradient", "expect"])
 def test_calls_without_progress_raise_what_handlers_raise(what):
-    """Python functions called by functions of the library without a progress function."""
+    """Functions of the library without a progress function call Python functions: exceptions of handlers are raised."""
     model, armed = model_that_signals(signal.SIGALRM)
     calls = {
         "prepare": lambda: ss.prepare(model, step=0.1, **PLACE),

@@ -216,7 +216,9 @@ def test_progress_is_told_and_may_stop(user_kubo):
 
 @pytest.mark.parametrize("tqdm", [True, False])
 def test_progress_bar(tqdm, user_kubo, capsys, monkeypatch):
-    """A bar of all path-steps that begins at zero, ends, and leaves no line; without tqdm, per cents."""
+    """The progress bar shows all path-steps, begins at zero, ends, and leaves no line; without tqdm there are per
+    cents.
+    """
     if tqdm:
         pytest.importorskip("tqdm")
     else:
@@ -454,7 +456,7 @@ def test_the_last_lanes_of_a_block_go_on_as_they_began(model, scheme):
 
 @pytest.mark.parametrize("seed", [0, 1, 2])
 def test_a_step_that_overflows_is_counted_once(seed):
-    """Three gradients a step, also for the failing step."""
+    """Three gradients are counted for each step, also for the failing step."""
     with pytest.warns(ss.PathsFailedWarning):
         run = ss.simulate(
             ss.models.linear_oscillator(), q0=1.0, p0=0.0, step=3.0, steps=400, scheme="stormer_verlet", seed=seed
@@ -466,7 +468,7 @@ def test_a_step_that_overflows_is_counted_once(seed):
 
 @pytest.mark.parametrize("scheme", ["midpoint", "gauss2"])
 def test_steps_that_damping_solves_are_counted_as_damped(scheme):
-    """Newton's iteration jumps back and forth over the kink of log cosh without damping; with it no step needs
+    """Newton's iteration jumps back and forth over the kink of log cosh without damping; with damping no step needs
     continuation.
     """
     model = ss.Model(

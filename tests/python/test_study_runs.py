@@ -30,8 +30,8 @@ class Clock:
 
 
 def test_costs_of_a_machine_that_is_known(monkeypatch):
-    """A set-up of 3 s, then 2 ms for each path and step; repeats are slower by 0, 1, 2, ... %; elapsed time is twice
-    the processor time.
+    """A known machine: a set-up takes 3 s, each path and step 2 ms; repeats are slower by 0, 1, 2, ... %; elapsed
+    time is twice the processor time.
     """
     clock, runs = Clock(), []
     plan = make_plan(ss.models.kubo(), **GIVEN)
@@ -72,7 +72,7 @@ def test_costs_of_a_machine_that_is_known(monkeypatch):
 
 
 def test_number_of_paths_of_a_timed_run(monkeypatch):
-    """Enough blocks for TARGET seconds, whole blocks, at most 1024."""
+    """A timed run takes enough blocks for TARGET seconds, whole blocks, at most 1024."""
     plan = make_plan(ss.models.kubo(), **GIVEN)
     for block_seconds, blocks in ((1e-3, 20), (1.0, 1), (1e-9, 1024)):
         clock = Clock()
@@ -157,7 +157,7 @@ def test_a_study_knows_functions_apart(changed, tmp_path, monkeypatch):
 
 @pytest.mark.parametrize("model", [ss.models.kubo(), ss.models.synchrotron()])
 def test_a_column_for_each_of_many_paths(model, monkeypatch):
-    """More paths than a block; q0 has a column for each path, p0 has one for all."""
+    """There are more paths than a block has; q0 has a column for each path, p0 has one for all."""
     monkeypatch.setattr(timing, "TARGET", 0.0)
     q0 = np.linspace(0.5, 1.0, 300)[np.newaxis]
     found = ss.work_precision(model, q0=q0, p0=0.0, schemes=["midpoint"], steps=[4, 8], paths=300, repeats=5)
@@ -165,7 +165,7 @@ def test_a_column_for_each_of_many_paths(model, monkeypatch):
 
 
 def test_invariants_that_are_no_numbers():
-    """NaN at the beginning is refused; NaN at the end does not count as conserved."""
+    """An invariant that is NaN at the beginning is refused; NaN at the end does not count as conserved."""
     given = {"q0": 1.0, "p0": 0.0, "schemes": ["midpoint"], "steps": [4, 8], "paths": 40, "repeats": 5}
     for function in (lambda q, p: q, lambda q, p: np.log(-q[0]), lambda q, p: q[0] * 1j):
         with (

@@ -22,7 +22,7 @@ INVARIANTS = {"one": lambda q, p: q[0] + 2.0, "two": lambda q, p: p[0] ** 2 + q[
 
 @pytest.fixture(scope="module")
 def result(tmp_path_factory):
-    """A study of a model without exact solution, with invariants, saved."""
+    """A saved study of a model without exact solution, with invariants."""
     out = tmp_path_factory.mktemp("study")
     found = ss.work_precision(ss.models.synchrotron(), invariants=INVARIANTS, out=out, name="mine", **GIVEN)
     found_out = SimpleNamespace(study=found, out=out)

@@ -146,7 +146,7 @@ def test_without_a_compiler_at_the_ends(ends, monkeypatch):
 
 
 def test_any_number_of_sites():
-    """The same code for 100,000 sites, with names for some of them."""
+    """The same code serves 100,000 sites, with names for some of them."""
     n = 100_000
     model = chain("periodic", n)
     q = np.cos(0.1 * np.arange(n))[:, None] * [1.0, 2.0]

@@ -42,7 +42,7 @@ def require_means(found, where, run, at=slice(None)):
 
 
 def test_product():
-    """All combinations; point k has the paths first_path + 40 k and on, and their bits."""
+    """Sweeps over all combinations: point k has the paths first_path + 40 k and on, and their bits."""
     found = ss.sweep(model(), {"omega": OMEGA, "s": S}, **RUN, paths=40, first_path=256, keep_paths=True)
     assert found.mean_q.shape == (3, 1, 3, 2) and found.mean_energy.shape == (3, 3, 2) and found.dims == ("omega", "s")
     assert found.q.shape == (3, 1, 3, 2, 40) and found.status.shape == (3, 2, 40)
@@ -58,7 +58,7 @@ def test_product():
 
 
 def test_zip_and_observables():
-    """Rows of values; formulas and functions as observables."""
+    """Sweeps over rows of values; formulas and functions as observables."""
     asked = {"square": "q**2", "sum": lambda q, p: q[0] + p[0]}
     found = ss.sweep(model(), {"omega": OMEGA[:2], "s": S}, **RUN, paths=40, zip=True, observables=asked)
     assert found.dims == ("value",) and found.mean["square"].shape == (3, 2)
@@ -151,7 +151,7 @@ def test_stop():
 
 
 def test_files_and_figures(tmp_path):
-    """Dimensions of the parameters in xarray, rows of values in tables, a mean with its band."""
+    """Files and figures: dimensions of the parameters in xarray, rows of values in tables, a mean with its band."""
     found = ss.sweep(model(), {"omega": OMEGA, "s": S}, **RUN, paths=8, keep_paths=True)
     data = pytest.importorskip("xarray") and found.to_xarray()
     assert data.mean_q.dims == ("time", "dof", "omega", "s") and data.q.dims[-1] == "path"

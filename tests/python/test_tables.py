@@ -46,7 +46,7 @@ def test_data_frames(run, moments, tmp_path):
 
 
 def test_one_module_writes_tables_and_one_figures():
-    """Nowhere else does the package fill columns, make cells, or write what matplotlib draws."""
+    """No other module of the package fills columns, makes cells, or writes what matplotlib draws."""
     marks = {
         "tables.py": r"csv\.writer|<table>|\| ---|\.[lr]just\(|\{[^{}]*:[<>]?\d+s?\}",
         "look.py": r"\.savefig\(|rc_context\(|figures\.Figure\(|layout=\"constrained\"",

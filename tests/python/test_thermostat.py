@@ -47,7 +47,7 @@ def stationary(model, scheme, step, columns=1):
 
 @pytest.mark.parametrize("scheme", HARMONIC)
 def test_harmonic_laws(scheme):
-    """Exact moments of the scheme in the bath; 1 % of gamma or beta is seen."""
+    """Moments of the scheme in the bath are exact; an error of 1 % in gamma or beta is seen."""
     columns = 3 if scheme == "chin4a" else 2
     found = stationary(ss.thermostat(OSCILLATOR, beta=1.0, gamma=1.0), scheme, 0.5, columns)
     np.testing.assert_allclose(found, HARMONIC[scheme], rtol=0, atol=2e-14)
@@ -70,7 +70,9 @@ def test_free_particles_have_the_temperature(scheme, z):
 
 
 def test_noises():
-    """sigma_i^2 = 2 gamma_i m_i/beta_i after the noises of the model; built-in, of formulas, of functions."""
+    """The noises have sigma_i^2 = 2 gamma_i m_i/beta_i, and follow the noises of the model; for built-in models,
+    formulas and functions.
+    """
     masses = ss.model_from_sympy("p1**2/2 + p2**2/6 + cos(q1 - q2)", noise=["s*q1"], params={"s": 0.0})
     bath = ss.thermostat(masses, beta=2.0, gamma=[0.5, 0.0])
     assert (bath.nnoise, bath.damping, bath.traits.silent) == (3, (0.5, 0.0), (1, 3))

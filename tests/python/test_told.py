@@ -166,7 +166,8 @@ def test_rates_and_consistency_of_levels():
 
 
 def test_a_level_on_which_few_values_differ_varies_as_those_that_were_looked_at():
-    """Level 0 has at least the variance of f; a finer level as if one more of its differences were as far out."""
+    """Level 0 has at least the variance of f; a finer level has a variance as if one more of its differences were as
+    large."""
     sampler = LevelSampler(make_problem(ss.models.synchrotron(), "q", **PLACE), as_scheme("midpoint"), 4)
     known = Tally.of(np.arange(1000) % 2.0)
     estimate = Estimate(sampler, make_tolerance(1e-2, None), levels=5, first=16, watch=Watch(None, False), known=known)

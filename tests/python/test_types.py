@@ -68,7 +68,7 @@ def mypy(folder):
 
 
 def pyright(_folder):
-    """The command, if installed; its wheel downloads Node.js in its first call, which no test makes."""
+    """The command pyright, if it is installed; its wheel downloads Node.js in its first call, which no test makes."""
     return [found, "--pythonpath", sys.executable] if (found := shutil.which("pyright")) else None
 
 

@@ -21,7 +21,7 @@ from symsde.schemes import as_scheme
 
 PLACE = {"q0": 1.0, "p0": 0.0, "horizon": 1.0}
 BUMP = "exp(-1e15*(1 - q)**2)"
-#: calls in which the seed alone decides which paths are drawn
+#: calls in which the seed alone determines the paths that are drawn
 WAYS = [(ss.expect, {"scheme": "midpoint", "method": "plain"}), (ss.mlmc, {"scheme": "midpoint"})]
 
 EXACT = 4.59991e-5  #: P(|1 + 0.3 W(1) - 2 pi k| < arccos(0.99999))
@@ -171,7 +171,7 @@ def test_ctrl_c_carries_none_before_anything_is_begun(kubo, solve, monkeypatch):
 
 
 def test_scramblings_fit_into_the_time(kubo, monkeypatch):
-    """The plan needs 80 s and 10 are left: an eighth of the points, but no fewer than 64."""
+    """The plan needs 80 s and 10 are left: an eighth of the points is taken, but no fewer than 64."""
     WorkClock(monkeypatch)  # counted work, since on a busy machine fewer points would fit
 
     def points(max_time):

@@ -11,7 +11,7 @@ from symsde import errors
 
 numba = pytest.importorskip("numba")
 
-SINGLE = 2.0  #: the functions below return early here, where the third of eight paths begins
+SINGLE = 2.0  #: q at which the functions below return early: the third of eight paths begins there
 TRAITS = {"ndof": 1, "nnoise": 1, "separable": True, "additive": True, "position_noise": True, "identity_mass": True}
 HOW = {"p0": 0.3, "step": 0.1, "steps": 4, "paths": 8, "seed": 1}
 
@@ -24,7 +24,8 @@ def starts():
 
 
 def functions(limit=1.5):
-    """H = p^2/2 + q^2/2 + q^4/40, H_1 = q/10: all its functions, each of which returns 0 at a lane with q > limit."""
+    """H = p^2/2 + q^2/2 + q^4/40, H_1 = q/10: all functions of the model, each of which returns 0 at a lane with q >
+    limit."""
 
     @numba.cfunc(ss.numba_signature("gradient"))
     def gradient(nlane, ndof, nham, t, w, q, p, hq, hp, user):

@@ -131,7 +131,9 @@ def exact_mean(f, count, h, q0, p0):
 @pytest.mark.parametrize("count", [2, 3])
 @pytest.mark.parametrize(("scheme", "order"), [("gauss2_weak2_areas", 3.0), ("gauss2_weak2", 2.0)])
 def test_error_of_one_step(count, scheme, order):
-    """Errors of E q^2, q p, p^2, q^3: h^3 in one step is order two; without areas and brackets of noises it is h^2."""
+    """Errors of E q^2, q p, p^2, q^3 after one step fall as h^3, which is order two; without areas and brackets of
+    noises they fall as h^2.
+    """
     model, start = coupled(count), (0.6, 0.4)
     sizes = (1 / 32, 1 / 64)
     errors = []

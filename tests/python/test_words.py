@@ -15,7 +15,7 @@ WELL = ss.model_from_sympy("p**2/2 + q**4/4 - q**2/2")
 
 
 def columns(word):
-    """How many functionals of the path drive a step: dW, and dZ for two O."""
+    """Number of functionals of the path that drive a step: dW, and dZ for two O."""
     return word.count("O")
 
 
