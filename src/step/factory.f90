@@ -236,9 +236,9 @@ contains
          end if
       end if
       ! The first stepper that fits is made; if an oracle is demanded, the list begins with the oracles. For damped
-      ! models only `midpoint` and `stages` among the special steppers implement decays.
+      ! models `midpoint`, `one_dof` and `stages` implement decays among the special steppers.
       first = merge(first_oracle, model_flow, task%general)
-      if (task%damping%acts() .and. .not. task%general) first = merge(midpoint, stages, task%scheme%is_midpoint())
+      if (task%damping%acts() .and. .not. task%general) first = merge(midpoint, one_dof, task%scheme%is_midpoint())
       do i = first, last_stepper
          if (associated(model%forces) .and. all(i /= with_forces)) cycle
          call offer(i, task, stepper)

@@ -92,20 +92,33 @@ def test_implicit_stages_agree_with_the_oracle(scheme):
     linear = ss.model_from_sympy(
         "(p1**2 + p2**2 + p3**2 + q1**2 + q3**2 + 2*(q1 - q2)**2 + 2*(q2 - q3)**2)/2", noise=["0.3*q1", "0.2*q3"]
     )
-    chain, additive = ss.models.fpu_chain(n=6), ss.models.additive_oscillator()
-    for model in (SYNCHROTRON, BILINEAR, pair, linear, chain, additive, ss.models.henon_heiles(), ss.models.kubo()):
+    chain, additive, kubo = ss.models.fpu_chain(n=6), ss.models.additive_oscillator(), ss.models.kubo()
+    for model in (SYNCHROTRON, BILINEAR, pair, linear, chain, additive, ss.models.henon_heiles(), kubo):
         for rate, step in ((RATE, 0.05), (-1.0, 0.1), (3.0, 0.3)):
             given = {"q0": np.linspace(0.3, 0.7, model.ndof), "p0": 0.3, "step": step, "steps": 6, "save_every": 3}
             given |= {"scheme": scheme, "seed": 5}
             damped = model.damped(rate, allow_gain=True)
             fast, general = (ss.simulate(damped, general=x, paths=20, **given) for x in (False, True))
-            own = "whole steps" if scheme == "gauss2" and model is pair else "stages"
+            own = "whole steps" if scheme == "gauss2" and any(model is x for x in (pair, additive, kubo)) else "stages"
             assert own in fast.report.stepper and "general" in general.report.stepper
             np.testing.assert_allclose(fast.q, general.q, rtol=0, atol=2e-12)
             np.testing.assert_allclose(fast.p, general.p, rtol=0, atol=2e-12)
             alone = ss.simulate(damped, paths=1, first_path=7, **given)
             np.testing.assert_array_equal(fast.q[..., 7], alone.q[..., 0])
             np.testing.assert_array_equal(fast.p[..., 7], alone.p[..., 0])
+
+
+@pytest.mark.parametrize("noise", ["0.3*q*p", "0.3*q**2"])
+def test_lanes_that_are_gathered_keep_their_decays(noise):
+    """Of a block the lanes that need more corrections are finished in a small one, with the bits of single paths."""
+    model = ss.model_from_sympy("p**2/2 + q**4/4 + sin(t)*q", noise=[noise]).damped(RATE)
+    given = {"q0": 1.4, "p0": 0.3, "step": 0.4, "steps": 6, "scheme": "gauss2", "seed": 5}
+    many, general = (ss.simulate(model, paths=200, general=x, **given) for x in (False, True))
+    assert many.report.stepper == "stages, one degree of freedom"
+    np.testing.assert_allclose(many.p, general.p, rtol=0, atol=2e-12)
+    for path in range(0, 200, 40):
+        alone = ss.simulate(model, paths=1, first_path=path, **given)
+        np.testing.assert_array_equal(many.p[..., path], alone.p[..., 0])
 
 
 #: built-in models with noise in q, in p, in both, and of quadratic strength
@@ -122,8 +135,8 @@ WHOLE = (
 
 @pytest.mark.parametrize(
     "scheme",
-    ["midpoint", "symplectic_euler", "symplectic_euler_adjoint", "stormer_verlet", "lobatto2_swapped", "gauss_dkdkd",
-     "verlet_kdk"],
+    ["midpoint", "symplectic_euler", "symplectic_euler_adjoint", "stormer_verlet", "lobatto2_swapped", "gauss2",
+     "gauss_dkdkd", "verlet_kdk"],
 )  # fmt: skip
 def test_whole_steps_decay(scheme):
     """Whole steps of built-in models decay like steps by steppers, in blocks, alone, and step by step."""
@@ -146,7 +159,7 @@ def test_whole_steps_decay(scheme):
                 alone = ss.simulate(damped, paths=1, first_path=path, save_every=every, **given)
                 np.testing.assert_array_equal(many.q[-1, :, path], alone.q[-1, :, 0])
                 np.testing.assert_array_equal(many.p[-1, :, path], alone.p[-1, :, 0])
-    least = {"midpoint": 4, "gauss_dkdkd": 1, "verlet_kdk": 1, "stormer_verlet": 7}
+    least = {"midpoint": 4, "gauss2": 4, "gauss_dkdkd": 1, "verlet_kdk": 1, "stormer_verlet": 7}
     assert whole >= 5 * least.get(scheme, 5)
 
 

@@ -7,6 +7,7 @@
 !>    Verlet       half a kick, the drift by (1 + exp(-z))/2 p, p + (exp(-z) - 1) p, half a kick
 !>    Lobatto      half a drift, p + (exp(-z) - 1) p, a kick by (1 + exp(-z))/2 of the force, half a drift
 !>    midpoint     q' = q + n12 p + (m11 q + g1),  p' = p + m22 p + (n21 q + g2)
+!>    gauss2       the same with other numbers
 !>
 !> The six numbers of the midpoint rule, with D = 1 + a c/4,
 !>
@@ -16,13 +17,22 @@
 !> follow from the closed form of its step, taken between two decays. They depend on the weights alone: from one step to
 !> the next only two products depend on each other, and no division.
 !>
+!> Two stages of Gauss have slopes G = -(1 + x B)^{-1} ((a q + b) 1 + x p d + a e c), x = a c, where B is the product of
+!> both coefficients of the stages and d of them with the decays of p, and
+!>
+!>    q' = q + c ((1 + mean) p + v.G) + e,   p' = exp(-z) p + w.G
+!>
+!> What multiplies c p in q' multiplies -a q in p', since the scheme is symmetric. A row times (1 + x B)^{-1} times a
+!> column is a polynomial of degree one in x over det (1 + x B).
+!>
 !> Each scheme brings one step of one lane, `take`, to the loops of oscillator_steps.inc. No sum has two products of
 !> which the compiler might contract either: one of the two is added to zero first.
 module symsde_model_flows_damped_oscillator
    use symsde_base_counters, only: counters_type
    use symsde_base_damping, only: decay_less_one
    use symsde_base_kinds, only: wp
-   use symsde_base_maps, only: step_map, euler_map, euler_adjoint_map, verlet_map, verlet_swapped_map, midpoint_map
+   use symsde_base_maps, only: step_map, euler_map, euler_adjoint_map, verlet_map, verlet_swapped_map, midpoint_map, &
+                               gauss2_map
    use symsde_base_record, only: steps_record
    use symsde_model_flows_oscillator, only: oscillator_terms, count_oscillator_steps
    implicit none
@@ -33,6 +43,17 @@ module symsde_model_flows_damped_oscillator
    type :: losses
       real(wp) :: before = 0, after = 0, all = 0
    end type losses
+
+   real(wp), parameter :: skew = sqrt(3.0_wp)/6
+   real(wp), parameter :: gauss_c(2) = [0.5_wp - skew, 0.5_wp + skew]
+   real(wp), parameter :: gauss_a(2, 2) = reshape([0.25_wp, 0.25_wp + skew, 0.25_wp - skew, 0.25_wp], [2, 2])
+
+   !> The polynomials of two stages of Gauss in x, after their division by the determinant 1 + x trace + x^2 det.
+   type :: gauss_terms
+      real(wp) :: all = 0                      !! exp(-z) - 1
+      real(wp) :: trace = 0, det = 0
+      real(wp), dimension(2) :: v1 = 0, vc = 0, w1 = 0, wd = 0, wc = 0   !! rows v and w with columns 1, d and c
+   end type gauss_terms
 
 contains
 
@@ -45,7 +66,8 @@ contains
          has_flow = any(map%equation == [euler_map, euler_adjoint_map]) .and. &
                     terms%noise_b == 0 .and. terms%noise_e == 0
       else
-         has_flow = any(map%equation == [euler_map, euler_adjoint_map, verlet_map, verlet_swapped_map, midpoint_map])
+         has_flow = any(map%equation == [euler_map, euler_adjoint_map, verlet_map, verlet_swapped_map, midpoint_map, &
+                                         gauss2_map])
       end if
    end function damped_oscillator_has_flow
 
@@ -70,6 +92,9 @@ contains
          case (midpoint_map)
             if (one_form) call turns(lost, t, steps, h, w, q, p, qn, pn)
             if (.not. one_form) call midpoint(lost, t, steps, h, w, q, p, qn, pn)
+         case (gauss2_map)
+            if (one_form) call gauss_turns(gauss_of(steps%decays%z), t, steps, h, w, q, p, qn, pn)
+            if (.not. one_form) call gauss(gauss_of(steps%decays%z), t, steps, h, w, q, p, qn, pn)
          case (euler_map)
             if (map%corrected) call corrected_euler(lost, t, steps, h, w, q, p, qn, pn)
             if (.not. map%corrected) call euler(lost, t, steps, h, w, q, p, qn, pn)
@@ -132,6 +157,102 @@ contains
       end subroutine take
 
    end subroutine turns
+
+   !> The numbers of two stages of Gauss for z = gamma h.
+   pure type(gauss_terms) function gauss_of(z) result(g)
+      real(wp), intent(in) :: z
+      real(wp) :: decaying(2, 2), b(2, 2), d(2)
+      integer :: i, j
+
+      !GCC$ novector  ! the last bits of a vector exponential depend on the width of registers
+      do j = 1, 2
+         !GCC$ novector
+         do i = 1, 2
+            decaying(i, j) = gauss_a(i, j)*exp(-(gauss_c(i) - gauss_c(j))*z)
+         end do
+         d(j) = exp(-gauss_c(j)*z)
+      end do
+      b = matmul(gauss_a, decaying)
+      g%all = decay_less_one(z)
+      g%trace = b(1, 1) + b(2, 2)
+      g%det = b(1, 1)*b(2, 2) - b(1, 2)*b(2, 1)
+      associate (v => 0.5_wp*sum(decaying, 1), w => 0.5_wp*[d(2), d(1)])
+         g%v1 = quotient(v, [1.0_wp, 1.0_wp])
+         g%vc = quotient(v, gauss_c)
+         g%w1 = quotient(w, [1.0_wp, 1.0_wp])
+         g%wd = quotient(w, matmul(gauss_a, d))
+         g%wc = quotient(w, gauss_c)
+      end associate
+
+   contains
+
+      !> Coefficients of row.(1 + x B)^{-1} column det (1 + x B).
+      pure function quotient(row, column) result(terms)
+         real(wp), intent(in) :: row(2), column(2)
+         real(wp) :: terms(2)
+
+         terms(1) = dot_product(row, column)
+         terms(2) = g%trace*terms(1) - dot_product(row, matmul(b, column))
+      end function quotient
+
+   end function gauss_of
+
+   !> VEC Two stages of Gauss.
+   pure subroutine gauss(of, t, steps, h, w, q, p, qn, pn)
+      type(gauss_terms), intent(in) :: of
+      include 'oscillator_steps.inc'
+
+   contains
+
+      pure subroutine take(wa, wb, wc, we, x, y)
+         real(wp), value :: wa, wb, wc, we
+         real(wp), intent(inout) :: x, y
+         real(wp) :: a, b, c, e, both, inverse, part, v1, m11, m22, g1, g2, moved
+
+         a = h + t%a*wa
+         c = h + t%c*wc
+         b = 0 + t%b*wb
+         e = 0 + t%e*we
+         both = a*c
+         inverse = 1/(1 + both*(of%trace + both*of%det))
+         part = (of%w1(1) + both*of%w1(2))*inverse
+         v1 = (of%v1(1) + both*of%v1(2))*inverse
+         m11 = 0 - both*v1
+         m22 = of%all - both*((of%wd(1) + both*of%wd(2))*inverse)
+         g1 = e - e*(both*((of%vc(1) + both*of%vc(2))*inverse))
+         g1 = g1 - b*(c*v1)
+         g2 = 0 - part*b
+         g2 = g2 - e*(a*((of%wc(1) + both*of%wc(2))*inverse))
+         moved = (x + (c*part)*y) + (m11*x + g1)
+         y = (y + m22*y) + (g2 - (a*part)*x)
+         x = moved
+      end subroutine take
+
+   end subroutine gauss
+
+   !> VEC Two stages of Gauss where a = c and b = e = 0.
+   pure subroutine gauss_turns(of, t, steps, h, w, q, p, qn, pn)
+      type(gauss_terms), intent(in) :: of
+      include 'oscillator_steps.inc'
+
+   contains
+
+      pure subroutine take(wa, wb, wc, we, x, y)
+         real(wp), value :: wa, wb, wc, we  !! the first is the third, and the others have strength zero
+         real(wp), intent(inout) :: x, y
+         real(wp) :: a, both, inverse, factor, rest, moved
+
+         a = h + t%a*wa
+         both = a*a
+         inverse = 1/(1 + both*(of%trace + both*of%det))
+         factor = a*((of%w1(1) + both*of%w1(2))*inverse)
+         rest = both*inverse
+         moved = (x + factor*y) - (rest*(of%v1(1) + both*of%v1(2)))*x
+         y = (y + (of%all - rest*(of%wd(1) + both*of%wd(2)))*y) - factor*x
+         x = moved
+      end subroutine take
+
+   end subroutine gauss_turns
 
    !> VEC Symplectic Euler.
    pure subroutine euler(lost, t, steps, h, w, q, p, qn, pn)

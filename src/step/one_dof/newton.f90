@@ -6,9 +6,11 @@
 !> Private to its family.
 module symsde_step_one_dof_newton
    use symsde_base_counters, only: counters_type
+   use symsde_base_damping, only: damping_type
    use symsde_base_kinds, only: wp, i8
    use symsde_base_record, only: step_record
    use symsde_model_kernels, only: angle_terms
+   use symsde_scheme_decays, only: tableau_decays, new_decays
    use symsde_scheme_scheme, only: scheme_type
    use symsde_solve_blocks, only: block_solver, new_block_solver
    use symsde_solve_newton, only: newton_type, newton_options, new_newton, start, judge
@@ -43,6 +45,7 @@ module symsde_step_one_dof_newton
 
       ! Only slopes are carried over; points and derivatives are computed again in every iteration.
       self%x = from%x(places, :)
+      call set_decays(self, step%h)
       call start(self%newton, status)
       ! Brackets keep data of each lane during a step: compute these data for the gathered lanes.
       if (allocated(self%brackets)) call self%brackets%begin(ham%modified, step, self%c)

@@ -8,9 +8,11 @@
 !> Private to its family.
 module symsde_step_one_dof_newton_single_path
    use symsde_base_counters, only: counters_type
+   use symsde_base_damping, only: damping_type
    use symsde_base_kinds, only: wp, i8
    use symsde_base_record, only: step_record
    use symsde_model_kernels, only: angle_terms
+   use symsde_scheme_decays, only: tableau_decays, new_decays
    use symsde_scheme_scheme, only: scheme_type
    use symsde_solve_blocks, only: block_solver, new_block_solver, pivot_floor
    use symsde_solve_elimination_single_path, only: solve_scalar

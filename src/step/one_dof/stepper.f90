@@ -16,6 +16,7 @@
 !> running, iterations of the small block, and at the end the weighted sums of the slopes of all lanes.
 module symsde_step_one_dof_stepper
    use symsde_base_counters, only: counters_type, add_counters
+   use symsde_base_damping, only: damping_type
    use symsde_base_functionals, only: functional_set, nfunctional, path_dz, path_areas
    use symsde_base_kinds, only: wp, i8
    use symsde_base_record, only: step_record, step_store, new_step_store
@@ -64,7 +65,7 @@ contains
       fits = .false.
       if (.not. task%is_tableau() .or. task%correction /= correction_none .or. task%scheme%nstage < 2) return
       associate (t => task%model%traits)
-         fits = t%ndof == 1 .and. task%newton%is_free()
+         fits = t%ndof == 1 .and. task%newton%is_free() .and. .not. (task%damping%acts() .and. task%has_brackets())
          if (fits) fits = task%scheme%noise_coefficients_equal()
          if (fits .and. task%scheme%nstage > 2) &
             fits = (t%separable .or. t%one_solve(.false.)) .and. .not. (t%eliminates_momenta() .or. task%has_brackets())
@@ -78,24 +79,25 @@ contains
 
       self%name = 'stages, one degree of freedom'
       call new_one_step_hamiltonian(self%ham, task%model, task%nlane, correction_none, 0.0_wp, task%scheme%brackets)
-      call new_one_dof_newton(self%solver, self%ham, task%scheme, task%newton)
+      call new_one_dof_newton(self%solver, self%ham, task%scheme, task%newton, task%damping)
       self%one_solve = self%solver%newton%affine
       if (self%one_solve .or. task%nlane <= few_lanes) return
       allocate (self%few)
-      call new_last_lanes(self%few, task%model, task%scheme, task%newton)
+      call new_last_lanes(self%few, task%model, task%scheme, task%newton, task%damping)
    end subroutine make
 
    !> Make the small block for the same model, scheme and options. Its store has arrays for the functionals that the
    !> active brackets read, dZ and areas, and for two steps, the fewest that a store can have; only the first is used.
-   subroutine new_last_lanes(self, model, scheme, options)
+   subroutine new_last_lanes(self, model, scheme, options, damping)
       type(last_lanes), intent(inout) :: self
       class(model_type), intent(in), target :: model
       type(scheme_type), intent(in) :: scheme
       type(newton_options), intent(in) :: options
+      type(damping_type), intent(in) :: damping
       type(functional_set) :: asked
 
       call new_one_step_hamiltonian(self%ham, model, few_lanes, correction_none, 0.0_wp, scheme%brackets)
-      call new_one_dof_newton(self%solver, self%ham, scheme, options)
+      call new_one_dof_newton(self%solver, self%ham, scheme, options, damping)
       ! Without brackets only (h, dW) drives a step, and the store needs no functionals.
       if (allocated(self%ham%modified)) then
          asked%has(path_dz) = self%ham%modified%active%single
@@ -127,7 +129,7 @@ contains
             end do
             call scatter(few, self%ham, solver, status)
          end if
-         call solver%add_up(dq, dp)
+         call solver%add_up(p, dq, dp)
       end associate
    end subroutine increment
 

@@ -33,7 +33,7 @@ contains
 
       self%name = 'stages, one degree of freedom'
       call new_one_step_hamiltonian(self%ham, task%model, task%nlane, correction_none, 0.0_wp, task%scheme%brackets)
-      call new_one_dof_newton(self%solver, self%ham, task%scheme, task%newton)
+      call new_one_dof_newton(self%solver, self%ham, task%scheme, task%newton, task%damping)
       ! one_solve reports linear equations; the stopping test ends their iteration after one solve.
       self%one_solve = self%solver%newton%affine
       self%most_single = 2
@@ -56,7 +56,7 @@ contains
       do while (self%solver%newton%running)
          call self%solver%iterate(self%ham, step, q, p, status)
       end do
-      call self%solver%add_up(dq, dp)
+      call self%solver%add_up(p, dq, dp)
    end subroutine increment
 
 end module symsde_step_one_dof_stepper_single_path
