@@ -124,7 +124,7 @@ contains
       if (level <= size(partial, 2)) partial(:, level) = x
    end subroutine carry
 
-   !> dW (nlane, nstep) of steps from any one on: increments at step 2^level h, halved once for every level. Of each
+   !> dW (nlane, nstep) of steps from any step on: increments at step 2^level h, halved once for every level. Of each
    !> level only intervals `low` to `high` are kept, which hold the wanted steps. x holds increments of the level
    !> from interval `base` on, and e the normals that halve them, from interval `from` on: a draw makes four
    !> intervals.
@@ -148,7 +148,7 @@ contains
       low = first/2_i8**levels
       high = (first + nstep - 1)/2_i8**levels
       base = low - mod(low, 4_i8)
-      ! From a multiple of four on to the last wanted one, in whole draws.
+      ! Draw from a multiple of four on to the last wanted interval, in whole draws.
       n = fours(high - base + 1)
       call draw_steps(self, nlane, base, n, 0, sqrt(coarse), x)
       do level = 1, levels

@@ -120,8 +120,8 @@ contains
                                 factor(lane, m), unused(2), rhs(lane, m))
          end do
       end if
-      ! From the last pair upwards. Row i is the first of its pair here, and k(.., 1, i - 2) couples the pair to the row
-      ! ahead.
+      ! Eliminate from the last pair upwards. Row i is the first of its pair here, and k(.., 1, i - 2) couples the pair
+      ! to the row ahead.
       do i = m - modulo(m, 2), 2, -2
          do lane = 1, strip_lanes
             call note_larger(c, k(lane, 0, i), k(lane, 0, i - 1), largest(lane))

@@ -303,7 +303,7 @@ def test_kicks_are_tried_where_noise_is_in_position_and_h_is_not_separable():
 
 
 def test_the_noise_of_means_falls_with_the_root_of_the_paths(monkeypatch):
-    """From a quarter of the paths, means have twice the noise; the largest noise over many seeds is compared."""
+    """Means from a quarter of the paths have twice the noise; the largest noise over many seeds is compared."""
     scheme = as_scheme("midpoint")
 
     def seen(count, seed=0):

@@ -320,7 +320,8 @@ def test_a_scheme_says_what_its_orders_rest_on():
      ("lambda:0.3", (0.0, 0.4, 0.4)), ("midpoint", (0.0, 0.0, 0.0))],
 )  # fmt: skip
 def test_residuals_of_structure(name, expected):
-    """By hand: the largest |alpha_i a_ij + alpha_j a_ji - alpha_i alpha_j|, |alpha_j - a_-i,-j - a_ij|, |a - abar|."""
+    """Residuals by hand: the largest |alpha_i a_ij + alpha_j a_ji - alpha_i alpha_j|, |alpha_j - a_-i,-j - a_ij|, |a -
+    abar|."""
     info = ss.schemes.get(name).info
     found = info.symplecticity_residual, info.symmetry_residual, info.quadratic_residual
     assert found == pytest.approx(expected, abs=1e-15)

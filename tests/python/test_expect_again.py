@@ -258,9 +258,10 @@ def test_a_pilot_is_no_longer_than_what_the_cheapest_way_is_worth():
 
 
 def test_each_method_is_chosen_where_it_wins(monkeypatch):
-    """By counted work: E q of Kubo's oscillator to 1e-4 by levels of Sobol points with the second scheme tried, to 4e-3
-    by pairs, whose odd part cancels; E q^2 with noises that do not commute by levels of paths, since areas exclude
-    Sobol points; an event at moderate tolerance by plain paths. Without the method the plan takes longer."""
+    """Methods chosen by counted work: E q of Kubo's oscillator to 1e-4 by levels of Sobol points with the second scheme
+    tried, to 4e-3 by pairs, whose odd part cancels; E q^2 with noises that do not commute by levels of paths, since
+    areas exclude Sobol points; an event at moderate tolerance by plain paths. Without the method the plan takes
+    longer."""
     pytest.importorskip("scipy")
     WorkClock(monkeypatch)
     monkeypatch.setattr(estimators, "seconds_to_load", lambda: 0.0)

@@ -43,8 +43,8 @@ contains
       call store%show(0, t, step)
    end subroutine record_of
 
-   !> As many steps as w holds, from step 2*pair on; z and area are present if the source was asked for them. The number
-   !> of normals drawn is added to drawn.
+   !> Draw as many steps as w holds, from step 2*pair on; z and area are present if the source was asked for them. The
+   !> number of normals drawn is added to drawn.
    subroutine fill_steps(noise, path, pair, w, drawn, nreal, z, area)
       class(noise_type), intent(in) :: noise
       integer(i8), intent(in) :: path(:), pair

@@ -232,7 +232,7 @@ contains
       ahead = steps_to_save(self)
       room = size(self%passed%q, 3)
       if (self%state%nlane > most_retaken .and. self%observer%may_retire()) room = 1
-      ! From a saved point with at least one whole interval to the next: as many intervals as fit.
+      ! At a saved point with at least one whole interval to go, take as many whole intervals as fit.
       nout = 1
       if (ahead == self%options%save_every .and. ahead <= most) nout = max(1, int(min(most/ahead, int(room, i8))))
       every = int(min(ahead, most))

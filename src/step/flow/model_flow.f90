@@ -61,8 +61,8 @@ module symsde_step_flow_model_flow
 
 contains
 
-   !> Find the flow that serves a task, if there is one: that of a damped map where momenta are damped by one rate, else
-   !> that of the closed system, which serves between decays (step/open/damped).
+   !> Find the flow that serves a task, if there is one: the flow of a damped map if one rate damps the momenta, else
+   !> the flow of the closed system, which serves between decays (step/open/damped).
    subroutine find_flow(task)
       type(stepper_task), intent(inout) :: task
 

@@ -91,7 +91,7 @@ contains
       type(sweeps_ahead), intent(inout) :: self
       real(wp), intent(in) :: h
 
-      ! As in step/stages/equations with kappa = h; rows and columns of missing stages stay zero.
+      ! The coefficients of step/stages/equations with kappa = h; rows and columns of missing stages stay zero.
       self%h = h
       call self%plan%set_step(h)
       associate (plan => self%plan, s => self%plan%nstage)

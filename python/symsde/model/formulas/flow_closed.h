@@ -77,7 +77,7 @@ INLINE STEP_alone(const int steps, const ptrdiff_t stride, LANE_IN, const double
 }
 #endif
 
-/* From x to y; if lanes may be far, x and y are different arrays, so that steps can be repeated. */
+/* Steps from x to y; if lanes may be far, x and y are different arrays, so that steps can be repeated. */
 static void STEP_several(const int lanes, const int steps, const ptrdiff_t stride, LANE_IN, const double *x, double *y) {
    const int64_t beyond = lanes == 1 && n == 1 ? STEP_alone(steps, NHAM, w, 1, c, h FADE, x, y)
                           : lanes == 1     ? STEP_alone(steps, stride, LANE_OF, x, y)

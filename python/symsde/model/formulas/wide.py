@@ -17,9 +17,8 @@ from .named_formulas import MAX_DOF
 
 
 def wide_model(model: Model, names: Sequence[str]) -> tuple[Model, list[str]]:
-    """The same Hamiltonians with these parameters, and all that go by path, as further positions; their names.
-
-    Of the wide model only Hessians are asked, at momenta of parameters that stay zero.
+    """A model of the same Hamiltonians, whose further positions are these parameters and all that go by path; and
+    the names of these positions. Only Hessians of the wide model are asked for, and momenta of parameters stay zero.
     """
     by_path = [name for name, x in model.parameters.items() if np.ndim(x)]
     wanted = [*names, *(name for name in by_path if name not in names)]
