@@ -31,3 +31,25 @@ for beta in (12.0, 16.0, 20.0):
 plt.xlabel("t")
 plt.ylabel("share of paths on the right")
 plt.legend()
+
+# %%
+# At rest positions have the density :math:`e^{-\\beta U}`, whatever the friction. Its mean of
+# :math:`q^2` is compared with a quadrature.
+
+beta, paths = 4.0, 20_000
+run = ss.simulate(
+    ss.thermostat(bare, beta=beta, gamma=gamma), scheme="chin4a", q0=-1.0, p0=0.0, step=0.25,
+    steps=400, save_every=400, paths=paths, seed=1,
+)  # fmt: skip
+q = np.linspace(-2.5, 2.5, 2001)
+law = np.exp(-beta * (q**4 / 4 - q**2 / 2))
+law /= law.sum() * (q[1] - q[0])
+plt.figure()
+plt.hist(run.q[-1, 0], bins=50, density=True, alpha=0.5, label="paths at rest")
+plt.plot(q, law, label="$e^{-\\beta U}$")
+plt.xlabel("q")
+plt.ylabel("density")
+plt.legend()
+second = run.q[-1, 0] ** 2
+exact = (law * q**2).sum() * (q[1] - q[0])
+assert abs(second.mean() - exact) < 5 * second.std() / np.sqrt(paths) + 1e-3
